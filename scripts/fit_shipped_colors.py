@@ -1,0 +1,88 @@
+"""Fit the colour models that come with the package, from the platform's labelled images.
+
+    python scripts/fit_shipped_colors.py REAL_FOLDER
+
+REAL_FOLDER holds `pose/OBJECT`, `segmentation/OBJECT` and `dice`. Each object's model comes from its
+own labelled images, with a little weight on the other objects'. `simulation` comes from the pure
+colours that the platform's simulation shows, under shading; `dice` from the blue of one image.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from tracker.objects.labels import COLOR_NAMES
+from tracker.segmentation.fit import FitOptions, combine, image_histograms
+from tracker.segmentation.labelled import LabelledImage, read_image, read_labelled
+from tracker.segmentation.normalise import apply_gains, neutral_gains
+
+OBJECTS = ("cube_v1", "cube_v2", "cube_v3", "cuboid_2x2x8_v2")
+DATA = Path(__file__).resolve().parent.parent / "tracker" / "segmentation" / "data"
+
+SIMULATION_RGB = {
+    "red": (195, 48, 0),
+    "green": (153, 208, 96),
+    "blue": (4, 35, 96),
+    "cyan": (116, 200, 191),
+    "magenta": (164, 91, 164),
+    "yellow": (255, 235, 108),
+}
+
+
+def labelled_images(real: Path) -> dict[str, list[LabelledImage]]:
+    """Labelled images by object."""
+    result = {}
+    for name in OBJECTS:
+        folders = [real / kind / name for kind in ("pose", "segmentation")]
+        result[name] = [image for folder in folders if folder.is_dir() for image in read_labelled(folder)]
+    return result
+
+
+def simulation_image(seed: int = 0) -> LabelledImage:
+    """A field of the simulation's colours under shading, with greys of all levels as background."""
+    rng = np.random.default_rng(seed)
+    size = 240
+    image = np.empty((size, size, 3), np.uint8)
+    labels = np.zeros((size, size), np.uint8)
+    greys = rng.uniform(0, 255, (size, size, 1)) * np.exp(rng.normal(0, 0.03, (size, size, 3)))
+    image[:] = np.clip(greys, 0, 255)
+    for row, name in enumerate(SIMULATION_RGB):
+        shade = rng.uniform(0.5, 1.2, (20, size, 1))
+        block = slice(20 * row, 20 * row + 20)
+        image[block] = np.clip(np.array(SIMULATION_RGB[name][::-1]) * shade, 0, 255)
+        labels[block] = COLOR_NAMES.index(name)
+    return LabelledImage("simulation", image, labels)
+
+
+def dice_image(real: Path) -> LabelledImage:
+    """The dice image; its mask is generous, so only its bluish pixels count as dice."""
+    image = read_image(real / "dice" / "test_image.png")
+    mask = read_image(real / "dice" / "test_mask.png").max(axis=2) > 0
+    level = apply_gains(image, neutral_gains(image)[0]).astype(int)
+    bluish = level[..., 0] > 1.3 * level[..., 2] + 15
+    return LabelledImage("dice", image, np.where(mask & bluish, 3, 0).astype(np.uint8))
+
+
+def main(real: Path) -> None:
+    """Fit and write every model."""
+    options = FitOptions()
+    images = labelled_images(real)
+    histograms = {name: [image_histograms(i, options) for i in images[name]] for name in OBJECTS}
+    for name in OBJECTS:
+        others = [h for other in OBJECTS if other != name for h in histograms[other]]
+        combine(histograms[name], others, options, name=name).save(DATA / f"{name}.npz")
+    simulated = FitOptions(brightness=0.12, channel=0.03, haze=2.0)
+    field = image_histograms(simulation_image(), simulated, normalise=False)
+    combine([field], (), simulated, name="simulation", normalise=False).save(DATA / "simulation.npz")
+    backgrounds = [{0: h[0]} for name in OBJECTS for h in histograms[name]]
+    dice = image_histograms(dice_image(real), options)
+    combine([dice], backgrounds, options, name="dice").save(DATA / "dice.npz")
+    for path in sorted(DATA.glob("*.npz")):
+        print(f"{path.name}: {path.stat().st_size / 1024:.0f} kB")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

@@ -1,0 +1,23 @@
+"""Errors: every fault that a caller can mend derives from TrackerError."""
+
+from __future__ import annotations
+
+
+class TrackerError(Exception):
+    """Base of all errors of this package; its message names the offender and what would be valid."""
+
+
+class CalibrationError(TrackerError):
+    """A calibration file or camera parameter is missing, malformed or impossible."""
+
+
+class ObjectModelError(TrackerError):
+    """An object is unknown, or its description is malformed."""
+
+
+class ColorModelError(TrackerError):
+    """A colour model is unknown, or its file is malformed."""
+
+
+class ImageError(TrackerError):
+    """An image is unreadable, or of the wrong count, shape, size or type."""

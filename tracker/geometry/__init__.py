@@ -1,0 +1,1 @@
+"""Rotations, poses, cameras and cuboids: the mathematics, without objects or images."""

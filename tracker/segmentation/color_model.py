@@ -1,0 +1,146 @@
+"""A colour model: how likely each face colour, and everything else, makes a pixel of a given colour.
+
+The model lives on a grid of 32³ nodes over the normalised blue, green and red. The axes are
+square-root companded, because shot noise grows with the square root of the level and because the
+darkest faces differ in few levels. Two dense tables of 64³ cells are interpolated from it, so that a
+pixel costs three small look-ups and one large one.
+"""
+
+from __future__ import annotations
+
+import functools
+import io
+import os
+import zipfile
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+from scipy.ndimage import zoom
+
+from tracker.conventions import Array, FloatArray
+from tracker.errors import ColorModelError
+from tracker.objects.labels import COLOR_NAMES
+
+CLASSES = len(COLOR_NAMES)
+NODES = 32
+CELLS = 64
+_STEP = 1 / 16
+_KEYS = {"format", "normalise", "log_posterior"}
+_MAX_BYTES = 4 << 20
+
+
+def compand(levels: Array, size: int) -> FloatArray:
+    """Levels 0…255 to coordinates 0…size-1 on the square-root axis."""
+    return np.sqrt(np.clip(levels, 0, 255) / 255.0) * (size - 1)
+
+
+@dataclass(frozen=True, eq=False)
+class ColorModel:
+    """Log posteriors of the classes over colour, and whether images are normalised to grey first."""
+
+    name: str
+    log_posterior: FloatArray
+    """(7, 32, 32, 32): class, blue, green, red; relative to the best class at each node, ≤ 0."""
+    normalise: bool = True
+    """Bring the scene's greys to one grey first; False for images of a renderer."""
+
+    def __post_init__(self) -> None:
+        values = np.array(self.log_posterior, dtype=np.float64)
+        if values.shape != (CLASSES, NODES, NODES, NODES) or not np.isfinite(values).all():
+            raise ColorModelError(
+                f"colour model {self.name!r}: log posteriors are {values.shape}, "
+                f"finite values of shape {(CLASSES, NODES, NODES, NODES)} are needed"
+            )
+        values.flags.writeable = False
+        object.__setattr__(self, "log_posterior", values)
+
+    @functools.cached_property
+    def _dense(self) -> FloatArray:
+        return np.stack([zoom(node, CELLS / NODES, order=1) for node in self.log_posterior])
+
+    @functools.cached_property
+    def label_table(self) -> Array:
+        """(64³,) uint8: the most likely class of each colour cell, blue fastest."""
+        table = np.argmax(self._dense, axis=0).astype(np.uint8)
+        return np.ascontiguousarray(table.transpose(2, 1, 0)).ravel()
+
+    @functools.cached_property
+    def margin_table(self) -> Array:
+        """(64³,) uint8: log odds of the best face colour against background, in 1/16, 0 if negative."""
+        margin = self._dense[1:].max(axis=0) - self._dense[0]
+        table = np.clip(np.rint(margin / _STEP), 0, 255).astype(np.uint8)
+        return np.ascontiguousarray(table.transpose(2, 1, 0)).ravel()
+
+    @functools.cached_property
+    def probability_table(self) -> Array:
+        """(64³, 7) float32: the posterior of every class in each colour cell."""
+        weights = np.exp(self._dense)
+        weights /= weights.sum(axis=0)
+        return np.ascontiguousarray(weights.transpose(3, 2, 1, 0)).reshape(-1, CLASSES).astype(np.float32)
+
+    def channel_tables(self, gains: Array) -> Array:
+        """(3, 256) int32: for each channel the cell offset of a level under `gains`; their sum is the cell."""
+        levels = np.clip(np.arange(256)[None, :] * np.asarray(gains, dtype=np.float64)[:, None], 0, 255)
+        cells = np.rint(compand(levels, CELLS)).astype(np.int32)
+        return cells * np.array([[1], [CELLS], [CELLS * CELLS]], dtype=np.int32)
+
+    def save(self, path: str | Path) -> None:
+        """Write the model to one small file (.npz), whole or not at all."""
+        path = Path(path)
+        codes = np.clip(np.rint(-self.log_posterior / _STEP), 0, 255).astype(np.uint8)
+        buffer = io.BytesIO()
+        np.savez_compressed(buffer, format=np.int64(1), normalise=np.bool_(self.normalise), log_posterior=codes)
+        temporary = path.with_name(path.name + ".tmp")
+        temporary.write_bytes(buffer.getvalue())
+        os.replace(temporary, path)
+
+
+def _read(path: Path, name: str) -> ColorModel:
+    try:
+        if path.stat().st_size > _MAX_BYTES:
+            raise ColorModelError(f"colour model {path}: {path.stat().st_size} bytes; at most {_MAX_BYTES} are read")
+        with np.load(path, allow_pickle=False) as data:
+            missing = _KEYS - set(data.files)
+            if missing:
+                raise ColorModelError(f"colour model {path}: {sorted(missing)} missing; needed are {sorted(_KEYS)}")
+            version, codes, normalise = data["format"], data["log_posterior"], data["normalise"]
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile, EOFError, zipfile.LargeZipFile) as error:
+        raise ColorModelError(f"colour model {path}: cannot be read as .npz ({error})") from None
+    if version.shape != () or int(version) != 1:
+        raise ColorModelError(f"colour model {path}: format {version!s}; this version reads format 1")
+    if codes.dtype != np.uint8 or codes.shape != (CLASSES, NODES, NODES, NODES):
+        raise ColorModelError(
+            f"colour model {path}: log_posterior is {codes.dtype} {codes.shape}; "
+            f"uint8 {(CLASSES, NODES, NODES, NODES)} is needed"
+        )
+    return ColorModel(name, codes * -_STEP, bool(normalise))
+
+
+def color_model_names() -> tuple[str, ...]:
+    """Names of the colour models that come with the package."""
+    folder = resources.files("tracker.segmentation") / "data"
+    return tuple(sorted(entry.name[:-4] for entry in folder.iterdir() if entry.name.endswith(".npz")))
+
+
+@functools.lru_cache(maxsize=16)
+def _shipped(name: str) -> ColorModel:
+    with resources.as_file(resources.files("tracker.segmentation") / "data" / f"{name}.npz") as path:
+        return _read(path, name)
+
+
+def load_colors(name_or_path: str | Path) -> ColorModel:
+    """A colour model by its name, or from a file that `tracker colors fit` wrote.
+
+    Raises ColorModelError where the name is unknown or the file malformed.
+    """
+    name = str(name_or_path)
+    if name in color_model_names():
+        return _shipped(name)
+    path = Path(name_or_path)
+    if path.suffix == ".npz" or path.exists():
+        return _read(path, path.stem)
+    raise ColorModelError(
+        f"unknown colour model {name!r}; known are {', '.join(color_model_names())}, or the path of an .npz file"
+    )

@@ -1,0 +1,137 @@
+"""Fit a colour model to hand-labelled images.
+
+Few images are ever labelled, and each shows a face under one light. So every labelled pixel is drawn
+many times with jitter: in brightness (other shading), between channels (an imperfect white balance),
+with haze (gloss, veiling glare) and noise; a fifth of the draws with a much wider one, which covers
+colours between and around those seen where nothing else claims them. The draws make one histogram per
+image and class; histograms are averaged so that each image counts the same. Other objects' images
+give a little weight to colours the object's own images do not show.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy.ndimage import gaussian_filter
+
+from tracker.conventions import Array, FloatArray
+from tracker.segmentation.color_model import CLASSES, NODES, ColorModel, compand
+from tracker.segmentation.labelled import LabelledImage
+from tracker.segmentation.normalise import apply_gains, neutral_gains
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """What the fit assumes about how light and camera vary."""
+
+    brightness: float = 0.2
+    """Standard deviation of the log of a face's brightness."""
+    channel: float = 0.04
+    """Standard deviation of the log of each channel's gain."""
+    haze: float = 8.0
+    """Standard deviation of what is added to all three channels [levels]."""
+    noise: float = 3.0
+    """Standard deviation of each channel's noise [levels]."""
+    tail_share: float = 0.2
+    """Share of draws whose jitter is wider …"""
+    tail_width: float = 4.0
+    """… by this factor between channels (brightness and haze: by 2)."""
+    draws: int = 60000
+    """Draws per image and class; background has four times as many."""
+    others_weight: float = 0.03
+    """Share of the other objects' images in the density of a face colour."""
+    reject: float = 0.02
+    """Share of the background's density that is spread evenly over all colours."""
+    face_prior: float = 0.08
+    """Prior probability of each face colour; false pixels go by their shape later."""
+    smoothing: float = 0.4
+    """Standard deviation of the smoothing of the histograms [nodes]."""
+    seed: int = 0
+    """Seed of the draws."""
+
+
+BACKGROUND_JITTER = FitOptions(brightness=0.12, channel=0.03, haze=2.0, noise=2.0, tail_share=0.0)
+
+Histograms = dict[int, FloatArray]
+"""Density over the nodes, by label."""
+
+
+def _histogram(levels: FloatArray) -> FloatArray:
+    """Density (32, 32, 32) of levels (N, 3), each shared among its eight neighbouring nodes."""
+    position = compand(levels, NODES)
+    base = np.minimum(position.astype(np.int64), NODES - 2)
+    part = position - base
+    total = np.zeros(NODES**3)
+    for corner in range(8):
+        offset = np.array([corner & 1, corner >> 1 & 1, corner >> 2 & 1])
+        weight = np.prod(np.where(offset == 1, part, 1 - part), axis=1)
+        index = np.ravel_multi_index((base + offset).T, (NODES,) * 3)
+        total += np.bincount(index, weights=weight, minlength=total.size)
+    return (total / len(levels)).reshape((NODES,) * 3)
+
+
+def _draw(pixels: Array, count: int, jitter: FitOptions, rng: np.random.Generator) -> FloatArray:
+    chosen = pixels[rng.integers(len(pixels), size=count)] + rng.uniform(-0.5, 0.5, (count, 3))
+    wide = np.where(rng.uniform(size=(count, 1)) < jitter.tail_share, jitter.tail_width, 1.0)
+    wide2 = np.minimum(wide, 2.0)
+    light = rng.normal(0, jitter.brightness, (count, 1)) * wide2
+    balance = rng.normal(0, jitter.channel, (count, 3)) * wide
+    added = rng.normal(0, jitter.haze, (count, 1)) * wide2 + rng.normal(0, jitter.noise, (count, 3))
+    return np.clip(chosen * np.exp(light + balance) + added, 0, 255)
+
+
+def image_histograms(labelled: LabelledImage, options: FitOptions, normalise: bool = True) -> Histograms:
+    """The histograms of the classes that one image shows; background keeps away from the labels."""
+    rng = np.random.default_rng([options.seed, *labelled.name.encode()])
+    image = labelled.image
+    if normalise:
+        image = apply_gains(image, neutral_gains(image)[0])
+    result: Histograms = {}
+    for label in np.unique(labelled.labels[labelled.labels > 0]):
+        pixels = image[labelled.labels == label]
+        result[int(label)] = _histogram(_draw(pixels, options.draws, options, rng))
+    # Masks are drawn a little too small, so the rim around them belongs to neither side.
+    margin = 2 * (image.shape[0] // 50) + 1
+    near = cv2.dilate((labelled.labels > 0).astype(np.uint8), np.ones((margin, margin), np.uint8))
+    result[0] = _histogram(_draw(image[near == 0], 4 * options.draws, BACKGROUND_JITTER, rng))
+    return result
+
+
+def combine(
+    own: Sequence[Histograms],
+    others: Sequence[Histograms] = (),
+    options: FitOptions | None = None,
+    *,
+    name: str = "fitted",
+    normalise: bool = True,
+) -> ColorModel:
+    """A colour model from the histograms of the object's own images and of other objects' images."""
+    options = options or FitOptions()
+    uniform = _histogram(np.random.default_rng(options.seed).uniform(0, 1, (400000, 3)) ** 2 * 255)
+    density = np.zeros((CLASSES, NODES, NODES, NODES))
+    for label in range(CLASSES):
+        mine = [h[label] for h in own if label in h]
+        theirs = [h[label] for h in others if label in h]
+        share = options.others_weight if label else 0.5
+        if mine and theirs:
+            density[label] = (1 - share) * np.mean(mine, axis=0) + share * np.mean(theirs, axis=0)
+        elif mine or theirs:
+            density[label] = np.mean(mine or theirs, axis=0)
+    density[0] = (1 - options.reject) * density[0] + options.reject * uniform
+    prior = np.full(CLASSES, options.face_prior)
+    prior[0] = 1 - options.face_prior * (CLASSES - 1)
+    smooth = np.stack([gaussian_filter(d, options.smoothing, mode="nearest") for d in density])
+    log_posterior = np.log((smooth + 1e-9) * prior[:, None, None, None])
+    return ColorModel(name, log_posterior - log_posterior.max(axis=0), normalise)
+
+
+def intersection_over_union(predicted: Array, truth: Array) -> dict[int, float]:
+    """IoU of every label that the truth (H, W) shows, over the whole image."""
+    result = {}
+    for label in np.unique(truth[truth > 0]):
+        a, b = predicted == label, truth == label
+        result[int(label)] = float((a & b).sum() / (a | b).sum())
+    return result

@@ -1,0 +1,79 @@
+"""Hand-labelled images: a picture and one mask for each face colour that it shows.
+
+Two layouts are read, and mixed folders are fine:
+    NN_image.png     with NN_mask_red.png, NN_mask_green.png, …
+    cameraNN.png     with rNN.png, gNN.png, bNN.png, cNN.png, mNN.png, yNN.png
+A mask that is not there: the colour is not visible. A mask's pixel counts where it is not black.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from tracker.conventions import Image
+from tracker.errors import ImageError
+from tracker.objects.labels import COLOR_NAMES
+
+
+@dataclass(frozen=True, eq=False)
+class LabelledImage:
+    """A picture (H, W, 3) BGR and its labels (H, W); 0 is background or not labelled."""
+
+    name: str
+    image: Image
+    labels: Image
+
+
+def read_image(path: Path) -> Image:
+    """An 8-bit BGR image; ImageError names the file where that fails."""
+    if not path.is_file():
+        raise ImageError(f"image {path}: no such file")
+    data = np.frombuffer(path.read_bytes(), np.uint8)
+    image = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
+    if image is None:
+        raise ImageError(f"image {path}: not an image that can be read, or truncated; PNG or JPEG is needed")
+    return np.asarray(image, dtype=np.uint8)
+
+
+def _masks(path: Path) -> dict[int, Path]:
+    found = {}
+    platform = re.fullmatch(r"camera(\d+)", path.stem)
+    for label, color in list(enumerate(COLOR_NAMES))[1:]:
+        if platform:
+            mask = path.with_name(f"{color[0]}{platform[1]}{path.suffix}")
+        else:
+            mask = path.with_name(path.name.replace("_image", f"_mask_{color}"))
+        if mask != path and mask.is_file():
+            found[label] = mask
+    return found
+
+
+def read_labelled(folder: str | Path) -> list[LabelledImage]:
+    """All labelled images of a folder, in the order of their names; ImageError where there is none."""
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise ImageError(f"labelled images {folder}: no such folder")
+    result = []
+    for path in sorted([*folder.glob("*_image.png"), *folder.glob("camera*.png")]):
+        masks = _masks(path)
+        if not masks:
+            continue
+        image = read_image(path)
+        labels = np.zeros(image.shape[:2], np.uint8)
+        for label, mask_path in masks.items():
+            mask = read_image(mask_path)
+            if mask.shape != image.shape:
+                raise ImageError(f"mask {mask_path}: {mask.shape[:2]} px, its image has {image.shape[:2]}")
+            labels[mask.max(axis=2) > 0] = label
+        result.append(LabelledImage(f"{folder.name}/{path.stem}", image, labels))
+    if not result:
+        raise ImageError(
+            f"labelled images {folder}: none found; expected NN_image.png with NN_mask_red.png …, "
+            "or cameraNN.png with rNN.png …"
+        )
+    return result

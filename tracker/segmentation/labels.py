@@ -1,0 +1,109 @@
+"""From images to labels: table look-ups, and the clean-up that a person's eye would do."""
+
+from __future__ import annotations
+
+import cv2
+import numba
+import numpy as np
+
+from tracker.conventions import Array, Image
+from tracker.errors import ImageError
+from tracker.segmentation.color_model import ColorModel
+from tracker.segmentation.normalise import neutral_gains
+
+REFERENCE_SIZE = 270
+"""Image height [px] at which lengths below are stated."""
+
+FINE = 1.5
+"""Images this many times larger than the reference are denoised, and lose the rim of each patch."""
+
+MIN_AREA = 10.0
+"""Smallest patch of one colour [px² at the reference size] that is kept: the cuboid's end has 30."""
+
+GAP = 3.0
+"""Patches closer than twice this [px at the reference size] belong to one thing."""
+
+MIN_SHARE = 0.25
+"""A thing is kept if its evidence is at least this share of the strongest thing's."""
+
+
+@numba.njit(cache=True, nogil=True)
+def look_up(image, channels, table, out):  # type: ignore[no-untyped-def]
+    """out (H, W) = table[cell of the pixel]; channels (3, 256) from ColorModel.channel_tables."""
+    height, width = image.shape[0], image.shape[1]
+    for j in range(height):
+        for i in range(width):
+            cell = channels[0, image[j, i, 0]] + channels[1, image[j, i, 1]] + channels[2, image[j, i, 2]]
+            out[j, i] = table[cell]
+
+
+def check_image(image: object, who: str = "image") -> Image:
+    """The image itself, if it is (H, W, 3) uint8; ImageError says what it is otherwise."""
+    if not isinstance(image, np.ndarray):
+        raise ImageError(f"{who}: {type(image).__name__} given; a NumPy array (H, W, 3) of uint8, BGR, is needed")
+    if image.dtype != np.uint8:
+        raise ImageError(f"{who}: dtype {image.dtype}; uint8 is needed")
+    if image.ndim != 3 or image.shape[2] != 3:
+        raise ImageError(f"{who}: shape {image.shape}; (height, width, 3) is needed, BGR")
+    if min(image.shape[:2]) < 16:
+        raise ImageError(f"{who}: {image.shape[1]}×{image.shape[0]} px; at least 16×16 is needed")
+    return image
+
+
+def gains_for(image: Image, colors: ColorModel) -> Array:
+    """Channel gains (3,) under which `colors` reads this image."""
+    return neutral_gains(image)[0] if colors.normalise else np.ones(3)
+
+
+def segment(image: Image, colors: ColorModel) -> Image:
+    """Labels (H, W) uint8 of an image (H, W, 3) uint8 BGR: 0 background, 1 red … 6 yellow.
+
+    Pixels are labelled by colour; then specks go, and of the things that are left in face colours
+    only those that compare with the strongest stay, so that copper coils and coloured fringes at
+    edges do not count as faces. Raises ImageError for anything but an (H, W, 3) uint8 array.
+    """
+    image = check_image(image)
+    scale = min(image.shape[:2]) / REFERENCE_SIZE
+    if scale > FINE:
+        # Demosaicing leaves single wrong pixels at this resolution.
+        image = cv2.medianBlur(image, 3)
+    channels = colors.channel_tables(gains_for(image, colors))
+    labels = np.empty(image.shape[:2], np.uint8)
+    margin = np.empty(image.shape[:2], np.uint8)
+    look_up(image, channels, colors.label_table, labels)
+    look_up(image, channels, colors.margin_table, margin)
+    return keep_strongest(labels, np.minimum(margin, 64), scale)
+
+
+def keep_strongest(labels: Image, evidence: Array, scale: float) -> Image:
+    """Labels without specks and without the things whose summed evidence is far below the best's."""
+    fine = scale > FINE
+    kept = np.zeros(labels.shape, np.uint8)
+    for label in range(1, 7):
+        mask = cv2.medianBlur((labels == label).astype(np.uint8), 5 if fine else 3)
+        if fine:
+            # The rim's pixels mix two surfaces; at this resolution a face can do without them.
+            mask = cv2.erode(mask, cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3)))
+        count, parts, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=4)
+        large = stats[:, cv2.CC_STAT_AREA] >= MIN_AREA * scale * scale
+        large[0] = False
+        if count > 1:
+            kept |= np.where(large[parts], np.uint8(label), np.uint8(0))
+    if not kept.any():
+        return np.zeros_like(labels)
+    reach = 2 * max(1, round(GAP * scale)) + 1
+    joined = cv2.dilate(np.minimum(kept, 1), cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach)))
+    count, things = cv2.connectedComponents(joined)
+    weight = np.bincount(things.ravel(), weights=np.where(kept > 0, evidence, 0).ravel(), minlength=count)
+    weight[0] = 0
+    strong = weight >= MIN_SHARE * weight.max()
+    strong[0] = False
+    return np.where(strong[things], kept, np.uint8(0))
+
+
+def class_probabilities(image: Image, colors: ColorModel) -> Array:
+    """Posterior (H, W, 7) float32 of background and the six colours at every pixel, without clean-up."""
+    image = check_image(image)
+    channels = colors.channel_tables(gains_for(image, colors))
+    cells = sum(channels[c][image[..., c]] for c in range(3))
+    return colors.probability_table[cells]
