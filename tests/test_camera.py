@@ -1,0 +1,209 @@
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.helpers import image_grid, look_at, make_camera, numerical_jacobian
+from tracker.calibration.platform_files import read_camera
+from tracker.errors import CalibrationError
+from tracker.geometry.camera import Camera
+
+
+def opencv_pixels(camera: Camera, points_world: np.ndarray) -> np.ndarray:
+    rotvec, _ = cv2.Rodrigues(np.array(camera.camera_from_world[:3, :3]))
+    translation = np.array(camera.camera_from_world[:3, 3])
+    pixels, _ = cv2.projectPoints(
+        points_world, rotvec, translation, np.array(camera.matrix), np.array(camera.distortion)
+    )
+    return pixels[:, 0]
+
+
+def points_seen(camera: Camera, rng: np.random.Generator, pixels: np.ndarray) -> np.ndarray:
+    depth = rng.uniform(0.2, 1.0, size=(len(pixels), 1))
+    return camera.position + depth * camera.rays(pixels)
+
+
+def calibration_files(real: Path) -> list[Path]:
+    return sorted([*real.glob("calibration/*/*.yml"), *real.glob("pose/*/*.yml")])
+
+
+def test_projection_is_that_of_opencv(camera, rng):
+    points = rng.uniform([-0.2, -0.2, 0], [0.2, 0.2, 0.15], size=(500, 3))
+    np.testing.assert_allclose(camera.project(points), opencv_pixels(camera, points), atol=1e-9)
+
+
+def test_a_camera_looks_along_its_z_axis_with_y_down():
+    camera = dataclasses.replace(make_camera(), camera_from_world=look_at(np.array([0.5, 0, 0])))
+    center, above, right = camera.project([[0, 0, 0], [0, 0, 0.01], [0, 0.01, 0]])
+    np.testing.assert_allclose(center, camera.matrix[:2, 2])
+    assert above[1] < center[1]
+    assert right[0] > center[0]
+
+
+def test_position_projects_from_the_center(camera):
+    np.testing.assert_allclose(camera.position, [0.175, 0.35 * np.sin(np.pi / 3), 0.37])
+    np.testing.assert_allclose(camera.world_from_camera @ camera.camera_from_world, np.eye(4), atol=1e-15)
+
+
+def test_points_behind_the_camera_have_no_pixel(camera):
+    direction = camera.camera_from_world[2, :3]
+    points = camera.position + np.outer([-0.1, 0.0, 0.1], direction)
+    pixels, jacobian = camera.project_with_jacobian(points)
+    assert np.isnan(pixels[:2]).all()
+    assert np.isnan(jacobian[:2]).any(axis=(1, 2)).all()
+    assert np.isfinite(pixels[2]).all()
+    np.testing.assert_array_equal(camera.project(points), pixels)
+
+
+def test_the_jacobian_is_that_of_finite_differences(camera, rng):
+    points = rng.uniform([-0.2, -0.2, 0], [0.2, 0.2, 0.15], size=(50, 3))
+    pixels, jacobian = camera.project_with_jacobian(points)
+    np.testing.assert_array_equal(pixels, camera.project(points))
+    for point, derivative in zip(points, jacobian, strict=True):
+        expected = numerical_jacobian(lambda p: camera.project(p)[0], point)
+        np.testing.assert_allclose(derivative, expected, rtol=1e-6, atol=1e-4)
+
+
+def test_undistort_inverts_the_distortion_to_the_corners(camera):
+    pixels = image_grid(camera, 40)
+    normalized = camera.undistort(pixels)
+    on_plane = np.c_[normalized, np.ones(len(pixels))]
+    projected, _ = cv2.projectPoints(
+        on_plane, np.zeros(3), np.zeros(3), np.array(camera.matrix), np.array(camera.distortion)
+    )
+    np.testing.assert_allclose(projected[:, 0], pixels, atol=1e-9)
+
+
+def test_undistort_inverts_the_distortion_of_every_real_camera(real):
+    for file in calibration_files(real):
+        camera = read_camera(file)
+        pixels = image_grid(camera, 40)
+        normalized = camera.undistort(pixels)
+        found = np.isfinite(normalized).all(axis=1)
+        # Uncropped images reach, in a few pixels of a corner, beyond what the distortion can map to.
+        assert found.mean() > 0.998 if camera.width == 720 else found.all(), file
+        on_plane = np.c_[normalized, np.ones(len(pixels))][found]
+        projected, _ = cv2.projectPoints(
+            on_plane, np.zeros(3), np.zeros(3), np.array(camera.matrix), np.array(camera.distortion)
+        )
+        np.testing.assert_allclose(projected[:, 0], pixels[found], atol=1e-9, err_msg=str(file))
+
+
+def test_projection_of_every_real_camera_is_that_of_opencv(real, rng):
+    for file in calibration_files(real):
+        camera = read_camera(file)
+        points = rng.uniform([-0.2, -0.2, 0], [0.2, 0.2, 0.15], size=(100, 3))
+        np.testing.assert_allclose(camera.project(points), opencv_pixels(camera, points), atol=1e-9)
+
+
+def test_undistort_says_so_where_no_ray_leads_to_a_pixel(camera):
+    assert np.isnan(camera.undistort([[5000.0, 5000.0]])).all()
+
+
+def test_rays_are_unit_and_project_to_their_pixels(camera, rng):
+    pixels = image_grid(camera)
+    np.testing.assert_allclose(np.linalg.norm(camera.rays(pixels), axis=1), 1)
+    np.testing.assert_allclose(camera.project(points_seen(camera, rng, pixels)), pixels, atol=1e-9)
+
+
+@given(st.integers(1, 2000), st.integers(1, 2000))
+def test_resizing_commutes_with_projection(width, height):
+    camera = make_camera()
+    points = points_seen(camera, np.random.default_rng(0), image_grid(camera, 5))
+    scale = np.array([width / camera.width, height / camera.height])
+    resized = camera.resized(width, height)
+    assert (resized.width, resized.height) == (width, height)
+    expected = (camera.project(points) + 0.5) * scale - 0.5
+    np.testing.assert_allclose(resized.project(points), expected, atol=1e-8)
+
+
+@given(st.integers(-100, 300), st.integers(-100, 300))
+def test_cropping_commutes_with_projection(left, top):
+    camera = make_camera()
+    points = points_seen(camera, np.random.default_rng(0), image_grid(camera, 5))
+    cropped = camera.cropped(left, top, 100, 80)
+    assert (cropped.width, cropped.height) == (100, 80)
+    np.testing.assert_allclose(cropped.project(points), camera.project(points) - (left, top), atol=1e-9)
+
+
+def test_a_resized_camera_sees_what_a_resized_image_shows():
+    # A bright Gaussian keeps its centre when the image is halved; its pixel must be the camera's.
+    camera = dataclasses.replace(make_camera(), distortion=np.zeros(5))
+    point = camera.position + 0.5 * camera.rays([[120.3, 77.8]])
+    columns, rows = np.meshgrid(np.arange(270.0), np.arange(270.0))
+    image = np.exp(-((columns - 120.3) ** 2 + (rows - 77.8) ** 2) / (2 * 8.0**2))
+    half = cv2.resize(image, (135, 135), interpolation=cv2.INTER_AREA)
+    columns, rows = np.meshgrid(np.arange(135.0), np.arange(135.0))
+    center = np.array([(columns * half).sum(), (rows * half).sum()]) / half.sum()
+    np.testing.assert_allclose(camera.resized(135, 135).project(point)[0], center, atol=1e-6)
+
+
+def test_correcting_a_halved_principal_point_gives_the_resized_camera():
+    camera = make_camera()
+    matrix = camera.matrix.copy()
+    matrix[:2] /= 2
+    halved = dataclasses.replace(camera, width=135, height=135, matrix=matrix)
+    corrected = halved.with_halved_principal_point_corrected()
+    np.testing.assert_allclose(corrected.matrix, camera.resized(135, 135).matrix, rtol=1e-15)
+
+
+def test_the_correction_makes_the_platforms_halved_files_agree(real):
+    folder = real / "calibration" / "simulation"
+    for name in ("camera60", "camera180", "camera300"):
+        expected = read_camera(folder / f"{name}_cropped.yml").resized(270, 270)
+        file = folder / f"{name}_cropped_and_downsampled.yml"
+        camera = read_camera(file, correct_halved_principal_point=True)
+        np.testing.assert_allclose(camera.matrix, expected.matrix, rtol=1e-12)
+
+
+def test_arrays_are_copied_and_read_only(camera):
+    matrix = camera.matrix.copy()
+    copy = dataclasses.replace(camera, matrix=matrix)
+    matrix[0, 0] = 1
+    assert copy.matrix[0, 0] == camera.matrix[0, 0]
+    with pytest.raises(ValueError, match="read-only"):
+        copy.matrix[0, 0] = 1
+
+
+def _changed(array: np.ndarray, index: tuple[int, ...], value: float) -> np.ndarray:
+    out = np.array(array)
+    out[index] = value
+    return out
+
+
+CAMERA = make_camera()
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("name", "", "name: found ''"),
+        ("name", 60, "name: found 60"),
+        ("width", 0, "width: found 0"),
+        ("width", 270.0, "width: found 270.0"),
+        ("width", True, "width: found True"),
+        ("height", -5, "height: found -5"),
+        ("height", 10**6, "height: found 1000000"),
+        ("matrix", np.eye(4), r"matrix: found shape \(4, 4\)"),
+        ("matrix", "text", "matrix: found str"),
+        ("matrix", _changed(CAMERA.matrix, (0, 0), np.nan), "not finite"),
+        ("matrix", _changed(CAMERA.matrix, (0, 0), 0), "focal lengths"),
+        ("matrix", _changed(CAMERA.matrix, (1, 1), -3), "focal lengths"),
+        ("matrix", _changed(CAMERA.matrix, (0, 1), 1), "skew"),
+        ("matrix", _changed(CAMERA.matrix, (2, 2), 2), "last row"),
+        ("distortion", np.zeros(4), r"shape \(4,\)"),
+        ("camera_from_world", _changed(CAMERA.camera_from_world, (3, 0), 1), "last row"),
+        ("camera_from_world", _changed(CAMERA.camera_from_world, (0, 0), 2), "deviates from a rotation"),
+        ("camera_from_world", np.diag([1.0, 1.0, -1.0, 1.0]), "deviates from a rotation by inf"),
+        ("camera_from_world_std", -np.ones((4, 4)), "no negative"),
+    ],
+)
+def test_impossible_parameters_are_named(key, value, message):
+    with pytest.raises(CalibrationError, match=message):
+        dataclasses.replace(CAMERA, **{key: value})

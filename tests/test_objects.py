@@ -1,0 +1,172 @@
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tracker.errors import ObjectModelError
+from tracker.geometry.cuboid import FACE_NAMES
+from tracker.objects.labels import COLOR_NAMES, DISPLAY_COLORS_BGR, Label
+from tracker.objects.model import CuboidModel, load_object, object_names
+
+VALID = """
+name = "mine"
+size = [0.05, 0.06, 0.07]
+colors = "cube_v2"
+
+[faces]
+"+x" = "red"
+"-x" = "yellow"
+"+y" = "green"
+"-y" = "magenta"
+"+z" = "blue"
+"-z" = "cyan"
+"""
+
+
+def test_the_objects_of_the_platform_are_known():
+    assert object_names() == ("cube_v1", "cube_v2", "cube_v3", "cuboid_2x2x8_v2")
+
+
+@pytest.mark.parametrize("name", object_names())
+def test_an_object_is_what_the_platform_uses(name):
+    model = load_object(name)
+    colors = {face: COLOR_NAMES[label] for face, label in zip(FACE_NAMES, model.face_labels, strict=True)}
+    first = name == "cube_v1"
+    assert model.name == model.colors == name
+    assert colors == {
+        "+x": "red",
+        "+y": "green",
+        "+z": "blue",
+        "-z": "cyan",
+        "-x": "yellow" if first else "magenta",
+        "-y": "magenta" if first else "yellow",
+    }
+    size = [0.02, 0.08, 0.02] if name.startswith("cuboid") else [0.065] * 3
+    np.testing.assert_array_equal(model.size, size)
+
+
+def test_labels_have_the_order_of_the_contract():
+    assert COLOR_NAMES == ("background", "red", "green", "blue", "cyan", "magenta", "yellow")
+    assert [label.name.lower() for label in sorted(Label)] == list(COLOR_NAMES)
+    np.testing.assert_array_equal(DISPLAY_COLORS_BGR[Label.RED], [0, 0, 255])
+    np.testing.assert_array_equal(DISPLAY_COLORS_BGR[Label.CYAN], [255, 255, 0])
+
+
+def test_an_unknown_name_lists_the_valid_ones():
+    with pytest.raises(ObjectModelError, match=r"'cube_v9'.*cube_v1, cube_v2, cube_v3, cuboid_2x2x8_v2"):
+        load_object("cube_v9")
+
+
+def test_a_file_of_ones_own_is_read(tmp_path):
+    file = tmp_path / "mine.toml"
+    file.write_text(VALID)
+    for path in (file, str(file)):
+        model = load_object(path)
+        assert (model.name, model.colors) == ("mine", "cube_v2")
+        np.testing.assert_array_equal(model.size, [0.05, 0.06, 0.07])
+        np.testing.assert_array_equal(model.face_labels, [1, 6, 2, 5, 3, 4])
+
+
+def test_colors_are_named_like_the_object_unless_given(tmp_path):
+    file = tmp_path / "mine.toml"
+    file.write_text(VALID.replace('colors = "cube_v2"\n', ""))
+    assert load_object(file).colors == "mine"
+
+
+def test_colors_beside_the_file_are_found_from_anywhere(tmp_path, monkeypatch):
+    file = tmp_path / "mine.toml"
+    file.write_text(VALID.replace("cube_v2", "table.npz"))
+    (tmp_path / "table.npz").write_bytes(b"")
+    monkeypatch.chdir(os.sep)
+    assert Path(load_object(file).colors) == tmp_path / "table.npz"
+
+
+def test_the_format_in_the_docstring_is_valid(tmp_path):
+    import tracker.objects.model as module
+
+    lines = (module.__doc__ or "").splitlines()
+    file = tmp_path / "from_docstring.toml"
+    file.write_text("\n".join(line[4:] for line in lines if line.startswith("    ")))
+    np.testing.assert_array_equal(load_object(file).face_labels, load_object("cube_v2").face_labels)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('"red"', '"orange"', r"\+x: found 'orange', expected one of red"),
+        ('"red"', '"background"', "found 'background'"),
+        ('"red"', "[1]", r"found \[1\]"),
+        ('"red"', '"cyan"', "cyan is given twice"),
+        ('"+x" = "red"\n', "", "faces: found"),
+        ('"+x"', '"+w"', "faces: found"),
+        ("[0.05, 0.06, 0.07]", "[0.05, 0.06]", "size"),
+        ("[0.05, 0.06, 0.07]", "0.05", "size: found 0.05"),
+        ("[0.05, 0.06, 0.07]", "[0.05, 0.06, nan]", "size: found nan"),
+        ("[0.05, 0.06, 0.07]", "[0.05, 0.06, true]", "size: found True"),
+        ("[0.05, 0.06, 0.07]", "[50, 60, 70]", "edges from 0.005 to 0.5 m"),
+        ("[0.05, 0.06, 0.07]", "[0.05, 0.06, 0.004]", "edges from"),
+        ("size =", "length =", "unknown key 'length'; valid are name, size"),
+        ("size = [0.05, 0.06, 0.07]", "", "'size' is missing"),
+        ('"mine"', "3", "name: found 3"),
+        ('"mine"', '"mine', "not a TOML file"),
+        ('colors = "cube_v2"', "colors = 1", "colors: found 1"),
+    ],
+)
+def test_a_malformed_file_names_file_and_fault(old, new, message, tmp_path):
+    file = tmp_path / "mine.toml"
+    file.write_text(VALID.replace(old, new, 1))
+    with pytest.raises(ObjectModelError, match=message) as caught:
+        load_object(file)
+    assert str(file) in str(caught.value)
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(ObjectModelError, match=r"none\.toml: No such file"):
+        load_object(tmp_path / "none.toml")
+
+
+@given(data=st.binary(max_size=200))
+def test_no_bytes_raise_anything_but_an_object_error(data, tmp_path_factory):
+    file = tmp_path_factory.getbasetemp() / "random.toml"
+    file.write_bytes(data)
+    with pytest.raises(ObjectModelError):
+        load_object(file)
+
+
+@given(position=st.integers(0, len(VALID) - 1), length=st.integers(0, 6), text=st.text(max_size=3))
+def test_no_corruption_raises_anything_but_an_object_error(position, length, text, tmp_path_factory):
+    file = tmp_path_factory.getbasetemp() / "corrupt.toml"
+    content = VALID[:position] + text + VALID[position + length :]
+    file.write_bytes(content.encode("utf-8", "surrogatepass"))
+    with contextlib.suppress(ObjectModelError):
+        load_object(file)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("face_labels", [1, 2, 3, 4, 5, 5]),
+        ("face_labels", [0, 1, 2, 3, 4, 5]),
+        ("face_labels", [1, 2, 3, 4, 5]),
+        ("face_labels", np.arange(12).reshape(6, 2)),
+        ("size", np.full(3, np.inf)),
+        ("name", ""),
+        ("colors", None),
+    ],
+)
+def test_a_model_is_validated_at_construction(key, value):
+    with pytest.raises(ObjectModelError):
+        dataclasses.replace(load_object("cube_v2"), **{key: value})
+
+
+def test_arrays_are_read_only():
+    model = CuboidModel("mine", [0.05] * 3, [1, 2, 3, 4, 5, 6], "mine")
+    with pytest.raises(ValueError, match="read-only"):
+        model.size[0] = 1

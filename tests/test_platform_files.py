@@ -1,0 +1,181 @@
+from __future__ import annotations
+
+import os
+import stat
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+
+from tests.helpers import make_camera
+from tracker.calibration import platform_files
+from tracker.calibration.platform_files import read_camera, write_camera
+from tracker.errors import CalibrationError
+from tracker.geometry.camera import Camera
+
+ARRAYS = ("matrix", "distortion", "camera_from_world", "camera_from_world_std")
+
+
+def written(tmp_path: Path, camera: Camera | None = None) -> tuple[Path, str]:
+    file = tmp_path / "camera60.yml"
+    write_camera(camera or make_camera(), file)
+    return file, file.read_text()
+
+
+def rewritten(file: Path, text: str) -> Path:
+    file.write_text(text)
+    return file
+
+
+def assert_same_bits(first: Camera, second: Camera) -> None:
+    assert (first.name, first.width, first.height) == (second.name, second.width, second.height)
+    for key in ARRAYS:
+        a, b = getattr(first, key), getattr(second, key)
+        assert (a is None and b is None) or a.tobytes() == b.tobytes(), key
+
+
+def test_writing_and_reading_keeps_every_bit(tmp_path):
+    for azimuth in range(0, 360, 7):
+        camera = make_camera(azimuth)
+        file, _ = written(tmp_path, camera)
+        assert_same_bits(read_camera(file), camera)
+
+
+def test_deviations_may_be_missing(tmp_path):
+    camera = Camera("camera60", 270, 270, make_camera().matrix, np.zeros(5), np.eye(4), None)
+    file, text = written(tmp_path, camera)
+    assert "_std" not in text
+    assert_same_bits(read_camera(file), camera)
+
+
+def test_the_current_variant_is_written(tmp_path):
+    _, text = written(tmp_path)
+    assert text.startswith("%YAML 1.1\n---\n")
+    data = yaml.safe_load(text)
+    assert data["tf_world_to_camera"].keys() == {"rows", "cols", "dt", "data"}
+    assert data["camera_matrix"]["dt"] == "d"
+    assert data["distortion_coefficients"]["rows"] == 1
+
+
+def test_opencv_reads_what_is_written(tmp_path):
+    camera = make_camera()
+    file, _ = written(tmp_path, camera)
+    storage = cv2.FileStorage(str(file), cv2.FILE_STORAGE_READ)
+    np.testing.assert_array_equal(storage.getNode("camera_matrix").mat(), camera.matrix)
+    np.testing.assert_array_equal(storage.getNode("tf_world_to_camera").mat(), camera.camera_from_world)
+    storage.release()
+
+
+@pytest.mark.parametrize("suffix", ["yml", "yaml"])
+def test_what_opencv_writes_is_read(suffix, tmp_path):
+    camera = make_camera()
+    file = tmp_path / f"camera60.{suffix}"
+    storage = cv2.FileStorage(str(file), cv2.FILE_STORAGE_WRITE)
+    storage.write("camera_name", camera.name)
+    storage.write("image_width", camera.width)
+    storage.write("image_height", camera.height)
+    storage.write("camera_matrix", np.array(camera.matrix))
+    storage.write("distortion_coefficients", np.array(camera.distortion[None]))
+    storage.write("tf_world_to_camera", np.array(camera.camera_from_world))
+    storage.write("tf_world_to_camera_std", np.array(camera.camera_from_world_std))
+    storage.release()
+    assert "!!opencv-matrix" in file.read_text()
+    assert_same_bits(read_camera(file), camera)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("%YAML 1.1\n---\n", ""),
+        ("%YAML 1.1\n---\n", "---\n"),
+        ("%YAML 1.1\n---\n", "%YAML:1.0\n---\n"),
+        ("%YAML 1.1\n---\n", "\ufeff%YAML 1.1\n---\n"),
+        ("%YAML 1.1\n---\n", "# a comment\n"),
+        ("  dt: d\n", ""),
+        ("tf_world_to_camera:", "projection_matrix:"),
+        ("tf_world_to_camera", "projection_matrix"),
+        ("rows: 1\n  cols: 5", "rows: 5\n  cols: 1"),
+        ("-5.2e-05", "-52e-6"),
+        ("camera_name:", "note: [1, {a: b}]\ncamera_name:"),
+        ("\n", "\r\n"),
+    ],
+)
+def test_every_variant_is_read(old, new, tmp_path):
+    file, text = written(tmp_path)
+    assert old in text
+    file.write_bytes(text.replace(old, new).encode())
+    assert_same_bits(read_camera(file), make_camera())
+
+
+def test_four_distortion_coefficients_have_no_fifth(tmp_path):
+    file, text = written(tmp_path)
+    data = yaml.safe_load(text)
+    data["distortion_coefficients"] = {"rows": 1, "cols": 4, "data": [-0.2, 0.1, 0.01, 0.02]}
+    camera = read_camera(rewritten(file, yaml.safe_dump(data)))
+    np.testing.assert_array_equal(camera.distortion, [-0.2, 0.1, 0.01, 0.02, 0])
+
+
+def test_a_mean_of_rotations_is_mended(tmp_path):
+    file, text = written(tmp_path)
+    data = yaml.safe_load(text)
+    values = np.reshape(data["tf_world_to_camera"]["data"], (4, 4))
+    values[:3, :3] *= 1 - 5e-5
+    data["tf_world_to_camera"]["data"] = values.ravel().tolist()
+    camera = read_camera(rewritten(file, yaml.safe_dump(data)))
+    np.testing.assert_allclose(camera.camera_from_world, make_camera().camera_from_world, atol=1e-12)
+
+
+def test_the_halved_principal_point_is_corrected_by_name(tmp_path):
+    file, _ = written(tmp_path)
+    camera = read_camera(file, correct_halved_principal_point=True)
+    np.testing.assert_allclose(camera.matrix[:2, 2], make_camera().matrix[:2, 2] - 0.25)
+
+
+def test_every_real_file_survives_a_round_trip(real, tmp_path):
+    files = sorted([*real.glob("calibration/*/*.yml"), *real.glob("pose/*/*.yml")])
+    assert len(files) > 30
+    for file in files:
+        camera = read_camera(file)
+        raw = np.reshape(yaml.safe_load(file.read_text())["tf_world_to_camera"]["data"], (4, 4))
+        np.testing.assert_allclose(camera.camera_from_world, raw, atol=1e-4)
+        assert_same_bits(read_camera(written(tmp_path, camera)[0]), camera)
+
+
+def test_writing_replaces_a_file_whole(tmp_path):
+    file, _ = written(tmp_path)
+    file.write_text("old")
+    write_camera(make_camera(), file)
+    assert_same_bits(read_camera(file), make_camera())
+    assert [entry.name for entry in tmp_path.iterdir()] == ["camera60.yml"]
+
+
+def test_a_failed_write_leaves_the_old_file_and_no_other(tmp_path, monkeypatch):
+    file, text = written(tmp_path)
+
+    def fail(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", fail)
+    with pytest.raises(CalibrationError, match="No space left"):
+        write_camera(make_camera(180), file)
+    assert file.read_text() == text
+    assert [entry.name for entry in tmp_path.iterdir()] == ["camera60.yml"]
+
+
+def test_a_written_file_has_the_mode_of_any_new_file(tmp_path):
+    file, _ = written(tmp_path)
+    plain = tmp_path / "plain"
+    plain.write_text("")
+    assert stat.S_IMODE(file.stat().st_mode) == stat.S_IMODE(plain.stat().st_mode)
+
+
+def test_writing_into_a_missing_folder_is_named(tmp_path):
+    with pytest.raises(CalibrationError, match=r"none.*No such file"):
+        write_camera(make_camera(), tmp_path / "none" / "camera60.yml")
+
+
+def test_the_limit_of_size_leaves_room_for_every_real_file(real):
+    largest = max(file.stat().st_size for file in real.glob("**/*.yml"))
+    assert largest * 10 < platform_files.MAX_FILE_SIZE

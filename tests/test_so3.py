@@ -1,0 +1,116 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from tests.helpers import numerical_jacobian, random_rotations
+from tracker.geometry import so3
+
+# From the smallest to half a turn, with both ends sampled on purpose.
+ANGLES = [0.0, 1e-300, 1e-12, 1e-9, 1e-8, 1e-5, 0.1, 1.5, 3.0, np.pi - 1e-5, np.pi - 1e-8, np.pi - 1e-12]
+
+vectors = arrays(np.float64, 3, elements=st.floats(-100, 100))
+
+
+def directions(rng: np.random.Generator) -> np.ndarray:
+    axes = np.concatenate([np.eye(3), -np.eye(3), rng.normal(size=(40, 3))])
+    return axes / np.linalg.norm(axes, axis=1, keepdims=True)
+
+
+@given(vectors, vectors)
+def test_hat_is_the_cross_product(a, b):
+    np.testing.assert_allclose(so3.hat(a) @ b, np.cross(a, b), atol=1e-10)
+
+
+@given(vectors)
+def test_exp_is_a_rotation(v):
+    rotation = so3.exp(v)
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(rotation) > 0
+
+
+@pytest.mark.parametrize("angle", ANGLES)
+def test_log_inverts_exp_at_every_angle(angle, rng):
+    rotvec = angle * directions(rng)
+    np.testing.assert_allclose(so3.log(so3.exp(rotvec)), rotvec, rtol=1e-12, atol=1e-14)
+
+
+def test_exp_inverts_log_of_exact_half_turns(rng):
+    axis = directions(rng)
+    half_turns = 2 * axis[:, :, None] * axis[:, None, :] - np.eye(3)
+    np.testing.assert_allclose(np.linalg.norm(so3.log(half_turns), axis=-1), np.pi, rtol=1e-14)
+    np.testing.assert_allclose(so3.exp(so3.log(half_turns)), half_turns, atol=1e-13)
+
+
+def test_exp_of_small_vectors_is_linear(rng):
+    v = 1e-9 * rng.normal(size=3)
+    np.testing.assert_allclose(so3.exp(v) - np.eye(3), so3.hat(v), rtol=1e-6, atol=1e-16)
+
+
+def test_hat_is_the_derivative_of_exp_at_the_identity():
+    jacobian = numerical_jacobian(so3.exp, np.zeros(3))
+    np.testing.assert_allclose(jacobian, np.moveaxis(so3.hat(np.eye(3)), 0, -1), atol=1e-9)
+
+
+@pytest.mark.parametrize("angle", ANGLES)
+def test_matrix_and_quaternion_invert_each_other(angle, rng):
+    rotations = so3.exp(angle * directions(rng))
+    quaternions = so3.quaternion_from_matrix(rotations)
+    np.testing.assert_allclose(np.linalg.norm(quaternions, axis=1), 1, rtol=1e-14)
+    np.testing.assert_allclose(so3.matrix_from_quaternion(quaternions), rotations, atol=1e-13)
+
+
+def test_quaternions_have_a_canonical_sign(rng):
+    q = rng.normal(size=(200, 4))
+    back = so3.quaternion_from_matrix(so3.matrix_from_quaternion(q))
+    assert (back[:, 3] >= 0).all()
+    expected = q / np.linalg.norm(q, axis=1, keepdims=True) * np.sign(q[:, 3:])
+    np.testing.assert_allclose(back, expected, atol=1e-13)
+    half_turn_about_y = so3.quaternion_from_matrix(np.diag([-1.0, 1.0, -1.0]))
+    np.testing.assert_array_equal(half_turn_about_y, [0, 1, 0, 0])
+
+
+def test_quaternions_multiply_in_the_order_of_xyzw():
+    quarter_about_z = [0, 0, np.sqrt(0.5), np.sqrt(0.5)]
+    np.testing.assert_allclose(so3.matrix_from_quaternion(quarter_about_z) @ [1, 0, 0], [0, 1, 0], atol=1e-15)
+
+
+@pytest.mark.parametrize("angle", ANGLES)
+def test_angle_between_finds_the_angle(angle, rng):
+    first = random_rotations(rng, 46)
+    second = so3.exp(angle * directions(rng)) @ first
+    np.testing.assert_allclose(so3.angle_between(first, second), angle, rtol=1e-9, atol=3e-15)
+
+
+def test_nearest_rotation_mends_noise_and_keeps_rotations(rng):
+    rotations = random_rotations(rng, 50)
+    np.testing.assert_allclose(so3.nearest_rotation(rotations), rotations, atol=1e-14)
+    noisy = rotations + 1e-4 * rng.normal(size=rotations.shape)
+    assert so3.angle_between(so3.nearest_rotation(noisy), rotations).max() < 1e-3
+
+
+def test_nearest_rotation_is_nearer_than_any_other(rng):
+    matrix = rng.normal(size=(3, 3))
+    distance = np.linalg.norm(so3.nearest_rotation(matrix) - matrix)
+    others = np.linalg.norm(random_rotations(rng, 2000) - matrix, axis=(1, 2))
+    assert distance <= others.min()
+
+
+def test_nearest_rotation_of_a_reflection_is_a_rotation(rng):
+    reflections = random_rotations(rng, 50) * [1, 1, -1]
+    np.testing.assert_allclose(np.linalg.det(so3.nearest_rotation(reflections)), 1, rtol=1e-12)
+
+
+def test_functions_broadcast_over_leading_axes(rng):
+    v = rng.normal(size=(4, 5, 3))
+    rotations = so3.exp(v)
+    quaternions = so3.quaternion_from_matrix(rotations)
+    assert rotations.shape == (4, 5, 3, 3)
+    assert quaternions.shape == (4, 5, 4)
+    np.testing.assert_array_equal(so3.log(rotations)[2, 3], so3.log(rotations[2, 3]))
+    np.testing.assert_array_equal(quaternions[2, 3], so3.quaternion_from_matrix(rotations[2, 3]))
+    np.testing.assert_allclose(so3.matrix_from_quaternion(quaternions), rotations, atol=1e-13)
+    assert so3.angle_between(rotations, rotations[0, 0]).shape == (4, 5)

@@ -1,0 +1,1 @@
+"""Calibrated cameras: reading, writing and changing them."""

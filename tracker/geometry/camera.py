@@ -1,0 +1,242 @@
+"""The pinhole camera with the platform's five distortion coefficients.
+
+The model is OpenCV's: p_camera = camera_from_world · p_world, x = X/Z, y = Y/Z, r² = x² + y²,
+    x' = x (1 + k1 r² + k2 r⁴ + k3 r⁶) + 2 p1 x y + p2 (r² + 2 x²)
+    y' = y (1 + k1 r² + k2 r⁴ + k3 r⁶) + p1 (r² + 2 y²) + 2 p2 x y
+    u = fx x' + cx, v = fy y' + cy.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import numpy.typing as npt
+
+from tracker.conventions import Array, FloatArray
+from tracker.errors import CalibrationError
+
+ROTATION_TOLERANCE = 1e-6
+"""Largest |R Rᵀ - I| of a camera's rotation R."""
+
+MAX_SIZE = 32767
+"""Largest width and height [px]: OpenCV's remapping stores coordinates in 16 bits."""
+
+_NEWTON_ITERATIONS = 30
+_NEWTON_TOLERANCE = 1e-12
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Camera:
+    """One calibrated camera. Arrays are copied and read-only.
+
+    Raises:
+        CalibrationError: a parameter is of the wrong shape, not finite, or impossible.
+    """
+
+    name: str
+    """Name, e.g. `camera60`."""
+    width: int
+    """Image width [px]."""
+    height: int
+    """Image height [px]."""
+    matrix: FloatArray
+    """(3, 3) [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] [px]; pixel centres are at whole numbers."""
+    distortion: FloatArray
+    """(5,) k1, k2, p1, p2, k3."""
+    camera_from_world: FloatArray
+    """(4, 4) rigid transform, p_camera = camera_from_world · p_world [m]."""
+    camera_from_world_std: FloatArray | None = None
+    """(4, 4) element-wise standard deviations of `camera_from_world`, or None where unknown."""
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name:
+            raise CalibrationError(f"camera name: found {self.name!r}, expected a text that is not empty")
+        for key in ("width", "height"):
+            object.__setattr__(self, key, self._size(key, getattr(self, key)))
+        for key, shape in (("matrix", (3, 3)), ("distortion", (5,)), ("camera_from_world", (4, 4))):
+            object.__setattr__(self, key, self._array(key, getattr(self, key), shape))
+        if self.camera_from_world_std is not None:
+            std = self._array("camera_from_world_std", self.camera_from_world_std, (4, 4))
+            if std.min() < 0:
+                raise self._error("camera_from_world_std", f"{std.min():g}", "no negative deviation")
+            object.__setattr__(self, "camera_from_world_std", std)
+        self._check_matrix()
+        self._check_transform()
+
+    def _error(self, key: str, found: str, valid: str) -> CalibrationError:
+        key = "camera_matrix" if key == "matrix" else key  # the name that files give it
+        return CalibrationError(f"{self.name}: {key}: found {found}, expected {valid}")
+
+    def _size(self, key: str, value: object) -> int:
+        if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not 0 < value <= MAX_SIZE:
+            raise self._error(key, repr(value)[:40], f"a whole number of pixels from 1 to {MAX_SIZE}")
+        return int(value)
+
+    def _array(self, key: str, value: object, shape: tuple[int, ...]) -> FloatArray:
+        try:
+            array = np.array(value, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise self._error(key, type(value).__name__, f"numbers of shape {shape}") from error
+        if array.shape != shape:
+            raise self._error(key, f"shape {array.shape}", f"shape {shape}")
+        if not np.isfinite(array).all():
+            raise self._error(key, "values that are not finite", "finite numbers")
+        array.flags.writeable = False
+        return array
+
+    def _check_matrix(self) -> None:
+        fx, fy = self.matrix[0, 0], self.matrix[1, 1]
+        if fx <= 0 or fy <= 0:
+            raise self._error("matrix", f"focal lengths {fx:g}, {fy:g}", "fx > 0 and fy > 0")
+        if self.matrix[0, 1] != 0 or self.matrix[1, 0] != 0:
+            raise self._error("matrix", f"skew {self.matrix[0, 1]:g}, {self.matrix[1, 0]:g}", "no skew")
+        if (self.matrix[2] != (0, 0, 1)).any():
+            raise self._error("matrix", f"last row {self.matrix[2].tolist()}", "[0, 0, 1]")
+
+    def _check_transform(self) -> None:
+        if (self.camera_from_world[3] != (0, 0, 0, 1)).any():
+            found = f"last row {self.camera_from_world[3].tolist()}"
+            raise self._error("camera_from_world", found, "[0, 0, 0, 1]")
+        deviation = rotation_deviation(self.camera_from_world[:3, :3])
+        if deviation > ROTATION_TOLERANCE:
+            found = f"a 3×3 part that deviates from a rotation by {deviation:.2g}"
+            raise self._error("camera_from_world", found, f"at most {ROTATION_TOLERANCE:g}")
+
+    @property
+    def world_from_camera(self) -> FloatArray:
+        """(4, 4) inverse of `camera_from_world`."""
+        out = np.eye(4)
+        out[:3, :3] = self.camera_from_world[:3, :3].T
+        out[:3, 3] = self.position
+        return out
+
+    @property
+    def position(self) -> FloatArray:
+        """(3,) centre of projection in the world [m]."""
+        result: FloatArray = -self.camera_from_world[:3, :3].T @ self.camera_from_world[:3, 3]
+        return result
+
+    def project(self, points_world: npt.ArrayLike) -> FloatArray:
+        """Pixels (N, 2) of world points (N, 3) [m]; NaN for points that are not in front of the camera.
+
+        Like OpenCV's, the distortion folds back far outside the image (beyond about 40° off the axis
+        with the platform's lenses): limit points to the field of view before trusting their pixels.
+        """
+        in_camera = self._in_camera(points_world)
+        distorted, _ = _distort(in_camera[:, :2] / in_camera[:, 2:], self.distortion, jacobian=False)
+        return self._pixels(distorted)
+
+    def project_with_jacobian(self, points_world: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Pixels (N, 2) of world points (N, 3) [m] and their derivatives (N, 2, 3) [px/m]; NaN as above."""
+        in_camera = self._in_camera(points_world)
+        normalized = in_camera[:, :2] / in_camera[:, 2:]
+        distorted, lens = _distort(normalized, self.distortion, jacobian=True)
+        perspective = np.zeros((len(in_camera), 2, 3))
+        perspective[:, 0, 0] = perspective[:, 1, 1] = 1
+        perspective[:, :, 2] = -normalized
+        perspective /= in_camera[:, 2, None, None]
+        focal = self.matrix[(0, 1), (0, 1)][:, None]
+        jacobian: FloatArray = focal * (lens @ perspective @ self.camera_from_world[:3, :3])
+        return self._pixels(distorted), jacobian
+
+    def undistort(self, pixels: npt.ArrayLike) -> FloatArray:
+        """Normalised coordinates (N, 2) = (X/Z, Y/Z) without distortion of pixels (N, 2), to about 1e-12.
+
+        NaN for pixels that no ray before the fold of the distortion reaches. On this platform that
+        concerns a few pixels in the corners of uncropped 720×540 images, and none of the others.
+        """
+        focal, center = self.matrix[(0, 1), (0, 1)], self.matrix[:2, 2]
+        target = (np.asarray(pixels, dtype=np.float64).reshape(-1, 2) - center) / focal
+        return _undistort(target, self.distortion)
+
+    def rays(self, pixels: npt.ArrayLike) -> FloatArray:
+        """Unit directions (N, 3) in the world of the rays through pixels (N, 2), away from the camera."""
+        normalized = self.undistort(pixels)
+        directions = np.concatenate([normalized, np.ones((len(normalized), 1))], axis=1)
+        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+        result: FloatArray = directions @ self.camera_from_world[:3, :3]
+        return result
+
+    def cropped(self, left: int, top: int, width: int, height: int) -> Camera:
+        """The camera of the image's part of `width` × `height` that starts at pixel (left, top)."""
+        matrix = self.matrix.copy()
+        matrix[:2, 2] -= (left, top)
+        return dataclasses.replace(self, width=width, height=height, matrix=matrix)
+
+    def resized(self, width: int, height: int) -> Camera:
+        """The camera of the image scaled to `width` × `height` by `cv2.resize`.
+
+        Pixel centres are at whole numbers, so c' = (c + ½) s - ½ and f' = f s along each axis.
+        """
+        scale = np.array([width / self.width, height / self.height])
+        matrix = self.matrix.copy()
+        matrix[(0, 1), (0, 1)] *= scale
+        matrix[:2, 2] = (matrix[:2, 2] + 0.5) * scale - 0.5
+        return dataclasses.replace(self, width=width, height=height, matrix=matrix)
+
+    def with_halved_principal_point_corrected(self) -> Camera:
+        """The camera of a file made by halving K[:2], as the platform's `*_cropped_and_downsampled.yml`.
+
+        Halving an image takes the principal point to c/2 - ¼; these files say c/2.
+        """
+        matrix = self.matrix.copy()
+        matrix[:2, 2] -= 0.25
+        return dataclasses.replace(self, matrix=matrix)
+
+    def _in_camera(self, points_world: npt.ArrayLike) -> FloatArray:
+        points = np.asarray(points_world, dtype=np.float64).reshape(-1, 3)
+        rotation, translation = self.camera_from_world[:3, :3], self.camera_from_world[:3, 3]
+        in_camera: FloatArray = points @ rotation.T + translation
+        in_camera[in_camera[:, 2] <= 0] = np.nan
+        return in_camera
+
+    def _pixels(self, distorted: FloatArray) -> FloatArray:
+        result: FloatArray = distorted * self.matrix[(0, 1), (0, 1)] + self.matrix[:2, 2]
+        return result
+
+
+def rotation_deviation(matrix: Array) -> float:
+    """How far a matrix (3, 3) is from a rotation: max |M Mᵀ - I|, or infinity where det M ≤ 0."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        deviation = float(np.abs(matrix @ matrix.T - np.eye(3)).max())
+        mirrored = bool(np.dot(np.cross(matrix[0], matrix[1]), matrix[2]) <= 0)
+    return float("inf") if mirrored or not np.isfinite(deviation) else deviation
+
+
+def _distort(
+    normalized: FloatArray, distortion: FloatArray, *, jacobian: bool
+) -> tuple[FloatArray, FloatArray]:
+    """Distorted coordinates (N, 2) of normalised ones (N, 2), and their derivatives (N, 2, 2) if wanted."""
+    k1, k2, p1, p2, k3 = distortion
+    x, y = normalized[:, 0], normalized[:, 1]
+    r2 = x * x + y * y
+    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    distorted = np.empty_like(normalized)
+    distorted[:, 0] = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+    distorted[:, 1] = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+    derivative = np.empty((len(normalized) if jacobian else 0, 2, 2))
+    if jacobian:
+        slope = 2 * (k1 + r2 * (2 * k2 + r2 * 3 * k3))  # d radial/dx = x · slope
+        derivative[:, 0, 0] = radial + x * x * slope + 2 * p1 * y + 6 * p2 * x
+        derivative[:, 1, 1] = radial + y * y * slope + 6 * p1 * y + 2 * p2 * x
+        derivative[:, 0, 1] = derivative[:, 1, 0] = x * y * slope + 2 * p1 * x + 2 * p2 * y
+    return distorted, derivative
+
+
+def _undistort(target: FloatArray, distortion: FloatArray) -> FloatArray:
+    """Inverse of `_distort` by Newton's method; NaN where it does not converge before the fold."""
+    solution = target.copy()
+    with np.errstate(all="ignore"):  # a diverging row becomes NaN, and is reported as such
+        for _ in range(_NEWTON_ITERATIONS):
+            value, slope = _distort(solution, distortion, jacobian=True)
+            error = value - target
+            (a, b), (c, d) = slope[:, 0].T, slope[:, 1].T
+            determinant = a * d - b * c
+            solution[:, 0] -= (d * error[:, 0] - b * error[:, 1]) / determinant
+            solution[:, 1] -= (a * error[:, 1] - c * error[:, 0]) / determinant
+            if np.abs(error).max(initial=0) < _NEWTON_TOLERANCE:
+                break
+        good = (np.abs(error).max(axis=1) < 100 * _NEWTON_TOLERANCE) & (determinant > 0) & (a + d > 0)
+    solution[~good] = np.nan
+    return solution

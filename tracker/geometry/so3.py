@@ -1,0 +1,99 @@
+"""Rotations: matrices, rotation vectors and quaternions (x, y, z, w).
+
+Every function works on one element or on a stack of them: leading axes are broadcast over. All trust
+their input: a matrix is taken to be a rotation, a quaternion to be non-zero.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from tracker.conventions import FloatArray
+
+
+def hat(vector: npt.ArrayLike) -> FloatArray:
+    """Skew-symmetric matrices (..., 3, 3) of vectors (..., 3): the product with b is the cross product."""
+    v = np.asarray(vector, dtype=np.float64)
+    out = np.zeros((*v.shape[:-1], 3, 3))
+    out[..., 0, 1], out[..., 0, 2] = -v[..., 2], v[..., 1]
+    out[..., 1, 0], out[..., 1, 2] = v[..., 2], -v[..., 0]
+    out[..., 2, 0], out[..., 2, 1] = -v[..., 1], v[..., 0]
+    return out
+
+
+def exp(rotvec: npt.ArrayLike) -> FloatArray:
+    """Rotation matrices (..., 3, 3) of rotation vectors (..., 3) [rad]; exact to rounding at any angle."""
+    v = np.asarray(rotvec, dtype=np.float64)
+    angle = np.linalg.norm(v, axis=-1)[..., None, None]
+    # sin θ/θ and (1 - cos θ)/θ² = ½ (sin(θ/2)/(θ/2))²: neither divides by zero nor cancels near it.
+    first = np.sinc(angle / np.pi)
+    second = 0.5 * np.sinc(angle / (2 * np.pi)) ** 2
+    skew = hat(v)
+    result: FloatArray = np.eye(3) + first * skew + second * (skew @ skew)
+    return result
+
+
+def log(rotation: npt.ArrayLike) -> FloatArray:
+    """Rotation vectors (..., 3) [rad] of rotation matrices (..., 3, 3), of length at most π.
+
+    Accurate at every angle: near 0 and near π too, where formulas on the trace lose half the digits.
+    """
+    q = quaternion_from_matrix(rotation)
+    sine = np.linalg.norm(q[..., :3], axis=-1, keepdims=True)
+    cosine = q[..., 3:]
+    tiny = sine < 1e-9
+    # θ/sin(θ/2) tends to 2 as the angle vanishes, where w is 1.
+    factor = np.where(tiny, 2.0, 2 * np.arctan2(sine, cosine) / np.where(tiny, 1.0, sine))
+    result: FloatArray = factor * q[..., :3]
+    return result
+
+
+def matrix_from_quaternion(xyzw: npt.ArrayLike) -> FloatArray:
+    """Rotation matrices (..., 3, 3) of quaternions (..., 4), which are normalised first."""
+    q = np.asarray(xyzw, dtype=np.float64)
+    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    skew = hat(q[..., :3])
+    result: FloatArray = np.eye(3) + 2 * q[..., 3, None, None] * skew + 2 * (skew @ skew)
+    return result
+
+
+def quaternion_from_matrix(rotation: npt.ArrayLike) -> FloatArray:
+    """Unit quaternions (..., 4) xyzw of rotation matrices (..., 3, 3).
+
+    The sign is canonical: w ≥ 0; for half turns (w = 0) the largest component is positive.
+    """
+    r = np.asarray(rotation, dtype=np.float64)
+    xx, yy, zz = r[..., 0, 0], r[..., 1, 1], r[..., 2, 2]
+    # Row k is 4 q_k · (x, y, z, w); the row of the largest component never cancels (Shepperd 1978).
+    products = np.empty((*r.shape[:-2], 4, 4))
+    products[..., 0, 0] = 1 + xx - yy - zz
+    products[..., 1, 1] = 1 - xx + yy - zz
+    products[..., 2, 2] = 1 - xx - yy + zz
+    products[..., 3, 3] = 1 + xx + yy + zz
+    for i, j in ((0, 1), (0, 2), (1, 2)):
+        products[..., i, j] = products[..., j, i] = r[..., i, j] + r[..., j, i]
+    for k, (i, j) in enumerate(((2, 1), (0, 2), (1, 0))):
+        products[..., k, 3] = products[..., 3, k] = r[..., i, j] - r[..., j, i]
+    largest = np.argmax(np.diagonal(products, axis1=-2, axis2=-1), axis=-1)
+    q: FloatArray = np.take_along_axis(products, largest[..., None, None], axis=-2)[..., 0, :]
+    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    result: FloatArray = np.where(q[..., 3:] < 0, -q, q) + 0.0  # + 0.0: no negative zeros
+    return result
+
+
+def angle_between(first: npt.ArrayLike, second: npt.ArrayLike) -> FloatArray:
+    """Angles (...) [rad] in [0, π] of the rotations that take matrices `first` to `second` (..., 3, 3)."""
+    relative = np.swapaxes(np.asarray(first, dtype=np.float64), -1, -2) @ np.asarray(second, np.float64)
+    result: FloatArray = np.linalg.norm(log(relative), axis=-1)
+    return result
+
+
+def nearest_rotation(matrix: npt.ArrayLike) -> FloatArray:
+    """Rotation matrices (..., 3, 3) nearest to any matrices (..., 3, 3) in the Frobenius norm."""
+    u, _, vt = np.linalg.svd(np.asarray(matrix, dtype=np.float64))
+    sign = np.where(np.linalg.det(u @ vt) < 0, -1.0, 1.0)
+    # Only the direction of the least singular value may be flipped to turn a reflection into a rotation.
+    u = np.concatenate([u[..., :2], u[..., 2:] * sign[..., None, None]], axis=-1)
+    result: FloatArray = u @ vt
+    return result

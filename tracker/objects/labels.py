@@ -1,0 +1,32 @@
+"""Labels of the colours that a pixel or a face can have."""
+
+from __future__ import annotations
+
+import enum
+
+import numpy as np
+
+from tracker.conventions import Image
+
+
+class Label(enum.IntEnum):
+    """Values of a label map."""
+
+    BACKGROUND = 0
+    RED = 1
+    GREEN = 2
+    BLUE = 3
+    CYAN = 4
+    MAGENTA = 5
+    YELLOW = 6
+
+
+COLOR_NAMES = tuple(label.name.lower() for label in Label)
+"""Names by label: background, red, green, blue, cyan, magenta, yellow."""
+
+DISPLAY_COLORS_BGR: Image = np.array(
+    [[0, 0, 0], [0, 0, 255], [0, 255, 0], [255, 0, 0], [255, 255, 0], [255, 0, 255], [0, 255, 255]],
+    dtype=np.uint8,
+)
+"""(7, 3) colours in which labels are drawn, blue-green-red; `DISPLAY_COLORS_BGR[labels]` is an image."""
+DISPLAY_COLORS_BGR.flags.writeable = False

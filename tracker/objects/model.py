@@ -1,0 +1,160 @@
+"""The model of an object: a cuboid whose six faces have six different colours.
+
+An object is data, one TOML file:
+
+    name = "cube_v2"
+    size = [0.065, 0.065, 0.065]  # edge lengths along the object's x, y, z [m]
+    colors = "cube_v2"            # its colour model; left out: the one of the object's name
+
+    [faces]                       # outward axis = colour
+    "+x" = "red"
+    "-x" = "magenta"
+    "+y" = "green"
+    "-y" = "yellow"
+    "+z" = "blue"
+    "-z" = "cyan"
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import sys
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tracker.conventions import Array, FloatArray
+from tracker.errors import ObjectModelError
+from tracker.geometry.cuboid import FACE_NAMES
+from tracker.objects.labels import COLOR_NAMES
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+MIN_SIZE, MAX_SIZE = 0.005, 0.5
+"""Shortest and longest edge [m] that a model may have."""
+
+_KEYS = ("name", "size", "faces", "colors")
+_FACE_COLORS = COLOR_NAMES[1:]
+_DATA = resources.files("tracker.objects") / "data"
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class CuboidModel:
+    """A cuboid with six differently coloured faces. Arrays are copied and read-only.
+
+    Raises:
+        ObjectModelError: a value is malformed or impossible.
+    """
+
+    name: str
+    """Name of the object."""
+    size: FloatArray
+    """(3,) edge lengths along the object's x, y, z [m]."""
+    face_labels: Array
+    """(6,) label of each face, in the order of `geometry.cuboid.FACE_NAMES`."""
+    colors: str
+    """Name (or file) of the object's colour model."""
+
+    def __post_init__(self) -> None:
+        for key in ("name", "colors"):
+            value = getattr(self, key)
+            if not isinstance(value, str) or not value:
+                raise ObjectModelError(f"object {key}: found {value!r}, expected a text that is not empty")
+        size = _numbers(self.name, "size", self.size, 3)
+        if not ((size >= MIN_SIZE) & (size <= MAX_SIZE)).all():
+            valid = f"edges from {MIN_SIZE} to {MAX_SIZE} m"
+            raise ObjectModelError(f"{self.name}: size: found {size.tolist()}, expected {valid}")
+        labels = _numbers(self.name, "face_labels", self.face_labels, 6)
+        if sorted(labels.tolist()) != list(range(1, len(COLOR_NAMES))):
+            found = labels.tolist()
+            raise ObjectModelError(f"{self.name}: face_labels: found {found}, expected each of 1 to 6 once")
+        face_labels = labels.astype(np.int64)
+        for array in (size, face_labels):
+            array.flags.writeable = False
+        object.__setattr__(self, "size", size)
+        object.__setattr__(self, "face_labels", face_labels)
+
+
+def object_names() -> tuple[str, ...]:
+    """Names of the objects that come with the package."""
+    names = (entry.name for entry in _DATA.iterdir())
+    return tuple(sorted(name[:-5] for name in names if name.endswith(".toml")))
+
+
+def load_object(name_or_path: str | os.PathLike[str]) -> CuboidModel:
+    """The model of an object of the platform by name, or of one's own by the path of its TOML file.
+
+    The module's docstring shows the format. A `colors` that is a file beside the TOML file is found
+    there, whatever the working directory.
+
+    Raises:
+        ObjectModelError: the name is unknown (the message lists those that are), or the file is
+            missing or malformed.
+    """
+    text = os.fspath(name_or_path)
+    if text in object_names():
+        return _parse((_DATA / f"{text}.toml").read_bytes(), text, folder=None)
+    path = Path(text)
+    if path.suffix != ".toml":
+        valid = ", ".join(object_names())
+        raise ObjectModelError(f"unknown object {text!r}; valid are {valid}, or the path of a .toml file")
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise ObjectModelError(f"object file {text}: {error.strerror or error}") from error
+    return _parse(content, text, folder=path.parent)
+
+
+def _parse(content: bytes, source: str, folder: Path | None) -> CuboidModel:
+    try:
+        data = tomllib.loads(content.decode("utf-8"))
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
+        raise ObjectModelError(f"{source}: not a TOML file: {error}") from error
+    unknown = sorted(set(data) - set(_KEYS))
+    if unknown:
+        raise ObjectModelError(f"{source}: unknown key {unknown[0]!r}; valid are {', '.join(_KEYS)}")
+    for key in ("name", "size", "faces"):
+        if key not in data:
+            raise ObjectModelError(f"{source}: key {key!r} is missing; expected are {', '.join(_KEYS)}")
+    colors = data.get("colors", data["name"])
+    if folder is not None and isinstance(colors, str) and (folder / colors).is_file():
+        colors = str(folder / colors)
+    try:
+        return CuboidModel(data["name"], data["size"], _face_labels(data["faces"]), colors)
+    except ObjectModelError as error:
+        raise ObjectModelError(f"{source}: {error}") from error
+
+
+def _face_labels(faces: Any) -> Array:
+    """Labels (6,) in the order of FACE_NAMES of a table {face: colour}."""
+    if not isinstance(faces, dict) or set(faces) != set(FACE_NAMES):
+        found = sorted(faces) if isinstance(faces, dict) else type(faces).__name__
+        raise ObjectModelError(f"faces: found {found}, expected a table of {', '.join(FACE_NAMES)}")
+    for face, color in faces.items():
+        if color not in _FACE_COLORS:
+            valid = ", ".join(_FACE_COLORS)
+            raise ObjectModelError(f"faces: {face}: found {color!r}, expected one of {valid}")
+    used = list(faces.values())
+    twice = sorted({color for color in used if used.count(color) > 1})
+    if twice:
+        raise ObjectModelError(f"faces: {twice[0]} is given twice; each colour may have one face")
+    return np.array([COLOR_NAMES.index(faces[face]) for face in FACE_NAMES], dtype=np.int64)
+
+
+def _numbers(name: str, key: str, value: Any, count: int) -> FloatArray:
+    """`value` as (count,) finite numbers."""
+    sequence = value.tolist() if isinstance(value, np.ndarray) else value
+    valid = f"{count} finite numbers"
+    if not isinstance(sequence, (list, tuple)) or len(sequence) != count:
+        raise ObjectModelError(f"{name}: {key}: found {sequence!r}, expected {valid}")
+    for item in sequence:
+        number = isinstance(item, (int, float, np.integer, np.floating)) and not isinstance(item, bool)
+        if not number or not abs(item) < 1e9:
+            raise ObjectModelError(f"{name}: {key}: found {item!r}, expected {valid}")
+    return np.array(sequence, dtype=np.float64)

@@ -1,0 +1,152 @@
+"""Where a posed cuboid's visible edges should appear in an image, as sample points with normals.
+
+Each sample knows its pixel, the normal that points out of its face, how the pixel moves along that
+normal with the pose, the label inside, the label outside (0 where background is), and how far the
+surfaces on both sides reach.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+
+from tracker.geometry.cuboid import CORNER_SIGNS, EDGES
+from tracker.pose.lens import project, project_with_jacobian, rotate, visible_faces
+
+MAX_SAMPLES = 12 * 24
+"""Samples of one cuboid in one camera, at most."""
+
+COLUMNS = 14
+U, V, NU, NV, J, INSIDE, OUTSIDE, REACH_IN, REACH_OUT = 0, 1, 2, 3, 4, 10, 11, 12, 13
+"""Columns of a sample: pixel, normal, Jacobian (6), label inside, outside, reach inside, outside [px]."""
+
+MIN_FACE = 3.0
+"""A face narrower than this [px] gives no edges: two would lie within each other's blur."""
+
+_SIGNS = CORNER_SIGNS
+_EDGES = EDGES
+
+
+@numba.njit(cache=True, nogil=True)
+def _face_depth(lenses, c, half, rotation, position, middle, face, axis, u, v, nu, nv):  # type: ignore[no-untyped-def]
+    """How far [px, signed along the normal] the edge of `face` opposite to an edge lies."""
+    # The in-face direction away from the edge is the face's axis that is neither its normal nor the edge.
+    inward = 3 - axis - face // 2
+    other = np.empty(3)
+    for i in range(3):
+        other[i] = middle[i]
+    other[inward] = -middle[inward]
+    world = np.empty(3)
+    rotate(rotation, other, world)
+    pu, pv, _ = project(lenses, c, world[0] + position[0], world[1] + position[1], world[2] + position[2])
+    return (pu - u) * nu + (pv - v) * nv
+
+
+@numba.njit(cache=True, nogil=True)
+def edge_samples(lenses, c, half, face_labels, rotation, position, spacing, margin, out):  # type: ignore[no-untyped-def]
+    """Fill out (MAX_SAMPLES, COLUMNS) with the visible edges' samples in camera c; returns their count.
+
+    spacing: distance between samples [px]; margin: how far they keep from the corners [px].
+    """
+    heights = np.empty(6)
+    visible_faces(lenses, c, half, rotation, position, heights)
+    a, b = np.empty(3), np.empty(3)
+    middle, local, world = np.empty(3), np.empty(3), np.empty(3)
+    jacobian = np.empty((2, 3))
+    count = 0
+    for e in range(12):
+        face, neighbour = _EDGES[e, 2], _EDGES[e, 3]
+        if heights[face] <= 0.0 and heights[neighbour] <= 0.0:
+            continue
+        if heights[face] <= 0.0:
+            face, neighbour = neighbour, face
+        inner = heights[neighbour] > 0.0
+        axis = 3 - _EDGES[e, 2] // 2 - _EDGES[e, 3] // 2
+        for i in range(3):
+            a[i] = _SIGNS[_EDGES[e, 0], i] * half[i]
+            b[i] = _SIGNS[_EDGES[e, 1], i] * half[i]
+            middle[i] = 0.5 * (a[i] + b[i])
+        rotate(rotation, a, world)
+        ua, va, za = project(lenses, c, world[0] + position[0], world[1] + position[1], world[2] + position[2])
+        rotate(rotation, b, world)
+        ub, vb, zb = project(lenses, c, world[0] + position[0], world[1] + position[1], world[2] + position[2])
+        if za < 0.05 or zb < 0.05:
+            continue
+        length = math.hypot(ub - ua, vb - va)
+        usable = length - 2.0 * margin
+        if usable < spacing:
+            continue
+        nu, nv = (vb - va) / length, (ua - ub) / length
+        um, vm = 0.5 * (ua + ub), 0.5 * (va + vb)
+        depth_in = _face_depth(lenses, c, half, rotation, position, middle, face, axis, um, vm, nu, nv)
+        if depth_in > 0.0:
+            nu, nv, depth_in = -nu, -nv, -depth_in
+        reach_in, reach_out = -depth_in, 1e3
+        if inner:
+            reach_out = _face_depth(
+                lenses, c, half, rotation, position, middle, neighbour, axis, um, vm, nu, nv
+            )
+        if reach_in < MIN_FACE or reach_out < MIN_FACE:
+            continue
+        n = min(24, max(1, int(usable / spacing)))
+        for k in range(n):
+            share = (margin + usable * (k + 0.5) / n) / length
+            for i in range(3):
+                local[i] = a[i] + share * (b[i] - a[i])
+            rotate(rotation, local, world)
+            u, v, _ = project_with_jacobian(
+                lenses, c, world[0] + position[0], world[1] + position[1], world[2] + position[2], jacobian
+            )
+            # The normal of the edge's image here: perpendicular to its projected direction.
+            du, dv = 0.0, 0.0
+            for i in range(3):
+                du += jacobian[0, i] * rotation[i, axis]
+                dv += jacobian[1, i] * rotation[i, axis]
+            norm = math.hypot(du, dv)
+            su, sv = dv / norm, -du / norm
+            if su * nu + sv * nv < 0.0:
+                su, sv = -su, -sv
+            row = out[count]
+            row[U], row[V], row[NU], row[NV] = u, v, su, sv
+            jx = su * jacobian[0, 0] + sv * jacobian[1, 0]
+            jy = su * jacobian[0, 1] + sv * jacobian[1, 1]
+            jz = su * jacobian[0, 2] + sv * jacobian[1, 2]
+            row[J], row[J + 1], row[J + 2] = jx, jy, jz
+            row[J + 3] = world[1] * jz - world[2] * jy
+            row[J + 4] = world[2] * jx - world[0] * jz
+            row[J + 5] = world[0] * jy - world[1] * jx
+            row[INSIDE] = face_labels[face]
+            row[OUTSIDE] = face_labels[neighbour] if inner else 0
+            row[REACH_IN], row[REACH_OUT] = reach_in, reach_out
+            count += 1
+    return count
+
+
+@numba.njit(cache=True, nogil=True)
+def solve6(matrix, vector, out):  # type: ignore[no-untyped-def]
+    """out (6,) = matrix⁻¹ vector for a symmetric positive definite matrix (6, 6); False where it is not."""
+    lower = np.zeros((6, 6))
+    for i in range(6):
+        for j in range(i + 1):
+            total = matrix[i, j]
+            for k in range(j):
+                total -= lower[i, k] * lower[j, k]
+            if i == j:
+                if total <= 0.0:
+                    return False
+                lower[i, i] = math.sqrt(total)
+            else:
+                lower[i, j] = total / lower[j, j]
+    for i in range(6):
+        total = vector[i]
+        for k in range(i):
+            total -= lower[i, k] * out[k]
+        out[i] = total / lower[i, i]
+    for i in range(5, -1, -1):
+        total = out[i]
+        for k in range(i + 1, 6):
+            total -= lower[k, i] * out[k]
+        out[i] = total / lower[i, i]
+    return True

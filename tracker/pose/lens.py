@@ -1,0 +1,93 @@
+"""Compiled projection: the camera model of tracker.geometry.camera, point by point."""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def project(lenses, c, x, y, z):  # type: ignore[no-untyped-def]
+    """Pixel (u, v) and depth of a world point (x, y, z) in camera c."""
+    r, t, k = lenses.rotation[c], lenses.translation[c], lenses.distortion[c]
+    zc = r[2, 0] * x + r[2, 1] * y + r[2, 2] * z + t[2]
+    inverse = 1.0 / max(zc, 1e-6)
+    a = (r[0, 0] * x + r[0, 1] * y + r[0, 2] * z + t[0]) * inverse
+    b = (r[1, 0] * x + r[1, 1] * y + r[1, 2] * z + t[1]) * inverse
+    s = a * a + b * b
+    radial = 1.0 + s * (k[0] + s * (k[1] + s * k[4]))
+    u = a * radial + 2.0 * k[2] * a * b + k[3] * (s + 2.0 * a * a)
+    v = b * radial + k[2] * (s + 2.0 * b * b) + 2.0 * k[3] * a * b
+    return (
+        lenses.focal[c, 0] * u + lenses.center[c, 0],
+        lenses.focal[c, 1] * v + lenses.center[c, 1],
+        zc,
+    )
+
+
+@numba.njit(cache=True, nogil=True)
+def project_with_jacobian(lenses, c, x, y, z, jacobian):  # type: ignore[no-untyped-def]
+    """As `project`, and d(u, v)/d(x, y, z) into jacobian (2, 3)."""
+    r, t, k = lenses.rotation[c], lenses.translation[c], lenses.distortion[c]
+    zc = max(r[2, 0] * x + r[2, 1] * y + r[2, 2] * z + t[2], 1e-6)
+    inverse = 1.0 / zc
+    a = (r[0, 0] * x + r[0, 1] * y + r[0, 2] * z + t[0]) * inverse
+    b = (r[1, 0] * x + r[1, 1] * y + r[1, 2] * z + t[1]) * inverse
+    s = a * a + b * b
+    radial = 1.0 + s * (k[0] + s * (k[1] + s * k[4]))
+    slope = k[0] + s * (2.0 * k[1] + s * 3.0 * k[4])
+    u = a * radial + 2.0 * k[2] * a * b + k[3] * (s + 2.0 * a * a)
+    v = b * radial + k[2] * (s + 2.0 * b * b) + 2.0 * k[3] * a * b
+    ua = radial + 2.0 * a * a * slope + 2.0 * k[2] * b + 6.0 * k[3] * a
+    ub = 2.0 * a * b * slope + 2.0 * k[2] * a + 2.0 * k[3] * b
+    va = ub
+    vb = radial + 2.0 * b * b * slope + 6.0 * k[2] * b + 2.0 * k[3] * a
+    fx, fy = lenses.focal[c, 0], lenses.focal[c, 1]
+    for i in range(3):
+        da = (r[0, i] - a * r[2, i]) * inverse
+        db = (r[1, i] - b * r[2, i]) * inverse
+        jacobian[0, i] = fx * (ua * da + ub * db)
+        jacobian[1, i] = fy * (va * da + vb * db)
+    return fx * u + lenses.center[c, 0], fy * v + lenses.center[c, 1], zc
+
+
+@numba.njit(cache=True, nogil=True)
+def rotate(rotation, vector, out):  # type: ignore[no-untyped-def]
+    """out (3,) = rotation (3, 3) · vector (3,)."""
+    for i in range(3):
+        out[i] = rotation[i, 0] * vector[0] + rotation[i, 1] * vector[1] + rotation[i, 2] * vector[2]
+
+
+@numba.njit(cache=True, nogil=True)
+def visible_faces(lenses, c, half, rotation, position, out):  # type: ignore[no-untyped-def]
+    """out (6,) = height of the camera's centre above each face's plane [m]; positive: it faces it."""
+    for axis in range(3):
+        along = 0.0
+        for i in range(3):
+            along += rotation[i, axis] * (lenses.position[c, i] - position[i])
+        out[2 * axis] = along - half[axis]
+        out[2 * axis + 1] = -along - half[axis]
+
+
+@numba.njit(cache=True, nogil=True)
+def apply_update(rotation, position, update):  # type: ignore[no-untyped-def]
+    """Move a pose in place by update (6,): p += δp, R = exp(δθ) R."""
+    for i in range(3):
+        position[i] += update[i]
+    x, y, z = update[3], update[4], update[5]
+    angle = math.sqrt(x * x + y * y + z * z)
+    if angle < 1e-12:
+        return
+    x, y, z = x / angle, y / angle, z / angle
+    s, c = math.sin(angle), math.cos(angle)
+    d = 1.0 - c
+    e = np.empty((3, 3))
+    e[0, 0], e[0, 1], e[0, 2] = c + x * x * d, x * y * d - z * s, x * z * d + y * s
+    e[1, 0], e[1, 1], e[1, 2] = y * x * d + z * s, c + y * y * d, y * z * d - x * s
+    e[2, 0], e[2, 1], e[2, 2] = z * x * d - y * s, z * y * d + x * s, c + z * z * d
+    for column in range(3):
+        a, b, g = rotation[0, column], rotation[1, column], rotation[2, column]
+        for i in range(3):
+            rotation[i, column] = e[i, 0] * a + e[i, 1] * b + e[i, 2] * g

@@ -1,0 +1,79 @@
+"""What the tracker answers: a pose with its uncertainty, or none with the reason."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tracker.conventions import FloatArray
+from tracker.geometry import so3
+
+
+class Status(enum.Enum):
+    """Why there is a pose, or none."""
+
+    FOUND = "found"
+    """The object was found; see the pose's confidence."""
+    NO_OBJECT_COLORS = "no object colours"
+    """No camera shows a patch in the colours of the object's faces."""
+    TOO_FEW_PIXELS = "too few pixels"
+    """Face colours are in view, but too little of the object to fix a pose."""
+    INCONSISTENT_VIEWS = "inconsistent views"
+    """Face colours are in view, but no pose explains them in the cameras together."""
+    POOR_FIT = "poor fit"
+    """A pose explains the colours, but the edges do not lie where it puts them."""
+    AMBIGUOUS = "ambiguous"
+    """Two different poses explain the images about equally well."""
+
+
+@dataclass(frozen=True, eq=False)
+class PoseEstimate:
+    """Pose of the object in the world, with its uncertainty. Arrays are read-only.
+
+    The covariance is of (δp, δθ) with p = position + δp and R = exp(δθ) · rotation, both along world
+    axes [m, rad].
+    """
+
+    position: FloatArray
+    """(3,) the object's centre in the world [m]."""
+    orientation: FloatArray
+    """(4,) unit quaternion x, y, z, w of world_from_object."""
+    covariance: FloatArray
+    """(6, 6) of position and rotation [m, rad]; calibration errors included as far as their size is known."""
+    confidence: float
+    """Probability that the pose is within 5 mm and 5° of the truth."""
+
+    def __post_init__(self) -> None:
+        for key, shape in (("position", (3,)), ("orientation", (4,)), ("covariance", (6, 6))):
+            array = np.array(getattr(self, key), dtype=np.float64).reshape(shape)
+            array.flags.writeable = False
+            object.__setattr__(self, key, array)
+
+    @property
+    def rotation(self) -> FloatArray:
+        """(3, 3) rotation of world_from_object."""
+        return so3.matrix_from_quaternion(self.orientation)
+
+    @property
+    def world_from_object(self) -> FloatArray:
+        """(4, 4) transform from the object's frame to the world's."""
+        transform = np.eye(4)
+        transform[:3, :3] = self.rotation
+        transform[:3, 3] = self.position
+        return transform
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """The answer to one set of images."""
+
+    object_pose: PoseEstimate | None
+    """The pose measured in these images, or None: then `status` says why."""
+    filtered_object_pose: PoseEstimate | None
+    """Prediction and measurement fused over time; None where there is no memory (`detect`)."""
+    status: Status
+    """Why there is a pose, or none."""
+    timing_ms: dict[str, float] = field(default_factory=dict)
+    """Wall-clock time of each stage [ms]."""
