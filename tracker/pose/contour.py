@@ -12,6 +12,7 @@ sample and robust weights instead of pixel-wise densities.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numba
 import numpy as np
@@ -33,13 +34,32 @@ from tracker.pose.edges import (
 )
 from tracker.pose.lens import apply_update
 
-TUKEY = 1.5
-"""Residuals beyond this many times the window's robust scale are ignored."""
-
 MIN_CONTRAST = 14.0
 """Least distance between the two surfaces' colours [levels]."""
 
-MAX_REACH = 16
+NOISE = 3.0
+"""Standard deviation assumed of a pixel's channel [levels]; the residuals' scale corrects it."""
+
+MAX_REACH = 24
+
+
+class Window(NamedTuple):
+    """How one refinement step reads the profiles."""
+
+    reach: int
+    """Half length of a profile [px]."""
+    blur: float
+    """Standard deviation of the assumed step [px]."""
+    tukey: float
+    """Residual at which a sample's weight reaches zero [px]."""
+    floor: float
+    """Variance that noise does not explain [px²]."""
+    spacing: float
+    """Distance of samples along an edge [px]."""
+    margin: float
+    """Distance that samples keep from corners, where three surfaces mix [px]."""
+
+
 OFFSET, VARIANCE, VALID = 0, 1, 2
 """Columns of a measurement: offset along the normal [px], its variance from noise [px²], 1 if usable."""
 
@@ -172,6 +192,20 @@ def accumulate(samples, measured, n, tukey, floor, matrix, vector, summary):  # 
 
 
 @numba.njit(cache=True, nogil=True)
+def refine_view(lenses, c, view, table, box, rotation, position, window, work, matrix, vector, summary):  # type: ignore[no-untyped-def]
+    """Measure one camera's edges at a pose and fill its normal equations (6, 6), (6,) and summary (4,)."""
+    samples, profiles, ends, measured = work
+    matrix[:], vector[:], summary[:] = 0.0, 0.0, 0.0
+    n = edge_samples(
+        lenses, c, box.half, box.face_labels, rotation, position, window.spacing, window.margin, samples
+    )
+    measure(
+        view.image, view.channels, table, samples, n, window.reach, window.blur, NOISE, profiles, ends, measured
+    )
+    accumulate(samples, measured, n, window.tukey, window.floor, matrix, vector, summary)
+
+
+@numba.njit(cache=True, nogil=True)
 def step_pose(matrix, vector, rotation, position):  # type: ignore[no-untyped-def]
     """Solve the normal equations (lower half given) and move the pose; returns the step's length [px-like], -1 if none."""
     update = np.empty(6)
@@ -201,4 +235,3 @@ def workspace() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     )
 
 
-__all__ = ["accumulate", "edge_samples", "measure", "step_pose", "workspace"]

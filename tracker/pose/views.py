@@ -61,3 +61,9 @@ class Box(NamedTuple):
     """(3,) half edge lengths [m]."""
     face_labels: Array
     """(6,) uint8 labels in the order of tracker.geometry.cuboid.FACE_NAMES."""
+
+
+def reduced_size(width: int, height: int) -> tuple[int, int]:
+    """Size of the image in which the search looks for the object: about 135 px on the shorter side."""
+    factor = max(1, round(min(width, height) / 135))
+    return width // factor, height // factor

@@ -1,0 +1,22 @@
+"""Finds the pose of a coloured object in the images of calibrated cameras, and says how sure it is."""
+
+from tracker.calibration.rig import CameraRig
+from tracker.errors import TrackerError
+from tracker.objects.model import CuboidModel, load_object
+from tracker.pipeline import ObjectTracker
+from tracker.pose.result import Observation, PoseEstimate, Status
+from tracker.segmentation import ColorModel, load_colors, segment
+
+__all__ = [
+    "CameraRig",
+    "ColorModel",
+    "CuboidModel",
+    "ObjectTracker",
+    "Observation",
+    "PoseEstimate",
+    "Status",
+    "TrackerError",
+    "load_colors",
+    "load_object",
+    "segment",
+]

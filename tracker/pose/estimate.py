@@ -1,0 +1,184 @@
+"""The way from evidence to a pose: search, align, refine, state the uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tracker.conventions import Array, FloatArray
+from tracker.geometry.camera import Camera
+from tracker.pose import align, contour
+from tracker.pose.covariance import calibration_covariance, pose_covariance
+from tracker.pose.result import Status
+from tracker.pose.search import Searcher
+from tracker.pose.views import Box, Evidence, reduced_size, stack_lenses
+
+ALIGN_REACHES = np.array([5, 5, 4, 4, 3])
+"""Reach of the label transitions' search in each alignment step [px of the label map]."""
+
+HYPOTHESES = 3
+"""Rotations that are tried at each position."""
+
+POSITIONS = 4
+"""Positions that are tried where the first does not explain what is seen."""
+
+MIN_PIXELS = 20
+"""Face-coloured pixels in all label maps below which there is no object."""
+
+SATISFIED = 0.6
+"""Share of the object's expected pixels that must be explained before other positions are left out."""
+
+SAME_POSITION, SAME_ROTATION = 0.006, 0.15
+"""Two hypotheses nearer than this [m, rad] are the same pose."""
+
+RIVAL = 0.85
+"""A different pose with this share of the best score makes the answer ambiguous."""
+
+MAX_STEPS = 10
+CONVERGED = 5e-6
+"""Length of a refinement step [m] below which it ends."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A refined pose and what supports it."""
+
+    position: FloatArray
+    """(3,) [m]."""
+    rotation: FloatArray
+    """(3, 3) world_from_object."""
+    covariance: FloatArray
+    """(6, 6) [m, rad]."""
+    counts: Array
+    """(C, 5) pixels of the label maps, see `align.AGREE` …"""
+    samples: Array
+    """(C, 4) edge samples: expected, usable, inlier weight, inlier squared residuals [px² at the reference]."""
+    score: float
+    """How well the pose explains the label maps."""
+    rival: float
+    """Score of the best clearly different pose, as a share of this one's; 0 where there is none."""
+    converged: bool
+
+
+class PoseEstimator:
+    """Finds one cuboid in the views of fixed cameras; holds every table and work space that needs."""
+
+    def __init__(self, box: Box, cameras: Sequence[Camera], label_table: Array) -> None:
+        self.box, self.label_table = box, label_table
+        self.lenses = stack_lenses(cameras)
+        small = [camera.resized(*reduced_size(camera.width, camera.height)) for camera in cameras]
+        self.small = stack_lenses(small)
+        self.searcher = Searcher(self.small, box)
+        self.calibration = [calibration_covariance(camera) for camera in cameras]
+        self.scales = [camera.matrix[0, 0] / REFERENCE_FOCAL for camera in cameras]
+        shape = (len(cameras), max(c.height for c in small), max(c.width for c in small))
+        self.labels = np.zeros(shape, np.uint8)
+        self.used = np.zeros(len(cameras), np.bool_)
+        self._work = contour.workspace()
+
+    def estimate(self, views: Sequence[Evidence | None]) -> Fit | Status:
+        """The best pose for the views of the cameras, in their order; None where there is no image."""
+        for c, view in enumerate(views):
+            self.used[c] = view is not None
+            self.labels[c] = 0
+            if view is not None:
+                self.labels[c, : view.labels.shape[0], : view.labels.shape[1]] = view.labels
+        hypotheses = self._hypotheses()
+        if isinstance(hypotheses, Status):
+            return hypotheses
+        rotations, positions, scores = hypotheses
+        best = int(np.argmax(scores))
+        if scores[best] <= 0:
+            return Status.INCONSISTENT_VIEWS
+        rival = _best_rival(rotations, positions, scores, best)
+        return self._refine(views, rotations[best], positions[best], rival)
+
+    def _hypotheses(self) -> tuple[FloatArray, FloatArray, FloatArray] | Status:
+        found = int(np.count_nonzero(self.searcher.face_mask[self.labels]))
+        if found < MIN_PIXELS:
+            return Status.NO_OBJECT_COLORS
+        candidates = self.searcher.positions(self.labels, self.used, POSITIONS)
+        if not candidates:
+            return Status.TOO_FEW_PIXELS
+        rotations, positions, scores = [], [], []
+        for position in candidates:
+            turned, _ = self.searcher.rank(self.labels, self.used, position, HYPOTHESES)
+            moved = np.repeat(position[None], HYPOTHESES, axis=0)
+            score = np.empty(HYPOTHESES)
+            align.try_hypotheses(
+                self.small, self.labels, self.used, self.box.half, self.box.face_labels,
+                turned, moved, ALIGN_REACHES, score,
+            )  # fmt: skip
+            rotations.append(turned)
+            positions.append(moved)
+            scores.append(score)
+            counts = self._explain(turned[score.argmax()], moved[score.argmax()])
+            if counts[:, align.AGREE].sum() > SATISFIED * counts[:, align.PREDICTED].sum():
+                break
+        return np.concatenate(rotations), np.concatenate(positions), np.concatenate(scores)
+
+    def _explain(self, rotation: FloatArray, position: FloatArray) -> Array:
+        counts = np.empty((len(self.used), 5), np.int64)
+        align.explain(
+            self.small, self.labels, self.used, self.box.half, self.box.face_labels, rotation, position, 1, counts
+        )
+        return counts
+
+    def _window(self, scale: float, step: int, spread: float) -> contour.Window:
+        reach = (5.0, 5.0, 4.0)[step] if step < 3 else 3.2
+        return contour.Window(
+            reach=max(3, min(contour.MAX_REACH, round(reach * scale))),
+            blur=0.9 * max(1.0, scale) ** 0.5,
+            tukey=scale * (reach if step < 2 else min(3.0, max(0.8, 4.0 * spread))),
+            floor=(0.12 * scale) ** 2,
+            spacing=2.0 * scale,
+            margin=3.0 * scale,
+        )
+
+    def _refine(
+        self, views: Sequence[Evidence | None], rotation: FloatArray, position: FloatArray, rival: float
+    ) -> Fit:
+        rotation, position = rotation.copy(), position.copy()
+        cameras = len(views)
+        information, vectors = np.zeros((cameras, 6, 6)), np.zeros((cameras, 6))
+        summary = np.zeros((cameras, 4))
+        spread, converged = 1.0, False
+        for step in range(MAX_STEPS):
+            for c, view in enumerate(views):
+                if view is not None:
+                    contour.refine_view(
+                        self.lenses, c, view, self.label_table, self.box, rotation, position,
+                        self._window(self.scales[c], step, spread), self._work,
+                        information[c], vectors[c], summary[c],
+                    )  # fmt: skip
+            scales = np.array(self.scales)
+            spread = float(np.sqrt((summary[:, 3] / scales**2).sum() / max(summary[:, 2].sum(), 1.0)))
+            length = contour.step_pose(information.sum(axis=0), vectors.sum(axis=0), rotation, position)
+            if length < 0:
+                break
+            if step >= 4 and length < CONVERGED:
+                converged = True
+                break
+        for c in range(cameras):
+            information[c] += np.tril(information[c], -1).T
+        counts = self._explain(rotation, position)
+        summary[:, 3] /= np.array(self.scales) ** 2
+        covariance = pose_covariance(information, position, spread / 0.12, self.calibration)
+        return Fit(
+            position, rotation, covariance, counts, summary,
+            float(align.explanation_score(counts)), rival, converged,
+        )  # fmt: skip
+
+
+REFERENCE_FOCAL = 295.0
+"""Focal length [px] at which lengths in the refinement are stated: the platform's at 270×270."""
+
+
+def _best_rival(rotations: FloatArray, positions: FloatArray, scores: FloatArray, best: int) -> float:
+    cosine = np.einsum("nij,ij->n", rotations, rotations[best])
+    turned = np.arccos(np.clip((cosine - 1) / 2, -1, 1)) > SAME_ROTATION
+    moved = np.linalg.norm(positions - positions[best], axis=1) > SAME_POSITION
+    others = scores[turned | moved]
+    return float(max(others.max(), 0.0) / scores[best]) if others.size else 0.0
