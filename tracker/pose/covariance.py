@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import nnls
@@ -13,6 +13,15 @@ from tracker.geometry.camera import Camera
 
 CORRELATION = 1.5
 """Neighbouring samples of an edge share blur, mosaic and model errors: σ is larger than if they did not."""
+
+PRIOR = np.array([1e3] * 3 + [10.0] * 3)
+"""Information of a prior of 3 cm and 0.3 rad around the hypothesis, which holds unseen directions."""
+
+UNSTATED_STD = np.full((4, 4), 1e-5)
+"""Element-wise standard deviation of a transform whose file states none: taken as exact."""
+
+LEAST_VARIANCE = 1e-12
+"""A calibration is never taken to be more exact than a thousandth of a millimetre or milliradian."""
 
 MODEL_STD = np.array([2e-5, 2e-5, 2e-5, 3e-4, 3e-4, 3e-4])
 """What no number of samples averages away: edge lengths, unmodelled optics [m, rad]."""
@@ -29,43 +38,63 @@ def rotation_vector_variance(rotation: FloatArray, element_std: FloatArray) -> F
     return np.asarray(solution)
 
 
-def calibration_covariance(camera: Camera) -> FloatArray | None:
-    """(6, 6) covariance of a camera's (translation, rotation) error along world axes, None where not stated.
+def camera_offset_covariance(camera: Camera, position: FloatArray) -> FloatArray:
+    """(6, 6) covariance of the pose offset that a camera's calibration error looks like [m, rad].
 
-    The error moves a point in the camera by δt + ω × (R P); it is turned to world axes so that it
-    adds to the object's own motion.
+    An error (δt, ω) of camera_from_world moves a point in the camera by δt + ω × (R P), which is what
+    an object at `position` would show if it had moved by δp + δθ × (P - position) along world axes, with
+    δθ = Rᵀω and δp = Rᵀδt + δθ × position.
     """
     std = camera.camera_from_world_std
     if std is None:
-        return None
+        std = UNSTATED_STD
     rotation = camera.camera_from_world[:3, :3]
-    covariance = np.zeros((6, 6))
-    covariance[:3, :3] = rotation.T @ np.diag(std[:3, 3] ** 2) @ rotation
-    variances = rotation_vector_variance(rotation, std[:3, :3])
-    covariance[3:, 3:] = rotation.T @ np.diag(variances) @ rotation
-    return covariance
+    variances = np.concatenate([std[:3, 3] ** 2, rotation_vector_variance(rotation, std[:3, :3])])
+    effect = np.zeros((6, 6))
+    effect[:3, :3] = rotation.T
+    effect[3:, 3:] = rotation.T
+    effect[:3, 3:] = -so3.hat(position) @ rotation.T
+    return effect @ np.diag(np.maximum(variances, LEAST_VARIANCE)) @ effect.T
 
 
-def pose_covariance(
-    information: FloatArray,
-    position: FloatArray,
-    residual_scale: float,
-    calibration: Sequence[FloatArray | None],
-) -> FloatArray:
-    """Covariance (6, 6) of a pose from each camera's information (C, 6, 6) at an assumed noise.
+@dataclass(frozen=True, eq=False)
+class Step:
+    """One Gauss-Newton step of the pose and of every camera's offset."""
 
-    residual_scale: how many times larger than assumed the residuals are. calibration: each camera's
-    (6, 6) covariance or None. A camera's error ξ moves its residuals as if the object had moved by
-    M ξ, where M shifts the centre of rotation from the object to the world's origin; it moves the
-    pose by H⁻¹ H_c M ξ.
+    pose: FloatArray
+    """(6,) update of the object's pose."""
+    offsets: FloatArray
+    """(C, 6) updates of the cameras' offsets."""
+    information: FloatArray
+    """(6, 6) information on the pose, the offsets marginalised."""
+
+
+def solve_step(
+    information: FloatArray, gradient: FloatArray, offsets: FloatArray, weights: FloatArray
+) -> Step | None:
+    """Solve for the pose and the cameras' offsets together; None where that is impossible.
+
+    Each camera sees the object moved by an offset η_c of its own, which its calibration error causes
+    and whose inverse covariance is weights (C, 6, 6). It contributes its normal equations information
+    (C, 6, 6), gradient (C, 6) at the pose moved by η_c, and minimised is
+    Σ ‖r_c - J_c (δ + dη_c)‖² + (η_c + dη_c)ᵀ W_c (η_c + dη_c). The offsets are eliminated (Schur).
     """
-    total = information.sum(axis=0) + np.diag([1e3] * 3 + [10.0] * 3)
-    inverse = np.linalg.inv(total)
-    covariance = inverse * (CORRELATION * max(residual_scale, 1.0)) ** 2 + np.diag(MODEL_STD**2)
-    shift = np.eye(6)
-    shift[:3, 3:] = -so3.hat(position)
-    for own, stated in zip(information, calibration, strict=True):
-        if stated is not None:
-            effect = inverse @ own @ shift
-            covariance += effect @ stated @ effect.T
-    return 0.5 * (covariance + covariance.T)
+    total, vector = np.diag(PRIOR), np.zeros(6)
+    try:
+        inverse = np.linalg.inv(information + weights)
+        pull = gradient - np.einsum("cij,cj->ci", weights, offsets)
+        for own, gain, force, back in zip(information, inverse, pull, gradient, strict=True):
+            share = own @ gain
+            total = total + own - share @ own
+            vector += back - share @ force
+        pose = np.linalg.solve(total, vector)
+    except np.linalg.LinAlgError:
+        return None
+    change = np.einsum("cij,cj->ci", inverse, pull - information @ pose)
+    return Step(pose, change, 0.5 * (total + total.T))
+
+
+def pose_covariance(information: FloatArray) -> FloatArray:
+    """Covariance (6, 6) from the information on a pose, with what no number of samples averages away."""
+    covariance = np.linalg.inv(information)
+    return 0.5 * (covariance + covariance.T) + np.diag(MODEL_STD**2)

@@ -22,8 +22,8 @@ COLUMNS = 14
 U, V, NU, NV, J, INSIDE, OUTSIDE, REACH_IN, REACH_OUT = 0, 1, 2, 3, 4, 10, 11, 12, 13
 """Columns of a sample: pixel, normal, Jacobian (6), label inside, outside, reach inside, outside [px]."""
 
-MIN_FACE = 3.0
-"""A face narrower than this [px] gives no edges: two would lie within each other's blur."""
+MIN_FACE = 1.5
+"""A face narrower than this [px] gives no edges: its colour cannot be told from its neighbours' blur."""
 
 _SIGNS = CORNER_SIGNS
 _EDGES = EDGES

@@ -10,7 +10,8 @@ import numpy as np
 from tracker.conventions import Array, FloatArray
 from tracker.geometry.camera import Camera
 from tracker.pose import align, contour
-from tracker.pose.covariance import calibration_covariance, pose_covariance
+from tracker.pose.covariance import CORRELATION, camera_offset_covariance, pose_covariance, solve_step
+from tracker.pose.lens import apply_update
 from tracker.pose.result import Status
 from tracker.pose.search import Searcher
 from tracker.pose.views import Box, Evidence, reduced_size, stack_lenses
@@ -36,8 +37,26 @@ SAME_POSITION, SAME_ROTATION = 0.006, 0.15
 RIVAL = 0.85
 """A different pose with this share of the best score makes the answer ambiguous."""
 
+REFERENCE_FOCAL = 295.0
+"""Focal length [px] at which lengths in the refinement are stated: the platform's at 270×270."""
+
+ASSUMED_SPREAD = 0.12
+"""Standard deviation of an edge's place that noise does not explain [px at the reference]."""
+
+TUKEY, MIN_TUKEY = 4.685, 0.8
+"""Residual at which a sample's weight reaches zero: in robust standard deviations, and at least [px]."""
+
+START_BLUR = 0.9
+"""Blur of the image's steps before it is measured [px at the reference]."""
+
+MIN_BLURS = 8
+"""Profiles that must have shown the blur before it is believed."""
+
+FREEZE_SPREAD = 5
+"""Steps after which the residuals' scale stays: a scale that follows the weights converges slowly."""
+
 MAX_STEPS = 10
-CONVERGED = 5e-6
+CONVERGED = 1e-5
 """Length of a refinement step [m] below which it ends."""
 
 
@@ -54,7 +73,7 @@ class Fit:
     counts: Array
     """(C, 5) pixels of the label maps, see `align.AGREE` …"""
     samples: Array
-    """(C, 4) edge samples: expected, usable, inlier weight, inlier squared residuals [px² at the reference]."""
+    """(C, 6) of the edge samples, see `contour.EXPECTED` …; squares in px² at the reference focal length."""
     score: float
     """How well the pose explains the label maps."""
     rival: float
@@ -71,8 +90,8 @@ class PoseEstimator:
         small = [camera.resized(*reduced_size(camera.width, camera.height)) for camera in cameras]
         self.small = stack_lenses(small)
         self.searcher = Searcher(self.small, box)
-        self.calibration = [calibration_covariance(camera) for camera in cameras]
-        self.scales = [camera.matrix[0, 0] / REFERENCE_FOCAL for camera in cameras]
+        self.cameras = tuple(cameras)
+        self.scales = np.array([camera.matrix[0, 0] / REFERENCE_FOCAL for camera in cameras])
         shape = (len(cameras), max(c.height for c in small), max(c.width for c in small))
         self.labels = np.zeros(shape, np.uint8)
         self.used = np.zeros(len(cameras), np.bool_)
@@ -126,13 +145,13 @@ class PoseEstimator:
         )
         return counts
 
-    def _window(self, scale: float, step: int, spread: float) -> contour.Window:
+    def _window(self, scale: float, step: int, spread: float, blur: float) -> contour.Window:
         reach = (5.0, 5.0, 4.0)[step] if step < 3 else 3.2
         return contour.Window(
             reach=max(3, min(contour.MAX_REACH, round(reach * scale))),
-            blur=0.9 * max(1.0, scale) ** 0.5,
-            tukey=scale * (reach if step < 2 else min(3.0, max(0.8, 4.0 * spread))),
-            floor=(0.12 * scale) ** 2,
+            blur=blur,
+            tukey=scale * (reach if step < 3 else min(reach, max(MIN_TUKEY, TUKEY * spread))),
+            floor=(ASSUMED_SPREAD * scale) ** 2,
             spacing=2.0 * scale,
             margin=3.0 * scale,
         )
@@ -142,38 +161,50 @@ class PoseEstimator:
     ) -> Fit:
         rotation, position = rotation.copy(), position.copy()
         cameras = len(views)
-        information, vectors = np.zeros((cameras, 6, 6)), np.zeros((cameras, 6))
-        summary = np.zeros((cameras, 4))
+        weights = np.linalg.inv([camera_offset_covariance(camera, position) for camera in self.cameras])
+        offsets = np.zeros((cameras, 6))
+        information, gradient = np.zeros((cameras, 6, 6)), np.zeros((cameras, 6))
+        summary = np.zeros((cameras, 6))
+        blurs = [START_BLUR * max(1.0, scale) ** 0.5 for scale in self.scales]
         spread, converged = 1.0, False
+        known = np.linalg.inv(np.diag([1e3] * 3 + [10.0] * 3))
         for step in range(MAX_STEPS):
+            residuals = []
             for c, view in enumerate(views):
-                if view is not None:
-                    contour.refine_view(
-                        self.lenses, c, view, self.label_table, self.box, rotation, position,
-                        self._window(self.scales[c], step, spread), self._work,
-                        information[c], vectors[c], summary[c],
-                    )  # fmt: skip
-            scales = np.array(self.scales)
-            spread = float(np.sqrt((summary[:, 3] / scales**2).sum() / max(summary[:, 2].sum(), 1.0)))
-            length = contour.step_pose(information.sum(axis=0), vectors.sum(axis=0), rotation, position)
-            if length < 0:
+                if view is None:
+                    continue
+                seen_rotation, seen_position = rotation.copy(), position.copy()
+                apply_update(seen_rotation, seen_position, offsets[c])
+                contour.refine_view(
+                    self.lenses, c, view, self.label_table, self.box, seen_rotation, seen_position,
+                    self._window(self.scales[c], step, spread, blurs[c]), self._work,
+                    information[c], gradient[c], summary[c],
+                )  # fmt: skip
+                residuals.append(self._work.residuals(int(summary[c, contour.EXPECTED])) / self.scales[c])
+                if step >= 2 and summary[c, contour.BLURS] >= MIN_BLURS:
+                    measured = summary[c, contour.BLUR_SUM] / summary[c, contour.BLURS]
+                    blurs[c] = min(max(measured, 0.5), 3.0 * self.scales[c])
+            # The median of all usable residuals, unlike the inliers' mean square, does not shrink by
+            # leaving out what disagrees.
+            if step < FREEZE_SPREAD:
+                spread = 1.4826 * float(np.median(np.concatenate(residuals)))
+            trust = 1.0 / (CORRELATION * max(spread / ASSUMED_SPREAD, 1.0)) ** 2
+            solved = solve_step(trust * information, trust * gradient, offsets, weights)
+            if solved is None:
                 break
-            if step >= 4 and length < CONVERGED:
+            known = solved.information
+            limit = max(np.linalg.norm(solved.pose[:3]) / 0.02, np.linalg.norm(solved.pose[3:]) / 0.3, 1.0)
+            apply_update(rotation, position, solved.pose / limit)
+            offsets += solved.offsets / limit
+            if step >= 4 and np.linalg.norm(solved.pose[:3]) + 0.05 * np.linalg.norm(solved.pose[3:]) < CONVERGED:
                 converged = True
                 break
-        for c in range(cameras):
-            information[c] += np.tril(information[c], -1).T
         counts = self._explain(rotation, position)
-        summary[:, 3] /= np.array(self.scales) ** 2
-        covariance = pose_covariance(information, position, spread / 0.12, self.calibration)
+        summary[:, contour.SQUARES] /= self.scales**2
         return Fit(
-            position, rotation, covariance, counts, summary,
+            position, rotation, pose_covariance(known), counts, summary,
             float(align.explanation_score(counts)), rival, converged,
         )  # fmt: skip
-
-
-REFERENCE_FOCAL = 295.0
-"""Focal length [px] at which lengths in the refinement are stated: the platform's at 270×270."""
 
 
 def _best_rival(rotations: FloatArray, positions: FloatArray, scores: FloatArray, best: int) -> float:
