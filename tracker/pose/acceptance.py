@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from tracker.pose import align
-from tracker.pose.estimate import RIVAL, Fit
+from tracker.pose import align, contour
+from tracker.pose.fit import Fit
 from tracker.pose.result import Status
 
 MIN_AGREE = 30
@@ -22,22 +22,28 @@ MAX_WRONG = 0.3
 MIN_INLIERS = 12.0
 """Weight of edge samples that must lie on edges."""
 
+MIN_LEAD = 0.7
+"""Log odds by which a fit must lead over a different pose, or the answer is ambiguous."""
+
 
 def features(fit: Fit) -> dict[str, float]:
-    """What the confidence is computed from, all near 0 for a perfect fit in full view."""
+    """What the confidence is computed from; all small for a perfect fit in full view."""
     counts = fit.counts.sum(axis=0)
-    agree, missing = counts[align.AGREE], counts[align.MISSING]
-    wrong, extra = counts[align.WRONG], counts[align.EXTRA]
-    predicted = max(int(counts[align.PREDICTED]), 1)
-    usable, inliers = fit.samples[:, 1].sum(), fit.samples[:, 2].sum()
-    rms = math.sqrt(fit.samples[:, 3].sum() / max(inliers, 1e-9))
+    agree, missing = float(counts[align.AGREE]), float(counts[align.MISSING])
+    wrong, extra = float(counts[align.WRONG]), float(counts[align.EXTRA])
+    predicted = max(float(counts[align.PREDICTED]), 1.0)
+    usable, inliers = fit.samples[:, contour.USABLE].sum(), fit.samples[:, contour.INLIERS].sum()
+    std = np.sqrt(np.diag(fit.covariance))
     return {
-        "hidden": float(missing / predicted),
-        "wrong": float(wrong / max(agree + wrong, 1)),
-        "extra": float(extra / predicted),
-        "outliers": float(1 - inliers / max(usable, 1.0)),
-        "rms": rms,
-        "rival": fit.rival,
+        "hidden": missing / predicted,
+        "wrong": math.sqrt(wrong / max(agree + wrong, 1.0)),
+        "extra": math.sqrt(extra / predicted),
+        "unusable": 1.0 - float(usable) / max(float(fit.samples[:, contour.EXPECTED].sum()), 1.0),
+        "outliers": 1.0 - float(inliers) / max(float(usable), 1.0),
+        "rms": math.sqrt(float(fit.samples[:, contour.SQUARES].sum()) / max(float(inliers), 1e-9)),
+        "few": 10.0 / math.sqrt(agree + 1.0),
+        "position": float(np.log(np.linalg.norm(std[:3]) / 1e-4)),
+        "rotation": float(np.log(np.linalg.norm(std[3:]) / 1e-3)),
     }
 
 
@@ -47,20 +53,28 @@ def refusal(fit: Fit) -> Status | None:
     found = features(fit)
     if counts[align.AGREE] < MIN_AGREE or found["hidden"] > 1 - MIN_EXPLAINED:
         return Status.TOO_FEW_PIXELS
-    if found["wrong"] > MAX_WRONG or found["extra"] > 0.5:
+    if found["wrong"] ** 2 > MAX_WRONG or found["extra"] ** 2 > 0.5:
         return Status.INCONSISTENT_VIEWS
-    if fit.samples[:, 2].sum() < MIN_INLIERS or not np.isfinite(fit.covariance).all():
+    if fit.samples[:, contour.INLIERS].sum() < MIN_INLIERS or not np.isfinite(fit.covariance).all():
         return Status.POOR_FIT
-    if fit.rival > RIVAL:
+    if fit.lead < MIN_LEAD:
         return Status.AMBIGUOUS
     return None
 
 
-WEIGHTS = {"hidden": -3.0, "wrong": -12.0, "extra": -5.0, "outliers": -5.0, "rms": -3.0, "rival": -2.0}
+WEIGHTS = {
+    "hidden": -3.0, "wrong": -8.0, "extra": -4.0, "unusable": -2.0, "outliers": -5.0, "rms": -3.0,
+    "few": -1.0, "position": 0.0, "rotation": 0.0,
+}  # fmt: skip
 BIAS = 9.0
 
 
+def log_odds(fit: Fit) -> float:
+    """Log odds that the pose is within 5 mm and 5° of the truth: a linear model of `features`."""
+    return BIAS + sum(WEIGHTS[key] * value for key, value in features(fit).items())
+
+
 def confidence(fit: Fit) -> float:
-    """Probability that the pose is within 5 mm and 5° of the truth: a logistic model of `features`."""
-    total = BIAS + sum(WEIGHTS[key] * value for key, value in features(fit).items())
-    return 1.0 / (1.0 + math.exp(-total))
+    """Probability that the pose is within 5 mm and 5° of the truth; a close rival halves it at most."""
+    alone = 1.0 / (1.0 + math.exp(-log_odds(fit)))
+    return alone / (1.0 + math.exp(-fit.lead))

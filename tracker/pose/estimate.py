@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
 from tracker.conventions import Array, FloatArray
 from tracker.geometry.camera import Camera
 from tracker.pose import align, contour
+from tracker.pose.acceptance import log_odds
 from tracker.pose.covariance import CORRELATION, camera_offset_covariance, pose_covariance, solve_step
+from tracker.pose.fit import Fit
 from tracker.pose.lens import apply_update
 from tracker.pose.result import Status
 from tracker.pose.search import Searcher
@@ -19,23 +21,23 @@ from tracker.pose.views import Box, Evidence, reduced_size, stack_lenses
 ALIGN_REACHES = np.array([5, 5, 4, 4, 3])
 """Reach of the label transitions' search in each alignment step [px of the label map]."""
 
-HYPOTHESES = 3
-"""Rotations that are tried at each position."""
+FEW, MANY = 3, 10
+"""Rotations that are tried at the best position, and at each where that did not settle it."""
 
 POSITIONS = 4
-"""Positions that are tried where the first does not explain what is seen."""
+"""Positions that are tried, at most."""
+
+REFINED = 5
+"""Different hypotheses that are refined, at most."""
 
 MIN_PIXELS = 20
 """Face-coloured pixels in all label maps below which there is no object."""
 
-SATISFIED = 0.6
-"""Share of the object's expected pixels that must be explained before other positions are left out."""
+SURE = 4.0
+"""Log odds of a fit at which no other hypothesis is tried."""
 
 SAME_POSITION, SAME_ROTATION = 0.006, 0.15
 """Two hypotheses nearer than this [m, rad] are the same pose."""
-
-RIVAL = 0.85
-"""A different pose with this share of the best score makes the answer ambiguous."""
 
 REFERENCE_FOCAL = 295.0
 """Focal length [px] at which lengths in the refinement are stated: the platform's at 270×270."""
@@ -60,27 +62,6 @@ CONVERGED = 1e-5
 """Length of a refinement step [m] below which it ends."""
 
 
-@dataclass(frozen=True, eq=False)
-class Fit:
-    """A refined pose and what supports it."""
-
-    position: FloatArray
-    """(3,) [m]."""
-    rotation: FloatArray
-    """(3, 3) world_from_object."""
-    covariance: FloatArray
-    """(6, 6) [m, rad]."""
-    counts: Array
-    """(C, 5) pixels of the label maps, see `align.AGREE` …"""
-    samples: Array
-    """(C, 6) of the edge samples, see `contour.EXPECTED` …; squares in px² at the reference focal length."""
-    score: float
-    """How well the pose explains the label maps."""
-    rival: float
-    """Score of the best clearly different pose, as a share of this one's; 0 where there is none."""
-    converged: bool
-
-
 class PoseEstimator:
     """Finds one cuboid in the views of fixed cameras; holds every table and work space that needs."""
 
@@ -98,45 +79,59 @@ class PoseEstimator:
         self._work = contour.workspace()
 
     def estimate(self, views: Sequence[Evidence | None]) -> Fit | Status:
-        """The best pose for the views of the cameras, in their order; None where there is no image."""
+        """The best pose for the views of the cameras, in their order; None where there is no image.
+
+        Most images are settled by the first hypothesis. Where its fit is not sure, more are aligned
+        and refined, and a different pose that fits nearly as well counts against the best.
+        """
         for c, view in enumerate(views):
             self.used[c] = view is not None
             self.labels[c] = 0
             if view is not None:
                 self.labels[c, : view.labels.shape[0], : view.labels.shape[1]] = view.labels
-        hypotheses = self._hypotheses()
-        if isinstance(hypotheses, Status):
-            return hypotheses
-        rotations, positions, scores = hypotheses
-        best = int(np.argmax(scores))
-        if scores[best] <= 0:
-            return Status.INCONSISTENT_VIEWS
-        rival = _best_rival(rotations, positions, scores, best)
-        return self._refine(views, rotations[best], positions[best], rival)
-
-    def _hypotheses(self) -> tuple[FloatArray, FloatArray, FloatArray] | Status:
-        found = int(np.count_nonzero(self.searcher.face_mask[self.labels]))
-        if found < MIN_PIXELS:
+        if np.count_nonzero(self.searcher.face_mask[self.labels]) < MIN_PIXELS:
             return Status.NO_OBJECT_COLORS
-        candidates = self.searcher.positions(self.labels, self.used, POSITIONS)
-        if not candidates:
+        positions = self.searcher.positions(self.labels, self.used, POSITIONS)
+        if not positions:
             return Status.TOO_FEW_PIXELS
+        fits: list[Fit] = []
+        for first, last, rotations in ((0, 1, FEW), (0, POSITIONS, MANY)):
+            for hypothesis in self._align(positions[first:last], rotations):
+                fit = self._refine(views, *hypothesis)
+                if all(_differ(fit, other) for other in fits):
+                    fits.append(fit)
+                if max(log_odds(f) for f in fits) > SURE:
+                    break
+            if fits and max(log_odds(f) for f in fits) > SURE:
+                break
+        if not fits:
+            return Status.INCONSISTENT_VIEWS
+        fits.sort(key=log_odds, reverse=True)
+        if len(fits) == 1:
+            return fits[0]
+        return replace(fits[0], lead=log_odds(fits[0]) - log_odds(fits[1]))
+
+    def _align(self, candidates: Sequence[FloatArray], count: int) -> list[tuple[FloatArray, FloatArray]]:
+        """Different (rotation, position) after alignment on the label maps, best first."""
         rotations, positions, scores = [], [], []
         for position in candidates:
-            turned, _ = self.searcher.rank(self.labels, self.used, position, HYPOTHESES)
-            moved = np.repeat(position[None], HYPOTHESES, axis=0)
-            score = np.empty(HYPOTHESES)
+            turned, _ = self.searcher.rank(self.labels, self.used, position, count)
+            moved = np.repeat(position[None], count, axis=0)
+            score = np.empty(count)
             align.try_hypotheses(
                 self.small, self.labels, self.used, self.box.half, self.box.face_labels,
                 turned, moved, ALIGN_REACHES, score,
             )  # fmt: skip
-            rotations.append(turned)
-            positions.append(moved)
-            scores.append(score)
-            counts = self._explain(turned[score.argmax()], moved[score.argmax()])
-            if counts[:, align.AGREE].sum() > SATISFIED * counts[:, align.PREDICTED].sum():
+            rotations.extend(turned)
+            positions.extend(moved)
+            scores.extend(score)
+        chosen: list[tuple[FloatArray, FloatArray]] = []
+        for k in np.argsort(-np.array(scores), kind="stable"):
+            if scores[k] <= 0 or len(chosen) == REFINED:
                 break
-        return np.concatenate(rotations), np.concatenate(positions), np.concatenate(scores)
+            if all(_apart(rotations[k], positions[k], *other) for other in chosen):
+                chosen.append((rotations[k], positions[k]))
+        return chosen
 
     def _explain(self, rotation: FloatArray, position: FloatArray) -> Array:
         counts = np.empty((len(self.used), 5), np.int64)
@@ -157,7 +152,7 @@ class PoseEstimator:
         )
 
     def _refine(
-        self, views: Sequence[Evidence | None], rotation: FloatArray, position: FloatArray, rival: float
+        self, views: Sequence[Evidence | None], rotation: FloatArray, position: FloatArray
     ) -> Fit:
         rotation, position = rotation.copy(), position.copy()
         cameras = len(views)
@@ -203,13 +198,15 @@ class PoseEstimator:
         summary[:, contour.SQUARES] /= self.scales**2
         return Fit(
             position, rotation, pose_covariance(known), counts, summary,
-            float(align.explanation_score(counts)), rival, converged,
+            converged,
         )  # fmt: skip
 
 
-def _best_rival(rotations: FloatArray, positions: FloatArray, scores: FloatArray, best: int) -> float:
-    cosine = np.einsum("nij,ij->n", rotations, rotations[best])
-    turned = np.arccos(np.clip((cosine - 1) / 2, -1, 1)) > SAME_ROTATION
-    moved = np.linalg.norm(positions - positions[best], axis=1) > SAME_POSITION
-    others = scores[turned | moved]
-    return float(max(others.max(), 0.0) / scores[best]) if others.size else 0.0
+def _apart(rotation: FloatArray, position: FloatArray, rotation2: FloatArray, position2: FloatArray) -> bool:
+    """Whether two poses differ by more than alignment on label maps leaves open."""
+    turned = np.trace(rotation.T @ rotation2) < 1 + 2 * np.cos(SAME_ROTATION)
+    return bool(turned or np.linalg.norm(position - position2) > SAME_POSITION)
+
+
+def _differ(fit: Fit, other: Fit) -> bool:
+    return _apart(fit.rotation, fit.position, other.rotation, other.position)

@@ -39,6 +39,8 @@ class FitOptions:
     """Share of draws whose jitter is wider …"""
     tail_width: float = 4.0
     """… by this factor between channels (brightness and haze: by 2)."""
+    tail_stretch: float = 2.0
+    """In the tail the saturation grows by up to this factor: a purer tone of a hue is the same colour."""
     draws: int = 60000
     """Draws per image and class; background has four times as many."""
     others_weight: float = 0.03
@@ -77,6 +79,9 @@ def _draw(pixels: Array, count: int, jitter: FitOptions, rng: np.random.Generato
     chosen = pixels[rng.integers(len(pixels), size=count)] + rng.uniform(-0.5, 0.5, (count, 3))
     wide = np.where(rng.uniform(size=(count, 1)) < jitter.tail_share, jitter.tail_width, 1.0)
     wide2 = np.minimum(wide, 2.0)
+    grey = np.exp(np.log(chosen + 2.0).mean(axis=1, keepdims=True))
+    stretch = np.where(wide > 1, rng.uniform(1.0, jitter.tail_stretch, (count, 1)), 1.0)
+    chosen = np.where(wide > 1, grey * ((chosen + 2.0) / grey) ** stretch - 2.0, chosen)
     light = rng.normal(0, jitter.brightness, (count, 1)) * wide2
     balance = rng.normal(0, jitter.channel, (count, 3)) * wide
     added = rng.normal(0, jitter.haze, (count, 1)) * wide2 + rng.normal(0, jitter.noise, (count, 3))
