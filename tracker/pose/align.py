@@ -57,6 +57,31 @@ def _transition(labels, width, height, u, v, nu, nv, inside, outside, reach):  #
 
 
 @numba.njit(cache=True, nogil=True)
+def label_around(lenses, c, image, channels, table, position, radius, out):  # type: ignore[no-untyped-def]
+    """Label one camera's image within `radius` [m] of a position, reduced to the size of the lens; 0 elsewhere.
+
+    image (H, W, 3); out (h, w) is a whole factor smaller, and each of its pixels the label of a mean colour.
+    """
+    out[:] = 0
+    u, v, z = project(lenses, c, position[0], position[1], position[2])
+    if z < 0.1:
+        return
+    width, height = lenses.size[c, 0], lenses.size[c, 1]
+    step = image.shape[1] // width
+    reach = radius * lenses.focal[c, 0] / z
+    for j in range(max(0, int(v - reach)), min(height, int(v + reach) + 2)):
+        for i in range(max(0, int(u - reach)), min(width, int(u + reach) + 2)):
+            cell = 0
+            for k in range(3):
+                total = step * step // 2
+                for b in range(j * step, j * step + step):
+                    for a in range(i * step, i * step + step):
+                        total += image[b, a, k]
+                cell += channels[k, total // (step * step)]
+            out[j, i] = table[cell]
+
+
+@numba.njit(cache=True, nogil=True)
 def align(lenses, labels, used, half, face_labels, rotation, position, reaches, samples):  # type: ignore[no-untyped-def]
     """Move the pose in place, one step for each entry of `reaches` [px]; returns the last step's samples used.
 

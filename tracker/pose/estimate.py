@@ -16,10 +16,16 @@ from tracker.pose.fit import Fit
 from tracker.pose.lens import apply_update
 from tracker.pose.result import Status
 from tracker.pose.search import Searcher
-from tracker.pose.views import Box, Evidence, reduced_size, stack_lenses
+from tracker.pose.views import ALIGN_SIZE, Box, Evidence, reduced_size, stack_lenses
 
 ALIGN_REACHES = np.array([5, 5, 4, 4, 3])
 """Reach of the label transitions' search in each alignment step [px of the label map]."""
+
+FINE_REACHES = np.array([6, 6, 5, 4])
+"""The same on the finer label maps."""
+
+LABELLED = 1.5
+"""How far around the object its finer label map reaches, in its radii."""
 
 FEW, MANY = 3, 10
 """Rotations that are tried at the best position, and at each where that did not settle it."""
@@ -45,7 +51,7 @@ REFERENCE_FOCAL = 295.0
 ASSUMED_SPREAD = 0.12
 """Standard deviation of an edge's place that noise does not explain [px at the reference]."""
 
-TUKEY, MIN_TUKEY = 4.685, 0.8
+TUKEY, MIN_TUKEY = 4.685, 0.5
 """Residual at which a sample's weight reaches zero: in robust standard deviations, and at least [px]."""
 
 START_BLUR = 0.9
@@ -70,11 +76,15 @@ class PoseEstimator:
         self.lenses = stack_lenses(cameras)
         small = [camera.resized(*reduced_size(camera.width, camera.height)) for camera in cameras]
         self.small = stack_lenses(small)
+        middle = [c.resized(*reduced_size(c.width, c.height, ALIGN_SIZE)) for c in cameras]
+        self.middle = stack_lenses(middle)
         self.searcher = Searcher(self.small, box)
         self.cameras = tuple(cameras)
         self.scales = np.array([camera.matrix[0, 0] / REFERENCE_FOCAL for camera in cameras])
         shape = (len(cameras), max(c.height for c in small), max(c.width for c in small))
         self.labels = np.zeros(shape, np.uint8)
+        shape = (len(cameras), max(c.height for c in middle), max(c.width for c in middle))
+        self.fine_labels = np.zeros(shape, np.uint8)
         self.used = np.zeros(len(cameras), np.bool_)
         self._work = contour.workspace()
 
@@ -136,8 +146,9 @@ class PoseEstimator:
     def _explain(self, rotation: FloatArray, position: FloatArray) -> Array:
         counts = np.empty((len(self.used), 5), np.int64)
         align.explain(
-            self.small, self.labels, self.used, self.box.half, self.box.face_labels, rotation, position, 1, counts
-        )
+            self.middle, self.fine_labels, self.used, self.box.half, self.box.face_labels, rotation, position,
+            2, counts,
+        )  # fmt: skip
         return counts
 
     def _window(self, scale: float, step: int, spread: float, blur: float) -> contour.Window:
@@ -155,6 +166,16 @@ class PoseEstimator:
         self, views: Sequence[Evidence | None], rotation: FloatArray, position: FloatArray
     ) -> Fit:
         rotation, position = rotation.copy(), position.copy()
+        for c, view in enumerate(views):
+            if view is not None:
+                align.label_around(
+                    self.middle, c, view.image, view.channels, self.label_table, position,
+                    LABELLED * self.searcher.radius, self.fine_labels[c],
+                )  # fmt: skip
+        align.align(
+            self.middle, self.fine_labels, self.used, self.box.half, self.box.face_labels, rotation, position,
+            FINE_REACHES, self._work.samples,
+        )  # fmt: skip
         cameras = len(views)
         weights = np.linalg.inv([camera_offset_covariance(camera, position) for camera in self.cameras])
         offsets = np.zeros((cameras, 6))

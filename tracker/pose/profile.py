@@ -145,17 +145,17 @@ def measure(channels, table, samples, n, reach, blur, noise, profiles, readable,
             for k in range(3):
                 mean[t, k] /= shared
         # Stretches of one surface each, between the edges that cross the profile.
-        far = reach + 0.5
+        seen = reach + 1.5 * blur
         m, inside = 0, 0
-        edges[0] = -far
-        if row[REACH_IN] < far - 1.0:
+        edges[0] = -1e3
+        if row[REACH_IN] < seen:
             edges[1], inside = -row[REACH_IN], 1
         edges[inside + 1] = 0.0
         m = inside + 2
-        if row[REACH_OUT] < far - 1.0:
+        if row[REACH_OUT] < seen:
             edges[m] = row[REACH_OUT]
             m += 1
-        edges[m] = far
+        edges[m] = 1e3
         for t in range(size):
             x = t - reach
             before = 1.0
@@ -178,7 +178,8 @@ def measure(channels, table, samples, n, reach, blur, noise, profiles, readable,
                 rhs[i, k] = total
             matrix[i, i] += RIDGE
             if i < m:
-                middle = int(min(size - 1.0, max(0.0, 0.5 * (edges[i] + edges[i + 1]) + reach + 0.5)))
+                left, right = max(edges[i], -reach - 0.5), min(edges[i + 1], reach + 0.5)
+                middle = int(min(size - 1.0, max(0.0, 0.5 * (left + right) + reach + 0.5)))
                 for k in range(3):
                     rhs[i, k] += RIDGE * mean[middle, k]
         _solve(matrix, rhs, m + 1)

@@ -63,7 +63,11 @@ class Box(NamedTuple):
     """(6,) uint8 labels in the order of tracker.geometry.cuboid.FACE_NAMES."""
 
 
-def reduced_size(width: int, height: int) -> tuple[int, int]:
-    """Size of the image in which the search looks for the object: about 135 px on the shorter side."""
-    factor = max(1, round(min(width, height) / 135))
+SEARCH_SIZE, ALIGN_SIZE = 135, 270
+"""Shorter side [px] of the label maps in which the object is searched, and in which it is aligned."""
+
+
+def reduced_size(width: int, height: int, shorter: int = SEARCH_SIZE) -> tuple[int, int]:
+    """Size of an image reduced by a whole factor so that its shorter side comes nearest to `shorter`."""
+    factor = max(1, round(min(width, height) / shorter))
     return width // factor, height // factor

@@ -52,7 +52,7 @@ class _Block:
 
 
 def caption(width: int, name: str, observation: Observation, title: str) -> Image:
-    """A strip `width` [px] wide: object and status, and the pose's numbers; blocks wrap where it is narrow."""
+    """A strip `width` [px] wide of object, status and the pose's numbers; blocks wrap where it is narrow."""
     scale = float(np.clip(width / _WIDTH, 1.0, _MOST))
     margin, line, left, top = _MARGIN * scale, _LINE * scale, _MARGIN * scale, _MARGIN * scale
     places = []

@@ -26,7 +26,7 @@ def write_image(path: str | os.PathLike[str], image: Image) -> None:
     if suffix not in IMAGE_SUFFIXES:
         found = f"suffix {target.suffix!r}" if target.suffix else "no suffix"
         raise ImageError(f"image {target}: found {found}, expected one of {', '.join(IMAGE_SUFFIXES)}")
-    options = [cv2.IMWRITE_PNG_COMPRESSION, 9] if suffix == ".png" else [cv2.IMWRITE_JPEG_QUALITY, 95]
+    options = [cv2.IMWRITE_PNG_COMPRESSION, 5] if suffix == ".png" else [cv2.IMWRITE_JPEG_QUALITY, 95]
     content = cv2.imencode(suffix, image, options)[1].tobytes()
     try:
         _replace(target, content)

@@ -56,7 +56,9 @@ def overlay(
         ImageError: the images do not fit the rig.
     """
     if len(images) != len(rig):
-        raise ImageError(f"overlay: found {len(images)} images, expected one of each of {', '.join(rig.names)}")
+        raise ImageError(
+            f"overlay: found {len(images)} images, expected one of each of {', '.join(rig.names)}"
+        )
     pose = observation.object_pose
     if pose is None:
         pose = observation.filtered_object_pose
@@ -114,7 +116,7 @@ def _draw_object(panel: Image, view: Camera, model: CuboidModel, pose: PoseEstim
 
 
 def _project_line(view: Camera, start: Array, end: Array) -> FloatArray:
-    """Pixels (SAMPLES, 2) of points from `start` to `end` [m]; NaN for those far outside the field of view."""
+    """Pixels (SAMPLES, 2) of points from `start` to `end` [m]; NaN far outside the field of view."""
     points = start + np.linspace(0, 1, SAMPLES)[:, None] * (end - start)
     in_camera = points @ view.camera_from_world[:3, :3].T + view.camera_from_world[:3, 3]
     pixels = view.project(points)

@@ -1,0 +1,107 @@
+"""The command line: parse, call, print.
+
+Errors are one line on stderr that starts with `tracker: `, and exit code 2; an interrupt exits with 130.
+Commands import what they need when they run, so that `--help` answers at once.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+import traceback
+import warnings
+from collections.abc import Sequence
+from typing import NoReturn
+
+import click
+
+from tracker.cli import colors, detect
+from tracker.errors import TrackerError
+
+
+def _print_version(context: click.Context, _: click.Parameter, wanted: bool) -> None:
+    if not wanted or context.resilient_parsing:
+        return
+    from importlib import metadata
+
+    try:
+        version = metadata.version("trifinger-object-tracker")
+    except metadata.PackageNotFoundError:
+        version = "(not installed)"
+    click.echo(f"tracker {version}")
+    context.exit()
+
+
+@click.group(
+    no_args_is_help=False,  # that would be an error of many lines
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
+@click.option(
+    "--version",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_print_version,
+    help="Show the version.",
+)
+def commands() -> None:
+    """Find the pose of coloured objects in the images of calibrated cameras.
+
+    Errors go to stderr in one line, with exit code 2.
+    """
+
+
+commands.add_command(detect.detect)
+commands.add_command(colors.colors)
+
+
+def main(arguments: Sequence[str] | None = None) -> NoReturn:
+    """Run the command line with `arguments` (by default those of the process), and exit."""
+    if not sys.warnoptions:
+        warnings.simplefilter("ignore")
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # a file's name may not fit the terminal's encoding
+    sys.exit(_run(sys.argv[1:] if arguments is None else list(arguments)))
+
+
+def _run(arguments: list[str]) -> int:
+    """Exit code of one run."""
+    try:
+        with commands.make_context("tracker", arguments) as context:
+            commands.invoke(context)
+        return 0
+    except click.exceptions.Exit as stop:
+        return stop.exit_code
+    except (KeyboardInterrupt, click.Abort):
+        return _fail("interrupted", code=130)
+    except BrokenPipeError:
+        _drop_output_that_cannot_be_written()
+        return 1  # and not a word: who reads our output has enough
+    except click.UsageError as error:
+        where = error.ctx.command_path if error.ctx else "tracker"
+        return _fail(f"{error.format_message()} (see {where} --help)")
+    except click.ClickException as error:
+        return _fail(error.format_message())
+    except TrackerError as error:
+        return _fail(str(error))
+    except OSError as error:
+        _drop_output_that_cannot_be_written()
+        return _fail(f"{error.filename or 'output'}: {error.strerror or error}")
+    except Exception as error:
+        last = traceback.extract_tb(error.__traceback__)[-1]
+        where = f"{os.path.basename(last.filename)}:{last.lineno}"
+        return _fail(f"internal error, please report it: {type(error).__name__} in {where}: {error}")
+
+
+def _fail(message: str, code: int = 2) -> int:
+    click.echo(f"tracker: {' '.join(message.split())}", err=True)
+    return code
+
+
+def _drop_output_that_cannot_be_written() -> None:
+    """Keep the interpreter from complaining when it flushes stdout at its end."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

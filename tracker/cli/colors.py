@@ -1,0 +1,194 @@
+"""`tracker colors`: fit a colour model to hand-labelled images, and measure one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from tracker.cli.files import silent_libraries
+from tracker.cli.table import table
+from tracker.errors import ColorModelError, ImageError
+
+if TYPE_CHECKING:
+    from tracker.segmentation.color_model import ColorModel
+    from tracker.segmentation.labelled import LabelledImage
+
+_folders = click.argument("folders", nargs=-1, required=True, metavar="FOLDER...")
+_others = click.option(
+    "--others",
+    multiple=True,
+    metavar="FOLDER",
+    help="Labelled images of other objects, which help a little; repeatable.",
+)
+_rendered = click.option(
+    "--rendered",
+    is_flag=True,
+    help="The images come from a renderer with one light: take their colours as they are.",
+)
+_seed = click.option(
+    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the fit's draws."
+)
+
+
+@click.group(no_args_is_help=False)
+def colors() -> None:
+    """Fit a colour model to labelled images, and measure one.
+
+    A FOLDER of labelled images holds NN_image.png with one mask for each colour that it shows,
+    NN_mask_red.png, NN_mask_green.png and so on; or cameraNN.png with rNN.png, gNN.png, bNN.png, cNN.png,
+    mNN.png, yNN.png. A mask's pixel counts where it is not black.
+    """
+
+
+@colors.command()
+@_folders
+@click.option("--name", metavar="NAME", help="Name of the model.  [default: that of the file]")
+@click.option("-o", "--output", metavar="FILE", help="The model's file (.npz).  [default: NAME.npz]")
+@_others
+@_rendered
+@_seed
+def fit(
+    folders: tuple[str, ...],
+    name: str | None,
+    output: str | None,
+    others: tuple[str, ...],
+    rendered: bool,
+    seed: int,
+) -> None:
+    """Fit a colour model to the labelled images of the FOLDERs.
+
+    Then give its file to `tracker detect --colors`, or name it in the object's TOML file.
+    """
+    if output is None:
+        if name is None:
+            raise click.UsageError("found neither --name nor -o, expected one of them")
+        output = f"{name}.npz"
+    target = Path(output)
+    if target.suffix != ".npz":
+        raise ColorModelError(f"colour model {target}: found suffix {target.suffix!r}, expected .npz")
+    if not target.parent.is_dir():  # not only when the fit is done
+        raise ColorModelError(f"colour model {target}: there is no folder {target.parent}")
+    images = _read(folders)
+    model = _fitter(images, _read(others), rendered, seed)(range(len(images)), name or target.stem)
+    try:
+        model.save(target)
+    except OSError as error:
+        raise ColorModelError(f"colour model {target}: cannot be written: {error.strerror}") from error
+    _print_counts(images)
+    click.echo(f"\n{model.name}: written to {target}")
+
+
+@colors.command()
+@_folders
+@click.option(
+    "--colors", "colors_name", metavar="NAME", help="Measure this colour model, or that of this file."
+)
+@click.option(
+    "--cross-validate", is_flag=True, help="Measure a fit: on each image, fitted to all the others."
+)
+@_others
+@_rendered
+@_seed
+def check(
+    folders: tuple[str, ...],
+    colors_name: str | None,
+    cross_validate: bool,
+    others: tuple[str, ...],
+    rendered: bool,
+    seed: int,
+) -> None:
+    """Measure a colour model on the labelled images of the FOLDERs.
+
+    Prints the intersection over union, from 0 to 1, of the pixels found in each colour and its mask.
+    Masks drawn a little too small keep it below 1. A colour that a single image shows is unknown to a
+    fit without that image, unless --others show it.
+    """
+    from tracker.segmentation.color_model import load_colors
+
+    if (colors_name is not None) == cross_validate:
+        raise click.UsageError("expected either --colors NAME or --cross-validate")
+    if not cross_validate and (others or rendered):
+        raise click.UsageError("--others and --rendered are for --cross-validate")
+    if colors_name is not None:
+        model = load_colors(colors_name)
+        images = _read(folders)
+        _print_overlaps(images, [model] * len(images))
+        return
+    images = _read(folders)
+    if len(images) < 2:
+        raise ImageError(f"labelled images: found {len(images)}, expected at least 2 for --cross-validate")
+    fitted = _fitter(images, _read(others), rendered, seed)
+    rest = [[k for k in range(len(images)) if k != left] for left in range(len(images))]
+    _print_overlaps(images, [fitted(chosen, "fitted") for chosen in rest])
+
+
+def _read(folders: Sequence[str]) -> list[LabelledImage]:
+    from tracker.segmentation.labelled import read_labelled
+
+    with silent_libraries():
+        return [image for folder in folders for image in read_labelled(folder)]
+
+
+def _fitter(
+    images: Sequence[LabelledImage], others: Sequence[LabelledImage], rendered: bool, seed: int
+) -> Callable[[Sequence[int], str], ColorModel]:
+    """A function that fits a model of some name to those of the images whose indices are given."""
+    from tracker.segmentation.fit import FitOptions, combine, image_histograms
+
+    options = FitOptions(seed=seed)
+    own = [image_histograms(image, options, normalise=not rendered) for image in images]
+    theirs = [image_histograms(image, options, normalise=not rendered) for image in others]
+
+    def fit_to(chosen: Sequence[int], name: str) -> ColorModel:
+        return combine([own[k] for k in chosen], theirs, options, name=name, normalise=not rendered)
+
+    return fit_to
+
+
+def _print_counts(images: Sequence[LabelledImage]) -> None:
+    """Labelled pixels of each image and colour, and the colours of which there are none."""
+    from tracker.objects.labels import COLOR_NAMES
+
+    rows = [["labelled pixels", *COLOR_NAMES[1:]]]
+    for image in images:
+        counts = [int((image.labels == label).sum()) for label in range(1, len(COLOR_NAMES))]
+        rows.append([image.name, *(str(count) if count else "-" for count in counts)])
+    click.echo(table(rows))
+    for color, *cells in zip(*rows, strict=True):
+        if all(cell == "-" for cell in cells):
+            click.echo(f"no image shows {color}: the model will not find it")
+
+
+def _print_overlaps(images: Sequence[LabelledImage], models: Sequence[ColorModel]) -> None:
+    """Intersection over union of each image and colour, and the means."""
+    from tracker.objects.labels import COLOR_NAMES
+    from tracker.segmentation.fit import intersection_over_union
+    from tracker.segmentation.labels import segment
+
+    labels = range(1, len(COLOR_NAMES))
+    overlaps = [
+        intersection_over_union(segment(image.image, model), image.labels)
+        for image, model in zip(images, models, strict=True)
+    ]
+    rows = [["intersection over union", *COLOR_NAMES[1:], "mean"]]
+    for image, overlap in zip(images, overlaps, strict=True):
+        rows.append(
+            [
+                image.name,
+                *(_shown([overlap[k]] if k in overlap else []) for k in labels),
+                _shown(overlap.values()),
+            ]
+        )
+    columns = [[overlap[k] for overlap in overlaps if k in overlap] for k in labels]
+    everything = [value for column in columns for value in column]
+    rows.append(["mean", *(_shown(column) for column in columns), _shown(everything)])
+    click.echo(table(rows))
+
+
+def _shown(values: Iterable[float]) -> str:
+    """The mean; a dash where there is nothing."""
+    numbers = list(values)
+    return f"{sum(numbers) / len(numbers):.3f}" if numbers else "-"

@@ -1,0 +1,118 @@
+"""`tracker detect`: one pose from one set of images."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    from tracker.pose.result import Observation, PoseEstimate
+
+
+@click.command()
+@click.argument("images", nargs=-1, required=True, metavar="IMAGE...")
+@click.option("--object", "object_name", required=True, metavar="NAME", help="Object, or its TOML file.")
+@click.option(
+    "--calibration",
+    required=True,
+    multiple=True,
+    metavar="PATH",
+    help="Folder of calibration files; or a file, once for each camera, in the order of the images.",
+)
+@click.option("--pattern", metavar="GLOB", help="Which files of the folder to take, e.g. '*_cropped.yml'.")
+@click.option(
+    "--correct-halved-principal-point",
+    is_flag=True,
+    help="The calibration was halved without the quarter pixel, as the platform's downsampled files are.",
+)
+@click.option(
+    "--colors", "colors_name", metavar="NAME", help="Colour model, or its file.  [default: the object's]"
+)
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@click.option(
+    "--overlay", "overlay_path", metavar="FILE", help="Write the images with the pose drawn in (.png, .jpg)."
+)
+def detect(
+    images: tuple[str, ...],
+    object_name: str,
+    calibration: tuple[str, ...],
+    pattern: str | None,
+    correct_halved_principal_point: bool,
+    colors_name: str | None,
+    as_json: bool,
+    overlay_path: str | None,
+) -> None:
+    """Find an object's pose in one IMAGE of each camera.
+
+    IMAGEs come in the order of the cameras: in a folder of calibrations that of the numbers in their
+    names, else that of the files given. 'none' in place of an IMAGE says that the camera gave none.
+
+    The exit code is 0 also when the object is not found: then there is no pose, and the status says why.
+    """
+    from tracker import viz
+    from tracker.calibration.rig import CameraRig
+    from tracker.cli.files import read_images
+    from tracker.objects.model import load_object
+    from tracker.pipeline import ObjectTracker, kernels_are_cached
+    from tracker.segmentation.color_model import load_colors
+
+    model = load_object(object_name)
+    colors = None if colors_name is None else load_colors(colors_name)
+    rig = CameraRig.load(
+        calibration[0] if len(calibration) == 1 else calibration,
+        pattern=pattern,
+        correct_halved_principal_point=correct_halved_principal_point,
+    )
+    pictures = read_images(images, rig)
+    tracker = ObjectTracker(model, rig, colors)
+    if not kernels_are_cached():
+        click.echo("compiling kernels, once per machine (about 15 s) ...", err=True)
+    tracker.detect(pictures)  # loads the compiled code: the times printed are those of a running tracker
+    observation = tracker.detect(pictures)
+    if overlay_path is not None:
+        viz.write_image(overlay_path, viz.overlay(pictures, rig, model, observation))
+    click.echo(_json(model.name, observation) if as_json else _text(model.name, observation))
+
+
+def _json(name: str, observation: Observation) -> str:
+    pose = observation.object_pose
+    result: dict[str, Any] = {"object": name, "status": observation.status.value, "pose": None}
+    if pose is not None:
+        result["pose"] = {
+            "position": pose.position.tolist(),
+            "orientation": pose.orientation.tolist(),
+            "covariance": pose.covariance.tolist(),
+            "confidence": float(pose.confidence),
+        }
+    result["timing_ms"] = {stage: float(time) for stage, time in observation.timing_ms.items()}
+    return json.dumps(result, allow_nan=False)
+
+
+def _text(name: str, observation: Observation) -> str:
+    rows = [["object", name], ["status", observation.status.value]]
+    times = ", ".join(f"{stage} {time:.2f}" for stage, time in observation.timing_ms.items())
+    if observation.object_pose is not None:
+        rows += _pose_rows(observation.object_pose)
+    rows.append(["time [ms]", times])
+    widest = max(len(label) for label, _ in rows)
+    return "\n".join(f"{label:{widest}}  {value}" for label, value in rows)
+
+
+def _pose_rows(pose: PoseEstimate) -> list[list[str]]:
+    import numpy as np
+
+    from tracker.geometry import so3
+
+    std = np.sqrt(np.diag(pose.covariance))
+    rows = [["", "".join(f"{axis:>11}" for axis in "xyzw")]]
+    for label, values, digits in (
+        ("position [mm]", 1e3 * pose.position, 3),
+        ("  std [mm]", 1e3 * std[:3], 3),
+        ("orientation", pose.orientation, 6),
+        ("rotation vector [deg]", np.degrees(so3.log(pose.rotation)), 3),
+        ("  std [deg]", np.degrees(std[3:]), 3),
+    ):
+        rows.append([label, "".join(f"{value:11.{digits}f}" for value in values)])
+    return [*rows, ["confidence", f"{pose.confidence:.4f}, of being within 5 mm and 5 deg"]]
