@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
-from tests.helpers import make_camera
+from tests.helpers import ROOT, make_camera, run_python
 from tracker.geometry.camera import Camera
 
 # Derandomised: a run never depends on chance or on earlier runs. Without a deadline, since the first
@@ -26,6 +26,14 @@ def real() -> Path:
     if not folder.is_dir():
         pytest.skip("no recorded data: set TRACKER_REAL_DATA to its folder")
     return folder
+
+
+@pytest.fixture(scope="session")
+def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder that `examples/demo.py` has filled: an image and a calibration of each camera, overlay.png."""
+    working = tmp_path_factory.mktemp("working")
+    run_python([ROOT / "examples" / "demo.py"], working, check=True)
+    return working / "demo"
 
 
 @pytest.fixture

@@ -2,13 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
 
 from tracker.conventions import Array, FloatArray
 from tracker.geometry import so3
 from tracker.geometry.camera import Camera
+
+ROOT = Path(__file__).resolve().parents[1]
+"""Folder of the repository."""
+
+
+def run_python(
+    arguments: Sequence[object], folder: Path = ROOT, *, check: bool = False
+) -> subprocess.CompletedProcess[str]:
+    """Run the interpreter in `folder`, with this repository's packages whether or not they are installed."""
+    path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH", "")]))
+    return subprocess.run(
+        [sys.executable, *map(str, arguments)],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        encoding="utf-8",
+        check=check,
+        timeout=300,
+    )
 
 
 def numerical_jacobian(function: Callable[[FloatArray], Array], at: Array, step: float = 1e-6) -> FloatArray:

@@ -15,14 +15,15 @@ from tracker.errors import ImageError
 from tracker.geometry import so3
 from tracker.objects.model import CuboidModel
 from tracker.pose.acceptance import confidence, refusal
-from tracker.pose.estimate import Fit, PoseEstimator
+from tracker.pose.estimate import PoseEstimator
+from tracker.pose.fit import Fit
 from tracker.pose.result import Observation, PoseEstimate, Status
 from tracker.pose.views import Box, Evidence, reduced_size
 from tracker.segmentation.color_model import ColorModel, load_colors
 from tracker.segmentation.labels import check_image, look_up
 from tracker.segmentation.normalise import grey_world_gains, neutral_gains
 
-SURE = 0.9
+SURE = 0.95
 """Confidence below which the light is judged a second time, by the grey world."""
 
 
@@ -51,39 +52,51 @@ class ObjectTracker:
             ImageError: wrong count, type, shape or size, or no image at all.
         """
         start = time.perf_counter()
-        checked = self._check(images)
         timing: dict[str, float] = {}
-        small = [None if im is None else _reduce(im) for im in checked]
-        best: tuple[float, Fit] | None = None
-        status = Status.NO_OBJECT_COLORS
-        for attempt in range(2 if self.colors.normalise else 1):
+        fit = self.fit(images, timing)
+        timing["total"] = 1e3 * (time.perf_counter() - start)
+        if isinstance(fit, Status):
+            return Observation(None, None, fit, timing)
+        pose = PoseEstimate(
+            fit.position, so3.quaternion_from_matrix(fit.rotation), fit.covariance, confidence(fit)
+        )
+        return Observation(pose, None, Status.FOUND, timing)
+
+    def fit(self, images: Sequence[Image | None], timing: dict[str, float] | None = None) -> Fit | Status:
+        """As `detect`, with all that supports the pose; `timing` gains the milliseconds of each stage.
+
+        The light is judged by the scene's most frequent chromaticity; where that gives no sure answer,
+        by the grey world as well, and the surer answer counts.
+        """
+        timing = {} if timing is None else timing
+        checked = self._check(images)
+        small = [None if image is None else _reduce(image) for image in checked]
+        best: Fit | None = None
+        status: Status | None = None
+        for grey_world in (False, True) if self.colors.normalise else (False,):
             lap = time.perf_counter()
             views = [
-                None if im is None or r is None else self._evidence(im, r, attempt)
-                for im, r in zip(checked, small, strict=True)
+                None if image is None or reduced is None else self._evidence(image, reduced, grey_world)
+                for image, reduced in zip(checked, small, strict=True)
             ]
             split = time.perf_counter()
             outcome = self._estimator.estimate(views)
             timing["segmentation"] = timing.get("segmentation", 0.0) + 1e3 * (split - lap)
             timing["pose"] = timing.get("pose", 0.0) + 1e3 * (time.perf_counter() - split)
             refused = outcome if isinstance(outcome, Status) else refusal(outcome)
-            if refused is None and isinstance(outcome, Fit):
-                sure = confidence(outcome)
-                if best is None or sure > best[0]:
-                    best = (sure, outcome)
-                if sure > SURE:
+            if isinstance(outcome, Fit) and refused is None:
+                if best is None or confidence(outcome) > confidence(best):
+                    best = outcome
+                if confidence(best) > SURE:
                     break
-            elif attempt == 0 and refused is not None:
-                status = refused
-        timing["total"] = 1e3 * (time.perf_counter() - start)
-        if best is None:
-            return Observation(None, None, status, timing)
-        return Observation(_pose(*best), None, Status.FOUND, timing)
+            else:
+                status = status or refused
+        return best or status or Status.INCONSISTENT_VIEWS
 
-    def _evidence(self, image: Image, small: Image, attempt: int) -> Evidence:
+    def _evidence(self, image: Image, small: Image, grey_world: bool = False) -> Evidence:
         gains = np.ones(3)
         if self.colors.normalise:
-            gains = grey_world_gains(small) if attempt else neutral_gains(small)[0]
+            gains = grey_world_gains(small) if grey_world else neutral_gains(small)[0]
         channels = self.colors.channel_tables(gains)
         labels = np.empty(small.shape[:2], np.uint8)
         look_up(small, channels, self.colors.label_table, labels)
@@ -91,7 +104,9 @@ class ObjectTracker:
 
     def _check(self, images: Sequence[Image | None]) -> list[Image | None]:
         if isinstance(images, np.ndarray) and images.ndim == 3:
-            raise ImageError(f"images: one array of shape {images.shape} given; a sequence of images is needed")
+            raise ImageError(
+                f"images: one array of shape {images.shape} given; a sequence of images is needed"
+            )
         if len(images) != len(self.rig):
             raise ImageError(
                 f"images: {len(images)} given; {len(self.rig)} are needed, one for each of "
@@ -120,10 +135,6 @@ def _reduce(image: Image) -> Image:
     if size == (width, height):
         return image
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-
-
-def _pose(sure: float, fit: Fit) -> PoseEstimate:
-    return PoseEstimate(fit.position, so3.quaternion_from_matrix(fit.rotation), fit.covariance, sure)
 
 
 def kernels_are_cached() -> bool:

@@ -163,9 +163,7 @@ def explain(lenses, labels, used, half, face_labels, rotation, position, stride,
             origin[i] = 0.0
             for k in range(3):
                 origin[i] += rotation[k, i] * (lenses.position[c, k] - position[k])
-                m[i, k] = (
-                    rotation[0, i] * r[k, 0] + rotation[1, i] * r[k, 1] + rotation[2, i] * r[k, 2]
-                )
+                m[i, k] = rotation[0, i] * r[k, 0] + rotation[1, i] * r[k, 1] + rotation[2, i] * r[k, 2]
         for j in range(top, bottom + 1, stride):
             for i in range(left, right + 1, stride):
                 a = a0 + jac[0, 0] * (i - u0) + jac[0, 1] * (j - v0)
@@ -216,9 +214,7 @@ def explanation_score(counts):  # type: ignore[no-untyped-def]
     """One number for how well a pose explains the label maps; a hidden pixel counts little, a wrong one much."""
     score = 0.0
     for c in range(counts.shape[0]):
-        score += (
-            counts[c, AGREE] - 0.4 * counts[c, MISSING] - 1.5 * counts[c, WRONG] - 0.7 * counts[c, EXTRA]
-        )
+        score += counts[c, AGREE] - 0.4 * counts[c, MISSING] - 1.5 * counts[c, WRONG] - 0.7 * counts[c, EXTRA]
     return score
 
 
@@ -228,9 +224,7 @@ def try_hypotheses(lenses, labels, used, half, face_labels, rotations, positions
     samples = np.empty((MAX_SAMPLES, COLUMNS))
     counts = np.empty((len(used), 5), np.int64)
     for h in range(len(scores)):
-        found = align(
-            lenses, labels, used, half, face_labels, rotations[h], positions[h], reaches, samples
-        )
+        found = align(lenses, labels, used, half, face_labels, rotations[h], positions[h], reaches, samples)
         if found == 0:
             scores[h] = -1e9
             continue

@@ -69,9 +69,13 @@ def edge_samples(lenses, c, half, face_labels, rotation, position, spacing, marg
             b[i] = _SIGNS[_EDGES[e, 1], i] * half[i]
             middle[i] = 0.5 * (a[i] + b[i])
         rotate(rotation, a, world)
-        ua, va, za = project(lenses, c, world[0] + position[0], world[1] + position[1], world[2] + position[2])
+        ua, va, za = project(
+            lenses, c, world[0] + position[0], world[1] + position[1], world[2] + position[2]
+        )
         rotate(rotation, b, world)
-        ub, vb, zb = project(lenses, c, world[0] + position[0], world[1] + position[1], world[2] + position[2])
+        ub, vb, zb = project(
+            lenses, c, world[0] + position[0], world[1] + position[1], world[2] + position[2]
+        )
         if za < 0.05 or zb < 0.05:
             continue
         length = math.hypot(ub - ua, vb - va)
@@ -126,7 +130,7 @@ def edge_samples(lenses, c, half, face_labels, rotation, position, spacing, marg
 
 @numba.njit(cache=True, nogil=True)
 def solve6(matrix, vector, out):  # type: ignore[no-untyped-def]
-    """out (6,) = matrix⁻¹ vector for a symmetric positive definite matrix (6, 6); False where it is not."""
+    """Out (6,) = matrix⁻¹ vector for a symmetric positive definite matrix (6, 6); False where it is not."""
     lower = np.zeros((6, 6))
     for i in range(6):
         for j in range(i + 1):

@@ -39,7 +39,7 @@ REFINED = 5
 MIN_PIXELS = 20
 """Face-coloured pixels in all label maps below which there is no object."""
 
-SURE = 4.0
+SURE = 5.0
 """Log odds of a fit at which no other hypothesis is tried."""
 
 SAME_POSITION, SAME_ROTATION = 0.006, 0.15
@@ -162,9 +162,7 @@ class PoseEstimator:
             margin=3.0 * scale,
         )
 
-    def _refine(
-        self, views: Sequence[Evidence | None], rotation: FloatArray, position: FloatArray
-    ) -> Fit:
+    def _refine(self, views: Sequence[Evidence | None], rotation: FloatArray, position: FloatArray) -> Fit:
         rotation, position = rotation.copy(), position.copy()
         for c, view in enumerate(views):
             if view is not None:
@@ -202,8 +200,9 @@ class PoseEstimator:
                     blurs[c] = min(max(measured, 0.5), 3.0 * self.scales[c])
             # The median of all usable residuals, unlike the inliers' mean square, does not shrink by
             # leaving out what disagrees.
-            if step < FREEZE_SPREAD:
-                spread = 1.4826 * float(np.median(np.concatenate(residuals)))
+            usable = np.concatenate(residuals)
+            if step < FREEZE_SPREAD and usable.size:
+                spread = 1.4826 * float(np.median(usable))
             trust = 1.0 / (CORRELATION * max(spread / ASSUMED_SPREAD, 1.0)) ** 2
             solved = solve_step(trust * information, trust * gradient, offsets, weights)
             if solved is None:
@@ -212,7 +211,10 @@ class PoseEstimator:
             limit = max(np.linalg.norm(solved.pose[:3]) / 0.02, np.linalg.norm(solved.pose[3:]) / 0.3, 1.0)
             apply_update(rotation, position, solved.pose / limit)
             offsets += solved.offsets / limit
-            if step >= 4 and np.linalg.norm(solved.pose[:3]) + 0.05 * np.linalg.norm(solved.pose[3:]) < CONVERGED:
+            if (
+                step >= 4
+                and np.linalg.norm(solved.pose[:3]) + 0.05 * np.linalg.norm(solved.pose[3:]) < CONVERGED
+            ):
                 converged = True
                 break
         counts = self._explain(rotation, position)

@@ -55,14 +55,14 @@ def project_with_jacobian(lenses, c, x, y, z, jacobian):  # type: ignore[no-unty
 
 @numba.njit(cache=True, nogil=True)
 def rotate(rotation, vector, out):  # type: ignore[no-untyped-def]
-    """out (3,) = rotation (3, 3) · vector (3,)."""
+    """Out (3,) = rotation (3, 3) · vector (3,)."""
     for i in range(3):
         out[i] = rotation[i, 0] * vector[0] + rotation[i, 1] * vector[1] + rotation[i, 2] * vector[2]
 
 
 @numba.njit(cache=True, nogil=True)
 def visible_faces(lenses, c, half, rotation, position, out):  # type: ignore[no-untyped-def]
-    """out (6,) = height of the camera's centre above each face's plane [m]; positive: it faces it."""
+    """Out (6,) = height of the camera's centre above each face's plane [m]; positive: it faces it."""
     for axis in range(3):
         along = 0.0
         for i in range(3):

@@ -91,7 +91,7 @@ def _integrals(labels, face_mask, lenses, used, out):  # type: ignore[no-untyped
 
 @numba.njit(cache=True, nogil=True)
 def vote(labels, face_mask, lenses, used, table, area_share, scores):  # type: ignore[no-untyped-def]
-    """scores (N,): for each grid point the sum over cameras of how much of the expected area is there.
+    """Scores (N,): for each grid point the sum over cameras of how much of the expected area is there.
 
     area_share: the object's mean projected area over that of the square around its radius. Of two
     boxes, the tight one centres the vote and the wide one bears with what fingers hide.
@@ -118,7 +118,7 @@ def vote(labels, face_mask, lenses, used, table, area_share, scores):  # type: i
 
 @numba.njit(cache=True, nogil=True)
 def gather(lenses, labels, face_mask, used, position, radius, stats):  # type: ignore[no-untyped-def]
-    """stats (C, 7, 3): pixel count, mean column, mean row of every label within `radius` [m] of a position."""
+    """Stats (C, 7, 3): pixel count, mean column, mean row of every label within `radius` [m] of a position."""
     stats[:] = 0.0
     for c in range(len(used)):
         if not used[c]:
@@ -174,7 +174,7 @@ def centre(lenses, labels, face_mask, used, radius, position, rounds, stats):  #
 
 @numba.njit(cache=True, nogil=True)
 def rank_rotations(lenses, used, half, face_labels, position, stats, rotations, costs):  # type: ignore[no-untyped-def]
-    """costs (n,): misfit of the colours' areas and centroids for every rotation (n, 3, 3)."""
+    """Costs (n,): misfit of the colours' areas and centroids for every rotation (n, 3, 3)."""
     jacobian = np.empty((2, 3))
     costs[:] = 0.0
     areas = np.empty(3)
@@ -211,15 +211,23 @@ def rank_rotations(lenses, used, half, face_labels, position, stats, rotations, 
                     cost += gap * gap * (0.5 if gap < 0 else 1.0)
                     if seen > 0 and expected > 0:
                         ou = (
-                            jacobian[0, 0] * rotation[0, axis]
-                            + jacobian[0, 1] * rotation[1, axis]
-                            + jacobian[0, 2] * rotation[2, axis]
-                        ) * sign * half[axis]
+                            (
+                                jacobian[0, 0] * rotation[0, axis]
+                                + jacobian[0, 1] * rotation[1, axis]
+                                + jacobian[0, 2] * rotation[2, axis]
+                            )
+                            * sign
+                            * half[axis]
+                        )
                         ov = (
-                            jacobian[1, 0] * rotation[0, axis]
-                            + jacobian[1, 1] * rotation[1, axis]
-                            + jacobian[1, 2] * rotation[2, axis]
-                        ) * sign * half[axis]
+                            (
+                                jacobian[1, 0] * rotation[0, axis]
+                                + jacobian[1, 1] * rotation[1, axis]
+                                + jacobian[1, 2] * rotation[2, axis]
+                            )
+                            * sign
+                            * half[axis]
+                        )
                         du, dv = stats[c, label, 1] - u - ou, stats[c, label, 2] - v - ov
                         cost += 0.5 * min(seen, expected) * (du * du + dv * dv) / (seen + 4.0)
             costs[h] += cost
@@ -264,7 +272,9 @@ class Searcher:
                 found.append(position)
         return found
 
-    def rank(self, labels: FloatArray, used: FloatArray, position: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
+    def rank(
+        self, labels: FloatArray, used: FloatArray, position: FloatArray, count: int
+    ) -> tuple[FloatArray, FloatArray]:
         """The `count` best rotations (count, 3, 3) at a position and their costs."""
         box = self.box
         gather(self.lenses, labels, self.face_mask, used, position, 1.1 * self.radius, self.stats)

@@ -91,7 +91,9 @@ class ColorModel:
         path = Path(path)
         codes = np.clip(np.rint(-self.log_posterior / _STEP), 0, 255).astype(np.uint8)
         buffer = io.BytesIO()
-        np.savez_compressed(buffer, format=np.int64(1), normalise=np.bool_(self.normalise), log_posterior=codes)
+        np.savez_compressed(
+            buffer, format=np.int64(1), normalise=np.bool_(self.normalise), log_posterior=codes
+        )
         temporary = path.with_name(path.name + ".tmp")
         temporary.write_bytes(buffer.getvalue())
         os.replace(temporary, path)
@@ -99,23 +101,39 @@ class ColorModel:
 
 def _read(path: Path, name: str) -> ColorModel:
     try:
-        if path.stat().st_size > _MAX_BYTES:
-            raise ColorModelError(f"colour model {path}: {path.stat().st_size} bytes; at most {_MAX_BYTES} are read")
-        with np.load(path, allow_pickle=False) as data:
-            missing = _KEYS - set(data.files)
-            if missing:
-                raise ColorModelError(f"colour model {path}: {sorted(missing)} missing; needed are {sorted(_KEYS)}")
-            version, codes, normalise = data["format"], data["log_posterior"], data["normalise"]
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile, EOFError, zipfile.LargeZipFile) as error:
-        raise ColorModelError(f"colour model {path}: cannot be read as .npz ({error})") from None
-    if version.shape != () or int(version) != 1:
+        version, codes, normalise = _entries(path)
+    except ColorModelError:
+        raise
+    # Of a broken file, zipfile, zlib and NumPy raise errors of many types (zlib.error, NotImplementedError …).
+    except Exception as error:
+        raise ColorModelError(f"colour model {path}: cannot be read as .npz ({error})") from error
+    if version.shape != () or version.dtype.kind not in "iu" or version != 1:
         raise ColorModelError(f"colour model {path}: format {version!s}; this version reads format 1")
+    if normalise.shape != () or normalise.dtype != np.bool_:
+        raise ColorModelError(f"colour model {path}: normalise is {normalise!s}; one truth value is needed")
     if codes.dtype != np.uint8 or codes.shape != (CLASSES, NODES, NODES, NODES):
         raise ColorModelError(
             f"colour model {path}: log_posterior is {codes.dtype} {codes.shape}; "
             f"uint8 {(CLASSES, NODES, NODES, NODES)} is needed"
         )
     return ColorModel(name, codes * -_STEP, bool(normalise))
+
+
+def _entries(path: Path) -> tuple[Array, Array, Array]:
+    """The arrays format, log_posterior and normalise, whatever they are."""
+    with path.open("rb") as file:
+        content = file.read(_MAX_BYTES + 1)
+    if len(content) > _MAX_BYTES:
+        raise ColorModelError(f"colour model {path}: more than {_MAX_BYTES} bytes; no more are read")
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        sizes = {entry.filename.removesuffix(".npy"): entry.file_size for entry in archive.infolist()}
+    missing = _KEYS - set(sizes)
+    if missing:
+        raise ColorModelError(f"colour model {path}: {sorted(missing)} missing; needed are {sorted(_KEYS)}")
+    if sum(sizes.values()) > _MAX_BYTES:
+        raise ColorModelError(f"colour model {path}: unpacks to more than {_MAX_BYTES} bytes")
+    with np.load(io.BytesIO(content), allow_pickle=False) as data:
+        return data["format"], data["log_posterior"], data["normalise"]
 
 
 def color_model_names() -> tuple[str, ...]:

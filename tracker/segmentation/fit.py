@@ -18,6 +18,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from tracker.conventions import Array, FloatArray
+from tracker.errors import ImageError
 from tracker.segmentation.color_model import CLASSES, NODES, ColorModel, compand
 from tracker.segmentation.labelled import LabelledImage
 from tracker.segmentation.normalise import apply_gains, neutral_gains
@@ -101,7 +102,10 @@ def image_histograms(labelled: LabelledImage, options: FitOptions, normalise: bo
     # Masks are drawn a little too small, so the rim around them belongs to neither side.
     margin = 2 * (image.shape[0] // 50) + 1
     near = cv2.dilate((labelled.labels > 0).astype(np.uint8), np.ones((margin, margin), np.uint8))
-    result[0] = _histogram(_draw(image[near == 0], 4 * options.draws, BACKGROUND_JITTER, rng))
+    background = image[near == 0]
+    if not len(background):
+        raise ImageError(f"labelled image {labelled.name}: the masks leave no background; some is needed")
+    result[0] = _histogram(_draw(background, 4 * options.draws, BACKGROUND_JITTER, rng))
     return result
 
 

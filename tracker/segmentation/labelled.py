@@ -34,7 +34,10 @@ def read_image(path: Path) -> Image:
     if not path.is_file():
         raise ImageError(f"image {path}: no such file")
     data = np.frombuffer(path.read_bytes(), np.uint8)
-    image = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
+    try:
+        image = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
+    except cv2.error:  # more pixels than OpenCV reads
+        image = None
     if image is None:
         raise ImageError(f"image {path}: not an image that can be read, or truncated; PNG or JPEG is needed")
     return np.asarray(image, dtype=np.uint8)

@@ -29,7 +29,7 @@ MIN_SHARE = 0.25
 
 @numba.njit(cache=True, nogil=True)
 def look_up(image, channels, table, out):  # type: ignore[no-untyped-def]
-    """out (H, W) = table[cell of the pixel]; channels (3, 256) from ColorModel.channel_tables."""
+    """Out (H, W) = table[cell of the pixel]; channels (3, 256) from ColorModel.channel_tables."""
     height, width = image.shape[0], image.shape[1]
     for j in range(height):
         for i in range(width):
@@ -40,7 +40,9 @@ def look_up(image, channels, table, out):  # type: ignore[no-untyped-def]
 def check_image(image: object, who: str = "image") -> Image:
     """The image itself, if it is (H, W, 3) uint8; ImageError says what it is otherwise."""
     if not isinstance(image, np.ndarray):
-        raise ImageError(f"{who}: {type(image).__name__} given; a NumPy array (H, W, 3) of uint8, BGR, is needed")
+        raise ImageError(
+            f"{who}: {type(image).__name__} given; a NumPy array (H, W, 3) of uint8, BGR, is needed"
+        )
     if image.dtype != np.uint8:
         raise ImageError(f"{who}: dtype {image.dtype}; uint8 is needed")
     if image.ndim != 3 or image.shape[2] != 3:

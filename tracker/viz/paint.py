@@ -24,6 +24,7 @@ _FINE = 4
 
 _SHIFT = 4
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
+_DIGIT_WIDTH = 0.66  # of its height, in the font of OpenCV 5
 
 
 def fill(image: Image, polygon: FloatArray, color: Sequence[int], opacity: float) -> None:
@@ -46,9 +47,9 @@ def stroke(
     _blend(image, lines, color, opacity, width, paint)
 
 
-def text_width(text: str, size: float, *, bold: bool = False) -> float:
-    """Width [px] of a line of text whose digits are `size` [px] high."""
-    (width, _), _ = cv2.getTextSize(text, _FONT, _scale(size), 2 if bold else 1)
+def text_width(text: str, size: float) -> float:
+    """Width [px] of a line of text whose digits are about `size` [px] high."""
+    (width, _), _ = cv2.getTextSize(text, _FONT, _scale(size), 1)
     return float(width)
 
 
@@ -59,22 +60,20 @@ def put_text(
     color: Color,
     *,
     size: float,
-    bold: bool = False,
     align: float = 0.0,
 ) -> None:
     """Write a line of text on the baseline through `at` [px], its left (align 0) … right (1) end there.
 
     Before OpenCV 5 only ASCII characters can be drawn.
     """
-    left = at[0] - align * text_width(text, size, bold=bold)
-    weight = 2 if bold else 1
-    cv2.putText(image, text, (round(left), round(at[1])), _FONT, _scale(size), color, weight, cv2.LINE_AA)
+    left = at[0] - align * text_width(text, size)
+    cv2.putText(image, text, (round(left), round(at[1])), _FONT, _scale(size), color, 1, cv2.LINE_AA)
 
 
 def _scale(size: float) -> float:
-    # OpenCV 5 draws outline fonts, OpenCV 4 strokes: measure a digit to make them of equal height.
-    (_, height), _ = cv2.getTextSize("0", _FONT, 10.0, 1)
-    return 10.0 * size / height
+    # OpenCV 5 draws outline fonts, OpenCV 4 wider strokes: make their digits equally wide.
+    (width, _), _ = cv2.getTextSize("0123456789", _FONT, 10.0, 1)
+    return 10.0 * 10 * _DIGIT_WIDTH * size / width
 
 
 def _blend(

@@ -1,0 +1,166 @@
+"""Fit the confidence's logistic model on rendered scenes, where the truth is known.
+
+    python scripts/fit_confidence.py [SCENES]
+
+Right and wrong fits on the way to the answers teach the weights, the answers their scale: with all cameras, with two and
+with one, with exact and with perturbed calibration, under changed light, and where there is no object.
+Prints the weights that tracker/pose/acceptance.py holds, and how reliable they are on scenes left out.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import sys
+from typing import Any
+
+import numpy as np
+from scipy.optimize import minimize
+
+from synthetic.raycast import Rendering, render
+from synthetic.simple import random_scene
+from synthetic.simple_rig import Sensor, default_cameras
+from tracker.calibration.rig import CameraRig
+from tracker.conventions import FloatArray
+from tracker.geometry import so3
+from tracker.objects.model import load_object
+from tracker.pipeline import ObjectTracker
+from tracker.pose.acceptance import WEIGHTS, features, probably_near
+from tracker.pose.fit import Fit
+
+SEED = 101
+OBJECTS = ("cube_v2", "cuboid_2x2x8_v2")
+ALL, PAIRS, ONE = ((0, 1, 2),), ((0, 1), (1, 2)), ((0,),)
+
+
+def perturbed(
+    cameras: tuple, rng: np.random.Generator, shift: float = 5e-4, turn: float = 1.75e-3
+) -> CameraRig:
+    """A rig whose transforms are off by normal errors [m, rad] that it states."""
+    result = []
+    for camera in cameras:
+        transform = camera.camera_from_world.copy()
+        transform[:3, 3] += rng.normal(0, shift, 3)
+        transform[:3, :3] = so3.exp(rng.normal(0, turn, 3)) @ transform[:3, :3]
+        std = np.zeros((4, 4))
+        std[:3, 3] = shift
+        std[:3, :3] = turn * np.sqrt(np.maximum(0, 1 - transform[:3, :3] ** 2))
+        result.append(dataclasses.replace(camera, camera_from_world=transform, camera_from_world_std=std))
+    return CameraRig(tuple(result))
+
+
+def relit(images: list, rng: np.random.Generator) -> list:
+    """The images under other gains and exposures."""
+    gains = [rng.uniform(0.8, 1.2, 3) * rng.uniform(0.6, 1.4) for _ in images]
+    return [np.clip(np.rint(i * g), 0, 255).astype(np.uint8) for i, g in zip(images, gains, strict=True)]
+
+
+@dataclasses.dataclass
+class Cases:
+    """Fits and whether each is right."""
+
+    rows: list[list[float]] = dataclasses.field(default_factory=list)
+    near: list[float] = dataclasses.field(default_factory=list)
+    right: list[bool] = dataclasses.field(default_factory=list)
+
+    def add(self, fit: Fit, truth: Rendering) -> None:
+        """One more fit."""
+        self.rows.append(list(features(fit).values()))
+        self.near.append(probably_near(fit) / (1.0 + math.exp(-fit.lead)))
+        self.right.append(_is_right(fit.position, fit.rotation, truth))
+
+    def arrays(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Features (N, F), probability of being near if on the object (N,), whether right (N,)."""
+        return np.array(self.rows), np.array(self.near), np.array(self.right, dtype=float)
+
+
+def collect(seed: int, scenes: int) -> tuple[Cases, Cases]:
+    """All fits that the estimator makes on the way, and its answers."""
+    every, answers = Cases(), Cases()
+    for name in OBJECTS:
+        model, cameras = load_object(name), default_cameras()
+        exact = ObjectTracker(model, CameraRig(cameras))
+        for k in range(scenes):
+            rng = np.random.default_rng([seed, k])
+            scene = random_scene(model, rng, object_present=k % 6 != 5)
+            truth = render(scene, cameras, model, Sensor.realistic(), rng)
+            images = relit(truth.images, rng) if k % 3 == 1 else truth.images
+            tracker = ObjectTracker(model, perturbed(cameras, rng)) if k % 2 else exact
+            fits = _listen(tracker)
+            for used in (*ALL, PAIRS[k % 2], *ONE):
+                fits.clear()
+                answer = tracker.fit([image if c in used else None for c, image in enumerate(images)])
+                for fit in fits:
+                    every.add(fit, truth)
+                if isinstance(answer, Fit):
+                    answers.add(answer, truth)
+    return every, answers
+
+
+def _listen(tracker: ObjectTracker) -> list[Fit]:
+    """A list that gains every fit that the tracker's estimator makes."""
+    fits: list[Fit] = []
+    estimator = tracker._estimator
+    refine = type(estimator)._refine
+
+    def record(*arguments: Any) -> Fit:
+        fits.append(refine(estimator, *arguments))
+        return fits[-1]
+
+    estimator._refine = record  # type: ignore[method-assign]
+    return fits
+
+
+def _is_right(position: FloatArray, rotation: FloatArray, truth: Rendering) -> bool:
+    if truth.position is None or truth.rotation is None:
+        return False
+    near = np.linalg.norm(position - truth.position) < 5e-3
+    return bool(near and so3.angle_between(rotation, truth.rotation) < np.radians(5))
+
+
+def fit(rows: FloatArray, right: FloatArray) -> FloatArray:
+    """Bias and weights (1 + F,) of a logistic model whose weights are not positive."""
+    spread = rows.std(axis=0) + 1e-9
+    design = np.column_stack([np.ones(len(rows)), rows / spread])
+
+    def loss(w: FloatArray) -> tuple[float, FloatArray]:
+        odds = design @ w
+        value = np.logaddexp(0, odds).sum() - right @ odds + (w[1:] ** 2).sum()
+        return value, design.T @ (1 / (1 + np.exp(-odds)) - right) + 2 * np.r_[0, w[1:]]
+
+    bounds = [(None, None)] + [(None, 0)] * rows.shape[1]
+    solution = minimize(loss, np.zeros(design.shape[1]), jac=True, method="L-BFGS-B", bounds=bounds).x
+    return np.concatenate([solution[:1], solution[1:] / spread])
+
+
+def scale(odds: FloatArray, near: FloatArray, right: FloatArray) -> FloatArray:
+    """Offset and factor (2,) on log odds (N,) under which the answers' confidence is calibrated (Platt)."""
+
+    def loss(w: FloatArray) -> float:
+        said = np.clip(near / (1 + np.exp(-(w[0] + w[1] * odds))), 1e-6, 1 - 1e-6)
+        return float(-(right * np.log(said) + (1 - right) * np.log(1 - said)).sum())
+
+    return np.asarray(minimize(loss, [0.0, 1.0], method="Nelder-Mead").x)
+
+
+def main(scenes: int) -> None:
+    """Collect, fit, print; the reliability is that of other scenes."""
+    every, answers = collect(SEED, scenes)
+    rows, near, right = every.arrays()
+    weights = fit(rows[near > 0.9], right[near > 0.9])
+    rows, near, right = answers.arrays()
+    offset, factor = scale(weights[0] + rows @ weights[1:], near, right)
+    weights = np.concatenate([[offset + factor * weights[0]], factor * weights[1:]])
+    print("BIAS =", round(float(weights[0]), 2))
+    print("WEIGHTS =", {n: round(float(w), 2) for n, w in zip(WEIGHTS, weights[1:], strict=True)})
+    rows, near, right = collect(SEED + 1, scenes // 2)[1].arrays()
+    said = near / (1 + np.exp(-(weights[0] + rows @ weights[1:])))
+    print(f"{len(rows)} answers to other scenes; Brier score {np.mean((said - right) ** 2):.4f}")
+    for low, high in ((0, 0.3), (0.3, 0.5), (0.5, 0.7), (0.7, 0.9), (0.9, 0.98), (0.98, 1.01)):
+        chosen = (said >= low) & (said < high)
+        if chosen.any():
+            print(f"said {said[chosen].mean():.3f}: {chosen.sum()} answers, {right[chosen].mean():.3f} right")
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]) if len(sys.argv) > 1 else 150)

@@ -1,0 +1,322 @@
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.helpers import ROOT, run_python
+from tracker import cli
+
+NAMES = ("camera60", "camera180", "camera300")
+
+
+def run(*arguments: object, folder: Path = ROOT) -> subprocess.CompletedProcess[str]:
+    return run_python(["-m", "tracker", *arguments], folder)
+
+
+def detect_arguments(demo: Path, **replaced: object) -> list[object]:
+    """Arguments of a good `tracker detect`, with the images of some cameras replaced."""
+    images = [replaced.get(name, demo / f"{name}.png") for name in NAMES]
+    return ["detect", "--object", "cube_v2", "--calibration", demo, *images]
+
+
+Run = Callable[..., subprocess.CompletedProcess[str]]
+
+
+@pytest.fixture
+def run_here(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Run:
+    """Like `run` but in this process, which is faster; what compiled libraries print is seen too."""
+
+    def run_it(*arguments: object, folder: Path = ROOT) -> subprocess.CompletedProcess[str]:
+        monkeypatch.chdir(folder)
+        with pytest.raises(SystemExit) as stop:
+            cli.main([str(argument) for argument in arguments])
+        printed = capfd.readouterr()
+        return subprocess.CompletedProcess([], int(stop.value.code or 0), printed.out, printed.err)
+
+    return run_it
+
+
+def assert_one_line_error(result: subprocess.CompletedProcess[str], *words: str) -> None:
+    assert result.returncode == 2, result.stderr
+    assert result.stdout == ""
+    assert result.stderr.startswith("tracker: ")
+    assert len(result.stderr.splitlines()) == 1, result.stderr
+    for word in words:
+        assert word in result.stderr
+
+
+@pytest.fixture
+def labelled(tmp_path: Path) -> Path:
+    """A folder of three labelled images of red and blue squares on grey."""
+    folder = tmp_path / "labelled"
+    folder.mkdir()
+    for number in range(3):
+        rng = np.random.default_rng(number)
+        image = rng.normal(110, 4, (120, 120, 3))
+        for color, bgr, left in (("red", (40, 50, 190), 10), ("blue", (150, 60, 20), 60)):
+            top = 20 + 10 * number
+            image[top : top + 40, left : left + 40] = rng.normal(bgr, 4, (40, 40, 3))
+            mask = np.zeros((120, 120), np.uint8)
+            mask[top : top + 40, left : left + 40] = 255
+            cv2.imwrite(str(folder / f"0{number}_mask_{color}.png"), mask)
+        cv2.imwrite(str(folder / f"0{number}_image.png"), np.clip(image, 0, 255).astype(np.uint8))
+    return folder
+
+
+@pytest.mark.parametrize("command", ["", "detect", "colors", "colors fit", "colors check"])
+def test_every_command_explains_itself(command):
+    result = run(*command.split(), "--help")
+    assert result.returncode == 0
+    assert result.stderr == ""
+    assert result.stdout.startswith(f"Usage: tracker {command}".rstrip())
+
+
+def test_the_version_is_said():
+    result = run("--version")
+    assert result.returncode == 0
+    assert result.stdout.startswith("tracker ")
+
+
+def test_detect_prints_the_pose_for_people(demo):
+    result = run(*detect_arguments(demo))
+    assert result.returncode == 0, result.stderr
+    rows = {line[:23].strip(): line[23:].split() for line in result.stdout.splitlines()}
+    assert rows["object"] == ["cube_v2"]
+    assert rows["status"] == ["found"]
+    assert len(rows["position [mm]"]) == len(rows["std [mm]"]) == 3
+    assert np.linalg.norm([float(cell) for cell in rows["orientation"]]) == pytest.approx(1, abs=1e-5)
+
+
+def test_detect_prints_one_json_object_for_programs(demo):
+    result = run(*detect_arguments(demo), "--json")
+    assert result.returncode == 0, result.stderr
+    found = json.loads(result.stdout)
+    assert list(found) == ["object", "status", "pose", "timing_ms"]
+    assert found["object"] == "cube_v2"
+    assert found["status"] == "found"
+    assert set(found["pose"]) == {"position", "orientation", "covariance", "confidence"}
+    covariance = np.array(found["pose"]["covariance"])
+    assert covariance.shape == (6, 6)
+    assert np.linalg.eigvalsh(covariance).min() > 0
+    assert 0 < found["pose"]["confidence"] <= 1
+    assert found["timing_ms"]["total"] > 0
+
+
+def test_calibration_files_are_taken_in_the_order_given(demo, run_here):
+    order = ("camera300", "camera60", "camera180")
+    files = [part for name in order for part in ("--calibration", demo / f"{name}.yml")]
+    images = [demo / f"{name}.png" for name in order]
+    shuffled = json.loads(run_here("detect", "--object", "cube_v2", "--json", *files, *images).stdout)
+    usual = json.loads(run_here(*detect_arguments(demo), "--json").stdout)
+    np.testing.assert_allclose(shuffled["pose"]["position"], usual["pose"]["position"], atol=1e-3)
+
+
+def test_a_camera_may_have_given_no_image(demo, run_here):
+    everything = json.loads(run_here(*detect_arguments(demo), "--json").stdout)
+    without = json.loads(run_here(*detect_arguments(demo, camera180="none"), "--json").stdout)
+    np.testing.assert_allclose(without["pose"]["position"], everything["pose"]["position"], atol=2e-3)
+
+
+def test_the_overlay_is_written(demo, tmp_path):
+    result = run(*detect_arguments(demo), "--overlay", tmp_path / "out.png")
+    assert result.returncode == 0, result.stderr
+    picture = cv2.imread(str(tmp_path / "out.png"))
+    assert picture.shape == cv2.imread(str(demo / "overlay.png")).shape
+
+
+@pytest.mark.parametrize("image", ["missing.png", "truncated.png"])
+def test_an_error_of_the_process_is_one_line_too(image, demo, tmp_path):
+    faulty_images(tmp_path, demo)
+    assert_one_line_error(run(*detect_arguments(demo, camera180=tmp_path / image)), image)
+
+
+def test_nothing_found_is_an_answer_and_no_error(demo, tmp_path):
+    cv2.imwrite(str(tmp_path / "grey.png"), np.full((270, 270, 3), 90, np.uint8))
+    grey = dict.fromkeys(NAMES, tmp_path / "grey.png")
+    result = run(*detect_arguments(demo, **grey), "--json", "--overlay", tmp_path / "out.jpg")
+    assert result.returncode == 0, result.stderr
+    found = json.loads(result.stdout)
+    assert found["pose"] is None
+    assert found["status"] == "no object colours"
+    assert (tmp_path / "out.jpg").is_file()
+    assert "no object colours" in run(*detect_arguments(demo, **grey)).stdout
+
+
+def faulty_images(folder: Path, demo: Path) -> None:
+    good = (demo / "camera60.png").read_bytes()
+    (folder / "empty.png").write_bytes(b"")
+    (folder / "text.png").write_text("not an image")
+    (folder / "truncated.png").write_bytes(good[: len(good) // 2])
+    cv2.imwrite(str(folder / "large.png"), np.zeros((540, 540, 3), np.uint8))
+
+
+@pytest.mark.parametrize(
+    ("image", "said"),
+    [
+        ("empty.png", "empty.png"),
+        ("text.png", "text.png"),
+        ("truncated.png", "truncated"),
+        ("missing.png", "no such file"),
+        (".", "no such file"),
+        ("large.png", "270×270"),
+    ],
+)
+def test_a_faulty_image_is_named_in_one_line(image, said, demo, tmp_path, run_here):
+    faulty_images(tmp_path, demo)
+    before = sorted(tmp_path.iterdir())
+    arguments = detect_arguments(demo, camera180=tmp_path / image)
+    assert_one_line_error(run_here(*arguments, "--json", "--overlay", tmp_path / "out.png"), said)
+    assert sorted(tmp_path.iterdir()) == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ([], ["Missing command", "--help"]),
+        (["find"], ["No such command", "find"]),
+        (["colors"], ["Missing command", "colors --help"]),
+        (["detect"], ["IMAGE", "detect --help"]),
+        (["detect", "x.png"], ["--object"]),
+        (["detect", "x.png", "--object", "cube_v2"], ["--calibration"]),
+        (["detect", "x.png", "--objet", "cube_v2"], ["--objet"]),
+        (["colors", "fit", "."], ["--name", "-o"]),
+        (["colors", "fit", "nowhere", "-o", "x.npz"], ["nowhere", "no such folder"]),
+        (["colors", "fit", "nowhere", "-o", "nowhere/x.npz"], ["no folder nowhere"]),
+        (["colors", "fit", "nowhere", "-o", "x.dat"], [".dat", ".npz"]),
+        (["colors", "fit", "nowhere", "-o", "x.npz", "--seed", "-1"], ["--seed", "-1"]),
+        (["colors", "check", "."], ["--colors", "--cross-validate"]),
+        (["colors", "check", ".", "--colors", "pink"], ["pink", "cube_v2"]),
+        (["colors", "check", ".", "--colors", "cube_v2"], ["none found", "NN_mask_red.png"]),
+    ],
+)
+def test_a_faulty_command_is_one_line(arguments, words, tmp_path, run_here):
+    assert_one_line_error(run_here(*arguments, folder=tmp_path), *words)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("replaced", "words"),
+    [
+        ({"--object": "cube_v9"}, ["cube_v9", "cube_v2"]),
+        ({"--object": "mine.toml"}, ["mine.toml"]),
+        ({"--colors": "pink"}, ["pink", "simulation"]),
+        ({"--colors": "pink.npz"}, ["pink.npz"]),
+        ({"--calibration": "nowhere"}, ["nowhere"]),
+        ({"--calibration": "empty"}, ["camera60.yml"]),
+        ({"--calibration": "broken"}, ["camera60.yml", "YAML"]),
+        ({"--pattern": "*.yaml"}, ["*.yaml"]),
+        ({"--overlay": "out.gif"}, [".gif", ".png"]),
+        ({"--overlay": "nowhere/out.png"}, ["nowhere/out.png"]),
+        ({"--overlay": "empty"}, ["empty", ".png"]),
+    ],
+)
+def test_a_faulty_option_is_named_in_one_line(replaced, words, demo, tmp_path, run_here):
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "broken").mkdir()
+    (tmp_path / "broken" / "camera60.yml").write_text("camera_name: [")
+    before = sorted(tmp_path.rglob("*"))
+    options = {"--object": "cube_v2", "--calibration": demo, **replaced}
+    pairs = [part for pair in options.items() for part in pair]
+    images = [demo / f"{name}.png" for name in NAMES]
+    assert_one_line_error(run_here("detect", *pairs, *images, "--json", folder=tmp_path), *words)
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_the_count_of_images_must_be_that_of_the_cameras(demo, run_here):
+    arguments = detect_arguments(demo)
+    assert_one_line_error(run_here(*arguments[:-1]), "found 2", "expected 3", *NAMES)
+    assert_one_line_error(run_here(*arguments, arguments[-1]), "found 4", "expected 3")
+
+
+def test_no_image_at_all_is_an_error(demo, run_here):
+    result = run_here(*detect_arguments(demo, **dict.fromkeys(NAMES, "none")))
+    assert_one_line_error(result, "'none'", "at least one")
+
+
+def test_fitted_colors_are_written_and_can_be_checked(labelled, tmp_path):
+    result = run("colors", "fit", labelled, "--name", "mine", "-o", tmp_path / "mine.npz")
+    assert result.returncode == 0, result.stderr
+    assert "no image shows green" in result.stdout
+    assert "no image shows red" not in result.stdout
+    checked = run("colors", "check", labelled, "--colors", tmp_path / "mine.npz")
+    assert checked.returncode == 0, checked.stderr
+    header, *_, mean = checked.stdout.splitlines()
+    values = dict(zip(header.split()[3:], mean.split()[1:], strict=True))
+    assert float(values["red"]) > 0.95
+    assert float(values["blue"]) > 0.95
+    assert values["green"] == "-"
+
+
+def test_cross_validation_measures_images_that_the_fit_did_not_see(labelled, run_here):
+    result = run_here("colors", "check", labelled, "--cross-validate")
+    assert result.returncode == 0, result.stderr
+    assert float(result.stdout.split()[-1]) > 0.9
+
+
+def test_cross_validation_of_one_image_is_an_error(labelled, run_here):
+    for path in (*labelled.glob("01*"), *labelled.glob("02*")):
+        path.unlink()
+    assert_one_line_error(run_here("colors", "check", labelled, "--cross-validate"), "found 1", "at least 2")
+
+
+def test_a_failed_fit_keeps_the_old_file(labelled, tmp_path, run_here):
+    target = tmp_path / "mine.npz"
+    target.write_bytes(b"old")
+    shutil.copy(labelled / "00_image.png", labelled / "03_image.png")
+    (labelled / "03_mask_red.png").write_bytes(b"broken")
+    assert_one_line_error(run_here("colors", "fit", labelled, "-o", target), "03_mask_red.png")
+    assert target.read_bytes() == b"old"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["labelled", "mine.npz"]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="pipes and devices of POSIX systems")
+def test_a_reader_that_has_left_is_no_reason_to_complain():
+    reader, writer = os.pipe()
+    os.close(reader)
+    command = [sys.executable, "-m", "tracker", "--help"]
+    result = subprocess.run(command, cwd=ROOT, stdout=writer, stderr=subprocess.PIPE, check=False)
+    os.close(writer)
+    assert result.stderr == b""
+    assert result.returncode == 1
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
+def test_output_that_cannot_be_written_is_one_line():
+    with open("/dev/full", "w") as full:
+        command = [sys.executable, "-m", "tracker", "--help"]
+        result = subprocess.run(
+            command, cwd=ROOT, stdout=full, stderr=subprocess.PIPE, check=False, encoding="utf-8"
+        )
+    assert result.returncode == 2
+    assert len(result.stderr.splitlines()) == 1
+    assert result.stderr.startswith("tracker: output: ")
+
+
+@pytest.mark.parametrize(
+    ("raised", "code", "said"),
+    [
+        (KeyboardInterrupt(), 130, "tracker: interrupted\n"),
+        (RuntimeError("two\nlines"), 2, "RuntimeError in test_cli.py"),
+    ],
+)
+def test_whatever_happens_is_one_line_without_traceback(raised, code, said, monkeypatch, capsys):
+    def fail(_: object) -> None:
+        raise raised
+
+    monkeypatch.setattr("tracker.objects.model.load_object", fail)
+    with pytest.raises(SystemExit) as stop:
+        cli.main(["detect", "--object", "cube_v2", "--calibration", "x", "x.png"])
+    assert stop.value.code == code
+    printed = capsys.readouterr()
+    assert said in printed.err
+    assert len(printed.err.splitlines()) == 1
+    assert printed.out == ""

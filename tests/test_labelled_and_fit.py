@@ -1,0 +1,255 @@
+from __future__ import annotations
+
+import io
+import struct
+import zipfile
+import zlib
+
+import cv2
+import numpy as np
+import pytest
+
+from tracker.errors import ColorModelError, ImageError
+from tracker.objects.labels import COLOR_NAMES
+from tracker.segmentation import load_colors, segment
+from tracker.segmentation.fit import FitOptions, combine, image_histograms, intersection_over_union
+from tracker.segmentation.labelled import LabelledImage, read_image, read_labelled
+from tracker.segmentation.normalise import apply_gains
+
+SIZE = 160
+OPTIONS = FitOptions(draws=8000)
+FACE_BGR = {
+    "red": (45, 45, 185),
+    "green": (60, 160, 60),
+    "blue": (140, 55, 20),
+    "cyan": (170, 150, 50),
+    "magenta": (150, 50, 150),
+    "yellow": (45, 200, 210),
+}
+
+
+def labelled_image(seed: int, light=(1.0, 1.0, 1.0)) -> LabelledImage:
+    """Six shaded squares, at places drawn at random, on uneven grey."""
+    rng = np.random.default_rng(seed)
+    ramp = np.linspace(*rng.uniform(90, 140, 2), SIZE)[:, None, None]
+    image = ramp * np.ones((SIZE, SIZE, 3))
+    labels = np.zeros((SIZE, SIZE), np.uint8)
+    for label, cell in enumerate(rng.permutation(9)[:6], start=1):
+        row, column = (50 * k + 5 + rng.integers(10) for k in divmod(cell, 3))
+        square = slice(row, row + 36), slice(column, column + 36)
+        image[square] = np.array(FACE_BGR[COLOR_NAMES[label]]) * rng.uniform(0.85, 1.15)
+        labels[square] = label
+    image = image * light + rng.normal(0, 3, image.shape)
+    return LabelledImage(f"scene{seed}", np.clip(np.rint(image), 0, 255).astype(np.uint8), labels)
+
+
+def fitted(seeds=(0, 1, 2), options=OPTIONS, **keywords):
+    return combine(
+        [image_histograms(labelled_image(seed), options) for seed in seeds], options=options, **keywords
+    )
+
+
+@pytest.fixture(scope="module")
+def model():
+    return fitted()
+
+
+@pytest.mark.parametrize("seed", [10, 11, 12])
+def test_a_fitted_model_segments_images_it_has_not_seen(seed, model):
+    scene = labelled_image(seed)
+    overlaps = intersection_over_union(segment(scene.image, model), scene.labels)
+    assert list(overlaps) == [1, 2, 3, 4, 5, 6]
+    assert min(overlaps.values()) > 0.95
+
+
+@pytest.mark.parametrize("gains", [(1.2, 1.0, 0.85), (0.8, 0.9, 1.1), (0.6, 0.6, 0.6), (1.25, 1.25, 1.25)])
+def test_a_change_of_light_does_not_change_the_labels(gains, model):
+    scene = labelled_image(20)
+    before, after = (
+        segment(image, model) for image in (scene.image, apply_gains(scene.image, np.array(gains)))
+    )
+    assert (before == after).mean() > 0.99
+    assert min(intersection_over_union(after, scene.labels).values()) > 0.95
+
+
+def test_a_fit_without_normalisation_takes_colours_as_they_are():
+    options = FitOptions(draws=8000, brightness=0.05, tail_share=0.0)
+    histograms = image_histograms(labelled_image(0), options, normalise=False)
+    model = combine([histograms], options=options, normalise=False)
+    scene = labelled_image(10, light=(0.2, 0.2, 0.2))
+    assert model.normalise is False
+    assert (segment(scene.image, model) == scene.labels).mean() < 0.9
+
+
+def test_the_same_seed_fits_the_same_bits():
+    first, second = fitted((0,)), fitted((0,))
+    assert first.log_posterior.tobytes() == second.log_posterior.tobytes()
+    other = fitted((0,), FitOptions(draws=8000, seed=1))
+    assert first.log_posterior.tobytes() != other.log_posterior.tobytes()
+
+
+def test_the_draws_of_an_image_do_not_depend_on_the_others():
+    alone = image_histograms(labelled_image(1), OPTIONS)
+    image_histograms(labelled_image(2), OPTIONS)
+    again = image_histograms(labelled_image(1), OPTIONS)
+    for label, density in alone.items():
+        assert density.tobytes() == again[label].tobytes()
+
+
+def test_every_histogram_is_a_density():
+    for density in image_histograms(labelled_image(0), OPTIONS).values():
+        assert density.min() >= 0
+        assert density.sum() == pytest.approx(1)
+
+
+def test_other_objects_images_teach_colours_that_the_own_images_lack():
+    histograms = image_histograms(labelled_image(0), OPTIONS)
+    own = {label: density for label, density in histograms.items() if label != 4}
+    scene = labelled_image(10)
+    without = segment(scene.image, combine([own]))
+    with_others = segment(scene.image, combine([own], [histograms]))
+    assert not (without == 4).any()
+    assert intersection_over_union(with_others, scene.labels)[4] > 0.9
+
+
+def test_a_saved_model_is_read_back(model, tmp_path):
+    model.save(tmp_path / "mine.npz")
+    read = load_colors(tmp_path / "mine.npz")
+    assert read.name == "mine"
+    assert read.normalise is model.normalise
+    # Steps of 1/16, and nothing below 255 of them.
+    np.testing.assert_allclose(read.log_posterior, np.maximum(model.log_posterior, -255 / 16), atol=1 / 32)
+    read.save(tmp_path / "again.npz")
+    assert (tmp_path / "again.npz").read_bytes() == (tmp_path / "mine.npz").read_bytes()
+    scene = labelled_image(10)
+    assert (segment(scene.image, read) == segment(scene.image, model)).mean() > 0.999
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["again.npz", "mine.npz"]
+
+
+def good_entries() -> dict[str, np.ndarray]:
+    return {
+        "format": np.int64(1),
+        "normalise": np.bool_(True),
+        "log_posterior": np.zeros((7, 32, 32, 32), np.uint8),
+    }
+
+
+def saved(**replaced) -> bytes:
+    buffer = io.BytesIO()
+    entries = {**good_entries(), **replaced}
+    np.savez_compressed(buffer, **{key: value for key, value in entries.items() if value is not None})
+    return buffer.getvalue()
+
+
+def with_broken_stream() -> bytes:
+    """A file whose directory is sound and whose compressed data are not."""
+    rng = np.random.default_rng(0)
+    content = bytearray(saved(log_posterior=rng.integers(0, 9, (7, 32, 32, 32), dtype=np.uint8)))
+    with zipfile.ZipFile(io.BytesIO(bytes(content))) as archive:
+        start = archive.getinfo("log_posterior.npy").header_offset + 60
+    content[start : start + 400] = b"\xff" * 400
+    return bytes(content)
+
+
+def array_file() -> bytes:
+    buffer = io.BytesIO()
+    np.save(buffer, np.zeros(3))
+    return buffer.getvalue()
+
+
+FAULTY_FILES = {
+    "empty": b"",
+    "text": b"not a colour model",
+    "truncated": saved()[:-200],
+    "broken stream": with_broken_stream(),
+    "one array": array_file(),
+    "no table": saved(log_posterior=None),
+    "no format": saved(format=None),
+    "later format": saved(format=np.int64(2)),
+    "format in words": saved(format=np.array("one")),
+    "two flags": saved(normalise=np.array([True, False])),
+    "table of floats": saved(log_posterior=np.zeros((7, 32, 32, 32))),
+    "small table": saved(log_posterior=np.zeros((6, 32, 32, 32), np.uint8)),
+    "objects": saved(log_posterior=np.array({}, dtype=object)),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTY_FILES)
+def test_a_faulty_file_is_named(fault, tmp_path):
+    (tmp_path / "faulty.npz").write_bytes(FAULTY_FILES[fault])
+    with pytest.raises(ColorModelError, match=r"faulty\.npz"):
+        load_colors(tmp_path / "faulty.npz")
+
+
+def test_an_unknown_name_lists_those_that_are_known():
+    with pytest.raises(ColorModelError, match=r"'pink'.*cube_v1.*simulation"):
+        load_colors("pink")
+    with pytest.raises(ColorModelError, match=r"missing\.npz"):
+        load_colors("missing.npz")
+
+
+@pytest.mark.parametrize("layout", ["words", "platform"])
+def test_both_layouts_of_labelled_images_are_read(layout, tmp_path):
+    scene = labelled_image(3)
+    for label, color in list(enumerate(COLOR_NAMES))[1:5]:  # magenta and yellow have no mask
+        mask = np.where(scene.labels == label, np.uint8(1), np.uint8(0))
+        name = f"07_mask_{color}.png" if layout == "words" else f"{color[0]}60.png"
+        cv2.imwrite(str(tmp_path / name), np.repeat(mask[..., None], 4, axis=2))
+    cv2.imwrite(str(tmp_path / ("07_image.png" if layout == "words" else "camera60.png")), scene.image)
+    (read,) = read_labelled(tmp_path)
+    np.testing.assert_array_equal(read.image, scene.image)
+    np.testing.assert_array_equal(read.labels, np.where(scene.labels > 4, 0, scene.labels))
+
+
+def test_a_mask_of_another_size_is_named(tmp_path):
+    cv2.imwrite(str(tmp_path / "01_image.png"), np.zeros((20, 20, 3), np.uint8))
+    cv2.imwrite(str(tmp_path / "01_mask_red.png"), np.zeros((20, 30), np.uint8))
+    with pytest.raises(ImageError, match="01_mask_red"):
+        read_labelled(tmp_path)
+
+
+def test_a_folder_without_labelled_images_is_named(tmp_path):
+    with pytest.raises(ImageError, match="none found"):
+        read_labelled(tmp_path)
+    with pytest.raises(ImageError, match="no such folder"):
+        read_labelled(tmp_path / "nowhere")
+
+
+@pytest.mark.parametrize("content", [b"", b"text", None])
+def test_an_image_that_cannot_be_read_is_named(content, tmp_path):
+    if content is not None:
+        (tmp_path / "image.png").write_bytes(content)
+    with pytest.raises(ImageError, match=r"image\.png"):
+        read_image(tmp_path / "image.png")
+
+
+def test_an_image_that_claims_to_be_huge_is_named(tmp_path):
+    (tmp_path / "image.png").write_bytes(png_of_size(100_000, 100_000))
+    with pytest.raises(ImageError, match=r"image\.png"):
+        read_image(tmp_path / "image.png")
+
+
+def png_of_size(width: int, height: int) -> bytes:
+    """The beginning of a PNG file that says so."""
+    chunks = (
+        b"IHDR" + struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0),
+        b"IDAT" + zlib.compress(bytes(99)),
+    )
+    framed = (struct.pack(">I", len(c) - 4) + c + struct.pack(">I", zlib.crc32(c)) for c in chunks)
+    return b"\x89PNG\r\n\x1a\n" + b"".join(framed)
+
+
+def test_masks_that_leave_no_background_are_refused():
+    covered = LabelledImage("covered", np.full((40, 40, 3), 90, np.uint8), np.ones((40, 40), np.uint8))
+    with pytest.raises(ImageError, match=r"covered.*background"):
+        image_histograms(covered, OPTIONS)
+
+
+def test_the_overlap_of_equal_maps_is_one_and_of_disjoint_ones_zero():
+    truth = np.array([[0, 1, 1], [2, 2, 0]], np.uint8)
+    assert intersection_over_union(truth, truth) == {1: 1.0, 2: 1.0}
+    assert intersection_over_union(np.where(truth == 1, 2, 0), truth) == {1: 0.0, 2: 0.0}
+    assert intersection_over_union(np.array([[0, 1, 0], [2, 2, 2]]), truth) == {
+        1: 0.5,
+        2: pytest.approx(2 / 3),
+    }

@@ -1,0 +1,204 @@
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import tracker
+from synthetic.raycast import render
+from synthetic.simple import random_scene
+from synthetic.simple_rig import Sensor, default_cameras
+from tracker.errors import ImageError
+from tracker.geometry import so3
+
+SCENES = 10
+OBJECTS = ("cube_v2", "cuboid_2x2x8_v2")
+
+
+@pytest.fixture(scope="module")
+def rig():
+    return tracker.CameraRig(default_cameras())
+
+
+@pytest.fixture(scope="module")
+def trackers(rig):
+    return {name: tracker.ObjectTracker(tracker.load_object(name), rig) for name in OBJECTS}
+
+
+@pytest.fixture(scope="module")
+def scenes(rig):
+    """Rendered scenes by object: half without fingers, all with a realistic sensor."""
+    result = {}
+    for name in OBJECTS:
+        model = tracker.load_object(name)
+        result[name] = []
+        for k in range(SCENES):
+            rng = np.random.default_rng([20, k])
+            scene = random_scene(model, rng, occlusion=0.5 if k % 2 else 0.0)
+            result[name].append(render(scene, rig.cameras, model, Sensor.realistic(), rng))
+    return result
+
+
+def errors(pose, truth):
+    turned = so3.log(pose.rotation @ truth.rotation.T)
+    return np.concatenate([pose.position - truth.position, turned])
+
+
+def within(pose, truth, metres, degrees):
+    error = errors(pose, truth)
+    return np.linalg.norm(error[:3]) < metres and np.linalg.norm(error[3:]) < np.radians(degrees)
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+def test_pose_of_rendered_scenes_is_accurate(trackers, scenes, name):
+    clear = [truth for truth in scenes[name] if truth.visible_fraction.min() > 0.95]
+    found = [trackers[name].detect(truth.images).object_pose for truth in clear]
+    assert all(pose is not None for pose in found)
+    error = np.abs([errors(pose, truth) for pose, truth in zip(found, clear, strict=True)])
+    assert np.median(np.linalg.norm(error[:, :3], axis=1)) < 0.3e-3
+    assert np.median(np.linalg.norm(error[:, 3:], axis=1)) < np.radians(0.8)
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+def test_a_sure_pose_is_right(trackers, scenes, name):
+    for truth in scenes[name]:
+        pose = trackers[name].detect(truth.images).object_pose
+        if pose is not None and pose.confidence > 0.9:
+            assert within(pose, truth, 5e-3, 5)
+
+
+def test_normalised_error_squared_is_plausible(trackers, scenes):
+    values = []
+    for name in OBJECTS:
+        for truth in scenes[name]:
+            pose = trackers[name].detect(truth.images).object_pose
+            if pose is not None and pose.confidence > 0.5:
+                error = errors(pose, truth)
+                values.append(error @ np.linalg.solve(pose.covariance, error))
+    assert len(values) >= SCENES
+    assert 1.5 < np.median(values) < 15  # 5.35 for six degrees of freedom
+
+
+def test_same_images_give_the_same_bits(trackers, scenes):
+    images = scenes["cube_v2"][1].images
+    first = trackers["cube_v2"].detect(images).object_pose
+    fresh = tracker.ObjectTracker(tracker.load_object("cube_v2"), trackers["cube_v2"].rig)
+    second = fresh.detect(images).object_pose
+    for key in ("position", "orientation", "covariance", "confidence"):
+        np.testing.assert_array_equal(getattr(first, key), getattr(second, key))
+
+
+def test_answer_does_not_depend_on_earlier_images(trackers, scenes):
+    first = trackers["cube_v2"].detect(scenes["cube_v2"][0].images).object_pose
+    trackers["cube_v2"].detect(scenes["cube_v2"][2].images)
+    again = trackers["cube_v2"].detect(scenes["cube_v2"][0].images).object_pose
+    np.testing.assert_array_equal(first.position, again.position)
+
+
+def test_two_cameras_are_less_sure_and_still_right(trackers, scenes):
+    for truth in scenes["cube_v2"][::2]:
+        full = trackers["cube_v2"].detect(truth.images).object_pose
+        pair = trackers["cube_v2"].detect([truth.images[0], None, truth.images[2]]).object_pose
+        assert within(pair, truth, 5e-3, 5)
+        assert np.trace(pair.covariance[:3, :3]) > np.trace(full.covariance[:3, :3])
+
+
+def test_one_camera_gives_a_pose_near_the_truth_or_is_not_sure(trackers, scenes):
+    right = 0
+    for truth in scenes["cube_v2"][::2]:
+        pose = trackers["cube_v2"].detect([truth.images[0], None, None]).object_pose
+        if pose is not None and pose.confidence > 0.5:
+            assert within(pose, truth, 20e-3, 5)
+            right += 1
+    assert right >= 2
+
+
+def test_gains_and_exposure_do_not_move_the_pose(trackers, scenes):
+    rng = np.random.default_rng(3)
+    truth = scenes["cube_v2"][0]
+    reference = trackers["cube_v2"].detect(truth.images).object_pose
+    for _ in range(5):
+        gains = rng.uniform(0.8, 1.2, (3, 3)) * rng.uniform(0.6, 1.4, (3, 1))
+        changed = [
+            np.clip(np.rint(i * g), 0, 255).astype(np.uint8) for i, g in zip(truth.images, gains, strict=True)
+        ]
+        pose = trackers["cube_v2"].detect(changed).object_pose
+        assert np.linalg.norm(pose.position - reference.position) < 1e-3
+        assert so3.angle_between(pose.rotation, reference.rotation) < np.radians(1)
+
+
+def test_moving_the_world_moves_the_pose(scenes, rig):
+    truth = scenes["cube_v2"][0]
+    turn, shift = so3.exp(np.array([0.0, 0.0, 0.7])), np.array([0.01, -0.02, 0.005])
+    moved = []
+    for camera in rig:
+        transform = camera.camera_from_world.copy()
+        transform[:3, :3] = transform[:3, :3] @ turn.T
+        transform[:3, 3] -= transform[:3, :3] @ shift
+        moved.append(dataclasses.replace(camera, camera_from_world=transform))
+    model = tracker.load_object("cube_v2")
+    before = tracker.ObjectTracker(model, rig).detect(truth.images).object_pose
+    after = tracker.ObjectTracker(model, tracker.CameraRig(tuple(moved))).detect(truth.images).object_pose
+    np.testing.assert_allclose(after.position, turn @ before.position + shift, atol=5e-5)
+    assert so3.angle_between(after.rotation, turn @ before.rotation) < np.radians(0.05)
+
+
+def test_other_resolution_sees_the_same_pose(scenes):
+    model = tracker.load_object("cube_v2")
+    for width in (540,):
+        rig = tracker.CameraRig(default_cameras(width))
+        rng = np.random.default_rng([20, 0])
+        truth = render(
+            random_scene(model, rng, occlusion=0.0), rig.cameras, model, Sensor.realistic(), rng
+        )  # fmt: skip
+        pose = tracker.ObjectTracker(model, rig).detect(truth.images).object_pose
+        assert within(pose, truth, 0.5e-3, 0.5)
+
+
+@pytest.mark.parametrize("kind", ["black", "white", "grey", "noise", "empty arena", "flooded"])
+def test_nothing_to_see_gives_none_and_says_why(trackers, rig, kind):
+    rng = np.random.default_rng(1)
+    model = tracker.load_object("cube_v2")
+    shape = (270, 270, 3)
+    if kind == "empty arena":
+        scene = random_scene(model, rng, object_present=False)
+        images = render(scene, rig.cameras, model, Sensor.realistic(), rng).images
+    else:
+        fill = {"black": 0, "white": 255, "grey": 115, "noise": rng.integers(0, 256, shape)}
+        images = [np.full(shape, fill.get(kind, (150, 84, 148)), np.uint8)] * 3
+        if kind == "flooded":
+            images = [np.clip(i + rng.normal(0, 4, shape), 0, 255).astype(np.uint8) for i in images]
+    observation = trackers["cube_v2"].detect(images)
+    assert observation.object_pose is None
+    assert observation.status is not tracker.Status.FOUND
+
+
+GOOD = np.zeros((270, 270, 3), np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("images", "says"),
+    [
+        ([GOOD, GOOD], "2 given; 3 are needed"),
+        (GOOD, "sequence of images"),
+        ([GOOD, GOOD, GOOD[..., 0]], r"camera300.*shape \(270, 270\)"),
+        ([GOOD, GOOD.astype(float), GOOD], "camera180.*float64; uint8"),
+        ([GOOD, GOOD, np.zeros((540, 540, 3), np.uint8)], "camera300.*540×540.*270×270"),
+        ([GOOD, "image.png", GOOD], "camera180.*str given"),
+        ([None, None, None], "all are None"),
+        ([GOOD[:, :, [0, 1, 2, 2]], GOOD, GOOD], "camera60.*shape"),
+    ],
+)
+def test_bad_images_are_named(trackers, images, says):
+    with pytest.raises(ImageError, match=says):
+        trackers["cube_v2"].detect(images)
+
+
+def test_views_of_an_array_are_as_good_as_copies(trackers, scenes):
+    images = scenes["cube_v2"][0].images
+    reference = trackers["cube_v2"].detect(images).object_pose
+    flipped = [np.ascontiguousarray(i[:, ::-1])[:, ::-1] for i in images]
+    np.testing.assert_array_equal(
+        trackers["cube_v2"].detect(flipped).object_pose.position, reference.position
+    )

@@ -1,0 +1,110 @@
+from __future__ import annotations
+
+import json
+import re
+import shlex
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+import tracker
+from tests.helpers import ROOT, run_python
+
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+EXAMPLE = ROOT / "examples" / "detect_cube.py"
+DEMO = ROOT / "examples" / "demo.py"
+BGR = {"red": (40, 50, 190), "green": (60, 150, 70), "blue": (150, 60, 20)}
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```$", README, flags=re.DOTALL | re.MULTILINE)
+
+
+def commands() -> list[str]:
+    return [line for block in blocks("sh") for line in block.splitlines() if line.startswith("tracker ")]
+
+
+@pytest.fixture(scope="module")
+def working(demo: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with what the README speaks of: demo, my_images, my_object.toml."""
+    folder = tmp_path_factory.mktemp("readme")
+    shutil.copytree(demo, folder / "demo")
+    (folder / "my_images").mkdir()
+    for number in range(2):
+        image = np.random.default_rng(number).normal(110, 4, (90, 120, 3))
+        for index, (color, bgr) in enumerate(BGR.items()):
+            mask = np.zeros((90, 120), np.uint8)
+            mask[20 + 9 * number :, 10 + 40 * index :][:30, :30] = 255
+            image[mask > 0] = bgr
+            cv2.imwrite(str(folder / "my_images" / f"0{number}_mask_{color}.png"), mask)
+        cv2.imwrite(str(folder / "my_images" / f"0{number}_image.png"), np.rint(image).astype(np.uint8))
+    (folder / "my_object.toml").write_text(*blocks("toml"), encoding="utf-8")
+    return folder
+
+
+def test_the_readme_shows_the_example():
+    assert blocks("python") == [EXAMPLE.read_text(encoding="utf-8")]
+
+
+def test_the_example_finds_the_cube(working):
+    result = run_python([EXAMPLE], working)
+    assert result.returncode == 0, result.stderr
+    assert [line[:16].strip() for line in result.stdout.splitlines()] == [
+        "position [mm]",
+        "orientation xyzw",
+        "confidence",
+    ]
+    assert float(result.stdout.split()[-1]) > 0.5
+
+
+def test_the_readmes_commands_run(working):
+    assert len(commands()) >= 6
+    for command in commands():
+        result = run_python(["-m", "tracker", *shlex.split(command)[1:]], working)
+        assert result.returncode == 0, f"{command}: {result.stderr}"
+        assert result.stderr == ""
+    assert (working / "my_object.npz").is_file()
+
+
+def test_the_readmes_object_loads_with_its_colours(working):
+    model = tracker.load_object(working / "my_object.toml")
+    assert model.name == "my_object"
+    assert model.colors == "my_object.npz" or Path(model.colors).parent == working
+
+
+def test_the_readmes_json_has_the_keys_of_the_real_one(working):
+    shown = json.loads(*blocks("json"))
+    result = run_python(["-m", "tracker", *shlex.split(commands()[0])[1:], "--json"], working)
+    real = json.loads(result.stdout)
+    assert list(shown) == list(real)
+    assert list(shown["pose"]) == list(real["pose"])
+
+
+def test_the_readme_explains_every_status():
+    explained = re.findall(r"^\| `([a-z ]+)` \|", README, flags=re.MULTILINE)
+    assert explained == [status.value for status in tracker.Status]
+
+
+def test_every_link_of_the_readme_leads_somewhere():
+    targets = re.findall(r"\]\(([^)]+)\)", README)
+    assert "docs/overlay.png" in targets
+    for target in targets:
+        assert (ROOT / target).exists(), target
+
+
+def test_the_demo_is_the_same_each_time_and_its_error_small(demo, tmp_path):
+    result = run_python([DEMO, "--output", "again"], tmp_path, check=True)
+    found = re.search(r"error +([\d.]+) mm, ([\d.]+) degrees", result.stdout)
+    assert found is not None, result.stdout
+    assert float(found[1]) < 1
+    assert float(found[2]) < 1
+    for path in demo.iterdir():
+        assert path.read_bytes() == (tmp_path / "again" / path.name).read_bytes(), path.name
+
+
+def test_another_seed_shows_another_scene(demo, tmp_path):
+    run_python([DEMO, "--seed", 7, "--output", tmp_path], tmp_path, check=True)
+    assert (tmp_path / "overlay.png").read_bytes() != (demo / "overlay.png").read_bytes()

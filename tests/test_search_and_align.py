@@ -1,0 +1,112 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from synthetic.raycast import render
+from synthetic.simple import random_scene
+from synthetic.simple_rig import Sensor, default_cameras
+from tests.helpers import random_rotations
+from tracker.geometry import so3
+from tracker.objects.model import load_object
+from tracker.pose import align, search
+from tracker.pose.views import Box, reduced_size, stack_lenses
+
+MODEL = load_object("cube_v2")
+BOX = Box(np.asarray(MODEL.size) / 2, np.asarray(MODEL.face_labels, dtype=np.uint8))
+USED = np.ones(3, np.bool_)
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """Perfect label maps of the reduced images of a cube without fingers, and the truth."""
+    rng = np.random.default_rng(5)
+    cameras = default_cameras()
+    truth = render(random_scene(MODEL, rng, occlusion=0), cameras, MODEL, Sensor.clean(), rng)
+    small = [c.resized(*reduced_size(c.width, c.height)) for c in cameras]
+    # The middle one of each 2×2 block would shift by half a pixel; any of the four is as good here.
+    labels = np.stack([image[::2, ::2] for image in truth.labels])
+    return stack_lenses(small), labels, truth
+
+
+def test_rotations_are_even():
+    rotations = search.even_rotations(search.ROTATIONS)
+    np.testing.assert_allclose(
+        rotations @ rotations.transpose(0, 2, 1), np.eye(3) + 0 * rotations, atol=1e-12
+    )
+    traces = np.einsum("nij,mij->nm", random_rotations(np.random.default_rng(1), 300), rotations)
+    nearest = np.degrees(np.arccos(np.clip((traces.max(axis=1) - 1) / 2, -1, 1)))
+    assert nearest.max() < 25
+    assert np.median(nearest) < 15
+
+
+def test_search_finds_position_and_rotation(scene):
+    lenses, labels, truth = scene
+    searcher = search.Searcher(lenses, BOX)
+    positions = searcher.positions(labels, USED, 3)
+    assert np.linalg.norm(positions[0] - truth.position) < 0.015
+    rotations, costs = searcher.rank(labels, USED, positions[0], 5)
+    assert (np.diff(costs) >= 0).all()
+    turned = [so3.angle_between(r, truth.rotation) for r in rotations]
+    assert np.degrees(min(turned)) < 30
+
+
+def test_alignment_reaches_the_truth_from_far_away(scene):
+    truth = scene[2]
+    lenses, labels = stack_lenses(default_cameras()), np.stack(truth.labels)
+    rng = np.random.default_rng(2)
+    samples = np.empty((align.MAX_SAMPLES, align.COLUMNS))
+    errors = []
+    for _ in range(20):
+        axis = rng.normal(size=3)
+        rotation = so3.exp(np.radians(20) * axis / np.linalg.norm(axis)) @ truth.rotation
+        position = truth.position + rng.normal(0, 0.004, 3)
+        reaches = np.array([10, 10, 8, 6, 5])
+        align.align(lenses, labels, USED, BOX.half, BOX.face_labels, rotation, position, reaches, samples)
+        errors.append(
+            [np.linalg.norm(position - truth.position), so3.angle_between(rotation, truth.rotation)]
+        )
+    far = np.array(errors)
+    assert np.median(far[:, 0]) < 0.4e-3
+    assert np.mean((far[:, 0] < 5e-3) & (far[:, 1] < np.radians(5))) >= 0.9
+
+
+def test_explanation_counts_what_the_truth_shows(scene):
+    lenses, labels, truth = scene
+    counts = np.empty((3, 5), np.int64)
+    align.explain(
+        lenses, labels, USED, BOX.half, BOX.face_labels, truth.rotation, truth.position, 1, counts
+    )  # fmt: skip
+    for c in range(3):
+        shown = np.count_nonzero(labels[c])
+        assert abs(counts[c, align.PREDICTED] - shown) < 0.06 * shown
+        assert counts[c, align.AGREE] > 0.93 * shown
+    inside = counts[:, [align.AGREE, align.MISSING, align.WRONG]].sum(axis=1)
+    np.testing.assert_array_equal(inside, counts[:, align.PREDICTED])
+
+
+def test_a_worse_pose_scores_less(scene):
+    lenses, labels, truth = scene
+    counts = np.empty((3, 5), np.int64)
+
+    def score(position, rotation):
+        align.explain(lenses, labels, USED, BOX.half, BOX.face_labels, rotation, position, 1, counts)
+        return align.explanation_score(counts)
+
+    best = score(truth.position, truth.rotation)
+    for step in np.eye(3):
+        assert score(truth.position + 0.01 * step, truth.rotation) < best
+        assert score(truth.position, so3.exp(0.3 * step) @ truth.rotation) < best
+
+
+def test_label_around_is_the_table_of_mean_colours(rng):
+    lenses = stack_lenses([c.resized(135, 135) for c in default_cameras()])
+    image = rng.integers(0, 256, (270, 270, 3), dtype=np.uint8)
+    channels = (np.arange(256)[None, :] // 64 * np.array([[1], [4], [16]])).astype(np.int32)
+    table = rng.integers(0, 7, 64).astype(np.uint8)
+    out = np.zeros((135, 135), np.uint8)
+    align.label_around(lenses, 0, image, channels, table, np.zeros(3), 1.0, out)
+    blocks = image.reshape(135, 2, 135, 2, 3).astype(int).sum(axis=(1, 3))
+    mean = (blocks + 2) // 4
+    expected = table[sum(channels[k][mean[..., k]] for k in range(3))]
+    np.testing.assert_array_equal(out, expected)

@@ -1,0 +1,236 @@
+from __future__ import annotations
+
+import dataclasses
+import os
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.helpers import make_camera
+from tracker.calibration.rig import CameraRig
+from tracker.errors import ImageError
+from tracker.geometry import cuboid, so3
+from tracker.objects.labels import DISPLAY_COLORS_BGR
+from tracker.objects.model import load_object
+from tracker.pose.result import Observation, PoseEstimate, Status
+from tracker.viz import overlay, write_image
+
+MODEL = load_object("cube_v2")
+POSITION = np.array([0.03, -0.02, 0.06])
+ROTATION = so3.exp([-1.5, -0.3, 0.9])  # shows every camera three faces, none of them edge-on
+GAP = 6
+
+
+def found(position=POSITION, rotation=ROTATION) -> Observation:
+    pose = PoseEstimate(position, so3.quaternion_from_matrix(rotation), np.eye(6) * 1e-8, 0.99)
+    return Observation(pose, None, Status.FOUND)
+
+
+def black(rig: CameraRig) -> list[np.ndarray]:
+    return [np.zeros((camera.height, camera.width, 3), np.uint8) for camera in rig]
+
+
+@pytest.fixture
+def rig() -> CameraRig:
+    return CameraRig(tuple(make_camera(azimuth) for azimuth in (60, 180, 300)))
+
+
+def opencv_pixels(camera, points) -> np.ndarray:
+    """Pixels (N, 2) by OpenCV's own camera."""
+    rotation, _ = cv2.Rodrigues(camera.camera_from_world[:3, :3])
+    shift = camera.camera_from_world[:3, 3]
+    pixels, _ = cv2.projectPoints(np.asarray(points), rotation, shift, camera.matrix, camera.distortion)
+    return pixels.reshape(-1, 2)
+
+
+def edge_points(shares=(0.25, 0.4, 0.6, 0.75)) -> np.ndarray:
+    """World points (12, K, 3) on the twelve edges."""
+    corners = POSITION + cuboid.corners(MODEL.size) @ ROTATION.T
+    a, b = corners[cuboid.EDGES[:, 0]], corners[cuboid.EDGES[:, 1]]
+    return a[:, None] + np.asarray(shares)[:, None] * (b - a)[:, None]
+
+
+def visible_edges(camera) -> np.ndarray:
+    """(12,) bool, by the signs of the faces' planes."""
+    in_object = ROTATION.T @ (camera.position - POSITION)
+    seen = [n @ in_object > MODEL.size[0] / 2 for n in cuboid.FACE_NORMALS]
+    return np.array([seen[f] or seen[g] for _, _, f, g in cuboid.EDGES])
+
+
+def test_panels_stand_side_by_side_at_a_readable_size(rig):
+    picture = overlay(black(rig), rig, MODEL, found())
+    assert picture.dtype == np.uint8
+    assert picture.shape[1] == 3 * 540 + 2 * GAP
+    assert 540 + 60 < picture.shape[0] < 540 + 300
+
+
+@pytest.mark.parametrize(("size", "panel"), [(100, 400), (135, 405), (270, 540), (400, 400), (540, 540)])
+def test_images_are_enlarged_by_whole_numbers_to_400_pixels_at_least(size, panel):
+    rig = CameraRig((make_camera().resized(size, size),))
+    assert overlay(black(rig), rig, MODEL, found()).shape[1] == panel
+
+
+def test_cameras_of_different_sizes_share_a_height(rig):
+    mixed = CameraRig((rig[0], rig[1].resized(720, 540), rig[2].cropped(0, 100, 270, 100)))
+    picture = overlay(black(mixed), mixed, MODEL, found())
+    assert picture.shape[1] == 540 + 720 + 270 * 540 // 100 + 2 * GAP
+
+
+def test_visible_edges_are_drawn_to_a_tenth_of_a_pixel_where_opencv_projects_them(rig):
+    picture = overlay(black(rig), rig, MODEL, found())
+    offsets = np.linspace(-2, 2, 41)
+    for index, camera in enumerate(rig):
+        panel = picture[:540, index * (540 + GAP) :].min(axis=2)
+        for points in edge_points(np.linspace(0.2, 0.8, 200))[visible_edges(camera)]:
+            # The centre of pixel u of an image is at 2u + ½ of the doubled one.
+            pixels = 2 * opencv_pixels(camera, points) + 0.5
+            along = pixels[-1] - pixels[0]
+            normal = np.array([-along[1], along[0]]) / np.linalg.norm(along)
+            lines = (pixels[:, None] + offsets[:, None] * normal).astype(np.float32)
+            profile = cv2.remap(panel, lines, None, cv2.INTER_LINEAR).astype(float).mean(axis=0)
+            assert profile.max() > 150
+            assert abs(profile @ offsets / profile.sum()) < 0.1
+
+
+def test_edges_that_the_object_hides_are_not_drawn(rig):
+    picture = overlay(black(rig), rig, MODEL, found())
+    for index, camera in enumerate(rig):
+        panel = picture[:540, index * (540 + GAP) :]
+        hidden = edge_points((0.4, 0.5, 0.6))[~visible_edges(camera)]
+        assert len(hidden) == 3
+        for column, row in 2 * opencv_pixels(camera, hidden.reshape(-1, 3)) + 0.5:
+            assert panel[round(row), round(column)].min() < 10
+
+
+def test_a_face_is_tinted_in_its_colour(rig):
+    picture = overlay(black(rig), rig, MODEL, found())
+    face = int(np.argmax(cuboid.FACE_NORMALS @ (ROTATION.T @ (rig[0].position - POSITION))))
+    center = POSITION + ROTATION @ cuboid.face_centers(MODEL.size)[face]
+    ((column, row),) = 2 * opencv_pixels(rig[0], [center]) + 0.5
+    color = DISPLAY_COLORS_BGR[MODEL.face_labels[face]]
+    np.testing.assert_array_equal(picture[round(row), round(column)] > 20, color > 0)
+
+
+@pytest.mark.parametrize("distance", [0.6, 1.0, 5.0])
+def test_an_object_out_of_sight_is_not_drawn(distance):
+    rig = CameraRig((make_camera(),))
+    camera = rig[0]
+    nothing = overlay(black(rig), rig, MODEL, Observation(None, None, Status.POOR_FIT))[:540]
+    backwards = -camera.camera_from_world[2, :3]
+    for direction in (backwards, camera.camera_from_world[0, :3] + 0.1 * backwards):
+        away = found(camera.position + distance * direction)
+        np.testing.assert_array_equal(overlay(black(rig), rig, MODEL, away)[:540], nothing)
+
+
+def test_an_object_at_the_cameras_own_place_is_drawn_without_a_warning():
+    rig = CameraRig((make_camera(),))
+    for offset in (0.0, 0.02, 0.033, 0.05):
+        overlay(black(rig), rig, MODEL, found(rig[0].position + offset))
+
+
+def test_a_missing_image_is_a_panel_that_shows_no_object(rig):
+    images = [*black(rig)[:1], None, *black(rig)[2:]]
+    here, elsewhere = (overlay(images, rig, MODEL, found(POSITION + dx)) for dx in (0, 0.03))
+    middle = slice(540 + GAP, 2 * 540 + GAP)
+    np.testing.assert_array_equal(here[:540, middle], elsewhere[:540, middle])
+    assert (here[:540, :540] != elsewhere[:540, :540]).any()
+
+
+def test_without_a_pose_the_caption_gives_the_reason(rig):
+    pictures = {
+        status: overlay(black(rig), rig, MODEL, Observation(None, None, status))
+        for status in (Status.AMBIGUOUS, Status.POOR_FIT)
+    }
+    first, second = pictures.values()
+    np.testing.assert_array_equal(first[:540], second[:540])
+    assert (first[540:] != second[540:]).any()
+
+
+def test_a_predicted_pose_is_drawn_but_not_called_found(rig):
+    measured = found()
+    predicted = Observation(None, measured.object_pose, Status.NO_OBJECT_COLORS)
+    first, second = (overlay(black(rig), rig, MODEL, seen) for seen in (measured, predicted))
+    np.testing.assert_array_equal(first[:540], second[:540])
+    assert (first[540:] != second[540:]).any()
+
+
+def test_the_caption_of_one_camera_wraps_instead_of_running_out(rig):
+    one = CameraRig((rig[0],))
+    narrow, wide = (overlay(black(r), r, MODEL, found()) for r in (one, rig))
+    assert narrow.shape[0] > wide.shape[0]
+    margin = narrow[540:, -16:]
+    assert (margin == margin[0, 0]).all()
+
+
+def test_the_title_is_shown(rig):
+    plain, titled = (overlay(black(rig), rig, MODEL, found(), title=title) for title in ("", "frame 7"))
+    assert plain.shape == titled.shape
+    assert (plain != titled).any()
+
+
+def test_an_overlay_changes_nothing_and_is_always_the_same(rig, rng):
+    images = [rng.integers(0, 256, image.shape, dtype=np.uint8) for image in black(rig)]
+    copies = [image.copy() for image in images]
+    first = overlay(images, rig, MODEL, found())
+    np.testing.assert_array_equal(first, overlay(images, rig, MODEL, found()))
+    for image, copy in zip(images, copies, strict=True):
+        np.testing.assert_array_equal(image, copy)
+
+
+def test_images_that_do_not_fit_the_rig_are_refused(rig):
+    with pytest.raises(ImageError, match="found 2 images, expected one of each of camera60"):
+        overlay(black(rig)[:2], rig, MODEL, found())
+    with pytest.raises(ImageError, match=r"camera180: found an image uint8 \(100, 270, 3\)"):
+        overlay([black(rig)[0], black(rig)[1][:100], None], rig, MODEL, found())
+    with pytest.raises(ImageError, match="float64"):
+        overlay([black(rig)[0] / 255.0, None, None], rig, MODEL, found())
+
+
+def test_a_written_png_is_read_back_to_the_bit(tmp_path, rng):
+    image = rng.integers(0, 256, (30, 40, 3), dtype=np.uint8)
+    write_image(tmp_path / "a.PNG", image)
+    np.testing.assert_array_equal(cv2.imread(str(tmp_path / "a.PNG")), image)
+    write_image(tmp_path / "a.jpg", image)
+    assert cv2.imread(str(tmp_path / "a.jpg")).shape == image.shape
+    umask = os.umask(0)
+    os.umask(umask)
+    assert (tmp_path / "a.jpg").stat().st_mode & 0o777 == 0o666 & ~umask
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("a.gif", "'.gif', expected one of .png"),
+        ("a", "no suffix"),
+        ("nowhere/a.png", "cannot be written"),
+        ("taken.png", "cannot be written"),
+        ("a\0.png", "cannot be written"),
+    ],
+)
+def test_a_file_that_cannot_be_written_is_named(name, said, tmp_path):
+    (tmp_path / "taken.png").mkdir()
+    with pytest.raises(ImageError, match=said):
+        write_image(tmp_path / name, np.zeros((4, 4, 3), np.uint8))
+    assert [path.name for path in tmp_path.iterdir()] == ["taken.png"]
+
+
+def test_a_write_that_breaks_off_leaves_the_old_file(tmp_path, monkeypatch):
+    target = tmp_path / "a.png"
+    target.write_bytes(b"old")
+
+    def fail(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", fail)
+    with pytest.raises(ImageError, match=r"a\.png: cannot be written: No space left"):
+        write_image(target, np.zeros((4, 4, 3), np.uint8))
+    assert target.read_bytes() == b"old"
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def test_observations_with_large_numbers_still_fit(rig):
+    pose = found(np.array([-123.4567, 0.0, 99.0])).object_pose
+    assert pose is not None
+    unsure = dataclasses.replace(pose, covariance=np.eye(6) * 1e6)
+    overlay(black(rig), rig, MODEL, Observation(unsure, None, Status.FOUND))
