@@ -2,8 +2,9 @@
 
     python scripts/fit_confidence.py [SCENES]
 
-Right and wrong fits on the way to the answers teach the weights, the answers their scale: with all cameras, with two and
-with one, with exact and with perturbed calibration, under changed light, and where there is no object.
+Right and wrong fits on the way to the answers teach the weights, the answers their scale: with all
+cameras, with two and with one, with exact and with perturbed calibration, under changed light, and where
+there is no object.
 Prints the weights that tracker/pose/acceptance.py holds, and how reliable they are on scenes left out.
 """
 
@@ -100,14 +101,14 @@ def collect(seed: int, scenes: int) -> tuple[Cases, Cases]:
 def _listen(tracker: ObjectTracker) -> list[Fit]:
     """A list that gains every fit that the tracker's estimator makes."""
     fits: list[Fit] = []
-    estimator = tracker._estimator
-    refine = type(estimator)._refine
+    refiner = tracker._estimator.refiner
+    refine = refiner.refine
 
     def record(*arguments: Any) -> Fit:
-        fits.append(refine(estimator, *arguments))
+        fits.append(refine(*arguments))
         return fits[-1]
 
-    estimator._refine = record  # type: ignore[method-assign]
+    refiner.refine = record  # type: ignore[method-assign]
     return fits
 
 

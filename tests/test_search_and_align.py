@@ -43,7 +43,7 @@ def test_rotations_are_even():
 def test_search_finds_position_and_rotation(scene):
     lenses, labels, truth = scene
     searcher = search.Searcher(lenses, BOX)
-    positions = searcher.positions(labels, USED, 3)
+    positions = list(searcher.positions(labels, USED, 3))
     assert np.linalg.norm(positions[0] - truth.position) < 0.015
     rotations, costs = searcher.rank(labels, USED, positions[0], 5)
     assert (np.diff(costs) >= 0).all()

@@ -103,16 +103,17 @@ class ObjectTracker:
         return Evidence(image, labels, channels)
 
     def _check(self, images: Sequence[Image | None]) -> list[Image | None]:
-        if isinstance(images, np.ndarray) and images.ndim == 3:
+        given: object = images
+        if isinstance(given, np.ndarray) and given.ndim == 3:
             raise ImageError(
-                f"images: one array of shape {images.shape} given; a sequence of images is needed"
+                f"images: one array of shape {given.shape} given; a sequence of images is needed"
             )
         if len(images) != len(self.rig):
             raise ImageError(
                 f"images: {len(images)} given; {len(self.rig)} are needed, one for each of "
                 f"{', '.join(self.rig.names)} (None where a camera gave none)"
             )
-        checked = []
+        checked: list[Image | None] = []
         for image, camera in zip(images, self.rig, strict=True):
             if image is None:
                 checked.append(None)
@@ -120,8 +121,8 @@ class ObjectTracker:
             image = check_image(image, f"image of {camera.name}")
             if image.shape[:2] != (camera.height, camera.width):
                 raise ImageError(
-                    f"image of {camera.name}: {image.shape[1]}×{image.shape[0]} px, but its calibration is for "
-                    f"{camera.width}×{camera.height}; CameraRig.resized makes one for another size"
+                    f"image of {camera.name}: {image.shape[1]}×{image.shape[0]} px, but its calibration is "
+                    f"for {camera.width}×{camera.height}; CameraRig.resized makes one for another size"
                 )
             checked.append(np.ascontiguousarray(image))
         if all(image is None for image in checked):

@@ -63,8 +63,8 @@ WEIGHTS = {
     "wrong": -5.6, "extra": -4.0, "unusable": -3.2, "outliers": 0.0, "rms": -1.1, "few": -15.0,
     "unconverged": -1.0,
 }  # fmt: skip
-"""Weights of the features, none positive, so that no doubt can raise the confidence. Fitted, with the bias, by
-scripts/fit_confidence.py on right and wrong fits to rendered scenes."""
+"""Weights of the features, none positive, so that no doubt can raise the confidence. Fitted, with the bias,
+by scripts/fit_confidence.py on right and wrong fits to rendered scenes."""
 
 BIAS = 15.7
 
@@ -81,7 +81,7 @@ def log_odds(fit: Fit) -> float:
 
 
 def probably_near(fit: Fit) -> float:
-    """Probability that a fit on the object is within NEAR of the truth, from its covariance's largest axes."""
+    """Probability that a fit on the object is within NEAR of the truth, from its covariance."""
     result = 1.0
     for block, near in zip((fit.covariance[:3, :3], fit.covariance[3:, 3:]), NEAR, strict=True):
         std = math.sqrt(max(float(np.linalg.eigvalsh(block)[-1]), 1e-18))

@@ -33,7 +33,7 @@ def _transition(labels, width, height, u, v, nu, nv, inside, outside, reach):  #
     seen_inside, best_seen = 0, 0
     # Prefix sums of (inside fits) - (outside fits): the maximum is the most likely transition.
     for k in range(-reach, reach + 1):
-        i, j = int(math.floor(u + k * nu + 0.5)), int(math.floor(v + k * nv + 0.5))
+        i, j = math.floor(u + k * nu + 0.5), math.floor(v + k * nv + 0.5)
         if i < 0 or j < 0 or i >= width or j >= height:
             return 0.0, False
         label = labels[j, i]
@@ -58,7 +58,7 @@ def _transition(labels, width, height, u, v, nu, nv, inside, outside, reach):  #
 
 @numba.njit(cache=True, nogil=True)
 def label_around(lenses, c, image, channels, table, position, radius, out):  # type: ignore[no-untyped-def]
-    """Label one camera's image within `radius` [m] of a position, reduced to the size of the lens; 0 elsewhere.
+    """Label one camera's image within `radius` [m] of a position, at the lens's size; 0 elsewhere.
 
     image (H, W, 3); out (h, w) is a whole factor smaller, and each of its pixels the label of a mean colour.
     """
@@ -83,7 +83,7 @@ def label_around(lenses, c, image, channels, table, position, radius, out):  # t
 
 @numba.njit(cache=True, nogil=True)
 def align(lenses, labels, used, half, face_labels, rotation, position, reaches, samples):  # type: ignore[no-untyped-def]
-    """Move the pose in place, one step for each entry of `reaches` [px]; returns the last step's samples used.
+    """Move the pose in place, a step for each of `reaches` [px]; returns the last step's samples used.
 
     labels (C, h, w); used (C,) bool: cameras that gave an image.
     """
@@ -132,9 +132,9 @@ def align(lenses, labels, used, half, face_labels, rotation, position, reaches, 
 
 @numba.njit(cache=True, nogil=True)
 def explain(lenses, labels, used, half, face_labels, rotation, position, stride, counts):  # type: ignore[no-untyped-def]
-    """Compare label maps with the pose: counts (C, 5) of pixels, see AGREE …; every `stride`-th is looked at."""
+    """Compare label maps with the pose: counts (C, 5) of every `stride`-th pixel, see AGREE and below."""
     heights = np.empty(6)
-    origin, direction = np.empty(3), np.empty(3)
+    origin = np.empty(3)
     radius = math.sqrt(half[0] ** 2 + half[1] ** 2 + half[2] ** 2)
     for c in range(len(used)):
         for k in range(5):
@@ -211,7 +211,7 @@ def _normalised(lenses, c, u, v):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, nogil=True)
 def explanation_score(counts):  # type: ignore[no-untyped-def]
-    """One number for how well a pose explains the label maps; a hidden pixel counts little, a wrong one much."""
+    """How well a pose explains the label maps; a hidden pixel counts little, a wrong one much."""
     score = 0.0
     for c in range(counts.shape[0]):
         score += counts[c, AGREE] - 0.4 * counts[c, MISSING] - 1.5 * counts[c, WRONG] - 0.7 * counts[c, EXTRA]

@@ -47,7 +47,8 @@ class Workspace(NamedTuple):
     def residuals(self, count: int) -> FloatArray:
         """Absolute offsets [px] of the usable ones among the first `count` samples."""
         measured = self.measured[:count]
-        return np.abs(measured[measured[:, VALID] > 0, OFFSET])
+        offsets: FloatArray = np.abs(measured[measured[:, VALID] > 0, OFFSET])
+        return offsets
 
 
 def workspace() -> Workspace:

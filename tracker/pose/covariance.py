@@ -28,7 +28,7 @@ MODEL_STD = np.array([2e-5, 2e-5, 2e-5, 3e-4, 3e-4, 3e-4])
 
 
 def rotation_vector_variance(rotation: FloatArray, element_std: FloatArray) -> FloatArray:
-    """Variances (3,) of ω in exp(ω) R whose element-wise standard deviations come nearest to those given (3, 3).
+    """Variances (3,) of ω in exp(ω) R that come nearest to element-wise standard deviations (3, 3).
 
     Element (i, j) of [e_k]× R tells how much it moves with ω_k, so the squares of the given standard
     deviations are linear in the variances; they are solved for with the constraint of being positive.
@@ -79,7 +79,8 @@ def solve_step(
     (C, 6, 6), gradient (C, 6) at the pose moved by η_c, and minimised is
     Σ ‖r_c - J_c (δ + dη_c)‖² + (η_c + dη_c)ᵀ W_c (η_c + dη_c). The offsets are eliminated (Schur).
     """
-    total, vector = np.diag(PRIOR), np.zeros(6)
+    total: FloatArray = np.diag(PRIOR)
+    vector = np.zeros(6)
     try:
         inverse = np.linalg.inv(information + weights)
         pull = gradient - np.einsum("cij,cj->ci", weights, offsets)
@@ -87,7 +88,7 @@ def solve_step(
             share = own @ gain
             total = total + own - share @ own
             vector += back - share @ force
-        pose = np.linalg.solve(total, vector)
+        pose: FloatArray = np.asarray(np.linalg.solve(total, vector), dtype=np.float64)
     except np.linalg.LinAlgError:
         return None
     change = np.einsum("cij,cj->ci", inverse, pull - information @ pose)

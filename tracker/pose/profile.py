@@ -57,7 +57,7 @@ def _step(x):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, nogil=True)
 def read_profiles(image, samples, n, reach, profiles, readable):  # type: ignore[no-untyped-def]
-    """Bilinear readings at whole pixels along each normal: profiles (n, 2·reach + 1, 3); readable (n,) bool."""
+    """Bilinear readings along each normal: profiles (n, 2·reach + 1, 3); readable (n,) bool."""
     height, width = image.shape[0], image.shape[1]
     for s in range(n):
         u, v, nu, nv = samples[s, U], samples[s, V], samples[s, NU], samples[s, NV]
@@ -113,7 +113,7 @@ def _cell(channels, color):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, nogil=True)
 def measure(channels, table, samples, n, reach, blur, noise, profiles, readable, out):  # type: ignore[no-untyped-def]
-    """Offsets of n edge samples: out (n, 4), see OFFSET …
+    """Offsets of n edge samples: out (n, 4), see OFFSET and below.
 
     reach: half length of the profiles [px]; blur: standard deviation of the steps [px]; noise: of a
     reading [levels].

@@ -9,11 +9,12 @@ see, how much of each, and where they lie relative to each other.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numba
 import numpy as np
 
-from tracker.conventions import FloatArray
+from tracker.conventions import Array, FloatArray
 from tracker.geometry import so3
 from tracker.pose.lens import project, project_with_jacobian
 from tracker.pose.views import Box, Lenses
@@ -25,6 +26,9 @@ ARENA_BOTTOM, ARENA_TOP = -0.015, 0.185
 GRID_STEP = 0.02
 ROTATIONS = 1400
 """Rotations of the even grid: neighbours are about 22° apart."""
+
+MIN_VOTE, MIN_SHARE = 0.15, 0.35
+"""Least vote of a position: absolute, and as a share of the best."""
 
 CENTRING_ROUNDS = 3
 MIN_SEPARATION = 0.035
@@ -58,7 +62,7 @@ def arena_points() -> FloatArray:
 
 @numba.njit(cache=True, nogil=True)
 def vote_table(lenses, points, radius):  # type: ignore[no-untyped-def]
-    """(N, C, 3): pixel of every point in every camera and the radius of the object around it [px]; radius 0: unseen."""
+    """(N, C, 3): each point's pixel in every camera, and the object's radius there [px], 0 where unseen."""
     table = np.zeros((len(points), len(lenses.size), 3))
     for p in range(len(points)):
         for c in range(len(lenses.size)):
@@ -117,8 +121,27 @@ def vote(labels, face_mask, lenses, used, table, area_share, scores):  # type: i
 
 
 @numba.njit(cache=True, nogil=True)
+def take_best(points, scores, radius, out):  # type: ignore[no-untyped-def]
+    """Copy the best point (3,) to out, take all within `radius` [m] out of the vote; returns its score."""
+    best = 0
+    for p in range(len(scores)):
+        if scores[p] > scores[best]:
+            best = p
+    score = scores[best]
+    for i in range(3):
+        out[i] = points[best, i]
+    for p in range(len(scores)):
+        distance = 0.0
+        for i in range(3):
+            distance += (points[p, i] - out[i]) ** 2
+        if distance < radius * radius:
+            scores[p] = -1.0
+    return score
+
+
+@numba.njit(cache=True, nogil=True)
 def gather(lenses, labels, face_mask, used, position, radius, stats):  # type: ignore[no-untyped-def]
-    """Stats (C, 7, 3): pixel count, mean column, mean row of every label within `radius` [m] of a position."""
+    """Stats (C, 7, 3): count, mean column, mean row of each label within `radius` [m] of a position."""
     stats[:] = 0.0
     for c in range(len(used)):
         if not used[c]:
@@ -252,28 +275,25 @@ class Searcher:
         self._costs = np.empty(ROTATIONS)
         self.stats = np.empty((len(lenses.size), 7, 3))
 
-    def positions(self, labels: FloatArray, used: FloatArray, count: int) -> list[FloatArray]:
-        """Up to `count` centred positions, best first."""
-        vote(labels, self.face_mask, self.lenses, used, self.table, self.area_share, self._scores)
-        scores = self._scores.copy()
+    def positions(self, labels: Array, used: Array, count: int) -> Iterator[FloatArray]:
+        """Up to `count` centred positions (3,) [m], best first; each is worked out when it is asked for."""
+        scores = self._scores
+        vote(labels, self.face_mask, self.lenses, used, self.table, self.area_share, scores)
+        least = max(MIN_VOTE, MIN_SHARE * float(scores.max()))
         found: list[FloatArray] = []
-        best = scores.max()
         while len(found) < count:
-            top = int(np.argmax(scores))
-            if scores[top] < max(0.15, 0.35 * best):
-                break
-            near = np.linalg.norm(self.points - self.points[top], axis=1) < 2 * MIN_SEPARATION
-            scores[near] = -1.0
-            position = self.points[top].copy()
+            position = np.empty(3)
+            if take_best(self.points, scores, 2 * MIN_SEPARATION, position) < least:
+                return
             centre(
                 self.lenses, labels, self.face_mask, used, self.radius, position, CENTRING_ROUNDS, self.stats
             )
-            if all(np.linalg.norm(position - p) > MIN_SEPARATION for p in found):
+            if all(np.linalg.norm(position - other) > MIN_SEPARATION for other in found):
                 found.append(position)
-        return found
+                yield position
 
     def rank(
-        self, labels: FloatArray, used: FloatArray, position: FloatArray, count: int
+        self, labels: Array, used: Array, position: FloatArray, count: int
     ) -> tuple[FloatArray, FloatArray]:
         """The `count` best rotations (count, 3, 3) at a position and their costs."""
         box = self.box

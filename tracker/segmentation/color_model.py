@@ -81,7 +81,7 @@ class ColorModel:
         return np.ascontiguousarray(weights.transpose(3, 2, 1, 0)).reshape(-1, CLASSES).astype(np.float32)
 
     def channel_tables(self, gains: Array) -> Array:
-        """(3, 256) int32: for each channel the cell offset of a level under `gains`; their sum is the cell."""
+        """(3, 256) int32: each channel's offset of a level under `gains`; their sum is the cell."""
         levels = np.clip(np.arange(256)[None, :] * np.asarray(gains, dtype=np.float64)[:, None], 0, 255)
         cells = np.rint(compand(levels, CELLS)).astype(np.int32)
         return cells * np.array([[1], [CELLS], [CELLS * CELLS]], dtype=np.int32)
@@ -104,7 +104,7 @@ def _read(path: Path, name: str) -> ColorModel:
         version, codes, normalise = _entries(path)
     except ColorModelError:
         raise
-    # Of a broken file, zipfile, zlib and NumPy raise errors of many types (zlib.error, NotImplementedError …).
+    # Of a broken file, zipfile, zlib and NumPy raise errors of many types.
     except Exception as error:
         raise ColorModelError(f"colour model {path}: cannot be read as .npz ({error})") from error
     if version.shape != () or version.dtype.kind not in "iu" or version != 1:
@@ -160,5 +160,6 @@ def load_colors(name_or_path: str | Path) -> ColorModel:
     if path.suffix == ".npz" or path.exists():
         return _read(path, path.stem)
     raise ColorModelError(
-        f"unknown colour model {name!r}; known are {', '.join(color_model_names())}, or the path of an .npz file"
+        f"unknown colour model {name!r}; known are {', '.join(color_model_names())}, "
+        "or the path of an .npz file"
     )

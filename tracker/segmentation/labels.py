@@ -68,7 +68,7 @@ def segment(image: Image, colors: ColorModel) -> Image:
     scale = min(image.shape[:2]) / REFERENCE_SIZE
     if scale > FINE:
         # Demosaicing leaves single wrong pixels at this resolution.
-        image = cv2.medianBlur(image, 3)
+        image = np.asarray(cv2.medianBlur(image, 3), dtype=np.uint8)
     channels = colors.channel_tables(gains_for(image, colors))
     labels = np.empty(image.shape[:2], np.uint8)
     margin = np.empty(image.shape[:2], np.uint8)
@@ -108,4 +108,5 @@ def class_probabilities(image: Image, colors: ColorModel) -> Array:
     image = check_image(image)
     channels = colors.channel_tables(gains_for(image, colors))
     cells = sum(channels[c][image[..., c]] for c in range(3))
-    return colors.probability_table[cells]
+    probabilities: Array = colors.probability_table[cells]
+    return probabilities
