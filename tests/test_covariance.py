@@ -26,7 +26,7 @@ def test_element_wise_std_gives_back_the_rotation_vectors(rng):
 
 def test_camera_offset_is_what_samples_of_the_calibration_show(rng):
     camera, position = make_camera(), np.array([0.05, -0.08, 0.03])
-    stated = covariance.camera_offset_covariance(camera, position)
+    stated = covariance.offset_covariance(covariance.calibration_covariance(camera), position)
     assert camera.camera_from_world_std is not None
     rotation, translation = camera.camera_from_world[:3, :3], camera.camera_from_world[:3, 3]
     variances = covariance.rotation_vector_variance(rotation, camera.camera_from_world_std[:3, :3])
@@ -78,5 +78,5 @@ def test_covariance_grows_when_a_camera_is_covered(rng):
 
 def test_unstated_calibration_counts_as_exact():
     camera = dataclasses.replace(make_camera(), camera_from_world_std=None)
-    stated = covariance.camera_offset_covariance(camera, np.zeros(3))
+    stated = covariance.calibration_covariance(camera)
     assert np.sqrt(np.diag(stated)).max() < 1e-4

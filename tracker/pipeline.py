@@ -15,6 +15,7 @@ from tracker.errors import ImageError
 from tracker.geometry import so3
 from tracker.objects.model import CuboidModel
 from tracker.pose.acceptance import confidence, refusal
+from tracker.pose.contour import refine_view
 from tracker.pose.estimate import PoseEstimator
 from tracker.pose.fit import Fit
 from tracker.pose.result import Observation, PoseEstimate, Status
@@ -139,6 +140,6 @@ def _reduce(image: Image) -> Image:
 
 
 def kernels_are_cached() -> bool:
-    """Whether compiled kernels lie on disk, so that the first detection starts at once."""
-    folder = Path(__file__).parent / "pose" / "__pycache__"
-    return folder.is_dir() and any(folder.glob("contour.refine_view*.nbi"))
+    """Whether compiled kernels lie on disk, so that the first detection starts at once (best effort)."""
+    folder = Path(str(refine_view.stats.cache_path))
+    return any(folder.glob("contour.refine_view*.nbi"))

@@ -38,23 +38,28 @@ def rotation_vector_variance(rotation: FloatArray, element_std: FloatArray) -> F
     return np.asarray(solution)
 
 
-def camera_offset_covariance(camera: Camera, position: FloatArray) -> FloatArray:
-    """(6, 6) covariance of the pose offset that a camera's calibration error looks like [m, rad].
-
-    An error (δt, ω) of camera_from_world moves a point in the camera by δt + ω × (R P), which is what
-    an object at `position` would show if it had moved by δp + δθ × (P - position) along world axes, with
-    δθ = Rᵀω and δp = Rᵀδt + δθ × position.
-    """
+def calibration_covariance(camera: Camera) -> FloatArray:
+    """(6, 6) covariance along world axes of (Rᵀδt, Rᵀω), where camera_from_world is off by δt and exp(ω) [m, rad]."""
     std = camera.camera_from_world_std
     if std is None:
         std = UNSTATED_STD
     rotation = camera.camera_from_world[:3, :3]
     variances = np.concatenate([std[:3, 3] ** 2, rotation_vector_variance(rotation, std[:3, :3])])
-    effect = np.zeros((6, 6))
-    effect[:3, :3] = rotation.T
-    effect[3:, 3:] = rotation.T
-    effect[:3, 3:] = -so3.hat(position) @ rotation.T
-    return effect @ np.diag(np.maximum(variances, LEAST_VARIANCE)) @ effect.T
+    turned = np.zeros((6, 6))
+    turned[:3, :3] = turned[3:, 3:] = rotation.T
+    return turned @ np.diag(np.maximum(variances, LEAST_VARIANCE)) @ turned.T
+
+
+def offset_covariance(calibration: FloatArray, position: FloatArray) -> FloatArray:
+    """(C, 6, 6) covariance of the pose offsets that the cameras' calibration errors (C, 6, 6) look like [m, rad].
+
+    An error (δt, ω) of camera_from_world moves a point in the camera by δt + ω × (R P), which is what
+    an object at `position` would show if it had moved by δp + δθ × (P - position) along world axes, with
+    δθ = Rᵀω and δp = Rᵀδt + δθ × position.
+    """
+    effect = np.eye(6)
+    effect[:3, 3:] = -so3.hat(position)
+    return np.asarray(effect @ calibration @ effect.T, dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)

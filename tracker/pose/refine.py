@@ -13,7 +13,8 @@ from tracker.pose import align, contour
 from tracker.pose.covariance import (
     CORRELATION,
     PRIOR,
-    camera_offset_covariance,
+    calibration_covariance,
+    offset_covariance,
     pose_covariance,
     solve_step,
 )
@@ -61,9 +62,10 @@ class Refiner:
     """Refines poses of one cuboid in the views of fixed cameras; holds the work space for that."""
 
     def __init__(self, box: Box, cameras: Sequence[Camera], label_table: Array) -> None:
-        self.box, self.cameras, self.label_table = box, tuple(cameras), label_table
+        self.box, self.label_table = box, label_table
         self.radius = float(np.linalg.norm(box.half))
         self.lenses = stack_lenses(cameras)
+        self.calibration = np.array([calibration_covariance(camera) for camera in cameras])
         middle = [c.resized(*reduced_size(c.width, c.height, ALIGN_SIZE)) for c in cameras]
         self.middle = stack_lenses(middle)
         self.scales = np.array([camera.matrix[0, 0] / REFERENCE_FOCAL for camera in cameras])
@@ -82,8 +84,7 @@ class Refiner:
         rotation, position = rotation.copy(), position.copy()
         self._align(views, used, rotation, position)
         cameras = len(views)
-        stated = np.array([camera_offset_covariance(camera, position) for camera in self.cameras])
-        weights: FloatArray = np.asarray(np.linalg.inv(stated), dtype=np.float64)
+        weights: FloatArray = np.linalg.inv(offset_covariance(self.calibration, position))
         offsets, gradient = np.zeros((cameras, 6)), np.zeros((cameras, 6))
         information, summary = np.zeros((cameras, 6, 6)), np.zeros((cameras, 6))
         blurs = START_BLUR * np.sqrt(np.maximum(1.0, self.scales))

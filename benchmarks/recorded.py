@@ -1,0 +1,143 @@
+"""What the tracker does on recorded, hand-labelled images of the real platform."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+import tracker
+from tracker.conventions import FloatArray, Image
+from tracker.geometry import so3
+from tracker.geometry.camera import Camera
+from tracker.geometry.cuboid import FACE_CORNERS, corners
+from tracker.segmentation.fit import FitOptions, combine, image_histograms, intersection_over_union
+from tracker.segmentation.labelled import LabelledImage, read_labelled
+
+POSED = ("cube_v1", "cube_v2", "cuboid_2x2x8_v2")
+SEGMENTED = ("cube_v1", "cube_v2", "cube_v3", "cuboid_2x2x8_v2")
+LIGHT_SEED = 11
+
+
+def labelled_images(real: Path, name: str) -> list[LabelledImage]:
+    """All labelled images of one object."""
+    folders = [real / kind / name for kind in ("pose", "segmentation")]
+    return [image for folder in folders if folder.is_dir() for image in read_labelled(folder)]
+
+
+def triplet(real: Path, name: str, *, corrected: bool) -> tuple[tracker.ObjectTracker, list[LabelledImage]]:
+    """A tracker for the object's triplet, and its images in the cameras' order."""
+    folder = real / "pose" / name
+    images = {int(i.name.split("camera")[1]): i for i in read_labelled(folder)}
+    rig = tracker.CameraRig.load(folder, correct_halved_principal_point=corrected)
+    return tracker.ObjectTracker(tracker.load_object(name), rig), [images[c] for c in (60, 180, 300)]
+
+
+def face_outlines(
+    camera: Camera, model: tracker.CuboidModel, pose: tracker.PoseEstimate
+) -> dict[int, FloatArray]:
+    """Projected outline (N, 2) [px] of every face, by label; hidden faces as well."""
+    points = corners(model.size)
+    share = np.linspace(0, 1, 30, endpoint=False)[:, None]
+    result = {}
+    for face, label in zip(FACE_CORNERS, model.face_labels, strict=True):
+        ends = zip(face, np.roll(face, -1), strict=True)
+        loop = np.concatenate([points[a] + share * (points[b] - points[a]) for a, b in ends])
+        result[int(label)] = camera.project(loop @ pose.rotation.T + pose.position)
+    return result
+
+
+def inside_distances(detector: tracker.ObjectTracker, images: list[LabelledImage]) -> FloatArray:
+    """Of every labelled pixel the distance [px] to the outline of its face; negative is outside."""
+    pose = detector.detect([i.image for i in images]).object_pose
+    if pose is None:
+        return np.full(1, -np.inf)
+    distances = []
+    for camera, truth in zip(detector.rig, images, strict=True):
+        for label, outline in face_outlines(camera, detector.model, pose).items():
+            rows, columns = np.nonzero(truth.labels == label)
+            loop = outline.astype(np.float32)
+            distances += [
+                cv2.pointPolygonTest(loop, (float(u), float(v)), True)
+                for u, v in zip(columns, rows, strict=True)
+            ]
+    return np.array(distances)
+
+
+def relit(images: list[Image], rng: np.random.Generator) -> list[Image]:
+    """Gains of 0.8-1.2 on each channel and exposures of 0.6-1.4, each image by itself."""
+    gains = rng.uniform(0.8, 1.2, (len(images), 3)) * rng.uniform(0.6, 1.4, (len(images), 1))
+    return [np.clip(np.rint(i * g), 0, 255).astype(np.uint8) for i, g in zip(images, gains, strict=True)]
+
+
+def light_changes(
+    detector: tracker.ObjectTracker, images: list[Image], draws: int
+) -> Iterator[tuple[float, float, float]]:
+    """Shift [m], turn [rad] and confidence under each draw of light; infinite and 0 where nothing is found."""
+    reference = detector.detect(images).object_pose
+    rng = np.random.default_rng(LIGHT_SEED)
+    for _ in range(draws):
+        pose = detector.detect(relit(images, rng)).object_pose
+        if pose is None or reference is None:
+            yield np.inf, np.inf, 0.0
+        else:
+            turn = so3.angle_between(pose.rotation, reference.rotation)
+            yield float(np.linalg.norm(pose.position - reference.position)), float(turn), pose.confidence
+
+
+def pose_table(real: Path, draws: int) -> str:
+    """Pose on the three triplets: labelled pixels inside their faces, level, under changed light."""
+    rows = [
+        "| triplet | labelled pixels inside their face | farthest outside | tilt | same pose in other light | "
+        "median shift, turn |",
+        "|---|---|---|---|---|---|",
+    ]
+    for name in POSED:
+        for corrected in (False, True) if name == "cuboid_2x2x8_v2" else (False,):
+            detector, images = triplet(real, name, corrected=corrected)
+            distance = inside_distances(detector, images)
+            pixels = [i.image for i in images]
+            pose = detector.detect(pixels).object_pose
+            tilt = np.degrees(np.arccos(np.abs(pose.rotation[2]).max())) if pose else np.nan
+            light = np.array(list(light_changes(detector, pixels, draws)))
+            same = np.mean((light[:, 0] < 3e-3) & (light[:, 1] < np.radians(3)))
+            title = name + (", principal point corrected" if corrected else "")
+            rows.append(
+                f"| {title} | {100 * np.mean(distance >= 0):.2f} % | {max(0.0, -distance.min()):.2f} px "
+                f"({np.sum(distance < -1)} px beyond 1 px) | {tilt:.2f}° | {100 * same:.1f} % of {draws} | "
+                f"{1e3 * np.median(light[:, 0]):.2f} mm, {np.degrees(np.median(light[:, 1])):.2f}° |"
+            )
+    return "\n".join(rows)
+
+
+def segmentation_table(real: Path) -> str:
+    """Intersection over union with the hand-made masks: shipped table, and leaving one image out."""
+    options = FitOptions()
+    images = {name: labelled_images(real, name) for name in SEGMENTED}
+    histograms = {name: [image_histograms(i, options) for i in images[name]] for name in SEGMENTED}
+    rows = [
+        "| object | faces | mean IoU | worst face | one image left out, colours seen in another | colours never seen |",
+        "|---|---|---|---|---|---|",
+    ]
+    for name in SEGMENTED:
+        others = [h for other in SEGMENTED if other != name for h in histograms[other]]
+        shipped, known, unknown = [], [], []
+        for k, image in enumerate(images[name]):
+            shipped += intersection_over_union(
+                tracker.segment(image.image, tracker.load_colors(name)), image.labels
+            ).values()
+            rest = histograms[name][:k] + histograms[name][k + 1 :]
+            found = tracker.segment(image.image, combine(rest, others, options))
+            for label, value in intersection_over_union(found, image.labels).items():
+                (known if any(label in h for h in rest) else unknown).append(value)
+        rows.append(
+            f"| {name} | {len(shipped)} | {np.mean(shipped):.3f} | {min(shipped):.2f} | "
+            f"{_mean(known)} | {_mean(unknown)} |"
+        )
+    return "\n".join(rows)
+
+
+def _mean(values: list[float]) -> str:
+    return f"{np.mean(values):.3f} ({len(values)} faces)" if values else "-"
