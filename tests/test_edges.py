@@ -64,11 +64,3 @@ def test_samples_count_stays_within_the_work_space():
     for rotation in random_rotations(np.random.default_rng(3), 10):
         n = edges.edge_samples(big, 0, HALF, LABELS, rotation, np.array([0.0, 0.0, 0.1]), 0.5, 1.0, out)
         assert 0 < n <= edges.MAX_SAMPLES
-
-
-def test_solve6_agrees_with_numpy(rng):
-    root = rng.normal(size=(6, 6))
-    matrix, vector, out = root @ root.T + np.eye(6), rng.normal(size=6), np.empty(6)
-    assert edges.solve6(matrix, vector, out)
-    np.testing.assert_allclose(out, np.linalg.solve(matrix, vector), rtol=1e-9)
-    assert not edges.solve6(-matrix, vector, out)

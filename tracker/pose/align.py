@@ -13,8 +13,9 @@ import math
 import numba
 import numpy as np
 
-from tracker.pose.edges import COLUMNS, INSIDE, MAX_SAMPLES, NU, NV, OUTSIDE, J, U, V, edge_samples, solve6
+from tracker.pose.edges import COLUMNS, INSIDE, MAX_SAMPLES, NU, NV, OUTSIDE, J, U, V, edge_samples
 from tracker.pose.lens import apply_update, project, visible_faces
+from tracker.pose.linear import solve_positive
 
 SPACING = 2.0
 """Distance between samples on an edge [px of the label map]."""
@@ -66,9 +67,9 @@ def label_around(lenses, c, image, channels, table, position, radius, out):  # t
     u, v, z = project(lenses, c, position[0], position[1], position[2])
     if z < 0.1:
         return
-    width, height = lenses.size[c, 0], lenses.size[c, 1]
+    width, height = lenses[c].width, lenses[c].height
     step = image.shape[1] // width
-    reach = radius * lenses.focal[c, 0] / z
+    reach = radius * lenses[c].focal[0] / z
     for j in range(max(0, int(v - reach)), min(height, int(v + reach) + 2)):
         for i in range(max(0, int(u - reach)), min(width, int(u + reach) + 2)):
             cell = 0
@@ -96,7 +97,7 @@ def align(lenses, labels, used, half, face_labels, rotation, position, reaches, 
         for c in range(len(used)):
             if not used[c]:
                 continue
-            width, height = lenses.size[c, 0], lenses.size[c, 1]
+            width, height = lenses[c].width, lenses[c].height
             n = edge_samples(lenses, c, half, face_labels, rotation, position, SPACING, 1.0, samples)
             for s in range(n):
                 row = samples[s]
@@ -120,7 +121,7 @@ def align(lenses, labels, used, half, face_labels, rotation, position, reaches, 
             matrix[i, i] += 400.0 if i < 3 else 3.0
             for k in range(i):
                 matrix[k, i] = matrix[i, k]
-        if not solve6(matrix, vector, update):
+        if not solve_positive(matrix, vector, update):
             return 0
         turn = math.sqrt(update[3] ** 2 + update[4] ** 2 + update[5] ** 2)
         if turn > 0.5:
@@ -145,8 +146,8 @@ def explain(lenses, labels, used, half, face_labels, rotation, position, stride,
         if z < 0.05:
             continue
         visible_faces(lenses, c, half, rotation, position, heights)
-        reach = radius * max(lenses.focal[c, 0], lenses.focal[c, 1]) / max(z - radius, 0.05) + _LABEL_RIM
-        width, height = lenses.size[c, 0], lenses.size[c, 1]
+        reach = radius * max(lenses[c].focal[0], lenses[c].focal[1]) / max(z - radius, 0.05) + _LABEL_RIM
+        width, height = lenses[c].width, lenses[c].height
         left, right = max(0, int(u0 - reach)), min(width - 1, int(u0 + reach) + 1)
         top, bottom = max(0, int(v0 - reach)), min(height - 1, int(v0 + reach) + 1)
         # A ray's direction is affine in the pixel once the lens is linearised at the object.
@@ -156,13 +157,13 @@ def explain(lenses, labels, used, half, face_labels, rotation, position, stride,
         a2, b2 = _normalised(lenses, c, u0, v0 + 8.0)
         jac[0, 0], jac[1, 0] = (a1 - a0) / 8.0, (b1 - b0) / 8.0
         jac[0, 1], jac[1, 1] = (a2 - a0) / 8.0, (b2 - b0) / 8.0
-        r = lenses.rotation[c]
+        r = lenses[c].rotation
         # object_from_camera rotation, so that rays come out in the object's frame.
         m = np.empty((3, 3))
         for i in range(3):
             origin[i] = 0.0
             for k in range(3):
-                origin[i] += rotation[k, i] * (lenses.position[c, k] - position[k])
+                origin[i] += rotation[k, i] * (lenses[c].position[k] - position[k])
                 m[i, k] = rotation[0, i] * r[k, 0] + rotation[1, i] * r[k, 1] + rotation[2, i] * r[k, 2]
         for j in range(top, bottom + 1, stride):
             for i in range(left, right + 1, stride):
@@ -196,9 +197,9 @@ def explain(lenses, labels, used, half, face_labels, rotation, position, stride,
 @numba.njit(cache=True, nogil=True)
 def _normalised(lenses, c, u, v):  # type: ignore[no-untyped-def]
     """Undistorted normalised coordinates of a pixel, by fixed-point iteration."""
-    k = lenses.distortion[c]
-    x0 = (u - lenses.center[c, 0]) / lenses.focal[c, 0]
-    y0 = (v - lenses.center[c, 1]) / lenses.focal[c, 1]
+    k = lenses[c].distortion
+    x0 = (u - lenses[c].center[0]) / lenses[c].focal[0]
+    y0 = (v - lenses[c].center[1]) / lenses[c].focal[1]
     a, b = x0, y0
     for _ in range(8):
         s = a * a + b * b

@@ -126,31 +126,3 @@ def edge_samples(lenses, c, half, face_labels, rotation, position, spacing, marg
             row[REACH_IN], row[REACH_OUT] = reach_in, reach_out
             count += 1
     return count
-
-
-@numba.njit(cache=True, nogil=True)
-def solve6(matrix, vector, out):  # type: ignore[no-untyped-def]
-    """Out (6,) = matrix⁻¹ vector for a symmetric positive definite matrix (6, 6); False where it is not."""
-    lower = np.zeros((6, 6))
-    for i in range(6):
-        for j in range(i + 1):
-            total = matrix[i, j]
-            for k in range(j):
-                total -= lower[i, k] * lower[j, k]
-            if i == j:
-                if total <= 0.0:
-                    return False
-                lower[i, i] = math.sqrt(total)
-            else:
-                lower[i, j] = total / lower[j, j]
-    for i in range(6):
-        total = vector[i]
-        for k in range(i):
-            total -= lower[i, k] * out[k]
-        out[i] = total / lower[i, i]
-    for i in range(5, -1, -1):
-        total = out[i]
-        for k in range(i + 1, 6):
-            total -= lower[k, i] * out[k]
-        out[i] = total / lower[i, i]
-    return True

@@ -8,10 +8,10 @@ import numba
 import numpy as np
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@numba.njit(cache=True, nogil=True)
 def project(lenses, c, x, y, z):  # type: ignore[no-untyped-def]
     """Pixel (u, v) and depth of a world point (x, y, z) in camera c."""
-    r, t, k = lenses.rotation[c], lenses.translation[c], lenses.distortion[c]
+    r, t, k = lenses[c].rotation, lenses[c].translation, lenses[c].distortion
     zc = r[2, 0] * x + r[2, 1] * y + r[2, 2] * z + t[2]
     inverse = 1.0 / max(zc, 1e-6)
     a = (r[0, 0] * x + r[0, 1] * y + r[0, 2] * z + t[0]) * inverse
@@ -21,8 +21,8 @@ def project(lenses, c, x, y, z):  # type: ignore[no-untyped-def]
     u = a * radial + 2.0 * k[2] * a * b + k[3] * (s + 2.0 * a * a)
     v = b * radial + k[2] * (s + 2.0 * b * b) + 2.0 * k[3] * a * b
     return (
-        lenses.focal[c, 0] * u + lenses.center[c, 0],
-        lenses.focal[c, 1] * v + lenses.center[c, 1],
+        lenses[c].focal[0] * u + lenses[c].center[0],
+        lenses[c].focal[1] * v + lenses[c].center[1],
         zc,
     )
 
@@ -30,7 +30,7 @@ def project(lenses, c, x, y, z):  # type: ignore[no-untyped-def]
 @numba.njit(cache=True, nogil=True)
 def project_with_jacobian(lenses, c, x, y, z, jacobian):  # type: ignore[no-untyped-def]
     """As `project`, and d(u, v)/d(x, y, z) into jacobian (2, 3)."""
-    r, t, k = lenses.rotation[c], lenses.translation[c], lenses.distortion[c]
+    r, t, k = lenses[c].rotation, lenses[c].translation, lenses[c].distortion
     zc = max(r[2, 0] * x + r[2, 1] * y + r[2, 2] * z + t[2], 1e-6)
     inverse = 1.0 / zc
     a = (r[0, 0] * x + r[0, 1] * y + r[0, 2] * z + t[0]) * inverse
@@ -44,13 +44,13 @@ def project_with_jacobian(lenses, c, x, y, z, jacobian):  # type: ignore[no-unty
     ub = 2.0 * a * b * slope + 2.0 * k[2] * a + 2.0 * k[3] * b
     va = ub
     vb = radial + 2.0 * b * b * slope + 6.0 * k[2] * b + 2.0 * k[3] * a
-    fx, fy = lenses.focal[c, 0], lenses.focal[c, 1]
+    fx, fy = lenses[c].focal[0], lenses[c].focal[1]
     for i in range(3):
         da = (r[0, i] - a * r[2, i]) * inverse
         db = (r[1, i] - b * r[2, i]) * inverse
         jacobian[0, i] = fx * (ua * da + ub * db)
         jacobian[1, i] = fy * (va * da + vb * db)
-    return fx * u + lenses.center[c, 0], fy * v + lenses.center[c, 1], zc
+    return fx * u + lenses[c].center[0], fy * v + lenses[c].center[1], zc
 
 
 @numba.njit(cache=True, nogil=True)
@@ -66,7 +66,7 @@ def visible_faces(lenses, c, half, rotation, position, out):  # type: ignore[no-
     for axis in range(3):
         along = 0.0
         for i in range(3):
-            along += rotation[i, axis] * (lenses.position[c, i] - position[i])
+            along += rotation[i, axis] * (lenses[c].position[i] - position[i])
         out[2 * axis] = along - half[axis]
         out[2 * axis + 1] = -along - half[axis]
 

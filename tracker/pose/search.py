@@ -17,7 +17,8 @@ import numpy as np
 from tracker.conventions import Array, FloatArray
 from tracker.geometry import so3
 from tracker.pose.lens import project, project_with_jacobian
-from tracker.pose.views import Box, Lenses
+from tracker.pose.linear import solve_positive
+from tracker.pose.views import Box
 
 ARENA_RADIUS = 0.235
 ARENA_BOTTOM, ARENA_TOP = -0.015, 0.185
@@ -63,13 +64,13 @@ def arena_points() -> FloatArray:
 @numba.njit(cache=True, nogil=True)
 def vote_table(lenses, points, radius):  # type: ignore[no-untyped-def]
     """(N, C, 3): each point's pixel in every camera, and the object's radius there [px], 0 where unseen."""
-    table = np.zeros((len(points), len(lenses.size), 3))
+    table = np.zeros((len(points), len(lenses), 3))
     for p in range(len(points)):
-        for c in range(len(lenses.size)):
+        for c in range(len(lenses)):
             u, v, z = project(lenses, c, points[p, 0], points[p, 1], points[p, 2])
-            if z > 0.1 and 0 <= u < lenses.size[c, 0] and 0 <= v < lenses.size[c, 1]:
+            if z > 0.1 and 0 <= u < lenses[c].width and 0 <= v < lenses[c].height:
                 table[p, c, 0], table[p, c, 1] = u, v
-                table[p, c, 2] = radius * lenses.focal[c, 0] / z
+                table[p, c, 2] = radius * lenses[c].focal[0] / z
     return table
 
 
@@ -85,7 +86,7 @@ def _box_count(integral, u, v, r, width, height):  # type: ignore[no-untyped-def
 @numba.njit(cache=True, nogil=True)
 def _integrals(labels, face_mask, lenses, used, out):  # type: ignore[no-untyped-def]
     for c in range(len(used)):
-        width, height = lenses.size[c, 0], lenses.size[c, 1]
+        width, height = lenses[c].width, lenses[c].height
         for j in range(height):
             row = 0
             for i in range(width):
@@ -112,7 +113,7 @@ def vote(labels, face_mask, lenses, used, table, area_share, scores):  # type: i
             cameras += 1
             u, v = table[p, c, 0], table[p, c, 1]
             expected = max(area_share * 4.0 * r * r, 1.0)
-            w, h = lenses.size[c, 0], lenses.size[c, 1]
+            w, h = lenses[c].width, lenses[c].height
             wide = _box_count(integral[c], u, v, r, w, h) / expected
             tight = _box_count(integral[c], u, v, 0.6 * r, w, h) / expected
             total += min(wide, 1.0) + min(tight, 1.0)
@@ -149,8 +150,8 @@ def gather(lenses, labels, face_mask, used, position, radius, stats):  # type: i
         u, v, z = project(lenses, c, position[0], position[1], position[2])
         if z < 0.1:
             continue
-        r = radius * lenses.focal[c, 0] / z
-        width, height = lenses.size[c, 0], lenses.size[c, 1]
+        r = radius * lenses[c].focal[0] / z
+        width, height = lenses[c].width, lenses[c].height
         for j in range(max(0, int(v - r)), min(height, int(v + r) + 2)):
             for i in range(max(0, int(u - r)), min(width, int(u + r) + 2)):
                 label = labels[c, j, i]
@@ -168,10 +169,14 @@ def gather(lenses, labels, face_mask, used, position, radius, stats):  # type: i
 @numba.njit(cache=True, nogil=True)
 def centre(lenses, labels, face_mask, used, radius, position, rounds, stats):  # type: ignore[no-untyped-def]
     """Move a position so that it projects to the centroids of the face pixels around it."""
-    jacobian = np.empty((2, 3))
+    jacobian, matrix = np.empty((2, 3)), np.empty((3, 3))
+    vector, step = np.empty(3), np.empty(3)
     for _ in range(rounds):
         gather(lenses, labels, face_mask, used, position, radius, stats)
-        matrix, vector = np.eye(3) * 2000.0, np.zeros(3)
+        for i in range(3):
+            vector[i] = 0.0
+            for k in range(3):
+                matrix[i, k] = 2000.0 if i == k else 0.0
         for c in range(len(used)):
             n, su, sv = 0.0, 0.0, 0.0
             for label in range(1, 7):
@@ -189,7 +194,7 @@ def centre(lenses, labels, face_mask, used, radius, position, rounds, stats):  #
                     matrix[i, k] += weight * (
                         jacobian[0, i] * jacobian[0, k] + jacobian[1, i] * jacobian[1, k]
                     )
-        step = np.linalg.solve(matrix, vector)
+        solve_positive(matrix, vector, step)
         for i in range(3):
             position[i] += min(0.04, max(-0.04, step[i]))
     gather(lenses, labels, face_mask, used, position, radius, stats)
@@ -208,11 +213,11 @@ def rank_rotations(lenses, used, half, face_labels, position, stats, rotations, 
         u, v, z = project_with_jacobian(lenses, c, position[0], position[1], position[2], jacobian)
         if z < 0.1:
             continue
-        per_metre = lenses.focal[c, 0] / z
+        per_metre = lenses[c].focal[0] / z
         view = np.empty(3)
         distance = 0.0
         for i in range(3):
-            view[i] = lenses.position[c, i] - position[i]
+            view[i] = lenses[c].position[i] - position[i]
             distance += view[i] * view[i]
         distance = math.sqrt(distance)
         for h in range(len(rotations)):
@@ -259,7 +264,7 @@ def rank_rotations(lenses, used, half, face_labels, position, stats, rotations, 
 class Searcher:
     """The tables that a search needs, made once for a rig and an object."""
 
-    def __init__(self, lenses: Lenses, box: Box) -> None:
+    def __init__(self, lenses: Array, box: Box) -> None:
         self.lenses, self.box = lenses, box
         half = box.half
         self.radius = float(np.linalg.norm(half))
@@ -273,7 +278,7 @@ class Searcher:
         self.face_mask[box.face_labels] = 1
         self._scores = np.empty(len(self.points))
         self._costs = np.empty(ROTATIONS)
-        self.stats = np.empty((len(lenses.size), 7, 3))
+        self.stats = np.empty((len(lenses), 7, 3))
 
     def positions(self, labels: Array, used: Array, count: int) -> Iterator[FloatArray]:
         """Up to `count` centred positions (3,) [m], best first; each is worked out when it is asked for."""

@@ -10,37 +10,33 @@ import numpy as np
 from tracker.conventions import Array, FloatArray, Image
 from tracker.geometry.camera import Camera
 
-
-class Lenses(NamedTuple):
-    """C cameras as arrays; a named tuple, which compiled functions take as it is."""
-
-    rotation: FloatArray
-    """(C, 3, 3) rotation of camera_from_world."""
-    translation: FloatArray
-    """(C, 3) translation of camera_from_world [m]."""
-    position: FloatArray
-    """(C, 3) centres in the world [m]."""
-    focal: FloatArray
-    """(C, 2) fx, fy [px]."""
-    center: FloatArray
-    """(C, 2) cx, cy [px]."""
-    distortion: FloatArray
-    """(C, 5) k1, k2, p1, p2, k3."""
-    size: Array
-    """(C, 2) int64 width, height [px]."""
+LENS = np.dtype(
+    [
+        ("rotation", np.float64, (3, 3)),  # of camera_from_world
+        ("translation", np.float64, (3,)),  # of camera_from_world [m]
+        ("position", np.float64, (3,)),  # the camera's centre in the world [m]
+        ("focal", np.float64, (2,)),  # fx, fy [px]
+        ("center", np.float64, (2,)),  # cx, cy [px]
+        ("distortion", np.float64, (5,)),  # k1, k2, p1, p2, k3
+        ("width", np.int64),  # [px]
+        ("height", np.int64),  # [px]
+    ]
+)
+"""A camera as a record: compiled functions read its fields without counting references to arrays."""
 
 
-def stack_lenses(cameras: Sequence[Camera]) -> Lenses:
-    """The cameras' parameters, one row a camera."""
-    return Lenses(
-        rotation=np.ascontiguousarray([c.camera_from_world[:3, :3] for c in cameras]),
-        translation=np.ascontiguousarray([c.camera_from_world[:3, 3] for c in cameras]),
-        position=np.ascontiguousarray([c.position for c in cameras]),
-        focal=np.array([[c.matrix[0, 0], c.matrix[1, 1]] for c in cameras]),
-        center=np.array([[c.matrix[0, 2], c.matrix[1, 2]] for c in cameras]),
-        distortion=np.ascontiguousarray([c.distortion for c in cameras]),
-        size=np.array([[c.width, c.height] for c in cameras], dtype=np.int64),
-    )
+def stack_lenses(cameras: Sequence[Camera]) -> Array:
+    """The cameras as an array (C,) of LENS records."""
+    lenses = np.zeros(len(cameras), LENS)
+    for lens, camera in zip(lenses, cameras, strict=True):
+        lens["rotation"] = camera.camera_from_world[:3, :3]
+        lens["translation"] = camera.camera_from_world[:3, 3]
+        lens["position"] = camera.position
+        lens["focal"] = camera.matrix[0, 0], camera.matrix[1, 1]
+        lens["center"] = camera.matrix[0, 2], camera.matrix[1, 2]
+        lens["distortion"] = camera.distortion
+        lens["width"], lens["height"] = camera.width, camera.height
+    return lenses
 
 
 class Evidence(NamedTuple):

@@ -1,0 +1,40 @@
+"""A small compiled solver; NumPy's would take seconds to compile into the kernels."""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+
+
+@numba.njit(cache=True, nogil=True)
+def solve_positive(matrix, vector, out):  # type: ignore[no-untyped-def]
+    """Out (n,) = matrix⁻¹ vector for a positive definite matrix (n, n), of which the lower half is read.
+
+    Returns False, and leaves out undefined, where the matrix is not positive definite.
+    """
+    n = len(vector)
+    lower = np.zeros((n, n))
+    for i in range(n):
+        for j in range(i + 1):
+            total = matrix[i, j]
+            for k in range(j):
+                total -= lower[i, k] * lower[j, k]
+            if i > j:
+                lower[i, j] = total / lower[j, j]
+            elif total > 0.0:
+                lower[i, i] = math.sqrt(total)
+            else:
+                return False
+    for i in range(n):
+        total = vector[i]
+        for k in range(i):
+            total -= lower[i, k] * out[k]
+        out[i] = total / lower[i, i]
+    for i in range(n - 1, -1, -1):
+        total = out[i]
+        for k in range(i + 1, n):
+            total -= lower[k, i] * out[k]
+        out[i] = total / lower[i, i]
+    return True
