@@ -2,9 +2,10 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
-CODE := tracker synthetic benchmarks examples tests
+CODE := tracker synthetic benchmarks examples scripts tests
 
-.PHONY: demo test lint format bench clean
+.PHONY: demo test lint format bench colors fresh clean
+REAL ?= ../shared/real
 
 demo: $(STAMP)  ## track an object in example images
 	$(BIN)/python examples/demo.py
@@ -23,7 +24,13 @@ format: $(STAMP)  ## format the code
 	$(BIN)/ruff format $(CODE)
 
 bench: $(STAMP)  ## measure accuracy and speed
-	$(BIN)/python -m benchmarks
+	$(BIN)/python -m benchmarks -o benchmarks/results.md
+
+colors: $(STAMP)  ## fit the shipped colour tables again, from the labelled images in $(REAL)
+	$(BIN)/python scripts/fit_shipped_colors.py $(REAL)
+
+fresh:  ## forget compiled kernels: their cache does not notice a change in a kernel that they call
+	find tracker synthetic -name '*.nb[ci]' -delete
 
 clean:  ## remove everything that the other targets made
 	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis build dist

@@ -12,6 +12,7 @@ import click
 from benchmarks.recorded import pose_table, segmentation_table
 from benchmarks.rendered import SEED, accuracy_table
 from benchmarks.speed import speed_table
+from tracker.files import write_whole
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -45,34 +46,33 @@ def main(quick: bool, real: Path, output: Path | None) -> None:
         "# Results",
         f"Commit {_commit()}, {_processor()}, one thread. Written by `python -m benchmarks`.",
         "## Rendered scenes",
-        f"{scenes} scenes an object (seed {SEED}, used for nothing else) with fingers, three cameras, 270×270, "
-        "exact calibration, realistic sensor with mosaic. Errors are of all poses given.",
+        f"{scenes} scenes an object (seed {SEED}, used for nothing else) with fingers, three cameras, "
+        "270×270, exact calibration, realistic sensor with mosaic. Errors are of all poses given.",
         accuracy_table(scenes),
     ]
     recorded = Path(real) if Path(real).is_dir() else None
     if recorded is not None:
         parts += [
             "## Recorded triplets",
-            f"Every labelled pixel's centre against the outline of its face; {draws} draws of gains 0.8-1.2 for each "
-            "channel and exposure 0.6-1.4 for each image; same pose: within 3 mm and 3° of the undisturbed one.",
+            f"Every labelled pixel's centre against the outline of its face; {draws} draws of gains 0.8-1.2 "
+            "for each channel and exposure 0.6-1.4 for each image; same pose: within 3 mm and 3° of the "
+            "undisturbed one.",
             pose_table(recorded, draws),
             "## Segmentation",
-            "Intersection over union with hand-made masks over the whole image. The masks are drawn a little too "
-            "small on purpose.",
+            "Intersection over union with hand-made masks over the whole image. The masks are drawn a "
+            "little too small on purpose.",
             segmentation_table(recorded),
         ]
     parts += [
         "## Speed",
-        "Warm, one thread, medians; reference work: `medianBlur` 5 and conversion to HSV of the same three images, "
-        "in turn with the detection.",
+        "Warm, one thread, medians; reference work: `medianBlur` 5 and conversion to HSV of the same three "
+        "images, in turn with the detection.",
         speed_table(recorded, *((4, 5) if quick else (20, 40))),
     ]
     text = "\n\n".join(parts) + "\n"
     click.echo(text)
     if output:
-        temporary = output.with_name(output.name + ".tmp")
-        temporary.write_text(text, encoding="utf-8")
-        os.replace(temporary, output)
+        write_whole(output, text)
 
 
 if __name__ == "__main__":

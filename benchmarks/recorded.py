@@ -75,7 +75,7 @@ def relit(images: list[Image], rng: np.random.Generator) -> list[Image]:
 def light_changes(
     detector: tracker.ObjectTracker, images: list[Image], draws: int
 ) -> Iterator[tuple[float, float, float]]:
-    """Shift [m], turn [rad] and confidence under each draw of light; infinite and 0 where nothing is found."""
+    """Shift [m], turn [rad], confidence under each draw of light; infinite and 0 where nothing is found."""
     reference = detector.detect(images).object_pose
     rng = np.random.default_rng(LIGHT_SEED)
     for _ in range(draws):
@@ -90,8 +90,8 @@ def light_changes(
 def pose_table(real: Path, draws: int) -> str:
     """Pose on the three triplets: labelled pixels inside their faces, level, under changed light."""
     rows = [
-        "| triplet | labelled pixels inside their face | farthest outside | tilt | same pose in other light | "
-        "median shift, turn |",
+        "| triplet | labelled pixels inside their face | farthest outside | tilt | "
+        "same pose in other light | median shift, turn |",
         "|---|---|---|---|---|---|",
     ]
     for name in POSED:
@@ -118,7 +118,7 @@ def segmentation_table(real: Path) -> str:
     images = {name: labelled_images(real, name) for name in SEGMENTED}
     histograms = {name: [image_histograms(i, options) for i in images[name]] for name in SEGMENTED}
     rows = [
-        "| object | faces | mean IoU | worst face | one image left out, colours seen in another | colours never seen |",
+        "| object | faces | mean IoU | worst face | image left out: colours seen elsewhere | never seen |",
         "|---|---|---|---|---|---|",
     ]
     for name in SEGMENTED:

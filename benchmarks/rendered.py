@@ -16,7 +16,7 @@ OBJECTS = ("cube_v2", "cuboid_2x2x8_v2")
 
 
 def answers(name: str, scenes: int, *, present: bool = True) -> FloatArray:
-    """(N, 5): visible fraction, position error [m], rotation error [rad], confidence, NEES; NaN where no pose."""
+    """(N, 5): visible fraction, errors [m] and [rad], confidence, NEES; NaN where there is no pose."""
     model, rig = tracker.load_object(name), tracker.CameraRig(default_cameras())
     detector = tracker.ObjectTracker(model, rig)
     rows = []
@@ -38,8 +38,8 @@ def answers(name: str, scenes: int, *, present: bool = True) -> FloatArray:
 def accuracy_table(scenes: int) -> str:
     """Errors over all scenes, fingers and sensor included; misses and wrong answers by themselves."""
     rows = [
-        "| object | median position, rotation | p90 | within 5 mm and 5° | no pose | wrong | wrong and sure (> 0.5) | "
-        "NEES, median (ideal 5.35) | found where there is none |",
+        "| object | median position, rotation | p90 | within 5 mm and 5° | no pose | wrong | "
+        "wrong and sure (> 0.5) | NEES, median (ideal 5.35) | found where there is none |",
         "|---|---|---|---|---|---|---|---|---|",
     ]
     for name in OBJECTS:

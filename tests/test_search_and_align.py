@@ -9,7 +9,7 @@ from synthetic.simple_rig import Sensor, default_cameras
 from tests.helpers import random_rotations
 from tracker.geometry import so3
 from tracker.objects.model import load_object
-from tracker.pose import align, search
+from tracker.pose import align, grids, search
 from tracker.pose.views import Box, reduced_size, stack_lenses
 
 MODEL = load_object("cube_v2")
@@ -30,7 +30,7 @@ def scene():
 
 
 def test_rotations_are_even():
-    rotations = search.even_rotations(search.ROTATIONS)
+    rotations = grids.even_rotations(grids.ROTATIONS)
     np.testing.assert_allclose(
         rotations @ rotations.transpose(0, 2, 1), np.eye(3) + 0 * rotations, atol=1e-12
     )

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import os
 import re
-import tempfile
 from collections.abc import Hashable
 from pathlib import Path
 from typing import Any
@@ -21,6 +20,7 @@ import yaml
 
 from tracker.conventions import FloatArray
 from tracker.errors import CalibrationError
+from tracker.files import write_whole
 from tracker.geometry import so3
 from tracker.geometry.camera import MAX_SIZE, ROTATION_TOLERANCE, Camera, rotation_deviation
 
@@ -105,24 +105,9 @@ def write_camera(camera: Camera, path: str | os.PathLike[str]) -> None:
         data, sort_keys=False, allow_unicode=True, default_flow_style=None, width=100
     )
     try:
-        _write_atomically(Path(path), text)
+        write_whole(path, text)
     except OSError as error:
         raise CalibrationError(f"{os.fspath(path)}: cannot be written: {error.strerror or error}") from error
-
-
-def _write_atomically(path: Path, text: str) -> None:
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".tmp")
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(text)
-        # mkstemp makes a file that only its owner can read; give it the mode of any new file.
-        umask = os.umask(0)
-        os.umask(umask)
-        os.chmod(temporary, 0o666 & ~umask)
-        os.replace(temporary, path)
-    except BaseException:
-        os.unlink(temporary)
-        raise
 
 
 def _matrix_entry(matrix: FloatArray) -> dict[str, Any]:

@@ -39,7 +39,7 @@ def rotation_vector_variance(rotation: FloatArray, element_std: FloatArray) -> F
 
 
 def calibration_covariance(camera: Camera) -> FloatArray:
-    """(6, 6) covariance along world axes of (Rᵀδt, Rᵀω), where camera_from_world is off by δt and exp(ω) [m, rad]."""
+    """(6, 6) covariance of (Rᵀδt, Rᵀω) [m, rad], where camera_from_world is off by δt and exp(ω)."""
     std = camera.camera_from_world_std
     if std is None:
         std = UNSTATED_STD
@@ -51,7 +51,7 @@ def calibration_covariance(camera: Camera) -> FloatArray:
 
 
 def offset_covariance(calibration: FloatArray, position: FloatArray) -> FloatArray:
-    """(C, 6, 6) covariance of the pose offsets that the cameras' calibration errors (C, 6, 6) look like [m, rad].
+    """(C, 6, 6) covariance of the pose offsets [m, rad] that calibration errors (C, 6, 6) look like.
 
     An error (δt, ω) of camera_from_world moves a point in the camera by δt + ω × (R P), which is what
     an object at `position` would show if it had moved by δp + δθ × (P - position) along world axes, with

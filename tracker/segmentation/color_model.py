@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import functools
 import io
-import os
 import zipfile
 from dataclasses import dataclass
 from importlib import resources
@@ -21,6 +20,7 @@ from scipy.ndimage import zoom
 
 from tracker.conventions import Array, FloatArray
 from tracker.errors import ColorModelError
+from tracker.files import write_whole
 from tracker.objects.labels import COLOR_NAMES
 
 CLASSES = len(COLOR_NAMES)
@@ -88,15 +88,12 @@ class ColorModel:
 
     def save(self, path: str | Path) -> None:
         """Write the model to one small file (.npz), whole or not at all."""
-        path = Path(path)
         codes = np.clip(np.rint(-self.log_posterior / _STEP), 0, 255).astype(np.uint8)
         buffer = io.BytesIO()
         np.savez_compressed(
             buffer, format=np.int64(1), normalise=np.bool_(self.normalise), log_posterior=codes
         )
-        temporary = path.with_name(path.name + ".tmp")
-        temporary.write_bytes(buffer.getvalue())
-        os.replace(temporary, path)
+        write_whole(path, buffer.getvalue())
 
 
 def _read(path: Path, name: str) -> ColorModel:
