@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -24,6 +25,8 @@ from tracker.segmentation.color_model import ColorModel, load_colors
 from tracker.segmentation.labels import check_image, look_up
 from tracker.segmentation.normalise import grey_world_gains, neutral_gains
 
+_LOG = logging.getLogger(__name__)
+
 SURE = 0.95
 """Confidence below which the light is judged a second time, by the grey world."""
 
@@ -38,6 +41,9 @@ class ObjectTracker:
     """
 
     def __init__(self, model: CuboidModel, rig: CameraRig, colors: ColorModel | None = None) -> None:
+        if not kernels_are_cached():
+            # A warning reaches standard error without any set-up of logging.
+            _LOG.warning("compiling kernels, once per machine (about 12 s) ...")
         self.model, self.rig = model, rig
         self.colors = colors if colors is not None else load_colors(model.colors)
         box = Box(np.asarray(model.size) / 2, np.asarray(model.face_labels, dtype=np.uint8))

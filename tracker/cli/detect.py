@@ -55,7 +55,7 @@ def detect(
     from tracker.calibration.rig import CameraRig
     from tracker.cli.files import read_images
     from tracker.objects.model import load_object
-    from tracker.pipeline import ObjectTracker, kernels_are_cached
+    from tracker.pipeline import ObjectTracker
     from tracker.segmentation.color_model import load_colors
 
     model = load_object(object_name)
@@ -67,8 +67,6 @@ def detect(
     )
     pictures = read_images(images, rig)
     tracker = ObjectTracker(model, rig, colors)
-    if not kernels_are_cached():
-        click.echo("compiling kernels, once per machine (about 15 s) ...", err=True)
     tracker.detect(pictures)  # loads the compiled code: the times printed are those of a running tracker
     observation = tracker.detect(pictures)
     if overlay_path is not None:

@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import nnls
-
 from tracker.conventions import FloatArray
 from tracker.geometry import so3
 from tracker.geometry.camera import Camera
@@ -33,6 +31,9 @@ def rotation_vector_variance(rotation: FloatArray, element_std: FloatArray) -> F
     Element (i, j) of [e_k]× R tells how much it moves with ω_k, so the squares of the given standard
     deviations are linear in the variances; they are solved for with the constraint of being positive.
     """
+    # Imported here: scipy.optimize alone would take a third of the time of `import tracker`.
+    from scipy.optimize import nnls
+
     design = np.stack([(so3.hat(axis) @ rotation).ravel() ** 2 for axis in np.eye(3)], axis=1)
     solution, _ = nnls(design, np.asarray(element_std).ravel() ** 2)
     return np.asarray(solution)
