@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+
 from tracker.conventions import FloatArray
 from tracker.geometry import so3
 from tracker.geometry.camera import Camera
