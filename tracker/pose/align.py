@@ -24,6 +24,9 @@ AGREE, MISSING, WRONG, EXTRA, PREDICTED = range(5)
 """Columns of a count: face seen as its label, as background, as another face; face label beside the
 object; pixels that the object should cover."""
 
+IMPOSSIBLE = -1e9
+"""Score of a hypothesis whose edges are nowhere to be seen."""
+
 _LABEL_RIM = 2.5
 
 
@@ -227,7 +230,7 @@ def try_hypotheses(lenses, labels, used, half, face_labels, rotations, positions
     for h in range(len(scores)):
         found = align(lenses, labels, used, half, face_labels, rotations[h], positions[h], reaches, samples)
         if found == 0:
-            scores[h] = -1e9
+            scores[h] = IMPOSSIBLE
             continue
         explain(lenses, labels, used, half, face_labels, rotations[h], positions[h], 2, counts)
         scores[h] = explanation_score(counts)

@@ -105,7 +105,7 @@ class PoseEstimator:
             scores.extend(score)
         chosen: list[Hypothesis] = []
         for k in np.argsort(-np.array(scores), kind="stable"):
-            if scores[k] <= 0 or len(chosen) == REFINED:
+            if scores[k] < align.IMPOSSIBLE / 2 or len(chosen) == REFINED:
                 break
             if all(_apart(rotations[k], positions[k], *other) for other in chosen):
                 chosen.append((rotations[k], positions[k]))

@@ -1,8 +1,8 @@
 """Take the light out of an image: scale its channels so that the scene's greys become one grey.
 
 The platform is grey almost everywhere (wall, table, robot), so the most frequent chromaticity is
-that of neutral grey under this camera's white balance. Its mean gives the channel gains, its median
-brightness the exposure.
+that of neutral grey under this camera's white balance. Its mean gives the channel gains, its brighter
+pixels the exposure.
 """
 
 from __future__ import annotations
@@ -19,6 +19,11 @@ SAMPLES = 3000
 """Pixels that are looked at; more do not change the result by a level."""
 
 CLIPPED = 250
+"""A channel at this level or above may be clipped."""
+
+BRIGHTNESS_RANK = 0.7
+"""Rank of the grey pixel whose brightness counts: the wall's, also where table and robot are dark."""
+
 _BINS = 56
 _RANGE = 1.75
 _LOG = np.log(np.maximum(np.arange(256), 0.5))
@@ -81,12 +86,12 @@ def _grey_mode(image, step, log_table, gains):  # type: ignore[no-untyped-def]
         if inside < 20:
             return 0.0
         u_mean, v_mean = su / inside, sv / inside
-    half = levels.sum() // 2
-    running, median = 0, 0
-    while running <= half:
-        running += levels[median]
-        median += 1
-    green = median - 1.0
+    below = int(levels.sum() * BRIGHTNESS_RANK)
+    running, level = 0, 0
+    while running <= below:
+        running += levels[level]
+        level += 1
+    green = level - 1.0
     gains[0] = TARGET_GREY / (green * np.exp(u_mean))
     gains[1] = TARGET_GREY / green
     gains[2] = TARGET_GREY / (green * np.exp(v_mean))
