@@ -25,6 +25,9 @@ MIN_INLIERS = 12.0
 MIN_LEAD = 0.7
 """Log odds by which a fit must lead over a different pose, or the answer is ambiguous."""
 
+MIN_CONFIDENCE = 0.2
+"""Confidence below which there had better be no pose."""
+
 
 def features(fit: Fit) -> dict[str, float]:
     """What the confidence is computed from; all small for a perfect fit in full view."""
@@ -56,7 +59,7 @@ def refusal(fit: Fit) -> Status | None:
         return Status.POOR_FIT
     if fit.lead < MIN_LEAD:
         return Status.AMBIGUOUS
-    return None
+    return Status.POOR_FIT if confidence(fit) < MIN_CONFIDENCE else None
 
 
 WEIGHTS = {
