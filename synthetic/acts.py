@@ -1,0 +1,141 @@
+"""Acts of physics: objects are pushed by fingers, tumble, and fall."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from synthetic.fingers import REST, is_clear
+from synthetic.kinematics import TIP_RADIUS, finger_angles, tips
+from synthetic.stage import PERIOD, Moments, Stage, joint_path, tip_path, with_finger
+from tracker.conventions import FloatArray
+
+PUSH_SPEEDS = (0.06, 0.2)
+"""Range of the greatest speed [m/s] of a finger that pushes."""
+
+_APPROACH_HEIGHT = 0.105
+_RUN_UP = 0.012
+_FARTHEST_TIP = 0.18
+_ATTEMPTS = 40
+
+
+def wait(stage: Stage, seconds: float) -> Moments:
+    """Nothing but physics happens."""
+    for _ in range(max(1, round(seconds / PERIOD))):
+        yield stage.let_pass()
+
+
+def withdraw(stage: Stage) -> Moments:
+    """All fingers go out of the way; what they touch meanwhile moves."""
+    goal = np.tile(REST, 3) + stage.rng.uniform(-0.08, 0.08, 9)
+    yield from stage.follow(joint_path(stage.world.joint_angles(), goal))
+    yield from stage.settle(1.0)
+
+
+def push(stage: Stage) -> Moments:
+    """A finger comes down beside an object and pushes it over the table."""
+    for _ in range(_ATTEMPTS):
+        plan = _plan_push(stage)
+        if plan is not None:
+            break
+    else:
+        yield from withdraw(stage)
+        return
+    finger, above, start, end, speed = plan
+    now = stage.world.joint_angles()
+    tip = tips(now)[finger]
+    up = finger_angles(finger, np.array([tip[0], tip[1], max(tip[2], _APPROACH_HEIGHT)]))
+    if up is not None:
+        yield from stage.follow(joint_path(now, with_finger(now, finger, up)))
+    over = finger_angles(finger, above)
+    assert over is not None
+    yield from stage.follow(joint_path(stage.target, with_finger(stage.target, finger, over)))
+    for goal, fastest in ((start, 0.3), (end, speed), (start + 0.7 * (end - start), 0.2), (above, 0.3)):
+        path = tip_path(stage.target, finger, goal, fastest)
+        if path is None:
+            break
+        yield from stage.follow(path)
+    yield from stage.settle(0.5)
+
+
+def _plan_push(stage: Stage) -> tuple[int, FloatArray, FloatArray, FloatArray, float] | None:
+    """A finger, its tip above, at the start and at the end of a push [m], and its speed [m/s]."""
+    rng, platform = stage.rng, stage.platform
+    now = stage.moment()
+    index = int(rng.integers(platform.count))
+    center, rotation = now.positions[index], now.rotations[index]
+    # Towards the middle, and the more surely the nearer to the wall.
+    spread = np.pi * max(0.5, 1.0 - np.hypot(*center[:2]) / 0.25)
+    azimuth = np.arctan2(-center[1], -center[0]) + rng.uniform(-spread, spread)
+    along = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+    reach = float(np.abs(along @ rotation * platform.size).sum() / 2)
+    height = rng.uniform(TIP_RADIUS + 0.003, max(TIP_RADIUS + 0.006, 1.3 * center[2]))
+    base = np.array([center[0], center[1], height])
+    base += rng.uniform(-0.25, 0.25) * reach * np.array([-along[1], along[0], 0.0])
+    start = base - (reach + TIP_RADIUS + _RUN_UP) * along
+    end = base + (rng.uniform(0.02, 0.14) - reach - TIP_RADIUS) * along
+    above = np.array([start[0], start[1], _APPROACH_HEIGHT])
+    if max(np.hypot(*start[:2]), np.hypot(*(end + reach * along)[:2])) > _FARTHEST_TIP:
+        return None
+    platform.world.set_objects(platform.object_states(now.positions, now.rotations))
+    platform.world.set_joints(now.joints)
+    for finger in rng.permutation(3).tolist():
+        others = [other for other in range(3) if other != finger]
+        places = [above, *(start + share * (end - start) for share in np.linspace(0, 1, 5))]
+        angles = [finger_angles(finger, place) for place in places]
+        if any(found is None for found in angles):
+            continue
+        if all(found is not None and is_clear(platform.world, finger, found, others) for found in angles[:2]):
+            return finger, above, start, end, rng.uniform(*PUSH_SPEEDS)
+    return None
+
+
+def tumble(stage: Stage) -> Moments:
+    """Objects are flicked: a short push upwards and around makes them hop and roll over."""
+    rng, world, platform = stage.rng, stage.world, stage.platform
+    now = stage.moment()
+    chosen = range(platform.count) if platform.count == 1 else rng.choice(platform.count, 4, replace=False)
+    seconds = 0.1
+    mass = world.mass
+    squares = platform.size**2
+    moments = mass * (squares.sum() - squares) / 12
+    pushes = []
+    for index in chosen:
+        center = now.positions[index]
+        azimuth = np.arctan2(-center[1], -center[0]) + rng.uniform(-1.2, 1.2)
+        speed, rate = rng.uniform(0.05, 0.25), rng.uniform(1.0, 4.0)
+        along = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+        velocity = speed * along + [0.0, 0.0, rng.uniform(0.3, 0.6)]
+        # It rolls the way that it flies, more or less.
+        axis = np.array([-along[1], along[0], 0.0]) + rng.normal(0.0, 0.3, 3)
+        force = mass * (velocity / seconds + [0.0, 0.0, 9.81])
+        turn = rate / seconds * axis / np.linalg.norm(axis)
+        rotation = now.rotations[index]
+        pushes.append((int(index), force, rotation @ (moments * (rotation.T @ turn))))
+    steps = round(PERIOD / world.time_step)
+    for _ in range(round(seconds / PERIOD)):
+        for _ in range(steps):
+            for index, force, torque in pushes:
+                world.push(index, force, torque)
+            world.steer(stage.target)
+            world.step()
+        yield stage.moment()
+    yield from stage.settle(1.6, least=0.3)
+
+
+def release(stage: Stage) -> Moments:
+    """The fingers let go of the object, which falls and comes to rest."""
+    now = stage.moment()
+    outward, stage.grip = stage.grip, {}
+    goal = now.joints.copy()
+    for finger, contact in outward.items():
+        axis = int(np.argmax(np.abs(contact) - stage.platform.size / 2))
+        normal = np.sign(contact[axis]) * now.rotations[0][:, axis]
+        tip = tips(now.joints)[finger]
+        for distance in (0.04, 0.03, 0.02, 0.01):
+            away = tip + distance * normal
+            angles = finger_angles(finger, np.array([*away[:2], max(away[2], TIP_RADIUS + 0.002)]))
+            if angles is not None:
+                goal[3 * finger : 3 * finger + 3] = angles
+                break
+    yield from stage.follow(joint_path(now.joints, goal, speed=4.0))
+    yield from stage.settle(1.6, least=0.2)

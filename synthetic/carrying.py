@@ -1,0 +1,160 @@
+"""Driven acts: an object is gripped, lifted, turned in the air, carried and set down by finger tips.
+
+Physics does not act in them: the object follows a smooth path, and the fingers the object.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from synthetic.acts import release, wait, withdraw
+from synthetic.grips import Grip, held, random_grip, way_to_contact
+from synthetic.placement import MAX_CLEARANCE, lowest
+from synthetic.stage import Moments, Stage, smooth_steps
+from tracker.conventions import FloatArray
+from tracker.geometry import so3
+
+SPEEDS = (0.06, 0.28)
+"""Range of the greatest speed [m/s] of an object that is carried."""
+
+TURNS = (0.4, 3.3)
+"""Range of its greatest rate of turn [rad/s]."""
+
+_REACH = 0.11
+_LEGS_TRIED = 24
+_GRIPS_TRIED = 6
+_CHECKS = 9
+_PEAK = 1.5
+
+
+def grasp(stage: Stage) -> Moments:
+    """Fingers go to the object's faces one after the other; `stage.grip` says which got there."""
+    now = stage.moment()
+    position, rotation = now.positions[0], now.rotations[0]
+    for _ in range(_GRIPS_TRIED):
+        found = random_grip(stage.platform, stage.rng, position, rotation, now.joints)
+        if found is None:
+            continue
+        joints, grip = now.joints, Grip()
+        for finger, contact in found[0].items():
+            path = way_to_contact(stage.platform, position, rotation, joints, finger, contact)
+            if path is None:
+                continue
+            for row in path:
+                yield stage.put(position, rotation, row)
+            joints, grip[finger] = path[-1], contact
+        if grip:
+            stage.grip = grip
+            return
+
+
+def leg(stage: Stage, *, lift: bool = False) -> Moments:
+    """One stretch of a path through the air, at rest at both ends; the object turns meanwhile.
+
+    `lift`: straight up rather than anywhere. Nothing happens where no stretch is possible with this grip.
+    """
+    rng = stage.rng
+    now = stage.moment()
+    position, rotation, joints = now.positions[0], now.rotations[0], now.joints
+    for attempt in range(_LEGS_TRIED):
+        # Bold first, timid later: long ways and great turns are seldom possible with one grip.
+        boldness = 1.0 - attempt / _LEGS_TRIED
+        goal, turn = _goal(stage, position, rotation, boldness, lift)
+        speed, rate = rng.uniform(*SPEEDS), rng.uniform(*TURNS)
+        distance, angle = float(np.linalg.norm(goal - position)), float(np.linalg.norm(turn))
+        if not _is_possible(stage, position, rotation, goal, turn, joints):
+            continue
+        seconds = _PEAK * max(distance / speed, angle / rate, 0.2)
+        for share in smooth_steps(seconds):
+            place, facing = position + share * (goal - position), so3.exp(share * turn) @ rotation
+            found = held(stage.platform, place, facing, joints, stage.grip)
+            if found is None:
+                # Between the places that were checked there is one that cannot be taken: it ends here.
+                return
+            joints = found
+            yield stage.put(place, facing, joints)
+        return
+
+
+def _goal(
+    stage: Stage, position: FloatArray, rotation: FloatArray, boldness: float, lift: bool
+) -> tuple[FloatArray, FloatArray]:
+    """A place (3,) [m] and a rotation vector (3,) [rad] to turn by on the way there."""
+    rng = stage.rng
+    axis = rng.normal(0.0, 1.0, 3)
+    angle = 0.0 if lift and rng.random() < 0.5 else rng.uniform(0.1, 1.0) * np.radians(120) * boldness
+    turn: FloatArray = angle * axis / np.linalg.norm(axis)
+    clearance = rng.uniform(0.25, 1.0) if lift else rng.uniform(0.05, 1.0)
+    height = clearance * MAX_CLEARANCE - lowest(stage.platform.size, so3.exp(turn) @ rotation)
+    radius, azimuth = _REACH * np.sqrt(rng.random()), rng.uniform(0, 2 * np.pi)
+    away = np.array([radius * np.cos(azimuth), radius * np.sin(azimuth)]) - position[:2]
+    share = (0.1 if lift else 1.0) * boldness
+    return np.array([*(position[:2] + share * away), height]), turn
+
+
+def _is_possible(
+    stage: Stage,
+    position: FloatArray,
+    rotation: FloatArray,
+    goal: FloatArray,
+    turn: FloatArray,
+    joints: FloatArray,
+) -> bool:
+    for share in np.linspace(1.0, 0.0, _CHECKS, endpoint=False):
+        place, facing = position + share * (goal - position), so3.exp(share * turn) @ rotation
+        if place[2] < -lowest(stage.platform.size, facing):
+            return False
+        if held(stage.platform, place, facing, joints, stage.grip) is None:
+            return False
+    return True
+
+
+def regrasp(stage: Stage) -> Moments:
+    """One finger of several lets go and finds another face, or one that does not hold joins in."""
+    now = stage.moment()
+    position, rotation = now.positions[0], now.rotations[0]
+    fingers = [finger for finger in range(3) if len(stage.grip) > 1 or finger not in stage.grip]
+    finger = fingers[int(stage.rng.integers(len(fingers)))]
+    kept = {other: contact for other, contact in stage.grip.items() if other != finger}
+    for _ in range(_GRIPS_TRIED):
+        found = random_grip(stage.platform, stage.rng, position, rotation, now.joints)
+        if found is None or finger not in found[0]:
+            continue
+        contact = found[0][finger]
+        path = way_to_contact(stage.platform, position, rotation, now.joints, finger, contact)
+        if path is not None:
+            stage.grip = {**kept, finger: contact}
+            for row in path:
+                yield stage.put(position, rotation, row)
+            return
+
+
+def lift_and_lower(stage: Stage) -> Moments:
+    """The object is gripped, lifted, turned a little and let go."""
+    if not stage.grip:
+        yield from withdraw(stage)
+        yield from grasp(stage)
+    if stage.grip:
+        yield from leg(stage, lift=True)
+        yield from leg(stage)
+        yield from release(stage)
+    else:
+        yield from wait(stage, 0.3)
+
+
+def carry(stage: Stage) -> Moments:
+    """The object travels through the air for some stretches; it is gripped and lifted first."""
+    if not stage.grip:
+        yield from withdraw(stage)
+        yield from grasp(stage)
+        if not stage.grip:
+            yield from wait(stage, 0.3)
+            return
+        yield from leg(stage, lift=True)
+    for _ in range(int(stage.rng.integers(2, 6))):
+        if stage.rng.random() < 0.4:
+            yield from regrasp(stage)
+        yield from leg(stage)
+    # An act must let time pass, even where nothing was possible.
+    now = stage.moment()
+    yield stage.put(now.positions[0], now.rotations[0], now.joints)

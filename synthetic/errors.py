@@ -1,0 +1,9 @@
+"""Errors of the generator of synthetic images that its user can mend."""
+
+from __future__ import annotations
+
+from tracker.errors import TrackerError
+
+
+class AssetError(TrackerError):
+    """The robot's description or meshes cannot be had."""

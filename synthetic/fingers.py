@@ -1,0 +1,117 @@
+"""Fingers in poses that they can take: within their limits, and touching nothing they should not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from synthetic.kinematics import LOWER_LIMITS, TIP_RADIUS, UPPER_LIMITS, finger_angles
+from synthetic.platform import Platform
+from synthetic.scene import ObjectState
+from synthetic.world import World
+from tracker.conventions import Array, FloatArray
+
+GAP = 0.0003
+"""Least distance [m] between a finger and anything else."""
+
+_ATTEMPTS_NEAR, _ATTEMPTS = 30, 200
+_SHARE_OF_RANDOM_ANGLES, _SHARE_OF_RESTING = 0.6, 0.7
+_SAFE_RADIUS = 0.19
+
+REST = np.array([0.0, 1.25, -1.55])
+"""(3,) joint angles [rad] of a finger that is out of the way."""
+
+
+def random_fingers(
+    platform: Platform, states: Sequence[ObjectState], rng: np.random.Generator, near: float
+) -> tuple[FloatArray, list[bool]]:
+    """Joint angles (9,) [rad] without collisions, and which tips are near an object's surface.
+
+    Each finger is near with the probability `near`, as far as it can get there.
+    """
+    world = platform.world
+    world.set_objects(states)
+    joints, is_near = np.zeros((3, 3)), [False] * 3
+    placed: list[int] = []
+    for finger in rng.permutation(3).tolist():
+        wants = bool(states) and rng.random() < near
+        for attempt in range(_ATTEMPTS):
+            close = wants and attempt < _ATTEMPTS_NEAR
+            tip = tip_near(platform, states, rng) if close else _tip_anywhere(rng)
+            angles = _random_angles(rng) if tip is None else finger_angles(finger, tip)
+            if angles is not None and is_clear(world, finger, angles, placed):
+                joints[finger], is_near[finger] = angles, close
+                break
+        else:
+            joints[finger] = REST
+            world.set_finger(finger, REST)
+        placed.append(finger)
+    return joints.reshape(9), is_near
+
+
+def tip_near(platform: Platform, states: Sequence[ObjectState], rng: np.random.Generator) -> FloatArray:
+    """A place (3,) [m] for a tip that touches an object's surface or hovers a little above it."""
+    state = states[int(rng.integers(len(states)))]
+    axis, sign = int(rng.integers(3)), rng.choice([-1.0, 1.0])
+    gap = rng.uniform(GAP, 0.001) if rng.random() < 0.5 else rng.exponential(0.008) + GAP
+    point = rng.uniform(-0.48, 0.48, 3) * platform.size
+    point[axis] = sign * (platform.size[axis] / 2 + TIP_RADIUS + gap)
+    result: FloatArray = state.position + state.rotation @ point
+    return result
+
+
+def is_clear(
+    world: World,
+    finger: int,
+    angles: Array,
+    others: Sequence[int],
+    *,
+    gap: float = GAP,
+) -> bool:
+    """Whether a finger at joint angles (3,) keeps `gap` [m] from everything; it stays there.
+
+    Everything is table, wall, objects and those of the other fingers that `others` lists.
+    """
+    world.set_finger(finger, angles)
+    links = world.finger_links[finger]
+    bounds = [world.bounds(link) for link in links]
+    # Bullet's bounds are generous by millimetres: they tell only where a closer look is needed.
+    for link, bound in zip(links, bounds, strict=True):
+        if bound[0, 2] < gap and world.near(world.robot, world.table, gap, link):
+            return False
+    for link, bound in zip(links, bounds, strict=True):
+        for body in world.objects:
+            if _overlap(bound, world.object_bounds(body), gap) and world.near(world.robot, body, gap, link):
+                return False
+    foreign = {link for other in others for link in world.finger_links[other]}
+    for link, bound in zip(links, bounds, strict=True):
+        if np.hypot(*np.abs(bound[:, :2]).max(axis=0)) > _SAFE_RADIUS and world.near(
+            world.robot, world.wall, gap, link
+        ):
+            return False
+    for link, bound in zip(links, bounds, strict=True):
+        for other in foreign:
+            if _overlap(bound, world.bounds(other), gap) and world.touches_itself(link, other, gap):
+                return False
+    return not (
+        world.touches_itself(links[0], links[2], 0.0) or world.touches_itself(links[0], links[3], 0.0)
+    )
+
+
+def _overlap(first: Array, second: Array, gap: float) -> bool:
+    return bool((first[0] <= second[1] + gap).all() and (second[0] <= first[1] + gap).all())
+
+
+def _tip_anywhere(rng: np.random.Generator) -> FloatArray | None:
+    if rng.random() < _SHARE_OF_RANDOM_ANGLES:
+        return None
+    radius, azimuth = 0.19 * np.sqrt(rng.random()), rng.uniform(0, 2 * np.pi)
+    height = TIP_RADIUS + (0.0005 if rng.random() < 0.3 else rng.uniform(0.0005, 0.15))
+    return np.array([radius * np.cos(azimuth), radius * np.sin(azimuth), height])
+
+
+def _random_angles(rng: np.random.Generator) -> FloatArray:
+    if rng.random() < _SHARE_OF_RESTING:
+        return np.clip(REST + rng.normal(0.0, 0.2, 3), LOWER_LIMITS, UPPER_LIMITS)
+    return rng.uniform(LOWER_LIMITS, UPPER_LIMITS)

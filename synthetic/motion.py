@@ -1,0 +1,176 @@
+"""Sequences: what happens on the platform, as scenes with time stamps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from synthetic.acts import push, release, tumble, withdraw
+from synthetic.carrying import carry, lift_and_lower
+from synthetic.fingers import random_fingers
+from synthetic.grips import random_grip
+from synthetic.look import random_lighting, random_look
+from synthetic.placement import MAX_CLEARANCE, Poses, lowest, place, random_place, random_rotation
+from synthetic.platform import Platform
+from synthetic.scene import PlatformScene
+from synthetic.scenes import describe
+from synthetic.stage import PERIOD, Moment, Moments, Stage
+from tracker.conventions import FloatArray
+from tracker.errors import TrackerError
+from tracker.geometry import so3
+
+CUBOID_MOTIONS = ("push", "tumble", "drop", "lift", "carry", "mixed")
+DICE_MOTIONS = ("push", "tumble", "drop", "mixed")
+"""Kinds of motion."""
+
+JITTER = 0.003
+"""Standard deviation of the time between two pictures [s]."""
+
+_STARTS_TRIED = 300
+_MIXED = {"push": 0.3, "tumble": 0.2, "lift": 0.15, "carry": 0.35}
+
+
+def sequence(
+    platform: Platform,
+    rng: np.random.Generator,
+    *,
+    seconds: float,
+    rate: float = 10.0,
+    kind: str | None = None,
+    jitter: float = JITTER,
+    dropped: float = 0.0,
+) -> Iterator[tuple[float, PlatformScene]]:
+    """Time stamps [s], from 0, and the scenes at exactly these times.
+
+    Args:
+        platform: with the object.
+        rng: source of all randomness; the same state gives the same sequence.
+        seconds: length.
+        rate: pictures per second [Hz].
+        kind: "push", "tumble" and "drop" by physics; "lift" and "carry" with the fingers at the object's
+            faces (not for dice); "mixed": one after the other without jumps. None: drawn.
+        jitter: standard deviation of the time between pictures [s].
+        dropped: probability that a picture is missing.
+
+    Raises:
+        TrackerError: an argument is impossible.
+    """
+    kinds = DICE_MOTIONS if platform.model is None else CUBOID_MOTIONS
+    if kind is not None and kind not in kinds:
+        raise TrackerError(f"kind of motion: found {kind!r}, expected one of {', '.join(kinds)}")
+    if not (seconds > 0 and rate > 0 and jitter >= 0 and 0 <= dropped < 1):
+        found = f"seconds {seconds}, rate {rate}, jitter {jitter}, dropped {dropped}"
+        raise TrackerError(f"motion: found {found}, expected positive, positive, ≥ 0 and from 0 to below 1")
+    chosen = kind or kinds[int(rng.integers(len(kinds)))]
+    return _pictures(platform, rng, chosen, _stamps(rng, seconds, rate, jitter, dropped))
+
+
+def _stamps(
+    rng: np.random.Generator, seconds: float, rate: float, jitter: float, dropped: float
+) -> FloatArray:
+    count = max(1, round(seconds * rate))
+    # Deviations do not add up: cameras are triggered by a clock. Order is kept whatever the rate.
+    limit = 0.4 / rate
+    stamps = np.arange(count) / rate + np.clip(rng.normal(0.0, jitter / np.sqrt(2), count), -limit, limit)
+    kept = rng.random(count) >= dropped
+    kept[0] = True
+    result: FloatArray = (stamps - stamps[0])[kept]
+    return result
+
+
+def _pictures(
+    platform: Platform, rng: np.random.Generator, kind: str, stamps: FloatArray
+) -> Iterator[tuple[float, PlatformScene]]:
+    look, lighting = random_look(rng, platform.model), random_lighting(rng)
+    with _begin(platform, rng, kind) as stage:
+        time, before = PERIOD, stage.moment()
+        acts = _acts(stage, kind)
+        act, after = next(acts)
+        for stamp in stamps.tolist():
+            while time < stamp:
+                before, (act, after) = after, next(acts)
+                time += PERIOD
+            moment = between(before, after, 1.0 - (time - stamp) / PERIOD)
+            states = platform.object_states(moment.positions, moment.rotations)
+            about = {"kind": kind, "act": act, "fingers_hold": sorted(stage.grip), **describe(look)}
+            yield stamp, platform.scene(states, moment.joints, look, lighting, about)
+
+
+def between(before: Moment, after: Moment, share: float) -> Moment:
+    """The moment at `share` (0 to 1) of the way from one to the next."""
+    turn = so3.log(after.rotations @ np.swapaxes(before.rotations, -1, -2))
+    return Moment(
+        before.positions + share * (after.positions - before.positions),
+        so3.exp(share * turn) @ before.rotations,
+        before.joints + share * (after.joints - before.joints),
+    )
+
+
+def _begin(platform: Platform, rng: np.random.Generator, kind: str) -> Stage:
+    """The stage with everything in place for the first act."""
+    (positions, rotations), _ = place(platform, rng, "rest" if platform.model else "dice_goal")
+    if platform.model is not None and kind in ("drop", "lift", "carry"):
+        for _ in range(_STARTS_TRIED):
+            if kind != "lift":
+                positions, rotations = _in_air(platform, rng)
+            else:
+                (positions, rotations), _ = place(platform, rng, "rest")
+            joints, _ = random_fingers(platform, platform.object_states(positions, rotations), rng, 0.0)
+            found = random_grip(platform, rng, positions[0], rotations[0], joints)
+            if found is not None and len(found[0]) > 1:
+                stage = Stage(platform, rng, platform.object_states(positions, rotations), found[1])
+                stage.grip = found[0]
+                return stage
+    elif kind == "drop":
+        (positions, rotations), _ = place(platform, rng, "dice_goal")
+        positions[:, 2] += rng.uniform(0.01, 0.1, len(positions))
+        rotations = np.stack([random_rotation(rng) for _ in positions])
+    states = platform.object_states(positions, rotations)
+    joints, _ = random_fingers(platform, states, rng, 0.0)
+    return Stage(platform, rng, states, joints)
+
+
+def _in_air(platform: Platform, rng: np.random.Generator) -> Poses:
+    rotation = random_rotation(rng)
+    height = rng.uniform(0.1, 1.0) * MAX_CLEARANCE - lowest(platform.size, rotation)
+    position = np.array([*(0.6 * random_place(rng, platform.size, rotation)), height])
+    return position[None], rotation[None]
+
+
+def _acts(stage: Stage, kind: str) -> Iterator[tuple[str, Moment]]:
+    """Moments, PERIOD after PERIOD and without end, and the name of the act they belong to."""
+    name = kind
+    while True:
+        if kind == "mixed":
+            names = [name for name in _MIXED if stage.platform.model is not None or name in DICE_MOTIONS]
+            weights = np.array([_MIXED[name] for name in names])
+            name = "drop" if stage.grip else str(stage.rng.choice(names, p=weights / weights.sum()))
+        for moment in _ACTS[name](stage):
+            yield name, moment
+
+
+def _drop(stage: Stage) -> Moments:
+    """What is held is let go; what lies there is fetched first."""
+    if stage.platform.model is None:
+        yield from stage.settle(1.5, least=0.5)
+        yield from tumble(stage)
+        return
+    if not stage.grip:
+        yield from lift_and_lower(stage)
+    else:
+        yield from release(stage)
+
+
+def _tumble(stage: Stage) -> Moments:
+    yield from withdraw(stage)
+    yield from tumble(stage)
+
+
+_ACTS: dict[str, Callable[[Stage], Moments]] = {
+    "push": push,
+    "tumble": _tumble,
+    "drop": _drop,
+    "lift": lift_and_lower,
+    "carry": carry,
+}

@@ -1,0 +1,153 @@
+"""Where an object may be: on any face, tilted, thrown, in the air; dice thrown or laid out as a goal."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from synthetic.platform import ARENA_RADIUS, DICE_COUNT, DIE_SIZE, Platform
+from tracker.conventions import Array, FloatArray
+from tracker.geometry import so3
+from tracker.geometry.cuboid import CORNER_SIGNS, FACE_NORMALS, corners
+
+MAX_CLEARANCE = 0.1
+"""Greatest height above the table of the lowest corner of an object in the air [m]."""
+
+CUBOID_KINDS = {"rest": 0.45, "tilted": 0.07, "thrown": 0.13, "air": 0.35}
+DICE_KINDS = {"dice_thrown": 0.5, "dice_goal": 0.5}
+"""Kinds of scene and how often each is drawn."""
+
+_GRID_CELLS = 17
+
+Poses = tuple[FloatArray, FloatArray]
+"""Positions (N, 3) [m] and rotations (N, 3, 3)."""
+
+
+def place(platform: Platform, rng: np.random.Generator, kind: str) -> tuple[Poses, dict[str, Any]]:
+    """Poses of all objects in a scene of this kind, and what describes them."""
+    if kind == "dice_thrown":
+        return _throw_dice(platform, rng)
+    if kind == "dice_goal":
+        return _lay_dice(rng)
+    if kind == "thrown":
+        return _throw(platform, rng)
+    about: dict[str, Any] = {}
+    clearance = 0.0
+    if kind == "air":
+        rotation, clearance = random_rotation(rng), rng.uniform(0.0, MAX_CLEARANCE)
+        about["clearance"] = clearance
+    else:
+        face = int(rng.integers(6))
+        tilt = rng.uniform(-np.pi / 4, np.pi / 4) if kind == "tilted" else 0.0
+        rotation = so3.exp([0.0, 0.0, rng.uniform(0, 2 * np.pi)]) @ so3.exp([tilt, 0.0, 0.0]) @ face_up(face)
+        about.update(face_up=face, tilt=tilt)
+    position = np.array([*random_place(rng, platform.size, rotation), 0.0])
+    position[2] = clearance - lowest(platform.size, rotation)
+    return (position[None], rotation[None]), about
+
+
+def random_rotation(rng: np.random.Generator) -> FloatArray:
+    """A rotation (3, 3) uniform over all."""
+    return so3.matrix_from_quaternion(rng.standard_normal(4))
+
+
+def face_up(face: int) -> FloatArray:
+    """A rotation (3, 3) that turns a face, by its index in FACE_NAMES, upwards."""
+    up, side = FACE_NORMALS[face], FACE_NORMALS[(face + 2) % 6]
+    return np.stack([side, np.cross(up, side), up])
+
+
+def lowest(size: Array, rotation: Array) -> float:
+    """Height [m] of a cuboid's lowest corner relative to its centre; negative."""
+    return float(-np.abs(np.asarray(rotation)[2] * np.asarray(size)).sum() / 2)
+
+
+def random_place(rng: np.random.Generator, size: Array, rotation: Array) -> FloatArray:
+    """x, y (2,) [m] uniform over the places where all corners stay within the arena."""
+    offsets = (corners(size) @ np.asarray(rotation).T)[:, :2]
+    while True:
+        distance, azimuth = ARENA_RADIUS * np.sqrt(rng.random()), rng.uniform(0, 2 * np.pi)
+        center: FloatArray = distance * np.array([np.cos(azimuth), np.sin(azimuth)])
+        if np.linalg.norm(center + offsets, axis=1).max() < ARENA_RADIUS:
+            return center
+
+
+def lift_onto_table(size: Array, positions: FloatArray, rotations: FloatArray) -> None:
+    """Raises, in place, what is a fraction of a millimetre inside the table after physics."""
+    for position, rotation in zip(positions, rotations, strict=True):
+        position[2] = max(position[2], -lowest(size, rotation))
+
+
+def _throw(platform: Platform, rng: np.random.Generator) -> tuple[Poses, dict[str, Any]]:
+    """A tumbling object at a random moment: on its way, or come to rest, perhaps against the wall."""
+    rotation = random_rotation(rng)
+    start = np.array([*random_place(rng, platform.size, rotation), rng.uniform(0.01, 0.06)])
+    start[2] -= lowest(platform.size, rotation)
+    azimuth, speed = rng.uniform(0, 2 * np.pi), rng.uniform(0.0, 0.8)
+    velocity = speed * np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+    moment = rng.uniform(0.02, 0.7)
+    with platform.new_world(robot=False, fast=True) as world:
+        world.set_objects(platform.object_states(start[None], rotation[None]))
+        world.set_velocity(0, velocity, rng.normal(0.0, 3.0, 3))
+        world.step(round(moment / world.time_step))
+        position, rotation = world.object_pose(0)
+    positions, rotations = position[None], rotation[None]
+    lift_onto_table(platform.size, positions, rotations)
+    return (positions, rotations), {"seconds_after_throw": moment}
+
+
+def _throw_dice(platform: Platform, rng: np.random.Generator) -> tuple[Poses, dict[str, Any]]:
+    """Dice that fell onto the table, from a heap (some stay on others) or spread out."""
+    spread = rng.uniform(0.02, 0.12)
+    centre = rng.uniform(-0.05, 0.05, 2)
+    levels = 0.02 + 0.034 * rng.permutation(platform.count) * rng.uniform(0.3, 0.8)
+    places = np.clip(centre + rng.normal(0.0, spread, (platform.count, 2)), -0.12, 0.12)
+    starts = np.column_stack([places, levels])
+    rotations = np.stack([random_rotation(rng) for _ in range(platform.count)])
+    seconds = rng.uniform(0.7, 1.2)
+    with platform.new_world(robot=False, fast=True) as world:
+        world.set_objects(platform.object_states(starts, rotations))
+        for index in range(platform.count):
+            # Downwards: the topmost die would otherwise take half a second to fall.
+            world.set_velocity(index, np.array([*rng.normal(0.0, 0.1, 2), -0.8]), rng.normal(0.0, 4.0, 3))
+        world.step(round(seconds / world.time_step))
+        poses = [world.object_pose(index) for index in range(platform.count)]
+    positions, turned = np.stack([pose[0] for pose in poses]), np.stack([pose[1] for pose in poses])
+    lift_onto_table(platform.size, positions, turned)
+    return (positions, turned), {"spread": spread, "seconds_after_throw": seconds}
+
+
+def _lay_dice(rng: np.random.Generator) -> tuple[Poses, dict[str, Any]]:
+    """Dice on cells of the task's grid: scattered or in rows, exactly or as a robot would leave them."""
+    cells = goal_cells()
+    pattern = ["scattered", "block", "rows"][int(rng.integers(3))]
+    if pattern == "scattered":
+        order = rng.permutation(len(cells))
+    elif pattern == "block":
+        anchor = cells[int(rng.integers(len(cells)))]
+        order = np.argsort(np.abs(cells - anchor).max(axis=1) + 1e-4 * rng.random(len(cells)))
+    else:
+        # Along a random line of the grid, then along the next ones: bars with gaps between them.
+        axis, step = int(rng.integers(2)), int(rng.integers(2, 4))
+        line = np.rint(cells[:, axis] / DIE_SIZE).astype(np.int64)
+        first = int(rng.integers(step))
+        order = np.lexsort([cells[:, 1 - axis], np.abs(line), (line - first) % step != 0])
+    chosen = cells[order[:DICE_COUNT]]
+    inexact = rng.uniform(0.0, 1.0) * (rng.random() < 0.7)
+    # A die that is turned by a needs the more room the more it is turned; 1 mm lies between neighbours.
+    yaws = rng.normal(0.0, np.radians(1.5) * inexact, len(chosen))
+    places = chosen * (1.0 + 0.03 * inexact) + rng.uniform(-0.2, 0.2, chosen.shape) * 1e-3 * inexact
+    rotations = np.stack([so3.exp([0.0, 0.0, yaw]) @ face_up(int(rng.integers(6))) for yaw in yaws])
+    positions = np.column_stack([places, np.full(len(places), DIE_SIZE / 2)])
+    return (positions, rotations), {"pattern": pattern, "inexact": inexact}
+
+
+def goal_cells() -> FloatArray:
+    """Centres (N, 2) [m] of the cells of the dice task's grid that lie in the arena."""
+    line = (np.arange(_GRID_CELLS) - _GRID_CELLS // 2) * DIE_SIZE
+    centers = np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1).reshape(-1, 2)
+    square = CORNER_SIGNS[:4, :2] * DIE_SIZE / 2
+    farthest = np.linalg.norm(centers[:, None] + square, axis=2).max(axis=1)
+    result: FloatArray = centers[farthest <= ARENA_RADIUS]
+    return result

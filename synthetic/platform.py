@@ -1,0 +1,189 @@
+"""The simulated platform: what is on it, and what a renderer is to draw of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+import pybullet
+
+from synthetic import meshes
+from synthetic.assets import CONTAINMENT, find_assets
+from synthetic.look import Look
+from synthetic.scene import Body, Lighting, Mesh, ObjectState, PlatformScene
+from synthetic.world import World
+from tracker.conventions import Array, FloatArray
+from tracker.geometry import so3
+from tracker.objects.model import CuboidModel, load_object
+
+DICE = "dice"
+DICE_COUNT, DIE_SIZE = 25, 0.022
+"""Name, number and edge length [m] of the dice."""
+
+ARENA_RADIUS = 0.19
+"""Radius of the table within the wall [m]."""
+
+SHELL, DARK, RUBBER, COPPER = range(4)
+"""Colour groups of the robot's meshes: rows of `Look.robot`."""
+
+_GROUP_OF_FILE = {
+    "prox-sim": SHELL,
+    "int_sim": SHELL,
+    "tip_link_sim": SHELL,
+    "tip_sim": RUBBER,
+    "motor_sim": DARK,
+    "center_axis_sim": DARK,
+}
+_TABLE_RADIUS, _FLOOR_RADIUS, _FLOOR_HEIGHT = 0.1955, 2.0, -0.02
+_CROSS_HEIGHT = 0.0002
+_MOTOR_FACE = 0.0162
+
+
+class Platform:
+    """Robot, table, wall and an object; a context manager. A process may have several.
+
+    Args:
+        object_name: an object's name or file as `tracker.load_object` takes it, or "dice".
+
+    Raises:
+        AssetError: the robot's meshes cannot be had.
+        ObjectModelError: the object is unknown or its file malformed.
+    """
+
+    def __init__(self, object_name: str) -> None:
+        self.object_name = object_name
+        self.model: CuboidModel | None = None if object_name == DICE else load_object(object_name)
+        self.size: FloatArray = np.full(3, DIE_SIZE) if self.model is None else self.model.size
+        """(3,) edge lengths of the object, or of each die [m]."""
+        self.count = DICE_COUNT if self.model is None else 1
+        """Number of objects."""
+        self.assets: Path = find_assets()
+        self.world = self.new_world()
+        """For questions of collision only: nothing in it ever moves by physics."""
+        self._robot_meshes = _robot_meshes(self.world, self.assets)
+        self._object_mesh = meshes.box(_object_key(self.size), self.size, one_group=self.model is None)
+        vertices, triangles = meshes.load(self.assets / CONTAINMENT)
+        self._wall_mesh = Mesh("wall", vertices, triangles, np.zeros(len(triangles), dtype=np.int64))
+        self._table_mesh = meshes.disc("table", _TABLE_RADIUS)
+        self._floor_mesh = meshes.disc("floor", _FLOOR_RADIUS)
+
+    def new_world(self, *, robot: bool = True, fast: bool = False) -> World:
+        """A world of its own with this platform's object: physics in it depends on nothing else."""
+        return World(self.assets, self.size, self.count, robot=robot, fast=fast)
+
+    def close(self) -> None:
+        """Frees the simulation."""
+        self.world.close()
+
+    def __enter__(self) -> Platform:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def object_states(self, positions: Array, rotations: Array) -> tuple[ObjectState, ...]:
+        """States of objects at positions (N, 3) [m] with rotations (N, 3, 3)."""
+        if self.model is not None:
+            names = [self.model.name]
+        else:
+            names = [f"die_{k + 1:02d}" for k in range(DICE_COUNT)]
+        triples = zip(names, positions, rotations, strict=False)
+        return tuple(ObjectState(name, np.array(p), np.array(r)) for name, p, r in triples)
+
+    def scene(
+        self,
+        states: Sequence[ObjectState],
+        joints: Array | None,
+        look: Look,
+        lighting: Lighting,
+        about: dict[str, Any],
+    ) -> PlatformScene:
+        """Everything in view; `joints` (9,) [rad], None: without the robot."""
+        bodies = self._surroundings(look)
+        if joints is not None:
+            self.world.set_joints(joints)
+            bodies += [
+                Body(
+                    name=self.world.links[link],
+                    mesh=mesh,
+                    world_from_body=self.world.link_pose(link),
+                    colors=look.robot,
+                    labels=np.zeros(4, dtype=np.uint8),
+                    gloss=float(look.gloss[0]),
+                    texture=0.02,
+                )
+                for link, mesh in self._robot_meshes.items()
+            ]
+        bodies += [self._object_body(index, state, look) for index, state in enumerate(states)]
+        position = np.zeros(9) if joints is None else np.array(joints, dtype=np.float64)
+        return PlatformScene(tuple(bodies), lighting, tuple(states), position, about)
+
+    def _object_body(self, index: int, state: ObjectState, look: Look) -> Body:
+        if self.model is None:
+            colors, labels = look.dice[index : index + 1], np.array([index + 1], dtype=np.uint8)
+        else:
+            colors, labels = look.faces, self.model.face_labels.astype(np.uint8)
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = state.rotation, state.position
+        gloss = float(look.gloss[1])
+        return Body(state.name, self._object_mesh, pose, colors, labels, gloss, look.dirt)
+
+    def _surroundings(self, look: Look) -> list[Body]:
+        nothing = np.zeros(1, dtype=np.uint8)
+        below = np.eye(4)
+        below[2, 3] = _FLOOR_HEIGHT
+        bodies = [
+            Body("floor", self._floor_mesh, below, look.floor[None], nothing, 0.0, 0.1),
+            Body("table", self._table_mesh, np.eye(4), look.table[None], nothing, float(look.gloss[2]), 0.06),
+            Body("wall", self._wall_mesh, np.eye(4), look.wall[None], nothing, float(look.gloss[3]), 0.02),
+        ]
+        width, length = look.cross_size
+        if width > 0:
+            for name, size in (("x", [length, width]), ("y", [width, length])):
+                key = f"cross_{size[0]:.6f}_{size[1]:.6f}"
+                # Thinner bars for y, lest the two tops flicker where they coincide.
+                height = _CROSS_HEIGHT * (1.0 if name == "x" else 0.8)
+                mesh = meshes.box(key, np.array([*size, height]), one_group=True)
+                pose = np.eye(4)
+                pose[2, 3] = height / 2 + 1e-5
+                bodies.append(Body(f"cross_{name}", mesh, pose, look.cross[None], nothing, 0.0, 0.05))
+        return bodies
+
+
+def _object_key(size: FloatArray) -> str:
+    return "box_" + "_".join(f"{edge:.6f}" for edge in size)
+
+
+def _robot_meshes(world: World, assets: Path) -> dict[int, Mesh]:
+    """One mesh for each link that has something to see, in the link's frame."""
+    parts: dict[int, list[tuple[FloatArray, Array, int]]] = {}
+    for shape in pybullet.getVisualShapeData(world.robot, physicsClientId=world.client):
+        _, link, kind, size, file, position, quaternion, _ = shape[:8]
+        rotation = so3.matrix_from_quaternion(quaternion)
+        for vertices, triangles, group in _shape(kind, size, file.decode(), assets):
+            parts.setdefault(link, []).append((vertices @ rotation.T + position, triangles, group))
+    result = {}
+    for link, pieces in parts.items():
+        vertices, triangles = meshes.concatenate([piece[:2] for piece in pieces])
+        groups = np.concatenate([np.full(len(piece[1]), piece[2]) for piece in pieces])
+        # All three fingers have the same links: their meshes share a key, and a renderer's upload.
+        key = world.links[link].rsplit("_", 1)[0] if "finger" in world.links[link] else world.links[link]
+        result[link] = Mesh(f"robot_{key}", vertices, triangles, groups)
+    return result
+
+
+def _shape(kind: int, size: Sequence[float], file: str, assets: Path) -> list[tuple[FloatArray, Array, int]]:
+    """Vertices, triangles and colour group of the parts of one visual shape of the URDF."""
+    if kind == pybullet.GEOM_CYLINDER:
+        return [(*meshes.cylinder(radius=size[1], length=size[0]), DARK)]
+    stem = Path(file).stem
+    result = [(*meshes.load(assets / "meshes" / "pro" / f"{stem}.stl", np.array(size)), _GROUP_OF_FILE[stem])]
+    if stem == "motor_sim":
+        # The mesh is a plain disc; the real motors are open and show their copper windings.
+        result.append((*meshes.coils(0.0100, 0.0165, _MOTOR_FACE), COPPER))
+    return result

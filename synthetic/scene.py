@@ -1,0 +1,101 @@
+"""What is to be seen: bodies with meshes and materials at exact places, and the light on them.
+
+This is what the simulated platform hands to the renderers. Positions are in the world's frame [m],
+colours are linear blue-green-red reflectances from 0 to 1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from tracker.conventions import Array, FloatArray
+
+
+def _frozen(array: Any) -> FloatArray:
+    result = np.array(array, dtype=np.float64)
+    result.flags.writeable = False
+    return result
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Triangles of one colour group each; several bodies may share a mesh."""
+
+    key: str
+    """Unique name; renderers keep what they have uploaded under it."""
+    vertices: FloatArray
+    """(V, 3) [m] in the body's frame."""
+    triangles: Array
+    """(T, 3) indices of vertices, counter-clockwise seen from outside."""
+    groups: Array
+    """(T,) index into the colours and labels of the body that uses the mesh."""
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """One rigid thing in view."""
+
+    name: str
+    mesh: Mesh
+    world_from_body: FloatArray
+    """(4, 4)."""
+    colors: FloatArray
+    """(G, 3) linear BGR reflectance of each colour group."""
+    labels: Array
+    """(G,) uint8: 0 for what is no object; 1 red … 6 yellow of a cuboid's faces; 1 … 25 of dice."""
+    gloss: float = 0.0
+    """Strength of highlights, 0 to 1."""
+    texture: float = 0.0
+    """Relative standard deviation of the reflectance over the surface (grain, dirt)."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "world_from_body", _frozen(self.world_from_body))
+        object.__setattr__(self, "colors", _frozen(self.colors))
+
+
+@dataclass(frozen=True, eq=False)
+class Lamp:
+    """A lamp that is far away."""
+
+    direction: FloatArray
+    """(3,) unit vector from the scene to the lamp."""
+    color: FloatArray
+    """(3,) linear BGR irradiance on a surface that faces it."""
+    shadows: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class Lighting:
+    """All light: lamps and an ambient part from everywhere."""
+
+    ambient: FloatArray
+    """(3,) linear BGR."""
+    lamps: tuple[Lamp, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectState:
+    """Where one object is, exactly."""
+
+    name: str
+    position: FloatArray
+    """(3,) [m]."""
+    rotation: FloatArray
+    """(3, 3) world_from_object."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlatformScene:
+    """Everything that a camera can see, and the truth about it."""
+
+    bodies: tuple[Body, ...]
+    lighting: Lighting
+    objects: tuple[ObjectState, ...] = ()
+    """The cube or cuboid alone, or all dice; empty: no object."""
+    robot_position: FloatArray = field(default_factory=lambda: np.zeros(9))
+    """(9,) joint angles [rad]."""
+    about: dict[str, Any] = field(default_factory=dict)
+    """What kind of scene it is, for the ground truth file (JSON values only)."""

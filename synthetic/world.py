@@ -1,0 +1,257 @@
+"""The platform in PyBullet: table, wall, robot and objects, without any window."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+
+import numpy as np
+import pybullet
+
+from synthetic.assets import CONTAINMENT, URDF
+from synthetic.kinematics import TIP_RADIUS
+from synthetic.scene import ObjectState
+from tracker.conventions import Array, FloatArray
+from tracker.geometry import so3
+
+TIME_STEP = 1 / 480
+"""Of the physics [s]; PyBullet's usual 1/240 lets a finger that pushes sink in by millimetres."""
+
+DENSITY = 400.0
+"""Of objects [kg/m³]: a cube of 65 mm weighs 0.11 kg."""
+
+MOTOR_TORQUE = 1.0
+"""Of each joint [N m]: enough to hold the arm, and about 6 N at the tip."""
+
+HULL_MARGIN = 0.001
+"""By how much [m] Bullet takes meshes of the robot to be thicker than they are."""
+
+_GRAVITY = 9.81
+_PARKED = (0.0, 0.0, -10.0)
+
+
+class World:
+    """One PyBullet world; independent of all others and as deterministic as a single one.
+
+    Args:
+        assets: folder of the robot's files.
+        size: (3,) edge lengths of every object [m].
+        count: how many objects there are.
+        robot: False: only table, wall and objects, which is 60 ms faster to make.
+        fast: with steps twice as long and fewer iterations, good enough for what falls without fingers.
+    """
+
+    def __init__(
+        self, assets: Path, size: Array, count: int, *, robot: bool = True, fast: bool = False
+    ) -> None:
+        self.time_step = 2 * TIME_STEP if fast else TIME_STEP
+        self._iterations = 15 if fast else 50
+        self.client: int = pybullet.connect(pybullet.DIRECT)
+        self._open = True
+        try:
+            self._fill(assets, np.asarray(size, dtype=np.float64), count, robot)
+        except BaseException:
+            self.close()
+            raise
+
+    def _fill(self, assets: Path, size: FloatArray, count: int, robot: bool) -> None:
+        p, client = pybullet, self.client
+        p.setPhysicsEngineParameter(
+            fixedTimeStep=self.time_step,
+            numSolverIterations=self._iterations,
+            deterministicOverlappingPairs=1,
+            physicsClientId=client,
+        )
+        p.setGravity(0, 0, -_GRAVITY, physicsClientId=client)
+        slab = p.createCollisionShape(p.GEOM_BOX, halfExtents=[0.5, 0.5, 0.05], physicsClientId=client)
+        self.table: int = p.createMultiBody(0, slab, -1, [0, 0, -0.05], physicsClientId=client)
+        wall = p.createCollisionShape(
+            p.GEOM_MESH,
+            fileName=str(assets / CONTAINMENT),
+            flags=p.GEOM_FORCE_CONCAVE_TRIMESH,
+            physicsClientId=client,
+        )
+        self.wall: int = p.createMultiBody(0, wall, physicsClientId=client)
+        shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=(size / 2).tolist(), physicsClientId=client)
+        self.mass = mass = DENSITY * float(np.prod(size))
+        """Of each object [kg]."""
+        self.objects: list[int] = [
+            p.createMultiBody(mass, shape, -1, _PARKED, physicsClientId=client) for _ in range(count)
+        ]
+        for body in (self.table, self.wall, *self.objects):
+            # Rolling friction ends the endless rocking of a box on its edge.
+            friction = {"lateralFriction": 0.6, "rollingFriction": 1e-4, "spinningFriction": 1e-3}
+            p.changeDynamics(body, -1, restitution=0.2, **friction, physicsClientId=client)
+        self.robot: int | None = None
+        self.joints: list[int] = []
+        self.finger_links: list[list[int]] = []
+        if robot:
+            self._load_robot(assets)
+
+    def _load_robot(self, assets: Path) -> None:
+        p = pybullet
+        # Links may then collide with each other, once let_fingers_collide has said which.
+        flags = p.URDF_USE_INERTIA_FROM_FILE | p.URDF_USE_SELF_COLLISION
+        self.robot = p.loadURDF(
+            str(assets / URDF), useFixedBase=True, flags=flags, physicsClientId=self.client
+        )
+        self.links: dict[int, str] = {}
+        for index in range(p.getNumJoints(self.robot, physicsClientId=self.client)):
+            info = p.getJointInfo(self.robot, index, physicsClientId=self.client)
+            self.links[index] = info[12].decode()
+            if info[2] == p.JOINT_REVOLUTE:
+                self.joints.append(index)
+        names = {name: index for index, name in self.links.items()}
+        for a in self.links:
+            for b in range(a):
+                p.setCollisionFilterPair(self.robot, self.robot, a, b, 0, physicsClientId=self.client)
+        kinds = ("upper", "middle", "lower", "tip")
+        self.finger_links = [[names[f"finger_{k}_link_{angle}"] for k in kinds] for angle in (0, 120, 240)]
+
+    def close(self) -> None:
+        """Frees the world; nothing of it may be used afterwards."""
+        if self._open:
+            self._open = False
+            pybullet.disconnect(physicsClientId=self.client)
+
+    def __enter__(self) -> World:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def set_joints(self, joints: Array) -> None:
+        """Puts the fingers at joint angles (9,) [rad], at rest."""
+        for index, angle in zip(self.joints, np.asarray(joints).tolist(), strict=True):
+            pybullet.resetJointState(self.robot, index, angle, 0.0, physicsClientId=self.client)
+
+    def set_finger(self, finger: int, angles: Array) -> None:
+        """Puts one finger at joint angles (3,) [rad], at rest."""
+        for index, angle in zip(self.joints[3 * finger : 3 * finger + 3], angles.tolist(), strict=True):
+            pybullet.resetJointState(self.robot, index, angle, 0.0, physicsClientId=self.client)
+
+    def let_fingers_collide(self) -> None:
+        """Makes fingers obstacles for each other in the physics, which they are not at first."""
+        for first in range(3):
+            for second in range(first):
+                for a in self.finger_links[first]:
+                    for b in self.finger_links[second]:
+                        pybullet.setCollisionFilterPair(
+                            self.robot, self.robot, a, b, 1, physicsClientId=self.client
+                        )
+
+    def steer(self, joints: Array) -> None:
+        """Has the motors go to joint angles (9,) [rad] from the next step on."""
+        count = len(self.joints)
+        pybullet.setJointMotorControlArray(
+            self.robot,
+            self.joints,
+            pybullet.POSITION_CONTROL,
+            targetPositions=np.asarray(joints).tolist(),
+            forces=[MOTOR_TORQUE] * count,
+            positionGains=[0.4] * count,
+            velocityGains=[1.0] * count,
+            physicsClientId=self.client,
+        )
+
+    def push(self, index: int, force: Array, torque: Array) -> None:
+        """A force [N] and torque [N m] on an object, along world axes, during the next step."""
+        p, body = pybullet, self.objects[index]
+        position, _ = p.getBasePositionAndOrientation(body, physicsClientId=self.client)
+        p.applyExternalForce(body, -1, force.tolist(), position, p.WORLD_FRAME, physicsClientId=self.client)
+        p.applyExternalTorque(body, -1, torque.tolist(), p.WORLD_FRAME, physicsClientId=self.client)
+
+    def joint_angles(self) -> FloatArray:
+        """Joint angles (9,) [rad]."""
+        states = pybullet.getJointStates(self.robot, self.joints, physicsClientId=self.client)
+        return np.array([state[0] for state in states])
+
+    def link_pose(self, link: int) -> FloatArray:
+        """World from link (4, 4) of a link's frame of the URDF."""
+        state = pybullet.getLinkState(
+            self.robot, link, computeForwardKinematics=True, physicsClientId=self.client
+        )
+        result = np.eye(4)
+        result[:3, :3], result[:3, 3] = so3.matrix_from_quaternion(state[5]), state[4]
+        return result
+
+    def set_objects(self, states: Sequence[ObjectState]) -> None:
+        """Puts the objects at rest at their places; those that have none are put out of the way."""
+        for index, body in enumerate(self.objects):
+            position, quaternion = _PARKED, [0.0, 0.0, 0.0, 1.0]
+            if index < len(states):
+                position = tuple(states[index].position.tolist())
+                quaternion = so3.quaternion_from_matrix(states[index].rotation).tolist()
+            pybullet.resetBasePositionAndOrientation(body, position, quaternion, physicsClientId=self.client)
+
+    def set_velocity(self, index: int, linear: Array, angular: Array) -> None:
+        """Velocity [m/s] and rate of turn [rad/s] of an object, along world axes."""
+        pybullet.resetBaseVelocity(
+            self.objects[index], linear.tolist(), angular.tolist(), physicsClientId=self.client
+        )
+
+    def object_pose(self, index: int) -> tuple[FloatArray, FloatArray]:
+        """Position (3,) [m] and rotation (3, 3) of an object."""
+        position, quaternion = pybullet.getBasePositionAndOrientation(
+            self.objects[index], physicsClientId=self.client
+        )
+        return np.array(position), so3.matrix_from_quaternion(quaternion)
+
+    def speed(self, index: int) -> tuple[float, float]:
+        """Speed [m/s] and rate of turn [rad/s] of an object."""
+        linear, angular = pybullet.getBaseVelocity(self.objects[index], physicsClientId=self.client)
+        return float(np.linalg.norm(linear)), float(np.linalg.norm(angular))
+
+    def step(self, count: int = 1) -> None:
+        """Lets `count` time steps pass."""
+        for _ in range(count):
+            pybullet.stepSimulation(physicsClientId=self.client)
+
+    def near(
+        self, first: int | None, second: int, margin: float, link: int = -2
+    ) -> list[tuple[int, int, float]]:
+        """Pairs of links (-1: a body's base) that are nearer than `margin` [m], and their distance [m].
+
+        `link` restricts the first body to one link.
+        """
+        only = {} if link == -2 else {"linkIndexA": link}
+        shell = HULL_MARGIN if first == self.robot else 0.0
+        reach = max(margin - shell, 0.0)
+        points = pybullet.getClosestPoints(first, second, reach, **only, physicsClientId=self.client)
+        # Bullet reports no point where the shapes are further apart than asked for.
+        found = [(point[3], point[4], point[8] + shell) for point in points]
+        return [entry for entry in found if entry[2] < margin]
+
+    def touches_itself(self, first: int, second: int, margin: float) -> bool:
+        """Whether two of the robot's links are nearer than `margin` [m]."""
+        return bool(
+            pybullet.getClosestPoints(
+                self.robot,
+                self.robot,
+                margin,
+                linkIndexA=first,
+                linkIndexB=second,
+                physicsClientId=self.client,
+            )
+        )
+
+    def object_bounds(self, body: int) -> FloatArray:
+        """Least and greatest coordinates (2, 3) [m] of a box around one of `objects`."""
+        return np.array(pybullet.getAABB(body, physicsClientId=self.client))
+
+    def bounds(self, link: int) -> FloatArray:
+        """Least and greatest coordinates (2, 3) [m] of a box around one of the robot's links."""
+        return np.array(pybullet.getAABB(self.robot, link, physicsClientId=self.client))
+
+
+def penetration(world: World) -> float:
+    """Greatest depth [m] to which a finger is inside an object; negative: the gap, at most 20 mm."""
+    if world.robot is None:
+        return -2 * TIP_RADIUS
+    found = [
+        distance for body in world.objects for _, _, distance in world.near(world.robot, body, 2 * TIP_RADIUS)
+    ]
+    return -min(found, default=2 * TIP_RADIUS)

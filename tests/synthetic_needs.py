@@ -1,0 +1,33 @@
+"""What tests of the simulated platform need, and why they are skipped without it."""
+
+from __future__ import annotations
+
+import functools
+import importlib.util
+
+import pytest
+
+
+@functools.cache
+def missing() -> str:
+    """Why the simulated platform cannot be rendered here; empty if it can."""
+    for package in ("pybullet", "trimesh"):
+        if importlib.util.find_spec(package) is None:
+            return f"{package} is not installed (extra `synthetic`)"
+    from synthetic.assets import find_assets
+    from synthetic.render.interface import choose_renderer
+    from tracker.errors import TrackerError
+
+    try:
+        find_assets()
+        choose_renderer("auto")
+    except TrackerError as error:
+        return str(error)
+    return ""
+
+
+def skip_without_platform() -> None:
+    """Skip the test that calls it, with the reason, where the platform cannot be rendered."""
+    reason = missing()
+    if reason:
+        pytest.skip(reason)
