@@ -1,0 +1,167 @@
+"""What the ray through each pixel's centre meets: body, colour group, point and normal."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+from synthetic.render.interface import PinholeView
+from synthetic.render.surfaces import BODY_SHIFT, Surfaces
+from tracker.conventions import Array, Image
+
+compiled = numba.njit(cache=True, error_model="numpy", nogil=True)
+
+
+class Hits(NamedTuple):
+    """One value per pixel of a view; points and normals mean nothing where body is -1."""
+
+    body: Array
+    """(h, w) int16 number of the body, or -1."""
+    row: Array
+    """(h, w) int32 row of the body's colour group in `Surfaces.colors` and `labels`."""
+    points: Array
+    """(h, w, 3) float32 [m] in the world."""
+    normals: Array
+    """(h, w, 3) float32 unit normals in the world, towards the camera."""
+
+
+def empty_hits(height: int, width: int) -> Hits:
+    """Hits to be filled in."""
+    return Hits(
+        np.full((height, width), -1, np.int16),
+        np.zeros((height, width), np.int32),
+        np.empty((height, width, 3), np.float32),
+        np.empty((height, width, 3), np.float32),
+    )
+
+
+def hits_of_codes(codes: Array, view: PinholeView, surfaces: Surfaces) -> Hits:
+    """Meet each pixel's ray with the triangle that its code names."""
+    hits = empty_hits(*codes.shape)
+    if len(surfaces.groups):
+        world_from_camera = np.linalg.inv(view.camera_from_world)
+        lens = np.array([view.fx, view.fy, view.cx, view.cy])
+        tables = surfaces.first_triangle, surfaces.corners, surfaces.normals, surfaces.groups
+        _meet(codes, world_from_camera, lens, *tables, surfaces.first_group, surfaces.world_from_body, hits)
+    return hits
+
+
+def labels_of_codes(codes: Array, surfaces: Surfaces) -> Image:
+    """Labels (h, w) of codes."""
+    labels = np.zeros(codes.shape, np.uint8)
+    if len(surfaces.groups):
+        tables = surfaces.first_triangle, surfaces.groups, surfaces.first_group, surfaces.labels
+        _label(codes, *tables, labels)
+    return labels
+
+
+def labels_of_hits(hits: Hits, surfaces: Surfaces) -> Image:
+    """Labels (h, w) of what was hit."""
+    if not len(surfaces.labels):
+        return np.zeros(hits.body.shape, np.uint8)
+    return np.where(hits.body >= 0, surfaces.labels[hits.row], np.uint8(0)).astype(np.uint8)
+
+
+@compiled
+def _label(codes: Array, first: Array, groups: Array, first_group: Array, label: Array, out: Array) -> None:
+    for j in range(codes.shape[0]):
+        for i in range(codes.shape[1]):
+            code = codes[j, i]
+            if code:
+                body = (code >> BODY_SHIFT) - 1
+                triangle = first[body] + (code & ((1 << BODY_SHIFT) - 1))
+                out[j, i] = label[first_group[body] + groups[triangle]]
+
+
+@compiled
+def _meet(
+    codes: Array,
+    world_from_camera: Array,
+    lens: Array,
+    first: Array,
+    corners: Array,
+    corner_normals: Array,
+    groups: Array,
+    first_group: Array,
+    world_from_body: Array,
+    hits: Hits,
+) -> None:
+    n, pose = corner_normals, world_from_body
+    eye = world_from_camera[:3, 3]
+    bodies, rows, points, normals = hits.body, hits.row, hits.points, hits.normals
+    for j in range(codes.shape[0]):
+        for i in range(codes.shape[1]):
+            code = codes[j, i]
+            if code == 0:
+                continue
+            body = int(code >> BODY_SHIFT) - 1
+            t = first[body] + int(code & ((1 << BODY_SHIFT) - 1))
+            x, y = (i - lens[2]) / lens[0], (j - lens[3]) / lens[1]
+            wx = world_from_camera[0, 0] * x + world_from_camera[0, 1] * y + world_from_camera[0, 2]
+            wy = world_from_camera[1, 0] * x + world_from_camera[1, 1] * y + world_from_camera[1, 2]
+            wz = world_from_camera[2, 0] * x + world_from_camera[2, 1] * y + world_from_camera[2, 2]
+            u, v, reach, _ = barycentric(corners, t, world_from_body, body, eye, wx, wy, wz)
+            bodies[j, i] = body
+            rows[j, i] = first_group[body] + groups[t]
+            points[j, i, 0] = eye[0] + reach * wx
+            points[j, i, 1] = eye[1] + reach * wy
+            points[j, i, 2] = eye[2] + reach * wz
+            w = 1.0 - u - v
+            bx = w * n[t, 0, 0] + u * n[t, 1, 0] + v * n[t, 2, 0]
+            by = w * n[t, 0, 1] + u * n[t, 1, 1] + v * n[t, 2, 1]
+            bz = w * n[t, 0, 2] + u * n[t, 1, 2] + v * n[t, 2, 2]
+            nx = pose[body, 0, 0] * bx + pose[body, 0, 1] * by + pose[body, 0, 2] * bz
+            ny = pose[body, 1, 0] * bx + pose[body, 1, 1] * by + pose[body, 1, 2] * bz
+            nz = pose[body, 2, 0] * bx + pose[body, 2, 1] * by + pose[body, 2, 2] * bz
+            # Scanned meshes turn some triangles inside out: what is seen is seen from outside.
+            scale = 1.0 / np.sqrt(max(nx * nx + ny * ny + nz * nz, 1e-30))
+            if nx * wx + ny * wy + nz * wz > 0:
+                scale = -scale
+            normals[j, i, 0] = nx * scale
+            normals[j, i, 1] = ny * scale
+            normals[j, i, 2] = nz * scale
+
+
+@compiled
+def barycentric(
+    corners: Array, t: int, pose: Array, body: int, eye: Array, wx: float, wy: float, wz: float
+) -> tuple[float, float, float, float]:
+    """Weights of corners 1 and 2 inside the triangle, distance along the ray, and how far outside it passed.
+
+    Möller and Trumbore's. The last number is a share of the triangle's size, and 0 for a hit.
+
+    A pixel's centre may lie a rounding error outside of the triangle that OpenGL drew there.
+    """
+    ox, oy, oz = eye[0] - pose[body, 0, 3], eye[1] - pose[body, 1, 3], eye[2] - pose[body, 2, 3]
+    px = pose[body, 0, 0] * ox + pose[body, 1, 0] * oy + pose[body, 2, 0] * oz - corners[t, 0, 0]
+    py = pose[body, 0, 1] * ox + pose[body, 1, 1] * oy + pose[body, 2, 1] * oz - corners[t, 0, 1]
+    pz = pose[body, 0, 2] * ox + pose[body, 1, 2] * oy + pose[body, 2, 2] * oz - corners[t, 0, 2]
+    dx = pose[body, 0, 0] * wx + pose[body, 1, 0] * wy + pose[body, 2, 0] * wz
+    dy = pose[body, 0, 1] * wx + pose[body, 1, 1] * wy + pose[body, 2, 1] * wz
+    dz = pose[body, 0, 2] * wx + pose[body, 1, 2] * wy + pose[body, 2, 2] * wz
+    ax, ay, az = (
+        corners[t, 1, 0] - corners[t, 0, 0],
+        corners[t, 1, 1] - corners[t, 0, 1],
+        corners[t, 1, 2] - corners[t, 0, 2],
+    )
+    bx, by, bz = (
+        corners[t, 2, 0] - corners[t, 0, 0],
+        corners[t, 2, 1] - corners[t, 0, 1],
+        corners[t, 2, 2] - corners[t, 0, 2],
+    )
+    hx, hy, hz = dy * bz - dz * by, dz * bx - dx * bz, dx * by - dy * bx
+    qx, qy, qz = py * az - pz * ay, pz * ax - px * az, px * ay - py * ax
+    determinant = ax * hx + ay * hy + az * hz
+    if abs(determinant) < 1e-18:  # seen along its plane: any point of it will do
+        middle = px * dx + py * dy + pz * dz
+        return 0.0, 0.0, -middle / (dx * dx + dy * dy + dz * dz), 1.0
+    u = (px * hx + py * hy + pz * hz) / determinant
+    v = (dx * qx + dy * qy + dz * qz) / determinant
+    reach = (bx * qx + by * qy + bz * qz) / determinant
+    outside = max(-u, -v, u + v - 1.0, 0.0)
+    u, v = min(max(u, 0.0), 1.0), min(max(v, 0.0), 1.0)
+    if u + v > 1.0:
+        u, v = u / (u + v), v / (u + v)
+    return u, v, reach, outside

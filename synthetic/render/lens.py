@@ -1,0 +1,118 @@
+"""From a calibrated camera to a wide pinhole view without distortion, and back to the camera's pixels.
+
+The way back takes, for each of a lattice of points within every pixel, the ray that OpenCV's inverse of the
+lens gives, iterated to convergence; the tracker's own projection has no part in it.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Literal
+
+import cv2
+import numpy as np
+
+from synthetic.render.interface import PinholeView
+from tracker.conventions import Array, FloatArray
+from tracker.errors import CalibrationError
+from tracker.geometry.camera import Camera
+
+_TOLERANCE_PX = 1e-6
+_MARGIN_PX = 2
+"""The view reaches beyond the outermost ray, so that interpolation never leaves it."""
+
+
+class Lens:
+    """A camera's lens at a given supersampling: the view to render, and the way back to the image."""
+
+    def __init__(self, camera: Camera, supersampling: int) -> None:
+        """Points per pixel along each axis: 1 is fast, 2 the default, 3 or 4 for the best pictures."""
+        self.camera = camera
+        self.supersampling = supersampling
+        rays = _lattice_rays(camera, supersampling)
+        fx, fy = camera.matrix[0, 0] * supersampling, camera.matrix[1, 1] * supersampling
+        pixels = rays * np.array([fx, fy])
+        low = np.floor(pixels.min(axis=(0, 1))) - _MARGIN_PX
+        width, height = (np.ceil(pixels.max(axis=(0, 1))) + _MARGIN_PX - low + 1).astype(int)
+        cx, cy = -low
+        self.view = PinholeView(int(width), int(height), fx, fy, cx, cy, camera.camera_from_world)
+        """The view to render: all rays of the image, `supersampling` times as fine as the image."""
+        maps = (pixels - low).astype(np.float32)
+        self._map_x, self._map_y = maps[..., 0].copy(), maps[..., 1].copy()
+
+    def to_camera(self, layer: Array, mode: Literal["mean", "label"]) -> Array:
+        """What the camera's pixels (H, W, …) see of a layer of `view` (h, w, …).
+
+        Modes:
+            mean: the average over the pixel's square, as float32; for colours, and for a mask the share.
+            label: the most frequent label at the points of the pixel, of equals the least; as uint8.
+        """
+        s, size = self.supersampling, (self.camera.height, self.camera.width)
+        if mode == "mean":
+            fine = cv2.remap(layer.astype(np.float32, copy=False), self._map_x, self._map_y, cv2.INTER_LINEAR)
+            return fine if s == 1 else np.asarray(cv2.resize(fine, size[::-1], interpolation=cv2.INTER_AREA))
+        fine = cv2.remap(layer.astype(np.uint8, copy=False), self._map_x, self._map_y, cv2.INTER_NEAREST)
+        if s == 1:
+            return np.asarray(fine)
+        return _most_frequent(fine.reshape(size[0], s, size[1], s))
+
+
+def lens_of(camera: Camera, supersampling: int) -> Lens:
+    """The lens of a camera; its tables are kept."""
+    key = camera.matrix.tobytes(), camera.distortion.tobytes(), camera.camera_from_world.tobytes()
+    return _cached_lens(_Hashed((camera.name, camera.width, camera.height, *key), camera), supersampling)
+
+
+class _Hashed:
+    """A camera that is the same where its numbers are."""
+
+    def __init__(self, key: tuple[object, ...], camera: Camera) -> None:
+        self.key, self.camera = key, camera
+
+    def __hash__(self) -> int:
+        return hash(self.key)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Hashed) and self.key == other.key
+
+
+@lru_cache(maxsize=8)
+def _cached_lens(camera: _Hashed, supersampling: int) -> Lens:
+    return Lens(camera.camera, supersampling)
+
+
+def _lattice_rays(camera: Camera, s: int) -> FloatArray:
+    """Normalised coordinates (H s, W s, 2) of s × s points spread evenly over each pixel's square."""
+    columns = (np.arange(camera.width * s) + 0.5) / s - 0.5
+    rows = (np.arange(camera.height * s) + 0.5) / s - 0.5
+    pixels = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
+    criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 500, 1e-11)
+    k, lens = camera.matrix, camera.distortion
+    if hasattr(cv2, "undistortPointsIter"):  # until OpenCV 5, undistortPoints takes no criteria
+        rays = cv2.undistortPointsIter(pixels[:, None], k, lens, np.eye(3), np.eye(3), criteria)
+    else:
+        rays = cv2.undistortPoints(pixels[:, None], k, lens, criteria=criteria)
+    rays = rays.reshape(-1, 2)
+    back, _ = cv2.projectPoints(np.insert(rays, 2, 1.0, axis=1), np.zeros(3), np.zeros(3), k, lens)
+    error = np.abs(back.reshape(-1, 2) - pixels).max()
+    if not error < _TOLERANCE_PX:
+        raise CalibrationError(
+            f"{camera.name}: the lens has no inverse all over the image: found a residual of {error:.2g} px, "
+            f"expected less than {_TOLERANCE_PX:g}"
+        )
+    result: FloatArray = rays.reshape(camera.height * s, camera.width * s, 2)
+    return result
+
+
+def _most_frequent(blocks: Array) -> Array:
+    """Most frequent value of each block; blocks (H, s, W, s) uint8, result (H, W)."""
+    height, s, width, _ = blocks.shape
+    values = blocks.transpose(0, 2, 1, 3).reshape(height, width, s * s)
+    out = values[..., 0].copy()
+    mixed = (values != values[..., :1]).any(axis=-1)
+    rows = values[mixed]
+    counts = (rows[:, :, None] == rows[:, None, :]).sum(axis=-1)
+    # Of equally frequent values the least one: nothing (0) before a label.
+    best = np.where(counts == counts.max(axis=1, keepdims=True), rows, 255).min(axis=1, initial=255)
+    out[mixed] = best
+    return np.asarray(out)
