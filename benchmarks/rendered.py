@@ -6,8 +6,9 @@ import numpy as np
 
 import tracker
 from synthetic.raycast import render
+from synthetic.sensor import Sensor
 from synthetic.simple import random_scene
-from synthetic.simple_rig import Sensor, default_cameras
+from synthetic.simple_rig import default_cameras
 from tracker.conventions import FloatArray
 from tracker.geometry import so3
 

@@ -19,8 +19,9 @@ import numpy as np
 from scipy.optimize import minimize
 
 from synthetic.raycast import Rendering, render
+from synthetic.sensor import Sensor
 from synthetic.simple import random_scene
-from synthetic.simple_rig import Sensor, default_cameras
+from synthetic.simple_rig import default_cameras
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray
 from tracker.geometry import so3

@@ -16,9 +16,9 @@ import numpy as np
 
 from synthetic.raycast_kernels import shadow_map, trace_image
 from synthetic.raycast_shading import FIRST_FACE, FIRST_MOTOR
+from synthetic.sensor import Sensor
 from synthetic.simple import ARENA_RADIUS, Scene
 from synthetic.simple_fingers import Capsule, Motor
-from synthetic.simple_rig import Sensor
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import CalibrationError
 from tracker.geometry.camera import Camera

@@ -9,50 +9,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from synthetic.face_colors import TYPICAL_COLORS_BGR, face_colors
 from synthetic.simple_fingers import Box, Capsule, Motor, ReadOnlyArrays, random_fingers
 from tracker.conventions import Array, FloatArray
 from tracker.geometry import so3
 from tracker.geometry.cuboid import FACE_NORMALS, corners
 from tracker.objects.model import CuboidModel
-
-FACE_COLORS_BGR = np.array(
-    [
-        [0, 0, 0],
-        [40, 50, 190],
-        [60, 150, 70],
-        [110, 50, 20],
-        [150, 140, 60],
-        [150, 60, 150],
-        [50, 220, 220],
-    ]
-)
-"""(7, 3) typical value of each label's colour in an 8-bit picture; label 0 is not a face."""
-FACE_COLORS_BGR.flags.writeable = False
-
-MEASURED_COLORS_BGR = {
-    "cube_v1": [[0, 45, 170], [0, 90, 0], [64, 36, 0], [68, 65, 0], [30, 13, 97], [10, 245, 255]],
-    "cube_v2": [[0, 26, 88], [15, 95, 65], [65, 35, 15], [91, 96, 56], [155, 86, 152], [50, 125, 138]],
-    "cube_v3": [[27, 39, 120], [40, 95, 40], [151, 90, 18], [86, 88, 41], [80, 0, 114], [67, 189, 223]],
-    "cuboid_2x2x8_v2": [
-        [32, 54, 90],
-        [70, 172, 130],
-        [51, 39, 25],
-        [105, 103, 68],
-        [90, 57, 84],
-        [50, 125, 138],
-    ],
-}
-"""Medians of the labelled real images by colour model, red to yellow, where the scene's greys are brought
-to 115; the cuboid's yellow, which no labelled image shows, is cube_v2's."""
-
-
-def face_colors(model: CuboidModel) -> FloatArray:
-    """(7, 3) BGR by label: measured where the object's colours are known, typical ones otherwise."""
-    result = FACE_COLORS_BGR.astype(np.float64)
-    if model.colors in MEASURED_COLORS_BGR:
-        result[1:] = MEASURED_COLORS_BGR[model.colors]
-    return result
-
 
 ARENA_RADIUS = 0.19
 """Radius of the table [m]; the wall begins 5 mm further out."""
@@ -77,7 +39,7 @@ class Background(ReadOnlyArrays):
     """(N, 4) light spots on the table: centre x, y [m], radius [m] (one sigma), share of light added."""
     cross: FloatArray = field(default_factory=lambda: np.zeros(2))
     """(2,) width and length [m] of the bars of a cross painted at the arena's centre; zeros: no cross."""
-    cross_albedo: FloatArray = field(default_factory=lambda: FACE_COLORS_BGR[3] / 255)
+    cross_albedo: FloatArray = field(default_factory=lambda: TYPICAL_COLORS_BGR[3] / 255)
     """(3,) colour of the cross."""
     shadow: float = 0.5
     """Share of the table's light that comes from the lamp, and is lost in its shadow."""
@@ -190,6 +152,6 @@ def _random_background(rng: np.random.Generator) -> Background:
         wall_heights=np.array([0.0, 0.105, 0.180 + rng.uniform(-0.01, 0.01)]),
         blotches=blotches,
         cross=rng.uniform([0.004, 0.03], [0.01, 0.07]) * has_cross,
-        cross_albedo=FACE_COLORS_BGR[3] / 255 * rng.normal(1.0, 0.1, 3),
+        cross_albedo=TYPICAL_COLORS_BGR[3] / 255 * rng.normal(1.0, 0.1, 3),
         shadow=rng.uniform(0.3, 0.6),
     )

@@ -7,8 +7,9 @@ import pytest
 
 import tracker
 from synthetic.raycast import render
+from synthetic.sensor import Sensor
 from synthetic.simple import random_scene
-from synthetic.simple_rig import Sensor, default_cameras
+from synthetic.simple_rig import default_cameras
 from tracker.errors import ImageError
 from tracker.geometry import so3
 

@@ -10,9 +10,10 @@ import pytest
 
 from synthetic import raycast, raycast_kernels
 from synthetic.raycast import Rendering, render
+from synthetic.sensor import Sensor
 from synthetic.simple import Scene, face_colors, random_scene
 from synthetic.simple_fingers import Capsule
-from synthetic.simple_rig import Sensor, default_cameras
+from synthetic.simple_rig import default_cameras
 from tracker.conventions import Array
 from tracker.errors import CalibrationError
 from tracker.geometry.camera import Camera
@@ -239,7 +240,7 @@ def test_capsules_are_hit_where_marching_arrives() -> None:
 def test_clean_sensor_only_rounds_a_flat_field() -> None:
     flat = np.full((20, 30, 3), [0.2, 0.5, 0.8], np.float32)
     assert (Sensor.clean().expose(flat, rng()) == [51, 128, 204]).all()
-    assert (dataclasses.replace(Sensor.clean(), bayer=True).expose(flat, rng()) == [51, 128, 204]).all()
+    assert (dataclasses.replace(Sensor.clean(), path="new").expose(flat, rng()) == [51, 128, 204]).all()
 
 
 def test_noise_follows_its_formula() -> None:

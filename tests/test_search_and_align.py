@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from synthetic.raycast import render
+from synthetic.sensor import Sensor
 from synthetic.simple import random_scene
-from synthetic.simple_rig import Sensor, default_cameras
+from synthetic.simple_rig import default_cameras
 from tests.helpers import random_rotations
 from tracker.geometry import so3
 from tracker.objects.model import load_object

@@ -1,0 +1,113 @@
+"""One camera's picture of a scene: render wide, bend by the lens, expose."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import cv2
+import numpy as np
+
+from synthetic.render.interface import Layers, PinholeView, Renderer
+from synthetic.render.lens import lens_of
+from synthetic.scene import PlatformScene
+from synthetic.sensor import CameraSettings, Sensor
+from tracker.conventions import Array, Image
+from tracker.geometry.camera import Camera
+
+SENSOR_HEIGHT = 540
+"""Height [px] at which the platform's cameras take pictures, and for which `Sensor.sample` is measured."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Quality:
+    """How much work goes into a picture."""
+
+    name: str
+    """For the ground truth and the command line."""
+    sensor_height: int | None
+    """The light falls on so many rows [px], then the picture is halved if need be; None: as given out."""
+    points: int
+    """Points per pixel of the sensor's grid, along each axis."""
+    shadows: bool
+    """Whether lamps cast shadows."""
+
+    def sensor(self, rng: np.random.Generator, path: str | None = None) -> Sensor:
+        """A kind of camera drawn from `rng`; where it works at half the resolution its figures are scaled."""
+        sensor = Sensor.sample(rng, path)
+        if self.sensor_height is not None:
+            return sensor
+        # Four pixels' charge is one's: less noise, and a blur of half as many, wider pixels.
+        return dataclasses.replace(
+            sensor,
+            psf_sigma=float(np.hypot(0.5 * sensor.psf_sigma, 0.3)),
+            full_well=2.0 * sensor.full_well,
+            read_noise=0.7 * sensor.read_noise,
+        )
+
+
+QUALITIES = {
+    quality.name: quality
+    for quality in (
+        Quality("fast", sensor_height=None, points=2, shadows=False),
+        Quality("default", sensor_height=SENSOR_HEIGHT, points=2, shadows=True),
+        Quality("best", sensor_height=SENSOR_HEIGHT, points=4, shadows=True),
+    )
+}
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class CameraShot:
+    """What one camera gives, and the truth of each of its pixels."""
+
+    image: Image
+    """(H, W, 3) uint8 BGR."""
+    labels: Image
+    """(H, W) uint8 of what is visible."""
+    alone: Image
+    """(H, W) uint8 of what would be visible without robot."""
+    pinhole: tuple[Image, Image] | None = None
+    """`labels` and `alone` of the camera of the same matrix without distortion."""
+
+
+def shoot(
+    renderer: Renderer,
+    scene: PlatformScene,
+    camera: Camera,
+    quality: Quality,
+    sensor: Sensor,
+    settings: CameraSettings,
+    noise: np.random.Generator,
+    *,
+    pinhole: bool = False,
+) -> CameraShot:
+    """The picture that `camera` takes of `scene`; `noise` draws the noise and nothing else."""
+    halved = quality.sensor_height is not None and quality.sensor_height > camera.height
+    factor = 2 if halved else 1
+    # A fine picture is already sampled finely.
+    points = max(1, quality.points // 2) if quality.sensor_height is None and camera.height > 400 else 0
+    points = points or quality.points
+    fine = camera.resized(camera.width * factor, camera.height * factor)
+    lens = lens_of(fine, points)
+    layers = renderer.render(scene, lens.view, shadows=quality.shadows)
+    light = lens.to_camera(layers.color, "mean")
+    # The lattice of the fine camera's points is that of the camera itself: the view is the same.
+    coarse = lens_of(camera, points * factor)
+    return CameraShot(
+        image=sensor.expose(light, noise, settings, halved=halved),
+        labels=np.asarray(coarse.to_camera(layers.labels, "label"), dtype=np.uint8),
+        alone=np.asarray(coarse.to_camera(layers.alone, "label"), dtype=np.uint8),
+        pinhole=_undistorted_labels(layers, lens.view, camera) if pinhole else None,
+    )
+
+
+def _undistorted_labels(layers: Layers, view: PinholeView, camera: Camera) -> tuple[Image, Image]:
+    """Labels and labels without robot at the pixels' centres of `camera` without distortion."""
+    (fx, _, cx), (_, fy, cy) = camera.matrix[:2]
+    x = (np.arange(camera.width) - cx) / fx * view.fx + view.cx
+    y = (np.arange(camera.height) - cy) / fy * view.fy + view.cy
+    map_x, map_y = (part.astype(np.float32) for part in np.meshgrid(x, y))
+    return _nearest(layers.labels, map_x, map_y), _nearest(layers.alone, map_x, map_y)
+
+
+def _nearest(layer: Image, map_x: Array, map_y: Array) -> Image:
+    return np.asarray(cv2.remap(layer, map_x, map_y, cv2.INTER_NEAREST), dtype=np.uint8)

@@ -1,0 +1,84 @@
+"""Colours of faces, measured on labelled pictures of the real platform.
+
+`scripts/measure_face_colors.py` writes the table: medians where the scene's greys are brought to level 115.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+from importlib import resources
+from typing import Any
+
+import numpy as np
+
+from synthetic.sensor import BLACK, linear
+from tracker.conventions import FloatArray
+from tracker.objects.labels import COLOR_NAMES
+from tracker.objects.model import CuboidModel
+
+TYPICAL_COLORS_BGR = np.array(
+    [
+        [0, 0, 0],
+        [40, 50, 190],
+        [60, 150, 70],
+        [110, 50, 20],
+        [150, 140, 60],
+        [150, 60, 150],
+        [50, 220, 220],
+    ]
+)
+"""(7, 3) typical value of each label's colour in an 8-bit picture; label 0 is not a face."""
+TYPICAL_COLORS_BGR.flags.writeable = False
+
+SIDE_LIGHT = 0.4
+"""Light on a side of an object at rest as a share of that on its upper face: paints seen both ways are
+1.4 to 1.9 times as bright from above in pictures, which show about the square root of light."""
+
+DARKEST = 0.002
+"""Least reflectance [1]: pictures show pure colours with dark channels at 0, yet no paint is black."""
+
+_SUBSTITUTE = "cube_v2"
+"""Whose colour stands in where no labelled picture shows one: the cuboid's yellow is of the same paint."""
+
+
+@functools.cache
+def _table() -> dict[str, Any]:
+    text = (resources.files("synthetic") / "data" / "face_colors.json").read_text(encoding="utf-8")
+    table: dict[str, Any] = json.loads(text)
+    return table
+
+
+def _entries(colors: str) -> dict[str, dict[str, Any]]:
+    objects = _table()["objects"]
+    return {**objects[_SUBSTITUTE], **objects[colors]} if colors in objects else {}
+
+
+def face_colors(model: CuboidModel) -> FloatArray:
+    """(7, 3) BGR levels by label: measured where the object's colours are known, typical ones otherwise."""
+    result = TYPICAL_COLORS_BGR.astype(np.float64)
+    for color, entry in _entries(model.colors).items():
+        result[COLOR_NAMES.index(color)] = np.minimum(entry["bgr"], 255)
+    return result
+
+
+def reflectances(colors: str) -> FloatArray:
+    """(7, 3) linear BGR reflectance by label of the object with the colour model `colors`.
+
+    Under light 1 a face has the level measured on upper faces in a picture of exposure 1, whose greys are at
+    level 115. What is known of sides only is brought to the light that an upper face gets.
+    """
+    gamma = float(_table()["gamma"])
+    result: FloatArray = (TYPICAL_COLORS_BGR / 255.0) ** gamma
+    for color, entry in _entries(colors).items():
+        light = 1.0 if entry["from_above"] > 0 else SIDE_LIGHT
+        # Pictures lack the black level; without it the dark channels would be lost twice.
+        result[COLOR_NAMES.index(color)] = (linear(np.array(entry["bgr"]), gamma) + BLACK) / light
+    result[1:] = np.clip(result[1:], DARKEST, 0.98)
+    return result
+
+
+def dirt(colors: str) -> float:
+    """Relative standard deviation of the reflectance over a face, in the median of the object's faces."""
+    values = [entry["dirt"] for entry in _entries(colors).values() if entry["dirt"] is not None]
+    return float(np.median(values)) if values else 0.04
