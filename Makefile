@@ -7,7 +7,7 @@ CODE := tracker synthetic benchmarks examples scripts tests
 .PHONY: demo test lint format bench colors fresh clean
 REAL ?= ../shared/real
 
-demo: $(STAMP)  ## track an object in example images
+demo: $(STAMP)  ## film the simulated platform, find the object in every frame
 	$(BIN)/python examples/demo.py
 
 test: $(STAMP)  ## run the tests
@@ -38,7 +38,7 @@ clean:  ## remove everything that the other targets made
 
 # The stamp is made last, so that an installation that was broken off is done again.
 $(STAMP): pyproject.toml
-	@echo "Setting up $(VENV) (about a minute)"
+	@echo "Setting up $(VENV) (about a minute and a half)"
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev,synthetic,film]'
 	@touch $@

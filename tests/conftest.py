@@ -30,9 +30,9 @@ def real() -> Path:
 
 @pytest.fixture(scope="session")
 def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder that `examples/demo.py` has filled: an image and a calibration of each camera, overlay.png."""
+    """Folder that `examples/still.py` has filled: an image and a calibration of each camera, overlay.png."""
     working = tmp_path_factory.mktemp("working")
-    run_python([ROOT / "examples" / "demo.py"], working, check=True)
+    run_python([ROOT / "examples" / "still.py"], working, check=True)
     return working / "demo"
 
 

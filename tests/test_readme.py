@@ -15,7 +15,7 @@ from tests.helpers import ROOT, run_python
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 EXAMPLE = ROOT / "examples" / "detect_cube.py"
-DEMO = ROOT / "examples" / "demo.py"
+STILL = ROOT / "examples" / "still.py"
 BGR = {"red": (40, 50, 190), "green": (60, 150, 70), "blue": (150, 60, 20)}
 
 
@@ -95,8 +95,8 @@ def test_every_link_of_the_readme_leads_somewhere():
         assert (ROOT / target).exists(), target
 
 
-def test_the_demo_is_the_same_each_time_and_its_error_small(demo, tmp_path):
-    result = run_python([DEMO, "--output", "again"], tmp_path, check=True)
+def test_the_still_is_the_same_each_time_and_its_error_small(demo, tmp_path):
+    result = run_python([STILL, "--output", "again"], tmp_path, check=True)
     found = re.search(r"error +([\d.]+) mm, ([\d.]+) degrees", result.stdout)
     assert found is not None, result.stdout
     assert float(found[1]) < 1
@@ -106,5 +106,17 @@ def test_the_demo_is_the_same_each_time_and_its_error_small(demo, tmp_path):
 
 
 def test_another_seed_shows_another_scene(demo, tmp_path):
-    run_python([DEMO, "--seed", 7, "--output", tmp_path], tmp_path, check=True)
+    run_python([STILL, "--seed", 7, "--output", tmp_path], tmp_path, check=True)
     assert (tmp_path / "overlay.png").read_bytes() != (demo / "overlay.png").read_bytes()
+
+
+def test_the_demo_films_what_it_finds(tmp_path):
+    for package in ("pybullet", "av", "matplotlib"):
+        pytest.importorskip(package, reason=f"the demo needs the optional package {package}")
+    result = run_python([ROOT / "examples" / "demo.py", "--frames", 3, "--output", "demo"], tmp_path)
+    if result.returncode and "AssetError" in result.stderr:
+        pytest.skip("the robot's meshes cannot be had")
+    assert result.returncode == 0, result.stderr
+    assert "within 5 mm, 5°  3" in result.stdout
+    written = {path.name for path in (tmp_path / "demo").iterdir()}
+    assert {"overlay.png", "overlay.mp4", "errors.png", "camera60.png", "camera60.yml"} <= written

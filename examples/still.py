@@ -1,0 +1,73 @@
+"""Ray-cast a still of a cube among three fingers, find it, and compare with the truth; needs no simulation.
+
+    python examples/still.py [--seed N] [--output FOLDER]
+
+Writes the images, their calibration, and the picture overlay.png to the folder.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+import tracker
+from synthetic.raycast import Rendering, render
+from synthetic.sensor import Sensor
+from synthetic.simple import random_scene
+from synthetic.simple_rig import default_cameras
+from tracker.geometry import so3
+from tracker.viz import overlay, write_image
+
+parser = argparse.ArgumentParser(description="Render a cube among three fingers, and find it.")
+parser.add_argument("--seed", type=int, default=2, help="seed of the scene (default: %(default)s)")
+parser.add_argument(
+    "--output", type=Path, default=Path("demo"), help="folder to write to (default: %(default)s)"
+)
+
+
+def main(seed: int, folder: Path) -> None:
+    """Render, detect, print and write."""
+    model = tracker.load_object("cube_v2")
+    rig = tracker.CameraRig(default_cameras())
+    rng = np.random.default_rng(seed)
+    rendering = render(random_scene(model, rng), rig.cameras, model, Sensor.realistic(), rng)
+    observation = tracker.ObjectTracker(model, rig).detect(rendering.images)
+
+    rig.save(folder)
+    for name, image in zip(rig.names, rendering.images, strict=True):
+        write_image(folder / f"{name}.png", image)
+    write_image(folder / "overlay.png", overlay(rendering.images, rig, model, observation))
+
+    if observation.object_pose is None:
+        print(f"no pose: {observation.status.value}")
+    else:
+        report(observation.object_pose, rendering)
+    print(f"picture: {folder / 'overlay.png'}")
+
+
+def report(pose: tracker.PoseEstimate, truth: Rendering) -> None:
+    """Print estimate, truth and error."""
+    assert truth.position is not None
+    assert truth.rotation is not None
+    std = np.sqrt(np.diag(pose.covariance))
+    print("                        x         y         z")
+    for label, values in (
+        ("position [mm]", 1e3 * pose.position),
+        ("  truth", 1e3 * truth.position),
+        ("  std", 1e3 * std[:3]),
+        ("rotation [deg]", np.degrees(so3.log(pose.rotation))),
+        ("  truth", np.degrees(so3.log(truth.rotation))),
+        ("  std", np.degrees(std[3:])),
+    ):
+        print(f"{label:16s}", *(f"{value:9.2f}" for value in values))
+    distance = 1e3 * np.linalg.norm(pose.position - truth.position)
+    angle = np.degrees(so3.angle_between(pose.rotation, truth.rotation))
+    print(f"error            {distance:.2f} mm, {angle:.2f} degrees")
+    print(f"confidence       {pose.confidence:.3f}")
+
+
+if __name__ == "__main__":
+    arguments = parser.parse_args()
+    main(arguments.seed, arguments.output)

@@ -1,0 +1,173 @@
+"""The command line of the generator: parse, call, print.
+
+Errors are one line on stderr that starts with `synthetic: `, and exit code 2; an interrupt exits with 130.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import traceback
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NoReturn
+
+import click
+
+from tracker.errors import TrackerError
+
+OBJECTS = ("cube_v1", "cube_v2", "cube_v3", "cuboid_2x2x8_v2", "dice")
+QUALITY_NAMES = ("fast", "default", "best")
+RENDERER_NAMES = ("auto", "pyrender", "tiny")
+
+
+@click.group(
+    no_args_is_help=False,  # that would be an error of many lines
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100, "show_default": True},
+)
+def commands() -> None:
+    """Pictures of the simulated TriFinger platform, with the exact truth.
+
+    Errors go to stderr in one line, with exit code 2.
+    """
+
+
+@commands.command()
+@click.option("--object", "object_name", type=click.Choice(OBJECTS), required=True, help="What lies there.")
+@click.option("--frames", "count", type=click.IntRange(1), required=True, help="Number of frames.")
+@click.option("--seed", type=click.IntRange(0), required=True, help="Of everything random.")
+@click.option(
+    "--out", "folder", type=click.Path(path_type=Path), required=True, help="Folder, new or continued."
+)
+@click.option("--workers", type=click.IntRange(1, 256), default=1, help="Processes; no pixel depends on it.")
+@click.option(
+    "--quality", type=click.Choice(QUALITY_NAMES), default="default", help="Work put into a picture."
+)
+@click.option("--sequence", is_flag=True, help="Motion: frames follow each other; else single scenes.")
+@click.option("--rate", type=click.FloatRange(0.1, 1000), default=10.0, help="Frames of a sequence [Hz].")
+@click.option("--bop", is_flag=True, help="Add the BOP layout (undistorted, millimetres) in the folder bop.")
+@click.option("--size", type=click.Choice(["270", "540"]), default="270", help="Height of the pictures [px].")
+@click.option(
+    "--calibration",
+    default="simulation",
+    metavar="simulation|perturbed|FOLDER",
+    help="The simulation's cameras, another platform's drawn from the seed, or the files of a folder.",
+)
+@click.option(
+    "--renderer", type=click.Choice(RENDERER_NAMES), default="auto", help="auto: pyrender if it runs."
+)
+@click.option(
+    "--shadows/--no-shadows", default=None, show_default=False, help="Default: as the quality says."
+)
+def dataset(
+    object_name: str,
+    count: int,
+    seed: int,
+    folder: Path,
+    workers: int,
+    quality: str,
+    sequence: bool,
+    rate: float,
+    bop: bool,
+    size: str,
+    calibration: str,
+    renderer: str,
+    shadows: bool | None,
+) -> None:
+    """Write pictures, labels, calibration and truth of FRAMES frames to a folder.
+
+    Where it was interrupted, the same command continues. Labels: 0 other, 1 red, 2 green, 3 blue, 4 cyan,
+    5 magenta, 6 yellow; of dice their number, 1 to 25, and the truth's "object" is the list of all dice.
+    """
+    from synthetic.dataset import DatasetOptions, make_dataset
+    from synthetic.frames import FrameOptions
+
+    options = DatasetOptions(
+        FrameOptions(
+            object_name, seed, quality, renderer, sequence, size=int(size), rate=rate, shadows=shadows
+        ),
+        count,
+        calibration,
+        bop,
+    )
+    with click.progressbar(length=count, label=f"{object_name}", file=sys.stderr, show_pos=True) as bar:
+
+        def progress(done: int, _: int) -> None:
+            bar.update(done - bar.pos)
+
+        made = make_dataset(options, folder, workers=workers, progress=progress)
+    click.echo(f"{folder}: {made} frames made, {count - made} were there")
+
+
+@commands.command()
+@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="Picture to write.")
+@click.option("--seed", type=click.IntRange(0), default=1, help="Of everything random.")
+@click.option(
+    "--quality", type=click.Choice(QUALITY_NAMES), default="default", help="Work put into a picture."
+)
+@click.option(
+    "--renderer", type=click.Choice(RENDERER_NAMES), default="auto", help="auto: pyrender if it runs."
+)
+def sheet(output: Path, seed: int, quality: str, renderer: str) -> None:
+    """A contact sheet: every kind of scene of every object, one row each."""
+    from synthetic.dataset import write_png
+    from synthetic.sheet import contact_sheet
+
+    picture, titles = contact_sheet(seed, quality, renderer)
+    write_png(output, picture)
+    for row, title in enumerate(titles):
+        click.echo(f"{row:2d}  {title}")
+
+
+@commands.command()
+@click.option("--seconds", type=click.FloatRange(0.5), default=10.0, help="Time for each measurement [s].")
+@click.option("--workers", type=click.IntRange(1, 256), default=2, help="Processes.")
+def speed(seconds: float, workers: int) -> None:
+    """Triplets per second of each quality and renderer that works here."""
+    from synthetic.speed import measure
+
+    click.echo(f"triplets per second, {workers} processes, single scenes of cube_v2, 270×270")
+    for line in measure(seconds, workers):
+        click.echo(line)
+
+
+def main(arguments: Sequence[str] | None = None) -> NoReturn:
+    """Run the command line with `arguments` (by default those of the process), and exit."""
+    if not sys.warnoptions:
+        warnings.simplefilter("ignore")
+    sys.exit(_run(sys.argv[1:] if arguments is None else list(arguments)))
+
+
+def _run(arguments: list[str]) -> int:
+    """Exit code of one run."""
+    try:
+        with commands.make_context("synthetic", arguments) as context:
+            commands.invoke(context)
+        return 0
+    except click.exceptions.Exit as stop:
+        return stop.exit_code
+    except (KeyboardInterrupt, click.Abort):
+        return _fail("interrupted; the same command continues", code=130)
+    except click.UsageError as error:
+        where = error.ctx.command_path if error.ctx else "synthetic"
+        return _fail(f"{error.format_message()} (see {where} --help)")
+    except click.ClickException as error:
+        return _fail(error.format_message())
+    except TrackerError as error:
+        return _fail(str(error))
+    except ImportError as error:
+        return _fail(
+            f"{error}: install the extra `synthetic` (pip install 'trifinger-object-tracker[synthetic]')"
+        )
+    except OSError as error:
+        return _fail(f"{error.filename or 'output'}: {error.strerror or error}")
+    except Exception as error:
+        last = traceback.extract_tb(error.__traceback__)[-1]
+        where = f"{os.path.basename(last.filename)}:{last.lineno}"
+        return _fail(f"internal error, please report it: {type(error).__name__} in {where}: {error}")
+
+
+def _fail(message: str, code: int = 2) -> int:
+    click.echo(f"synthetic: {' '.join(message.split())}", err=True)
+    return code

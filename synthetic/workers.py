@@ -1,0 +1,96 @@
+"""Runs tasks in several processes; each result comes as soon as it is there."""
+
+from __future__ import annotations
+
+import multiprocessing
+import queue
+import signal
+from collections.abc import Callable, Generator, Iterator, Sequence
+from typing import Any, Protocol
+
+from tracker.errors import TrackerError
+
+
+class WorkerError(TrackerError):
+    """A worker process failed."""
+
+
+class Factory(Protocol):
+    """Makes what does the tasks, in the process that does them; it can be pickled."""
+
+    def __call__(self) -> Callable[[Any], Iterator[Any]]:
+        """The function that turns a task into results."""
+        ...
+
+
+_POLL_SECONDS = 1.0
+_RESULT, _FAILURE, _END = range(3)
+
+
+def run_tasks(factory: Factory, tasks: Sequence[Any], workers: int) -> Generator[Any, None, None]:
+    """The results of all tasks, in whatever order they come; with 1 worker in this process.
+
+    Raises:
+        WorkerError: a worker ended by itself, or raised anything but a TrackerError or OSError.
+        TrackerError: a worker raised it.
+    """
+    if not tasks:
+        return
+    if workers <= 1:
+        work = factory()
+        for task in tasks:
+            yield from work(task)
+        return
+    # Spawned: neither OpenGL nor compiled threads survive a fork.
+    context = multiprocessing.get_context("spawn")
+    todo: Any = context.Queue()
+    results: Any = context.Queue(maxsize=64)
+    count = min(workers, len(tasks))
+    for task in [*tasks, *[None] * count]:
+        todo.put(task)
+    processes = [
+        context.Process(target=_work, args=(factory, todo, results), daemon=True) for _ in range(count)
+    ]
+    for process in processes:
+        process.start()
+    try:
+        yield from _collect(processes, results)
+    finally:
+        for process in processes:
+            if process.is_alive():
+                process.terminate()
+            process.join()
+        todo.cancel_join_thread()
+
+
+def _collect(processes: Sequence[Any], results: Any) -> Iterator[Any]:
+    running = len(processes)
+    while running:
+        try:
+            kind, value = results.get(timeout=_POLL_SECONDS)
+        except queue.Empty:
+            dead = [process for process in processes if process.exitcode not in (None, 0)]
+            if dead:
+                raise WorkerError(f"a worker process ended with code {dead[0].exitcode}") from None
+            continue
+        if kind == _END:
+            running -= 1
+        elif kind == _FAILURE:
+            raise value
+        else:
+            yield value
+
+
+def _work(factory: Factory, todo: Any, results: Any) -> None:
+    # The process that started us is interrupted as well, and ends us.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        work = factory()
+        while (task := todo.get()) is not None:
+            for result in work(task):
+                results.put((_RESULT, result))
+        results.put((_END, None))
+    except (TrackerError, OSError) as error:
+        results.put((_FAILURE, error))
+    except Exception as error:
+        results.put((_FAILURE, WorkerError(f"a worker failed: {type(error).__name__}: {error}")))
