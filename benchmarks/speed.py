@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import resource
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -76,8 +75,3 @@ def speed_table(real: Path | None, scenes: int = 20, rounds: int = 40) -> str:
 
 def _row(title: str, seconds: float, reference: float, ratio: float) -> str:
     return f"| {title} | {1e3 * seconds:.2f} ms | {1e3 * reference:.2f} ms | {ratio:.2f} |"
-
-
-def peak_memory() -> float:
-    """Largest resident size of this process so far [MB]."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024

@@ -145,16 +145,12 @@ def test_moving_the_world_moves_the_pose(scenes, rig):
     assert so3.angle_between(after.rotation, turn @ before.rotation) < np.radians(0.05)
 
 
-def test_other_resolution_sees_the_same_pose(scenes):
-    model = tracker.load_object("cube_v2")
-    for width in (540,):
-        rig = tracker.CameraRig(default_cameras(width))
-        rng = np.random.default_rng([20, 0])
-        truth = render(
-            random_scene(model, rng, occlusion=0.0), rig.cameras, model, Sensor.realistic(), rng
-        )  # fmt: skip
-        pose = tracker.ObjectTracker(model, rig).detect(truth.images).object_pose
-        assert within(pose, truth, 0.5e-3, 0.5)
+def test_other_resolution_sees_the_same_pose():
+    model, rig = tracker.load_object("cube_v2"), tracker.CameraRig(default_cameras(540))
+    rng = np.random.default_rng([20, 0])
+    truth = render(random_scene(model, rng, occlusion=0.0), rig.cameras, model, Sensor.realistic(), rng)
+    pose = tracker.ObjectTracker(model, rig).detect(truth.images).object_pose
+    assert within(pose, truth, 0.5e-3, 0.5)
 
 
 @pytest.mark.parametrize("kind", ["black", "white", "grey", "noise", "empty arena", "flooded"])
