@@ -16,7 +16,7 @@ from tracker.errors import ImageError
 from tracker.geometry import so3
 from tracker.objects.model import CuboidModel
 from tracker.pose.acceptance import confidence, refusal
-from tracker.pose.contour import refine_view
+from tracker.pose.contour import refine
 from tracker.pose.estimate import PoseEstimator
 from tracker.pose.fit import Fit
 from tracker.pose.result import Observation, PoseEstimate, Status
@@ -147,5 +147,5 @@ def _reduce(image: Image) -> Image:
 
 def kernels_are_cached() -> bool:
     """Whether compiled kernels lie on disk, so that the first detection starts at once (best effort)."""
-    folder = Path(str(refine_view.stats.cache_path))
-    return any(folder.glob("contour.refine_view*.nbi"))
+    folder = Path(str(refine.stats.cache_path))
+    return any(folder.glob("contour.refine*.nbi"))

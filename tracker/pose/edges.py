@@ -18,9 +18,12 @@ from tracker.pose.lens import project, project_with_jacobian, rotate, visible_fa
 MAX_SAMPLES = 12 * 24
 """Samples of one cuboid in one camera, at most."""
 
-COLUMNS = 14
-U, V, NU, NV, J, INSIDE, OUTSIDE, REACH_IN, REACH_OUT = 0, 1, 2, 3, 4, 10, 11, 12, 13
-"""Columns of a sample: pixel, normal, Jacobian (6), label inside, outside, reach inside, outside [px]."""
+COLUMNS = 16
+U, V, NU, NV, J, INSIDE, OUTSIDE, REACH_IN, REACH_OUT, LENGTH, GROWTH = (
+    0, 1, 2, 3, 4, 10, 11, 12, 13, 14, 15,
+)  # fmt: skip
+"""Columns of a sample: pixel, normal, Jacobian (6), label inside, outside, reach inside, outside [px],
+length of the edge that it stands for [px], motion along the normal per relative growth of the object [px]."""
 
 MIN_FACE = 1.5
 """A face narrower than this [px] gives no edges: its colour cannot be told from its neighbours' blur."""
@@ -30,14 +33,14 @@ _EDGES = EDGES
 
 
 @numba.njit(cache=True, nogil=True)
-def _face_depth(lenses, c, half, rotation, position, middle, face, axis, u, v, nu, nv):  # type: ignore[no-untyped-def]
-    """How far [px, signed along the normal] the edge of `face` opposite to an edge lies."""
+def _face_depth(lenses, c, half, rotation, position, corner, face, axis, u, v, nu, nv):  # type: ignore[no-untyped-def]
+    """How far [px, signed along the normal] the edge of `face` opposite to an edge lies at a corner's pixel."""
     # The in-face direction away from the edge is the face's axis that is neither its normal nor the edge.
     inward = 3 - axis - face // 2
     other = np.empty(3)
     for i in range(3):
-        other[i] = middle[i]
-    other[inward] = -middle[inward]
+        other[i] = corner[i]
+    other[inward] = -corner[inward]
     world = np.empty(3)
     rotate(rotation, other, world)
     pu, pv, _ = project(lenses, c, world[0] + position[0], world[1] + position[1], world[2] + position[2])
@@ -53,7 +56,7 @@ def edge_samples(lenses, c, half, face_labels, rotation, position, spacing, marg
     heights = np.empty(6)
     visible_faces(lenses, c, half, rotation, position, heights)
     a, b = np.empty(3), np.empty(3)
-    middle, local, world = np.empty(3), np.empty(3), np.empty(3)
+    local, world = np.empty(3), np.empty(3)
     jacobian = np.empty((2, 3))
     count = 0
     for e in range(12):
@@ -67,7 +70,6 @@ def edge_samples(lenses, c, half, face_labels, rotation, position, spacing, marg
         for i in range(3):
             a[i] = _SIGNS[_EDGES[e, 0], i] * half[i]
             b[i] = _SIGNS[_EDGES[e, 1], i] * half[i]
-            middle[i] = 0.5 * (a[i] + b[i])
         rotate(rotation, a, world)
         ua, va, za = project(
             lenses, c, world[0] + position[0], world[1] + position[1], world[2] + position[2]
@@ -80,21 +82,20 @@ def edge_samples(lenses, c, half, face_labels, rotation, position, spacing, marg
             continue
         length = math.hypot(ub - ua, vb - va)
         usable = length - 2.0 * margin
-        if usable < spacing:
+        if usable < 0.5 * spacing:
             continue
         nu, nv = (vb - va) / length, (ua - ub) / length
-        um, vm = 0.5 * (ua + ub), 0.5 * (va + vb)
-        depth_in = _face_depth(lenses, c, half, rotation, position, middle, face, axis, um, vm, nu, nv)
-        if depth_in > 0.0:
-            nu, nv, depth_in = -nu, -nv, -depth_in
-        reach_in, reach_out = -depth_in, 1e3
+        depth_a = _face_depth(lenses, c, half, rotation, position, a, face, axis, ua, va, nu, nv)
+        depth_b = _face_depth(lenses, c, half, rotation, position, b, face, axis, ub, vb, nu, nv)
+        if depth_a + depth_b > 0.0:
+            nu, nv, depth_a, depth_b = -nu, -nv, -depth_a, -depth_b
+        out_a, out_b = 1e3, 1e3
         if inner:
-            reach_out = _face_depth(
-                lenses, c, half, rotation, position, middle, neighbour, axis, um, vm, nu, nv
-            )
-        if reach_in < MIN_FACE or reach_out < MIN_FACE:
+            out_a = _face_depth(lenses, c, half, rotation, position, a, neighbour, axis, ua, va, nu, nv)
+            out_b = _face_depth(lenses, c, half, rotation, position, b, neighbour, axis, ub, vb, nu, nv)
+        if -0.5 * (depth_a + depth_b) < MIN_FACE or 0.5 * (out_a + out_b) < MIN_FACE:
             continue
-        n = min(24, max(1, int(usable / spacing)))
+        n = min(24, max(1, int(usable / spacing + 0.5)))
         for k in range(n):
             share = (margin + usable * (k + 0.5) / n) / length
             for i in range(3):
@@ -123,6 +124,9 @@ def edge_samples(lenses, c, half, face_labels, rotation, position, spacing, marg
             row[J + 5] = world[0] * jy - world[1] * jx
             row[INSIDE] = face_labels[face]
             row[OUTSIDE] = face_labels[neighbour] if inner else 0
-            row[REACH_IN], row[REACH_OUT] = reach_in, reach_out
+            row[REACH_IN] = -depth_a - share * (depth_b - depth_a)
+            row[REACH_OUT] = out_a + share * (out_b - out_a)
+            row[LENGTH] = usable / n
+            row[GROWTH] = jx * world[0] + jy * world[1] + jz * world[2]
             count += 1
     return count

@@ -1,4 +1,4 @@
-"""A small compiled solver; NumPy's would take seconds to compile into the kernels."""
+"""Small compiled solvers; NumPy's would take seconds to compile into the kernels."""
 
 from __future__ import annotations
 
@@ -9,14 +9,12 @@ import numpy as np
 
 
 @numba.njit(cache=True, nogil=True)
-def solve_positive(matrix, vector, out):  # type: ignore[no-untyped-def]
-    """Out (n,) = matrix⁻¹ vector for a positive definite matrix (n, n), of which the lower half is read.
+def factorise(matrix, lower):  # type: ignore[no-untyped-def]
+    """Lower (n, n) = Cholesky factor of a symmetric matrix (n, n), of which the lower half is read.
 
-    Returns False, and leaves out undefined, where the matrix is not positive definite.
+    Returns False, and leaves `lower` undefined, where the matrix is not positive definite.
     """
-    n = len(vector)
-    lower = np.zeros((n, n))
-    for i in range(n):
+    for i in range(matrix.shape[0]):
         for j in range(i + 1):
             total = matrix[i, j]
             for k in range(j):
@@ -27,6 +25,13 @@ def solve_positive(matrix, vector, out):  # type: ignore[no-untyped-def]
                 lower[i, i] = math.sqrt(total)
             else:
                 return False
+    return True
+
+
+@numba.njit(cache=True, nogil=True)
+def substitute(lower, vector, out):  # type: ignore[no-untyped-def]
+    """Out (n,) = (lower · lowerᵀ)⁻¹ vector; out may be vector."""
+    n = len(vector)
     for i in range(n):
         total = vector[i]
         for k in range(i):
@@ -37,4 +42,16 @@ def solve_positive(matrix, vector, out):  # type: ignore[no-untyped-def]
         for k in range(i + 1, n):
             total -= lower[k, i] * out[k]
         out[i] = total / lower[i, i]
+
+
+@numba.njit(cache=True, nogil=True)
+def solve_positive(matrix, vector, out):  # type: ignore[no-untyped-def]
+    """Out (n,) = matrix⁻¹ vector for a positive definite matrix (n, n), of which the lower half is read.
+
+    Returns False, and leaves out undefined, where the matrix is not positive definite.
+    """
+    lower = np.zeros((len(vector), len(vector)))
+    if not factorise(matrix, lower):
+        return False
+    substitute(lower, vector, out)
     return True

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -10,17 +9,8 @@ import numpy as np
 from tracker.conventions import Array, FloatArray
 from tracker.geometry.camera import Camera
 from tracker.pose import align, contour
-from tracker.pose.covariance import (
-    CORRELATION,
-    PRIOR,
-    calibration_covariance,
-    offset_covariance,
-    pose_covariance,
-    solve_step,
-)
+from tracker.pose.covariance import PRIOR, calibration_covariance, offset_covariance, pose_covariance
 from tracker.pose.fit import Fit
-from tracker.pose.lens import apply_update
-from tracker.pose.profile import MAX_REACH
 from tracker.pose.views import ALIGN_SIZE, Box, Evidence, reduced_size, stack_lenses
 
 FINE_REACHES = np.array([6, 6, 5, 4])
@@ -32,30 +22,25 @@ LABELLED = 1.5
 REFERENCE_FOCAL = 295.0
 """Focal length [px] at which lengths in the refinement are stated: the platform's at 270×270."""
 
-REACHES = (5.0, 5.0, 4.0, 3.2)
-"""Half length of the profiles in each step, the last for all that follow [px at the reference]."""
+SCHEDULE = contour.Schedule(
+    blur=np.array([1.2] + [0.0] * 8),
+    piece=np.array([6.0] + [4.0] * 8),
+    tukey=np.array([4.0, 2.0, 1.0] + [0.5] * 6),
+)
 
-ASSUMED_SPREAD = 0.12
-"""Standard deviation of an edge's place that noise does not explain [px at the reference]."""
-
-TUKEY, MIN_TUKEY = 4.685, 0.5
-"""Residual at which a sample's weight reaches zero: in robust standard deviations, and at least [px]."""
-
-FREEZE_SPREAD = 5
-"""Steps after which the residuals' scale stays: a scale that follows the weights converges slowly."""
-
-START_BLUR, MIN_BLUR, MAX_BLUR = 0.9, 0.5, 3.0
-"""Blur of the image's steps before it is measured, and its bounds [px at the reference]."""
-
-MIN_BLURS = 8
-"""Profiles that must have shown the blur before it is believed."""
-
-MIN_STEPS, MAX_STEPS = 4, 10
-CONVERGED = 1e-5
-"""Length of a refinement step [m], rotations at 5 cm, below which it ends."""
-
-MAX_SHIFT, MAX_TURN = 0.02, 0.3
-"""Longest step [m, rad]; the profiles say nothing on what lies farther away."""
+TUNING = contour.Tuning(
+    reach=(1.2, 2.0),
+    margin=(0.4, 1.5),
+    floor=0.06,
+    tukey=4.685,
+    start_blur=0.9,
+    least_blur=0.35,
+    largest_blur=3.0,
+    correlation=1.4,
+    negligible=0.04,
+    longest=0.02,
+    largest=0.3,
+)
 
 
 class Refiner:
@@ -71,7 +56,10 @@ class Refiner:
         self.scales = np.array([camera.matrix[0, 0] / REFERENCE_FOCAL for camera in cameras])
         shape = (len(cameras), max(c.height for c in middle), max(c.width for c in middle))
         self.labels: Array = np.zeros(shape, np.uint8)
-        self._work = contour.workspace()
+        self._work = contour.workspace(len(cameras))
+        height, width = max(c.height for c in cameras), max(c.width for c in cameras)
+        self.images: Array = np.zeros((len(cameras), height, width, 3), np.uint8)
+        self.channels: Array = np.zeros((len(cameras), 3, 256), np.int32)
 
     def refine(
         self, views: Sequence[Evidence | None], used: Array, rotation: FloatArray, position: FloatArray
@@ -81,50 +69,20 @@ class Refiner:
         Gauss-Newton on the pose and on an offset η_c of each camera, which sees the object at the pose
         moved by η_c; the offsets' size is bound by what the calibration states of its errors.
         """
-        rotation, position = rotation.copy(), position.copy()
+        rotation, position = np.array(rotation, dtype=np.float64), np.array(position, dtype=np.float64)
         self._align(views, used, rotation, position)
         cameras = len(views)
+        for c, view in enumerate(views):
+            if view is not None:
+                self.images[c, : view.image.shape[0], : view.image.shape[1]] = view.image
+                self.channels[c] = view.channels
         stated = offset_covariance(self.calibration, position)
         weights: FloatArray = np.asarray(np.linalg.inv(stated), dtype=np.float64)
-        offsets, gradient = np.zeros((cameras, 6)), np.zeros((cameras, 6))
-        information, summary = np.zeros((cameras, 6, 6)), np.zeros((cameras, 6))
-        blurs = START_BLUR * np.sqrt(np.maximum(1.0, self.scales))
-        known: FloatArray = np.diag(PRIOR)
-        spread, converged = 1.0, False
-        for step in range(MAX_STEPS):
-            residuals = []
-            for c, view in enumerate(views):
-                if view is None:
-                    continue
-                seen_rotation, seen_position = rotation.copy(), position.copy()
-                apply_update(seen_rotation, seen_position, offsets[c])
-                scale = float(self.scales[c])
-                contour.refine_view(
-                    self.lenses, c, view, self.label_table, self.box, seen_rotation, seen_position,
-                    _window(scale, step, spread, float(blurs[c])), self._work,
-                    information[c], gradient[c], summary[c],
-                )  # fmt: skip
-                residuals.append(self._work.residuals(int(summary[c, contour.EXPECTED])) / scale)
-                if step >= 2 and summary[c, contour.BLURS] >= MIN_BLURS:
-                    blur = summary[c, contour.BLUR_SUM] / summary[c, contour.BLURS]
-                    blurs[c] = min(max(blur, MIN_BLUR), MAX_BLUR * scale)
-            usable = np.concatenate(residuals)
-            if step < FREEZE_SPREAD and usable.size:
-                # The median of all, unlike the inliers' mean square, does not shrink by leaving out
-                # what disagrees.
-                spread = 1.4826 * float(np.median(usable))
-            trust = 1.0 / (CORRELATION * max(spread / ASSUMED_SPREAD, 1.0)) ** 2
-            solved = solve_step(trust * information, trust * gradient, offsets, weights)
-            if solved is None:
-                break
-            known = solved.information
-            shift, turn = math.hypot(*solved.pose[:3]), math.hypot(*solved.pose[3:])
-            limit = max(shift / MAX_SHIFT, turn / MAX_TURN, 1.0)
-            apply_update(rotation, position, solved.pose / limit)
-            offsets += solved.offsets / limit
-            if step >= MIN_STEPS and shift + 0.05 * turn < CONVERGED:
-                converged = True
-                break
+        known, summary = np.zeros((6, 6)), np.zeros((cameras, contour.SUMMARY))
+        converged = contour.refine(
+            self.images, self.lenses, self.scales, used, self.channels, self.label_table, self.box, weights,
+            PRIOR, SCHEDULE, TUNING, rotation, position, self._work, known, summary,
+        )  # fmt: skip
         summary[:, contour.SQUARES] /= self.scales**2
         counts = np.empty((cameras, 5), np.int64)
         align.explain(
@@ -144,18 +102,6 @@ class Refiner:
                 )  # fmt: skip
         align.align(
             self.middle, self.labels, used, self.box.half, self.box.face_labels, rotation, position,
-            FINE_REACHES, self._work.samples,
+            FINE_REACHES, self._work.samples[0],
         )  # fmt: skip
 
-
-def _window(scale: float, step: int, spread: float, blur: float) -> contour.Window:
-    reach = REACHES[min(step, len(REACHES) - 1)]
-    tukey = reach if step < len(REACHES) - 1 else min(reach, max(MIN_TUKEY, TUKEY * spread))
-    return contour.Window(
-        reach=max(3, min(MAX_REACH, round(reach * scale))),
-        blur=blur,
-        tukey=scale * tukey,
-        floor=(ASSUMED_SPREAD * scale) ** 2,
-        spacing=2.0 * scale,
-        margin=3.0 * scale,
-    )

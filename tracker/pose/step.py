@@ -1,0 +1,111 @@
+"""One Gauss-Newton step of everything that is unknown at once."""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+
+from tracker.pose.linear import factorise, substitute
+
+EXPONENT, GROWTH = 6, 7
+UNKNOWNS = 8
+"""Pose (6), and two that all cameras share: the exponent of their response, and the object's growth over
+its model."""
+
+
+@numba.njit(cache=True, nogil=True)
+def solve_step(information, gradient, offsets, weights, share, prior, pull, known, shared, changes):  # type: ignore[no-untyped-def]
+    """Solve for the pose, exponent, growth and the cameras' offsets together.
+
+    Returns minus twice the logarithm of the measurements' likelihood under this `share`, up to a constant;
+    infinite, where the equations cannot be solved.
+
+    Each camera sees the object moved by an offset η_c of its own, which its calibration error causes and
+    whose inverse covariance is weights (C, 6, 6) over share. It contributes the normal equations information
+    (C, 8, 8), gradient (C, 8) at the pose moved by η_c. Minimised is
+    Σ ‖r_c - J_c (δ + (dη_c, 0))‖² + (η_c + dη_c)ᵀ W_c / share (η_c + dη_c) + δᵀ P δ - 2 δᵀ q with prior P (8, 8)
+    and pull q (8,). The offsets are eliminated (Schur). Filled: known (8, 8), the information on what is
+    shared with the offsets marginalised; shared (8,), its update; changes (C, 6), the offsets' updates.
+    """
+    cameras = len(offsets)
+    vector, column = np.empty(UNKNOWNS), np.empty(6)
+    own, factors = np.empty((6, 6)), np.empty((cameras, 6, 6))
+    lower = np.empty((UNKNOWNS, UNKNOWNS))
+    forces, shares = np.empty((cameras, 6)), np.empty((cameras, 6, UNKNOWNS))
+    for i in range(UNKNOWNS):
+        vector[i] = pull[i]
+        for k in range(UNKNOWNS):
+            known[i, k] = prior[i, k]
+    doubt = 0.0
+    for c in range(cameras):
+        for i in range(6):
+            forces[c, i] = gradient[c, i]
+            for k in range(6):
+                weight = weights[c, i, k] / share
+                own[i, k] = information[c, i, k] + weight
+                forces[c, i] -= weight * offsets[c, k]
+                doubt += offsets[c, i] * weight * offsets[c, k]
+        if not factorise(own, factors[c]):
+            return np.inf
+        for i in range(6):
+            doubt += 2.0 * math.log(factors[c, i, i]) + math.log(share)
+        substitute(factors[c], forces[c], changes[c])
+        for i in range(6):
+            doubt -= forces[c, i] * changes[c, i]
+        for k in range(UNKNOWNS):
+            for i in range(6):
+                column[i] = information[c, i, k]
+            substitute(factors[c], column, column)
+            for i in range(6):
+                shares[c, i, k] = column[i]
+        for i in range(UNKNOWNS):
+            vector[i] += gradient[c, i]
+            for j in range(6):
+                vector[i] -= shares[c, j, i] * forces[c, j]
+            for k in range(UNKNOWNS):
+                known[i, k] += information[c, i, k]
+                for j in range(6):
+                    known[i, k] -= information[c, j, i] * shares[c, j, k]
+    if not factorise(known, lower):
+        return np.inf
+    substitute(lower, vector, shared)
+    for i in range(UNKNOWNS):
+        doubt += 2.0 * math.log(lower[i, i]) - vector[i] * shared[i]
+    for c in range(cameras):
+        for i in range(6):
+            for k in range(UNKNOWNS):
+                changes[c, i] -= shares[c, i, k] * shared[k]
+    return doubt
+
+
+SHARES = np.array([1.0, 0.3, 0.1, 0.03, 0.01, 0.003, 0.001])
+"""Shares of the stated calibration variance that the cameras' agreement is asked about."""
+
+SHARES_PRIOR = np.array([0.4, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1])
+"""Probability of each before the cameras are asked."""
+
+
+@numba.njit(cache=True, nogil=True)
+def calibration_share(information, gradient, offsets, weights, prior, pull, known, shared, changes):  # type: ignore[no-untyped-def]
+    """Mean share of the stated calibration variance that explains how well the cameras agree.
+
+    Arguments as of `solve_step`, whose outputs are work space here. The shares are weighted with their
+    marginal likelihood (empirical Bayes): a calibration is often better than its file fears, and with
+    offsets held smaller the cameras' exact directions count more than their coarse depths.
+    """
+    doubts = np.empty(len(SHARES))
+    for k in range(len(SHARES)):
+        doubts[k] = solve_step(
+            information, gradient, offsets, weights, SHARES[k], prior, pull, known, shared, changes
+        )
+    least = np.min(doubts)
+    if not np.isfinite(least):
+        return 1.0
+    total, mean = 0.0, 0.0
+    for k in range(len(SHARES)):
+        weight = SHARES_PRIOR[k] * math.exp(-0.5 * (doubts[k] - least))
+        total += weight
+        mean += weight * SHARES[k]
+    return mean / total
