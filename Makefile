@@ -4,7 +4,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 CODE := tracker synthetic benchmarks examples scripts tests
 
-.PHONY: demo test lint format bench colors fresh clean
+.PHONY: demo test lint format bench gate colors fresh clean
 REAL ?= ../shared/real
 
 demo: $(STAMP)  ## film the simulated platform, find the object in every frame
@@ -23,8 +23,12 @@ format: $(STAMP)  ## format the code
 	$(BIN)/ruff check --fix $(CODE)
 	$(BIN)/ruff format $(CODE)
 
-bench: $(STAMP)  ## measure accuracy and speed
-	$(BIN)/python -m benchmarks -o benchmarks/results.md
+bench: $(STAMP)  ## measure accuracy and speed: benchmarks/results.md, build/benchmarks/report.html
+	$(BIN)/python -m benchmarks all --publish
+
+gate: $(STAMP)  ## measure, and fail where a figure has fallen by more than its tolerance
+	$(BIN)/python -m benchmarks all
+	$(BIN)/python -m benchmarks gate
 
 colors: $(STAMP)  ## fit the shipped colour tables again, from the labelled images in $(REAL)
 	$(BIN)/python scripts/fit_shipped_colors.py $(REAL)

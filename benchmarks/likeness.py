@@ -65,7 +65,8 @@ def synthetic_table(images: Sequence[LabelledImage], name: str) -> ColorModel:
 def _without_rims(labels: Image) -> Image:
     result = np.zeros_like(labels)
     for label in range(1, 7):
-        result |= cv2.erode((labels == label).astype(np.uint8), np.ones((3, 3), np.uint8)) * np.uint8(label)
+        own = cv2.erode((labels == label).astype(np.uint8), np.ones((3, 3), np.uint8))
+        result[own > 0] = label
     return result
 
 

@@ -1,77 +1,110 @@
-"""Time of a detection, as a multiple of reference work in the same process."""
+"""What a detection costs: by stage, number of cameras, resolution and faces in view, and at start-up."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-import cv2
 import numpy as np
 
 import tracker
-from benchmarks.recorded import POSED, triplet
-from synthetic.raycast import render
-from synthetic.sensor import Sensor
-from synthetic.simple import random_scene
-from synthetic.simple_rig import default_cameras
-from tracker.conventions import Image
+from benchmarks.processes import process_rows
+from benchmarks.recorded import POSED
+from benchmarks.timed_scenes import OBJECTS, TimedScene, platform_scenes, raycast_scenes, recorded_scene
+from benchmarks.timing import Timings, time_detections
+
+SIZES = (270, 540, 1080)
+"""Heights of square pictures [px]."""
+
+RENDERED = "rendered"
+RECORDED = "recorded"
+
+Rows = list[dict[str, Any]]
 
 
-def reference_work(images: list[Image]) -> None:
-    """Median blur 5 and conversion to HSV of every image: what the segmentation of old began with."""
-    for image in images:
-        cv2.cvtColor(cv2.medianBlur(image, 5), cv2.COLOR_BGR2HSV)
+@dataclass(frozen=True)
+class SpeedOptions:
+    """How much is measured."""
+
+    scenes: int = 40
+    """Rendered scenes of an object."""
+    rounds: int = 10
+    """Detections of each."""
+    sized_scenes: int = 8
+    """Ray-cast scenes of an object at each resolution."""
+    recorded_rounds: int = 60
+    """Detections of a recorded triplet."""
+    processes: int = 7
+    """Fresh processes for start-up and memory."""
 
 
-def paired(
-    work: Callable[[], object], reference: Callable[[], object], rounds: int
-) -> tuple[float, float, float]:
-    """Median seconds of both, taken in turn, and the median of their ratios."""
-    times = np.empty((rounds, 2))
-    for row in times:
-        for k, call in enumerate((work, reference)):
-            start = time.perf_counter()
-            call()
-            row[k] = time.perf_counter() - start
-    ratio = float(np.median(times[:, 0] / times[:, 1]))
-    return float(np.median(times[:, 0])), float(np.median(times[:, 1])), ratio
+QUICK = SpeedOptions(scenes=3, rounds=4, sized_scenes=1, recorded_rounds=5, processes=1)
 
 
-def speed_table(real: Path | None, scenes: int = 20, rounds: int = 40) -> str:
-    """One thread, warm; recorded triplets, and the median over rendered scenes with fingers."""
-    threads = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    rows = ["| images | detection | reference work | ratio |", "|---|---|---|---|"]
-    try:
-        if real is not None:
-            for name in POSED:
-                detector, labelled = triplet(real, name, corrected=False)
-                images = [i.image for i in labelled]
-                detector.detect(images)
-                timed = paired(
-                    lambda d=detector, i=images: d.detect(i), lambda i=images: reference_work(i), rounds
-                )
-                size = images[0].shape[0]
-                rows.append(_row(f"{name}, recorded, {size}×{size}", *timed))
-        rig = tracker.CameraRig(default_cameras())
-        for name in ("cube_v2", "cuboid_2x2x8_v2"):
-            model = tracker.load_object(name)
-            detector = tracker.ObjectTracker(model, rig)
-            results = []
-            for k in range(scenes):
-                rng = np.random.default_rng([31, k])
-                images = render(random_scene(model, rng), rig.cameras, model, Sensor.realistic(), rng).images
-                detector.detect(images)
-                results.append(
-                    paired(lambda d=detector, i=images: d.detect(i), lambda i=images: reference_work(i), 7)
-                )
-            median = np.median(results, axis=0)
-            rows.append(_row(f"{name}, {scenes} rendered scenes with fingers, 270×270", *median))
-    finally:
-        cv2.setNumThreads(threads)
-    return "\n".join(rows)
+def measure_speed(real: Path | None, options: SpeedOptions | None = None) -> dict[str, Rows]:
+    """Rows of figures by table: `detect`, `stages`, `cameras`, `resolution`, `faces`, `process`.
+
+    Times are wall-clock [ms] of one thread; `ratio` is the multiple of the reference work on the same
+    images. Only `process` differs: `what`, `value`, `unit`.
+
+    Args:
+        real: folder of recorded data, or None.
+        options: how much is measured.
+    """
+    options = options or SpeedOptions()
+    tables: dict[str, Rows] = {"detect": [], "stages": [], "cameras": [], "resolution": [], "faces": []}
+    for name in OBJECTS:
+        rig, scenes = platform_scenes(name, options.scenes)
+        detector = tracker.ObjectTracker(tracker.load_object(name), rig)
+        about = {"images": RENDERED, "object": name, "size": rig[0].height, "scenes": len(scenes)}
+        timings = time_detections(detector, scenes, options.rounds)
+        tables["detect"].append({**about, **timings.row()})
+        tables["stages"] += [{**about, **row} for row in timings.stage_rows()]
+        tables["cameras"] += [{**about, **row} for row in _by_cameras(detector, scenes, options.rounds)]
+        tables["faces"] += [{"object": name, **row} for row in by_faces(scenes, timings)]
+        if name == OBJECTS[0]:
+            tables["process"] = process_rows(name, rig, scenes[0], options.processes)
+    for name in POSED if real is not None else ():
+        assert real is not None
+        detector, scene = recorded_scene(real, name)
+        about = {"images": RECORDED, "object": name, "size": detector.rig[0].height, "scenes": 1}
+        timings = time_detections(detector, [scene], options.recorded_rounds)
+        tables["detect"].append({**about, **timings.row()})
+        tables["stages"] += [{**about, **row} for row in timings.stage_rows()]
+    for name in OBJECTS:
+        tables["resolution"] += _by_resolution(name, options)
+    return tables
 
 
-def _row(title: str, seconds: float, reference: float, ratio: float) -> str:
-    return f"| {title} | {1e3 * seconds:.2f} ms | {1e3 * reference:.2f} ms | {ratio:.2f} |"
+def _by_cameras(detector: tracker.ObjectTracker, scenes: Sequence[TimedScene], rounds: int) -> Rows:
+    """Scene k is seen by cameras k, k + 1, …, so that each camera has its turn."""
+    rows = []
+    total = len(detector.rig)
+    for count in range(1, total + 1):
+        seen = [scene.seen_by((k + c) % total for c in range(count)) for k, scene in enumerate(scenes)]
+        rows.append({"cameras": count, **time_detections(detector, seen, rounds).row()})
+    return rows
+
+
+def _by_resolution(name: str, options: SpeedOptions) -> Rows:
+    rows = []
+    for size in SIZES:
+        rig, scenes = raycast_scenes(name, options.sized_scenes, size)
+        detector = tracker.ObjectTracker(tracker.load_object(name), rig)
+        timings = time_detections(detector, scenes, options.rounds)
+        rows.append({"object": name, "size": size, "scenes": len(scenes), **timings.row()})
+    return rows
+
+
+def by_faces(scenes: Sequence[TimedScene], timings: Timings) -> Rows:
+    """One row for each number of faces in view; `timings` hold equally many detections of each scene."""
+    faces = np.repeat([scene.faces for scene in scenes], len(timings.detect) // len(scenes))
+    rows = []
+    for count in np.unique(faces):
+        chosen = faces == count
+        part = Timings(timings.detect[chosen], timings.reference[chosen], {}, timings.right[chosen])
+        scenes_of = sum(scene.faces == int(count) for scene in scenes)
+        rows.append({"faces": int(count), "scenes": scenes_of, **part.row()})
+    return rows

@@ -1,0 +1,241 @@
+"""The commands of `python -m benchmarks`: each adds its part to the results of a folder."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import platform
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+
+import tracker
+from benchmarks import gate as gates
+from benchmarks.accuracy import AccuracyOptions, AccuracyRun, again, measure_accuracy, without_package
+from benchmarks.cache import CACHE
+from benchmarks.recorded import pose_rows, segmentation_rows
+from benchmarks.records import (
+    RESULTS_FILE,
+    FrameRecord,
+    Results,
+    ResultsError,
+    read_results,
+    records_of,
+    select,
+    write_results,
+)
+from benchmarks.report import write_report
+from benchmarks.scenes import OBJECTS, SEED
+from benchmarks.speed import QUICK as QUICK_SPEED
+from benchmarks.speed import measure_speed
+from benchmarks.tables import results_markdown
+from benchmarks.targets import evaluate
+from benchmarks.workloads import BY_NAME, FULL, QUICK, WORKLOADS, Workload
+from benchmarks.worst import Shown, worst_pictures
+from tracker.files import write_whole
+
+ROOT = Path(__file__).resolve().parent.parent
+OUTPUT = ROOT / "build" / "benchmarks"
+PUBLISHED = Path(__file__).with_name("results.md")
+
+DRAWS = {False: 200, True: 5}
+"""Draws of light for the recorded triplets, by whether the run is quick."""
+
+_Command = Callable[..., None]
+
+_output = click.option(
+    "-o",
+    "--output",
+    type=click.Path(file_okay=False, path_type=Path),
+    default=OUTPUT,
+    show_default="build/benchmarks",
+    help="Folder of results.json and report.html.",
+)
+_quick = click.option("--quick", is_flag=True, help="Few scenes: a smoke run, whose figures mean little.")
+_real = click.option(
+    "--real",
+    type=click.Path(file_okay=False, path_type=Path),
+    default=lambda: os.environ.get("TRACKER_REAL_DATA", ROOT.parent / "shared" / "real"),
+    help="Folder of recorded data; left out where it is absent.",
+)
+
+
+def _scene_options(command: _Command) -> _Command:
+    options = (
+        click.option(
+            "--only",
+            multiple=True,
+            metavar="WORKLOAD",
+            type=click.Choice(list(BY_NAME)),
+            help=f"May be repeated: {', '.join(BY_NAME)}.",
+        ),
+        click.option(
+            "--object", "objects", multiple=True, type=click.Choice(OBJECTS), help="May be repeated."
+        ),
+        click.option("--workers", default=2, show_default=True, help="Processes that render."),
+        click.option(
+            "--cache",
+            type=click.Path(file_okay=False, path_type=Path),
+            default=CACHE,
+            envvar="TRACKER_BENCHMARK_CACHE",
+            show_default="build/scenes",
+            help="Folder of rendered scenes.",
+        ),
+    )
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
+@click.command()
+@_quick
+@_real
+@_output
+@_scene_options
+def accuracy(quick: bool, real: Path, output: Path, **chosen: Any) -> None:
+    """Errors, misses, confidence and covariance on all workloads; recorded images where there are any."""
+    results = _begun(output, quick)
+    _add_accuracy(results, output, _options(quick, **chosen), real)
+    _finish(results, output)
+
+
+@click.command()
+@_quick
+@_real
+@_output
+def speed(quick: bool, real: Path, output: Path) -> None:
+    """Time by stage, cameras, resolution and faces in view; start-up and memory."""
+    results = _begun(output, quick)
+    _add_speed(results, quick, real)
+    _finish(results, output)
+
+
+@click.command(name="all")
+@_quick
+@_real
+@_output
+@_scene_options
+@click.option("--publish", is_flag=True, help="Write benchmarks/results.md as well.")
+def everything(quick: bool, real: Path, output: Path, publish: bool, **chosen: Any) -> None:
+    """Accuracy, speed and report."""
+    results = _begun(output, quick)
+    # Before the caches are hot and the disk busy with pictures.
+    _add_speed(results, quick, real)
+    _add_accuracy(results, output, _options(quick, **chosen), real)
+    _finish(results, output)
+    click.echo(f"{write_report(output)}", err=True)
+    if publish:
+        write_whole(PUBLISHED, results_markdown(read_results(output)))
+
+
+@click.command()
+@_output
+def report(output: Path) -> None:
+    """Write report.html from the results of a folder."""
+    click.echo(write_report(output))
+
+
+@click.command()
+@_output
+@click.option(
+    "--baseline",
+    type=click.Path(dir_okay=False, path_type=Path),
+    default=gates.BASELINE,
+    show_default="benchmarks/baseline.json",
+    help="What the results are compared with.",
+)
+@click.option("--update", is_flag=True, help="Make these results the baseline.")
+def gate(output: Path, baseline: Path, update: bool) -> None:
+    """Fail where a figure has fallen by more than its tolerance since the baseline."""
+    results = read_results(output)
+    if update:
+        gates.write_baseline(results, baseline)
+        return
+    worse, absent = gates.failures(gates.read_baseline(baseline), results)
+    for line in absent:
+        click.echo(f"not compared: {line}", err=True)
+    for line in worse:
+        click.echo(f"worse: {line}")
+    if worse:
+        sys.exit(1)
+    click.echo("nothing has fallen by more than its tolerance")
+
+
+def _options(
+    quick: bool, only: Sequence[str], objects: Sequence[str], workers: int, cache: Path
+) -> AccuracyOptions:
+    workloads: Sequence[Workload] = [BY_NAME[name] for name in only] or WORKLOADS
+    if quick and not only:
+        workloads = without_package(workloads)
+    return AccuracyOptions(
+        QUICK if quick else FULL, tuple(workloads), tuple(objects) or OBJECTS, workers, cache
+    )
+
+
+def _begun(output: Path, quick: bool) -> Results:
+    """Results of the folder that this run adds to: of the same commit and kind, else new ones."""
+    about = {"commit": _commit(), "processor": _processor(), "seed": SEED, "quick": quick}
+    try:
+        found = read_results(output)
+    except ResultsError:
+        return {"about": about, "frames": []}
+    same = all(found.get("about", {}).get(key) == value for key, value in about.items())
+    return found if same else {"about": about, "frames": []}
+
+
+def _add_accuracy(results: Results, output: Path, options: AccuracyOptions, real: Path) -> None:
+    run = measure_accuracy(options, lambda line: click.echo(line, err=True))
+    results["about"] |= {"scenes": dataclasses.asdict(options.sizes), "skipped": run.skipped}
+    for name, why in run.skipped.items():
+        click.echo(f"left out: {name}: {why}", err=True)
+    results["frames"] = [dataclasses.asdict(record) for record in run.records]
+    results["summary"] = run.summary()
+    output.mkdir(parents=True, exist_ok=True)
+    results["worst"] = worst_pictures(
+        select(run.records, "realistic"), lambda record: _shown(run, record), output
+    )
+    if Path(real).is_dir():
+        click.echo("recorded images", err=True)
+        results["recorded"] = {"triplets": pose_rows(Path(real), DRAWS[results["about"]["quick"]])}
+        results["segmentation"] = {"objects": segmentation_rows(Path(real))}
+
+
+def _shown(run: AccuracyRun, record: FrameRecord) -> Shown:
+    given, answer = again(run, record)
+    pose, scene = answer.object_pose, given.scene
+    return Shown(
+        given.images,
+        given.true_rig,
+        tracker.load_object(record.object),
+        None if pose is None else (pose.position, pose.rotation),
+        None if scene.position is None or scene.rotation is None else (scene.position, scene.rotation),
+    )
+
+
+def _add_speed(results: Results, quick: bool, real: Path) -> None:
+    click.echo("speed", err=True)
+    results["speed"] = measure_speed(real if Path(real).is_dir() else None, QUICK_SPEED if quick else None)
+
+
+def _finish(results: Results, output: Path) -> None:
+    results["targets"] = evaluate(records_of(results), results.get("speed"))
+    output.mkdir(parents=True, exist_ok=True)
+    write_results(output / RESULTS_FILE, results)
+    click.echo(results_markdown(read_results(output)))
+
+
+def _processor() -> str:
+    lines = Path("/proc/cpuinfo").read_text().splitlines() if Path("/proc/cpuinfo").exists() else []
+    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor()
+
+
+def _commit() -> str:
+    done = subprocess.run(
+        ["git", "describe", "--always", "--dirty"], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    return done.stdout.strip() or "unknown"

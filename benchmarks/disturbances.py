@@ -1,0 +1,117 @@
+"""What is done to pictures, and to the calibration, to make them harder."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+
+import cv2
+import numpy as np
+
+from tracker.calibration.rig import CameraRig
+from tracker.conventions import Array, FloatArray, Image
+from tracker.geometry import so3
+from tracker.geometry.camera import Camera
+
+Disturbance = Callable[[Sequence[Image], np.random.Generator], list[Image]]
+"""Pictures of all cameras to disturbed ones; each camera has draws of its own."""
+
+SHIFT_STD, TURN_STD = 0.0005, float(np.radians(0.1))
+"""Standard deviations of each axis of a perturbed camera_from_world [m, rad]."""
+
+
+def light(images: Sequence[Image], rng: np.random.Generator) -> list[Image]:
+    """White balance of ±20 % for each channel and exposure of 0.6 to 1.4, each camera by itself."""
+    result = []
+    for image in images:
+        gains = rng.uniform(0.8, 1.2, 3) * rng.uniform(0.6, 1.4)
+        result.append(_bytes(image * gains))
+    return result
+
+
+def hard_light(images: Sequence[Image], rng: np.random.Generator) -> list[Image]:
+    """Gains of 0.6 to 1.5, exposure of 0.4 to 1.7, gamma of 0.7 to 1.4, linear ramps of up to ±35 %.
+
+    The brightness of all channels, and of each channel by itself, ramps along a random direction; both
+    together stay within ±35 % of the middle. Exposure is applied before gamma, as in a camera.
+    """
+    result = []
+    for image in images:
+        gains = rng.uniform(0.6, 1.5, 3) * rng.uniform(0.4, 1.7)
+        share = rng.uniform(0, 1)
+        slopes = share * np.tile(_slope(rng), (3, 1)) + (1 - share) * np.stack(
+            [_slope(rng) for _ in range(3)]
+        )
+        ramps = np.stack([_ramp(image.shape[:2], slope) for slope in slopes], axis=-1)
+        gamma = rng.uniform(0.7, 1.4)
+        result.append(_bytes(255 * np.clip(image * gains * ramps / 255, 0, 1) ** gamma))
+    return result
+
+
+def poor_images(images: Sequence[Image], rng: np.random.Generator) -> list[Image]:
+    """Blur of σ 1.5 px, then noise of σ 16, then JPEG of quality 60."""
+    result = []
+    for image in images:
+        blurred = cv2.GaussianBlur(image.astype(np.float32), (0, 0), 1.5)
+        result.append(_jpeg(_bytes(blurred + rng.normal(0, 16, image.shape)), 60))
+    return result
+
+
+def slightly_poor(images: Sequence[Image], rng: np.random.Generator) -> list[Image]:
+    """Blur of σ 0.3 to 0.8 px, gains of ±7 % for each channel, noise of σ 3: an ordinary camera."""
+    result = []
+    for image in images:
+        blurred = cv2.GaussianBlur(image.astype(np.float32), (0, 0), rng.uniform(0.3, 0.8))
+        gains = rng.uniform(0.93, 1.07, 3)
+        result.append(_bytes(blurred * gains + rng.normal(0, 3, image.shape)))
+    return result
+
+
+def moved_rig(rig: CameraRig, rng: np.random.Generator) -> CameraRig:
+    """Cameras of which each is moved and turned by normal draws, and states their standard deviations.
+
+    The transform [R | t] becomes [exp(ω) R | t + δ] with three independent draws each for ω and δ.
+    """
+    return CameraRig(tuple(_moved(camera, rng) for camera in rig))
+
+
+def _moved(camera: Camera, rng: np.random.Generator) -> Camera:
+    turn, shift = rng.normal(0, TURN_STD, 3), rng.normal(0, SHIFT_STD, 3)
+    transform = camera.camera_from_world.copy()
+    transform[:3, :3] = so3.exp(turn) @ transform[:3, :3]
+    transform[:3, 3] += shift
+    return dataclasses.replace(
+        camera, camera_from_world=transform, camera_from_world_std=element_std(transform)
+    )
+
+
+def element_std(camera_from_world: Array) -> FloatArray:
+    """(4, 4) element-wise standard deviations of a transform that was moved as `moved_rig` does."""
+    # Element (i, j) of exp(ω) R moves with ω_k by element (i, j) of [e_k]× R.
+    parts = so3.hat(np.eye(3)) @ np.asarray(camera_from_world)[:3, :3]
+    std = np.zeros((4, 4))
+    std[:3, :3] = TURN_STD * np.sqrt((parts**2).sum(axis=0))
+    std[:3, 3] = SHIFT_STD
+    return std
+
+
+def _slope(rng: np.random.Generator) -> FloatArray:
+    angle, size = rng.uniform(0, 2 * np.pi), rng.uniform(0, 0.35)
+    return size * np.array([np.cos(angle), np.sin(angle)])
+
+
+def _ramp(shape: tuple[int, ...], slope: FloatArray) -> FloatArray:
+    """Factor (H, W), 1 in the middle and 1 ± |slope| at the farthest border along the slope."""
+    y, x = (np.linspace(-1, 1, n) for n in shape)
+    reach = max(float(np.abs(slope).sum()), 1e-12) / max(float(np.linalg.norm(slope)), 1e-12)
+    result: FloatArray = 1 + (slope[0] * x[None, :] + slope[1] * y[:, None]) / reach
+    return result
+
+
+def _bytes(values: Array) -> Image:
+    return np.clip(np.rint(values), 0, 255).astype(np.uint8)
+
+
+def _jpeg(image: Image, quality: int) -> Image:
+    _, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    return np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), dtype=np.uint8)

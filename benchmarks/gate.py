@@ -1,0 +1,147 @@
+"""Compares a run with the committed baseline: no figure may fall by more than its tolerance."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from benchmarks.records import Results, ResultsError
+from benchmarks.summary import CHI2_MEDIAN
+from tracker.files import write_whole
+
+BASELINE = Path(__file__).with_name("baseline.json")
+
+
+def _identity(value: float) -> float:
+    return value
+
+
+def _dishonesty(nees: float) -> float:
+    """How far a median NEES is from an honest one, by its factor either way."""
+    return abs(math.log(max(nees, 1e-9) / CHI2_MEDIAN))
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """By how much a figure may become worse: the greater of the two counts."""
+
+    absolute: float
+    relative: float = 0.0
+    lower_is_worse: bool = False
+    measure: Callable[[float], float] = _identity
+    """What of the figure is compared."""
+
+    def allows(self, before: float, now: float) -> bool:
+        """Whether a figure may change that much; one that was measured must still be there."""
+        if math.isnan(before):
+            return True
+        if math.isnan(now):
+            return False
+        old, new = self.measure(before), self.measure(now)
+        loss = old - new if self.lower_is_worse else new - old
+        return loss <= max(self.absolute, self.relative * abs(old)) + 1e-9
+
+
+TOLERANCES: Mapping[str, Tolerance] = {
+    # Errors: what a change of compiler or library may do to them.
+    "median_position_mm": Tolerance(0.005, 0.10),
+    "median_rotation_deg": Tolerance(0.01, 0.10),
+    "p90_position_mm": Tolerance(0.02, 0.15),
+    "p90_rotation_deg": Tolerance(0.04, 0.15),
+    "median_roll_deg": Tolerance(0.02, 0.10),
+    "median_mspd_px": Tolerance(0.01, 0.10),
+    # Shares in per cent: one or two frames of a few hundred.
+    "within_1": Tolerance(1.0, lower_is_worse=True),
+    "within_5": Tolerance(0.5, lower_is_worse=True),
+    "ar_mssd": Tolerance(0.5, lower_is_worse=True),
+    "ar_mspd": Tolerance(0.5, lower_is_worse=True),
+    "misses": Tolerance(0.5),
+    "wrong_and_sure": Tolerance(0.3),
+    "false_finds": Tolerance(0.0),
+    # Honesty.
+    "brier": Tolerance(0.005),
+    "median_nees": Tolerance(0.2, measure=_dishonesty),
+}
+"""By the figure's name in the summary. What is not named is not held."""
+
+ALIASES = {"median_mm": "median_position_mm", "median_deg": "median_rotation_deg"} | {
+    "p90_mm": "p90_position_mm",
+    "p90_deg": "p90_rotation_deg",
+}
+"""Names in the summary of figures that tolerances name in full."""
+
+SPEED = Tolerance(0.1, 0.25)
+"""Of the multiple of the reference work: milliseconds depend on the machine."""
+
+
+def held(results: Results) -> dict[str, float]:
+    """The figures of a run that the gate looks at, by `workload / object / figure`."""
+    figures = {}
+    for workload, objects in results.get("summary", {}).items():
+        for name, summary in objects.items():
+            for key, value in summary.items():
+                full = ALIASES.get(key, key)
+                if full in TOLERANCES and isinstance(value, (int, float)):
+                    figures[f"{workload} / {name} / {full}"] = float(value)
+    for row in results.get("speed", {}).get("detect", ()):
+        if row["images"] == "rendered":
+            figures[f"speed / {row['object']} / ratio"] = float(row["ratio"])
+    return figures
+
+
+def failures(baseline: Mapping[str, Any], results: Results) -> tuple[list[str], list[str]]:
+    """What has become worse than allowed, and what could not be compared, as sentences.
+
+    Raises:
+        ResultsError: the run was of other scenes than the baseline's.
+    """
+    about = results.get("about", {})
+    for key in ("scenes", "seed"):
+        if about.get(key) != baseline.get(key):
+            raise ResultsError(
+                f"results: found {key} {about.get(key)}, expected {baseline.get(key)} as in the baseline"
+            )
+    now = held(results)
+    worse: list[str] = []
+    absent: list[str] = []
+    for name, value in baseline["figures"].items():
+        before = math.nan if value is None else float(value)
+        workload, _, key = name.split(" / ")
+        if name not in now:
+            reason = about.get("skipped", {}).get(workload)
+            skipped = reason is not None or (workload == "speed" and not results.get("speed"))
+            (absent if skipped else worse).append(
+                f"{name}: not measured" + (f" ({reason})" if reason else "")
+            )
+            continue
+        tolerance = SPEED if workload == "speed" else TOLERANCES[key]
+        if not tolerance.allows(before, now[name]):
+            worse.append(f"{name}: {now[name]:.4g}, was {before:.4g}")
+    return worse, absent
+
+
+def read_baseline(path: Path = BASELINE) -> dict[str, Any]:
+    """The committed baseline.
+
+    Raises:
+        ResultsError: there is none.
+    """
+    try:
+        result: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise ResultsError(f"{path}: no baseline: {error}") from error
+    return result
+
+
+def write_baseline(results: Results, path: Path = BASELINE) -> None:
+    """Make this run what later ones are compared with."""
+    about = results.get("about", {})
+    figures = {
+        name: None if math.isnan(value) else float(f"{value:.5g}") for name, value in held(results).items()
+    }
+    content = {key: about.get(key) for key in ("commit", "processor", "seed", "scenes")}
+    write_whole(path, json.dumps({**content, "figures": figures}, indent=1, ensure_ascii=False) + "\n")

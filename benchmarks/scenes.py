@@ -1,0 +1,180 @@
+"""Scenes that are judged: the pictures, and what is true of them.
+
+Each style has its own stream of scenes. A scene depends on object, style and number alone.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from synthetic.camera_shot import QUALITIES, shoot
+from synthetic.frames import Frame, FrameMaker, FrameOptions
+from synthetic.platform import Platform
+from synthetic.render.interface import choose_renderer
+from synthetic.rigs import sized, standard_rig
+from synthetic.scenes import random_scene
+from synthetic.sensor import BLACK, RESPONSE_GAMMA, CameraSettings, Sensor
+from tracker.calibration.rig import CameraRig
+from tracker.conventions import Array, FloatArray, Image
+
+SEED = 730_152
+"""Of everything judged. Nothing is ever adjusted with it, and nothing else draws from it."""
+
+SIZE = 270
+"""Height of the pictures [px]."""
+
+OBJECTS = ("cube_v2", "cuboid_2x2x8_v2")
+
+STYLES = ("realistic", "clean", "absent", "more", "sketch")
+"""realistic: as `synthetic.frames` makes them, always with an object.
+clean: neither blur nor noise, mosaic or differences between cameras.
+absent: realistic, without an object.
+more: realistic, in turn with no finger and with all fingers meant to be near the object.
+sketch: scenes of `more`, rendered at the quality `fast` and stripped of their pictures."""
+
+_EXPOSURE = 1.45
+"""Of clean pictures: in the middle of the realistic ones."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """One picture of each camera, and the truth."""
+
+    index: int
+    """Number in its stream."""
+    images: tuple[Image, ...]
+    """(H, W, 3) uint8 BGR."""
+    labels: tuple[Image, ...]
+    """(H, W) uint8, what most of a pixel shows: 0 other, 1 red ... 6 yellow."""
+    visible_fraction: FloatArray
+    """(cameras,) visible share of the object's pixels."""
+    position: FloatArray | None
+    """(3,) of the object [m]; None: there is none."""
+    rotation: FloatArray | None
+    """(3, 3) world from object."""
+
+    @property
+    def visible(self) -> float:
+        """Mean visible fraction of all cameras."""
+        return float(np.mean(self.visible_fraction))
+
+    def packed(self) -> bytes:
+        """The scene as the content of an npz file."""
+        pose = np.empty((0, 4)) if self.position is None else np.c_[self.rotation, np.asarray(self.position)]
+        buffer = io.BytesIO()
+        np.savez_compressed(
+            buffer,
+            index=self.index,
+            images=np.stack(self.images),
+            labels=np.stack(self.labels),
+            visible_fraction=self.visible_fraction,
+            pose=pose,
+        )
+        return buffer.getvalue()
+
+    @classmethod
+    def unpacked(cls, content: bytes) -> Scene:
+        """The scene that `packed` wrote.
+
+        Raises:
+            ValueError, KeyError, OSError, zipfile.BadZipFile: the content is something else.
+        """
+        with np.load(io.BytesIO(content), allow_pickle=False) as data:
+            pose = data["pose"]
+            return cls(
+                int(data["index"]),
+                tuple(data["images"]),
+                tuple(data["labels"]),
+                data["visible_fraction"],
+                pose[:, 3].copy() if len(pose) else None,
+                pose[:, :3].copy() if len(pose) else None,
+            )
+
+
+def rig() -> CameraRig:
+    """The cameras of all styles, exactly."""
+    return sized(standard_rig(), SIZE)
+
+
+def maker(object_name: str, style: str) -> Callable[[int], Scene]:
+    """The function that makes the scenes of a style by their numbers."""
+    seed = SEED + 10 * OBJECTS.index(object_name)
+    if style == "clean":
+        return _clean_maker(object_name, seed + 1)
+    if style in ("more", "sketch"):
+        return _more_maker(object_name, seed + 2, "default" if style == "more" else "fast")
+    absent = style == "absent"
+    frames = FrameMaker(FrameOptions(object_name, seed + 3 * absent, size=SIZE, empty=1.0 if absent else 0.0))
+
+    def make(index: int) -> Scene:
+        (frame,) = frames.chunk(index)
+        return _scene_of(frame)
+
+    return make
+
+
+def _more_maker(object_name: str, seed: int, quality: str) -> Callable[[int], Scene]:
+    frames = FrameMaker(FrameOptions(object_name, seed, quality=quality, size=SIZE))
+    platform = Platform(object_name)
+
+    def make(index: int) -> Scene:
+        rng = np.random.default_rng([seed, index])
+        fingers = ("away", "near")[index % 2]
+        scene = _scene_of(frames.of_scene(index, random_scene(platform, rng, fingers=fingers)))
+        if quality == "default":
+            return scene
+        # Of a sketch only the visible fraction is wanted: it need not fill the disk.
+        small = tuple(image[:1, :1] for image in scene.images)
+        return dataclasses.replace(scene, images=small, labels=tuple(image[..., 0] for image in small))
+
+    return make
+
+
+def _clean_maker(object_name: str, seed: int) -> Callable[[int], Scene]:
+    platform, cameras, renderer = Platform(object_name), rig(), choose_renderer("auto")
+    sensor = Sensor(psf_sigma=0.0, black=BLACK, gamma=RESPONSE_GAMMA)
+    settings = CameraSettings(np.full(3, _EXPOSURE), np.zeros(2))
+
+    def make(index: int) -> Scene:
+        rng = np.random.default_rng([seed, index])
+        scene = random_scene(platform, rng)
+        shots = [
+            shoot(renderer, scene, camera, QUALITIES["default"], sensor, settings, rng) for camera in cameras
+        ]
+        (state,) = scene.objects
+        visible, alone = (
+            np.array([np.count_nonzero(layer) for layer in layers])
+            for layers in ([shot.labels for shot in shots], [shot.alone for shot in shots])
+        )
+        return Scene(
+            index,
+            tuple(shot.image for shot in shots),
+            tuple(shot.labels for shot in shots),
+            _share(visible, alone),
+            np.array(state.position),
+            np.array(state.rotation),
+        )
+
+    return make
+
+
+def _share(visible: Array, alone: Array) -> FloatArray:
+    result: FloatArray = visible / np.maximum(alone, 1)
+    return result
+
+
+def _scene_of(frame: Frame) -> Scene:
+    pose = frame.objects[0] if frame.objects else None
+    return Scene(
+        frame.index,
+        frame.images,
+        frame.labels,
+        frame.visible_fraction,
+        None if pose is None else np.array(pose.position),
+        None if pose is None else np.array(pose.rotation),
+    )
