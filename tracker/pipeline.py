@@ -22,6 +22,7 @@ from tracker.pose.fit import Fit
 from tracker.pose.result import Observation, PoseEstimate, Status
 from tracker.pose.views import Box, Evidence, reduced_size
 from tracker.segmentation.color_model import ColorModel, load_colors
+from tracker.segmentation.denoise import calmed
 from tracker.segmentation.labels import check_image, look_up
 from tracker.segmentation.normalise import grey_world_gains, neutral_gains
 
@@ -77,7 +78,7 @@ class ObjectTracker:
         """
         timing = {} if timing is None else timing
         checked = self._check(images)
-        small = [None if image is None else _reduce(image) for image in checked]
+        small = [None if image is None else _reduce(calmed(image)) for image in checked]
         best: Fit | None = None
         status: Status | None = None
         for grey_world in (False, True) if self.colors.normalise else (False,):

@@ -61,31 +61,6 @@ def _transition(labels, width, height, u, v, nu, nv, inside, outside, reach):  #
 
 
 @numba.njit(cache=True, nogil=True)
-def label_around(lenses, c, image, channels, table, position, radius, out):  # type: ignore[no-untyped-def]
-    """Label one camera's image within `radius` [m] of a position, at the lens's size; 0 elsewhere.
-
-    image (H, W, 3); out (h, w) is a whole factor smaller, and each of its pixels the label of a mean colour.
-    """
-    out[:] = 0
-    u, v, z = project(lenses, c, position[0], position[1], position[2])
-    if z < 0.1:
-        return
-    width, height = lenses[c].width, lenses[c].height
-    step = image.shape[1] // width
-    reach = radius * lenses[c].focal[0] / z
-    for j in range(max(0, int(v - reach)), min(height, int(v + reach) + 2)):
-        for i in range(max(0, int(u - reach)), min(width, int(u + reach) + 2)):
-            cell = 0
-            for k in range(3):
-                total = step * step // 2
-                for b in range(j * step, j * step + step):
-                    for a in range(i * step, i * step + step):
-                        total += image[b, a, k]
-                cell += channels[k, total // (step * step)]
-            out[j, i] = table[cell]
-
-
-@numba.njit(cache=True, nogil=True)
 def align(lenses, labels, used, half, face_labels, rotation, position, reaches, samples):  # type: ignore[no-untyped-def]
     """Move the pose in place, a step for each of `reaches` [px]; returns the last step's samples used.
 
@@ -135,8 +110,8 @@ def align(lenses, labels, used, half, face_labels, rotation, position, reaches, 
 
 
 @numba.njit(cache=True, nogil=True)
-def explain(lenses, labels, used, half, face_labels, rotation, position, stride, counts):  # type: ignore[no-untyped-def]
-    """Compare label maps with the pose: counts (C, 5) of every `stride`-th pixel, see AGREE and below."""
+def explain(lenses, labels, used, half, face_labels, rotation, position, counts):  # type: ignore[no-untyped-def]
+    """Compare label maps with the pose: counts (C, 5) of their pixels, see AGREE and below."""
     heights = np.empty(6)
     origin = np.empty(3)
     radius = math.sqrt(half[0] ** 2 + half[1] ** 2 + half[2] ** 2)
@@ -168,8 +143,8 @@ def explain(lenses, labels, used, half, face_labels, rotation, position, stride,
             for k in range(3):
                 origin[i] += rotation[k, i] * (lenses[c].position[k] - position[k])
                 m[i, k] = rotation[0, i] * r[k, 0] + rotation[1, i] * r[k, 1] + rotation[2, i] * r[k, 2]
-        for j in range(top, bottom + 1, stride):
-            for i in range(left, right + 1, stride):
+        for j in range(top, bottom + 1):
+            for i in range(left, right + 1):
                 a = a0 + jac[0, 0] * (i - u0) + jac[0, 1] * (j - v0)
                 b = b0 + jac[1, 0] * (i - u0) + jac[1, 1] * (j - v0)
                 near, far, face = 0.0, 1e9, -1
@@ -232,5 +207,5 @@ def try_hypotheses(lenses, labels, used, half, face_labels, rotations, positions
         if found == 0:
             scores[h] = IMPOSSIBLE
             continue
-        explain(lenses, labels, used, half, face_labels, rotations[h], positions[h], 2, counts)
+        explain(lenses, labels, used, half, face_labels, rotations[h], positions[h], counts)
         scores[h] = explanation_score(counts)

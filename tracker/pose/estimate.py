@@ -69,13 +69,14 @@ class PoseEstimator:
                 self.labels[c, : view.labels.shape[0], : view.labels.shape[1]] = view.labels
         if np.count_nonzero(self.searcher.face_mask[self.labels]) < MIN_PIXELS:
             return Status.NO_OBJECT_COLORS
+        self.refiner.show(views)
         positions = self.searcher.positions(self.labels, self.used, POSITIONS)
         first = next(positions, None)
         if first is None:
             return Status.TOO_FEW_PIXELS
         fits: list[Fit] = []
         for hypothesis in chain(self._align([first], FEW), self._align(chain([first], positions), MANY)):
-            fit = self.refiner.refine(views, self.used, *hypothesis)
+            fit = self.refine(*hypothesis)
             if all(_apart(fit.rotation, fit.position, f.rotation, f.position) for f in fits):
                 fits.append(fit)
             if log_odds(fit) > SURE:
@@ -86,6 +87,18 @@ class PoseEstimator:
         if len(fits) == 1:
             return fits[0]
         return replace(fits[0], lead=log_odds(fits[0]) - log_odds(fits[1]))
+
+    def refine(self, rotation: FloatArray, position: FloatArray) -> Fit:
+        """The fit nearest to a hypothesis (3, 3), (3,) [m], in the views that `estimate` was given last."""
+        rotation, position, covariance, samples, converged = self.refiner.refine(
+            self.used, rotation, position
+        )
+        counts = np.empty((len(self.used), 5), np.int64)
+        align.explain(
+            self.small, self.labels, self.used, self.box.half, self.box.face_labels, rotation, position,
+            counts,
+        )  # fmt: skip
+        return Fit(position, rotation, covariance, samples, converged, counts)
 
     def _align(self, candidates: Iterable[FloatArray], count: int) -> Iterator[Hypothesis]:
         """Different hypotheses after alignment on the label maps, best first; worked out when asked for."""

@@ -18,11 +18,11 @@ class Fit:
     """(3, 3) world_from_object."""
     covariance: FloatArray
     """(6, 6) [m, rad]."""
-    counts: Array
-    """(C, 5) pixels of the label maps, see `align.AGREE` …"""
     samples: Array
-    """(C, 6) of the edge samples, see `contour.EXPECTED` …; squares in px² at the reference focal length."""
+    """(C, 5) of the edges' pieces, see `contour.EXPECTED` …; squares in px² at the reference focal length."""
     converged: bool
     """Whether the refinement's last step was negligible."""
+    counts: Array
+    """(C, 5) pixels of the label maps, see `align.AGREE` …"""
     lead: float = math.inf
     """Log odds by which it leads over the best clearly different pose; infinite where none was tried."""

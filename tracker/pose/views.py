@@ -59,8 +59,8 @@ class Box(NamedTuple):
     """(6,) uint8 labels in the order of tracker.geometry.cuboid.FACE_NAMES."""
 
 
-SEARCH_SIZE, ALIGN_SIZE = 135, 270
-"""Shorter side [px] of the label maps in which the object is searched, and in which it is aligned."""
+SEARCH_SIZE = 135
+"""Shorter side [px] of the label maps in which the object is searched and aligned."""
 
 
 def reduced_size(width: int, height: int, shorter: int = SEARCH_SIZE) -> tuple[int, int]:
