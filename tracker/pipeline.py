@@ -6,12 +6,13 @@ import logging
 import time
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 
 from tracker.calibration.rig import CameraRig
-from tracker.conventions import Image
+from tracker.conventions import FloatArray, Image
 from tracker.errors import ImageError
 from tracker.geometry import so3
 from tracker.objects.model import CuboidModel
@@ -24,12 +25,23 @@ from tracker.pose.views import Box, Evidence, reduced_size
 from tracker.segmentation.color_model import ColorModel, load_colors
 from tracker.segmentation.denoise import calmed
 from tracker.segmentation.labels import check_image, look_up
-from tracker.segmentation.normalise import grey_world_gains, neutral_gains
+from tracker.segmentation.normalise import evened, find_light, grey_world_gains
 
 _LOG = logging.getLogger(__name__)
 
 SURE = 0.95
 """Confidence below which the light is judged a second time, by the grey world."""
+
+
+class _Seen(NamedTuple):
+    """An image in even light."""
+
+    image: Image
+    """(H, W, 3) BGR."""
+    small: Image
+    """(h, w, 3), reduced for labels."""
+    gains: FloatArray
+    """(3,) that make its greys grey."""
 
 
 class ObjectTracker:
@@ -77,16 +89,14 @@ class ObjectTracker:
         by the grey world as well, and the surer answer counts.
         """
         timing = {} if timing is None else timing
-        checked = self._check(images)
-        small = [None if image is None else _reduce(calmed(image)) for image in checked]
+        lap = time.perf_counter()
+        seen = [None if image is None else self._see(image) for image in self._check(images)]
+        timing["light"] = 1e3 * (time.perf_counter() - lap)
         best: Fit | None = None
         status: Status | None = None
         for grey_world in (False, True) if self.colors.normalise else (False,):
             lap = time.perf_counter()
-            views = [
-                None if image is None or reduced is None else self._evidence(image, reduced, grey_world)
-                for image, reduced in zip(checked, small, strict=True)
-            ]
+            views = [None if one is None else self._evidence(one, grey_world) for one in seen]
             split = time.perf_counter()
             outcome = self._estimator.estimate(views)
             timing["segmentation"] = timing.get("segmentation", 0.0) + 1e3 * (split - lap)
@@ -101,14 +111,19 @@ class ObjectTracker:
                 status = status or refused
         return best or status or Status.INCONSISTENT_VIEWS
 
-    def _evidence(self, image: Image, small: Image, grey_world: bool = False) -> Evidence:
-        gains = np.ones(3)
-        if self.colors.normalise:
-            gains = grey_world_gains(small) if grey_world else neutral_gains(small)[0]
+    def _see(self, image: Image) -> _Seen:
+        small = _reduce(calmed(image))
+        if not self.colors.normalise:
+            return _Seen(image, small, np.ones(3))
+        light = find_light(small)
+        return _Seen(evened(image, light), evened(small, light), light.gains)
+
+    def _evidence(self, seen: _Seen, grey_world: bool) -> Evidence:
+        gains = grey_world_gains(seen.small) if grey_world else seen.gains
         channels = self.colors.channel_tables(gains)
-        labels = np.empty(small.shape[:2], np.uint8)
-        look_up(small, channels, self.colors.label_table, labels)
-        return Evidence(image, labels, channels)
+        labels = np.empty(seen.small.shape[:2], np.uint8)
+        look_up(seen.small, channels, self.colors.label_table, gains, labels)
+        return Evidence(seen.image, labels, channels)
 
     def _check(self, images: Sequence[Image | None]) -> list[Image | None]:
         given: object = images

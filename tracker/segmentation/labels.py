@@ -9,7 +9,7 @@ import numpy as np
 from tracker.conventions import Array, Image
 from tracker.errors import ImageError
 from tracker.segmentation.color_model import ColorModel
-from tracker.segmentation.normalise import neutral_gains
+from tracker.segmentation.normalise import CLIPPED, neutral_gains
 
 REFERENCE_SIZE = 270
 """Image height [px] at which lengths below are stated."""
@@ -27,14 +27,37 @@ MIN_SHARE = 0.25
 """A thing is kept if its evidence is at least this share of the strongest thing's."""
 
 
+MAY_BE_GREY = 1.2
+"""Ratio of channels up to which a clipped pixel counts as a grey one."""
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def _may_be_grey(b, g, r, gains):  # type: ignore[no-untyped-def]
+    """Whether a pixel with a clipped channel may show a grey: the clipped ones are brighter than they say."""
+    brightest, least, most = 0.0, 1e9, 0.0
+    for k in range(3):
+        raw = b if k == 0 else g if k == 1 else r
+        level = gains[k] * raw
+        if raw >= CLIPPED:
+            brightest = max(brightest, level)
+        else:
+            least, most = min(least, level), max(most, level)
+    return most < MAY_BE_GREY * least and brightest < MAY_BE_GREY * least
+
+
 @numba.njit(cache=True, nogil=True)
-def look_up(image, channels, table, out):  # type: ignore[no-untyped-def]
-    """Out (H, W) = table[cell of the pixel]; channels (3, 256) from ColorModel.channel_tables."""
+def look_up(image, channels, table, gains, out):  # type: ignore[no-untyped-def]
+    """Out (H, W) = table[cell of the pixel], 0 for clipped greys.
+
+    channels (3, 256) from ColorModel.channel_tables of the gains (3,).
+    """
     height, width = image.shape[0], image.shape[1]
     for j in range(height):
         for i in range(width):
-            cell = channels[0, image[j, i, 0]] + channels[1, image[j, i, 1]] + channels[2, image[j, i, 2]]
-            out[j, i] = table[cell]
+            b, g, r = image[j, i, 0], image[j, i, 1], image[j, i, 2]
+            out[j, i] = table[channels[0, b] + channels[1, g] + channels[2, r]]
+            if out[j, i] > 0 and max(b, g, r) >= CLIPPED and _may_be_grey(b, g, r, gains):
+                out[j, i] = 0
 
 
 def check_image(image: object, who: str = "image") -> Image:
@@ -69,11 +92,12 @@ def segment(image: Image, colors: ColorModel) -> Image:
     if scale > FINE:
         # Demosaicing leaves single wrong pixels at this resolution.
         image = np.asarray(cv2.medianBlur(image, 3), dtype=np.uint8)
-    channels = colors.channel_tables(gains_for(image, colors))
+    gains = gains_for(image, colors)
+    channels = colors.channel_tables(gains)
     labels = np.empty(image.shape[:2], np.uint8)
     margin = np.empty(image.shape[:2], np.uint8)
-    look_up(image, channels, colors.label_table, labels)
-    look_up(image, channels, colors.margin_table, margin)
+    look_up(image, channels, colors.label_table, gains, labels)
+    look_up(image, channels, colors.margin_table, gains, margin)
     return keep_strongest(labels, np.minimum(margin, 64), scale)
 
 

@@ -7,6 +7,9 @@ pixels the exposure.
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
+
 import numba
 import numpy as np
 
@@ -24,30 +27,48 @@ CLIPPED = 250
 BRIGHTNESS_RANK = 0.7
 """Rank of the grey pixel whose brightness counts: the wall's, also where table and robot are dark."""
 
+MIN_GREYS = 20
+"""Grey pixels among the samples below which they tell nothing."""
+
+TILTED_ROUNDS = 5
+"""Rounds in which a slope of the chromaticity over the image is followed from the most frequent one."""
+
+MIN_TILT, MAX_TILT = 0.15, 1.2
+"""Slope of the log chromaticity towards a corner below which the light counts as even, and above which the
+greys have been mistaken."""
+
 _BINS = 56
 _RANGE = 1.75
 _LOG = np.log(np.maximum(np.arange(256), 0.5))
 
 
 @numba.njit(cache=True, nogil=True)
-def _grey_mode(image, step, log_table, gains):  # type: ignore[no-untyped-def]
-    """Write the gains (3,) that make the most frequent chromaticity grey; returns its share of pixels."""
+def _sample(image, step, log_table, points):  # type: ignore[no-untyped-def]
+    """Points (N, 5): log chroma b/g and r/g, place from -1 to 1 across and down, level of green; returns N."""
     height, width = image.shape[0], image.shape[1]
-    histogram = np.zeros((_BINS + 2, _BINS + 2), np.int32)
-    scale = _BINS / (2 * _RANGE)
     count = 0
     for j in range(step // 2, height, step):
         for i in range(step // 2, width, step):
             b, g, r = image[j, i, 0], image[j, i, 1], image[j, i, 2]
-            if max(b, g, r) >= CLIPPED or min(b, g, r) < 6 or max(b, g, r) < 12:
+            high = max(b, g, r)
+            if high >= CLIPPED or min(b, g, r) < 6 or high < 12:
                 continue
-            u = (log_table[b] - log_table[g] + _RANGE) * scale
-            v = (log_table[r] - log_table[g] + _RANGE) * scale
-            if 0 <= u < _BINS and 0 <= v < _BINS:
-                histogram[int(u) + 1, int(v) + 1] += 1
-                count += 1
-    if count < 50:
-        return 0.0
+            points[count, 0], points[count, 1] = log_table[b] - log_table[g], log_table[r] - log_table[g]
+            points[count, 2], points[count, 3] = 2.0 * i / width - 1.0, 2.0 * j / height - 1.0
+            points[count, 4] = g
+            count += 1
+    return count
+
+
+@numba.njit(cache=True, nogil=True)
+def _mode(points, count):  # type: ignore[no-untyped-def]
+    """The most frequent log chroma (u, v), to the width of a bin."""
+    histogram = np.zeros((_BINS + 2, _BINS + 2), np.int32)
+    scale = _BINS / (2 * _RANGE)
+    for n in range(count):
+        u, v = (points[n, 0] + _RANGE) * scale, (points[n, 1] + _RANGE) * scale
+        if 0 <= u < _BINS and 0 <= v < _BINS:
+            histogram[int(u) + 1, int(v) + 1] += 1
     best, u0, v0 = -1, 0, 0
     for iu in range(1, _BINS + 1):
         for iv in range(1, _BINS + 1):
@@ -57,45 +78,148 @@ def _grey_mode(image, step, log_table, gains):  # type: ignore[no-untyped-def]
                     total += histogram[iu + du, iv + dv]
             if total > best:
                 best, u0, v0 = total, iu, iv
-    u_mean = (u0 - 0.5) / scale - _RANGE
-    v_mean = (v0 - 0.5) / scale - _RANGE
+    return (u0 - 0.5) / scale - _RANGE, (v0 - 0.5) / scale - _RANGE
+
+
+@numba.njit(cache=True, nogil=True)
+def _fit_plane(points, count, plane, reach, flat, matrix, vectors):  # type: ignore[no-untyped-def]
+    """Move plane (2, 3), the log chroma as 1, x, y times its rows, to the points near it; returns their count."""
+    matrix[:], vectors[:] = 0.0, 0.0
+    for n in range(count):
+        x, y = points[n, 2], points[n, 3]
+        du = points[n, 0] - plane[0, 0] - plane[0, 1] * x - plane[0, 2] * y
+        dv = points[n, 1] - plane[1, 0] - plane[1, 1] * x - plane[1, 2] * y
+        if abs(du) >= reach or abs(dv) >= reach:
+            continue
+        matrix[0, 0] += 1.0
+        vectors[0, 0] += du
+        vectors[1, 0] += dv
+        if flat:
+            continue
+        matrix[1, 0] += x
+        matrix[2, 0] += y
+        matrix[1, 1] += x * x
+        matrix[2, 1] += x * y
+        matrix[2, 2] += y * y
+        vectors[0, 1] += du * x
+        vectors[0, 2] += du * y
+        vectors[1, 1] += dv * x
+        vectors[1, 2] += dv * y
+    inside = int(matrix[0, 0])
+    if inside < MIN_GREYS:
+        return 0
+    if flat:
+        plane[0, 0] += vectors[0, 0] / inside
+        plane[1, 0] += vectors[1, 0] / inside
+        return inside
+    # Eliminate the mean, then the two slopes with a weak pull towards none.
+    mx, my = matrix[1, 0] / inside, matrix[2, 0] / inside
+    xx = matrix[1, 1] - inside * mx * mx + 0.02 * inside
+    yy = matrix[2, 2] - inside * my * my + 0.02 * inside
+    xy = matrix[2, 1] - inside * mx * my
+    determinant = xx * yy - xy * xy
+    for k in range(2):
+        bx = vectors[k, 1] - mx * vectors[k, 0]
+        by = vectors[k, 2] - my * vectors[k, 0]
+        sx, sy = (yy * bx - xy * by) / determinant, (xx * by - xy * bx) / determinant
+        plane[k, 0] += vectors[k, 0] / inside - sx * mx - sy * my
+        plane[k, 1] += sx
+        plane[k, 2] += sy
+    return inside
+
+
+@numba.njit(cache=True, nogil=True)
+def _greys(image, step, log_table, points, plane):  # type: ignore[no-untyped-def]
+    """Fill plane (2, 3) with the log chroma of the scene's greys; returns level of green, share of pixels."""
+    matrix, vectors = np.empty((3, 3)), np.empty((2, 3))
+    plane[:] = 0.0
+    count = _sample(image, step, log_table, points)
+    if count < 50:
+        return 0.0, 0.0
+    plane[0, 0], plane[1, 0] = _mode(points, count)
+    if _fit_plane(points, count, plane, 0.22, True, matrix, vectors) == 0:
+        return 0.0, 0.0
+    start = plane.copy()
+    for _ in range(TILTED_ROUNDS):
+        _fit_plane(points, count, plane, 0.2, False, matrix, vectors)
+    tilt = max(abs(plane[0, 1]) + abs(plane[0, 2]), abs(plane[1, 1]) + abs(plane[1, 2]))
+    flat = tilt < MIN_TILT or tilt > MAX_TILT
+    if flat:
+        plane[:] = start
     inside = 0
+    for _ in range(3):
+        inside = _fit_plane(points, count, plane, 0.15, flat, matrix, vectors)
+    if inside == 0:
+        return 0.0, 0.0
     levels = np.zeros(256, np.int64)
-    for round_ in range(4):
-        reach = 0.22 if round_ == 0 else 0.15
-        su, sv, inside = 0.0, 0.0, 0
-        for j in range(step // 2, height, step):
-            for i in range(step // 2, width, step):
-                b, g, r = image[j, i, 0], image[j, i, 1], image[j, i, 2]
-                low, high = min(b, g, r), max(b, g, r)
-                if high >= CLIPPED:
-                    # A clipped grey says nothing on chromaticity, but it does say "bright".
-                    if round_ == 3 and low > 100:
-                        levels[g] += 1
-                    continue
-                if low < 6 or high < 12:
-                    continue
-                u = log_table[b] - log_table[g]
-                v = log_table[r] - log_table[g]
-                if abs(u - u_mean) < reach and abs(v - v_mean) < reach:
-                    su += u
-                    sv += v
-                    inside += 1
-                    if round_ == 3:
-                        levels[g] += 1
-        if inside < 20:
-            return 0.0
-        u_mean, v_mean = su / inside, sv / inside
+    for n in range(count):
+        x, y = points[n, 2], points[n, 3]
+        du = points[n, 0] - plane[0, 0] - plane[0, 1] * x - plane[0, 2] * y
+        dv = points[n, 1] - plane[1, 0] - plane[1, 1] * x - plane[1, 2] * y
+        if abs(du) < 0.15 and abs(dv) < 0.15:
+            levels[int(points[n, 4])] += 1
+    # A clipped grey says nothing on chromaticity, but it does say "bright".
+    for j in range(step // 2, image.shape[0], step):
+        for i in range(step // 2, image.shape[1], step):
+            b, g, r = image[j, i, 0], image[j, i, 1], image[j, i, 2]
+            if max(b, g, r) >= CLIPPED and min(b, g, r) > 100:
+                levels[g] += 1
     below = int(levels.sum() * BRIGHTNESS_RANK)
     running, level = 0, 0
     while running <= below:
         running += levels[level]
         level += 1
-    green = level - 1.0
-    gains[0] = TARGET_GREY / (green * np.exp(u_mean))
-    gains[1] = TARGET_GREY / green
-    gains[2] = TARGET_GREY / (green * np.exp(v_mean))
-    return inside / count
+    return level - 1.0, inside / count
+
+
+@dataclass(frozen=True, eq=False)
+class Light:
+    """The light in an image, by its greys."""
+
+    gains: FloatArray
+    """(3,) factors that bring grey in the image's middle to TARGET_GREY; 1 where no grey can be found."""
+    tilt: FloatArray
+    """(2, 2) log of blue and of red over green, per half the image to the right and down; 0: even light."""
+    share: float
+    """Share of the pixels that are grey; 0 where no grey can be found (a black, white or monochrome image)."""
+
+
+def find_light(image: Image) -> Light:
+    """The light in an image (H, W, 3) uint8, by its most frequent chromaticity."""
+    step = max(1, int(np.sqrt(image.shape[0] * image.shape[1] / SAMPLES)))
+    points = np.empty((((image.shape[0] // step) + 1) * ((image.shape[1] // step) + 1), 5))
+    plane = np.empty((2, 3))
+    green, share = _greys(image, step, _LOG, points, plane)
+    if green <= 0.0:
+        return Light(np.ones(3), np.zeros((2, 2)), 0.0)
+    grey = green * np.exp([plane[0, 0], 0.0, plane[1, 0]])
+    return Light(TARGET_GREY / grey, plane[:, 1:].copy(), float(share))
+
+
+@numba.njit(cache=True, nogil=True)
+def _even(image, tilt, out):  # type: ignore[no-untyped-def]
+    height, width = image.shape[0], image.shape[1]
+    for j in range(height):
+        y = 2.0 * j / height - 1.0
+        blue, red = math.exp(-tilt[0, 1] * y + tilt[0, 0]), math.exp(-tilt[1, 1] * y + tilt[1, 0])
+        blue_step, red_step = math.exp(-2.0 * tilt[0, 0] / width), math.exp(-2.0 * tilt[1, 0] / width)
+        for i in range(width):
+            b, g, r = image[j, i, 0], image[j, i, 1], image[j, i, 2]
+            # A clipped value stays clipped: what it should have been is unknown.
+            out[j, i, 0] = 255 if b >= CLIPPED else min(int(b * blue + 0.5), CLIPPED - 1)
+            out[j, i, 1] = g
+            out[j, i, 2] = 255 if r >= CLIPPED else min(int(r * red + 0.5), CLIPPED - 1)
+            blue *= blue_step
+            red *= red_step
+
+
+def evened(image: Image, light: Light) -> Image:
+    """The image as if its colours' light came evenly; the image itself where it does."""
+    if not light.tilt.any():
+        return image
+    out = np.empty_like(image)
+    _even(image, light.tilt, out)
+    return out
 
 
 def neutral_gains(image: Image) -> tuple[FloatArray, float]:
@@ -103,10 +227,8 @@ def neutral_gains(image: Image) -> tuple[FloatArray, float]:
 
     The share is 0, and the gains 1, where no grey can be found (a black, white or monochrome image).
     """
-    step = max(1, int(np.sqrt(image.shape[0] * image.shape[1] / SAMPLES)))
-    gains = np.ones(3)
-    share = _grey_mode(image, step, _LOG, gains)
-    return gains, float(share)
+    light = find_light(image)
+    return light.gains, light.share
 
 
 def grey_world_gains(image: Image) -> FloatArray:
