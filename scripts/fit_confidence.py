@@ -1,10 +1,10 @@
-"""Fit the confidence's logistic model on rendered scenes, where the truth is known.
+"""Fit the confidence's logistic model on scenes of the simulated platform, where the truth is known.
 
     python scripts/fit_confidence.py [SCENES]
 
 Right and wrong fits on the way to the answers teach the weights, the answers their scale: with all
-cameras, with two and with one, with exact and with perturbed calibration, under changed light, and where
-there is no object.
+cameras, with two and with one, with exact and with perturbed calibration, under changed light, with noise,
+and where there is no object.
 Prints the weights that tracker/pose/acceptance.py holds, and how reliable they are on scenes left out.
 """
 
@@ -18,10 +18,8 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize
 
-from synthetic.raycast import Rendering, render
-from synthetic.sensor import Sensor
-from synthetic.simple import random_scene
-from synthetic.simple_rig import default_cameras
+from synthetic.frames import Frame, frames
+from synthetic.rigs import sized, standard_rig
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray
 from tracker.geometry import so3
@@ -51,6 +49,12 @@ def perturbed(
     return CameraRig(tuple(result))
 
 
+def noisy(images: list, rng: np.random.Generator) -> list:
+    """The images with noise of up to 16 levels."""
+    std = rng.uniform(4, 16)
+    return [np.clip(np.rint(i + rng.normal(0, std, i.shape)), 0, 255).astype(np.uint8) for i in images]
+
+
 def relit(images: list, rng: np.random.Generator) -> list:
     """The images under other gains and exposures."""
     gains = [rng.uniform(0.8, 1.2, 3) * rng.uniform(0.6, 1.4) for _ in images]
@@ -65,7 +69,7 @@ class Cases:
     near: list[float] = dataclasses.field(default_factory=list)
     right: list[bool] = dataclasses.field(default_factory=list)
 
-    def add(self, fit: Fit, truth: Rendering) -> None:
+    def add(self, fit: Fit, truth: Frame) -> None:
         """One more fit."""
         self.rows.append(list(features(fit).values()))
         self.near.append(probably_near(fit) / (1.0 + math.exp(-fit.lead)))
@@ -80,14 +84,16 @@ def collect(seed: int, scenes: int) -> tuple[Cases, Cases]:
     """All fits that the estimator makes on the way, and its answers."""
     every, answers = Cases(), Cases()
     for name in OBJECTS:
-        model, cameras = load_object(name), default_cameras()
-        exact = ObjectTracker(model, CameraRig(cameras))
-        for k in range(scenes):
+        model, rig = load_object(name), sized(standard_rig(), 270)
+        exact = ObjectTracker(model, rig)
+        for k, truth in enumerate(frames(name, scenes, seed, empty=0.12)):
             rng = np.random.default_rng([seed, k])
-            scene = random_scene(model, rng, object_present=k % 6 != 5)
-            truth = render(scene, cameras, model, Sensor.realistic(), rng)
-            images = relit(truth.images, rng) if k % 3 == 1 else truth.images
-            tracker = ObjectTracker(model, perturbed(cameras, rng)) if k % 2 else exact
+            images = list(truth.images)
+            if k % 4 in (1, 3):
+                images = relit(images, rng)
+            if k % 8 in (3, 6):
+                images = noisy(images, rng)
+            tracker = ObjectTracker(model, perturbed(rig.cameras, rng)) if k % 2 else exact
             fits = _listen(tracker)
             for used in (*ALL, PAIRS[k % 2], *ONE):
                 fits.clear()
@@ -102,22 +108,23 @@ def collect(seed: int, scenes: int) -> tuple[Cases, Cases]:
 def _listen(tracker: ObjectTracker) -> list[Fit]:
     """A list that gains every fit that the tracker's estimator makes."""
     fits: list[Fit] = []
-    refiner = tracker._estimator.refiner
-    refine = refiner.refine
+    estimator = tracker._estimator
+    refine = type(estimator).refine
 
     def record(*arguments: Any) -> Fit:
-        fits.append(refine(*arguments))
+        fits.append(refine(estimator, *arguments))
         return fits[-1]
 
-    refiner.refine = record  # type: ignore[method-assign]
+    estimator.refine = record  # type: ignore[method-assign]
     return fits
 
 
-def _is_right(position: FloatArray, rotation: FloatArray, truth: Rendering) -> bool:
-    if truth.position is None or truth.rotation is None:
+def _is_right(position: FloatArray, rotation: FloatArray, truth: Frame) -> bool:
+    if not truth.objects:
         return False
-    near = np.linalg.norm(position - truth.position) < 5e-3
-    return bool(near and so3.angle_between(rotation, truth.rotation) < np.radians(5))
+    (state,) = truth.objects
+    near = np.linalg.norm(position - state.position) < 5e-3
+    return bool(near and so3.angle_between(rotation, state.rotation) < np.radians(5))
 
 
 def fit(rows: FloatArray, right: FloatArray) -> FloatArray:
@@ -148,6 +155,7 @@ def scale(odds: FloatArray, near: FloatArray, right: FloatArray) -> FloatArray:
 def main(scenes: int) -> None:
     """Collect, fit, print; the reliability is that of other scenes."""
     every, answers = collect(SEED, scenes)
+    __import__('pickle').dump((every, answers), open('/tmp/lab/conf4.pkl','wb'))
     rows, near, right = every.arrays()
     weights = fit(rows[near > 0.9], right[near > 0.9])
     rows, near, right = answers.arrays()

@@ -1,10 +1,14 @@
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Iterator
+
 import numpy as np
+import pytest
 
 from tests.helpers import make_camera, numerical_jacobian, random_rotations
 from tracker.geometry import so3
-from tracker.geometry.cuboid import corners
+from tracker.geometry.cuboid import corners, visible_faces
 from tracker.pose import edges
 from tracker.pose.lens import project
 from tracker.pose.views import stack_lenses
@@ -13,36 +17,102 @@ CAMERA = make_camera()
 LENSES = stack_lenses([CAMERA])
 HALF = np.array([0.01, 0.04, 0.015])
 LABELS = np.array([1, 5, 2, 6, 3, 4], dtype=np.uint8)
+POSITION = np.array([0.02, -0.03, 0.05])
+SPACING, MARGIN = 2.0, 3.0
 
 
-def samples_at(rotation: np.ndarray, position: np.ndarray) -> np.ndarray:
+def samples_at(
+    rotation: np.ndarray,
+    position: np.ndarray = POSITION,
+    half: np.ndarray = HALF,
+    lenses: np.ndarray = LENSES,
+    spacing: float = SPACING,
+    margin: float = MARGIN,
+) -> np.ndarray:
     out = np.empty((edges.MAX_SAMPLES, edges.COLUMNS))
-    n = edges.edge_samples(LENSES, 0, HALF, LABELS, rotation, position, 2.0, 3.0, out)
+    n = edges.edge_samples(lenses, 0, half, LABELS, rotation, position, spacing, margin, out)
     return out[:n]
+
+
+def samples_by_edge(
+    rotation: np.ndarray, position: np.ndarray = POSITION, camera=CAMERA, **settings: float
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """For each edge of the cuboid: its row of EDGES, its corners' pixels (2, 2) and its samples (n, COLUMNS).
+
+    A sample belongs to the edge that passes through its pixel.
+    """
+    samples = samples_at(rotation, position, lenses=stack_lenses([camera]), **settings)
+    ends = corners(2 * HALF) @ rotation.T + position
+    share = np.linspace(0, 1, 2001)[:, None]
+    distances = []
+    for a, b, *_ in edges.EDGES:
+        curve = camera.project(ends[a] + share * (ends[b] - ends[a]))
+        away = samples[:, None, [edges.U, edges.V]] - curve
+        distances.append(np.linalg.norm(away, axis=-1).min(axis=1))
+    assert np.min(distances, axis=0).max() < 0.1
+    nearest = np.argmin(distances, axis=0)
+    for k, edge in enumerate(edges.EDGES):
+        yield edge, camera.project(ends[edge[:2]]), samples[nearest == k]
+
+
+def faces_seen(rotation: np.ndarray, position: np.ndarray = POSITION) -> np.ndarray:
+    return visible_faces(2 * HALF, rotation.T @ (CAMERA.position - position))
 
 
 def test_jacobian_is_the_motion_along_the_normal(rng):
     for rotation in random_rotations(rng, 5):
-        position = np.array([0.02, -0.03, 0.05])
-        samples = samples_at(rotation, position)
+        samples = samples_at(rotation)
         # Which point of the object a sample shows: the one on an edge that projects there.
         ends = corners(2 * HALF)
         for row in samples[:: max(1, len(samples) // 10)]:
             candidates = [
                 ends[a] + t * (ends[b] - ends[a]) for a, b, *_ in edges.EDGES for t in np.linspace(0, 1, 4001)
             ]
-            world = np.array(candidates) @ rotation.T + position
+            world = np.array(candidates) @ rotation.T + POSITION
             pixels = CAMERA.project(world)
             best = np.argmin(np.linalg.norm(pixels - row[[edges.U, edges.V]], axis=1))
             point = candidates[best]
 
-            def along(x, point=point, row=row, rotation=rotation, position=position):
-                moved = so3.exp(x[3:]) @ rotation @ point + position + x[:3]
+            def along(x, point=point, row=row, rotation=rotation):
+                moved = so3.exp(x[3:]) @ rotation @ point + POSITION + x[:3]
                 u, v, _ = project(LENSES, 0, *moved)
                 return np.array([u * row[edges.NU] + v * row[edges.NV]])
 
             numeric = numerical_jacobian(along, np.zeros(6))[0]
             np.testing.assert_allclose(row[edges.J : edges.J + 6], numeric, rtol=2e-3, atol=0.3)
+
+
+def test_jacobian_and_growth_are_the_motion_of_the_samples(rng):
+    # A sample that is found again on the changed object has moved along the edge too, but along the normal
+    # as its columns say.
+    step = 1e-5
+    for rotation in random_rotations(rng, 10):
+        samples = samples_at(rotation)
+        normals = samples[:, [edges.NU, edges.NV]]
+
+        def along(change, rotation=rotation, normals=normals):
+            moved = samples_at(so3.exp(change[3:6]) @ rotation, POSITION + change[:3], HALF * (1 + change[6]))
+            return np.sum(moved[:, [edges.U, edges.V]] * normals, axis=1)
+
+        numeric = numerical_jacobian(along, np.zeros(7), step)
+        np.testing.assert_allclose(samples[:, edges.J : edges.J + 6], numeric[:, :6], rtol=1e-4, atol=1e-3)
+        np.testing.assert_allclose(samples[:, edges.GROWTH], numeric[:, 6], rtol=1e-4, atol=1e-3)
+
+
+def test_growth_pushes_silhouettes_outwards(rng):
+    for rotation in random_rotations(rng, 10):
+        samples = samples_at(rotation)
+        assert (samples[samples[:, edges.OUTSIDE] == 0, edges.GROWTH] > 0).all()
+
+
+def test_growth_is_the_object_coming_nearer_from_the_same_direction(rng):
+    # Seen from the camera, growth by a share is the same as the distance shrinking by that share.
+    for rotation in random_rotations(rng, 5):
+        samples = samples_at(rotation)
+        approach = CAMERA.position - POSITION
+        np.testing.assert_allclose(
+            samples[:, edges.GROWTH], samples[:, edges.J : edges.J + 3] @ approach, rtol=1e-9, atol=1e-9
+        )
 
 
 def test_normals_are_unit_and_point_out_of_the_face(rng):
@@ -58,9 +128,119 @@ def test_normals_are_unit_and_point_out_of_the_face(rng):
         assert (outward > 0).all()
 
 
+@pytest.mark.parametrize("margin", [0.0, 1.0, 3.0])
+def test_lengths_sum_to_the_edge_without_margins(rng, margin):
+    settled = 0
+    for rotation in random_rotations(rng, 10):
+        for _, ends, samples in samples_by_edge(rotation, margin=margin):
+            if len(samples) > 0:
+                length = np.linalg.norm(ends[1] - ends[0])
+                assert samples[:, edges.LENGTH].sum() == pytest.approx(length - 2 * margin, rel=1e-9)
+                assert np.ptp(samples[:, edges.LENGTH]) == 0
+                settled += 1
+    assert settled > 50
+
+
+@pytest.mark.parametrize("spacing", [2.0, 4.0, 6.0])
+def test_pieces_are_about_as_long_as_asked_for_and_cover_the_edge(rng, spacing):
+    # Without a lens' distortion, since an edge then is a line, and pieces of equal length on it nearly so.
+    camera = dataclasses.replace(CAMERA, distortion=np.zeros(5))
+    for rotation in random_rotations(rng, 10):
+        for _, ends, samples in samples_by_edge(rotation, camera=camera, spacing=spacing):
+            if len(samples) == 0:
+                continue
+            piece = samples[0, edges.LENGTH]
+            # Up to half a piece more or less, spread over all.
+            assert abs(piece * len(samples) - spacing * len(samples)) <= 0.5 * spacing + 1e-9 or (
+                len(samples) == 24
+            )
+            along = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
+            places = (samples[:, [edges.U, edges.V]] - ends[0]) @ along
+            # Perspective puts the middle of a piece off the middle by a little.
+            length = np.linalg.norm(ends[1] - ends[0])
+            expected = MARGIN + piece * (np.arange(len(samples)) + 0.5)
+            np.testing.assert_allclose(places, expected, atol=0.05 * length)
+
+
+def test_every_visible_edge_of_wide_faces_has_samples(rng):
+    for rotation in random_rotations(rng, 10):
+        seen = faces_seen(rotation)
+        for (_, _, face, neighbour), ends, samples in samples_by_edge(rotation):
+            if not seen[face] and not seen[neighbour]:
+                assert len(samples) == 0
+                continue
+            length = np.linalg.norm(ends[1] - ends[0])
+            if length < 2 * MARGIN + 0.5 * SPACING:
+                assert len(samples) == 0
+            elif len(samples) == 0:
+                # Only a face that is seen at a grazing angle gives no edge.
+                toward = CAMERA.position - POSITION
+                slant = [
+                    abs(rotation[:, f // 2] @ toward) / np.linalg.norm(toward) for f in (face, neighbour)
+                ]
+                assert min(slant) < 0.35
+            else:
+                labels = {int(LABELS[f]) for f in (face, neighbour) if seen[f]}
+                found = {*samples[:, edges.INSIDE].astype(int), *samples[:, edges.OUTSIDE].astype(int)} - {0}
+                assert found == labels
+
+
+def _distance_to(line: np.ndarray, row: np.ndarray) -> float:
+    """Signed distance along a sample's normal to the piece of line between two pixels (2, 2); nan past it."""
+    point, normal = row[[edges.U, edges.V]], row[[edges.NU, edges.NV]]
+    # point + t · normal = line[0] + s · (line[1] - line[0])
+    t, s = np.linalg.solve(np.column_stack([normal, line[0] - line[1]]), line[0] - point)
+    return float(t) if 0 < s < 1 else np.nan
+
+
+def _opposite(edge: np.ndarray, face: int, rotation: np.ndarray) -> np.ndarray:
+    """Pixels (2, 2) of the ends of the edge of `face` that lies opposite to an edge."""
+    ends = corners(2 * HALF)[edge[:2]]
+    axis = 3 - edge[2] // 2 - edge[3] // 2
+    ends[:, 3 - axis - face // 2] *= -1
+    return CAMERA.project(ends @ rotation.T + POSITION)
+
+
+def test_reaches_are_how_far_the_surfaces_extend(rng):
+    errors = []
+    for rotation in random_rotations(rng, 20):
+        seen = faces_seen(rotation)
+        for edge, _, samples in samples_by_edge(rotation):
+            for row in samples:
+                inside = next(f for f in edge[2:] if LABELS[f] == row[edges.INSIDE])
+                other = next(f for f in edge[2:] if f != inside)
+                found = [-_distance_to(_opposite(edge, inside, rotation), row)]
+                stated = [row[edges.REACH_IN]]
+                assert seen[inside]
+                if row[edges.OUTSIDE] > 0:
+                    assert row[edges.OUTSIDE] == LABELS[other]
+                    found.append(_distance_to(_opposite(edge, other, rotation), row))
+                    stated.append(row[edges.REACH_OUT])
+                else:
+                    assert not seen[other]
+                    assert row[edges.REACH_OUT] > 500
+                errors += [(s - f) / max(f, 5.0) for s, f in zip(stated, found, strict=True)]
+    # Where the normal leaves the face through one of its other sides, the reach is no distance.
+    met = np.abs(errors)[~np.isnan(errors)]
+    assert len(met) > 500
+    assert np.quantile(met, 0.9) < 0.02
+    assert met.max() < 0.15
+
+
+def test_reaches_follow_a_face_that_tapers(rng):
+    # Along an edge the width of a face in perspective changes; a mean for the whole edge would be off.
+    changes = []
+    for rotation in random_rotations(rng, 20):
+        for _, _, samples in samples_by_edge(rotation):
+            if len(samples) > 8:
+                reaches = samples[:, edges.REACH_IN]
+                changes.append(abs(reaches[-1] - reaches[0]) / reaches.mean())
+                np.testing.assert_allclose(np.diff(reaches), np.diff(reaches)[0], rtol=1e-6, atol=1e-9)
+    assert max(changes) > 0.05
+
+
 def test_samples_count_stays_within_the_work_space():
     big = stack_lenses([CAMERA.resized(1080, 1080)])
-    out = np.empty((edges.MAX_SAMPLES, edges.COLUMNS))
     for rotation in random_rotations(np.random.default_rng(3), 10):
-        n = edges.edge_samples(big, 0, HALF, LABELS, rotation, np.array([0.0, 0.0, 0.1]), 0.5, 1.0, out)
-        assert 0 < n <= edges.MAX_SAMPLES
+        samples = samples_at(rotation, np.array([0.0, 0.0, 0.1]), lenses=big, spacing=0.5, margin=1.0)
+        assert 0 < len(samples) <= edges.MAX_SAMPLES

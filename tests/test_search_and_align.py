@@ -75,9 +75,7 @@ def test_alignment_reaches_the_truth_from_far_away(scene):
 def test_explanation_counts_what_the_truth_shows(scene):
     lenses, labels, truth = scene
     counts = np.empty((3, 5), np.int64)
-    align.explain(
-        lenses, labels, USED, BOX.half, BOX.face_labels, truth.rotation, truth.position, 1, counts
-    )  # fmt: skip
+    align.explain(lenses, labels, USED, BOX.half, BOX.face_labels, truth.rotation, truth.position, counts)
     for c in range(3):
         shown = np.count_nonzero(labels[c])
         assert abs(counts[c, align.PREDICTED] - shown) < 0.06 * shown
@@ -91,23 +89,10 @@ def test_a_worse_pose_scores_less(scene):
     counts = np.empty((3, 5), np.int64)
 
     def score(position, rotation):
-        align.explain(lenses, labels, USED, BOX.half, BOX.face_labels, rotation, position, 1, counts)
+        align.explain(lenses, labels, USED, BOX.half, BOX.face_labels, rotation, position, counts)
         return align.explanation_score(counts)
 
     best = score(truth.position, truth.rotation)
     for step in np.eye(3):
         assert score(truth.position + 0.01 * step, truth.rotation) < best
         assert score(truth.position, so3.exp(0.3 * step) @ truth.rotation) < best
-
-
-def test_label_around_is_the_table_of_mean_colours(rng):
-    lenses = stack_lenses([c.resized(135, 135) for c in default_cameras()])
-    image = rng.integers(0, 256, (270, 270, 3), dtype=np.uint8)
-    channels = (np.arange(256)[None, :] // 64 * np.array([[1], [4], [16]])).astype(np.int32)
-    table = rng.integers(0, 7, 64).astype(np.uint8)
-    out = np.zeros((135, 135), np.uint8)
-    align.label_around(lenses, 0, image, channels, table, np.zeros(3), 1.0, out)
-    blocks = image.reshape(135, 2, 135, 2, 3).astype(int).sum(axis=(1, 3))
-    mean = (blocks + 2) // 4
-    expected = table[sum(channels[k][mean[..., k]] for k in range(3))]
-    np.testing.assert_array_equal(out, expected)

@@ -27,8 +27,14 @@ RIDGE = 0.05
 """Weight of a surface's prior colour, the mean of its pixels, against one pixel."""
 
 SLOPE = 2.0
-MIN_PIXELS = 8
-"""Pixels of a piece of an edge below which nothing is measured."""
+"""Standard deviation of a surface's slope of brightness across a silhouette [levels/px]: shading, shadows."""
+
+SHARP, SOFT = 0.3, 0.7
+"""Blur [px] at which a picture is drawn rather than taken, so that surfaces are flat; and from which on they
+are not. What is left over at a drawn edge is sampling, which slopes must not explain."""
+
+MIN_PIXELS, MAX_PIXELS = 8, 2048
+"""Pixels of a piece of an edge below which nothing is measured, and which are looked at at most."""
 
 OFFSET, VARIANCE, VALID, BLOOM, WIDER, SHARPNESS = range(6)
 MEASURED = 6
@@ -42,9 +48,9 @@ _X = (np.arange(int(2 * _SPAN * _PER_UNIT) + 1)) / _PER_UNIT - _SPAN
 _STEP = np.array([0.5 * (1 + math.erf(x / math.sqrt(2))) for x in _X])
 _LINE = np.exp(-0.5 * _X**2) / math.sqrt(2 * math.pi)
 
-_BLOOM = math.sqrt(math.pi) / 6
-"""A response of exponent γ lifts the middle of an edge by (γ - 1)/2 · Δ²/mean · w (1 - w), with w the
-step; the mean of w (1 - w) is 1/6, and the line's energy 1/(2√π blur)."""
+_BLOOM = math.sqrt(math.pi) / 3
+"""A response of exponent γ lifts the middle of an edge by (γ - 1) · Δ²/sum · w (1 - w), with w the step and
+the sum of both colours; weighted with the line, w (1 - w) is 1/6, and the line's energy 1/(2√π blur)."""
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
@@ -53,31 +59,134 @@ def _place(z):  # type: ignore[no-untyped-def]
     return int((min(max(z, -_SPAN), _SPAN) + _SPAN) * _PER_UNIT + 0.5)
 
 
-@numba.njit(cache=True, nogil=True)
-def _solve(matrix, rhs, m):  # type: ignore[no-untyped-def]
-    """Solve the symmetric positive definite m×m system for four right-hand sides (m, 4), in place.
+@numba.njit(cache=True, nogil=True, fastmath=True)
+def _dot(a, b, n):  # type: ignore[no-untyped-def]
+    """Sum of products of the first n; in whatever order is fastest, but always in the same."""
+    total = 0.0
+    for i in range(n):
+        total += a[i] * b[i]
+    return total
 
-    Returns the last diagonal element of the inverse.
-    """
-    for i in range(m):
-        for j in range(i + 1):
-            total = matrix[i, j]
-            for k in range(j):
-                total -= matrix[i, k] * matrix[j, k]
-            if i == j:
-                matrix[i, i] = math.sqrt(max(total, 1e-9))
-            else:
-                matrix[i, j] = total / matrix[j, j]
-    for ch in range(4):
+
+@numba.njit(cache=True, nogil=True)
+def _collect(image, width, height, row, reach, distance, values):  # type: ignore[no-untyped-def]
+    """Signed distances (P,) [px] and colours (3, P) of a strip's pixels; returns P, 0 outside the image."""
+    u, v, nu, nv, along = row[U], row[V], row[NU], row[NV], 0.5 * row[LENGTH]
+    du, dv = abs(nu) * reach + abs(nv) * along, abs(nv) * reach + abs(nu) * along
+    if u - du < 0.0 or v - dv < 0.0 or u + du > width - 1.0 or v + dv > height - 1.0:
+        return 0
+    pixels = 0
+    for j in range(int(math.ceil(v - dv)), int(v + dv) + 1):
+        y = j - v
+        # The part of the row whose pixels lie in the strip.
+        low, high = u - du, u + du
+        if abs(nu) > 1e-9:
+            one, two = (-reach - y * nv) / nu, (reach - y * nv) / nu
+            low, high = max(low, u + min(one, two)), min(high, u + max(one, two))
+        if abs(nv) > 1e-9:
+            one, two = (y * nu - along) / nv, (y * nu + along) / nv
+            low, high = max(low, u + min(one, two)), min(high, u + max(one, two))
+        first = int(math.ceil(low))
+        for i in range(first, min(int(math.floor(high)) + 1, first + MAX_PIXELS - pixels)):
+            distance[pixels] = (i - u) * nu + y * nv
+            for k in range(3):
+                values[k, pixels] = image[j, i, k]
+            pixels += 1
+    return pixels
+
+
+@numba.njit(cache=True, nogil=True)
+def _surfaces(row, seen, edges):  # type: ignore[no-untyped-def]
+    """Where the edges 1 ... m - 1 between a strip's m surfaces lie [px]; returns m, and which is the face."""
+    inside = 0
+    if row[REACH_IN] < seen:
+        edges[1], inside = -row[REACH_IN], 1
+    edges[inside + 1] = 0.0
+    m = inside + 2
+    if row[REACH_OUT] < seen:
+        edges[m] = row[REACH_OUT]
+        m += 1
+    return m, inside
+
+
+@numba.njit(cache=True, nogil=True)
+def _model(distance, pixels, edges, m, inside, slopes, reach, blur, columns):  # type: ignore[no-untyped-def]
+    """Columns (m + slopes + 2, P): the surfaces' shares, the line, slopes, the effect of a change of blur."""
+    scale = 1.0 / blur
+    for q in range(pixels):
+        d = distance[q]
+        place = _place(d * scale)
+        line = _LINE[place] * scale
+        before = 1.0
         for i in range(m):
-            for k in range(i):
-                rhs[i, ch] -= matrix[i, k] * rhs[k, ch]
-            rhs[i, ch] /= matrix[i, i]
-        for i in range(m - 1, -1, -1):
-            for k in range(i + 1, m):
-                rhs[i, ch] -= matrix[k, i] * rhs[k, ch]
-            rhs[i, ch] /= matrix[i, i]
-    return 1.0 / matrix[m - 1, m - 1] ** 2
+            after = 0.0
+            if i + 1 < m:
+                after = _STEP[place] if i == inside else _STEP[_place((d - edges[i + 1]) * scale)]
+            columns[i, q] = before - after
+            before = after
+        columns[m, q] = line
+        if slopes > 0:
+            columns[m + 1, q] = columns[inside, q] * (d + 0.5 * reach)
+            columns[m + 2, q] = columns[m - 1, q] * (d - 0.5 * reach)
+        columns[m + slopes + 1, q] = -d * scale * line
+
+
+@numba.njit(cache=True, nogil=True)
+def _solve(full, raw, extra, m, size, stiffness, factor, out):  # type: ignore[no-untyped-def]
+    """Out (size, 4): least squares of the colours' three channels raw (·, 3), and of the column `extra`.
+
+    full: the columns' products, lower half. The first m unknowns, surfaces' colours, are drawn a little to
+    the mean of their pixels, those after the line (m) to zero with `stiffness`.
+    """
+    for i in range(size):
+        for j in range(i + 1):
+            factor[i, j] = full[i, j]
+        for k in range(3):
+            out[i, k] = raw[i, k]
+        out[i, 3] = extra[i]
+        if i < m:
+            total = 1e-9
+            for j in range(m):
+                total += full[max(i, j), min(i, j)]
+            factor[i, i] += RIDGE
+            for k in range(3):
+                out[i, k] += RIDGE * raw[i, k] / total
+        elif i > m:
+            factor[i, i] += stiffness
+    for i in range(size):
+        for j in range(i):
+            for k in range(j):
+                factor[i, j] -= factor[i, k] * factor[j, k]
+            factor[i, j] *= factor[j, j]
+        for k in range(i):
+            factor[i, i] -= factor[i, k] ** 2
+        # The diagonal holds reciprocals.
+        factor[i, i] = 1.0 / math.sqrt(max(factor[i, i], 1e-9))
+    for i in range(size):
+        for k in range(i):
+            for ch in range(4):
+                out[i, ch] -= factor[i, k] * out[k, ch]
+        for ch in range(4):
+            out[i, ch] *= factor[i, i]
+    for i in range(size - 1, -1, -1):
+        for k in range(i + 1, size):
+            for ch in range(4):
+                out[i, ch] -= factor[k, i] * out[k, ch]
+        for ch in range(4):
+            out[i, ch] *= factor[i, i]
+
+
+@numba.njit(cache=True, nogil=True)
+def _misfit(full, raw, squares, size, found):  # type: ignore[no-untyped-def]
+    """Sum of squared residuals over pixels and channels; squares: sum of the values' squares."""
+    total = squares
+    for k in range(3):
+        for i in range(size):
+            product = 0.5 * full[i, i] * found[i, k] - raw[i, k]
+            for j in range(i):
+                product += full[i, j] * found[j, k]
+            total += 2.0 * product * found[i, k]
+    return total
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
@@ -88,6 +197,12 @@ def _label(channels, table, color):  # type: ignore[no-untyped-def]
     return table[cell]
 
 
+@numba.njit(cache=True, nogil=True, inline="always")
+def _variance(misfit, degrees, noise):  # type: ignore[no-untyped-def]
+    """Of a pixel's channel, by what does not fit, and at least that of the noise."""
+    return max(noise * noise, misfit / (3.0 * max(degrees, 1)))
+
+
 @numba.njit(cache=True, nogil=True)
 def measure(image, width, height, channels, table, samples, n, reach, blur, noise, out):  # type: ignore[no-untyped-def]
     """Offsets of n pieces of edges: out (n, MEASURED), see OFFSET and below.
@@ -95,139 +210,64 @@ def measure(image, width, height, channels, table, samples, n, reach, blur, nois
     image: (≥ height, ≥ width, 3); reach: half width of the strip of pixels along an edge [px]; blur:
     standard deviation of the steps [px]; noise: least of a pixel's channel [levels].
     """
-    matrix, full = np.empty((8, 8)), np.empty((8, 8))
-    rhs, raw = np.empty((8, 4)), np.empty((8, 3))
-    edges, basis, squares = np.empty(5), np.empty(8), np.empty(3)
-    scale = 1.0 / blur
-    slope = SLOPE * min(1.0, max(1e-3, (blur - 0.3) / 0.4))
+    factor, full, raw, found = np.empty((8, 8)), np.empty((8, 8)), np.empty((8, 3)), np.empty((8, 4))
+    unit, edges = np.zeros(8), np.empty(5)
+    columns, values, distance = np.empty((8, MAX_PIXELS)), np.empty((3, MAX_PIXELS)), np.empty(MAX_PIXELS)
+    slope = SLOPE * min(1.0, max(1e-3, (blur - SHARP) / (SOFT - SHARP)))
     for s in range(n):
         out[s, VALID], out[s, SHARPNESS] = 0.0, 0.0
         row = samples[s]
-        u, v, nu, nv, along = row[U], row[V], row[NU], row[NV], 0.5 * row[LENGTH]
-        # Bounds of the oriented strip.
-        du, dv = abs(nu) * reach + abs(nv) * along, abs(nv) * reach + abs(nu) * along
-        if u - du < 0.0 or v - dv < 0.0 or u + du > width - 1.0 or v + dv > height - 1.0:
-            continue
-        # Stretches of one surface each, between the edges that cross the strip.
-        seen = reach + 1.5 * blur
-        inside = 0
-        if row[REACH_IN] < seen:
-            edges[1], inside = -row[REACH_IN], 1
-        edges[inside + 1] = 0.0
-        m = inside + 2
-        if row[REACH_OUT] < seen:
-            edges[m] = row[REACH_OUT]
-            m += 1
-        g = 2 if row[OUTSIDE] == 0 else 0
-        t = m + g
-        size = t + 2
-        for i in range(size):
-            for j in range(i + 1):
-                full[i, j] = 0.0
-            for k in range(3):
-                raw[i, k] = 0.0
-        for k in range(3):
-            squares[k] = 0.0
-        pixels = 0
-        for j in range(int(math.ceil(v - dv)), int(v + dv) + 1):
-            y = j - v
-            # The part of the row whose pixels lie in the strip.
-            low, high = u - du, u + du
-            if abs(nu) > 1e-9:
-                one, two = (-reach - y * nv) / nu, (reach - y * nv) / nu
-                low, high = max(low, u + min(one, two)), min(high, u + max(one, two))
-            if abs(nv) > 1e-9:
-                one, two = (y * nu - along) / nv, (y * nu + along) / nv
-                low, high = max(low, u + min(one, two)), min(high, u + max(one, two))
-            for i in range(int(math.ceil(low)), int(math.floor(high)) + 1):
-                d = (i - u) * nu + y * nv
-                place = _place(d * scale)
-                line = _LINE[place] * scale
-                step = _STEP[place]
-                pixels += 1
-                if m == 2:
-                    basis[0], basis[1] = 1.0 - step, step
-                else:
-                    before = 1.0
-                    for q in range(m):
-                        after = 0.0
-                        if q + 1 < m:
-                            after = step if q == inside else _STEP[_place((d - edges[q + 1]) * scale)]
-                        basis[q] = before - after
-                        before = after
-                if g > 0:
-                    basis[m] = basis[m - 1] * (d - 0.5 * reach)
-                if g > 1:
-                    basis[m + 1] = basis[inside] * (d + 0.5 * reach)
-                basis[t], basis[t + 1] = line, -d * scale * line
-                for p in range(size):
-                    b = basis[p]
-                    for q in range(p + 1):
-                        full[p, q] += b * basis[q]
-                    for k in range(3):
-                        raw[p, k] += b * image[j, i, k]
-                for k in range(3):
-                    squares[k] += float(image[j, i, k]) ** 2
+        pixels = _collect(image, width, height, row, reach, distance, values)
         if pixels < MIN_PIXELS:
             continue
-        variance = noise * noise
-        spread = 0.0
-        flat, wider, own = 1e9, 0.0, 0.0
-        for attempt in range(2 if g > 0 else 1):
-            for i in range(t + 1):
-                for j in range(i + 1):
-                    matrix[i, j] = full[i, j]
-                for k in range(3):
-                    rhs[i, k] = raw[i, k]
-                rhs[i, 3] = full[t + 1, i]
-            for i in range(m):
-                total = 1e-9
-                for j in range(m):
-                    total += full[max(i, j), min(i, j)]
-                matrix[i, i] += RIDGE
-                for k in range(3):
-                    rhs[i, k] += RIDGE * raw[i, k] / total
-            for i in range(m, t):
-                matrix[i, i] += flat if attempt == 0 else variance / slope**2
-            spread = _solve(matrix, rhs, t + 1)
-            left = 0.0
+        m, inside = _surfaces(row, reach + 1.5 * blur, edges)
+        slopes = 2 if row[OUTSIDE] == 0 else 0
+        _model(distance, pixels, edges, m, inside, slopes, reach, blur, columns)
+        wide = m + slopes + 1
+        squares = 0.0
+        for i in range(wide + 1):
+            for j in range(i + 1):
+                full[i, j] = _dot(columns[i], columns[j], pixels)
             for k in range(3):
-                left += squares[k]
-                for i in range(t + 1):
-                    left -= (2.0 * raw[i, k] - full[i, i] * rhs[i, k]) * rhs[i, k]
-                    for j in range(i):
-                        left += 2.0 * full[i, j] * rhs[i, k] * rhs[j, k]
-            variance = max(noise * noise, left / (3.0 * max(pixels - t - 1.0, 1.0)))
-            if attempt == 0 and m == 2:
-                # What colours and shift cannot explain of a change of blur.
-                own = full[t + 1, t + 1]
-                total = 0.0
-                for i in range(t + 1):
-                    own -= full[t + 1, i] * rhs[i, 3]
-                for k in range(3):
-                    difference = rhs[inside, k] - rhs[inside + 1, k]
-                    off = raw[t + 1, k]
-                    for i in range(t + 1):
-                        off -= full[t + 1, i] * rhs[i, k]
-                    wider -= difference * off
-                    total += difference**2
-                wider /= max(total * own, 1e-9)
+                raw[i, k] = _dot(columns[i], values[k], pixels)
+        for k in range(3):
+            squares += _dot(values[k], values[k], pixels)
+        _solve(full, raw, full[wide], m, m + 1, 0.0, factor, found)
         # The surface inside must be the face: a finger's edge is none of the object's.
-        here, there = _label(channels, table, rhs[inside]), _label(channels, table, rhs[inside + 1])
+        here, there = _label(channels, table, found[inside]), _label(channels, table, found[inside + 1])
         if here != row[INSIDE] or (there != row[OUTSIDE] if row[OUTSIDE] > 0 else there == row[INSIDE]):
             continue
-        contrast, shift, lift = 0.0, 0.0, 0.0
+        contrast, wider = 0.0, 0.0
         for k in range(3):
-            difference = rhs[inside, k] - rhs[inside + 1, k]
+            difference = found[inside, k] - found[inside + 1, k]
             contrast += difference**2
-            shift += difference * rhs[t, k]
-            lift += difference**3 / max(rhs[inside, k] + rhs[inside + 1, k], 16.0)
+            off = raw[wide, k]
+            for i in range(m + 1):
+                off -= full[wide, i] * found[i, k]
+            wider -= difference * off
         if contrast < MIN_CONTRAST**2:
             continue
+        variance = _variance(_misfit(full, raw, squares, m + 1, found), pixels - m - 1, noise)
+        if m == 2:
+            # What colours and shift cannot explain of a change of blur.
+            own = full[wide, wide]
+            for i in range(m + 1):
+                own -= full[wide, i] * found[i, 3]
+            if own > 1e-3 * full[wide, wide]:
+                out[s, SHARPNESS] = contrast * own / variance
+                out[s, WIDER] = wider / (contrast * own)
+        unit[m] = 1.0
+        _solve(full, raw, unit, m, wide, variance / slope**2, factor, found)
+        unit[m] = 0.0
+        variance = _variance(_misfit(full, raw, squares, wide, found), pixels - wide, noise)
+        contrast, shift, lift = 0.0, 0.0, 0.0
+        for k in range(3):
+            difference = found[inside, k] - found[inside + 1, k]
+            contrast += difference**2
+            shift += difference * found[m, k]
+            lift += difference**3 / max(found[inside, k] + found[inside + 1, k], 16.0)
+        contrast = max(contrast, MIN_CONTRAST**2)
         out[s, OFFSET] = min(reach, max(-reach, shift / contrast))
-        out[s, VARIANCE] = variance * spread / contrast
+        out[s, VARIANCE] = variance * found[m, 3] / contrast
+        out[s, BLOOM] = _BLOOM * blur * lift / contrast
         out[s, VALID] = 1.0
-        out[s, BLOOM] = 2.0 * _BLOOM * blur * lift / contrast
-        if m == 2 and own > 1e-3 * full[t + 1, t + 1]:
-            out[s, SHARPNESS] = contrast * own / variance
-            out[s, WIDER] = wider

@@ -17,7 +17,7 @@ REFERENCE_FOCAL = 295.0
 
 SCHEDULE = contour.Schedule(
     blur=np.array([1.2] + [0.0] * 8),
-    piece=np.array([6.0] + [4.0] * 8),
+    piece=np.array([6.0] + [5.0] * 8),
     tukey=np.array([4.0, 2.0, 1.0] + [0.5] * 6),
 )
 
@@ -30,7 +30,7 @@ TUNING = contour.Tuning(
     least_blur=0.35,
     largest_blur=3.0,
     correlation=1.4,
-    negligible=0.04,
+    negligible=0.15,
     longest=0.02,
     largest=0.3,
 )

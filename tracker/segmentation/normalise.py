@@ -18,7 +18,7 @@ from tracker.conventions import FloatArray, Image
 TARGET_GREY = 115.0
 """Level to which the scene's greys are brought."""
 
-SAMPLES = 3000
+SAMPLES = 2000
 """Pixels that are looked at; more do not change the result by a level."""
 
 CLIPPED = 250
@@ -29,6 +29,9 @@ BRIGHTNESS_RANK = 0.7
 
 MIN_GREYS = 20
 """Grey pixels among the samples below which they tell nothing."""
+
+EVEN_SHARE = 0.8
+"""Share of one chromaticity among the samples above which the light is even."""
 
 TILTED_ROUNDS = 5
 """Rounds in which a slope of the chromaticity over the image is followed from the most frequent one."""
@@ -140,8 +143,9 @@ def _greys(image, step, log_table, points, plane):  # type: ignore[no-untyped-de
     if _fit_plane(points, count, plane, 0.22, True, matrix, vectors) == 0:
         return 0.0, 0.0
     start = plane.copy()
-    for _ in range(TILTED_ROUNDS):
-        _fit_plane(points, count, plane, 0.2, False, matrix, vectors)
+    if _fit_plane(points, count, plane, 0.15, True, matrix, vectors) < EVEN_SHARE * count:
+        for _ in range(TILTED_ROUNDS):
+            _fit_plane(points, count, plane, 0.2, False, matrix, vectors)
     tilt = max(abs(plane[0, 1]) + abs(plane[0, 2]), abs(plane[1, 1]) + abs(plane[1, 2]))
     flat = tilt < MIN_TILT or tilt > MAX_TILT
     if flat:

@@ -1,0 +1,182 @@
+from __future__ import annotations
+
+import dataclasses
+
+import cv2
+import numpy as np
+import pytest
+
+import tracker
+from synthetic.raycast import render
+from synthetic.sensor import Sensor
+from synthetic.simple import random_scene
+from synthetic.simple_rig import default_cameras
+from tracker.geometry import so3
+from tracker.pose import contour
+from tracker.pose.refine import TUNING
+
+OBJECTS = ("cube_v2", "cuboid_2x2x8_v2")
+SCENES = 3
+
+
+@pytest.fixture(scope="module")
+def rig():
+    return tracker.CameraRig(default_cameras())
+
+
+@pytest.fixture(scope="module")
+def trackers(rig):
+    return {name: tracker.ObjectTracker(tracker.load_object(name), rig) for name in OBJECTS}
+
+
+def rendered(rig, model, k, sensor):
+    rng = np.random.default_rng([20, k])
+    return render(random_scene(model, rng, occlusion=0.0), rig.cameras, model, sensor, rng)
+
+
+@pytest.fixture(scope="module")
+def scenes(rig):
+    """Scenes by object, without fingers, noise and compression of levels."""
+    return {
+        name: [rendered(rig, tracker.load_object(name), k, Sensor.clean()) for k in range(SCENES)]
+        for name in OBJECTS
+    }
+
+
+def deviation(fit, reference):
+    """How far two fits lie apart, in standard deviations of the second (6,)."""
+    turned = so3.log(fit.rotation @ reference.rotation.T)
+    apart = np.concatenate([fit.position - reference.position, turned])
+    return apart / np.sqrt(np.diag(reference.covariance))
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+def test_clean_images_give_the_exact_pose(trackers, scenes, name):
+    for truth in scenes[name]:
+        fit = trackers[name].fit(truth.images)
+        assert fit.converged
+        assert np.linalg.norm(fit.position - truth.position) < 0.1e-3
+        assert so3.angle_between(fit.rotation, truth.rotation) < np.radians(0.2)
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+def test_every_start_nearby_leads_to_the_same_pose(trackers, scenes, name):
+    rng = np.random.default_rng(4)
+    for truth in scenes[name]:
+        reference = trackers[name].fit(truth.images)
+        estimator = trackers[name]._estimator
+        for size in (0.0, 1.0, 1.0, 1.0, 2.0):
+            rotation = so3.exp(size * rng.normal(0, 0.03, 3)) @ reference.rotation
+            fit = estimator.refine(rotation, reference.position + size * rng.normal(0, 1.5e-3, 3))
+            assert fit.converged
+            # Ended within `negligible` of the best pose, both of them.
+            assert np.abs(deviation(fit, reference)).max() < 2 * np.sqrt(TUNING.negligible)
+            np.testing.assert_allclose(np.diag(fit.covariance), np.diag(reference.covariance), rtol=0.1)
+
+
+def test_a_start_is_left_as_it_was(trackers, scenes):
+    reference = trackers["cube_v2"].fit(scenes["cube_v2"][0].images)
+    rotation, position = so3.exp(np.full(3, 0.02)) @ reference.rotation, reference.position + 1e-3
+    before = rotation.copy(), position.copy()
+    trackers["cube_v2"]._estimator.refine(rotation, position)
+    np.testing.assert_array_equal(rotation, before[0])
+    np.testing.assert_array_equal(position, before[1])
+
+
+def test_what_was_refined_before_does_not_matter(trackers, scenes):
+    reference = trackers["cube_v2"].fit(scenes["cube_v2"][0].images)
+    estimator = trackers["cube_v2"]._estimator
+    first = estimator.refine(reference.rotation, reference.position)
+    estimator.refine(so3.exp(np.array([1.0, 2.0, 0.3])), reference.position + 0.02)
+    again = estimator.refine(reference.rotation, reference.position)
+    for key in ("rotation", "position", "covariance", "samples", "counts"):
+        np.testing.assert_array_equal(getattr(again, key), getattr(first, key))
+
+
+def test_covariance_is_symmetric_and_positive(trackers, scenes):
+    for name in OBJECTS:
+        for truth in scenes[name]:
+            covariance = trackers[name].fit(truth.images).covariance
+            np.testing.assert_array_equal(covariance, covariance.T)
+            assert (np.linalg.eigvalsh(covariance) > 0).all()
+
+
+def test_a_camera_without_image_is_counted_nowhere(trackers, scenes):
+    images = [*scenes["cube_v2"][0].images]
+    images[1] = None
+    fit = trackers["cube_v2"].fit(images)
+    counted = fit.samples[:, [contour.EXPECTED, contour.USABLE, contour.INLIERS, contour.SQUARES]]
+    assert (counted[1] == 0).all()
+    assert (counted[[0, 2]] > 0).all()
+    assert (fit.counts[1] == 0).all()
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+def test_counts_of_pieces_are_ordered(trackers, scenes, name):
+    for truth in scenes[name]:
+        samples = trackers[name].fit(truth.images).samples
+        assert (samples[:, contour.INLIERS] <= samples[:, contour.USABLE]).all()
+        assert (samples[:, contour.USABLE] <= samples[:, contour.EXPECTED]).all()
+        # Nothing hides the object, and nearly all of its edges are where the pose puts them.
+        assert samples[:, contour.USABLE].sum() > 0.7 * samples[:, contour.EXPECTED].sum()
+        assert samples[:, contour.INLIERS].sum() > 0.9 * samples[:, contour.USABLE].sum()
+
+
+def test_blurs_add_up_in_squares(trackers, scenes):
+    for truth in scenes["cube_v2"]:
+        sharp = trackers["cube_v2"].fit(truth.images).samples[:, contour.BLUR]
+        for sigma in (0.7, 1.2):
+            images = [cv2.GaussianBlur(image, (0, 0), sigma) for image in truth.images]
+            blurred = trackers["cube_v2"].fit(images).samples[:, contour.BLUR]
+            np.testing.assert_allclose(blurred, np.hypot(sharp, sigma), rtol=0.05)
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+def test_blur_does_not_move_the_pose(trackers, scenes, name):
+    for truth in scenes[name]:
+        images = [cv2.GaussianBlur(image, (0, 0), 1.0) for image in truth.images]
+        fit = trackers[name].fit(images)
+        assert np.linalg.norm(fit.position - truth.position) < 0.15e-3
+        assert so3.angle_between(fit.rotation, truth.rotation) < np.radians(0.3)
+
+
+@pytest.mark.parametrize("growth", [0.997, 1.003])
+def test_an_object_a_little_larger_than_its_model_is_found_where_it_is(rig, trackers, growth):
+    model = tracker.load_object("cube_v2")
+    other = dataclasses.replace(model, size=tuple(growth * np.asarray(model.size)))
+    for k in range(SCENES):
+        truth = rendered(rig, other, k, Sensor.clean())
+        fit = trackers["cube_v2"].fit(truth.images)
+        assert np.linalg.norm(fit.position - truth.position) < 0.1e-3
+        assert so3.angle_between(fit.rotation, truth.rotation) < np.radians(0.2)
+
+
+def test_response_of_the_camera_does_not_move_the_pose(trackers):
+    # Mixed at edges are the levels themselves, or the light of which they are the square root: then the
+    # brighter surfaces bloom.
+    fine = tracker.CameraRig(default_cameras(540))
+    for k in range(SCENES):
+        truth = rendered(fine, tracker.load_object("cube_v2"), k, Sensor.clean())
+        for exponent in (1.0, 2.0):
+            images = []
+            for image in truth.images:
+                light = cv2.GaussianBlur((image / 255.0) ** exponent, (0, 0), 1.5)
+                seen = cv2.resize(light, (270, 270), interpolation=cv2.INTER_AREA)
+                images.append(np.rint(255 * seen ** (1 / exponent)).astype(np.uint8))
+            fit = trackers["cube_v2"].fit(images)
+            assert np.linalg.norm(fit.position - truth.position) < 0.1e-3
+            assert so3.angle_between(fit.rotation, truth.rotation) < np.radians(0.2)
+
+
+def test_what_hides_an_edge_does_not_pull_the_pose(trackers, scenes):
+    rng = np.random.default_rng(8)
+    for truth in scenes["cube_v2"]:
+        reference = trackers["cube_v2"].fit(truth.images)
+        images = [image.copy() for image in truth.images]
+        for image, labels in zip(images, truth.labels, strict=True):
+            rows, columns = np.nonzero(labels)
+            k = rng.integers(len(rows))
+            cv2.circle(image, (int(columns[k]), int(rows[k])), 9, (60, 60, 60), -1)
+        fit = trackers["cube_v2"].fit(images)
+        assert np.linalg.norm(fit.position - truth.position) < 0.2e-3
+        assert np.trace(fit.covariance[:3, :3]) > np.trace(reference.covariance[:3, :3])
