@@ -19,8 +19,8 @@ MIN_EXPLAINED = 0.2
 MAX_WRONG = 0.3
 """Share of face-coloured pixels inside the outline that may show another face."""
 
-MIN_INLIERS = 12.0
-"""Weight of edge samples that must lie on edges."""
+MIN_INLIERS = 5.0
+"""Weight of edges' pieces that must lie on edges."""
 
 MIN_LEAD = 0.7
 """Log odds by which a fit must lead over a different pose, or the answer is ambiguous."""
@@ -63,18 +63,18 @@ def refusal(fit: Fit) -> Status | None:
 
 
 WEIGHTS = {
-    "wrong": -5.6, "extra": -4.0, "unusable": -3.2, "outliers": 0.0, "rms": -1.1, "few": -15.0,
-    "unconverged": -1.0,
+    "wrong": -13.32, "extra": -0.5, "unusable": -4.19, "outliers": -8.31, "rms": -0.14, "few": 0.0,
+    "unconverged": -0.69,
 }  # fmt: skip
 """Weights of the features, none positive, so that no doubt can raise the confidence. Fitted, with the bias,
 by scripts/fit_confidence.py on right and wrong fits to rendered scenes."""
 
-BIAS = 15.7
+BIAS = 10.23
 
 NEAR = 5e-3, math.radians(5)
 """What the confidence promises: the pose is this close to the truth [m, rad]."""
 
-CARE = 2.0
+CARE = 1.25
 """Factor on the standard deviations when they are asked whether the pose is that close."""
 
 

@@ -18,10 +18,10 @@ from tracker.pose.result import Status
 from tracker.pose.search import Searcher
 from tracker.pose.views import Box, Evidence, reduced_size, stack_lenses
 
-ALIGN_REACHES = np.array([5, 5, 4, 4, 3])
+ALIGN_REACHES = np.array([5, 4, 3])
 """Reach of the label transitions' search in each alignment step [px of the label map]."""
 
-FEW, MANY = 3, 10
+FEW, MANY = 2, 10
 """Rotations that are tried at the best position, and at each where that did not settle it."""
 
 POSITIONS = 4
