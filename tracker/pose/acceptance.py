@@ -13,10 +13,10 @@ from tracker.pose.result import Status
 MIN_AGREE = 30
 """Pixels of the label maps that must show the face the pose predicts."""
 
-MIN_EXPLAINED = 0.2
+MIN_EXPLAINED = 0.15
 """Share of the object's expected pixels that must show the predicted face; the rest may be hidden."""
 
-MAX_WRONG = 0.3
+MAX_WRONG = 0.5
 """Share of face-coloured pixels inside the outline that may show another face."""
 
 MIN_INLIERS = 5.0
@@ -25,8 +25,11 @@ MIN_INLIERS = 5.0
 MIN_LEAD = 0.7
 """Log odds by which a fit must lead over a different pose, or the answer is ambiguous."""
 
-MIN_CONFIDENCE = 0.2
-"""Confidence below which there had better be no pose."""
+MIN_TRUST = 0.2
+"""Probability that the fit sits on the object below which there had better be no pose."""
+
+VAGUE, MIN_DEFINITE = (0.02, math.radians(5)), 0.4
+"""The pose must be this close to the truth [m, rad] with at least this probability, or many poses would do."""
 
 
 def features(fit: Fit) -> dict[str, float]:
@@ -59,17 +62,19 @@ def refusal(fit: Fit) -> Status | None:
         return Status.POOR_FIT
     if fit.lead < MIN_LEAD:
         return Status.AMBIGUOUS
-    return Status.POOR_FIT if confidence(fit) < MIN_CONFIDENCE else None
+    if trust(fit) < MIN_TRUST:
+        return Status.POOR_FIT
+    return Status.AMBIGUOUS if probably_near(fit, VAGUE) < MIN_DEFINITE else None
 
 
 WEIGHTS = {
-    "wrong": -13.32, "extra": -0.5, "unusable": -4.19, "outliers": -8.31, "rms": -0.14, "few": 0.0,
-    "unconverged": -0.69,
+    "wrong": -7.97, "extra": -0.91, "unusable": -5.24, "outliers": 0.0, "rms": -0.71, "few": 0.0,
+    "unconverged": -0.41,
 }  # fmt: skip
 """Weights of the features, none positive, so that no doubt can raise the confidence. Fitted, with the bias,
 by scripts/fit_confidence.py on right and wrong fits to rendered scenes."""
 
-BIAS = 10.23
+BIAS = 8.31
 
 NEAR = 5e-3, math.radians(5)
 """What the confidence promises: the pose is this close to the truth [m, rad]."""
@@ -83,16 +88,33 @@ def log_odds(fit: Fit) -> float:
     return BIAS + sum(WEIGHTS[key] * value for key, value in features(fit).items())
 
 
-def probably_near(fit: Fit) -> float:
-    """Probability that a fit on the object is within NEAR of the truth, from its covariance."""
+EVIDENCE = 0.1
+"""Log odds that another piece of an edge in its place adds in comparison with a rival."""
+
+
+def rank(fit: Fit) -> float:
+    """By how much a fit is to be preferred: its log odds, and how many pieces of edges it explains.
+
+    A pose that shares most of the object's outline with the right one, slid along an edge or turned by a
+    quarter, has clean pieces too, but fewer of them.
+    """
+    return log_odds(fit) + EVIDENCE * float(fit.samples[:, contour.INLIERS].sum())
+
+
+def probably_near(fit: Fit, limits: tuple[float, float] = NEAR) -> float:
+    """Probability that a fit on the object is within limits [m, rad] of the truth, from its covariance."""
     result = 1.0
-    for block, near in zip((fit.covariance[:3, :3], fit.covariance[3:, 3:]), NEAR, strict=True):
+    for block, near in zip((fit.covariance[:3, :3], fit.covariance[3:, 3:]), limits, strict=True):
         std = math.sqrt(max(float(np.linalg.eigvalsh(block)[-1]), 1e-18))
         result *= math.erf(near / (CARE * std * math.sqrt(2.0)))
     return result
 
 
+def trust(fit: Fit) -> float:
+    """Probability that the fit sits on the object, at whatever accuracy; a close rival halves it at most."""
+    return 1.0 / (1.0 + math.exp(-log_odds(fit))) / (1.0 + math.exp(-fit.lead))
+
+
 def confidence(fit: Fit) -> float:
-    """Probability that the pose is within 5 mm and 5° of the truth; a close rival halves it at most."""
-    right = 1.0 / (1.0 + math.exp(-log_odds(fit)))
-    return right * probably_near(fit) / (1.0 + math.exp(-fit.lead))
+    """Probability that the pose is within 5 mm and 5° of the truth."""
+    return trust(fit) * probably_near(fit)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from tracker.conventions import Array, FloatArray
+from tracker.conventions import FloatArray
 from tracker.pose import edges
 from tracker.pose.edges import COLUMNS, MAX_SAMPLES, J, edge_samples
 from tracker.pose.lens import apply_update
@@ -111,8 +111,10 @@ def accumulate(samples, measured, n, exponent, growth, tukey, floor, matrix, vec
 
 
 @numba.njit(cache=True, nogil=True)
-def refine(images, lenses, scales, used, channels, table, box, weights, prior, schedule, tuning,
-           rotation, position, work, known, summary):  # type: ignore[no-untyped-def]  # fmt: skip
+def refine(  # type: ignore[no-untyped-def]
+    images, lenses, scales, used, channels, table, box, weights, prior, schedule, tuning,
+    rotation, position, work, known, summary,
+):  # fmt: skip
     """Move a pose in place to where it fits the contours best; returns whether that converged.
 
     images (C, H, W, 3); scales (C,): focal lengths over the reference; channels (C, 3, 256); weights

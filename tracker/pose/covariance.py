@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from tracker.conventions import FloatArray
 from tracker.geometry import so3
 from tracker.geometry.camera import Camera
-
-CORRELATION = 1.5
-"""Neighbouring samples of an edge share blur, mosaic and model errors: σ is larger than if they did not."""
 
 PRIOR = np.array([1e3] * 3 + [10.0] * 3)
 """Information of a prior of 3 cm and 0.3 rad around the hypothesis, which holds unseen directions."""
@@ -62,44 +57,6 @@ def offset_covariance(calibration: FloatArray, position: FloatArray) -> FloatArr
     effect = np.eye(6)
     effect[:3, 3:] = -so3.hat(position)
     return np.asarray(effect @ calibration @ effect.T, dtype=np.float64)
-
-
-@dataclass(frozen=True, eq=False)
-class Step:
-    """One Gauss-Newton step of the pose and of every camera's offset."""
-
-    pose: FloatArray
-    """(6,) update of the object's pose."""
-    offsets: FloatArray
-    """(C, 6) updates of the cameras' offsets."""
-    information: FloatArray
-    """(6, 6) information on the pose, the offsets marginalised."""
-
-
-def solve_step(
-    information: FloatArray, gradient: FloatArray, offsets: FloatArray, weights: FloatArray
-) -> Step | None:
-    """Solve for the pose and the cameras' offsets together; None where that is impossible.
-
-    Each camera sees the object moved by an offset η_c of its own, which its calibration error causes
-    and whose inverse covariance is weights (C, 6, 6). It contributes its normal equations information
-    (C, 6, 6), gradient (C, 6) at the pose moved by η_c, and minimised is
-    Σ ‖r_c - J_c (δ + dη_c)‖² + (η_c + dη_c)ᵀ W_c (η_c + dη_c). The offsets are eliminated (Schur).
-    """
-    total: FloatArray = np.diag(PRIOR)
-    vector = np.zeros(6)
-    try:
-        inverse = np.linalg.inv(information + weights)
-        pull = gradient - np.einsum("cij,cj->ci", weights, offsets)
-        for own, gain, force, back in zip(information, inverse, pull, gradient, strict=True):
-            share = own @ gain
-            total = total + own - share @ own
-            vector += back - share @ force
-        pose: FloatArray = np.asarray(np.linalg.solve(total, vector), dtype=np.float64)
-    except np.linalg.LinAlgError:
-        return None
-    change = np.einsum("cij,cj->ci", inverse, pull - information @ pose)
-    return Step(pose, change, 0.5 * (total + total.T))
 
 
 def pose_covariance(information: FloatArray) -> FloatArray:

@@ -34,7 +34,7 @@ _EDGES = EDGES
 
 @numba.njit(cache=True, nogil=True)
 def _face_depth(lenses, c, half, rotation, position, corner, face, axis, u, v, nu, nv):  # type: ignore[no-untyped-def]
-    """How far [px, signed along the normal] the edge of `face` opposite to an edge lies at a corner's pixel."""
+    """How far [px, signed along the normal] from a corner's pixel the opposite edge of `face` lies."""
     # The in-face direction away from the edge is the face's axis that is neither its normal nor the edge.
     inward = 3 - axis - face // 2
     other = np.empty(3)

@@ -11,7 +11,7 @@ import numpy as np
 from tracker.conventions import Array, FloatArray
 from tracker.geometry.camera import Camera
 from tracker.pose import align
-from tracker.pose.acceptance import log_odds
+from tracker.pose.acceptance import log_odds, rank
 from tracker.pose.fit import Fit
 from tracker.pose.refine import Refiner
 from tracker.pose.result import Status
@@ -74,19 +74,23 @@ class PoseEstimator:
         first = next(positions, None)
         if first is None:
             return Status.TOO_FEW_PIXELS
+        # One camera alone may see a single face, which fits at four turns: it never settles the matter.
+        several = np.count_nonzero(self.used) > 1
         fits: list[Fit] = []
         for hypothesis in chain(self._align([first], FEW), self._align(chain([first], positions), MANY)):
             fit = self.refine(*hypothesis)
-            if all(_apart(fit.rotation, fit.position, f.rotation, f.position) for f in fits):
-                fits.append(fit)
-            if log_odds(fit) > SURE:
+            fits.append(fit)
+            if several and log_odds(fit) > SURE and fit.converged:
                 break
         if not fits:
             return Status.INCONSISTENT_VIEWS
-        fits.sort(key=log_odds, reverse=True)
+        fits.sort(key=rank, reverse=True)
         if len(fits) == 1:
             return fits[0]
-        return replace(fits[0], lead=log_odds(fits[0]) - log_odds(fits[1]))
+        rivals = [
+            fit for fit in fits[1:] if _apart(fit.rotation, fit.position, fits[0].rotation, fits[0].position)
+        ]
+        return replace(fits[0], lead=rank(fits[0]) - rank(rivals[0])) if rivals else fits[0]
 
     def refine(self, rotation: FloatArray, position: FloatArray) -> Fit:
         """The fit nearest to a hypothesis (3, 3), (3,) [m], in the views that `estimate` was given last."""

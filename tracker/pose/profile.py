@@ -23,7 +23,7 @@ from tracker.pose.edges import INSIDE, LENGTH, NU, NV, OUTSIDE, REACH_IN, REACH_
 MIN_CONTRAST = 14.0
 """Least distance between the two surfaces' colours [levels]."""
 
-RIDGE = 0.05
+RIDGE = 0.003
 """Weight of a surface's prior colour, the mean of its pixels, against one pixel."""
 
 SLOPE = 2.0
@@ -76,7 +76,7 @@ def _collect(image, width, height, row, reach, distance, values):  # type: ignor
     if u - du < 0.0 or v - dv < 0.0 or u + du > width - 1.0 or v + dv > height - 1.0:
         return 0
     pixels = 0
-    for j in range(int(math.ceil(v - dv)), int(v + dv) + 1):
+    for j in range(math.ceil(v - dv), int(v + dv) + 1):
         y = j - v
         # The part of the row whose pixels lie in the strip.
         low, high = u - du, u + du
@@ -86,8 +86,8 @@ def _collect(image, width, height, row, reach, distance, values):  # type: ignor
         if abs(nv) > 1e-9:
             one, two = (y * nu - along) / nv, (y * nu + along) / nv
             low, high = max(low, u + min(one, two)), min(high, u + max(one, two))
-        first = int(math.ceil(low))
-        for i in range(first, min(int(math.floor(high)) + 1, first + MAX_PIXELS - pixels)):
+        first = math.ceil(low)
+        for i in range(first, min(math.floor(high) + 1, first + MAX_PIXELS - pixels)):
             distance[pixels] = (i - u) * nu + y * nv
             for k in range(3):
                 values[k, pixels] = image[j, i, k]

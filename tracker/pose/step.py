@@ -25,9 +25,10 @@ def solve_step(information, gradient, offsets, weights, share, prior, pull, know
     Each camera sees the object moved by an offset η_c of its own, which its calibration error causes and
     whose inverse covariance is weights (C, 6, 6) over share. It contributes the normal equations information
     (C, 8, 8), gradient (C, 8) at the pose moved by η_c. Minimised is
-    Σ ‖r_c - J_c (δ + (dη_c, 0))‖² + (η_c + dη_c)ᵀ W_c / share (η_c + dη_c) + δᵀ P δ - 2 δᵀ q with prior P (8, 8)
-    and pull q (8,). The offsets are eliminated (Schur). Filled: known (8, 8), the information on what is
-    shared with the offsets marginalised; shared (8,), its update; changes (C, 6), the offsets' updates.
+    Σ ‖r_c - J_c (δ + (dη_c, 0))‖² + (η_c + dη_c)ᵀ W_c / share (η_c + dη_c) + δᵀ P δ - 2 δᵀ q with
+    prior P (8, 8) and pull q (8,). The offsets are eliminated (Schur). Filled: known (8, 8), the
+    information on what is shared with the offsets marginalised; shared (8,), its update; changes (C, 6), the
+    offsets' updates.
     """
     cameras = len(offsets)
     vector, column = np.empty(UNKNOWNS), np.empty(6)

@@ -47,7 +47,7 @@ _LOG = np.log(np.maximum(np.arange(256), 0.5))
 
 @numba.njit(cache=True, nogil=True)
 def _sample(image, step, log_table, points):  # type: ignore[no-untyped-def]
-    """Points (N, 5): log chroma b/g and r/g, place from -1 to 1 across and down, level of green; returns N."""
+    """Points (N, 5): log chroma b/g, r/g, place from -1 to 1 across and down, level of green; returns N."""
     height, width = image.shape[0], image.shape[1]
     count = 0
     for j in range(step // 2, height, step):
@@ -86,7 +86,10 @@ def _mode(points, count):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, nogil=True)
 def _fit_plane(points, count, plane, reach, flat, matrix, vectors):  # type: ignore[no-untyped-def]
-    """Move plane (2, 3), the log chroma as 1, x, y times its rows, to the points near it; returns their count."""
+    """Move plane (2, 3) to the points near it, and return their count.
+
+    The plane's rows are the coefficients of 1, x, y for the two log chromas.
+    """
     matrix[:], vectors[:] = 0.0, 0.0
     for n in range(count):
         x, y = points[n, 2], points[n, 3]
@@ -185,7 +188,7 @@ class Light:
     tilt: FloatArray
     """(2, 2) log of blue and of red over green, per half the image to the right and down; 0: even light."""
     share: float
-    """Share of the pixels that are grey; 0 where no grey can be found (a black, white or monochrome image)."""
+    """Share of the pixels that are grey; 0 where no grey can be found (black, white, monochrome)."""
 
 
 def find_light(image: Image) -> Light:
