@@ -32,11 +32,11 @@ class Sizes:
     """How many scenes of each set there are for an object."""
 
     realistic: int = 400
-    clean: int = 150
-    per_bin: int = 100
+    clean: int = 100
+    per_bin: int = 60
     """Least number in each bin of visible fractions, `realistic` included."""
     absent: int = 500
-    package: int = 100
+    package: int = 60
     baseline: int = 40
     """Scenes of `realistic` that the predecessor's method is tried on."""
 

@@ -29,7 +29,7 @@ from tracker.segmentation.normalise import evened, find_light, grey_world_gains
 
 _LOG = logging.getLogger(__name__)
 
-SURE = 0.95
+SURE = 0.9
 """Confidence below which the light is judged a second time, by the grey world."""
 
 

@@ -29,7 +29,7 @@ MIN_TRUST = 0.2
 """Probability that the fit sits on the object below which there had better be no pose."""
 
 VAGUE, MIN_DEFINITE = (0.02, math.radians(5)), 0.4
-"""The pose must be this close to the truth [m, rad] with at least this probability, or many poses would do."""
+"""The pose must be this close to the truth [m, rad] with this probability, or many poses would do."""
 
 
 def features(fit: Fit) -> dict[str, float]:

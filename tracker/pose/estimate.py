@@ -33,7 +33,7 @@ REFINED = 5
 MIN_PIXELS = 20
 """Face-coloured pixels in all label maps below which there is no object."""
 
-SURE = 4.0
+SURE = 3.0
 """Log odds of a fit at which no other hypothesis is tried."""
 
 SAME_POSITION, SAME_ROTATION = 0.006, 0.15
