@@ -1,0 +1,103 @@
+"""Coloured light from one side, and channels at their limit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import tracker
+from tracker.conventions import Image
+from tracker.segmentation.labels import look_up
+from tracker.segmentation.normalise import CLIPPED, MIN_TILT, evened, find_light
+
+SIZE = 135
+
+
+def greys(seed: int, level: float = 110.0) -> np.ndarray:
+    """A grey scene (H, W, 3) of blocks of different brightness, with a little noise, in floats."""
+    rng = np.random.default_rng(seed)
+    blocks = np.kron(rng.uniform(0.6, 1.4, (9, 9)), np.ones((15, 15)))
+    return np.asarray(level * blocks[:, :, None] + rng.normal(0, 1.0, (SIZE, SIZE, 3)))
+
+
+def ramp(slope_x: float, slope_y: float) -> np.ndarray:
+    """Factor (H, W): exponential of a plane that is 0 in the middle."""
+    x = 2.0 * np.arange(SIZE)[None, :] / SIZE - 1.0
+    y = 2.0 * np.arange(SIZE)[:, None] / SIZE - 1.0
+    return np.asarray(np.exp(slope_x * x + slope_y * y))
+
+
+def picture(values: np.ndarray) -> Image:
+    return np.clip(np.rint(values), 0, 255).astype(np.uint8)
+
+
+def chroma(image: Image) -> np.ndarray:
+    """Log of blue and red over green (2, H, W)."""
+    values = np.maximum(image.astype(float), 1.0)
+    return np.asarray(np.log(np.stack([values[..., 0], values[..., 2]]) / values[..., 1]))
+
+
+@pytest.mark.parametrize("slopes", [(0.35, 0.0, 0.0, 0.0), (0.0, -0.3, 0.25, 0.1), (-0.2, 0.2, 0.3, -0.2)])
+def test_a_slope_of_the_lights_colour_is_found_and_taken_out(slopes: tuple[float, ...]) -> None:
+    values = greys(1)
+    values[..., 0] *= ramp(slopes[0], slopes[1])
+    values[..., 2] *= ramp(slopes[2], slopes[3])
+    image = picture(values)
+    light = find_light(image)
+    assert light.tilt == pytest.approx(np.reshape(slopes, (2, 2)), abs=0.02)
+    left = chroma(evened(image, light))
+    assert np.abs(np.median(left.reshape(2, 3, 45, 3, 45), axis=(2, 4))).max() < 0.03
+    assert np.abs(np.median(chroma(image).reshape(2, 3, 45, 3, 45), axis=(2, 4))).max() > 0.1
+
+
+def test_even_light_leaves_the_image_as_it_is() -> None:
+    for seed in range(10):
+        image = picture(greys(seed) * np.array([0.8, 1.0, 1.3]))
+        light = find_light(image)
+        assert not light.tilt.any()
+        assert evened(image, light) is image
+
+
+def test_a_slight_slope_counts_as_even() -> None:
+    values = greys(2)
+    values[..., 0] *= ramp(0.6 * MIN_TILT, 0.0)
+    assert not find_light(picture(values)).tilt.any()
+
+
+def test_gains_are_those_of_the_middle() -> None:
+    values = greys(3)
+    values[..., 0] *= ramp(0.3, 0.0)
+    flat, tilted = find_light(picture(greys(3))), find_light(picture(values))
+    assert tilted.gains == pytest.approx(flat.gains, rel=0.03)
+
+
+def test_clipped_values_stay_clipped_and_others_below() -> None:
+    values = greys(4)
+    values[..., 0] *= ramp(0.4, 0.0)
+    values[20:30, 20:30] = 255
+    image = picture(values)
+    even = evened(image, find_light(image))
+    assert (even[20:30, 20:30] == 255).all()
+    assert (even[..., 0][image[..., 0] < CLIPPED] < CLIPPED).all()
+
+
+@pytest.mark.parametrize("gains", [(1.0, 1.0, 1.0), (1.6, 0.9, 0.7), (0.6, 1.2, 1.5)])
+def test_clipped_greys_are_background_under_any_gains(gains: tuple[float, float, float]) -> None:
+    colors = tracker.load_colors("cube_v2")
+    factors = np.asarray(gains)
+    # A bright grey as this camera shows it, of which some channels have reached their limit.
+    raw = [np.minimum(255, level / factors) for level in range(200, 420, 10)]
+    image = np.array([raw], dtype=np.float64).repeat(4, axis=0)
+    clipped = (image >= CLIPPED).any(axis=2)
+    labels = np.empty(image.shape[:2], np.uint8)
+    look_up(picture(image), colors.channel_tables(factors), colors.label_table, factors, labels)
+    assert clipped.any()
+    assert (labels[clipped] == 0).all()
+
+
+def test_a_face_with_a_clipped_channel_keeps_its_colour() -> None:
+    colors = tracker.load_colors("simulation")
+    image = np.array([[[108, 235, 255], [112, 245, 255], [0, 52, 255]]], dtype=np.uint8)
+    labels = np.empty((1, 3), np.uint8)
+    look_up(image, colors.channel_tables(np.ones(3)), colors.label_table, np.ones(3), labels)
+    assert labels.tolist() == [[6, 6, 1]]
