@@ -56,7 +56,7 @@ class ObjectTracker:
     def __init__(self, model: CuboidModel, rig: CameraRig, colors: ColorModel | None = None) -> None:
         if not kernels_are_cached():
             # A warning reaches standard error without any set-up of logging.
-            _LOG.warning("compiling kernels, once per machine (about 12 s) ...")
+            _LOG.warning("compiling kernels, once per machine (about 20 s) ...")
         self.model, self.rig = model, rig
         self.colors = colors if colors is not None else load_colors(model.colors)
         box = Box(np.asarray(model.size) / 2, np.asarray(model.face_labels, dtype=np.uint8))
@@ -92,7 +92,7 @@ class ObjectTracker:
         lap = time.perf_counter()
         seen = [None if image is None else self._see(image) for image in self._check(images)]
         timing["light"] = 1e3 * (time.perf_counter() - lap)
-        best: Fit | None = None
+        best: tuple[Fit, float] | None = None
         status: Status | None = None
         for grey_world in (False, True) if self.colors.normalise else (False,):
             lap = time.perf_counter()
@@ -103,13 +103,14 @@ class ObjectTracker:
             timing["pose"] = timing.get("pose", 0.0) + 1e3 * (time.perf_counter() - split)
             refused = outcome if isinstance(outcome, Status) else refusal(outcome)
             if isinstance(outcome, Fit) and refused is None:
-                if best is None or confidence(outcome) > confidence(best):
-                    best = outcome
-                if confidence(best) > SURE:
+                found = confidence(outcome)
+                if best is None or found > best[1]:
+                    best = outcome, found
+                if best[1] > SURE:
                     break
             else:
                 status = status or refused
-        return best or status or Status.INCONSISTENT_VIEWS
+        return best[0] if best else status or Status.INCONSISTENT_VIEWS
 
     def _see(self, image: Image) -> _Seen:
         small = _reduce(calmed(image))

@@ -134,6 +134,8 @@ def refine(  # type: ignore[no-untyped-def]
     priors[EXPONENT, EXPONENT], priors[GROWTH, GROWTH] = 1.0 / EXPONENT_STD**2, 1.0 / GROWTH_STD**2
     reaches = np.zeros(cameras)
     converged, share = False, 1.0
+    # A calibration that states no errors (see covariance.LEAST_VARIANCE) has none to take a share of.
+    doubtful = weights[:, 0, 0].min() < 1e11
     for step in range(steps):
         total, knowing, known_blur = 0, 0, 0.0
         for c in range(cameras):
@@ -197,7 +199,7 @@ def refine(  # type: ignore[no-untyped-def]
                 gradient[c] *= trust
         pull[EXPONENT] = (LIKELY_EXPONENT - exponent) / EXPONENT_STD**2
         pull[GROWTH] = -growth / GROWTH_STD**2
-        if schedule.blur[step] == 0.0:
+        if schedule.blur[step] == 0.0 and doubtful:
             share = calibration_share(
                 information, gradient, offsets, weights, priors, pull, joint, shared, changes
             )

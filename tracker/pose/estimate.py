@@ -84,9 +84,9 @@ class PoseEstimator:
                 break
         if not fits:
             return Status.INCONSISTENT_VIEWS
-        fits.sort(key=rank, reverse=True)
         if len(fits) == 1:
             return fits[0]
+        fits.sort(key=rank, reverse=True)
         rivals = [
             fit for fit in fits[1:] if _apart(fit.rotation, fit.position, fits[0].rotation, fits[0].position)
         ]
