@@ -64,7 +64,7 @@ class FrameOptions:
     rate: float = 10.0
     """Frames of a sequence per second [Hz]."""
     kind: str | None = None
-    """Kind of the motions of a sequence; None: drawn."""
+    """Kind of the single scenes, or of the motions of a sequence; None: drawn."""
     dropped: float = 0.02
     """Probability that a picture of a sequence is missing."""
     path: str | None = None
@@ -193,7 +193,10 @@ class FrameMaker:
         options, rng = self.options, self._rng(_SCENE, number)
         if not options.sequence:
             present = bool(rng.random() >= options.empty)
-            yield number * PERIOD, random_scene(self._platform, rng, object_present=present)
+            yield (
+                number * PERIOD,
+                random_scene(self._platform, rng, object_present=present, kind=options.kind),
+            )
             return
         from synthetic.motion import sequence as motion_sequence
 

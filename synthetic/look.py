@@ -17,7 +17,8 @@ from tracker.conventions import Array, FloatArray
 from tracker.objects.model import CuboidModel
 
 COPPER = np.array([3.0, 54.0, 102.0]) / 255
-DICE_BLUE = np.array([205.0, 115.0, 20.0]) / 255
+DICE_BLUE = np.array([203.0, 119.0, 6.0]) / 255
+PIP_WHITE = np.array([207.0, 207.0, 207.0]) / 255
 CROSS_BLUE = np.array([110.0, 50.0, 20.0]) / 255
 """Levels (3,)."""
 
@@ -37,6 +38,8 @@ class Look:
     """(6, 3) faces of a cuboid in the order of FACE_NAMES."""
     dice: FloatArray
     """(25, 3)"""
+    pips: FloatArray
+    """(3,) of all dice."""
     table: FloatArray
     """(3,)"""
     wall: FloatArray
@@ -67,13 +70,16 @@ def random_look(rng: np.random.Generator, model: CuboidModel | None) -> Look:
         ]
     )
     faces = np.zeros((6, 3)) if model is None else reflectances(model.colors)[model.face_labels]
-    faces = faces * rng.normal(1.0, 0.06, (6, 3)) * rng.normal(1.0, 0.06)
+    tints, brightness = rng.normal(1.0, 0.06, (6, 3)), rng.normal(1.0, 0.06)
+    faces = faces * tints * brightness
     dice = DICE_BLUE * rng.normal(1.0, 0.04, 3) * rng.normal(1.0, 0.02, (25, 1))
     has_cross = rng.random() < CROSSES
     return Look(
         robot=_linear(robot),
         faces=np.clip(faces, _DARKEST, 1.0),
         dice=_linear(dice),
+        # Without draws of their own, which would change all that follows.
+        pips=_linear(PIP_WHITE * (1 + (tints[0] - 1) / 4 + (brightness - 1) / 2)),
         table=_linear(rng.uniform(0.15, 0.27) * rng.normal([1.0, 1.0, 1.0], 0.025)),
         wall=_linear(rng.uniform(0.45, 0.62) * rng.normal([1.02, 1.0, 0.98], 0.015)),
         floor=_linear(rng.uniform(0.0, 0.08) * rng.normal(1.0, 0.1, 3)),

@@ -11,6 +11,20 @@ from synthetic.scene import Mesh
 from tracker.conventions import Array, FloatArray
 from tracker.geometry.cuboid import FACE_CORNERS, corners
 
+_PIP_CORNERS = 12
+"""Of the polygon that stands for a circle about two pixels wide in a picture; a multiple of 4."""
+
+_DIAGONAL, _SQUARE = {(0, 0), (2, 2)}, {(0, 0), (0, 2), (2, 0), (2, 2)}
+_PIPS = {
+    1: {(1, 1)},
+    2: _DIAGONAL,
+    3: _DIAGONAL | {(1, 1)},
+    4: _SQUARE,
+    5: _SQUARE | {(1, 1)},
+    6: _SQUARE | {(0, 1), (2, 1)},
+}
+"""Cells of a face's 3 × 3 cells that have a pip, by their number."""
+
 
 def box(key: str, size: Array, *, one_group: bool = False) -> Mesh:
     """A cuboid of edge lengths `size` (3,) [m] about the origin.
@@ -23,6 +37,57 @@ def box(key: str, size: Array, *, one_group: bool = False) -> Mesh:
     triangles = (first[:, :, None] + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3)
     groups = np.zeros(12, dtype=np.int64) if one_group else np.repeat(np.arange(6), 2)
     return Mesh(key, vertices, triangles, groups)
+
+
+def die(key: str, size: float, spread: float, diameter: float) -> Mesh:
+    """A cube of edge length `size` [m] about the origin with the pips of a die: 1 on +x, 2 on +y, 3 on +z.
+
+    Args:
+        key: the mesh's unique name.
+        size: edge length [m].
+        spread: distance of the outer rows of pips from the middle of a face [m].
+        diameter: of the pips [m], at most 0.9 `spread`: polygons of the area of a circle.
+
+    Returns:
+        Group 1 are the pips, group 0 is the rest.
+    """
+    rows = np.array([-spread, 0.0, spread])
+    lines = np.array([-size / 2, -spread / 2, spread / 2, size / 2])
+    grid = np.stack(np.meshgrid(lines, lines, indexing="ij"), axis=-1)
+    parts, groups = [], []
+    for axis, sign, pips in [(k, sign, pips) for k in range(3) for sign, pips in ((1, k + 1), (-1, 6 - k))]:
+        for i, j in np.ndindex(3, 3):
+            cell = np.stack([grid[i, j], grid[i + 1, j], grid[i + 1, j + 1], grid[i, j + 1]])
+            if (i, j) in _PIPS[pips]:
+                flat, triangles, is_pip = _cell_with_pip(cell, np.array([rows[i], rows[j]]), diameter)
+            else:
+                flat, triangles, is_pip = cell, np.array([[0, 1, 2], [0, 2, 3]]), np.zeros(2, dtype=np.int64)
+            vertices = np.zeros((len(flat), 3))
+            vertices[:, axis] = sign * size / 2
+            vertices[:, [(axis + 1) % 3, (axis + 2) % 3]] = flat
+            parts.append((vertices, triangles[:, ::sign]))
+            groups.append(is_pip)
+    return Mesh(key, *concatenate(parts), np.concatenate(groups))
+
+
+def _cell_with_pip(cell: FloatArray, center: FloatArray, diameter: float) -> tuple[FloatArray, Array, Array]:
+    """Flat vertices (V, 2) [m], triangles and groups of a rectangle (4, 2) around a pip.
+
+    The only vertices on the rectangle's sides are its corners: neighbours meet in whole edges.
+    """
+    n = _PIP_CORNERS
+    angles = 2 * np.pi * np.arange(n) / n
+    radius = diameter / 2 * np.sqrt(2 * np.pi / n / np.sin(2 * np.pi / n))
+    rim = center + radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    k = np.arange(n)
+    # The cell's corners start between the directions -u and -v, the rim at +u: half a turn ahead.
+    corner = n + (k * 4 // n + 2) % 4
+    inside = np.stack([np.zeros(n - 2, dtype=np.int64), k[1:-1], k[2:]], axis=1)
+    around = np.stack([corner, (k + 1) % n, k], axis=1)
+    start = k[:: n // 4]
+    between = np.stack([start, corner[start - 1], corner[start]], axis=1)
+    triangles = np.concatenate([inside, around, between])
+    return np.concatenate([rim, cell]), triangles, (np.arange(len(triangles)) < n - 2).astype(np.int64)
 
 
 def disc(key: str, radius: float, segments: int = 96) -> Mesh:

@@ -22,6 +22,9 @@ from tracker.objects.model import CuboidModel, load_object
 DICE = "dice"
 DICE_COUNT, DIE_SIZE = 25, 0.022
 """Name, number and edge length [m] of the dice."""
+PIP_SPREAD, PIP_DIAMETER = 0.0044, 0.0034
+"""Distance of the dice's rows of pips from the middle of a face, and the pips' width [m], as measured in a
+picture of the real ones."""
 
 ARENA_RADIUS = 0.19
 """Radius of the table within the wall [m]."""
@@ -64,7 +67,11 @@ class Platform:
         self.world = self.new_world()
         """For questions of collision only: nothing in it ever moves by physics."""
         self._robot_meshes = _robot_meshes(self.world, self.assets)
-        self._object_mesh = meshes.box(_object_key(self.size), self.size, one_group=self.model is None)
+        self._object_mesh = (
+            meshes.die(DICE, DIE_SIZE, PIP_SPREAD, PIP_DIAMETER)
+            if self.model is None
+            else meshes.box(_object_key(self.size), self.size)
+        )
         vertices, triangles = meshes.load(self.assets / CONTAINMENT)
         self._wall_mesh = Mesh("wall", vertices, triangles, np.zeros(len(triangles), dtype=np.int64))
         self._table_mesh = meshes.disc("table", _TABLE_RADIUS)
@@ -125,7 +132,8 @@ class Platform:
 
     def _object_body(self, index: int, state: ObjectState, look: Look) -> Body:
         if self.model is None:
-            colors, labels = look.dice[index : index + 1], np.array([index + 1], dtype=np.uint8)
+            # A pip counts as part of its die.
+            colors, labels = np.stack([look.dice[index], look.pips]), np.full(2, index + 1, dtype=np.uint8)
         else:
             colors, labels = look.faces, self.model.face_labels.astype(np.uint8)
         pose = np.eye(4)

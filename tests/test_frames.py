@@ -72,6 +72,23 @@ def test_dice_have_their_numbers():
     assert seen <= set(range(1, 26))
 
 
+@pytest.mark.parametrize("renderer", ["pyrender", "tiny"])
+def test_pips_are_no_holes_in_the_labels_of_dice(renderer):
+    from synthetic.render.interface import RendererError, choose_renderer
+
+    try:
+        choose_renderer(renderer)
+    except RendererError as error:
+        pytest.skip(str(error))
+    (frame,) = make(1, name="dice", empty=0.0, renderer=renderer)
+    assert frame.renderer == renderer
+    for labels in frame.labels:
+        for number in set(np.unique(labels).tolist()) - {0}:
+            mask = (labels == number).astype(np.uint8)
+            _, nesting = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)[-2:]
+            assert (nesting[0, :, 3] < 0).all()
+
+
 def test_default_quality_halves_and_540_does_not():
     from synthetic.frames import frames
 

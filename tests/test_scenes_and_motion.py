@@ -10,6 +10,10 @@ import pytest
 pytest.importorskip("pybullet", reason="the simulated platform needs pybullet")
 pytest.importorskip("trimesh", reason="the simulated platform needs trimesh")
 
+import trimesh
+
+from synthetic import meshes
+from synthetic.look import random_look
 from synthetic.motion import CUBOID_MOTIONS, DICE_MOTIONS, sequence
 from synthetic.placement import MAX_CLEARANCE, goal_cells
 from synthetic.platform import ARENA_RADIUS, Platform
@@ -20,7 +24,7 @@ from tests.platforms import platform_of
 from tracker.conventions import FloatArray
 from tracker.errors import TrackerError
 from tracker.geometry import so3
-from tracker.geometry.cuboid import corners
+from tracker.geometry.cuboid import FACE_NORMALS, corners
 
 NAMES = ("cube_v2", "cuboid_2x2x8_v2", "dice")
 
@@ -122,6 +126,47 @@ def test_dice_have_labels_from_1_to_25_and_a_goal_lies_on_the_grid(platforms):
         places = np.stack([state.position[:2] for state in scene.objects])
         distance = np.linalg.norm(places[:, None] - goal_cells(), axis=2).min(axis=1)
         assert distance.max() < 0.007
+
+
+def test_a_die_is_a_closed_cube_whose_opposite_faces_have_7_pips():
+    size, diameter = 0.022, 0.0034
+    mesh = meshes.die("die", size, 0.0044, diameter)
+    solid = trimesh.Trimesh(mesh.vertices, mesh.triangles)
+    # Closed, with equal vertices made one: no triangle ends in the middle of another's side.
+    assert solid.is_watertight
+    assert solid.is_winding_consistent
+    assert solid.volume == pytest.approx(size**3)
+    assert solid.area == pytest.approx(6 * size**2)
+    np.testing.assert_allclose(np.abs(solid.face_normals).max(axis=1), 1.0)
+    pip = np.pi * diameter**2 / 4
+    shown = [
+        solid.area_faces[(mesh.groups == 1) & (solid.face_normals @ normal > 0.5)].sum() / pip
+        for normal in FACE_NORMALS
+    ]
+    np.testing.assert_allclose(shown, [1, 6, 2, 5, 3, 4])
+    # Each face has corners of its own, for the sake of smooth shading.
+    for vertex in np.unique(mesh.triangles):
+        normals = solid.face_normals[(mesh.triangles == vertex).any(axis=1)]
+        assert np.ptp(normals, axis=0).max() < 1e-9
+
+
+def test_pips_are_part_of_their_die_and_brighter(platforms):
+    scene = random_scene(platforms["dice"], np.random.default_rng(0))
+    dice = [body for body in scene.bodies if body.labels.any()]
+    for number, body in enumerate(dice, start=1):
+        assert body.labels.tolist() == [number, number]
+        blue, pips = body.colors
+        assert pips.min() > 0.4
+        assert blue[2] < 0.1 * pips[2]
+
+
+def test_what_surrounds_an_object_does_not_depend_on_it(platforms):
+    rngs = [np.random.default_rng(7) for _ in NAMES]
+    looks = [random_look(rng, platforms[name].model) for rng, name in zip(rngs, NAMES, strict=True)]
+    for part in ("robot", "table", "wall", "floor", "cross", "gloss"):
+        for look in looks[1:]:
+            np.testing.assert_array_equal(getattr(look, part), getattr(looks[0], part))
+    assert len({rng.random() for rng in rngs}) == 1
 
 
 def test_unknown_kinds_are_refused_by_name(platforms):
