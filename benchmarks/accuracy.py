@@ -15,7 +15,7 @@ import tracker
 from benchmarks import metrics, predecessor
 from benchmarks.bound import bounds, scene_edges
 from benchmarks.cache import CACHE
-from benchmarks.package_scenes import PackageError
+from benchmarks.package import PackageError
 from benchmarks.records import FrameRecord, select
 from benchmarks.scenes import OBJECTS, SEED
 from benchmarks.summary import summarise

@@ -1,16 +1,10 @@
-"""Scenes that the platform's own simulation package renders, in an environment of its own.
-
-The package comes from PyPI with more than this project wants to depend on. It gets a virtual environment
-below the cache, or lives where the environment variable TRIFINGER_SIMULATION_PYTHON names an interpreter.
-"""
+"""Scenes that the platform's own simulation package renders."""
 
 from __future__ import annotations
 
 import dataclasses
 import hashlib
 import os
-import subprocess
-import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -20,17 +14,13 @@ import numpy as np
 
 import tracker
 from benchmarks.cache import CACHE
+from benchmarks.package import VERSION, interpreter, run
 from benchmarks.scenes import SEED, Scene
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray, Image
-from tracker.errors import TrackerError
 from tracker.geometry.camera import Camera
 from tracker.geometry.cuboid import FACE_CORNERS, corners, visible_faces
 from tracker.objects.model import CuboidModel
-
-PACKAGE, VERSION = "trifinger-simulation", "2.0.0"
-VARIABLE = "TRIFINGER_SIMULATION_PYTHON"
-"""Environment variable that names an interpreter which can import the package."""
 
 SCRIPT = Path(__file__).with_name("package_script.py")
 KINDS = {"cube_v2": "cube", "cuboid_2x2x8_v2": "cuboid"}
@@ -38,57 +28,15 @@ KINDS = {"cube_v2": "cube", "cuboid_2x2x8_v2": "cuboid"}
 ROWS_TOO_HIGH = 1.0
 """Rows of its own grid by which the package's camera draws everything too high [px]."""
 
-_SECONDS = 3600
-
-
-class PackageError(TrackerError):
-    """The simulation package cannot be had, or fails."""
-
-
-def interpreter(folder: Path = CACHE, *, install: bool = True) -> Path:
-    """An interpreter that can import the package; its environment is made if need be.
-
-    Raises:
-        PackageError: there is none, with the reason.
-    """
-    chosen = os.environ.get(VARIABLE)
-    if chosen:
-        if not Path(chosen).is_file():
-            raise PackageError(f"{VARIABLE}={chosen}: no such file")
-        return Path(chosen)
-    root = folder.resolve() / f"{PACKAGE}-{VERSION}"
-    python, stamp = root / "bin" / "python", root / ".installed"
-    if stamp.is_file():
-        return python
-    if not install:
-        raise PackageError(f"{PACKAGE} is not installed")
-    folder.mkdir(parents=True, exist_ok=True)
-    _run([sys.executable, "-m", "venv", str(root)])
-    _run([str(python), "-m", "pip", "install", "--quiet", f"{PACKAGE}=={VERSION}"])
-    _run([str(python), "-c", "import trifinger_simulation"])
-    stamp.touch()
-    return python
-
-
-def _run(command: Sequence[str]) -> None:
-    try:
-        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=_SECONDS)
-    except (OSError, subprocess.TimeoutExpired) as error:
-        raise PackageError(f"{PACKAGE}: {error}") from error
-    if done.returncode:
-        lines = done.stderr.strip().splitlines() or ["no message"]
-        raise PackageError(f"{PACKAGE}: {lines[-1]}")
-
 
 def package_rig(python: Path, scale: int) -> CameraRig:
-    """The package's cameras, without distortion and drawing as high as they do at this scale."""
-    found = subprocess.run(
-        [str(python), "-c", "import trifinger_simulation as t; print(t.get_data_dir())"],
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    folder = Path(found.stdout.strip().splitlines()[-1]) / "camera_params"
+    """The package's cameras, without distortion and drawing as high as they do at this scale.
+
+    Raises:
+        PackageError: the package fails.
+    """
+    printed = run([str(python), "-c", "import trifinger_simulation as t; print(t.get_data_dir())"])
+    folder = Path(printed.strip().splitlines()[-1]) / "camera_params"
     rig = CameraRig.load(folder, pattern="camera*_cropped_and_downsampled.yml")
     return CameraRig(tuple(_as_drawn(camera, scale) for camera in rig))
 
@@ -126,7 +74,7 @@ class PackageStore:
         self._file.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=self._file.parent) as temporary:
             made = Path(temporary) / "scenes.npz"
-            _run([str(self._python), str(SCRIPT), kind, str(count), str(SEED), str(scale), str(made)])
+            run([str(self._python), str(SCRIPT), kind, str(count), str(SEED), str(scale), str(made)])
             os.replace(made, self._file)
 
     def scenes(self, indices: Sequence[int]) -> Iterator[Scene]:

@@ -21,3 +21,7 @@ class ColorModelError(TrackerError):
 
 class ImageError(TrackerError):
     """An image is unreadable, or of the wrong count, shape, size or type."""
+
+
+class TaskError(TrackerError):
+    """A task's goal, state or masks are malformed or impossible."""

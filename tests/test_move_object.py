@@ -1,0 +1,241 @@
+from __future__ import annotations
+
+import dataclasses
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from tests.helpers import random_rotations
+from tracker.geometry import so3
+from tracker.objects.model import load_object, object_names
+from tracker.tasks import move_object
+
+CUBE, CUBOID = load_object("cube_v2"), load_object("cuboid_2x2x8_v2")
+
+# From no rotation to half a turn, with both ends sampled on purpose.
+ANGLES = [0.0, 1e-12, 1e-9, 1e-7, 1e-5, 1e-3, 0.1, 1.0, np.pi / 2, 3.0, np.pi - 1e-5, np.pi - 1e-9, np.pi]
+
+positions = arrays(np.float64, 3, elements=st.floats(-1, 1))
+quaternions = arrays(np.float64, 4, elements=st.floats(-1, 1)).filter(lambda q: np.linalg.norm(q) > 1e-3)
+
+TRAJECTORY = [(0, [0.0, 0.0, 0.05]), (30000, [0.1, 0.0, 0.08]), (40000, (-0.05, 0.1, 0.0325))]
+
+
+def random_quaternions(rng: np.random.Generator, count: int = 60) -> np.ndarray:
+    return so3.quaternion_from_matrix(random_rotations(rng, count))
+
+
+def turned(quaternion: np.ndarray, rotvec: np.ndarray) -> np.ndarray:
+    """Orientations turned by rotation vectors in the object's frame [rad]."""
+    return so3.quaternion_from_matrix(so3.matrix_from_quaternion(quaternion) @ so3.exp(rotvec))
+
+
+# Positions
+
+
+@pytest.mark.parametrize(
+    ("offset", "error"),
+    [
+        ([0.39, 0, 0], 0.5),
+        ([0, -0.39, 0], 0.5),
+        ([0, 0, 0.1], 0.5),
+        ([0, 0, -0.1], 0.5),
+        ([0.09, -0.12, 0.04], (0.15 / 0.39 + 0.4) / 2),
+    ],
+)
+def test_horizontal_distance_counts_by_the_arenas_diameter_and_height_by_a_decimetre(offset, error):
+    goal = np.array([0.05, -0.1, 0.06])
+    np.testing.assert_allclose(move_object.position_error(goal, goal + offset), error, rtol=1e-12)
+
+
+@given(positions, positions, positions)
+def test_position_error_is_a_metric(a, b, c):
+    error = move_object.position_error
+    assert error(a, a) == 0
+    assert error(a, b) == error(b, a) >= 0
+    assert error(a, c) <= error(a, b) + error(b, c) + 1e-12
+
+
+@given(positions, positions, positions, st.floats(-4, 4))
+def test_position_error_does_not_change_when_the_world_is_moved_or_turned_about_the_vertical(
+    a, b, shift, yaw
+):
+    turn = so3.exp([0, 0, yaw])
+    moved = move_object.position_error(turn @ a + shift, turn @ b + shift)
+    np.testing.assert_allclose(moved, move_object.position_error(a, b), atol=1e-12)
+
+
+# Orientations
+
+
+@pytest.mark.parametrize("angle", ANGLES)
+def test_rotation_error_is_the_angle_over_pi(angle, rng):
+    goal = random_quaternions(rng)
+    axis = rng.normal(size=goal[:, :3].shape)
+    rotvec = angle * axis / np.linalg.norm(axis, axis=1, keepdims=True)
+    error = move_object.rotation_error(goal, turned(goal, rotvec))
+    np.testing.assert_allclose(error, angle / np.pi, rtol=1e-9, atol=1e-15)
+
+
+@pytest.mark.parametrize("angle", ANGLES)
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_long_axis_error_is_the_angle_of_the_axis_over_pi_and_a_turn_about_it_costs_nothing(angle, axis, rng):
+    goal = random_quaternions(rng)
+    along = np.eye(3)[axis]
+    across = np.cross(along, rng.normal(size=goal[:, :3].shape))
+    across *= angle / np.linalg.norm(across, axis=1, keepdims=True)
+    tilted = turned(turned(goal, across), rng.uniform(-np.pi, np.pi, (len(goal), 1)) * along)
+    error = move_object.long_axis_error(goal, tilted, axis=axis)
+    np.testing.assert_allclose(error, angle / np.pi, rtol=0, atol=1e-15)
+
+
+def test_the_long_axis_is_the_objects_y_if_nothing_else_is_said(rng):
+    goal, actual = random_quaternions(rng), random_quaternions(rng)
+    default = move_object.long_axis_error(goal, actual)
+    np.testing.assert_array_equal(default, move_object.long_axis_error(goal, actual, axis=1))
+
+
+@pytest.mark.parametrize("error", [move_object.rotation_error, move_object.long_axis_error])
+@given(quaternions, quaternions, quaternions)
+def test_orientation_errors_are_metrics_up_to_1_that_turning_the_world_does_not_change(error, a, b, world):
+    assert error(a, a) == 0
+    assert 0 <= error(a, b) <= 1
+    np.testing.assert_allclose(error(a, b), error(b, a), atol=1e-15)
+    np.testing.assert_allclose(error(a, b), error(-a, b), atol=1e-15)
+    np.testing.assert_allclose(error(a, b), error(0.5 * a, 2 * b), atol=1e-15)
+    assert error(a, b) <= error(a, world) + error(world, b) + 1e-12
+    turn = so3.matrix_from_quaternion(world)
+    a, b = (so3.quaternion_from_matrix(turn @ so3.matrix_from_quaternion(q)) for q in (a, b))
+    np.testing.assert_allclose(error(a, b), error(-b, a), atol=1e-15)
+
+
+def test_an_axis_never_turns_further_than_the_object(rng):
+    goal, actual = random_quaternions(rng, 500), random_quaternions(rng, 500)
+    errors = [move_object.long_axis_error(goal, actual, axis=axis) for axis in range(3)]
+    assert (np.array(errors) <= move_object.rotation_error(goal, actual) + 1e-15).all()
+
+
+# Rewards
+
+
+def test_an_object_has_a_long_axis_where_one_edge_is_twice_the_others():
+    found = {name: move_object.long_axis(load_object(name)) for name in object_names()}
+    assert found == {"cube_v1": None, "cube_v2": None, "cube_v3": None, "cuboid_2x2x8_v2": 1}
+    for size in set(itertools.permutations([0.02, 0.02, 0.08])):
+        model = dataclasses.replace(CUBOID, size=np.array(size))
+        assert move_object.long_axis(model) == size.index(0.08)
+    for size in ([0.065, 0.065, 0.0652], [0.02, 0.08, 0.08], [0.02, 0.03, 0.04]):
+        assert move_object.long_axis(dataclasses.replace(CUBOID, size=np.array(size))) is None
+
+
+@pytest.mark.parametrize("model", [None, CUBE, CUBOID])
+def test_level_4_alone_looks_at_the_orientation_by_half(model, rng):
+    goal, actual = rng.uniform(-0.1, 0.1, (2, 40, 3))
+    goal_turn, turn = random_quaternions(rng, 40), random_quaternions(rng, 40)
+    error = move_object.position_error(goal, actual)
+    for level in (1, 2, 3):
+        np.testing.assert_array_equal(move_object.reward(level, goal, actual, model=model), -error)
+        rewards = move_object.reward(level, goal, actual, goal_turn, turn, model=model)
+        np.testing.assert_array_equal(rewards, -error)
+    turning = move_object.long_axis_error if model is CUBOID else move_object.rotation_error
+    rewards = move_object.reward(4, goal, actual, goal_turn, turn, model=model)
+    np.testing.assert_allclose(rewards, -(error + turning(goal_turn, turn)) / 2, rtol=1e-15)
+
+
+@pytest.mark.parametrize("level", move_object.LEVELS)
+@pytest.mark.parametrize("model", [CUBE, CUBOID])
+def test_nothing_is_better_than_the_goal_itself(level, model, rng):
+    goal, turn = rng.uniform(-0.1, 0.1, (30, 3)), random_quaternions(rng, 30)
+    best = move_object.reward(level, goal, goal, turn, turn, model=model)
+    np.testing.assert_array_equal(best, 0)
+    assert not np.signbit(best).any()
+    elsewhere = move_object.reward(level, goal[::-1], goal, turn[::-1], turn, model=model)
+    assert (elsewhere < 0).all()
+
+
+def test_a_turn_about_the_long_axis_costs_the_cube_but_not_the_cuboid(rng):
+    goal, turn = rng.uniform(-0.1, 0.1, 3), random_quaternions(rng, 1)[0]
+    rolled = turned(turn, np.array([0, 1.0, 0]))
+    assert move_object.reward(4, goal, goal, turn, rolled, model=CUBOID) == pytest.approx(0, abs=1e-15)
+    assert move_object.reward(4, goal, goal, turn, rolled, model=CUBE) == pytest.approx(-0.5 / np.pi)
+
+
+def test_one_goal_and_many_states_broadcast(rng):
+    states, turns = rng.normal(size=(4, 5, 3)), random_quaternions(rng, 20).reshape(4, 5, 4)
+    goal, goal_turn = rng.normal(size=3), random_quaternions(rng, 1)[0]
+    rewards = move_object.reward(4, goal, states, goal_turn, turns, model=CUBOID)
+    assert rewards.shape == (4, 5)
+    one = move_object.reward(
+        4, list(goal), list(states[2, 3]), list(goal_turn), list(turns[2, 3]), model=CUBOID
+    )
+    assert np.shape(one) == ()
+    assert rewards[2, 3] == pytest.approx(one, rel=1e-14)
+    assert move_object.reward(1, goal, np.empty((0, 3))).shape == (0,)
+
+
+def test_where_the_object_was_not_seen_the_reward_is_unknown(rng):
+    states, turns = rng.normal(size=(5, 3)), random_quaternions(rng, 5)
+    states[1], turns[3, 0] = np.nan, np.nan
+    rewards = move_object.reward(4, states[0], states, turns[0], turns, model=CUBE)
+    np.testing.assert_array_equal(np.isnan(rewards), [False, True, False, True, False])
+    axis = move_object.long_axis_error(turns[0], turns)
+    np.testing.assert_array_equal(np.isnan(axis), [False, False, False, True, False])
+    assert np.isnan(move_object.episode_reward(rewards))
+
+
+# Trajectories
+
+
+def test_a_goal_is_active_from_its_time_until_the_next_begins():
+    times = np.array([[0, 29999, 30000, 30000.5], [39999, 40000, 120000, 1e9]])
+    expected = np.array([[0, 0, 1, 1], [1, 2, 2, 2]])
+    goals = np.array([goal for _, goal in TRAJECTORY])
+    np.testing.assert_array_equal(move_object.active_goal(TRAJECTORY, times), goals[expected])
+    np.testing.assert_array_equal(move_object.active_goal(TRAJECTORY, 35000), goals[1])
+
+
+@given(st.lists(st.integers(1, 20000), max_size=9), st.integers(0, 120000))
+def test_the_active_goal_is_the_last_that_has_begun(pauses, time):
+    trajectory = [(0, [0.0, 0, 0])]
+    for k, pause in enumerate(pauses):
+        trajectory.append((trajectory[-1][0] + pause, [k + 1.0, 0, 0]))
+    (expected,) = [goal for start, goal in trajectory if start <= time][-1:]
+    np.testing.assert_array_equal(move_object.active_goal(trajectory, time), expected)
+
+
+def test_the_unit_of_time_does_not_matter(rng):
+    steps = np.sort(rng.integers(0, 120000, 200))
+    seconds = [(start / 1000, goal) for start, goal in TRAJECTORY]
+    first = move_object.active_goal(TRAJECTORY, steps)
+    np.testing.assert_array_equal(move_object.active_goal(seconds, steps / 1000), first)
+
+
+def test_rewards_along_a_trajectory_are_those_of_the_active_goals(rng):
+    times, states = np.arange(0, 120000, 100), rng.normal(0, 0.1, (1200, 3))
+    rewards = move_object.trajectory_reward(TRAJECTORY, times, states)
+    expected = move_object.reward(3, move_object.active_goal(TRAJECTORY, times), states)
+    np.testing.assert_array_equal(rewards, expected)
+
+
+# Sums
+
+
+def test_an_episodes_reward_sums_its_steps(rng):
+    rewards = -rng.random((3, 1200))
+    assert move_object.episode_reward(rewards[0]) == pytest.approx(rewards[0].sum())
+    held = move_object.episode_reward(rewards, steps=100)
+    every = move_object.episode_reward(np.repeat(rewards, 100, axis=1))
+    np.testing.assert_allclose(held, every, rtol=1e-12)
+    steps = rng.integers(0, 200, 1200)
+    uneven = move_object.episode_reward(np.repeat(rewards[0], steps))
+    assert move_object.episode_reward(rewards[0], steps=steps) == pytest.approx(uneven)
+
+
+def test_the_total_weights_each_level_by_its_number():
+    episodes = {1: [-1.0, -3.0], 2: [-10.0], 3: np.array([-5.0, -5.0, -20.0]), 4: [-100.0]}
+    assert move_object.weighted_total(episodes) == pytest.approx(-2 - 2 * 10 - 3 * 10 - 4 * 100)
+    assert move_object.weighted_total(episodes, median=True) == pytest.approx(-2 - 2 * 10 - 3 * 5 - 4 * 100)

@@ -1,0 +1,1 @@
+"""The platform's tasks: how far a state is from its goal."""

@@ -1,0 +1,89 @@
+"""What goals and states have to be."""
+
+from __future__ import annotations
+
+import reprlib
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tracker.conventions import Array, FloatArray
+from tracker.errors import TaskError
+
+LARGEST = 1e12
+"""Largest size of a number, far above any that makes sense: squares of it do not overflow."""
+
+SHORTEST = 1e-9
+"""Least length of a quaternion, far above rounding."""
+
+
+def numbers(name: str, value: Any, *, finite: bool = False) -> FloatArray:
+    """`value` in double precision.
+
+    Args:
+        name: what the message of an error calls it.
+        value: a number or an array of any shape.
+        finite: whether NaN is an error.
+
+    Raises:
+        TaskError: it does not consist of numbers, or one is too large or NaN where it may not be.
+    """
+    try:
+        found: Array = np.asarray(value)
+    except ValueError:
+        found = np.asarray(None)
+    if found.dtype.kind not in "iuf":
+        raise TaskError(f"{name}: found {reprlib.repr(value)}, expected numbers")
+    result: FloatArray = found.astype(np.float64)
+    bad = ~(np.abs(result) <= LARGEST) & (finite | ~np.isnan(result))
+    if bad.any():
+        raise TaskError(f"{name}: found {result[bad][0]}, expected finite numbers up to {LARGEST:g}")
+    return result
+
+
+def pair(what: str, width: int, goal: npt.ArrayLike, actual: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Goals and states (..., width).
+
+    Raises:
+        TaskError: one is malformed, or their leading axes do not fit together.
+    """
+    first = numbers(f"goal_{what}", goal, finite=True)
+    second = numbers(what, actual)
+    for name, array in ((f"goal_{what}", first), (what, second)):
+        if array.ndim == 0 or array.shape[-1] != width:
+            raise TaskError(f"{name}: found shape {array.shape}, expected (..., {width})")
+    check_fit(f"goal_{what}", first.shape, what, second.shape)
+    return first, second
+
+
+def quaternions(goal: npt.ArrayLike, actual: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Orientations of goals and states (..., 4) xyzw, scaled to length 1.
+
+    Raises:
+        TaskError: one is malformed, or their leading axes do not fit together.
+    """
+    first, second = pair("orientation", 4, goal, actual)
+    return _unit("goal_orientation", first), _unit("orientation", second)
+
+
+def check_fit(name: str, shape: tuple[int, ...], other: str, other_shape: tuple[int, ...]) -> None:
+    """Check that shapes can be broadcast together.
+
+    Raises:
+        TaskError: they cannot.
+    """
+    try:
+        np.broadcast_shapes(shape, other_shape)
+    except ValueError:
+        shapes = f"{shape} and {other_shape}"
+        valid = "leading axes that broadcast"
+        raise TaskError(f"{name} and {other}: found shapes {shapes}, expected {valid}") from None
+
+
+def _unit(name: str, quaternion: FloatArray) -> FloatArray:
+    length = np.linalg.norm(quaternion, axis=-1, keepdims=True)
+    if (length < SHORTEST).any():
+        raise TaskError(f"{name}: found a quaternion of length 0, expected a unit quaternion (x, y, z, w)")
+    result: FloatArray = quaternion / length
+    return result
