@@ -47,6 +47,12 @@ def stroke(
     _blend(image, lines, color, opacity, width, paint)
 
 
+def circle(center: FloatArray, radius: float) -> FloatArray:
+    """A polygon (N, 2) [px] that looks like a circle; its last point is its first."""
+    angles = np.linspace(0, 2 * np.pi, max(16, round(3 * radius)) + 1)
+    return center + radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+
+
 def text_width(text: str, size: float) -> float:
     """Width [px] of a line of text whose digits are about `size` [px] high."""
     (width, _), _ = cv2.getTextSize(text, _FONT, _scale(size), 1)

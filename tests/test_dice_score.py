@@ -1,0 +1,296 @@
+from __future__ import annotations
+
+import itertools
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as npst
+from scipy.spatial import ConvexHull
+
+from synthetic.rigs import sized, standard_rig
+from tests.helpers import make_camera
+from tracker.calibration.rig import CameraRig
+from tracker.errors import TaskError
+from tracker.geometry import so3
+from tracker.tasks import rearrange_dice as dice
+
+RIG = sized(standard_rig(), 270)
+CORNERS = np.array(list(itertools.product((-0.013, 0.013), repeat=3)))
+QUADS = [
+    (0, 1, 3, 2),
+    (4, 5, 7, 6),
+    (0, 1, 5, 4),
+    (2, 3, 7, 6),
+    (0, 2, 6, 4),
+    (1, 3, 7, 5),
+]
+
+
+def opencv_pixels(camera, points) -> np.ndarray:
+    """Pixels (N, 2) by OpenCV's own camera."""
+    rotation, _ = cv2.Rodrigues(camera.camera_from_world[:3, :3])
+    shift = camera.camera_from_world[:3, 3]
+    pixels, _ = cv2.projectPoints(np.asarray(points), rotation, shift, camera.matrix, camera.distortion)
+    return pixels.reshape(-1, 2)
+
+
+def free_goal(rng: np.random.Generator, count: int = 25) -> np.ndarray:
+    """Places off the grid and above the floor."""
+    angle, radius = rng.uniform(0, 2 * np.pi, count), 0.17 * np.sqrt(rng.uniform(size=count))
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle), rng.uniform(0.011, 0.1, count)], axis=1)
+
+
+@pytest.mark.parametrize("size", [270, 540])
+def test_goal_masks_are_the_faces_between_truncated_corners(size, rng):
+    for goal in [*(dice.sample_goal(rng) for _ in range(10)), *(free_goal(rng) for _ in range(10))]:
+        rig = sized(RIG, size)
+        for mask, camera in zip(dice.goal_masks(rig, goal), rig, strict=True):
+            expected = np.zeros((size, size), np.uint8)
+            for place in goal:
+                corners = np.trunc(opencv_pixels(camera, place + CORNERS)).astype(np.int32)
+                for quad in QUADS:
+                    cv2.fillConvexPoly(expected, corners[list(quad)], 255)
+            np.testing.assert_array_equal(mask, expected)
+
+
+def chords(camera, pixels, place) -> np.ndarray:
+    """Length [m] that the rays of pixels (N, 2) run in the box at a place, by sampling them."""
+    normalized = cv2.undistortPoints(pixels[:, None].astype(float), camera.matrix, camera.distortion)[:, 0]
+    rays = np.concatenate([normalized, np.ones((len(normalized), 1))], axis=1)
+    rays = rays / np.linalg.norm(rays, axis=1, keepdims=True) @ camera.camera_from_world[:3, :3]
+    middle = np.linalg.norm(place - camera.position)
+    depths = np.arange(middle - 0.03, middle + 0.03, 2e-5)
+    points = camera.position + depths[:, None] * rays[:, None]
+    return (np.abs(points - place) <= 0.013).all(axis=2).sum(axis=1) * 2e-5
+
+
+def test_an_exact_pixel_is_set_where_its_ray_meets_a_box(rng):
+    for camera, place in zip(RIG, free_goal(rng, 3), strict=True):
+        (mask,) = dice.goal_masks([camera], [place], exact=True)
+        column, row = opencv_pixels(camera, [place])[0].astype(int)
+        around = np.stack(np.meshgrid(np.arange(column - 22, column + 23), np.arange(row - 22, row + 23)), -1)
+        pixels = around.reshape(-1, 2)
+        length = chords(camera, pixels, place)
+        found = mask[pixels[:, 1], pixels[:, 0]] == 255
+        assert found[length > 1e-3].all()
+        assert np.count_nonzero(found[length == 0]) <= 2  # rays that graze an edge, between two samples
+        assert np.count_nonzero(mask) == found.sum() > 100
+
+
+def test_an_exact_area_is_the_boxs_outline_in_the_image(rng):
+    for camera, place in zip(RIG, free_goal(rng, 3), strict=True):
+        (mask,) = dice.goal_masks([camera], [place], exact=True)
+        hull = ConvexHull(opencv_pixels(camera, place + CORNERS))
+        # The lens bends the edges by much less than the outline's pixels.
+        assert np.count_nonzero(mask) == pytest.approx(hull.volume, abs=0.5 * hull.area)
+
+
+def test_truncated_areas_hold_the_exact_ones_but_for_a_seam(rng):
+    goal = dice.sample_goal(rng)
+    for wide, exact in zip(dice.goal_masks(RIG, goal), dice.goal_masks(RIG, goal, exact=True), strict=True):
+        assert np.count_nonzero(exact & ~wide) < 0.02 * np.count_nonzero(exact)
+        assert not (exact & ~cv2.dilate(wide, np.ones((3, 3), np.uint8))).any()
+        assert not (wide & ~cv2.dilate(exact, np.ones((5, 5), np.uint8))).any()
+
+
+@pytest.mark.parametrize("exact", [False, True])
+def test_the_area_of_a_goal_is_that_of_all_its_places_in_any_order(exact, rng):
+    goal = dice.sample_goal(rng)
+    together = dice.goal_masks(RIG, goal, exact=exact)
+    shuffled = dice.goal_masks(RIG, rng.permutation(goal), exact=exact)
+    single = [dice.goal_masks(RIG, [place], exact=exact) for place in goal]
+    for k in range(3):
+        np.testing.assert_array_equal(together[k], shuffled[k])
+        np.testing.assert_array_equal(together[k], np.max([masks[k] for masks in single], axis=0))
+
+
+@pytest.mark.parametrize("exact", [False, True])
+def test_masks_are_new_images_of_the_cameras_sizes(exact):
+    rig = CameraRig((RIG[0], RIG[1].resized(720, 540), RIG[2].cropped(100, 0, 1, 200)))
+    masks = dice.goal_masks(rig, dice.sample_goal(0), exact=exact)
+    assert [mask.shape for mask in masks] == [(270, 270), (540, 720), (200, 1)]
+    for mask in masks:
+        assert mask.dtype == np.uint8
+        assert mask.flags.c_contiguous
+        assert set(np.unique(mask)) <= {0, 255}
+
+
+@pytest.mark.parametrize("exact", [False, True])
+def test_a_place_that_no_camera_sees_sets_no_pixel(exact):
+    camera = make_camera()
+    forward, right = camera.camera_from_world[2, :3], camera.camera_from_world[0, :3]
+    for away in (
+        -forward,
+        -5 * forward + right,
+        right,
+        right + 0.1 * forward,
+        3 * right + forward,
+        [0, 0, 9e99],
+    ):
+        (mask,) = dice.goal_masks([camera], [camera.position + away], exact=exact)
+        assert not mask.any()
+
+
+def test_a_camera_in_a_box_sees_nothing_else_exactly():
+    camera = make_camera()
+    assert dice.goal_masks([camera], [camera.position], exact=True)[0].all()
+
+
+def test_a_box_around_the_camera_is_no_reason_to_complain():
+    camera = make_camera()
+    for offset in (0.0, 0.005, 0.013, 0.02):
+        dice.goal_masks([camera], [camera.position + offset])
+        dice.goal_masks([camera], [camera.position + offset], exact=True)
+
+
+def test_a_goal_without_places_has_no_area():
+    for exact in (False, True):
+        assert not np.any(dice.goal_masks(RIG, [], exact=exact))
+
+
+@pytest.mark.parametrize(
+    ("goal", "said"),
+    [
+        (np.zeros((25, 2)), r"goal: found shape \(25, 2\), expected \(N, 3\)"),
+        (np.zeros(3), r"goal: found shape \(3,\)"),
+        ([[0, 0, 0], [0, np.nan, 0]], "goal: position 1: found .*nan.*expected finite"),
+        ([[0, 0, np.inf]], "goal: position 0"),
+        ([["0", "0", "0"]], "goal: found values of type <U1"),
+        ([[0, 0, 0], [0, 0]], "goal: found lists of different lengths"),
+        ([[0, 0, 1j]], "goal: found values of type complex128"),
+    ],
+)
+def test_a_goal_that_is_no_list_of_positions_is_refused(goal, said):
+    with pytest.raises(TaskError, match=said):
+        dice.goal_masks(RIG, goal)
+
+
+KINDS = st.sampled_from([lambda m: m, lambda m: m.astype(np.uint8), lambda m: 255 * m.astype(np.uint8)])
+MASKS = npst.arrays(np.bool_, st.just((2, 3, 5, 4)), elements=st.booleans())
+
+
+@given(MASKS, KINDS, KINDS, st.booleans())
+def test_the_error_counts_dice_pixels_outside_the_goal(masks, goal_kind, dice_kind, stacked):
+    goals, seen = goal_kind(masks[0]), dice_kind(masks[1])
+    expected = [np.count_nonzero(s & ~g) for g, s in zip(*masks, strict=True)]
+    if not stacked:
+        goals, seen = list(goals), tuple(seen)
+    assert dice.error_per_camera(goals, seen) == tuple(expected)
+    assert dice.error(goals, seen) == sum(expected)
+    assert dice.reward(goals, seen) == -sum(expected)
+    assert isinstance(dice.error(goals, seen), int)
+
+
+def test_dice_in_the_goal_cost_nothing_and_all_others_each_of_their_pixels():
+    goals = dice.goal_masks(RIG, dice.sample_goal(0))
+    nothing = [np.zeros_like(mask) for mask in goals]
+    assert dice.error(goals, goals) == 0
+    assert dice.error(goals, nothing) == 0
+    assert dice.error(nothing, goals) == sum(np.count_nonzero(mask) for mask in goals)
+
+
+def test_masks_of_any_layout_in_memory_are_taken(rng):
+    goal, seen = rng.random((2, 60, 80)) < 0.4
+    expected = np.count_nonzero(seen & ~goal)
+    big = np.zeros((120, 80, 3), np.uint8)
+    big[::-2, :, 1] = seen
+    assert dice.error([np.asfortranarray(goal)], [big[::-2, :, 1]]) == expected
+    goal.flags.writeable = False
+    assert dice.error([goal], [seen]) == expected
+
+
+def test_the_error_changes_no_mask(rng):
+    goal, seen = (255 * (rng.random((2, 1, 9, 9)) < 0.5)).astype(np.uint8)
+    copies = goal.copy(), seen.copy()
+    dice.error(goal, seen)
+    np.testing.assert_array_equal([goal, seen], copies)
+
+
+MASK = np.zeros((4, 5), np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("goals", "seen", "said"),
+    [
+        ([MASK], [MASK, MASK], "found 1 of the goal and 2 of dice"),
+        ([], [], "found 0 of the goal and 0 of dice, expected one of each"),
+        ([MASK, MASK], [MASK, MASK[:3]], r"dice mask 1: found shape \(3, 5\), expected the goal's \(4, 5\)"),
+        (MASK, MASK, r"goal mask 0: found shape \(5,\), expected \(height, width\)"),
+        ([MASK[None]], [MASK[None]], "goal mask 0: found shape"),
+        ([MASK[:0]], [MASK[:0]], "goal mask 0: found shape"),
+        ([MASK], [MASK.astype(float)], "dice mask 0: found type float64, expected bool or uint8"),
+        ([MASK.astype(int)], [MASK], "goal mask 0: found type int64"),
+        ([MASK], [None], "dice mask 0: found type object"),
+        ([MASK], [MASK + 2], "dice mask 0: found the values 2, expected only 0 and 255, or only 0 and 1"),
+        ([MASK], [[*MASK[:3], MASK[0] + 1, MASK[0] + 255]], "found the values 0, 1, 255, expected"),
+        ([np.arange(20, dtype=np.uint8).reshape(4, 5)], [MASK], "found the values 0, 1, 2, 3, …, expected"),
+    ],
+)
+def test_masks_that_are_none_or_do_not_belong_together_are_refused(goals, seen, said):
+    with pytest.raises(TaskError, match=said):
+        dice.error(goals, seen)
+
+
+@given(npst.arrays(np.uint8, (3, 4), elements=st.sampled_from([0, 0, 0, 1, 2, 128, 254, 255])))
+def test_only_masks_of_two_values_are_taken(mask):
+    if set(mask.ravel().tolist()) in ({0}, {1}, {255}, {0, 1}, {0, 255}):
+        assert dice.error([np.zeros_like(mask)], [mask]) == np.count_nonzero(mask)
+    else:
+        with pytest.raises(TaskError, match="dice mask 0: found the value"):
+            dice.error([np.zeros_like(mask)], [mask])
+
+
+@given(st.integers(0, 10**6), st.integers(0, 30), st.integers(0, 30))
+def test_the_assignment_pairs_as_many_as_there_can_be(seed, places, count):
+    rng = np.random.default_rng(seed)
+    goal, positions = rng.uniform(-0.2, 0.2, (places, 3)), rng.uniform(-0.2, 0.2, (count, 3))
+    found = dice.assign(goal, positions)
+    pairs = found.pairs
+    assert len(pairs) == min(places, count) == len({die for _, die in pairs})
+    assert found.die.shape == found.distance.shape == (places,)
+    for place, die in pairs:
+        assert found.distance[place] == pytest.approx(np.linalg.norm(goal[place] - positions[die]))
+    without = np.setdiff1d(np.arange(places), [place for place, _ in pairs])
+    assert (found.die[without] == -1).all()
+    assert np.isnan(found.distance[without]).all()
+    assert found.total == pytest.approx(sum(found.distance[place] for place, _ in pairs))
+
+
+@given(st.integers(0, 10**6), st.integers(1, 5), st.integers(0, 5))
+def test_no_other_assignment_is_shorter(seed, places, count):
+    rng = np.random.default_rng(seed)
+    goal, positions = rng.uniform(-0.2, 0.2, (places, 3)), rng.uniform(-0.2, 0.2, (count, 3))
+    distances = np.linalg.norm(goal[:, None] - positions, axis=2)
+    if count >= places:
+        totals = [distances[range(places), p].sum() for p in itertools.permutations(range(count), places)]
+    else:
+        totals = [distances[p, range(count)].sum() for p in itertools.permutations(range(places), count)]
+    assert dice.assign(goal, positions).total == pytest.approx(min(totals))
+
+
+def test_dice_moved_and_shuffled_a_little_find_their_places(rng):
+    goal = dice.sample_goal(rng)
+    order = rng.permutation(25)
+    shift = so3.exp(rng.normal(size=3)) @ [0, 0, 0.003]
+    found = dice.assign(goal, (goal + shift)[order])
+    np.testing.assert_array_equal(order[found.die], np.arange(25))
+    np.testing.assert_allclose(found.distance, 0.003)
+    assert found.count_within() == 25
+    assert found.count_within(0.002) == 0
+
+
+def test_an_assignment_is_read_only():
+    found = dice.assign(dice.sample_goal(0), dice.sample_goal(1))
+    with pytest.raises(ValueError, match="read-only"):
+        found.die[0] = 3
+
+
+@pytest.mark.parametrize(
+    ("goal", "positions", "name"), [([[0, 0]], [], "goal"), ([], [[0, 0, np.nan]], "dice")]
+)
+def test_malformed_positions_are_not_assigned(goal, positions, name):
+    with pytest.raises(TaskError, match=f"{name}: "):
+        dice.assign(goal, positions)
