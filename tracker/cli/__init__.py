@@ -16,7 +16,7 @@ from typing import NoReturn
 
 import click
 
-from tracker.cli import colors, detect
+from tracker.cli import colors, detect, dice
 from tracker.errors import TrackerError
 
 
@@ -53,6 +53,7 @@ def commands() -> None:
 
 
 commands.add_command(detect.detect)
+commands.add_command(dice.dice)
 commands.add_command(colors.colors)
 
 

@@ -7,6 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from tracker.cli.calibration import calibration_options, load_rig
+from tracker.cli.table import listing
+
 if TYPE_CHECKING:
     from tracker.pose.result import Observation, PoseEstimate
 
@@ -14,19 +17,7 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("images", nargs=-1, required=True, metavar="IMAGE...")
 @click.option("--object", "object_name", required=True, metavar="NAME", help="Object, or its TOML file.")
-@click.option(
-    "--calibration",
-    required=True,
-    multiple=True,
-    metavar="PATH",
-    help="Folder of calibration files; or a file, once for each camera, in the order of the images.",
-)
-@click.option("--pattern", metavar="GLOB", help="Which files of the folder to take, e.g. '*_cropped.yml'.")
-@click.option(
-    "--correct-halved-principal-point",
-    is_flag=True,
-    help="The calibration was halved without the quarter pixel, as the platform's downsampled files are.",
-)
+@calibration_options
 @click.option(
     "--colors", "colors_name", metavar="NAME", help="Colour model, or its file.  [default: the object's]"
 )
@@ -52,7 +43,6 @@ def detect(
     The exit code is 0 also when the object is not found: then there is no pose, and the status says why.
     """
     from tracker import viz
-    from tracker.calibration.rig import CameraRig
     from tracker.cli.files import read_images
     from tracker.objects.model import load_object
     from tracker.pipeline import ObjectTracker
@@ -60,11 +50,7 @@ def detect(
 
     model = load_object(object_name)
     colors = None if colors_name is None else load_colors(colors_name)
-    rig = CameraRig.load(
-        calibration[0] if len(calibration) == 1 else calibration,
-        pattern=pattern,
-        correct_halved_principal_point=correct_halved_principal_point,
-    )
+    rig = load_rig(calibration, pattern, correct_halved_principal_point)
     pictures = read_images(images, rig)
     tracker = ObjectTracker(model, rig, colors)
     tracker.detect(pictures)  # loads the compiled code: the times printed are those of a running tracker
@@ -94,8 +80,7 @@ def _text(name: str, observation: Observation) -> str:
     if observation.object_pose is not None:
         rows += _pose_rows(observation.object_pose)
     rows.append(["time [ms]", times])
-    widest = max(len(label) for label, _ in rows)
-    return "\n".join(f"{label:{widest}}  {value}" for label, value in rows)
+    return listing(rows)
 
 
 def _pose_rows(pose: PoseEstimate) -> list[list[str]]:

@@ -1,4 +1,4 @@
-"""Aligned columns."""
+"""Aligned columns for people."""
 
 from __future__ import annotations
 
@@ -15,3 +15,9 @@ def table(rows: Sequence[Sequence[str]], gap: int = 2) -> str:
         cells = [cell.rjust(width) for cell, width in zip(others, widths[1:], strict=True)]
         lines.append((" " * gap).join([first.ljust(widths[0]), *cells]).rstrip())
     return "\n".join(lines)
+
+
+def listing(rows: Sequence[Sequence[str]]) -> str:
+    """Lines of a label and a value, the values flush left below each other."""
+    widest = max(len(label) for label, _ in rows)
+    return "\n".join(f"{label:{widest}}  {value}" for label, value in rows)

@@ -1,7 +1,9 @@
 """Pictures for people: the estimate drawn into the images that it comes from, and their files."""
 
+from tracker.viz.dice import dice_overlay
 from tracker.viz.files import IMAGE_SUFFIXES, write_image
 from tracker.viz.film import write_film
+from tracker.viz.goal_picture import goal_picture
 from tracker.viz.overlays import overlay
 
-__all__ = ["IMAGE_SUFFIXES", "overlay", "write_film", "write_image"]
+__all__ = ["IMAGE_SUFFIXES", "dice_overlay", "goal_picture", "overlay", "write_film", "write_image"]

@@ -1,0 +1,245 @@
+from __future__ import annotations
+
+import json
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+
+from synthetic.simple_rig import default_cameras
+from tests.helpers import ROOT, run_python
+from tracker import cli
+from tracker.calibration.rig import CameraRig
+from tracker.geometry import cuboid, so3
+from tracker.tasks import rearrange_dice
+
+NAMES = ("camera60", "camera180", "camera300")
+RIG = CameraRig(default_cameras(270))
+GOAL = rearrange_dice.sample_goal(0)
+MISPLACED = 3
+"""So many dice of the scene are not where the goal wants them."""
+
+Run = Callable[..., subprocess.CompletedProcess[str]]
+
+
+def dice_poses() -> list[tuple[np.ndarray, float]]:
+    """Position [m] and yaw [rad] of the scene's dice."""
+    free = [cell for cell in rearrange_dice.cells() if np.linalg.norm(GOAL - cell, axis=1).min() > 0.03]
+    elsewhere = [free[0], free[len(free) // 2], free[-1]]
+    return [*((place, 0.0) for place in GOAL[MISPLACED:]), *((place, 0.5) for place in elsewhere)]
+
+
+def paint_dice(camera, rng: np.random.Generator) -> np.ndarray:
+    """A view of the dice on a grey floor, far ones first; blurred and noisy."""
+    image = np.full((camera.height, camera.width, 3), 95.0)
+    corners = cuboid.corners(np.full(3, 0.022))
+    shades = {4: (165, 75, 35), 0: (125, 50, 22), 1: (110, 45, 20), 2: (140, 60, 28), 3: (100, 40, 18)}
+    for position, yaw in sorted(dice_poses(), key=lambda die: -np.linalg.norm(die[0] - camera.position)):
+        rotation = so3.exp([0, 0, yaw])
+        pixels = camera.project(position + corners @ rotation.T)
+        for face in np.flatnonzero(
+            cuboid.visible_faces(np.full(3, 0.022), rotation.T @ (camera.position - position))
+        ):
+            outline = np.rint(16 * pixels[cuboid.FACE_CORNERS[face]]).astype(np.int32)
+            cv2.fillConvexPoly(image, outline, shades[int(face)], cv2.LINE_8, 4)
+    image = cv2.GaussianBlur(image, (0, 0), 0.6) + rng.normal(0, 2, image.shape)
+    return np.clip(np.rint(image), 0, 255).astype(np.uint8)
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with an image and a calibration of each camera, goal.json and goal.txt."""
+    folder = tmp_path_factory.mktemp("dice")
+    RIG.save(folder)
+    rng = np.random.default_rng(5)
+    for camera in RIG:
+        cv2.imwrite(str(folder / f"{camera.name}.png"), paint_dice(camera, rng))
+    rearrange_dice.write_goal(folder / "goal.json", GOAL)
+    rearrange_dice.write_goal(folder / "goal.txt", GOAL)
+    return folder
+
+
+def arguments(scene: Path, *more: object, **replaced: object) -> list[object]:
+    """Arguments of a good `tracker dice`, with the images of some cameras replaced."""
+    images = [replaced.get(name, scene / f"{name}.png") for name in NAMES]
+    return ["dice", "--calibration", scene, *more, *images]
+
+
+def run(*arguments: object, folder: Path = ROOT) -> subprocess.CompletedProcess[str]:
+    return run_python(["-m", "tracker", *arguments], folder)
+
+
+@pytest.fixture
+def run_here(capfd: pytest.CaptureFixture[str]) -> Run:
+    """Like `run` but in this process, which is faster; what compiled libraries print is seen too."""
+
+    def run_it(*arguments: object) -> subprocess.CompletedProcess[str]:
+        with pytest.raises(SystemExit) as stop:
+            cli.main([str(argument) for argument in arguments])
+        printed = capfd.readouterr()
+        return subprocess.CompletedProcess([], int(stop.value.code or 0), printed.out, printed.err)
+
+    return run_it
+
+
+@pytest.fixture
+def truth(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The command gets the scene's own dice, and as their masks what is blue."""
+
+    def segment_dice(image: np.ndarray) -> np.ndarray:
+        return np.where(image[:, :, 0].astype(int) - image[:, :, 2] > 25, 255, 0).astype(np.uint8)
+
+    def locate(rig: CameraRig, masks, images=None) -> tuple[SimpleNamespace, ...]:
+        assert len(rig) == len(masks) == len(images)
+        return tuple(
+            SimpleNamespace(position=position, yaw=yaw, probability=0.9) for position, yaw in dice_poses()
+        )
+
+    monkeypatch.setattr(rearrange_dice, "segment_dice", segment_dice)
+    monkeypatch.setattr(rearrange_dice, "locate", locate)
+
+
+def assert_one_line_error(result: subprocess.CompletedProcess[str], *words: str) -> None:
+    assert result.returncode == 2, result.stderr
+    assert result.stdout == ""
+    assert result.stderr.startswith("tracker: ")
+    assert len(result.stderr.splitlines()) == 1, result.stderr
+    for word in words:
+        assert word in result.stderr
+
+
+def test_the_command_explains_itself():
+    result = run("dice", "--help")
+    assert result.returncode == 0
+    assert result.stderr == ""
+    assert result.stdout.startswith("Usage: tracker dice")
+
+
+def test_dice_prints_one_json_object_for_programs(scene):
+    result = run(*arguments(scene, "--goal", scene / "goal.json", "--json"))
+    assert result.returncode == 0, result.stderr
+    found = json.loads(result.stdout)
+    assert list(found) == ["error", "error_per_camera", "reward", "dice", "assignment", "timing_ms"]
+    assert list(found["error_per_camera"]) == list(NAMES)
+    assert found["error"] == sum(found["error_per_camera"].values()) == -found["reward"]
+    # A die has 150 to 350 pixels; those that are not in their places are seen outside the goal.
+    assert 3 * 100 * MISPLACED < found["error"] < 3 * 500 * MISPLACED
+    for die in found["dice"]:
+        assert set(die) == {"position", "yaw", "probability"}
+        assert len(die["position"]) == 3
+        assert 0 <= die["probability"] <= 1
+    assert len(found["assignment"]) == min(25, len(found["dice"]))
+    for pair in found["assignment"]:
+        place, die = GOAL[pair["goal"]], found["dice"][pair["die"]]["position"]
+        assert pair["distance"] == pytest.approx(np.linalg.norm(place - die))
+    assert found["timing_ms"]["total"] > 0
+
+
+def test_dice_prints_the_error_for_people(scene):
+    result = run(*arguments(scene, "--goal", scene / "goal.json"))
+    assert result.returncode == 0, result.stderr
+    first, second, third = result.stdout.splitlines()[:3]
+    assert first.startswith("error [px]")
+    assert all(name in first for name in NAMES)
+    assert "found" in second
+    assert third.startswith("time [ms]")
+
+
+def test_an_error_of_the_process_is_one_line_too(scene):
+    assert_one_line_error(run(*arguments(scene, "--goal", scene / "camera60.yml")), "camera60.yml", "row 1")
+
+
+@pytest.mark.usefixtures("truth")
+def test_the_error_is_the_tasks(scene, run_here):
+    found = json.loads(run_here(*arguments(scene, "--goal", scene / "goal.json", "--json")).stdout)
+    masks = [rearrange_dice.segment_dice(cv2.imread(str(scene / f"{name}.png"))) for name in NAMES]
+    expected = rearrange_dice.error_per_camera(rearrange_dice.goal_masks(RIG, GOAL), masks)
+    assert list(found["error_per_camera"].values()) == list(expected)
+    assert found["error"] == sum(expected)
+    pattern = json.loads(run_here(*arguments(scene, "--goal", scene / "goal.txt", "--json")).stdout)
+    assert pattern["error_per_camera"] == found["error_per_camera"]
+    exact = json.loads(run_here(*arguments(scene, "--goal", scene / "goal.json", "--json", "--exact")).stdout)
+    areas = rearrange_dice.goal_masks(RIG, GOAL, exact=True)
+    assert exact["error"] == rearrange_dice.error(areas, masks) != found["error"]
+
+
+@pytest.mark.usefixtures("truth")
+def test_placed_dice_are_assigned_to_their_places(scene, run_here):
+    result = run_here(*arguments(scene, "--goal", scene / "goal.json", "--json"))
+    found = json.loads(result.stdout)
+    placed = [pair for pair in found["assignment"] if pair["distance"] < 1e-6]
+    assert sorted(pair["goal"] for pair in placed) == list(range(MISPLACED, 25))
+    text = run_here(*arguments(scene, "--goal", scene / "goal.json")).stdout
+    assert f"25 found, {25 - MISPLACED} within 4 mm" in text
+    header, *rows = text.split("\n\n")[1].splitlines()
+    assert len(rows) == 25
+    assert header.split()[-3:] == ["place", "distance", "[mm]"]
+
+
+@pytest.mark.usefixtures("truth")
+def test_a_camera_without_an_image_does_not_count(scene, run_here):
+    goal = ("--goal", scene / "goal.json", "--json")
+    everything = json.loads(run_here(*arguments(scene, *goal)).stdout)["error_per_camera"]
+    without = json.loads(run_here(*arguments(scene, *goal, camera180="none")).stdout)
+    assert without["error_per_camera"] == {**everything, "camera180": None}
+    assert without["error"] == everything["camera60"] + everything["camera300"]
+    text = run_here(*arguments(scene, *goal[:2], camera180="none"))
+    assert "camera180 none" in text.stdout
+
+
+@pytest.mark.usefixtures("truth")
+def test_without_a_goal_there_is_no_error(scene, run_here):
+    found = json.loads(run_here(*arguments(scene, "--json")).stdout)
+    for key in ("error", "error_per_camera", "reward", "assignment"):
+        assert found[key] is None
+    assert len(found["dice"]) == 25
+    text = run_here(*arguments(scene)).stdout
+    assert "error" not in text.splitlines()[0]
+    assert "25 found" in text
+
+
+@pytest.mark.usefixtures("truth")
+def test_overlay_and_masks_are_written(scene, tmp_path, run_here):
+    written = ("--overlay", tmp_path / "out.png", "--masks", tmp_path / "new" / "masks")
+    result = run_here(*arguments(scene, "--goal", scene / "goal.json", *written, camera300="none"))
+    assert result.returncode == 0, result.stderr
+    assert cv2.imread(str(tmp_path / "out.png")).shape[1] == 3 * 540 + 2 * 6
+    names = sorted(path.name for path in (tmp_path / "new" / "masks").iterdir())
+    assert names == sorted(
+        [*(f"goal_{name}.png" for name in NAMES), "dice_camera60.png", "dice_camera180.png"]
+    )
+    goals = rearrange_dice.goal_masks(RIG, GOAL)
+    for name, expected in zip(NAMES, goals, strict=True):
+        path = tmp_path / "new" / "masks" / f"goal_{name}.png"
+        np.testing.assert_array_equal(cv2.imread(str(path), cv2.IMREAD_UNCHANGED), expected)
+    assert run_here(*arguments(scene, "--overlay", tmp_path / "plain.jpg")).returncode == 0
+    assert (tmp_path / "plain.jpg").is_file()
+
+
+@pytest.mark.usefixtures("truth")
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--goal", "nowhere.json"], ["nowhere.json", "cannot be read"]),
+        (["--goal", "camera60.yml"], ["camera60.yml", "row 1"]),
+        (["--overlay", "out.gif"], [".gif", ".png"]),
+        (["--masks", "goal.json"], ["goal.json"]),
+        (["--pattern", "*.yaml"], ["*.yaml"]),
+        (["--colors", "x"], ["--colors"]),
+    ],
+)
+def test_a_faulty_option_is_named_in_one_line(options, words, scene, run_here, monkeypatch):
+    monkeypatch.chdir(scene)
+    before = sorted(scene.rglob("*"))
+    assert_one_line_error(run_here(*arguments(scene, *options, "--json")), *words)
+    assert sorted(scene.rglob("*")) == before
+
+
+@pytest.mark.usefixtures("truth")
+def test_the_count_of_images_must_be_that_of_the_cameras(scene, run_here):
+    assert_one_line_error(run_here(*arguments(scene)[:-1]), "found 2", "expected 3", *NAMES)
+    assert_one_line_error(run_here(*arguments(scene, **dict.fromkeys(NAMES, "none"))), "at least one")

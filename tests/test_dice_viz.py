@@ -1,0 +1,281 @@
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.helpers import make_camera
+from tracker.calibration.rig import CameraRig
+from tracker.errors import ImageError, TaskError
+from tracker.tasks import rearrange_dice as dice
+from tracker.viz import dice_overlay, goal_picture
+from tracker.viz.dice import INSIDE, OUTSIDE
+from tracker.viz.goal_picture import DIE
+
+GAP = 6
+
+
+@pytest.fixture
+def rig() -> CameraRig:
+    return CameraRig(tuple(make_camera(azimuth) for azimuth in (60, 180, 300)))
+
+
+def black(rig: CameraRig) -> list[np.ndarray]:
+    return [np.zeros((camera.height, camera.width, 3), np.uint8) for camera in rig]
+
+
+def square(rig: CameraRig, left: int, right: int) -> list[np.ndarray]:
+    """Masks with columns `left` to `right` of rows 100 to 140 set."""
+    masks = [np.zeros((camera.height, camera.width), np.uint8) for camera in rig]
+    for mask in masks:
+        mask[100:140, left:right] = 255
+    return masks
+
+
+def opencv_pixels(camera, points) -> np.ndarray:
+    """Pixels (N, 2) by OpenCV's own camera."""
+    rotation, _ = cv2.Rodrigues(camera.camera_from_world[:3, :3])
+    shift = camera.camera_from_world[:3, 3]
+    pixels, _ = cv2.projectPoints(np.asarray(points), rotation, shift, camera.matrix, camera.distortion)
+    return pixels.reshape(-1, 2)
+
+
+def hue(color) -> np.ndarray:
+    """A colour without its brightness."""
+    return np.asarray(color, float) / np.max(color)
+
+
+def test_the_views_stand_above_a_caption(rig):
+    goals, seen = square(rig, 100, 140), square(rig, 120, 160)
+    picture = dice_overlay(black(rig), rig, goals, seen)
+    assert picture.dtype == np.uint8
+    assert picture.shape[1] == 3 * 540 + 2 * GAP
+    assert 540 + 60 < picture.shape[0] < 540 + 300
+
+
+def test_dice_are_coloured_by_whether_they_are_in_the_goal(rig):
+    goals, seen = square(rig, 100, 140), square(rig, 120, 160)
+    picture = dice_overlay(black(rig), rig, goals, seen)
+    for index in range(3):
+        panel = picture[:540, index * (540 + GAP) :]
+        row = 2 * 120
+        np.testing.assert_allclose(hue(panel[row, 2 * 130]), hue(INSIDE), atol=0.02)
+        np.testing.assert_allclose(hue(panel[row, 2 * 150]), hue(OUTSIDE), atol=0.02)
+        free = panel[row, 2 * 110]
+        assert 0 < free.max() < 60
+        assert free.min() == free.max()
+        assert not panel[row, 2 * 90].any()
+        assert not panel[row, 2 * 170].any()
+
+
+def test_the_goals_border_is_drawn_where_its_pixels_end(rig):
+    goals, nothing = square(rig, 100, 140), square(rig, 0, 0)
+    panel = dice_overlay(black(rig), rig, goals, nothing)[:540, :540].min(axis=2)
+    # The outer border of pixel u is at u + ½, of the doubled image at 2u + 1½.
+    rows, columns = np.nonzero(panel[70:] > 128)
+    assert abs(columns.min() - 199.5) <= 1.5
+    assert abs(columns.max() - 279.5) <= 1.5
+    assert abs(rows.min() + 70 - 199.5) <= 1.5
+    assert abs(rows.max() + 70 - 279.5) <= 1.5
+    assert (panel[240, 197:203].max(), panel[240, 277:283].max()) > (200, 200)
+
+
+def test_all_kinds_of_masks_give_the_same_picture(rig):
+    goals, seen = square(rig, 100, 140), square(rig, 120, 160)
+    expected = dice_overlay(black(rig), rig, goals, seen)
+    for kind in (lambda m: m > 0, lambda m: m // 255):
+        found = dice_overlay(black(rig), rig, [kind(m) for m in goals], [kind(m) for m in seen])
+        np.testing.assert_array_equal(found, expected)
+
+
+def test_without_a_goal_all_dice_have_one_colour_and_there_is_no_error(rig):
+    picture = dice_overlay(black(rig), rig, None, square(rig, 120, 160))
+    panel = picture[:540, :540]
+    np.testing.assert_allclose(hue(panel[240, 300]), hue(INSIDE), atol=0.02)
+    assert not panel[240, 220].any()
+    other = dice_overlay(black(rig), rig, square(rig, 0, 270), square(rig, 120, 160))
+    assert (picture[540:] != other[540 : picture.shape[0]]).any()
+
+
+def test_the_caption_tells_the_error(rig):
+    goals = square(rig, 100, 140)
+    captions = [dice_overlay(black(rig), rig, goals, square(rig, 120, right))[540:] for right in (140, 141)]
+    assert (captions[0] != captions[1]).any()
+
+
+def test_dice_found_are_dots_where_opencv_projects_them(rig):
+    centers = np.array([[0.05, -0.02, 0.011], [-0.1, 0.06, 0.033]])
+    picture = dice_overlay(black(rig), rig, None, square(rig, 0, 0), positions=centers)
+    for index, camera in enumerate(rig):
+        panel = picture[:540, index * (540 + GAP) : index * (540 + GAP) + 540].min(axis=2).astype(float)
+        for column, row in 2 * opencv_pixels(camera, centers) + 0.5:
+            left, top = round(column) - 10, round(row) - 10
+            dot = panel[top : top + 21, left : left + 21]
+            rows, columns = np.mgrid[top : top + 21, left : left + 21]
+            assert dot.max() == 255
+            assert abs((columns * dot).sum() / dot.sum() - column) < 0.15
+            assert abs((rows * dot).sum() / dot.sum() - row) < 0.15
+
+
+def test_dice_out_of_sight_are_no_dots(rig):
+    camera = rig[0]
+    one = CameraRig((camera,))
+    behind = camera.position - 0.5 * camera.camera_from_world[2, :3]
+    pictures = [
+        dice_overlay(black(one), one, None, square(one, 0, 0), positions=positions)
+        for positions in (np.empty((0, 3)), [behind], [behind + camera.camera_from_world[0, :3]])
+    ]
+    for picture in pictures[1:]:
+        np.testing.assert_array_equal(picture[:540], pictures[0][:540])
+
+
+def test_the_caption_tells_how_many_dice_are_placed(rig):
+    goal = dice.sample_goal(0)
+    masks = dice.goal_masks(rig, goal)
+    captions = []
+    for moved in (0, 1):
+        positions = goal.copy()
+        positions[:moved] += 0.01
+        found = dice.assign(goal, positions)
+        picture = dice_overlay(black(rig), rig, masks, masks, positions=positions, assignment=found)
+        captions.append(picture[540:])
+    assert (captions[0] != captions[1]).any()
+
+
+def test_a_camera_without_an_image_has_an_empty_panel_and_does_not_count(rig):
+    goals, seen = square(rig, 100, 140), square(rig, 120, 160)
+    everything = dice_overlay(black(rig), rig, goals, seen)
+    images, seen = [*black(rig)[:2], None], [*seen[:2], None]
+    picture = dice_overlay(images, rig, goals, seen)
+    last = slice(2 * (540 + GAP), None)
+    assert (picture[:540, last] == picture[300, -1]).all(axis=2).mean() > 0.9
+    assert (picture[540:] != everything[540:]).any()
+    dice_overlay([None] * 3, rig, goals, [None] * 3)
+
+
+def test_an_image_without_a_mask_of_dice_is_shown_as_it_is(rig, rng):
+    images = [rng.integers(0, 256, image.shape, dtype=np.uint8) for image in black(rig)]
+    picture = dice_overlay(images, rig, None, [None] * 3)
+    expected = cv2.resize(images[0], (540, 540), interpolation=cv2.INTER_CUBIC)
+    np.testing.assert_array_equal(picture[100:540, :540], expected[100:])
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_the_caption_stays_within_the_picture(rig, count):
+    few = CameraRig(rig.cameras[:count])
+    goal = dice.sample_goal(0)
+    masks, found = dice.goal_masks(few, goal), dice.assign(goal, goal)
+    picture = dice_overlay(black(few), few, masks, masks, positions=goal, assignment=found)
+    margin = picture[540:, -8:]
+    assert (margin == margin[0, 0]).all()
+
+
+def test_an_overlay_changes_nothing_and_is_always_the_same(rig, rng):
+    images = [rng.integers(0, 256, image.shape, dtype=np.uint8) for image in black(rig)]
+    goals, seen = square(rig, 100, 140), square(rig, 120, 160)
+    inputs = [*images, *goals, *seen]
+    copies = [array.copy() for array in inputs]
+    first = dice_overlay(images, rig, goals, seen, title="t")
+    np.testing.assert_array_equal(first, dice_overlay(images, rig, goals, seen, title="t"))
+    for array, copy in zip(inputs, copies, strict=True):
+        np.testing.assert_array_equal(array, copy)
+    assert (first != dice_overlay(images, rig, goals, seen, title="u")).any()
+
+
+def test_what_does_not_fit_the_rig_is_refused(rig):
+    goals, seen = square(rig, 100, 140), square(rig, 120, 160)
+    with pytest.raises(ImageError, match="found 2 images"):
+        dice_overlay(black(rig)[:2], rig, goals, seen)
+    with pytest.raises(TaskError, match="found 2 goal masks, expected one for each of camera60"):
+        dice_overlay(black(rig), rig, goals[:2], seen)
+    with pytest.raises(TaskError, match="found 4 dice masks"):
+        dice_overlay(black(rig), rig, goals, [*seen, seen[0]])
+    with pytest.raises(TaskError, match=r"camera180: found a dice mask \(9, 270\), expected \(270, 270\)"):
+        dice_overlay(black(rig), rig, None, [seen[0], seen[1][:9], None])
+    with pytest.raises(TaskError, match="found type float64"):
+        dice_overlay(black(rig), rig, goals, [seen[0] / 255, None, None])
+    with pytest.raises(TaskError, match="dice: found shape"):
+        dice_overlay(black(rig), rig, goals, seen, positions=[[0.0, 0.0]])
+
+
+def at(picture: np.ndarray, x: float, y: float) -> np.ndarray:
+    """The colour at a place [m] of a goal's picture, found from its square and its labels' width."""
+    side = picture.shape[0] - 48
+    scale = 38 / 0.022
+    column, row = 48 + (side - 1) / 2 + scale * x, (side - 1) / 2 - scale * y
+    return picture[round(row), round(column)].astype(int)
+
+
+def test_a_goals_places_are_squares_with_x_to_the_right_and_y_upwards():
+    goal = dice.sample_goal(0)
+    picture = goal_picture(goal)
+    assert picture.shape[0] == picture.shape[1]
+    floor = at(picture, 0.19 - 0.001, 0.0)
+    taken = {tuple(np.rint(place[:2] / 0.022).astype(int)) for place in goal}
+    for x, y, _ in dice.cells():
+        for dx, dy in ((0, 0), (0.008, 0.008), (-0.008, 0.008)):
+            is_place = (round(x / 0.022), round(y / 0.022)) in taken
+            color = at(picture, x + dx, y + dy)
+            assert (color != floor).any() == is_place
+            assert not is_place or color.argmax() == np.argmax(INSIDE)
+
+
+def test_dice_are_squares_turned_by_their_yaw():
+    straight, turned = (goal_picture([], [[0.05, 0.03, 0.011]], yaws=[yaw]) for yaw in (0.0, np.pi / 4))
+    for picture in (straight, turned):
+        assert at(picture, 0.05, 0.03).argmax() == np.argmax(DIE)
+    assert at(straight, 0.05 + 0.0095, 0.03 + 0.0095).argmax() == np.argmax(DIE)
+    floor = at(straight, 0.1, 0.1)
+    np.testing.assert_array_equal(at(turned, 0.05 + 0.0095, 0.03 + 0.0095), floor)
+    assert at(turned, 0.05, 0.03 + 0.0140).argmax() == np.argmax(DIE)
+    np.testing.assert_array_equal(at(straight, 0.05, 0.03 + 0.0140), floor)
+
+
+def test_a_line_goes_from_each_die_to_its_place():
+    goal, positions = [[0.044, 0.066, 0.011]], [[-0.066, -0.11, 0.011]]
+    found = dice.assign(goal, positions)
+    picture = goal_picture(goal, positions, found.pairs)
+    without = goal_picture(goal, positions)
+    for share in (0.1, 0.3, 0.5, 0.7, 0.9):
+        x, y = (1 - share) * np.array(positions[0][:2]) + share * np.array(goal[0][:2])
+        np.testing.assert_allclose(at(picture, x, y), OUTSIDE, atol=60)
+        assert np.abs(at(without, x, y) - OUTSIDE).max() > 60
+
+
+def test_places_above_the_floor_are_marked():
+    low, high = ([[0.0, 0.0, z]] for z in (0.011, 0.033))
+    assert (goal_picture(low) != goal_picture(high)).any()
+
+
+def test_a_goals_picture_is_always_the_same():
+    goal, positions = dice.sample_goal(0), dice.sample_goal(1)
+    pairs = dice.assign(goal, positions).pairs
+    np.testing.assert_array_equal(goal_picture(goal, positions, pairs), goal_picture(goal, positions, pairs))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (([[0, 0]],), "goal: found shape"),
+        (([], [[0, 0]]), "dice: found shape"),
+        (([[0, 0, 0]], [[0, 0, 0]], [(0, 1)]), "pairs: found place 0 and die 1, expected less than 1 and 1"),
+        (([[0, 0, 0]], [[0, 0, 0]], [(0, -1)]), "pairs: found place 0 and die -1"),
+        (([[0, 0, 0]], None, [(0, 0)]), "pairs: found place 0 and die 0"),
+    ],
+)
+def test_a_picture_of_what_does_not_belong_together_is_refused(arguments, said):
+    with pytest.raises(TaskError, match=said):
+        goal_picture(*arguments)
+
+
+@pytest.mark.parametrize("yaws", [[0.0], [0.0, np.nan], 0.0])
+def test_yaws_that_are_not_those_of_the_dice_are_refused(yaws):
+    with pytest.raises(TaskError, match="yaws: found"):
+        goal_picture([], [[0, 0, 0], [0.1, 0, 0]], yaws=yaws)
+
+
+@pytest.mark.parametrize("far", [0.5, 7.0, 1e90])
+def test_places_far_outside_do_not_disturb_the_picture(far):
+    inside = dice.sample_goal(0)
+    expected = goal_picture([*inside, [2.0, 2.0, 0.011]])
+    np.testing.assert_array_equal(goal_picture([*inside, [far, -far, 0.011]]), expected)

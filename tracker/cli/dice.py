@@ -1,0 +1,199 @@
+"""`tracker dice`: where the dice are, and the error of the dice task."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from tracker.cli.calibration import calibration_options, load_rig
+from tracker.cli.files import NO_IMAGE
+from tracker.cli.table import listing, table
+
+if TYPE_CHECKING:
+    from tracker.calibration.rig import CameraRig
+    from tracker.conventions import FloatArray, Image
+    from tracker.tasks.rearrange_dice import Assignment, Die
+
+_STAGES = ("segmentation", "error", "location")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _State:
+    """What one set of images shows."""
+
+    dice_masks: list[Image | None]
+    """Of each camera; None where it gave no image."""
+    goal_masks: list[Image] | None
+    errors: list[int | None] | None
+    """Of each camera [px]; None where it gave no image. This and the next are None without a goal."""
+    assignment: Assignment | None
+    dice: tuple[Die, ...]
+    timing_ms: dict[str, float]
+
+    @property
+    def error(self) -> int | None:
+        return None if self.errors is None else sum(value for value in self.errors if value is not None)
+
+
+@click.command()
+@click.argument("images", nargs=-1, required=True, metavar="IMAGE...")
+@calibration_options
+@click.option(
+    "--goal", "goal_path", metavar="FILE", help="The goal: JSON, or a pattern of 17 rows of characters."
+)
+@click.option(
+    "--exact", is_flag=True, help="Goal areas to the pixel, not cut to whole pixels as the platform's."
+)
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@click.option(
+    "--overlay",
+    "overlay_path",
+    metavar="FILE",
+    help="Write the images with dice and goal drawn in (.png, .jpg).",
+)
+@click.option("--masks", "masks_path", metavar="DIR", help="Write the masks of dice and goal (.png).")
+def dice(
+    images: tuple[str, ...],
+    calibration: tuple[str, ...],
+    pattern: str | None,
+    correct_halved_principal_point: bool,
+    goal_path: str | None,
+    exact: bool,
+    as_json: bool,
+    overlay_path: str | None,
+    masks_path: str | None,
+) -> None:
+    """Find the dice in one IMAGE of each camera, and the task's error.
+
+    The error is the number of pixels, over all cameras, that show dice where the goal has none. Without a
+    goal there is none.
+
+    IMAGEs come in the order of the cameras: in a folder of calibrations that of the numbers in their
+    names, else that of the files given. 'none' in place of an IMAGE says that the camera gave none; it
+    then counts for nothing.
+    """
+    from tracker import viz
+    from tracker.cli.files import read_images
+    from tracker.tasks.rearrange_dice import read_goal
+
+    goal = None if goal_path is None else read_goal(goal_path)
+    rig = load_rig(calibration, pattern, correct_halved_principal_point)
+    pictures = read_images(images, rig)
+    _evaluate(
+        rig, pictures, goal, exact
+    )  # loads compiled code: the times printed are those of a running loop
+    state = _evaluate(rig, pictures, goal, exact)
+    if masks_path is not None:
+        _write_masks(Path(masks_path), rig, state)
+    if overlay_path is not None:
+        positions = [die.position for die in state.dice]
+        picture = viz.dice_overlay(
+            pictures,
+            rig,
+            state.goal_masks,
+            state.dice_masks,
+            positions=positions,
+            assignment=state.assignment,
+        )
+        viz.write_image(overlay_path, picture)
+    click.echo(_json(rig, state) if as_json else _text(rig, state))
+
+
+def _evaluate(rig: CameraRig, images: Sequence[Image | None], goal: FloatArray | None, exact: bool) -> _State:
+    from tracker.calibration.rig import CameraRig
+    from tracker.tasks import rearrange_dice as task
+
+    marks = [time.perf_counter()]
+    masks = [None if image is None else task.segment_dice(image) for image in images]
+    marks.append(time.perf_counter())
+    goals = None if goal is None else task.goal_masks(rig, goal, exact=exact)
+    errors = None
+    if goals is not None:
+        errors = [
+            None if mask is None else task.error([wanted], [mask])
+            for wanted, mask in zip(goals, masks, strict=True)
+        ]
+    marks.append(time.perf_counter())
+    seen = [parts for parts in zip(rig, masks, images, strict=True) if parts[1] is not None]
+    cameras, their_masks, their_images = zip(*seen, strict=True)
+    found = task.locate(CameraRig(cameras), their_masks, their_images)
+    positions = [die.position for die in found]
+    assignment = None if goal is None else task.assign(goal, positions)
+    marks.append(time.perf_counter())
+    stages = {name: 1e3 * (b - a) for name, a, b in zip(_STAGES, marks[:-1], marks[1:], strict=True)}
+    timing = {**stages, "total": 1e3 * (marks[-1] - marks[0])}
+    return _State(masks, goals, errors, assignment, found, timing)
+
+
+def _write_masks(folder: Path, rig: CameraRig, state: _State) -> None:
+    from tracker import viz
+
+    folder.mkdir(parents=True, exist_ok=True)
+    for index, name in enumerate(rig.names):
+        mask = state.dice_masks[index]
+        if mask is not None:
+            viz.write_image(folder / f"dice_{name}.png", mask)
+        if state.goal_masks is not None:
+            viz.write_image(folder / f"goal_{name}.png", state.goal_masks[index])
+
+
+def _json(rig: CameraRig, state: _State) -> str:
+    result: dict[str, Any] = {
+        "error": state.error,
+        "error_per_camera": None if state.errors is None else dict(zip(rig.names, state.errors, strict=True)),
+        "reward": None if state.error is None else -state.error,
+        "dice": [
+            {"position": die.position.tolist(), "yaw": float(die.yaw), "probability": float(die.probability)}
+            for die in state.dice
+        ],
+        "assignment": None,
+    }
+    if state.assignment is not None:
+        distances = state.assignment.distance
+        result["assignment"] = [
+            {"goal": place, "die": die, "distance": float(distances[place])}
+            for place, die in state.assignment.pairs
+        ]
+    return json.dumps({**result, "timing_ms": state.timing_ms}, allow_nan=False)
+
+
+def _text(rig: CameraRig, state: _State) -> str:
+    from tracker.tasks.rearrange_dice import TOLERANCE
+
+    rows = []
+    if state.errors is not None:
+        values = [NO_IMAGE if value is None else str(value) for value in state.errors]
+        each = ", ".join(f"{name} {value}" for name, value in zip(rig.names, values, strict=True))
+        rows.append(["error [px]", f"{state.error} ({each})"])
+    found = f"{len(state.dice)} found"
+    if state.assignment is not None:
+        found += (
+            f", {state.assignment.count_within()} within {1e3 * TOLERANCE:g} mm of their place in the goal"
+        )
+    rows.append(["dice", found])
+    times = ", ".join(f"{stage} {value:.2f}" for stage, value in state.timing_ms.items())
+    rows.append(["time [ms]", times])
+    return "\n\n".join([listing(rows), *([table(_dice_rows(state))] if state.dice else [])])
+
+
+def _dice_rows(state: _State) -> list[list[str]]:
+    rows = [["die", "x [mm]", "y [mm]", "z [mm]", "yaw [deg]", "probability"]]
+    for index, die in enumerate(state.dice):
+        x, y, z = (f"{1e3 * value:.1f}" for value in die.position)
+        yaw = f"{math.degrees(die.yaw):.1f}"
+        rows.append([str(index), x, y, z, yaw, f"{die.probability:.3f}"])
+    if state.assignment is not None:
+        partners = {die: place for place, die in state.assignment.pairs}
+        rows[0] += ["place", "distance [mm]"]
+        for index, row in enumerate(rows[1:]):
+            if index in partners:
+                place = partners[index]
+                row += [str(place), f"{1e3 * state.assignment.distance[place]:.1f}"]
+    return rows
