@@ -1,4 +1,4 @@
-"""Make the dice task's example in `examples/dice`: images, calibration, and a goal that is not reached yet."""
+"""Make the example of the dice task in `examples/dice`: images, calibration, a goal not reached yet."""
 
 from pathlib import Path
 
