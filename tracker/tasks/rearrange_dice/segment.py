@@ -12,7 +12,7 @@ import cv2
 import numba
 import numpy as np
 
-from tracker.conventions import Image
+from tracker.conventions import Array, Image
 from tracker.segmentation.color_model import ColorModel, load_colors
 from tracker.segmentation.denoise import calmed
 from tracker.segmentation.labels import FINE, REFERENCE_SIZE, check_image
@@ -111,21 +111,36 @@ def segment_dice(image: Image, colors: ColorModel | None = None) -> Image:
     image = evened(image, light_of_scene)
     gains = light_of_scene.gains if colors.normalise else np.ones(3)
 
-    shape = image.shape[:2]
-    inside, blue, pips, mask = (np.empty(shape, np.uint8) for _ in range(4))
-    ratio = np.empty(shape, np.float32)
-    levels = np.arange(256)
-    ratios = np.log(np.outer(gains[[0, 2]], levels) + OFFSET).astype(np.float32)
+    inside, blue = np.empty(image.shape[:2], np.uint8), np.empty(image.shape[:2], np.uint8)
+    ratio = np.empty(image.shape[:2], np.float32)
+    ratios = np.log(np.outer(gains[[0, 2]], np.arange(256)) + OFFSET).astype(np.float32)
     channels = colors.channel_tables(gains)
     _read(image, channels, colors.margin_table, ratios, gains[0], CERTAIN, inside, ratio, blue)
-
     inside = np.asarray(cv2.medianBlur(inside, 3), dtype=np.uint8)
+    mask: Image = np.zeros(image.shape[:2], np.uint8)
+    part = _bounds(inside, _odd(7 * scale))
+    if part is not None:
+        parts = (whole[part] for whole in (image, inside, blue, ratio))
+        mask[part] = _mask(*(np.ascontiguousarray(one) for one in parts), scale)
+    return mask
+
+
+def _bounds(inside: Image, margin: int) -> tuple[slice, slice] | None:
+    """Rows and columns that hold the inside and what may grow from it."""
+    left, top, width, height = cv2.boundingRect(inside)
+    if width == 0:
+        return None
+    rows = slice(max(top - margin, 0), min(top + height + margin, inside.shape[0]))
+    return rows, slice(max(left - margin, 0), min(left + width + margin, inside.shape[1]))
+
+
+def _mask(image: Image, inside: Image, blue: Image, ratio: Array, scale: float) -> Image:
+    """The mask (0, 255) that grows from the inside."""
     window = _odd(7 * scale)
     count = cv2.boxFilter(inside, cv2.CV_16U, (window, window), normalize=False)
     inside &= (count >= MIN_INSIDE * scale * scale).view(np.uint8)
     inside = _reached(inside, np.asarray(cv2.blur(blue, (3, 3)), dtype=np.uint8), scale)
-
-    sums = np.empty((*shape, 3), np.float32)
+    sums, mask, pips = np.empty(image.shape, np.float32), np.empty_like(inside), np.empty_like(inside)
     _weigh(image, inside, cv2.erode(inside, _round(3 * scale)), ratio, RIM, sums)
     sums = cv2.boxFilter(sums, -1, (window, window), normalize=False)
     _grow(image, cv2.dilate(inside, _square(5 * scale)), sums, ratio, EDGE, PALE, mask, pips)
