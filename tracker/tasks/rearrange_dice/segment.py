@@ -120,8 +120,8 @@ def segment_dice(image: Image, colors: ColorModel | None = None) -> Image:
     mask: Image = np.zeros(image.shape[:2], np.uint8)
     part = _bounds(inside, _odd(7 * scale))
     if part is not None:
-        parts = (whole[part] for whole in (image, inside, blue, ratio))
-        mask[part] = _mask(*(np.ascontiguousarray(one) for one in parts), scale)
+        own = np.ascontiguousarray
+        mask[part] = _mask(own(image[part]), own(inside[part]), own(blue[part]), own(ratio[part]), scale)
     return mask
 
 
@@ -140,7 +140,8 @@ def _mask(image: Image, inside: Image, blue: Image, ratio: Array, scale: float) 
     count = cv2.boxFilter(inside, cv2.CV_16U, (window, window), normalize=False)
     inside &= (count >= MIN_INSIDE * scale * scale).view(np.uint8)
     inside = _reached(inside, np.asarray(cv2.blur(blue, (3, 3)), dtype=np.uint8), scale)
-    sums, mask, pips = np.empty(image.shape, np.float32), np.empty_like(inside), np.empty_like(inside)
+    sums: Array = np.empty(image.shape, np.float32)
+    mask, pips = np.empty_like(inside), np.empty_like(inside)
     _weigh(image, inside, cv2.erode(inside, _round(3 * scale)), ratio, RIM, sums)
     sums = cv2.boxFilter(sums, -1, (window, window), normalize=False)
     _grow(image, cv2.dilate(inside, _square(5 * scale)), sums, ratio, EDGE, PALE, mask, pips)
