@@ -221,8 +221,8 @@ MASK = np.zeros((4, 5), np.uint8)
         (MASK, MASK, r"goal mask 0: found shape \(5,\), expected \(height, width\)"),
         ([MASK[None]], [MASK[None]], "goal mask 0: found shape"),
         ([MASK[:0]], [MASK[:0]], "goal mask 0: found shape"),
-        ([MASK], [MASK.astype(float)], "dice mask 0: found type float64, expected bool or uint8"),
-        ([MASK.astype(int)], [MASK], "goal mask 0: found type int64"),
+        ([MASK], [MASK.astype(float)], "dice mask 0: found type float64, expected bool or whole numbers"),
+        ([MASK.astype(int) - 1], [MASK], "goal mask 0: found the values -1"),
         ([MASK], [None], "dice mask 0: found type object"),
         ([MASK], [MASK + 2], "dice mask 0: found the values 2, expected only 0 and 255, or only 0 and 1"),
         ([MASK], [[*MASK[:3], MASK[0] + 1, MASK[0] + 255]], "found the values 0, 1, 255, expected"),
@@ -232,6 +232,12 @@ MASK = np.zeros((4, 5), np.uint8)
 def test_masks_that_are_none_or_do_not_belong_together_are_refused(goals, seen, said):
     with pytest.raises(TaskError, match=said):
         dice.error(goals, seen)
+
+
+@pytest.mark.parametrize("kind", [np.int64, np.uint16, np.int8, bool])
+def test_whole_numbers_of_every_kind_make_masks(kind):
+    goal = np.zeros_like(MASK)
+    assert dice.error([goal], [(MASK > 0).astype(kind)]) == np.count_nonzero(MASK)
 
 
 @given(npst.arrays(np.uint8, (3, 4), elements=st.sampled_from([0, 0, 0, 1, 2, 128, 254, 255])))
