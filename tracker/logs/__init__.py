@@ -1,0 +1,1 @@
+"""Recordings of the platform, and the poses that were found in them."""
