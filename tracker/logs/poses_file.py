@@ -92,7 +92,8 @@ def read_poses(path: str | os.PathLike[str]) -> Poses:
     try:
         if not Path(path).is_file():
             raise LogError("found no such file, expected a file of poses")
-        with h5py.File(path, "r") as file:
+        # Files are replaced whole, so no lock is needed; some network drives have none.
+        with h5py.File(path, "r", locking=False) as file:
             return _poses(file)
     except (LogError, CalibrationError) as error:
         raise LogError(f"{name}: {error}") from error
