@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
+from typing import Generic, Protocol, TypeVar
 
 import click
 
@@ -35,10 +36,10 @@ LIBRARIES = ("numpy", "opencv-python-headless", "pybullet", "pyrender", "trimesh
 
 
 @functools.cache
-def fingerprint() -> str:
-    """Of code, data and libraries that scenes are made by."""
+def fingerprint(*more: str) -> str:
+    """Of code, data and libraries that scenes are made by; `more` sources as SOURCES names them."""
     digest = hashlib.sha256()
-    for name in SOURCES:
+    for name in (*SOURCES, *more):
         path = ROOT / name
         for file in sorted(path.rglob("*")) if path.is_dir() else [path]:
             if file.suffix == ".py":
@@ -72,17 +73,27 @@ def _version(library: str) -> str:
         return "none"
 
 
+class Packed(Protocol):
+    """A scene that can be kept."""
+
+    def packed(self) -> bytes:
+        """The scene as the content of a file."""
+        ...
+
+
+S = TypeVar("S", bound=Packed)
+
+
 @dataclass(frozen=True)
 class _Factory:
     """Makes the part of a worker."""
 
-    object_name: str
-    style: str
+    maker: Callable[[], Callable[[int], Packed]]
     folder: Path
 
     def __call__(self) -> Callable[[int], Iterator[int]]:
         """The function that renders the scene of a number into its file."""
-        make = maker(self.object_name, self.style)
+        make = self.maker()
 
         def work(index: int) -> Iterator[int]:
             write_whole(_file(self.folder, index), make(index).packed())
@@ -95,15 +106,70 @@ def _file(folder: Path, index: int) -> Path:
     return folder / f"{index:05d}.npz"
 
 
-def read_scene(path: Path) -> Scene | None:
-    """The scene of a file; None where there is none that can be read."""
+def read_packed(path: Path, unpacked: Callable[[bytes], S]) -> S | None:
+    """What `unpacked` makes of a file; None where there is none that can be read."""
     try:
-        return Scene.unpacked(path.read_bytes())
+        return unpacked(path.read_bytes())
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
         return None
 
 
-class SceneStore:
+def read_scene(path: Path) -> Scene | None:
+    """The scene of a file; None where there is none that can be read."""
+    return read_packed(path, Scene.unpacked)
+
+
+class Store(Generic[S]):
+    """Scenes of one kind, by their numbers.
+
+    Args:
+        name: of the kind, for people.
+        folder: of these scenes alone.
+        maker: makes what makes scenes, in the process that does so; it can be pickled.
+        read: the scene of a file, None where there is none.
+        workers: number of processes that render what is missing.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        folder: Path,
+        maker: Callable[[], Callable[[int], S]],
+        read: Callable[[Path], S | None],
+        workers: int,
+    ) -> None:
+        self._name, self._folder, self._maker, self._read = name, folder, maker, read
+        self._workers = workers
+
+    def prepare(self, indices: Sequence[int]) -> None:
+        """Render those scenes that are not there yet."""
+        self._folder.mkdir(parents=True, exist_ok=True)
+        todo = [index for index in indices if not _file(self._folder, index).is_file()]
+        if not todo:
+            return
+        factory: Factory = _Factory(self._maker, self._folder)
+        # A process of its own costs more than a few scenes.
+        done = run_tasks(factory, todo, self._workers if len(todo) > 4 else 1)
+        label = f"rendering {self._name}"
+        with click.progressbar(done, length=len(todo), label=label, file=sys.stderr) as bar:
+            for _ in bar:
+                pass
+
+    def scenes(self, indices: Sequence[int]) -> Iterator[S]:
+        """The scenes of these numbers, in this order."""
+        self.prepare(indices)
+        for index in indices:
+            scene = self._read(_file(self._folder, index))
+            if scene is None:
+                # A file broken by someone else is made again.
+                _file(self._folder, index).unlink(missing_ok=True)
+                self.prepare([index])
+                scene = self._read(_file(self._folder, index))
+            assert scene is not None
+            yield scene
+
+
+class SceneStore(Store[Scene]):
     """The scenes of one object and style, by their numbers.
 
     Args:
@@ -114,33 +180,10 @@ class SceneStore:
     """
 
     def __init__(self, object_name: str, style: str, workers: int = 2, folder: Path = CACHE) -> None:
-        self._name, self._style, self._workers = object_name, style, workers
-        self._folder = folder / f"{object_name}-{style}-{SIZE}-{SEED}-{fingerprint()}"
-
-    def prepare(self, indices: Sequence[int]) -> None:
-        """Render those scenes that are not there yet."""
-        self._folder.mkdir(parents=True, exist_ok=True)
-        todo = [index for index in indices if not _file(self._folder, index).is_file()]
-        if not todo:
-            return
-        factory: Factory = _Factory(self._name, self._style, self._folder)
-        # A process of its own costs more than a few scenes.
-        done = run_tasks(factory, todo, self._workers if len(todo) > 4 else 1)
-        with click.progressbar(
-            done, length=len(todo), label=f"rendering {self._name}, {self._style}", file=sys.stderr
-        ) as bar:
-            for _ in bar:
-                pass
-
-    def scenes(self, indices: Sequence[int]) -> Iterator[Scene]:
-        """The scenes of these numbers, in this order."""
-        self.prepare(indices)
-        for index in indices:
-            scene = read_scene(_file(self._folder, index))
-            if scene is None:
-                # A file broken by someone else is made again.
-                _file(self._folder, index).unlink(missing_ok=True)
-                self.prepare([index])
-                scene = read_scene(_file(self._folder, index))
-            assert scene is not None
-            yield scene
+        super().__init__(
+            f"{object_name}, {style}",
+            folder / f"{object_name}-{style}-{SIZE}-{SEED}-{fingerprint()}",
+            functools.partial(maker, object_name, style),
+            read_scene,
+            workers,
+        )

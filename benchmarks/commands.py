@@ -17,6 +17,11 @@ import tracker
 from benchmarks import gate as gates
 from benchmarks.accuracy import AccuracyOptions, AccuracyRun, again, measure_accuracy, without_package
 from benchmarks.cache import CACHE
+from benchmarks.dice import QUICK as QUICK_DICE
+from benchmarks.dice import DiceOptions, measure_dice
+from benchmarks.dice_scenes import SEED as DICE_SEED
+from benchmarks.dice_tables import dice_targets
+from benchmarks.dice_worst import write_worst_dice
 from benchmarks.recorded import pose_rows, segmentation_rows
 from benchmarks.records import (
     RESULTS_FILE,
@@ -64,6 +69,17 @@ _real = click.option(
 )
 
 
+_workers = click.option("--workers", default=2, show_default=True, help="Processes that render.")
+_cache = click.option(
+    "--cache",
+    type=click.Path(file_okay=False, path_type=Path),
+    default=CACHE,
+    envvar="TRACKER_BENCHMARK_CACHE",
+    show_default="build/scenes",
+    help="Folder of rendered scenes.",
+)
+
+
 def _scene_options(command: _Command) -> _Command:
     options = (
         click.option(
@@ -76,15 +92,8 @@ def _scene_options(command: _Command) -> _Command:
         click.option(
             "--object", "objects", multiple=True, type=click.Choice(OBJECTS), help="May be repeated."
         ),
-        click.option("--workers", default=2, show_default=True, help="Processes that render."),
-        click.option(
-            "--cache",
-            type=click.Path(file_okay=False, path_type=Path),
-            default=CACHE,
-            envvar="TRACKER_BENCHMARK_CACHE",
-            show_default="build/scenes",
-            help="Folder of rendered scenes.",
-        ),
+        _workers,
+        _cache,
     )
     for option in reversed(options):
         command = option(command)
@@ -114,6 +123,26 @@ def speed(quick: bool, real: Path, output: Path) -> None:
     _finish(results, output)
 
 
+@click.command()
+@_quick
+@_real
+@_output
+@_workers
+@_cache
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=DICE_SEED,
+    show_default=True,
+    help="Of the scenes; nothing is ever adjusted with the default.",
+)
+def dice(quick: bool, real: Path, output: Path, workers: int, cache: Path, seed: int) -> None:
+    """Masks, positions and time of the dice task; the recorded picture where there is one."""
+    results = _begun(output, quick)
+    _add_dice(results, output, _dice_options(quick, workers, cache, seed), real)
+    _finish(results, output)
+
+
 @click.command(name="all")
 @_quick
 @_real
@@ -121,11 +150,13 @@ def speed(quick: bool, real: Path, output: Path) -> None:
 @_scene_options
 @click.option("--publish", is_flag=True, help="Write benchmarks/results.md as well.")
 def everything(quick: bool, real: Path, output: Path, publish: bool, **chosen: Any) -> None:
-    """Accuracy, speed and report."""
+    """Accuracy, speed, dice and report."""
     results = _begun(output, quick)
     # Before the caches are hot and the disk busy with pictures.
     _add_speed(results, quick, real)
-    _add_accuracy(results, output, _options(quick, **chosen), real)
+    options = _options(quick, **chosen)
+    _add_accuracy(results, output, options, real)
+    _add_dice(results, output, _dice_options(quick, options.workers, options.cache), real)
     _finish(results, output)
     click.echo(f"{write_report(output)}", err=True)
     if publish:
@@ -176,6 +207,11 @@ def _options(
     )
 
 
+def _dice_options(quick: bool, workers: int, cache: Path, seed: int = DICE_SEED) -> DiceOptions:
+    options = QUICK_DICE if quick else DiceOptions()
+    return dataclasses.replace(options, seed=seed, workers=workers, cache=cache)
+
+
 def _begun(output: Path, quick: bool) -> Results:
     """Results of the folder that this run adds to: of the same commit and kind, else new ones."""
     about = {"commit": _commit(), "processor": _processor(), "seed": SEED, "quick": quick}
@@ -221,8 +257,17 @@ def _add_speed(results: Results, quick: bool, real: Path) -> None:
     results["speed"] = measure_speed(real if Path(real).is_dir() else None, QUICK_SPEED if quick else None)
 
 
+def _add_dice(results: Results, output: Path, options: DiceOptions, real: Path) -> None:
+    results["dice"], judged = measure_dice(
+        options, real if Path(real).is_dir() else None, lambda line: click.echo(line, err=True)
+    )
+    output.mkdir(parents=True, exist_ok=True)
+    click.echo(write_worst_dice(judged, options, output), err=True)
+
+
 def _finish(results: Results, output: Path) -> None:
     results["targets"] = evaluate(records_of(results), results.get("speed"))
+    results["targets"] += dice_targets(results.get("dice", {}).get("figures", {}))
     output.mkdir(parents=True, exist_ok=True)
     write_results(output / RESULTS_FILE, results)
     click.echo(results_markdown(read_results(output)))

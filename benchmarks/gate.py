@@ -77,6 +77,30 @@ ALIASES = {"median_mm": "median_position_mm", "median_deg": "median_rotation_deg
 SPEED = Tolerance(0.1, 0.25)
 """Of the multiple of the reference work: milliseconds depend on the machine."""
 
+DICE: Mapping[str, Tolerance] = {
+    "mask_iou": Tolerance(0.005, lower_is_worse=True),
+    "median_mm": Tolerance(0.05, 0.10),
+    "p90_mm": Tolerance(0.1, 0.15),
+    # Shares in per cent, of about five thousand dice.
+    "found": Tolerance(0.5, lower_is_worse=True),
+    "invented": Tolerance(0.3),
+    "brier": Tolerance(0.005),
+    "ratio": SPEED,
+}
+"""By the figure's name in those of the dice."""
+
+
+def tolerance_of(name: str) -> Tolerance:
+    """The tolerance of a figure as `held` names it.
+
+    Raises:
+        KeyError: it is none that is held.
+    """
+    workload, _, key = name.split(" / ")
+    if workload == "speed" and key == "ratio":
+        return SPEED
+    return (DICE if workload == "dice" else TOLERANCES)[key]
+
 
 def held(results: Results) -> dict[str, float]:
     """The figures of a run that the gate looks at, by `workload / object / figure`."""
@@ -90,6 +114,9 @@ def held(results: Results) -> dict[str, float]:
     for row in results.get("speed", {}).get("detect", ()):
         if row["images"] == "rendered":
             figures[f"speed / {row['object']} / ratio"] = float(row["ratio"])
+    for key, value in results.get("dice", {}).get("figures", {}).items():
+        if key in DICE and isinstance(value, (int, float)):
+            figures[f"dice / thrown / {key}"] = float(value)
     return figures
 
 
@@ -105,21 +132,23 @@ def failures(baseline: Mapping[str, Any], results: Results) -> tuple[list[str], 
             raise ResultsError(
                 f"results: found {key} {about.get(key)}, expected {baseline.get(key)} as in the baseline"
             )
+    if results.get("dice") and baseline.get("dice") not in (None, results["dice"]["about"]):
+        found = results["dice"]["about"]
+        raise ResultsError(f"results: found dice {found}, expected {baseline['dice']} as in the baseline")
     now = held(results)
     worse: list[str] = []
     absent: list[str] = []
     for name, value in baseline["figures"].items():
         before = math.nan if value is None else float(value)
-        workload, _, key = name.split(" / ")
+        workload = name.split(" / ")[0]
         if name not in now:
             reason = about.get("skipped", {}).get(workload)
-            skipped = reason is not None or (workload == "speed" and not results.get("speed"))
+            skipped = reason is not None or (workload in ("speed", "dice") and not results.get(workload))
             (absent if skipped else worse).append(
                 f"{name}: not measured" + (f" ({reason})" if reason else "")
             )
             continue
-        tolerance = SPEED if workload == "speed" else TOLERANCES[key]
-        if not tolerance.allows(before, now[name]):
+        if not tolerance_of(name).allows(before, now[name]):
             worse.append(f"{name}: {now[name]:.4g}, was {before:.4g}")
     return worse, absent
 
@@ -144,4 +173,6 @@ def write_baseline(results: Results, path: Path = BASELINE) -> None:
         name: None if math.isnan(value) else float(f"{value:.5g}") for name, value in held(results).items()
     }
     content = {key: about.get(key) for key in ("commit", "processor", "seed", "scenes")}
+    if results.get("dice"):
+        content["dice"] = results["dice"]["about"]
     write_whole(path, json.dumps({**content, "figures": figures}, indent=1, ensure_ascii=False) + "\n")

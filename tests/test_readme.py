@@ -15,6 +15,8 @@ from tests.helpers import ROOT, run_python
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 EXAMPLE = ROOT / "examples" / "detect_cube.py"
+DICE_TASK = ROOT / "examples" / "dice_task.py"
+TASK_ERRORS = ROOT / "examples" / "task_errors.py"
 STILL = ROOT / "examples" / "still.py"
 BGR = {"red": (40, 50, 190), "green": (60, 150, 70), "blue": (150, 60, 20)}
 
@@ -32,6 +34,7 @@ def working(demo: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with what the README speaks of: demo, my_images, my_object.toml."""
     folder = tmp_path_factory.mktemp("readme")
     shutil.copytree(demo, folder / "demo")
+    shutil.copytree(ROOT / "examples" / "dice", folder / "examples" / "dice")
     (folder / "my_images").mkdir()
     for number in range(2):
         image = np.random.default_rng(number).normal(110, 4, (90, 120, 3))
@@ -45,8 +48,25 @@ def working(demo: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_the_readme_shows_the_example():
-    assert blocks("python") == [EXAMPLE.read_text(encoding="utf-8")]
+def test_the_readme_shows_the_examples():
+    examples = (EXAMPLE, DICE_TASK, TASK_ERRORS)
+    assert blocks("python") == [path.read_text(encoding="utf-8") for path in examples]
+
+
+def test_the_dice_example_tells_which_dice_to_move(tmp_path):
+    result = run_python([DICE_TASK], tmp_path)
+    assert result.returncode == 0, result.stderr
+    error, *moves = result.stdout.splitlines()
+    assert 2500 < int(error.removeprefix("error [px]")) < 3500
+    assert 5 <= len(moves) <= 10
+    assert all(line.startswith("move [") for line in moves)
+
+
+def test_the_example_of_errors_prints_them(tmp_path):
+    result = run_python([TASK_ERRORS], tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert float(result.stdout.split()[0]) == pytest.approx((np.hypot(0.01, 0.02) / 0.39 + 0.075) / 2)
+    assert float(result.stdout.split()[-1]) == -67000
 
 
 def test_the_example_finds_the_cube(working):
@@ -76,11 +96,18 @@ def test_the_readmes_object_loads_with_its_colours(working):
 
 
 def test_the_readmes_json_has_the_keys_of_the_real_one(working):
-    shown = json.loads(*blocks("json"))
-    result = run_python(["-m", "tracker", *shlex.split(commands()[0])[1:], "--json"], working)
-    real = json.loads(result.stdout)
-    assert list(shown) == list(real)
+    by_name = {command.split()[1]: command for command in reversed(commands())}
+    pairs = []
+    for name, block in zip(("detect", "dice"), blocks("json"), strict=True):
+        arguments = [word for word in shlex.split(by_name[name])[1:] if word != "--json"]
+        result = run_python(["-m", "tracker", *arguments, "--json"], working)
+        pairs.append((json.loads(block), json.loads(result.stdout)))
+        assert list(pairs[-1][0]) == list(pairs[-1][1])
+    (shown, real), (shown_dice, real_dice) = pairs
     assert list(shown["pose"]) == list(real["pose"])
+    assert shown_dice["error_per_camera"].keys() == real_dice["error_per_camera"].keys()
+    for key in ("dice", "assignment"):
+        assert list(shown_dice[key][0]) == list(real_dice[key][0])
 
 
 def test_the_readme_explains_every_status():

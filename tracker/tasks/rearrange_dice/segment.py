@@ -26,7 +26,7 @@ MIN_INSIDE = 12
 
 EDGE = 0.42
 """Share of the inside's log ratio of blue to red that a pixel at the edge must have: 0.5 would be the middle
-of the blur; people who draw masks by hand, and the table's own rim, are a little more generous."""
+of the blur; people who draw masks by hand are a little more generous."""
 
 RIM = 0.03
 """Weight of the inside's outermost pixels in the mean of their surroundings."""
@@ -34,11 +34,17 @@ RIM = 0.03
 OFFSET = 20.0
 """Added to both levels before their ratio is taken: noise in the dark must not look like colour."""
 
-BRIGHT = 0.92
-"""Level of blue, over that of the scene's greys, that every die reaches somewhere."""
+BRIGHT, BRIGHTEST = 0.6, 0.9
+"""Level of blue, over this quantile of it inside, that tops of dice reach, and paint on tables does not."""
 
-STEPS = 4
-"""Steps of 3 px at the reference size from there to the die's other pixels."""
+LEAST_BRIGHT = 0.9
+"""The same over the level of the scene's greys, where there are no dice to compare with."""
+
+WIDE = 9
+"""Width [px at the reference size] that the sides of dice have, and lines of paint do not."""
+
+STEPS = 2
+"""Steps of 3 px at the reference size from where it is bright or wide to the die's other pixels."""
 
 PALE = 0.8
 """Level of green, over that inside the face, from which a gap in the blue is a pip."""
@@ -105,21 +111,37 @@ def segment_dice(image: Image, colors: ColorModel | None = None) -> Image:
     image = evened(image, light_of_scene)
     gains = light_of_scene.gains if colors.normalise else np.ones(3)
 
-    shape = image.shape[:2]
-    inside, blue, pips, mask = (np.empty(shape, np.uint8) for _ in range(4))
-    ratio = np.empty(shape, np.float32)
-    levels = np.arange(256)
-    ratios = np.log(np.outer(gains[[0, 2]], levels) + OFFSET).astype(np.float32)
+    inside, blue = np.empty(image.shape[:2], np.uint8), np.empty(image.shape[:2], np.uint8)
+    ratio = np.empty(image.shape[:2], np.float32)
+    ratios = np.log(np.outer(gains[[0, 2]], np.arange(256)) + OFFSET).astype(np.float32)
     channels = colors.channel_tables(gains)
     _read(image, channels, colors.margin_table, ratios, gains[0], CERTAIN, inside, ratio, blue)
-
     inside = np.asarray(cv2.medianBlur(inside, 3), dtype=np.uint8)
+    mask: Image = np.zeros(image.shape[:2], np.uint8)
+    part = _bounds(inside, _odd(7 * scale))
+    if part is not None:
+        own = np.ascontiguousarray
+        mask[part] = _mask(own(image[part]), own(inside[part]), own(blue[part]), own(ratio[part]), scale)
+    return mask
+
+
+def _bounds(inside: Image, margin: int) -> tuple[slice, slice] | None:
+    """Rows and columns that hold the inside and what may grow from it."""
+    left, top, width, height = cv2.boundingRect(inside)
+    if width == 0:
+        return None
+    rows = slice(max(top - margin, 0), min(top + height + margin, inside.shape[0]))
+    return rows, slice(max(left - margin, 0), min(left + width + margin, inside.shape[1]))
+
+
+def _mask(image: Image, inside: Image, blue: Image, ratio: Array, scale: float) -> Image:
+    """The mask (0, 255) that grows from the inside."""
     window = _odd(7 * scale)
     count = cv2.boxFilter(inside, cv2.CV_16U, (window, window), normalize=False)
-    inside[count < MIN_INSIDE * scale * scale] = 0
-    inside = _reached(inside, cv2.blur(blue, (3, 3)) >= BRIGHT * TARGET_GREY, scale)
-
-    sums = np.empty((*shape, 3), np.float32)
+    inside &= (count >= MIN_INSIDE * scale * scale).view(np.uint8)
+    inside = _reached(inside, np.asarray(cv2.blur(blue, (3, 3)), dtype=np.uint8), scale)
+    sums: Array = np.empty(image.shape, np.float32)
+    mask, pips = np.empty_like(inside), np.empty_like(inside)
     _weigh(image, inside, cv2.erode(inside, _round(3 * scale)), ratio, RIM, sums)
     sums = cv2.boxFilter(sums, -1, (window, window), normalize=False)
     _grow(image, cv2.dilate(inside, _square(5 * scale)), sums, ratio, EDGE, PALE, mask, pips)
@@ -128,9 +150,14 @@ def segment_dice(image: Image, colors: ColorModel | None = None) -> Image:
     return np.asarray(cv2.morphologyEx(mask, cv2.MORPH_CLOSE, _round(3 * scale)), dtype=np.uint8)
 
 
-def _reached(inside: Image, bright: Array, scale: float) -> Image:
-    """The inside's pixels that a path within it joins to bright ones nearby."""
-    reached: Image = inside & bright.astype(np.uint8)
+def _reached(inside: Image, blue: Image, scale: float) -> Image:
+    """The inside's pixels that a path within it joins to bright ones nearby, or to where it is wide."""
+    levels = cv2.calcHist([blue], [0], inside, [256], [0, 256])
+    brightest = int(np.searchsorted(np.cumsum(levels), BRIGHTEST * levels.sum()))
+    bright = (blue >= max(BRIGHT * brightest, LEAST_BRIGHT * TARGET_GREY)).astype(np.uint8)
+    closed = cv2.morphologyEx(inside, cv2.MORPH_CLOSE, _square(3 * scale))
+    wide = cv2.morphologyEx(closed, cv2.MORPH_OPEN, _square(WIDE * scale))
+    reached: Image = inside & (bright | np.asarray(wide, dtype=np.uint8))
     for _ in range(STEPS):
         cv2.bitwise_and(cv2.dilate(reached, _square(7 * scale)), inside, dst=reached)
     return reached

@@ -105,8 +105,9 @@ def _check(rig: CameraRig, masks: Sequence[Array | None], images: Sequence[Image
             )
 
 
-PROBABILITY = {True: (0.0, 1.0), False: (0.0, 1.0)}
-"""Log odds that a die is real, offset and per log of its gain; with and without images."""
+PROBABILITY = {True: (-4.21, 1.571), False: (-2.62, 1.140)}
+"""Log odds that a die is real: offset, and weight of the log of its gain; with images and with masks alone.
+Fitted by scripts/fit_dice_probability.py on rendered scenes."""
 
 
 def _probability(gain: float, shaded: bool) -> float:
