@@ -28,4 +28,4 @@ class TaskError(TrackerError):
 
 
 class LogError(TrackerError):
-    """A recording or a file of poses is unreadable, truncated or malformed."""
+    """A recording or a file of poses is missing, malformed, truncated or damaged, or of an unknown kind."""
