@@ -209,3 +209,20 @@ def test_recorded_images_give_the_recorded_pose(real: Path):
     assert found.confidence > 0.9
     assert np.linalg.norm(found.position - recorded.position) < 3e-3
     assert 2 * np.arccos(abs(found.orientation @ recorded.orientation)) < np.radians(3)
+
+
+@pytest.mark.parametrize(
+    ("offset", "value", "message"),
+    [
+        (14712, 10, "images: found 1799814 bytes stored, expected blocks of 874800"),  # packing forgotten
+        (2096, 0, "camera_names: found damaged names"),  # head of the heap with the names
+    ],
+)
+def test_damage_that_the_library_does_not_survive_is_seen_before(
+    real: Path, tmp_path, offset, value, message
+):
+    data = bytearray((real / "logs" / SAMPLES[0]).read_bytes())
+    data[offset] = value
+    (tmp_path / "log.h5").write_bytes(data)
+    with pytest.raises(LogError, match=message):
+        tracker.open_log(tmp_path / "log.h5")

@@ -40,7 +40,9 @@ class Hdf5Source(Source):
             # Read only, so no lock is needed; network drives often cannot give one.
             self._file = h5py.File(path, "r", locking=False)
         try:
-            self._open(recover)
+            # Every property of a damaged field may raise.
+            with faults_as_log_errors(str(path)):
+                self._open(recover)
         except BaseException:
             self.close()
             raise
@@ -98,7 +100,8 @@ class Hdf5Source(Source):
 
     def rig(self) -> CameraRig | None:
         """See Source."""
-        inside = read_rig(self._file, self.camera_names, self.image_sizes[0], str(self.path))
+        with faults_as_log_errors(str(self.path)):
+            inside = read_rig(self._file, self.camera_names, self.image_sizes[0], str(self.path))
         return inside or super().rig()
 
     def close(self) -> None:
