@@ -217,9 +217,8 @@ def _text(result: dict[str, Any]) -> str:
     if result["frames"]:
         rows.append(["with a pose", f"measured {result['measured']:.1%}, filtered {result['filtered']:.1%}"])
         for name, numbers in sorted(result["statuses"].items(), key=lambda item: -item[1]["share"]):
-            rows.append(
-                [f"  {name}", f"{numbers['share']:.1%} of all, {numbers['with_pose']:.1%} of them with"]
-            )
+            share = f"{numbers['share']:.1%} of the frames"
+            rows.append([f"  {name}", f"{share}, of which {numbers['with_pose']:.1%} have a pose"])
     for label, key in (("std x y z [mm]", "position_std_median_mm"), ("  [deg]", "rotation_std_median_deg")):
         if result[key] is not None:
             values = "  ".join(f"{value:.3f}" for value in result[key])
