@@ -72,7 +72,7 @@ def labelled(tmp_path: Path) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("command", ["", "detect", "colors", "colors fit", "colors check"])
+@pytest.mark.parametrize("command", ["", "detect", "track", "colors", "colors fit", "colors check"])
 def test_every_command_explains_itself(command):
     result = run(*command.split(), "--help")
     assert result.returncode == 0

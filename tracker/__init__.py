@@ -2,6 +2,7 @@
 
 from tracker.calibration.rig import CameraRig
 from tracker.errors import TrackerError
+from tracker.logs import open_log
 from tracker.objects.model import CuboidModel, load_object
 from tracker.pipeline import ObjectTracker
 from tracker.pose.result import Observation, PoseEstimate, Status
@@ -18,5 +19,6 @@ __all__ = [
     "TrackerError",
     "load_colors",
     "load_object",
+    "open_log",
     "segment",
 ]

@@ -25,3 +25,7 @@ class ImageError(TrackerError):
 
 class TaskError(TrackerError):
     """A task's goal, state or masks are malformed or impossible."""
+
+
+class LogError(TrackerError):
+    """A recording or a file of poses is missing, malformed, truncated or damaged, or of an unknown kind."""

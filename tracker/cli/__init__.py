@@ -16,20 +16,15 @@ from typing import NoReturn
 
 import click
 
-from tracker.cli import colors, detect, dice
+from tracker.cli import colors, detect, dice, track
 from tracker.errors import TrackerError
+from tracker.version import version
 
 
 def _print_version(context: click.Context, _: click.Parameter, wanted: bool) -> None:
     if not wanted or context.resilient_parsing:
         return
-    from importlib import metadata
-
-    try:
-        version = metadata.version("trifinger-object-tracker")
-    except metadata.PackageNotFoundError:
-        version = "(not installed)"
-    click.echo(f"tracker {version}")
+    click.echo(f"tracker {version()}")
     context.exit()
 
 
@@ -53,6 +48,7 @@ def commands() -> None:
 
 
 commands.add_command(detect.detect)
+commands.add_command(track.track)
 commands.add_command(dice.dice)
 commands.add_command(colors.colors)
 

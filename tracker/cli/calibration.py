@@ -12,14 +12,13 @@ if TYPE_CHECKING:
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 
+_CALIBRATION_HELP = (
+    "Folder of calibration files; or a file, once for each camera, in the order of the images."
+)
+
+_MANY: dict[str, Any] = {"multiple": True, "metavar": "PATH"}
+
 _OPTIONS = (
-    click.option(
-        "--calibration",
-        required=True,
-        multiple=True,
-        metavar="PATH",
-        help="Folder of calibration files; or a file, once for each camera, in the order of the images.",
-    ),
     click.option(
         "--pattern", metavar="GLOB", help="Which files of the folder to take, e.g. '*_cropped.yml'."
     ),
@@ -33,7 +32,17 @@ _OPTIONS = (
 
 def calibration_options(command: _Command) -> _Command:
     """Add the options to a command; their values are what `load_rig` takes."""
-    for option in reversed(_OPTIONS):
+    return _add(command, click.option("--calibration", required=True, **_MANY, help=_CALIBRATION_HELP))
+
+
+def optional_calibration_options(command: _Command) -> _Command:
+    """The same for a command that can do without `--calibration`, which is empty then."""
+    text = f"{_CALIBRATION_HELP}  [default: that of the recording]"
+    return _add(command, click.option("--calibration", **_MANY, help=text))
+
+
+def _add(command: _Command, calibration: Callable[[_Command], _Command]) -> _Command:
+    for option in reversed((calibration, *_OPTIONS)):
         command = option(command)
     return command
 

@@ -5,5 +5,14 @@ from tracker.viz.files import IMAGE_SUFFIXES, write_image
 from tracker.viz.film import write_film
 from tracker.viz.goal_picture import goal_picture
 from tracker.viz.overlays import overlay
+from tracker.viz.trajectory import write_trajectory_plot
 
-__all__ = ["IMAGE_SUFFIXES", "dice_overlay", "goal_picture", "overlay", "write_film", "write_image"]
+__all__ = [
+    "IMAGE_SUFFIXES",
+    "dice_overlay",
+    "goal_picture",
+    "overlay",
+    "write_film",
+    "write_image",
+    "write_trajectory_plot",
+]

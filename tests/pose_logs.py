@@ -1,0 +1,110 @@
+"""Made-up poses for the tests of what is written about them."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from tests.helpers import make_camera
+from tracker.calibration.rig import CameraRig
+from tracker.conventions import FloatArray
+from tracker.geometry import so3
+from tracker.logs.poses import About, Poses
+from tracker.logs.poses_builder import PosesBuilder
+
+START = 1.6e9 + 0.125
+"""Time of the first frame [s]."""
+
+
+def make_rig() -> CameraRig:
+    return CameraRig(tuple(make_camera(azimuth) for azimuth in (60, 180, 300)))
+
+
+def make_about(**changes: Any) -> About:
+    return About(
+        **{"object_name": "cube_v2", "source": "a.dat", "tracker_version": "0.1", "rig": make_rig()} | changes
+    )
+
+
+def random_covariance(rng: np.random.Generator) -> FloatArray:
+    """(6, 6), of full rank or less, over many sizes, symmetric to the bit."""
+    root = rng.normal(size=(6, rng.integers(1, 8))) * 10.0 ** rng.uniform(-5, 0, size=(6, 1))
+    product = root @ root.T
+    return (product + product.T) / 2
+
+
+def random_pose(rng: np.random.Generator, moving: bool = False) -> SimpleNamespace:
+    quaternion = rng.normal(size=4)
+    pose = SimpleNamespace(
+        position=rng.normal(scale=0.1, size=3),
+        orientation=quaternion / np.linalg.norm(quaternion),
+        covariance=random_covariance(rng),
+        confidence=rng.uniform(),
+    )
+    if moving:
+        pose.velocity = rng.normal(size=6)
+        pose.velocity_covariance = random_covariance(rng)
+    return pose
+
+
+def answer(measured: Any, filtered: Any, status: str) -> SimpleNamespace:
+    return SimpleNamespace(
+        object_pose=measured, filtered_object_pose=filtered, status=SimpleNamespace(value=status)
+    )
+
+
+def random_poses(
+    rng: np.random.Generator, count: int, *, share: float = 0.7, recorded: bool = True, first: int = 0
+) -> Poses:
+    """`count` frames; each kind of pose is there in a `share` of them."""
+    builder = PosesBuilder(make_about())
+    for number in range(first, first + count):
+        measured, filtered, old = (rng.uniform() < share for _ in range(3))
+        status = "tracking" if measured else "coasting" if filtered else "lost"
+        builder.append(
+            number,
+            START + number / 10,
+            answer(
+                random_pose(rng) if measured else None,
+                random_pose(rng, moving=True) if filtered else None,
+                status,
+            ),
+            random_pose(rng) if recorded and old else None,
+        )
+    return builder.build()
+
+
+def moved(rotation: FloatArray, position: FloatArray, confidence: float = 0.9) -> SimpleNamespace:
+    """A recorded pose."""
+    quaternion = so3.quaternion_from_matrix(rotation)
+    return SimpleNamespace(position=position, orientation=quaternion, confidence=confidence)
+
+
+def arrays_of(poses: Poses) -> dict[str, np.ndarray]:
+    """All arrays by name."""
+    result = {"index": poses.index, "timestamp": poses.timestamp, "status": poses.status}
+    for kind in ("measured", "filtered", "recorded"):
+        columns = getattr(poses, kind)
+        for name, array in columns.arrays().items() if columns is not None else ():
+            result[f"{kind}/{name}"] = array
+    return result
+
+
+def assert_same(first: Poses, second: Poses) -> None:
+    """The same to the bit."""
+    assert first.about.agrees_with(second.about)
+    assert (first.about.source, first.about.tracker_version) == (
+        second.about.source,
+        second.about.tracker_version,
+    )
+    one, two = arrays_of(first), arrays_of(second)
+    assert one.keys() == two.keys()
+    for name, array in one.items():
+        assert array.shape == two[name].shape, name
+        if name == "status":
+            assert array.tolist() == two[name].tolist()
+        else:
+            assert array.dtype == two[name].dtype, name
+            assert array.tobytes() == two[name].tobytes(), name

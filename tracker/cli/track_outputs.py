@@ -1,0 +1,179 @@
+"""What `tracker track` writes besides the file of poses."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+if TYPE_CHECKING:
+    from tracker.calibration.rig import CameraRig
+    from tracker.conventions import Image
+    from tracker.logs import Log
+    from tracker.logs.columns import MeasuredColumns
+    from tracker.logs.poses import Poses
+    from tracker.objects.model import CuboidModel
+    from tracker.pose.result import Observation
+
+MIN_RATE, MAX_RATE = 0.5, 60.0
+"""Slowest and fastest film [frames per second]."""
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """Files that the user wants, None where he does not."""
+
+    csv: Path | None = None
+    tum: Path | None = None
+    bop: Path | None = None
+    camera: str | None = None
+    """Whose BOP results."""
+    video: Path | None = None
+    plot: Path | None = None
+
+    @property
+    def files(self) -> dict[str, Path]:
+        """The files wanted, by option."""
+        options = ("csv", "tum", "bop", "video", "plot")
+        named = {f"--{name}": getattr(self, name) for name in options}
+        return {name: path for name, path in named.items() if path is not None}
+
+    def check(self) -> None:
+        """Refuse at once what would fail only after the recording has been tracked.
+
+        Raises:
+            click.UsageError: an option lacks its companion.
+            click.ClickException: a suffix is wrong, or a package is missing.
+        """
+        if (self.bop is None) != (self.camera is None):
+            raise click.UsageError("--bop and --camera belong together: BOP results are those of one camera")
+        for name, path, suffix, package in (
+            ("--video", self.video, ".mp4", "av"),
+            ("--plot", self.plot, ".png", "matplotlib"),
+        ):
+            if path is None:
+                continue
+            if path.suffix.lower() != suffix:
+                raise click.UsageError(f"{name} {path}: found suffix {path.suffix!r}, expected {suffix}")
+            if find_spec(package) is None:
+                raise click.ClickException(f"{name} needs the package {package}: pip install {package}")
+
+    def check_camera(self, rig: CameraRig) -> None:
+        """Refuse a camera that the rig has not."""
+        if self.camera is not None and self.camera not in rig.names:
+            raise click.UsageError(f"--camera: found {self.camera}, expected one of {', '.join(rig.names)}")
+
+    def write(self, poses: Poses) -> None:
+        """Write all but the film.
+
+        Raises:
+            TrackerError: a file cannot be written.
+        """
+        from tracker import viz
+        from tracker.logs.exports import write_bop, write_csv, write_tum
+        from tracker.recordings.summary import best_kind
+
+        kind = best_kind(poses)
+        if self.csv is not None:
+            write_csv(self.csv, poses)
+        if self.tum is not None:
+            write_tum(self.tum, poses, kind)
+        if self.bop is not None:
+            rig = poses.about.rig
+            write_bop(self.bop, poses, rig[rig.names.index(self.camera or "")], kind)
+        if self.plot is not None:
+            viz.write_trajectory_plot(self.plot, poses)
+
+
+def refuse_overwriting(files: dict[str, Path], logs: tuple[Path, ...]) -> None:
+    """Refuse outputs that are a recording, that are the same file, or whose folder is missing."""
+    recordings = [part for log in logs for part in (log, *(log.glob("camera_data*") if log.is_dir() else ()))]
+    seen: dict[str, str] = {}
+    for name, path in files.items():
+        if any(path.exists() and recording.exists() and path.samefile(recording) for recording in recordings):
+            raise click.UsageError(f"{name} {path}: that is the recording")
+        if path.is_dir():
+            raise click.UsageError(f"{name} {path}: found a folder, expected a file")
+        if not path.parent.is_dir():
+            raise click.UsageError(f"{name} {path}: there is no folder {path.parent}")
+        other = seen.setdefault(os.path.realpath(path), name)
+        if other != name:
+            raise click.UsageError(f"{name} {path}: found the same file as for {other}")
+
+
+def write_film(
+    path: Path, log: Log, model: CuboidModel, poses: Poses, progress: Callable[[int], None]
+) -> None:
+    """Write a film of the frames that have been tracked, one in memory at a time.
+
+    Raises:
+        TrackerError: a frame cannot be read, or the film not be written.
+    """
+    from tracker import viz
+
+    viz.write_film(path, _pictures(log, model, poses, progress), _rate(poses))
+
+
+def _rate(poses: Poses) -> float:
+    """Frames per second of the recording; equal stamps, of repeated frames, tell nothing."""
+    import numpy as np
+
+    steps = np.diff(poses.timestamp)
+    steps = steps[steps > 0]
+    return float(np.clip(1 / np.median(steps), MIN_RATE, MAX_RATE)) if len(steps) else 10.0
+
+
+def _pictures(log: Log, model: CuboidModel, poses: Poses, progress: Callable[[int], None]) -> Iterator[Image]:
+    from tracker import viz
+
+    rows = {index: row for row, index in enumerate(poses.index.tolist())}
+    if not rows:
+        return
+    rig = poses.about.rig
+    height: int | None = None
+    for frame in log[int(poses.index[0]) : int(poses.index[-1]) + 1]:
+        row = rows.get(frame.index)
+        if row is None:
+            continue
+        title = f"{poses.timestamp[row] - poses.timestamp[0]:.1f} s"
+        if height is None:
+            height = len(viz.overlay(frame.images, rig, model, _widest(), title=title))
+        yield _of_height(viz.overlay(frame.images, rig, model, observation(poses, row), title=title), height)
+        progress(1)
+
+
+def observation(poses: Poses, row: int) -> Observation:
+    """What the tracker answered to a frame."""
+    from tracker.pose.result import Observation, PoseEstimate, Status
+
+    def pose(columns: MeasuredColumns) -> PoseEstimate | None:
+        if not columns.has_pose[row]:
+            return None
+        arrays = columns.position[row], columns.orientation[row], columns.covariance[row]
+        return PoseEstimate(*arrays, float(columns.confidence[row]))
+
+    return Observation(pose(poses.measured), pose(poses.filtered), Status(str(poses.status[row])))
+
+
+def _widest() -> Observation:
+    """An answer whose caption is as high as any."""
+    import numpy as np
+
+    from tracker.pose.result import Observation, PoseEstimate, Status
+
+    pose = PoseEstimate(np.full(3, -0.12345), np.full(4, -0.5), np.eye(6), 1.0)
+    return Observation(pose, None, max(Status, key=lambda status: len(status.value)))
+
+
+def _of_height(picture: Image, height: int) -> Image:
+    """Captions wrap, but the pictures of a film are of one size."""
+    import numpy as np
+
+    missing = max(0, height - len(picture))
+    rows = np.repeat(picture[-1:], missing, axis=0)  # the caption's ground
+    return np.concatenate([picture[:height], rows])

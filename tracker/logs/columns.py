@@ -1,0 +1,195 @@
+"""Poses of many frames, one array for each quantity: of a recording, measured, and filtered over time.
+
+Rows of frames without a pose are NaN throughout, so that no stale pose can be taken for one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, TypeVar
+
+import numpy as np
+
+from tracker.conventions import Array, FloatArray
+from tracker.errors import LogError
+
+UNIT_TOLERANCE = 1e-6
+"""Largest deviation of a quaternion's length from 1."""
+
+COVARIANCE_TOLERANCE = 1e-6
+"""Largest asymmetry, and size of a negative eigenvalue, of a covariance scaled to a diagonal of ones."""
+
+Columns = TypeVar("Columns", bound="PoseColumns")
+
+
+@dataclass(frozen=True, eq=False)
+class PoseColumns:
+    """Poses that a recording brings along. Arrays are copied and read-only.
+
+    Raises:
+        LogError: an array is of the wrong shape or type, a row with a pose is not finite or is no pose,
+            or a row without one is not NaN.
+    """
+
+    has_pose: Array
+    """(n,) bool: whether the frame has a pose."""
+    position: FloatArray
+    """(n, 3) the object's centre in the world [m]."""
+    orientation: FloatArray
+    """(n, 4) unit quaternions x, y, z, w of world_from_object."""
+    confidence: FloatArray
+    """(n,) of the measured and the filtered pose: the probability that it is within 5 mm and 5° of the
+    truth; of a recorded pose: what the recording says, NaN where it says nothing."""
+
+    ROW_SHAPES: ClassVar[dict[str, tuple[int, ...]]] = {
+        "position": (3,),
+        "orientation": (4,),
+        "confidence": (),
+    }
+    """Shape of each column but `has_pose` in one frame."""
+    MAY_BE_UNKNOWN: ClassVar[tuple[str, ...]] = ("confidence",)
+    """Columns that may be NaN where there is a pose."""
+
+    def __post_init__(self) -> None:
+        has_pose = np.array(self.has_pose)
+        if has_pose.dtype != np.bool_ or has_pose.ndim != 1:
+            raise LogError(f"has_pose: found {described(has_pose)}, expected bool of shape (n,)")
+        _set(self, "has_pose", has_pose)
+        for name, row_shape in self.ROW_SHAPES.items():
+            column = float_array(name, getattr(self, name), (len(has_pose), *row_shape))
+            _set(self, name, column)
+            self._check_rows(name, column)
+        self._check_values()
+
+    def __len__(self) -> int:
+        return len(self.has_pose)
+
+    def arrays(self) -> dict[str, Array]:
+        """Every column by its name, `has_pose` first."""
+        return {name: getattr(self, name) for name in ("has_pose", *self.ROW_SHAPES)}
+
+    def take(self: Columns, rows: Any) -> Columns:
+        """The frames that a slice, a mask or an array of row numbers selects."""
+        return type(self)(**{name: column[rows] for name, column in self.arrays().items()})
+
+    @classmethod
+    def nothing(cls: type[Columns], count: int) -> Columns:
+        """`count` frames without a pose."""
+        rows = {name: np.full((count, *shape), np.nan) for name, shape in cls.ROW_SHAPES.items()}
+        return cls(has_pose=np.zeros(count, np.bool_), **rows)
+
+    @classmethod
+    def joined(cls: type[Columns], parts: Sequence[Columns]) -> Columns:
+        """The frames of all parts, one after the other; there is at least one part."""
+        arrays = [part.arrays() for part in parts]
+        return cls(**{name: np.concatenate([part[name] for part in arrays]) for name in arrays[0]})
+
+    def _check_rows(self, name: str, column: FloatArray) -> None:
+        rows = column.reshape(len(column), int(np.prod(column.shape[1:])))
+        bad = ~np.isfinite(rows).all(axis=1)
+        if name in self.MAY_BE_UNKNOWN:
+            bad &= ~np.isnan(rows).all(axis=1)
+        refuse(name, self.has_pose & bad, column, "finite numbers where has_pose is true")
+        stale = ~self.has_pose & ~np.isnan(rows).all(axis=1)
+        refuse(name, stale, column, "NaN where has_pose is false")
+
+    def _check_values(self) -> None:
+        with np.errstate(over="ignore"):
+            length = np.linalg.norm(self.orientation, axis=1)
+        bad = self.has_pose & ~(np.abs(length - 1) <= UNIT_TOLERANCE)
+        refuse("orientation", bad, self.orientation, "a quaternion of length 1")
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredColumns(PoseColumns):
+    """Poses measured in the images of each frame alone."""
+
+    covariance: FloatArray
+    """(n, 6, 6) of (δp, δθ), p = position + δp, R = exp(δθ) · rotation, along world axes [m, rad]."""
+
+    ROW_SHAPES: ClassVar[dict[str, tuple[int, ...]]] = {**PoseColumns.ROW_SHAPES, "covariance": (6, 6)}
+    MAY_BE_UNKNOWN: ClassVar[tuple[str, ...]] = ()
+
+    def _check_values(self) -> None:
+        super()._check_values()
+        bad = self.has_pose & ~((self.confidence >= 0) & (self.confidence <= 1))
+        refuse("confidence", bad, self.confidence, "a probability from 0 to 1")
+        _check_covariance("covariance", self.has_pose, self.covariance)
+
+
+@dataclass(frozen=True, eq=False)
+class FilteredColumns(MeasuredColumns):
+    """Poses fused over time, with the object's velocity."""
+
+    velocity: FloatArray
+    """(n, 6) linear [m/s] and angular [rad/s], both along world axes."""
+    velocity_covariance: FloatArray
+    """(n, 6, 6) of `velocity` [m/s, rad/s]."""
+
+    ROW_SHAPES: ClassVar[dict[str, tuple[int, ...]]] = {
+        **MeasuredColumns.ROW_SHAPES,
+        "velocity": (6,),
+        "velocity_covariance": (6, 6),
+    }
+
+    def _check_values(self) -> None:
+        super()._check_values()
+        _check_covariance("velocity_covariance", self.has_pose, self.velocity_covariance)
+
+
+def float_array(name: str, value: object, shape: tuple[int, ...]) -> FloatArray:
+    """A read-only copy in double precision.
+
+    Raises:
+        LogError: `value` is of another shape, or no numbers.
+    """
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise LogError(f"{name}: found {type(value).__name__}, expected numbers of shape {shape}") from error
+    if array.shape != shape:
+        raise LogError(f"{name}: found shape {array.shape}, expected {shape}")
+    array.flags.writeable = False
+    return array
+
+
+def refuse(name: str, bad: Array, column: Array, valid: str) -> None:
+    """Raise a LogError that shows the first row of `column` where `bad` (n,) is true, if there is one."""
+    if bad.any():
+        row = int(np.argmax(bad))
+        found = " ".join(f"{value:g}" for value in column[row].ravel()[:6])
+        more = " …" if column[row].size > 6 else ""
+        raise LogError(f"{name}: row {row}: found {found}{more}, expected {valid}")
+
+
+def described(array: Array) -> str:
+    """Type and shape in words, for messages."""
+    return f"{array.dtype} of shape {array.shape}"
+
+
+def _check_covariance(name: str, has_pose: Array, column: FloatArray) -> None:
+    rows = np.flatnonzero(has_pose)
+    covariance = column[rows]
+    variance = np.diagonal(covariance, axis1=1, axis2=2)
+    # Scaled to ones on the diagonal, so that one tolerance serves metres and radians of any size.
+    with np.errstate(all="ignore"):
+        factor = 1 / np.sqrt(np.where(variance > 0, variance, 1))
+        scaled = covariance * factor[:, :, None] * factor[:, None, :]
+        asymmetry = np.abs(scaled - scaled.swapaxes(1, 2)).max(axis=(1, 2), initial=0)
+        usable = (variance >= 0).all(axis=1) & np.isfinite(scaled).all(axis=(1, 2))
+    _refuse_rows(name, rows[~usable], column, "variances that are not negative")
+    _refuse_rows(name, rows[asymmetry > COVARIANCE_TOLERANCE], column, "a symmetric matrix")
+    least = np.linalg.eigvalsh((scaled + scaled.swapaxes(1, 2)) / 2).min(axis=1, initial=np.inf)
+    _refuse_rows(name, rows[least < -COVARIANCE_TOLERANCE], column, "a positive semi-definite matrix")
+
+
+def _refuse_rows(name: str, rows: Array, column: FloatArray, valid: str) -> None:
+    bad = np.zeros(len(column), np.bool_)
+    bad[rows] = True
+    refuse(name, bad, column, valid)
+
+
+def _set(instance: PoseColumns, name: str, array: Array) -> None:
+    array.flags.writeable = False
+    object.__setattr__(instance, name, array)

@@ -1,0 +1,143 @@
+"""Image data sets of trifinger_rl_datasets, `NAME.zarr/data.mdb`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from tracker.conventions import Array, FloatArray, Image
+from tracker.errors import LogError
+from tracker.logs.datasets_store import StoredArray, open_store
+from tracker.logs.frame import LogFrame
+from tracker.logs.pictures import decode, from_bayer, from_quadrants
+from tracker.logs.source import DEFAULT_NAMES, MAX_SIDE, MIN_SIDE, Source
+
+CAMERA_RATE = 10.0
+"""Of the cameras [Hz]."""
+
+CONTROL_RATE = 50.0
+"""Of the steps of a policy [Hz], which `obs_to_image_index` counts."""
+
+
+class DatasetSource(Source):
+    """The images of all episodes, one after the other.
+
+    A frame's stamp is that of the first control step that was given it. The store holds no other time.
+    """
+
+    gaps = True
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self.format = "image store of trifinger_rl_datasets"
+        self._store = open_store(path)
+        try:
+            self._open()
+        except BaseException:
+            self._store.close()
+            raise
+
+    def _open(self) -> None:
+        self._images = StoredArray(self._store, "images", str(self.path))
+        if not self._images.ragged:
+            raise LogError(f"{self.path}: images: found numbers, expected encoded pictures")
+        cameras = self._attribute("n_cameras", 3, 16)
+        packing = self._images.attributes.get("compression", "image")
+        if packing != "image":
+            raise LogError(f"{self.path}: images: compression: found {str(packing)[:60]}, expected 'image'")
+        self._reordered = bool(self._images.attributes.get("reorder_pixels", False))
+        self.camera_names = DEFAULT_NAMES if cameras == 3 else tuple(f"camera{k}" for k in range(cameras))
+        self.image_sizes = (self._image_size(),) * cameras
+        self.count, left = divmod(len(self._images), cameras)
+        if left:
+            raise LogError(
+                f"{self.path}: images: found {len(self._images)}, expected a multiple of {cameras} cameras"
+            )
+        steps = self._first_steps(cameras)
+        self._stamps: FloatArray = (
+            np.arange(self.count) / CAMERA_RATE if steps is None else steps / CONTROL_RATE
+        )
+        if steps is not None:
+            self.episode_starts = self._starts(steps)
+
+    def read(self, index: int) -> LogFrame:
+        """See Source."""
+        cameras = len(self.camera_names)
+        images = tuple(self._image(index, camera) for camera in range(cameras))
+        stamps = np.full(cameras, self._stamps[index])
+        return LogFrame(index, float(stamps[0]), stamps, images, None, None)
+
+    def close(self) -> None:
+        """See Source."""
+        self._store.close()
+
+    def _image(self, index: int, camera: int) -> Image:
+        number = index * len(self.camera_names) + camera
+        try:
+            picture = decode(self._images[number], color=False)
+            width, height = self.image_sizes[camera]
+            if picture.shape[:2] != (height, width):
+                found = f"{picture.shape[1]}×{picture.shape[0]}"
+                raise LogError(f"found {found} px, expected {width}×{height}")
+            if picture.ndim == 3:
+                return np.ascontiguousarray(picture[:, :, :3])
+            return from_bayer(from_quadrants(picture) if self._reordered else picture)
+        except LogError as error:
+            raise self.error(index, f"image {number}: {error}") from error
+
+    def _image_size(self) -> tuple[int, int]:
+        shape = self._images.attributes.get("image_shape")
+        if isinstance(shape, list) and len(shape) == 2 and all(isinstance(side, int) for side in shape):
+            rows, columns = shape
+            if MIN_SIDE <= rows <= MAX_SIDE and MIN_SIDE <= columns <= MAX_SIDE:
+                return columns, rows
+        raise LogError(
+            f"{self.path}: images: image_shape: found {str(shape)[:60]}, expected rows and columns"
+        )
+
+    def _attribute(self, name: str, default: int, largest: int) -> int:
+        value = self._images.attributes.get(name, default)
+        if not isinstance(value, int) or not 1 <= value <= largest:
+            raise LogError(f"{self.path}: images: {name}: found {str(value)[:60]}, expected 1 to {largest}")
+        return value
+
+    def _first_steps(self, cameras: int) -> FloatArray | None:
+        """(count,) number of the first control step that saw each frame; None where that is not stored.
+
+        Frames that no step saw lie evenly between those that were seen.
+        """
+        shown = StoredArray.find(self._store, "obs_to_image_index", str(self.path))
+        if shown is None:
+            return None
+        seen: dict[int, int] = {}
+        step, last = 0, 0
+        for number in range(shown.blocks):
+            for image in np.asarray(shown.block(number)).tolist():
+                if not last <= image < len(self._images):
+                    raise LogError(
+                        f"{self.path}: obs_to_image_index: step {step}: found {image}, expected {last} to "
+                        f"{len(self._images) - 1}"
+                    )
+                seen.setdefault(image // cameras, step)
+                last, step = image, step + 1
+        if not seen:
+            return None
+        known: Array = np.array(list(seen))
+        steps: FloatArray = np.array(list(seen.values()), dtype=np.float64)
+        numbers = np.arange(self.count)
+        period = CONTROL_RATE / CAMERA_RATE
+        result: FloatArray = np.interp(numbers, known, steps)
+        result += period * np.minimum(numbers - known[0], 0) + period * np.maximum(numbers - known[-1], 0)
+        return result - min(0.0, float(result[0]) if len(result) else 0.0)
+
+    def _starts(self, steps: FloatArray) -> tuple[int, ...]:
+        """The first frames of episodes, of which the store has the last steps."""
+        ends = StoredArray.find(self._store, "episode_ends", str(self.path))
+        if ends is None:
+            return (0,)
+        starts = {0}
+        for number in range(ends.blocks):
+            last = np.asarray(ends.block(number), dtype=np.float64)
+            starts.update(int(start) for start in np.searchsorted(steps, last, side="right"))
+        return tuple(sorted(start for start in starts if start < self.count))

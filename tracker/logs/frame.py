@@ -1,0 +1,85 @@
+"""One frame of a recording, and the object's pose as the recorder saw it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tracker.conventions import Array, FloatArray, Image
+from tracker.errors import LogError
+
+MAX_DISTANCE = 10.0
+"""Farthest recorded position [m] that is believed; the arena's radius is 0.2 m."""
+
+MAX_CONFIDENCE = 2.0
+"""Largest recorded confidence that is believed: nominally 1, but a sum weighted by hand may exceed it."""
+
+_ZERO_NORM = 1e-6  # an orientation that was never set, in memory that held zeros or nearly so
+_NORM_TOLERANCE = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedPose:
+    """A pose that the recorder's tracker found. Arrays are read-only."""
+
+    position: FloatArray
+    """(3,) the object's centre in the world [m]."""
+    orientation: FloatArray
+    """(4,) unit quaternion x, y, z, w of world_from_object."""
+    confidence: float
+    """What the recorder's tracker thought of it, nominally 0 to 1; not a probability."""
+
+    def __post_init__(self) -> None:
+        for key, shape in (("position", (3,)), ("orientation", (4,))):
+            array = np.array(getattr(self, key), dtype=np.float64).reshape(shape)
+            array.flags.writeable = False
+            object.__setattr__(self, key, array)
+
+
+@dataclass(frozen=True, eq=False)
+class LogFrame:
+    """What the cameras gave at one moment."""
+
+    index: int
+    """Number of the frame in its recording, from 0."""
+    timestamp: float
+    """Stamp of the frame [s]; since the epoch in recordings of the platform."""
+    camera_timestamps: FloatArray
+    """(C,) stamps of the cameras' images [s]; NaN where a camera gave none."""
+    images: tuple[Image | None, ...]
+    """(H, W, 3) uint8 BGR of each camera in order, or None where a camera gave none."""
+    recorded_pose: RecordedPose | None
+    """The object's pose as the recorder's tracker measured it, or None."""
+    recorded_filtered_pose: RecordedPose | None
+    """The same after its filter, or None."""
+
+
+def pose_from_record(values: Array, *, what: str) -> RecordedPose | None:
+    """The pose of a record, or None where the recorder had none.
+
+    The recorder says "none" in several ways: confidence 0, an orientation of zeros, or NaN.
+
+    Args:
+        values: (8,) position [m], quaternion x, y, z, w, confidence.
+        what: names the record in errors.
+
+    Raises:
+        LogError: the values cannot be a pose.
+    """
+    position, orientation, confidence = values[:3], values[3:7], float(values[7])
+    # All values must be non-NaN: where the rotation was zero, the predecessor divided by its angle.
+    if not confidence > 0 or np.isnan(values).any():
+        return None
+    with np.errstate(over="ignore"):
+        norm = float(np.linalg.norm(orientation))
+    if norm < _ZERO_NORM:
+        return None
+    if not abs(norm - 1) <= _NORM_TOLERANCE:
+        raise LogError(f"{what}: found a quaternion of length {norm:.6g}, expected 1, or 0 for no pose")
+    if not np.abs(position).max() <= MAX_DISTANCE:
+        found = ", ".join(f"{value:.4g}" for value in position)
+        raise LogError(f"{what}: found the position ({found}) m, expected at most {MAX_DISTANCE:g} m")
+    if not confidence <= MAX_CONFIDENCE:
+        raise LogError(f"{what}: found the confidence {confidence:.4g}, expected 0 to 1")
+    return RecordedPose(position, orientation / norm, confidence)

@@ -1,0 +1,163 @@
+"""A recording: frames one after the other, or by number."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from types import TracebackType
+from typing import overload
+
+from tracker.calibration.rig import CameraRig
+from tracker.errors import LogError
+from tracker.logs.frame import LogFrame
+from tracker.logs.source import Source
+from tracker.logs.stamps import StampOrder
+
+
+class Log:
+    """Frames of a recording. A context manager; iterating starts at the first frame each time.
+
+    `log[3]` is a frame, `log[100:200]` a part of the recording that is read when it is iterated over.
+    One frame at a time is in memory.
+
+    With `recover` damaged frames are left out while iterating, and `fault` tells of them; without it the
+    first one raises a LogError, after the frames before it.
+    """
+
+    def __init__(self, source: Source, *, recover: bool) -> None:
+        self._source, self._recover = source, recover
+        self._indices = range(source.count)
+        # Shared by the parts of a log. The key of what is wrong with the whole file is -1.
+        self._faults: dict[int, str] = {}
+        self._open = [True]
+        if source.opening_fault:
+            self._faults[-1] = source.opening_fault
+
+    def __enter__(self) -> Log:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def __len__(self) -> int:
+        """Number of frames, as the file states it; damaged ones count."""
+        return len(self._indices)
+
+    def __iter__(self) -> Iterator[LogFrame]:
+        order = StampOrder(gaps=self._source.gaps)
+        starts = frozenset(self._source.episode_starts)
+        for index in self._indices:
+            if index in starts:
+                order = StampOrder(gaps=self._source.gaps)
+            try:
+                frame = self._read(index)
+                order.check(frame, what=self._source.where(index))
+            except LogError as error:
+                if not self._note(index, error):
+                    raise
+                if self._source.sequential:
+                    return
+                continue
+            yield frame
+        if self._indices and self._indices[-1] == self._source.count - 1:
+            try:
+                self._source.check_end()
+            except LogError as error:
+                if not self._note(-1, error):
+                    raise
+
+    @overload
+    def __getitem__(self, key: int) -> LogFrame: ...
+
+    @overload
+    def __getitem__(self, key: slice) -> Log: ...
+
+    def __getitem__(self, key: int | slice) -> LogFrame | Log:
+        if not isinstance(key, slice):
+            return self.frame(key)
+        if key.step is not None and key.step < 1:
+            raise LogError(f"part of a log: found the step {key.step}, expected at least 1")
+        part = Log.__new__(Log)
+        part.__dict__.update(self.__dict__, _indices=self._indices[key])
+        return part
+
+    def frame(self, number: int) -> LogFrame:
+        """One frame; negative numbers count from the end.
+
+        Gzipped recordings have to be read from the start for it; the others not.
+
+        Raises:
+            IndexError: there is no frame of this number.
+            LogError: the frame is damaged; with `recover` too.
+        """
+        if not -len(self) <= number < len(self):
+            raise IndexError(f"frame {number}: expected -{len(self)} to {len(self) - 1}")
+        return self._read(self._indices[number])
+
+    @property
+    def format(self) -> str:
+        """The recording's format, in words."""
+        return self._source.format
+
+    @property
+    def camera_names(self) -> tuple[str, ...]:
+        """Names of the cameras, in the order of the images."""
+        return self._source.camera_names
+
+    @property
+    def image_sizes(self) -> tuple[tuple[int, int], ...]:
+        """(width, height) [px] of each camera's images; empty where the recording has no frame."""
+        return self._source.image_sizes
+
+    @property
+    def rig(self) -> CameraRig | None:
+        """The cameras' calibration from inside the recording or from files beside it; None without one.
+
+        It is taken as it stands there; the images may be of another size.
+
+        Raises:
+            TrackerError: there is one, but it is malformed.
+        """
+        self._refuse_closed()
+        return self._source.rig()
+
+    @property
+    def random_access(self) -> bool:
+        """Whether `frame` and parts are quick, without reading what is before."""
+        return not self._source.sequential
+
+    @property
+    def episode_starts(self) -> tuple[int, ...]:
+        """Numbers of the frames that start something new, so that memory of those before misleads."""
+        return self._source.episode_starts
+
+    @property
+    def fault(self) -> str | None:
+        """What has been found wrong so far with a log opened with `recover`, in one line; None: nothing."""
+        if not self._faults:
+            return None
+        first = self._faults[min(self._faults)]
+        more = len(self._faults) - 1
+        return first if not more else f"{first} (and {more} more of this recording)"
+
+    def close(self) -> None:
+        """Close the files; also those of all parts."""
+        if self._open[0]:
+            self._open[0] = False
+            self._source.close()
+
+    def _read(self, index: int) -> LogFrame:
+        self._refuse_closed()
+        return self._source.read(index)
+
+    def _refuse_closed(self) -> None:
+        if not self._open[0]:
+            raise LogError(f"{self._source.path}: the log is closed")
+
+    def _note(self, index: int, error: LogError) -> bool:
+        """Keep what is wrong, where that is wanted."""
+        if self._recover and self._open[0]:
+            self._faults.setdefault(index, str(error))
+            return True
+        return False

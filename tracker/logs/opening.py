@@ -1,0 +1,80 @@
+"""Finds out what kind of recording a path is."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from tracker.errors import LogError
+from tracker.logs.log import Log
+from tracker.logs.source import Source, cannot_read
+
+DEFAULT_RATE = 10.0
+"""Frames per second [Hz] of the platform's cameras."""
+
+_HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
+_JOB_LOGS = ("camera_data.dat", "camera_data.dat.gz", "camera_data.h5", "camera_data.hdf5")
+
+
+def open_log(path: str | os.PathLike[str], *, recover: bool = False, rate: float = DEFAULT_RATE) -> Log:
+    """Open a recording of the platform's cameras.
+
+    What can be read: native logs (`camera_data.dat`, gzipped or not), HDF5 logs, a job's folder that
+    holds one of these, folders of images, and image stores of trifinger_rl_datasets (`NAME.zarr`).
+    The content decides, not the name. Frames are read when they are asked for.
+
+    Args:
+        path: the file or folder.
+        recover: give the frames that are whole of a damaged recording, and tell in `Log.fault` what is
+            wrong, instead of raising.
+        rate: frames per second [Hz] of folders of images whose names are not time stamps.
+
+    Raises:
+        LogError: there is nothing, it is of no known kind, or its damage shows at once.
+    """
+    if not 0 < rate <= 1e6:
+        raise LogError(f"rate: found {rate!r}, expected a number of Hz above 0")
+    root = Path(path)
+    try:
+        return Log(_source(root, recover, rate), recover=recover)
+    except OSError as error:
+        raise cannot_read(root, error) from error
+    except ValueError as error:
+        if "null byte" in str(error):
+            raise LogError("path of a log: found a null byte in it") from error
+        raise
+
+
+def _source(path: Path, recover: bool, rate: float) -> Source:
+    if path.name == "data.mdb":
+        path = path.parent
+    if path.is_dir():
+        return _source_of_folder(path, recover, rate)
+    if not path.exists():
+        raise LogError(f"{path}: no such file or folder")
+    if not path.is_file():
+        raise LogError(f"{path}: found something else, expected a file or a folder")
+    with path.open("rb") as file:
+        is_hdf5 = file.read(len(_HDF5_MAGIC)) == _HDF5_MAGIC
+    if is_hdf5:
+        from tracker.logs.hdf5 import Hdf5Source
+
+        return Hdf5Source(path, recover=recover)
+    from tracker.logs.native import NativeSource
+
+    return NativeSource(path, recover=recover)
+
+
+def _source_of_folder(path: Path, recover: bool, rate: float) -> Source:
+    if (path / "data.mdb").is_file():
+        from tracker.logs.datasets import DatasetSource
+
+        return DatasetSource(path)
+    logs = [path / name for name in _JOB_LOGS if (path / name).is_file()]
+    if len(logs) > 1:
+        raise LogError(f"{path}: found {' and '.join(log.name for log in logs)}, expected one: name the file")
+    if logs:
+        return _source(logs[0], recover, rate)
+    from tracker.logs.folder import FolderSource
+
+    return FolderSource(path, rate=rate)

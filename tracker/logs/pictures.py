@@ -1,0 +1,103 @@
+"""Pictures as recordings hold them: raw Bayer pixels, or PNG and JPEG whose integrity is checked.
+
+OpenCV fills what is missing of a damaged picture with grey and says so on stderr only; hence the checks.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+
+import cv2
+import numpy as np
+
+from tracker.conventions import Image
+from tracker.errors import LogError
+from tracker.logs.source import MAX_SIDE, MIN_SIDE
+
+_PNG = b"\x89PNG\r\n\x1a\n"
+_JPEG = b"\xff\xd8"
+_START_OF_FRAME = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+
+
+def from_bayer(raw: Image) -> Image:
+    """BGR image (H, W, 3) of raw pixels (H, W), red at even rows and columns."""
+    # OpenCV names the pattern after the second row's second and third pixel.
+    return np.asarray(cv2.cvtColor(raw, cv2.COLOR_BAYER_BG2BGR), dtype=np.uint8)
+
+
+def from_quadrants(quadrants: Image) -> Image:
+    """Raw Bayer pixels (H, W) of four colour planes side by side: red, green above blue, green."""
+    height, width = quadrants.shape
+    if height % 2 or width % 2:
+        raise LogError(f"found {width}×{height} px in four quadrants, expected even numbers")
+    rows, columns = height // 2, width // 2
+    raw = np.empty_like(quadrants)
+    raw[0::2, 0::2] = quadrants[:rows, :columns]
+    raw[0::2, 1::2] = quadrants[:rows, columns:]
+    raw[1::2, 0::2] = quadrants[rows:, columns:]
+    raw[1::2, 1::2] = quadrants[rows:, :columns]
+    return raw
+
+
+def encoded_size(data: bytes) -> tuple[int, int]:
+    """(width, height) [px] that a PNG or JPEG states; LogError if it is none or states an absurd size."""
+    if data.startswith(_PNG) and len(data) >= 24:
+        width, height = struct.unpack_from(">II", data, 16)
+    elif data.startswith(_JPEG):
+        width, height = _jpeg_size(data)
+    else:
+        raise LogError(f"found {len(data)} bytes that start with {data[:4]!r}, expected a PNG or JPEG")
+    if not (MIN_SIDE <= width <= MAX_SIDE and MIN_SIDE <= height <= MAX_SIDE):
+        raise LogError(f"found {width}×{height} px, expected {MIN_SIDE} to {MAX_SIDE}")
+    return width, height
+
+
+def decode(data: bytes, *, color: bool = True) -> Image:
+    """Pixels of a PNG or JPEG: (H, W, 3) BGR, or as they are stored; LogError if it is damaged."""
+    encoded_size(data)
+    if data.startswith(_PNG):
+        _check_png(data)
+    elif b"\xff\xd9" not in data[-64:]:  # some writers pad
+        raise LogError("found a JPEG without an end, it is truncated")
+    # Cameras do not turn; the marks of a photo's orientation are not for these pictures.
+    how = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION if color else cv2.IMREAD_UNCHANGED
+    try:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), how)
+    except cv2.error:
+        image = None
+    if image is None or image.dtype != np.uint8:
+        raise LogError("found a picture that cannot be decoded to 8 bits")
+    return np.asarray(image, dtype=np.uint8)
+
+
+def _check_png(data: bytes) -> None:
+    """Every chunk's checksum, and that the last is there."""
+    at = len(_PNG)
+    while at + 12 <= len(data):
+        (length,) = struct.unpack_from(">I", data, at)
+        end = at + 12 + length
+        if end > len(data):
+            break
+        kind = data[at + 4 : at + 8]
+        (stated,) = struct.unpack_from(">I", data, end - 4)
+        if zlib.crc32(data[at + 4 : end - 4]) != stated:
+            raise LogError(f"found a PNG whose part {kind!r} does not agree with its checksum")
+        if kind == b"IEND":
+            return
+        at = end
+    raise LogError("found a PNG without an end, it is truncated")
+
+
+def _jpeg_size(data: bytes) -> tuple[int, int]:
+    at = 2
+    while at + 9 <= len(data) and data[at] == 0xFF:
+        marker = data[at + 1]
+        if marker == 0xFF:  # padding
+            at += 1
+            continue
+        if marker in _START_OF_FRAME:
+            height, width = struct.unpack_from(">HH", data, at + 5)
+            return width, height
+        at += 2 + int(struct.unpack_from(">H", data, at + 2)[0])
+    raise LogError("found a JPEG that does not state its size")

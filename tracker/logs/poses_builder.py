@@ -1,0 +1,129 @@
+"""Collects the answers to a recording's frames, one by one."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+
+from tracker.conventions import Array
+from tracker.errors import LogError
+from tracker.logs.columns import FilteredColumns, MeasuredColumns, PoseColumns, float_array
+from tracker.logs.poses import KINDS, About, Kind, Poses
+
+RECORDED_UNIT_TOLERANCE = 1e-2
+"""Largest deviation of a recorded quaternion's length from 1 that is mended, not taken for no pose."""
+
+
+class Answer(Protocol):
+    """What `ObjectTracker.update` returns, as far as it is needed here."""
+
+    @property
+    def object_pose(self) -> Any:
+        """The measured pose with position, orientation, covariance and confidence, or None."""
+
+    @property
+    def filtered_object_pose(self) -> Any:
+        """The fused pose, which has velocity and velocity_covariance too, or None."""
+
+    @property
+    def status(self) -> Any:
+        """An enum whose value is a text, or the text."""
+
+
+class PosesBuilder:
+    """Grows by one frame at a time; `build` gives what there is, and can be called again later.
+
+    Args:
+        about: what the poses are made from.
+    """
+
+    def __init__(self, about: About) -> None:
+        self._about = about
+        self._index: list[int] = []
+        self._timestamp: list[float] = []
+        self._status: list[str] = []
+        self._rows: dict[Kind, list[dict[str, Array] | None]] = {kind: [] for kind in KINDS}
+
+    def __len__(self) -> int:
+        return len(self._index)
+
+    def append(self, index: int, timestamp: float, answer: Answer, recorded: Any = None) -> None:
+        """Add a frame.
+
+        Args:
+            index: the frame's number in the recording.
+            timestamp: the frame's time [s].
+            answer: the tracker's.
+            recorded: the recording's own pose, with position, orientation and confidence, or None. What
+                cannot be a pose, such as the zeros that the platform wrote before the first one, counts
+                as None; a quaternion that is slightly off is brought to length 1.
+
+        Raises:
+            LogError: a pose lacks something, or has it in another shape.
+        """
+        rows: dict[Kind, dict[str, Array] | None] = {
+            "measured": _row("measured", answer.object_pose, MeasuredColumns),
+            "filtered": _row("filtered", answer.filtered_object_pose, FilteredColumns),
+            "recorded": _mended(_row("recorded", recorded, PoseColumns)),
+        }
+        self._index.append(int(index))
+        self._timestamp.append(float(timestamp))
+        self._status.append(str(getattr(answer.status, "value", answer.status)))
+        for kind, row in rows.items():
+            self._rows[kind].append(row)
+
+    def build(self) -> Poses:
+        """All frames so far.
+
+        Raises:
+            LogError: a pose or the order of the frames is not valid.
+        """
+        has_recorded = any(row is not None for row in self._rows["recorded"])
+        return Poses(
+            index=np.array(self._index, dtype=np.int64),
+            timestamp=np.array(self._timestamp, dtype=np.float64),
+            status=np.array(self._status, dtype=np.str_),
+            measured=MeasuredColumns(**self._arrays("measured")),
+            filtered=FilteredColumns(**self._arrays("filtered")),
+            recorded=PoseColumns(**self._arrays("recorded")) if has_recorded else None,
+            about=self._about,
+        )
+
+    def _arrays(self, kind: Kind) -> dict[str, Array]:
+        rows = self._rows[kind]
+        arrays: dict[str, Array] = {"has_pose": np.array([row is not None for row in rows], dtype=np.bool_)}
+        for name, shape in KINDS[kind].ROW_SHAPES.items():
+            column = np.full((len(rows), *shape), np.nan)
+            for number, row in enumerate(rows):
+                if row is not None:
+                    column[number] = row[name]
+            arrays[name] = column
+        return arrays
+
+
+def _row(kind: Kind, pose: Any, columns: type[PoseColumns]) -> dict[str, Array] | None:
+    """Copies of what a pose has to say, by the column's name."""
+    if pose is None:
+        return None
+    row: dict[str, Array] = {}
+    for name, shape in columns.ROW_SHAPES.items():
+        value = getattr(pose, name, None)
+        if value is None and name in columns.MAY_BE_UNKNOWN:
+            value = np.full(shape, np.nan)
+        if value is None:  # which NumPy would take for NaN
+            raise LogError(f"{kind} pose: {name}: found none, expected numbers of shape {shape}")
+        row[name] = float_array(f"{kind} pose: {name}", value, shape)
+    return row
+
+
+def _mended(row: dict[str, Array] | None) -> dict[str, Array] | None:
+    """A recorded pose with a quaternion of length 1; None where it cannot be a pose."""
+    if row is None:
+        return None
+    length = np.linalg.norm(row["orientation"])
+    # Negated, so that NaN is refused too.
+    if not (np.isfinite(row["position"]).all() and abs(length - 1) <= RECORDED_UNIT_TOLERANCE):
+        return None
+    confidence = row["confidence"] if np.isfinite(row["confidence"]) else np.array(np.nan)
+    return {**row, "orientation": row["orientation"] / length, "confidence": confidence}

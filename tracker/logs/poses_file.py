@@ -1,0 +1,239 @@
+"""Files of poses: HDF5, in the names that the platform's logs have for the same things.
+
+    /frame  /timestamps  /status  /camera_names  /camera_info/CAMERA/…
+    /object_pose  /filtered_object_pose  /recorded_object_pose: a dataset for each column
+
+docs/poses.md describes every dataset. The same poses give the same bytes.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from tracker.calibration.rig import CameraRig
+from tracker.conventions import Array
+from tracker.errors import CalibrationError, LogError
+from tracker.geometry.camera import Camera
+from tracker.logs import checked_hdf5 as hdf5
+from tracker.logs.poses import KINDS, About, Kind, Poses
+from tracker.logs.whole_file import write_file
+
+FORMAT = "trifinger-object-tracker poses"
+"""Root attribute `format` of every such file."""
+
+VERSION = 1
+"""Root attribute `format_version`; datasets that are only added do not change it."""
+
+GROUPS: dict[Kind, str] = {
+    "measured": "object_pose",
+    "filtered": "filtered_object_pose",
+    "recorded": "recorded_object_pose",
+}
+"""Where the poses of each kind are."""
+
+CAMERA_DATASETS = {
+    "camera_matrix": ("matrix", (3, 3)),
+    "distortion_coefficients": ("distortion", (1, 5)),
+    "tf_world_to_camera": ("camera_from_world", (4, 4)),
+    "tf_world_to_camera_std": ("camera_from_world_std", (4, 4)),
+}
+"""Attribute of a Camera, and shape in the file, of each dataset in a camera's group."""
+
+MAX_FRAMES = 2_000_000
+"""Longest file that is read, two days at 10 Hz: a damaged length must not fill the memory."""
+
+_ABOUT = {"object": "object_name", "source": "source", "tracker_version": "tracker_version"}
+"""Field of About of each root attribute."""
+
+_DATASETS = {"index": "frame", "timestamp": "timestamps"}
+"""Where the fields of Poses are that have another name in the file."""
+
+_UNITS = {
+    "timestamps": "s",
+    "position": "m",
+    "orientation": "x, y, z, w",
+    "covariance": "m, rad",
+    "velocity": "m/s, rad/s",
+    "velocity_covariance": "m/s, rad/s",
+    "camera_matrix": "px",
+    "tf_world_to_camera": "m",
+    "tf_world_to_camera_std": "m",
+}
+_MAX_STATUSES = 256
+_MAX_CAMERAS = 1000
+
+
+def write_poses(path: str | os.PathLike[str], poses: Poses) -> None:
+    """Write a file that `read_poses` gives back to the bit, whole or not at all.
+
+    Raises:
+        LogError: the file cannot be written, or a camera's name cannot be that of a group.
+    """
+    try:
+        content = _content(poses)
+    except (LogError, UnicodeEncodeError) as error:
+        raise LogError(f"{os.fspath(path)}: {error}") from error
+    write_file(path, content)
+
+
+def read_poses(path: str | os.PathLike[str]) -> Poses:
+    """Read a file that `write_poses` wrote.
+
+    Raises:
+        LogError: there is no such file, it is damaged, of another format or version, or holds what cannot
+            be; the message names file, dataset, what was found and what would be valid.
+    """
+    name = os.fspath(path)
+    try:
+        if not Path(path).is_file():
+            raise LogError("found no such file, expected a file of poses")
+        # Files are replaced whole, so no lock is needed; some network drives have none.
+        with h5py.File(path, "r", locking=False) as file:
+            return _poses(file)
+    except (LogError, CalibrationError) as error:
+        raise LogError(f"{name}: {error}") from error
+    except (OSError, KeyError, RuntimeError, ValueError, TypeError, MemoryError) as error:
+        # What the HDF5 library says of a damaged file depends on where the damage is.
+        reason = " ".join(str(error).split())[:200]
+        raise LogError(f"{name}: cannot be read, expected a whole HDF5 file of poses: {reason}") from error
+
+
+def _content(poses: Poses) -> bytes:
+    """The file's bytes, made in memory: an hour at 10 Hz has 40 MB before compression."""
+    # The layout of HDF5 1.10 (2016) has checksums, and is a fifth of the older one's size in short files.
+    libver = ("v110", "v110")
+    with h5py.File("poses", "w", driver="core", backing_store=False, libver=libver) as file:
+        file.attrs["format"] = hdf5.encoded_text(FORMAT)
+        file.attrs["format_version"] = VERSION
+        for key, attribute in _ABOUT.items():
+            file.attrs[key] = hdf5.encoded_text(getattr(poses.about, attribute))
+        _put(file, "frame", poses.index)
+        _put(file, "timestamps", poses.timestamp)
+        _put_status(file, poses.status)
+        for kind, name in GROUPS.items():
+            columns = getattr(poses, kind)
+            if columns is not None:
+                group = file.create_group(name)
+                for column, array in columns.arrays().items():
+                    _put(group, column, array)
+        _put(file, "camera_names", hdf5.encoded([_group_name(camera) for camera in poses.about.rig]))
+        cameras = file.create_group("camera_info")
+        for camera in poses.about.rig:
+            _put_camera(cameras, camera)
+        file.flush()
+        return bytes(file.id.get_file_image())
+
+
+def _put(group: Any, name: str, array: Array) -> None:
+    # Checksums tell damage from data; they and compression need chunks, which empty arrays cannot have.
+    filters = {"compression": "gzip", "shuffle": True, "fletcher32": True} if array.size else {}
+    dataset = group.create_dataset(name, data=array, track_times=False, **filters)
+    if name in _UNITS:
+        dataset.attrs["unit"] = hdf5.encoded_text(_UNITS[name])
+
+
+def _put_status(file: Any, status: Array) -> None:
+    names, codes = np.unique(status, return_inverse=True)
+    if len(names) > _MAX_STATUSES:
+        raise LogError(f"status: found {len(names)} different ones, expected at most {_MAX_STATUSES}")
+    _put(file, "status", codes.reshape(len(status)).astype(np.uint8))
+    file["status"].attrs["names"] = hdf5.encoded(names.tolist())
+
+
+def _group_name(camera: Camera) -> str:
+    if "/" in camera.name or "\0" in camera.name or camera.name == ".":
+        raise LogError(f"camera name: found {camera.name!r}, expected one that can name a group of HDF5")
+    return camera.name
+
+
+def _put_camera(cameras: Any, camera: Camera) -> None:
+    group = cameras.create_group(camera.name)
+    group.attrs["image_width"], group.attrs["image_height"] = camera.width, camera.height
+    for name, (attribute, shape) in CAMERA_DATASETS.items():
+        value = getattr(camera, attribute)
+        if value is not None:
+            _put(group, name, value.reshape(shape))
+
+
+def _poses(file: Any) -> Poses:
+    _check_format(file)
+    frame = hdf5.dataset(file, "frame")
+    if frame.ndim != 1 or frame.shape[0] > MAX_FRAMES:
+        raise LogError(f"/frame: found shape {frame.shape}, expected (n,) with n up to {MAX_FRAMES}")
+    count = frame.shape[0]
+    index = hdf5.array(file, "frame", (count,), "iu")
+    timestamp = hdf5.array(file, "timestamps", (count,), "f")
+    status = _status(file, count)
+    columns: dict[Kind, Any] = {}
+    for kind, group in GROUPS.items():
+        if kind == "recorded" and group not in file:
+            columns[kind] = None
+            continue
+        has_pose = hdf5.array(file, f"{group}/has_pose", (count,), "b")
+        rows = {
+            name: hdf5.array(file, f"{group}/{name}", (count, *shape), "f")
+            for name, shape in KINDS[kind].ROW_SHAPES.items()
+        }
+        try:
+            columns[kind] = KINDS[kind](has_pose=has_pose, **rows)
+        except LogError as error:
+            raise LogError(f"/{group}/{error}") from error
+    about = About(rig=_rig(file), **{attribute: hdf5.text(file, key) for key, attribute in _ABOUT.items()})
+    try:
+        return Poses(index=index, timestamp=timestamp, status=status, about=about, **columns)
+    except LogError as error:
+        field, _, rest = str(error).partition(": ")
+        raise LogError(f"/{_DATASETS.get(field, field)}: {rest}") from error
+
+
+def _check_format(file: Any) -> None:
+    if "magic" in file.attrs and "format" not in file.attrs:
+        raise LogError(f"found a log of the platform, expected a file of poses (format {FORMAT!r})")
+    found = hdf5.text(file, "format")
+    if found != FORMAT:
+        raise LogError(f"format: found {found!r:.80}, expected {FORMAT!r}")
+    version = hdf5.attribute(file, "format_version", "iu", ())
+    if version != VERSION:
+        raise LogError(f"format_version: found {version}, expected {VERSION}")
+
+
+def _status(file: Any, count: int) -> Array:
+    codes = hdf5.array(file, "status", (count,), "u")
+    try:
+        names = hdf5.decoded(hdf5.attribute(file["status"], "names", "S", None))
+    except LogError as error:
+        raise LogError(f"/status: {error}") from error
+    if count and int(codes.max()) >= len(names):
+        raise LogError(f"/status: found code {codes.max()}, expected codes below {len(names)}, one a name")
+    return np.array(names, dtype=np.str_)[codes] if count else np.array([], dtype=np.str_)
+
+
+def _rig(file: Any) -> CameraRig:
+    dataset = hdf5.dataset(file, "camera_names")
+    if dataset.ndim != 1 or dataset.dtype.kind != "S" or dataset.shape[0] > _MAX_CAMERAS:
+        found = f"{dataset.dtype} of shape {dataset.shape}"
+        raise LogError(f"/camera_names: found {found}, expected up to {_MAX_CAMERAS} {hdf5.TYPES['S']}")
+    return CameraRig(tuple(_camera(file, name) for name in hdf5.decoded(np.asarray(dataset[()]))))
+
+
+def _camera(file: Any, name: str) -> Camera:
+    path = f"camera_info/{name}"
+    group = file.get(path)
+    if not isinstance(group, h5py.Group):
+        raise LogError(f"/{path}: found none, expected a group for each of /camera_names")
+    arrays: dict[str, Any] = {}
+    for dataset, (attribute, shape) in CAMERA_DATASETS.items():
+        if attribute == "camera_from_world_std" and dataset not in group:
+            continue
+        array = hdf5.array(file, f"{path}/{dataset}", shape, "f")
+        arrays[attribute] = array.ravel() if attribute == "distortion" else array
+    try:
+        width, height = (int(hdf5.attribute(group, f"image_{key}", "iu", ())) for key in ("width", "height"))
+    except LogError as error:
+        raise LogError(f"/{path}: {error}") from error
+    return Camera(name=name, width=width, height=height, **arrays)
