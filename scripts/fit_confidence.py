@@ -68,7 +68,7 @@ class Cases:
     def add(self, fit: Fit, truth: Frame) -> None:
         """One more fit."""
         self.rows.append(list(features(fit).values()))
-        self.near.append(probably_near(fit) / (1.0 + math.exp(-fit.lead)))
+        self.near.append(probably_near(fit.covariance) / (1.0 + math.exp(-fit.lead)))
         self.right.append(_is_right(fit.position, fit.rotation, truth))
 
     def arrays(self) -> tuple[FloatArray, FloatArray, FloatArray]:

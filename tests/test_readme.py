@@ -85,8 +85,7 @@ def test_the_example_finds_the_cube(working):
 def test_the_readmes_commands_run(working):
     assert len(commands()) >= 6
     for command in commands():
-        # STAND-IN: `-m tracker` as soon as ObjectTracker has its own `update`, see there.
-        result = run_python(["-m", "tests.track_stand_in", *shlex.split(command)[1:]], working)
+        result = run_python(["-m", "tracker", *shlex.split(command)[1:]], working)
         assert result.returncode == 0, f"{command}: {result.stderr}"
         assert result.stderr == ""
     assert (working / "my_object.npz").is_file()

@@ -13,7 +13,7 @@ from synthetic.simple import random_scene
 from synthetic.simple_rig import default_cameras
 from tracker.geometry import so3
 from tracker.pose import contour
-from tracker.pose.refine import TUNING
+from tracker.pose.refine import SCHEDULE
 
 OBJECTS = ("cube_v2", "cuboid_2x2x8_v2")
 SCENES = 3
@@ -70,7 +70,7 @@ def test_every_start_nearby_leads_to_the_same_pose(trackers, scenes, name):
             fit = estimator.refine(rotation, reference.position + size * rng.normal(0, 1.5e-3, 3))
             assert fit.converged
             # Ended within `negligible` of the best pose, both of them.
-            assert np.abs(deviation(fit, reference)).max() < 2 * np.sqrt(TUNING.negligible)
+            assert np.abs(deviation(fit, reference)).max() < 2 * np.sqrt(SCHEDULE.negligible)
             np.testing.assert_allclose(np.diag(fit.covariance), np.diag(reference.covariance), rtol=0.1)
 
 

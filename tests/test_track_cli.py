@@ -22,7 +22,6 @@ from synthetic.raycast import render
 from synthetic.sensor import Sensor
 from synthetic.simple import random_scene
 from synthetic.simple_rig import default_cameras
-from tests import track_stand_in  # noqa: F401 - STAND-IN, for the runs in this process
 from tests.helpers import ROOT, run_python
 from tests.recording_stubs import write_log
 from tests.test_cli import Run, assert_one_line_error
@@ -37,8 +36,7 @@ FRAMES = 6
 SPEED = np.array([0.05, 0.02, 0.0])
 """Of the cube [m/s]."""
 
-# STAND-IN: `python -m tracker` as soon as ObjectTracker has its own `update`, see there.
-COMMAND = ("-m", "tests.track_stand_in", "track")
+COMMAND = ("-m", "tracker", "track")
 
 
 @pytest.fixture(scope="module")

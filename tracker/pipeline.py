@@ -12,25 +12,35 @@ import cv2
 import numpy as np
 
 from tracker.calibration.rig import CameraRig
-from tracker.conventions import FloatArray, Image
+from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import ImageError
 from tracker.geometry import so3
 from tracker.objects.model import CuboidModel
-from tracker.pose.acceptance import confidence, refusal
+from tracker.pose.acceptance import confidence, log_odds, rank, refusal
+from tracker.pose.align import EXTRA, PREDICTED
 from tracker.pose.contour import refine
 from tracker.pose.estimate import PoseEstimator
 from tracker.pose.fit import Fit
+from tracker.pose.motion import MotionState
 from tracker.pose.result import Observation, PoseEstimate, Status
 from tracker.pose.views import Box, Evidence, reduced_size
 from tracker.segmentation.color_model import ColorModel, load_colors
 from tracker.segmentation.denoise import calmed
 from tracker.segmentation.labels import check_image, look_up
-from tracker.segmentation.normalise import evened, find_light, grey_world_gains
+from tracker.segmentation.normalise import Light, evened, find_light, grey_world_gains
+from tracker.tracking import Track, TrackingOptions, measured
+from tracker.watch import Watch
 
 _LOG = logging.getLogger(__name__)
 
 SURE = 0.9
 """Confidence below which the light is judged a second time, by the grey world."""
+
+
+FOLLOW_SURE, MOST_EXTRA = 3.0, 0.12
+"""Log odds of a fit near where the object was expected, at which it is not looked for farther away, and the
+share of pixels in the object's colours beyond its outline up to which it is not: slid along an edge, it fits
+too, but leaves part of itself."""
 
 
 class _Seen(NamedTuple):
@@ -51,9 +61,16 @@ class ObjectTracker:
         model: the object.
         rig: the cameras; images come in their order.
         colors: a colour model; None takes the object's own.
+        tracking: what `update` believes; None for what suits the platform.
     """
 
-    def __init__(self, model: CuboidModel, rig: CameraRig, colors: ColorModel | None = None) -> None:
+    def __init__(
+        self,
+        model: CuboidModel,
+        rig: CameraRig,
+        colors: ColorModel | None = None,
+        tracking: TrackingOptions | None = None,
+    ) -> None:
         if not kernels_are_cached():
             # A warning reaches standard error without any set-up of logging.
             _LOG.warning("compiling kernels, once per machine (about 20 s) ...")
@@ -61,6 +78,8 @@ class ObjectTracker:
         self.colors = colors if colors is not None else load_colors(model.colors)
         box = Box(np.asarray(model.size) / 2, np.asarray(model.face_labels, dtype=np.uint8))
         self._estimator = PoseEstimator(box, rig.cameras, self.colors.label_table)
+        self._track, self._watch = Track(tracking), Watch(len(rig))
+        self._channels: list[tuple[Light | None, Array]] = [(None, np.empty(0))] * len(rig)
 
     def detect(self, images: Sequence[Image | None]) -> Observation:
         """The object's pose in one set of images, without memory: same images, same answer to the bit.
@@ -82,11 +101,101 @@ class ObjectTracker:
         )
         return Observation(pose, None, Status.FOUND, timing)
 
-    def fit(self, images: Sequence[Image | None], timing: dict[str, float] | None = None) -> Fit | Status:
+    def reset(self) -> None:
+        """Forget what `update` remembers: the next images are the first of another recording."""
+        self._track = Track(self._track.options)
+        self._watch = Watch(len(self.rig))
+
+    def update(self, images: Sequence[Image | None], timestamp: float) -> Observation:
+        """The object's pose in the next set of images, with the memory of those before.
+
+        The object is looked for where its motion so far lets it be expected, and everywhere if it is not
+        there. Measurements are fused over time: the filtered pose is smoother, has a velocity, and goes on
+        for a while (`TrackingOptions.coast_seconds`) when the object is not seen. A pose that appears
+        somewhere else all of a sudden is believed if it is sure, or if the next images confirm it.
+
+        Images with the stamp of those before are not used twice: the answer is the same as before. A camera
+        whose image has not changed while another's has, or is black, counts as one that gave none.
+
+        Args:
+            images: as for `detect`, but all may be None.
+            timestamp: when they were taken [s], not earlier than those before.
+
+        Raises:
+            ImageError: wrong count, type, shape or size.
+            TrackerError: the stamp is not finite, or earlier than the one before.
+        """
+        start = time.perf_counter()
+        checked = self._check(images, least=0)
+        if self._track.latest is not None and timestamp == self._track.timestamp:
+            return self._track.latest
+        expected = self._track.advance(timestamp)
+        timing: dict[str, float] = {}
+        outcome = self._measure(self._watch.usable(checked), expected, timing)
+        pose = status = reason = None
+        if isinstance(outcome, Status):
+            reason = outcome
+        else:
+            status = self._track.see(outcome, expected)
+            pose = measured(outcome) if status is not Status.COASTING else None
+        filtered = self._track.estimate()
+        if pose is None:
+            status = Status.LOST if filtered is None else Status.COASTING
+        assert status is not None
+        timing["total"] = 1e3 * (time.perf_counter() - start)
+        self._track.latest = Observation(pose, filtered, status, timing, reason)
+        return self._track.latest
+
+    def _measure(
+        self, images: Sequence[Image | None], expected: MotionState | None, timing: dict[str, float]
+    ) -> Fit | Status:
+        """The object in these images: near where it is expected, or else anywhere."""
+        if all(image is None for image in images):
+            return Status.NO_OBJECT_COLORS
+        near = None if expected is None else self._follow(images, expected, timing)
+        if (
+            near is not None
+            and expected is not None
+            and _settled(near)
+            and self._track.plausible(expected, near)
+        ):
+            return near
+        found = self.fit(images, timing, thorough=near is None)
+        if near is None or (isinstance(found, Fit) and rank(found) > rank(near)):
+            return found
+        return near
+
+    def _follow(
+        self, images: Sequence[Image | None], expected: MotionState, timing: dict[str, float]
+    ) -> Fit | None:
+        """The object where it is expected, or not far from there; None if it is not."""
+        lap = time.perf_counter()
+        views = [
+            None if image is None else self._glance(c, image, expected.position)
+            for c, image in enumerate(images)
+        ]
+        split = time.perf_counter()
+        timing["segmentation"] = 1e3 * (split - lap)
+        fit: Fit | None = self._estimator.follow(views, expected.rotation, expected.position)
+        if not _settled(fit):
+            hypotheses = [(expected.rotation, expected.position)]
+            if self._track.last_pose is not None:
+                hypotheses.append(self._track.last_pose)
+            fit = self._estimator.follow_far(hypotheses)
+        timing["pose"] = 1e3 * (time.perf_counter() - split)
+        return fit if fit is not None and refusal(fit) is None else None
+
+    def fit(
+        self,
+        images: Sequence[Image | None],
+        timing: dict[str, float] | None = None,
+        *,
+        thorough: bool = True,
+    ) -> Fit | Status:
         """As `detect`, with all that supports the pose; `timing` gains the milliseconds of each stage.
 
         The light is judged by the scene's most frequent chromaticity; where that gives no sure answer,
-        by the grey world as well, and the surer answer counts.
+        by the grey world as well, and the surer answer counts; unless the search need not be thorough.
         """
         timing = {} if timing is None else timing
         lap = time.perf_counter()
@@ -94,11 +203,11 @@ class ObjectTracker:
         timing["light"] = 1e3 * (time.perf_counter() - lap)
         best: tuple[Fit, float] | None = None
         status: Status | None = None
-        for grey_world in (False, True) if self.colors.normalise else (False,):
+        for grey_world in (False, True) if self.colors.normalise and thorough else (False,):
             lap = time.perf_counter()
             views = [None if one is None else self._evidence(one, grey_world) for one in seen]
             split = time.perf_counter()
-            outcome = self._estimator.estimate(views)
+            outcome = self._estimator.estimate(views, thorough=thorough)
             timing["segmentation"] = timing.get("segmentation", 0.0) + 1e3 * (split - lap)
             timing["pose"] = timing.get("pose", 0.0) + 1e3 * (time.perf_counter() - split)
             refused = outcome if isinstance(outcome, Status) else refusal(outcome)
@@ -111,6 +220,35 @@ class ObjectTracker:
             else:
                 status = status or refused
         return best[0] if best else status or Status.INCONSISTENT_VIEWS
+
+    def _glance(self, c: int, image: Image, position: FloatArray) -> Evidence:
+        """As `_see` and `_evidence`, with camera c's light and noise as they were a moment ago.
+
+        Labels are looked up around a position [m] only; elsewhere they are background.
+        """
+        light, loud = self._watch.light(c, image)
+        if self.colors.normalise:
+            image = evened(image, light)
+        height, width = image.shape[:2]
+        columns, rows = reduced_size(width, height)
+        labels = np.zeros((rows, columns), np.uint8)
+        by = width // columns
+        whole = (columns * by, rows * by) != (width, height)
+        window = (0, 0, columns, rows) if whole else self._estimator.window(c, position)
+        left, top, right, bottom = window
+        gains = light.gains if self.colors.normalise else np.ones(3)
+        if self._channels[c][0] is not light:
+            self._channels[c] = light, self.colors.channel_tables(gains)
+        channels = self._channels[c][1]
+        if left < right and top < bottom:
+            part = image if whole else image[by * top : by * bottom, by * left : by * right]
+            part = np.asarray(cv2.medianBlur(part, 3), dtype=np.uint8) if loud else part
+            size = (right - left, bottom - top)
+            part = np.asarray(cv2.resize(part, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+            found = np.empty(part.shape[:2], np.uint8)
+            look_up(part, channels, self.colors.label_table, gains, found)
+            labels[top:bottom, left:right] = found
+        return Evidence(image, labels, channels)
 
     def _see(self, image: Image) -> _Seen:
         small = _reduce(calmed(image))
@@ -126,7 +264,7 @@ class ObjectTracker:
         look_up(seen.small, channels, self.colors.label_table, gains, labels)
         return Evidence(seen.image, labels, channels)
 
-    def _check(self, images: Sequence[Image | None]) -> list[Image | None]:
+    def _check(self, images: Sequence[Image | None], least: int = 1) -> list[Image | None]:
         given: object = images
         if isinstance(given, np.ndarray) and given.ndim == 3:
             raise ImageError(
@@ -149,9 +287,17 @@ class ObjectTracker:
                     f"for {camera.width}×{camera.height}; CameraRig.resized makes one for another size"
                 )
             checked.append(np.ascontiguousarray(image))
-        if all(image is None for image in checked):
+        if least and all(image is None for image in checked):
             raise ImageError(f"images: all are None; at least one of {', '.join(self.rig.names)} is needed")
         return checked
+
+
+def _settled(fit: Fit | None) -> bool:
+    """Whether a fit is so sure that no other needs to be tried."""
+    if fit is None or not fit.converged or log_odds(fit) < FOLLOW_SURE or refusal(fit) is not None:
+        return False
+    counts = fit.counts.sum(axis=0)
+    return bool(counts[EXTRA] <= MOST_EXTRA * counts[PREDICTED])
 
 
 def _reduce(image: Image) -> Image:

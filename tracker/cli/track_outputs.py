@@ -13,7 +13,7 @@ import click
 
 if TYPE_CHECKING:
     from tracker.calibration.rig import CameraRig
-    from tracker.conventions import Image
+    from tracker.conventions import FloatArray, Image
     from tracker.logs import Log
     from tracker.logs.columns import MeasuredColumns
     from tracker.logs.poses import Poses
@@ -149,15 +149,19 @@ def _pictures(log: Log, model: CuboidModel, poses: Poses, progress: Callable[[in
 
 def observation(poses: Poses, row: int) -> Observation:
     """What the tracker answered to a frame."""
-    from tracker.pose.result import Observation, PoseEstimate, Status
+    from tracker.pose.result import MotionEstimate, Observation, PoseEstimate, Status
 
-    def pose(columns: MeasuredColumns) -> PoseEstimate | None:
-        if not columns.has_pose[row]:
-            return None
+    def of(columns: MeasuredColumns) -> tuple[FloatArray, FloatArray, FloatArray, float]:
         arrays = columns.position[row], columns.orientation[row], columns.covariance[row]
-        return PoseEstimate(*arrays, float(columns.confidence[row]))
+        return *arrays, float(columns.confidence[row])
 
-    return Observation(pose(poses.measured), pose(poses.filtered), Status(str(poses.status[row])))
+    measured, filtered = poses.measured, poses.filtered
+    motion = filtered.velocity[row], filtered.velocity_covariance[row]
+    return Observation(
+        PoseEstimate(*of(measured)) if measured.has_pose[row] else None,
+        MotionEstimate(*of(filtered), *motion) if filtered.has_pose[row] else None,
+        Status(str(poses.status[row])),
+    )
 
 
 def _widest() -> Observation:

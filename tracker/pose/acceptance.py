@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import functools
 import math
+from collections.abc import Mapping
 
 import numpy as np
 
+from tracker.conventions import FloatArray
 from tracker.pose import align, contour
 from tracker.pose.fit import Fit
 from tracker.pose.result import Status
@@ -32,7 +35,8 @@ VAGUE, MIN_DEFINITE = (0.02, math.radians(5)), 0.4
 """The pose must be this close to the truth [m, rad] with this probability, or many poses would do."""
 
 
-def features(fit: Fit) -> dict[str, float]:
+@functools.lru_cache(maxsize=32)
+def features(fit: Fit) -> Mapping[str, float]:
     """What the confidence is computed from; all small for a perfect fit in full view."""
     counts = fit.counts.sum(axis=0)
     agree, wrong, extra = (float(counts[k]) for k in (align.AGREE, align.WRONG, align.EXTRA))
@@ -50,6 +54,7 @@ def features(fit: Fit) -> dict[str, float]:
     }
 
 
+@functools.lru_cache(maxsize=32)
 def refusal(fit: Fit) -> Status | None:
     """Why the fit is not accepted; None where it is."""
     counts = fit.counts.sum(axis=0)
@@ -64,7 +69,7 @@ def refusal(fit: Fit) -> Status | None:
         return Status.AMBIGUOUS
     if trust(fit) < MIN_TRUST:
         return Status.POOR_FIT
-    return Status.AMBIGUOUS if probably_near(fit, VAGUE) < MIN_DEFINITE else None
+    return Status.AMBIGUOUS if probably_near(fit.covariance, VAGUE) < MIN_DEFINITE else None
 
 
 WEIGHTS = {
@@ -83,6 +88,7 @@ CARE = 1.25
 """Factor on the standard deviations when they are asked whether the pose is that close."""
 
 
+@functools.lru_cache(maxsize=32)
 def log_odds(fit: Fit) -> float:
     """Log odds that the fit sits on the object and not in a wrong optimum: a linear model of `features`."""
     return BIAS + sum(WEIGHTS[key] * value for key, value in features(fit).items())
@@ -101,10 +107,10 @@ def rank(fit: Fit) -> float:
     return log_odds(fit) + EVIDENCE * float(fit.samples[:, contour.INLIERS].sum())
 
 
-def probably_near(fit: Fit, limits: tuple[float, float] = NEAR) -> float:
-    """Probability that a fit on the object is within limits [m, rad] of the truth, from its covariance."""
+def probably_near(covariance: FloatArray, limits: tuple[float, float] = NEAR) -> float:
+    """Probability that a pose with this covariance (6, 6) is within limits [m, rad] of the truth."""
     result = 1.0
-    for block, near in zip((fit.covariance[:3, :3], fit.covariance[3:, 3:]), limits, strict=True):
+    for block, near in zip((covariance[:3, :3], covariance[3:, 3:]), limits, strict=True):
         std = math.sqrt(max(float(np.linalg.eigvalsh(block)[-1]), 1e-18))
         result *= math.erf(near / (CARE * std * math.sqrt(2.0)))
     return result
@@ -115,6 +121,7 @@ def trust(fit: Fit) -> float:
     return 1.0 / (1.0 + math.exp(-log_odds(fit))) / (1.0 + math.exp(-fit.lead))
 
 
+@functools.lru_cache(maxsize=32)
 def confidence(fit: Fit) -> float:
     """Probability that the pose is within 5 mm and 5° of the truth."""
-    return trust(fit) * probably_near(fit)
+    return trust(fit) * probably_near(fit.covariance)

@@ -41,6 +41,10 @@ class Schedule(NamedTuple):
     """(steps,) length of the pieces of edges [px]."""
     tukey: FloatArray
     """(steps,) residual at which a piece's weight reaches zero: at least so much [px]."""
+    least: int
+    """Steps before which the refinement does not end."""
+    negligible: float
+    """Squared length of a step, in standard deviations of the pose, below which the refinement ends."""
 
 
 class Tuning(NamedTuple):
@@ -60,8 +64,6 @@ class Tuning(NamedTuple):
     """Standard deviation of the image's steps before it is measured, and its bounds [px]."""
     correlation: float
     """Factor on the standard deviation of pieces, which share errors."""
-    negligible: float
-    """Squared length of a step, in standard deviations of the pose, below which the refinement ends."""
     longest: float
     """Longest step [m]; the strips say nothing on what lies farther away."""
     largest: float
@@ -219,7 +221,7 @@ def refine(  # type: ignore[no-untyped-def]
         exponent += shared[EXPONENT] / limit
         growth += shared[GROWTH] / limit
         offsets += changes / limit
-        if schedule.blur[step] == 0.0 and step >= 3 and size < tuning.negligible:
+        if schedule.blur[step] == 0.0 and step >= schedule.least and size < schedule.negligible:
             converged = True
             break
     # What is known of the pose where exponent and growth are not.

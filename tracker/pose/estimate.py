@@ -12,14 +12,18 @@ from tracker.conventions import Array, FloatArray
 from tracker.geometry.camera import Camera
 from tracker.pose import align
 from tracker.pose.acceptance import log_odds, rank
+from tracker.pose.contour import BLUR, Schedule
 from tracker.pose.fit import Fit
-from tracker.pose.refine import Refiner
+from tracker.pose.refine import FOLLOWING, SCHEDULE, TUNING, Refiner
 from tracker.pose.result import Status
 from tracker.pose.search import Searcher
 from tracker.pose.views import Box, Evidence, reduced_size, stack_lenses
 
 ALIGN_REACHES = np.array([5, 4, 3])
 """Reach of the label transitions' search in each alignment step [px of the label map]."""
+
+FAR_REACHES = np.array([8, 6, 4, 3])
+"""The same from a prediction."""
 
 FEW, MANY = 2, 10
 """Rotations that are tried at the best position, and at each where that did not settle it."""
@@ -35,6 +39,9 @@ MIN_PIXELS = 20
 
 SURE = 3.0
 """Log odds of a fit at which no other hypothesis is tried."""
+
+WINDOW_RIM = 12.0
+"""Beyond an object where it is expected, for where it may be instead [px of the label map]."""
 
 SAME_POSITION, SAME_ROTATION = 0.006, 0.15
 """Two hypotheses nearer than this [m, rad] are the same pose."""
@@ -55,21 +62,30 @@ class PoseEstimator:
         shape = (len(cameras), max(c.height for c in small), max(c.width for c in small))
         self.labels: Array = np.zeros(shape, np.uint8)
         self.used: Array = np.zeros(len(cameras), np.bool_)
+        self._blur = TUNING.start_blur
 
-    def estimate(self, views: Sequence[Evidence | None]) -> Fit | Status:
+    def window(self, c: int, position: FloatArray) -> tuple[int, int, int, int]:
+        """Left, top, right, bottom of what an object there fills of camera c's label map, and some more."""
+        lens, radius = self.small[c], float(np.linalg.norm(self.box.half))
+        x, y, z = lens["rotation"] @ position + lens["translation"]
+        width, height = int(lens["width"]), int(lens["height"])
+        if z < 2 * radius:
+            return 0, 0, width, height
+        u, v = lens["focal"] * (x / z, y / z) + lens["center"]
+        reach = 1.3 * radius * float(lens["focal"].max()) / (z - radius) + WINDOW_RIM
+        left, top = max(0, int(u - reach)), max(0, int(v - reach))
+        return left, top, min(width, int(u + reach) + 1), min(height, int(v + reach) + 1)
+
+    def estimate(self, views: Sequence[Evidence | None], *, thorough: bool = True) -> Fit | Status:
         """The best pose for the views of the cameras, in their order; None where there is no image.
 
         Most images are settled by the first hypothesis. Where its fit is not sure, more are aligned
-        and refined, and a different pose that fits nearly as well counts against the best.
+        and refined, and a different pose that fits nearly as well counts against the best; unless a
+        search that is not thorough will do.
         """
-        for c, view in enumerate(views):
-            self.used[c] = view is not None
-            self.labels[c] = 0
-            if view is not None:
-                self.labels[c, : view.labels.shape[0], : view.labels.shape[1]] = view.labels
+        self._show(views)
         if np.count_nonzero(self.searcher.face_mask[self.labels]) < MIN_PIXELS:
             return Status.NO_OBJECT_COLORS
-        self.refiner.show(views)
         positions = self.searcher.positions(self.labels, self.used, POSITIONS)
         first = next(positions, None)
         if first is None:
@@ -77,7 +93,8 @@ class PoseEstimator:
         # One camera alone may see a single face, which fits at four turns: it never settles the matter.
         several = np.count_nonzero(self.used) > 1
         fits: list[Fit] = []
-        for hypothesis in chain(self._align([first], FEW), self._align(chain([first], positions), MANY)):
+        more = self._align(chain([first], positions), MANY) if thorough else iter(())
+        for hypothesis in chain(self._align([first], FEW), more):
             fit = self.refine(*hypothesis)
             fits.append(fit)
             if several and log_odds(fit) > SURE and fit.converged:
@@ -92,11 +109,48 @@ class PoseEstimator:
         ]
         return replace(fits[0], lead=rank(fits[0]) - rank(rivals[0])) if rivals else fits[0]
 
-    def refine(self, rotation: FloatArray, position: FloatArray) -> Fit:
-        """The fit nearest to a hypothesis (3, 3), (3,) [m], in the views that `estimate` was given last."""
+    def follow(self, views: Sequence[Evidence | None], rotation: FloatArray, position: FloatArray) -> Fit:
+        """The fit nearest to a predicted pose (3, 3), (3,) [m]; a prediction off by a few pixels will do."""
+        self._show(views)
+        return self.refine(rotation, position, FOLLOWING, self.blur)
+
+    def follow_far(self, hypotheses: Sequence[Hypothesis]) -> Fit | None:
+        """As `follow`, in the same views, from the best of poses that may be off by 3 cm and 30°."""
+        rotations = np.array([rotation for rotation, _ in hypotheses])
+        positions, scores = np.array([position for _, position in hypotheses]), np.empty(len(hypotheses))
+        align.try_hypotheses(
+            self.small, self.labels, self.used, self.box.half, self.box.face_labels,
+            rotations, positions, FAR_REACHES, scores,
+        )  # fmt: skip
+        best = int(np.argmax(scores))
+        return None if scores[best] < align.IMPOSSIBLE / 2 else self.refine(rotations[best], positions[best])
+
+    @property
+    def blur(self) -> float:
+        """Blur of the images as last measured [px at the reference focal length]."""
+        return self._blur
+
+    def _show(self, views: Sequence[Evidence | None]) -> None:
+        for c, view in enumerate(views):
+            self.used[c] = view is not None
+            self.labels[c] = 0
+            if view is not None:
+                self.labels[c, : view.labels.shape[0], : view.labels.shape[1]] = view.labels
+        self.refiner.show(views)
+
+    def refine(
+        self,
+        rotation: FloatArray,
+        position: FloatArray,
+        schedule: Schedule = SCHEDULE,
+        blur: float = TUNING.start_blur,
+    ) -> Fit:
+        """The fit nearest to a hypothesis (3, 3), (3,) [m], in the views that were shown last."""
         rotation, position, covariance, samples, converged = self.refiner.refine(
-            self.used, rotation, position
+            self.used, rotation, position, schedule, blur
         )
+        measured = samples[self.used, BLUR] / self.refiner.scales[self.used]
+        self._blur = float(np.median(measured)) if converged else TUNING.start_blur
         counts = np.empty((len(self.used), 5), np.int64)
         align.explain(
             self.small, self.labels, self.used, self.box.half, self.box.face_labels, rotation, position,

@@ -19,7 +19,14 @@ SCHEDULE = contour.Schedule(
     blur=np.array([1.2] + [0.0] * 8),
     piece=np.array([6.0] + [5.0] * 8),
     tukey=np.array([4.0, 2.0, 1.0] + [0.5] * 6),
+    least=3,
+    negligible=0.15,
 )
+
+FOLLOWING = contour.Schedule(
+    blur=np.zeros(5), piece=np.array([6.0] * 5), tukey=np.array([1.0] + [0.5] * 4), least=1, negligible=0.4
+)
+"""From a pose that was predicted, with a blur that is known."""
 
 TUNING = contour.Tuning(
     reach=(1.2, 2.0),
@@ -30,7 +37,6 @@ TUNING = contour.Tuning(
     least_blur=0.35,
     largest_blur=3.0,
     correlation=1.3,
-    negligible=0.15,
     longest=0.02,
     largest=0.3,
 )
@@ -57,12 +63,18 @@ class Refiner:
                 self.channels[c] = view.channels
 
     def refine(
-        self, used: Array, rotation: FloatArray, position: FloatArray
+        self,
+        used: Array,
+        rotation: FloatArray,
+        position: FloatArray,
+        schedule: contour.Schedule = SCHEDULE,
+        blur: float = TUNING.start_blur,
     ) -> tuple[FloatArray, FloatArray, FloatArray, Array, bool]:
         """The pose (3, 3), (3,) [m] that fits the contours best near the one given.
 
         Gauss-Newton on the pose and on an offset η_c of each camera, which sees the object at the pose
-        moved by η_c; the offsets' size is bound by what the calibration states of its errors.
+        moved by η_c; the offsets' size is bound by what the calibration states of its errors. `blur` is
+        that of the images to begin with [px at the reference focal length].
 
         Returns rotation, position, covariance (6, 6), summary (C, 5) of the pieces of edges (see
         `contour.EXPECTED` …), and whether the last step was negligible.
@@ -73,7 +85,7 @@ class Refiner:
         known, summary = np.zeros((6, 6)), np.zeros((len(used), contour.SUMMARY))
         converged = contour.refine(
             self.images, self.lenses, self.scales, used, self.channels, self.label_table, self.box, weights,
-            PRIOR, SCHEDULE, TUNING, rotation, position, self._work, known, summary,
+            PRIOR, schedule, TUNING._replace(start_blur=blur), rotation, position, self._work, known, summary,
         )  # fmt: skip
         summary[:, contour.SQUARES] /= self.scales**2
         return rotation, position, pose_covariance(known), summary, converged

@@ -26,6 +26,14 @@ class Status(enum.Enum):
     """A pose explains the colours, but the edges do not lie where it puts them."""
     AMBIGUOUS = "ambiguous"
     """Two different poses explain the images about equally well."""
+    TRACKING = "tracking"
+    """Over time: the object was seen where it was expected."""
+    REFOUND = "refound"
+    """Over time: the object was found again, or somewhere else than expected."""
+    COASTING = "coasting"
+    """Over time: the object is not seen now; the filtered pose is predicted from before."""
+    LOST = "lost"
+    """Over time: the object was seen too long ago, or never."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,14 +74,33 @@ class PoseEstimate:
 
 
 @dataclass(frozen=True, eq=False)
+class MotionEstimate(PoseEstimate):
+    """Pose and velocity of the object in the world, fused over time."""
+
+    velocity: FloatArray
+    """(6,) of the centre [m/s] and of the rotation [rad/s], along world axes."""
+    velocity_covariance: FloatArray
+    """(6, 6) of the velocity."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for key, shape in (("velocity", (6,)), ("velocity_covariance", (6, 6))):
+            array = np.array(getattr(self, key), dtype=np.float64).reshape(shape)
+            array.flags.writeable = False
+            object.__setattr__(self, key, array)
+
+
+@dataclass(frozen=True, eq=False)
 class Observation:
     """The answer to one set of images."""
 
     object_pose: PoseEstimate | None
     """The pose measured in these images, or None: then `status` says why."""
-    filtered_object_pose: PoseEstimate | None
-    """Prediction and measurement fused over time; None where there is no memory (`detect`)."""
+    filtered_object_pose: MotionEstimate | None
+    """Prediction and measurement fused over time; None where there is no memory (`detect`), or it is lost."""
     status: Status
     """Why there is a pose, or none."""
     timing_ms: dict[str, float] = field(default_factory=dict)
     """Wall-clock time of each stage [ms]."""
+    reason: Status | None = None
+    """Over time, where nothing was measured: why these images by themselves gave no pose."""
