@@ -1,0 +1,299 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.helpers import random_rotations
+from tracker.geometry import so3
+from tracker.pose.motion import CONSTANT, MotionFilter
+
+DT = 0.1
+NOISE = np.diag(np.repeat(np.square([0.5e-3, np.radians(0.5)]), 3))
+"""Covariance of a made-up measurement."""
+
+
+def drawn(rng, covariance, count=None):
+    """Errors with a covariance."""
+    return rng.multivariate_normal(np.zeros(len(covariance)), covariance, count, method="cholesky")
+
+
+def moved(position, rotation, error):
+    """A pose off by an error (6,)."""
+    return position + error[:3], so3.exp(error[3:6]) @ rotation
+
+
+def error_of(state, position, rotation):
+    """(6,) of the estimate against the truth."""
+    return np.concatenate([position - state.position, so3.log(rotation @ state.rotation.T)])
+
+
+def path(velocity, spin, seconds, start=None):
+    """Pose after some seconds at a constant velocity [m/s] and [rad/s]."""
+    rotation = np.eye(3) if start is None else start
+    return seconds * np.asarray(velocity), so3.exp(seconds * np.asarray(spin)) @ rotation
+
+
+def run(poses, rng, noise=NOISE, constant=True, dt=DT):
+    """The filter after each of the poses, measured with white errors and, unless left out, constant ones."""
+    offset = constant * drawn(rng, CONSTANT * noise)
+    filtered, states = MotionFilter(), []
+    for k, (position, rotation) in enumerate(poses):
+        measurement = moved(position, rotation, offset + drawn(rng, (1 - CONSTANT) * noise))
+        if k:
+            filtered.predict(dt)
+            filtered.update(*measurement, noise)
+        else:
+            filtered.start(*measurement, noise)
+        states.append(filtered.state)
+    return states
+
+
+def settled_at_rest(rng, count=30):
+    """A filter that has seen an object lie still."""
+    filtered = MotionFilter()
+    filtered.start(*moved(np.zeros(3), np.eye(3), drawn(rng, (1 - CONSTANT) * NOISE)), NOISE)
+    for _ in range(count):
+        filtered.predict(DT)
+        filtered.update(*moved(np.zeros(3), np.eye(3), drawn(rng, (1 - CONSTANT) * NOISE)), NOISE)
+    return filtered
+
+
+def test_two_half_steps_predict_what_one_step_does(rng):
+    for seed in range(5):
+        once = settled_at_rest(np.random.default_rng(seed), 5)
+        twice = settled_at_rest(np.random.default_rng(seed), 5)
+        once.predict(DT)
+        twice.predict(DT / 2)
+        twice.predict(DT / 2)
+        first, second = once.state, twice.state
+        np.testing.assert_allclose(first.position, second.position, atol=2e-5)
+        assert so3.angle_between(first.rotation, second.rotation) < np.radians(0.02)
+        assert first.at_rest == pytest.approx(second.at_rest, abs=0.02)
+        # A change of the kind of motion counts from the beginning of a step: one long step is more careful.
+        ratio = np.sqrt(np.diag(second.covariance) / np.diag(first.covariance))
+        assert (ratio < 1.02).all()
+        assert (ratio > 0.7).all()
+
+
+def test_no_time_changes_nothing(rng):
+    filtered = settled_at_rest(rng)
+    before = filtered.state
+    filtered.predict(0.0)
+    after = filtered.state
+    np.testing.assert_allclose(after.position, before.position, atol=1e-15)
+    np.testing.assert_allclose(after.covariance, before.covariance, rtol=1e-5, atol=1e-12)
+    assert after.at_rest == pytest.approx(before.at_rest)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_covariance_stays_symmetric_and_positive_and_weights_stay_probabilities(seed):
+    rng = np.random.default_rng(seed)
+    filtered = MotionFilter()
+    position, rotation = np.zeros(3), np.eye(3)
+    filtered.start(position, rotation, NOISE)
+    for _ in range(400):
+        # Anything goes: rests, jumps, turns by up to half a turn, gaps, good and bad measurements.
+        leap = rng.choice([0.0, 1e-3, 0.1], p=[0.5, 0.4, 0.1])
+        position = position + leap * rng.normal(size=3)
+        rotation = so3.exp(min(30 * leap, 2.0) * rng.normal(size=3)) @ rotation
+        filtered.predict(rng.choice([1e-4, 0.03, 0.1, 0.5]))
+        if rng.random() < 0.8:
+            root = rng.normal(size=(6, 6)) * 10 ** rng.uniform(-5, -2)
+            distance = filtered.update(position, rotation, root @ root.T + 1e-10 * np.eye(6))
+            assert distance >= 0
+        state = filtered.state
+        assert np.isfinite(state.position).all()
+        np.testing.assert_allclose(state.rotation @ state.rotation.T, np.eye(3), atol=1e-9)
+        asymmetry = np.abs(state.covariance - state.covariance.T).max()
+        assert asymmetry <= 1e-9 * np.abs(state.covariance).max()
+        scale = np.sqrt(np.diag(state.covariance))
+        assert (scale > 0).all()
+        assert np.linalg.eigvalsh(state.covariance / np.outer(scale, scale))[0] > -1e-9
+        assert np.linalg.eigvalsh(state.covariance[:6, :6])[0] > 0
+        weights = filtered._weights
+        assert (weights > 0).all()
+        assert weights.sum() == pytest.approx(1.0)
+        assert 0 <= state.at_rest <= 1
+
+
+def rms(errors):
+    return np.sqrt(np.mean(np.square(errors), axis=0))
+
+
+def test_errors_of_a_still_object_average_away():
+    single, late = [], {4: [], 16: []}
+    for seed in range(120):
+        rng = np.random.default_rng([1, seed])
+        rotation = random_rotations(rng, 1)[0]
+        states = run([(np.ones(3), rotation)] * 16, rng, constant=False)
+        for count, errors in late.items():
+            errors.append(error_of(states[count - 1], np.ones(3), rotation))
+        single.append(error_of(states[0], np.ones(3), rotation))
+    for count, errors in late.items():
+        ratio = rms(np.array(errors)) / rms(np.array(single))
+        share = ratio.reshape(2, 3).mean(axis=1)
+        assert (share > 0.8 / np.sqrt(count)).all()
+        assert (share < 1.5 / np.sqrt(count)).all(), (count, share)
+
+
+@pytest.mark.parametrize(
+    ("velocity", "spin"), [((0.1, -0.05, 0.0), (0.0, 0.0, 0.5)), ((0.4, 0.3, 0.1), (1.0, -2.0, 2.0))]
+)
+def test_a_steady_motion_is_followed_without_lag_and_its_velocity_found(velocity, spin):
+    off, rates = [], []
+    for seed in range(40):
+        rng = np.random.default_rng([2, seed])
+        poses = [path(velocity, spin, DT * k) for k in range(20)]
+        states = run(poses, rng, constant=False)
+        off += [error_of(state, *pose) for state, pose in zip(states[-5:], poses[-5:], strict=True)]
+        rates += [state.velocity for state in states[-5:]]
+    off = np.array(off)
+    assert np.linalg.norm(off[:, :3].mean(axis=0)) < 0.1e-3
+    assert np.linalg.norm(off[:, 3:].mean(axis=0)) < np.radians(0.15)
+    assert (rms(off) < 1.05 * np.sqrt(np.diag((1 - CONSTANT) * NOISE))).all()
+    np.testing.assert_allclose(np.mean(rates, axis=0), [*velocity, *spin], atol=0.05)
+    np.testing.assert_allclose(np.mean(rates, axis=0)[:3], velocity, atol=3e-3)
+
+
+def test_turning_and_shifting_the_world_turns_and_shifts_the_answer(rng):
+    turn, shift = random_rotations(rng, 1)[0], rng.normal(size=3)
+    both = np.kron(np.eye(2), turn)
+    four = np.kron(np.eye(4), turn)
+    root = rng.normal(size=(6, 6)) * np.repeat([1e-3, 1e-2], 3)[:, None]
+    noise = root @ root.T + 0.1 * NOISE
+    here, there = MotionFilter(), MotionFilter()
+    for k in range(15):
+        position, rotation = path((0.1, 0.2, 0.0), (0.0, 1.0, 0.5), DT * k * (k > 5))
+        position, rotation = moved(position, rotation, drawn(rng, (1 - CONSTANT) * noise))
+        other = turn @ position + shift, turn @ rotation, both @ noise @ both.T
+        if k:
+            here.predict(DT)
+            there.predict(DT)
+            assert here.update(position, rotation, noise) == pytest.approx(there.update(*other), rel=1e-6)
+        else:
+            here.start(position, rotation, noise)
+            there.start(*other)
+        first, second = here.state, there.state
+        np.testing.assert_allclose(second.position, turn @ first.position + shift, atol=1e-9)
+        np.testing.assert_allclose(second.rotation, turn @ first.rotation, atol=1e-9)
+        np.testing.assert_allclose(second.velocity, both @ first.velocity, atol=1e-8)
+        np.testing.assert_allclose(second.covariance, four @ first.covariance @ four.T, atol=1e-8)
+        assert second.at_rest == pytest.approx(first.at_rest, abs=1e-6)
+
+
+MOVES = {"still": [0] * 25, "moving": [1] * 25, "starts and stops": [0] * 8 + [1] * 8 + [0] * 9}
+"""Whether the object moves during each step."""
+
+
+@pytest.mark.parametrize("kind", MOVES)
+def test_stated_covariance_is_that_of_the_errors(kind):
+    squared = []
+    for seed in range(60):
+        rng = np.random.default_rng([3, seed])
+        start = random_rotations(rng, 1)[0]
+        velocity, spin = 0.1 * rng.normal(size=3), 0.7 * rng.normal(size=3)
+        times = DT * np.cumsum(MOVES[kind])
+        poses = [path(velocity, spin, t, start) for t in times]
+        for state, pose in list(zip(run(poses, rng), poses, strict=True))[4:]:
+            error = error_of(state, *pose)
+            squared.append(error @ np.linalg.solve(state.covariance[:6, :6], error))
+    assert 3 < np.median(squared) < 9
+
+
+def test_a_first_measurement_is_taken_as_it_is(rng):
+    filtered, rotation = MotionFilter(), random_rotations(rng, 1)[0]
+    filtered.start(np.ones(3), rotation, NOISE)
+    state = filtered.state
+    np.testing.assert_allclose(state.position, np.ones(3), atol=1e-15)
+    np.testing.assert_allclose(state.rotation, rotation, atol=1e-15)
+    np.testing.assert_allclose(state.covariance[:6, :6], NOISE, rtol=1e-12)
+    np.testing.assert_array_equal(state.velocity, 0)
+
+
+def test_starting_again_forgets_everything(rng):
+    used, new = settled_at_rest(rng), MotionFilter()
+    for filtered in (used, new):
+        filtered.start(np.ones(3), np.eye(3), NOISE)
+        filtered.predict(DT)
+        filtered.update(np.ones(3), np.eye(3), NOISE)
+    for key in ("position", "rotation", "velocity", "covariance", "at_rest"):
+        np.testing.assert_array_equal(getattr(used.state, key), getattr(new.state, key))
+
+
+def test_an_unseen_objects_covariance_grows(rng):
+    filtered = settled_at_rest(rng)
+    before = filtered.state.covariance[:6, :6]
+    for _ in range(8):
+        filtered.slow_down(DT)
+        filtered.predict(DT)
+        after = filtered.state.covariance[:6, :6]
+        assert np.linalg.eigvalsh(after - before)[0] > 0
+        before = after
+
+
+def test_an_unseen_objects_velocity_fades(rng):
+    filtered = MotionFilter()
+    for k in range(10):
+        pose = path((0.2, 0.0, 0.0), (0.0, 0.0, 1.0), DT * k)
+        if k:
+            filtered.predict(DT)
+            filtered.update(*pose, NOISE)
+        else:
+            filtered.start(*pose, NOISE)
+    speeds = [np.linalg.norm(filtered.state.velocity[:3])]
+    for _ in range(5):
+        filtered.slow_down(DT)
+        filtered.predict(DT)
+        speeds.append(np.linalg.norm(filtered.state.velocity[:3]))
+    assert (np.diff(speeds) < 0).all()
+    assert speeds[-1] < 0.5 * speeds[0]
+
+
+def test_same_measurements_give_the_same_bits():
+    def states():
+        rng = np.random.default_rng(7)
+        return run([path((0.1, 0.0, 0.0), (0.0, 1.0, 0.0), DT * max(0, k - 5)) for k in range(20)], rng)
+
+    for one, other in zip(states(), states(), strict=True):
+        for key in ("position", "rotation", "velocity", "covariance", "at_rest"):
+            np.testing.assert_array_equal(getattr(one, key), getattr(other, key))
+
+
+def test_a_state_does_not_change_when_the_filter_goes_on(rng):
+    filtered = settled_at_rest(rng)
+    state = filtered.state
+    copies = {key: np.copy(getattr(state, key)) for key in ("position", "rotation", "velocity", "covariance")}
+    filtered.predict(DT)
+    filtered.update(np.ones(3), np.eye(3), NOISE)
+    for key, copy in copies.items():
+        np.testing.assert_array_equal(getattr(state, key), copy)
+
+
+def test_an_object_that_lies_still_is_known_to_and_one_that_moves_at_once():
+    for seed in range(20):
+        rng = np.random.default_rng([4, seed])
+        filtered = settled_at_rest(rng, 3)
+        early = filtered.state.at_rest
+        for _ in range(15):
+            filtered.predict(DT)
+            filtered.update(*moved(np.zeros(3), np.eye(3), drawn(rng, (1 - CONSTANT) * NOISE)), NOISE)
+        late = filtered.state.at_rest
+        assert late > 0.8
+        assert late > early - 0.1
+        filtered.predict(DT)
+        filtered.update(np.array([0.01, 0.0, 0.0]), np.eye(3), NOISE)
+        assert filtered.state.at_rest < 0.05
+
+
+@given(st.sampled_from([1e-9, 1e-6, 1e-2, 1.0]), st.sampled_from([0.0, 1e-6, 0.1, 0.5, 10.0]))
+def test_any_accuracy_and_any_gap_give_finite_answers(size, gap):
+    filtered, noise = MotionFilter(), size**2 * np.eye(6)
+    filtered.start(np.zeros(3), np.eye(3), noise)
+    for k in range(1, 4):
+        filtered.predict(gap)
+        assert np.isfinite(filtered.update(0.1 * k * np.ones(3), so3.exp([0.5 * k, 0.0, 0.0]), noise))
+        state = filtered.state
+        for key in ("position", "rotation", "velocity", "covariance", "at_rest"):
+            assert np.isfinite(getattr(state, key)).all()

@@ -1,0 +1,280 @@
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from tests.helpers import random_rotations
+from tracker.errors import TrackerError
+from tracker.geometry import so3
+from tracker.pose.acceptance import confidence
+from tracker.pose.fit import Fit
+from tracker.pose.result import Status
+from tracker.tracking import Track, TrackingOptions, measured
+
+DT = 0.1
+COVARIANCE = np.diag(np.repeat(np.square([0.3e-3, math.radians(0.3)]), 3))
+HOME = np.array([0.02, -0.03, 0.0325])
+ELSEWHERE = np.array([-0.1, 0.05, 0.0325])
+X = np.array([1.0, 0.0, 0.0])
+
+
+def made_fit(position=HOME, rotation=None, *, sure=True, cameras=3, covariance=COVARIANCE):
+    """A fit as of an object in full view, or with many pixels and pieces of edges that do not agree."""
+    seen = np.arange(3)[:, None] < cameras
+    # Pieces of edges: expected, usable, inliers, squares [px²], blur [px].
+    samples = np.where(seen, [40.0, 38.0, 36.0, 0.36, 0.5] if sure else [40.0, 24.0, 12.0, 3.0, 0.5], 0.0)
+    # Pixels: agree, missing, wrong, extra, predicted.
+    counts = np.where(seen, [400, 5, 0, 4, 410] if sure else [200, 120, 60, 60, 410], 0)
+    position = np.array(position, dtype=np.float64)
+    return Fit(position, np.eye(3) if rotation is None else rotation, covariance, samples, True, counts)
+
+
+def follow(track, fits, start=0.0, dt=DT):
+    """Statuses of one fit, or None for none, after the other."""
+    statuses = []
+    for k, fit in enumerate(fits):
+        expected = track.advance(start + k * dt)
+        statuses.append(None if fit is None else track.see(fit, expected))
+    return statuses
+
+
+@pytest.fixture
+def track():
+    """An object that has lain at HOME for a second, up to and including the stamp 1."""
+    result = Track()
+    assert follow(result, [made_fit()] * 11)[-1] is Status.TRACKING
+    return result
+
+
+def test_made_up_fits_are_as_sure_as_they_are_to_be():
+    options = TrackingOptions()
+    assert confidence(made_fit()) > options.sure
+    assert confidence(made_fit(cameras=2)) > options.sure
+    assert confidence(made_fit(sure=False)) < 0.8
+
+
+@pytest.mark.parametrize("sure", [True, False])
+def test_first_is_found_then_tracked_and_after_a_loss_found_again(sure):
+    fit = made_fit(sure=sure)
+    statuses = follow(Track(), [fit, fit, fit, *[None] * 9, fit, fit])
+    assert statuses[:3] == [Status.FOUND, Status.TRACKING, Status.TRACKING]
+    assert statuses[-2:] == [Status.REFOUND, Status.TRACKING]
+
+
+def test_nothing_is_known_before_the_first_measurement():
+    track = Track()
+    assert not track.alive
+    for stamp in (0.0, 0.1, 0.2):
+        assert track.advance(stamp) is None
+        assert track.estimate() is None
+
+
+@pytest.mark.parametrize("stamp", [math.nan, math.inf, -math.inf])
+def test_stamps_that_are_not_finite_are_refused(track, stamp):
+    with pytest.raises(TrackerError, match=rf"timestamp: found {stamp}, expected a finite"):
+        track.advance(stamp)
+    with pytest.raises(TrackerError, match="timestamp"):
+        Track().advance(stamp)
+
+
+def test_stamps_that_go_backwards_are_refused_and_change_nothing(track):
+    twin = Track()
+    follow(twin, [made_fit()] * 11)
+    with pytest.raises(TrackerError, match=r"found 0\.900000 s after 1\.0+ s"):
+        track.advance(0.9)
+    with pytest.raises(TrackerError):
+        track.advance(math.nan)
+    assert track.timestamp == twin.timestamp
+    for one in (track, twin):
+        one.see(made_fit(), one.advance(1.1))
+    np.testing.assert_array_equal(track.estimate().position, twin.estimate().position)
+    np.testing.assert_array_equal(track.estimate().covariance, twin.estimate().covariance)
+
+
+@pytest.mark.parametrize("start", [-5.0, 0.0, 1.7e9])
+def test_where_time_begins_does_not_matter(start):
+    track = Track()
+    statuses = follow(track, [made_fit()] * 3 + [None] * 4 + [made_fit()], start=start)
+    assert statuses[-1] is Status.TRACKING
+    np.testing.assert_allclose(track.estimate().position, HOME, atol=1e-6)
+
+
+@pytest.mark.parametrize("coast", [0.0, 0.25, 0.5, 2.0])
+def test_coasting_ends_when_its_time_is_over(coast):
+    track = Track(TrackingOptions(coast_seconds=coast))
+    follow(track, [made_fit()] * 11)
+    for stamp in np.arange(1.05, 1.0 + coast, 0.05):
+        assert track.advance(stamp) is not None
+        assert track.estimate() is not None
+    assert track.advance(1.0 + coast + 0.01) is None
+    assert track.estimate() is None
+    assert not track.alive
+    for stamp in (5.0, 6.0):
+        assert track.advance(stamp) is None
+        assert track.estimate() is None
+
+
+def test_a_single_long_gap_ends_coasting_too(track):
+    assert track.advance(100.0) is None
+    assert track.estimate() is None
+
+
+def test_confidence_falls_and_spread_grows_while_coasting():
+    track = Track()
+    follow(track, [made_fit(HOME + 0.01 * k * X) for k in range(11)])
+    before = track.estimate()
+    for stamp in (1.1, 1.2, 1.3, 1.4):
+        track.advance(stamp)
+        after = track.estimate()
+        assert np.trace(after.covariance[:3, :3]) > np.trace(before.covariance[:3, :3])
+        assert np.trace(after.covariance[3:, 3:]) > np.trace(before.covariance[3:, 3:])
+        assert after.confidence < before.confidence
+        before = after
+
+
+def test_a_moving_object_is_expected_further_on():
+    track = Track()
+    follow(track, [made_fit(HOME + 0.01 * k * X) for k in range(11)])
+    expected = track.advance(1.1)
+    np.testing.assert_allclose(expected.position, HOME + 0.11 * X, atol=1e-3)
+    np.testing.assert_allclose(track.estimate().velocity, [0.1, 0, 0, 0, 0, 0], atol=0.02)
+
+
+LEAPS = {
+    "shift": (ELSEWHERE, np.eye(3)),
+    "turn": (HOME, so3.exp([0.0, 0.0, math.radians(100)])),
+    "half turn": (HOME, so3.exp([math.pi, 0.0, 0.0])),
+}
+
+
+WIDENS = "at 10 Hz what is plausible has widened beyond the jump by the second image"
+
+
+@pytest.mark.parametrize("leap", LEAPS)
+def test_an_unsure_jump_is_believed_when_the_next_images_confirm_it(track, leap):
+    position, rotation = LEAPS[leap]
+    fit = made_fit(position, rotation, sure=False)
+    assert follow(track, [fit], start=1.1) == [Status.COASTING]
+    kept = track.estimate()
+    np.testing.assert_allclose(kept.position, HOME, atol=1e-3)
+    assert so3.angle_between(kept.rotation, np.eye(3)) < math.radians(1)
+    assert Status.COASTING not in follow(track, [fit, fit], start=1.2)
+    np.testing.assert_allclose(track.estimate().position, position, atol=1e-3)
+    assert so3.angle_between(track.estimate().rotation, rotation) < math.radians(1)
+
+
+@pytest.mark.parametrize("leap", LEAPS)
+def test_a_confirmed_jump_begins_a_motion_anew(track, leap):
+    fit = made_fit(*LEAPS[leap], sure=False)
+    assert follow(track, [fit, fit, fit], start=1.02, dt=0.02) == [
+        Status.COASTING, Status.REFOUND, Status.TRACKING,
+    ]  # fmt: skip
+    assert np.abs(track.estimate().velocity).max() < 0.05
+
+
+@pytest.mark.xfail(strict=True, reason=WIDENS)
+def test_a_jump_that_is_confirmed_at_the_platforms_rate_is_no_motion(track):
+    fit = made_fit(ELSEWHERE, sure=False)
+    follow(track, [fit, fit], start=1.1)
+    assert np.linalg.norm(track.estimate().velocity[:3]) < 0.1
+
+
+@pytest.mark.parametrize("leap", LEAPS)
+def test_a_sure_jump_is_believed_at_once(track, leap):
+    fit = made_fit(*LEAPS[leap])
+    assert follow(track, [fit], start=1.1) == [Status.REFOUND]
+    np.testing.assert_allclose(track.estimate().position, LEAPS[leap][0], atol=1e-6)
+    np.testing.assert_array_equal(track.estimate().velocity, 0)
+
+
+def test_jumps_that_do_not_confirm_each_other_are_not_believed(track):
+    places = [ELSEWHERE, -ELSEWHERE, ELSEWHERE * [1, -1, 1], HOME * [-3, 3, 1]]
+    statuses = follow(track, [made_fit(place, sure=False) for place in places], start=1.01, dt=0.01)
+    assert statuses == [Status.COASTING] * 4
+    np.testing.assert_allclose(track.estimate().position, HOME, atol=1e-3)
+
+
+@pytest.mark.xfail(strict=True, reason=WIDENS)
+def test_jumps_that_do_not_confirm_each_other_are_not_believed_at_the_platforms_rate(track):
+    places = [ELSEWHERE, ELSEWHERE * [1, -1, 1]]
+    statuses = follow(track, [made_fit(place, sure=False) for place in places], start=1.1)
+    assert statuses == [Status.COASTING] * 2
+
+
+def test_a_jump_that_is_taken_back_leaves_no_trace(track):
+    false, true = made_fit(ELSEWHERE, sure=False), made_fit()
+    statuses = follow(track, [false, true, false, true], start=1.1)
+    assert statuses == [Status.COASTING, Status.TRACKING] * 2
+    np.testing.assert_allclose(track.estimate().position, HOME, atol=1e-4)
+
+
+def test_unbelieved_measurements_do_not_keep_a_track_alive(track):
+    for k in range(1, 9):
+        expected = track.advance(1.0 + k * DT)
+        if expected is None:
+            break
+        place = np.array([0.6 + k, (-1.0) ** k, 0.0])
+        assert track.see(made_fit(place, sure=False), expected) is Status.COASTING
+    assert k == 6
+    assert track.estimate() is None
+
+
+def test_a_lost_object_may_come_back_anywhere_however_unsure(track):
+    assert track.advance(2.0) is None
+    assert track.see(made_fit(ELSEWHERE, sure=False), None) is Status.REFOUND
+    np.testing.assert_allclose(track.estimate().position, ELSEWHERE, atol=1e-9)
+
+
+def test_what_is_plausible_widens_with_time_and_narrows_for_one_camera(track):
+    aside = HOME + 0.08 * X
+    expected = track.advance(1.01)
+    assert not track.plausible(expected, made_fit(aside))
+    assert track.plausible(expected, made_fit(HOME + 0.03 * X))
+    assert not track.plausible(expected, made_fit(HOME + 0.03 * X, cameras=1))
+    expected = track.advance(1.3)
+    assert track.plausible(expected, made_fit(aside))
+    assert not track.plausible(expected, made_fit(aside + 0.3 * X))
+
+
+def test_last_pose_is_the_last_measurement(track):
+    rotation = random_rotations(np.random.default_rng(1), 1)[0]
+    track.see(made_fit(ELSEWHERE, rotation), track.advance(1.1))
+    np.testing.assert_array_equal(track.last_pose[0], rotation)
+    np.testing.assert_array_equal(track.last_pose[1], ELSEWHERE)
+    assert track.see(made_fit(HOME, sure=False), track.advance(1.11)) is Status.COASTING
+    np.testing.assert_array_equal(track.last_pose[1], ELSEWHERE)
+
+
+def test_estimate_is_surer_than_one_measurement_of_an_object_at_rest(track):
+    fit = made_fit()
+    estimate = track.estimate()
+    assert np.trace(estimate.covariance[:3, :3]) < np.trace(fit.covariance[:3, :3])
+    assert estimate.confidence >= 0.99 * confidence(fit)
+    assert 0 <= estimate.confidence <= 1
+
+
+def test_estimates_are_read_only_and_do_not_change_later(track):
+    estimate = track.estimate()
+    for key in ("position", "orientation", "covariance", "velocity", "velocity_covariance"):
+        with pytest.raises(ValueError, match="read-only"):
+            getattr(estimate, key)[0] = 1.0
+    copy = estimate.position.copy()
+    track.see(made_fit(HOME + 0.01 * X), track.advance(1.1))
+    np.testing.assert_array_equal(estimate.position, copy)
+
+
+def test_measured_pose_is_that_of_the_fit():
+    fit = made_fit(rotation=random_rotations(np.random.default_rng(2), 1)[0])
+    pose = measured(fit)
+    np.testing.assert_array_equal(pose.position, fit.position)
+    np.testing.assert_allclose(pose.rotation, fit.rotation, atol=1e-12)
+    np.testing.assert_array_equal(pose.covariance, fit.covariance)
+    assert pose.confidence == confidence(fit)
+
+
+def test_options_cannot_be_changed():
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        TrackingOptions().sure = 0.1

@@ -1,0 +1,75 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tracker.watch import BLACK, EVERY, Watch
+
+
+def noise(rng, low=0, high=256):
+    return rng.integers(low, high, (90, 90, 3)).astype(np.uint8)
+
+
+def given(images):
+    return [image is not None for image in images]
+
+
+def test_watch_gives_the_images_it_was_given(rng):
+    watch = Watch(3)
+    for _ in range(5):
+        images = [noise(rng), None, noise(rng)]
+        for one, other in zip(watch.usable(images), images, strict=True):
+            assert one is other
+
+
+def test_watch_leaves_out_what_repeats_while_others_change(rng):
+    watch, frozen = Watch(3), noise(rng)
+    assert given(watch.usable([frozen, noise(rng), noise(rng)])) == [True] * 3
+    for _ in range(3):
+        assert given(watch.usable([frozen.copy(), noise(rng), noise(rng)])) == [False, True, True]
+    assert given(watch.usable([noise(rng), noise(rng), noise(rng)])) == [True] * 3
+
+
+def test_watch_remembers_a_camera_beyond_images_it_did_not_give(rng):
+    watch, frozen = Watch(2), noise(rng)
+    watch.usable([frozen, noise(rng)])
+    watch.usable([None, noise(rng)])
+    assert given(watch.usable([frozen, noise(rng)])) == [False, True]
+
+
+def test_watch_keeps_all_where_none_has_changed(rng):
+    watch, images = Watch(3), [noise(rng) for _ in range(3)]
+    for _ in range(3):
+        assert given(watch.usable([image.copy() for image in images])) == [True] * 3
+
+
+@pytest.mark.xfail(strict=True, reason="a black image that flickers counts as one that changes")
+def test_watch_keeps_all_of_a_still_picture_beside_a_black_camera(rng):
+    watch = Watch(3)
+    images = [noise(rng), noise(rng)]
+    for level in (3, 7, 3, 7):
+        # Its noise changes, but tells nothing.
+        black = noise(rng, 0, level)
+        assert given(watch.usable([*images, black])) == [True, True, False]
+
+
+def test_watch_leaves_out_black_images(rng):
+    dark, dim = noise(rng, 0, BLACK), noise(rng, 0, 3 * BLACK)
+    assert given(Watch(3).usable([dark, dim, noise(rng)])) == [False, True, True]
+
+
+def test_watch_looks_at_a_cameras_light_now_and_then(rng):
+    watch = Watch(1)
+    first, second = noise(rng, 0, 60), noise(rng, 100, 256)
+    known = watch.light(0, first)
+    seen = [watch.light(0, second) is known for _ in range(EVERY)]
+    assert seen == [True] * (EVERY - 1) + [False]
+
+
+@pytest.mark.xfail(strict=True, reason="a camera without noise that sees nothing move is taken for frozen")
+def test_watch_keeps_still_pictures_without_noise_while_something_moves_in_one():
+    watch = Watch(3)
+    images = [np.full((90, 90, 3), 100 + 10 * c, np.uint8) for c in range(3)]
+    for k in range(4):
+        images[0][10:50, 10 + 9 * k : 40 + 9 * k] = 200
+        assert given(watch.usable(images)) == [True] * 3
