@@ -1,8 +1,8 @@
 """Frames of the simulated platform in memory: pictures, labels and the exact truth.
 
 A frame depends on the seed and its number alone: not on how many are asked for, in which order, or by how
-many workers. Frames of a sequence come in chunks of CHUNK, each a motion of its own that is simulated from
-its start.
+many workers. Frames of a sequence come in chunks of one length, each a motion of its own that is simulated
+from its start.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from tracker.errors import TrackerError
 from tracker.geometry import so3
 
 CHUNK = 100
-"""Frames of a sequence that are one motion."""
+"""Frames of a sequence that are one motion, by default."""
 
 PERIOD = 0.1
 """Time between the stamps of single scenes [s]."""
@@ -73,6 +73,8 @@ class FrameOptions:
     """None: as the quality says."""
     empty: float = EMPTY_SHARE
     """Share of single scenes without an object."""
+    length: int = CHUNK
+    """Frames of a sequence that are one motion."""
 
     def __post_init__(self) -> None:
         valid = {"quality": tuple(QUALITIES), "size": (270, 540)}
@@ -86,11 +88,13 @@ class FrameOptions:
             raise DatasetError(f"dropped: found {self.dropped:g}, expected 0 to 0.3")
         if not 0.1 <= self.rate <= 1000:
             raise DatasetError(f"rate: found {self.rate:g}, expected 0.1 to 1000 Hz")
+        if self.length < 1:
+            raise DatasetError(f"length: found {self.length}, expected 1 or more")
 
     @property
     def chunk(self) -> int:
         """Number of frames that must be made in order."""
-        return CHUNK if self.sequence else 1
+        return self.length if self.sequence else 1
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -169,8 +173,14 @@ class FrameMaker:
         """Free the simulation; the renderer stays, one for each process."""
         self._stack.close()
 
-    def chunk(self, number: int, wanted: Container[int] | None = None) -> Iterator[Frame]:
-        """The frames of a chunk in order, or those whose numbers are wanted."""
+    def chunk(
+        self, number: int, wanted: Container[int] | None = None, emptied: Container[int] = ()
+    ) -> Iterator[Frame]:
+        """The frames of a chunk in order, or those whose numbers are wanted.
+
+        Those whose numbers are in `emptied` are given a second time, after the first if that is wanted, with
+        the same light, fingers and noise but without any object.
+        """
         rng = self._rng(_CAMERAS, number)
         sensor = self._quality.sensor(rng, self.options.path)
         settings = [sensor.settings(rng) for _ in self.rig]
@@ -178,6 +188,8 @@ class FrameMaker:
         for index, (timestamp, scene) in enumerate(self._scenes(number), start=first):
             if wanted is None or index in wanted:
                 yield self._frame(index, timestamp, scene, sensor, settings)
+            if index in emptied:
+                yield self._frame(index, timestamp, scene.emptied(), sensor, settings)
 
     def of_scene(self, number: int, scene: PlatformScene) -> Frame:
         """A frame of a scene made elsewhere."""
@@ -201,7 +213,7 @@ class FrameMaker:
         from synthetic.motion import sequence as motion_sequence
 
         # Dropped frames: more time than undisturbed frames would take.
-        seconds = (1.2 * CHUNK / (1.0 - options.dropped) + 10.0) / options.rate
+        seconds = (1.2 * options.length / (1.0 - options.dropped) + 10.0) / options.rate
         steps = motion_sequence(
             self._platform,
             rng,
@@ -210,7 +222,7 @@ class FrameMaker:
             kind=options.kind,
             dropped=options.dropped,
         )
-        for timestamp, scene in itertools.islice(steps, CHUNK):
+        for timestamp, scene in itertools.islice(steps, options.length):
             yield number * seconds + timestamp, scene
 
     def _frame(

@@ -6,6 +6,7 @@ colours are linear blue-green-red reflectances from 0 to 1.
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -99,3 +100,9 @@ class PlatformScene:
     """(9,) joint angles [rad]."""
     about: dict[str, Any] = field(default_factory=dict)
     """What kind of scene it is, for the ground truth file (JSON values only)."""
+
+    def emptied(self) -> PlatformScene:
+        """The same without its objects."""
+        gone = {state.name for state in self.objects}
+        bodies = tuple(body for body in self.bodies if body.name not in gone)
+        return dataclasses.replace(self, bodies=bodies, objects=())

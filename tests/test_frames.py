@@ -41,6 +41,35 @@ def test_a_sequence_can_be_entered_anywhere():
     assert all(a.timestamp < b.timestamp for a, b in itertools.pairwise(whole))
 
 
+def test_a_motion_is_as_long_as_asked_for():
+    from synthetic.frames import FrameMaker, FrameOptions
+    from tracker.errors import TrackerError
+
+    with FrameMaker(FrameOptions("cube_v2", 5, "fast", sequence=True, kind="push", length=3)) as maker:
+        frames = list(maker.chunk(1))
+        assert [frame.index for frame in frames] == [3, 4, 5]
+    with pytest.raises(TrackerError, match="length: found 0"):
+        FrameOptions("cube_v2", 5, length=0)
+
+
+def test_an_emptied_frame_differs_by_its_object_alone():
+    from synthetic.frames import FrameMaker, FrameOptions
+
+    options = FrameOptions("cube_v2", 5, "fast", sequence=True, kind="push", length=2, shadows=False)
+    with FrameMaker(options) as maker:
+        whole, empty = maker.chunk(0, {1}, {1})
+    assert (whole.index, empty.index) == (1, 1)
+    assert whole.timestamp == empty.timestamp
+    assert len(whole.objects) == 1
+    assert empty.objects == ()
+    assert not empty.visible_fraction.any()
+    assert not any(layer.any() for layer in empty.labels)
+    for one, other, layer in zip(whole.images, empty.images, whole.labels, strict=True):
+        far = cv2.dilate((layer > 0).astype(np.uint8), np.ones((41, 41))) == 0
+        assert np.abs(one.astype(int) - other)[far].mean() < 2
+        assert np.abs(one.astype(int) - other)[layer > 0].mean() > 10
+
+
 def test_pictures_labels_and_truth_fit_together():
     for frame in make(3, empty=0.0):
         truth = frame.truth(("camera60", "camera180", "camera300"))
