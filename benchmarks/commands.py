@@ -22,6 +22,11 @@ from benchmarks.dice import DiceOptions, measure_dice
 from benchmarks.dice_scenes import SEED as DICE_SEED
 from benchmarks.dice_tables import dice_targets
 from benchmarks.dice_worst import write_worst_dice
+from benchmarks.film_plot import write_film_plot
+from benchmarks.film_tables import film_targets
+from benchmarks.film_tracking import QUICK as QUICK_FILMS
+from benchmarks.film_tracking import FilmOptions, measure_films
+from benchmarks.films import SEED as FILM_SEED
 from benchmarks.recorded import pose_rows, segmentation_rows
 from benchmarks.records import (
     RESULTS_FILE,
@@ -143,6 +148,25 @@ def dice(quick: bool, real: Path, output: Path, workers: int, cache: Path, seed:
     _finish(results, output)
 
 
+@click.command()
+@_quick
+@_output
+@_workers
+@_cache
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=FILM_SEED,
+    show_default=True,
+    help="Of the films; nothing is ever adjusted with the default.",
+)
+def films(quick: bool, output: Path, workers: int, cache: Path, seed: int) -> None:
+    """Tracking over time: accuracy, losses, single cameras, a vanishing object, and time."""
+    results = _begun(output, quick)
+    _add_films(results, output, _film_options(quick, workers, cache, seed))
+    _finish(results, output)
+
+
 @click.command(name="all")
 @_quick
 @_real
@@ -150,12 +174,13 @@ def dice(quick: bool, real: Path, output: Path, workers: int, cache: Path, seed:
 @_scene_options
 @click.option("--publish", is_flag=True, help="Write benchmarks/results.md as well.")
 def everything(quick: bool, real: Path, output: Path, publish: bool, **chosen: Any) -> None:
-    """Accuracy, speed, dice and report."""
+    """Accuracy, speed, films, dice and report."""
     results = _begun(output, quick)
     # Before the caches are hot and the disk busy with pictures.
     _add_speed(results, quick, real)
     options = _options(quick, **chosen)
     _add_accuracy(results, output, options, real)
+    _add_films(results, output, _film_options(quick, options.workers, options.cache))
     _add_dice(results, output, _dice_options(quick, options.workers, options.cache), real)
     _finish(results, output)
     click.echo(f"{write_report(output)}", err=True)
@@ -212,6 +237,11 @@ def _dice_options(quick: bool, workers: int, cache: Path, seed: int = DICE_SEED)
     return dataclasses.replace(options, seed=seed, workers=workers, cache=cache)
 
 
+def _film_options(quick: bool, workers: int, cache: Path, seed: int = FILM_SEED) -> FilmOptions:
+    options = QUICK_FILMS if quick else FilmOptions()
+    return dataclasses.replace(options, seed=seed, workers=workers, cache=cache)
+
+
 def _begun(output: Path, quick: bool) -> Results:
     """Results of the folder that this run adds to: of the same commit and kind, else new ones."""
     about = {"commit": _commit(), "processor": _processor(), "seed": SEED, "quick": quick}
@@ -265,8 +295,15 @@ def _add_dice(results: Results, output: Path, options: DiceOptions, real: Path) 
     click.echo(write_worst_dice(judged, options, output), err=True)
 
 
+def _add_films(results: Results, output: Path, options: FilmOptions) -> None:
+    results["films"], shown = measure_films(options, lambda line: click.echo(line, err=True))
+    output.mkdir(parents=True, exist_ok=True)
+    click.echo(write_film_plot(shown, output), err=True)
+
+
 def _finish(results: Results, output: Path) -> None:
     results["targets"] = evaluate(records_of(results), results.get("speed"))
+    results["targets"] += film_targets(results.get("films", {}).get("figures", {}))
     results["targets"] += dice_targets(results.get("dice", {}).get("figures", {}))
     output.mkdir(parents=True, exist_ok=True)
     write_results(output / RESULTS_FILE, results)

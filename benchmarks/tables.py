@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.dice_tables import dice_markdown
+from benchmarks.film_tables import film_markdown
 from benchmarks.records import Results
 from benchmarks.speed_tables import speed_tables
 from benchmarks.summary_tables import summary_tables, target_rows
@@ -59,6 +60,8 @@ def results_markdown(results: Results, notes: Path = NOTES) -> str:
         parts += ["## Recorded triplets", recorded_table(results["recorded"]["triplets"]).markdown()]
     if results.get("segmentation"):
         parts += ["## Segmentation", segmentation_table(results["segmentation"]["objects"]).markdown()]
+    if results.get("films"):
+        parts += ["## Over time", *film_markdown(results["films"])]
     if results.get("dice"):
         parts += ["## Dice", *dice_markdown(results["dice"])]
     if results.get("speed"):
