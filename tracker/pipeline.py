@@ -105,6 +105,7 @@ class ObjectTracker:
         """Forget what `update` remembers: the next images are the first of another recording."""
         self._track = Track(self._track.options)
         self._watch = Watch(len(self.rig))
+        self._estimator.forget()
 
     def update(self, images: Sequence[Image | None], timestamp: float) -> Observation:
         """The object's pose in the next set of images, with the memory of those before.
@@ -115,7 +116,7 @@ class ObjectTracker:
         somewhere else all of a sudden is believed if it is sure, or if the next images confirm it.
 
         Images with the stamp of those before are not used twice: the answer is the same as before. A camera
-        whose image has not changed while another's has, or is black, counts as one that gave none.
+        whose image is black, or the same as before down to its noise, counts as one that gave none.
 
         Args:
             images: as for `detect`, but all may be None.

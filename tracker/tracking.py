@@ -36,7 +36,7 @@ class TrackingOptions:
     lonely: float = 0.85
     """… and the probability that it is right to 20 mm and 5°, without which it is not believed then."""
     agree: tuple[float, float] = (0.02, math.radians(15))
-    """Difference of two measurements that agree [m, rad], plus `speed` for every second between them."""
+    """Difference of two measurements that agree [m, rad], plus half of `speed` for every second between."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +63,7 @@ class Track:
         self._seen: float | None = None
         self._trust = 0.0
         self._pending: _Pending | None = None
+        self._step = 0.0
 
     @property
     def alive(self) -> bool:
@@ -83,6 +84,7 @@ class Track:
                 "reset() begins another recording"
             )
         last, self.timestamp = self.timestamp, float(timestamp)
+        self._step = 0.0 if last is None else self.timestamp - last
         if self._seen is None or last is None:
             return None
         if timestamp - self._seen > self.options.coast_seconds:
@@ -103,7 +105,8 @@ class Track:
         """Whether a measurement may come from an object that was expected there."""
         assert self.timestamp is not None
         assert self._seen is not None
-        seconds = self.timestamp - self._seen
+        # Images that showed it elsewhere are none in which it was hidden, and could go far unseen.
+        seconds = self._step if self._pending is not None else self.timestamp - self._seen
         shift = float(np.linalg.norm(fit.position - expected.position))
         turn = _angle(fit.rotation, expected.rotation)
         share = self.options.alone if _alone(fit) else 1.0
@@ -143,7 +146,7 @@ class Track:
         shift = float(np.linalg.norm(fit.position - self._pending.position))
         turn = _angle(fit.rotation, self._pending.rotation)
         return all(
-            difference <= limit + speed * seconds
+            difference <= limit + 0.5 * speed * seconds
             for difference, limit, speed in zip(
                 (shift, turn), self.options.agree, self.options.speed, strict=True
             )

@@ -16,6 +16,9 @@ EVERY = 5
 ROWS = 12
 """Rows of pixels that tell whether an image has changed."""
 
+NOISELESS = 0.5
+"""Standard deviation of an image's noise [levels] up to which it may stay the same."""
+
 BLACK = 12
 """Level that some pixel of an image must exceed [levels]."""
 
@@ -29,24 +32,18 @@ class Watch:
         self._ages = [EVERY * c // max(cameras, 1) for c in range(cameras)]
 
     def usable(self, images: Sequence[Image | None]) -> list[Image | None]:
-        """The images but those that are black, or frozen: the same as before while others have changed."""
-        result = list(images)
-        same = []
-        for c, image in enumerate(images):
-            if image is None:
-                continue
-            step = max(image.shape[0] // ROWS, 1)
-            sample = image[step // 2 :: step].copy()
-            if sample.max() < BLACK:
-                result[c] = None
-            before, self._samples[c] = self._samples[c], sample
-            same.append((c, before is not None and np.array_equal(before, sample)))
-        # Where no image has changed nothing has moved: pictures of a simulation have no noise.
-        if not all(unchanged for _, unchanged in same):
-            for c, unchanged in same:
-                if unchanged:
-                    result[c] = None
-        return result
+        """The images but those that are black, or frozen: the same as before down to their noise."""
+        return [None if image is None else self._usable(c, image) for c, image in enumerate(images)]
+
+    def _usable(self, c: int, image: Image) -> Image | None:
+        step = max(image.shape[0] // ROWS, 1)
+        sample = image[step // 2 :: step].copy()
+        before, self._samples[c] = self._samples[c], sample
+        if sample.max() < BLACK:
+            return None
+        # Pictures of a simulation have no noise: those of a scene at rest are the same.
+        unchanged = before is not None and np.array_equal(before, sample)
+        return None if unchanged and noise_level(image) > NOISELESS else image
 
     def light(self, c: int, image: Image) -> tuple[Light, bool]:
         """Light of camera c's image, and whether it is loud: as looked at not more than EVERY images ago."""

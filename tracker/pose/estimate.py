@@ -112,7 +112,14 @@ class PoseEstimator:
     def follow(self, views: Sequence[Evidence | None], rotation: FloatArray, position: FloatArray) -> Fit:
         """The fit nearest to a predicted pose (3, 3), (3,) [m]; a prediction off by a few pixels will do."""
         self._show(views)
-        return self.refine(rotation, position, FOLLOWING, self.blur)
+        fit = self.refine(rotation, position, FOLLOWING, self._blur)
+        measured = fit.samples[self.used, BLUR] / self.refiner.scales[self.used]
+        self._blur = float(np.median(measured)) if fit.converged else TUNING.start_blur
+        return fit
+
+    def forget(self) -> None:
+        """The next images to follow in are of another recording."""
+        self._blur = TUNING.start_blur
 
     def follow_far(self, hypotheses: Sequence[Hypothesis]) -> Fit | None:
         """As `follow`, in the same views, from the best of poses that may be off by 3 cm and 30°."""
@@ -149,8 +156,6 @@ class PoseEstimator:
         rotation, position, covariance, samples, converged = self.refiner.refine(
             self.used, rotation, position, schedule, blur
         )
-        measured = samples[self.used, BLUR] / self.refiner.scales[self.used]
-        self._blur = float(np.median(measured)) if converged else TUNING.start_blur
         counts = np.empty((len(self.used), 5), np.int64)
         align.explain(
             self.small, self.labels, self.used, self.box.half, self.box.face_labels, rotation, position,

@@ -73,16 +73,38 @@ def _exp(vector, out):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def _log(rotation, out):  # type: ignore[no-untyped-def]
-    """Out (3,) = rotation vector of a rotation (3, 3); good up to nearly π."""
+def quaternion(rotation):  # type: ignore[no-untyped-def]
+    """Unit quaternion (4,) xyzw, w ≥ 0, of a rotation (3, 3): `so3.quaternion_from_matrix`, compiled."""
+    q = np.empty(4)
     trace = rotation[0, 0] + rotation[1, 1] + rotation[2, 2]
-    x = rotation[2, 1] - rotation[1, 2]
-    y = rotation[0, 2] - rotation[2, 0]
-    z = rotation[1, 0] - rotation[0, 1]
-    sine = 0.5 * math.sqrt(x * x + y * y + z * z)
-    angle = math.atan2(sine, 0.5 * (trace - 1.0))
-    factor = 0.5 + angle * angle / 12.0 if sine < 1e-6 else 0.5 * angle / sine
-    out[0], out[1], out[2] = factor * x, factor * y, factor * z
+    k = 3
+    largest = trace
+    for i in range(3):
+        if rotation[i, i] > largest:
+            k, largest = i, rotation[i, i]
+    if k == 3:
+        q[3] = 1.0 + trace
+        for i in range(3):
+            a, b = (i + 1) % 3, (i + 2) % 3
+            q[i] = rotation[b, a] - rotation[a, b]
+    else:
+        a, b = (k + 1) % 3, (k + 2) % 3
+        q[k] = 1.0 + rotation[k, k] - rotation[a, a] - rotation[b, b]
+        q[a] = rotation[a, k] + rotation[k, a]
+        q[b] = rotation[b, k] + rotation[k, b]
+        q[3] = rotation[b, a] - rotation[a, b]
+    length = math.sqrt(np.sum(q * q))
+    return q / (length if q[3] >= 0.0 else -length)
+
+
+@numba.njit(cache=True, nogil=True)
+def _log(rotation, out):  # type: ignore[no-untyped-def]
+    """Out (3,) = rotation vector of a rotation (3, 3), at any angle."""
+    q = quaternion(rotation)
+    sine = math.sqrt(q[0] ** 2 + q[1] ** 2 + q[2] ** 2)
+    factor = 2.0 if sine < 1e-9 else 2.0 * math.atan2(sine, q[3]) / sine
+    for i in range(3):
+        out[i] = factor * q[i]
 
 
 @numba.njit(cache=True, nogil=True)
@@ -195,31 +217,6 @@ def combine(weights, p, r, v, covariance, error, whole):  # type: ignore[no-unty
         off = errors[k] - error
         whole += weights[k] * (covariance[k] + np.outer(off, off))
     return best
-
-
-@numba.njit(cache=True, nogil=True)
-def quaternion(rotation):  # type: ignore[no-untyped-def]
-    """Unit quaternion (4,) xyzw, w ≥ 0, of a rotation (3, 3): `so3.quaternion_from_matrix`, compiled."""
-    q = np.empty(4)
-    trace = rotation[0, 0] + rotation[1, 1] + rotation[2, 2]
-    k = 3
-    largest = trace
-    for i in range(3):
-        if rotation[i, i] > largest:
-            k, largest = i, rotation[i, i]
-    if k == 3:
-        q[3] = 1.0 + trace
-        for i in range(3):
-            a, b = (i + 1) % 3, (i + 2) % 3
-            q[i] = rotation[b, a] - rotation[a, b]
-    else:
-        a, b = (k + 1) % 3, (k + 2) % 3
-        q[k] = 1.0 + rotation[k, k] - rotation[a, a] - rotation[b, b]
-        q[a] = rotation[a, k] + rotation[k, a]
-        q[b] = rotation[b, k] + rotation[k, b]
-        q[3] = rotation[b, a] - rotation[a, b]
-    length = math.sqrt(np.sum(q * q))
-    return q / (length if q[3] >= 0.0 else -length)
 
 
 @dataclass(frozen=True, eq=False)
