@@ -61,6 +61,17 @@ def test_log_of_a_half_turn_is_not_small(below, rng):
         assert np.linalg.norm(log(so3.exp(vector))) == pytest.approx(np.pi, abs=1e-5)
 
 
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-3, 1.0, 2.0, np.pi - 1e-9, np.pi])
+def test_compiled_quaternion_is_that_of_so3(angle, rng):
+    for axis in [*np.eye(3), *-np.eye(3), *rng.normal(size=(20, 3))]:
+        rotation = so3.exp(angle * axis / np.linalg.norm(axis))
+        compiled, expected = motion.quaternion(rotation), so3.quaternion_from_matrix(rotation)
+        assert compiled[3] >= 0
+        # The sign of a half turn hangs on rounding.
+        expected = expected * (np.sign(compiled @ expected) if expected[3] < 1e-12 else 1.0)
+        np.testing.assert_allclose(compiled, expected, atol=1e-15)
+
+
 def predicted(p, r, v, covariance, dt, motions=PUSHED):
     """One kind's state and covariance after `motion.predict`."""
     p, r, v, covariance = p[None].copy(), r[None].copy(), v[None].copy(), covariance[None].copy()
@@ -115,3 +126,56 @@ def test_two_half_steps_of_one_kind_are_one_step(rng):
     halves = predicted(*predicted(*start, DT / 2), DT / 2)
     for one, other in zip(whole, halves, strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-12)
+
+
+def kinds(rng, count=3):
+    """States of so many kinds of motion that differ a little, with their weights and covariances."""
+    weights = rng.dirichlet(np.ones(count))
+    root = 1e-3 * rng.normal(size=(count, STATE, STATE))
+    p, v = 1e-3 * rng.normal(size=(count, 3)), 0.1 * rng.normal(size=(count, 6))
+    r = so3.exp(1e-3 * rng.normal(size=(count, 3))) @ random_rotations(rng, 1)
+    return weights, p, r, v, root @ np.swapaxes(root, 1, 2)
+
+
+def moments(weights, p, r, v, covariance):
+    """Mean, as an error from the origin and the first rotation, and covariance of all kinds together."""
+    means = np.concatenate([p, so3.log(r @ r[0].T), v], axis=1)
+    mean = weights @ means
+    spread = sum(
+        w * (c + np.outer(m - mean, m - mean)) for w, c, m in zip(weights, covariance, means, strict=True)
+    )
+    return mean, spread
+
+
+def test_all_kinds_together_have_the_mean_and_the_spread_of_their_mixture(rng):
+    weights, p, r, v, covariance = kinds(rng)
+    order = np.argsort(-weights)
+    weights, p, r, v, covariance = (np.ascontiguousarray(a[order]) for a in (weights, p, r, v, covariance))
+    error, whole = np.empty(STATE), np.empty((STATE, STATE))
+    assert motion.combine(weights, p, r, v, covariance, error, whole) == 0
+    mean, spread = moments(weights, p, r, v, covariance)
+    np.testing.assert_allclose(np.concatenate([p[0], np.zeros(3), v[0]]) + error, mean, atol=1e-12)
+    np.testing.assert_allclose(whole, spread, atol=1e-12)
+
+
+def test_kinds_that_change_into_each_other_keep_their_mean_and_spread(rng):
+    weights, p, r, v, covariance = kinds(rng)
+    first = r[0].copy()
+    before = moments(weights, p, r, v, covariance)
+    transition = rng.dirichlet(np.ones(3), 3)
+    expected = transition.T @ weights
+    motion.mix(weights, transition, p, r, v, covariance)
+    np.testing.assert_allclose(weights, expected, rtol=1e-12)
+    after = moments(weights, p, r, v, covariance)
+    # About another first rotation.
+    mean = after[0] + np.concatenate([np.zeros(3), so3.log(r[0] @ first.T), np.zeros(6)])
+    np.testing.assert_allclose(mean, before[0], atol=2e-6)
+    np.testing.assert_allclose(after[1], before[1], atol=1e-6)
+
+
+def test_kinds_that_keep_to_themselves_are_not_changed_by_mixing(rng):
+    states = kinds(rng)
+    copies = [array.copy() for array in states]
+    motion.mix(states[0], np.eye(3), *states[1:])
+    for array, copy in zip(states, copies, strict=True):
+        np.testing.assert_allclose(array, copy, rtol=1e-12, atol=1e-15)

@@ -297,3 +297,22 @@ def test_any_accuracy_and_any_gap_give_finite_answers(size, gap):
         state = filtered.state
         for key in ("position", "rotation", "velocity", "covariance", "at_rest"):
             assert np.isfinite(getattr(state, key)).all()
+
+
+def test_only_the_white_share_of_the_covariance_averages_away():
+    filtered = MotionFilter()
+    filtered.start(np.zeros(3), np.eye(3), NOISE)
+    filtered.predict(1e-9)
+    filtered.update(np.zeros(3), np.eye(3), NOISE)
+    left = np.diag(filtered.state.covariance[:6, :6]) / np.diag(NOISE)
+    np.testing.assert_allclose(left, CONSTANT + (1 - CONSTANT) / 2, rtol=1e-3)
+
+
+def test_an_unseen_object_is_ever_less_surely_at_rest(rng):
+    filtered = settled_at_rest(rng)
+    chances = [filtered.state.at_rest]
+    for _ in range(20):
+        filtered.predict(DT)
+        chances.append(filtered.state.at_rest)
+    assert (np.diff(chances) < 0).all()
+    assert chances[-1] < 0.7

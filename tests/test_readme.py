@@ -17,6 +17,7 @@ from tracker.logs.poses_file import read_poses
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 EXAMPLE = ROOT / "examples" / "detect_cube.py"
 DICE_TASK = ROOT / "examples" / "dice_task.py"
+TRACK = ROOT / "examples" / "track_recording.py"
 TASK_ERRORS = ROOT / "examples" / "task_errors.py"
 STILL = ROOT / "examples" / "still.py"
 BGR = {"red": (40, 50, 190), "green": (60, 150, 70), "blue": (150, 60, 20)}
@@ -51,8 +52,14 @@ def working(demo: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_readme_shows_the_examples():
-    examples = (EXAMPLE, DICE_TASK, TASK_ERRORS)
+    examples = (EXAMPLE, TRACK, DICE_TASK, TASK_ERRORS)
     assert blocks("python") == [path.read_text(encoding="utf-8") for path in examples]
+
+
+def test_the_example_tracks_a_recording(working):
+    result = run_python([TRACK], working)
+    assert result.returncode == 0, result.stderr
+    assert " s  found [" in result.stdout.splitlines()[0]
 
 
 def test_the_dice_example_tells_which_dice_to_move(tmp_path):

@@ -234,6 +234,13 @@ def test_what_is_plausible_widens_with_time_and_narrows_for_one_camera(track):
     assert not track.plausible(expected, made_fit(aside + 0.3 * X))
 
 
+def test_what_one_camera_sees_must_be_sure(track):
+    unsure, sure = made_fit(cameras=1, sure=False), made_fit(cameras=1)
+    assert follow(Track(), [unsure] * 3) == [Status.COASTING] * 3
+    assert follow(Track(), [sure] * 2) == [Status.FOUND, Status.TRACKING]
+    assert follow(track, [unsure, sure], start=1.1) == [Status.COASTING, Status.TRACKING]
+
+
 def test_last_pose_is_the_last_measurement(track):
     rotation = random_rotations(np.random.default_rng(1), 1)[0]
     track.see(made_fit(ELSEWHERE, rotation), track.advance(1.1))

@@ -5,18 +5,21 @@ from tracker.errors import TrackerError
 from tracker.logs import open_log
 from tracker.objects.model import CuboidModel, load_object
 from tracker.pipeline import ObjectTracker
-from tracker.pose.result import Observation, PoseEstimate, Status
+from tracker.pose.result import MotionEstimate, Observation, PoseEstimate, Status
 from tracker.segmentation import ColorModel, load_colors, segment
+from tracker.tracking import TrackingOptions
 
 __all__ = [
     "CameraRig",
     "ColorModel",
     "CuboidModel",
+    "MotionEstimate",
     "ObjectTracker",
     "Observation",
     "PoseEstimate",
     "Status",
     "TrackerError",
+    "TrackingOptions",
     "load_colors",
     "load_object",
     "open_log",

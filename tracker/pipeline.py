@@ -139,6 +139,8 @@ class ObjectTracker:
         else:
             status = self._track.see(outcome, expected)
             pose = measured(outcome) if status is not Status.COASTING else None
+            # It could be elsewhere: found, but not believed yet.
+            reason = Status.AMBIGUOUS if pose is None else None
         filtered = self._track.estimate()
         if pose is None:
             status = Status.LOST if filtered is None else Status.COASTING
@@ -287,7 +289,9 @@ class ObjectTracker:
                     f"image of {camera.name}: {image.shape[1]}×{image.shape[0]} px, but its calibration is "
                     f"for {camera.width}×{camera.height}; CameraRig.resized makes one for another size"
                 )
-            checked.append(np.ascontiguousarray(image))
+            image = np.ascontiguousarray(image)
+            # Compiled code for arrays that cannot be written would be compiled once more.
+            checked.append(image if image.flags.writeable else image.copy())
         if least and all(image is None for image in checked):
             raise ImageError(f"images: all are None; at least one of {', '.join(self.rig.names)} is needed")
         return checked

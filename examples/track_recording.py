@@ -1,0 +1,15 @@
+"""Track a cube through a recording; where the calibration is neither in nor beside it, load your own."""
+
+import tracker
+
+with tracker.open_log("my_recording") as log:
+    follower = tracker.ObjectTracker(
+        tracker.load_object("cube_v2"), log.rig or tracker.CameraRig.load("demo")
+    )
+    for frame in log:
+        observation = follower.update(frame.images, frame.timestamp)
+        pose = observation.filtered_object_pose
+        if pose is None:
+            print(f"{frame.timestamp:.3f} s  {observation.status.value}")
+        else:
+            print(f"{frame.timestamp:.3f} s  {observation.status.value}", pose.position, pose.velocity[:3])
