@@ -44,11 +44,10 @@ def test_watch_remembers_a_camera_beyond_images_it_did_not_give(rng):
     assert given(watch.usable([frozen, noise(rng)])) == [False, True]
 
 
-def test_watch_leaves_out_all_where_all_repeat_their_noise(rng):
+def test_watch_keeps_all_where_all_repeat_their_noise(rng):
     watch, images = Watch(3), [noise(rng) for _ in range(3)]
-    assert given(watch.usable(images)) == [True] * 3
     for _ in range(3):
-        assert given(watch.usable([image.copy() for image in images])) == [False] * 3
+        assert given(watch.usable([image.copy() for image in images])) == [True] * 3
 
 
 def test_watch_keeps_all_where_none_has_noise_and_none_has_changed():

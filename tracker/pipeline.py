@@ -116,7 +116,8 @@ class ObjectTracker:
         somewhere else all of a sudden is believed if it is sure, or if the next images confirm it.
 
         Images with the stamp of those before are not used twice: the answer is the same as before. A camera
-        whose image is black, or the same as before down to its noise, counts as one that gave none.
+        whose image is black, or the same as before down to its noise while others change, counts as one
+        that gave none.
 
         Args:
             images: as for `detect`, but all may be None.

@@ -32,18 +32,27 @@ class Watch:
         self._ages = [EVERY * c // max(cameras, 1) for c in range(cameras)]
 
     def usable(self, images: Sequence[Image | None]) -> list[Image | None]:
-        """The images but those that are black, or frozen: the same as before down to their noise."""
-        return [None if image is None else self._usable(c, image) for c, image in enumerate(images)]
-
-    def _usable(self, c: int, image: Image) -> Image | None:
-        step = max(image.shape[0] // ROWS, 1)
-        sample = image[step // 2 :: step].copy()
-        before, self._samples[c] = self._samples[c], sample
-        if sample.max() < BLACK:
-            return None
-        # Pictures of a simulation have no noise: those of a scene at rest are the same.
-        unchanged = before is not None and np.array_equal(before, sample)
-        return None if unchanged and noise_level(image) > NOISELESS else image
+        """The images but those that are black, or frozen: the same, noise and all, while others change."""
+        result, unchanged = list(images), []
+        others_change = False
+        for c, image in enumerate(images):
+            if image is None:
+                continue
+            step = max(image.shape[0] // ROWS, 1)
+            sample = image[step // 2 :: step].copy()
+            before, self._samples[c] = self._samples[c], sample
+            if sample.max() < BLACK:
+                result[c] = None
+            elif before is not None and np.array_equal(before, sample):
+                unchanged.append(c)
+            else:
+                others_change = True
+        for c in unchanged if others_change else ():
+            image = images[c]
+            # Pictures of a simulation have no noise: where nothing moves in them they are the same.
+            if image is not None and noise_level(image) > NOISELESS:
+                result[c] = None
+        return result
 
     def light(self, c: int, image: Image) -> tuple[Light, bool]:
         """Light of camera c's image, and whether it is loud: as looked at not more than EVERY images ago."""
