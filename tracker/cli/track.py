@@ -9,15 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tracker.cli.calibration import load_rig, optional_calibration_options
+from tracker.cli.calibration import optional_calibration_options, rig_of
 from tracker.cli.progress import bar
 from tracker.cli.table import listing
 from tracker.cli.track_outputs import Outputs, refuse_overwriting, write_film
-from tracker.errors import CalibrationError, TrackerError
+from tracker.errors import TrackerError
 
 if TYPE_CHECKING:
     from tracker.calibration.rig import CameraRig
-    from tracker.logs import Log
     from tracker.recordings import Job, Workers
 
 _FILE = click.Path(path_type=Path)
@@ -175,37 +174,7 @@ def _look(
     from tracker.logs import open_log
 
     with open_log(path, recover=recover) as log:
-        return _rig(path, log, *cameras), len(log)
-
-
-def _rig(path: Path, log: Log, calibration: Sequence[str], pattern: str | None, correct: bool) -> CameraRig:
-    from tracker.calibration.rig import CameraRig
-
-    if calibration:
-        rig = load_rig(calibration, pattern, correct)
-    elif pattern is not None:
-        raise click.UsageError("--pattern says which files of --calibration to take, and that is missing")
-    else:
-        inside = log.rig
-        if inside is None:
-            raise CalibrationError(f"{path}: found no calibration in or beside it, expected --calibration")
-        rig = inside
-        if correct:
-            rig = CameraRig(tuple(one.with_halved_principal_point_corrected() for one in rig))
-    if len(rig) != len(log.camera_names):
-        raise CalibrationError(
-            f"{path}: found images of {', '.join(log.camera_names)}, but a calibration of "
-            f"{', '.join(rig.names)}; expected the same cameras"
-        )
-    if set(rig.names) == set(log.camera_names):
-        rig = CameraRig(tuple(rig[rig.names.index(name)] for name in log.camera_names))
-    for one, (width, height) in zip(rig, log.image_sizes or [(c.width, c.height) for c in rig], strict=True):
-        if (one.width, one.height) != (width, height):
-            raise CalibrationError(
-                f"{path}: found images of {width}×{height} px, but {one.name} is calibrated for "
-                f"{one.width}×{one.height}"
-            )
-    return rig
+        return rig_of(path, log, *cameras), len(log)
 
 
 def _say(message: str) -> None:

@@ -103,6 +103,15 @@ def read_poses(path: str | os.PathLike[str]) -> Poses:
         raise LogError(f"{name}: cannot be read, expected a whole HDF5 file of poses: {reason}") from error
 
 
+def is_poses_file(path: str | os.PathLike[str]) -> bool:
+    """Whether a file says that it is one of poses, whether or not it is whole."""
+    try:
+        with h5py.File(path, "r", locking=False) as file:
+            return hdf5.text(file, "format") == FORMAT
+    except (LogError, OSError, KeyError, RuntimeError, ValueError, TypeError):
+        return False  # what else it is, or what is wrong with it, says who opens it as such
+
+
 def _content(poses: Poses) -> bytes:
     """The file's bytes, made in memory: an hour at 10 Hz has 40 MB before compression."""
     # The layout of HDF5 1.10 (2016) has checksums, and is a fifth of the older one's size in short files.

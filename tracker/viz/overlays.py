@@ -60,6 +60,14 @@ def overlay(
     return np.concatenate([row, strip(row.shape[1], caption(model.name, observation, title))])
 
 
+def visible_edges(view: Camera, model: CuboidModel, pose: PoseEstimate) -> list[FloatArray]:
+    """Lines (N, 2) [px] of the object's edges that it does not hide itself, bent by the lens."""
+    seen = cuboid.visible_faces(model.size, pose.rotation.T @ (view.position - pose.position))
+    corners = pose.position + cuboid.corners(model.size) @ pose.rotation.T
+    edges = [_project_line(view, corners[a], corners[b]) for a, b, f, g in cuboid.EDGES if seen[f] or seen[g]]
+    return [part for edge in edges for part in _finite_parts(edge)]
+
+
 def _draw_object(panel: Image, view: Camera, model: CuboidModel, pose: PoseEstimate) -> None:
     """Tint the faces that the camera sees, and draw their edges and the object's centre."""
     seen = cuboid.visible_faces(model.size, pose.rotation.T @ (view.position - pose.position))
@@ -70,8 +78,7 @@ def _draw_object(panel: Image, view: Camera, model: CuboidModel, pose: PoseEstim
         outline = np.concatenate(sides)
         if np.isfinite(outline).all():
             paint.fill(panel, outline, DISPLAY_COLORS_BGR[model.face_labels[face]].tolist(), _TINT)
-    edges = [_project_line(view, corners[a], corners[b]) for a, b, f, g in cuboid.EDGES if seen[f] or seen[g]]
-    lines = [part for edge in edges for part in _finite_parts(edge)]
+    lines = visible_edges(view, model, pose)
     paint.stroke(panel, lines, paint.BLACK, 3.6, 0.45)
     paint.stroke(panel, lines, paint.WHITE, 1.4)
 

@@ -1,0 +1,260 @@
+"""A recording in time and space, for the viewer Rerun; imported only where that package is there.
+
+    world                      z up [m]
+      arena                    its edge on the table
+      cameras/NAME             pinhole; the lens bends the overlays, which lie in the images as they are
+        image                  as recorded
+        image/measured         the object's edges through the lens; likewise image/filtered
+      measured, filtered       the object: coloured faces of what was measured, a frame of the filtered pose
+      uncertainty/KIND         ellipsoid of the position, two standard deviations
+      trajectory/KIND          one piece a frame; the view shows all pieces so far
+    confidence/KIND, std_mm/KIND, std_deg/KIND, status
+
+What is not there in a frame is cleared: there is never a stale pose.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import cv2
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from tracker.calibration.rig import CameraRig
+from tracker.conventions import Array, FloatArray, Image
+from tracker.errors import ImageError
+from tracker.geometry import cuboid, so3
+from tracker.geometry.camera import Camera
+from tracker.objects.labels import DISPLAY_COLORS_BGR
+from tracker.objects.model import CuboidModel
+from tracker.pose.result import Observation, PoseEstimate, Status
+from tracker.viz.overlays import visible_edges
+
+ARENA_RADIUS = 0.195
+"""Inner radius of the platform's arena at the table [m]."""
+
+SIGMAS = 2.0
+"""Half axes of the ellipsoid, in standard deviations."""
+
+TIME, FRAME = "time", "frame"
+"""Timelines: seconds since the first frame shown, and the frame's number in the recording."""
+
+KINDS = {"measured": (255, 255, 255), "filtered": (255, 170, 60)}
+"""Colour (red, green, blue) of what is drawn of each kind of pose."""
+
+_AXES = {"x": (240, 120, 110), "y": (125, 205, 125), "z": (95, 165, 245)}
+_FACE_ALPHA = 190  # the ellipsoid inside shows through
+_JPEG_QUALITY = 90
+_PLANE_DISTANCE = 0.12  # of the images in space from their camera [m]
+_BAD = {Status.LOST, Status.NO_OBJECT_COLORS, Status.TOO_FEW_PIXELS, Status.INCONSISTENT_VIEWS}
+
+_FLUSH_FRAMES = 100  # so that what waits to be written does not grow
+
+Path = Sequence[str]
+
+
+class Scene:
+    """Sends frames to a stream of Rerun, one by one, and keeps none of them.
+
+    Args:
+        stream: where to; a file or a viewer has been attached to it.
+        rig: the cameras.
+        model: the object.
+    """
+
+    def __init__(self, stream: rr.RecordingStream, rig: CameraRig, model: CuboidModel) -> None:
+        self._stream, self._rig, self._model = stream, rig, model
+        self._start: float | None = None
+        self._shown: set[tuple[str, ...]] = set()
+        self._last: dict[str, FloatArray] = {}
+        self._status: Status | None = None
+        self._count = 0
+        self._set_up()
+
+    def show(
+        self, index: int, timestamp: float, observation: Observation, images: Sequence[Image | None] = ()
+    ) -> None:
+        """Add a frame.
+
+        Args:
+            index: the frame's number in the recording.
+            timestamp: its time [s]; the first one shown counts as 0.
+            observation: what the tracker found.
+            images: (H, W, 3) uint8 BGR of each camera, None where there is none; empty: no images at all.
+
+        Raises:
+            ImageError: an image does not fit the rig.
+            RuntimeError: what was sent before cannot be written.
+        """
+        if self._start is None:
+            self._start = timestamp
+        self._stream.set_time(FRAME, sequence=index)
+        self._stream.set_time(TIME, duration=timestamp - self._start)
+        for camera, image in zip(self._rig, images or [None] * len(self._rig), strict=True):
+            self._put(_image_path(camera), None if image is None else _jpeg(camera, image))
+        poses = {"measured": observation.object_pose, "filtered": observation.filtered_object_pose}
+        for kind, pose in poses.items():
+            self._show_pose(kind, pose)
+        self._show_status(observation.status)
+        self._count += 1
+        if self._count % _FLUSH_FRAMES == 0:
+            self._stream.flush()
+
+    def _show_pose(self, kind: str, pose: PoseEstimate | None) -> None:
+        self._show_object(kind, pose)
+        self._put(("world", "uncertainty", kind), None if pose is None else _ellipsoid(pose, KINDS[kind]))
+        for camera in self._rig:
+            lines = [] if pose is None else visible_edges(camera, self._model, pose)
+            # Rerun's pixels have their corner, not their centre, at whole numbers.
+            strips = rr.LineStrips2D([line + 0.5 for line in lines], colors=[KINDS[kind]], radii=[0.6])
+            self._put((*_image_path(camera), kind), strips if lines else None)
+        last = self._last.pop(kind, None)
+        if pose is not None:
+            self._last[kind] = pose.position
+            if last is not None:
+                piece = rr.LineStrips3D([np.stack([last, pose.position])], colors=[KINDS[kind]], radii=[4e-4])
+                self._log(("world", "trajectory", kind), piece)
+        std = None if pose is None else np.sqrt(np.diag(pose.covariance))
+        self._put(("confidence", kind), None if pose is None else rr.Scalars([pose.confidence]))
+        self._put(("std_mm", kind), None if std is None else rr.Scalars(1e3 * std[:3]))
+        self._put(("std_deg", kind), None if std is None else rr.Scalars(np.degrees(std[3:])))
+
+    def _show_object(self, kind: str, pose: PoseEstimate | None) -> None:
+        path = ("world", kind)
+        if pose is None:
+            self._put(path, None)
+            return
+        if path not in self._shown:  # again after it had been cleared
+            shape = _mesh(self._model) if kind == "measured" else _frame(self._model, KINDS[kind])
+            self._put(path, shape)
+        place = rr.Transform3D(
+            translation=pose.position, quaternion=rr.Quaternion(xyzw=pose.orientation.astype(np.float32))
+        )
+        self._log(path, place)
+
+    def _show_status(self, status: Status) -> None:
+        if status is not self._status:
+            self._status = status
+            level = rr.TextLogLevel.WARN if status in _BAD else rr.TextLogLevel.INFO
+            self._log(("status",), rr.TextLog(status.value, level=level))
+
+    def _set_up(self) -> None:
+        """What does not change."""
+        self._log(("world",), rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        turn = np.linspace(0, 2 * np.pi, 121)
+        circle = ARENA_RADIUS * np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)
+        arena = rr.LineStrips3D([circle], colors=[(130, 130, 130)], radii=[6e-4])
+        self._log(("world", "arena"), arena, static=True)
+        for camera in self._rig:
+            self._log(_image_path(camera)[:-1], *_pinhole(camera), static=True)
+        for kind, color in KINDS.items():
+            self._log(("confidence", kind), rr.SeriesLines(names=[kind], colors=[color]), static=True)
+            for path in ("std_mm", "std_deg"):
+                names = [f"{axis} {kind}" for axis in _AXES]
+                widths = [1.0 if kind == "measured" else 2.0] * 3
+                lines = rr.SeriesLines(names=names, colors=list(_AXES.values()), widths=widths)
+                self._log((path, kind), lines, static=True)
+
+    def _put(self, path: Path, what: Any) -> None:
+        """Show it from this frame on; None: no longer."""
+        path = tuple(path)
+        if what is not None:
+            self._shown.add(path)
+            self._log(path, what)
+        elif path in self._shown:
+            self._shown.remove(path)
+            self._log(path, rr.Clear(recursive=False))
+
+    def _log(self, path: Path, *what: Any, static: bool = False) -> None:
+        self._stream.log(list(path), *what, static=static, strict=True)
+
+
+def layout(rig: CameraRig) -> rrb.Blueprint:
+    """How the viewer arranges it: space, cameras, curves, status."""
+    so_far = rrb.VisibleTimeRanges(
+        timeline=TIME, start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.cursor_relative()
+    )
+    pieces: Any = {f"world/trajectory/{kind}": so_far for kind in KINDS}
+    space = rrb.Spatial3DView(origin="world", name="arena", overrides=pieces)
+    views = [
+        rrb.Spatial2DView(origin=rr.new_entity_path(list(_image_path(camera)[:-1])), name=camera.name)
+        for camera in rig
+    ]
+    curves = [
+        rrb.TimeSeriesView(origin=path, name=name)
+        for path, name in (("confidence", "confidence"), ("std_mm", "std [mm]"), ("std_deg", "std [°]"))
+    ]
+    status = rrb.TextLogView(origin="status", name="status")
+    left = rrb.Vertical(space, rrb.Horizontal(*views), row_shares=[2, 1])
+    right = rrb.Vertical(*curves, status)
+    return rrb.Blueprint(
+        rrb.Horizontal(left, right, column_shares=[2, 1]), rrb.TimePanel(timeline=TIME), collapse_panels=True
+    )
+
+
+def _image_path(camera: Camera) -> tuple[str, ...]:
+    return ("world", "cameras", camera.name, "image")
+
+
+def _pinhole(camera: Camera) -> tuple[Any, Any]:
+    """Place and lens; both have x to the right, y down, z forward, as OpenCV's cameras."""
+    world_from_camera = camera.world_from_camera
+    place = rr.Transform3D(translation=world_from_camera[:3, 3], mat3x3=world_from_camera[:3, :3])
+    matrix = camera.matrix.copy()
+    matrix[:2, 2] += 0.5  # see the strips: corners of pixels are at whole numbers
+    lens = rr.Pinhole(
+        image_from_camera=matrix,
+        resolution=[camera.width, camera.height],
+        camera_xyz=rr.ViewCoordinates.RDF,
+        image_plane_distance=_PLANE_DISTANCE,
+    )
+    return place, lens
+
+
+def _jpeg(camera: Camera, image: Image) -> Any:
+    expected = (camera.height, camera.width, 3)
+    if image.shape != expected or image.dtype != np.uint8:
+        found = f"{image.dtype} {image.shape}"
+        raise ImageError(f"view: {camera.name}: found an image {found}, expected uint8 {expected}")
+    content = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1].tobytes()
+    return rr.EncodedImage(contents=content, media_type="image/jpeg")
+
+
+def _mesh(model: CuboidModel) -> Any:
+    """The object, each face in its colour."""
+    loops = cuboid.FACE_CORNERS
+    triangles = 4 * np.arange(6)[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]])
+    colors = DISPLAY_COLORS_BGR[model.face_labels][:, ::-1]
+    return rr.Mesh3D(
+        vertex_positions=cuboid.corners(model.size)[loops.ravel()],
+        triangle_indices=triangles.reshape(-1, 3),
+        vertex_normals=np.repeat(cuboid.FACE_NORMALS, 4, axis=0),
+        vertex_colors=np.repeat(colors, 4, axis=0),
+        albedo_factor=(255, 255, 255, _FACE_ALPHA),
+    )
+
+
+def _frame(model: CuboidModel, color: tuple[int, int, int]) -> Any:
+    return rr.Boxes3D(half_sizes=[model.size / 2], colors=[color], radii=[5e-4])
+
+
+def _ellipsoid(pose: PoseEstimate, color: tuple[int, int, int]) -> Any:
+    half_axes, orientation = principal_axes(pose.covariance[:3, :3])
+    return rr.Ellipsoids3D(
+        centers=[pose.position],
+        half_sizes=[SIGMAS * half_axes],
+        quaternions=[rr.Quaternion(xyzw=orientation.astype(np.float32))],
+        colors=[color],
+        fill_mode="solid",
+    )
+
+
+def principal_axes(covariance: Array) -> tuple[FloatArray, FloatArray]:
+    """Standard deviations (3,) along the axes of a covariance (3, 3), and the quaternion of these axes."""
+    variances, axes = np.linalg.eigh(covariance)
+    if np.linalg.det(axes) < 0:
+        axes[:, 0] *= -1
+    return np.sqrt(np.maximum(variances, 0)), so3.quaternion_from_matrix(axes)
