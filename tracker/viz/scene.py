@@ -51,6 +51,9 @@ _JPEG_QUALITY = 90
 _PLANE_DISTANCE = 0.12  # of the images in space from their camera [m]
 _BAD = {Status.LOST, Status.NO_OBJECT_COLORS, Status.TOO_FEW_PIXELS, Status.INCONSISTENT_VIEWS}
 
+FLUSH_SECONDS = 30.0
+"""A writer that has failed may not answer at all: so long it is waited for [s]."""
+
 _FLUSH_FRAMES = 100  # so that what waits to be written does not grow
 
 Path = Sequence[str]
@@ -101,7 +104,7 @@ class Scene:
         self._show_status(observation.status)
         self._count += 1
         if self._count % _FLUSH_FRAMES == 0:
-            self._stream.flush()
+            self._stream.flush(timeout_sec=FLUSH_SECONDS)
 
     def _show_pose(self, kind: str, pose: PoseEstimate | None) -> None:
         self._show_object(kind, pose)

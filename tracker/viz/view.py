@@ -56,7 +56,7 @@ def open_scene(path: str | os.PathLike[str] | None, rig: CameraRig, model: Cuboi
     with _silent():
         import rerun as rr
 
-        from tracker.viz.scene import Scene, layout
+        from tracker.viz.scene import FLUSH_SECONDS, Scene, layout
 
     stream = rr.RecordingStream(APPLICATION)
     if target is not None:
@@ -69,7 +69,7 @@ def open_scene(path: str | os.PathLike[str] | None, rig: CameraRig, model: Cuboi
         raise TrackerError(f"the viewer cannot be opened: {error}; -o FILE writes a file") from error
     try:
         yield Scene(stream, rig, model)
-        stream.flush()
+        stream.flush(timeout_sec=FLUSH_SECONDS)
     except RuntimeError as error:
         raise TrackerError(f"the viewer is gone: {error}") from error
     finally:
@@ -85,7 +85,7 @@ def _file(stream: rr.RecordingStream, target: Path, blueprint: rrb.Blueprint) ->
         try:
             stream.save(temporary, default_blueprint=blueprint)
             yield
-            stream.flush()
+            stream.flush(timeout_sec=30.0)
         finally:
             stream.disconnect()
         _check(temporary)
