@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
@@ -63,6 +64,9 @@ def open_scene(path: str | os.PathLike[str] | None, rig: CameraRig, model: Cuboi
         with _file(stream, target, layout(rig)):
             yield Scene(stream, rig, model)
         return
+    # The viewer comes with the package, beside the interpreter, which need not be on the path.
+    scripts = str(Path(sys.executable).parent)
+    os.environ["PATH"] = os.pathsep.join(filter(None, [os.environ.get("PATH", ""), scripts]))
     try:
         stream.spawn(default_blueprint=layout(rig))
     except (OSError, RuntimeError) as error:
