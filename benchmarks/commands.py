@@ -85,6 +85,16 @@ _cache = click.option(
 )
 
 
+def _seed(default: int, what: str) -> Callable[[_Command], _Command]:
+    return click.option(
+        "--seed",
+        type=click.IntRange(min=0),
+        default=default,
+        show_default=True,
+        help=f"Of the {what}; nothing is ever adjusted with the default.",
+    )
+
+
 def _scene_options(command: _Command) -> _Command:
     options = (
         click.option(
@@ -134,13 +144,7 @@ def speed(quick: bool, real: Path, output: Path) -> None:
 @_output
 @_workers
 @_cache
-@click.option(
-    "--seed",
-    type=click.IntRange(min=0),
-    default=DICE_SEED,
-    show_default=True,
-    help="Of the scenes; nothing is ever adjusted with the default.",
-)
+@_seed(DICE_SEED, "scenes")
 def dice(quick: bool, real: Path, output: Path, workers: int, cache: Path, seed: int) -> None:
     """Masks, positions and time of the dice task; the recorded picture where there is one."""
     results = _begun(output, quick)
@@ -153,13 +157,7 @@ def dice(quick: bool, real: Path, output: Path, workers: int, cache: Path, seed:
 @_output
 @_workers
 @_cache
-@click.option(
-    "--seed",
-    type=click.IntRange(min=0),
-    default=FILM_SEED,
-    show_default=True,
-    help="Of the films; nothing is ever adjusted with the default.",
-)
+@_seed(FILM_SEED, "films")
 def films(quick: bool, output: Path, workers: int, cache: Path, seed: int) -> None:
     """Tracking over time: accuracy, losses, single cameras, a vanishing object, and time."""
     results = _begun(output, quick)

@@ -16,7 +16,7 @@ from benchmarks.dice_judging import Answer, View, judge_mask, judge_positions
 from benchmarks.dice_scenes import KINDS, SEED, DiceScene, cross_pixels, dice_store, visible_fractions
 from benchmarks.dice_speed import speed_rows
 from benchmarks.scenes import rig as exact_rig
-from benchmarks.summary import brier_score, reliability
+from benchmarks.summary import brier_score, percent, reliability
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray, Image
 from tracker.geometry.camera import Camera
@@ -177,14 +177,14 @@ def position_row(kind: str, given: str, judged: Sequence[Judged]) -> dict[str, A
     bins = []
     for low, high in BINS:
         own = (visible >= low) & ((visible < high) | (high == 1.0))
-        bins.append({"low": low, "high": high, "dice": int(own.sum()), "found": _percent(found[own])})
+        bins.append({"low": low, "high": high, "dice": int(own.sum()), "found": percent(found[own])})
     return {
         "kind": kind,
         "given": given,
         "scenes": len(judged),
         "reported": len(right),
-        "found": _percent(found[visible >= SEEN]),
-        "invented": _percent(~right),
+        "found": percent(found[visible >= SEEN]),
+        "invented": percent(~right),
         "median_mm": _quantile(error[found], 0.5),
         "p90_mm": _quantile(error[found], 0.9),
         "count_error": _quantile(np.array([abs(len(answer.right) - NUM_DICE) for answer in answers]), 0.5),
@@ -224,10 +224,6 @@ def _figures(results: dict[str, Any]) -> dict[str, float]:
 
 def _share(part: float, whole: float) -> float:
     return float(part / whole) if whole else np.nan
-
-
-def _percent(flags: Array) -> float:
-    return 100 * float(np.mean(flags)) if len(flags) else np.nan
 
 
 def _quantile(values: Array, q: float) -> float:

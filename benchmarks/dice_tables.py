@@ -8,7 +8,7 @@ from typing import Any
 
 from benchmarks.dice import BINS, SEEN
 from benchmarks.dice_judging import NEAR_DICE, RIM
-from benchmarks.summary_tables import is_number
+from benchmarks.summary_tables import written
 from benchmarks.table import Table
 
 Row = Mapping[str, Any]
@@ -77,13 +77,13 @@ def mask_table(rows: Sequence[Row], recorded: Row | None) -> Table:
     """Masks against the truth."""
     keys = ("iou", "precision", "recall")
     cells = [
-        [row["kind"], f"{row['views']}", *(_write(row[key + end], 3) for key in keys for end in _ENDS)]
+        [row["kind"], f"{row['views']}", *(written(row[key + end], 3) for key in keys for end in _ENDS)]
         for row in rows
     ]
     singles = (("recorded picture", recorded), ("the same, predecessor", PREDECESSOR if recorded else None))
     for name, row in singles:
         if row is not None:
-            cells.append([name, "1", *(part for key in keys for part in (_write(row[key], 3), "–", "–"))])
+            cells.append([name, "1", *(part for key in keys for part in (written(row[key], 3), "–", "–"))])
     heads = [head for key in ("IoU", "precision", "recall") for head in (key, "median", "p5")]
     caption = (
         "Masks: of all pixels of all views together, then median and 5th percentile of single views. The "
@@ -102,8 +102,8 @@ def false_table(rows: Sequence[Row]) -> Table:
             row["kind"],
             f"{row['cross_views']}",
             f"{row['cross_px']}",
-            _write(row["cross_taken"], 1, " %"),
-            _write(row["elsewhere"], 4, " %"),
+            written(row["cross_taken"], 1, " %"),
+            written(row["elsewhere"], 4, " %"),
         ]
         for row in rows
     ]
@@ -122,12 +122,12 @@ def position_table(rows: Sequence[Row]) -> Table:
         [
             row["kind"],
             row["given"],
-            _write(row["found"], 1, " %"),
-            *(f"{_write(part['found'], 1, ' %')} of {part['dice']}" for part in row["bins"]),
-            f"{_write(row['invented'], 2, ' %')} of {row['reported']}",
-            _write(row["median_mm"], 2, " mm"),
-            _write(row["p90_mm"], 2, " mm"),
-            _write(row["count_error"], 1),
+            written(row["found"], 1, " %"),
+            *(f"{written(part['found'], 1, ' %')} of {part['dice']}" for part in row["bins"]),
+            f"{written(row['invented'], 2, ' %')} of {row['reported']}",
+            written(row["median_mm"], 2, " mm"),
+            written(row["p90_mm"], 2, " mm"),
+            written(row["count_error"], 1),
         ]
         for row in rows
     ]
@@ -161,12 +161,12 @@ def probability_table(rows: Sequence[Row]) -> Table:
                         row["given"],
                         f"{part['low']:g}-{part['high']:g}",
                         f"{part['count']}",
-                        _write(_percent(part["confidence"]), 1, " %"),
-                        _write(_percent(part["right"]), 1, " %"),
+                        written(_percent(part["confidence"]), 1, " %"),
+                        written(_percent(part["right"]), 1, " %"),
                     ]
                 )
         cells.append(
-            [row["kind"], row["given"], "Brier score", f"{row['reported']}", "", _write(row["brier"], 4)]
+            [row["kind"], row["given"], "Brier score", f"{row['reported']}", "", written(row["brier"], 4)]
         )
     caption = "Stated probability that a reported die is within 11 mm of a true one."
     return Table(("", "given", "probability", "dice", "mean", "right"), cells, caption, frozenset({0, 1, 2}))
@@ -177,9 +177,9 @@ def speed_table(rows: Sequence[Row]) -> Table:
     cells = [
         [
             row["work"],
-            _write(row["median_ms"], 2, " ms"),
-            _write(row["p99_ms"], 2, " ms"),
-            _write(row["ratio"], 2, " ×"),
+            written(row["median_ms"], 2, " ms"),
+            written(row["p99_ms"], 2, " ms"),
+            written(row["ratio"], 2, " ×"),
             f"{row['times']}",
         ]
         for row in rows
@@ -193,7 +193,3 @@ def speed_table(rows: Sequence[Row]) -> Table:
 
 def _percent(share: float | None) -> float | None:
     return None if share is None else 100 * share
-
-
-def _write(value: float | None, digits: int, unit: str = "") -> str:
-    return f"{value:.{digits}f}{unit}" if value is not None and is_number(value) else "–"

@@ -9,7 +9,7 @@ from typing import Any
 from benchmarks.film_tracking import CLEAR, CLEAR_FRAMES, COAST, FLIPPED_DEG, NEAR_MM, SEEN, STRIDES
 from benchmarks.films import ABSENT, JUMP, RATE
 from benchmarks.scenes import OBJECTS
-from benchmarks.summary_tables import is_number
+from benchmarks.summary_tables import written
 from benchmarks.table import Table
 from benchmarks.targets import CUBE, CUBOID
 
@@ -128,9 +128,9 @@ def share_table(whole: Sequence[Row], thinned: Sequence[Row]) -> Table:
             row["object"],
             _frames(row),
             f"{row['frames']}",
-            _write(row["filtered"], 2, " %"),
-            _write(row["measured"], 2, " %"),
-            _write(row.get("single"), 2, " %"),
+            written(row["filtered"], 2, " %"),
+            written(row["measured"], 2, " %"),
+            written(row.get("single"), 2, " %"),
             f"{row['flips']}",
             f"{row['losses']}",
         ]
@@ -154,7 +154,7 @@ def error_table(rows: Sequence[Row]) -> Table:
             _pair(row, f"{state}_filtered", 3, " mm", 2, "°"),
             _pair(row, f"{state}_single", 3, " mm", 2, "°"),
             _pair(row, f"{state}_ratio", 2, "", 2, ""),
-            _write(row["nees"], 2),
+            written(row["nees"], 2),
         ]
         for row in rows
         for state, words in (("rest", "at rest"), ("moving", "moving"))
@@ -186,7 +186,7 @@ def camera_table(rows: Sequence[Row]) -> Table:
             row["object"],
             f"{row['camera'] + 1}",
             f"{row['frames']}",
-            *(_write(row[key], 1, " %") for key in ("right", "none", "wrong")),
+            *(written(row[key], 1, " %") for key in ("right", "none", "wrong")),
             f"{row['longest_wait']} frames",
         ]
         for row in rows
@@ -208,8 +208,8 @@ def vanished_table(rows: Sequence[Row]) -> Table:
             f"{row['times']}",
             f"{row['invented']} of {row['absent_frames']}",
             f"{row['kept']} of {row['late_frames']}",
-            _write(row["kept_seconds"], 2, " s"),
-            _write(row["median_wait"], 1, " frames"),
+            written(row["kept_seconds"], 2, " s"),
+            written(row["median_wait"], 1, " frames"),
             f"{row['longest_wait']} frames",
         ]
         for row in rows
@@ -229,10 +229,10 @@ def speed_table(rows: Sequence[Row]) -> Table:
     cells = [
         [
             row["object"],
-            _write(row["median_ms"], 2, " ms"),
-            _write(row["p99_ms"], 2, " ms"),
-            _write(row["ratio"], 2, " ×"),
-            _write(row["p99_over_median"], 2, " ×"),
+            written(row["median_ms"], 2, " ms"),
+            written(row["p99_ms"], 2, " ms"),
+            written(row["ratio"], 2, " ×"),
+            written(row["p99_over_median"], 2, " ×"),
             f"{row['times']}",
         ]
         for row in rows
@@ -245,8 +245,4 @@ def speed_table(rows: Sequence[Row]) -> Table:
 
 
 def _pair(row: Row, key: str, digits: int, unit: str, digits_deg: int, unit_deg: str) -> str:
-    return f"{_write(row[f'{key}_mm'], digits, unit)}, {_write(row[f'{key}_deg'], digits_deg, unit_deg)}"
-
-
-def _write(value: float | None, digits: int, unit: str = "") -> str:
-    return f"{value:.{digits}f}{unit}" if value is not None and is_number(value) else "–"
+    return f"{written(row[f'{key}_mm'], digits, unit)}, {written(row[f'{key}_deg'], digits_deg, unit_deg)}"

@@ -19,7 +19,7 @@ import tracker
 from benchmarks.cache import CACHE
 from benchmarks.films import ABSENT, SEED, FilmFrame, FilmStore, vanishing_film, vanishing_frames
 from benchmarks.scenes import OBJECTS, rig
-from benchmarks.summary import SURE
+from benchmarks.summary import SURE, percent
 from benchmarks.timing import RIGHT_DEG, RIGHT_MM, one_thread, reference_work
 from tracker import Status
 from tracker.conventions import Array, FloatArray
@@ -266,8 +266,8 @@ def share_row(parts: Sequence[Played]) -> dict[str, Any]:
     flipped = (filtered[:, 1] > FLIPPED_DEG) & (_joined(parts, "confidence") > SURE)
     return {
         "frames": len(filtered),
-        "filtered": _percent(within(filtered)),
-        "measured": _percent(within(measured)),
+        "filtered": percent(within(filtered)),
+        "measured": percent(within(measured)),
         "flips": int(np.count_nonzero(flipped)),
         "losses": sum(losses(part.status) for part in parts),
         "statuses": {key: int(n) for key, n in sorted(Counter(_joined(parts, "status").tolist()).items())},
@@ -278,7 +278,7 @@ def whole_row(parts: Sequence[Played], single: FloatArray) -> dict[str, Any]:
     """Figures of whole films, with the errors (N, 2) of the same frames without memory."""
     filtered, at_rest = _joined(parts, "filtered"), _joined(parts, "at_rest")
     row = share_row(parts) | {
-        "single": _percent(within(single)),
+        "single": percent(within(single)),
         "nees": _median(_joined(parts, "nees")),
     }
     for state, own in (("rest", at_rest), ("moving", ~at_rest)):
@@ -301,10 +301,10 @@ def camera_row(parts: Sequence[Played], camera: int) -> dict[str, Any]:
     return {
         "camera": camera,
         "frames": int(np.count_nonzero(own)),
-        "right": _percent(right),
-        "none": _percent(none),
-        "wrong": _percent(~right & ~none),
-        "right_or_none": _percent(right | none),
+        "right": percent(right),
+        "none": percent(none),
+        "wrong": percent(~right & ~none),
+        "right_or_none": percent(right | none),
         "longest_wait": max(longest_wait(part.visible[:, camera], part.given[:, 0]) for part in parts),
     }
 
@@ -379,10 +379,6 @@ def _figures(rows: dict[str, list[dict[str, Any]]]) -> dict[str, float]:
 
 def _joined(parts: Sequence[Played], key: str) -> Array:
     return np.concatenate([getattr(part, key) for part in parts])
-
-
-def _percent(flags: Array) -> float:
-    return 100 * float(np.mean(flags)) if len(flags) else np.nan
 
 
 def _least(values: Sequence[float]) -> float:

@@ -15,12 +15,10 @@ from tracker.conventions import Array, FloatArray
 from tracker.geometry import so3
 from tracker.geometry.camera import Camera
 from tracker.geometry.cuboid import corners
+from tracker.tasks import move_object
 
 Pose = tuple[Array, Array]
 """Positions (N, 3) [m] and rotations (N, 3, 3)."""
-
-ARENA_DIAMETER, ARENA_HEIGHT = 0.39, 0.1
-"""Lengths [m] by which the tasks divide errors of position."""
 
 GRID = 7
 """Points along each edge of a face, for the mean over the surface."""
@@ -130,9 +128,7 @@ def task_errors(size: Array, true: Pose, found: Pose) -> tuple[FloatArray, Float
 
     Of a cuboid with a longest axis, rotation means that axis alone.
     """
-    apart = np.asarray(found[0]) - np.asarray(true[0])
-    sideways = np.linalg.norm(apart[..., :2], axis=-1) / ARENA_DIAMETER
-    position: FloatArray = (sideways + np.abs(apart[..., 2]) / ARENA_HEIGHT) / 2
+    position = move_object.position_error(true[0], found[0])
     axis = longest_axis(size)
     turn = rotation_error(true[1], found[1]) if axis is None else axis_error(true[1], found[1], axis)
     return position, turn / np.pi

@@ -59,11 +59,11 @@ def summarise(records: Sequence[FrameRecord]) -> dict[str, Any]:
     for key in ("task_position_error", "task_rotation_error"):
         result[f"mean_{key}"] = _mean(column(records, key)[found])
     result |= {
-        "within_1": _percent(within(records, 1, 1)),
-        "within_5": _percent(right),
-        "misses": _percent(~found),
-        "wrong": _percent(found & ~right),
-        "wrong_and_sure": _percent(found & ~right & (confidence > SURE)),
+        "within_1": percent(within(records, 1, 1)),
+        "within_5": percent(right),
+        "misses": percent(~found),
+        "wrong": percent(found & ~right),
+        "wrong_and_sure": percent(found & ~right & (confidence > SURE)),
     }
     result |= _recalls(records)
     result |= _calibration(confidence[found], right[found])
@@ -86,8 +86,8 @@ def by_visibility(records: Sequence[FrameRecord]) -> list[dict[str, float]]:
                 "low": low,
                 "high": high,
                 "frames": len(part),
-                "within_5": _percent(within(part, 5, 5)),
-                "misses": _percent(~found),
+                "within_5": percent(within(part, 5, 5)),
+                "misses": percent(~found),
                 "median_mm": _quantile(column(part, "position_mm")[found], 0.5),
                 "median_deg": _quantile(column(part, "rotation_deg")[found], 0.5),
             }
@@ -169,7 +169,7 @@ def _baseline(records: Sequence[FrameRecord]) -> dict[str, float]:
         "baseline_median_deg": _quantile(rotation[tried], 0.5),
         "baseline_p90_mm": _quantile(position[tried], 0.9),
         "baseline_p90_deg": _quantile(rotation[tried], 0.9),
-        "baseline_within_5": _percent((position[tried] <= 5) & (rotation[tried] <= 5)),
+        "baseline_within_5": percent((position[tried] <= 5) & (rotation[tried] <= 5)),
         "baseline_median_ms": _quantile(column(own, "baseline_ms"), 0.5),
     }
     for unit, key in (("mm", "position_mm"), ("deg", "rotation_deg")):
@@ -187,5 +187,6 @@ def _mean(values: Array) -> float:
     return float(np.mean(values)) if len(values) else float("nan")
 
 
-def _percent(flags: Array) -> float:
+def percent(flags: Array) -> float:
+    """Share [%] of flags that are set; nan of none."""
     return 100 * _mean(flags)

@@ -146,6 +146,11 @@ def is_number(value: Any) -> bool:
     return isinstance(value, (int, float)) and math.isfinite(value)
 
 
+def written(value: float | None, digits: int, unit: str = "") -> str:
+    """A number with so many digits and its unit; a dash where nothing was measured."""
+    return f"{value:.{digits}f}{unit}" if value is not None and is_number(value) else "–"
+
+
 def _with_unit(value: Any, unit: str) -> str:
     if value is None or (isinstance(value, float) and not math.isfinite(value)):
         return "–"

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.records import FrameRecord, column, select
-from benchmarks.summary import SURE, within
+from benchmarks.summary import SURE, percent, within
 from tracker.conventions import Array
 
 CUBE, CUBOID, BOTH = "cube_v2", "cuboid_2x2x8_v2", "both"
@@ -45,20 +45,16 @@ def _finite_quantile(values: Array, q: float) -> float:
 
 def _share_within(low: float, high: float, millimetres: float = 5) -> Measure:
     """Share [%] within so many millimetres and 5°, of frames of a visible fraction from low to high."""
-    return lambda records: _percent(within(_visible(records, low, high), millimetres, 5))
+    return lambda records: percent(within(_visible(records, low, high), millimetres, 5))
 
 
 def _visible(records: Sequence[FrameRecord], low: float, high: float = math.inf) -> list[FrameRecord]:
     return [r for r in records if low <= r.visible_fraction < high]
 
 
-def _percent(flags: Array) -> float:
-    return 100 * float(np.mean(flags)) if len(flags) else math.nan
-
-
 def _right_or_ambiguous(records: Sequence[FrameRecord]) -> float:
     own = _visible(records, 0.7)
-    return _percent(within(own, 20, 5) | (column(own, "status") == AMBIGUOUS))
+    return percent(within(own, 20, 5) | (column(own, "status") == AMBIGUOUS))
 
 
 def _wrong_and_sure(millimetres: float, low: float = 0.0) -> Measure:
@@ -67,7 +63,7 @@ def _wrong_and_sure(millimetres: float, low: float = 0.0) -> Measure:
     def measure(records: Sequence[FrameRecord]) -> float:
         own = _visible(records, low)
         sure = np.nan_to_num(column(own, "confidence")) > SURE
-        return _percent(sure & ~within(own, millimetres, 5))
+        return percent(sure & ~within(own, millimetres, 5))
 
     return measure
 

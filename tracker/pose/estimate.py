@@ -132,11 +132,6 @@ class PoseEstimator:
         best = int(np.argmax(scores))
         return None if scores[best] < align.IMPOSSIBLE / 2 else self.refine(rotations[best], positions[best])
 
-    @property
-    def blur(self) -> float:
-        """Blur of the images as last measured [px at the reference focal length]."""
-        return self._blur
-
     def _show(self, views: Sequence[Evidence | None]) -> None:
         for c, view in enumerate(views):
             self.used[c] = view is not None
