@@ -2,12 +2,14 @@ from __future__ import annotations
 
 import math
 
+import cv2
 import numpy as np
 import pytest
 
 from tracker.pose import profile
 from tracker.pose.edges import COLUMNS, INSIDE, LENGTH, NU, NV, OUTSIDE, REACH_IN, REACH_OUT, U, V
 from tracker.pose.profile import BLOOM, OFFSET, SHARPNESS, VALID, VARIANCE, WIDER
+from tracker.segmentation import mosaic
 
 INNER, OUTER, BEYOND = np.array([40.0, 50, 190]), np.array([60.0, 150, 70]), np.array([90.0, 95, 92])
 SIZE = 60
@@ -81,12 +83,21 @@ def reach_at(blur: float) -> float:
 
 
 def measure(
-    image: np.ndarray, samples: np.ndarray, blur: float, *, noise: float = 1.5, reach: float | None = None
+    image: np.ndarray,
+    samples: np.ndarray,
+    blur: float,
+    *,
+    noise: float = 1.5,
+    reach: float | None = None,
+    red: int = mosaic.NONE,
+    every: int = 1,
 ) -> np.ndarray:
     """Measurements (PIECES, MEASURED) in an image of bytes."""
     out = np.full((len(samples), profile.MEASURED), np.nan)
     width = reach_at(blur) if reach is None else reach
-    profile.measure(image, SIZE, SIZE, CHANNELS, TABLE, samples, len(samples), width, blur, noise, out)
+    profile.measure(
+        image, SIZE, SIZE, red, CHANNELS, TABLE, samples, len(samples), width, blur, noise, every, out
+    )
     return out
 
 
@@ -105,6 +116,55 @@ def test_one_measurement_comes_much_nearer_to_the_edge(degrees):
     for blur, edge in ((0.7, 0.4), (0.7, -0.4), (1.2, 0.8), (1.2, -0.8)):
         shown = measure(digitised(stripes(distances(degrees) - edge, blur)), pieces(degrees), blur)
         assert np.abs(shown[:, OFFSET] - edge).max() < 0.1
+
+
+BAYER = [cv2.COLOR_BAYER_BG2BGR, cv2.COLOR_BAYER_GB2BGR, cv2.COLOR_BAYER_GR2BGR, cv2.COLOR_BAYER_RG2BGR]
+"""Interpolations of mosaics whose red pixels are those of the phases 0 to 3."""
+
+
+def interpolated(image: np.ndarray, red: int) -> np.ndarray:
+    """What a camera with a mosaic makes of an image (H, W, 3)."""
+    raw = image[..., 1].copy()
+    raw[red >> 1 :: 2, red & 1 :: 2] = image[red >> 1 :: 2, red & 1 :: 2, 2]
+    raw[1 - (red >> 1) :: 2, 1 - (red & 1) :: 2] = image[1 - (red >> 1) :: 2, 1 - (red & 1) :: 2, 0]
+    return cv2.cvtColor(raw, BAYER[red])
+
+
+@pytest.mark.parametrize("red", range(4))
+@pytest.mark.parametrize("degrees", DEGREES)
+def test_a_mosaic_that_is_known_does_not_move_the_edge(degrees, red):
+    errors = []
+    for edge in (-0.4, 0.0, 0.23, 0.5):
+        image = interpolated(digitised(stripes(distances(degrees) - edge, 0.7)), red)
+        shown = measure(image, pieces(degrees, edge, length=8.0), 0.7, red=red)
+        assert (shown[:, VALID] == 1).all()
+        errors.append(np.median(shown[:, OFFSET]))
+    assert np.abs(errors).max() < 0.02
+
+
+def test_a_mosaic_that_is_not_known_spreads_the_places_of_an_edge_and_widens_it():
+    image = interpolated(digitised(stripes(distances(17), 0.7)), 0)
+    naive, aware = (measure(image, pieces(17, length=8.0), 0.7, red=red) for red in (mosaic.NONE, 0))
+    assert np.std(aware[:, OFFSET]) < 0.5 * np.std(naive[:, OFFSET])
+    assert abs(np.median(aware[:, WIDER])) < 0.5 * np.median(naive[:, WIDER])
+
+
+def test_values_that_a_mosaic_did_not_measure_do_not_matter():
+    image = interpolated(digitised(stripes(distances(17), 0.7)), 0)
+    other = image.copy()
+    other[0::2, 0::2, :2] = 77
+    other[1::2, 1::2, 1:] = 33
+    other[0::2, 1::2, ::2] = other[1::2, 0::2, ::2] = 200
+    np.testing.assert_array_equal(
+        measure(image, pieces(17), 0.7, red=0), measure(other, pieces(17), 0.7, red=0)
+    )
+
+
+def test_of_the_pieces_one_in_so_many_is_measured():
+    image = digitised(stripes(distances(17), 1.0))
+    whole, part = measure(image, pieces(17), 1.0), measure(image, pieces(17), 1.0, every=3)
+    np.testing.assert_array_equal(part[::3], whole[::3])
+    assert np.count_nonzero(part[:, VALID]) == len(part[::3])
 
 
 @pytest.mark.parametrize("outside", [0, 2])

@@ -16,7 +16,7 @@ from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import ImageError
 from tracker.geometry import so3
 from tracker.objects.model import CuboidModel
-from tracker.pose.acceptance import confidence, log_odds, rank, refusal
+from tracker.pose.acceptance import confidence, features, log_odds, rank, refusal
 from tracker.pose.align import EXTRA, PREDICTED
 from tracker.pose.contour import refine
 from tracker.pose.estimate import PoseEstimator
@@ -24,11 +24,12 @@ from tracker.pose.fit import Fit
 from tracker.pose.motion import MotionState
 from tracker.pose.result import Observation, PoseEstimate, Status
 from tracker.pose.views import Box, Evidence, reduced_size
+from tracker.segmentation import mosaic
 from tracker.segmentation.color_model import ColorModel, load_colors
 from tracker.segmentation.denoise import calmed
 from tracker.segmentation.labels import check_image, look_up
 from tracker.segmentation.normalise import Light, evened, find_light, grey_world_gains
-from tracker.tracking import Track, TrackingOptions, measured
+from tracker.tracking import Track, TrackingOptions, alone, measured
 from tracker.watch import Watch
 
 _LOG = logging.getLogger(__name__)
@@ -36,11 +37,17 @@ _LOG = logging.getLogger(__name__)
 SURE = 0.9
 """Confidence below which the light is judged a second time, by the grey world."""
 
+TOGETHER, ALONE = (3.0, 1.2), (4.5, 0.7)
+"""Least log odds, and roughest edges (the feature `rms`), of a fit near where the object was expected, with
+which it is not looked for farther away: where several cameras see it, and one alone, to which wrong poses
+look better."""
 
-FOLLOW_SURE, MOST_EXTRA = 3.0, 0.12
-"""Log odds of a fit near where the object was expected, at which it is not looked for farther away, and the
-share of pixels in the object's colours beyond its outline up to which it is not: slid along an edge, it fits
-too, but leaves part of itself."""
+MOST_EXTRA = 0.08
+"""Share of pixels in the object's colours beyond its outline up to which it is not: slid along an edge, it
+fits too, but leaves part of itself."""
+
+JUMP_LEAD = 3.0
+"""Log odds by which a fit that takes a jump must lead over one where the object was expected."""
 
 
 class _Seen(NamedTuple):
@@ -52,6 +59,8 @@ class _Seen(NamedTuple):
     """(h, w, 3), reduced for labels."""
     gains: FloatArray
     """(3,) that make its greys grey."""
+    mosaic: int
+    """Which pixels measured red, see `mosaic.find`."""
 
 
 class ObjectTracker:
@@ -165,9 +174,10 @@ class ObjectTracker:
         ):
             return near
         found = self.fit(images, timing, thorough=near is None)
-        if near is None or (isinstance(found, Fit) and rank(found) > rank(near)):
-            return found
-        return near
+        if near is None or expected is None or isinstance(found, Status):
+            return found if near is None else near
+        lead = 0.0 if self._track.plausible(expected, found) else JUMP_LEAD
+        return found if rank(found) > rank(near) + lead else near
 
     def _follow(
         self, images: Sequence[Image | None], expected: MotionState, timing: dict[str, float]
@@ -231,6 +241,7 @@ class ObjectTracker:
         Labels are looked up around a position [m] only; elsewhere they are background.
         """
         light, loud = self._watch.light(c, image)
+        pattern = mosaic.find(image)
         if self.colors.normalise:
             image = evened(image, light)
         height, width = image.shape[:2]
@@ -252,21 +263,21 @@ class ObjectTracker:
             found = np.empty(part.shape[:2], np.uint8)
             look_up(part, channels, self.colors.label_table, gains, found)
             labels[top:bottom, left:right] = found
-        return Evidence(image, labels, channels)
+        return Evidence(image, labels, channels, pattern)
 
     def _see(self, image: Image) -> _Seen:
         small = _reduce(calmed(image))
         if not self.colors.normalise:
-            return _Seen(image, small, np.ones(3))
+            return _Seen(image, small, np.ones(3), mosaic.find(image))
         light = find_light(small)
-        return _Seen(evened(image, light), evened(small, light), light.gains)
+        return _Seen(evened(image, light), evened(small, light), light.gains, mosaic.find(image))
 
     def _evidence(self, seen: _Seen, grey_world: bool) -> Evidence:
         gains = grey_world_gains(seen.small) if grey_world else seen.gains
         channels = self.colors.channel_tables(gains)
         labels = np.empty(seen.small.shape[:2], np.uint8)
         look_up(seen.small, channels, self.colors.label_table, gains, labels)
-        return Evidence(seen.image, labels, channels)
+        return Evidence(seen.image, labels, channels, seen.mosaic)
 
     def _check(self, images: Sequence[Image | None], least: int = 1) -> list[Image | None]:
         given: object = images
@@ -300,7 +311,10 @@ class ObjectTracker:
 
 def _settled(fit: Fit | None) -> bool:
     """Whether a fit is so sure that no other needs to be tried."""
-    if fit is None or not fit.converged or log_odds(fit) < FOLLOW_SURE or refusal(fit) is not None:
+    if fit is None or not fit.converged or refusal(fit) is not None:
+        return False
+    sure, rough = ALONE if alone(fit) else TOGETHER
+    if log_odds(fit) < sure or features(fit)["rms"] > rough:
         return False
     counts = fit.counts.sum(axis=0)
     return bool(counts[EXTRA] <= MOST_EXTRA * counts[PREDICTED])

@@ -33,7 +33,7 @@ class TrackingOptions:
     """Confidence from which an implausible measurement is believed at once; else another must agree."""
     alone: float = 0.3
     """Share of these limits where one camera alone sees the object, which may take depth for turn, …"""
-    lonely: float = 0.85
+    lonely: float = 0.7
     """… and the probability that it is right to 20 mm and 5°, without which it is not believed then."""
     agree: tuple[float, float] = (0.02, math.radians(15))
     """Difference of two measurements that agree [m, rad], plus half of `speed` for every second between."""
@@ -103,15 +103,10 @@ class Track:
 
     def plausible(self, expected: MotionState, fit: Fit) -> bool:
         """Whether a measurement may come from an object that was expected there."""
-        assert self.timestamp is not None
-        assert self._seen is not None
-        # Images that showed it elsewhere are none in which it was hidden, and could go far unseen.
-        seconds = self._step if self._pending is not None else self.timestamp - self._seen
-        shift = float(np.linalg.norm(fit.position - expected.position))
-        turn = _angle(fit.rotation, expected.rotation)
-        share = self.options.alone if _alone(fit) else 1.0
+        shift, turn = _differences(fit, expected.rotation, expected.position)
+        share = self.options.alone if alone(fit) else 1.0
         return all(
-            difference <= share * (limit + speed * seconds)
+            difference <= share * (limit + speed * self._seconds_unseen)
             for difference, limit, speed in zip(
                 (shift, turn), self.options.jump, self.options.speed, strict=True
             )
@@ -120,18 +115,35 @@ class Track:
     def see(self, fit: Fit, expected: MotionState | None) -> Status:
         """Take in a measurement; returns TRACKING, FOUND, REFOUND, or COASTING if it is not believed yet."""
         assert self.timestamp is not None
-        if _alone(fit) and trust(fit) * probably_near(fit.covariance, VAGUE) < self.options.lonely:
+        if alone(fit) and trust(fit) * probably_near(fit.covariance, VAGUE) < self.options.lonely:
             return Status.COASTING
         if expected is not None and self.plausible(expected, fit):
             self._filter.update(fit.position, fit.rotation, fit.covariance)
             return self._believe(fit, Status.TRACKING)
-        sure = confidence(fit) >= self.options.sure or self._confirmed(fit)
+        sure = confidence(fit) >= self.options.sure
+        # Nothing turns over on the spot so fast: poor colours mislead in one image after the other.
+        if expected is None or not self._turned_over(expected, fit):
+            sure = sure or self._confirmed(fit)
         if expected is not None and not sure:
             self._pending = _Pending(self.timestamp, fit.position, fit.rotation)
             return Status.COASTING
         first = self.last_pose is None
         self._filter.start(fit.position, fit.rotation, fit.covariance)
         return self._believe(fit, Status.FOUND if first else Status.REFOUND)
+
+    @property
+    def _seconds_unseen(self) -> float:
+        """For so long the object may have moved without being seen [s]."""
+        assert self.timestamp is not None
+        assert self._seen is not None
+        # Images that showed it elsewhere are none in which it was hidden, and could go far unseen.
+        return self._step if self._pending is not None else self.timestamp - self._seen
+
+    def _turned_over(self, expected: MotionState, fit: Fit) -> bool:
+        """Whether a measurement is where the object was expected, but turned over."""
+        shift, turn = _differences(fit, expected.rotation, expected.position)
+        most = 3.0 * self.options.jump[1] + self.options.speed[1] * self._seconds_unseen
+        return shift < self.options.jump[0] and turn > most
 
     def _believe(self, fit: Fit, status: Status) -> Status:
         self._seen, self._pending, self._trust = self.timestamp, None, trust(fit)
@@ -143,8 +155,7 @@ class Track:
         if self._pending is None or self.timestamp is None:
             return False
         seconds = self.timestamp - self._pending.timestamp
-        shift = float(np.linalg.norm(fit.position - self._pending.position))
-        turn = _angle(fit.rotation, self._pending.rotation)
+        shift, turn = _differences(fit, self._pending.rotation, self._pending.position)
         return all(
             difference <= limit + 0.5 * speed * seconds
             for difference, limit, speed in zip(
@@ -168,12 +179,14 @@ class Track:
         )
 
 
-def _angle(first: FloatArray, second: FloatArray) -> float:
-    """Angle [rad] between rotations, good enough to compare with limits."""
-    return math.acos(min(1.0, max(-1.0, (float(np.vdot(first, second)) - 1.0) / 2.0)))
+def _differences(fit: Fit, rotation: FloatArray, position: FloatArray) -> tuple[float, float]:
+    """Distance [m] and angle [rad] of a fit from a pose, good enough to compare with limits."""
+    cosine = (float(np.vdot(fit.rotation, rotation)) - 1.0) / 2.0
+    shift = float(np.linalg.norm(fit.position - position))
+    return shift, math.acos(min(1.0, max(-1.0, cosine)))
 
 
-def _alone(fit: Fit) -> bool:
+def alone(fit: Fit) -> bool:
     """Whether the pose rests on what one camera sees."""
     return bool(np.count_nonzero(fit.samples[:, INLIERS] >= MIN_VIEW) < 2)
 

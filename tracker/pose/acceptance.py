@@ -11,6 +11,7 @@ import numpy as np
 from tracker.conventions import FloatArray
 from tracker.pose import align, contour
 from tracker.pose.fit import Fit
+from tracker.pose.grids import ARENA_BOTTOM
 from tracker.pose.result import Status
 
 MIN_AGREE = 30
@@ -63,6 +64,8 @@ def refusal(fit: Fit) -> Status | None:
         return Status.TOO_FEW_PIXELS
     if found["wrong"] ** 2 > MAX_WRONG or found["extra"] ** 2 > 0.5:
         return Status.INCONSISTENT_VIEWS
+    if fit.lowest < ARENA_BOTTOM:
+        return Status.INCONSISTENT_VIEWS
     if fit.samples[:, contour.INLIERS].sum() < MIN_INLIERS or not np.isfinite(fit.covariance).all():
         return Status.POOR_FIT
     if fit.lead < MIN_LEAD:
@@ -104,7 +107,8 @@ def rank(fit: Fit) -> float:
     A pose that shares most of the object's outline with the right one, slid along an edge or turned by a
     quarter, has clean pieces too, but fewer of them.
     """
-    return log_odds(fit) + EVIDENCE * float(fit.samples[:, contour.INLIERS].sum())
+    pieces = float(fit.samples[:, contour.INLIERS].sum())
+    return log_odds(fit) + EVIDENCE * pieces * (1.0 - features(fit)["rms"])
 
 
 def probably_near(covariance: FloatArray, limits: tuple[float, float] = NEAR) -> float:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from tracker.conventions import FloatArray
+from tracker.conventions import Array, FloatArray
 from tracker.pose import edges
 from tracker.pose.edges import COLUMNS, MAX_SAMPLES, J, edge_samples
 from tracker.pose.lens import apply_update
@@ -41,6 +41,8 @@ class Schedule(NamedTuple):
     """(steps,) length of the pieces of edges [px]."""
     tukey: FloatArray
     """(steps,) residual at which a piece's weight reaches zero: at least so much [px]."""
+    every: Array
+    """(steps,) one in so many pieces is looked at; the refinement ends after a step with all of them."""
     least: int
     """Steps before which the refinement does not end."""
     negligible: float
@@ -62,8 +64,6 @@ class Tuning(NamedTuple):
     least_blur: float
     largest_blur: float
     """Standard deviation of the image's steps before it is measured, and its bounds [px]."""
-    correlation: float
-    """Factor on the standard deviation of pieces, which share errors."""
     longest: float
     """Longest step [m]; the strips say nothing on what lies farther away."""
     largest: float
@@ -114,7 +114,7 @@ def accumulate(samples, measured, n, exponent, growth, tukey, floor, matrix, vec
 
 @numba.njit(cache=True, nogil=True)
 def refine(  # type: ignore[no-untyped-def]
-    images, lenses, scales, used, channels, table, box, weights, prior, schedule, tuning,
+    images, mosaics, lenses, scales, used, channels, table, box, weights, prior, schedule, tuning,
     rotation, position, work, known, summary,
 ):  # fmt: skip
     """Move a pose in place to where it fits the contours best; returns whether that converged.
@@ -155,8 +155,8 @@ def refine(  # type: ignore[no-untyped-def]
                 work.samples[c],
             )  # fmt: skip
             measure(
-                images[c], lenses[c].width, lenses[c].height, channels[c], table, work.samples[c], counts[c],
-                reaches[c], blur, NOISE, work.measured[c],
+                images[c], lenses[c].width, lenses[c].height, mosaics[c], channels[c], table,
+                work.samples[c], counts[c], reaches[c], blur, NOISE, schedule.every[step], work.measured[c],
             )  # fmt: skip
             widths = 0
             for s in range(counts[c]):
@@ -186,7 +186,6 @@ def refine(  # type: ignore[no-untyped-def]
             summary[c, BLUR] = blurs[c]
         # The median of all, unlike the inliers' mean square, does not shrink by leaving out what disagrees.
         spread = 1.4826 * np.median(work.residuals[:total]) if total > 0 else 1.0
-        trust = 1.0 / tuning.correlation**2
         tukey = max(schedule.tukey[step], tuning.tukey * spread)
         for c in range(cameras):
             information[c, :, :], gradient[c, :] = 0.0, 0.0
@@ -197,8 +196,6 @@ def refine(  # type: ignore[no-untyped-def]
                     (max(tuning.floor, 0.7 * spread) * scales[c]) ** 2,
                     information[c], gradient[c], summary[c],
                 )  # fmt: skip
-                information[c] *= trust
-                gradient[c] *= trust
         pull[EXPONENT] = (LIKELY_EXPONENT - exponent) / EXPONENT_STD**2
         pull[GROWTH] = -growth / GROWTH_STD**2
         if schedule.blur[step] == 0.0 and doubtful:
@@ -221,7 +218,12 @@ def refine(  # type: ignore[no-untyped-def]
         exponent += shared[EXPONENT] / limit
         growth += shared[GROWTH] / limit
         offsets += changes / limit
-        if schedule.blur[step] == 0.0 and step >= schedule.least and size < schedule.negligible:
+        if (
+            schedule.blur[step] == 0.0
+            and schedule.every[step] == 1
+            and step >= schedule.least
+            and size < schedule.negligible
+        ):
             converged = True
             break
     # What is known of the pose where exponent and growth are not.

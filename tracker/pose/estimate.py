@@ -16,6 +16,7 @@ from tracker.pose.contour import BLUR, Schedule
 from tracker.pose.fit import Fit
 from tracker.pose.refine import FOLLOWING, SCHEDULE, TUNING, Refiner
 from tracker.pose.result import Status
+from tracker.pose.rivals import reversed_in_depth
 from tracker.pose.search import Searcher
 from tracker.pose.views import Box, Evidence, reduced_size, stack_lenses
 
@@ -101,6 +102,8 @@ class PoseEstimator:
                 break
         if not fits:
             return Status.INCONSISTENT_VIEWS
+        if not several:
+            fits.extend(self._reversed(max(fits, key=rank)))
         if len(fits) == 1:
             return fits[0]
         fits.sort(key=rank, reverse=True)
@@ -113,6 +116,8 @@ class PoseEstimator:
         """The fit nearest to a predicted pose (3, 3), (3,) [m]; a prediction off by a few pixels will do."""
         self._show(views)
         fit = self.refine(rotation, position, FOLLOWING, self._blur)
+        if np.count_nonzero(self.used) == 1:
+            fit = max([fit, *self._reversed(fit)], key=rank)
         measured = fit.samples[self.used, BLUR] / self.refiner.scales[self.used]
         self._blur = float(np.median(measured)) if fit.converged else TUNING.start_blur
         return fit
@@ -156,7 +161,14 @@ class PoseEstimator:
             self.small, self.labels, self.used, self.box.half, self.box.face_labels, rotation, position,
             counts,
         )  # fmt: skip
-        return Fit(position, rotation, covariance, samples, converged, counts)
+        lowest = float(position[2] - np.abs(rotation[2]) @ self.box.half)
+        return Fit(position, rotation, covariance, samples, converged, counts, lowest)
+
+    def _reversed(self, fit: Fit) -> list[Fit]:
+        """What else the one camera that is used may see."""
+        camera = self.small[self.used]["position"][0]
+        rivals = reversed_in_depth(fit.rotation, fit.position, self.box.half, camera)
+        return [self.refine(*rival, FOLLOWING, self._blur) for rival in rivals]
 
     def _align(self, candidates: Iterable[FloatArray], count: int) -> Iterator[Hypothesis]:
         """Different hypotheses after alignment on the label maps, best first; worked out when asked for."""

@@ -24,5 +24,7 @@ class Fit:
     """Whether the refinement's last step was negligible."""
     counts: Array
     """(C, 5) pixels of the label maps, see `align.AGREE` …"""
+    lowest: float = 0.0
+    """Height of the object's lowest corner [m]."""
     lead: float = math.inf
     """Log odds by which it leads over the best clearly different pose; infinite where none was tried."""

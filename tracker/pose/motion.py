@@ -38,7 +38,7 @@ class Motions(NamedTuple):
 
 MOTIONS = Motions(
     still=np.array([True, False, False]),
-    walk=np.array([[2e-5, 5e-4], [3e-4, 6e-3], [1e-3, 2e-2]]),
+    walk=np.array([[5e-6, 1.2e-4], [3e-4, 6e-3], [1e-3, 2e-2]]),
     push=np.array([[0.0, 0.0], [0.05, 1.0], [1.0, 12.0]]),
     lasting=np.array([2.0, 1.0, 0.5]),
 )
@@ -50,7 +50,7 @@ DECAY = 0.4
 START_STD = 0.3, 4.0
 """Standard deviation of a new object's velocity [m/s], [rad/s]."""
 
-CONSTANT = 0.6
+CONSTANT = 0.8
 """Share of a measurement's covariance that does not average away over time: errors of the calibration and of
 the object's model are the same in each image."""
 

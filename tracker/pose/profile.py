@@ -68,14 +68,26 @@ def _dot(a, b, n):  # type: ignore[no-untyped-def]
     return total
 
 
-@numba.njit(cache=True, nogil=True)
-def _collect(image, width, height, row, reach, distance, values):  # type: ignore[no-untyped-def]
-    """Signed distances (P,) [px] and colours (3, P) of a strip's pixels; returns P, 0 outside the image."""
+@numba.njit(cache=True, nogil=True, inline="always")
+def _columns_of(red, channel, j):  # type: ignore[no-untyped-def]
+    """Where in row j of a mosaic a channel was measured: whether in odd columns, or -1 for nowhere."""
+    has_red = (j & 1) == red >> 1
+    if channel == 1:
+        return (red & 1) ^ 1 if has_red else red & 1
+    return (red & 1) ^ (channel == 0) if has_red == (channel == 2) else -1
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _collect(image, width, height, red, channel, row, reach, distance, values):  # type: ignore[no-untyped-def]
+    """Signed distances (P,) [px] and colours (3, P) of a strip's pixels; returns P, 0 outside the image.
+
+    Of a mosaic (red ≥ 0) only the pixels that measured a channel, which is what counts of their colours.
+    """
     u, v, nu, nv, along = row[U], row[V], row[NU], row[NV], 0.5 * row[LENGTH]
     du, dv = abs(nu) * reach + abs(nv) * along, abs(nv) * reach + abs(nu) * along
     if u - du < 0.0 or v - dv < 0.0 or u + du > width - 1.0 or v + dv > height - 1.0:
         return 0
-    pixels = 0
+    pixels, step = 0, 1
     for j in range(math.ceil(v - dv), int(v + dv) + 1):
         y = j - v
         # The part of the row whose pixels lie in the strip.
@@ -87,7 +99,12 @@ def _collect(image, width, height, row, reach, distance, values):  # type: ignor
             one, two = (y * nu - along) / nv, (y * nu + along) / nv
             low, high = max(low, u + min(one, two)), min(high, u + max(one, two))
         first = math.ceil(low)
-        for i in range(first, min(math.floor(high) + 1, first + MAX_PIXELS - pixels)):
+        if red >= 0:
+            odd, step = _columns_of(red, channel, j), 2
+            if odd < 0:
+                continue
+            first += (first & 1) ^ odd
+        for i in range(first, min(math.floor(high) + 1, first + MAX_PIXELS - pixels), step):
             distance[pixels] = (i - u) * nu + y * nv
             for k in range(3):
                 values[k, pixels] = image[j, i, k]
@@ -95,7 +112,7 @@ def _collect(image, width, height, row, reach, distance, values):  # type: ignor
     return pixels
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _surfaces(row, seen, edges):  # type: ignore[no-untyped-def]
     """Where the edges 1 ... m - 1 between a strip's m surfaces lie [px]; returns m, and which is the face."""
     inside = 0
@@ -109,7 +126,7 @@ def _surfaces(row, seen, edges):  # type: ignore[no-untyped-def]
     return m, inside
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _model(distance, pixels, edges, m, inside, slopes, reach, blur, columns):  # type: ignore[no-untyped-def]
     """Columns (m + slopes + 2, P): the surfaces' shares, the line, slopes, the effect of a change of blur."""
     scale = 1.0 / blur
@@ -131,7 +148,7 @@ def _model(distance, pixels, edges, m, inside, slopes, reach, blur, columns):  #
         columns[m + slopes + 1, q] = -d * scale * line
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _solve(full, raw, extra, m, size, stiffness, factor, out):  # type: ignore[no-untyped-def]
     """Out (size, 4): least squares of the colours' three channels raw (·, 3), and of the column `extra`.
 
@@ -176,11 +193,11 @@ def _solve(full, raw, extra, m, size, stiffness, factor, out):  # type: ignore[n
             out[i, ch] *= factor[i, i]
 
 
-@numba.njit(cache=True, nogil=True)
-def _misfit(full, raw, squares, size, found):  # type: ignore[no-untyped-def]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _misfit(full, raw, squares, size, found, first, last):  # type: ignore[no-untyped-def]
     """Sum of squared residuals over pixels and channels; squares: sum of the values' squares."""
     total = squares
-    for k in range(3):
+    for k in range(first, last):
         for i in range(size):
             product = 0.5 * full[i, i] * found[i, k] - raw[i, k]
             for j in range(i):
@@ -200,74 +217,102 @@ def _label(channels, table, color):  # type: ignore[no-untyped-def]
 @numba.njit(cache=True, nogil=True, inline="always")
 def _variance(misfit, degrees, noise):  # type: ignore[no-untyped-def]
     """Of a pixel's channel, by what does not fit, and at least that of the noise."""
-    return max(noise * noise, misfit / (3.0 * max(degrees, 1)))
+    return max(noise * noise, misfit / max(degrees, 1))
 
 
-@numba.njit(cache=True, nogil=True)
-def measure(image, width, height, channels, table, samples, n, reach, blur, noise, out):  # type: ignore[no-untyped-def]
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _blurred(full, raw, found, m, wide, inside, first, last):  # type: ignore[no-untyped-def]
+    """What speaks for a change of blur that colours and shift cannot explain, and how much could."""
+    own, wider, contrast = full[wide, wide], 0.0, 0.0
+    for i in range(m + 1):
+        own -= full[wide, i] * found[i, 3]
+    if own <= 1e-3 * full[wide, wide]:
+        return 0.0, 0.0
+    for k in range(first, last):
+        difference = found[inside, k] - found[inside + 1, k]
+        contrast += difference**2
+        off = raw[wide, k]
+        for i in range(m + 1):
+            off -= full[wide, i] * found[i, k]
+        wider -= difference * off
+    return wider, contrast * own
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def measure(image, width, height, red, channels, table, samples, n, reach, blur, noise, every, out):  # type: ignore[no-untyped-def]
     """Offsets of n pieces of edges: out (n, MEASURED), see OFFSET and below.
 
-    image: (≥ height, ≥ width, 3); reach: half width of the strip of pixels along an edge [px]; blur:
-    standard deviation of the steps [px]; noise: least of a pixel's channel [levels].
+    image: (≥ height, ≥ width, 3); red: which pixels of a mosaic measured red (`segmentation.mosaic`), -1 for
+    none; reach: half width of the strip of pixels along an edge [px]; blur: standard deviation of the steps
+    [px]; noise: least of a pixel's channel [levels].
     """
-    factor, full, raw, found = np.empty((8, 8)), np.empty((8, 8)), np.empty((8, 3)), np.empty((8, 4))
-    unit, edges = np.zeros(8), np.empty(5)
+    # Channels that were measured at the same pixels are solved together; the parts share the shift alone.
+    parts = 3 if red >= 0 else 1
+    width_of_part = 3 // parts
+    factor, full, raw = np.empty((8, 8)), np.empty((parts, 8, 8)), np.zeros((parts, 8, 3))
+    found, color, unit, edges = np.empty((parts, 8, 4)), np.empty((2, 3)), np.zeros(8), np.empty(5)
     columns, values, distance = np.empty((8, MAX_PIXELS)), np.empty((3, MAX_PIXELS)), np.empty(MAX_PIXELS)
     slope = SLOPE * min(1.0, max(1e-3, (blur - SHARP) / (SOFT - SHARP)))
     for s in range(n):
         out[s, VALID], out[s, SHARPNESS] = 0.0, 0.0
-        row = samples[s]
-        pixels = _collect(image, width, height, row, reach, distance, values)
-        if pixels < MIN_PIXELS:
+        if s % every:
             continue
+        row = samples[s]
         m, inside = _surfaces(row, reach + 1.5 * blur, edges)
         slopes = 2 if row[OUTSIDE] == 0 else 0
-        _model(distance, pixels, edges, m, inside, slopes, reach, blur, columns)
         wide = m + slopes + 1
-        squares = 0.0
-        for i in range(wide + 1):
-            for j in range(i + 1):
-                full[i, j] = _dot(columns[i], columns[j], pixels)
-            for k in range(3):
-                raw[i, k] = _dot(columns[i], values[k], pixels)
-        for k in range(3):
-            squares += _dot(values[k], values[k], pixels)
-        _solve(full, raw, full[wide], m, m + 1, 0.0, factor, found)
+        count, squares = 0, 0.0
+        for g in range(parts):
+            pixels = _collect(image, width, height, red, g, row, reach, distance, values)
+            _model(distance, pixels, edges, m, inside, slopes, reach, blur, columns)
+            for i in range(wide + 1):
+                for j in range(i + 1):
+                    full[g, i, j] = _dot(columns[i], columns[j], pixels)
+                for k in range(g, g + width_of_part):
+                    raw[g, i, k] = _dot(columns[i], values[k], pixels)
+            for k in range(g, g + width_of_part):
+                squares += _dot(values[k], values[k], pixels)
+            count += pixels * width_of_part
+        if count < 3 * MIN_PIXELS // parts:
+            continue
+        for g in range(parts):
+            _solve(full[g], raw[g], full[g, wide], m, m + 1, 0.0, factor, found[g])
+            for k in range(g, g + width_of_part):
+                color[0, k], color[1, k] = found[g, inside, k], found[g, inside + 1, k]
         # The surface inside must be the face: a finger's edge is none of the object's.
-        here, there = _label(channels, table, found[inside]), _label(channels, table, found[inside + 1])
+        here, there = _label(channels, table, color[0]), _label(channels, table, color[1])
         if here != row[INSIDE] or (there != row[OUTSIDE] if row[OUTSIDE] > 0 else there == row[INSIDE]):
             continue
-        contrast, wider = 0.0, 0.0
+        contrast = 0.0
         for k in range(3):
-            difference = found[inside, k] - found[inside + 1, k]
-            contrast += difference**2
-            off = raw[wide, k]
-            for i in range(m + 1):
-                off -= full[wide, i] * found[i, k]
-            wider -= difference * off
+            contrast += (color[0, k] - color[1, k]) ** 2
         if contrast < MIN_CONTRAST**2:
             continue
-        variance = _variance(_misfit(full, raw, squares, m + 1, found), pixels - m - 1, noise)
-        if m == 2:
-            # What colours and shift cannot explain of a change of blur.
-            own = full[wide, wide]
-            for i in range(m + 1):
-                own -= full[wide, i] * found[i, 3]
-            if own > 1e-3 * full[wide, wide]:
-                out[s, SHARPNESS] = contrast * own / variance
-                out[s, WIDER] = wider / (contrast * own)
+        misfit, wider, sharpness = squares, 0.0, 0.0
+        for g in range(parts):
+            misfit = _misfit(full[g], raw[g], misfit, m + 1, found[g], g, g + width_of_part)
+            if m == 2:
+                one, two = _blurred(full[g], raw[g], found[g], m, wide, inside, g, g + width_of_part)
+                wider, sharpness = wider + one, sharpness + two
+        variance = _variance(misfit, count - 3 * (m + 1), noise)
+        if sharpness > 0.0:
+            out[s, SHARPNESS] = sharpness / variance
+            out[s, WIDER] = wider / sharpness
         unit[m] = 1.0
-        _solve(full, raw, unit, m, wide, variance / slope**2, factor, found)
+        misfit, weight, shift, lift = squares, 0.0, 0.0, 0.0
+        for g in range(parts):
+            _solve(full[g], raw[g], unit, m, wide, variance / slope**2, factor, found[g])
+            misfit = _misfit(full[g], raw[g], misfit, wide, found[g], g, g + width_of_part)
+            known = 1.0 / found[g, m, 3]
+            for k in range(g, g + width_of_part):
+                difference = found[g, inside, k] - found[g, inside + 1, k]
+                weight += known * difference**2
+                shift += known * difference * found[g, m, k]
+                total = max(found[g, inside, k] + found[g, inside + 1, k], 16.0)
+                lift += known * difference**3 / total
         unit[m] = 0.0
-        variance = _variance(_misfit(full, raw, squares, wide, found), pixels - wide, noise)
-        contrast, shift, lift = 0.0, 0.0, 0.0
-        for k in range(3):
-            difference = found[inside, k] - found[inside + 1, k]
-            contrast += difference**2
-            shift += difference * found[m, k]
-            lift += difference**3 / max(found[inside, k] + found[inside + 1, k], 16.0)
-        contrast = max(contrast, MIN_CONTRAST**2)
-        out[s, OFFSET] = min(reach, max(-reach, shift / contrast))
-        out[s, VARIANCE] = variance * found[m, 3] / contrast
-        out[s, BLOOM] = _BLOOM * blur * lift / contrast
+        weight = max(weight, MIN_CONTRAST**2 / found[0, m, 3])
+        out[s, OFFSET] = min(reach, max(-reach, shift / weight))
+        out[s, VARIANCE] = _variance(misfit, count - 3 * wide, noise) / weight
+        out[s, BLOOM] = _BLOOM * blur * lift / weight
         out[s, VALID] = 1.0

@@ -15,16 +15,26 @@ from tracker.pose.views import Box, Evidence, stack_lenses
 REFERENCE_FOCAL = 295.0
 """Focal length [px] at which lengths in the refinement are stated: the platform's at 270×270."""
 
+FINE = 1.5
+"""Focal length over the reference from which a mosaic does not matter: strips along edges have so many pixels
+that errors of interpolation average out (recorded pictures of 540×540 fit no better with it)."""
+
 SCHEDULE = contour.Schedule(
     blur=np.array([1.2] + [0.0] * 8),
     piece=np.array([6.0] + [5.0] * 8),
     tukey=np.array([4.0, 2.0, 1.0] + [0.5] * 6),
+    every=np.ones(9, np.int64),
     least=3,
-    negligible=0.15,
+    negligible=0.25,
 )
 
 FOLLOWING = contour.Schedule(
-    blur=np.zeros(5), piece=np.array([6.0] * 5), tukey=np.array([1.0] + [0.5] * 4), least=1, negligible=0.4
+    blur=np.zeros(5),
+    piece=np.array([6.0] * 5),
+    tukey=np.array([1.0] + [0.5] * 4),
+    every=np.array([2] + [1] * 4),
+    least=1,
+    negligible=0.6,
 )
 """From a pose that was predicted, with a blur that is known."""
 
@@ -36,7 +46,6 @@ TUNING = contour.Tuning(
     start_blur=0.9,
     least_blur=0.35,
     largest_blur=3.0,
-    correlation=1.3,
     longest=0.02,
     largest=0.3,
 )
@@ -54,6 +63,7 @@ class Refiner:
         height, width = max(c.height for c in cameras), max(c.width for c in cameras)
         self.images: Array = np.zeros((len(cameras), height, width, 3), np.uint8)
         self.channels: Array = np.zeros((len(cameras), 3, 256), np.int32)
+        self.mosaics: Array = np.full(len(cameras), -1)
 
     def show(self, views: Sequence[Evidence | None]) -> None:
         """Take the images in which the poses that follow are refined."""
@@ -61,6 +71,7 @@ class Refiner:
             if view is not None:
                 self.images[c, : view.image.shape[0], : view.image.shape[1]] = view.image
                 self.channels[c] = view.channels
+                self.mosaics[c] = view.mosaic if self.scales[c] < FINE else -1
 
     def refine(
         self,
@@ -84,8 +95,9 @@ class Refiner:
         weights: FloatArray = np.asarray(np.linalg.inv(stated), dtype=np.float64)
         known, summary = np.zeros((6, 6)), np.zeros((len(used), contour.SUMMARY))
         converged = contour.refine(
-            self.images, self.lenses, self.scales, used, self.channels, self.label_table, self.box, weights,
-            PRIOR, schedule, TUNING._replace(start_blur=blur), rotation, position, self._work, known, summary,
+            self.images, self.mosaics, self.lenses, self.scales, used, self.channels, self.label_table,
+            self.box, weights, PRIOR, schedule, TUNING._replace(start_blur=blur), rotation, position,
+            self._work, known, summary,
         )  # fmt: skip
         summary[:, contour.SQUARES] /= self.scales**2
         return rotation, position, pose_covariance(known), summary, converged

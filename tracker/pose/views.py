@@ -48,6 +48,8 @@ class Evidence(NamedTuple):
     """(h, w) labels of the reduced image."""
     channels: Array
     """(3, 256) int32: offsets into the label table of this image's levels."""
+    mosaic: int = -1
+    """Which pixels measured red, if each measured one colour only (`segmentation.mosaic.find`); or -1."""
 
 
 class Box(NamedTuple):

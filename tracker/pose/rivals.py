@@ -1,0 +1,47 @@
+"""Poses that look much the same to one camera: reversed in depth.
+
+From afar a face looks the same when it is turned away to the other side (Oberkampf, DeMenthon and Davis,
+"Iterative pose estimation using coplanar feature points", CVIU 63(3), 1996), and so does a long object
+whose near end becomes the far one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from tracker.conventions import FloatArray
+from tracker.geometry import so3
+
+LEAST, MOST = np.radians((1.0, 35.0))
+"""Angles between an axis of the object and the line of sight, or the plane across it, for which the reversed
+pose is worth a try [rad]: less is the same pose, more looks different."""
+
+
+def reversed_in_depth(
+    rotation: FloatArray, position: FloatArray, half: FloatArray, camera: FloatArray
+) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Rotations (3, 3) and positions (3,) [m] that a camera at `camera` (3,) can hardly tell from a pose.
+
+    Args:
+        rotation: (3, 3) world_from_object.
+        position: (3,) of the object [m].
+        half: (3,) half edge lengths [m].
+        camera: (3,) [m].
+    """
+    sight = (camera - position) / np.linalg.norm(camera - position)
+    for axis in range(3):
+        along = rotation[:, axis]
+        toward = float(along @ sight)
+        across = np.cross(along, sight)
+        sine = float(np.linalg.norm(across))
+        angle = np.arctan2(sine, abs(toward))
+        if LEAST < angle < MOST:
+            # The face toward the camera keeps its middle.
+            side = np.sign(toward) * half[axis]
+            turn = so3.exp(2.0 * angle * np.sign(toward) * across / sine)
+            turned = turn @ rotation
+            yield turned, position + side * (along - turned[:, axis])
+        elif LEAST < np.pi / 2 - angle < MOST:
+            yield so3.exp(-2.0 * (np.pi / 2 - angle) * np.sign(toward) * across / sine) @ rotation, position
