@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from benchmarks.film_tracking import Played
+from benchmarks.film_playing import Played
 from benchmarks.report import theme
 from tracker.files import write_whole
 

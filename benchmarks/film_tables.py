@@ -6,7 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from benchmarks.film_tracking import CLEAR, CLEAR_FRAMES, COAST, FLIPPED_DEG, NEAR_MM, SEEN, STRIDES
+from benchmarks.film_rows import CLEAR, CLEAR_FRAMES, COAST, FLIPPED_DEG, NEAR_MM, SEEN
+from benchmarks.film_tracking import STRIDES
 from benchmarks.films import ABSENT, JUMP, RATE
 from benchmarks.scenes import OBJECTS
 from benchmarks.summary_tables import written

@@ -12,10 +12,8 @@ from benchmarks import commands, dice_scenes, scenes
 from benchmarks.__main__ import main
 from benchmarks.cache import read_packed
 from benchmarks.film_plot import FILE, write_film_plot
-from benchmarks.film_tables import TARGETS, film_tables, film_targets
-from benchmarks.film_tracking import (
-    FilmOptions,
-    Played,
+from benchmarks.film_playing import Played
+from benchmarks.film_rows import (
     camera_row,
     longest_wait,
     losses,
@@ -25,6 +23,8 @@ from benchmarks.film_tracking import (
     whole_row,
     within,
 )
+from benchmarks.film_tables import TARGETS, film_tables, film_targets
+from benchmarks.film_tracking import FilmOptions
 from benchmarks.films import ABSENT, SEED, FilmFrame, FilmStore, vanishing_film, vanishing_frames
 from benchmarks.records import read_results
 from tests.helpers import random_rotations

@@ -1,4 +1,4 @@
-"""ObjectTracker: the only place where segmentation and pose estimation meet."""
+"""ObjectTracker: images in, poses out; where what is seen, estimated and remembered meets."""
 
 from __future__ import annotations
 
@@ -6,14 +6,13 @@ import logging
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
 
-import cv2
 import numpy as np
 
 from tracker.calibration.rig import CameraRig
-from tracker.conventions import Array, FloatArray, Image
+from tracker.conventions import FloatArray, Image
 from tracker.errors import ImageError
+from tracker.evidence import EvidenceReader
 from tracker.geometry import so3
 from tracker.objects.model import CuboidModel
 from tracker.pose.acceptance import confidence, features, log_odds, rank, refusal
@@ -23,12 +22,9 @@ from tracker.pose.estimate import PoseEstimator
 from tracker.pose.fit import Fit
 from tracker.pose.motion import MotionState
 from tracker.pose.result import Observation, PoseEstimate, Status
-from tracker.pose.views import Box, Evidence, reduced_size
-from tracker.segmentation import mosaic
+from tracker.pose.views import Box, Evidence
 from tracker.segmentation.color_model import ColorModel, load_colors
-from tracker.segmentation.denoise import calmed
-from tracker.segmentation.labels import check_image, look_up
-from tracker.segmentation.normalise import Light, evened, find_light, grey_world_gains
+from tracker.segmentation.labels import check_image
 from tracker.tracking import Track, TrackingOptions, alone, measured
 from tracker.watch import Watch
 
@@ -48,19 +44,6 @@ fits too, but leaves part of itself."""
 
 JUMP_LEAD = 3.0
 """Log odds by which a fit that takes a jump must lead over one where the object was expected."""
-
-
-class _Seen(NamedTuple):
-    """An image in even light."""
-
-    image: Image
-    """(H, W, 3) BGR."""
-    small: Image
-    """(h, w, 3), reduced for labels."""
-    gains: FloatArray
-    """(3,) that make its greys grey."""
-    mosaic: int
-    """Which pixels measured red, see `mosaic.find`."""
 
 
 class ObjectTracker:
@@ -88,7 +71,7 @@ class ObjectTracker:
         box = Box(np.asarray(model.size) / 2, np.asarray(model.face_labels, dtype=np.uint8))
         self._estimator = PoseEstimator(box, rig.cameras, self.colors.label_table)
         self._track, self._watch = Track(tracking), Watch(len(rig))
-        self._channels: list[tuple[Light | None, Array]] = [(None, np.empty(0))] * len(rig)
+        self._reader = EvidenceReader(self.colors, len(rig))
 
     def detect(self, images: Sequence[Image | None]) -> Observation:
         """The object's pose in one set of images, without memory: same images, same answer to the bit.
@@ -213,13 +196,13 @@ class ObjectTracker:
         """
         timing = {} if timing is None else timing
         lap = time.perf_counter()
-        seen = [None if image is None else self._see(image) for image in self._check(images)]
+        seen = [None if image is None else self._reader.see(image) for image in self._check(images)]
         timing["light"] = 1e3 * (time.perf_counter() - lap)
         best: tuple[Fit, float] | None = None
         status: Status | None = None
         for grey_world in (False, True) if self.colors.normalise and thorough else (False,):
             lap = time.perf_counter()
-            views = [None if one is None else self._evidence(one, grey_world) for one in seen]
+            views = [None if one is None else self._reader.read(one, grey_world) for one in seen]
             split = time.perf_counter()
             outcome = self._estimator.estimate(views, thorough=thorough)
             timing["segmentation"] = timing.get("segmentation", 0.0) + 1e3 * (split - lap)
@@ -236,48 +219,9 @@ class ObjectTracker:
         return best[0] if best else status or Status.INCONSISTENT_VIEWS
 
     def _glance(self, c: int, image: Image, position: FloatArray) -> Evidence:
-        """As `_see` and `_evidence`, with camera c's light and noise as they were a moment ago.
-
-        Labels are looked up around a position [m] only; elsewhere they are background.
-        """
+        """What camera c's image shows around a position [m]."""
         light, loud = self._watch.light(c, image)
-        pattern = mosaic.find(image)
-        if self.colors.normalise:
-            image = evened(image, light)
-        height, width = image.shape[:2]
-        columns, rows = reduced_size(width, height)
-        labels = np.zeros((rows, columns), np.uint8)
-        by = width // columns
-        whole = (columns * by, rows * by) != (width, height)
-        window = (0, 0, columns, rows) if whole else self._estimator.window(c, position)
-        left, top, right, bottom = window
-        gains = light.gains if self.colors.normalise else np.ones(3)
-        if self._channels[c][0] is not light:
-            self._channels[c] = light, self.colors.channel_tables(gains)
-        channels = self._channels[c][1]
-        if left < right and top < bottom:
-            part = image if whole else image[by * top : by * bottom, by * left : by * right]
-            part = np.asarray(cv2.medianBlur(part, 3), dtype=np.uint8) if loud else part
-            size = (right - left, bottom - top)
-            part = np.asarray(cv2.resize(part, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-            found = np.empty(part.shape[:2], np.uint8)
-            look_up(part, channels, self.colors.label_table, gains, found)
-            labels[top:bottom, left:right] = found
-        return Evidence(image, labels, channels, pattern)
-
-    def _see(self, image: Image) -> _Seen:
-        small = _reduce(calmed(image))
-        if not self.colors.normalise:
-            return _Seen(image, small, np.ones(3), mosaic.find(image))
-        light = find_light(small)
-        return _Seen(evened(image, light), evened(small, light), light.gains, mosaic.find(image))
-
-    def _evidence(self, seen: _Seen, grey_world: bool) -> Evidence:
-        gains = grey_world_gains(seen.small) if grey_world else seen.gains
-        channels = self.colors.channel_tables(gains)
-        labels = np.empty(seen.small.shape[:2], np.uint8)
-        look_up(seen.small, channels, self.colors.label_table, gains, labels)
-        return Evidence(seen.image, labels, channels, seen.mosaic)
+        return self._reader.glance(c, image, light, loud, self._estimator.window(c, position))
 
     def _check(self, images: Sequence[Image | None], least: int = 1) -> list[Image | None]:
         given: object = images
@@ -318,14 +262,6 @@ def _settled(fit: Fit | None) -> bool:
         return False
     counts = fit.counts.sum(axis=0)
     return bool(counts[EXTRA] <= MOST_EXTRA * counts[PREDICTED])
-
-
-def _reduce(image: Image) -> Image:
-    height, width = image.shape[:2]
-    size = reduced_size(width, height)
-    if size == (width, height):
-        return image
-    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
 def kernels_are_cached() -> bool:
