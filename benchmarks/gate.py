@@ -9,9 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from benchmarks.film_tracking import STRIDES
 from benchmarks.records import Results, ResultsError
 from benchmarks.summary import CHI2_MEDIAN
 from tracker.files import write_whole
+
+OVER_TIME = "over time"
+"""Workload of the films' figures."""
 
 BASELINE = Path(__file__).with_name("baseline.json")
 
@@ -90,6 +94,23 @@ DICE: Mapping[str, Tolerance] = {
 """By the figure's name in those of the dice."""
 
 
+FILMS: Mapping[str, Tolerance] = {
+    # Shares in per cent, of the frames of two films, or of a few of them.
+    "filtered": Tolerance(0.3, lower_is_worse=True),
+    **{f"every_{stride}_filtered": Tolerance(1.0, lower_is_worse=True) for stride in STRIDES},
+    **{f"every_{stride}_losses": Tolerance(0.0) for stride in STRIDES},
+    "right_or_none": Tolerance(1.0, lower_is_worse=True),
+    "flips": Tolerance(0.0),
+    "kept": Tolerance(0.0),
+    "invented": Tolerance(0.0),
+    "longest_wait": Tolerance(1.0),
+    "nees": TOLERANCES["median_nees"],
+    **{f"{state}_ratio_{unit}": Tolerance(0.03) for state in ("rest", "moving") for unit in ("mm", "deg")},
+    "ratio": SPEED,
+}
+"""By the figure's name in those of an object's films."""
+
+
 def tolerance_of(name: str) -> Tolerance:
     """The tolerance of a figure as `held` names it.
 
@@ -99,7 +120,7 @@ def tolerance_of(name: str) -> Tolerance:
     workload, _, key = name.split(" / ")
     if workload == "speed" and key == "ratio":
         return SPEED
-    return (DICE if workload == "dice" else TOLERANCES)[key]
+    return {"dice": DICE, OVER_TIME: FILMS}.get(workload, TOLERANCES)[key]
 
 
 def held(results: Results) -> dict[str, float]:
@@ -117,6 +138,10 @@ def held(results: Results) -> dict[str, float]:
     for key, value in results.get("dice", {}).get("figures", {}).items():
         if key in DICE and isinstance(value, (int, float)):
             figures[f"dice / thrown / {key}"] = float(value)
+    for name, known in results.get("films", {}).get("figures", {}).items():
+        for key, value in known.items():
+            if key in FILMS and isinstance(value, (int, float)):
+                figures[f"{OVER_TIME} / {name} / {key}"] = float(value)
     return figures
 
 
@@ -132,9 +157,10 @@ def failures(baseline: Mapping[str, Any], results: Results) -> tuple[list[str], 
             raise ResultsError(
                 f"results: found {key} {about.get(key)}, expected {baseline.get(key)} as in the baseline"
             )
-    if results.get("dice") and baseline.get("dice") not in (None, results["dice"]["about"]):
-        found = results["dice"]["about"]
-        raise ResultsError(f"results: found dice {found}, expected {baseline['dice']} as in the baseline")
+    for part in ("dice", "films"):
+        if results.get(part) and baseline.get(part) not in (None, results[part]["about"]):
+            found = results[part]["about"]
+            raise ResultsError(f"results: found {part} {found}, expected {baseline[part]} as in the baseline")
     now = held(results)
     worse: list[str] = []
     absent: list[str] = []
@@ -143,7 +169,8 @@ def failures(baseline: Mapping[str, Any], results: Results) -> tuple[list[str], 
         workload = name.split(" / ")[0]
         if name not in now:
             reason = about.get("skipped", {}).get(workload)
-            skipped = reason is not None or (workload in ("speed", "dice") and not results.get(workload))
+            part = "films" if workload == OVER_TIME else workload
+            skipped = reason is not None or (part in ("speed", "dice", "films") and not results.get(part))
             (absent if skipped else worse).append(
                 f"{name}: not measured" + (f" ({reason})" if reason else "")
             )
@@ -173,6 +200,7 @@ def write_baseline(results: Results, path: Path = BASELINE) -> None:
         name: None if math.isnan(value) else float(f"{value:.5g}") for name, value in held(results).items()
     }
     content = {key: about.get(key) for key in ("commit", "processor", "seed", "scenes")}
-    if results.get("dice"):
-        content["dice"] = results["dice"]["about"]
+    for part in ("dice", "films"):
+        if results.get(part):
+            content[part] = results[part]["about"]
     write_whole(path, json.dumps({**content, "figures": figures}, indent=1, ensure_ascii=False) + "\n")

@@ -11,8 +11,8 @@ from click.testing import CliRunner
 from benchmarks import commands, dice_scenes, scenes
 from benchmarks.__main__ import main
 from benchmarks.cache import read_packed
-from benchmarks.film_plot import FILE, write_film_plot
 from benchmarks.film_playing import Played
+from benchmarks.film_plot import FILE, write_film_plot
 from benchmarks.film_rows import (
     camera_row,
     longest_wait,

@@ -26,13 +26,25 @@ FIGURES = {
 }
 
 
+OVER_TIME = {
+    "filtered": 99.8,
+    "flips": 0,
+    "every_4_filtered": 99.0,
+    "nees": 5.0,
+    "longest_wait": 1,
+    "ratio": 0.8,
+}
+
+
 def results(**changes):
+    films = {"about": {"seed": 7}, "figures": {"cube_v2": OVER_TIME | changes.pop("films", {})}}
     speed = {"detect": [{"images": "rendered", "object": "cube_v2", "ratio": changes.pop("ratio", 2.0)}]}
     summary = {
         "realistic": {"cube_v2": {**FIGURES, **changes}},
         "absent": {"cube_v2": {"frames": 5, "false_finds": 0}},
     }
-    return {"about": copy.deepcopy(ABOUT), "frames": [], "summary": summary, "speed": speed}
+    about = copy.deepcopy(ABOUT)
+    return {"about": about, "frames": [], "summary": summary, "speed": speed, "films": films}
 
 
 @pytest.fixture
@@ -56,6 +68,8 @@ def test_an_equal_run_passes(baseline):
         {"median_ms": 500.0},
         {"ratio": 2.4},
         {"ratio": 0.5},
+        {"films": {"filtered": 99.6, "longest_wait": 2, "ratio": 0.9}},
+        {"films": {"filtered": 100.0, "nees": 5.5}},
     ],
 )
 def test_better_or_slightly_worse_passes(baseline, change):
@@ -81,6 +95,28 @@ def test_what_falls_by_more_than_its_tolerance_is_named(baseline, change, name):
     assert len(worse) == 1
     assert worse[0].startswith(name)
     assert absent == []
+
+
+@pytest.mark.parametrize(
+    ("key", "value"), [("filtered", 99.0), ("flips", 1), ("nees", 1.0), ("longest_wait", 9)]
+)
+def test_figures_over_time_are_held_too(baseline, key, value):
+    worse, absent = gate.failures(baseline, results(films={key: value}))
+    assert not absent
+    assert len(worse) == 1
+    assert worse[0].startswith(f"over time / cube_v2 / {key}: {value:.4g}, was")
+
+
+def test_films_that_were_not_played_are_named_and_other_films_cannot_be_compared(baseline):
+    without = results()
+    del without["films"]
+    worse, absent = gate.failures(baseline, without)
+    assert not worse
+    assert {name.split(" / ")[0] for name in absent} == {"over time"}
+    other = results()
+    other["films"]["about"] = {"seed": 8}
+    with pytest.raises(ResultsError, match="films"):
+        gate.failures(baseline, other)
 
 
 def test_one_false_find_is_too_many(baseline):
@@ -178,7 +214,7 @@ def test_the_document_says_what_was_measured(tmp_path):
     notes.write_text("## What limits\nBlur.\n", encoding="utf-8")
     records = made_up_records(12)
     made = results() | {"targets": targets.evaluate(records, results()["speed"])}
-    del made["speed"]
+    del made["speed"], made["films"]
     write_results(tmp_path / "results.json", made)
     text = results_markdown(read_results(tmp_path), notes)
     assert text.startswith("# Results\n")
@@ -198,3 +234,10 @@ def test_tolerances_are_of_figures_that_summaries_have():
     figures = summarise([record(position_mm=np.float64(1), rotation_deg=1.0, roll_deg=1.0)])
     known = {gate.ALIASES.get(key, key) for key in figures} | {"false_finds"}
     assert set(gate.TOLERANCES) <= known
+
+
+def test_tolerances_over_time_are_of_figures_that_films_have():
+    from benchmarks.film_tables import TARGETS
+
+    # The slowest hundredth is what else the machine does.
+    assert {*gate.FILMS, "p99_over_median"} == {key for _, key, *_ in TARGETS}

@@ -32,7 +32,7 @@ MIN_LEAD = 0.7
 MIN_TRUST = 0.2
 """Probability that the fit sits on the object below which there had better be no pose."""
 
-VAGUE, MIN_DEFINITE = (0.02, math.radians(5)), 0.4
+VAGUE, MIN_DEFINITE = (0.02, math.radians(5)), 0.5
 """The pose must be this close to the truth [m, rad] with this probability, or many poses would do."""
 
 
@@ -105,10 +105,10 @@ def rank(fit: Fit) -> float:
     """By how much a fit is to be preferred: its log odds, and how many pieces of edges it explains.
 
     A pose that shares most of the object's outline with the right one, slid along an edge or turned by a
-    quarter, has clean pieces too, but fewer of them.
+    quarter, has clean pieces too, but fewer of them; one that slid into a wrong optimum has rough ones.
     """
     pieces = float(fit.samples[:, contour.INLIERS].sum())
-    return log_odds(fit) + EVIDENCE * pieces * (1.0 - features(fit)["rms"])
+    return log_odds(fit) + EVIDENCE * pieces / (1.0 + max(features(fit)["rms"], 0.0))
 
 
 def probably_near(covariance: FloatArray, limits: tuple[float, float] = NEAR) -> float:

@@ -25,7 +25,7 @@ SCHEDULE = contour.Schedule(
     tukey=np.array([4.0, 2.0, 1.0] + [0.5] * 6),
     every=np.ones(9, np.int64),
     least=3,
-    negligible=0.25,
+    negligible=0.2,
 )
 
 FOLLOWING = contour.Schedule(
@@ -34,7 +34,7 @@ FOLLOWING = contour.Schedule(
     tukey=np.array([1.0] + [0.5] * 4),
     every=np.array([2] + [1] * 4),
     least=1,
-    negligible=0.6,
+    negligible=0.5,
 )
 """From a pose that was predicted, with a blur that is known."""
 
@@ -43,6 +43,7 @@ TUNING = contour.Tuning(
     margin=(0.4, 1.5),
     floor=0.06,
     tukey=4.685,
+    correlation=1.1,
     start_blur=0.9,
     least_blur=0.35,
     largest_blur=3.0,
