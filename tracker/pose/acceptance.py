@@ -55,6 +55,11 @@ def features(fit: Fit) -> Mapping[str, float]:
     }
 
 
+def possible(fit: Fit) -> bool:
+    """Whether the object is above the table, or as far below it as calibrations may be off."""
+    return fit.lowest >= ARENA_BOTTOM
+
+
 @functools.lru_cache(maxsize=32)
 def refusal(fit: Fit) -> Status | None:
     """Why the fit is not accepted; None where it is."""
@@ -64,8 +69,10 @@ def refusal(fit: Fit) -> Status | None:
         return Status.TOO_FEW_PIXELS
     if found["wrong"] ** 2 > MAX_WRONG or found["extra"] ** 2 > 0.5:
         return Status.INCONSISTENT_VIEWS
-    if fit.lowest < ARENA_BOTTOM:
-        return Status.INCONSISTENT_VIEWS
+    if not possible(fit):
+        # One camera alone takes what hides the object's edges for them, and puts it too far away.
+        alone = np.count_nonzero(fit.samples[:, contour.EXPECTED]) == 1
+        return Status.AMBIGUOUS if alone else Status.INCONSISTENT_VIEWS
     if fit.samples[:, contour.INLIERS].sum() < MIN_INLIERS or not np.isfinite(fit.covariance).all():
         return Status.POOR_FIT
     if fit.lead < MIN_LEAD:

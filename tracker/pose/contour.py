@@ -61,7 +61,8 @@ class Tuning(NamedTuple):
     tukey: float
     """Residual at which a piece's weight reaches zero [robust standard deviations]."""
     correlation: float
-    """Factor on the standard deviation of pieces, which share errors."""
+    """Factor on the standard deviation of pieces where neighbouring pixels share errors: unless each of a
+    mosaic's counts only for what it measured."""
     start_blur: float
     least_blur: float
     largest_blur: float
@@ -188,7 +189,6 @@ def refine(  # type: ignore[no-untyped-def]
             summary[c, BLUR] = blurs[c]
         # The median of all, unlike the inliers' mean square, does not shrink by leaving out what disagrees.
         spread = 1.4826 * np.median(work.residuals[:total]) if total > 0 else 1.0
-        trust = 1.0 / tuning.correlation**2
         tukey = max(schedule.tukey[step], tuning.tukey * spread)
         for c in range(cameras):
             information[c, :, :], gradient[c, :] = 0.0, 0.0
@@ -199,6 +199,7 @@ def refine(  # type: ignore[no-untyped-def]
                     (max(tuning.floor, 0.7 * spread) * scales[c]) ** 2,
                     information[c], gradient[c], summary[c],
                 )  # fmt: skip
+                trust = 1.0 if mosaics[c] >= 0 else 1.0 / tuning.correlation**2
                 information[c] *= trust
                 gradient[c] *= trust
         pull[EXPONENT] = (LIKELY_EXPONENT - exponent) / EXPONENT_STD**2

@@ -11,7 +11,7 @@ import numpy as np
 from tracker.conventions import Array, FloatArray
 from tracker.geometry.camera import Camera
 from tracker.pose import align
-from tracker.pose.acceptance import log_odds, rank
+from tracker.pose.acceptance import log_odds, possible, rank
 from tracker.pose.contour import BLUR, Schedule
 from tracker.pose.fit import Fit
 from tracker.pose.refine import FOLLOWING, SCHEDULE, TUNING, Refiner
@@ -98,14 +98,14 @@ class PoseEstimator:
         for hypothesis in chain(self._align([first], FEW), more):
             fit = self.refine(*hypothesis)
             fits.append(fit)
-            if several and log_odds(fit) > SURE and fit.converged:
+            if several and log_odds(fit) > SURE and fit.converged and possible(fit):
                 break
         if not fits:
             return Status.INCONSISTENT_VIEWS
         if not several:
             fits.extend(self._reversed(max(fits, key=rank)))
-        if len(fits) == 1:
-            return fits[0]
+        # Poses below the table count only where there is no other.
+        fits = [fit for fit in fits if possible(fit)] or fits
         fits.sort(key=rank, reverse=True)
         rivals = [
             fit for fit in fits[1:] if _apart(fit.rotation, fit.position, fits[0].rotation, fits[0].position)
