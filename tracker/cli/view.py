@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from tracker.logs.poses import Poses
     from tracker.objects.model import CuboidModel
     from tracker.pose.result import Observation
+    from tracker.segmentation.color_model import ColorModel
 
 _FILE = click.Path(path_type=Path)
 
@@ -67,6 +68,8 @@ _Frames = Iterator[tuple[int, float, "Observation", Sequence["Image | None"]]]
     type=_FILE,
     help="Write a file for the viewer (.rrd).  [default: open the viewer; without a screen, a file here]",
 )
+@click.option("--colors", "colors_name", metavar="NAME", help="To track a LOG with.  [default: the object's]")
+@click.option("--recover", is_flag=True, help="Leave out what is damaged of a recording.")
 @click.option("--from", "first", metavar="N", type=click.IntRange(0), default=0, help="First frame wanted.")
 @click.option("--to", "last", metavar="N", type=click.IntRange(1), help="First frame not wanted any more.")
 @click.option(
@@ -81,6 +84,8 @@ def view(
     pattern: str | None,
     correct_halved_principal_point: bool,
     output: Path | None,
+    colors_name: str | None,
+    recover: bool,
     first: int,
     last: int | None,
     every: int,
@@ -107,6 +112,8 @@ def view(
     if is_poses_file(source):
         if calibration or pattern or correct_halved_principal_point:
             raise click.UsageError(f"{source}: the calibration is in this file of poses, expected no other")
+        if colors_name is not None:
+            raise click.UsageError(f"--colors {colors_name}: {source} holds poses, nothing is tracked")
         poses = read_poses(source)
         model = _model_of(poses, object_name)
         chosen.refuse_none(source, int(poses.index[-1]) + 1 if len(poses) else 0)
@@ -114,23 +121,33 @@ def view(
         if log is None:
             _show(source, target, poses.about.rig, model, _from_poses(poses, rows), len(rows), quiet)
             return
-        with open_log(log) as opened:
+        with open_log(log, recover=recover) as opened:
             rig = fitted_to(log, opened, poses.about.rig)
             frames = _with_images(log, opened, poses, rows, every)
             _show(source, target, rig, model, frames, len(rows), quiet)
         return
     if log is not None:
         raise click.UsageError(f"--log {log}: {source} is no file of poses, whose recording that could be")
-    with open_log(source) as opened:
+    with open_log(source, recover=recover) as opened:
         if object_name is None:
             raise click.UsageError(f"{source}: expected --object, to track this recording")
         from tracker.objects.model import load_object
+        from tracker.segmentation.color_model import load_colors
 
         model = load_object(object_name)
+        colors = load_colors(colors_name or model.colors)
         rig = rig_of(source, opened, calibration, pattern, correct_halved_principal_point)
         chosen.refuse_none(source, len(opened))
         part = range(len(opened))[first:last]
-        _show(source, target, rig, model, _tracked(opened, rig, model, chosen), len(part[::every]), quiet)
+        _show(
+            source,
+            target,
+            rig,
+            model,
+            _tracked(opened, rig, model, colors, chosen),
+            len(part[::every]),
+            quiet,
+        )
 
 
 def _show(
@@ -203,11 +220,11 @@ def _with_images(path: Path, log: Log, poses: Poses, rows: Sequence[int], every:
         yield frame.index, stamp, observation(poses, row), frame.images
 
 
-def _tracked(log: Log, rig: CameraRig, model: CuboidModel, chosen: _Chosen) -> _Frames:
+def _tracked(log: Log, rig: CameraRig, model: CuboidModel, colors: ColorModel, chosen: _Chosen) -> _Frames:
     """The frames of a recording, tracked; also those that are not shown."""
     from tracker.pipeline import ObjectTracker
 
-    tracker = ObjectTracker(model, rig)
+    tracker = ObjectTracker(model, rig, colors)
     starts = frozenset(log.episode_starts)
     for frame in log[chosen.first : chosen.last]:
         if frame.index in starts:

@@ -104,13 +104,11 @@ class PoseEstimator:
             return Status.INCONSISTENT_VIEWS
         if not several:
             fits.extend(self._reversed(max(fits, key=rank)))
-        # Poses below the table count only where there is no other.
-        fits = [fit for fit in fits if possible(fit)] or fits
         fits.sort(key=rank, reverse=True)
-        rivals = [
-            fit for fit in fits[1:] if _apart(fit.rotation, fit.position, fits[0].rotation, fits[0].position)
-        ]
-        return replace(fits[0], lead=rank(fits[0]) - rank(rivals[0])) if rivals else fits[0]
+        # A pose below the table is none, but what looks like one more than like the best makes that doubtful.
+        best = next(filter(possible, fits), fits[0])
+        rivals = [fit for fit in fits if _apart(fit.rotation, fit.position, best.rotation, best.position)]
+        return replace(best, lead=rank(best) - rank(rivals[0])) if rivals else best
 
     def follow(self, views: Sequence[Evidence | None], rotation: FloatArray, position: FloatArray) -> Fit:
         """The fit nearest to a predicted pose (3, 3), (3,) [m]; a prediction off by a few pixels will do."""
