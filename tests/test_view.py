@@ -61,7 +61,9 @@ def test_a_recording_is_tracked_on_the_way(tmp_path):
         (["poses.h5", "-o", "v.rrd", "--calibration", "log"], "the calibration is in"),
         (["poses.h5", "-o", "v.rrd", "--object", "cube_v1"], "expected cube_v2"),
         (["poses.h5", "-o", "v.rrd", "--log", "log"], "28×24"),
+        (["poses.h5", "-o", "v.rrd", "--colors", "cube_v2"], "nothing is tracked"),
         (["log", "-o", "v.rrd"], "--object"),
+        (["log", "-o", "v.rrd", "--object", "cube_v2", "--colors", "no"], "'no'"),
     ],
 )
 def test_wrong_usage_is_one_line_and_leaves_nothing(arguments, said, tmp_path):

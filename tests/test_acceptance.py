@@ -1,0 +1,46 @@
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from tests.test_tracking import made_fit
+from tracker.pose.acceptance import possible, rank, refusal
+from tracker.pose.contour import INLIERS, SQUARES
+from tracker.pose.grids import ARENA_BOTTOM
+from tracker.pose.result import Status
+
+
+def rough(fit, rms):
+    """A fit whose edges are off by `rms` [px] at the reference focal length."""
+    samples = fit.samples.copy()
+    samples[:, SQUARES] = rms**2 * samples[:, INLIERS]
+    return dataclasses.replace(fit, samples=samples)
+
+
+@pytest.mark.parametrize(("cameras", "status"), [(3, Status.INCONSISTENT_VIEWS), (1, Status.AMBIGUOUS)])
+def test_an_object_below_the_table_is_refused(cameras, status):
+    fit = made_fit(cameras=cameras)
+    assert refusal(fit) is None
+    for depth in (0.0, -ARENA_BOTTOM):
+        assert possible(dataclasses.replace(fit, lowest=-depth))
+    below = dataclasses.replace(fit, lowest=ARENA_BOTTOM - 1e-3)
+    assert not possible(below)
+    assert refusal(below) is status
+
+
+def test_pieces_speak_for_a_fit_the_less_the_rougher_they_are():
+    ranks = [rank(rough(made_fit(), rms)) for rms in (0.05, 0.1, 0.2, 0.4, 0.8)]
+    assert ranks == sorted(ranks, reverse=True)
+    for rms in (0.05, 0.3, 1.5):
+        fit = rough(made_fit(), rms)
+        fewer = fit.samples.copy()
+        fewer[:, [INLIERS, SQUARES]] *= 0.7
+        assert rank(dataclasses.replace(fit, samples=fewer)) < rank(fit)
+
+
+def test_a_rank_is_finite_for_a_fit_without_pieces():
+    fit = made_fit()
+    assert math.isfinite(rank(dataclasses.replace(fit, samples=np.zeros_like(fit.samples))))
