@@ -45,8 +45,9 @@ class Schedule(NamedTuple):
     """(steps,) one in so many pieces is looked at; the refinement ends after a step with all of them."""
     least: int
     """Steps before which the refinement does not end."""
-    negligible: float
-    """Squared length of a step, in standard deviations of the pose, below which the refinement ends."""
+    negligible: FloatArray
+    """(steps,) squared length of a step, in standard deviations of the pose, below which the refinement
+    ends."""
 
 
 class Tuning(NamedTuple):
@@ -228,7 +229,7 @@ def refine(  # type: ignore[no-untyped-def]
             schedule.blur[step] == 0.0
             and schedule.every[step] == 1
             and step >= schedule.least
-            and size < schedule.negligible
+            and size < schedule.negligible[step]
         ):
             converged = True
             break
