@@ -70,7 +70,7 @@ def test_every_start_nearby_leads_to_the_same_pose(trackers, scenes, name):
             fit = estimator.refine(rotation, reference.position + size * rng.normal(0, 1.5e-3, 3))
             assert fit.converged
             # Ended within `negligible` of the best pose, both of them.
-            assert np.abs(deviation(fit, reference)).max() < 2 * np.sqrt(SCHEDULE.negligible)
+            assert np.abs(deviation(fit, reference)).max() < 2 * np.sqrt(SCHEDULE.negligible[0])
             np.testing.assert_allclose(np.diag(fit.covariance), np.diag(reference.covariance), rtol=0.1)
 
 
