@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 import tracker
+from benchmarks import metrics
 from benchmarks.films import FilmFrame
 from benchmarks.timing import reference_work
 from tracker.conventions import Array, FloatArray
@@ -108,16 +109,15 @@ def pose_error(pose: tracker.PoseEstimate | None, frame: FilmFrame) -> tuple[flo
     """Distance [mm] and angle [°] of a pose from the truth; nan where one is missing."""
     if pose is None or frame.position is None or frame.rotation is None:
         return np.nan, np.nan
-    shift = 1e3 * float(np.linalg.norm(pose.position - frame.position))
-    return shift, float(np.degrees(so3.angle_between(pose.rotation, frame.rotation)))
+    shift = 1e3 * float(metrics.position_error(frame.position, pose.position))
+    return shift, float(np.degrees(metrics.rotation_error(frame.rotation, pose.rotation)))
 
 
 def _nees(pose: tracker.PoseEstimate | None, frame: FilmFrame) -> float:
     if pose is None or frame.position is None or frame.rotation is None:
         return np.nan
-    turn = so3.log(frame.rotation @ pose.rotation.T)
-    error = np.concatenate([frame.position - pose.position, turn])
-    return float(error @ np.linalg.solve(pose.covariance, error))
+    true, found = (frame.position, frame.rotation), (pose.position, pose.rotation)
+    return float(metrics.nees(true, found, pose.covariance))
 
 
 def _at_rest(poses: FloatArray) -> Array:

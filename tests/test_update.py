@@ -181,6 +181,25 @@ def test_detect_does_not_depend_on_updates(rig, film, reference):
     assert bits(one.detect(film[9])) == before
 
 
+@pytest.mark.parametrize("left", range(3))
+def test_what_one_camera_tries_does_not_depend_on_updates(rig, film, left, monkeypatch):
+    images = [image if c == left else None for c, image in enumerate(film[9])]
+    one, tried = new(rig), []
+    refine = one._estimator.refine
+
+    def recorded(*arguments):
+        fit = refine(*arguments)
+        tried.append(fit.position.tobytes() + fit.rotation.tobytes())
+        return fit
+
+    monkeypatch.setattr(one._estimator, "refine", recorded)
+    before, first = bits(one.detect(images)), list(tried)
+    play(one, film[:5])
+    tried.clear()
+    assert bits(one.detect(images)) == before
+    assert tried == first
+
+
 def test_update_does_not_depend_on_detections(rig, film, empty, reference):
     one = new(rig)
     for k, images in enumerate(film[:8]):

@@ -115,7 +115,7 @@ class PoseEstimator:
         self._show(views)
         fit = self.refine(rotation, position, FOLLOWING, self._blur)
         if np.count_nonzero(self.used) == 1:
-            fit = max([fit, *self._reversed(fit)], key=rank)
+            fit = max([fit, *self._reversed(fit, self._blur)], key=rank)
         measured = fit.samples[self.used, BLUR] / self.refiner.scales[self.used]
         self._blur = float(np.median(measured)) if fit.converged else TUNING.start_blur
         return fit
@@ -162,11 +162,11 @@ class PoseEstimator:
         lowest = float(position[2] - np.abs(rotation[2]) @ self.box.half)
         return Fit(position, rotation, covariance, samples, converged, counts, lowest)
 
-    def _reversed(self, fit: Fit) -> list[Fit]:
-        """What else the one camera that is used may see."""
+    def _reversed(self, fit: Fit, blur: float = TUNING.start_blur) -> list[Fit]:
+        """What else the one camera that is used may see; `blur` to begin with, as of `refine`."""
         camera = self.small[self.used]["position"][0]
         rivals = reversed_in_depth(fit.rotation, fit.position, self.box.half, camera)
-        return [self.refine(*rival, FOLLOWING, self._blur) for rival in rivals]
+        return [self.refine(*rival, FOLLOWING, blur) for rival in rivals]
 
     def _align(self, candidates: Iterable[FloatArray], count: int) -> Iterator[Hypothesis]:
         """Different hypotheses after alignment on the label maps, best first; worked out when asked for."""
