@@ -14,7 +14,7 @@ from benchmarks.summary import SURE, percent
 from benchmarks.timing import RIGHT_DEG, RIGHT_MM
 from tracker import Status
 from tracker.conventions import Array, FloatArray
-from tracker.tracking import TrackingOptions
+from tracker.tracking.belief import TrackingOptions
 
 FLIPPED_DEG = 30.0
 """A rotation that is farther off is that of another face [°]."""

@@ -27,7 +27,7 @@ from tracker.geometry import so3
 from tracker.objects.model import load_object
 from tracker.pipeline import ObjectTracker
 from tracker.pose import acceptance
-from tracker.pose.acceptance import WEIGHTS, features, probably_near
+from tracker.pose.judge import WEIGHTS, features, probably_near
 from tracker.pose.fit import Fit
 
 SEED = 101

@@ -17,7 +17,7 @@ import numpy as np
 from tracker.objects.labels import COLOR_NAMES
 from tracker.segmentation.fit import FitOptions, combine, image_histograms
 from tracker.segmentation.labelled import LabelledImage, read_image, read_labelled
-from tracker.segmentation.normalise import apply_gains, neutral_gains
+from tracker.segmentation.light import apply_gains, neutral_gains
 
 OBJECTS = ("cube_v1", "cube_v2", "cube_v3", "cuboid_2x2x8_v2")
 DATA = Path(__file__).resolve().parent.parent / "tracker" / "segmentation" / "data"

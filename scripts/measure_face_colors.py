@@ -22,7 +22,7 @@ from synthetic.sensor import RESPONSE_GAMMA, linear
 from tracker.conventions import Array, FloatArray, Image
 from tracker.objects.labels import COLOR_NAMES
 from tracker.segmentation.labelled import LabelledImage
-from tracker.segmentation.normalise import TARGET_GREY, neutral_gains
+from tracker.segmentation.light import TARGET_GREY, neutral_gains
 
 DATA = Path(__file__).resolve().parent.parent / "synthetic" / "data" / "face_colors.json"
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.test_tracking import made_fit
-from tracker.pose.acceptance import possible, rank, refusal
+from tracker.pose.judge import possible, rank, refusal
 from tracker.pose.contour import INLIERS, SQUARES
 from tracker.pose.grids import ARENA_BOTTOM
 from tracker.pose.result import Status

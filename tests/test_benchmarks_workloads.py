@@ -12,7 +12,7 @@ from tests.helpers import make_camera
 from tests.synthetic_needs import skip_without_platform
 from tracker.geometry import so3
 from tracker.objects.model import load_object
-from tracker.pose.covariance import rotation_vector_variance
+from tracker.pose.solve.covariance import rotation_vector_variance
 
 
 def scene(rng, index=0):

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tracker.segmentation.denoise import LOUD, calmed, noise_level
+from tracker.segmentation.noise import LOUD, calmed, noise_level
 
 ROWS, COLUMNS = np.mgrid[0:270, 0:270]
 SMOOTH = np.stack([100 + 40 * np.sin(COLUMNS / 40 + k) * np.cos(ROWS / 50) for k in range(3)], axis=-1)

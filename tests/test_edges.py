@@ -10,7 +10,7 @@ from tests.helpers import make_camera, numerical_jacobian, random_rotations
 from tracker.geometry import so3
 from tracker.geometry.cuboid import corners, visible_faces
 from tracker.pose import edges
-from tracker.pose.lens import project
+from tracker.geometry.lens import project
 from tracker.pose.views import stack_lenses
 
 CAMERA = make_camera()

@@ -14,7 +14,7 @@ from tracker.objects.labels import COLOR_NAMES
 from tracker.segmentation import load_colors, segment
 from tracker.segmentation.fit import FitOptions, combine, image_histograms, intersection_over_union
 from tracker.segmentation.labelled import LabelledImage, read_image, read_labelled
-from tracker.segmentation.normalise import apply_gains
+from tracker.segmentation.light import apply_gains
 
 SIZE = 160
 OPTIONS = FitOptions(draws=8000)

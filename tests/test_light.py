@@ -8,7 +8,7 @@ import pytest
 import tracker
 from tracker.conventions import Image
 from tracker.segmentation.labels import look_up
-from tracker.segmentation.normalise import CLIPPED, MIN_TILT, evened, find_light
+from tracker.segmentation.light import CLIPPED, MIN_TILT, evened, find_light
 
 SIZE = 135
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tracker.pose.linear import factorise, solve_positive, substitute
+from tracker.geometry.linear import factorise, solve_positive, substitute
 
 SIZES = [1, 3, 6, 8]
 

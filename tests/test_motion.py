@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from tests.helpers import numerical_jacobian, random_rotations
 from tracker.geometry import so3
 from tracker.pose import motion
-from tracker.pose.motion import STATE, Motions
+from tracker.tracking.motion import STATE, Motions
 
 DT = 0.1
 

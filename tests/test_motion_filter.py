@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from tests.helpers import random_rotations
 from tracker.geometry import so3
-from tracker.pose.motion import CONSTANT, MotionFilter
+from tracker.tracking.motion import CONSTANT, MotionFilter
 
 DT = 0.1
 NOISE = np.diag(np.repeat(np.square([0.5e-3, np.radians(0.5)]), 3))

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tracker.segmentation.normalise import (
+from tracker.segmentation.light import (
     BRIGHTNESS_RANK,
     TARGET_GREY,
     apply_gains,

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from tracker.pose import profile
-from tracker.pose.edges import COLUMNS, INSIDE, LENGTH, NU, NV, OUTSIDE, REACH_IN, REACH_OUT, U, V
-from tracker.pose.profile import BLOOM, OFFSET, SHARPNESS, VALID, VARIANCE, WIDER
+from tracker.pose.edges.strips import COLUMNS, INSIDE, LENGTH, NU, NV, OUTSIDE, REACH_IN, REACH_OUT, U, V
+from tracker.pose.edges.offset import BLOOM, OFFSET, SHARPNESS, VALID, VARIANCE, WIDER
 from tracker.segmentation import mosaic
 
 INNER, OUTER, BEYOND = np.array([40.0, 50, 190]), np.array([60.0, 150, 70]), np.array([90.0, 95, 92])

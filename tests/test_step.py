@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tracker.pose.step import EXPONENT, GROWTH, SHARES, SHARES_PRIOR, UNKNOWNS, calibration_share, solve_step
+from tracker.pose.solve.step import EXPONENT, GROWTH, SHARES, SHARES_PRIOR, UNKNOWNS, calibration_share, solve_step
 
 CAMERAS = 3
 ROWS = 30

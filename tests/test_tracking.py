@@ -9,10 +9,10 @@ import pytest
 from tests.helpers import random_rotations
 from tracker.errors import TrackerError
 from tracker.geometry import so3
-from tracker.pose.acceptance import confidence
+from tracker.pose.judge import confidence
 from tracker.pose.fit import Fit
 from tracker.pose.result import Status
-from tracker.tracking import Track, TrackingOptions, measured
+from tracker.tracking.belief import Track, TrackingOptions, measured
 
 DT = 0.1
 COVARIANCE = np.diag(np.repeat(np.square([0.3e-3, math.radians(0.3)]), 3))

@@ -14,7 +14,7 @@ from synthetic.simple_rig import default_cameras
 from tracker.errors import ImageError, TrackerError
 from tracker.geometry import so3
 from tracker.pipeline import Status
-from tracker.tracking import TrackingOptions
+from tracker.tracking.belief import TrackingOptions
 
 DT = 0.1
 FRAMES = 16

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tracker.watch import BLACK, EVERY, Watch
+from tracker.tracking.cameras import BLACK, EVERY, Watch
 
 
 def noise(rng, low=0, high=256):

@@ -7,7 +7,7 @@ from tracker.objects.model import CuboidModel, load_object
 from tracker.pipeline import ObjectTracker
 from tracker.pose.result import MotionEstimate, Observation, PoseEstimate, Status
 from tracker.segmentation import ColorModel, load_colors, segment
-from tracker.tracking import TrackingOptions
+from tracker.tracking.belief import TrackingOptions
 
 __all__ = [
     "CameraRig",

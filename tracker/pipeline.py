@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,21 +13,21 @@ import numpy as np
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray, Image
 from tracker.errors import ImageError
-from tracker.evidence import EvidenceReader
 from tracker.geometry import so3
+from tracker.objects.box import Box
 from tracker.objects.model import CuboidModel
-from tracker.pose.acceptance import confidence, features, log_odds, rank, refusal
-from tracker.pose.align import EXTRA, PREDICTED
-from tracker.pose.contour import refine
-from tracker.pose.estimate import PoseEstimator
+from tracker.pose.estimate import PoseEstimator, Sight
+from tracker.pose.evidence import EvidenceReader, View
 from tracker.pose.fit import Fit
-from tracker.pose.motion import MotionState
+from tracker.pose.judge import confidence, features, log_odds, rank, refusal
 from tracker.pose.result import Observation, PoseEstimate, Status
-from tracker.pose.views import Box, Evidence
+from tracker.pose.solve.refine import refine
 from tracker.segmentation.color_model import ColorModel, load_colors
 from tracker.segmentation.labels import check_image
-from tracker.tracking import Track, TrackingOptions, alone, measured
-from tracker.watch import Watch
+from tracker.tracking.belief import TrackingOptions, alone, measured
+from tracker.tracking.cameras import CameraMemory, lit, usable
+from tracker.tracking.filter import MotionState
+from tracker.tracking.memory import Memory
 
 _LOG = logging.getLogger(__name__)
 
@@ -68,10 +69,9 @@ class ObjectTracker:
             _LOG.warning("compiling kernels, once per machine (about 20 s) ...")
         self.model, self.rig = model, rig
         self.colors = colors if colors is not None else load_colors(model.colors)
-        box = Box(np.asarray(model.size) / 2, np.asarray(model.face_labels, dtype=np.uint8))
-        self._estimator = PoseEstimator(box, rig.cameras, self.colors.label_table)
-        self._track, self._watch = Track(tracking), Watch(len(rig))
-        self._reader = EvidenceReader(self.colors, len(rig))
+        self._estimator = PoseEstimator(Box.of(model), rig.cameras, self.colors.label_table)
+        self._reader = EvidenceReader(self.colors)
+        self._memory = Memory.empty(len(rig), tracking)
 
     def detect(self, images: Sequence[Image | None]) -> Observation:
         """The object's pose in one set of images, without memory: same images, same answer to the bit.
@@ -95,9 +95,7 @@ class ObjectTracker:
 
     def reset(self) -> None:
         """Forget what `update` remembers: the next images are the first of another recording."""
-        self._track = Track(self._track.options)
-        self._watch = Watch(len(self.rig))
-        self._estimator.forget()
+        self._memory = Memory.empty(len(self.rig), self._memory.belief.options)
 
     def update(self, images: Sequence[Image | None], timestamp: float) -> Observation:
         """The object's pose in the next set of images, with the memory of those before.
@@ -121,66 +119,90 @@ class ObjectTracker:
         """
         start = time.perf_counter()
         checked = self._check(images, least=0)
-        if self._track.latest is not None and timestamp == self._track.timestamp:
-            return self._track.latest
-        expected = self._track.advance(timestamp)
+        before = self._memory
+        if before.latest is not None and timestamp == before.belief.timestamp:
+            return before.latest
+        belief, expected = before.belief.advance(timestamp)
+        cameras, given = usable(before.cameras, checked)
+        memory = replace(before, belief=belief, cameras=tuple(cameras))
         timing: dict[str, float] = {}
-        outcome = self._measure(self._watch.usable(checked), expected, timing)
+        outcome, memory = self._measure(given, expected, memory, timing)
         pose = status = reason = None
         if isinstance(outcome, Status):
             reason = outcome
         else:
-            status = self._track.see(outcome, expected)
+            belief, status = belief.see(outcome, expected)
             pose = measured(outcome) if status is not Status.COASTING else None
             # It could be elsewhere: found, but not believed yet.
             reason = Status.AMBIGUOUS if pose is None else None
-        filtered = self._track.estimate()
+        filtered = belief.estimate()
         if pose is None:
             status = Status.LOST if filtered is None else Status.COASTING
         assert status is not None
         timing["total"] = 1e3 * (time.perf_counter() - start)
-        self._track.latest = Observation(pose, filtered, status, timing, reason)
-        return self._track.latest
+        answer = Observation(pose, filtered, status, timing, reason)
+        self._memory = replace(memory, belief=replace(belief, unseen=pose is None), latest=answer)
+        return answer
 
     def _measure(
-        self, images: Sequence[Image | None], expected: MotionState | None, timing: dict[str, float]
-    ) -> Fit | Status:
-        """The object in these images: near where it is expected, or else anywhere."""
+        self,
+        images: Sequence[Image | None],
+        expected: MotionState | None,
+        memory: Memory,
+        timing: dict[str, float],
+    ) -> tuple[Fit | Status, Memory]:
+        """The object in these images, near where it is expected or else anywhere, and what was learned."""
         if all(image is None for image in images):
-            return Status.NO_OBJECT_COLORS
-        near = None if expected is None else self._follow(images, expected, timing)
-        if (
-            near is not None
-            and expected is not None
-            and _settled(near)
-            and self._track.plausible(expected, near)
-        ):
-            return near
+            return Status.NO_OBJECT_COLORS, memory
+        near = None
+        if expected is not None:
+            near, memory = self._follow(images, expected, memory, timing)
+            if near is not None and _settled(near) and memory.belief.plausible(expected, near):
+                return near, memory
         found = self.fit(images, timing, thorough=near is None)
         if near is None or expected is None or isinstance(found, Status):
-            return found if near is None else near
-        lead = 0.0 if self._track.plausible(expected, found) else JUMP_LEAD
-        return found if rank(found) > rank(near) + lead else near
+            return found if near is None else near, memory
+        lead = 0.0 if memory.belief.plausible(expected, found) else JUMP_LEAD
+        return found if rank(found) > rank(near) + lead else near, memory
 
     def _follow(
-        self, images: Sequence[Image | None], expected: MotionState, timing: dict[str, float]
-    ) -> Fit | None:
-        """The object where it is expected, or not far from there; None if it is not."""
+        self,
+        images: Sequence[Image | None],
+        expected: MotionState,
+        memory: Memory,
+        timing: dict[str, float],
+    ) -> tuple[Fit | None, Memory]:
+        """The object where it is expected, or not far from there, else None; and what was learned."""
         lap = time.perf_counter()
-        views = [
-            None if image is None else self._glance(c, image, expected.position)
-            for c, image in enumerate(images)
-        ]
+        cameras, sight = self._glance(images, memory.cameras, expected.position)
         split = time.perf_counter()
         timing["segmentation"] = 1e3 * (split - lap)
-        fit: Fit | None = self._estimator.follow(views, expected.rotation, expected.position)
+        fit: Fit | None = self._estimator.follow(sight, expected.rotation, expected.position, memory.blur)
+        assert fit is not None
+        memory = replace(memory, cameras=tuple(cameras), blur=self._estimator.blur_of(sight, fit))
         if not _settled(fit):
             hypotheses = [(expected.rotation, expected.position)]
-            if self._track.last_pose is not None:
-                hypotheses.append(self._track.last_pose)
-            fit = self._estimator.follow_far(hypotheses)
+            if memory.belief.last_pose is not None:
+                hypotheses.append(memory.belief.last_pose)
+            fit = self._estimator.follow_far(sight, hypotheses)
         timing["pose"] = 1e3 * (time.perf_counter() - split)
-        return fit if fit is not None and refusal(fit) is None else None
+        return (fit if fit is not None and refusal(fit) is None else None), memory
+
+    def _glance(
+        self, images: Sequence[Image | None], memories: Sequence[CameraMemory], position: FloatArray
+    ) -> tuple[list[CameraMemory], Sight]:
+        """What the images show around a position (3,) [m], and what is remembered of their cameras."""
+        cameras = list(memories)
+        views: list[View | None] = []
+        for c, image in enumerate(images):
+            if image is None:
+                views.append(None)
+                continue
+            cameras[c] = lit(memories[c], image, self._reader.lighting)
+            lighting = cameras[c].lighting
+            assert lighting is not None
+            views.append(self._reader.glance(image, lighting, self._estimator.window(c, position)))
+        return cameras, self._estimator.sight(views)
 
     def fit(
         self,
@@ -204,7 +226,7 @@ class ObjectTracker:
             lap = time.perf_counter()
             views = [None if one is None else self._reader.read(one, grey_world) for one in seen]
             split = time.perf_counter()
-            outcome = self._estimator.estimate(views, thorough=thorough)
+            outcome = self._estimator.estimate(self._estimator.sight(views), thorough=thorough)
             timing["segmentation"] = timing.get("segmentation", 0.0) + 1e3 * (split - lap)
             timing["pose"] = timing.get("pose", 0.0) + 1e3 * (time.perf_counter() - split)
             refused = outcome if isinstance(outcome, Status) else refusal(outcome)
@@ -217,11 +239,6 @@ class ObjectTracker:
             else:
                 status = status or refused
         return best[0] if best else status or Status.INCONSISTENT_VIEWS
-
-    def _glance(self, c: int, image: Image, position: FloatArray) -> Evidence:
-        """What camera c's image shows around a position [m]."""
-        light, loud = self._watch.light(c, image)
-        return self._reader.glance(c, image, light, loud, self._estimator.window(c, position))
 
     def _check(self, images: Sequence[Image | None], least: int = 1) -> list[Image | None]:
         given: object = images
@@ -260,11 +277,10 @@ def _settled(fit: Fit | None) -> bool:
     sure, rough = ALONE if alone(fit) else TOGETHER
     if log_odds(fit) < sure or features(fit)["rms"] > rough:
         return False
-    counts = fit.counts.sum(axis=0)
-    return bool(counts[EXTRA] <= MOST_EXTRA * counts[PREDICTED])
+    return fit.total("extra") <= MOST_EXTRA * fit.total("predicted")
 
 
 def kernels_are_cached() -> bool:
     """Whether compiled kernels lie on disk, so that the first detection starts at once (best effort)."""
     folder = Path(str(refine.stats.cache_path))
-    return any(folder.glob("contour.refine*.nbi"))
+    return any(folder.glob("refine.refine*.nbi"))

@@ -2,13 +2,18 @@
 
 Every function works on one element or on a stack of them: leading axes are broadcast over. All trust
 their input: a matrix is taken to be a rotation, a quaternion to be non-zero.
+
+The last three are compiled, of one element each, for compiled loops.
 """
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 
+from tracker.compiled import compiled
 from tracker.conventions import FloatArray
 
 
@@ -97,3 +102,55 @@ def nearest_rotation(matrix: npt.ArrayLike) -> FloatArray:
     u = np.concatenate([u[..., :2], u[..., 2:] * sign[..., None, None]], axis=-1)
     result: FloatArray = u @ vt
     return result
+
+
+@compiled
+def exp_into(vector, out):  # type: ignore[no-untyped-def]
+    """Out (3, 3) = exp of a rotation vector (3,)."""
+    x, y, z = vector[0], vector[1], vector[2]
+    angle = math.sqrt(x * x + y * y + z * z)
+    a = 1.0 - angle * angle / 6.0 if angle < 1e-4 else math.sin(angle) / angle
+    b = 0.5 - angle * angle / 24.0 if angle < 1e-4 else (1.0 - math.cos(angle)) / (angle * angle)
+    out[0, 0], out[1, 1], out[2, 2] = (
+        1.0 - b * (y * y + z * z),
+        1.0 - b * (x * x + z * z),
+        1.0 - b * (x * x + y * y),
+    )
+    out[0, 1], out[1, 0] = b * x * y - a * z, b * x * y + a * z
+    out[0, 2], out[2, 0] = b * x * z + a * y, b * x * z - a * y
+    out[1, 2], out[2, 1] = b * y * z - a * x, b * y * z + a * x
+
+
+@compiled
+def quaternion(rotation):  # type: ignore[no-untyped-def]
+    """Unit quaternion (4,) xyzw, w ≥ 0, of a rotation (3, 3): `quaternion_from_matrix`, compiled."""
+    q = np.empty(4)
+    trace = rotation[0, 0] + rotation[1, 1] + rotation[2, 2]
+    k = 3
+    largest = trace
+    for i in range(3):
+        if rotation[i, i] > largest:
+            k, largest = i, rotation[i, i]
+    if k == 3:
+        q[3] = 1.0 + trace
+        for i in range(3):
+            a, b = (i + 1) % 3, (i + 2) % 3
+            q[i] = rotation[b, a] - rotation[a, b]
+    else:
+        a, b = (k + 1) % 3, (k + 2) % 3
+        q[k] = 1.0 + rotation[k, k] - rotation[a, a] - rotation[b, b]
+        q[a] = rotation[a, k] + rotation[k, a]
+        q[b] = rotation[b, k] + rotation[k, b]
+        q[3] = rotation[b, a] - rotation[a, b]
+    length = math.sqrt(np.sum(q * q))
+    return q / (length if q[3] >= 0.0 else -length)
+
+
+@compiled
+def log_into(rotation, out):  # type: ignore[no-untyped-def]
+    """Out (3,) = rotation vector of a rotation (3, 3), at any angle."""
+    q = quaternion(rotation)
+    sine = math.sqrt(q[0] ** 2 + q[1] ** 2 + q[2] ** 2)
+    factor = 2.0 if sine < 1e-9 else 2.0 * math.atan2(sine, q[3]) / sine
+    for i in range(3):
+        out[i] = factor * q[i]

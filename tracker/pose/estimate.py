@@ -1,24 +1,31 @@
-"""The way from evidence to a pose: search, align, refine, choose."""
+"""The way from views to a pose: search, align, refine, choose. Nothing is remembered."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import chain
+from typing import NamedTuple
 
 import numpy as np
 
 from tracker.conventions import Array, FloatArray
 from tracker.geometry.camera import Camera
-from tracker.pose import align
-from tracker.pose.acceptance import log_odds, possible, rank
-from tracker.pose.contour import BLUR, Schedule
+from tracker.geometry.lens import stack_lenses
+from tracker.objects.box import Box
+from tracker.pose.evidence import View
 from tracker.pose.fit import Fit
-from tracker.pose.refine import FOLLOWING, SCHEDULE, TUNING, Refiner
+from tracker.pose.hypotheses import align
+from tracker.pose.hypotheses.explain import explain
+from tracker.pose.hypotheses.positions import PositionSearch
+from tracker.pose.hypotheses.rivals import reversed_in_depth
+from tracker.pose.hypotheses.rotations import RotationSearch
+from tracker.pose.judge import log_odds, possible, rank
 from tracker.pose.result import Status
-from tracker.pose.rivals import reversed_in_depth
-from tracker.pose.search import Searcher
-from tracker.pose.views import Box, Evidence, reduced_size, stack_lenses
+from tracker.pose.scale import reduced_size
+from tracker.pose.solve.refine import Pictures
+from tracker.pose.solve.refiner import Refiner
+from tracker.pose.solve.schedule import FOLLOWING, SCHEDULE, TUNING, Schedule
 
 ALIGN_REACHES = np.array([5, 4, 3])
 """Reach of the label transitions' search in each alignment step [px of the label map]."""
@@ -51,19 +58,35 @@ Hypothesis = tuple[FloatArray, FloatArray]
 """Rotation (3, 3) and position (3,) [m]."""
 
 
+class Sight(NamedTuple):
+    """The views of one set of pictures, ready for compiled loops."""
+
+    labels: Array
+    """(C, h, w) label maps."""
+    used: Array
+    """(C,) bool: whether there is a picture."""
+    pictures: Pictures
+
+
 class PoseEstimator:
-    """Finds one cuboid in the views of fixed cameras; holds every table and work space that needs."""
+    """Finds one cuboid in the views of fixed cameras; any number of threads may use it at once."""
 
     def __init__(self, box: Box, cameras: Sequence[Camera], label_table: Array) -> None:
         self.box = box
         small = [camera.resized(*reduced_size(camera.width, camera.height)) for camera in cameras]
         self.small = stack_lenses(small)
-        self.searcher = Searcher(self.small, box)
+        self.positions, self.rotations = PositionSearch(self.small, box), RotationSearch(self.small, box)
         self.refiner = Refiner(box, cameras, label_table)
-        shape = (len(cameras), max(c.height for c in small), max(c.width for c in small))
-        self.labels: Array = np.zeros(shape, np.uint8)
-        self.used: Array = np.zeros(len(cameras), np.bool_)
-        self._blur = TUNING.start_blur
+        self._shape = (len(cameras), max(c.height for c in small), max(c.width for c in small))
+
+    def sight(self, views: Sequence[View | None]) -> Sight:
+        """The views of the cameras, in their order; None where there is no picture."""
+        labels = np.zeros(self._shape, np.uint8)
+        for c, view in enumerate(views):
+            if view is not None:
+                labels[c, : view.labels.shape[0], : view.labels.shape[1]] = view.labels
+        pictures = self.refiner.pictures(views)
+        return Sight(labels, pictures.used, pictures)
 
     def window(self, c: int, position: FloatArray) -> tuple[int, int, int, int]:
         """Left, top, right, bottom of what an object there fills of camera c's label map, and some more."""
@@ -77,108 +100,102 @@ class PoseEstimator:
         left, top = max(0, int(u - reach)), max(0, int(v - reach))
         return left, top, min(width, int(u + reach) + 1), min(height, int(v + reach) + 1)
 
-    def estimate(self, views: Sequence[Evidence | None], *, thorough: bool = True) -> Fit | Status:
-        """The best pose for the views of the cameras, in their order; None where there is no image.
+    def estimate(self, sight: Sight, *, thorough: bool = True) -> Fit | Status:
+        """The best pose for what is seen.
 
         Most images are settled by the first hypothesis. Where its fit is not sure, more are aligned
         and refined, and a different pose that fits nearly as well counts against the best; unless a
         search that is not thorough will do.
         """
-        self._show(views)
-        if np.count_nonzero(self.searcher.face_mask[self.labels]) < MIN_PIXELS:
+        if np.count_nonzero(self.positions.face_mask[sight.labels]) < MIN_PIXELS:
             return Status.NO_OBJECT_COLORS
-        positions = self.searcher.positions(self.labels, self.used, POSITIONS)
+        positions = self.positions(sight.labels, sight.used, POSITIONS)
         first = next(positions, None)
         if first is None:
             return Status.TOO_FEW_PIXELS
         # One camera alone may see a single face, which fits at four turns: it never settles the matter.
-        several = np.count_nonzero(self.used) > 1
+        several = np.count_nonzero(sight.used) > 1
         fits: list[Fit] = []
-        more = self._align(chain([first], positions), MANY) if thorough else iter(())
-        for hypothesis in chain(self._align([first], FEW), more):
-            fit = self.refine(*hypothesis)
+        more = self._align(sight, chain([first], positions), MANY) if thorough else iter(())
+        for hypothesis in chain(self._align(sight, [first], FEW), more):
+            fit = self.refine(sight, *hypothesis)
             fits.append(fit)
             if several and log_odds(fit) > SURE and fit.converged and possible(fit):
                 break
         if not fits:
             return Status.INCONSISTENT_VIEWS
         if not several:
-            fits.extend(self._reversed(max(fits, key=rank)))
+            fits.extend(self._reversed(sight, max(fits, key=rank)))
         fits.sort(key=rank, reverse=True)
         # A pose below the table is none, but what looks like one more than like the best makes that doubtful.
         best = next(filter(possible, fits), fits[0])
         rivals = [fit for fit in fits if _apart(fit.rotation, fit.position, best.rotation, best.position)]
         return replace(best, lead=rank(best) - rank(rivals[0])) if rivals else best
 
-    def follow(self, views: Sequence[Evidence | None], rotation: FloatArray, position: FloatArray) -> Fit:
-        """The fit nearest to a predicted pose (3, 3), (3,) [m]; a prediction off by a few pixels will do."""
-        self._show(views)
-        fit = self.refine(rotation, position, FOLLOWING, self._blur)
-        if np.count_nonzero(self.used) == 1:
-            fit = max([fit, *self._reversed(fit, self._blur)], key=rank)
-        measured = fit.samples[self.used, BLUR] / self.refiner.scales[self.used]
-        self._blur = float(np.median(measured)) if fit.converged else TUNING.start_blur
+    def follow(self, sight: Sight, rotation: FloatArray, position: FloatArray, blur: float) -> Fit:
+        """The fit nearest to a predicted pose (3, 3), (3,) [m]; a prediction off by a few pixels will do.
+
+        `blur` is that of the pictures to begin with [px at the reference focal length].
+        """
+        fit = self.refine(sight, rotation, position, FOLLOWING, blur)
+        if np.count_nonzero(sight.used) == 1:
+            fit = max([fit, *self._reversed(sight, fit, blur)], key=rank)
         return fit
 
-    def forget(self) -> None:
-        """The next images to follow in are of another recording."""
-        self._blur = TUNING.start_blur
+    def blur_of(self, sight: Sight, fit: Fit) -> float:
+        """Blur of the pictures [px at the reference focal length], to follow the object with in the next."""
+        measured = fit.cameras["blur"][sight.used] / self.refiner.scales[sight.used]
+        return float(np.median(measured)) if fit.converged else TUNING.start_blur
 
-    def follow_far(self, hypotheses: Sequence[Hypothesis]) -> Fit | None:
-        """As `follow`, in the same views, from the best of poses that may be off by 3 cm and 30°."""
+    def follow_far(self, sight: Sight, hypotheses: Sequence[Hypothesis]) -> Fit | None:
+        """As `follow`, from the best of poses that may be off by 3 cm and 30°."""
         rotations = np.array([rotation for rotation, _ in hypotheses])
         positions, scores = np.array([position for _, position in hypotheses]), np.empty(len(hypotheses))
         align.try_hypotheses(
-            self.small, self.labels, self.used, self.box.half, self.box.face_labels,
+            self.small, sight.labels, sight.used, self.box.half, self.box.face_labels,
             rotations, positions, FAR_REACHES, scores,
         )  # fmt: skip
         best = int(np.argmax(scores))
-        return None if scores[best] < align.IMPOSSIBLE / 2 else self.refine(rotations[best], positions[best])
-
-    def _show(self, views: Sequence[Evidence | None]) -> None:
-        for c, view in enumerate(views):
-            self.used[c] = view is not None
-            self.labels[c] = 0
-            if view is not None:
-                self.labels[c, : view.labels.shape[0], : view.labels.shape[1]] = view.labels
-        self.refiner.show(views)
+        if scores[best] < align.IMPOSSIBLE / 2:
+            return None
+        return self.refine(sight, rotations[best], positions[best])
 
     def refine(
         self,
+        sight: Sight,
         rotation: FloatArray,
         position: FloatArray,
         schedule: Schedule = SCHEDULE,
         blur: float = TUNING.start_blur,
     ) -> Fit:
-        """The fit nearest to a hypothesis (3, 3), (3,) [m], in the views that were shown last."""
-        rotation, position, covariance, samples, converged = self.refiner.refine(
-            self.used, rotation, position, schedule, blur
-        )
-        counts = np.empty((len(self.used), 5), np.int64)
-        align.explain(
-            self.small, self.labels, self.used, self.box.half, self.box.face_labels, rotation, position,
-            counts,
+        """The fit nearest to a hypothesis (3, 3), (3,) [m]."""
+        end = self.refiner.refine(sight.pictures, rotation, position, schedule, blur)
+        explain(
+            self.small, sight.labels, sight.used, self.box.half, self.box.face_labels, end.rotation,
+            end.position, end.cameras,
         )  # fmt: skip
-        lowest = float(position[2] - np.abs(rotation[2]) @ self.box.half)
-        return Fit(position, rotation, covariance, samples, converged, counts, lowest)
+        lowest = float(end.position[2] - np.abs(end.rotation[2]) @ self.box.half)
+        return Fit(
+            end.position, end.rotation, end.covariance, end.cameras, end.converged, end.iterations, lowest
+        )
 
-    def _reversed(self, fit: Fit, blur: float = TUNING.start_blur) -> list[Fit]:
+    def _reversed(self, sight: Sight, fit: Fit, blur: float = TUNING.start_blur) -> list[Fit]:
         """What else the one camera that is used may see; `blur` to begin with, as of `refine`."""
-        camera = self.small[self.used]["position"][0]
+        camera = self.small[sight.used]["position"][0]
         rivals = reversed_in_depth(fit.rotation, fit.position, self.box.half, camera)
-        return [self.refine(*rival, FOLLOWING, blur) for rival in rivals]
+        return [self.refine(sight, *rival, FOLLOWING, blur) for rival in rivals]
 
-    def _align(self, candidates: Iterable[FloatArray], count: int) -> Iterator[Hypothesis]:
+    def _align(self, sight: Sight, candidates: Iterable[FloatArray], count: int) -> Iterator[Hypothesis]:
         """Different hypotheses after alignment on the label maps, best first; worked out when asked for."""
         rotations: list[FloatArray] = []
         positions: list[FloatArray] = []
         scores: list[float] = []
         for position in candidates:
-            turned, _ = self.searcher.rank(self.labels, self.used, position, count)
+            turned, _ = self.rotations(sight.labels, sight.used, position, count)
             moved = np.repeat(position[None], count, axis=0)
             score = np.empty(count)
             align.try_hypotheses(
-                self.small, self.labels, self.used, self.box.half, self.box.face_labels,
+                self.small, sight.labels, sight.used, self.box.half, self.box.face_labels,
                 turned, moved, ALIGN_REACHES, score,
             )  # fmt: skip
             rotations.extend(turned)

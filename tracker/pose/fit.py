@@ -5,7 +5,25 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from tracker.conventions import Array, FloatArray
+
+SEEN = np.dtype(
+    [
+        ("expected", np.float64),  # pieces of visible edges
+        ("usable", np.float64),  # of these, such as show an edge between the right colours
+        ("inliers", np.float64),  # weight of the usable ones that lie where the pose puts them
+        ("squares", np.float64),  # weighted sum of the inliers' squared residuals [px² at the reference]
+        ("blur", np.float64),  # standard deviation of the picture's steps [px]
+        ("predicted", np.int64),  # pixels of the label map that the object should cover
+        ("agree", np.int64),  # of these, such as show the face that is expected there
+        ("missing", np.int64),  # … that show background
+        ("wrong", np.int64),  # … that show another face: they contradict the pose
+        ("extra", np.int64),  # pixels beside the object in a face's colour
+    ]
+)
+"""What one camera's picture says of a pose."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,13 +36,17 @@ class Fit:
     """(3, 3) world_from_object."""
     covariance: FloatArray
     """(6, 6) [m, rad]."""
-    samples: Array
-    """(C, 5) of the edges' pieces, see `contour.EXPECTED` …; squares in px² at the reference focal length."""
+    cameras: Array
+    """(C,) of SEEN."""
     converged: bool
     """Whether the refinement's last step was negligible."""
-    counts: Array
-    """(C, 5) pixels of the label maps, see `align.AGREE` …"""
+    iterations: int = 0
+    """Steps that the refinement took."""
     lowest: float = 0.0
     """Height of the object's lowest corner [m]."""
     lead: float = math.inf
     """Log odds by which it leads over the best clearly different pose; infinite where none was tried."""
+
+    def total(self, name: str) -> float:
+        """Sum of a field of SEEN over the cameras."""
+        return float(self.cameras[name].sum())

@@ -21,7 +21,7 @@ from tracker.conventions import Array, FloatArray
 from tracker.errors import ImageError
 from tracker.segmentation.color_model import CLASSES, NODES, ColorModel, compand
 from tracker.segmentation.labelled import LabelledImage
-from tracker.segmentation.normalise import apply_gains, neutral_gains
+from tracker.segmentation.light import apply_gains, neutral_gains
 
 
 @dataclass(frozen=True)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import cv2
-import numba
 import numpy as np
 
+from tracker.compiled import compiled
 from tracker.conventions import Array, Image
 from tracker.errors import ImageError
 from tracker.segmentation.color_model import ColorModel
-from tracker.segmentation.normalise import CLIPPED, neutral_gains
+from tracker.segmentation.light import CLIPPED, neutral_gains
 
 REFERENCE_SIZE = 270
 """Image height [px] at which lengths below are stated."""
@@ -31,7 +31,7 @@ MAY_BE_GREY = 1.2
 """Ratio of channels up to which a clipped pixel counts as a grey one."""
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def _may_be_grey(b, g, r, gains):  # type: ignore[no-untyped-def]
     """Whether a pixel with a clipped channel may show a grey: the clipped ones are brighter than they say."""
     brightest, least, most = 0.0, 1e9, 0.0
@@ -45,7 +45,7 @@ def _may_be_grey(b, g, r, gains):  # type: ignore[no-untyped-def]
     return most < MAY_BE_GREY * least and brightest < MAY_BE_GREY * least
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def look_up(image, channels, table, gains, out):  # type: ignore[no-untyped-def]
     """Out (H, W) = table[cell of the pixel], 0 for clipped greys.
 

@@ -6,8 +6,7 @@ the neighbours' (`cv2.cvtColor` with `COLOR_Bayer…2BGR`). Such an image obeys 
 
 from __future__ import annotations
 
-import numba
-
+from tracker.compiled import compiled
 from tracker.conventions import Image
 
 NONE = -1
@@ -20,7 +19,7 @@ ENOUGH = 100
 """Pixels that differ from their neighbours, by which a mosaic is told."""
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _obeys(image, j, i, red):  # type: ignore[no-untyped-def]
     """Whether a pixel's colours are means of what its neighbours measured."""
     has_red, in_column = (j & 1) == red >> 1, (i & 1) == (red & 1)
@@ -37,7 +36,7 @@ def _obeys(image, j, i, red):  # type: ignore[no-untyped-def]
     return image[j, i, beside] == (left_right + 1) >> 1 and image[j, i, above] == (up_down + 1) >> 1
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _find(image):  # type: ignore[no-untyped-def]
     height, width = image.shape[0], image.shape[1]
     for red in range(4):

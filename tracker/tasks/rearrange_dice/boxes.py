@@ -13,11 +13,11 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
+from tracker.compiled import compiled
 from tracker.conventions import Array, Image
-from tracker.pose.lens import project
+from tracker.geometry.lens import project
 
 NONE, SIDE, SIDE_RIM, TOP, TOP_RIM = range(5)
 """What a pixel shows of the dice; the rim of a face is where it has no pips."""
@@ -33,14 +33,14 @@ class Views(NamedTuple):
     slopes: Array
     """(C, H, W, 2) float32: how far a pixel's ray travels along x and y while it sinks by 1."""
     lenses: Array
-    """(C,) of tracker.pose.views.LENS."""
+    """(C,) of tracker.geometry.lens.LENS."""
     scores: Array
     """(C, 5, H, W) float32: what is gained where a pixel is explained by NONE … TOP_RIM."""
     masks: Image
     """(C, H, W): 1 where dice are seen, 2 where nothing is known, else 0."""
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def look(sx, sy, above, ux, uy, cos, sin, edge):  # type: ignore[no-untyped-def]
     """What a ray of slope (sx, sy) meets of a die, and how high above the die's foot [m].
 
@@ -69,7 +69,7 @@ def look(sx, sy, above, ux, uy, cos, sin, edge):  # type: ignore[no-untyped-def]
     return (SIDE if reach <= PIPS * half else SIDE_RIM), edge * (1.0 - share)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def bounds(lenses, c, die, edge, margin, out):  # type: ignore[no-untyped-def]
     """Out (4,) = left, top, right, bottom of the pixels of camera c in which the die may be seen."""
     left, top, right, bottom = 1e9, 1e9, -1e9, -1e9
@@ -86,7 +86,7 @@ def bounds(lenses, c, die, edge, margin, out):  # type: ignore[no-untyped-def]
     out[3] = min(max(math.ceil(bottom) + 1 + margin, out[1]), height)
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def frame(lenses, c, die, edge):  # type: ignore[no-untyped-def]
     """Of camera c and a die: above, ux, uy, cos, sin as `look` takes them."""
     cos, sin = math.cos(die[3]), math.sin(die[3])
@@ -94,7 +94,7 @@ def frame(lenses, c, die, edge):  # type: ignore[no-untyped-def]
     return lenses[c].position[2] - die[2] - edge, cos * cx + sin * cy, cos * cy - sin * cx, cos, sin
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def draw(views, c, dice, skip, edge, window, heights, classes, owners):  # type: ignore[no-untyped-def]
     """Draw all dice but number `skip` into the window (4,) of camera c.
 
@@ -117,7 +117,7 @@ def draw(views, c, dice, skip, edge, window, heights, classes, owners):  # type:
                     heights[j, i], classes[j, i], owners[j, i] = dice[k, 2] + height, shown, k
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def overlap(a, b, edge):  # type: ignore[no-untyped-def]
     """How far two dice reach into each other, by the least push that parts them [m]; 0 where they do not."""
     lift = edge - abs(a[2] - b[2])

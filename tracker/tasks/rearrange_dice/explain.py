@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
+from tracker.compiled import compiled
 from tracker.tasks.rearrange_dice.boxes import NONE, bounds, draw, frame, look, overlap
 
 
@@ -53,7 +53,7 @@ class Canvas(NamedTuple):
     """(C, H, W) int16."""
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def own_loss(die, terms):  # type: ignore[no-untyped-def]
     """What a die loses by itself."""
     level = round((die[2] - terms.table) / terms.edge)
@@ -61,7 +61,7 @@ def own_loss(die, terms):  # type: ignore[no-untyped-def]
     return terms.price + terms.level * level * level + terms.hovering * off * off
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def total(views, dice, terms, canvas):  # type: ignore[no-untyped-def]
     """The score of a set of dice (N, 4)."""
     score = 0.0
@@ -89,7 +89,7 @@ def total(views, dice, terms, canvas):  # type: ignore[no-untyped-def]
     return score
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _gain(views, dice, skip, die, terms, canvas):  # type: ignore[no-untyped-def]
     """What a die adds to the score of the others, which are drawn in the canvas around it."""
     window = np.empty(4, np.int64)
@@ -116,7 +116,7 @@ def _gain(views, dice, skip, die, terms, canvas):  # type: ignore[no-untyped-def
     return score
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def settle(views, dice, k, steps, radius, terms, canvas):  # type: ignore[no-untyped-def]
     """Move die k (in place) to where it gains most, by steps (S,) [m]; returns what it then gains.
 

@@ -9,14 +9,14 @@ dice and whatever else. White pips are closed.
 from __future__ import annotations
 
 import cv2
-import numba
 import numpy as np
 
+from tracker.compiled import compiled
 from tracker.conventions import Array, Image
 from tracker.segmentation.color_model import ColorModel, load_colors
-from tracker.segmentation.denoise import calmed
 from tracker.segmentation.labels import FINE, REFERENCE_SIZE, check_image
-from tracker.segmentation.normalise import TARGET_GREY, evened, find_light
+from tracker.segmentation.light import TARGET_GREY, evened, find_light
+from tracker.segmentation.noise import calmed
 
 CERTAIN = 32
 """Log odds, in 1/16, from which a pixel is taken for the inside of a face."""
@@ -50,7 +50,7 @@ PALE = 0.8
 """Level of green, over that inside the face, from which a gap in the blue is a pip."""
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _read(image, channels, table, ratios, gain, certain, inside, ratio, blue):  # type: ignore[no-untyped-def]
     """Per pixel: whether the table is certain, the log ratio of blue to red, and the level of blue."""
     for j in range(image.shape[0]):
@@ -62,7 +62,7 @@ def _read(image, channels, table, ratios, gain, certain, inside, ratio, blue):  
             blue[j, i] = min(int(gain * b), 255)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _weigh(image, inside, core, ratio, least, out):  # type: ignore[no-untyped-def]
     """Out (H, W, 3) = weight, weight · ratio, weight · green of the inside; `least` for its rim."""
     for j in range(image.shape[0]):
@@ -75,7 +75,7 @@ def _weigh(image, inside, core, ratio, least, out):  # type: ignore[no-untyped-d
             out[j, i, 2] = weight * np.float32(image[j, i, 1])
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _grow(image, near, sums, ratio, edge, pale, mask, light):  # type: ignore[no-untyped-def]
     """Mask: 255 where the ratio is at least `edge` of the inside's; light: 255 where a pip may be."""
     for j in range(image.shape[0]):

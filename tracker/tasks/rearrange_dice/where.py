@@ -14,7 +14,8 @@ from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import ImageError, TaskError
 from tracker.geometry.camera import Camera
-from tracker.pose.views import reduced_size, stack_lenses
+from tracker.geometry.lens import stack_lenses
+from tracker.pose.scale import reduced_size
 from tracker.segmentation.labels import check_image
 from tracker.tasks.rearrange_dice.above import Plan
 from tracker.tasks.rearrange_dice.boxes import Views

@@ -9,21 +9,32 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
 
+from tracker.compiled import compiled
 from tracker.geometry.cuboid import CORNER_SIGNS, EDGES
-from tracker.pose.lens import project, project_with_jacobian, rotate, visible_faces
+from tracker.geometry.lens import project, project_with_jacobian, rotate, visible_faces
 
-MAX_SAMPLES = 12 * 24
-"""Samples of one cuboid in one camera, at most."""
+PIECES = 24
+"""Pieces of one edge, at most."""
 
-COLUMNS = 16
-U, V, NU, NV, J, INSIDE, OUTSIDE, REACH_IN, REACH_OUT, LENGTH, GROWTH = (
-    0, 1, 2, 3, 4, 10, 11, 12, 13, 14, 15,
-)  # fmt: skip
-"""Columns of a sample: pixel, normal, Jacobian (6), label inside, outside, reach inside, outside [px],
-length of the edge that it stands for [px], motion along the normal per relative growth of the object [px]."""
+MAX_STRIPS = 9 * PIECES
+"""Pieces of the edges of one cuboid in one camera, at most: it shows nine of its twelve edges."""
+
+STRIP = np.dtype(
+    [
+        ("pixel", np.float64, (2,)),  # middle of the piece of edge (u, v) [px]
+        ("normal", np.float64, (2,)),  # unit vector out of the face
+        ("jacobian", np.float64, (6,)),  # motion along the normal per (δp, δθ) [px/m, px/rad]
+        ("growth", np.float64),  # motion along the normal per relative growth of the object [px]
+        ("length", np.float64),  # of the piece [px]
+        ("reach_in", np.float64),  # how far the face reaches inwards [px]
+        ("reach_out", np.float64),  # how far the neighbouring face reaches outwards [px]; 1000: background
+        ("inside", np.int64),  # label of the face
+        ("outside", np.int64),  # label of the neighbouring face; 0: background
+    ]
+)
+"""A piece of a visible edge."""
 
 MIN_FACE = 1.5
 """A face narrower than this [px] gives no edges: its colour cannot be told from its neighbours' blur."""
@@ -32,7 +43,7 @@ _SIGNS = CORNER_SIGNS
 _EDGES = EDGES
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _face_depth(lenses, c, half, rotation, position, corner, face, axis, u, v, nu, nv):  # type: ignore[no-untyped-def]
     """How far [px, signed along the normal] from a corner's pixel the opposite edge of `face` lies."""
     # The in-face direction away from the edge is the face's axis that is neither its normal nor the edge.
@@ -47,9 +58,9 @@ def _face_depth(lenses, c, half, rotation, position, corner, face, axis, u, v, n
     return (pu - u) * nu + (pv - v) * nv
 
 
-@numba.njit(cache=True, nogil=True)
-def edge_samples(lenses, c, half, face_labels, rotation, position, spacing, margin, out):  # type: ignore[no-untyped-def]
-    """Fill out (MAX_SAMPLES, COLUMNS) with the visible edges' samples in camera c; returns their count.
+@compiled
+def edge_strips(lenses, c, half, face_labels, rotation, position, spacing, margin, out):  # type: ignore[no-untyped-def]
+    """Fill out (MAX_STRIPS,) of STRIP with the pieces of the visible edges in camera c; returns their count.
 
     spacing: distance between samples [px]; margin: how far they keep from the corners [px].
     """
@@ -95,7 +106,7 @@ def edge_samples(lenses, c, half, face_labels, rotation, position, spacing, marg
             out_b = _face_depth(lenses, c, half, rotation, position, b, neighbour, axis, ub, vb, nu, nv)
         if -0.5 * (depth_a + depth_b) < MIN_FACE or 0.5 * (out_a + out_b) < MIN_FACE:
             continue
-        n = min(24, max(1, int(usable / spacing + 0.5)))
+        n = min(PIECES, max(1, int(usable / spacing + 0.5)))
         for k in range(n):
             share = (margin + usable * (k + 0.5) / n) / length
             for i in range(3):
@@ -113,20 +124,21 @@ def edge_samples(lenses, c, half, face_labels, rotation, position, spacing, marg
             su, sv = dv / norm, -du / norm
             if su * nu + sv * nv < 0.0:
                 su, sv = -su, -sv
-            row = out[count]
-            row[U], row[V], row[NU], row[NV] = u, v, su, sv
+            strip = out[count]
+            strip.pixel[0], strip.pixel[1] = u, v
+            strip.normal[0], strip.normal[1] = su, sv
             jx = su * jacobian[0, 0] + sv * jacobian[1, 0]
             jy = su * jacobian[0, 1] + sv * jacobian[1, 1]
             jz = su * jacobian[0, 2] + sv * jacobian[1, 2]
-            row[J], row[J + 1], row[J + 2] = jx, jy, jz
-            row[J + 3] = world[1] * jz - world[2] * jy
-            row[J + 4] = world[2] * jx - world[0] * jz
-            row[J + 5] = world[0] * jy - world[1] * jx
-            row[INSIDE] = face_labels[face]
-            row[OUTSIDE] = face_labels[neighbour] if inner else 0
-            row[REACH_IN] = -depth_a - share * (depth_b - depth_a)
-            row[REACH_OUT] = out_a + share * (out_b - out_a)
-            row[LENGTH] = usable / n
-            row[GROWTH] = jx * world[0] + jy * world[1] + jz * world[2]
+            strip.jacobian[0], strip.jacobian[1], strip.jacobian[2] = jx, jy, jz
+            strip.jacobian[3] = world[1] * jz - world[2] * jy
+            strip.jacobian[4] = world[2] * jx - world[0] * jz
+            strip.jacobian[5] = world[0] * jy - world[1] * jx
+            strip.inside = face_labels[face]
+            strip.outside = face_labels[neighbour] if inner else 0
+            strip.reach_in = -depth_a - share * (depth_b - depth_a)
+            strip.reach_out = out_a + share * (out_b - out_a)
+            strip.length = usable / n
+            strip.growth = jx * world[0] + jy * world[1] + jz * world[2]
             count += 1
     return count

@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 
+from tracker.compiled import compiled
 from tracker.conventions import FloatArray, Image
 
 TARGET_GREY = 115.0
@@ -45,7 +45,7 @@ _RANGE = 1.75
 _LOG = np.log(np.maximum(np.arange(256), 0.5))
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _sample(image, step, log_table, points):  # type: ignore[no-untyped-def]
     """Points (N, 5): log chroma b/g, r/g, place from -1 to 1 across and down, level of green; returns N."""
     height, width = image.shape[0], image.shape[1]
@@ -63,7 +63,7 @@ def _sample(image, step, log_table, points):  # type: ignore[no-untyped-def]
     return count
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _mode(points, count):  # type: ignore[no-untyped-def]
     """The most frequent log chroma (u, v), to the width of a bin."""
     histogram = np.zeros((_BINS + 2, _BINS + 2), np.int32)
@@ -84,7 +84,7 @@ def _mode(points, count):  # type: ignore[no-untyped-def]
     return (u0 - 0.5) / scale - _RANGE, (v0 - 0.5) / scale - _RANGE
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _fit_plane(points, count, plane, reach, flat, matrix, vectors):  # type: ignore[no-untyped-def]
     """Move plane (2, 3) to the points near it, and return their count.
 
@@ -134,7 +134,7 @@ def _fit_plane(points, count, plane, reach, flat, matrix, vectors):  # type: ign
     return inside
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _greys(image, step, log_table, points, plane):  # type: ignore[no-untyped-def]
     """Fill plane (2, 3) with the log chroma of the scene's greys; returns level of green, share of pixels."""
     matrix, vectors = np.empty((3, 3)), np.empty((2, 3))
@@ -203,7 +203,7 @@ def find_light(image: Image) -> Light:
     return Light(TARGET_GREY / grey, plane[:, 1:].copy(), float(share))
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _even(image, tilt, out):  # type: ignore[no-untyped-def]
     height, width = image.shape[0], image.shape[1]
     for j in range(height):

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
 
-from tracker.pose.linear import factorise, substitute
+from tracker.compiled import compiled
+from tracker.geometry.linear import factorise, substitute
 
 EXPONENT, GROWTH = 6, 7
 UNKNOWNS = 8
@@ -15,8 +15,8 @@ UNKNOWNS = 8
 its model."""
 
 
-@numba.njit(cache=True, nogil=True)
-def solve_step(information, gradient, offsets, weights, share, prior, pull, known, shared, changes):  # type: ignore[no-untyped-def]
+@compiled
+def solve_step(equations, share, prior, pull, known, shared, changes):  # type: ignore[no-untyped-def]
     """Solve for the pose, exponent, growth and the cameras' offsets together.
 
     Returns minus twice the logarithm of the measurements' likelihood under this `share`, up to a constant;
@@ -24,12 +24,14 @@ def solve_step(information, gradient, offsets, weights, share, prior, pull, know
 
     Each camera sees the object moved by an offset η_c of its own, which its calibration error causes and
     whose inverse covariance is weights (C, 6, 6) over share. It contributes the normal equations information
-    (C, 8, 8), gradient (C, 8) at the pose moved by η_c. Minimised is
+    (C, 8, 8), gradient (C, 8) at the pose moved by η_c; `equations` is the tuple of both, of offsets (C, 6)
+    and of weights. Minimised is
     Σ ‖r_c - J_c (δ + (dη_c, 0))‖² + (η_c + dη_c)ᵀ W_c / share (η_c + dη_c) + δᵀ P δ - 2 δᵀ q with
     prior P (8, 8) and pull q (8,). The offsets are eliminated (Schur). Filled: known (8, 8), the
     information on what is shared with the offsets marginalised; shared (8,), its update; changes (C, 6), the
     offsets' updates.
     """
+    information, gradient, offsets, weights = equations
     cameras = len(offsets)
     vector, column = np.empty(UNKNOWNS), np.empty(6)
     own, factors = np.empty((6, 6)), np.empty((cameras, 6, 6))
@@ -88,8 +90,8 @@ SHARES_PRIOR = np.array([0.4, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1])
 """Probability of each before the cameras are asked."""
 
 
-@numba.njit(cache=True, nogil=True)
-def calibration_share(information, gradient, offsets, weights, prior, pull, known, shared, changes):  # type: ignore[no-untyped-def]
+@compiled
+def calibration_share(equations, prior, pull, known, shared, changes):  # type: ignore[no-untyped-def]
     """Mean share of the stated calibration variance that explains how well the cameras agree.
 
     Arguments as of `solve_step`, whose outputs are work space here. The shares are weighted with their
@@ -98,9 +100,7 @@ def calibration_share(information, gradient, offsets, weights, prior, pull, know
     """
     doubts = np.empty(len(SHARES))
     for k in range(len(SHARES)):
-        doubts[k] = solve_step(
-            information, gradient, offsets, weights, SHARES[k], prior, pull, known, shared, changes
-        )
+        doubts[k] = solve_step(equations, SHARES[k], prior, pull, known, shared, changes)
     least = np.min(doubts)
     if not np.isfinite(least):
         return 1.0
@@ -110,3 +110,15 @@ def calibration_share(information, gradient, offsets, weights, prior, pull, know
         total += weight
         mean += weight * SHARES[k]
     return mean / total
+
+
+@compiled
+def marginal(joint, known):  # type: ignore[no-untyped-def]
+    """Known (6, 6) = information on the pose where exponent and growth are unknown; joint (8, 8)."""
+    a, b, d = joint[EXPONENT, EXPONENT], joint[EXPONENT, GROWTH], joint[GROWTH, GROWTH]
+    inverse = 1.0 / (a * d - b * b)
+    for i in range(6):
+        e, g = joint[i, EXPONENT], joint[i, GROWTH]
+        for k in range(6):
+            ek, gk = joint[EXPONENT, k], joint[GROWTH, k]
+            known[i, k] = joint[i, k] - inverse * (e * (d * ek - b * gk) + g * (a * gk - b * ek))

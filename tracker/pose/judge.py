@@ -9,9 +9,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from tracker.conventions import FloatArray
-from tracker.pose import align, contour
 from tracker.pose.fit import Fit
-from tracker.pose.grids import ARENA_BOTTOM
+from tracker.pose.hypotheses.positions import ARENA_BOTTOM
 from tracker.pose.result import Status
 
 MIN_AGREE = 30
@@ -39,16 +38,15 @@ VAGUE, MIN_DEFINITE = (0.02, math.radians(5)), 0.5
 @functools.lru_cache(maxsize=32)
 def features(fit: Fit) -> Mapping[str, float]:
     """What the confidence is computed from; all small for a perfect fit in full view."""
-    counts = fit.counts.sum(axis=0)
-    agree, wrong, extra = (float(counts[k]) for k in (align.AGREE, align.WRONG, align.EXTRA))
-    predicted = max(float(counts[align.PREDICTED]), 1.0)
-    usable, inliers = fit.samples[:, contour.USABLE].sum(), fit.samples[:, contour.INLIERS].sum()
-    rms = math.sqrt(float(fit.samples[:, contour.SQUARES].sum()) / max(float(inliers), 1e-9))
+    agree, wrong, extra = fit.total("agree"), fit.total("wrong"), fit.total("extra")
+    predicted = max(fit.total("predicted"), 1.0)
+    usable, inliers = fit.total("usable"), fit.total("inliers")
+    rms = math.sqrt(fit.total("squares") / max(inliers, 1e-9))
     return {
         "wrong": math.sqrt(wrong / max(agree + wrong, 1.0)),
         "extra": math.sqrt(extra / predicted),
-        "unusable": 1.0 - float(usable) / max(float(fit.samples[:, contour.EXPECTED].sum()), 1.0),
-        "outliers": 1.0 - float(inliers) / max(float(usable), 1.0),
+        "unusable": 1.0 - usable / max(fit.total("expected"), 1.0),
+        "outliers": 1.0 - inliers / max(usable, 1.0),
         "rms": math.log(max(rms, 0.05) / 0.1),
         "few": math.log1p(10.0 / math.sqrt(agree + 1.0)),
         "unconverged": float(not fit.converged),
@@ -63,17 +61,16 @@ def possible(fit: Fit) -> bool:
 @functools.lru_cache(maxsize=32)
 def refusal(fit: Fit) -> Status | None:
     """Why the fit is not accepted; None where it is."""
-    counts = fit.counts.sum(axis=0)
     found = features(fit)
-    if counts[align.AGREE] < max(MIN_AGREE, MIN_EXPLAINED * counts[align.PREDICTED]):
+    if fit.total("agree") < max(MIN_AGREE, MIN_EXPLAINED * fit.total("predicted")):
         return Status.TOO_FEW_PIXELS
     if found["wrong"] ** 2 > MAX_WRONG or found["extra"] ** 2 > 0.5:
         return Status.INCONSISTENT_VIEWS
     if not possible(fit):
         # One camera alone takes what hides the object's edges for them, and puts it too far away.
-        alone = np.count_nonzero(fit.samples[:, contour.EXPECTED]) == 1
+        alone = np.count_nonzero(fit.cameras["expected"]) == 1
         return Status.AMBIGUOUS if alone else Status.INCONSISTENT_VIEWS
-    if fit.samples[:, contour.INLIERS].sum() < MIN_INLIERS or not np.isfinite(fit.covariance).all():
+    if fit.total("inliers") < MIN_INLIERS or not np.isfinite(fit.covariance).all():
         return Status.POOR_FIT
     if fit.lead < MIN_LEAD:
         return Status.AMBIGUOUS
@@ -114,7 +111,7 @@ def rank(fit: Fit) -> float:
     A pose that shares most of the object's outline with the right one, slid along an edge or turned by a
     quarter, has clean pieces too, but fewer of them; one that slid into a wrong optimum has rough ones.
     """
-    pieces = float(fit.samples[:, contour.INLIERS].sum())
+    pieces = fit.total("inliers")
     return log_odds(fit) + EVIDENCE * pieces / (1.0 + max(features(fit)["rms"], 0.0))
 
 

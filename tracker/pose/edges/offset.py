@@ -15,10 +15,9 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
 
-from tracker.pose.edges import INSIDE, LENGTH, NU, NV, OUTSIDE, REACH_IN, REACH_OUT, U, V
+from tracker.compiled import compiled
 
 MIN_CONTRAST = 14.0
 """Least distance between the two surfaces' colours [levels]."""
@@ -36,11 +35,17 @@ are not. What is left over at a drawn edge is sampling, which slopes must not ex
 MIN_PIXELS, MAX_PIXELS = 8, 2048
 """Pixels of a piece of an edge below which nothing is measured, and which are looked at at most."""
 
-OFFSET, VARIANCE, VALID, BLOOM, WIDER, SHARPNESS = range(6)
-MEASURED = 6
-"""Columns of a measurement: offset along the normal [px], its variance from noise [px²], 1 if usable, the
-offset that a response of exponent 2 instead of 1 would feign [px], by how much the edge looks wider than
-the blur [px], and the weight of that."""
+OFFSET = np.dtype(
+    [
+        ("offset", np.float64),  # of the edge from where it was expected, along the normal [px]
+        ("variance", np.float64),  # of that, from noise [px²]
+        ("bloom", np.float64),  # the offset that a response of exponent 2 instead of 1 would feign [px]
+        ("wider", np.float64),  # by how much the edge looks wider than the blur [px], …
+        ("sharpness", np.float64),  # … and the weight of that; 0: it cannot tell
+        ("usable", np.bool_),  # whether there is an offset
+    ]
+)
+"""What a strip of pixels says of its edge."""
 
 _PER_UNIT = 256
 _SPAN = 4.0
@@ -53,13 +58,13 @@ _BLOOM = math.sqrt(math.pi) / 3
 the sum of both colours; weighted with the line, w (1 - w) is 1/6, and the line's energy 1/(2√π blur)."""
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def _place(z):  # type: ignore[no-untyped-def]
     """Index of z in the tables of step and line."""
     return int((min(max(z, -_SPAN), _SPAN) + _SPAN) * _PER_UNIT + 0.5)
 
 
-@numba.njit(cache=True, nogil=True, fastmath=True)
+@compiled(fastmath=True)
 def _dot(a, b, n):  # type: ignore[no-untyped-def]
     """Sum of products of the first n; in whatever order is fastest, but always in the same."""
     total = 0.0
@@ -68,7 +73,7 @@ def _dot(a, b, n):  # type: ignore[no-untyped-def]
     return total
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def _columns_of(red, channel, j):  # type: ignore[no-untyped-def]
     """Where in row j of a mosaic a channel was measured: whether in odd columns, or -1 for nowhere."""
     has_red = (j & 1) == red >> 1
@@ -77,13 +82,13 @@ def _columns_of(red, channel, j):  # type: ignore[no-untyped-def]
     return (red & 1) ^ (channel == 0) if has_red == (channel == 2) else -1
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _collect(image, width, height, red, channel, row, reach, distance, values):  # type: ignore[no-untyped-def]
+@compiled(error_model="numpy")
+def _collect(image, width, height, red, channel, strip, reach, distance, values):  # type: ignore[no-untyped-def]
     """Signed distances (P,) [px] and colours (3, P) of a strip's pixels; returns P, 0 outside the image.
 
     Of a mosaic (red ≥ 0) only the pixels that measured a channel, which is what counts of their colours.
     """
-    u, v, nu, nv, along = row[U], row[V], row[NU], row[NV], 0.5 * row[LENGTH]
+    u, v, nu, nv, along = strip.pixel[0], strip.pixel[1], strip.normal[0], strip.normal[1], 0.5 * strip.length
     du, dv = abs(nu) * reach + abs(nv) * along, abs(nv) * reach + abs(nu) * along
     if u - du < 0.0 or v - dv < 0.0 or u + du > width - 1.0 or v + dv > height - 1.0:
         return 0
@@ -112,21 +117,21 @@ def _collect(image, width, height, red, channel, row, reach, distance, values): 
     return pixels
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _surfaces(row, seen, edges):  # type: ignore[no-untyped-def]
+@compiled(error_model="numpy")
+def _surfaces(strip, seen, edges):  # type: ignore[no-untyped-def]
     """Where the edges 1 ... m - 1 between a strip's m surfaces lie [px]; returns m, and which is the face."""
     inside = 0
-    if row[REACH_IN] < seen:
-        edges[1], inside = -row[REACH_IN], 1
+    if strip.reach_in < seen:
+        edges[1], inside = -strip.reach_in, 1
     edges[inside + 1] = 0.0
     m = inside + 2
-    if row[REACH_OUT] < seen:
-        edges[m] = row[REACH_OUT]
+    if strip.reach_out < seen:
+        edges[m] = strip.reach_out
         m += 1
     return m, inside
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _model(distance, pixels, edges, m, inside, slopes, reach, blur, columns):  # type: ignore[no-untyped-def]
     """Columns (m + slopes + 2, P): the surfaces' shares, the line, slopes, the effect of a change of blur."""
     scale = 1.0 / blur
@@ -148,7 +153,7 @@ def _model(distance, pixels, edges, m, inside, slopes, reach, blur, columns):  #
         columns[m + slopes + 1, q] = -d * scale * line
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _solve(full, raw, extra, m, size, stiffness, factor, out):  # type: ignore[no-untyped-def]
     """Out (size, 4): least squares of the colours' three channels raw (·, 3), and of the column `extra`.
 
@@ -193,7 +198,7 @@ def _solve(full, raw, extra, m, size, stiffness, factor, out):  # type: ignore[n
             out[i, ch] *= factor[i, i]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _misfit(full, raw, squares, size, found, first, last):  # type: ignore[no-untyped-def]
     """Sum of squared residuals over pixels and channels; squares: sum of the values' squares."""
     total = squares
@@ -206,7 +211,7 @@ def _misfit(full, raw, squares, size, found, first, last):  # type: ignore[no-un
     return total
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def _label(channels, table, color):  # type: ignore[no-untyped-def]
     cell = 0
     for k in range(3):
@@ -214,13 +219,13 @@ def _label(channels, table, color):  # type: ignore[no-untyped-def]
     return table[cell]
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def _variance(misfit, degrees, noise):  # type: ignore[no-untyped-def]
     """Of a pixel's channel, by what does not fit, and at least that of the noise."""
     return max(noise * noise, misfit / max(degrees, 1))
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _blurred(full, raw, found, m, wide, inside, first, last):  # type: ignore[no-untyped-def]
     """What speaks for a change of blur that colours and shift cannot explain, and how much could."""
     own, wider, contrast = full[wide, wide], 0.0, 0.0
@@ -238,8 +243,8 @@ def _blurred(full, raw, found, m, wide, inside, first, last):  # type: ignore[no
     return wider, contrast * own
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def measure(image, width, height, red, channels, table, samples, n, reach, blur, noise, every, out):  # type: ignore[no-untyped-def]
+@compiled(error_model="numpy")
+def measure(image, width, height, red, channels, table, strips, n, reach, blur, noise, every, out):  # type: ignore[no-untyped-def]
     """Offsets of n pieces of edges: out (n, MEASURED), see OFFSET and below.
 
     image: (≥ height, ≥ width, 3); red: which pixels of a mosaic measured red (`segmentation.mosaic`), -1 for
@@ -254,16 +259,17 @@ def measure(image, width, height, red, channels, table, samples, n, reach, blur,
     columns, values, distance = np.empty((8, MAX_PIXELS)), np.empty((3, MAX_PIXELS)), np.empty(MAX_PIXELS)
     slope = SLOPE * min(1.0, max(1e-3, (blur - SHARP) / (SOFT - SHARP)))
     for s in range(n):
-        out[s, VALID], out[s, SHARPNESS] = 0.0, 0.0
+        result = out[s]
+        result.usable, result.sharpness = False, 0.0
         if s % every:
             continue
-        row = samples[s]
-        m, inside = _surfaces(row, reach + 1.5 * blur, edges)
-        slopes = 2 if row[OUTSIDE] == 0 else 0
+        strip = strips[s]
+        m, inside = _surfaces(strip, reach + 1.5 * blur, edges)
+        slopes = 2 if strip.outside == 0 else 0
         wide = m + slopes + 1
         count, squares = 0, 0.0
         for g in range(parts):
-            pixels = _collect(image, width, height, red, g, row, reach, distance, values)
+            pixels = _collect(image, width, height, red, g, strip, reach, distance, values)
             _model(distance, pixels, edges, m, inside, slopes, reach, blur, columns)
             for i in range(wide + 1):
                 for j in range(i + 1):
@@ -281,7 +287,7 @@ def measure(image, width, height, red, channels, table, samples, n, reach, blur,
                 color[0, k], color[1, k] = found[g, inside, k], found[g, inside + 1, k]
         # The surface inside must be the face: a finger's edge is none of the object's.
         here, there = _label(channels, table, color[0]), _label(channels, table, color[1])
-        if here != row[INSIDE] or (there != row[OUTSIDE] if row[OUTSIDE] > 0 else there == row[INSIDE]):
+        if here != strip.inside or (there != strip.outside if strip.outside > 0 else there == strip.inside):
             continue
         contrast = 0.0
         for k in range(3):
@@ -296,8 +302,8 @@ def measure(image, width, height, red, channels, table, samples, n, reach, blur,
                 wider, sharpness = wider + one, sharpness + two
         variance = _variance(misfit, count - 3 * (m + 1), noise)
         if sharpness > 0.0:
-            out[s, SHARPNESS] = sharpness / variance
-            out[s, WIDER] = wider / sharpness
+            result.sharpness = sharpness / variance
+            result.wider = wider / sharpness
         unit[m] = 1.0
         misfit, weight, shift, lift = squares, 0.0, 0.0, 0.0
         for g in range(parts):
@@ -312,7 +318,7 @@ def measure(image, width, height, red, channels, table, samples, n, reach, blur,
                 lift += known * difference**3 / total
         unit[m] = 0.0
         weight = max(weight, MIN_CONTRAST**2 / found[0, m, 3])
-        out[s, OFFSET] = min(reach, max(-reach, shift / weight))
-        out[s, VARIANCE] = _variance(misfit, count - 3 * wide, noise) / weight
-        out[s, BLOOM] = _BLOOM * blur * lift / weight
-        out[s, VALID] = 1.0
+        result.offset = min(reach, max(-reach, shift / weight))
+        result.variance = _variance(misfit, count - 3 * wide, noise) / weight
+        result.bloom = _BLOOM * blur * lift / weight
+        result.usable = True

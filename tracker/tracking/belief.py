@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from tracker.conventions import FloatArray
 from tracker.errors import TrackerError
-from tracker.pose.acceptance import VAGUE, confidence, probably_near, trust
-from tracker.pose.contour import INLIERS
+from tracker.geometry import so3
 from tracker.pose.fit import Fit
-from tracker.pose.motion import MotionFilter, MotionState, quaternion
-from tracker.pose.result import MotionEstimate, Observation, PoseEstimate, Status
+from tracker.pose.judge import VAGUE, confidence, probably_near, trust
+from tracker.pose.result import MotionEstimate, PoseEstimate, Status
+from tracker.tracking.filter import MotionFilter, MotionState
 
 MIN_VIEW = 4.0
 """Weight of the pieces of edges on which a camera must agree to count as seeing the object."""
@@ -40,7 +40,7 @@ class TrackingOptions:
 
 
 @dataclass(frozen=True, eq=False)
-class _Pending:
+class Pending:
     """A measurement that nobody has confirmed yet."""
 
     timestamp: float
@@ -48,30 +48,30 @@ class _Pending:
     rotation: FloatArray
 
 
-class Track:
-    """The memory of one object's motion."""
+@dataclass(frozen=True, eq=False)
+class Belief:
+    """What is believed of one object's motion; nothing changes it."""
 
-    def __init__(self, options: TrackingOptions | None = None) -> None:
-        self.options = options or TrackingOptions()
-        self.timestamp: float | None = None
-        """Of the last images [s]."""
-        self.latest: Observation | None = None
-        """The last answer."""
-        self.last_pose: tuple[FloatArray, FloatArray] | None = None
-        """Rotation (3, 3) and position (3,) [m] as last measured."""
-        self._filter = MotionFilter()
-        self._seen: float | None = None
-        self._trust = 0.0
-        self._pending: _Pending | None = None
-        self._step = 0.0
+    options: TrackingOptions = field(default_factory=TrackingOptions)
+    timestamp: float | None = None
+    """Of the last pictures [s]."""
+    motion: MotionFilter | None = None
+    """Where the object is and how it moves; None before it was ever seen."""
+    last_pose: tuple[FloatArray, FloatArray] | None = None
+    """Rotation (3, 3) and position (3,) [m] as last measured."""
+    seen: float | None = None
+    """When the object was last seen [s]; None: there is no pose to predict from."""
+    unseen: bool = False
+    """Whether there was no measurement of it in the last pictures."""
+    trust: float = 0.0
+    """Probability that what was last seen is the object."""
+    pending: Pending | None = None
+    """What nobody has confirmed yet."""
+    step: float = 0.0
+    """Time from the pictures before to the last ones [s]."""
 
-    @property
-    def alive(self) -> bool:
-        """Whether there is a pose to predict from."""
-        return self._seen is not None
-
-    def advance(self, timestamp: float) -> MotionState | None:
-        """Move on to the images of a time stamp [s]; returns where the object is expected, if it is known.
+    def advance(self, timestamp: float) -> tuple[Belief, MotionState | None]:
+        """What is believed at the stamp [s] of the next pictures, and where the object is then, if known.
 
         Raises:
             TrackerError: the stamp is not finite, or earlier than the last one.
@@ -83,23 +83,16 @@ class Track:
                 f"timestamp: found {timestamp:.6f} s after {self.timestamp:.6f} s, expected no earlier one; "
                 "reset() begins another recording"
             )
-        last, self.timestamp = self.timestamp, float(timestamp)
-        self._step = 0.0 if last is None else self.timestamp - last
-        if self._seen is None or last is None:
-            return None
-        if timestamp - self._seen > self.options.coast_seconds:
-            self._seen = None
-            self._pending = None
-            return None
-        if self.last_unseen:
-            self._filter.slow_down(timestamp - last)
-        self._filter.predict(timestamp - last)
-        return self._filter.state
-
-    @property
-    def last_unseen(self) -> bool:
-        """Whether the object was not seen in the last images."""
-        return self.latest is not None and self.latest.object_pose is None
+        last, timestamp = self.timestamp, float(timestamp)
+        step = 0.0 if last is None else timestamp - last
+        moved = replace(self, timestamp=timestamp, step=step)
+        if self.seen is None or last is None or self.motion is None:
+            return moved, None
+        if timestamp - self.seen > self.options.coast_seconds:
+            return replace(moved, seen=None, pending=None), None
+        motion = self.motion.slowed(step) if self.unseen else self.motion
+        motion = motion.predicted(step)
+        return replace(moved, motion=motion), motion.state
 
     def plausible(self, expected: MotionState, fit: Fit) -> bool:
         """Whether a measurement may come from an object that was expected there."""
@@ -112,32 +105,31 @@ class Track:
             )
         )
 
-    def see(self, fit: Fit, expected: MotionState | None) -> Status:
-        """Take in a measurement; returns TRACKING, FOUND, REFOUND, or COASTING if it is not believed yet."""
+    def see(self, fit: Fit, expected: MotionState | None) -> tuple[Belief, Status]:
+        """What is believed after a measurement: TRACKING, FOUND, REFOUND, or COASTING if it is not yet."""
         assert self.timestamp is not None
         if alone(fit) and trust(fit) * probably_near(fit.covariance, VAGUE) < self.options.lonely:
-            return Status.COASTING
-        if expected is not None and self.plausible(expected, fit):
-            self._filter.update(fit.position, fit.rotation, fit.covariance)
-            return self._believe(fit, Status.TRACKING)
+            return self, Status.COASTING
+        if self.motion is not None and expected is not None and self.plausible(expected, fit):
+            motion = self.motion.updated(fit.position, fit.rotation, fit.covariance)
+            return self._believed(fit, motion), Status.TRACKING
         sure = confidence(fit) >= self.options.sure
         # Nothing turns over on the spot so fast: poor colours mislead in one image after the other.
         if expected is None or not self._turned_over(expected, fit):
             sure = sure or self._confirmed(fit)
         if expected is not None and not sure:
-            self._pending = _Pending(self.timestamp, fit.position, fit.rotation)
-            return Status.COASTING
-        first = self.last_pose is None
-        self._filter.start(fit.position, fit.rotation, fit.covariance)
-        return self._believe(fit, Status.FOUND if first else Status.REFOUND)
+            pending = Pending(self.timestamp, fit.position, fit.rotation)
+            return replace(self, pending=pending), Status.COASTING
+        motion = MotionFilter.start(fit.position, fit.rotation, fit.covariance)
+        return self._believed(fit, motion), Status.FOUND if self.last_pose is None else Status.REFOUND
 
     @property
     def _seconds_unseen(self) -> float:
         """For so long the object may have moved without being seen [s]."""
         assert self.timestamp is not None
-        assert self._seen is not None
+        assert self.seen is not None
         # Images that showed it elsewhere are none in which it was hidden, and could go far unseen.
-        return self._step if self._pending is not None else self.timestamp - self._seen
+        return self.step if self.pending is not None else self.timestamp - self.seen
 
     def _turned_over(self, expected: MotionState, fit: Fit) -> bool:
         """Whether a measurement is where the object was expected, but turned over."""
@@ -145,17 +137,22 @@ class Track:
         most = 3.0 * self.options.jump[1] + self.options.speed[1] * self._seconds_unseen
         return shift < self.options.jump[0] and turn > most
 
-    def _believe(self, fit: Fit, status: Status) -> Status:
-        self._seen, self._pending, self._trust = self.timestamp, None, trust(fit)
-        self.last_pose = fit.rotation, fit.position
-        return status
+    def _believed(self, fit: Fit, motion: MotionFilter) -> Belief:
+        return replace(
+            self,
+            motion=motion,
+            seen=self.timestamp,
+            pending=None,
+            trust=trust(fit),
+            last_pose=(fit.rotation, fit.position),
+        )
 
     def _confirmed(self, fit: Fit) -> bool:
         """Whether the measurement that was not believed is now seen a second time."""
-        if self._pending is None or self.timestamp is None:
+        if self.pending is None or self.timestamp is None:
             return False
-        seconds = self.timestamp - self._pending.timestamp
-        shift, turn = _differences(fit, self._pending.rotation, self._pending.position)
+        seconds = self.timestamp - self.pending.timestamp
+        shift, turn = _differences(fit, self.pending.rotation, self.pending.position)
         return all(
             difference <= limit + 0.5 * speed * seconds
             for difference, limit, speed in zip(
@@ -165,15 +162,15 @@ class Track:
 
     def estimate(self) -> MotionEstimate | None:
         """The fused estimate; None while the object is lost."""
-        if self._seen is None:
+        if self.seen is None or self.motion is None:
             return None
-        state = self._filter.state
+        state = self.motion.state
         pose = state.covariance[:6, :6]
         return MotionEstimate(
             state.position,
-            quaternion(state.rotation),
+            so3.quaternion(state.rotation),
             pose,
-            self._trust * probably_near(pose),
+            self.trust * probably_near(pose),
             state.velocity,
             state.covariance[6:, 6:],
         )
@@ -188,9 +185,9 @@ def _differences(fit: Fit, rotation: FloatArray, position: FloatArray) -> tuple[
 
 def alone(fit: Fit) -> bool:
     """Whether the pose rests on what one camera sees."""
-    return bool(np.count_nonzero(fit.samples[:, INLIERS] >= MIN_VIEW) < 2)
+    return bool(np.count_nonzero(fit.cameras["inliers"] >= MIN_VIEW) < 2)
 
 
 def measured(fit: Fit) -> PoseEstimate:
     """The pose of a fit."""
-    return PoseEstimate(fit.position, quaternion(fit.rotation), fit.covariance, confidence(fit))
+    return PoseEstimate(fit.position, so3.quaternion(fit.rotation), fit.covariance, confidence(fit))

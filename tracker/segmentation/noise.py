@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import cv2
-import numba
 import numpy as np
 
+from tracker.compiled import compiled
 from tracker.conventions import Image
 
 LOUD = 6.0
@@ -16,7 +16,7 @@ _PER_SIGMA = 0.6745 * np.sqrt(6.0)
 """Median of a second difference's size over the noise's standard deviation."""
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _median_bend(image, row_step):  # type: ignore[no-untyped-def]
     """Median size of the second differences of green along every so-manieth row."""
     counts = np.zeros(1024, np.int64)

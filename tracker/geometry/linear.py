@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
 
+from tracker.compiled import compiled
 
-@numba.njit(cache=True, nogil=True)
+
+@compiled
 def factorise(matrix, lower):  # type: ignore[no-untyped-def]
     """Lower (n, n) = Cholesky factor of a symmetric matrix (n, n), of which the lower half is read.
 
@@ -28,7 +29,7 @@ def factorise(matrix, lower):  # type: ignore[no-untyped-def]
     return True
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def substitute(lower, vector, out):  # type: ignore[no-untyped-def]
     """Out (n,) = (lower · lowerᵀ)⁻¹ vector; out may be vector."""
     n = len(vector)
@@ -44,7 +45,7 @@ def substitute(lower, vector, out):  # type: ignore[no-untyped-def]
         out[i] = total / lower[i, i]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def solve_positive(matrix, vector, out):  # type: ignore[no-untyped-def]
     """Out (n,) = matrix⁻¹ vector for a positive definite matrix (n, n), of which the lower half is read.
 

@@ -3,12 +3,44 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
-import numba
 import numpy as np
 
+from tracker.compiled import compiled
+from tracker.conventions import Array
+from tracker.geometry.camera import Camera
 
-@numba.njit(cache=True, nogil=True)
+LENS = np.dtype(
+    [
+        ("rotation", np.float64, (3, 3)),  # of camera_from_world
+        ("translation", np.float64, (3,)),  # of camera_from_world [m]
+        ("position", np.float64, (3,)),  # the camera's centre in the world [m]
+        ("focal", np.float64, (2,)),  # fx, fy [px]
+        ("center", np.float64, (2,)),  # cx, cy [px]
+        ("distortion", np.float64, (5,)),  # k1, k2, p1, p2, k3
+        ("width", np.int64),  # [px]
+        ("height", np.int64),  # [px]
+    ]
+)
+"""A camera as a record: compiled functions read its fields without counting references to arrays."""
+
+
+def stack_lenses(cameras: Sequence[Camera]) -> Array:
+    """The cameras as an array (C,) of LENS records."""
+    lenses = np.zeros(len(cameras), LENS)
+    for lens, camera in zip(lenses, cameras, strict=True):
+        lens["rotation"] = camera.camera_from_world[:3, :3]
+        lens["translation"] = camera.camera_from_world[:3, 3]
+        lens["position"] = camera.position
+        lens["focal"] = camera.matrix[0, 0], camera.matrix[1, 1]
+        lens["center"] = camera.matrix[0, 2], camera.matrix[1, 2]
+        lens["distortion"] = camera.distortion
+        lens["width"], lens["height"] = camera.width, camera.height
+    return lenses
+
+
+@compiled
 def project(lenses, c, x, y, z):  # type: ignore[no-untyped-def]
     """Pixel (u, v) and depth of a world point (x, y, z) in camera c."""
     r, t, k = lenses[c].rotation, lenses[c].translation, lenses[c].distortion
@@ -27,7 +59,7 @@ def project(lenses, c, x, y, z):  # type: ignore[no-untyped-def]
     )
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def project_with_jacobian(lenses, c, x, y, z, jacobian):  # type: ignore[no-untyped-def]
     """As `project`, and d(u, v)/d(x, y, z) into jacobian (2, 3)."""
     r, t, k = lenses[c].rotation, lenses[c].translation, lenses[c].distortion
@@ -53,14 +85,14 @@ def project_with_jacobian(lenses, c, x, y, z, jacobian):  # type: ignore[no-unty
     return fx * u + lenses[c].center[0], fy * v + lenses[c].center[1], zc
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def rotate(rotation, vector, out):  # type: ignore[no-untyped-def]
     """Out (3,) = rotation (3, 3) · vector (3,)."""
     for i in range(3):
         out[i] = rotation[i, 0] * vector[0] + rotation[i, 1] * vector[1] + rotation[i, 2] * vector[2]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def visible_faces(lenses, c, half, rotation, position, out):  # type: ignore[no-untyped-def]
     """Out (6,) = height of the camera's centre above each face's plane [m]; positive: it faces it."""
     for axis in range(3):
@@ -71,7 +103,7 @@ def visible_faces(lenses, c, half, rotation, position, out):  # type: ignore[no-
         out[2 * axis + 1] = -along - half[axis]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def apply_update(rotation, position, update):  # type: ignore[no-untyped-def]
     """Move a pose in place by update (6,): p += δp, R = exp(δθ) R."""
     for i in range(3):

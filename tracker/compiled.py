@@ -1,0 +1,21 @@
+"""Compiled functions: one decorator for all, and whether their machine code can be kept on disk."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numba
+
+
+def compiled(function: Callable[..., Any] | None = None, **options: Any) -> Any:
+    """Compile a function on its first call and keep the result on disk; `options` are those of numba.njit.
+
+    Where no folder can be written, the function is compiled anew by each process.
+    """
+    if function is None:
+        return lambda function: compiled(function, **options)
+    try:
+        return numba.njit(cache=True, nogil=True, **options)(function)
+    except RuntimeError:  # numba finds no place for its cache
+        return numba.njit(nogil=True, **options)(function)

@@ -1,0 +1,29 @@
+"""The object's geometry for compiled functions."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from tracker.conventions import Array, FloatArray
+from tracker.objects.model import CuboidModel
+
+
+class Box(NamedTuple):
+    """A cuboid with labelled faces."""
+
+    half: FloatArray
+    """(3,) half edge lengths [m]."""
+    face_labels: Array
+    """(6,) uint8 labels in the order of tracker.geometry.cuboid.FACE_NAMES."""
+
+    @classmethod
+    def of(cls, model: CuboidModel) -> Box:
+        """The box of an object's model."""
+        return cls(np.asarray(model.size) / 2, np.asarray(model.face_labels, dtype=np.uint8))
+
+    @property
+    def radius(self) -> float:
+        """Distance of its corners from its centre [m]."""
+        return float(np.linalg.norm(self.half))

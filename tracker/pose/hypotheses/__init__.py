@@ -1,0 +1,1 @@
+"""Hypotheses from label maps: where the object could be, how turned, and what else looks like it."""

@@ -1,0 +1,42 @@
+"""The normal equations that the offsets of one camera's strips add up to."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tracker.compiled import compiled
+from tracker.pose.solve.robust import tukey
+from tracker.pose.solve.step import EXPONENT, GROWTH, UNKNOWNS
+
+
+@compiled(inline="always")
+def residual(strip, found, exponent, growth):  # type: ignore[no-untyped-def]
+    """Offset of an edge [px] that the camera's response and the object's growth do not explain."""
+    return found.offset - exponent * found.bloom - growth * strip.growth
+
+
+@compiled
+def accumulate(strips, offsets, n, exponent, growth, limit, floor, matrix, vector, seen):  # type: ignore[no-untyped-def]
+    """Add n weighted offsets to the normal equations (8, 8), (8,) and to the record `seen` (SEEN).
+
+    limit: residual [px] at which a weight reaches zero; floor: variance of an edge's place [px²] that noise
+    does not explain.
+    """
+    row = np.empty(UNKNOWNS)
+    for s in range(n):
+        if not offsets[s].usable:
+            continue
+        r = residual(strips[s], offsets[s], exponent, growth)
+        robust = tukey(r, limit)
+        if robust == 0.0:
+            continue
+        seen.inliers += robust
+        seen.squares += robust * r * r
+        weight = robust / (floor + offsets[s].variance)
+        for i in range(6):
+            row[i] = strips[s].jacobian[i]
+        row[EXPONENT], row[GROWTH] = offsets[s].bloom, strips[s].growth
+        for i in range(UNKNOWNS):
+            vector[i] += weight * row[i] * r
+            for k in range(UNKNOWNS):
+                matrix[i, k] += weight * row[i] * row[k]

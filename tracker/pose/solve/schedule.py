@@ -1,0 +1,87 @@
+"""How the refinement goes on, and its figures. Lengths are those at the reference focal length."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from tracker.conventions import Array, FloatArray
+
+
+class Schedule(NamedTuple):
+    """The refinement's steps."""
+
+    blur: FloatArray
+    """(steps,) standard deviation of the model's steps [px]; 0: as measured."""
+    piece: FloatArray
+    """(steps,) length of the pieces of edges [px]."""
+    tukey: FloatArray
+    """(steps,) residual at which a piece's weight reaches zero: at least so much [px]."""
+    every: Array
+    """(steps,) one in so many pieces is looked at; the refinement ends after a step with all of them."""
+    least: int
+    """Steps before which the refinement does not end."""
+    negligible: FloatArray
+    """(steps,) squared length of a step, in standard deviations of the pose, below which the refinement
+    ends."""
+
+
+SCHEDULE = Schedule(
+    blur=np.array([1.2] + [0.0] * 8),
+    piece=np.array([6.0] + [5.0] * 8),
+    tukey=np.array([4.0, 2.0, 1.0] + [0.5] * 6),
+    every=np.ones(9, np.int64),
+    least=3,
+    # Where few pixels decide, pieces come and go from step to step, and the pose stays restless.
+    negligible=np.array([0.2] * 5 + [0.4, 0.6, 0.8, 1.0]),
+)
+"""From a hypothesis."""
+
+FOLLOWING = Schedule(
+    blur=np.zeros(5),
+    piece=np.array([6.0] * 5),
+    tukey=np.array([1.0] + [0.5] * 4),
+    every=np.array([2] + [1] * 4),
+    least=1,
+    negligible=np.full(5, 0.5),
+)
+"""From a pose that was predicted, with a blur that is known."""
+
+
+class Tuning(NamedTuple):
+    """Figures of the refinement."""
+
+    reach: tuple[float, float]
+    """Half width of the strips along the edges: [px], and for each px of blur."""
+    margin: tuple[float, float]
+    """Distance that pieces keep from corners, where three surfaces mix: [px], and for each px of blur."""
+    floor: float
+    """Standard deviation of an edge's place that noise does not explain [px]."""
+    tukey: float
+    """Residual at which a piece's weight reaches zero [robust standard deviations]."""
+    correlation: float
+    """Factor on the standard deviation of pieces where neighbouring pixels share errors: unless each of a
+    mosaic's counts only for what it measured."""
+    start_blur: float
+    least_blur: float
+    largest_blur: float
+    """Standard deviation of the image's steps before it is measured, and its bounds [px]."""
+    longest: float
+    """Longest step [m]; the strips say nothing on what lies farther away."""
+    largest: float
+    """Largest turn of a step [rad]."""
+
+
+TUNING = Tuning(
+    reach=(1.2, 2.0),
+    margin=(0.4, 1.5),
+    floor=0.06,
+    tukey=4.685,
+    correlation=1.1,
+    start_blur=0.9,
+    least_blur=0.35,
+    largest_blur=3.0,
+    longest=0.02,
+    largest=0.3,
+)

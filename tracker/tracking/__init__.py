@@ -1,0 +1,1 @@
+"""The object over time: its motion, what is believed of it, what is remembered."""

@@ -1,0 +1,70 @@
+"""What is remembered of each camera: whether its picture is new, its light, its noise."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from tracker.conventions import Array, Image
+from tracker.pose.evidence import Lighting
+from tracker.segmentation.noise import noise_level
+
+EVERY = 5
+"""Pictures of a camera after which its light and noise are looked at again."""
+
+ROWS = 12
+"""Rows of pixels that tell whether a picture has changed."""
+
+NOISELESS = 0.5
+"""Standard deviation of a picture's noise [levels] up to which it may stay the same."""
+
+BLACK = 12
+"""Level that some pixel of a picture must exceed [levels]."""
+
+
+class CameraMemory(NamedTuple):
+    """What is remembered of one camera."""
+
+    sample: Array | None = None
+    """Some rows of its last picture."""
+    lighting: Lighting | None = None
+    """As last looked at."""
+    age: int = 0
+    """Pictures since then."""
+
+
+def usable(
+    memories: Sequence[CameraMemory], images: Sequence[Image | None]
+) -> tuple[list[CameraMemory], list[Image | None]]:
+    """The pictures but those that are black, or frozen: the same, noise and all, while others change."""
+    remembered, result, unchanged = list(memories), list(images), []
+    others_change = False
+    for c, image in enumerate(images):
+        if image is None:
+            continue
+        step = max(image.shape[0] // ROWS, 1)
+        sample = image[step // 2 :: step].copy()
+        before = memories[c].sample
+        remembered[c] = memories[c]._replace(sample=sample)
+        if sample.max() < BLACK:
+            result[c] = None
+        elif before is not None and np.array_equal(before, sample):
+            unchanged.append(c)
+        else:
+            others_change = True
+    for c in unchanged if others_change else ():
+        image = images[c]
+        # Pictures of a simulation have no noise: where nothing moves in them they are the same.
+        if image is not None and noise_level(image) > NOISELESS:
+            result[c] = None
+    return remembered, result
+
+
+def lit(memory: CameraMemory, image: Image, look: Callable[[Image], Lighting]) -> CameraMemory:
+    """The memory of a camera with its lighting as looked at not more than EVERY pictures ago."""
+    age = memory.age + 1
+    if memory.lighting is None or age >= EVERY:
+        return memory._replace(lighting=look(image), age=0)
+    return memory._replace(age=age)

@@ -1,0 +1,28 @@
+"""All that `update` remembers: one value, replaced when a set of pictures was taken in as a whole."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from tracker.pose.result import Observation
+from tracker.pose.solve.schedule import TUNING
+from tracker.tracking.belief import Belief, TrackingOptions
+from tracker.tracking.cameras import CameraMemory
+
+
+@dataclass(frozen=True, eq=False)
+class Memory:
+    """What is known before the next pictures."""
+
+    belief: Belief
+    """Of the object."""
+    cameras: tuple[CameraMemory, ...]
+    blur: float = TUNING.start_blur
+    """Of the last pictures [px at the reference]."""
+    latest: Observation | None = None
+    """The last answer."""
+
+    @classmethod
+    def empty(cls, cameras: int, options: TrackingOptions | None = None) -> Memory:
+        """Of a tracker that has seen nothing."""
+        return cls(Belief(options or TrackingOptions()), (CameraMemory(),) * cameras)
