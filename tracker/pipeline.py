@@ -21,7 +21,7 @@ from tracker.pose.evidence import EvidenceReader, View
 from tracker.pose.fit import Fit
 from tracker.pose.judge import confidence, features, log_odds, rank, refusal
 from tracker.pose.result import Observation, PoseEstimate, Status
-from tracker.pose.solve.refine import refine
+from tracker.pose.solve.refine import settle
 from tracker.segmentation.color_model import ColorModel, load_colors
 from tracker.segmentation.labels import check_image
 from tracker.tracking.belief import TrackingOptions, alone, measured
@@ -282,5 +282,5 @@ def _settled(fit: Fit | None) -> bool:
 
 def kernels_are_cached() -> bool:
     """Whether compiled kernels lie on disk, so that the first detection starts at once (best effort)."""
-    folder = Path(str(refine.stats.cache_path))
-    return any(folder.glob("refine.refine*.nbi"))
+    folder = Path(str(settle.stats.cache_path))
+    return any(folder.glob("refine.settle*.nbi"))

@@ -22,8 +22,7 @@ from tracker.pose.hypotheses.rivals import reversed_in_depth
 from tracker.pose.hypotheses.rotations import RotationSearch
 from tracker.pose.judge import log_odds, possible, rank
 from tracker.pose.result import Status
-from tracker.pose.scale import reduced_size
-from tracker.pose.solve.refine import Pictures
+from tracker.pose.scale import reduced_size, relative_sizes
 from tracker.pose.solve.refiner import Refiner
 from tracker.pose.solve.schedule import FOLLOWING, SCHEDULE, TUNING, Schedule
 
@@ -65,7 +64,8 @@ class Sight(NamedTuple):
     """(C, h, w) label maps."""
     used: Array
     """(C,) bool: whether there is a picture."""
-    pictures: Pictures
+    views: Sequence[View | None]
+    """The views themselves."""
 
 
 class PoseEstimator:
@@ -85,8 +85,7 @@ class PoseEstimator:
         for c, view in enumerate(views):
             if view is not None:
                 labels[c, : view.labels.shape[0], : view.labels.shape[1]] = view.labels
-        pictures = self.refiner.pictures(views)
-        return Sight(labels, pictures.used, pictures)
+        return Sight(labels, np.array([view is not None for view in views]), views)
 
     def window(self, c: int, position: FloatArray) -> tuple[int, int, int, int]:
         """Left, top, right, bottom of what an object there fills of camera c's label map, and some more."""
@@ -144,7 +143,8 @@ class PoseEstimator:
 
     def blur_of(self, sight: Sight, fit: Fit) -> float:
         """Blur of the pictures [px at the reference focal length], to follow the object with in the next."""
-        measured = fit.cameras["blur"][sight.used] / self.refiner.scales[sight.used]
+        scales = relative_sizes(self.refiner.lenses, self.box, fit.position)
+        measured = (fit.cameras["blur"] / scales)[sight.used]
         return float(np.median(measured)) if fit.converged else TUNING.start_blur
 
     def follow_far(self, sight: Sight, hypotheses: Sequence[Hypothesis]) -> Fit | None:
@@ -169,7 +169,7 @@ class PoseEstimator:
         blur: float = TUNING.start_blur,
     ) -> Fit:
         """The fit nearest to a hypothesis (3, 3), (3,) [m]."""
-        end = self.refiner.refine(sight.pictures, rotation, position, schedule, blur)
+        end = self.refiner.refine(sight.views, rotation, position, schedule, blur)
         explain(
             self.small, sight.labels, sight.used, self.box.half, self.box.face_labels, end.rotation,
             end.position, end.cameras,

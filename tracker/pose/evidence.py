@@ -12,7 +12,7 @@ from tracker.pose.scale import reduced_size
 from tracker.segmentation import mosaic
 from tracker.segmentation.color_model import ColorModel
 from tracker.segmentation.labels import look_up
-from tracker.segmentation.light import Light, evened, find_light, grey_world_gains
+from tracker.segmentation.light import AS_IT_IS, Light, evened, find_light, grey_world_gains
 from tracker.segmentation.noise import LOUD, calmed, noise_level
 
 
@@ -20,22 +20,26 @@ class View(NamedTuple):
     """What one camera's picture says, at two resolutions."""
 
     image: Image
-    """(H, W, 3) BGR in even light."""
+    """(H, W, 3) BGR as the camera gave it."""
     labels: Image
     """(h, w) labels of the reduced picture."""
     channels: Array
     """(3, 256) int32: offsets into the label table of this picture's levels."""
+    tilt: FloatArray
+    """(2, 2) slope of the light's colour over the picture (`segmentation.light.Light`)."""
     mosaic: int = mosaic.NONE
     """Which pixels measured red, if each measured one colour only (`segmentation.mosaic.find`)."""
 
 
 class Seen(NamedTuple):
-    """A picture in even light."""
+    """A picture whose light is known."""
 
     image: Image
-    """(H, W, 3) BGR."""
+    """(H, W, 3) BGR as the camera gave it."""
     small: Image
-    """(h, w, 3), reduced for labels."""
+    """(h, w, 3), reduced for labels, in even light."""
+    tilt: FloatArray
+    """(2, 2) as of View."""
     gains: FloatArray
     """(3,) that make its greys grey."""
     mosaic: int
@@ -62,9 +66,9 @@ class EvidenceReader:
         """A picture (H, W, 3) in even light, its light judged by the most frequent chromaticity."""
         small = _reduce(calmed(image))
         if not self.colors.normalise:
-            return Seen(image, small, np.ones(3), mosaic.find(image))
+            return Seen(image, small, np.zeros((2, 2)), np.ones(3), mosaic.find(image))
         light = find_light(small)
-        return Seen(evened(image, light), evened(small, light), light.gains, mosaic.find(image))
+        return Seen(image, evened(small, light), light.tilt, light.gains, mosaic.find(image))
 
     def read(self, seen: Seen, grey_world: bool) -> View:
         """Labels of a whole picture; `grey_world`: its light is judged anew, by the mean of all pixels."""
@@ -72,13 +76,12 @@ class EvidenceReader:
         channels = self.colors.channel_tables(gains)
         labels = np.empty(seen.small.shape[:2], np.uint8)
         look_up(seen.small, channels, self.colors.label_table, gains, labels)
-        return View(seen.image, labels, channels, seen.mosaic)
+        return View(seen.image, labels, channels, seen.tilt, seen.mosaic)
 
     def lighting(self, image: Image) -> Lighting:
         """How a picture (H, W, 3), and those that follow it, are to be read."""
-        light = find_light(image)
-        gains = light.gains if self.colors.normalise else np.ones(3)
-        return Lighting(light, noise_level(image) >= LOUD, self.colors.channel_tables(gains))
+        light = find_light(image) if self.colors.normalise else AS_IT_IS
+        return Lighting(light, noise_level(image) >= LOUD, self.colors.channel_tables(light.gains))
 
     def glance(self, image: Image, lighting: Lighting, window: tuple[int, int, int, int]) -> View:
         """As `see` and `read`, with a light that is known, in a window alone.
@@ -88,10 +91,7 @@ class EvidenceReader:
             lighting: of the picture, or of one a moment ago.
             window: left, top, right, bottom [px of the label map]; elsewhere labels are background.
         """
-        pattern = mosaic.find(image)
-        gains = np.ones(3)
-        if self.colors.normalise:
-            image, gains = evened(image, lighting.light), lighting.light.gains
+        light = lighting.light
         height, width = image.shape[:2]
         columns, rows = reduced_size(width, height)
         labels = np.zeros((rows, columns), np.uint8)
@@ -103,10 +103,11 @@ class EvidenceReader:
             part = np.asarray(cv2.medianBlur(part, 3), dtype=np.uint8) if lighting.loud else part
             size = (right - left, bottom - top)
             part = np.asarray(cv2.resize(part, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+            part = evened(part, light, (left, top, columns, rows))
             found = np.empty(part.shape[:2], np.uint8)
-            look_up(part, lighting.channels, self.colors.label_table, gains, found)
+            look_up(part, lighting.channels, self.colors.label_table, light.gains, found)
             labels[top:bottom, left:right] = found
-        return View(image, labels, lighting.channels, pattern)
+        return View(image, labels, lighting.channels, light.tilt, mosaic.find(image))
 
 
 def _reduce(image: Image) -> Image:

@@ -7,7 +7,6 @@ pixels the exposure.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -203,29 +202,39 @@ def find_light(image: Image) -> Light:
     return Light(TARGET_GREY / grey, plane[:, 1:].copy(), float(share))
 
 
+AS_IT_IS = Light(np.ones(3), np.zeros((2, 2)), 0.0)
+"""For pictures whose colours are to be taken as they are."""
+
+
 @compiled
-def _even(image, tilt, out):  # type: ignore[no-untyped-def]
-    height, width = image.shape[0], image.shape[1]
-    for j in range(height):
-        y = 2.0 * j / height - 1.0
-        blue, red = math.exp(-tilt[0, 1] * y + tilt[0, 0]), math.exp(-tilt[1, 1] * y + tilt[1, 0])
-        blue_step, red_step = math.exp(-2.0 * tilt[0, 0] / width), math.exp(-2.0 * tilt[1, 0] / width)
-        for i in range(width):
+def _even(image, blue, red, out):  # type: ignore[no-untyped-def]
+    """Out = image times factors of blue and red, each (of its row, of its column)."""
+    for j in range(image.shape[0]):
+        for i in range(image.shape[1]):
             b, g, r = image[j, i, 0], image[j, i, 1], image[j, i, 2]
             # A clipped value stays clipped: what it should have been is unknown.
-            out[j, i, 0] = 255 if b >= CLIPPED else min(int(b * blue + 0.5), CLIPPED - 1)
+            out[j, i, 0] = 255 if b >= CLIPPED else min(int(b * blue[0][j] * blue[1][i] + 0.5), CLIPPED - 1)
             out[j, i, 1] = g
-            out[j, i, 2] = 255 if r >= CLIPPED else min(int(r * red + 0.5), CLIPPED - 1)
-            blue *= blue_step
-            red *= red_step
+            out[j, i, 2] = 255 if r >= CLIPPED else min(int(r * red[0][j] * red[1][i] + 0.5), CLIPPED - 1)
 
 
-def evened(image: Image, light: Light) -> Image:
-    """The image as if its colours' light came evenly; the image itself where it does."""
+def evened(image: Image, light: Light, window: tuple[int, int, int, int] | None = None) -> Image:
+    """The image as if its colours' light came evenly; the image itself where it does.
+
+    Args:
+        image: (H, W, 3).
+        light: of the whole image.
+        window: left and top of this part of a whole, and the whole's width and height [px].
+    """
     if not light.tilt.any():
         return image
+    height, width = image.shape[:2]
+    left, top, columns, rows = (0, 0, width, height) if window is None else window
+    x = 2.0 * np.arange(left, left + width) / columns - 1.0
+    y = 2.0 * np.arange(top, top + height) / rows - 1.0
+    blue, red = ((np.exp(-slope[1] * y), np.exp(-slope[0] * x)) for slope in light.tilt)
     out = np.empty_like(image)
-    _even(image, light.tilt, out)
+    _even(image, blue, red, out)
     return out
 
 

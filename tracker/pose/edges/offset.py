@@ -14,10 +14,14 @@ and each piece of an edge yields one offset.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from tracker.compiled import compiled
+from tracker.conventions import Array, FloatArray
+from tracker.pose.edges.pixels import MAX_PIXELS
+from tracker.pose.edges.profile import model, surfaces
 
 MIN_CONTRAST = 14.0
 """Least distance between the two surfaces' colours [levels]."""
@@ -32,8 +36,8 @@ SHARP, SOFT = 0.3, 0.7
 """Blur [px] at which a picture is drawn rather than taken, so that surfaces are flat; and from which on they
 are not. What is left over at a drawn edge is sampling, which slopes must not explain."""
 
-MIN_PIXELS, MAX_PIXELS = 8, 2048
-"""Pixels of a piece of an edge below which nothing is measured, and which are looked at at most."""
+MIN_PIXELS = 8
+"""Pixels of a piece of an edge below which nothing is measured."""
 
 OFFSET = np.dtype(
     [
@@ -47,21 +51,54 @@ OFFSET = np.dtype(
 )
 """What a strip of pixels says of its edge."""
 
-_PER_UNIT = 256
-_SPAN = 4.0
-_X = (np.arange(int(2 * _SPAN * _PER_UNIT) + 1)) / _PER_UNIT - _SPAN
-_STEP = np.array([0.5 * (1 + math.erf(x / math.sqrt(2))) for x in _X])
-_LINE = np.exp(-0.5 * _X**2) / math.sqrt(2 * math.pi)
+
+class Palette(NamedTuple):
+    """How the colours of a picture are read."""
+
+    channels: Array
+    """(3, 256) int32: offsets into the table of each level."""
+    table: Array
+    """(64³,) uint8: the label of each colour cell."""
+
+
+class Scratch(NamedTuple):
+    """Arrays that one strip's least squares work in."""
+
+    columns: FloatArray
+    """(8, MAX_PIXELS) of the model."""
+    full: FloatArray
+    """(3, 8, 8) products of the columns, for each part."""
+    raw: FloatArray
+    """(3, 8, 3) products of the columns with the channels."""
+    found: FloatArray
+    """(3, 8, 4) solutions for the channels and for an extra column."""
+    factor: FloatArray
+    """(8, 8)"""
+    color: FloatArray
+    """(2, 3) inside and outside."""
+    unit: FloatArray
+    """(8,) zeros"""
+    edges: FloatArray
+    """(5,) where the edges between the surfaces lie [px]."""
+
+
+def scratch() -> Scratch:
+    """New arrays."""
+    return Scratch(
+        np.empty((8, MAX_PIXELS)),
+        np.empty((3, 8, 8)),
+        np.zeros((3, 8, 3)),
+        np.empty((3, 8, 4)),
+        np.empty((8, 8)),
+        np.empty((2, 3)),
+        np.zeros(8),
+        np.empty(5),
+    )
+
 
 _BLOOM = math.sqrt(math.pi) / 3
 """A response of exponent γ lifts the middle of an edge by (γ - 1) · Δ²/sum · w (1 - w), with w the step and
 the sum of both colours; weighted with the line, w (1 - w) is 1/6, and the line's energy 1/(2√π blur)."""
-
-
-@compiled(inline="always")
-def _place(z):  # type: ignore[no-untyped-def]
-    """Index of z in the tables of step and line."""
-    return int((min(max(z, -_SPAN), _SPAN) + _SPAN) * _PER_UNIT + 0.5)
 
 
 @compiled(fastmath=True)
@@ -71,86 +108,6 @@ def _dot(a, b, n):  # type: ignore[no-untyped-def]
     for i in range(n):
         total += a[i] * b[i]
     return total
-
-
-@compiled(inline="always")
-def _columns_of(red, channel, j):  # type: ignore[no-untyped-def]
-    """Where in row j of a mosaic a channel was measured: whether in odd columns, or -1 for nowhere."""
-    has_red = (j & 1) == red >> 1
-    if channel == 1:
-        return (red & 1) ^ 1 if has_red else red & 1
-    return (red & 1) ^ (channel == 0) if has_red == (channel == 2) else -1
-
-
-@compiled(error_model="numpy")
-def _collect(image, width, height, red, channel, strip, reach, distance, values):  # type: ignore[no-untyped-def]
-    """Signed distances (P,) [px] and colours (3, P) of a strip's pixels; returns P, 0 outside the image.
-
-    Of a mosaic (red ≥ 0) only the pixels that measured a channel, which is what counts of their colours.
-    """
-    u, v, nu, nv, along = strip.pixel[0], strip.pixel[1], strip.normal[0], strip.normal[1], 0.5 * strip.length
-    du, dv = abs(nu) * reach + abs(nv) * along, abs(nv) * reach + abs(nu) * along
-    if u - du < 0.0 or v - dv < 0.0 or u + du > width - 1.0 or v + dv > height - 1.0:
-        return 0
-    pixels, step = 0, 1
-    for j in range(math.ceil(v - dv), int(v + dv) + 1):
-        y = j - v
-        # The part of the row whose pixels lie in the strip.
-        low, high = u - du, u + du
-        if abs(nu) > 1e-9:
-            one, two = (-reach - y * nv) / nu, (reach - y * nv) / nu
-            low, high = max(low, u + min(one, two)), min(high, u + max(one, two))
-        if abs(nv) > 1e-9:
-            one, two = (y * nu - along) / nv, (y * nu + along) / nv
-            low, high = max(low, u + min(one, two)), min(high, u + max(one, two))
-        first = math.ceil(low)
-        if red >= 0:
-            odd, step = _columns_of(red, channel, j), 2
-            if odd < 0:
-                continue
-            first += (first & 1) ^ odd
-        for i in range(first, min(math.floor(high) + 1, first + MAX_PIXELS - pixels), step):
-            distance[pixels] = (i - u) * nu + y * nv
-            for k in range(3):
-                values[k, pixels] = image[j, i, k]
-            pixels += 1
-    return pixels
-
-
-@compiled(error_model="numpy")
-def _surfaces(strip, seen, edges):  # type: ignore[no-untyped-def]
-    """Where the edges 1 ... m - 1 between a strip's m surfaces lie [px]; returns m, and which is the face."""
-    inside = 0
-    if strip.reach_in < seen:
-        edges[1], inside = -strip.reach_in, 1
-    edges[inside + 1] = 0.0
-    m = inside + 2
-    if strip.reach_out < seen:
-        edges[m] = strip.reach_out
-        m += 1
-    return m, inside
-
-
-@compiled(error_model="numpy")
-def _model(distance, pixels, edges, m, inside, slopes, reach, blur, columns):  # type: ignore[no-untyped-def]
-    """Columns (m + slopes + 2, P): the surfaces' shares, the line, slopes, the effect of a change of blur."""
-    scale = 1.0 / blur
-    for q in range(pixels):
-        d = distance[q]
-        place = _place(d * scale)
-        line = _LINE[place] * scale
-        before = 1.0
-        for i in range(m):
-            after = 0.0
-            if i + 1 < m:
-                after = _STEP[place] if i == inside else _STEP[_place((d - edges[i + 1]) * scale)]
-            columns[i, q] = before - after
-            before = after
-        columns[m, q] = line
-        if slopes > 0:
-            columns[m + 1, q] = columns[inside, q] * (d + 0.5 * reach)
-            columns[m + 2, q] = columns[m - 1, q] * (d - 0.5 * reach)
-        columns[m + slopes + 1, q] = -d * scale * line
 
 
 @compiled(error_model="numpy")
@@ -212,11 +169,11 @@ def _misfit(full, raw, squares, size, found, first, last):  # type: ignore[no-un
 
 
 @compiled(inline="always")
-def _label(channels, table, color):  # type: ignore[no-untyped-def]
+def _label(palette, color):  # type: ignore[no-untyped-def]
     cell = 0
     for k in range(3):
-        cell += channels[k, int(min(255.0, max(0.0, color[k] + 0.5)))]
-    return table[cell]
+        cell += palette.channels[k, int(min(255.0, max(0.0, color[k] + 0.5)))]
+    return palette.table[cell]
 
 
 @compiled(inline="always")
@@ -244,81 +201,114 @@ def _blurred(full, raw, found, m, wide, inside, first, last):  # type: ignore[no
 
 
 @compiled(error_model="numpy")
-def measure(image, width, height, red, channels, table, strips, n, reach, blur, noise, every, out):  # type: ignore[no-untyped-def]
-    """Offsets of n pieces of edges: out (n, MEASURED), see OFFSET and below.
+def _products(strip, g, part, shift, distance, values, m, inside, slopes, reach, blur, scratch):  # type: ignore[no-untyped-def]
+    """Products of the columns with each other and with `part` channels from g on; returns Σ values²."""
+    first, last = strip.first[g], strip.first[g] + strip.count[g]
+    columns, full, raw, pixels = scratch.columns, scratch.full[g], scratch.raw[g], last - first
+    model(distance[first:last], shift, scratch.edges, m, inside, slopes, reach, blur, columns)
+    for i in range(m + slopes + 2):
+        for j in range(i + 1):
+            full[i, j] = _dot(columns[i], columns[j], pixels)
+        for k in range(g, g + part):
+            raw[i, k] = _dot(columns[i], values[k, first:last], pixels)
+    squares = 0.0
+    for k in range(g, g + part):
+        squares += _dot(values[k, first:last], values[k, first:last], pixels)
+    return squares
 
-    image: (≥ height, ≥ width, 3); red: which pixels of a mosaic measured red (`segmentation.mosaic`), -1 for
-    none; reach: half width of the strip of pixels along an edge [px]; blur: standard deviation of the steps
-    [px]; noise: least of a pixel's channel [levels].
-    """
-    # Channels that were measured at the same pixels are solved together; the parts share the shift alone.
-    parts = 3 if red >= 0 else 1
-    width_of_part = 3 // parts
-    factor, full, raw = np.empty((8, 8)), np.empty((parts, 8, 8)), np.zeros((parts, 8, 3))
-    found, color, unit, edges = np.empty((parts, 8, 4)), np.empty((2, 3)), np.zeros(8), np.empty(5)
-    columns, values, distance = np.empty((8, MAX_PIXELS)), np.empty((3, MAX_PIXELS)), np.empty(MAX_PIXELS)
+
+@compiled(error_model="numpy")
+def _is_of_face(strip, color, palette):  # type: ignore[no-untyped-def]
+    """Whether the colours (2, 3) inside and outside are the face's and none of it, and differ enough."""
+    # The surface inside must be the face: a finger's edge is none of the object's.
+    here, there = _label(palette, color[0]), _label(palette, color[1])
+    if here != strip.inside or (there != strip.outside if strip.outside > 0 else there == strip.inside):
+        return False
+    contrast = 0.0
+    for k in range(3):
+        contrast += (color[0, k] - color[1, k]) ** 2
+    return contrast >= MIN_CONTRAST**2
+
+
+@compiled(error_model="numpy")
+def _place_edge(  # type: ignore[no-untyped-def]
+    parts, m, inside, wide, squares, count, stiffness, reach, blur, noise, scratch, result,
+):  # fmt: skip
+    """Offset, variance and bloom of an edge, from the products of its strip."""
+    part = 3 // parts
+    scratch.unit[m] = 1.0
+    misfit, weight, shift, lift = squares, 0.0, 0.0, 0.0
+    for g in range(parts):
+        found = scratch.found[g]
+        _solve(scratch.full[g], scratch.raw[g], scratch.unit, m, wide, stiffness, scratch.factor, found)
+        misfit = _misfit(scratch.full[g], scratch.raw[g], misfit, wide, found, g, g + part)
+        known = 1.0 / found[m, 3]
+        for k in range(g, g + part):
+            difference = found[inside, k] - found[inside + 1, k]
+            weight += known * difference**2
+            shift += known * difference * found[m, k]
+            total = max(found[inside, k] + found[inside + 1, k], 16.0)
+            lift += known * difference**3 / total
+    scratch.unit[m] = 0.0
+    weight = max(weight, MIN_CONTRAST**2 / scratch.found[0, m, 3])
+    result.offset = min(reach, max(-reach, shift / weight))
+    result.variance = _variance(misfit, count - 3 * wide, noise) / weight
+    result.bloom = _BLOOM * blur * lift / weight
+    result.usable = True
+
+
+@compiled(error_model="numpy")
+def _measure(strip, parts, shift, distance, values, palette, reach, blur, noise, scratch, result):  # type: ignore[no-untyped-def]
+    """The offset of one strip; see `measure`."""
+    part = 3 // parts
+    m, inside = surfaces(strip, reach + 1.5 * blur, scratch.edges)
+    slopes = 2 if strip.outside == 0 else 0
+    wide = m + slopes + 1
+    count, squares = 0, 0.0
+    for g in range(parts):
+        squares += _products(strip, g, part, shift, distance, values, m, inside, slopes, reach, blur, scratch)
+        count += strip.count[g] * part
+    for g in range(parts):
+        found = scratch.found[g]
+        _solve(scratch.full[g], scratch.raw[g], scratch.full[g, wide], m, m + 1, 0.0, scratch.factor, found)
+        for k in range(g, g + part):
+            scratch.color[0, k], scratch.color[1, k] = found[inside, k], found[inside + 1, k]
+    if not _is_of_face(strip, scratch.color, palette):
+        return
+    misfit, wider, sharpness = squares, 0.0, 0.0
+    for g in range(parts):
+        found = scratch.found[g]
+        misfit = _misfit(scratch.full[g], scratch.raw[g], misfit, m + 1, found, g, g + part)
+        if m == 2:
+            one, two = _blurred(scratch.full[g], scratch.raw[g], found, m, wide, inside, g, g + part)
+            wider, sharpness = wider + one, sharpness + two
+    variance = _variance(misfit, count - 3 * (m + 1), noise)
+    if sharpness > 0.0:
+        result.sharpness = sharpness / variance
+        result.wider = wider / sharpness
     slope = SLOPE * min(1.0, max(1e-3, (blur - SHARP) / (SOFT - SHARP)))
+    _place_edge(
+        parts, m, inside, wide, squares, count, variance / slope**2, reach, blur, noise, scratch, result,
+    )  # fmt: skip
+
+
+@compiled(error_model="numpy")
+def measure(strips, n, parts, motion, distance, values, palette, reach, blur, noise, every, scratch, out):  # type: ignore[no-untyped-def]
+    """Offsets of n strips: out (n,) of OFFSET.
+
+    parts: 3 where each pixel of a mosaic counts for one channel, else 1: channels that were measured at the
+    same pixels are solved together, the parts share the shift alone; motion (6,): of the pose since the
+    strips were collected [m, rad]; distance (P,), values (3, P): their pixels; reach: half width of the
+    strips [px]; blur: standard deviation of the steps [px]; noise: least of a pixel's channel [levels];
+    every: one in so many strips is looked at.
+    """
     for s in range(n):
-        result = out[s]
+        strip, result = strips[s], out[s]
         result.usable, result.sharpness = False, 0.0
-        if s % every:
+        pixels = strip.count[0] + strip.count[1] + strip.count[2]
+        if s % every or pixels < (3 * MIN_PIXELS // parts if parts > 1 else MIN_PIXELS):
             continue
-        strip = strips[s]
-        m, inside = _surfaces(strip, reach + 1.5 * blur, edges)
-        slopes = 2 if strip.outside == 0 else 0
-        wide = m + slopes + 1
-        count, squares = 0, 0.0
-        for g in range(parts):
-            pixels = _collect(image, width, height, red, g, strip, reach, distance, values)
-            _model(distance, pixels, edges, m, inside, slopes, reach, blur, columns)
-            for i in range(wide + 1):
-                for j in range(i + 1):
-                    full[g, i, j] = _dot(columns[i], columns[j], pixels)
-                for k in range(g, g + width_of_part):
-                    raw[g, i, k] = _dot(columns[i], values[k], pixels)
-            for k in range(g, g + width_of_part):
-                squares += _dot(values[k], values[k], pixels)
-            count += pixels * width_of_part
-        if count < 3 * MIN_PIXELS // parts:
-            continue
-        for g in range(parts):
-            _solve(full[g], raw[g], full[g, wide], m, m + 1, 0.0, factor, found[g])
-            for k in range(g, g + width_of_part):
-                color[0, k], color[1, k] = found[g, inside, k], found[g, inside + 1, k]
-        # The surface inside must be the face: a finger's edge is none of the object's.
-        here, there = _label(channels, table, color[0]), _label(channels, table, color[1])
-        if here != strip.inside or (there != strip.outside if strip.outside > 0 else there == strip.inside):
-            continue
-        contrast = 0.0
-        for k in range(3):
-            contrast += (color[0, k] - color[1, k]) ** 2
-        if contrast < MIN_CONTRAST**2:
-            continue
-        misfit, wider, sharpness = squares, 0.0, 0.0
-        for g in range(parts):
-            misfit = _misfit(full[g], raw[g], misfit, m + 1, found[g], g, g + width_of_part)
-            if m == 2:
-                one, two = _blurred(full[g], raw[g], found[g], m, wide, inside, g, g + width_of_part)
-                wider, sharpness = wider + one, sharpness + two
-        variance = _variance(misfit, count - 3 * (m + 1), noise)
-        if sharpness > 0.0:
-            result.sharpness = sharpness / variance
-            result.wider = wider / sharpness
-        unit[m] = 1.0
-        misfit, weight, shift, lift = squares, 0.0, 0.0, 0.0
-        for g in range(parts):
-            _solve(full[g], raw[g], unit, m, wide, variance / slope**2, factor, found[g])
-            misfit = _misfit(full[g], raw[g], misfit, wide, found[g], g, g + width_of_part)
-            known = 1.0 / found[g, m, 3]
-            for k in range(g, g + width_of_part):
-                difference = found[g, inside, k] - found[g, inside + 1, k]
-                weight += known * difference**2
-                shift += known * difference * found[g, m, k]
-                total = max(found[g, inside, k] + found[g, inside + 1, k], 16.0)
-                lift += known * difference**3 / total
-        unit[m] = 0.0
-        weight = max(weight, MIN_CONTRAST**2 / found[0, m, 3])
-        result.offset = min(reach, max(-reach, shift / weight))
-        result.variance = _variance(misfit, count - 3 * wide, noise) / weight
-        result.bloom = _BLOOM * blur * lift / weight
-        result.usable = True
+        shift = 0.0
+        for i in range(6):
+            shift += strip.jacobian[i] * motion[i]
+        _measure(strip, parts, shift, distance, values, palette, reach, blur, noise, scratch, result)

@@ -32,6 +32,9 @@ STRIP = np.dtype(
         ("reach_out", np.float64),  # how far the neighbouring face reaches outwards [px]; 1000: background
         ("inside", np.int64),  # label of the face
         ("outside", np.int64),  # label of the neighbouring face; 0: background
+        ("in_view", np.bool_),  # whether the picture shows it as a whole
+        ("first", np.int64, (3,)),  # where its pixels begin, for each part of a mosaic
+        ("count", np.int64, (3,)),  # how many they are
     ]
 )
 """A piece of a visible edge."""

@@ -8,8 +8,9 @@ from tracker.conventions import FloatArray
 from tracker.geometry import so3
 from tracker.geometry.camera import Camera
 
-PRIOR = np.array([1e3] * 3 + [10.0] * 3)
-"""Information of a prior of 3 cm and 0.3 rad around the hypothesis, which holds unseen directions."""
+PRIOR = np.array([3.0] * 3 + [10.0] * 3)
+"""Information of a prior of 0.6 radii of the object and 0.3 rad around the hypothesis, which holds unseen
+directions; of positions in units of the radius."""
 
 UNSTATED_STD = np.full((4, 4), 1e-5)
 """Element-wise standard deviation of a transform whose file states none: taken as exact."""
@@ -17,8 +18,8 @@ UNSTATED_STD = np.full((4, 4), 1e-5)
 LEAST_VARIANCE = 1e-12
 """A calibration is never taken to be more exact than a thousandth of a millimetre or milliradian."""
 
-MODEL_STD = np.array([2e-5, 2e-5, 2e-5, 3e-4, 3e-4, 3e-4])
-"""What no number of samples averages away: edge lengths, unmodelled optics [m, rad]."""
+MODEL_STD = 4e-4, 3e-4
+"""What no number of samples averages away: edge lengths, unmodelled optics [radii of the object, rad]."""
 
 
 def rotation_vector_variance(rotation: FloatArray, element_std: FloatArray) -> FloatArray:
@@ -59,7 +60,8 @@ def offset_covariance(calibration: FloatArray, position: FloatArray) -> FloatArr
     return np.asarray(effect @ calibration @ effect.T, dtype=np.float64)
 
 
-def pose_covariance(information: FloatArray) -> FloatArray:
+def pose_covariance(information: FloatArray, radius: float) -> FloatArray:
     """Covariance (6, 6) from the information on a pose, with what no number of samples averages away."""
     covariance = np.linalg.inv(information)
-    return 0.5 * (covariance + covariance.T) + np.diag(MODEL_STD**2)
+    model = np.repeat([(MODEL_STD[0] * radius) ** 2, MODEL_STD[1] ** 2], 3)
+    return 0.5 * (covariance + covariance.T) + np.diag(model)

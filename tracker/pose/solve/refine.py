@@ -1,16 +1,12 @@
-"""Refinement on the edges' offsets in the full images: a pose, and all that is unknown with it."""
+"""The refinement's loop over strips that were collected: measure, weigh, solve, move."""
 
 from __future__ import annotations
-
-from typing import NamedTuple
 
 import numpy as np
 
 from tracker.compiled import compiled
-from tracker.conventions import Array, FloatArray
 from tracker.geometry.lens import apply_update
-from tracker.pose.edges.offset import OFFSET, measure
-from tracker.pose.edges.strips import MAX_STRIPS, STRIP, edge_strips
+from tracker.pose.edges.offset import Palette, measure
 from tracker.pose.solve.normal import accumulate, residual
 from tracker.pose.solve.robust import spread
 from tracker.pose.solve.step import EXPONENT, GROWTH, UNKNOWNS, calibration_share, marginal, solve_step
@@ -32,212 +28,167 @@ STATED = 1e11
 (see covariance.LEAST_VARIANCE)."""
 
 
-class Pictures(NamedTuple):
-    """What the refinement looks at."""
-
-    images: Array
-    """(C, H, W, 3) uint8."""
-    mosaics: Array
-    """(C,) which pixels measured red, or -1."""
-    channels: Array
-    """(C, 3, 256) offsets into the label table of each level."""
-    table: Array
-    """The label table."""
-    lenses: Array
-    """(C,) of LENS."""
-    scales: FloatArray
-    """(C,) focal lengths over the reference."""
-    used: Array
-    """(C,) bool: whether there is an image."""
-
-
-class Unknowns(NamedTuple):
-    """What is solved for; changed in place."""
-
-    rotation: FloatArray
-    """(3, 3) world_from_object."""
-    position: FloatArray
-    """(3,) [m]."""
-    shared: FloatArray
-    """(UNKNOWNS,) of which EXPONENT and GROWTH count."""
-    offsets: FloatArray
-    """(C, 6) by which the cameras see the object moved [m, rad]."""
-    blurs: FloatArray
-    """(C,) [px]"""
-
-
-class Workspace(NamedTuple):
-    """Arrays that the refinement works in."""
-
-    strips: Array
-    """(C, MAX_STRIPS) of STRIP."""
-    found: Array
-    """(C, MAX_STRIPS) of OFFSET."""
-    counts: Array
-    """(C,) strips of each camera."""
-    reaches: FloatArray
-    """(C,) half widths of the strips [px]."""
-    residuals: FloatArray
-    widths: FloatArray
-    information: FloatArray
-    """(C, UNKNOWNS, UNKNOWNS) normal equations of each camera, and …"""
-    gradient: FloatArray
-    """(C, UNKNOWNS) … their right side."""
-
-
-def workspace(cameras: int) -> Workspace:
-    """A new work space."""
-    return Workspace(
-        np.empty((cameras, MAX_STRIPS), STRIP),
-        np.empty((cameras, MAX_STRIPS), OFFSET),
-        np.zeros(cameras, np.int64),
-        np.zeros(cameras),
-        np.empty(cameras * MAX_STRIPS),
-        np.empty(MAX_STRIPS),
-        np.zeros((cameras, UNKNOWNS, UNKNOWNS)),
-        np.zeros((cameras, UNKNOWNS)),
-    )
-
-
 @compiled
-def _look(pictures, box, unknowns, schedule, tuning, step, work):  # type: ignore[no-untyped-def]
+def _measure_all(cameras, unknowns, schedule, step, work):  # type: ignore[no-untyped-def]
     """Measure the offsets of all strips at the present pose."""
-    for c in range(len(pictures.used)):
-        if not pictures.used[c]:
-            continue
-        scale = pictures.scales[c]
-        rotation, position = unknowns.rotation.copy(), unknowns.position.copy()
-        apply_update(rotation, position, unknowns.offsets[c])
-        blur = schedule.blur[step] * scale if schedule.blur[step] > 0.0 else unknowns.blurs[c]
-        work.reaches[c] = max(2.5, tuning.reach[0] * scale + tuning.reach[1] * blur)
-        work.counts[c] = edge_strips(
-            pictures.lenses, c, box.half, box.face_labels, rotation, position,
-            schedule.piece[step] * scale, tuning.margin[0] * scale + tuning.margin[1] * blur, work.strips[c],
-        )  # fmt: skip
-        lens = pictures.lenses[c]
-        measure(
-            pictures.images[c], lens.width, lens.height, pictures.mosaics[c], pictures.channels[c],
-            pictures.table, work.strips[c], work.counts[c], work.reaches[c], blur, NOISE,
-            schedule.every[step], work.found[c],
-        )  # fmt: skip
+    for c in range(len(cameras.used)):
+        if cameras.used[c]:
+            rough = schedule.blur[step] * cameras.scales[c]
+            measure(
+                work.strips[c], work.counts[c], cameras.parts[c], work.motion[c], work.distance[c],
+                work.values[c], Palette(cameras.channels[c], cameras.table), work.reaches[c],
+                rough if rough > 0.0 else unknowns.blurs[c], NOISE, schedule.every[step], work.scratch,
+                work.found[c],
+            )  # fmt: skip
+    work.since[:] = 0.0
 
 
 @compiled
-def _take_stock(pictures, unknowns, schedule, tuning, step, work, seen):  # type: ignore[no-untyped-def]
-    """Count the strips, judge the blurs anew; returns how far the residuals scatter [px]."""
+def _take_stock(cameras, unknowns, tuning, work, seen):  # type: ignore[no-untyped-def]
+    """Count the strips and judge the blurs anew; returns how far the residuals scatter [px]."""
     total, knowing, known_blur = 0, 0, 0.0
-    for c in range(len(pictures.used)):
-        clear(seen[c])
-        if not pictures.used[c]:
+    for c in range(len(cameras.used)):
+        seen[c].expected, seen[c].usable = 0.0, 0.0
+        if not cameras.used[c]:
             continue
-        scale = pictures.scales[c]
-        blur = schedule.blur[step] * scale if schedule.blur[step] > 0.0 else unknowns.blurs[c]
-        widths = 0
+        scale, widths = cameras.scales[c], 0
         for s in range(work.counts[c]):
+            if not work.strips[c, s].in_view:
+                continue
             seen[c].expected += 1.0
             found = work.found[c, s]
             if not found.usable:
                 continue
             seen[c].usable += 1.0
-            off = residual(work.strips[c, s], found, unknowns.shared[EXPONENT], unknowns.shared[GROWTH])
-            work.residuals[total] = abs(off / scale)
+            off = abs(residual(work.strips[c, s], found, work.since[c], unknowns.shared)) / scale
+            work.residuals[total] = off
             total += 1
-            if abs(off / scale) < 1.0 and found.sharpness > 0.0:
+            if off < 1.0 and found.sharpness > 0.0:
                 work.widths[widths] = found.wider
                 widths += 1
         if widths >= MIN_WIDTHS:
-            wider = min(1.0, max(-0.6 * blur, np.median(work.widths[:widths])))
-            unknowns.blurs[c] = min(max(blur + wider, tuning.least_blur), tuning.largest_blur * scale)
+            wider = min(1.0, max(-0.6 * unknowns.blurs[c], np.median(work.widths[:widths])))
+            largest = max(tuning.largest_blur * scale, tuning.least_blur)
+            unknowns.blurs[c] = min(max(unknowns.blurs[c] + wider, tuning.least_blur), largest)
             known_blur += unknowns.blurs[c] / scale
             knowing += 1
         else:
             unknowns.blurs[c] = 0.0
-    for c in range(len(pictures.used)):
+    for c in range(len(cameras.used)):
         # A camera that shows narrow faces only takes its blur from the others.
         if unknowns.blurs[c] == 0.0:
             likely = known_blur / knowing if knowing > 0 else tuning.start_blur
-            unknowns.blurs[c] = pictures.scales[c] * likely
+            unknowns.blurs[c] = cameras.scales[c] * likely
         seen[c].blur = unknowns.blurs[c]
     return spread(work.residuals[:total])
 
 
 @compiled
-def clear(seen):  # type: ignore[no-untyped-def]
-    """Set what the refinement says of a camera to nothing."""
-    seen.expected, seen.usable, seen.inliers, seen.squares = 0.0, 0.0, 0.0, 0.0
-
-
-@compiled
-def _add_up(pictures, unknowns, tuning, least, scatter, work, seen):  # type: ignore[no-untyped-def]
+def _add_up(cameras, unknowns, tuning, least, scatter, work, seen):  # type: ignore[no-untyped-def]
     """The normal equations of every camera."""
     limit = max(least, tuning.tukey * scatter)
-    for c in range(len(pictures.used)):
+    for c in range(len(cameras.used)):
         work.information[c, :, :], work.gradient[c, :] = 0.0, 0.0
-        if not pictures.used[c]:
+        seen[c].inliers, seen[c].squares = 0.0, 0.0
+        if not cameras.used[c]:
             continue
-        scale = pictures.scales[c]
+        scale = cameras.scales[c]
         accumulate(
-            work.strips[c], work.found[c], work.counts[c], unknowns.shared[EXPONENT], unknowns.shared[GROWTH],
+            work.strips[c], work.found[c], work.counts[c], work.since[c], unknowns.shared,
             min(limit * scale, work.reaches[c]), (max(tuning.floor, 0.7 * scatter) * scale) ** 2,
             work.information[c], work.gradient[c], seen[c],
         )  # fmt: skip
-        trust = 1.0 if pictures.mosaics[c] >= 0 else 1.0 / tuning.correlation**2
+        trust = 1.0 if cameras.parts[c] > 1 else 1.0 / tuning.correlation**2
         work.information[c] *= trust
         work.gradient[c] *= trust
 
 
 @compiled
-def _move(unknowns, update, changes, tuning):  # type: ignore[no-untyped-def]
+def _move(unknowns, update, changes, tuning, radius, work):  # type: ignore[no-untyped-def]
     """Change the unknowns by a step, or by as much of it as is not too long."""
     shift = np.sqrt(np.sum(update[:3] ** 2))
     turn = np.sqrt(np.sum(update[3:6] ** 2))
-    limit = max(shift / tuning.longest, turn / tuning.largest, 1.0)
+    limit = max(shift / (tuning.longest * radius), turn / tuning.largest, 1.0)
     apply_update(unknowns.rotation, unknowns.position, update / limit)
     for i in range(6, UNKNOWNS):
         unknowns.shared[i] += update[i] / limit
-    unknowns.offsets[:] += changes / limit
+    for c in range(len(changes)):
+        for i in range(6):
+            unknowns.offsets[c, i] += changes[c, i] / limit
+            moved = (update[i] + changes[c, i]) / limit
+            work.motion[c, i] += moved
+            work.since[c, i] += moved
 
 
 @compiled
-def _length(update, known):  # type: ignore[no-untyped-def]
-    """Squared length of the pose's part of a step, in standard deviations."""
+def _length(before, unknowns, known):  # type: ignore[no-untyped-def]
+    """Squared length of the pose's motion, in standard deviations; before: rotation and position."""
+    rotation, position = before
+    moved = np.empty(6)
+    for i in range(3):
+        moved[i] = unknowns.position[i] - position[i]
+        # Of a small turn: half of what R Rᵀ is not symmetric by.
+        a, b = (i + 1) % 3, (i + 2) % 3
+        moved[3 + i] = 0.0
+        for k in range(3):
+            moved[3 + i] += 0.5 * (
+                unknowns.rotation[b, k] * rotation[a, k] - unknowns.rotation[a, k] * rotation[b, k]
+            )
     size = 0.0
     for i in range(6):
         for k in range(6):
-            size += update[i] * known[i, k] * update[k]
+            size += moved[i] * known[i, k] * moved[k]
     return size
 
 
 @compiled
-def refine(pictures, box, weights, prior, schedule, tuning, unknowns, work, information, seen):  # type: ignore[no-untyped-def]
-    """Move a pose in place to where it fits the contours best; returns whether that converged, and steps.
+def _astray(work, limit):  # type: ignore[no-untyped-def]
+    """Whether a strip has moved by more than a share `limit` of its half width since it was collected."""
+    for c in range(len(work.counts)):
+        for s in range(work.counts[c]):
+            shift = 0.0
+            for i in range(6):
+                shift += work.strips[c, s].jacobian[i] * work.motion[c, i]
+            if abs(shift) > limit * work.reaches[c]:
+                return True
+    return False
 
-    weights (C, 6, 6): inverse covariance of the cameras' offsets; prior (6,): information on the pose given.
-    Filled: information (6, 6) on the pose; seen (C,) of SEEN.
+
+@compiled
+def settle(cameras, prior, radius, schedule, tuning, step, unknowns, work, information, seen):  # type: ignore[no-untyped-def]
+    """Move a pose in place to where it fits the collected strips best, from a step of the schedule on.
+
+    Ends early where strips have to be collected anew. prior (6,): information on the pose given; radius: the
+    object's [m]. Filled: information (6, 6) on the pose; seen (C,) of SEEN.
+
+    Returns whether the last step was negligible, and the next step.
     """
     joint, update, pull = np.zeros((UNKNOWNS, UNKNOWNS)), np.zeros(UNKNOWNS), np.zeros(UNKNOWNS)
-    changes, priors = np.zeros((len(pictures.used), 6)), np.zeros((UNKNOWNS, UNKNOWNS))
+    changes, priors = np.zeros((len(cameras.used), 6)), np.zeros((UNKNOWNS, UNKNOWNS))
     for i in range(6):
         priors[i, i] = prior[i]
     priors[EXPONENT, EXPONENT], priors[GROWTH, GROWTH] = 1.0 / EXPONENT_STD**2, 1.0 / GROWTH_STD**2
-    doubtful = weights[:, 0, 0].min() < STATED
-    converged, share, steps = False, 1.0, len(schedule.blur)
-    for step in range(steps):
-        _look(pictures, box, unknowns, schedule, tuning, step, work)
-        scatter = _take_stock(pictures, unknowns, schedule, tuning, step, work, seen)
-        _add_up(pictures, unknowns, tuning, schedule.tukey[step], scatter, work, seen)
-        pull[EXPONENT] = (LIKELY_EXPONENT - unknowns.shared[EXPONENT]) / EXPONENT_STD**2
-        pull[GROWTH] = -unknowns.shared[GROWTH] / GROWTH_STD**2
-        equations = (work.information, work.gradient, unknowns.offsets, weights)
-        if schedule.blur[step] == 0.0 and doubtful:
-            share = calibration_share(equations, priors, pull, joint, update, changes)
-        if not np.isfinite(solve_step(equations, share, priors, pull, joint, update, changes)):
+    doubtful = cameras.weights[:, 0, 0].min() < STATED
+    share, converged = 1.0, False
+    while step < len(schedule.blur) and not converged:
+        before = unknowns.rotation.copy(), unknowns.position.copy()
+        _measure_all(cameras, unknowns, schedule, step, work)
+        scatter = _take_stock(cameras, unknowns, tuning, work, seen)
+        rough = schedule.blur[step] > 0.0
+        for turn in range(tuning.rounds):
+            _add_up(cameras, unknowns, tuning, schedule.tukey[step], scatter, work, seen)
+            pull[EXPONENT] = (LIKELY_EXPONENT - unknowns.shared[EXPONENT]) / EXPONENT_STD**2
+            pull[GROWTH] = -unknowns.shared[GROWTH] / GROWTH_STD**2
+            equations = (work.information, work.gradient, unknowns.offsets, cameras.weights)
+            if turn == 0 and doubtful and not rough:
+                share = calibration_share(equations, priors, pull, joint, update, changes)
+            if not np.isfinite(solve_step(equations, share, priors, pull, joint, update, changes)):
+                return False, len(schedule.blur)
+            _move(unknowns, update, changes, tuning, radius, work)
+        marginal(joint, information)
+        whole = not rough and schedule.every[step] == 1
+        converged = whole and _length(before, unknowns, joint) < schedule.negligible[step]
+        step += 1
+        if rough or (not converged and _astray(work, tuning.stray)):
             break
-        size = _length(update, joint)
-        _move(unknowns, update, changes, tuning)
-        whole = schedule.blur[step] == 0.0 and schedule.every[step] == 1 and step >= schedule.least
-        if whole and size < schedule.negligible[step]:
-            converged, steps = True, step + 1
-            break
-    marginal(joint, information)
-    return converged, steps
+    return converged, step

@@ -12,20 +12,20 @@ from tracker.conventions import Array, FloatArray
 from tracker.geometry.camera import Camera
 from tracker.geometry.lens import stack_lenses
 from tracker.objects.box import Box
+from tracker.pose.edges.lay import lay_strips
 from tracker.pose.evidence import View
 from tracker.pose.fit import SEEN
+from tracker.pose.scale import relative_sizes
 from tracker.pose.solve.covariance import PRIOR, calibration_covariance, offset_covariance, pose_covariance
-from tracker.pose.solve.refine import LIKELY_EXPONENT, Pictures, Unknowns, refine, workspace
+from tracker.pose.solve.refine import LIKELY_EXPONENT, settle
 from tracker.pose.solve.schedule import SCHEDULE, TUNING, Schedule
+from tracker.pose.solve.state import Cameras, Unknowns, Workspace, workspace
 from tracker.pose.solve.step import EXPONENT, UNKNOWNS
 from tracker.segmentation import mosaic
 
-REFERENCE_FOCAL = 295.0
-"""Focal length [px] at which lengths in the refinement are stated: the platform's at 270×270."""
-
 FINE = 1.5
-"""Focal length over the reference from which a mosaic does not matter: strips along edges have so many pixels
-that errors of interpolation average out (recorded pictures of 540×540 fit no better with it)."""
+"""Size of the object over the reference from which a mosaic does not matter: strips along edges have so many
+pixels that errors of interpolation average out (recorded pictures of 540×540 fit no better with it)."""
 
 
 class Refined(NamedTuple):
@@ -58,53 +58,80 @@ class Refiner:
         self.box, self.label_table = box, label_table
         self.lenses = stack_lenses(cameras)
         self.calibration = np.array([calibration_covariance(camera) for camera in cameras])
-        self.scales = np.array([camera.matrix[0, 0] / REFERENCE_FOCAL for camera in cameras])
-        self._shape = (max(c.height for c in cameras), max(c.width for c in cameras), 3)
+        self._units = np.repeat([box.radius**2, 1.0], 3)
         self._local = _Local(len(cameras))
-
-    def pictures(self, views: Sequence[View | None]) -> Pictures:
-        """What the compiled refinement looks at."""
-        count = len(views)
-        images: Array = np.zeros((count, *self._shape), np.uint8)
-        mosaics, channels = np.full(count, mosaic.NONE), np.zeros((count, 3, 256), np.int32)
-        for c, view in enumerate(views):
-            if view is not None:
-                images[c, : view.image.shape[0], : view.image.shape[1]] = view.image
-                channels[c] = view.channels
-                mosaics[c] = view.mosaic if self.scales[c] < FINE else mosaic.NONE
-        used = np.array([view is not None for view in views])
-        return Pictures(images, mosaics, channels, self.label_table, self.lenses, self.scales, used)
 
     def refine(
         self,
-        pictures: Pictures,
+        views: Sequence[View | None],
         rotation: FloatArray,
         position: FloatArray,
         schedule: Schedule = SCHEDULE,
         blur: float = TUNING.start_blur,
     ) -> Refined:
-        """The pose (3, 3), (3,) [m] that fits the contours best near the one given.
+        """The pose (3, 3), (3,) [m] that fits the views' edges best near the one given.
 
         Gauss-Newton on the pose and on an offset η_c of each camera, which sees the object at the pose
         moved by η_c; the offsets' size is bound by what the calibration states of its errors. `blur` is
-        that of the pictures to begin with [px at the reference focal length].
+        that of the pictures to begin with [px at the reference size].
         """
-        count = len(self.lenses)
+        count, work = len(self.lenses), self._local.space
+        cameras = self._cameras(views, np.asarray(position, dtype=np.float64))
         unknowns = Unknowns(
             np.array(rotation, dtype=np.float64),
             np.array(position, dtype=np.float64),
             np.zeros(UNKNOWNS),
             np.zeros((count, 6)),
-            blur * self.scales,
+            blur * cameras.scales,
         )
         unknowns.shared[EXPONENT] = LIKELY_EXPONENT
-        stated = offset_covariance(self.calibration, unknowns.position)
-        weights: FloatArray = np.asarray(np.linalg.inv(stated), dtype=np.float64)
-        information, cameras = np.zeros((6, 6)), np.zeros(count, SEEN)
-        converged, iterations = refine(
-            pictures, self.box, weights, PRIOR, schedule, TUNING, unknowns, self._local.space, information,
-            cameras,
-        )  # fmt: skip
-        cameras["squares"] /= self.scales**2
-        covariance = pose_covariance(information)
-        return Refined(unknowns.rotation, unknowns.position, covariance, cameras, converged, iterations)
+        information, seen = np.zeros((6, 6)), np.zeros(count, SEEN)
+        converged, step = False, 0
+        while step < len(schedule.blur) and not converged:
+            self._collect(views, cameras, unknowns, schedule, step, work)
+            converged, step = settle(
+                cameras, PRIOR / self._units, self.box.radius, schedule, TUNING, step, unknowns, work,
+                information, seen,
+            )  # fmt: skip
+        seen["squares"] /= cameras.scales**2
+        covariance = pose_covariance(information, self.box.radius)
+        return Refined(unknowns.rotation, unknowns.position, covariance, seen, converged, step)
+
+    def _cameras(self, views: Sequence[View | None], position: FloatArray) -> Cameras:
+        """What is known of the cameras for an object at a position (3,) [m]."""
+        count = len(views)
+        parts, channels = np.ones(count, np.int64), np.zeros((count, 3, 256), np.int32)
+        scales = relative_sizes(self.lenses, self.box, position)
+        for c, view in enumerate(views):
+            if view is not None:
+                channels[c] = view.channels
+                parts[c] = 3 if view.mosaic != mosaic.NONE and scales[c] < FINE else 1
+        weights = np.asarray(np.linalg.inv(offset_covariance(self.calibration, position)), dtype=np.float64)
+        used = np.array([view is not None for view in views])
+        return Cameras(used, scales, parts, channels, self.label_table, weights)
+
+    def _collect(
+        self,
+        views: Sequence[View | None],
+        cameras: Cameras,
+        unknowns: Unknowns,
+        schedule: Schedule,
+        step: int,
+        work: Workspace,
+    ) -> None:
+        """Lay strips along the edges at the present pose, and collect their pixels."""
+        work.motion[:] = 0.0
+        work.counts[:] = 0
+        for c, view in enumerate(views):
+            if view is not None:
+                scale = cameras.scales[c]
+                blur = schedule.blur[step] * scale or unknowns.blurs[c]
+                reach = max(TUNING.least_reach, TUNING.reach[0] * scale + TUNING.reach[1] * blur)
+                work.reaches[c] = reach
+                red = view.mosaic if cameras.parts[c] > 1 else mosaic.NONE
+                work.counts[c] = lay_strips(
+                    view.image, view.tilt, red, self.lenses, c, self.box, unknowns.rotation,
+                    unknowns.position, unknowns.offsets[c], schedule.piece[step] * scale,
+                    TUNING.margin[0] * scale + TUNING.margin[1] * blur, reach, scale, work.strips[c],
+                    work.distance[c], work.values[c],
+                )  # fmt: skip

@@ -1,4 +1,4 @@
-"""How the refinement goes on, and its figures. Lengths are those at the reference focal length."""
+"""How the refinement goes on, and its figures. Lengths in pixels are those of an object of reference size."""
 
 from __future__ import annotations
 
@@ -20,30 +20,26 @@ class Schedule(NamedTuple):
     """(steps,) residual at which a piece's weight reaches zero: at least so much [px]."""
     every: Array
     """(steps,) one in so many pieces is looked at; the refinement ends after a step with all of them."""
-    least: int
-    """Steps before which the refinement does not end."""
     negligible: FloatArray
     """(steps,) squared length of a step, in standard deviations of the pose, below which the refinement
     ends."""
 
 
 SCHEDULE = Schedule(
-    blur=np.array([1.2] + [0.0] * 8),
-    piece=np.array([6.0] + [5.0] * 8),
-    tukey=np.array([4.0, 2.0, 1.0] + [0.5] * 6),
-    every=np.ones(9, np.int64),
-    least=3,
+    blur=np.array([1.2] + [0.0] * 7),
+    piece=np.array([6.0] + [5.0] * 7),
+    tukey=np.array([4.0, 2.0, 1.0] + [0.5] * 5),
+    every=np.ones(8, np.int64),
     # Where few pixels decide, pieces come and go from step to step, and the pose stays restless.
-    negligible=np.array([0.2] * 5 + [0.4, 0.6, 0.8, 1.0]),
+    negligible=np.array([0.0, 0.1, 0.2, 0.2, 0.4, 0.6, 0.8, 1.0]),
 )
 """From a hypothesis."""
 
 FOLLOWING = Schedule(
     blur=np.zeros(5),
-    piece=np.array([6.0] * 5),
+    piece=np.full(5, 6.0),
     tukey=np.array([1.0] + [0.5] * 4),
     every=np.array([2] + [1] * 4),
-    least=1,
     negligible=np.full(5, 0.5),
 )
 """From a pose that was predicted, with a blur that is known."""
@@ -54,6 +50,8 @@ class Tuning(NamedTuple):
 
     reach: tuple[float, float]
     """Half width of the strips along the edges: [px], and for each px of blur."""
+    least_reach: float
+    """The least half width, in pixels of the picture whatever the object's size [px]."""
     margin: tuple[float, float]
     """Distance that pieces keep from corners, where three surfaces mix: [px], and for each px of blur."""
     floor: float
@@ -64,24 +62,32 @@ class Tuning(NamedTuple):
     """Factor on the standard deviation of pieces where neighbouring pixels share errors: unless each of a
     mosaic's counts only for what it measured."""
     start_blur: float
-    least_blur: float
     largest_blur: float
-    """Standard deviation of the image's steps before it is measured, and its bounds [px]."""
+    """Standard deviation of the picture's steps before it is measured, and its upper bound [px]."""
+    least_blur: float
+    """Its lower bound, in pixels of the picture whatever the object's size [px]."""
     longest: float
-    """Longest step [m]; the strips say nothing on what lies farther away."""
+    """Longest step [radii of the object]; the strips say nothing on what lies farther away."""
     largest: float
     """Largest turn of a step [rad]."""
+    stray: float
+    """Motion of a strip at which its pixels are collected anew [half widths]."""
+    rounds: int
+    """Solutions with robust weights for each measurement of the offsets."""
 
 
 TUNING = Tuning(
     reach=(1.2, 2.0),
+    least_reach=2.5,
     margin=(0.4, 1.5),
     floor=0.06,
     tukey=4.685,
     correlation=1.1,
     start_blur=0.9,
-    least_blur=0.35,
     largest_blur=3.0,
-    longest=0.02,
+    least_blur=0.35,
+    longest=0.4,
     largest=0.3,
+    stray=0.15,
+    rounds=3,
 )

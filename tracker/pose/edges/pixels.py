@@ -1,0 +1,98 @@
+"""The pixels of the strips along edges: collected once, then only their distances move with the pose."""
+
+from __future__ import annotations
+
+import math
+
+from tracker.compiled import compiled
+from tracker.segmentation.light import CLIPPED
+
+LARGE = 2.0
+"""Size of the object over the reference from which on pixels are left out, since there are plenty."""
+
+MAX_PIXELS = 1024
+"""Pixels of a strip, at most."""
+
+
+@compiled(inline="always")
+def _columns_of(red, channel, j):  # type: ignore[no-untyped-def]
+    """Where in row j of a mosaic a channel was measured: whether in odd columns, or -1 for nowhere."""
+    has_red = (j & 1) == red >> 1
+    if channel == 1:
+        return (red & 1) ^ 1 if has_red else red & 1
+    return (red & 1) ^ (channel == 0) if has_red == (channel == 2) else -1
+
+
+@compiled(inline="always")
+def _in_view(strip, reach, width, height):  # type: ignore[no-untyped-def]
+    """Whether a strip lies in the picture as a whole."""
+    along = 0.5 * strip.length
+    du = abs(strip.normal[0]) * reach + abs(strip.normal[1]) * along
+    dv = abs(strip.normal[1]) * reach + abs(strip.normal[0]) * along
+    u, v = strip.pixel[0], strip.pixel[1]
+    return u - du >= 0.0 and v - dv >= 0.0 and u + du <= width - 1.0 and v + dv <= height - 1.0
+
+
+@compiled(error_model="numpy")
+def _collect(image, tilt, red, channel, strip, reach, stride, start, distance, values):  # type: ignore[no-untyped-def]
+    """Signed distances [px] and colours of a strip's pixels, from place `start` on; returns their count.
+
+    Of a mosaic (red ≥ 0) only the pixels that measured a channel, which is what counts of their colours.
+    """
+    u, v, nu, nv, along = strip.pixel[0], strip.pixel[1], strip.normal[0], strip.normal[1], 0.5 * strip.length
+    du, dv = abs(nu) * reach + abs(nv) * along, abs(nv) * reach + abs(nu) * along
+    # The light's slope over a strip is small: its factors are taken to be linear.
+    across, down = 2.0 / image.shape[1], 2.0 / image.shape[0]
+    blue = math.exp(-tilt[0, 0] * (u * across - 1.0) - tilt[0, 1] * (v * down - 1.0))
+    red_ = math.exp(-tilt[1, 0] * (u * across - 1.0) - tilt[1, 1] * (v * down - 1.0))
+    last = min(start + MAX_PIXELS, len(distance))
+    place, step = start, stride
+    for j in range(math.ceil(v - dv), int(v + dv) + 1, stride):
+        y = j - v
+        # The part of the row whose pixels lie in the strip.
+        low, high = u - du, u + du
+        if abs(nu) > 1e-9:
+            one, two = (-reach - y * nv) / nu, (reach - y * nv) / nu
+            low, high = max(low, u + min(one, two)), min(high, u + max(one, two))
+        if abs(nv) > 1e-9:
+            one, two = (y * nu - along) / nv, (y * nu + along) / nv
+            low, high = max(low, u + min(one, two)), min(high, u + max(one, two))
+        first = math.ceil(low)
+        if red >= 0:
+            odd, step = _columns_of(red, channel, j), 2
+            if odd < 0:
+                continue
+            first += (first & 1) ^ odd
+        for i in range(first, min(math.floor(high) + 1, first + step * (last - place)), step):
+            x = i - u
+            distance[place] = x * nu + y * nv
+            b, g, r = image[j, i, 0], image[j, i, 1], image[j, i, 2]
+            values[1, place] = g
+            bend = 1.0 - tilt[0, 0] * across * x - tilt[0, 1] * down * y
+            values[0, place] = 255.0 if b >= CLIPPED else min(b * blue * bend, CLIPPED - 1.0)
+            bend = 1.0 - tilt[1, 0] * across * x - tilt[1, 1] * down * y
+            values[2, place] = 255.0 if r >= CLIPPED else min(r * red_ * bend, CLIPPED - 1.0)
+            place += 1
+    return place - start
+
+
+@compiled
+def collect(image, tilt, red, strips, n, reach, scale, distance, values):  # type: ignore[no-untyped-def]
+    """Collect the pixels of n strips of one picture (H, W, 3) into distance (P,) and values (3, P).
+
+    tilt (2, 2): the light's slope (`segmentation.light.Light`); red: which pixels of a mosaic measured red
+    (`segmentation.mosaic`), -1 for none; reach: half width of the strips [px]; scale: size of the object over
+    the reference. Each strip learns where its pixels are; of a mosaic each channel has its own.
+    """
+    start = 0
+    stride = max(1, int(scale / LARGE)) if red < 0 else 1
+    for s in range(n):
+        strip = strips[s]
+        strip.in_view = _in_view(strip, reach, image.shape[1], image.shape[0])
+        for part in range(3):
+            strip.first[part], strip.count[part] = start, 0
+            if strip.in_view and (part == 0 or red >= 0):
+                strip.count[part] = _collect(
+                    image, tilt, red, part, strip, reach, stride, start, distance, values
+                )
+                start += strip.count[part]
