@@ -177,9 +177,9 @@ class ObjectTracker:
         cameras, sight = self._glance(images, memory.cameras, expected.position)
         split = time.perf_counter()
         timing["segmentation"] = 1e3 * (split - lap)
-        fit: Fit | None = self._estimator.follow(sight, expected.rotation, expected.position, memory.blur)
+        fit: Fit | None = self._estimator.follow(sight, expected.rotation, expected.position, memory.start)
         assert fit is not None
-        memory = replace(memory, cameras=tuple(cameras), blur=self._estimator.blur_of(sight, fit))
+        memory = replace(memory, cameras=tuple(cameras), start=fit.end)
         if not _settled(fit):
             hypotheses = [(expected.rotation, expected.position)]
             if memory.belief.last_pose is not None:

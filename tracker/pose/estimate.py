@@ -22,9 +22,9 @@ from tracker.pose.hypotheses.rivals import reversed_in_depth
 from tracker.pose.hypotheses.rotations import RotationSearch
 from tracker.pose.judge import log_odds, possible, rank
 from tracker.pose.result import Status
-from tracker.pose.scale import reduced_size, relative_sizes
+from tracker.pose.scale import reduced_size
 from tracker.pose.solve.refiner import Refiner
-from tracker.pose.solve.schedule import FOLLOWING, SCHEDULE, TUNING, Schedule
+from tracker.pose.solve.schedule import FOLLOWING, LIKELY, SCHEDULE, Schedule, Start
 
 ALIGN_REACHES = np.array([5, 4, 3])
 """Reach of the label transitions' search in each alignment step [px of the label map]."""
@@ -131,21 +131,15 @@ class PoseEstimator:
         rivals = [fit for fit in fits if _apart(fit.rotation, fit.position, best.rotation, best.position)]
         return replace(best, lead=rank(best) - rank(rivals[0])) if rivals else best
 
-    def follow(self, sight: Sight, rotation: FloatArray, position: FloatArray, blur: float) -> Fit:
+    def follow(self, sight: Sight, rotation: FloatArray, position: FloatArray, start: Start) -> Fit:
         """The fit nearest to a predicted pose (3, 3), (3,) [m]; a prediction off by a few pixels will do.
 
-        `blur` is that of the pictures to begin with [px at the reference focal length].
+        `start`: what the unknowns beside the pose were a moment ago.
         """
-        fit = self.refine(sight, rotation, position, FOLLOWING, blur)
+        fit = self.refine(sight, rotation, position, FOLLOWING, start)
         if np.count_nonzero(sight.used) == 1:
-            fit = max([fit, *self._reversed(sight, fit, blur)], key=rank)
+            fit = max([fit, *self._reversed(sight, fit, start)], key=rank)
         return fit
-
-    def blur_of(self, sight: Sight, fit: Fit) -> float:
-        """Blur of the pictures [px at the reference focal length], to follow the object with in the next."""
-        scales = relative_sizes(self.refiner.lenses, self.box, fit.position)
-        measured = (fit.cameras["blur"] / scales)[sight.used]
-        return float(np.median(measured)) if fit.converged else TUNING.start_blur
 
     def follow_far(self, sight: Sight, hypotheses: Sequence[Hypothesis]) -> Fit | None:
         """As `follow`, from the best of poses that may be off by 3 cm and 30°."""
@@ -166,24 +160,31 @@ class PoseEstimator:
         rotation: FloatArray,
         position: FloatArray,
         schedule: Schedule = SCHEDULE,
-        blur: float = TUNING.start_blur,
+        start: Start = LIKELY,
     ) -> Fit:
         """The fit nearest to a hypothesis (3, 3), (3,) [m]."""
-        end = self.refiner.refine(sight.views, rotation, position, schedule, blur)
+        end = self.refiner.refine(sight.views, rotation, position, schedule, start)
         explain(
             self.small, sight.labels, sight.used, self.box.half, self.box.face_labels, end.rotation,
             end.position, end.cameras,
         )  # fmt: skip
         lowest = float(end.position[2] - np.abs(end.rotation[2]) @ self.box.half)
         return Fit(
-            end.position, end.rotation, end.covariance, end.cameras, end.converged, end.iterations, lowest
+            end.position,
+            end.rotation,
+            end.covariance,
+            end.cameras,
+            end.converged,
+            end.iterations,
+            end.end,
+            lowest,
         )
 
-    def _reversed(self, sight: Sight, fit: Fit, blur: float = TUNING.start_blur) -> list[Fit]:
-        """What else the one camera that is used may see; `blur` to begin with, as of `refine`."""
+    def _reversed(self, sight: Sight, fit: Fit, start: Start = LIKELY) -> list[Fit]:
+        """What else the one camera that is used may see; `start` as of `refine`."""
         camera = self.small[sight.used]["position"][0]
         rivals = reversed_in_depth(fit.rotation, fit.position, self.box.half, camera)
-        return [self.refine(sight, *rival, FOLLOWING, blur) for rival in rivals]
+        return [self.refine(sight, *rival, FOLLOWING, start) for rival in rivals]
 
     def _align(self, sight: Sight, candidates: Iterable[FloatArray], count: int) -> Iterator[Hypothesis]:
         """Different hypotheses after alignment on the label maps, best first; worked out when asked for."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tracker.conventions import Array, FloatArray
+from tracker.pose.solve.schedule import LIKELY, Start
 
 SEEN = np.dtype(
     [
@@ -42,6 +43,8 @@ class Fit:
     """Whether the refinement's last step was negligible."""
     iterations: int = 0
     """Steps that the refinement took."""
+    end: Start = LIKELY
+    """What the unknowns beside the pose turned out to be."""
     lowest: float = 0.0
     """Height of the object's lowest corner [m]."""
     lead: float = math.inf

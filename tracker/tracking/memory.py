@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from tracker.pose.result import Observation
-from tracker.pose.solve.schedule import TUNING
+from tracker.pose.solve.schedule import LIKELY, Start
 from tracker.tracking.belief import Belief, TrackingOptions
 from tracker.tracking.cameras import CameraMemory
 
@@ -17,8 +17,8 @@ class Memory:
     belief: Belief
     """Of the object."""
     cameras: tuple[CameraMemory, ...]
-    blur: float = TUNING.start_blur
-    """Of the last pictures [px at the reference]."""
+    start: Start = LIKELY
+    """What the unknowns beside the pose were in the last pictures."""
     latest: Observation | None = None
     """The last answer."""
 

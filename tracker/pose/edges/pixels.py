@@ -43,8 +43,9 @@ def _collect(image, tilt, red, channel, strip, reach, stride, start, distance, v
     du, dv = abs(nu) * reach + abs(nv) * along, abs(nv) * reach + abs(nu) * along
     # The light's slope over a strip is small: its factors are taken to be linear.
     across, down = 2.0 / image.shape[1], 2.0 / image.shape[0]
-    blue = math.exp(-tilt[0, 0] * (u * across - 1.0) - tilt[0, 1] * (v * down - 1.0))
-    red_ = math.exp(-tilt[1, 0] * (u * across - 1.0) - tilt[1, 1] * (v * down - 1.0))
+    even = tilt[0, 0] == 0.0 and tilt[0, 1] == 0.0 and tilt[1, 0] == 0.0 and tilt[1, 1] == 0.0
+    blue = 1.0 if even else math.exp(-tilt[0, 0] * (u * across - 1.0) - tilt[0, 1] * (v * down - 1.0))
+    red_ = 1.0 if even else math.exp(-tilt[1, 0] * (u * across - 1.0) - tilt[1, 1] * (v * down - 1.0))
     last = min(start + MAX_PIXELS, len(distance))
     place, step = start, stride
     for j in range(math.ceil(v - dv), int(v + dv) + 1, stride):
@@ -67,12 +68,14 @@ def _collect(image, tilt, red, channel, strip, reach, stride, start, distance, v
             x = i - u
             distance[place] = x * nu + y * nv
             b, g, r = image[j, i, 0], image[j, i, 1], image[j, i, 2]
-            values[1, place] = g
-            bend = 1.0 - tilt[0, 0] * across * x - tilt[0, 1] * down * y
-            values[0, place] = 255.0 if b >= CLIPPED else min(b * blue * bend, CLIPPED - 1.0)
-            bend = 1.0 - tilt[1, 0] * across * x - tilt[1, 1] * down * y
-            values[2, place] = 255.0 if r >= CLIPPED else min(r * red_ * bend, CLIPPED - 1.0)
+            values[0, place], values[1, place], values[2, place] = b, g, r
             place += 1
+            if even:
+                continue
+            bend = 1.0 - tilt[0, 0] * across * x - tilt[0, 1] * down * y
+            values[0, place - 1] = 255.0 if b >= CLIPPED else min(b * blue * bend, CLIPPED - 1.0)
+            bend = 1.0 - tilt[1, 0] * across * x - tilt[1, 1] * down * y
+            values[2, place - 1] = 255.0 if r >= CLIPPED else min(r * red_ * bend, CLIPPED - 1.0)
     return place - start
 
 

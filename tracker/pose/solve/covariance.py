@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from tracker.compiled import compiled
 from tracker.conventions import FloatArray
 from tracker.geometry import so3
 from tracker.geometry.camera import Camera
@@ -48,20 +49,36 @@ def calibration_covariance(camera: Camera) -> FloatArray:
     return turned @ np.diag(np.maximum(variances, LEAST_VARIANCE)) @ turned.T
 
 
-def offset_covariance(calibration: FloatArray, position: FloatArray) -> FloatArray:
-    """(C, 6, 6) covariance of the pose offsets [m, rad] that calibration errors (C, 6, 6) look like.
+@compiled
+def offset_weights(calibration_information, position):  # type: ignore[no-untyped-def]
+    """(C, 6, 6) inverse covariance of the pose offsets [m, rad] that calibration errors look like.
 
     An error (δt, ω) of camera_from_world moves a point in the camera by δt + ω × (R P), which is what
     an object at `position` would show if it had moved by δp + δθ × (P - position) along world axes, with
-    δθ = Rᵀω and δp = Rᵀδt + δθ × position.
+    δθ = Rᵀω and δp = Rᵀδt + δθ × position. calibration_information (C, 6, 6) is the inverse of
+    `calibration_covariance`.
     """
-    effect = np.eye(6)
-    effect[:3, 3:] = -so3.hat(position)
-    return np.asarray(effect @ calibration @ effect.T, dtype=np.float64)
+    back = np.eye(6)
+    x, y, z = position[0], position[1], position[2]
+    back[0, 4], back[0, 5], back[1, 3] = -z, y, z
+    back[1, 5], back[2, 3], back[2, 4] = -x, -y, x
+    out = np.empty_like(calibration_information)
+    for c in range(len(out)):
+        for i in range(6):
+            for j in range(6):
+                out[c, i, j] = 0.0
+                for k in range(6):
+                    for m in range(6):
+                        out[c, i, j] += back[k, i] * calibration_information[c, k, m] * back[m, j]
+    return out
 
 
 def pose_covariance(information: FloatArray, radius: float) -> FloatArray:
     """Covariance (6, 6) from the information on a pose, with what no number of samples averages away."""
     covariance = np.linalg.inv(information)
-    model = np.repeat([(MODEL_STD[0] * radius) ** 2, MODEL_STD[1] ** 2], 3)
-    return 0.5 * (covariance + covariance.T) + np.diag(model)
+    covariance += covariance.T
+    covariance *= 0.5
+    # The diagonal, in place.
+    covariance.ravel()[::7][:3] += (MODEL_STD[0] * radius) ** 2
+    covariance.ravel()[::7][3:] += MODEL_STD[1] ** 2
+    return covariance

@@ -9,6 +9,7 @@ from tracker.geometry.lens import apply_update
 from tracker.pose.edges.offset import Palette, measure
 from tracker.pose.solve.normal import accumulate, residual
 from tracker.pose.solve.robust import spread
+from tracker.pose.solve.schedule import LIKELY
 from tracker.pose.solve.step import EXPONENT, GROWTH, UNKNOWNS, calibration_share, marginal, solve_step
 
 NOISE = 1.5
@@ -17,8 +18,8 @@ NOISE = 1.5
 MIN_WIDTHS = 4
 """Pieces that must show the blur before it is believed."""
 
-LIKELY_EXPONENT, EXPONENT_STD = 0.3, 0.5
-"""Prior of the response's exponent, less 1: between that of simulations and of cameras."""
+EXPONENT_STD = 0.5
+"""Standard deviation of the response's exponent."""
 
 GROWTH_STD = 0.003
 """Relative standard deviation of the object's size: makers and rulers err by 0.2 mm in 65."""
@@ -77,7 +78,7 @@ def _take_stock(cameras, unknowns, tuning, work, seen):  # type: ignore[no-untyp
     for c in range(len(cameras.used)):
         # A camera that shows narrow faces only takes its blur from the others.
         if unknowns.blurs[c] == 0.0:
-            likely = known_blur / knowing if knowing > 0 else tuning.start_blur
+            likely = known_blur / knowing if knowing > 0 else LIKELY.blur
             unknowns.blurs[c] = cameras.scales[c] * likely
         seen[c].blur = unknowns.blurs[c]
     return spread(work.residuals[:total])
@@ -177,7 +178,7 @@ def settle(cameras, prior, radius, schedule, tuning, step, unknowns, work, infor
         rough = schedule.blur[step] > 0.0
         for turn in range(tuning.rounds):
             _add_up(cameras, unknowns, tuning, schedule.tukey[step], scatter, work, seen)
-            pull[EXPONENT] = (LIKELY_EXPONENT - unknowns.shared[EXPONENT]) / EXPONENT_STD**2
+            pull[EXPONENT] = (LIKELY.exponent - unknowns.shared[EXPONENT]) / EXPONENT_STD**2
             pull[GROWTH] = -unknowns.shared[GROWTH] / GROWTH_STD**2
             equations = (work.information, work.gradient, unknowns.offsets, cameras.weights)
             if turn == 0 and doubtful and not rough:

@@ -16,11 +16,11 @@ from tracker.pose.edges.lay import lay_strips
 from tracker.pose.evidence import View
 from tracker.pose.fit import SEEN
 from tracker.pose.scale import relative_sizes
-from tracker.pose.solve.covariance import PRIOR, calibration_covariance, offset_covariance, pose_covariance
-from tracker.pose.solve.refine import LIKELY_EXPONENT, settle
-from tracker.pose.solve.schedule import SCHEDULE, TUNING, Schedule
+from tracker.pose.solve.covariance import PRIOR, calibration_covariance, offset_weights, pose_covariance
+from tracker.pose.solve.refine import settle
+from tracker.pose.solve.schedule import LIKELY, SCHEDULE, TUNING, Schedule, Start
 from tracker.pose.solve.state import Cameras, Unknowns, Workspace, workspace
-from tracker.pose.solve.step import EXPONENT, UNKNOWNS
+from tracker.pose.solve.step import EXPONENT, GROWTH, UNKNOWNS
 from tracker.segmentation import mosaic
 
 FINE = 1.5
@@ -42,6 +42,8 @@ class Refined(NamedTuple):
     converged: bool
     """Whether the last step was negligible."""
     iterations: int
+    end: Start
+    """What the unknowns beside the pose turned out to be."""
 
 
 class _Local(threading.local):
@@ -57,7 +59,8 @@ class Refiner:
     def __init__(self, box: Box, cameras: Sequence[Camera], label_table: Array) -> None:
         self.box, self.label_table = box, label_table
         self.lenses = stack_lenses(cameras)
-        self.calibration = np.array([calibration_covariance(camera) for camera in cameras])
+        calibration = np.array([calibration_covariance(camera) for camera in cameras])
+        self._known = np.asarray(np.linalg.inv(calibration), dtype=np.float64)
         self._units = np.repeat([box.radius**2, 1.0], 3)
         self._local = _Local(len(cameras))
 
@@ -67,13 +70,12 @@ class Refiner:
         rotation: FloatArray,
         position: FloatArray,
         schedule: Schedule = SCHEDULE,
-        blur: float = TUNING.start_blur,
+        start: Start = LIKELY,
     ) -> Refined:
         """The pose (3, 3), (3,) [m] that fits the views' edges best near the one given.
 
         Gauss-Newton on the pose and on an offset η_c of each camera, which sees the object at the pose
-        moved by η_c; the offsets' size is bound by what the calibration states of its errors. `blur` is
-        that of the pictures to begin with [px at the reference size].
+        moved by η_c; the offsets' size is bound by what the calibration states of its errors.
         """
         count, work = len(self.lenses), self._local.space
         cameras = self._cameras(views, np.asarray(position, dtype=np.float64))
@@ -82,9 +84,9 @@ class Refiner:
             np.array(position, dtype=np.float64),
             np.zeros(UNKNOWNS),
             np.zeros((count, 6)),
-            blur * cameras.scales,
+            start.blur * cameras.scales,
         )
-        unknowns.shared[EXPONENT] = LIKELY_EXPONENT
+        unknowns.shared[EXPONENT], unknowns.shared[GROWTH] = start.exponent, start.growth
         information, seen = np.zeros((6, 6)), np.zeros(count, SEEN)
         converged, step = False, 0
         while step < len(schedule.blur) and not converged:
@@ -95,7 +97,9 @@ class Refiner:
             )  # fmt: skip
         seen["squares"] /= cameras.scales**2
         covariance = pose_covariance(information, self.box.radius)
-        return Refined(unknowns.rotation, unknowns.position, covariance, seen, converged, step)
+        blur = float(np.median((unknowns.blurs / cameras.scales)[cameras.used]))
+        end = Start(blur, unknowns.shared[EXPONENT], unknowns.shared[GROWTH]) if converged else LIKELY
+        return Refined(unknowns.rotation, unknowns.position, covariance, seen, converged, step, end)
 
     def _cameras(self, views: Sequence[View | None], position: FloatArray) -> Cameras:
         """What is known of the cameras for an object at a position (3,) [m]."""
@@ -106,7 +110,7 @@ class Refiner:
             if view is not None:
                 channels[c] = view.channels
                 parts[c] = 3 if view.mosaic != mosaic.NONE and scales[c] < FINE else 1
-        weights = np.asarray(np.linalg.inv(offset_covariance(self.calibration, position)), dtype=np.float64)
+        weights = offset_weights(self._known, position)
         used = np.array([view is not None for view in views])
         return Cameras(used, scales, parts, channels, self.label_table, weights)
 

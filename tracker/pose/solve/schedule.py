@@ -30,8 +30,9 @@ SCHEDULE = Schedule(
     piece=np.array([6.0] + [5.0] * 7),
     tukey=np.array([4.0, 2.0, 1.0] + [0.5] * 5),
     every=np.ones(8, np.int64),
-    # Where few pixels decide, pieces come and go from step to step, and the pose stays restless.
-    negligible=np.array([0.0, 0.1, 0.2, 0.2, 0.4, 0.6, 0.8, 1.0]),
+    # A step is about a twentieth of the one before (squared). Where few pixels decide, pieces come and go
+    # from step to step, and the pose stays restless.
+    negligible=np.array([0.0, 0.5, 0.5, 0.5, 0.5, 0.7, 0.9, 1.0]),
 )
 """From a hypothesis."""
 
@@ -40,9 +41,20 @@ FOLLOWING = Schedule(
     piece=np.full(5, 6.0),
     tukey=np.array([1.0] + [0.5] * 4),
     every=np.array([2] + [1] * 4),
-    negligible=np.full(5, 0.5),
+    negligible=np.full(5, 1.0),
 )
 """From a pose that was predicted, with a blur that is known."""
+
+
+class Start(NamedTuple):
+    """What the unknowns beside the pose are taken to be at first; where the refinement ends is not bound to it."""
+
+    blur: float
+    """Standard deviation of the pictures' steps [px of an object of reference size]."""
+    exponent: float
+    """Of the cameras' response, less 1."""
+    growth: float
+    """Of the object over its model, relative."""
 
 
 class Tuning(NamedTuple):
@@ -61,9 +73,8 @@ class Tuning(NamedTuple):
     correlation: float
     """Factor on the standard deviation of pieces where neighbouring pixels share errors: unless each of a
     mosaic's counts only for what it measured."""
-    start_blur: float
     largest_blur: float
-    """Standard deviation of the picture's steps before it is measured, and its upper bound [px]."""
+    """Upper bound of the blur [px]."""
     least_blur: float
     """Its lower bound, in pixels of the picture whatever the object's size [px]."""
     longest: float
@@ -76,6 +87,9 @@ class Tuning(NamedTuple):
     """Solutions with robust weights for each measurement of the offsets."""
 
 
+LIKELY = Start(blur=0.9, exponent=0.3, growth=0.0)
+"""Where nothing is known: an exponent between that of simulations and of cameras."""
+
 TUNING = Tuning(
     reach=(1.2, 2.0),
     least_reach=2.5,
@@ -83,11 +97,10 @@ TUNING = Tuning(
     floor=0.06,
     tukey=4.685,
     correlation=1.1,
-    start_blur=0.9,
     largest_blur=3.0,
     least_blur=0.35,
     longest=0.4,
     largest=0.3,
     stray=0.15,
-    rounds=3,
+    rounds=2,
 )
