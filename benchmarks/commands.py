@@ -39,6 +39,9 @@ from benchmarks.records import (
     write_results,
 )
 from benchmarks.report import write_report
+from benchmarks.rig_cases import CASES
+from benchmarks.rig_scenes import SEED as RIG_SEED
+from benchmarks.rigs import RigOptions, measure_rigs
 from benchmarks.scenes import OBJECTS, SEED
 from benchmarks.speed import QUICK as QUICK_SPEED
 from benchmarks.speed import measure_speed
@@ -162,6 +165,27 @@ def films(quick: bool, output: Path, workers: int, cache: Path, seed: int) -> No
     """Tracking over time: accuracy, losses, single cameras, a vanishing object, and time."""
     results = _begun(output, quick)
     _add_films(results, output, _film_options(quick, workers, cache, seed))
+    _finish(results, output)
+
+
+@click.command()
+@_output
+@_workers
+@_cache
+@click.option("--scenes", type=click.IntRange(min=1), default=12, show_default=True, help="Of each rig.")
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=RigOptions.seed,
+    show_default=True,
+    help=f"Of the scenes; nothing is ever adjusted with {RIG_SEED}, which is for judging.",
+)
+@click.option("--only", multiple=True, metavar="RIG", type=click.Choice(list(CASES)), help="May be repeated.")
+def rigs(output: Path, workers: int, cache: Path, scenes: int, seed: int, only: Sequence[str]) -> None:
+    """Other cameras, distances, boxes and worlds than the platform's."""
+    results = _begun(output, quick=False)
+    options = RigOptions(scenes, seed, tuple(only) or tuple(CASES), workers, cache)
+    results["rigs"] = measure_rigs(options, lambda line: click.echo(line, err=True))
     _finish(results, output)
 
 

@@ -72,7 +72,7 @@ def moved_rig(rig: CameraRig, rng: np.random.Generator) -> CameraRig:
 
     The transform [R | t] becomes [exp(ω) R | t + δ] with three independent draws each for ω and δ.
     """
-    return CameraRig(tuple(_moved(camera, rng) for camera in rig))
+    return dataclasses.replace(rig, cameras=tuple(_moved(camera, rng) for camera in rig))
 
 
 def _moved(camera: Camera, rng: np.random.Generator) -> Camera:

@@ -38,7 +38,7 @@ def package_rig(python: Path, scale: int) -> CameraRig:
     printed = run([str(python), "-c", "import trifinger_simulation as t; print(t.get_data_dir())"])
     folder = Path(printed.strip().splitlines()[-1]) / "camera_params"
     rig = CameraRig.load(folder, pattern="camera*_cropped_and_downsampled.yml")
-    return CameraRig(tuple(_as_drawn(camera, scale) for camera in rig))
+    return dataclasses.replace(rig, cameras=tuple(_as_drawn(camera, scale) for camera in rig))
 
 
 def _as_drawn(camera: Camera, scale: int) -> Camera:

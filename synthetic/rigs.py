@@ -48,7 +48,8 @@ def choose_rig(calibration: str, seed: int) -> CameraRig:
 
 def perturbed_rig(rng: np.random.Generator) -> CameraRig:
     """Cameras that differ from the standard ones about as much as real platforms do from each other."""
-    return CameraRig(tuple(_perturbed(camera, rng) for camera in standard_rig()))
+    rig = standard_rig()
+    return dataclasses.replace(rig, cameras=tuple(_perturbed(camera, rng) for camera in rig))
 
 
 def _perturbed(camera: Camera, rng: np.random.Generator) -> Camera:
@@ -69,6 +70,6 @@ def _perturbed(camera: Camera, rng: np.random.Generator) -> Camera:
 
 def sized(rig: CameraRig, height: int) -> CameraRig:
     """The rig of pictures scaled to `height` [px], whose widths stay even for the colour mosaic."""
-    return CameraRig(
-        tuple(camera.resized(2 * round(camera.width * height / camera.height / 2), height) for camera in rig)
-    )
+    widths = [2 * round(camera.width * height / camera.height / 2) for camera in rig]
+    cameras = tuple(camera.resized(width, height) for camera, width in zip(rig, widths, strict=True))
+    return dataclasses.replace(rig, cameras=cameras)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import dataclasses
 import os
 import struct
 import sys
@@ -161,6 +162,7 @@ def test_whatever_the_poses_depend_on_is_in_the_fingerprint(log, tmp_path):
         {"model": tracker.load_object("cube_v1")},
         {"colors": tracker.load_colors("cube_v1")},
         {"rig": tracker.CameraRig(tuple(camera.resized(28, 25) for camera in job.rig))},
+        {"rig": dataclasses.replace(job.rig, arena=tracker.Arena(table=0.01))},
         {"first": 1},
         {"last": 3},
         {"recover": True},

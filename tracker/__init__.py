@@ -2,6 +2,7 @@
 
 from tracker.calibration.rig import CameraRig
 from tracker.errors import TrackerError
+from tracker.geometry.arena import Arena
 from tracker.logs import open_log
 from tracker.objects.model import CuboidModel, load_object
 from tracker.pipeline import ObjectTracker
@@ -10,6 +11,7 @@ from tracker.segmentation import ColorModel, load_colors, segment
 from tracker.tracking.belief import TrackingOptions
 
 __all__ = [
+    "Arena",
     "CameraRig",
     "ColorModel",
     "CuboidModel",

@@ -1,4 +1,4 @@
-"""The rig: all cameras that see the arena, in a fixed order."""
+"""The rig: all cameras that see the arena, in a fixed order, and the arena."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ from collections.abc import Iterable, Iterator
 from fnmatch import fnmatchcase
 from pathlib import Path
 
+from tracker.calibration.arena_file import read_arena, write_arena
 from tracker.calibration.platform_files import read_camera, write_camera
 from tracker.errors import CalibrationError
+from tracker.geometry.arena import Arena
 from tracker.geometry.camera import Camera
 
 
@@ -24,11 +26,15 @@ class CameraRig:
 
     cameras: tuple[Camera, ...]
     """The cameras, in the order of the images."""
+    arena: Arena = dataclasses.field(default_factory=Arena)
+    """Where the object may be, and where the table is."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "cameras", tuple(self.cameras))
         if not self.cameras:
             raise CalibrationError("camera rig: found no camera, expected at least one")
+        if not isinstance(self.arena, Arena):
+            raise CalibrationError(f"camera rig: arena: found {self.arena!r}, expected a tracker.Arena")
         names = [camera.name for camera in self.cameras]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
@@ -56,11 +62,12 @@ class CameraRig:
         pattern: str | None = None,
         correct_halved_principal_point: bool = False,
     ) -> CameraRig:
-        """Load the calibration files of a folder, or those listed.
+        """Load the calibration files of a folder, or those listed, and `arena.toml` beside them.
 
         Args:
             path: a folder with one platform file per camera; or a file; or files, whose order is kept.
-                A folder's cameras are ordered by the number in their name, then by name.
+                A folder's cameras are ordered by the number in their name, then by name. The arena's file
+                is looked for beside files that are all in one folder; without it the arena is the default.
             pattern: which files of the folder to load, e.g. `*_cropped.yml`; by default every .yml and
                 .yaml file with `camera` in its name.
             correct_halved_principal_point: see `platform_files.read_camera`.
@@ -70,18 +77,27 @@ class CameraRig:
                 several of the same camera (the message says how to select).
         """
         if not isinstance(path, (str, os.PathLike)):
-            return cls(tuple(_read(Path(item), correct_halved_principal_point) for item in path))
+            return cls._of_files([Path(item) for item in path], correct_halved_principal_point)
         root = Path(path)
         if not root.is_dir():
-            return cls((_read(root, correct_halved_principal_point),))
+            return cls._of_files([root], correct_halved_principal_point)
         files = _calibration_files(root, pattern)
         cameras = {file: _read(file, correct_halved_principal_point) for file in files}
         _refuse_variants(root, {file.name: camera.name for file, camera in cameras.items()})
         ordered = sorted(cameras, key=lambda file: _order(cameras[file].name, file.name))
-        return cls(tuple(cameras[file] for file in ordered))
+        return cls(tuple(cameras[file] for file in ordered), read_arena(root))
+
+    @classmethod
+    def _of_files(cls, files: list[Path], correct_halved_principal_point: bool) -> CameraRig:
+        cameras = tuple(_read(file, correct_halved_principal_point) for file in files)
+        folders = {file.parent.resolve() for file in files}
+        return cls(cameras, read_arena(files[0].parent) if len(folders) == 1 else Arena())
 
     def save(self, folder: str | os.PathLike[str]) -> None:
         """Write one platform file per camera, e.g. `camera60.yml`, so that `load(folder)` finds them.
+
+        An arena other than the default is written beside them; an `arena.toml` of old is replaced by it, or
+        removed.
 
         Raises:
             CalibrationError: a name cannot be a file's, or a file cannot be written.
@@ -97,10 +113,13 @@ class CameraRig:
         for camera in self.cameras:
             stem = camera.name if "camera" in camera.name else f"camera_{camera.name}"
             write_camera(camera, root / f"{stem}.yml")
+        write_arena(self.arena, root)
 
     def resized(self, width: int, height: int) -> CameraRig:
         """The rig of images scaled to `width` × `height` [px]; see `Camera.resized`."""
-        return CameraRig(tuple(camera.resized(width, height) for camera in self.cameras))
+        return dataclasses.replace(
+            self, cameras=tuple(camera.resized(width, height) for camera in self.cameras)
+        )
 
 
 def _read(path: Path, correct_halved_principal_point: bool) -> Camera:

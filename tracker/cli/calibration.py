@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -74,8 +75,6 @@ def rig_of(path: Path, log: Log, calibration: Sequence[str], pattern: str | None
     Raises:
         CalibrationError: there is none, or it does not fit the recording.
     """
-    from tracker.calibration.rig import CameraRig
-
     if calibration:
         rig = load_rig(calibration, pattern, correct)
     elif pattern is not None:
@@ -86,7 +85,8 @@ def rig_of(path: Path, log: Log, calibration: Sequence[str], pattern: str | None
             raise CalibrationError(f"{path}: found no calibration in or beside it, expected --calibration")
         rig = inside
         if correct:
-            rig = CameraRig(tuple(one.with_halved_principal_point_corrected() for one in rig))
+            cameras = tuple(one.with_halved_principal_point_corrected() for one in rig)
+            rig = dataclasses.replace(rig, cameras=cameras)
     return fitted_to(path, log, rig)
 
 
@@ -96,15 +96,14 @@ def fitted_to(path: Path, log: Log, rig: CameraRig) -> CameraRig:
     Raises:
         CalibrationError: cameras or sizes of images are others.
     """
-    from tracker.calibration.rig import CameraRig
-
     if len(rig) != len(log.camera_names):
         raise CalibrationError(
             f"{path}: found images of {', '.join(log.camera_names)}, but a calibration of "
             f"{', '.join(rig.names)}; expected the same cameras"
         )
     if set(rig.names) == set(log.camera_names):
-        rig = CameraRig(tuple(rig[rig.names.index(name)] for name in log.camera_names))
+        cameras = tuple(rig[rig.names.index(name)] for name in log.camera_names)
+        rig = dataclasses.replace(rig, cameras=cameras)
     for one, (width, height) in zip(rig, log.image_sizes or [(c.width, c.height) for c in rig], strict=True):
         if (one.width, one.height) != (width, height):
             raise CalibrationError(

@@ -107,7 +107,6 @@ def dice(
 
 
 def _evaluate(rig: CameraRig, images: Sequence[Image | None], goal: FloatArray | None, exact: bool) -> _State:
-    from tracker.calibration.rig import CameraRig
     from tracker.tasks import rearrange_dice as task
 
     marks = [time.perf_counter()]
@@ -123,7 +122,7 @@ def _evaluate(rig: CameraRig, images: Sequence[Image | None], goal: FloatArray |
     marks.append(time.perf_counter())
     seen = [parts for parts in zip(rig, masks, images, strict=True) if parts[1] is not None]
     cameras, their_masks, their_images = zip(*seen, strict=True)
-    found = task.locate(CameraRig(cameras), their_masks, their_images)
+    found = task.locate(dataclasses.replace(rig, cameras=cameras), their_masks, their_images)
     positions = [die.position for die in found]
     assignment = None if goal is None else task.assign(goal, positions)
     marks.append(time.perf_counter())

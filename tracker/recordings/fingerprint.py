@@ -35,7 +35,7 @@ def fingerprint(job: Job) -> dict[str, Any]:
         "tracker": f"{job.make_tracker.__module__}.{job.make_tracker.__qualname__}",
         "object": [job.model.name, job.model.size.tolist(), job.model.face_labels.tolist()],
         "colors": _digest(array.tobytes() for array in colors),
-        "calibration": _digest(_fields(camera) for camera in job.rig),
+        "calibration": _digest(_fields(part) for part in (*job.rig, job.rig.arena)),
     }
 
 
@@ -57,8 +57,8 @@ def _file(path: Path, log: Path) -> bytes:
     return os.fsencode(path.relative_to(log)) + f"\0{about.st_size}\0{about.st_mtime_ns}\0".encode()
 
 
-def _fields(camera: Any) -> bytes:
-    values = [getattr(camera, field.name) for field in dataclasses.fields(camera)]
+def _fields(part: Any) -> bytes:
+    values = [getattr(part, field.name) for field in dataclasses.fields(part)]
     texts = [value.tobytes().hex() if isinstance(value, np.ndarray) else repr(value) for value in values]
     return "\0".join(texts).encode()
 

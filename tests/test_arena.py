@@ -1,0 +1,163 @@
+"""The arena: what it refuses, and that it stays with its rig through files and changes."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import tracker
+from synthetic.rigs import perturbed_rig, sized
+from tests.helpers import make_camera
+from tracker import Arena, CameraRig
+from tracker.calibration.arena_file import FILE_NAME, read_arena, write_arena
+from tracker.calibration.platform_files import write_camera
+from tracker.errors import CalibrationError
+
+ELSEWHERE = Arena((0.7, -0.4), 0.06, 0.05, 0.25, (0.001, 0.002))
+
+FINITE = st.floats(allow_nan=False, allow_infinity=False)
+POSITIVE = st.floats(min_value=0, exclude_min=True, allow_infinity=False)
+NOT_NEGATIVE = st.floats(min_value=0, allow_infinity=False)
+ARENAS = st.builds(
+    Arena, st.tuples(FINITE, FINITE), POSITIVE, POSITIVE, FINITE, st.tuples(NOT_NEGATIVE, NOT_NEGATIVE)
+)
+
+
+def make_rig(arena: Arena = ELSEWHERE) -> CameraRig:
+    return CameraRig((make_camera(60), make_camera(180)), arena)
+
+
+def test_the_default_is_the_platform():
+    arena = CameraRig((make_camera(60),)).arena
+    assert arena == Arena((0.0, 0.0), 0.235, 0.185, 0.0, (0.008, 0.017)) == tracker.Arena()
+
+
+def test_numbers_of_any_kind_become_floats():
+    arena = Arena(np.array([1, 2]), np.float32(0.5), 1, Fraction(1, 4), [0, np.int64(1)])
+    assert arena == Arena((1.0, 2.0), 0.5, 1.0, 0.25, (0.0, 1.0))
+    numbers = [*arena.center, arena.radius, arena.height, arena.table, *arena.table_std]
+    assert all(type(number) is float for number in numbers)
+    assert hash(arena) == hash(Arena((1, 2), 0.5, 1, 0.25, (0, 1)))
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "valid"),
+    [
+        ("center", (0.0,), "two finite numbers"),
+        ("center", (0.0, 0.0, 0.0), "two finite numbers"),
+        ("center", 0.0, "two finite numbers"),
+        ("center", "12", "two finite numbers"),
+        ("center", None, "two finite numbers"),
+        ("center", (0.0, math.nan), "two finite numbers"),
+        ("center", np.zeros((2, 2)), "two finite numbers"),
+        ("radius", 0, "more than 0"),
+        ("radius", -0.1, "more than 0"),
+        ("radius", math.inf, "a finite number"),
+        ("radius", "0.2", "a finite number"),
+        ("radius", True, "a finite number"),
+        ("radius", 10**400, "a finite number"),
+        ("height", 0.0, "more than 0"),
+        ("height", (0.1,), "a finite number"),
+        ("table", math.nan, "a finite number"),
+        ("table", None, "a finite number"),
+        ("table_std", (0.01, -0.01), "no negative deviation"),
+        ("table_std", (0.01,), "two finite numbers"),
+        ("table_std", (0.01, math.inf), "two finite numbers"),
+        ("table_std", (0.01, False), "two finite numbers"),
+    ],
+)
+def test_an_impossible_value_is_named(key, value, valid):
+    with pytest.raises(CalibrationError, match=rf"^arena: {key}: found .*, expected {valid}$"):
+        Arena(**{key: value})
+
+
+def test_a_rig_takes_no_other_arena():
+    with pytest.raises(CalibrationError, match=r"camera rig: arena: found None, expected a tracker\.Arena"):
+        make_rig(None)  # type: ignore[arg-type]
+
+
+@given(ARENAS)
+def test_every_arena_survives_its_file(tmp_path_factory, arena):
+    folder = tmp_path_factory.getbasetemp()
+    write_arena(arena, folder)
+    assert read_arena(folder) == arena
+
+
+def test_a_rig_is_saved_and_loaded_with_its_arena(tmp_path):
+    make_rig().save(tmp_path)
+    assert CameraRig.load(tmp_path).arena == ELSEWHERE
+    assert CameraRig.load(tmp_path, pattern="*60.yml").arena == ELSEWHERE
+    assert CameraRig.load(tmp_path / "camera60.yml").arena == ELSEWHERE
+    assert CameraRig.load([tmp_path / "camera180.yml", tmp_path / "camera60.yml"]).arena == ELSEWHERE
+
+
+def test_files_of_several_folders_have_no_arena_in_common(tmp_path):
+    for name in ("a", "b"):
+        make_rig().save(tmp_path / name)
+    files = [tmp_path / "a" / "camera60.yml", tmp_path / "b" / "camera180.yml"]
+    assert CameraRig.load(files).arena == Arena()
+
+
+def test_a_folder_saved_again_keeps_no_arena_of_old(tmp_path):
+    for arena in (ELSEWHERE, Arena(radius=0.1), Arena(), ELSEWHERE):
+        make_rig(arena).save(tmp_path)
+        assert CameraRig.load(tmp_path).arena == arena
+        assert (tmp_path / FILE_NAME).exists() == (arena != Arena())
+
+
+def test_what_a_file_leaves_out_is_the_default(tmp_path):
+    write_camera(make_camera(60), tmp_path / "camera60.yml")
+    (tmp_path / FILE_NAME).write_text("table = 1  # m\n")
+    assert CameraRig.load(tmp_path).arena == Arena(table=1.0)
+
+
+@pytest.mark.parametrize(
+    ("content", "fault"),
+    [
+        (
+            b"radios = 0.2",
+            "found unknown key 'radios', expected some of center, radius, height, table, table_",
+        ),
+        (b"radius = 'wide'", "arena: radius: found 'wide', expected a finite number"),
+        (b"radius = nan", "arena: radius: found nan, expected a finite number"),
+        (b"height = -1", "arena: height: found -1.0, expected more than 0"),
+        (b"center = [0.0]", r"arena: center: found \[0.0\], expected two finite numbers"),
+        (b"center = {x = 0.0, y = 1.0}", "arena: center: found .*, expected two finite numbers"),
+        (b"table = 2020-01-01", "arena: table: found .*, expected a finite number"),
+        (b"[arena]\nradius = 1", "found unknown key 'arena'"),
+        (b"radius: 0.2", "not a TOML file"),
+        (b"\xff", "not a TOML file"),
+        (b"table = " + b"1" * 10_000, "(not a TOML file|expected a finite number)"),
+        (b"center = " + b"[" * 100_000, "not a TOML file"),
+    ],
+)
+def test_a_malformed_file_is_named_with_its_fault(content, fault, tmp_path):
+    make_rig().save(tmp_path)
+    (tmp_path / FILE_NAME).write_bytes(content)
+    with pytest.raises(CalibrationError, match=rf"arena\.toml: {fault}"):
+        CameraRig.load(tmp_path)
+
+
+def test_a_file_that_cannot_be_read_or_written_is_named(tmp_path):
+    make_rig(Arena()).save(tmp_path)
+    (tmp_path / FILE_NAME).mkdir()
+    with pytest.raises(CalibrationError, match=r"arena\.toml: cannot be read"):
+        CameraRig.load(tmp_path)
+    for arena in (Arena(), ELSEWHERE):
+        with pytest.raises(CalibrationError, match=r"arena\.toml: cannot be written"):
+            make_rig(arena).save(tmp_path)
+
+
+def test_a_rig_made_of_a_rig_keeps_the_arena(rng):
+    rig = make_rig()
+    assert dataclasses.replace(make_rig(Arena()), arena=ELSEWHERE).arena == ELSEWHERE
+    assert dataclasses.replace(rig, cameras=rig.cameras[:1]).arena == ELSEWHERE
+    assert rig.resized(540, 270).arena == ELSEWHERE
+    assert sized(rig, 90).arena == ELSEWHERE
+    assert perturbed_rig(rng).arena == Arena()

@@ -1,0 +1,83 @@
+"""The arena beside the camera files: one TOML file, `arena.toml`.
+
+    center = [0.0, 0.0]         # of the arena in the world, x and y [m]
+    radius = 0.235              # within which the object's centre is [m]
+    height = 0.185              # up to which it is, above the table [m]
+    table = 0.0                 # z of the table in the world [m]
+    table_std = [0.008, 0.017]  # how well height [m] and tilt [rad] of the table are known
+
+A key that is left out has the value shown, which is that of `geometry.arena.Arena`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from pathlib import Path
+
+from tracker.errors import CalibrationError
+from tracker.files import write_whole
+from tracker.geometry.arena import Arena
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+FILE_NAME = "arena.toml"
+"""Name of the file in the folder of the camera files."""
+
+_KEYS = tuple(field.name for field in dataclasses.fields(Arena))
+_TITLE = "# Where the object may be and where the table is, in the cameras' world [m, rad].\n"
+
+
+def read_arena(folder: Path) -> Arena:
+    """The arena of a folder's file, the default one where there is none.
+
+    Raises:
+        CalibrationError: the file cannot be read or is malformed.
+    """
+    path = folder / FILE_NAME
+    try:
+        content = path.read_bytes()
+    except FileNotFoundError:
+        return Arena()
+    except OSError as error:
+        raise CalibrationError(f"{path}: cannot be read: {error.strerror or error}") from error
+    try:
+        values = tomllib.loads(content.decode("utf-8"))
+    # Besides its own errors, the parser lets through those of numbers and of values nested too deeply.
+    except (ValueError, RecursionError) as error:
+        raise CalibrationError(f"{path}: not a TOML file: {error}") from error
+    unknown = sorted(set(values) - set(_KEYS))
+    if unknown:
+        raise CalibrationError(
+            f"{path}: found unknown key {unknown[0]!r}, expected some of {', '.join(_KEYS)}"
+        )
+    try:
+        return Arena(**values)
+    except CalibrationError as error:
+        raise CalibrationError(f"{path}: {error}") from error
+
+
+def write_arena(arena: Arena, folder: Path) -> None:
+    """Write the file that `read_arena` reads; for the default arena there is none, one of old is removed.
+
+    Raises:
+        CalibrationError: the file cannot be written or removed.
+    """
+    path = folder / FILE_NAME
+    values = dataclasses.asdict(arena)
+    text = _TITLE + "".join(f"{key} = {_toml(value)}\n" for key, value in values.items())
+    try:
+        if arena == Arena():
+            path.unlink(missing_ok=True)
+        else:
+            write_whole(path, text)
+    except OSError as error:
+        raise CalibrationError(f"{path}: cannot be written: {error.strerror or error}") from error
+
+
+def _toml(value: float | tuple[float, ...]) -> str:
+    # Python's shortest text of a finite float is TOML's too, and reads back as the same number.
+    return f"[{', '.join(map(repr, value))}]" if isinstance(value, tuple) else repr(value)

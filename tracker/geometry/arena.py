@@ -1,0 +1,67 @@
+"""The arena: where the object's centre may be, and where the table is in the calibrated world."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import numbers
+from typing import Any
+
+import numpy as np
+
+from tracker.errors import CalibrationError
+
+
+@dataclasses.dataclass(frozen=True)
+class Arena:
+    """A vertical cylinder that stands on the table. Numbers of any kind are kept as floats.
+
+    Raises:
+        CalibrationError: a value is of the wrong kind, not finite, or impossible.
+    """
+
+    center: tuple[float, float] = (0.0, 0.0)
+    """x and y of the cylinder's axis in the world [m]."""
+    radius: float = 0.235
+    """Greatest horizontal distance of the object's centre from the axis [m]."""
+    height: float = 0.185
+    """Greatest height of the object's centre above the table [m]."""
+    table: float = 0.0
+    """z of the table in the world, at the axis [m]."""
+    table_std: tuple[float, float] = (0.008, 0.017)
+    """Standard deviations of the table's height [m] and of its tilt about any level axis [rad]."""
+
+    def __post_init__(self) -> None:
+        for key in ("center", "table_std"):
+            object.__setattr__(self, key, _pair(key, getattr(self, key)))
+        for key in ("radius", "height", "table"):
+            object.__setattr__(self, key, _number(key, getattr(self, key), "a finite number"))
+        for key in ("radius", "height"):
+            if getattr(self, key) <= 0:
+                raise _error(key, getattr(self, key), "more than 0")
+        if min(self.table_std) < 0:
+            raise _error("table_std", self.table_std, "no negative deviation")
+
+
+def _error(key: str, found: object, valid: str) -> CalibrationError:
+    return CalibrationError(f"arena: {key}: found {repr(found)[:60]}, expected {valid}")
+
+
+def _pair(key: str, value: Any) -> tuple[float, float]:
+    valid = "two finite numbers"
+    values = value.tolist() if isinstance(value, np.ndarray) else value
+    if not isinstance(values, (list, tuple)) or len(values) != 2:
+        raise _error(key, value, valid)
+    return _number(key, values[0], valid), _number(key, values[1], valid)
+
+
+def _number(key: str, value: Any, valid: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, numbers.Real):
+        raise _error(key, value, valid)
+    try:
+        number = float(value)
+    except OverflowError as error:  # a whole number beyond the greatest float
+        raise _error(key, value, valid) from error
+    if not math.isfinite(number):
+        raise _error(key, number, valid)
+    return number
