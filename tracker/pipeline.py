@@ -69,8 +69,8 @@ class ObjectTracker:
             _LOG.warning("compiling kernels, once per machine (about 20 s) ...")
         self.model, self.rig = model, rig
         self.colors = colors if colors is not None else load_colors(model.colors)
-        self._estimator = PoseEstimator(Box.of(model), rig.cameras, self.colors.label_table)
-        self._reader = EvidenceReader(self.colors)
+        self._estimator = PoseEstimator(Box.of(model), rig, self.colors.label_table)
+        self._reader = EvidenceReader(self.colors, self._estimator.factors)
         self._memory = Memory.empty(len(rig), tracking)
 
     def detect(self, images: Sequence[Image | None]) -> Observation:
@@ -201,7 +201,7 @@ class ObjectTracker:
             cameras[c] = lit(memories[c], image, self._reader.lighting)
             lighting = cameras[c].lighting
             assert lighting is not None
-            views.append(self._reader.glance(image, lighting, self._estimator.window(c, position)))
+            views.append(self._reader.glance(c, image, lighting, self._estimator.window(c, position)))
         return cameras, self._estimator.sight(views)
 
     def fit(
@@ -218,7 +218,10 @@ class ObjectTracker:
         """
         timing = {} if timing is None else timing
         lap = time.perf_counter()
-        seen = [None if image is None else self._reader.see(image) for image in self._check(images)]
+        seen = [
+            None if image is None else self._reader.see(c, image)
+            for c, image in enumerate(self._check(images))
+        ]
         timing["light"] = 1e3 * (time.perf_counter() - lap)
         best: tuple[Fit, float] | None = None
         status: Status | None = None

@@ -9,7 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from tracker.conventions import FloatArray
 from tracker.errors import CalibrationError
+
+SURE = 2.0
+"""Standard deviations of the table's height by which the world may be off."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,6 +45,18 @@ class Arena:
                 raise _error(key, getattr(self, key), "more than 0")
         if min(self.table_std) < 0:
             raise _error("table_std", self.table_std, "no negative deviation")
+
+    @property
+    def lowest(self) -> float:
+        """Z below which nothing of the object is, as well as the table is known [m]."""
+        return self.table - SURE * self.table_std[0]
+
+    def holds(self, position: FloatArray, lowest: float) -> bool:
+        """Whether an object may be at a position (3,) whose lowest corner is at z = `lowest` [m]."""
+        slack = SURE * self.table_std[0]
+        away = math.hypot(position[0] - self.center[0], position[1] - self.center[1])
+        high = position[2] <= self.table + self.height + slack
+        return bool(lowest >= self.lowest and high and away <= self.radius + slack)
 
 
 def _error(key: str, found: object, valid: str) -> CalibrationError:

@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray
-from tracker.geometry.camera import Camera
 from tracker.geometry.lens import stack_lenses
 from tracker.objects.box import Box
 from tracker.pose.evidence import View
@@ -22,7 +22,7 @@ from tracker.pose.hypotheses.rivals import reversed_in_depth
 from tracker.pose.hypotheses.rotations import RotationSearch
 from tracker.pose.judge import log_odds, possible, rank
 from tracker.pose.result import Status
-from tracker.pose.scale import reduced_size
+from tracker.pose.scale import label_camera, label_factors
 from tracker.pose.solve.refiner import Refiner
 from tracker.pose.solve.schedule import FOLLOWING, LIKELY, SCHEDULE, Schedule, Start
 
@@ -50,8 +50,8 @@ SURE = 3.0
 WINDOW_RIM = 12.0
 """Beyond an object where it is expected, for where it may be instead [px of the label map]."""
 
-SAME_POSITION, SAME_ROTATION = 0.006, 0.15
-"""Two hypotheses nearer than this [m, rad] are the same pose."""
+SAME_POSITION, SAME_ROTATION = 0.12, 0.15
+"""Two hypotheses nearer than this [radii of the object, rad] are the same pose."""
 
 Hypothesis = tuple[FloatArray, FloatArray]
 """Rotation (3, 3) and position (3,) [m]."""
@@ -71,11 +71,14 @@ class Sight(NamedTuple):
 class PoseEstimator:
     """Finds one cuboid in the views of fixed cameras; any number of threads may use it at once."""
 
-    def __init__(self, box: Box, cameras: Sequence[Camera], label_table: Array) -> None:
-        self.box = box
-        small = [camera.resized(*reduced_size(camera.width, camera.height)) for camera in cameras]
+    def __init__(self, box: Box, rig: CameraRig, label_table: Array) -> None:
+        cameras = rig.cameras
+        self.box, self.arena = box, rig.arena
+        self.factors = label_factors(cameras, box, rig.arena)
+        small = [label_camera(camera, factor) for camera, factor in zip(cameras, self.factors, strict=True)]
         self.small = stack_lenses(small)
-        self.positions, self.rotations = PositionSearch(self.small, box), RotationSearch(self.small, box)
+        self.positions = PositionSearch(self.small, box, rig.arena)
+        self.rotations = RotationSearch(self.small, box)
         self.refiner = Refiner(box, cameras, label_table)
         self._shape = (len(cameras), max(c.height for c in small), max(c.width for c in small))
 
@@ -89,7 +92,7 @@ class PoseEstimator:
 
     def window(self, c: int, position: FloatArray) -> tuple[int, int, int, int]:
         """Left, top, right, bottom of what an object there fills of camera c's label map, and some more."""
-        lens, radius = self.small[c], float(np.linalg.norm(self.box.half))
+        lens, radius = self.small[c], self.box.radius
         x, y, z = lens["rotation"] @ position + lens["translation"]
         width, height = int(lens["width"]), int(lens["height"])
         if z < 2 * radius:
@@ -106,9 +109,10 @@ class PoseEstimator:
         and refined, and a different pose that fits nearly as well counts against the best; unless a
         search that is not thorough will do.
         """
-        if np.count_nonzero(self.positions.face_mask[sight.labels]) < MIN_PIXELS:
+        integrals, pixels = self.positions.integrals(sight.labels, sight.used)
+        if pixels < MIN_PIXELS:
             return Status.NO_OBJECT_COLORS
-        positions = self.positions(sight.labels, sight.used, POSITIONS)
+        positions = self.positions.positions(sight.labels, integrals, sight.used, POSITIONS)
         first = next(positions, None)
         if first is None:
             return Status.TOO_FEW_PIXELS
@@ -126,9 +130,11 @@ class PoseEstimator:
         if not several:
             fits.extend(self._reversed(sight, max(fits, key=rank)))
         fits.sort(key=rank, reverse=True)
-        # A pose below the table is none, but what looks like one more than like the best makes that doubtful.
+        # A pose beyond the arena is none, but what looks like one more than like the best is doubtful.
         best = next(filter(possible, fits), fits[0])
-        rivals = [fit for fit in fits if _apart(fit.rotation, fit.position, best.rotation, best.position)]
+        rivals = [
+            fit for fit in fits if self._apart(fit.rotation, fit.position, best.rotation, best.position)
+        ]
         return replace(best, lead=rank(best) - rank(rivals[0])) if rivals else best
 
     def follow(self, sight: Sight, rotation: FloatArray, position: FloatArray, start: Start) -> Fit:
@@ -169,16 +175,11 @@ class PoseEstimator:
             end.position, end.cameras,
         )  # fmt: skip
         lowest = float(end.position[2] - np.abs(end.rotation[2]) @ self.box.half)
+        inside = self.arena.holds(end.position, lowest)
         return Fit(
-            end.position,
-            end.rotation,
-            end.covariance,
-            end.cameras,
-            end.converged,
-            end.iterations,
-            end.end,
-            lowest,
-        )
+            end.position, end.rotation, end.covariance, end.cameras, end.converged, end.iterations, end.end,
+            inside,
+        )  # fmt: skip
 
     def _reversed(self, sight: Sight, fit: Fit, start: Start = LIKELY) -> list[Fit]:
         """What else the one camera that is used may see; `start` as of `refine`."""
@@ -206,12 +207,13 @@ class PoseEstimator:
         for k in np.argsort(-np.array(scores), kind="stable"):
             if scores[k] < align.IMPOSSIBLE / 2 or len(chosen) == REFINED:
                 break
-            if all(_apart(rotations[k], positions[k], *other) for other in chosen):
+            if all(self._apart(rotations[k], positions[k], *other) for other in chosen):
                 chosen.append((rotations[k], positions[k]))
                 yield chosen[-1]
 
-
-def _apart(rotation: FloatArray, position: FloatArray, rotation2: FloatArray, position2: FloatArray) -> bool:
-    """Whether two poses differ by more than alignment on label maps leaves open."""
-    turned = np.vdot(rotation, rotation2) < 1 + 2 * np.cos(SAME_ROTATION)
-    return bool(turned or np.linalg.norm(position - position2) > SAME_POSITION)
+    def _apart(
+        self, rotation: FloatArray, position: FloatArray, rotation2: FloatArray, position2: FloatArray
+    ) -> bool:
+        """Whether two poses differ by more than alignment on label maps leaves open."""
+        turned = np.vdot(rotation, rotation2) < 1 + 2 * np.cos(SAME_ROTATION)
+        return bool(turned or np.linalg.norm(position - position2) > SAME_POSITION * self.box.radius)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 
 from tracker.conventions import Array, FloatArray, Image
-from tracker.pose.scale import reduced_size
+from tracker.pose.scale import reduced
 from tracker.segmentation import mosaic
 from tracker.segmentation.color_model import ColorModel
 from tracker.segmentation.labels import look_up
@@ -57,17 +58,20 @@ class Lighting(NamedTuple):
 
 
 class EvidenceReader:
-    """Reads pictures by one colour model; has no memory."""
+    """Reads pictures by one colour model; has no memory.
 
-    def __init__(self, colors: ColorModel) -> None:
-        self.colors = colors
+    Args:
+        colors: the colour model.
+        factors: by which each camera's pictures are reduced for label maps.
+    """
 
-    def see(self, image: Image) -> Seen:
-        """A picture (H, W, 3) in even light, its light judged by the most frequent chromaticity."""
-        small = _reduce(calmed(image))
-        if not self.colors.normalise:
-            return Seen(image, small, np.zeros((2, 2)), np.ones(3), mosaic.find(image))
-        light = find_light(small)
+    def __init__(self, colors: ColorModel, factors: Sequence[int]) -> None:
+        self.colors, self.factors = colors, tuple(factors)
+
+    def see(self, c: int, image: Image) -> Seen:
+        """Camera c's picture (H, W, 3), its light judged by the most frequent chromaticity."""
+        small = reduced(calmed(image), self.factors[c])
+        light = find_light(small) if self.colors.normalise else AS_IT_IS
         return Seen(image, evened(small, light), light.tilt, light.gains, mosaic.find(image))
 
     def read(self, seen: Seen, grey_world: bool) -> View:
@@ -83,36 +87,24 @@ class EvidenceReader:
         light = find_light(image) if self.colors.normalise else AS_IT_IS
         return Lighting(light, noise_level(image) >= LOUD, self.colors.channel_tables(light.gains))
 
-    def glance(self, image: Image, lighting: Lighting, window: tuple[int, int, int, int]) -> View:
+    def glance(self, c: int, image: Image, lighting: Lighting, window: tuple[int, int, int, int]) -> View:
         """As `see` and `read`, with a light that is known, in a window alone.
 
         Args:
+            c: number of the camera.
             image: (H, W, 3).
             lighting: of the picture, or of one a moment ago.
             window: left, top, right, bottom [px of the label map]; elsewhere labels are background.
         """
-        light = lighting.light
-        height, width = image.shape[:2]
-        columns, rows = reduced_size(width, height)
+        by, light = self.factors[c], lighting.light
+        rows, columns = image.shape[0] // by, image.shape[1] // by
         labels = np.zeros((rows, columns), np.uint8)
-        by = width // columns
-        whole = (columns * by, rows * by) != (width, height)
-        left, top, right, bottom = (0, 0, columns, rows) if whole else window
+        left, top, right, bottom = window
         if left < right and top < bottom:
-            part = image if whole else image[by * top : by * bottom, by * left : by * right]
+            part = image[by * top : by * bottom, by * left : by * right]
             part = np.asarray(cv2.medianBlur(part, 3), dtype=np.uint8) if lighting.loud else part
-            size = (right - left, bottom - top)
-            part = np.asarray(cv2.resize(part, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-            part = evened(part, light, (left, top, columns, rows))
+            part = evened(reduced(part, by), light, (left, top, columns, rows))
             found = np.empty(part.shape[:2], np.uint8)
             look_up(part, lighting.channels, self.colors.label_table, light.gains, found)
             labels[top:bottom, left:right] = found
         return View(image, labels, lighting.channels, light.tilt, mosaic.find(image))
-
-
-def _reduce(image: Image) -> Image:
-    height, width = image.shape[:2]
-    size = reduced_size(width, height)
-    if size == (width, height):
-        return image
-    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)

@@ -45,8 +45,8 @@ class Fit:
     """Steps that the refinement took."""
     end: Start = LIKELY
     """What the unknowns beside the pose turned out to be."""
-    lowest: float = 0.0
-    """Height of the object's lowest corner [m]."""
+    inside: bool = True
+    """Whether the object is in the arena."""
     lead: float = math.inf
     """Log odds by which it leads over the best clearly different pose; infinite where none was tried."""
 

@@ -10,7 +10,6 @@ import numpy as np
 
 from tracker.conventions import FloatArray
 from tracker.pose.fit import Fit
-from tracker.pose.hypotheses.positions import ARENA_BOTTOM
 from tracker.pose.result import Status
 
 MIN_AGREE = 30
@@ -54,8 +53,8 @@ def features(fit: Fit) -> Mapping[str, float]:
 
 
 def possible(fit: Fit) -> bool:
-    """Whether the object is above the table, or as far below it as calibrations may be off."""
-    return fit.lowest >= ARENA_BOTTOM
+    """Whether the object is in the arena."""
+    return fit.inside
 
 
 @functools.lru_cache(maxsize=32)

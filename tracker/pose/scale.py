@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
+import cv2
 import numpy as np
 
-from tracker.conventions import Array, FloatArray
+from tracker.conventions import Array, FloatArray, Image
+from tracker.geometry.arena import Arena
+from tracker.geometry.camera import Camera
 from tracker.objects.box import Box
 
 REFERENCE = 55.0
@@ -16,8 +20,8 @@ that of the platform's objects at 270×270."""
 LEAST = 0.6
 """Least size over the reference: below it, strips would have too few pixels."""
 
-SEARCH_SIZE = 135
-"""Shorter side [px] of the label maps in which the object is searched and aligned."""
+LABELS = 25.0
+"""Size of the object [px] in the label maps in which it is searched and aligned."""
 
 
 def extent(box: Box) -> float:
@@ -38,7 +42,33 @@ def relative_sizes(lenses: Array, box: Box, position: FloatArray) -> FloatArray:
     return np.asarray(np.maximum(sizes, LEAST))
 
 
-def reduced_size(width: int, height: int, shorter: int = SEARCH_SIZE) -> tuple[int, int]:
-    """Size of an image reduced by a whole factor so that its shorter side comes nearest to `shorter`."""
-    factor = max(1, round(min(width, height) / shorter))
-    return width // factor, height // factor
+def label_factors(cameras: Sequence[Camera], box: Box, arena: Arena) -> tuple[int, ...]:
+    """By which whole number each camera's pictures are reduced for label maps.
+
+    Chosen so that an object in the arena's middle has the size LABELS there.
+    """
+    middle = np.array([*arena.center, arena.table + box.half.min()])
+    factors = []
+    for camera in cameras:
+        depth = float(camera.camera_from_world[2, :3] @ middle + camera.camera_from_world[2, 3])
+        focal = math.sqrt(camera.matrix[0, 0] * camera.matrix[1, 1])
+        size = focal * extent(box) / max(depth, extent(box))
+        # Labels of less than 16 pixels across would tell nothing.
+        most = max(1, min(camera.width, camera.height) // 16)
+        factors.append(min(most, max(1, round(size / LABELS))))
+    return tuple(factors)
+
+
+def label_camera(camera: Camera, factor: int) -> Camera:
+    """The camera of label maps reduced by a factor; what does not fill a pixel is left out."""
+    width, height = camera.width // factor, camera.height // factor
+    return camera.cropped(0, 0, width * factor, height * factor).resized(width, height)
+
+
+def reduced(image: Image, factor: int) -> Image:
+    """An image (H, W, 3) of which each factor × factor pixels are one, see `label_camera`."""
+    if factor == 1:
+        return image
+    width, height = image.shape[1] // factor, image.shape[0] // factor
+    whole = image[: height * factor, : width * factor]
+    return np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)

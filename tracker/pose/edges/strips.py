@@ -72,6 +72,8 @@ def edge_strips(lenses, c, half, face_labels, rotation, position, spacing, margi
     a, b = np.empty(3), np.empty(3)
     local, world = np.empty(3), np.empty(3)
     jacobian = np.empty((2, 3))
+    # An edge so close to a camera is more than a picture can show.
+    near = 0.5 * (half[0] + half[1] + half[2]) / 3.0
     count = 0
     for e in range(12):
         face, neighbour = _EDGES[e, 2], _EDGES[e, 3]
@@ -92,7 +94,7 @@ def edge_strips(lenses, c, half, face_labels, rotation, position, spacing, margi
         ub, vb, zb = project(
             lenses, c, world[0] + position[0], world[1] + position[1], world[2] + position[2]
         )
-        if za < 0.05 or zb < 0.05:
+        if za < near or zb < near:
             continue
         length = math.hypot(ub - ua, vb - va)
         usable = length - 2.0 * margin

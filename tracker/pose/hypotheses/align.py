@@ -64,6 +64,7 @@ def align(lenses, labels, used, half, face_labels, rotation, position, reaches, 
     labels (C, h, w); used (C,) bool: cameras that gave an image.
     """
     matrix, vector, update = np.empty((6, 6)), np.empty(6), np.empty(6)
+    radius2 = half[0] ** 2 + half[1] ** 2 + half[2] ** 2
     total = 0
     for step in range(len(reaches)):
         reach = reaches[step]
@@ -88,9 +89,9 @@ def align(lenses, labels, used, half, face_labels, rotation, position, reaches, 
                         matrix[i, k] += weight * strip.jacobian[i] * strip.jacobian[k]
         if total < 6:
             return 0
-        # A weak prior (5 cm, 0.6 rad against 1 px) keeps unseen directions where they are.
+        # A weak prior (1 radius, 0.6 rad against 1 px) keeps unseen directions where they are.
         for i in range(6):
-            matrix[i, i] += 400.0 if i < 3 else 3.0
+            matrix[i, i] += 1.0 / radius2 if i < 3 else 3.0
             for k in range(i):
                 matrix[k, i] = matrix[i, k]
         if not solve_positive(matrix, vector, update):

@@ -1,4 +1,4 @@
-"""How well a pose explains the label maps: each pixel near the object against the face that its ray meets."""
+"""How well a pose explains the label maps: each pixel near the object against the face that covers it."""
 
 from __future__ import annotations
 
@@ -7,16 +7,58 @@ import math
 import numpy as np
 
 from tracker.compiled import compiled
+from tracker.geometry.cuboid import CORNER_SIGNS, FACE_CORNERS
 from tracker.geometry.lens import project, visible_faces
 
-_LABEL_RIM = 2.5
+RIM = 2.5
+"""Pixels of the label map around the object, in which colours beside it are counted."""
+
+_SIGNS, _FACES = CORNER_SIGNS, FACE_CORNERS
+
+
+@compiled
+def _face_row(pixels, face, row):  # type: ignore[no-untyped-def]
+    """The columns from … to that a face covers in a row of pixels; its corners' pixels are rows of (8, 2)."""
+    low, high = 1e9, -1e9
+    for k in range(4):
+        a, b = _FACES[face, k], _FACES[face, (k + 1) % 4]
+        va, vb = pixels[a, 1], pixels[b, 1]
+        if (va <= row) == (vb <= row):
+            continue
+        u = pixels[a, 0] + (row - va) / (vb - va) * (pixels[b, 0] - pixels[a, 0])
+        low, high = min(low, u), max(high, u)
+    return low, high
+
+
+@compiled
+def _count_face(labels, pixels, face, label, left, right, top, bottom, seen):  # type: ignore[no-untyped-def]
+    """Add the pixels of one face to `seen`; returns how many of them have a face's colour."""
+    colored, first, last = 0, bottom, top
+    for k in range(4):
+        first = min(first, math.ceil(pixels[_FACES[face, k], 1]))
+        last = max(last, math.floor(pixels[_FACES[face, k], 1]))
+    for j in range(max(first, top), min(last, bottom) + 1):
+        low, high = _face_row(pixels, face, j)
+        for i in range(max(left, math.ceil(low)), min(right, math.ceil(high) - 1) + 1):
+            found = labels[j, i]
+            seen.predicted += 1
+            if found == label:
+                seen.agree += 1
+            elif found == 0:
+                seen.missing += 1
+            else:
+                seen.wrong += 1
+            colored += found > 0
+    return colored
 
 
 @compiled
 def explain(lenses, labels, used, half, face_labels, rotation, position, seen):  # type: ignore[no-untyped-def]
-    """Compare label maps with the pose: numbers of their pixels into seen (C,) of SEEN."""
-    heights = np.empty(6)
-    origin = np.empty(3)
+    """Compare label maps with the pose: numbers of their pixels into seen (C,) of SEEN.
+
+    The outline of a face is taken to be straight between its corners.
+    """
+    heights, pixels = np.empty(6), np.empty((8, 2))
     radius = math.sqrt(half[0] ** 2 + half[1] ** 2 + half[2] ** 2)
     for c in range(len(used)):
         one = seen[c]
@@ -24,71 +66,28 @@ def explain(lenses, labels, used, half, face_labels, rotation, position, seen): 
         if not used[c]:
             continue
         u0, v0, z = project(lenses, c, position[0], position[1], position[2])
-        if z < 0.05:
+        if z < 1.5 * radius:
             continue
+        for k in range(8):
+            x, y, w = _SIGNS[k, 0] * half[0], _SIGNS[k, 1] * half[1], _SIGNS[k, 2] * half[2]
+            pixels[k, 0], pixels[k, 1], _ = project(
+                lenses, c,
+                position[0] + rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * w,
+                position[1] + rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * w,
+                position[2] + rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * w,
+            )  # fmt: skip
         visible_faces(lenses, c, half, rotation, position, heights)
-        reach = radius * max(lenses[c].focal[0], lenses[c].focal[1]) / max(z - radius, 0.05) + _LABEL_RIM
-        width, height = lenses[c].width, lenses[c].height
-        left, right = max(0, int(u0 - reach)), min(width - 1, int(u0 + reach) + 1)
-        top, bottom = max(0, int(v0 - reach)), min(height - 1, int(v0 + reach) + 1)
-        # A ray's direction is affine in the pixel once the lens is linearised at the object.
-        jac = np.empty((2, 2))
-        a0, b0 = _normalised(lenses, c, u0, v0)
-        a1, b1 = _normalised(lenses, c, u0 + 8.0, v0)
-        a2, b2 = _normalised(lenses, c, u0, v0 + 8.0)
-        jac[0, 0], jac[1, 0] = (a1 - a0) / 8.0, (b1 - b0) / 8.0
-        jac[0, 1], jac[1, 1] = (a2 - a0) / 8.0, (b2 - b0) / 8.0
-        r = lenses[c].rotation
-        # object_from_camera rotation, so that rays come out in the object's frame.
-        m = np.empty((3, 3))
-        for i in range(3):
-            origin[i] = 0.0
-            for k in range(3):
-                origin[i] += rotation[k, i] * (lenses[c].position[k] - position[k])
-                m[i, k] = rotation[0, i] * r[k, 0] + rotation[1, i] * r[k, 1] + rotation[2, i] * r[k, 2]
+        reach = radius * max(lenses[c].focal[0], lenses[c].focal[1]) / (z - radius) + RIM
+        left, right = max(0, int(u0 - reach)), min(lenses[c].width - 1, int(u0 + reach) + 1)
+        top, bottom = max(0, int(v0 - reach)), min(lenses[c].height - 1, int(v0 + reach) + 1)
         for j in range(top, bottom + 1):
             for i in range(left, right + 1):
-                a = a0 + jac[0, 0] * (i - u0) + jac[0, 1] * (j - v0)
-                b = b0 + jac[1, 0] * (i - u0) + jac[1, 1] * (j - v0)
-                near, far, face = 0.0, 1e9, -1
-                for axis in range(3):
-                    d = m[axis, 0] * a + m[axis, 1] * b + m[axis, 2]
-                    if abs(d) < 1e-9:
-                        d = 1e-9
-                    t1, t2 = (-half[axis] - origin[axis]) / d, (half[axis] - origin[axis]) / d
-                    side = 1
-                    if t1 > t2:
-                        t1, t2, side = t2, t1, 0
-                    if t1 > near:
-                        near, face = t1, 2 * axis + side
-                    far = min(far, t2)
-                label = labels[c, j, i]
-                if face >= 0 and near < far:
-                    one.predicted += 1
-                    if label == face_labels[face]:
-                        one.agree += 1
-                    elif label == 0:
-                        one.missing += 1
-                    else:
-                        one.wrong += 1
-                elif label > 0:
-                    one.extra += 1
-
-
-@compiled
-def _normalised(lenses, c, u, v):  # type: ignore[no-untyped-def]
-    """Undistorted normalised coordinates of a pixel, by fixed-point iteration."""
-    k = lenses[c].distortion
-    x0 = (u - lenses[c].center[0]) / lenses[c].focal[0]
-    y0 = (v - lenses[c].center[1]) / lenses[c].focal[1]
-    a, b = x0, y0
-    for _ in range(8):
-        s = a * a + b * b
-        radial = 1.0 + s * (k[0] + s * (k[1] + s * k[4]))
-        da = 2.0 * k[2] * a * b + k[3] * (s + 2.0 * a * a)
-        db = k[2] * (s + 2.0 * b * b) + 2.0 * k[3] * a * b
-        a, b = (x0 - da) / radial, (y0 - db) / radial
-    return a, b
+                one.extra += labels[c, j, i] > 0
+        for face in range(6):
+            if heights[face] > 0.0:
+                one.extra -= _count_face(
+                    labels[c], pixels, face, face_labels[face], left, right, top, bottom, one
+                )
 
 
 @compiled

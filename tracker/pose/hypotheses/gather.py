@@ -25,14 +25,14 @@ def gather(lenses, labels, face_mask, used, position, radius, stats):  # type: i
         if not used[c]:
             continue
         u, v, z = project(lenses, c, position[0], position[1], position[2])
-        if z < 0.1:
+        if z < radius:
             continue
-        r = radius * lenses[c].focal[0] / z
+        ru, rv = radius * lenses[c].focal[0] / z, radius * lenses[c].focal[1] / z
         width, height = lenses[c].width, lenses[c].height
-        for j in range(max(0, int(v - r)), min(height, int(v + r) + 2)):
-            for i in range(max(0, int(u - r)), min(width, int(u + r) + 2)):
+        for j in range(max(0, int(v - rv)), min(height, int(v + rv) + 2)):
+            for i in range(max(0, int(u - ru)), min(width, int(u + ru) + 2)):
                 label = labels[c, j, i]
-                if face_mask[label] == 0 or (i - u) ** 2 + (j - v) ** 2 > r * r:
+                if face_mask[label] == 0 or ((i - u) / ru) ** 2 + ((j - v) / rv) ** 2 > 1.0:
                     continue
                 stats[c, label, 0] += 1.0
                 stats[c, label, 1] += i

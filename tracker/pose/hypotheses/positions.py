@@ -1,93 +1,155 @@
 """Where could the object be? Positions from label maps alone, without a prior.
 
-A grid of points over the arena, each projected once into every camera, votes by how much of the object's
-expected area the cameras see around it in face colours. The best are centred on the pixels they gathered.
+Points of a grid over the arena vote by how much of the object's expected area the cameras see around them in
+face colours. The grid is searched from coarse to fine: a cell's vote bounds those of all points in it, so
+that cells where no camera shows enough are left at once. The best points are centred on the pixels they
+gathered.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
 
 from tracker.compiled import compiled
 from tracker.conventions import Array, FloatArray
+from tracker.geometry.arena import Arena
 from tracker.geometry.lens import project, project_with_jacobian
 from tracker.geometry.linear import solve_positive
 from tracker.objects.box import Box
 from tracker.pose.hypotheses.gather import face_mask, gather
 
-ARENA_RADIUS = 0.235
-ARENA_BOTTOM, ARENA_TOP = -0.015, 0.185
-"""The space that is searched for the object's centre [m]; real worlds lie up to 6 mm off the table."""
-
-GRID_STEP = 0.02
 MIN_VOTE, MIN_SHARE = 0.15, 0.35
 """Least vote of a position: absolute, and as a share of the best."""
 
+STEP = 0.4
+"""Distance of the grid's points [radii of the object]."""
+
+BRANCH = 3
+"""Parts of a cell along each axis."""
+
+COARSE = 300
+"""Cells of the coarsest grid, at most."""
+
+SEPARATION = 0.7
+"""Two positions closer than this [radii] count as one."""
+
 CENTRING_ROUNDS = 3
-MIN_SEPARATION = 0.035
-"""Two positions closer than this [m] count as one."""
+
+MOST_POINTS = 1 << 13
+"""Points whose votes are kept."""
 
 
 @compiled
-def vote_table(lenses, points, radius):  # type: ignore[no-untyped-def]
-    """(N, C, 3): each point's pixel in every camera, and the object's radius there [px], 0 where unseen."""
-    table = np.zeros((len(points), len(lenses), 3))
-    for p in range(len(points)):
-        for c in range(len(lenses)):
-            u, v, z = project(lenses, c, points[p, 0], points[p, 1], points[p, 2])
-            if z > 0.1 and 0 <= u < lenses[c].width and 0 <= v < lenses[c].height:
-                table[p, c, 0], table[p, c, 1] = u, v
-                table[p, c, 2] = radius * lenses[c].focal[0] / z
-    return table
+def integrate(labels, mask, lenses, used, out):  # type: ignore[no-untyped-def]
+    """Out (C, h + 1, w + 1): integral images of the face colours' pixels; returns how many they are."""
+    total = 0
+    for c in range(len(used)):
+        if not used[c]:
+            continue
+        width, height = lenses[c].width, lenses[c].height
+        out[c, 0, : width + 1] = 0
+        for j in range(height):
+            row = 0
+            out[c, j + 1, 0] = 0
+            for i in range(width):
+                row += mask[labels[c, j, i]]
+                out[c, j + 1, i + 1] = out[c, j, i + 1] + row
+        total += out[c, height, width]
+    return total
 
 
 @compiled
-def _box_count(integral, u, v, r, width, height):  # type: ignore[no-untyped-def]
-    x0, x1 = max(0, int(u - r)), min(width, int(u + r) + 1)
-    y0, y1 = max(0, int(v - r)), min(height, int(v + r) + 1)
+def _box_count(integral, u, v, ru, rv, width, height):  # type: ignore[no-untyped-def]
+    x0, x1 = max(0, int(u - ru)), min(width, int(u + ru) + 1)
+    y0, y1 = max(0, int(v - rv)), min(height, int(v + rv) + 1)
     if x1 <= x0 or y1 <= y0:
         return 0
     return integral[y1, x1] - integral[y0, x1] - integral[y1, x0] + integral[y0, x0]
 
 
 @compiled
-def _integrals(labels, face_mask, lenses, used, out):  # type: ignore[no-untyped-def]
+def vote(integrals, lenses, used, x, y, z, radius, area_share, slack):  # type: ignore[no-untyped-def]
+    """Mean over the cameras that see a point of how much of the object's expected area is around it.
+
+    area_share: the object's mean projected area over that of the square around its radius. Of two boxes, the
+    tight one centres the vote and the wide one bears with what fingers hide. With `slack` [m], what any point
+    so near has at most.
+    """
+    certain, number, best = 0.0, 0, 0.0
     for c in range(len(used)):
+        if not used[c]:
+            continue
+        u, v, depth = project(lenses, c, x, y, z)
+        if depth < 1.5 * radius + slack:
+            continue
+        near = depth - slack
+        su, sv = slack * lenses[c].focal[0] / near, slack * lenses[c].focal[1] / near
         width, height = lenses[c].width, lenses[c].height
-        for j in range(height):
-            row = 0
-            for i in range(width):
-                row += face_mask[labels[c, j, i]]
-                out[c, j + 1, i + 1] = out[c, j, i + 1] + row
+        if u < -su or v < -sv or u >= width + su or v >= height + sv:
+            continue
+        ru, rv = radius * lenses[c].focal[0] / near, radius * lenses[c].focal[1] / near
+        shrunk = (near / (depth + slack)) ** 2
+        expected = max(area_share * 4.0 * ru * rv * shrunk, 1.0)
+        wide = _box_count(integrals[c], u, v, ru + su, rv + sv, width, height) / expected
+        tight = _box_count(integrals[c], u, v, 0.6 * ru + su, 0.6 * rv + sv, width, height) / expected
+        one = min(wide, 1.0) + min(tight, 1.0)
+        if su <= u < width - su and sv <= v < height - sv:
+            certain += one
+            number += 1
+        else:
+            best = max(best, one)
+    # A camera that cannot see the point neither helps nor harms; one that may see it, helps a bound only.
+    mean = certain / max(number, 1)
+    return mean if best <= mean else (certain + best) / (number + 1)
 
 
 @compiled
-def vote(labels, face_mask, lenses, used, table, area_share, scores):  # type: ignore[no-untyped-def]
-    """Scores (N,): for each grid point the sum over cameras of how much of the expected area is there.
+def search(integrals, lenses, used, cells, size, leaf, inside, radius, area_share, points, scores):  # type: ignore[no-untyped-def]
+    """Fill points (N, 3), scores (N,) with the votes that may count; returns how many they are.
 
-    area_share: the object's mean projected area over that of the square around its radius. Of two
-    boxes, the tight one centres the vote and the wide one bears with what fingers hide.
+    cells (M, 3): centres of the coarsest cells; size, leaf: edge of these and of the finest ones [m]; inside:
+    centre x, y, radius, bottom and top of the arena [m].
     """
-    height, width = labels.shape[1], labels.shape[2]
-    integral = np.zeros((len(used), height + 1, width + 1), np.int32)
-    _integrals(labels, face_mask, lenses, used, integral)
-    for p in range(len(scores)):
-        total, cameras = 0.0, 0
-        for c in range(len(used)):
-            r = table[p, c, 2]
-            if not used[c] or r == 0.0:
+    stack, sizes = np.empty((len(cells) + 400, 3)), np.empty(len(cells) + 400)
+    bounds = np.empty(len(cells))
+    for k in range(len(cells)):
+        bounds[k] = vote(
+            integrals, lenses, used, cells[k, 0], cells[k, 1], cells[k, 2], radius, area_share,
+            0.87 * size,
+        )  # fmt: skip
+    count, best, top = 0, 0.0, 0
+    # The most promising cells come last, and so are looked into first.
+    for k in np.argsort(bounds):
+        if bounds[k] >= MIN_VOTE:
+            stack[top], sizes[top] = cells[k], size
+            top += 1
+    while top > 0:
+        top -= 1
+        x, y, z, edge = stack[top, 0], stack[top, 1], stack[top, 2], sizes[top]
+        if edge <= 1.01 * leaf:
+            far = math.hypot(x - inside[0], y - inside[1])
+            if far > inside[2] or z < inside[3] or z > inside[4]:
                 continue
-            cameras += 1
-            u, v = table[p, c, 0], table[p, c, 1]
-            expected = max(area_share * 4.0 * r * r, 1.0)
-            w, h = lenses[c].width, lenses[c].height
-            wide = _box_count(integral[c], u, v, r, w, h) / expected
-            tight = _box_count(integral[c], u, v, 0.6 * r, w, h) / expected
-            total += min(wide, 1.0) + min(tight, 1.0)
-        # A camera that cannot see the point neither helps nor harms.
-        scores[p] = total / max(cameras, 1)
+            score = vote(integrals, lenses, used, x, y, z, radius, area_share, 0.0)
+            if score >= max(MIN_VOTE, MIN_SHARE * best) and count < len(scores):
+                points[count, 0], points[count, 1], points[count, 2], scores[count] = x, y, z, score
+                count += 1
+                best = max(best, score)
+            continue
+        bound = vote(integrals, lenses, used, x, y, z, radius, area_share, 0.87 * edge)
+        if bound < max(MIN_VOTE, MIN_SHARE * best) or top + BRANCH**3 > len(sizes):
+            continue
+        part = edge / BRANCH
+        for i in range(BRANCH**3):
+            stack[top, 0] = x + (i % BRANCH - 1) * part
+            stack[top, 1] = y + (i // BRANCH % BRANCH - 1) * part
+            stack[top, 2] = z + (i // BRANCH**2 - 1) * part
+            sizes[top] = part
+            top += 1
+    return count
 
 
 @compiled
@@ -110,16 +172,17 @@ def take_best(points, scores, radius, out):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def centre(lenses, labels, face_mask, used, radius, position, rounds, stats):  # type: ignore[no-untyped-def]
+def centre(lenses, labels, mask, used, radius, position, rounds, stats):  # type: ignore[no-untyped-def]
     """Move a position so that it projects to the centroids of the face pixels around it."""
     jacobian, matrix = np.empty((2, 3)), np.empty((3, 3))
     vector, step = np.empty(3), np.empty(3)
     for _ in range(rounds):
-        gather(lenses, labels, face_mask, used, position, radius, stats)
+        gather(lenses, labels, mask, used, position, radius, stats)
         for i in range(3):
             vector[i] = 0.0
             for k in range(3):
-                matrix[i, k] = 2000.0 if i == k else 0.0
+                # A prior of 0.45 radii against a pixel.
+                matrix[i, k] = 5.0 / radius**2 if i == k else 0.0
         for c in range(len(used)):
             n, su, sv = 0.0, 0.0, 0.0
             for label in range(1, 7):
@@ -139,48 +202,70 @@ def centre(lenses, labels, face_mask, used, radius, position, rounds, stats):  #
                     )
         solve_positive(matrix, vector, step)
         for i in range(3):
-            position[i] += min(0.04, max(-0.04, step[i]))
-    gather(lenses, labels, face_mask, used, position, radius, stats)
+            position[i] += min(0.8 * radius, max(-0.8 * radius, step[i]))
+    gather(lenses, labels, mask, used, position, radius, stats)
 
 
-def arena_points() -> FloatArray:
-    """(N, 3) grid over the arena [m]."""
-    xy = np.arange(-ARENA_RADIUS, ARENA_RADIUS + 1e-9, GRID_STEP)
-    z = np.arange(ARENA_BOTTOM, ARENA_TOP + 1e-9, GRID_STEP)
-    points = np.stack(np.meshgrid(xy, xy, z, indexing="ij"), axis=-1).reshape(-1, 3)
-    inside = np.hypot(points[:, 0], points[:, 1]) <= ARENA_RADIUS
-    return np.ascontiguousarray(points[inside])
+def _cells(arena: Arena, leaf: float, bottom: float, top: float) -> tuple[FloatArray, float]:
+    """Centres (M, 3) of few cells that cover the arena, and their edge [m]: leaves times a power of BRANCH."""
+    size = leaf
+    while True:
+        across, up = math.ceil(2 * arena.radius / size), math.ceil((top - bottom) / size)
+        if across * across * up <= COARSE:
+            break
+        size *= BRANCH
+    side = (np.arange(across) - (across - 1) / 2) * size
+    heights = (bottom + top) / 2 + (np.arange(up) - (up - 1) / 2) * size
+    x, y, z = np.meshgrid(side + arena.center[0], side + arena.center[1], heights, indexing="ij")
+    return np.stack([x, y, z], axis=-1).reshape(-1, 3), size
 
 
 class PositionSearch:
-    """Finds where an object could be; holds the tables that this needs, made once for a rig and an object.
+    """Finds where an object could be.
 
     Args:
         lenses: (C,) of LENS, of the label maps.
         box: the object.
+        arena: where its centre may be.
     """
 
-    def __init__(self, lenses: Array, box: Box) -> None:
+    def __init__(self, lenses: Array, box: Box, arena: Arena) -> None:
         self.lenses, self.radius = lenses, box.radius
-        self.points = arena_points()
-        self.table = vote_table(lenses, self.points, self.radius)
         # Cauchy: the mean projected area of a convex body is a quarter of its surface.
         half = box.half
         surface = 8 * (half[0] * half[1] + half[1] * half[2] + half[2] * half[0])
         self.area_share = float(surface / 4 / (4 * self.radius**2))
         self.face_mask = face_mask(box)
+        bottom, top = arena.lowest, arena.table + arena.height
+        self._leaf = STEP * self.radius
+        self._cells, self._size = _cells(arena, self._leaf, bottom, top)
+        self._inside = np.array([*arena.center, arena.radius, bottom, top])
 
-    def __call__(self, labels: Array, used: Array, count: int) -> Iterator[FloatArray]:
-        """Up to `count` centred positions (3,) [m], best first; each is worked out when it is asked for."""
-        scores, stats = np.empty(len(self.points)), np.empty((len(self.lenses), 7, 3))
-        vote(labels, self.face_mask, self.lenses, used, self.table, self.area_share, scores)
+    def integrals(self, labels: Array, used: Array) -> tuple[Array, int]:
+        """Integral images of the face colours in label maps (C, h, w), and their number of pixels."""
+        count, height, width = labels.shape
+        integrals = np.empty((count, height + 1, width + 1), np.int32)
+        return integrals, int(integrate(labels, self.face_mask, self.lenses, used, integrals))
+
+    def positions(self, labels: Array, integrals: Array, used: Array, most: int) -> Iterator[FloatArray]:
+        """Up to `most` centred positions (3,) [m], best first; each is worked out when it is asked for."""
+        points, scores = np.empty((MOST_POINTS, 3)), np.empty(MOST_POINTS)
+        count = search(
+            integrals, self.lenses, used, self._cells, self._size, self._leaf, self._inside, self.radius,
+            self.area_share, points, scores,
+        )  # fmt: skip
+        if count == 0:
+            return
+        points, scores = points[:count], scores[:count]
+        stats = np.empty((len(self.lenses), 7, 3))
         least = max(MIN_VOTE, MIN_SHARE * float(scores.max()))
+        separation = SEPARATION * self.radius
         found: list[FloatArray] = []
-        while len(found) < count:
+        while len(found) < most:
             position = np.empty(3)
-            if take_best(self.points, scores, 2 * MIN_SEPARATION, position) < least:
+            if take_best(points, scores, 2 * separation, position) < least:
                 return
             centre(self.lenses, labels, self.face_mask, used, self.radius, position, CENTRING_ROUNDS, stats)
-            if all(np.linalg.norm(position - other) > MIN_SEPARATION for other in found):
+            if all(np.linalg.norm(position - other) > separation for other in found):
                 found.append(position)
                 yield position

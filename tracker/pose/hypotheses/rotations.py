@@ -39,62 +39,51 @@ def even_rotations(count: int) -> FloatArray:
 
 @compiled
 def rank_rotations(lenses, used, half, face_labels, position, stats, rotations, costs):  # type: ignore[no-untyped-def]
-    """Costs (n,): misfit of the colours' areas and centroids for every rotation (n, 3, 3)."""
-    jacobian = np.empty((2, 3))
+    """Costs (n,): misfit of the colours' areas and centroids for every rotation (n, 3, 3).
+
+    stats (C, 7, 3): of the colours around the position, see `gather`.
+    """
+    jacobian, view, roots = np.empty((2, 3)), np.empty(3), np.empty(7)
     costs[:] = 0.0
-    areas = np.empty(3)
-    areas[0], areas[1], areas[2] = half[1] * half[2], half[0] * half[2], half[0] * half[1]
     for c in range(len(used)):
         if not used[c]:
             continue
         u, v, z = project_with_jacobian(lenses, c, position[0], position[1], position[2], jacobian)
-        if z < 0.1:
+        if z < 2.0 * half.max():
             continue
-        per_metre = lenses[c].focal[0] / z
-        view = np.empty(3)
-        distance = 0.0
+        per_area = 4.0 * lenses[c].focal[0] * lenses[c].focal[1] / z**2
+        distance, unseen = 0.0, 0.0
         for i in range(3):
             view[i] = lenses[c].position[i] - position[i]
             distance += view[i] * view[i]
         distance = math.sqrt(distance)
+        for label in range(1, 7):
+            roots[label] = math.sqrt(stats[c, label, 0])
+        for face in range(6):
+            unseen += stats[c, face_labels[face], 0]
         for h in range(len(rotations)):
-            rotation = rotations[h]
-            cost = 0.0
+            # What is seen of faces that should not be, and cannot be explained away; then those that should.
+            rotation, cost = rotations[h], unseen
             for axis in range(3):
                 cosine = (
                     rotation[0, axis] * view[0] + rotation[1, axis] * view[1] + rotation[2, axis] * view[2]
                 )
-                for side in range(2):
-                    face = 2 * axis + side
-                    sign = 1.0 - 2.0 * side
-                    label = face_labels[face]
-                    height = max(0.0, (sign * cosine - half[axis]) / distance)
-                    expected = 4.0 * areas[axis] * per_metre * per_metre * height
-                    seen = stats[c, label, 0]
-                    gap = math.sqrt(seen) - math.sqrt(expected)
-                    # Fewer pixels than expected may be hidden; more cannot be explained away.
-                    cost += gap * gap * (0.5 if gap < 0 else 1.0)
-                    if seen > 0 and expected > 0:
-                        ou = (
-                            (
-                                jacobian[0, 0] * rotation[0, axis]
-                                + jacobian[0, 1] * rotation[1, axis]
-                                + jacobian[0, 2] * rotation[2, axis]
-                            )
-                            * sign
-                            * half[axis]
-                        )
-                        ov = (
-                            (
-                                jacobian[1, 0] * rotation[0, axis]
-                                + jacobian[1, 1] * rotation[1, axis]
-                                + jacobian[1, 2] * rotation[2, axis]
-                            )
-                            * sign
-                            * half[axis]
-                        )
-                        du, dv = stats[c, label, 1] - u - ou, stats[c, label, 2] - v - ov
-                        cost += 0.5 * min(seen, expected) * (du * du + dv * dv) / (seen + 4.0)
+                if abs(cosine) <= half[axis]:
+                    continue
+                face, sign = (2 * axis, 1.0) if cosine > 0.0 else (2 * axis + 1, -1.0)
+                label = face_labels[face]
+                area = half[0] * half[1] * half[2] / half[axis]
+                expected = area * per_area * (abs(cosine) - half[axis]) / distance
+                seen, gap = stats[c, label, 0], roots[label] - math.sqrt(expected)
+                # Fewer pixels than expected may be hidden.
+                cost += gap * gap * (0.5 if gap < 0 else 1.0) - seen
+                if seen > 0.0:
+                    out = sign * half[axis]
+                    du, dv = stats[c, label, 1] - u, stats[c, label, 2] - v
+                    for i in range(3):
+                        du -= out * jacobian[0, i] * rotation[i, axis]
+                        dv -= out * jacobian[1, i] * rotation[i, axis]
+                    cost += 0.5 * min(seen, expected) * (du * du + dv * dv) / (seen + 4.0)
             costs[h] += cost
 
 

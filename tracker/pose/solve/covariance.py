@@ -75,7 +75,7 @@ def offset_weights(calibration_information, position):  # type: ignore[no-untype
 
 def pose_covariance(information: FloatArray, radius: float) -> FloatArray:
     """Covariance (6, 6) from the information on a pose, with what no number of samples averages away."""
-    covariance = np.linalg.inv(information)
+    covariance: FloatArray = np.asarray(np.linalg.inv(information), dtype=np.float64)
     covariance += covariance.T
     covariance *= 0.5
     # The diagonal, in place.

@@ -47,7 +47,7 @@ FOLLOWING = Schedule(
 
 
 class Start(NamedTuple):
-    """What the unknowns beside the pose are taken to be at first; where the refinement ends is not bound to it."""
+    """What the unknowns beside the pose are taken to be at first; the end is not bound to it."""
 
     blur: float
     """Standard deviation of the pictures' steps [px of an object of reference size]."""

@@ -15,7 +15,6 @@ from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import ImageError, TaskError
 from tracker.geometry.camera import Camera
 from tracker.geometry.lens import stack_lenses
-from tracker.pose.scale import reduced_size
 from tracker.segmentation.labels import check_image
 from tracker.tasks.rearrange_dice.above import Plan
 from tracker.tasks.rearrange_dice.boxes import Views
@@ -120,7 +119,7 @@ class Finder:
     """Finds dice with one rig; holds what depends on the rig alone."""
 
     def __init__(self, rig: CameraRig) -> None:
-        self._cameras = [c.resized(*reduced_size(c.width, c.height, SIZE)) for c in rig]
+        self._cameras = [_reduced_camera(camera) for camera in rig]
         self._lenses = stack_lenses(self._cameras)
         size = (max(c.height for c in self._cameras), max(c.width for c in self._cameras))
         self._slopes = np.zeros((len(self._cameras), *size, 2), np.float32)
@@ -170,3 +169,9 @@ def _reduced(image: Image | None, camera: Camera) -> Image | None:
     if image is None or image.shape[1::-1] == size:
         return image
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+def _reduced_camera(camera: Camera) -> Camera:
+    """The camera of images reduced by a whole factor so that their shorter side comes nearest to SIZE."""
+    factor = max(1, round(min(camera.width, camera.height) / SIZE))
+    return camera.resized(camera.width // factor, camera.height // factor)
