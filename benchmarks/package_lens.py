@@ -70,4 +70,4 @@ def bend_map(camera: Camera, margin: int) -> Array:
 
 def bent(picture: Array, places: Array) -> Array:
     """A picture without distortion (H', W', ...), bilinear at `places` (H, W, 2) [px]; of its own type."""
-    return np.asarray(cv2.remap(picture, places, None, cv2.INTER_LINEAR))
+    return np.asarray(cv2.remap(picture, places[..., 0], places[..., 1], cv2.INTER_LINEAR))

@@ -117,7 +117,10 @@ class PackageStore:
             own, shown = list(images[k]), list(masks[k])
             if lenses:
                 own = [bent(image, lens) for image, lens in zip(own, lenses, strict=True)]
-                shown = [bent(np.float32(mask), lens) > 0.5 for mask, lens in zip(shown, lenses, strict=True)]
+                shown = [
+                    bent(mask.astype(np.float32), lens) > 0.5
+                    for mask, lens in zip(shown, lenses, strict=True)
+                ]
             faces = [face_map(camera, self._model, positions[k], rotations[k]) for camera in self.rig]
             labels = tuple(np.where(mask, face, 0) for mask, face in zip(shown, faces, strict=True))
             share = [np.count_nonzero(label) for label in labels] / np.maximum(

@@ -161,4 +161,6 @@ def main(kind: str, count: int, seed: int, scale: int, margin: int, out: str) ->
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], *(int(number) for number in sys.argv[2:6]), sys.argv[6])
+    kind, *numbers, out = sys.argv[1:]
+    count, seed, scale, margin = (int(number) for number in numbers)
+    main(kind, count, seed, scale, margin, out)

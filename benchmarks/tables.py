@@ -8,6 +8,7 @@ from typing import Any
 
 from benchmarks.dice_tables import dice_markdown
 from benchmarks.film_tables import film_markdown
+from benchmarks.motion_tables import motion_markdown
 from benchmarks.records import Results
 from benchmarks.speed_tables import speed_tables
 from benchmarks.summary_tables import summary_tables, target_rows
@@ -62,6 +63,8 @@ def results_markdown(results: Results, notes: Path = NOTES) -> str:
         parts += ["## Segmentation", segmentation_table(results["segmentation"]["objects"]).markdown()]
     if results.get("films"):
         parts += ["## Over time", *film_markdown(results["films"])]
+    if results.get("motion"):
+        parts += ["## Fast motions", *motion_markdown(results["motion"])]
     if results.get("dice"):
         parts += ["## Dice", *dice_markdown(results["dice"])]
     if results.get("speed"):
