@@ -1,4 +1,4 @@
-"""Measure the tracker: `python -m benchmarks accuracy|speed|dice|films|rigs|all|report|gate|likeness`."""
+"""Measure the tracker: `python -m benchmarks accuracy|speed|films|motion|rigs|dice|all|report|gate|…`."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import sys
 
 import click
 
-from benchmarks.commands import accuracy, dice, everything, films, gate, report, rigs, speed
+from benchmarks.commands import accuracy, dice, everything, films, gate, motion, report, rigs, speed
 from benchmarks.likeness import main as likeness
 from tracker.errors import TrackerError
 
@@ -16,7 +16,7 @@ def main() -> None:
     """Measure the tracker as its users would judge it."""
 
 
-for command in (accuracy, speed, dice, films, rigs, everything, report, gate):
+for command in (accuracy, speed, dice, films, motion, rigs, everything, report, gate):
     main.add_command(command)
 main.add_command(likeness, "likeness")
 

@@ -22,7 +22,7 @@ from benchmarks.summary import summarise
 from benchmarks.workloads import (
     BY_NAME,
     FULL,
-    PACKAGE_SCALES,
+    PACKAGES,
     WORKLOADS,
     Case,
     SceneSet,
@@ -215,4 +215,4 @@ def again(run: AccuracyRun, record: FrameRecord) -> tuple[Case, Observation]:
 
 def without_package(workloads: Sequence[Workload]) -> list[Workload]:
     """The workloads that need no environment of their own."""
-    return [workload for workload in workloads if workload.base not in PACKAGE_SCALES]
+    return [workload for workload in workloads if workload.base not in PACKAGES]

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
-import os
 import platform
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 
 import tracker
+from benchmarks import command_options as option
 from benchmarks import gate as gates
 from benchmarks.accuracy import AccuracyOptions, AccuracyRun, again, measure_accuracy, without_package
-from benchmarks.cache import CACHE
+from benchmarks.command_options import ROOT
 from benchmarks.dice import QUICK as QUICK_DICE
 from benchmarks.dice import DiceOptions, measure_dice
 from benchmarks.dice_scenes import SEED as DICE_SEED
@@ -27,6 +27,9 @@ from benchmarks.film_tables import film_targets
 from benchmarks.film_tracking import QUICK as QUICK_FILMS
 from benchmarks.film_tracking import FilmOptions, measure_films
 from benchmarks.films import SEED as FILM_SEED
+from benchmarks.motion_films import SEED as MOTION_SEED
+from benchmarks.motion_rows import QUICK as QUICK_MOTION
+from benchmarks.motion_rows import MotionOptions, measure_motion
 from benchmarks.recorded import pose_rows, segmentation_rows
 from benchmarks.records import (
     RESULTS_FILE,
@@ -51,78 +54,17 @@ from benchmarks.workloads import BY_NAME, FULL, QUICK, WORKLOADS, Workload
 from benchmarks.worst import Shown, worst_pictures
 from tracker.files import write_whole
 
-ROOT = Path(__file__).resolve().parent.parent
-OUTPUT = ROOT / "build" / "benchmarks"
 PUBLISHED = Path(__file__).with_name("results.md")
 
 DRAWS = {False: 200, True: 5}
 """Draws of light for the recorded triplets, by whether the run is quick."""
 
-_Command = Callable[..., None]
-
-_output = click.option(
-    "-o",
-    "--output",
-    type=click.Path(file_okay=False, path_type=Path),
-    default=OUTPUT,
-    show_default="build/benchmarks",
-    help="Folder of results.json and report.html.",
-)
-_quick = click.option("--quick", is_flag=True, help="Few scenes: a smoke run, whose figures mean little.")
-_real = click.option(
-    "--real",
-    type=click.Path(file_okay=False, path_type=Path),
-    default=lambda: os.environ.get("TRACKER_REAL_DATA", ROOT.parent / "shared" / "real"),
-    help="Folder of recorded data; left out where it is absent.",
-)
-
-
-_workers = click.option("--workers", default=2, show_default=True, help="Processes that render.")
-_cache = click.option(
-    "--cache",
-    type=click.Path(file_okay=False, path_type=Path),
-    default=CACHE,
-    envvar="TRACKER_BENCHMARK_CACHE",
-    show_default="build/scenes",
-    help="Folder of rendered scenes.",
-)
-
-
-def _seed(default: int, what: str) -> Callable[[_Command], _Command]:
-    return click.option(
-        "--seed",
-        type=click.IntRange(min=0),
-        default=default,
-        show_default=True,
-        help=f"Of the {what}; nothing is ever adjusted with the default.",
-    )
-
-
-def _scene_options(command: _Command) -> _Command:
-    options = (
-        click.option(
-            "--only",
-            multiple=True,
-            metavar="WORKLOAD",
-            type=click.Choice(list(BY_NAME)),
-            help=f"May be repeated: {', '.join(BY_NAME)}.",
-        ),
-        click.option(
-            "--object", "objects", multiple=True, type=click.Choice(OBJECTS), help="May be repeated."
-        ),
-        _workers,
-        _cache,
-    )
-    for option in reversed(options):
-        command = option(command)
-    return command
-
 
 @click.command()
-@_quick
-@_real
-@_output
-@_scene_options
+@option.quick
+@option.real
+@option.output
+@option.scene_options
 def accuracy(quick: bool, real: Path, output: Path, **chosen: Any) -> None:
     """Errors, misses, confidence and covariance on all workloads; recorded images where there are any."""
     results = _begun(output, quick)
@@ -131,9 +73,9 @@ def accuracy(quick: bool, real: Path, output: Path, **chosen: Any) -> None:
 
 
 @click.command()
-@_quick
-@_real
-@_output
+@option.quick
+@option.real
+@option.output
 def speed(quick: bool, real: Path, output: Path) -> None:
     """Time by stage, cameras, resolution and faces in view; start-up and memory."""
     results = _begun(output, quick)
@@ -142,12 +84,12 @@ def speed(quick: bool, real: Path, output: Path) -> None:
 
 
 @click.command()
-@_quick
-@_real
-@_output
-@_workers
-@_cache
-@_seed(DICE_SEED, "scenes")
+@option.quick
+@option.real
+@option.output
+@option.workers
+@option.cache
+@option.seed(DICE_SEED, "scenes")
 def dice(quick: bool, real: Path, output: Path, workers: int, cache: Path, seed: int) -> None:
     """Masks, positions and time of the dice task; the recorded picture where there is one."""
     results = _begun(output, quick)
@@ -156,11 +98,11 @@ def dice(quick: bool, real: Path, output: Path, workers: int, cache: Path, seed:
 
 
 @click.command()
-@_quick
-@_output
-@_workers
-@_cache
-@_seed(FILM_SEED, "films")
+@option.quick
+@option.output
+@option.workers
+@option.cache
+@option.seed(FILM_SEED, "films")
 def films(quick: bool, output: Path, workers: int, cache: Path, seed: int) -> None:
     """Tracking over time: accuracy, losses, single cameras, a vanishing object, and time."""
     results = _begun(output, quick)
@@ -169,9 +111,9 @@ def films(quick: bool, output: Path, workers: int, cache: Path, seed: int) -> No
 
 
 @click.command()
-@_output
-@_workers
-@_cache
+@option.output
+@option.workers
+@option.cache
 @click.option("--scenes", type=click.IntRange(min=1), default=12, show_default=True, help="Of each rig.")
 @click.option(
     "--seed",
@@ -189,20 +131,34 @@ def rigs(output: Path, workers: int, cache: Path, scenes: int, seed: int, only: 
     _finish(results, output)
 
 
+@click.command()
+@option.quick
+@option.output
+@option.workers
+@option.cache
+@option.seed(MOTION_SEED, "films")
+def motion(quick: bool, output: Path, workers: int, cache: Path, seed: int) -> None:
+    """Fast motions: cameras grabbed one after another, and the pose a moment ahead."""
+    results = _begun(output, quick)
+    _add_motion(results, _motion_options(quick, workers, cache, seed))
+    _finish(results, output)
+
+
 @click.command(name="all")
-@_quick
-@_real
-@_output
-@_scene_options
+@option.quick
+@option.real
+@option.output
+@option.scene_options
 @click.option("--publish", is_flag=True, help="Write benchmarks/results.md as well.")
 def everything(quick: bool, real: Path, output: Path, publish: bool, **chosen: Any) -> None:
-    """Accuracy, speed, films, dice and report."""
+    """Accuracy, speed, films, fast motions, dice and report."""
     results = _begun(output, quick)
     # Before the caches are hot and the disk busy with pictures.
     _add_speed(results, quick, real)
     options = _options(quick, **chosen)
     _add_accuracy(results, output, options, real)
     _add_films(results, output, _film_options(quick, options.workers, options.cache))
+    _add_motion(results, _motion_options(quick, options.workers, options.cache))
     _add_dice(results, output, _dice_options(quick, options.workers, options.cache), real)
     _finish(results, output)
     click.echo(f"{write_report(output)}", err=True)
@@ -211,14 +167,14 @@ def everything(quick: bool, real: Path, output: Path, publish: bool, **chosen: A
 
 
 @click.command()
-@_output
+@option.output
 def report(output: Path) -> None:
     """Write report.html from the results of a folder."""
     click.echo(write_report(output))
 
 
 @click.command()
-@_output
+@option.output
 @click.option(
     "--baseline",
     type=click.Path(dir_okay=False, path_type=Path),
@@ -261,6 +217,11 @@ def _dice_options(quick: bool, workers: int, cache: Path, seed: int = DICE_SEED)
 
 def _film_options(quick: bool, workers: int, cache: Path, seed: int = FILM_SEED) -> FilmOptions:
     options = QUICK_FILMS if quick else FilmOptions()
+    return dataclasses.replace(options, seed=seed, workers=workers, cache=cache)
+
+
+def _motion_options(quick: bool, workers: int, cache: Path, seed: int = MOTION_SEED) -> MotionOptions:
+    options = QUICK_MOTION if quick else MotionOptions()
     return dataclasses.replace(options, seed=seed, workers=workers, cache=cache)
 
 
@@ -321,6 +282,10 @@ def _add_films(results: Results, output: Path, options: FilmOptions) -> None:
     results["films"], shown = measure_films(options, lambda line: click.echo(line, err=True))
     output.mkdir(parents=True, exist_ok=True)
     click.echo(write_film_plot(shown, output), err=True)
+
+
+def _add_motion(results: Results, options: MotionOptions) -> None:
+    results["motion"] = measure_motion(options, lambda line: click.echo(line, err=True))
 
 
 def _finish(results: Results, output: Path) -> None:

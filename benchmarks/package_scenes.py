@@ -7,14 +7,15 @@ import hashlib
 import os
 import tempfile
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 import tracker
 from benchmarks.cache import CACHE
 from benchmarks.package import VERSION, interpreter, run
+from benchmarks.package_lens import bend_map, bent, normalised
 from benchmarks.scenes import SEED, Scene
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray, Image
@@ -29,8 +30,28 @@ ROWS_TOO_HIGH = 1.0
 """Rows of its own grid by which the package's camera draws everything too high [px]."""
 
 
-def package_rig(python: Path, scale: int) -> CameraRig:
-    """The package's cameras, without distortion and drawing as high as they do at this scale.
+LENS_MARGIN = 27
+"""By which pictures that the lens is to bend are wider on each side: the package's own padding [px]."""
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """How the package's pictures are drawn, and what the tracker is told of its cameras."""
+
+    scale: int = 1
+    """Points along each axis of a pixel: 1 as the package draws, 4 for smooth edges."""
+    lens: bool = False
+    """Whether the cameras' distortion bends the finished picture, and the deviations that the files state
+    are kept; the package itself bends by whole pixels. Else there is neither."""
+
+    @property
+    def margin(self) -> int:
+        """By which pictures are wider on each side than the camera's own [px]."""
+        return LENS_MARGIN if self.lens else 0
+
+
+def package_rig(python: Path, drawing: Drawing) -> CameraRig:
+    """The package's cameras as they draw.
 
     Raises:
         PackageError: the package fails.
@@ -38,12 +59,16 @@ def package_rig(python: Path, scale: int) -> CameraRig:
     printed = run([str(python), "-c", "import trifinger_simulation as t; print(t.get_data_dir())"])
     folder = Path(printed.strip().splitlines()[-1]) / "camera_params"
     rig = CameraRig.load(folder, pattern="camera*_cropped_and_downsampled.yml")
-    return dataclasses.replace(rig, cameras=tuple(_as_drawn(camera, scale) for camera in rig))
+    return dataclasses.replace(rig, cameras=tuple(as_drawn(camera, drawing) for camera in rig))
 
 
-def _as_drawn(camera: Camera, scale: int) -> Camera:
+def as_drawn(camera: Camera, drawing: Drawing) -> Camera:
+    """The camera of a file, looking as high as the package draws it."""
     matrix = camera.matrix.copy()
-    matrix[1, 2] -= ROWS_TOO_HIGH / scale
+    matrix[1, 2] -= ROWS_TOO_HIGH / drawing.scale
+    if drawing.lens:
+        # Nothing of these cameras is uncertain, but a user of the package has these files.
+        return dataclasses.replace(camera, matrix=matrix)
     # Nothing of these cameras is uncertain, whatever the files say of the real ones.
     return dataclasses.replace(camera, matrix=matrix, distortion=np.zeros(5), camera_from_world_std=None)
 
@@ -53,28 +78,33 @@ class PackageStore:
 
     Args:
         object_name: name of the object.
-        scale: points along each axis of a pixel: 1 as the package draws, 4 for smooth edges.
+        drawing: how they are drawn.
         count: number of scenes.
         folder: where they are kept.
+        seed: another one than SEED for all but judging.
 
     Raises:
         PackageError: the package cannot be had, or fails.
     """
 
-    def __init__(self, object_name: str, scale: int, count: int, folder: Path = CACHE) -> None:
-        self._model = tracker.load_object(object_name)
+    def __init__(
+        self, object_name: str, drawing: Drawing, count: int, folder: Path = CACHE, seed: int = SEED
+    ) -> None:
+        self._model, self._drawing = tracker.load_object(object_name), drawing
         self._python = interpreter(folder)
-        self.rig = package_rig(self._python, scale)
+        self.rig = package_rig(self._python, drawing)
         script = hashlib.sha256(SCRIPT.read_bytes()).hexdigest()[:12]
-        self._file = folder / f"package-{object_name}-{scale}-{SEED}-{count}-{VERSION}-{script}.npz"
+        drawn = f"{drawing.scale}-{drawing.margin}"
+        self._file = folder / f"package-{object_name}-{drawn}-{seed}-{count}-{VERSION}-{script}.npz"
         if not self._file.is_file():
-            self._render(KINDS[object_name], count, scale)
+            self._render(KINDS[object_name], count, seed)
 
-    def _render(self, kind: str, count: int, scale: int) -> None:
+    def _render(self, kind: str, count: int, seed: int) -> None:
         self._file.parent.mkdir(parents=True, exist_ok=True)
+        numbers = (count, seed, self._drawing.scale, self._drawing.margin)
         with tempfile.TemporaryDirectory(dir=self._file.parent) as temporary:
             made = Path(temporary) / "scenes.npz"
-            run([str(self._python), str(SCRIPT), kind, str(count), str(SEED), str(scale), str(made)])
+            run([str(self._python), str(SCRIPT), kind, *(str(number) for number in numbers), str(made)])
             os.replace(made, self._file)
 
     def scenes(self, indices: Sequence[int]) -> Iterator[Scene]:
@@ -82,25 +112,34 @@ class PackageStore:
         with np.load(self._file) as data:
             images, masks = data["images"], data["masks"]
             positions, rotations = data["position"], data["rotation"]
+        lenses = [bend_map(camera, LENS_MARGIN) for camera in self.rig] if self._drawing.lens else []
         for k in indices:
+            own, shown = list(images[k]), list(masks[k])
+            if lenses:
+                own = [bent(image, lens) for image, lens in zip(own, lenses, strict=True)]
+                shown = [
+                    bent(mask.astype(np.float32), lens) > 0.5
+                    for mask, lens in zip(shown, lenses, strict=True)
+                ]
             faces = [face_map(camera, self._model, positions[k], rotations[k]) for camera in self.rig]
-            labels = tuple(np.where(mask, face, 0) for mask, face in zip(masks[k], faces, strict=True))
+            labels = tuple(np.where(mask, face, 0) for mask, face in zip(shown, faces, strict=True))
             share = [np.count_nonzero(label) for label in labels] / np.maximum(
                 1, [np.count_nonzero(face) for face in faces]
             )
-            yield Scene(int(k), tuple(images[k]), labels, share, positions[k], rotations[k])
+            yield Scene(int(k), tuple(own), labels, share, positions[k], rotations[k])
 
 
 def face_map(camera: Camera, model: CuboidModel, position: Array, rotation: FloatArray) -> Image:
-    """(H, W) uint8 labels of the faces that a camera without distortion sees of the object alone."""
+    """(H, W) uint8 labels of the faces that a camera sees of the object alone, at the pixels' centres."""
     points = corners(model.size) @ rotation.T + position
-    turn, shift = camera.camera_from_world[:3, :3], camera.camera_from_world[:3, 3]
-    pixels, _ = cv2.projectPoints(points, cv2.Rodrigues(turn)[0], shift, camera.matrix, camera.distortion)
+    in_camera = points @ camera.camera_from_world[:3, :3].T + camera.camera_from_world[:3, 3]
+    # Where edges are straight: before the lens.
+    pixels = in_camera[:, :2] / in_camera[:, 2:]
     result = np.zeros((camera.height, camera.width), np.uint8)
-    centres = np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), axis=-1)
+    centres = normalised(camera)
     seen = visible_faces(model.size, rotation.T @ (camera.position - position))
     for face in np.flatnonzero(seen):
-        outline = pixels[FACE_CORNERS[face], 0]
+        outline = pixels[FACE_CORNERS[face]]
         inside = np.ones(result.shape, bool)
         for start, end in zip(outline, np.roll(outline, -1, axis=0), strict=True):
             (dx, dy), offset = end - start, centres - start

@@ -1,9 +1,10 @@
 """Renders scenes with the platform's own simulation package; runs in an environment that has it.
 
-    python package_script.py cube|cuboid COUNT SEED SCALE OUT.npz
+    python package_script.py cube|cuboid COUNT SEED SCALE MARGIN OUT.npz
 
-SCALE 1 draws each pixel by one ray, as the package does; SCALE 4 takes the mean of 4×4. The lens is drawn
-without distortion: the package bends finished pictures by whole pixels.
+SCALE 1 draws each pixel by one ray, as the package does; SCALE 4 takes the mean of 4×4. Pictures show MARGIN
+pixels more on each side. The lens is drawn without distortion: the package bends finished pictures by whole
+pixels.
 """
 
 # The package is no dependency of this project, and neither is what comes along with it.
@@ -36,8 +37,8 @@ CLEARANCE = 0.012
 class Studio:
     """The simulated platform with one object, and its cameras."""
 
-    def __init__(self, kind: str, scale: int) -> None:
-        self.half, self.scale = HALF[kind], scale
+    def __init__(self, kind: str, scale: int, margin: int) -> None:
+        self.half, self.scale, self.size = HALF[kind], scale, SIZE + 2 * margin
         self.robot = trifinger_simulation.SimFinger("trifingerpro", enable_visualization=False)
         self.client = {"physicsClientId": self.robot._pybullet_client_id}
         data = trifinger_simulation.get_data_dir()
@@ -55,17 +56,20 @@ class Studio:
         stated = camera.load_camera_parameters(
             data / "camera_params", "camera{id}_cropped_and_downsampled.yml"
         )
-        self.cameras = [self._camera(parameters, scale) for parameters in stated]
+        self.cameras = [self._camera(parameters, scale, margin) for parameters in stated]
 
-    def _camera(self, parameters: camera.CameraParameters, scale: int) -> camera.CalibratedCamera:
+    def _camera(
+        self, parameters: camera.CameraParameters, scale: int, margin: int
+    ) -> camera.CalibratedCamera:
         matrix = parameters.camera_matrix.copy()
+        matrix[:2, 2] += margin
         matrix[:2] *= scale
         matrix[:2, 2] += (scale - 1) / 2
         result = camera.CalibratedCamera(
             matrix,
             np.zeros(5),
             parameters.tf_world_to_camera,
-            (scale * SIZE, scale * SIZE),
+            (scale * self.size, scale * self.size),
             0.02,
             2.0,
             self.robot._pybullet_client_id,
@@ -115,8 +119,8 @@ class Studio:
         return np.stack([np.rint(self._shrunk(picture)) for picture in pictures]).astype(np.uint8)
 
     def _shrunk(self, picture: np.ndarray) -> np.ndarray:
-        scale = self.scale
-        result: np.ndarray = picture.reshape(SIZE, scale, SIZE, scale, -1).mean(axis=(1, 3))
+        size, scale = self.size, self.scale
+        result: np.ndarray = picture.reshape(size, scale, size, scale, -1).mean(axis=(1, 3))
         return result
 
     def masks(self) -> np.ndarray:
@@ -137,9 +141,9 @@ class Studio:
         return self._shrunk((shown & 0xFFFFFF) == self.body)[:, :, 0] > 0.5
 
 
-def main(kind: str, count: int, seed: int, scale: int, out: str) -> None:
+def main(kind: str, count: int, seed: int, scale: int, margin: int, out: str) -> None:
     """Write `count` scenes; scene k depends on seed and k alone."""
-    studio = Studio(kind, scale)
+    studio = Studio(kind, scale, margin)
     images, masks, positions, rotations = [], [], [], []
     for k in range(count):
         position, rotation = studio.draw(np.random.default_rng([seed, k]))
@@ -157,4 +161,6 @@ def main(kind: str, count: int, seed: int, scale: int, out: str) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], int(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4]), sys.argv[5])
+    kind, *numbers, out = sys.argv[1:]
+    count, seed, scale, margin = (int(number) for number in numbers)
+    main(kind, count, seed, scale, margin, out)

@@ -8,6 +8,7 @@ from typing import Any
 
 from benchmarks.dice_tables import dice_markdown
 from benchmarks.film_tables import film_markdown
+from benchmarks.motion_tables import motion_markdown
 from benchmarks.records import Results
 from benchmarks.rigs import rigs_markdown
 from benchmarks.speed_tables import speed_tables
@@ -65,6 +66,8 @@ def results_markdown(results: Results, notes: Path = NOTES) -> str:
         parts += ["## Over time", *film_markdown(results["films"])]
     if results.get("rigs"):
         parts += ["## Other rigs", *rigs_markdown(results["rigs"])]
+    if results.get("motion"):
+        parts += ["## Fast motions", *motion_markdown(results["motion"])]
     if results.get("dice"):
         parts += ["## Dice", *dice_markdown(results["dice"])]
     if results.get("speed"):

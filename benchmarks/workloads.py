@@ -17,7 +17,7 @@ import numpy as np
 import tracker
 from benchmarks import disturbances
 from benchmarks.cache import CACHE, SceneStore
-from benchmarks.package_scenes import PackageStore
+from benchmarks.package_scenes import Drawing, PackageStore
 from benchmarks.scenes import OBJECTS, SEED, Scene, rig
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Image
@@ -53,7 +53,7 @@ class Workload:
     about: str
     """What is special about it, for tables."""
     base: str = "realistic"
-    """Set of scenes: realistic, clean, bins, absent, package (as drawn) or smooth package (4×4 points)."""
+    """Set of scenes: realistic, clean, bins, absent or one of PACKAGES."""
     disturb: disturbances.Disturbance | None = None
     cameras: int = 3
     """With fewer than three each camera, or each pair of them, in turn."""
@@ -88,14 +88,29 @@ _WORKLOADS = (
         "smooth package",
         disturb=disturbances.slightly_poor,
     ),
+    Workload(
+        "simulation package, lens",
+        "as it draws, bent by the lens, and the cameras' stated deviations believed",
+        "lens package",
+    ),
+    Workload(
+        "simulation package, lens, blurred",
+        "the same, blur σ 0.5 px",
+        "lens package",
+        disturb=disturbances.slight_blur,
+    ),
 )
 WORKLOADS = tuple(dataclasses.replace(w, stream=k) for k, w in enumerate(_WORKLOADS))
 """The workloads; new ones come last, since a workload's random numbers depend on its place."""
 
 BY_NAME = {workload.name: workload for workload in WORKLOADS}
 
-PACKAGE_SCALES = {"package": 1, "smooth package": 4}
-"""Points along each axis of a pixel, by set of scenes."""
+PACKAGES = {
+    "package": Drawing(),
+    "smooth package": Drawing(scale=4),
+    "lens package": Drawing(lens=True),
+}
+"""How the simulation package draws, by set of scenes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,8 +184,8 @@ class SceneSet:
         self.colors: ColorModel | None = None
         self.indices: Sequence[int]
         self._store: SceneStore | PackageStore
-        if base in PACKAGE_SCALES:
-            store = PackageStore(object_name, PACKAGE_SCALES[base], sizes.package, folder)
+        if base in PACKAGES:
+            store = PackageStore(object_name, PACKAGES[base], sizes.package, folder)
             self.rig, self.colors = store.rig, tracker.load_colors("simulation")
             self._store, self.indices = store, range(sizes.package)
         elif base == "bins":

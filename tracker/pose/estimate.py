@@ -24,7 +24,8 @@ from tracker.pose.judge import log_odds, possible, rank
 from tracker.pose.result import Status
 from tracker.pose.scale import label_camera, label_factors
 from tracker.pose.solve.refiner import Refiner
-from tracker.pose.solve.schedule import FOLLOWING, LIKELY, SCHEDULE, Schedule, Start
+from tracker.pose.solve.schedule import FOLLOWING, SCHEDULE, Schedule
+from tracker.pose.start import LIKELY, Start
 
 ALIGN_REACHES = np.array([5, 4, 3])
 """Reach of the label transitions' search in each alignment step [px of the label map]."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tracker.conventions import Array, FloatArray
-from tracker.pose.solve.schedule import LIKELY, Start
+from tracker.pose.start import LIKELY, Start
 
 SEEN = np.dtype(
     [

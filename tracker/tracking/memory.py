@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from tracker.pose.result import Observation
-from tracker.pose.solve.schedule import LIKELY, Start
+from tracker.pose.start import LIKELY, Start
 from tracker.tracking.belief import Belief, TrackingOptions
 from tracker.tracking.cameras import CameraMemory
 

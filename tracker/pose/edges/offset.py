@@ -21,13 +21,11 @@ import numpy as np
 from tracker.compiled import compiled
 from tracker.conventions import Array, FloatArray
 from tracker.pose.edges.pixels import MAX_PIXELS
-from tracker.pose.edges.profile import model, surfaces
+from tracker.pose.edges.profile import surfaces
+from tracker.pose.edges.squares import BLUR, SHIFT, eliminate, misfit, products, substitute, widening
 
 MIN_CONTRAST = 14.0
 """Least distance between the two surfaces' colours [levels]."""
-
-RIDGE = 0.003
-"""Weight of a surface's prior colour, the mean of its pixels, against one pixel."""
 
 SLOPE = 2.0
 """Standard deviation of a surface's slope of brightness across a silhouette [levels/px]: shading, shadows."""
@@ -70,14 +68,14 @@ class Scratch(NamedTuple):
     """(3, 8, 8) products of the columns, for each part."""
     raw: FloatArray
     """(3, 8, 3) products of the columns with the channels."""
-    found: FloatArray
-    """(3, 8, 4) solutions for the channels and for an extra column."""
     factor: FloatArray
-    """(8, 8)"""
+    """(3, 8, 8) Cholesky factors of `full`, for each part."""
+    half: FloatArray
+    """(3, 8, 5) right sides after forward substitution: channels, blur, shift."""
+    found: FloatArray
+    """(3, 8, 5) solutions."""
     color: FloatArray
     """(2, 3) inside and outside."""
-    unit: FloatArray
-    """(8,) zeros"""
     edges: FloatArray
     """(5,) where the edges between the surfaces lie [px]."""
 
@@ -88,10 +86,10 @@ def scratch() -> Scratch:
         np.empty((8, MAX_PIXELS)),
         np.empty((3, 8, 8)),
         np.zeros((3, 8, 3)),
-        np.empty((3, 8, 4)),
-        np.empty((8, 8)),
+        np.empty((3, 8, 8)),
+        np.empty((3, 8, 5)),
+        np.empty((3, 8, 5)),
         np.empty((2, 3)),
-        np.zeros(8),
         np.empty(5),
     )
 
@@ -99,73 +97,6 @@ def scratch() -> Scratch:
 _BLOOM = math.sqrt(math.pi) / 3
 """A response of exponent γ lifts the middle of an edge by (γ - 1) · Δ²/sum · w (1 - w), with w the step and
 the sum of both colours; weighted with the line, w (1 - w) is 1/6, and the line's energy 1/(2√π blur)."""
-
-
-@compiled(fastmath=True)
-def _dot(a, b, n):  # type: ignore[no-untyped-def]
-    """Sum of products of the first n; in whatever order is fastest, but always in the same."""
-    total = 0.0
-    for i in range(n):
-        total += a[i] * b[i]
-    return total
-
-
-@compiled(error_model="numpy")
-def _solve(full, raw, extra, m, size, stiffness, factor, out):  # type: ignore[no-untyped-def]
-    """Out (size, 4): least squares of the colours' three channels raw (·, 3), and of the column `extra`.
-
-    full: the columns' products, lower half. The first m unknowns, surfaces' colours, are drawn a little to
-    the mean of their pixels, those after the line (m) to zero with `stiffness`.
-    """
-    for i in range(size):
-        for j in range(i + 1):
-            factor[i, j] = full[i, j]
-        for k in range(3):
-            out[i, k] = raw[i, k]
-        out[i, 3] = extra[i]
-        if i < m:
-            total = 1e-9
-            for j in range(m):
-                total += full[max(i, j), min(i, j)]
-            factor[i, i] += RIDGE
-            for k in range(3):
-                out[i, k] += RIDGE * raw[i, k] / total
-        elif i > m:
-            factor[i, i] += stiffness
-    for i in range(size):
-        for j in range(i):
-            for k in range(j):
-                factor[i, j] -= factor[i, k] * factor[j, k]
-            factor[i, j] *= factor[j, j]
-        for k in range(i):
-            factor[i, i] -= factor[i, k] ** 2
-        # The diagonal holds reciprocals.
-        factor[i, i] = 1.0 / math.sqrt(max(factor[i, i], 1e-9))
-    for i in range(size):
-        for k in range(i):
-            for ch in range(4):
-                out[i, ch] -= factor[i, k] * out[k, ch]
-        for ch in range(4):
-            out[i, ch] *= factor[i, i]
-    for i in range(size - 1, -1, -1):
-        for k in range(i + 1, size):
-            for ch in range(4):
-                out[i, ch] -= factor[k, i] * out[k, ch]
-        for ch in range(4):
-            out[i, ch] *= factor[i, i]
-
-
-@compiled(error_model="numpy")
-def _misfit(full, raw, squares, size, found, first, last):  # type: ignore[no-untyped-def]
-    """Sum of squared residuals over pixels and channels; squares: sum of the values' squares."""
-    total = squares
-    for k in range(first, last):
-        for i in range(size):
-            product = 0.5 * full[i, i] * found[i, k] - raw[i, k]
-            for j in range(i):
-                product += full[i, j] * found[j, k]
-            total += 2.0 * product * found[i, k]
-    return total
 
 
 @compiled(inline="always")
@@ -177,44 +108,9 @@ def _label(palette, color):  # type: ignore[no-untyped-def]
 
 
 @compiled(inline="always")
-def _variance(misfit, degrees, noise):  # type: ignore[no-untyped-def]
+def _variance(squares, degrees, noise):  # type: ignore[no-untyped-def]
     """Of a pixel's channel, by what does not fit, and at least that of the noise."""
-    return max(noise * noise, misfit / max(degrees, 1))
-
-
-@compiled(error_model="numpy")
-def _blurred(full, raw, found, m, wide, inside, first, last):  # type: ignore[no-untyped-def]
-    """What speaks for a change of blur that colours and shift cannot explain, and how much could."""
-    own, wider, contrast = full[wide, wide], 0.0, 0.0
-    for i in range(m + 1):
-        own -= full[wide, i] * found[i, 3]
-    if own <= 1e-3 * full[wide, wide]:
-        return 0.0, 0.0
-    for k in range(first, last):
-        difference = found[inside, k] - found[inside + 1, k]
-        contrast += difference**2
-        off = raw[wide, k]
-        for i in range(m + 1):
-            off -= full[wide, i] * found[i, k]
-        wider -= difference * off
-    return wider, contrast * own
-
-
-@compiled(error_model="numpy")
-def _products(strip, g, part, shift, distance, values, m, inside, slopes, reach, blur, scratch):  # type: ignore[no-untyped-def]
-    """Products of the columns with each other and with `part` channels from g on; returns Σ values²."""
-    first, last = strip.first[g], strip.first[g] + strip.count[g]
-    columns, full, raw, pixels = scratch.columns, scratch.full[g], scratch.raw[g], last - first
-    model(distance[first:last], shift, scratch.edges, m, inside, slopes, reach, blur, columns)
-    for i in range(m + slopes + 2):
-        for j in range(i + 1):
-            full[i, j] = _dot(columns[i], columns[j], pixels)
-        for k in range(g, g + part):
-            raw[i, k] = _dot(columns[i], values[k, first:last], pixels)
-    squares = 0.0
-    for k in range(g, g + part):
-        squares += _dot(values[k, first:last], values[k, first:last], pixels)
-    return squares
+    return max(noise * noise, squares / max(degrees, 1))
 
 
 @compiled(error_model="numpy")
@@ -231,28 +127,25 @@ def _is_of_face(strip, color, palette):  # type: ignore[no-untyped-def]
 
 
 @compiled(error_model="numpy")
-def _place_edge(  # type: ignore[no-untyped-def]
-    parts, m, inside, wide, squares, count, stiffness, reach, blur, noise, scratch, result,
-):  # fmt: skip
-    """Offset, variance and bloom of an edge, from the products of its strip."""
+def _place_edge(parts, m, inside, wide, squares, count, stiffness, reach, blur, noise, scratch, result):  # type: ignore[no-untyped-def]
+    """Offset, variance and bloom of an edge: the slopes are solved for, too."""
     part = 3 // parts
-    scratch.unit[m] = 1.0
-    misfit, weight, shift, lift = squares, 0.0, 0.0, 0.0
+    left, weight, shift, lift = squares, 0.0, 0.0, 0.0
     for g in range(parts):
-        found = scratch.found[g]
-        _solve(scratch.full[g], scratch.raw[g], scratch.unit, m, wide, stiffness, scratch.factor, found)
-        misfit = _misfit(scratch.full[g], scratch.raw[g], misfit, wide, found, g, g + part)
-        known = 1.0 / found[m, 3]
+        full, raw, found = scratch.full[g], scratch.raw[g], scratch.found[g]
+        eliminate(full, raw, m + 1, wide, m, wide, g, part, stiffness, scratch.factor[g], scratch.half[g])
+        substitute(scratch.factor[g], scratch.half[g], wide, g, part, SHIFT, found)
+        left = misfit(full, raw, left, wide, found, g, g + part)
+        known = 1.0 / found[m, SHIFT]
         for k in range(g, g + part):
             difference = found[inside, k] - found[inside + 1, k]
             weight += known * difference**2
             shift += known * difference * found[m, k]
             total = max(found[inside, k] + found[inside + 1, k], 16.0)
             lift += known * difference**3 / total
-    scratch.unit[m] = 0.0
-    weight = max(weight, MIN_CONTRAST**2 / scratch.found[0, m, 3])
+    weight = max(weight, MIN_CONTRAST**2 / scratch.found[0, m, SHIFT])
     result.offset = min(reach, max(-reach, shift / weight))
-    result.variance = _variance(misfit, count - 3 * wide, noise) / weight
+    result.variance = _variance(left, count - 3 * wide, noise) / weight
     result.bloom = _BLOOM * blur * lift / weight
     result.usable = True
 
@@ -264,32 +157,44 @@ def _measure(strip, parts, shift, distance, values, palette, reach, blur, noise,
     m, inside = surfaces(strip, reach + 1.5 * blur, scratch.edges)
     slopes = 2 if strip.outside == 0 else 0
     wide = m + slopes + 1
-    count, squares = 0, 0.0
+    count, squares = 0, strip.squares
     for g in range(parts):
-        squares += _products(strip, g, part, shift, distance, values, m, inside, slopes, reach, blur, scratch)
+        products(strip, g, part, shift, distance, values, m, inside, slopes, reach, blur, scratch)
         count += strip.count[g] * part
-    for g in range(parts):
+        eliminate(
+            scratch.full[g],
+            scratch.raw[g],
+            0,
+            m + 1,
+            m,
+            wide,
+            g,
+            part,
+            0.0,
+            scratch.factor[g],
+            scratch.half[g],
+        )
         found = scratch.found[g]
-        _solve(scratch.full[g], scratch.raw[g], scratch.full[g, wide], m, m + 1, 0.0, scratch.factor, found)
+        substitute(scratch.factor[g], scratch.half[g], m + 1, g, part, BLUR, found)
         for k in range(g, g + part):
             scratch.color[0, k], scratch.color[1, k] = found[inside, k], found[inside + 1, k]
     if not _is_of_face(strip, scratch.color, palette):
         return
-    misfit, wider, sharpness = squares, 0.0, 0.0
+    left, wider, sharpness = squares, 0.0, 0.0
     for g in range(parts):
-        found = scratch.found[g]
-        misfit = _misfit(scratch.full[g], scratch.raw[g], misfit, m + 1, found, g, g + part)
+        full, raw, found = scratch.full[g], scratch.raw[g], scratch.found[g]
+        left = misfit(full, raw, left, m + 1, found, g, g + part)
         if m == 2:
-            one, two = _blurred(scratch.full[g], scratch.raw[g], found, m, wide, inside, g, g + part)
+            one, two = widening(full, raw, found, m, wide, inside, g, g + part)
             wider, sharpness = wider + one, sharpness + two
-    variance = _variance(misfit, count - 3 * (m + 1), noise)
+    variance = _variance(left, count - 3 * (m + 1), noise)
     if sharpness > 0.0:
         result.sharpness = sharpness / variance
         result.wider = wider / sharpness
     slope = SLOPE * min(1.0, max(1e-3, (blur - SHARP) / (SOFT - SHARP)))
     _place_edge(
-        parts, m, inside, wide, squares, count, variance / slope**2, reach, blur, noise, scratch, result,
-    )  # fmt: skip
+        parts, m, inside, wide, squares, count, variance / slope**2, reach, blur, noise, scratch, result
+    )
 
 
 @compiled(error_model="numpy")

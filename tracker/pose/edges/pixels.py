@@ -92,10 +92,14 @@ def collect(image, tilt, red, strips, n, reach, scale, distance, values):  # typ
     for s in range(n):
         strip = strips[s]
         strip.in_view = _in_view(strip, reach, image.shape[1], image.shape[0])
+        strip.squares = 0.0
         for part in range(3):
             strip.first[part], strip.count[part] = start, 0
             if strip.in_view and (part == 0 or red >= 0):
                 strip.count[part] = _collect(
                     image, tilt, red, part, strip, reach, stride, start, distance, values
                 )
+                for k in range(part, part + (1 if red >= 0 else 3)):
+                    for i in range(start, start + strip.count[part]):
+                        strip.squares += values[k, i] ** 2
                 start += strip.count[part]

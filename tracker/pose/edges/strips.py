@@ -35,6 +35,7 @@ STRIP = np.dtype(
         ("in_view", np.bool_),  # whether the picture shows it as a whole
         ("first", np.int64, (3,)),  # where its pixels begin, for each part of a mosaic
         ("count", np.int64, (3,)),  # how many they are
+        ("squares", np.float64),  # sum of their squared values
     ]
 )
 """A piece of a visible edge."""

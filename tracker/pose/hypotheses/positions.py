@@ -24,6 +24,9 @@ from tracker.pose.hypotheses.gather import face_mask, gather
 MIN_VOTE, MIN_SHARE = 0.15, 0.35
 """Least vote of a position: absolute, and as a share of the best."""
 
+ALMOST = 0.95
+"""The same where the best alone is wanted."""
+
 STEP = 0.4
 """Distance of the grid's points [radii of the object]."""
 
@@ -107,11 +110,11 @@ def vote(integrals, lenses, used, x, y, z, radius, area_share, slack):  # type: 
 
 
 @compiled
-def search(integrals, lenses, used, cells, size, leaf, inside, radius, area_share, points, scores):  # type: ignore[no-untyped-def]
+def search(integrals, lenses, used, cells, size, leaf, inside, radius, area_share, share, points, scores):  # type: ignore[no-untyped-def]
     """Fill points (N, 3), scores (N,) with the votes that may count; returns how many they are.
 
     cells (M, 3): centres of the coarsest cells; size, leaf: edge of these and of the finest ones [m]; inside:
-    centre x, y, radius, bottom and top of the arena [m].
+    centre x, y, radius, bottom and top of the arena [m]; share: least vote, of the best one.
     """
     stack, sizes = np.empty((len(cells) + 400, 3)), np.empty(len(cells) + 400)
     bounds = np.empty(len(cells))
@@ -134,13 +137,13 @@ def search(integrals, lenses, used, cells, size, leaf, inside, radius, area_shar
             if far > inside[2] or z < inside[3] or z > inside[4]:
                 continue
             score = vote(integrals, lenses, used, x, y, z, radius, area_share, 0.0)
-            if score >= max(MIN_VOTE, MIN_SHARE * best) and count < len(scores):
+            if score >= max(MIN_VOTE, share * best) and count < len(scores):
                 points[count, 0], points[count, 1], points[count, 2], scores[count] = x, y, z, score
                 count += 1
                 best = max(best, score)
             continue
         bound = vote(integrals, lenses, used, x, y, z, radius, area_share, 0.87 * edge)
-        if bound < max(MIN_VOTE, MIN_SHARE * best) or top + BRANCH**3 > len(sizes):
+        if bound < max(MIN_VOTE, share * best) or top + BRANCH**3 > len(sizes):
             continue
         part = edge / BRANCH
         for i in range(BRANCH**3):
@@ -207,7 +210,7 @@ def centre(lenses, labels, mask, used, radius, position, rounds, stats):  # type
 
 
 def _cells(arena: Arena, leaf: float, bottom: float, top: float) -> tuple[FloatArray, float]:
-    """Centres (M, 3) of few cells that cover the arena, and their edge [m]: leaves times a power of BRANCH."""
+    """Centres (M, 3) of few cells that cover the arena, and their edge [m], a power of BRANCH leaves."""
     size = leaf
     while True:
         across, up = math.ceil(2 * arena.radius / size), math.ceil((top - bottom) / size)
@@ -249,23 +252,31 @@ class PositionSearch:
 
     def positions(self, labels: Array, integrals: Array, used: Array, most: int) -> Iterator[FloatArray]:
         """Up to `most` centred positions (3,) [m], best first; each is worked out when it is asked for."""
-        points, scores = np.empty((MOST_POINTS, 3)), np.empty(MOST_POINTS)
-        count = search(
-            integrals, self.lenses, used, self._cells, self._size, self._leaf, self._inside, self.radius,
-            self.area_share, points, scores,
-        )  # fmt: skip
-        if count == 0:
-            return
-        points, scores = points[:count], scores[:count]
+        points, scores = self._votes(integrals, used, ALMOST)
         stats = np.empty((len(self.lenses), 7, 3))
-        least = max(MIN_VOTE, MIN_SHARE * float(scores.max()))
+        least = max(MIN_VOTE, MIN_SHARE * float(scores.max(initial=0.0)))
         separation = SEPARATION * self.radius
         found: list[FloatArray] = []
+        all_votes = False
         while len(found) < most:
             position = np.empty(3)
-            if take_best(points, scores, 2 * separation, position) < least:
+            if found and not all_votes:
+                # Few ask for more than the best.
+                points, scores = self._votes(integrals, used, MIN_SHARE)
+                take_best(points, scores, 2 * separation, position)
+                all_votes = True
+            if len(scores) == 0 or take_best(points, scores, 2 * separation, position) < least:
                 return
             centre(self.lenses, labels, self.face_mask, used, self.radius, position, CENTRING_ROUNDS, stats)
             if all(np.linalg.norm(position - other) > separation for other in found):
                 found.append(position)
                 yield position
+
+    def _votes(self, integrals: Array, used: Array, share: float) -> tuple[FloatArray, FloatArray]:
+        """Points (N, 3) [m] whose votes (N,) are at least a share of the best one's."""
+        points, scores = np.empty((MOST_POINTS, 3)), np.empty(MOST_POINTS)
+        count = search(
+            integrals, self.lenses, used, self._cells, self._size, self._leaf, self._inside, self.radius,
+            self.area_share, share, points, scores,
+        )  # fmt: skip
+        return points[:count], scores[:count]

@@ -9,8 +9,8 @@ from tracker.geometry.lens import apply_update
 from tracker.pose.edges.offset import Palette, measure
 from tracker.pose.solve.normal import accumulate, residual
 from tracker.pose.solve.robust import spread
-from tracker.pose.solve.schedule import LIKELY
 from tracker.pose.solve.step import EXPONENT, GROWTH, UNKNOWNS, calibration_share, marginal, solve_step
+from tracker.pose.start import LIKELY
 
 NOISE = 1.5
 """Least standard deviation of a pixel's channel [levels]; what does not fit the model raises it."""
@@ -78,7 +78,7 @@ def _take_stock(cameras, unknowns, tuning, work, seen):  # type: ignore[no-untyp
     for c in range(len(cameras.used)):
         # A camera that shows narrow faces only takes its blur from the others.
         if unknowns.blurs[c] == 0.0:
-            likely = known_blur / knowing if knowing > 0 else LIKELY.blur
+            likely = known_blur / knowing if knowing > 0 else cameras.blur
             unknowns.blurs[c] = cameras.scales[c] * likely
         seen[c].blur = unknowns.blurs[c]
     return spread(work.residuals[:total])

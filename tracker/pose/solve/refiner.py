@@ -18,9 +18,10 @@ from tracker.pose.fit import SEEN
 from tracker.pose.scale import relative_sizes
 from tracker.pose.solve.covariance import PRIOR, calibration_covariance, offset_weights, pose_covariance
 from tracker.pose.solve.refine import settle
-from tracker.pose.solve.schedule import LIKELY, SCHEDULE, TUNING, Schedule, Start
+from tracker.pose.solve.schedule import SCHEDULE, TUNING, Schedule
 from tracker.pose.solve.state import Cameras, Unknowns, Workspace, workspace
 from tracker.pose.solve.step import EXPONENT, GROWTH, UNKNOWNS
+from tracker.pose.start import LIKELY, Start
 from tracker.segmentation import mosaic
 
 FINE = 1.5
@@ -50,7 +51,12 @@ class _Local(threading.local):
     """A work space of each thread."""
 
     def __init__(self, cameras: int) -> None:
+        self.cameras = cameras
         self.space = workspace(cameras)
+
+    def __reduce__(self) -> tuple[type, tuple[int]]:
+        # A copy of a tracker, in this process or in another one, works in arrays of its own.
+        return type(self), (self.cameras,)
 
 
 class Refiner:
@@ -78,7 +84,7 @@ class Refiner:
         moved by η_c; the offsets' size is bound by what the calibration states of its errors.
         """
         count, work = len(self.lenses), self._local.space
-        cameras = self._cameras(views, np.asarray(position, dtype=np.float64))
+        cameras = self._cameras(views, np.asarray(position, dtype=np.float64), start.blur)
         unknowns = Unknowns(
             np.array(rotation, dtype=np.float64),
             np.array(position, dtype=np.float64),
@@ -101,7 +107,7 @@ class Refiner:
         end = Start(blur, unknowns.shared[EXPONENT], unknowns.shared[GROWTH]) if converged else LIKELY
         return Refined(unknowns.rotation, unknowns.position, covariance, seen, converged, step, end)
 
-    def _cameras(self, views: Sequence[View | None], position: FloatArray) -> Cameras:
+    def _cameras(self, views: Sequence[View | None], position: FloatArray, blur: float) -> Cameras:
         """What is known of the cameras for an object at a position (3,) [m]."""
         count = len(views)
         parts, channels = np.ones(count, np.int64), np.zeros((count, 3, 256), np.int32)
@@ -112,7 +118,7 @@ class Refiner:
                 parts[c] = 3 if view.mosaic != mosaic.NONE and scales[c] < FINE else 1
         weights = offset_weights(self._known, position)
         used = np.array([view is not None for view in views])
-        return Cameras(used, scales, parts, channels, self.label_table, weights)
+        return Cameras(used, scales, parts, channels, self.label_table, weights, blur)
 
     def _collect(
         self,

@@ -29,10 +29,10 @@ SCHEDULE = Schedule(
     blur=np.array([1.2] + [0.0] * 7),
     piece=np.array([6.0] + [5.0] * 7),
     tukey=np.array([4.0, 2.0, 1.0] + [0.5] * 5),
-    every=np.ones(8, np.int64),
+    every=np.array([2, 2] + [1] * 6),
     # A step is about a twentieth of the one before (squared). Where few pixels decide, pieces come and go
     # from step to step, and the pose stays restless.
-    negligible=np.array([0.0, 0.5, 0.5, 0.5, 0.5, 0.7, 0.9, 1.0]),
+    negligible=np.ones(8),
 )
 """From a hypothesis."""
 
@@ -41,20 +41,9 @@ FOLLOWING = Schedule(
     piece=np.full(5, 6.0),
     tukey=np.array([1.0] + [0.5] * 4),
     every=np.array([2] + [1] * 4),
-    negligible=np.full(5, 1.0),
+    negligible=np.full(5, 2.0),
 )
 """From a pose that was predicted, with a blur that is known."""
-
-
-class Start(NamedTuple):
-    """What the unknowns beside the pose are taken to be at first; the end is not bound to it."""
-
-    blur: float
-    """Standard deviation of the pictures' steps [px of an object of reference size]."""
-    exponent: float
-    """Of the cameras' response, less 1."""
-    growth: float
-    """Of the object over its model, relative."""
 
 
 class Tuning(NamedTuple):
@@ -86,9 +75,6 @@ class Tuning(NamedTuple):
     rounds: int
     """Solutions with robust weights for each measurement of the offsets."""
 
-
-LIKELY = Start(blur=0.9, exponent=0.3, growth=0.0)
-"""Where nothing is known: an exponent between that of simulations and of cameras."""
 
 TUNING = Tuning(
     reach=(1.2, 2.0),

@@ -30,6 +30,8 @@ class Cameras(NamedTuple):
     """The label table."""
     weights: FloatArray
     """(C, 6, 6) inverse covariance of the offsets that the calibration's errors cause."""
+    blur: float
+    """Of a picture that does not show it where no other does either [px of an object of reference size]."""
 
 
 class Unknowns(NamedTuple):

@@ -1,0 +1,251 @@
+from __future__ import annotations
+
+import dataclasses
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import tracker
+from benchmarks import commands, dice_scenes, films, motion_films, scenes
+from benchmarks.__main__ import main
+from benchmarks.cache import read_packed
+from benchmarks.motion_films import AHEAD, SKEW, STEADY, MotionFrame, delays, film_motion, rig
+from benchmarks.motion_paths import BULGE, HEIGHTS, LEAST, REACH, SPEED, random_motion
+from benchmarks.motion_rows import (
+    GIVEN,
+    ONE_STAMP,
+    OWN_STAMPS,
+    TOGETHER,
+    MotionOptions,
+    compared,
+    measure_motion,
+    motion_figures,
+    motion_row,
+    play,
+)
+from benchmarks.motion_tables import motion_markdown
+from benchmarks.records import read_results
+from tests.helpers import random_rotations
+from tracker.geometry import so3
+
+UNITS = ("mm", "deg", "nees")
+
+
+def pose(position, rotation=None):
+    return np.column_stack([np.eye(3) if rotation is None else rotation, position])
+
+
+def frame_of(number, moving=True) -> MotionFrame:
+    """A frame of an object that goes along x at 1 m/s."""
+    stamps = number / 10 - np.array([0.0, 0.005, 0.01])
+    image = np.full((4, 4, 3), number, np.uint8)
+    return MotionFrame(
+        stamps,
+        (image,) * 3,
+        (image + 100,) * 3,
+        np.stack([pose([stamp, 0, 0]) for stamp in stamps]),
+        pose([number / 10, 0, 0]),
+        pose([number / 10 + AHEAD, 0, 0]),
+        moving,
+        moving,
+    )
+
+
+class Knowing:
+    """A tracker that knows where the object of `frame_of` is, but for `off` [m]."""
+
+    def __init__(self, off=0.0) -> None:
+        self.off, self.said, self.resets = off, [], 0
+
+    def reset(self):
+        self.resets += 1
+
+    def update(self, images, timestamp):
+        self.said.append((int(images[0][0, 0, 0]), timestamp))
+        answer = self.predict(float(np.max(timestamp)))
+        return SimpleNamespace(object_pose=answer, filtered_object_pose=None)
+
+    def predict(self, timestamp):
+        position, orientation = np.array([timestamp, self.off, 0]), np.array([0, 0, 0, 1.0])
+        return SimpleNamespace(position=position, orientation=orientation, covariance=1e-6 * np.eye(6))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_motion_has_no_jumps_and_stays_in_view(seed):
+    motion = random_motion(np.random.default_rng(seed), -0.2, 8.0)
+    assert motion.legs[0].begin == -0.2
+    assert motion.legs[-1].end >= 7.8
+    for before, after in zip(motion.legs[:-1], motion.legs[1:], strict=True):
+        assert before.end == after.begin
+        for one, other in zip(before.pose(before.end), after.pose(after.begin), strict=True):
+            np.testing.assert_allclose(one, other, atol=1e-12)
+    speeds = [motion.speed(time) for time in np.arange(0, 7.8, 0.01)]
+    assert min(speeds) == pytest.approx(0, abs=1e-9)
+    assert 0.5 * SPEED < np.median(speeds) < 1.5 * SPEED
+    for time in np.arange(0, 7.8, 0.01):
+        (x, y, z), rotation = motion.pose(time)
+        assert np.hypot(x, y) < REACH + BULGE * LEAST
+        assert HEIGHTS[0] <= z <= HEIGHTS[1]
+        np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-9)
+
+
+def test_the_films_have_seeds_of_their_own():
+    count = len(scenes.OBJECTS)
+    own = {motion_films.SEED + k for k in range(count)}
+    taken = {scenes.SEED + 10 * k + style for k in range(count) for style in range(10)}
+    taken |= {seed + k for seed in (films.SEED, dice_scenes.SEED) for k in range(count)}
+    assert not own & taken
+
+
+def test_a_motion_goes_on_until_its_last_prediction():
+    motion = film_motion(7, 0)
+    assert motion.legs[0].begin <= -SKEW
+    assert motion.legs[-1].end >= (motion_films.FRAMES - 1) / motion_films.RATE + AHEAD
+
+
+@pytest.mark.parametrize("cameras", [2, 3, 5])
+def test_one_camera_is_the_latest_and_none_is_too_late(rng, cameras):
+    found = delays(rng, cameras)
+    assert found.min() == 0
+    assert found.max() == SKEW
+    assert len(set(found)) == cameras
+
+
+def test_a_frame_survives_the_disk(rng, tmp_path):
+    file = tmp_path / "frame.npz"
+    frame = dataclasses.replace(frame_of(3), latest=pose(rng.normal(size=3), random_rotations(rng, 1)[0]))
+    file.write_bytes(frame.packed())
+    again = read_packed(file, MotionFrame.unpacked)
+    for field in dataclasses.fields(MotionFrame):
+        assert np.array_equal(getattr(again, field.name), getattr(frame, field.name))
+    file.write_bytes(frame.packed()[:100])
+    assert read_packed(file, MotionFrame.unpacked) is None
+
+
+def test_each_camera_takes_its_picture_at_its_own_time():
+    make = motion_films._maker("cube_v2", 515151)
+    motion = film_motion(515151, 0)
+    number = next(k for k in range(100) if motion.speed(k / 10) > 0.4)
+    frame = make(number)
+    assert frame.moving
+    assert frame.timestamp == number / 10
+    for k, camera in enumerate(rig()):
+        if frame.stamps[k] == frame.timestamp:
+            assert np.array_equal(frame.skewed[k], frame.together[k])
+            continue
+        # The middle of what is coloured moves as OpenCV says that the object's centre does.
+        turn, shift = camera.camera_from_world[:3, :3], camera.camera_from_world[:3, 3]
+        places, _ = cv2.projectPoints(
+            np.stack([frame.latest[:, 3], frame.at_stamps[k, :, 3]]),
+            cv2.Rodrigues(turn)[0],
+            shift,
+            camera.matrix,
+            camera.distortion,
+        )
+        moved = places[1, 0] - places[0, 0]
+        assert np.linalg.norm(moved) > 0.5
+        seen = _middle(frame.skewed[k]) - _middle(frame.together[k])
+        np.testing.assert_allclose(seen, moved, atol=0.2 * np.linalg.norm(moved))
+
+
+def _middle(image):
+    """(2,) centroid of saturated pixels [px]."""
+    blurred = cv2.GaussianBlur(image, (0, 0), 1.0).astype(float)
+    chosen = np.ptp(blurred, axis=2) > 60
+    _, _, stats, centroids = cv2.connectedComponentsWithStats(chosen.astype(np.uint8))
+    return centroids[1 + np.argmax(stats[1:, cv2.CC_STAT_AREA])]
+
+
+@pytest.mark.parametrize("way", GIVEN)
+def test_a_frame_is_given_with_the_stamps_of_its_way(way):
+    own = Knowing()
+    played = play(own, [frame_of(k) for k in range(3)], GIVEN[way])
+    assert own.resets == 1
+    for k, (first_pixel, stamps) in enumerate(own.said):
+        assert first_pixel == k + (0 if way == TOGETHER else 100)
+        assert stamps == (frame_of(k).stamps.tolist() if way == OWN_STAMPS else k / 10)
+    np.testing.assert_allclose(played.measured, 0, atol=1e-9)
+    np.testing.assert_allclose(played.predicted, 0, atol=1e-9)
+    assert np.isnan(played.filtered).all()
+
+
+def test_what_is_compared_has_units(rng):
+    rotation = random_rotations(rng, 1)[0]
+    off = so3.exp([0, 0, np.radians(2)]) @ rotation
+    found = SimpleNamespace(
+        position=np.array([0.003, 0, 0]),
+        orientation=so3.quaternion_from_matrix(off),
+        covariance=np.diag([1e-6] * 3 + [np.radians(1) ** 2] * 3),
+    )
+    assert compared(found, pose([0, 0, 0], rotation)) == pytest.approx((3, 2, 13))
+    assert np.isnan(compared(None, pose([0, 0, 0]))).all()
+
+
+def test_only_frames_that_move_count():
+    frames = [frame_of(k, moving=k < 3) for k in range(10)]
+    rows = []
+    for way, off in ((TOGETHER, 0.001), (ONE_STAMP, 0.004)):
+        row = motion_row([play(Knowing(off), frames, GIVEN[way])])
+        assert (row["frames"], row["moving"], row["steady"]) == (10, 3, 3)
+        assert (row["measured_frames"], row["filtered_frames"]) == (3, 0)
+        assert row["measured_mm"] == pytest.approx(1e3 * off)
+        assert row["steady_predicted_nees"] == pytest.approx(1e6 * off**2)
+        assert np.isnan(row["filtered_mm"])
+        rows.append({"object": "cube_v2", "given": way, **row})
+    figures = motion_figures(rows)
+    assert figures["unstamped_ratio_mm"] == pytest.approx(4)
+    assert figures["predicted_mm"] == pytest.approx(1)
+    assert "skewed_mm" not in figures
+    text = "\n".join(motion_markdown({"about": {"seed": 1, "films": 1, "frames": 10}, "rows": rows}))
+    assert "skewed, one stamp" in text
+    assert "4.000 mm" in text
+    assert "nan" not in text
+
+
+def test_steady_frames_lie_within_one_leg():
+    motion = film_motion(515151, 0)
+    for number in range(20):
+        frame_leg, time = motion.leg(number / 10), number / 10
+        if frame_leg.begin <= time - STEADY and frame_leg.end >= time + AHEAD:
+            assert motion.leg(time - STEADY) is frame_leg
+            assert motion.leg(time + AHEAD - 1e-9) is frame_leg
+
+
+def test_the_tracker_of_today_is_measured_on_simultaneous_pictures(tmp_path, monkeypatch):
+    monkeypatch.setattr("benchmarks.motion_rows.OBJECTS", ("cube_v2",))
+
+    def make(model, cameras):
+        own = tracker.ObjectTracker(model, cameras)
+        return SimpleNamespace(update=own.update, reset=own.reset, predict=lambda timestamp: None)
+
+    options = MotionOptions(films=1, length=3, seed=515151, workers=1, cache=tmp_path)
+    results = measure_motion(options, ways=(TOGETHER,), make=make)
+    (row,) = results["rows"]
+    assert row["frames"] == 3
+    assert row["measured_frames"] == row["moving"]
+    assert not row["moving"] or row["measured_mm"] < 1
+
+
+def test_the_command_adds_its_section(tmp_path, monkeypatch):
+    seen = []
+
+    def measured(options, say):
+        seen.append(options)
+        rows = [
+            {"object": "cube_v2", "given": way, **motion_row([play(Knowing(), [frame_of(1)], GIVEN[way])])}
+            for way in GIVEN
+        ]
+        about = {"seed": options.seed, "films": options.films, "frames": options.length}
+        return {"about": about, "rows": rows, "figures": {"cube_v2": motion_figures(rows)}}
+
+    monkeypatch.setattr(commands, "measure_motion", measured)
+    arguments = ["motion", "--quick", "--seed", "5", "-o", str(tmp_path), "--cache", str(tmp_path)]
+    done = CliRunner().invoke(main, arguments, catch_exceptions=False)
+    assert done.exit_code == 0
+    assert seen[0].seed == 5
+    assert "## Fast motions" in done.output
+    assert read_results(tmp_path)["motion"]["about"]["seed"] == 5
+    assert all(f"skewed_{unit}" in read_results(tmp_path)["motion"]["figures"]["cube_v2"] for unit in UNITS)
