@@ -5,7 +5,7 @@
 Right and wrong fits on the way to the answers teach the weights, the answers their scale: with all
 cameras, with two and with one, with exact and with perturbed calibration, under changed light, with noise,
 and where there is no object.
-Prints the weights that tracker/pose/acceptance.py holds, and how reliable they are on scenes left out.
+Prints the weights that tracker/pose/judge.py holds, and how reliable they are on scenes left out.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from tracker.conventions import FloatArray
 from tracker.geometry import so3
 from tracker.objects.model import load_object
 from tracker.pipeline import ObjectTracker
-from tracker.pose import acceptance
-from tracker.pose.judge import WEIGHTS, features, probably_near
+from tracker.pose import judge
 from tracker.pose.fit import Fit
+from tracker.pose.judge import WEIGHTS, features, probably_near
 
 SEED = 101
 OBJECTS = ("cube_v2", "cuboid_2x2x8_v2")
@@ -150,8 +150,8 @@ def scale(odds: FloatArray, near: FloatArray, right: FloatArray) -> FloatArray:
 
 def accept_almost_all() -> None:
     """Lower the limits of acceptance, since the weights have to learn from what is refused as well."""
-    acceptance.MIN_EXPLAINED, acceptance.MAX_WRONG, acceptance.MIN_INLIERS = 0.1, 0.6, 4.0
-    acceptance.MIN_LEAD, acceptance.MIN_TRUST, acceptance.MIN_DEFINITE = -1.0, 0.0, 0.0
+    judge.MIN_EXPLAINED, judge.MAX_WRONG, judge.MIN_INLIERS = 0.1, 0.6, 4.0
+    judge.MIN_LEAD, judge.MIN_TRUST, judge.MIN_DEFINITE = -1.0, 0.0, 0.0
 
 
 def main(scenes: int) -> None:

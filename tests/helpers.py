@@ -10,9 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from tracker.conventions import Array, FloatArray
+from tracker.conventions import Array, FloatArray, Image
 from tracker.geometry import so3
 from tracker.geometry.camera import Camera
+from tracker.pipeline import ObjectTracker
+from tracker.pose.estimate import Sight
 
 ROOT = Path(__file__).resolve().parents[1]
 """Folder of the repository."""
@@ -84,3 +86,9 @@ def image_grid(camera: Camera, count: int = 15) -> FloatArray:
     columns = np.linspace(-0.5, camera.width - 0.5, count)
     rows = np.linspace(-0.5, camera.height - 0.5, count)
     return np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
+
+
+def sight_of(tracker: ObjectTracker, images: Sequence[Image]) -> Sight:
+    """What a tracker's estimator is given of its cameras' images."""
+    views = [tracker._reader.read(tracker._reader.see(image), grey_world=False) for image in images]
+    return tracker._estimator.sight(views)

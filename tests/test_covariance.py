@@ -6,7 +6,7 @@ import numpy as np
 
 from tests.helpers import make_camera, random_rotations
 from tracker.geometry import so3
-from tracker.pose import covariance
+from tracker.pose.solve import covariance
 
 
 def test_element_wise_std_gives_back_the_rotation_vectors(rng):

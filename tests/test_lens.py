@@ -3,10 +3,9 @@ from __future__ import annotations
 import numpy as np
 
 from tests.helpers import make_camera, numerical_jacobian, random_rotations
-from tracker.geometry import so3
+from tracker.geometry import lens, so3
 from tracker.geometry.cuboid import visible_faces as visible_faces_reference
-from tracker.pose import lens
-from tracker.pose.views import stack_lenses
+from tracker.geometry.lens import stack_lenses
 
 
 def test_compiled_projection_is_the_cameras(rng):

@@ -2,12 +2,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from tests.helpers import numerical_jacobian, random_rotations
 from tracker.geometry import so3
-from tracker.pose import motion
+from tracker.tracking import motion
 from tracker.tracking.motion import STATE, Motions
 
 DT = 0.1
@@ -16,60 +14,6 @@ PUSHED = Motions(
     still=np.array([False]), walk=np.array([[3e-4, 6e-3]]), push=np.array([[0.05, 1.0]]), lasting=np.ones(1)
 )
 """Constant velocity, disturbed, and nothing else."""
-
-
-def exp(vector):
-    out = np.empty((3, 3))
-    motion._exp(np.asarray(vector, dtype=np.float64), out)
-    return out
-
-
-def log(rotation):
-    out = np.empty(3)
-    motion._log(np.ascontiguousarray(rotation), out)
-    return out
-
-
-@given(st.floats(0, 3.14), st.integers(0, 2**31))
-def test_exp_and_log_are_inverse_and_those_of_so3(angle, seed):
-    axis = np.random.default_rng(seed).normal(size=3)
-    vector = angle * axis / np.linalg.norm(axis)
-    np.testing.assert_allclose(exp(vector), so3.exp(vector), atol=1e-14)
-    np.testing.assert_allclose(log(so3.exp(vector)), vector, atol=1e-11)
-    np.testing.assert_allclose(log(exp(vector)), vector, atol=1e-11)
-
-
-@pytest.mark.parametrize("angle", [0.0, 1e-300, 1e-12, 1e-7, 0.999e-6, 1.001e-6, 0.999e-4, 1.001e-4, 1e-3])
-def test_exp_and_log_keep_the_digits_of_small_turns(angle, rng):
-    axis = rng.normal(size=3)
-    vector = angle * axis / np.linalg.norm(axis)
-    np.testing.assert_allclose(exp(vector), so3.exp(vector), rtol=1e-15, atol=1e-16)
-    np.testing.assert_allclose(log(exp(vector)), vector, rtol=1e-11, atol=1e-18)
-
-
-@pytest.mark.parametrize("below", [1e-1, 1e-3, 1e-5])
-def test_log_is_good_up_to_nearly_a_half_turn(below, rng):
-    for axis in [*np.eye(3), *rng.normal(size=(20, 3))]:
-        vector = (np.pi - below) * axis / np.linalg.norm(axis)
-        np.testing.assert_allclose(log(so3.exp(vector)), vector, atol=1e-9)
-
-
-@pytest.mark.parametrize("below", [0.0, 1e-8, 1e-7])
-def test_log_of_a_half_turn_is_not_small(below, rng):
-    for axis in [*np.eye(3), *rng.normal(size=(20, 3))]:
-        vector = (np.pi - below) * axis / np.linalg.norm(axis)
-        assert np.linalg.norm(log(so3.exp(vector))) == pytest.approx(np.pi, abs=1e-5)
-
-
-@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-3, 1.0, 2.0, np.pi - 1e-9, np.pi])
-def test_compiled_quaternion_is_that_of_so3(angle, rng):
-    for axis in [*np.eye(3), *-np.eye(3), *rng.normal(size=(20, 3))]:
-        rotation = so3.exp(angle * axis / np.linalg.norm(axis))
-        compiled, expected = motion.quaternion(rotation), so3.quaternion_from_matrix(rotation)
-        assert compiled[3] >= 0
-        # The sign of a half turn hangs on rounding.
-        expected = expected * (np.sign(compiled @ expected) if expected[3] < 1e-12 else 1.0)
-        np.testing.assert_allclose(compiled, expected, atol=1e-15)
 
 
 def predicted(p, r, v, covariance, dt, motions=PUSHED):

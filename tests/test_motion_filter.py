@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 
 from tests.helpers import random_rotations
 from tracker.geometry import so3
-from tracker.tracking.motion import CONSTANT, MotionFilter
+from tracker.tracking.filter import MotionFilter
+from tracker.tracking.motion import CONSTANT, update
 
 DT = 0.1
 NOISE = np.diag(np.repeat(np.square([0.5e-3, np.radians(0.5)]), 3))
@@ -35,28 +36,33 @@ def path(velocity, spin, seconds, start=None):
     return seconds * np.asarray(velocity), so3.exp(seconds * np.asarray(spin)) @ rotation
 
 
+def surprise(filtered, position, rotation, noise):
+    """Squared Mahalanobis distance of a measurement from the likeliest kind's prediction."""
+    keys = ("weights", "positions", "rotations", "velocities", "covariances")
+    state = [getattr(filtered, key).copy() for key in keys]
+    return update(position, rotation, (1 - CONSTANT) * noise, *state)
+
+
 def run(poses, rng, noise=NOISE, constant=True, dt=DT):
     """The filter after each of the poses, measured with white errors and, unless left out, constant ones."""
     offset = constant * drawn(rng, CONSTANT * noise)
-    filtered, states = MotionFilter(), []
-    for k, (position, rotation) in enumerate(poses):
+    filtered, states = None, []
+    for position, rotation in poses:
         measurement = moved(position, rotation, offset + drawn(rng, (1 - CONSTANT) * noise))
-        if k:
-            filtered.predict(dt)
-            filtered.update(*measurement, noise)
+        if filtered is None:
+            filtered = MotionFilter.start(*measurement, noise)
         else:
-            filtered.start(*measurement, noise)
+            filtered = filtered.predicted(dt).updated(*measurement, noise)
         states.append(filtered.state)
     return states
 
 
 def settled_at_rest(rng, count=30):
     """A filter that has seen an object lie still."""
-    filtered = MotionFilter()
-    filtered.start(*moved(np.zeros(3), np.eye(3), drawn(rng, (1 - CONSTANT) * NOISE)), NOISE)
+    filtered = MotionFilter.start(*moved(np.zeros(3), np.eye(3), drawn(rng, (1 - CONSTANT) * NOISE)), NOISE)
     for _ in range(count):
-        filtered.predict(DT)
-        filtered.update(*moved(np.zeros(3), np.eye(3), drawn(rng, (1 - CONSTANT) * NOISE)), NOISE)
+        measurement = moved(np.zeros(3), np.eye(3), drawn(rng, (1 - CONSTANT) * NOISE))
+        filtered = filtered.predicted(DT).updated(*measurement, NOISE)
     return filtered
 
 
@@ -64,10 +70,7 @@ def test_two_half_steps_predict_what_one_step_does(rng):
     for seed in range(5):
         once = settled_at_rest(np.random.default_rng(seed), 5)
         twice = settled_at_rest(np.random.default_rng(seed), 5)
-        once.predict(DT)
-        twice.predict(DT / 2)
-        twice.predict(DT / 2)
-        first, second = once.state, twice.state
+        first, second = once.predicted(DT).state, twice.predicted(DT / 2).predicted(DT / 2).state
         np.testing.assert_allclose(first.position, second.position, atol=2e-5)
         assert so3.angle_between(first.rotation, second.rotation) < np.radians(0.02)
         assert first.at_rest == pytest.approx(second.at_rest, abs=0.02)
@@ -80,8 +83,7 @@ def test_two_half_steps_predict_what_one_step_does(rng):
 def test_no_time_changes_nothing(rng):
     filtered = settled_at_rest(rng)
     before = filtered.state
-    filtered.predict(0.0)
-    after = filtered.state
+    after = filtered.predicted(0.0).state
     np.testing.assert_allclose(after.position, before.position, atol=1e-15)
     np.testing.assert_allclose(after.covariance, before.covariance, rtol=1e-5, atol=1e-12)
     assert after.at_rest == pytest.approx(before.at_rest)
@@ -90,19 +92,19 @@ def test_no_time_changes_nothing(rng):
 @pytest.mark.parametrize("seed", range(4))
 def test_covariance_stays_symmetric_and_positive_and_weights_stay_probabilities(seed):
     rng = np.random.default_rng(seed)
-    filtered = MotionFilter()
     position, rotation = np.zeros(3), np.eye(3)
-    filtered.start(position, rotation, NOISE)
+    filtered = MotionFilter.start(position, rotation, NOISE)
     for _ in range(400):
         # Anything goes: rests, jumps, turns by up to half a turn, gaps, good and bad measurements.
         leap = rng.choice([0.0, 1e-3, 0.1], p=[0.5, 0.4, 0.1])
         position = position + leap * rng.normal(size=3)
         rotation = so3.exp(min(30 * leap, 2.0) * rng.normal(size=3)) @ rotation
-        filtered.predict(rng.choice([1e-4, 0.03, 0.1, 0.5]))
+        filtered = filtered.predicted(rng.choice([1e-4, 0.03, 0.1, 0.5]))
         if rng.random() < 0.8:
             root = rng.normal(size=(6, 6)) * 10 ** rng.uniform(-5, -2)
-            distance = filtered.update(position, rotation, root @ root.T + 1e-10 * np.eye(6))
-            assert distance >= 0
+            measurement = position, rotation, root @ root.T + 1e-10 * np.eye(6)
+            assert surprise(filtered, *measurement) >= 0
+            filtered = filtered.updated(*measurement)
         state = filtered.state
         assert np.isfinite(state.position).all()
         np.testing.assert_allclose(state.rotation @ state.rotation.T, np.eye(3), atol=1e-9)
@@ -112,7 +114,7 @@ def test_covariance_stays_symmetric_and_positive_and_weights_stay_probabilities(
         assert (scale > 0).all()
         assert np.linalg.eigvalsh(state.covariance / np.outer(scale, scale))[0] > -1e-9
         assert np.linalg.eigvalsh(state.covariance[:6, :6])[0] > 0
-        weights = filtered._weights
+        weights = filtered.weights
         assert (weights > 0).all()
         assert weights.sum() == pytest.approx(1.0)
         assert 0 <= state.at_rest <= 1
@@ -163,18 +165,18 @@ def test_turning_and_shifting_the_world_turns_and_shifts_the_answer(rng):
     four = np.kron(np.eye(4), turn)
     root = rng.normal(size=(6, 6)) * np.repeat([1e-3, 1e-2], 3)[:, None]
     noise = root @ root.T + 0.1 * NOISE
-    here, there = MotionFilter(), MotionFilter()
+    here = there = None
     for k in range(15):
         position, rotation = path((0.1, 0.2, 0.0), (0.0, 1.0, 0.5), DT * k * (k > 5))
         position, rotation = moved(position, rotation, drawn(rng, (1 - CONSTANT) * noise))
         other = turn @ position + shift, turn @ rotation, both @ noise @ both.T
-        if k:
-            here.predict(DT)
-            there.predict(DT)
-            assert here.update(position, rotation, noise) == pytest.approx(there.update(*other), rel=1e-6)
+        if here is None or there is None:
+            here, there = MotionFilter.start(position, rotation, noise), MotionFilter.start(*other)
         else:
-            here.start(position, rotation, noise)
-            there.start(*other)
+            here, there = here.predicted(DT), there.predicted(DT)
+            distance = surprise(here, position, rotation, noise)
+            assert distance == pytest.approx(surprise(there, *other), rel=1e-6)
+            here, there = here.updated(position, rotation, noise), there.updated(*other)
         first, second = here.state, there.state
         np.testing.assert_allclose(second.position, turn @ first.position + shift, atol=1e-9)
         np.testing.assert_allclose(second.rotation, turn @ first.rotation, atol=1e-9)
@@ -203,9 +205,8 @@ def test_stated_covariance_is_that_of_the_errors(kind):
 
 
 def test_a_first_measurement_is_taken_as_it_is(rng):
-    filtered, rotation = MotionFilter(), random_rotations(rng, 1)[0]
-    filtered.start(np.ones(3), rotation, NOISE)
-    state = filtered.state
+    rotation = random_rotations(rng, 1)[0]
+    state = MotionFilter.start(np.ones(3), rotation, NOISE).state
     np.testing.assert_allclose(state.position, np.ones(3), atol=1e-15)
     np.testing.assert_allclose(state.rotation, rotation, atol=1e-15)
     np.testing.assert_allclose(state.covariance[:6, :6], NOISE, rtol=1e-12)
@@ -213,11 +214,10 @@ def test_a_first_measurement_is_taken_as_it_is(rng):
 
 
 def test_starting_again_forgets_everything(rng):
-    used, new = settled_at_rest(rng), MotionFilter()
-    for filtered in (used, new):
-        filtered.start(np.ones(3), np.eye(3), NOISE)
-        filtered.predict(DT)
-        filtered.update(np.ones(3), np.eye(3), NOISE)
+    used, new = (
+        start(np.ones(3), np.eye(3), NOISE).predicted(DT).updated(np.ones(3), np.eye(3), NOISE)
+        for start in (settled_at_rest(rng).start, MotionFilter.start)
+    )
     for key in ("position", "rotation", "velocity", "covariance", "at_rest"):
         np.testing.assert_array_equal(getattr(used.state, key), getattr(new.state, key))
 
@@ -226,26 +226,20 @@ def test_an_unseen_objects_covariance_grows(rng):
     filtered = settled_at_rest(rng)
     before = filtered.state.covariance[:6, :6]
     for _ in range(8):
-        filtered.slow_down(DT)
-        filtered.predict(DT)
+        filtered = filtered.slowed(DT).predicted(DT)
         after = filtered.state.covariance[:6, :6]
         assert np.linalg.eigvalsh(after - before)[0] > 0
         before = after
 
 
 def test_an_unseen_objects_velocity_fades(rng):
-    filtered = MotionFilter()
-    for k in range(10):
-        pose = path((0.2, 0.0, 0.0), (0.0, 0.0, 1.0), DT * k)
-        if k:
-            filtered.predict(DT)
-            filtered.update(*pose, NOISE)
-        else:
-            filtered.start(*pose, NOISE)
+    poses = [path((0.2, 0.0, 0.0), (0.0, 0.0, 1.0), DT * k) for k in range(10)]
+    filtered = MotionFilter.start(*poses[0], NOISE)
+    for pose in poses[1:]:
+        filtered = filtered.predicted(DT).updated(*pose, NOISE)
     speeds = [np.linalg.norm(filtered.state.velocity[:3])]
     for _ in range(5):
-        filtered.slow_down(DT)
-        filtered.predict(DT)
+        filtered = filtered.slowed(DT).predicted(DT)
         speeds.append(np.linalg.norm(filtered.state.velocity[:3]))
     assert (np.diff(speeds) < 0).all()
     assert speeds[-1] < 0.5 * speeds[0]
@@ -265,9 +259,9 @@ def test_a_state_does_not_change_when_the_filter_goes_on(rng):
     filtered = settled_at_rest(rng)
     state = filtered.state
     copies = {key: np.copy(getattr(state, key)) for key in ("position", "rotation", "velocity", "covariance")}
-    filtered.predict(DT)
-    filtered.update(np.ones(3), np.eye(3), NOISE)
+    filtered.slowed(DT).predicted(DT).updated(np.ones(3), np.eye(3), NOISE)
     for key, copy in copies.items():
+        np.testing.assert_array_equal(getattr(filtered.state, key), copy)
         np.testing.assert_array_equal(getattr(state, key), copy)
 
 
@@ -277,33 +271,32 @@ def test_an_object_that_lies_still_is_known_to_and_one_that_moves_at_once():
         filtered = settled_at_rest(rng, 3)
         early = filtered.state.at_rest
         for _ in range(15):
-            filtered.predict(DT)
-            filtered.update(*moved(np.zeros(3), np.eye(3), drawn(rng, (1 - CONSTANT) * NOISE)), NOISE)
+            measurement = moved(np.zeros(3), np.eye(3), drawn(rng, (1 - CONSTANT) * NOISE))
+            filtered = filtered.predicted(DT).updated(*measurement, NOISE)
         late = filtered.state.at_rest
         assert late > 0.8
         assert late > early - 0.1
-        filtered.predict(DT)
-        filtered.update(np.array([0.01, 0.0, 0.0]), np.eye(3), NOISE)
+        filtered = filtered.predicted(DT).updated(np.array([0.01, 0.0, 0.0]), np.eye(3), NOISE)
         assert filtered.state.at_rest < 0.05
 
 
 @given(st.sampled_from([1e-9, 1e-6, 1e-2, 1.0]), st.sampled_from([0.0, 1e-6, 0.1, 0.5, 10.0]))
 def test_any_accuracy_and_any_gap_give_finite_answers(size, gap):
-    filtered, noise = MotionFilter(), size**2 * np.eye(6)
-    filtered.start(np.zeros(3), np.eye(3), noise)
+    noise = size**2 * np.eye(6)
+    filtered = MotionFilter.start(np.zeros(3), np.eye(3), noise)
     for k in range(1, 4):
-        filtered.predict(gap)
-        assert np.isfinite(filtered.update(0.1 * k * np.ones(3), so3.exp([0.5 * k, 0.0, 0.0]), noise))
+        measurement = 0.1 * k * np.ones(3), so3.exp([0.5 * k, 0.0, 0.0]), noise
+        filtered = filtered.predicted(gap)
+        assert np.isfinite(surprise(filtered, *measurement))
+        filtered = filtered.updated(*measurement)
         state = filtered.state
         for key in ("position", "rotation", "velocity", "covariance", "at_rest"):
             assert np.isfinite(getattr(state, key)).all()
 
 
 def test_only_the_white_share_of_the_covariance_averages_away():
-    filtered = MotionFilter()
-    filtered.start(np.zeros(3), np.eye(3), NOISE)
-    filtered.predict(1e-9)
-    filtered.update(np.zeros(3), np.eye(3), NOISE)
+    filtered = MotionFilter.start(np.zeros(3), np.eye(3), NOISE).predicted(1e-9)
+    filtered = filtered.updated(np.zeros(3), np.eye(3), NOISE)
     left = np.diag(filtered.state.covariance[:6, :6]) / np.diag(NOISE)
     np.testing.assert_allclose(left, CONSTANT + (1 - CONSTANT) / 2, rtol=1e-3)
 
@@ -312,7 +305,7 @@ def test_an_unseen_object_is_ever_less_surely_at_rest(rng):
     filtered = settled_at_rest(rng)
     chances = [filtered.state.at_rest]
     for _ in range(20):
-        filtered.predict(DT)
+        filtered = filtered.predicted(DT)
         chances.append(filtered.state.at_rest)
     assert (np.diff(chances) < 0).all()
     assert chances[-1] < 0.7

@@ -11,9 +11,9 @@ from synthetic.raycast import render
 from synthetic.sensor import Sensor
 from synthetic.simple import random_scene
 from synthetic.simple_rig import default_cameras
+from tests.helpers import sight_of
 from tracker.geometry import so3
-from tracker.pose import contour
-from tracker.pose.refine import SCHEDULE
+from tracker.pose.solve.schedule import SCHEDULE
 
 OBJECTS = ("cube_v2", "cuboid_2x2x8_v2")
 SCENES = 3
@@ -64,10 +64,11 @@ def test_every_start_nearby_leads_to_the_same_pose(trackers, scenes, name):
     rng = np.random.default_rng(4)
     for truth in scenes[name]:
         reference = trackers[name].fit(truth.images)
-        estimator = trackers[name]._estimator
+        estimator, sight = trackers[name]._estimator, sight_of(trackers[name], truth.images)
         for size in (0.0, 1.0, 1.0, 1.0, 2.0):
             rotation = so3.exp(size * rng.normal(0, 0.03, 3)) @ reference.rotation
-            fit = estimator.refine(rotation, reference.position + size * rng.normal(0, 1.5e-3, 3))
+            position = reference.position + size * rng.normal(0, 1.5e-3, 3)
+            fit = estimator.refine(sight, rotation, position)
             assert fit.converged
             # Ended within `negligible` of the best pose, both of them.
             assert np.abs(deviation(fit, reference)).max() < 2 * np.sqrt(SCHEDULE.negligible[0])
@@ -78,7 +79,8 @@ def test_a_start_is_left_as_it_was(trackers, scenes):
     reference = trackers["cube_v2"].fit(scenes["cube_v2"][0].images)
     rotation, position = so3.exp(np.full(3, 0.02)) @ reference.rotation, reference.position + 1e-3
     before = rotation.copy(), position.copy()
-    trackers["cube_v2"]._estimator.refine(rotation, position)
+    sight = sight_of(trackers["cube_v2"], scenes["cube_v2"][0].images)
+    trackers["cube_v2"]._estimator.refine(sight, rotation, position)
     np.testing.assert_array_equal(rotation, before[0])
     np.testing.assert_array_equal(position, before[1])
 
@@ -86,10 +88,11 @@ def test_a_start_is_left_as_it_was(trackers, scenes):
 def test_what_was_refined_before_does_not_matter(trackers, scenes):
     reference = trackers["cube_v2"].fit(scenes["cube_v2"][0].images)
     estimator = trackers["cube_v2"]._estimator
-    first = estimator.refine(reference.rotation, reference.position)
-    estimator.refine(so3.exp(np.array([1.0, 2.0, 0.3])), reference.position + 0.02)
-    again = estimator.refine(reference.rotation, reference.position)
-    for key in ("rotation", "position", "covariance", "samples", "counts"):
+    sight = sight_of(trackers["cube_v2"], scenes["cube_v2"][0].images)
+    first = estimator.refine(sight, reference.rotation, reference.position)
+    estimator.refine(sight, so3.exp(np.array([1.0, 2.0, 0.3])), reference.position + 0.02)
+    again = estimator.refine(sight, reference.rotation, reference.position)
+    for key in ("rotation", "position", "covariance", "cameras"):
         np.testing.assert_array_equal(getattr(again, key), getattr(first, key))
 
 
@@ -105,29 +108,30 @@ def test_a_camera_without_image_is_counted_nowhere(trackers, scenes):
     images = [*scenes["cube_v2"][0].images]
     images[1] = None
     fit = trackers["cube_v2"].fit(images)
-    counted = fit.samples[:, [contour.EXPECTED, contour.USABLE, contour.INLIERS, contour.SQUARES]]
-    assert (counted[1] == 0).all()
-    assert (counted[[0, 2]] > 0).all()
-    assert (fit.counts[1] == 0).all()
+    for name in ("expected", "usable", "inliers", "squares"):
+        assert fit.cameras[name][1] == 0
+        assert (fit.cameras[name][[0, 2]] > 0).all()
+    for name in ("predicted", "agree", "missing", "wrong", "extra"):
+        assert fit.cameras[name][1] == 0
 
 
 @pytest.mark.parametrize("name", OBJECTS)
 def test_counts_of_pieces_are_ordered(trackers, scenes, name):
     for truth in scenes[name]:
-        samples = trackers[name].fit(truth.images).samples
-        assert (samples[:, contour.INLIERS] <= samples[:, contour.USABLE]).all()
-        assert (samples[:, contour.USABLE] <= samples[:, contour.EXPECTED]).all()
+        cameras = trackers[name].fit(truth.images).cameras
+        assert (cameras["inliers"] <= cameras["usable"]).all()
+        assert (cameras["usable"] <= cameras["expected"]).all()
         # Nothing hides the object, and nearly all of its edges are where the pose puts them.
-        assert samples[:, contour.USABLE].sum() > 0.7 * samples[:, contour.EXPECTED].sum()
-        assert samples[:, contour.INLIERS].sum() > 0.9 * samples[:, contour.USABLE].sum()
+        assert cameras["usable"].sum() > 0.7 * cameras["expected"].sum()
+        assert cameras["inliers"].sum() > 0.9 * cameras["usable"].sum()
 
 
 def test_blurs_add_up_in_squares(trackers, scenes):
     for truth in scenes["cube_v2"]:
-        sharp = trackers["cube_v2"].fit(truth.images).samples[:, contour.BLUR]
+        sharp = trackers["cube_v2"].fit(truth.images).cameras["blur"]
         for sigma in (0.7, 1.2):
             images = [cv2.GaussianBlur(image, (0, 0), sigma) for image in truth.images]
-            blurred = trackers["cube_v2"].fit(images).samples[:, contour.BLUR]
+            blurred = trackers["cube_v2"].fit(images).cameras["blur"]
             np.testing.assert_allclose(blurred, np.hypot(sharp, sigma), rtol=0.05)
 
 

@@ -9,12 +9,19 @@ from synthetic.simple import random_scene
 from synthetic.simple_rig import default_cameras
 from tests.helpers import random_rotations
 from tracker.geometry import so3
+from tracker.geometry.lens import stack_lenses
+from tracker.objects.box import Box
 from tracker.objects.model import load_object
-from tracker.pose import align, grids, search
-from tracker.pose.views import Box, reduced_size, stack_lenses
+from tracker.pose.edges.strips import MAX_STRIPS, STRIP
+from tracker.pose.fit import SEEN
+from tracker.pose.hypotheses.align import align
+from tracker.pose.hypotheses.explain import explain, explanation_score
+from tracker.pose.hypotheses.positions import PositionSearch
+from tracker.pose.hypotheses.rotations import ROTATIONS, RotationSearch, even_rotations
+from tracker.pose.scale import reduced_size
 
 MODEL = load_object("cube_v2")
-BOX = Box(np.asarray(MODEL.size) / 2, np.asarray(MODEL.face_labels, dtype=np.uint8))
+BOX = Box.of(MODEL)
 USED = np.ones(3, np.bool_)
 
 
@@ -31,7 +38,7 @@ def scene():
 
 
 def test_rotations_are_even():
-    rotations = grids.even_rotations(grids.ROTATIONS)
+    rotations = even_rotations(ROTATIONS)
     np.testing.assert_allclose(
         rotations @ rotations.transpose(0, 2, 1), np.eye(3) + 0 * rotations, atol=1e-12
     )
@@ -43,10 +50,9 @@ def test_rotations_are_even():
 
 def test_search_finds_position_and_rotation(scene):
     lenses, labels, truth = scene
-    searcher = search.Searcher(lenses, BOX)
-    positions = list(searcher.positions(labels, USED, 3))
+    positions = list(PositionSearch(lenses, BOX)(labels, USED, 3))
     assert np.linalg.norm(positions[0] - truth.position) < 0.015
-    rotations, costs = searcher.rank(labels, USED, positions[0], 5)
+    rotations, costs = RotationSearch(lenses, BOX)(labels, USED, positions[0], 5)
     assert (np.diff(costs) >= 0).all()
     turned = [so3.angle_between(r, truth.rotation) for r in rotations]
     assert np.degrees(min(turned)) < 30
@@ -56,14 +62,14 @@ def test_alignment_reaches_the_truth_from_far_away(scene):
     truth = scene[2]
     lenses, labels = stack_lenses(default_cameras()), np.stack(truth.labels)
     rng = np.random.default_rng(2)
-    samples = np.empty((align.MAX_SAMPLES, align.COLUMNS))
+    strips = np.empty(MAX_STRIPS, STRIP)
     errors = []
     for _ in range(20):
         axis = rng.normal(size=3)
         rotation = so3.exp(np.radians(20) * axis / np.linalg.norm(axis)) @ truth.rotation
         position = truth.position + rng.normal(0, 0.004, 3)
         reaches = np.array([10, 10, 8, 6, 5])
-        align.align(lenses, labels, USED, BOX.half, BOX.face_labels, rotation, position, reaches, samples)
+        align(lenses, labels, USED, BOX.half, BOX.face_labels, rotation, position, reaches, strips)
         errors.append(
             [np.linalg.norm(position - truth.position), so3.angle_between(rotation, truth.rotation)]
         )
@@ -74,23 +80,23 @@ def test_alignment_reaches_the_truth_from_far_away(scene):
 
 def test_explanation_counts_what_the_truth_shows(scene):
     lenses, labels, truth = scene
-    counts = np.empty((3, 5), np.int64)
-    align.explain(lenses, labels, USED, BOX.half, BOX.face_labels, truth.rotation, truth.position, counts)
+    seen = np.zeros(3, SEEN)
+    explain(lenses, labels, USED, BOX.half, BOX.face_labels, truth.rotation, truth.position, seen)
     for c in range(3):
         shown = np.count_nonzero(labels[c])
-        assert abs(counts[c, align.PREDICTED] - shown) < 0.06 * shown
-        assert counts[c, align.AGREE] > 0.93 * shown
-    inside = counts[:, [align.AGREE, align.MISSING, align.WRONG]].sum(axis=1)
-    np.testing.assert_array_equal(inside, counts[:, align.PREDICTED])
+        assert abs(seen["predicted"][c] - shown) < 0.06 * shown
+        assert seen["agree"][c] > 0.93 * shown
+    inside = seen["agree"] + seen["missing"] + seen["wrong"]
+    np.testing.assert_array_equal(inside, seen["predicted"])
 
 
 def test_a_worse_pose_scores_less(scene):
     lenses, labels, truth = scene
-    counts = np.empty((3, 5), np.int64)
+    seen = np.zeros(3, SEEN)
 
     def score(position, rotation):
-        align.explain(lenses, labels, USED, BOX.half, BOX.face_labels, rotation, position, counts)
-        return align.explanation_score(counts)
+        explain(lenses, labels, USED, BOX.half, BOX.face_labels, rotation, position, seen)
+        return explanation_score(seen)
 
     best = score(truth.position, truth.rotation)
     for step in np.eye(3):

@@ -114,3 +114,57 @@ def test_functions_broadcast_over_leading_axes(rng):
     np.testing.assert_array_equal(quaternions[2, 3], so3.quaternion_from_matrix(rotations[2, 3]))
     np.testing.assert_allclose(so3.matrix_from_quaternion(quaternions), rotations, atol=1e-13)
     assert so3.angle_between(rotations, rotations[0, 0]).shape == (4, 5)
+
+
+def compiled_exp(vector):
+    out = np.empty((3, 3))
+    so3.exp_into(np.asarray(vector, dtype=np.float64), out)
+    return out
+
+
+def compiled_log(rotation):
+    out = np.empty(3)
+    so3.log_into(np.ascontiguousarray(rotation), out)
+    return out
+
+
+@given(st.floats(0, 3.14), st.integers(0, 2**31))
+def test_compiled_exp_and_log_are_inverse_and_the_others(angle, seed):
+    axis = np.random.default_rng(seed).normal(size=3)
+    vector = angle * axis / np.linalg.norm(axis)
+    np.testing.assert_allclose(compiled_exp(vector), so3.exp(vector), atol=1e-14)
+    np.testing.assert_allclose(compiled_log(so3.exp(vector)), vector, atol=1e-11)
+    np.testing.assert_allclose(compiled_log(compiled_exp(vector)), vector, atol=1e-11)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-300, 1e-12, 1e-7, 0.999e-6, 1.001e-6, 0.999e-4, 1.001e-4, 1e-3])
+def test_compiled_exp_and_log_keep_the_digits_of_small_turns(angle, rng):
+    axis = rng.normal(size=3)
+    vector = angle * axis / np.linalg.norm(axis)
+    np.testing.assert_allclose(compiled_exp(vector), so3.exp(vector), rtol=1e-15, atol=1e-16)
+    np.testing.assert_allclose(compiled_log(compiled_exp(vector)), vector, rtol=1e-11, atol=1e-18)
+
+
+@pytest.mark.parametrize("below", [1e-1, 1e-3, 1e-5])
+def test_compiled_log_is_good_up_to_nearly_a_half_turn(below, rng):
+    for axis in [*np.eye(3), *rng.normal(size=(20, 3))]:
+        vector = (np.pi - below) * axis / np.linalg.norm(axis)
+        np.testing.assert_allclose(compiled_log(so3.exp(vector)), vector, atol=1e-9)
+
+
+@pytest.mark.parametrize("below", [0.0, 1e-8, 1e-7])
+def test_compiled_log_of_a_half_turn_is_not_small(below, rng):
+    for axis in [*np.eye(3), *rng.normal(size=(20, 3))]:
+        vector = (np.pi - below) * axis / np.linalg.norm(axis)
+        assert np.linalg.norm(compiled_log(so3.exp(vector))) == pytest.approx(np.pi, abs=1e-5)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-3, 1.0, 2.0, np.pi - 1e-9, np.pi])
+def test_compiled_quaternion_is_the_other(angle, rng):
+    for axis in [*np.eye(3), *-np.eye(3), *rng.normal(size=(20, 3))]:
+        rotation = so3.exp(angle * axis / np.linalg.norm(axis))
+        compiled, expected = so3.quaternion(rotation), so3.quaternion_from_matrix(rotation)
+        assert compiled[3] >= 0
+        # The sign of a half turn hangs on rounding.
+        expected = expected * (np.sign(compiled @ expected) if expected[3] < 1e-12 else 1.0)
+        np.testing.assert_allclose(compiled, expected, atol=1e-15)

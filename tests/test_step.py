@@ -3,7 +3,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tracker.pose.solve.step import EXPONENT, GROWTH, SHARES, SHARES_PRIOR, UNKNOWNS, calibration_share, solve_step
+from tracker.pose.solve.step import (
+    EXPONENT,
+    GROWTH,
+    SHARES,
+    SHARES_PRIOR,
+    UNKNOWNS,
+    calibration_share,
+    solve_step,
+)
 
 CAMERAS = 3
 ROWS = 30
@@ -33,11 +41,11 @@ class Problem:
 
     def solve(self, share: float = 1.0) -> float:
         outputs = (self.known, self.shared, self.changes)
-        return solve_step(*self.arguments, share, self.prior, self.pull, *outputs)
+        return solve_step(self.arguments, share, self.prior, self.pull, *outputs)
 
     def share(self) -> float:
         outputs = (self.known, self.shared, self.changes)
-        return calibration_share(*self.arguments, self.prior, self.pull, *outputs)
+        return calibration_share(self.arguments, self.prior, self.pull, *outputs)
 
     def dense(self, share: float) -> tuple[np.ndarray, np.ndarray]:
         """Rows and right-hand side of one least squares with the shared unknowns, then the offsets'."""

@@ -2,7 +2,21 @@ from __future__ import annotations
 
 import numpy as np
 
-from tracker.tracking.cameras import BLACK, EVERY, Watch
+from tracker.conventions import Image
+from tracker.pose.evidence import EvidenceReader
+from tracker.segmentation.color_model import load_colors
+from tracker.tracking.cameras import BLACK, EVERY, CameraMemory, lit, usable
+
+
+class Watch:
+    """A number of cameras, of which is remembered what there is to remember."""
+
+    def __init__(self, cameras: int) -> None:
+        self.memories = [CameraMemory()] * cameras
+
+    def usable(self, images: list[Image | None]) -> list[Image | None]:
+        self.memories, result = usable(self.memories, images)
+        return result
 
 
 def noise(rng, low=0, high=256):
@@ -71,10 +85,13 @@ def test_watch_leaves_out_black_images(rng):
 
 
 def test_watch_looks_at_a_cameras_light_now_and_then(rng):
-    watch = Watch(1)
+    look = EvidenceReader(load_colors("cube_v2")).lighting
     first, second = noise(rng, 0, 60), noise(rng, 100, 256)
-    known = watch.light(0, first)
-    seen = [watch.light(0, second) is known for _ in range(EVERY)]
+    memory = lit(CameraMemory(), first, look)
+    known, seen = memory.lighting, []
+    for _ in range(EVERY):
+        memory = lit(memory, second, look)
+        seen.append(memory.lighting is known)
     assert seen == [True] * (EVERY - 1) + [False]
 
 

@@ -8,10 +8,9 @@ import pytest
 
 from tests.helpers import make_camera, numerical_jacobian, random_rotations
 from tracker.geometry import so3
-from tracker.geometry.cuboid import corners, visible_faces
-from tracker.pose import edges
-from tracker.geometry.lens import project
-from tracker.pose.views import stack_lenses
+from tracker.geometry.cuboid import EDGES, corners, visible_faces
+from tracker.geometry.lens import project, stack_lenses
+from tracker.pose.edges.strips import MAX_STRIPS, STRIP, edge_strips
 
 CAMERA = make_camera()
 LENSES = stack_lenses([CAMERA])
@@ -29,15 +28,15 @@ def samples_at(
     spacing: float = SPACING,
     margin: float = MARGIN,
 ) -> np.ndarray:
-    out = np.empty((edges.MAX_SAMPLES, edges.COLUMNS))
-    n = edges.edge_samples(lenses, 0, half, LABELS, rotation, position, spacing, margin, out)
+    out = np.empty(MAX_STRIPS, STRIP)
+    n = edge_strips(lenses, 0, half, LABELS, rotation, position, spacing, margin, out)
     return out[:n]
 
 
 def samples_by_edge(
     rotation: np.ndarray, position: np.ndarray = POSITION, camera=CAMERA, **settings: float
 ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """For each edge of the cuboid: its row of EDGES, its corners' pixels (2, 2) and its samples (n, COLUMNS).
+    """For each edge of the cuboid: its row of EDGES, its corners' pixels (2, 2), its samples (n,) of STRIP.
 
     A sample belongs to the edge that passes through its pixel.
     """
@@ -45,13 +44,13 @@ def samples_by_edge(
     ends = corners(2 * HALF) @ rotation.T + position
     share = np.linspace(0, 1, 2001)[:, None]
     distances = []
-    for a, b, *_ in edges.EDGES:
+    for a, b, *_ in EDGES:
         curve = camera.project(ends[a] + share * (ends[b] - ends[a]))
-        away = samples[:, None, [edges.U, edges.V]] - curve
+        away = samples["pixel"][:, None] - curve
         distances.append(np.linalg.norm(away, axis=-1).min(axis=1))
     assert np.min(distances, axis=0).max() < 0.1
     nearest = np.argmin(distances, axis=0)
-    for k, edge in enumerate(edges.EDGES):
+    for k, edge in enumerate(EDGES):
         yield edge, camera.project(ends[edge[:2]]), samples[nearest == k]
 
 
@@ -66,20 +65,20 @@ def test_jacobian_is_the_motion_along_the_normal(rng):
         ends = corners(2 * HALF)
         for row in samples[:: max(1, len(samples) // 10)]:
             candidates = [
-                ends[a] + t * (ends[b] - ends[a]) for a, b, *_ in edges.EDGES for t in np.linspace(0, 1, 4001)
+                ends[a] + t * (ends[b] - ends[a]) for a, b, *_ in EDGES for t in np.linspace(0, 1, 4001)
             ]
             world = np.array(candidates) @ rotation.T + POSITION
             pixels = CAMERA.project(world)
-            best = np.argmin(np.linalg.norm(pixels - row[[edges.U, edges.V]], axis=1))
+            best = np.argmin(np.linalg.norm(pixels - row["pixel"], axis=1))
             point = candidates[best]
 
             def along(x, point=point, row=row, rotation=rotation):
                 moved = so3.exp(x[3:]) @ rotation @ point + POSITION + x[:3]
                 u, v, _ = project(LENSES, 0, *moved)
-                return np.array([u * row[edges.NU] + v * row[edges.NV]])
+                return np.array([u * row["normal"][0] + v * row["normal"][1]])
 
             numeric = numerical_jacobian(along, np.zeros(6))[0]
-            np.testing.assert_allclose(row[edges.J : edges.J + 6], numeric, rtol=2e-3, atol=0.3)
+            np.testing.assert_allclose(row["jacobian"], numeric, rtol=2e-3, atol=0.3)
 
 
 def test_jacobian_and_growth_are_the_motion_of_the_samples(rng):
@@ -88,21 +87,21 @@ def test_jacobian_and_growth_are_the_motion_of_the_samples(rng):
     step = 1e-5
     for rotation in random_rotations(rng, 10):
         samples = samples_at(rotation)
-        normals = samples[:, [edges.NU, edges.NV]]
+        normals = samples["normal"]
 
         def along(change, rotation=rotation, normals=normals):
             moved = samples_at(so3.exp(change[3:6]) @ rotation, POSITION + change[:3], HALF * (1 + change[6]))
-            return np.sum(moved[:, [edges.U, edges.V]] * normals, axis=1)
+            return np.sum(moved["pixel"] * normals, axis=1)
 
         numeric = numerical_jacobian(along, np.zeros(7), step)
-        np.testing.assert_allclose(samples[:, edges.J : edges.J + 6], numeric[:, :6], rtol=1e-4, atol=1e-3)
-        np.testing.assert_allclose(samples[:, edges.GROWTH], numeric[:, 6], rtol=1e-4, atol=1e-3)
+        np.testing.assert_allclose(samples["jacobian"], numeric[:, :6], rtol=1e-4, atol=1e-3)
+        np.testing.assert_allclose(samples["growth"], numeric[:, 6], rtol=1e-4, atol=1e-3)
 
 
 def test_growth_pushes_silhouettes_outwards(rng):
     for rotation in random_rotations(rng, 10):
         samples = samples_at(rotation)
-        assert (samples[samples[:, edges.OUTSIDE] == 0, edges.GROWTH] > 0).all()
+        assert (samples["growth"][samples["outside"] == 0] > 0).all()
 
 
 def test_growth_is_the_object_coming_nearer_from_the_same_direction(rng):
@@ -111,20 +110,18 @@ def test_growth_is_the_object_coming_nearer_from_the_same_direction(rng):
         samples = samples_at(rotation)
         approach = CAMERA.position - POSITION
         np.testing.assert_allclose(
-            samples[:, edges.GROWTH], samples[:, edges.J : edges.J + 3] @ approach, rtol=1e-9, atol=1e-9
+            samples["growth"], samples["jacobian"][:, :3] @ approach, rtol=1e-9, atol=1e-9
         )
 
 
 def test_normals_are_unit_and_point_out_of_the_face(rng):
     for rotation in random_rotations(rng, 10):
         samples = samples_at(rotation, np.array([0.0, 0.0, 0.05]))
-        normals = samples[:, [edges.NU, edges.NV]]
+        normals = samples["normal"]
         np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-12)
         centre = CAMERA.project(np.array([[0.0, 0.0, 0.05]]))[0]
-        silhouette = samples[samples[:, edges.OUTSIDE] == 0]
-        outward = np.sum(
-            (silhouette[:, [edges.U, edges.V]] - centre) * silhouette[:, [edges.NU, edges.NV]], axis=1
-        )
+        silhouette = samples[samples["outside"] == 0]
+        outward = np.sum((silhouette["pixel"] - centre) * silhouette["normal"], axis=1)
         assert (outward > 0).all()
 
 
@@ -135,8 +132,8 @@ def test_lengths_sum_to_the_edge_without_margins(rng, margin):
         for _, ends, samples in samples_by_edge(rotation, margin=margin):
             if len(samples) > 0:
                 length = np.linalg.norm(ends[1] - ends[0])
-                assert samples[:, edges.LENGTH].sum() == pytest.approx(length - 2 * margin, rel=1e-9)
-                assert np.ptp(samples[:, edges.LENGTH]) == 0
+                assert samples["length"].sum() == pytest.approx(length - 2 * margin, rel=1e-9)
+                assert np.ptp(samples["length"]) == 0
                 settled += 1
     assert settled > 50
 
@@ -149,13 +146,13 @@ def test_pieces_are_about_as_long_as_asked_for_and_cover_the_edge(rng, spacing):
         for _, ends, samples in samples_by_edge(rotation, camera=camera, spacing=spacing):
             if len(samples) == 0:
                 continue
-            piece = samples[0, edges.LENGTH]
+            piece = samples["length"][0]
             # Up to half a piece more or less, spread over all.
             assert abs(piece * len(samples) - spacing * len(samples)) <= 0.5 * spacing + 1e-9 or (
                 len(samples) == 24
             )
             along = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
-            places = (samples[:, [edges.U, edges.V]] - ends[0]) @ along
+            places = (samples["pixel"] - ends[0]) @ along
             # Perspective puts the middle of a piece off the middle by a little.
             length = np.linalg.norm(ends[1] - ends[0])
             expected = MARGIN + piece * (np.arange(len(samples)) + 0.5)
@@ -181,13 +178,13 @@ def test_every_visible_edge_of_wide_faces_has_samples(rng):
                 assert min(slant) < 0.35
             else:
                 labels = {int(LABELS[f]) for f in (face, neighbour) if seen[f]}
-                found = {*samples[:, edges.INSIDE].astype(int), *samples[:, edges.OUTSIDE].astype(int)} - {0}
+                found = {*samples["inside"].astype(int), *samples["outside"].astype(int)} - {0}
                 assert found == labels
 
 
 def _distance_to(line: np.ndarray, row: np.ndarray) -> float:
     """Signed distance along a sample's normal to the piece of line between two pixels (2, 2); nan past it."""
-    point, normal = row[[edges.U, edges.V]], row[[edges.NU, edges.NV]]
+    point, normal = row["pixel"], row["normal"]
     # point + t · normal = line[0] + s · (line[1] - line[0])
     t, s = np.linalg.solve(np.column_stack([normal, line[0] - line[1]]), line[0] - point)
     return float(t) if 0 < s < 1 else np.nan
@@ -207,18 +204,18 @@ def test_reaches_are_how_far_the_surfaces_extend(rng):
         seen = faces_seen(rotation)
         for edge, _, samples in samples_by_edge(rotation):
             for row in samples:
-                inside = next(f for f in edge[2:] if LABELS[f] == row[edges.INSIDE])
+                inside = next(f for f in edge[2:] if LABELS[f] == row["inside"])
                 other = next(f for f in edge[2:] if f != inside)
                 found = [-_distance_to(_opposite(edge, inside, rotation), row)]
-                stated = [row[edges.REACH_IN]]
+                stated = [row["reach_in"]]
                 assert seen[inside]
-                if row[edges.OUTSIDE] > 0:
-                    assert row[edges.OUTSIDE] == LABELS[other]
+                if row["outside"] > 0:
+                    assert row["outside"] == LABELS[other]
                     found.append(_distance_to(_opposite(edge, other, rotation), row))
-                    stated.append(row[edges.REACH_OUT])
+                    stated.append(row["reach_out"])
                 else:
                     assert not seen[other]
-                    assert row[edges.REACH_OUT] > 500
+                    assert row["reach_out"] > 500
                 errors += [(s - f) / max(f, 5.0) for s, f in zip(stated, found, strict=True)]
     # Where the normal leaves the face through one of its other sides, the reach is no distance.
     met = np.abs(errors)[~np.isnan(errors)]
@@ -233,7 +230,7 @@ def test_reaches_follow_a_face_that_tapers(rng):
     for rotation in random_rotations(rng, 20):
         for _, _, samples in samples_by_edge(rotation):
             if len(samples) > 8:
-                reaches = samples[:, edges.REACH_IN]
+                reaches = samples["reach_in"]
                 changes.append(abs(reaches[-1] - reaches[0]) / reaches.mean())
                 np.testing.assert_allclose(np.diff(reaches), np.diff(reaches)[0], rtol=1e-6, atol=1e-9)
     assert max(changes) > 0.05
@@ -243,4 +240,4 @@ def test_samples_count_stays_within_the_work_space():
     big = stack_lenses([CAMERA.resized(1080, 1080)])
     for rotation in random_rotations(np.random.default_rng(3), 10):
         samples = samples_at(rotation, np.array([0.0, 0.0, 0.1]), lenses=big, spacing=0.5, margin=1.0)
-        assert 0 < len(samples) <= edges.MAX_SAMPLES
+        assert 0 < len(samples) <= MAX_STRIPS

@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
-from tracker.pose import profile
-from tracker.pose.edges.strips import COLUMNS, INSIDE, LENGTH, NU, NV, OUTSIDE, REACH_IN, REACH_OUT, U, V
-from tracker.pose.edges.offset import BLOOM, OFFSET, SHARPNESS, VALID, VARIANCE, WIDER
+from tracker.pose.edges import offset
+from tracker.pose.edges.offset import OFFSET
+from tracker.pose.edges.strips import STRIP
 from tracker.segmentation import mosaic
 
 INNER, OUTER, BEYOND = np.array([40.0, 50, 190]), np.array([60.0, 150, 70]), np.array([90.0, 95, 92])
@@ -66,14 +66,14 @@ def pieces(
     inside: int = 1,
     length: float = 4.0,
 ) -> np.ndarray:
-    """Samples (PIECES, COLUMNS) of an edge that is expected at the distance `predicted`."""
+    """Samples (PIECES,) of STRIP, of an edge that is expected at the distance `predicted`."""
     normal = direction(degrees)
     along = 1.3 * (np.arange(PIECES) - 0.5 * (PIECES - 1))
-    samples = np.zeros((PIECES, COLUMNS))
-    samples[:, [U, V]] = CENTRE + predicted * normal + along[:, None] * [-normal[1], normal[0]]
-    samples[:, [NU, NV]] = normal
-    samples[:, INSIDE], samples[:, OUTSIDE] = inside, outside
-    samples[:, REACH_IN], samples[:, REACH_OUT], samples[:, LENGTH] = width_in, width_out, length
+    samples = np.zeros(PIECES, STRIP)
+    samples["pixel"] = CENTRE + predicted * normal + along[:, None] * [-normal[1], normal[0]]
+    samples["normal"] = normal
+    samples["inside"], samples["outside"] = inside, outside
+    samples["reach_in"], samples["reach_out"], samples["length"] = width_in, width_out, length
     return samples
 
 
@@ -92,13 +92,18 @@ def measure(
     red: int = mosaic.NONE,
     every: int = 1,
 ) -> np.ndarray:
-    """Measurements (PIECES, MEASURED) in an image of bytes."""
-    out = np.full((len(samples), profile.MEASURED), np.nan)
+    """Measurements (PIECES,) of OFFSET in an image of bytes; what is not measured is nan."""
+    out = np.array([(*[np.nan] * 5, True)] * len(samples), OFFSET)
     width = reach_at(blur) if reach is None else reach
-    profile.measure(
+    offset.measure(
         image, SIZE, SIZE, red, CHANNELS, TABLE, samples, len(samples), width, blur, noise, every, out
     )
     return out
+
+
+def assert_equal(first: np.ndarray, second: np.ndarray) -> None:
+    for name in OFFSET.names or ():
+        np.testing.assert_array_equal(first[name], second[name])
 
 
 @pytest.mark.parametrize("degrees", DEGREES)
@@ -107,7 +112,7 @@ def test_offset_converges_to_the_true_edge(degrees, blur):
     for edge in (-0.8, -0.4, 0.0, 0.23, 0.5, 0.8):
         image, predicted = digitised(stripes(distances(degrees) - edge, blur)), 0.0
         for _ in range(4):
-            predicted += np.median(measure(image, pieces(degrees, predicted), blur)[:, OFFSET])
+            predicted += np.median(measure(image, pieces(degrees, predicted), blur)["offset"])
         assert abs(predicted - edge) < 0.01
 
 
@@ -115,7 +120,7 @@ def test_offset_converges_to_the_true_edge(degrees, blur):
 def test_one_measurement_comes_much_nearer_to_the_edge(degrees):
     for blur, edge in ((0.7, 0.4), (0.7, -0.4), (1.2, 0.8), (1.2, -0.8)):
         shown = measure(digitised(stripes(distances(degrees) - edge, blur)), pieces(degrees), blur)
-        assert np.abs(shown[:, OFFSET] - edge).max() < 0.1
+        assert np.abs(shown["offset"] - edge).max() < 0.1
 
 
 BAYER = [cv2.COLOR_BAYER_BG2BGR, cv2.COLOR_BAYER_GB2BGR, cv2.COLOR_BAYER_GR2BGR, cv2.COLOR_BAYER_RG2BGR]
@@ -137,16 +142,16 @@ def test_a_mosaic_that_is_known_does_not_move_the_edge(degrees, red):
     for edge in (-0.4, 0.0, 0.23, 0.5):
         image = interpolated(digitised(stripes(distances(degrees) - edge, 0.7)), red)
         shown = measure(image, pieces(degrees, edge, length=8.0), 0.7, red=red)
-        assert (shown[:, VALID] == 1).all()
-        errors.append(np.median(shown[:, OFFSET]))
+        assert shown["usable"].all()
+        errors.append(np.median(shown["offset"]))
     assert np.abs(errors).max() < 0.02
 
 
 def test_a_mosaic_that_is_not_known_spreads_the_places_of_an_edge_and_widens_it():
     image = interpolated(digitised(stripes(distances(17), 0.7)), 0)
     naive, aware = (measure(image, pieces(17, length=8.0), 0.7, red=red) for red in (mosaic.NONE, 0))
-    assert np.std(aware[:, OFFSET]) < 0.5 * np.std(naive[:, OFFSET])
-    assert abs(np.median(aware[:, WIDER])) < 0.5 * np.median(naive[:, WIDER])
+    assert np.std(aware["offset"]) < 0.5 * np.std(naive["offset"])
+    assert abs(np.median(aware["wider"])) < 0.5 * np.median(naive["wider"])
 
 
 def test_values_that_a_mosaic_did_not_measure_do_not_matter():
@@ -155,16 +160,14 @@ def test_values_that_a_mosaic_did_not_measure_do_not_matter():
     other[0::2, 0::2, :2] = 77
     other[1::2, 1::2, 1:] = 33
     other[0::2, 1::2, ::2] = other[1::2, 0::2, ::2] = 200
-    np.testing.assert_array_equal(
-        measure(image, pieces(17), 0.7, red=0), measure(other, pieces(17), 0.7, red=0)
-    )
+    assert_equal(measure(image, pieces(17), 0.7, red=0), measure(other, pieces(17), 0.7, red=0))
 
 
 def test_of_the_pieces_one_in_so_many_is_measured():
     image = digitised(stripes(distances(17), 1.0))
     whole, part = measure(image, pieces(17), 1.0), measure(image, pieces(17), 1.0, every=3)
-    np.testing.assert_array_equal(part[::3], whole[::3])
-    assert np.count_nonzero(part[:, VALID]) == len(part[::3])
+    assert_equal(part[::3], whole[::3])
+    assert np.count_nonzero(part["usable"]) == len(part[::3])
 
 
 @pytest.mark.parametrize("outside", [0, 2])
@@ -172,31 +175,33 @@ def test_wrong_blur_does_not_bias_an_isolated_edge(outside):
     image = digitised(stripes(distances(17), 1.0))
     for assumed in (0.7, 1.0, 1.6):
         shown = measure(image, pieces(17, outside=outside), assumed)
-        assert abs(np.median(shown[:, OFFSET])) < 0.01
+        assert abs(np.median(shown["offset"])) < 0.01
 
 
 @pytest.mark.parametrize("gains", [0.6, 1.3, np.array([1.2, 0.8, 1.1])])
 def test_gains_do_not_move_the_edge(gains):
     image = stripes(distances(17) - 0.3, 1.0)
-    reference = measure(digitised(image), pieces(17), 1.0)[:, OFFSET]
-    changed = measure(digitised(image * gains), pieces(17), 1.0)[:, OFFSET]
+    reference = measure(digitised(image), pieces(17), 1.0)["offset"]
+    changed = measure(digitised(image * gains), pieces(17), 1.0)["offset"]
     np.testing.assert_allclose(changed, reference, atol=0.01)
 
 
 def test_an_equal_change_of_all_gains_changes_neither_blur_nor_bloom():
     image = stripes(distances(17), 1.0)
     reference, changed = (measure(digitised(image * gain), pieces(17), 1.0) for gain in (1.0, 0.7))
-    np.testing.assert_allclose(changed[:, BLOOM], reference[:, BLOOM], rtol=0.1)
-    np.testing.assert_allclose(changed[:, WIDER], reference[:, WIDER], atol=0.02)
+    np.testing.assert_allclose(changed["bloom"], reference["bloom"], rtol=0.1)
+    np.testing.assert_allclose(changed["wider"], reference["wider"], atol=0.02)
 
 
 def test_swapping_rows_and_columns_changes_nothing():
     image, samples = digitised(stripes(distances(33) - 0.2, 1.0, 3.0)), pieces(33, width_out=3.0)
     swapped = samples.copy()
-    swapped[:, [U, V, NU, NV]] = samples[:, [V, U, NV, NU]]
+    for name in ("pixel", "normal"):
+        swapped[name] = samples[name][:, ::-1]
     first = measure(image, samples, 1.0)
     second = measure(np.ascontiguousarray(image.transpose(1, 0, 2)), swapped, 1.0)
-    np.testing.assert_allclose(second[:, : BLOOM + 1], first[:, : BLOOM + 1], atol=1e-9)
+    for name in ("offset", "variance", "usable", "bloom"):
+        np.testing.assert_allclose(second[name], first[name], atol=1e-9)
 
 
 @pytest.mark.parametrize("degrees", [0, 17, 45])
@@ -204,12 +209,12 @@ def test_swapping_rows_and_columns_changes_nothing():
 def test_narrow_neighbour_does_not_bias_the_edge(degrees, width):
     image = digitised(stripes(distances(degrees), 1.0, width))
     shown = measure(image, pieces(degrees, width_out=width), 1.0)
-    assert (shown[:, VALID] == 1).all()
-    assert abs(np.median(shown[:, OFFSET])) < 0.06
+    assert shown["usable"].all()
+    assert abs(np.median(shown["offset"])) < 0.06
     # Unlike where the neighbour's end is not known of.
     if width < 3:
         ignorant = measure(image, pieces(degrees), 1.0)
-        assert abs(np.median(ignorant[:, OFFSET])) > 0.15
+        assert abs(np.median(ignorant["offset"])) > 0.15
 
 
 @pytest.mark.parametrize("degrees", [0, 17, 45])
@@ -218,8 +223,8 @@ def test_edge_of_a_narrow_face_is_found(degrees, width):
     # Seen from the neighbour outside, the narrow face ends inwards.
     image = digitised(stripes(-distances(degrees), 1.0, width, (OUTER, INNER, BEYOND)))
     shown = measure(image, pieces(degrees, width_in=width), 1.0)
-    assert (shown[:, VALID] == 1).all()
-    assert abs(np.median(shown[:, OFFSET])) < 0.12
+    assert shown["usable"].all()
+    assert abs(np.median(shown["offset"])) < 0.12
 
 
 @pytest.mark.parametrize("outside", [0, 2])
@@ -229,8 +234,8 @@ def test_wider_says_by_how_much_an_edge_is_wider_than_the_blur(blur, outside):
 
     def wider(assumed):
         shown = measure(image, pieces(17, outside=outside), assumed)
-        assert (shown[:, SHARPNESS] > 0).all()
-        return np.median(shown[:, WIDER])
+        assert (shown["sharpness"] > 0).all()
+        return np.median(shown["wider"])
 
     assert abs(wider(blur)) < 0.02 * blur
     for deviation in (-0.2, -0.1, 0.1, 0.2):
@@ -242,7 +247,7 @@ def test_wider_says_by_how_much_an_edge_is_wider_than_the_blur(blur, outside):
 def test_blur_is_measured(blur, start):
     image, assumed = digitised(stripes(distances(17) - 0.1, blur)), start
     for _ in range(8):
-        wider = np.median(measure(image, pieces(17), assumed)[:, WIDER])
+        wider = np.median(measure(image, pieces(17), assumed)["wider"])
         # Bounds as in the refinement: far off, the first order says the direction only.
         assumed += min(1.0, max(-0.6 * assumed, wider))
     assert abs(assumed - blur) < 0.03 * blur
@@ -253,12 +258,12 @@ def test_sharpness_is_the_inverse_variance_of_wider(rng):
     shown = np.array(
         [measure(digitised(clean + rng.normal(0, 3, clean.shape)), pieces(17), 1.0) for _ in range(300)]
     )
-    assert 0.7 < shown[..., WIDER].var(axis=0).mean() * shown[..., SHARPNESS].mean() < 1.3
+    assert 0.7 < shown["wider"].var(axis=0).mean() * shown["sharpness"].mean() < 1.3
 
 
 def test_edges_of_narrow_faces_say_nothing_of_the_blur():
     image = digitised(stripes(distances(17), 1.0, 3.0))
-    assert (measure(image, pieces(17, width_out=3.0), 1.0)[:, SHARPNESS] == 0).all()
+    assert (measure(image, pieces(17, width_out=3.0), 1.0)["sharpness"] == 0).all()
 
 
 @pytest.mark.parametrize(("outside", "tolerance"), [(0, 0.3), (2, 0.2)])
@@ -276,13 +281,14 @@ def test_bloom_is_the_offset_that_a_response_feigns(inner, outer, outside, toler
 
         mixed = stripes(distances(degrees), blur, colors=(light(inner), light(outer), light(outer)))
         image = digitised(255 * mixed ** (1 / exponent))
-        return np.median(measure(image, pieces(degrees, outside=outside), blur), axis=0)
+        shown = measure(image, pieces(degrees, outside=outside), blur)
+        return np.median([shown["offset"], shown["bloom"]], axis=1)
 
-    linear = np.mean([seen(1.0, degrees) for degrees in every], axis=0)
-    assert abs(linear[BLOOM]) > 0.02
+    shift, bloom = np.mean([seen(1.0, degrees) for degrees in every], axis=0)
+    assert abs(bloom) > 0.02
     for exponent in (1.25, 1.5):
-        feigned = np.mean([seen(exponent, degrees)[OFFSET] for degrees in every]) - linear[OFFSET]
-        assert feigned == pytest.approx((exponent - 1) * linear[BLOOM], rel=tolerance, abs=0.001)
+        feigned = np.mean([seen(exponent, degrees)[0] for degrees in every]) - shift
+        assert feigned == pytest.approx((exponent - 1) * bloom, rel=tolerance, abs=0.001)
 
 
 @pytest.mark.parametrize("sigma", [1.5, 3.0, 6.0])
@@ -293,7 +299,7 @@ def test_variance_is_that_of_repeated_noise(rng, sigma, width):
         [measure(digitised(clean + rng.normal(0, sigma, clean.shape)), samples, 1.0) for _ in range(300)]
     )
     # Noise above the least is found out from the pixels themselves.
-    assert 0.75 < shown[..., OFFSET].var(axis=0).mean() / shown[..., VARIANCE].mean() < 1.25
+    assert 0.75 < shown["offset"].var(axis=0).mean() / shown["variance"].mean() < 1.25
 
 
 def test_variance_at_a_silhouette_counts_slopes_of_the_surfaces(rng):
@@ -302,11 +308,11 @@ def test_variance_at_a_silhouette_counts_slopes_of_the_surfaces(rng):
     clean, step = stripes(away[..., 0], 1.0), phi(away)
     shown = []
     for _ in range(300):
-        inside, outside = rng.normal(0, profile.SLOPE, (2, 3))
+        inside, outside = rng.normal(0, offset.SLOPE, (2, 3))
         slopes = inside * (1 - step) * (away + 0.5 * reach) + outside * step * (away - 0.5 * reach)
         image = digitised(clean + slopes + rng.normal(0, 3, clean.shape))
         shown.append(measure(image, pieces(17, outside=0), 1.0))
-    offsets, variances = np.array(shown)[..., OFFSET], np.array(shown)[..., VARIANCE]
+    offsets, variances = np.array(shown)["offset"], np.array(shown)["variance"]
     assert 0.75 < offsets.var(axis=0).mean() / variances.mean() < 1.25
 
 
@@ -317,13 +323,13 @@ def test_a_gradient_on_either_side_does_not_move_the_edge(outside, slope):
     image, step = stripes(away[..., 0], 1.0), phi(away)
     for gradient in (step * away, (1 - step) * away):
         shown = measure(digitised(image + slope * gradient), pieces(17, outside=outside), 1.0)
-        assert abs(np.median(shown[:, OFFSET])) < 0.02
+        assert abs(np.median(shown["offset"])) < 0.02
 
 
 def test_longer_strips_know_more():
     image = digitised(stripes(distances(17), 1.0))
     variances = [
-        np.median(measure(image, pieces(17, length=length), 1.0)[:, VARIANCE]) for length in (2, 4, 8)
+        np.median(measure(image, pieces(17, length=length), 1.0)["variance"]) for length in (2, 4, 8)
     ]
     assert variances[0] / variances[1] == pytest.approx(2, rel=0.3)
     assert variances[1] / variances[2] == pytest.approx(2, rel=0.3)
@@ -333,30 +339,30 @@ def test_longer_strips_know_more():
 def test_other_surfaces_than_expected_are_refused(inside, outside):
     image = digitised(stripes(distances(17), 1.0))
     shown = measure(image, pieces(17, inside=inside, outside=outside), 1.0)
-    assert (shown[:, VALID] == 0).all()
-    assert (shown[:, SHARPNESS] == 0).all()
+    assert not shown["usable"].any()
+    assert (shown["sharpness"] == 0).all()
 
 
 def test_surfaces_that_look_alike_are_refused():
     # Across the border between two labels, with less contrast than counts.
     inner, outer = np.array([80.0, 98, 104]), np.array([80.0, 103, 99])
     shown = measure(digitised(stripes(distances(17), 1.0, FAR, (inner, outer, outer))), pieces(17), 1.0)
-    assert np.linalg.norm(inner - outer) < profile.MIN_CONTRAST
-    assert (shown[:, VALID] == 0).all()
+    assert np.linalg.norm(inner - outer) < offset.MIN_CONTRAST
+    assert not shown["usable"].any()
 
 
 @pytest.mark.parametrize("degrees", DEGREES)
 def test_strips_beyond_the_border_are_refused(degrees):
     image, reach = digitised(stripes(distances(degrees), 1.0)), reach_at(1.0)
     samples = pieces(degrees)
-    half = np.abs(samples[:, [NU, NV]]) * reach + np.abs(samples[:, [NV, NU]]) * 2.0
+    half = np.abs(samples["normal"]) * reach + np.abs(samples["normal"][:, ::-1]) * 2.0
     last = SIZE - 1.0
-    for axis, column in enumerate((U, V)):
+    for axis in range(2):
         for place in (half[:, axis] - 0.01, last - half[:, axis] + 0.01, -50.0, 1e4):
             moved = samples.copy()
-            moved[:, column] = place
-            assert (measure(image, moved, 1.0)[:, VALID] == 0).all()
-    assert (measure(image, samples, 1.0)[:, VALID] == 1).all()
+            moved["pixel"][:, axis] = place
+            assert not measure(image, moved, 1.0)["usable"].any()
+    assert measure(image, samples, 1.0)["usable"].all()
 
 
 def test_strips_up_to_the_border_are_read():
@@ -364,21 +370,21 @@ def test_strips_up_to_the_border_are_read():
     reach = reach_at(1.0)
     i = np.mgrid[0:SIZE, 0:SIZE][1].astype(float)
     image, samples = digitised(stripes(i - reach, 1.0)), pieces(0)
-    samples[:, U] = reach
+    samples["pixel"][:, 0] = reach
     shown = measure(image, samples, 1.0)
-    assert (shown[:, VALID] == 1).all()
-    assert abs(np.median(shown[:, OFFSET])) < 0.01
+    assert shown["usable"].all()
+    assert abs(np.median(shown["offset"])) < 0.01
 
 
 def test_strips_of_too_few_pixels_are_refused():
     image = digitised(stripes(distances(17), 1.0))
-    assert (measure(image, pieces(17, length=0.5), 1.0)[:, VALID] == 0).all()
+    assert not measure(image, pieces(17, length=0.5), 1.0)["usable"].any()
 
 
 def test_offsets_stay_within_the_strip():
     for edge in (-3.0, 3.0):
         image = digitised(stripes(distances(17) - edge, 1.0))
         shown = measure(image, pieces(17), 1.0)
-        seen = shown[shown[:, VALID] == 1]
-        assert (np.abs(seen[:, OFFSET]) <= reach_at(1.0)).all()
-        assert (seen[:, OFFSET] * edge > 0).all()
+        seen = shown[shown["usable"]]
+        assert (np.abs(seen["offset"]) <= reach_at(1.0)).all()
+        assert (seen["offset"] * edge > 0).all()

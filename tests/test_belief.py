@@ -9,10 +9,11 @@ import pytest
 from tests.helpers import random_rotations
 from tracker.errors import TrackerError
 from tracker.geometry import so3
+from tracker.pose.fit import SEEN, Fit
 from tracker.pose.judge import confidence
-from tracker.pose.fit import Fit
-from tracker.pose.result import Status
-from tracker.tracking.belief import Track, TrackingOptions, measured
+from tracker.pose.result import MotionEstimate, Status
+from tracker.tracking.belief import Belief, TrackingOptions, measured
+from tracker.tracking.filter import MotionState
 
 DT = 0.1
 COVARIANCE = np.diag(np.repeat(np.square([0.3e-3, math.radians(0.3)]), 3))
@@ -23,13 +24,38 @@ X = np.array([1.0, 0.0, 0.0])
 
 def made_fit(position=HOME, rotation=None, *, sure=True, cameras=3, covariance=COVARIANCE):
     """A fit as of an object in full view, or with many pixels and pieces of edges that do not agree."""
-    seen = np.arange(3)[:, None] < cameras
-    # Pieces of edges: expected, usable, inliers, squares [px²], blur [px].
-    samples = np.where(seen, [40.0, 38.0, 36.0, 0.36, 0.5] if sure else [40.0, 24.0, 12.0, 3.0, 0.5], 0.0)
-    # Pixels: agree, missing, wrong, extra, predicted.
-    counts = np.where(seen, [400, 5, 0, 4, 410] if sure else [200, 120, 60, 60, 410], 0)
+    seen = np.zeros(3, SEEN)
+    fields = {
+        "expected": 40.0, "usable": 38.0 if sure else 24.0, "inliers": 36.0 if sure else 12.0,
+        "squares": 0.36 if sure else 3.0, "blur": 0.5, "predicted": 410, "agree": 400 if sure else 200,
+        "missing": 5 if sure else 120, "wrong": 0 if sure else 60, "extra": 4 if sure else 60,
+    }  # fmt: skip
+    for name, value in fields.items():
+        seen[name][:cameras] = value
     position = np.array(position, dtype=np.float64)
-    return Fit(position, np.eye(3) if rotation is None else rotation, covariance, samples, True, counts)
+    return Fit(position, np.eye(3) if rotation is None else rotation, covariance, seen, True)
+
+
+class Track:
+    """An object that is followed: what is believed of it now."""
+
+    def __init__(self, options: TrackingOptions | None = None) -> None:
+        self.belief = Belief(options or TrackingOptions())
+
+    @property
+    def alive(self) -> bool:
+        return self.belief.seen is not None
+
+    def advance(self, timestamp: float) -> MotionState | None:
+        self.belief, expected = self.belief.advance(timestamp)
+        return expected
+
+    def see(self, fit: Fit, expected: MotionState | None) -> Status:
+        self.belief, status = self.belief.see(fit, expected)
+        return status
+
+    def estimate(self) -> MotionEstimate | None:
+        return self.belief.estimate()
 
 
 def follow(track, fits, start=0.0, dt=DT):
@@ -87,7 +113,7 @@ def test_stamps_that_go_backwards_are_refused_and_change_nothing(track):
         track.advance(0.9)
     with pytest.raises(TrackerError):
         track.advance(math.nan)
-    assert track.timestamp == twin.timestamp
+    assert track.belief.timestamp == twin.belief.timestamp
     for one in (track, twin):
         one.see(made_fit(), one.advance(1.1))
     np.testing.assert_array_equal(track.estimate().position, twin.estimate().position)
@@ -232,12 +258,12 @@ def test_a_lost_object_may_come_back_anywhere_however_unsure(track):
 def test_what_is_plausible_widens_with_time_and_narrows_for_one_camera(track):
     aside = HOME + 0.08 * X
     expected = track.advance(1.01)
-    assert not track.plausible(expected, made_fit(aside))
-    assert track.plausible(expected, made_fit(HOME + 0.03 * X))
-    assert not track.plausible(expected, made_fit(HOME + 0.03 * X, cameras=1))
+    assert not track.belief.plausible(expected, made_fit(aside))
+    assert track.belief.plausible(expected, made_fit(HOME + 0.03 * X))
+    assert not track.belief.plausible(expected, made_fit(HOME + 0.03 * X, cameras=1))
     expected = track.advance(1.3)
-    assert track.plausible(expected, made_fit(aside))
-    assert not track.plausible(expected, made_fit(aside + 0.3 * X))
+    assert track.belief.plausible(expected, made_fit(aside))
+    assert not track.belief.plausible(expected, made_fit(aside + 0.3 * X))
 
 
 def test_what_one_camera_sees_must_be_sure():
@@ -251,10 +277,10 @@ def test_what_one_camera_sees_must_be_sure():
 def test_last_pose_is_the_last_measurement(track):
     rotation = random_rotations(np.random.default_rng(1), 1)[0]
     track.see(made_fit(ELSEWHERE, rotation), track.advance(1.1))
-    np.testing.assert_array_equal(track.last_pose[0], rotation)
-    np.testing.assert_array_equal(track.last_pose[1], ELSEWHERE)
+    np.testing.assert_array_equal(track.belief.last_pose[0], rotation)
+    np.testing.assert_array_equal(track.belief.last_pose[1], ELSEWHERE)
     assert track.see(made_fit(HOME, sure=False), track.advance(1.11)) is Status.COASTING
-    np.testing.assert_array_equal(track.last_pose[1], ELSEWHERE)
+    np.testing.assert_array_equal(track.belief.last_pose[1], ELSEWHERE)
 
 
 def test_estimate_is_surer_than_one_measurement_of_an_object_at_rest(track):

@@ -3,21 +3,19 @@ from __future__ import annotations
 import dataclasses
 import math
 
-import numpy as np
 import pytest
 
-from tests.test_tracking import made_fit
+from tests.test_belief import made_fit
+from tracker.pose.hypotheses.positions import ARENA_BOTTOM
 from tracker.pose.judge import possible, rank, refusal
-from tracker.pose.contour import INLIERS, SQUARES
-from tracker.pose.grids import ARENA_BOTTOM
 from tracker.pose.result import Status
 
 
 def rough(fit, rms):
     """A fit whose edges are off by `rms` [px] at the reference focal length."""
-    samples = fit.samples.copy()
-    samples[:, SQUARES] = rms**2 * samples[:, INLIERS]
-    return dataclasses.replace(fit, samples=samples)
+    cameras = fit.cameras.copy()
+    cameras["squares"] = rms**2 * cameras["inliers"]
+    return dataclasses.replace(fit, cameras=cameras)
 
 
 @pytest.mark.parametrize(("cameras", "status"), [(3, Status.INCONSISTENT_VIEWS), (1, Status.AMBIGUOUS)])
@@ -36,11 +34,15 @@ def test_pieces_speak_for_a_fit_the_less_the_rougher_they_are():
     assert ranks == sorted(ranks, reverse=True)
     for rms in (0.05, 0.3, 1.5):
         fit = rough(made_fit(), rms)
-        fewer = fit.samples.copy()
-        fewer[:, [INLIERS, SQUARES]] *= 0.7
-        assert rank(dataclasses.replace(fit, samples=fewer)) < rank(fit)
+        fewer = fit.cameras.copy()
+        for name in ("inliers", "squares"):
+            fewer[name] *= 0.7
+        assert rank(dataclasses.replace(fit, cameras=fewer)) < rank(fit)
 
 
 def test_a_rank_is_finite_for_a_fit_without_pieces():
     fit = made_fit()
-    assert math.isfinite(rank(dataclasses.replace(fit, samples=np.zeros_like(fit.samples))))
+    cameras = fit.cameras.copy()
+    for name in ("expected", "usable", "inliers", "squares", "blur"):
+        cameras[name] = 0.0
+    assert math.isfinite(rank(dataclasses.replace(fit, cameras=cameras)))
