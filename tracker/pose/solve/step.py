@@ -83,10 +83,11 @@ def solve_step(equations, share, prior, pull, known, shared, changes):  # type: 
     return doubt
 
 
-SHARES = np.array([1.0, 0.3, 0.1, 0.03, 0.01, 0.003, 0.001])
-"""Shares of the stated calibration variance that the cameras' agreement is asked about."""
+SHARES = np.array([100.0, 30.0, 10.0, 3.0, 1.0, 0.3, 0.1, 0.03, 0.01, 0.003, 0.001])
+"""Shares of the stated calibration variance that the cameras' agreement is asked about; above 1 the cameras
+disagree more than their files state."""
 
-SHARES_PRIOR = np.array([0.4, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1])
+SHARES_PRIOR = np.array([0.001, 0.002, 0.007, 0.03, 0.36, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1])
 """Probability of each before the cameras are asked."""
 
 
