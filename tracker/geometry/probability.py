@@ -11,15 +11,15 @@ from tracker.compiled import compiled
 from tracker.conventions import FloatArray
 from tracker.geometry.linear import factorise
 
-DIRECTIONS = 600
-"""Directions over which is integrated: the result is good to 0.003."""
+DIRECTIONS = 1200
+"""Directions over which is integrated: the result is good to 0.005."""
 
 CERTAIN = 60.0
 """Squared distance, in standard deviations, of the limits beyond which no error is looked for."""
 
 
 def _directions(count: int) -> FloatArray:
-    """Unit vectors (N, 6) spread evenly: Gaussian deviates of an additive recurrence (Roberts' R sequence)."""
+    """Unit vectors (N, 6) spread evenly: normal deviates of an additive recurrence (Roberts, R sequence)."""
     root = 1.0
     for _ in range(50):
         root = (1.0 + root) ** (1.0 / 7.0)

@@ -76,7 +76,7 @@ def check_image(image: object, who: str = "image") -> Image:
 
 
 def in_even_light(image: Image, colors: ColorModel) -> tuple[Image, Light]:
-    """The image (H, W, 3) without the slope of its light's colour, and the light that `colors` reads it in."""
+    """The image (H, W, 3) without the slope of its light's colour, and the light to read it in."""
     light = find_light(image) if colors.normalise else AS_IT_IS
     return evened(image, light), light
 
