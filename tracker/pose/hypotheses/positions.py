@@ -27,6 +27,9 @@ MIN_VOTE, MIN_SHARE = 0.15, 0.35
 ALMOST = 0.95
 """The same where the best alone is wanted."""
 
+DOUBT = 0.5
+"""Cameras that are taken to see nothing at a point, beside those that look there."""
+
 STEP = 0.4
 """Distance of the grid's points [radii of the object]."""
 
@@ -104,9 +107,10 @@ def vote(integrals, lenses, used, x, y, z, radius, area_share, slack):  # type: 
             number += 1
         else:
             best = max(best, one)
-    # A camera that cannot see the point neither helps nor harms; one that may see it, helps a bound only.
-    mean = certain / max(number, 1)
-    return mean if best <= mean else (certain + best) / (number + 1)
+    # A camera that cannot see the point does not count, but the more agree the better; one that may see it,
+    # helps a bound only.
+    mean = certain / (number + DOUBT)
+    return max(mean, (certain + best) / (number + 1.0 + DOUBT)) if best > 0.0 else mean
 
 
 @compiled
