@@ -20,14 +20,17 @@ from tracker.pose.estimate import PoseEstimator, Sight
 from tracker.pose.evidence import EvidenceReader, View
 from tracker.pose.fit import Fit
 from tracker.pose.judge import confidence, features, log_odds, rank, refusal
-from tracker.pose.result import Observation, PoseEstimate, Status
+from tracker.pose.result import MotionEstimate, Observation, PoseEstimate, Status
 from tracker.pose.solve.refine import settle
+from tracker.pose.start import Lag
 from tracker.segmentation.color_model import ColorModel, load_colors
 from tracker.segmentation.labels import check_image
 from tracker.tracking.belief import TrackingOptions, alone, measured
 from tracker.tracking.cameras import CameraMemory, lit, usable
 from tracker.tracking.filter import MotionState
+from tracker.tracking.gate import Gate
 from tracker.tracking.memory import Memory
+from tracker.tracking.stamps import check_stamps
 
 _LOG = logging.getLogger(__name__)
 
@@ -72,6 +75,7 @@ class ObjectTracker:
         self._estimator = PoseEstimator(Box.of(model), rig, self.colors.label_table)
         self._reader = EvidenceReader(self.colors, self._estimator.factors)
         self._memory = Memory.empty(len(rig), tracking)
+        self._gate = Gate()
 
     def detect(self, images: Sequence[Image | None]) -> Observation:
         """The object's pose in one set of images, without memory: same images, same answer to the bit.
@@ -94,10 +98,30 @@ class ObjectTracker:
         return Observation(pose, None, Status.FOUND, timing)
 
     def reset(self) -> None:
-        """Forget what `update` remembers: the next images are the first of another recording."""
-        self._memory = Memory.empty(len(self.rig), self._memory.belief.options)
+        """Forget what `update` remembers: the next images are the first of another recording.
 
-    def update(self, images: Sequence[Image | None], timestamp: float) -> Observation:
+        Raises:
+            TrackerError: `update` is at work in another thread.
+        """
+        with self._gate:
+            self._memory = Memory.empty(len(self.rig), self._memory.belief.options)
+
+    def predict(self, timestamp: float) -> MotionEstimate | None:
+        """The pose expected at a later moment, from all that `update` has seen; changes nothing.
+
+        Images are late: a control loop that acts at `timestamp` asks for the pose then. The covariance has
+        grown by what the object may do meanwhile. None where the object is lost, or has not been seen for
+        longer than `TrackingOptions.coast_seconds` by then.
+
+        Args:
+            timestamp: on the clock of `update`'s stamps [s], not before the last of them.
+
+        Raises:
+            TrackerError: the stamp is not finite, or earlier than that of the last images.
+        """
+        return self._memory.belief.predicted(timestamp).estimate()
+
+    def update(self, images: Sequence[Image | None], timestamp: float | Sequence[float]) -> Observation:
         """The object's pose in the next set of images, with the memory of those before.
 
         The object is looked for where its motion so far lets it be expected, and everywhere if it is not
@@ -111,22 +135,34 @@ class ObjectTracker:
 
         Args:
             images: as for `detect`, but all may be None.
-            timestamp: when they were taken [s], not earlier than those before.
+            timestamp: when they were taken [s], not earlier than those before; or one stamp for each camera,
+                where they were not taken at once: the pose is that of the latest, and what the others show is
+                moved by the object's velocity. Stamps of cameras without an image do not count.
 
         Raises:
             ImageError: wrong count, type, shape or size.
-            TrackerError: the stamp is not finite, or earlier than the one before.
+            TrackerError: the wrong number of stamps, one that is not finite, or all earlier than before; or
+                another call of `update` or `reset` is at work on this tracker. After an error everything is
+                as it was before the call.
         """
+        with self._gate:
+            return self._update(images, timestamp)
+
+    def _update(self, images: Sequence[Image | None], timestamp: float | Sequence[float]) -> Observation:
         start = time.perf_counter()
         checked = self._check(images, least=0)
+        stamps = check_stamps(timestamp, [image is not None for image in checked])
         before = self._memory
-        if before.latest is not None and timestamp == before.belief.timestamp:
+        if before.latest is not None and stamps.latest == before.belief.timestamp:
             return before.latest
-        belief, expected = before.belief.advance(timestamp)
+        belief, expected = before.belief.advance(stamps.latest)
         cameras, given = usable(before.cameras, checked)
+        lag = None
+        if expected is not None and stamps.delays.any():
+            lag = Lag(stamps.delays, expected.velocity, expected.covariance[6:, 6:])
         memory = replace(before, belief=belief, cameras=tuple(cameras))
         timing: dict[str, float] = {}
-        outcome, memory = self._measure(given, expected, memory, timing)
+        outcome, memory = self._measure(given, expected, lag, memory, timing)
         pose = status = reason = None
         if isinstance(outcome, Status):
             reason = outcome
@@ -148,6 +184,7 @@ class ObjectTracker:
         self,
         images: Sequence[Image | None],
         expected: MotionState | None,
+        lag: Lag | None,
         memory: Memory,
         timing: dict[str, float],
     ) -> tuple[Fit | Status, Memory]:
@@ -156,7 +193,7 @@ class ObjectTracker:
             return Status.NO_OBJECT_COLORS, memory
         near = None
         if expected is not None:
-            near, memory = self._follow(images, expected, memory, timing)
+            near, memory = self._follow(images, expected, lag, memory, timing)
             if near is not None and _settled(near) and memory.belief.plausible(expected, near):
                 return near, memory
         found = self.fit(images, timing, thorough=near is None)
@@ -169,6 +206,7 @@ class ObjectTracker:
         self,
         images: Sequence[Image | None],
         expected: MotionState,
+        lag: Lag | None,
         memory: Memory,
         timing: dict[str, float],
     ) -> tuple[Fit | None, Memory]:
@@ -177,14 +215,16 @@ class ObjectTracker:
         cameras, sight = self._glance(images, memory.cameras, expected.position)
         split = time.perf_counter()
         timing["segmentation"] = 1e3 * (split - lap)
-        fit: Fit | None = self._estimator.follow(sight, expected.rotation, expected.position, memory.start)
+        fit: Fit | None = self._estimator.follow(
+            sight, expected.rotation, expected.position, memory.start, lag
+        )
         assert fit is not None
         memory = replace(memory, cameras=tuple(cameras), start=fit.end)
         if not _settled(fit):
             hypotheses = [(expected.rotation, expected.position)]
             if memory.belief.last_pose is not None:
                 hypotheses.append(memory.belief.last_pose)
-            fit = self._estimator.follow_far(sight, hypotheses)
+            fit = self._estimator.follow_far(sight, hypotheses, lag)
         timing["pose"] = 1e3 * (time.perf_counter() - split)
         return (fit if fit is not None and refusal(fit) is None else None), memory
 
@@ -198,7 +238,7 @@ class ObjectTracker:
             if image is None:
                 views.append(None)
                 continue
-            cameras[c] = lit(memories[c], image, self._reader.lighting)
+            cameras[c] = lit(memories[c], image, self._reader.lighting, c)
             lighting = cameras[c].lighting
             assert lighting is not None
             views.append(self._reader.glance(c, image, lighting, self._estimator.window(c, position)))

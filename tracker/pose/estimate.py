@@ -25,7 +25,7 @@ from tracker.pose.result import Status
 from tracker.pose.scale import label_camera, label_factors
 from tracker.pose.solve.refiner import Refiner
 from tracker.pose.solve.schedule import FOLLOWING, SCHEDULE, Schedule
-from tracker.pose.start import LIKELY, Start
+from tracker.pose.start import LIKELY, Lag, Start
 
 ALIGN_REACHES = np.array([5, 4, 3])
 """Reach of the label transitions' search in each alignment step [px of the label map]."""
@@ -138,17 +138,27 @@ class PoseEstimator:
         ]
         return replace(best, lead=rank(best) - rank(rivals[0])) if rivals else best
 
-    def follow(self, sight: Sight, rotation: FloatArray, position: FloatArray, start: Start) -> Fit:
+    def follow(
+        self,
+        sight: Sight,
+        rotation: FloatArray,
+        position: FloatArray,
+        start: Start,
+        lag: Lag | None = None,
+    ) -> Fit:
         """The fit nearest to a predicted pose (3, 3), (3,) [m]; a prediction off by a few pixels will do.
 
-        `start`: what the unknowns beside the pose were a moment ago.
+        `start`: what the unknowns beside the pose were a moment ago; `lag`: how far the pictures lag behind,
+        None where they were taken at once.
         """
-        fit = self.refine(sight, rotation, position, FOLLOWING, start)
+        fit = self.refine(sight, rotation, position, FOLLOWING, start, lag)
         if np.count_nonzero(sight.used) == 1:
             fit = max([fit, *self._reversed(sight, fit, start)], key=rank)
         return fit
 
-    def follow_far(self, sight: Sight, hypotheses: Sequence[Hypothesis]) -> Fit | None:
+    def follow_far(
+        self, sight: Sight, hypotheses: Sequence[Hypothesis], lag: Lag | None = None
+    ) -> Fit | None:
         """As `follow`, from the best of poses that may be off by 3 cm and 30°."""
         rotations = np.array([rotation for rotation, _ in hypotheses])
         positions, scores = np.array([position for _, position in hypotheses]), np.empty(len(hypotheses))
@@ -159,7 +169,7 @@ class PoseEstimator:
         best = int(np.argmax(scores))
         if scores[best] < align.IMPOSSIBLE / 2:
             return None
-        return self.refine(sight, rotations[best], positions[best])
+        return self.refine(sight, rotations[best], positions[best], lag=lag)
 
     def refine(
         self,
@@ -168,9 +178,10 @@ class PoseEstimator:
         position: FloatArray,
         schedule: Schedule = SCHEDULE,
         start: Start = LIKELY,
+        lag: Lag | None = None,
     ) -> Fit:
         """The fit nearest to a hypothesis (3, 3), (3,) [m]."""
-        end = self.refiner.refine(sight.views, rotation, position, schedule, start)
+        end = self.refiner.refine(sight.views, rotation, position, schedule, start, lag)
         explain(
             self.small, sight.labels, sight.used, self.box.half, self.box.face_labels, end.rotation,
             end.position, end.cameras,

@@ -12,7 +12,7 @@ from tracker.conventions import Array, FloatArray, Image
 from tracker.pose.scale import reduced
 from tracker.segmentation import mosaic
 from tracker.segmentation.color_model import ColorModel
-from tracker.segmentation.labels import look_up
+from tracker.segmentation.labels import in_even_light, look_up
 from tracker.segmentation.light import AS_IT_IS, Light, evened, find_light, grey_world_gains
 from tracker.segmentation.noise import LOUD, calmed, noise_level
 
@@ -70,9 +70,8 @@ class EvidenceReader:
 
     def see(self, c: int, image: Image) -> Seen:
         """Camera c's picture (H, W, 3), its light judged by the most frequent chromaticity."""
-        small = reduced(calmed(image), self.factors[c])
-        light = find_light(small) if self.colors.normalise else AS_IT_IS
-        return Seen(image, evened(small, light), light.tilt, light.gains, mosaic.find(image))
+        small, light = in_even_light(reduced(calmed(image), self.factors[c]), self.colors)
+        return Seen(image, small, light.tilt, light.gains, mosaic.find(image))
 
     def read(self, seen: Seen, grey_world: bool) -> View:
         """Labels of a whole picture; `grey_world`: its light is judged anew, by the mean of all pixels."""

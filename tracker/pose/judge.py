@@ -9,6 +9,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from tracker.conventions import FloatArray
+from tracker.geometry.probability import probability_within
 from tracker.pose.fit import Fit
 from tracker.pose.result import Status
 
@@ -90,9 +91,6 @@ BIAS = 8.31
 NEAR = 5e-3, math.radians(5)
 """What the confidence promises: the pose is this close to the truth [m, rad]."""
 
-CARE = 1.25
-"""Factor on the standard deviations when they are asked whether the pose is that close."""
-
 
 @functools.lru_cache(maxsize=32)
 def log_odds(fit: Fit) -> float:
@@ -116,11 +114,7 @@ def rank(fit: Fit) -> float:
 
 def probably_near(covariance: FloatArray, limits: tuple[float, float] = NEAR) -> float:
     """Probability that a pose with this covariance (6, 6) is within limits [m, rad] of the truth."""
-    result = 1.0
-    for block, near in zip((covariance[:3, :3], covariance[3:, 3:]), limits, strict=True):
-        std = math.sqrt(max(float(np.linalg.eigvalsh(block)[-1]), 1e-18))
-        result *= math.erf(near / (CARE * std * math.sqrt(2.0)))
-    return result
+    return probability_within(covariance, *limits)
 
 
 def trust(fit: Fit) -> float:

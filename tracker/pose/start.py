@@ -4,6 +4,24 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from tracker.conventions import FloatArray
+
+
+class Lag(NamedTuple):
+    """Pictures that were taken before the moment for which the pose is asked, of an object that moves."""
+
+    delays: FloatArray
+    """(C,) since each camera's picture was taken [s]."""
+    velocity: FloatArray
+    """(6,) of the object [m/s, rad/s]."""
+    covariance: FloatArray
+    """(6, 6) of the velocity."""
+
+    @property
+    def moved(self) -> FloatArray:
+        """(C, 6) by which the cameras see the object moved [m, rad]."""
+        return -self.delays[:, None] * self.velocity
+
 
 class Start(NamedTuple):
     """What the unknowns beside the pose are taken to be at first; the end is not bound to it."""

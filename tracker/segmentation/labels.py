@@ -9,7 +9,7 @@ from tracker.compiled import compiled
 from tracker.conventions import Array, Image
 from tracker.errors import ImageError
 from tracker.segmentation.color_model import ColorModel
-from tracker.segmentation.light import CLIPPED, neutral_gains
+from tracker.segmentation.light import AS_IT_IS, CLIPPED, Light, evened, find_light
 
 REFERENCE_SIZE = 270
 """Image height [px] at which lengths below are stated."""
@@ -75,9 +75,10 @@ def check_image(image: object, who: str = "image") -> Image:
     return image
 
 
-def gains_for(image: Image, colors: ColorModel) -> Array:
-    """Channel gains (3,) under which `colors` reads this image."""
-    return neutral_gains(image)[0] if colors.normalise else np.ones(3)
+def in_even_light(image: Image, colors: ColorModel) -> tuple[Image, Light]:
+    """The image (H, W, 3) without the slope of its light's colour, and the light to read it in."""
+    light = find_light(image) if colors.normalise else AS_IT_IS
+    return evened(image, light), light
 
 
 def segment(image: Image, colors: ColorModel) -> Image:
@@ -92,12 +93,12 @@ def segment(image: Image, colors: ColorModel) -> Image:
     if scale > FINE:
         # Demosaicing leaves single wrong pixels at this resolution.
         image = np.asarray(cv2.medianBlur(image, 3), dtype=np.uint8)
-    gains = gains_for(image, colors)
-    channels = colors.channel_tables(gains)
+    image, light = in_even_light(image, colors)
+    channels = colors.channel_tables(light.gains)
     labels = np.empty(image.shape[:2], np.uint8)
     margin = np.empty(image.shape[:2], np.uint8)
-    look_up(image, channels, colors.label_table, gains, labels)
-    look_up(image, channels, colors.margin_table, gains, margin)
+    look_up(image, channels, colors.label_table, light.gains, labels)
+    look_up(image, channels, colors.margin_table, light.gains, margin)
     return keep_strongest(labels, np.minimum(margin, 64), scale)
 
 
@@ -130,7 +131,8 @@ def keep_strongest(labels: Image, evidence: Array, scale: float) -> Image:
 def class_probabilities(image: Image, colors: ColorModel) -> Array:
     """Posterior (H, W, 7) float32 of background and the six colours at every pixel, without clean-up."""
     image = check_image(image)
-    channels = colors.channel_tables(gains_for(image, colors))
+    image, light = in_even_light(image, colors)
+    channels = colors.channel_tables(light.gains)
     cells = sum(channels[c][image[..., c]] for c in range(3))
     probabilities: Array = colors.probability_table[cells]
     return probabilities

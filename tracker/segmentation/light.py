@@ -35,7 +35,7 @@ EVEN_SHARE = 0.8
 TILTED_ROUNDS = 5
 """Rounds in which a slope of the chromaticity over the image is followed from the most frequent one."""
 
-MIN_TILT, MAX_TILT = 0.15, 1.2
+MIN_TILT, MAX_TILT = 0.05, 1.2
 """Slope of the log chromaticity towards a corner below which the light counts as even, and above which the
 greys have been mistaken."""
 

@@ -76,8 +76,7 @@ class Belief:
         Raises:
             TrackerError: the stamp is not finite, or earlier than the last one.
         """
-        if not math.isfinite(timestamp):
-            raise TrackerError(f"timestamp: found {timestamp}, expected a finite number of seconds")
+        _check_stamp(timestamp)
         if self.timestamp is not None and timestamp < self.timestamp:
             raise TrackerError(
                 f"timestamp: found {timestamp:.6f} s after {self.timestamp:.6f} s, expected no earlier one; "
@@ -160,6 +159,20 @@ class Belief:
             )
         )
 
+    def predicted(self, timestamp: float) -> Belief:
+        """What is believed at a later stamp [s] of which there are no pictures.
+
+        Raises:
+            TrackerError: the stamp is not finite, or earlier than that of the last pictures.
+        """
+        _check_stamp(timestamp)
+        if self.timestamp is not None and timestamp < self.timestamp:
+            raise TrackerError(
+                f"timestamp: found {timestamp:.6f} s, before the last pictures at {self.timestamp:.6f} s; "
+                "expected no earlier one"
+            )
+        return self.advance(timestamp)[0]
+
     def estimate(self) -> MotionEstimate | None:
         """The fused estimate; None while the object is lost."""
         if self.seen is None or self.motion is None:
@@ -174,6 +187,11 @@ class Belief:
             state.velocity,
             state.covariance[6:, 6:],
         )
+
+
+def _check_stamp(timestamp: float) -> None:
+    if not math.isfinite(timestamp):
+        raise TrackerError(f"timestamp: found {timestamp}, expected a finite number of seconds")
 
 
 def _differences(fit: Fit, rotation: FloatArray, position: FloatArray) -> tuple[float, float]:

@@ -62,9 +62,13 @@ def usable(
     return remembered, result
 
 
-def lit(memory: CameraMemory, image: Image, look: Callable[[Image], Lighting]) -> CameraMemory:
-    """The memory of a camera with its lighting as looked at not more than EVERY pictures ago."""
-    age = memory.age + 1
-    if memory.lighting is None or age >= EVERY:
+def lit(memory: CameraMemory, image: Image, look: Callable[[Image], Lighting], turn: int) -> CameraMemory:
+    """The memory of a camera with its lighting as looked at not more than EVERY pictures ago.
+
+    turn: the camera's number; cameras that begin together are looked at in turn from then on.
+    """
+    if memory.lighting is None:
+        return memory._replace(lighting=look(image), age=turn % EVERY)
+    if memory.age + 1 >= EVERY:
         return memory._replace(lighting=look(image), age=0)
-    return memory._replace(age=age)
+    return memory._replace(age=memory.age + 1)

@@ -8,6 +8,7 @@ from tracker.compiled import compiled
 from tracker.conventions import FloatArray
 from tracker.geometry import so3
 from tracker.geometry.camera import Camera
+from tracker.pose.solve.step import EXPONENT, OWN
 
 PRIOR = np.array([3.0] * 3 + [10.0] * 3)
 """Information of a prior of 0.6 radii of the object and 0.3 rad around the hypothesis, which holds unseen
@@ -18,6 +19,9 @@ UNSTATED_STD = np.full((4, 4), 1e-5)
 
 LEAST_VARIANCE = 1e-12
 """A calibration is never taken to be more exact than a thousandth of a millimetre or milliradian."""
+
+DEVIATION_STD = 0.1
+"""Standard deviation of a camera's exponent of response around that of all."""
 
 MODEL_STD = 4e-4, 3e-4
 """What no number of samples averages away: edge lengths, unmodelled optics [radii of the object, rad]."""
@@ -51,7 +55,7 @@ def calibration_covariance(camera: Camera) -> FloatArray:
 
 @compiled
 def offset_weights(calibration_information, position):  # type: ignore[no-untyped-def]
-    """(C, 6, 6) inverse covariance of the pose offsets [m, rad] that calibration errors look like.
+    """(C, 7, 7) inverse covariance of what each camera has of its own: offsets [m, rad] and exponent.
 
     An error (δt, ω) of camera_from_world moves a point in the camera by δt + ω × (R P), which is what
     an object at `position` would show if it had moved by δp + δθ × (P - position) along world axes, with
@@ -62,8 +66,9 @@ def offset_weights(calibration_information, position):  # type: ignore[no-untype
     x, y, z = position[0], position[1], position[2]
     back[0, 4], back[0, 5], back[1, 3] = -z, y, z
     back[1, 5], back[2, 3], back[2, 4] = -x, -y, x
-    out = np.empty_like(calibration_information)
+    out = np.zeros((len(calibration_information), OWN, OWN))
     for c in range(len(out)):
+        out[c, EXPONENT, EXPONENT] = 1.0 / DEVIATION_STD**2
         for i in range(6):
             for j in range(6):
                 out[c, i, j] = 0.0
@@ -71,6 +76,16 @@ def offset_weights(calibration_information, position):  # type: ignore[no-untype
                     for m in range(6):
                         out[c, i, j] += back[k, i] * calibration_information[c, k, m] * back[m, j]
     return out
+
+
+def loosen(weights: FloatArray, delays: FloatArray, covariance: FloatArray) -> None:
+    """Add to the offsets' covariances, in place of their inverse (C, 7, 7), what delays leave open.
+
+    delays (C,) [s]: since the cameras' pictures were taken; covariance (6, 6): of the object's velocity.
+    """
+    for c in np.flatnonzero(delays):
+        stated = np.linalg.inv(weights[c, :6, :6])
+        weights[c, :6, :6] = np.linalg.inv(stated + delays[c] ** 2 * covariance)
 
 
 def pose_covariance(information: FloatArray, radius: float) -> FloatArray:

@@ -10,19 +10,19 @@ from tracker.pose.solve.step import EXPONENT, GROWTH, UNKNOWNS
 
 
 @compiled(inline="always")
-def residual(strip, found, since, shared):  # type: ignore[no-untyped-def]
+def residual(strip, found, since, exponent, growth):  # type: ignore[no-untyped-def]
     """Offset of an edge [px] that is left: equation (5) of docs/how-it-works.md.
 
-    since (6,): motion of the pose since it was measured; shared (UNKNOWNS,): response and growth.
+    since (6,): motion of the pose since it was measured.
     """
-    left = found.offset - shared[EXPONENT] * found.bloom - shared[GROWTH] * strip.growth
+    left = found.offset - exponent * found.bloom - growth * strip.growth
     for i in range(6):
         left -= strip.jacobian[i] * since[i]
     return left
 
 
 @compiled
-def accumulate(strips, offsets, n, since, shared, limit, floor, matrix, vector, seen):  # type: ignore[no-untyped-def]
+def accumulate(strips, offsets, n, since, exponent, growth, limit, floor, matrix, vector, seen):  # type: ignore[no-untyped-def]
     """Add n weighted offsets to the normal equations (8, 8), (8,) and to the record `seen` (SEEN).
 
     limit: residual [px] at which a weight reaches zero; floor: variance of an edge's place [px²] that noise
@@ -32,7 +32,7 @@ def accumulate(strips, offsets, n, since, shared, limit, floor, matrix, vector, 
     for s in range(n):
         if not offsets[s].usable:
             continue
-        r = residual(strips[s], offsets[s], since, shared)
+        r = residual(strips[s], offsets[s], since, exponent, growth)
         robust = tukey(r, limit)
         if robust == 0.0:
             continue

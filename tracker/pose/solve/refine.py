@@ -9,7 +9,7 @@ from tracker.geometry.lens import apply_update
 from tracker.pose.edges.offset import Palette, measure
 from tracker.pose.solve.normal import accumulate, residual
 from tracker.pose.solve.robust import spread
-from tracker.pose.solve.step import EXPONENT, GROWTH, UNKNOWNS, calibration_share, marginal, solve_step
+from tracker.pose.solve.step import EXPONENT, GROWTH, OWN, UNKNOWNS, calibration_share, marginal, solve_step
 from tracker.pose.start import LIKELY
 
 NOISE = 1.5
@@ -53,6 +53,7 @@ def _take_stock(cameras, unknowns, tuning, work, seen):  # type: ignore[no-untyp
         if not cameras.used[c]:
             continue
         scale, widths = cameras.scales[c], 0
+        exponent, growth = unknowns.shared[EXPONENT] + unknowns.offsets[c, EXPONENT], unknowns.shared[GROWTH]
         for s in range(work.counts[c]):
             if not work.strips[c, s].in_view:
                 continue
@@ -61,7 +62,7 @@ def _take_stock(cameras, unknowns, tuning, work, seen):  # type: ignore[no-untyp
             if not found.usable:
                 continue
             seen[c].usable += 1.0
-            off = abs(residual(work.strips[c, s], found, work.since[c], unknowns.shared)) / scale
+            off = abs(residual(work.strips[c, s], found, work.since[c], exponent, growth)) / scale
             work.residuals[total] = off
             total += 1
             if off < 1.0 and found.sharpness > 0.0:
@@ -95,11 +96,14 @@ def _add_up(cameras, unknowns, tuning, least, scatter, work, seen):  # type: ign
             continue
         scale = cameras.scales[c]
         accumulate(
-            work.strips[c], work.found[c], work.counts[c], work.since[c], unknowns.shared,
+            work.strips[c], work.found[c], work.counts[c], work.since[c],
+            unknowns.shared[EXPONENT] + unknowns.offsets[c, EXPONENT], unknowns.shared[GROWTH],
             min(limit * scale, work.reaches[c]), (max(tuning.floor, 0.7 * scatter) * scale) ** 2,
             work.information[c], work.gradient[c], seen[c],
         )  # fmt: skip
-        trust = 1.0 if cameras.parts[c] > 1 else 1.0 / tuning.correlation**2
+        trust = (1.0 if cameras.parts[c] > 1 else 1.0 / tuning.correlation**2) / (
+            1.0 + (unknowns.blurs[c] / tuning.smear) ** 2
+        )
         work.information[c] *= trust
         work.gradient[c] *= trust
 
@@ -114,6 +118,7 @@ def _move(unknowns, update, changes, tuning, radius, work):  # type: ignore[no-u
     for i in range(6, UNKNOWNS):
         unknowns.shared[i] += update[i] / limit
     for c in range(len(changes)):
+        unknowns.offsets[c, EXPONENT] += changes[c, EXPONENT] / limit
         for i in range(6):
             unknowns.offsets[c, i] += changes[c, i] / limit
             moved = (update[i] + changes[c, i]) / limit
@@ -165,7 +170,7 @@ def settle(cameras, prior, radius, schedule, tuning, step, unknowns, work, infor
     Returns whether the last step was negligible, and the next step.
     """
     joint, update, pull = np.zeros((UNKNOWNS, UNKNOWNS)), np.zeros(UNKNOWNS), np.zeros(UNKNOWNS)
-    changes, priors = np.zeros((len(cameras.used), 6)), np.zeros((UNKNOWNS, UNKNOWNS))
+    changes, priors = np.zeros((len(cameras.used), OWN)), np.zeros((UNKNOWNS, UNKNOWNS))
     for i in range(6):
         priors[i, i] = prior[i]
     priors[EXPONENT, EXPONENT], priors[GROWTH, GROWTH] = 1.0 / EXPONENT_STD**2, 1.0 / GROWTH_STD**2

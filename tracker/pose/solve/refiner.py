@@ -16,12 +16,18 @@ from tracker.pose.edges.lay import lay_strips
 from tracker.pose.evidence import View
 from tracker.pose.fit import SEEN
 from tracker.pose.scale import relative_sizes
-from tracker.pose.solve.covariance import PRIOR, calibration_covariance, offset_weights, pose_covariance
+from tracker.pose.solve.covariance import (
+    PRIOR,
+    calibration_covariance,
+    loosen,
+    offset_weights,
+    pose_covariance,
+)
 from tracker.pose.solve.refine import settle
 from tracker.pose.solve.schedule import SCHEDULE, TUNING, Schedule
 from tracker.pose.solve.state import Cameras, Unknowns, Workspace, workspace
-from tracker.pose.solve.step import EXPONENT, GROWTH, UNKNOWNS
-from tracker.pose.start import LIKELY, Start
+from tracker.pose.solve.step import EXPONENT, GROWTH, OWN, UNKNOWNS
+from tracker.pose.start import LIKELY, Lag, Start
 from tracker.segmentation import mosaic
 
 FINE = 1.5
@@ -77,6 +83,7 @@ class Refiner:
         position: FloatArray,
         schedule: Schedule = SCHEDULE,
         start: Start = LIKELY,
+        lag: Lag | None = None,
     ) -> Refined:
         """The pose (3, 3), (3,) [m] that fits the views' edges best near the one given.
 
@@ -84,12 +91,12 @@ class Refiner:
         moved by η_c; the offsets' size is bound by what the calibration states of its errors.
         """
         count, work = len(self.lenses), self._local.space
-        cameras = self._cameras(views, np.asarray(position, dtype=np.float64), start.blur)
+        cameras = self._cameras(views, np.asarray(position, dtype=np.float64), start.blur, lag)
         unknowns = Unknowns(
             np.array(rotation, dtype=np.float64),
             np.array(position, dtype=np.float64),
             np.zeros(UNKNOWNS),
-            np.zeros((count, 6)),
+            np.zeros((count, OWN)),
             start.blur * cameras.scales,
         )
         unknowns.shared[EXPONENT], unknowns.shared[GROWTH] = start.exponent, start.growth
@@ -107,7 +114,9 @@ class Refiner:
         end = Start(blur, unknowns.shared[EXPONENT], unknowns.shared[GROWTH]) if converged else LIKELY
         return Refined(unknowns.rotation, unknowns.position, covariance, seen, converged, step, end)
 
-    def _cameras(self, views: Sequence[View | None], position: FloatArray, blur: float) -> Cameras:
+    def _cameras(
+        self, views: Sequence[View | None], position: FloatArray, blur: float, lag: Lag | None
+    ) -> Cameras:
         """What is known of the cameras for an object at a position (3,) [m]."""
         count = len(views)
         parts, channels = np.ones(count, np.int64), np.zeros((count, 3, 256), np.int32)
@@ -117,8 +126,11 @@ class Refiner:
                 channels[c] = view.channels
                 parts[c] = 3 if view.mosaic != mosaic.NONE and scales[c] < FINE else 1
         weights = offset_weights(self._known, position)
+        if lag is not None:
+            loosen(weights, lag.delays, lag.covariance)
         used = np.array([view is not None for view in views])
-        return Cameras(used, scales, parts, channels, self.label_table, weights, blur)
+        lags = np.zeros((count, 6)) if lag is None else lag.moved
+        return Cameras(used, scales, parts, channels, self.label_table, weights, blur, lags)
 
     def _collect(
         self,
@@ -141,7 +153,7 @@ class Refiner:
                 red = view.mosaic if cameras.parts[c] > 1 else mosaic.NONE
                 work.counts[c] = lay_strips(
                     view.image, view.tilt, red, self.lenses, c, self.box, unknowns.rotation,
-                    unknowns.position, unknowns.offsets[c], schedule.piece[step] * scale,
-                    TUNING.margin[0] * scale + TUNING.margin[1] * blur, reach, scale, work.strips[c],
+                    unknowns.position, unknowns.offsets[c, :6] + cameras.lags[c],
+                    schedule.piece[step] * scale, TUNING.margin[0] * scale + TUNING.margin[1] * blur, reach, scale, work.strips[c],
                     work.distance[c], work.values[c],
                 )  # fmt: skip

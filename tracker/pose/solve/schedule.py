@@ -62,6 +62,8 @@ class Tuning(NamedTuple):
     correlation: float
     """Factor on the standard deviation of pieces where neighbouring pixels share errors: unless each of a
     mosaic's counts only for what it measured."""
+    smear: float
+    """Blur of which neighbouring pieces have twice the variance, since they share errors [px]."""
     largest_blur: float
     """Upper bound of the blur [px]."""
     least_blur: float
@@ -83,6 +85,7 @@ TUNING = Tuning(
     floor=0.06,
     tukey=4.685,
     correlation=1.1,
+    smear=2.0,
     largest_blur=3.0,
     least_blur=0.35,
     longest=0.4,

@@ -29,9 +29,11 @@ class Cameras(NamedTuple):
     table: Array
     """The label table."""
     weights: FloatArray
-    """(C, 6, 6) inverse covariance of the offsets that the calibration's errors cause."""
+    """(C, OWN, OWN) inverse covariance of what each has of its own."""
     blur: float
     """Of a picture that does not show it where no other does either [px of an object of reference size]."""
+    lags: FloatArray
+    """(C, 6) by which the cameras see the object moved, since their pictures are older [m, rad]."""
 
 
 class Unknowns(NamedTuple):
@@ -44,7 +46,7 @@ class Unknowns(NamedTuple):
     shared: FloatArray
     """(UNKNOWNS,) of which EXPONENT and GROWTH count."""
     offsets: FloatArray
-    """(C, 6) by which the cameras see the object moved [m, rad]."""
+    """(C, OWN) by which the cameras see the object moved [m, rad], and their exponents' deviation."""
     blurs: FloatArray
     """(C,) [px]"""
 
