@@ -229,9 +229,10 @@ class Edges(NamedTuple):
     def left(self, c: int) -> tuple[Array, FloatArray]:
         """Usable strips of camera c, and the offsets [px] that are left there."""
         usable = np.flatnonzero(self.found[c, : self.counts[c]]["usable"])
-        shared = np.zeros(8)
-        shared[6:] = self.start.exponent, self.start.growth
-        offsets = [residual(self.strips[c, s], self.found[c, s], np.zeros(6), shared) for s in usable]
+        exponent, growth = self.start.exponent, self.start.growth
+        offsets = [
+            residual(self.strips[c, s], self.found[c, s], np.zeros(6), exponent, growth) for s in usable
+        ]
         return usable, np.array(offsets)
 
 

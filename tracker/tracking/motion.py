@@ -74,7 +74,10 @@ def moved(p, r, v, error):  # type: ignore[no-untyped-def]
 
 @compiled
 def mix(weights, transition, p, r, v, covariance):  # type: ignore[no-untyped-def]
-    """Let the kinds of motion change into each other, in place; transition (M, M) from row to column."""
+    """Let the kinds of motion change into each other, in place; transition (M, M) from row to column.
+
+    See equation (23) of docs/how-it-works.md.
+    """
     kinds = len(weights)
     new = transition.T @ weights
     old_p, old_r, old_v, old = p.copy(), r.copy(), v.copy(), covariance.copy()
@@ -96,7 +99,10 @@ def mix(weights, transition, p, r, v, covariance):  # type: ignore[no-untyped-de
 
 @compiled
 def predict(dt, motions, p, r, v, covariance):  # type: ignore[no-untyped-def]
-    """Move every kind's state and covariance on by dt [s], in place."""
+    """Move every kind's state and covariance on by dt [s], in place.
+
+    See equation (22) of docs/how-it-works.md.
+    """
     turn, step = np.empty((3, 3)), np.eye(STATE)
     for k in range(len(p)):
         if motions.still[k]:
@@ -124,6 +130,7 @@ def predict(dt, motions, p, r, v, covariance):  # type: ignore[no-untyped-def]
 def update(position, rotation, noise, weights, p, r, v, covariance):  # type: ignore[no-untyped-def]
     """Take a measurement with covariance `noise` (6, 6) into every kind's state, in place.
 
+    See equation (24) of docs/how-it-works.md.
     Returns the squared Mahalanobis distance of the measurement from the likeliest kind's prediction.
     """
     kinds = len(weights)
@@ -151,7 +158,10 @@ def update(position, rotation, noise, weights, p, r, v, covariance):  # type: ig
 
 @compiled
 def combine(weights, p, r, v, covariance, error, whole):  # type: ignore[no-untyped-def]
-    """All kinds together: error (12,) from the likeliest kind, and whole (12, 12); returns that kind."""
+    """All kinds together: error (12,) from the likeliest kind, and whole (12, 12); returns that kind.
+
+    See equation (25) of docs/how-it-works.md.
+    """
     best = int(np.argmax(weights))
     kinds = len(weights)
     errors = np.empty((kinds, STATE))

@@ -57,6 +57,7 @@ def calibration_covariance(camera: Camera) -> FloatArray:
 def offset_weights(calibration_information, position):  # type: ignore[no-untyped-def]
     """(C, 7, 7) inverse covariance of what each camera has of its own: offsets [m, rad] and exponent.
 
+    This is equation (15) of docs/how-it-works.md.
     An error (δt, ω) of camera_from_world moves a point in the camera by δt + ω × (R P), which is what
     an object at `position` would show if it had moved by δp + δθ × (P - position) along world axes, with
     δθ = Rᵀω and δp = Rᵀδt + δθ × position. calibration_information (C, 6, 6) is the inverse of
@@ -81,6 +82,7 @@ def offset_weights(calibration_information, position):  # type: ignore[no-untype
 def loosen(weights: FloatArray, delays: FloatArray, covariance: FloatArray) -> None:
     """Add to the offsets' covariances, in place of their inverse (C, 7, 7), what delays leave open.
 
+    See equation (26) of docs/how-it-works.md.
     delays (C,) [s]: since the cameras' pictures were taken; covariance (6, 6): of the object's velocity.
     """
     for c in np.flatnonzero(delays):
@@ -89,7 +91,10 @@ def loosen(weights: FloatArray, delays: FloatArray, covariance: FloatArray) -> N
 
 
 def pose_covariance(information: FloatArray, radius: float) -> FloatArray:
-    """Covariance (6, 6) from the information on a pose, with what no number of samples averages away."""
+    """Covariance (6, 6) from the information on a pose, with what no number of samples averages away.
+
+    This is equation (19) of docs/how-it-works.md.
+    """
     covariance: FloatArray = np.asarray(np.linalg.inv(information), dtype=np.float64)
     covariance += covariance.T
     covariance *= 0.5

@@ -24,7 +24,8 @@ def solve_step(equations, share, prior, pull, known, shared, changes):  # type: 
     """Solve for the pose, exponent, growth and the cameras' offsets together.
 
     Returns minus twice the logarithm of the measurements' likelihood under this `share`, up to a constant;
-    infinite, where the equations cannot be solved.
+    infinite, where the equations cannot be solved: equation (18) of docs/how-it-works.md. The step is
+    equation (17) of docs/how-it-works.md, which minimises equation (16) of docs/how-it-works.md.
 
     Each camera sees the object moved by an offset η_c of its own, which its calibration error causes and
     whose inverse covariance is weights (C, 7, 7), the offset's part over share. It contributes the normal
@@ -104,6 +105,7 @@ SHARES_PRIOR = np.array([0.001, 0.002, 0.007, 0.03, 0.36, 0.1, 0.1, 0.1, 0.1, 0.
 def calibration_share(equations, prior, pull, known, shared, changes):  # type: ignore[no-untyped-def]
     """Mean share of the stated calibration variance that explains how well the cameras agree.
 
+    See equation (18) of docs/how-it-works.md.
     Arguments as of `solve_step`, whose outputs are work space here. The shares are weighted with their
     marginal likelihood (empirical Bayes): a calibration is often better than its file fears, and with
     offsets held smaller the cameras' exact directions count more than their coarse depths.
@@ -124,7 +126,10 @@ def calibration_share(equations, prior, pull, known, shared, changes):  # type: 
 
 @compiled
 def marginal(joint, known):  # type: ignore[no-untyped-def]
-    """Known (6, 6) = information on the pose where exponent and growth are unknown; joint (8, 8)."""
+    """Known (6, 6) = information on the pose where exponent and growth are unknown; joint (8, 8).
+
+    See equation (19) of docs/how-it-works.md.
+    """
     a, b, d = joint[EXPONENT, EXPONENT], joint[EXPONENT, GROWTH], joint[GROWTH, GROWTH]
     inverse = 1.0 / (a * d - b * b)
     for i in range(6):
