@@ -19,13 +19,13 @@ from tracker.objects.model import CuboidModel
 from tracker.pose.estimate import PoseEstimator, Sight
 from tracker.pose.evidence import EvidenceReader, View
 from tracker.pose.fit import Fit
-from tracker.pose.judge import confidence, features, log_odds, rank, refusal
+from tracker.pose.judge import alone, confidence, features, log_odds, rank, refusal
 from tracker.pose.result import MotionEstimate, Observation, PoseEstimate, Status
 from tracker.pose.solve.refine import settle
 from tracker.pose.start import Lag
 from tracker.segmentation.color_model import ColorModel, load_colors
 from tracker.segmentation.labels import check_image
-from tracker.tracking.belief import TrackingOptions, alone, measured
+from tracker.tracking.belief import TrackingOptions, measured
 from tracker.tracking.cameras import CameraMemory, lit, usable
 from tracker.tracking.filter import MotionState
 from tracker.tracking.gate import Gate

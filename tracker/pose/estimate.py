@@ -20,7 +20,7 @@ from tracker.pose.hypotheses.explain import explain
 from tracker.pose.hypotheses.positions import PositionSearch
 from tracker.pose.hypotheses.rivals import reversed_in_depth
 from tracker.pose.hypotheses.rotations import RotationSearch
-from tracker.pose.judge import log_odds, possible, rank
+from tracker.pose.judge import alone, possible, rank, settled, sure
 from tracker.pose.result import Status
 from tracker.pose.scale import label_camera, label_factors
 from tracker.pose.solve.refiner import Refiner
@@ -45,8 +45,8 @@ REFINED = 5
 MIN_PIXELS = 20
 """Face-coloured pixels in all label maps below which there is no object."""
 
-SURE = 3.0
-"""Log odds of a fit at which no other hypothesis is tried."""
+CLOSE = 0.7
+"""Least explanation of what one camera sees, of the best one's, for a hypothesis to be refined."""
 
 WINDOW_RIM = 12.0
 """Beyond an object where it is expected, for where it may be instead [px of the label map]."""
@@ -117,19 +117,19 @@ class PoseEstimator:
         first = next(positions, None)
         if first is None:
             return Status.TOO_FEW_PIXELS
-        # One camera alone may see a single face, which fits at four turns: it never settles the matter.
-        several = np.count_nonzero(sight.used) > 1
-        fits: list[Fit] = []
-        more = self._align(sight, chain([first], positions), MANY) if thorough else iter(())
-        for hypothesis in chain(self._align(sight, [first], FEW), more):
-            fit = self.refine(sight, *hypothesis)
-            fits.append(fit)
-            if several and log_odds(fit) > SURE and fit.converged and possible(fit):
-                break
+        fits = self._refined(sight, self._align(sight, [first], FEW))
+        if not (fits and settled(fits[-1])) and thorough:
+            lonely = np.count_nonzero(sight.used) == 1 or bool(fits and alone(max(fits, key=rank)))
+            near = self._align(sight, [first], MANY, CLOSE if lonely else 0.0)
+            # One camera alone may see a single face, which fits at four turns: it never settles the matter.
+            if not lonely or not any(map(sure, fits)):
+                near = self._align(sight, chain([first], positions), MANY, CLOSE if lonely else 0.0)
+            fits.extend(self._refined(sight, near))
         if not fits:
             return Status.INCONSISTENT_VIEWS
-        if not several:
-            fits.extend(self._reversed(sight, max(fits, key=rank)))
+        best = max(fits, key=rank)
+        if alone(best):
+            fits.extend(self._reversed(sight, best))
         fits.sort(key=rank, reverse=True)
         # A pose beyond the arena is none, but what looks like one more than like the best is doubtful.
         best = next(filter(possible, fits), fits[0])
@@ -137,6 +137,15 @@ class PoseEstimator:
             fit for fit in fits if self._apart(fit.rotation, fit.position, best.rotation, best.position)
         ]
         return replace(best, lead=rank(best) - rank(rivals[0])) if rivals else best
+
+    def _refined(self, sight: Sight, hypotheses: Iterable[Hypothesis]) -> list[Fit]:
+        """Fits of hypotheses, up to the first that settles the matter."""
+        fits: list[Fit] = []
+        for hypothesis in hypotheses:
+            fits.append(self.refine(sight, *hypothesis))
+            if settled(fits[-1]):
+                break
+        return fits
 
     def follow(
         self,
@@ -152,7 +161,7 @@ class PoseEstimator:
         None where they were taken at once.
         """
         fit = self.refine(sight, rotation, position, FOLLOWING, start, lag)
-        if np.count_nonzero(sight.used) == 1:
+        if alone(fit):
             fit = max([fit, *self._reversed(sight, fit, start)], key=rank)
         return fit
 
@@ -194,13 +203,18 @@ class PoseEstimator:
         )  # fmt: skip
 
     def _reversed(self, sight: Sight, fit: Fit, start: Start = LIKELY) -> list[Fit]:
-        """What else the one camera that is used may see; `start` as of `refine`."""
-        camera = self.small[sight.used]["position"][0]
+        """What else the one camera that sees the object may see; `start` as of `refine`."""
+        camera = self.small["position"][int(np.argmax(fit.cameras["inliers"]))]
         rivals = reversed_in_depth(fit.rotation, fit.position, self.box.half, camera)
         return [self.refine(sight, *rival, FOLLOWING, start) for rival in rivals]
 
-    def _align(self, sight: Sight, candidates: Iterable[FloatArray], count: int) -> Iterator[Hypothesis]:
-        """Different hypotheses after alignment on the label maps, best first; worked out when asked for."""
+    def _align(
+        self, sight: Sight, candidates: Iterable[FloatArray], count: int, close: float = 0.0
+    ) -> Iterator[Hypothesis]:
+        """Different hypotheses after alignment on the label maps, best first; worked out when asked for.
+
+        close: least score, of the best one's.
+        """
         rotations: list[FloatArray] = []
         positions: list[FloatArray] = []
         scores: list[float] = []
@@ -218,6 +232,8 @@ class PoseEstimator:
         chosen: list[Hypothesis] = []
         for k in np.argsort(-np.array(scores), kind="stable"):
             if scores[k] < align.IMPOSSIBLE / 2 or len(chosen) == REFINED:
+                break
+            if chosen and scores[k] < close * max(scores):
                 break
             if all(self._apart(rotations[k], positions[k], *other) for other in chosen):
                 chosen.append((rotations[k], positions[k]))

@@ -25,6 +25,9 @@ MAX_WRONG = 0.5
 MIN_INLIERS = 5.0
 """Weight of edges' pieces that must lie on edges."""
 
+MIN_VIEW = 4.0
+"""Weight of the pieces of edges on which a camera must agree to count as seeing the object."""
+
 MIN_LEAD = 0.7
 """Log odds by which a fit must lead over a different pose, or the answer is ambiguous."""
 
@@ -53,6 +56,11 @@ def features(fit: Fit) -> Mapping[str, float]:
     }
 
 
+def alone(fit: Fit) -> bool:
+    """Whether the pose rests on what one camera sees."""
+    return bool(np.count_nonzero(fit.cameras["inliers"] >= MIN_VIEW) < 2)
+
+
 def possible(fit: Fit) -> bool:
     """Whether the object is in the arena."""
     return fit.inside
@@ -68,8 +76,7 @@ def refusal(fit: Fit) -> Status | None:
         return Status.INCONSISTENT_VIEWS
     if not possible(fit):
         # One camera alone takes what hides the object's edges for them, and puts it too far away.
-        alone = np.count_nonzero(fit.cameras["expected"]) == 1
-        return Status.AMBIGUOUS if alone else Status.INCONSISTENT_VIEWS
+        return Status.AMBIGUOUS if alone(fit) else Status.INCONSISTENT_VIEWS
     if fit.total("inliers") < MIN_INLIERS or not np.isfinite(fit.covariance).all():
         return Status.POOR_FIT
     if fit.lead < MIN_LEAD:
@@ -96,6 +103,20 @@ NEAR = 5e-3, math.radians(5)
 def log_odds(fit: Fit) -> float:
     """Log odds that the fit sits on the object and not in a wrong optimum: a linear model of `features`."""
     return BIAS + sum(WEIGHTS[key] * value for key, value in features(fit).items())
+
+
+SURE = 3.0
+"""Log odds of a fit at which no other hypothesis is tried."""
+
+
+def sure(fit: Fit) -> bool:
+    """Whether a fit in the arena leaves little doubt by itself."""
+    return log_odds(fit) > SURE and fit.converged and possible(fit)
+
+
+def settled(fit: Fit) -> bool:
+    """Whether no other hypothesis needs to be tried: one camera alone never settles the matter."""
+    return sure(fit) and not alone(fit)
 
 
 EVIDENCE = 0.1

@@ -11,12 +11,9 @@ from tracker.conventions import FloatArray
 from tracker.errors import TrackerError
 from tracker.geometry import so3
 from tracker.pose.fit import Fit
-from tracker.pose.judge import VAGUE, confidence, probably_near, trust
+from tracker.pose.judge import VAGUE, alone, confidence, probably_near, trust
 from tracker.pose.result import MotionEstimate, PoseEstimate, Status
 from tracker.tracking.filter import MotionFilter, MotionState
-
-MIN_VIEW = 4.0
-"""Weight of the pieces of edges on which a camera must agree to count as seeing the object."""
 
 
 @dataclass(frozen=True)
@@ -199,11 +196,6 @@ def _differences(fit: Fit, rotation: FloatArray, position: FloatArray) -> tuple[
     cosine = (float(np.vdot(fit.rotation, rotation)) - 1.0) / 2.0
     shift = float(np.linalg.norm(fit.position - position))
     return shift, math.acos(min(1.0, max(-1.0, cosine)))
-
-
-def alone(fit: Fit) -> bool:
-    """Whether the pose rests on what one camera sees."""
-    return bool(np.count_nonzero(fit.cameras["inliers"] >= MIN_VIEW) < 2)
 
 
 def measured(fit: Fit) -> PoseEstimate:

@@ -21,7 +21,7 @@ class Gate:
         if not self._lock.acquire(blocking=False):
             raise TrackerError(
                 "update: found another call of update or reset at work on this tracker; expected one caller "
-                "at a time: take a tracker for each recording (detect may be called from any number of threads)"
+                "at a time: take a tracker for each recording (detect may be called from many threads)"
             )
 
     def __exit__(self, *_: object) -> None:

@@ -79,26 +79,13 @@ def offset_weights(calibration_information, position):  # type: ignore[no-untype
     return out
 
 
-def loosen(weights: FloatArray, delays: FloatArray, covariance: FloatArray) -> None:
-    """Add to the offsets' covariances, in place of their inverse (C, 7, 7), what delays leave open.
-
-    See equation (26) of docs/how-it-works.md.
-    delays (C,) [s]: since the cameras' pictures were taken; covariance (6, 6): of the object's velocity.
-    """
-    for c in np.flatnonzero(delays):
-        stated = np.linalg.inv(weights[c, :6, :6])
-        weights[c, :6, :6] = np.linalg.inv(stated + delays[c] ** 2 * covariance)
-
-
-def pose_covariance(information: FloatArray, radius: float) -> FloatArray:
-    """Covariance (6, 6) from the information on a pose, with what no number of samples averages away.
+def with_model_errors(covariance: FloatArray, radius: float) -> FloatArray:
+    """The covariance (6, 6) of a pose with what no number of samples averages away; radius: of the object.
 
     This is equation (19) of docs/how-it-works.md.
     """
-    covariance: FloatArray = np.asarray(np.linalg.inv(information), dtype=np.float64)
-    covariance += covariance.T
-    covariance *= 0.5
-    # The diagonal, in place.
-    covariance.ravel()[::7][:3] += (MODEL_STD[0] * radius) ** 2
-    covariance.ravel()[::7][3:] += MODEL_STD[1] ** 2
-    return covariance
+    result: FloatArray = 0.5 * (covariance + covariance.T)
+    diagonal = result.ravel()[::7]
+    diagonal[:3] += (MODEL_STD[0] * radius) ** 2
+    diagonal[3:] += MODEL_STD[1] ** 2
+    return result

@@ -109,19 +109,23 @@ def _add_up(cameras, unknowns, tuning, least, scatter, work, seen):  # type: ign
 
 
 @compiled
-def _move(unknowns, update, changes, tuning, radius, work):  # type: ignore[no-untyped-def]
+def _move(cameras, unknowns, update, changes, tuning, radius, work):  # type: ignore[no-untyped-def]
     """Change the unknowns by a step, or by as much of it as is not too long."""
     shift = np.sqrt(np.sum(update[:3] ** 2))
     turn = np.sqrt(np.sum(update[3:6] ** 2))
     limit = max(shift / (tuning.longest * radius), turn / tuning.largest, 1.0)
     apply_update(unknowns.rotation, unknowns.position, update / limit)
-    for i in range(6, UNKNOWNS):
+    for i in range(6, len(update)):
         unknowns.shared[i] += update[i] / limit
     for c in range(len(changes)):
         unknowns.offsets[c, EXPONENT] += changes[c, EXPONENT] / limit
         for i in range(6):
             unknowns.offsets[c, i] += changes[c, i] / limit
             moved = (update[i] + changes[c, i]) / limit
+            if len(update) > UNKNOWNS:
+                lag = cameras.delays[c] * update[UNKNOWNS + i] / limit
+                cameras.lags[c, i] -= lag
+                moved -= lag
             work.motion[c, i] += moved
             work.since[c, i] += moved
 
@@ -161,19 +165,21 @@ def _astray(work, limit):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def settle(cameras, prior, radius, schedule, tuning, step, unknowns, work, information, seen):  # type: ignore[no-untyped-def]
+def settle(cameras, prior, radius, schedule, tuning, step, unknowns, work, covariance, seen):  # type: ignore[no-untyped-def]
     """Move a pose in place to where it fits the collected strips best, from a step of the schedule on.
 
     Ends early where strips have to be collected anew. prior (6,): information on the pose given; radius: the
-    object's [m]. Filled: information (6, 6) on the pose; seen (C,) of SEEN.
+    object's [m]. Filled: covariance (6, 6) of the pose; seen (C,) of SEEN.
 
     Returns whether the last step was negligible, and the next step.
     """
-    joint, update, pull = np.zeros((UNKNOWNS, UNKNOWNS)), np.zeros(UNKNOWNS), np.zeros(UNKNOWNS)
-    changes, priors = np.zeros((len(cameras.used), OWN)), np.zeros((UNKNOWNS, UNKNOWNS))
+    n = len(unknowns.shared)
+    joint, update, pull = np.zeros((n, n)), np.zeros(n), np.zeros(n)
+    changes, priors = np.zeros((len(cameras.used), OWN)), np.zeros((n, n))
     for i in range(6):
         priors[i, i] = prior[i]
     priors[EXPONENT, EXPONENT], priors[GROWTH, GROWTH] = 1.0 / EXPONENT_STD**2, 1.0 / GROWTH_STD**2
+    priors[UNKNOWNS:, UNKNOWNS:] = cameras.calm[: n - UNKNOWNS, : n - UNKNOWNS]
     doubtful = cameras.weights[:, 0, 0].min() < STATED
     share, converged = 1.0, False
     while step < len(schedule.blur) and not converged:
@@ -185,13 +191,17 @@ def settle(cameras, prior, radius, schedule, tuning, step, unknowns, work, infor
             _add_up(cameras, unknowns, tuning, schedule.tukey[step], scatter, work, seen)
             pull[EXPONENT] = (LIKELY.exponent - unknowns.shared[EXPONENT]) / EXPONENT_STD**2
             pull[GROWTH] = -unknowns.shared[GROWTH] / GROWTH_STD**2
-            equations = (work.information, work.gradient, unknowns.offsets, cameras.weights)
+            for i in range(UNKNOWNS, n):
+                pull[i] = 0.0
+                for k in range(UNKNOWNS, n):
+                    pull[i] -= priors[i, k] * unknowns.shared[k]
+            equations = (work.information, work.gradient, unknowns.offsets, cameras.weights, cameras.delays)
             if turn == 0 and doubtful and not rough:
                 share = calibration_share(equations, priors, pull, joint, update, changes)
             if not np.isfinite(solve_step(equations, share, priors, pull, joint, update, changes)):
                 return False, len(schedule.blur)
-            _move(unknowns, update, changes, tuning, radius, work)
-        marginal(joint, information)
+            _move(cameras, unknowns, update, changes, tuning, radius, work)
+        marginal(joint, covariance)
         whole = not rough and schedule.every[step] == 1
         converged = whole and _length(before, unknowns, joint) < schedule.negligible[step]
         step += 1

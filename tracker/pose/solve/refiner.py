@@ -19,14 +19,13 @@ from tracker.pose.scale import relative_sizes
 from tracker.pose.solve.covariance import (
     PRIOR,
     calibration_covariance,
-    loosen,
     offset_weights,
-    pose_covariance,
+    with_model_errors,
 )
 from tracker.pose.solve.refine import settle
 from tracker.pose.solve.schedule import SCHEDULE, TUNING, Schedule
 from tracker.pose.solve.state import Cameras, Unknowns, Workspace, workspace
-from tracker.pose.solve.step import EXPONENT, GROWTH, OWN, UNKNOWNS
+from tracker.pose.solve.step import EXPONENT, GROWTH, MOVING, OWN, UNKNOWNS
 from tracker.pose.start import LIKELY, Lag, Start
 from tracker.segmentation import mosaic
 
@@ -95,21 +94,21 @@ class Refiner:
         unknowns = Unknowns(
             np.array(rotation, dtype=np.float64),
             np.array(position, dtype=np.float64),
-            np.zeros(UNKNOWNS),
+            np.zeros(UNKNOWNS if lag is None else MOVING),
             np.zeros((count, OWN)),
             start.blur * cameras.scales,
         )
         unknowns.shared[EXPONENT], unknowns.shared[GROWTH] = start.exponent, start.growth
-        information, seen = np.zeros((6, 6)), np.zeros(count, SEEN)
+        marginal, seen = np.full((6, 6), np.nan), np.zeros(count, SEEN)
         converged, step = False, 0
         while step < len(schedule.blur) and not converged:
             self._collect(views, cameras, unknowns, schedule, step, work)
             converged, step = settle(
                 cameras, PRIOR / self._units, self.box.radius, schedule, TUNING, step, unknowns, work,
-                information, seen,
+                marginal, seen,
             )  # fmt: skip
         seen["squares"] /= cameras.scales**2
-        covariance = pose_covariance(information, self.box.radius)
+        covariance = with_model_errors(marginal, self.box.radius)
         blur = float(np.median((unknowns.blurs / cameras.scales)[cameras.used]))
         end = Start(blur, unknowns.shared[EXPONENT], unknowns.shared[GROWTH]) if converged else LIKELY
         return Refined(unknowns.rotation, unknowns.position, covariance, seen, converged, step, end)
@@ -126,11 +125,12 @@ class Refiner:
                 channels[c] = view.channels
                 parts[c] = 3 if view.mosaic != mosaic.NONE and scales[c] < FINE else 1
         weights = offset_weights(self._known, position)
-        if lag is not None:
-            loosen(weights, lag.delays, lag.covariance)
         used = np.array([view is not None for view in views])
-        lags = np.zeros((count, 6)) if lag is None else lag.moved
-        return Cameras(used, scales, parts, channels, self.label_table, weights, blur, lags)
+        lags, delays, calm = np.zeros((count, 6)), np.zeros(count), np.zeros((6, 6))
+        if lag is not None:
+            lags, delays = lag.moved, lag.delays
+            calm = np.asarray(np.linalg.inv(lag.covariance), dtype=np.float64)
+        return Cameras(used, scales, parts, channels, self.label_table, weights, blur, lags, delays, calm)
 
     def _collect(
         self,
@@ -154,6 +154,6 @@ class Refiner:
                 work.counts[c] = lay_strips(
                     view.image, view.tilt, red, self.lenses, c, self.box, unknowns.rotation,
                     unknowns.position, unknowns.offsets[c, :6] + cameras.lags[c],
-                    schedule.piece[step] * scale, TUNING.margin[0] * scale + TUNING.margin[1] * blur, reach, scale, work.strips[c],
-                    work.distance[c], work.values[c],
+                    schedule.piece[step] * scale, TUNING.margin[0] * scale + TUNING.margin[1] * blur, reach,
+                    scale, work.strips[c], work.distance[c], work.values[c],
                 )  # fmt: skip

@@ -33,7 +33,11 @@ class Cameras(NamedTuple):
     blur: float
     """Of a picture that does not show it where no other does either [px of an object of reference size]."""
     lags: FloatArray
-    """(C, 6) by which the cameras see the object moved, since their pictures are older [m, rad]."""
+    """(C, 6) by which the cameras see the object moved, since their pictures are older; changed in place."""
+    delays: FloatArray
+    """(C,) by which they are older [s]."""
+    calm: FloatArray
+    """(6, 6) information on the velocity, where pictures lag behind."""
 
 
 class Unknowns(NamedTuple):
@@ -44,7 +48,7 @@ class Unknowns(NamedTuple):
     position: FloatArray
     """(3,) [m]."""
     shared: FloatArray
-    """(UNKNOWNS,) of which EXPONENT and GROWTH count."""
+    """(UNKNOWNS,) of which EXPONENT and GROWTH count; (MOVING,) with the velocity's change."""
     offsets: FloatArray
     """(C, OWN) by which the cameras see the object moved [m, rad], and their exponents' deviation."""
     blurs: FloatArray

@@ -14,14 +14,69 @@ UNKNOWNS = 8
 """Pose (6), and two that all cameras share: the exponent of their response, and the object's growth over
 its model."""
 
+MOVING = UNKNOWNS + 6
+"""Where cameras lag behind, the object's velocity is unknown, too: its change from what is expected."""
+
 OWN = 7
 """Of each camera: an offset of the pose (6), which its calibration error causes, and how much its exponent
 deviates from that of all. They act as the first seven of what is shared."""
 
 
 @compiled
+def _eliminate(equations, c, share, own, factor, force, change, reduced):  # type: ignore[no-untyped-def]
+    """Solve camera c for what is its own, in terms of what is shared.
+
+    Filled: factor (7, 7), force (7,), change (7,) where what is shared stays, reduced (7, 8): change per unit
+    of what is shared. Returns its part of the doubt, see `solve_step`; infinite where it cannot be solved.
+    """
+    information, gradient, offsets, weights = equations[0], equations[1], equations[2], equations[3]
+    doubt = 6.0 * math.log(share)
+    for i in range(OWN):
+        force[i] = gradient[c, i]
+        for k in range(OWN):
+            weight = weights[c, i, k] / share if i < 6 and k < 6 else weights[c, i, k]
+            own[i, k] = information[c, i, k] + weight
+            force[i] -= weight * offsets[c, k]
+            doubt += offsets[c, i] * weight * offsets[c, k]
+    if not factorise(own, factor):
+        return np.inf
+    substitute(factor, force, change)
+    for i in range(OWN):
+        doubt += 2.0 * math.log(factor[i, i]) - force[i] * change[i]
+    column = np.empty(OWN)
+    for k in range(UNKNOWNS):
+        for i in range(OWN):
+            column[i] = information[c, i, k]
+        substitute(factor, column, column)
+        for i in range(OWN):
+            reduced[i, k] = column[i]
+    return doubt
+
+
+@compiled
+def _add(delay, schur, right, known, vector):  # type: ignore[no-untyped-def]
+    """Add a camera's equations schur (8, 8), right (8,) to known (n, n), vector (n,), lower half.
+
+    Its picture is `delay` old: it sees the pose less the delay times the change of velocity, see
+    equation (26) of docs/how-it-works.md.
+    """
+    for i in range(UNKNOWNS):
+        vector[i] += right[i]
+        for k in range(i + 1):
+            known[i, k] += schur[i, k]
+    if delay == 0.0:
+        return
+    for i in range(6):
+        vector[UNKNOWNS + i] -= delay * right[i]
+        for k in range(UNKNOWNS):
+            known[UNKNOWNS + i, k] -= delay * schur[max(i, k), min(i, k)]
+        for k in range(i + 1):
+            known[UNKNOWNS + i, UNKNOWNS + k] += delay**2 * schur[i, k]
+
+
+@compiled
 def solve_step(equations, share, prior, pull, known, shared, changes):  # type: ignore[no-untyped-def]
-    """Solve for the pose, exponent, growth and the cameras' offsets together.
+    """Solve for the pose, exponent, growth and what the cameras have of their own together.
 
     Returns minus twice the logarithm of the measurements' likelihood under this `share`, up to a constant;
     infinite, where the equations cannot be solved: equation (18) of docs/how-it-works.md. The step is
@@ -29,67 +84,48 @@ def solve_step(equations, share, prior, pull, known, shared, changes):  # type: 
 
     Each camera sees the object moved by an offset η_c of its own, which its calibration error causes and
     whose inverse covariance is weights (C, 7, 7), the offset's part over share. It contributes the normal
-    equations information (C, 8, 8), gradient (C, 8) at the pose moved by η_c; `equations` is the tuple of both,
-    of offsets (C, 7) and of weights. Minimised is
-    Σ ‖r_c - J_c (δ + (dη_c, 0))‖² + (η_c + dη_c)ᵀ W_c / share (η_c + dη_c) + δᵀ P δ - 2 δᵀ q with
-    prior P (8, 8) and pull q (8,). The offsets are eliminated (Schur). Filled: known (8, 8), the
-    information on what is shared with the offsets marginalised; shared (8,), its update; changes (C, 7), the
-    offsets' updates.
+    equations information (C, 8, 8), gradient (C, 8) at the pose moved by η_c. `equations` is the tuple of
+    both, of offsets (C, 7), weights, and delays (C,) [s]. Minimised is
+    Σ ‖r_c - J_c (δ - d_c ν + (dη_c, 0))‖² + (η_c + dη_c)ᵀ W_c / share (η_c + dη_c) + δᵀ P δ - 2 δᵀ q with
+    prior P (n, n) and pull q (n,); n is UNKNOWNS, or MOVING where cameras lag behind and the change of
+    velocity ν is unknown, too. What is the cameras' own is eliminated (Schur). Filled: known (n, n), the
+    information on what is shared with that marginalised; shared (n,), its update; changes (C, 7).
     """
-    information, gradient, offsets, weights = equations
-    cameras = len(offsets)
-    vector, column = np.empty(UNKNOWNS), np.empty(OWN)
-    own, factors = np.empty((OWN, OWN)), np.empty((cameras, OWN, OWN))
-    lower = np.empty((UNKNOWNS, UNKNOWNS))
-    forces, shares = np.empty((cameras, OWN)), np.empty((cameras, OWN, UNKNOWNS))
-    for i in range(UNKNOWNS):
-        vector[i] = pull[i]
-        for k in range(UNKNOWNS):
-            known[i, k] = prior[i, k]
+    information, gradient, offsets, delays = equations[0], equations[1], equations[2], equations[4]
+    cameras, n = len(offsets), len(shared)
+    vector, right = pull.copy(), np.empty(UNKNOWNS)
+    own, factor, schur = np.empty((OWN, OWN)), np.empty((OWN, OWN)), np.empty((UNKNOWNS, UNKNOWNS))
+    force, reduced, lower = np.empty(OWN), np.empty((cameras, OWN, UNKNOWNS)), np.empty((n, n))
     doubt = 0.0
+    known[:] = prior
     for c in range(cameras):
-        for i in range(OWN):
-            forces[c, i] = gradient[c, i]
-            for k in range(OWN):
-                weight = weights[c, i, k] / share if i < 6 and k < 6 else weights[c, i, k]
-                own[i, k] = information[c, i, k] + weight
-                forces[c, i] -= weight * offsets[c, k]
-                doubt += offsets[c, i] * weight * offsets[c, k]
-        if not factorise(own, factors[c]):
+        doubt += _eliminate(equations, c, share, own, factor, force, changes[c], reduced[c])
+        if not np.isfinite(doubt):
             return np.inf
-        doubt += 6.0 * math.log(share)
-        for i in range(OWN):
-            doubt += 2.0 * math.log(factors[c, i, i])
-        substitute(factors[c], forces[c], changes[c])
-        for i in range(OWN):
-            doubt -= forces[c, i] * changes[c, i]
-        for k in range(UNKNOWNS):
-            for i in range(OWN):
-                column[i] = information[c, i, k]
-            substitute(factors[c], column, column)
-            for i in range(OWN):
-                shares[c, i, k] = column[i]
         for i in range(UNKNOWNS):
-            vector[i] += gradient[c, i]
+            right[i] = gradient[c, i]
             for j in range(OWN):
-                vector[i] -= shares[c, j, i] * forces[c, j]
+                right[i] -= reduced[c, j, i] * force[j]
             for k in range(i + 1):
-                entry = information[c, i, k]
+                schur[i, k] = information[c, i, k]
                 for j in range(OWN):
-                    entry -= information[c, j, i] * shares[c, j, k]
-                known[i, k] += entry
-    for i in range(UNKNOWNS):
+                    schur[i, k] -= information[c, j, i] * reduced[c, j, k]
+        _add(delays[c], schur, right, known, vector)
+    for i in range(n):
         for k in range(i):
             known[k, i] = known[i, k]
     if not factorise(known, lower):
         return np.inf
     substitute(lower, vector, shared)
-    for i in range(UNKNOWNS):
+    for i in range(n):
         doubt += 2.0 * math.log(lower[i, i]) - vector[i] * shared[i]
     for c in range(cameras):
-        for i in range(OWN):
-            for k in range(UNKNOWNS):
-                changes[c, i] -= shares[c, i, k] * shared[k]
+        for k in range(UNKNOWNS):
+            change = shared[k]
+            if k < 6 and n > UNKNOWNS:
+                change -= delays[c] * shared[UNKNOWNS + k]
+            for i in range(OWN):
+                changes[c, i] -= reduced[c, i, k] * change
     return doubt
 
 
@@ -125,15 +161,19 @@ def calibration_share(equations, prior, pull, known, shared, changes):  # type: 
 
 
 @compiled
-def marginal(joint, known):  # type: ignore[no-untyped-def]
-    """Known (6, 6) = information on the pose where exponent and growth are unknown; joint (8, 8).
+def marginal(known, covariance):  # type: ignore[no-untyped-def]
+    """Covariance (6, 6) of the pose where all else is unknown; known (n, n). False where there is none.
 
     See equation (19) of docs/how-it-works.md.
     """
-    a, b, d = joint[EXPONENT, EXPONENT], joint[EXPONENT, GROWTH], joint[GROWTH, GROWTH]
-    inverse = 1.0 / (a * d - b * b)
-    for i in range(6):
-        e, g = joint[i, EXPONENT], joint[i, GROWTH]
-        for k in range(6):
-            ek, gk = joint[EXPONENT, k], joint[GROWTH, k]
-            known[i, k] = joint[i, k] - inverse * (e * (d * ek - b * gk) + g * (a * gk - b * ek))
+    n = len(known)
+    lower, column = np.zeros((n, n)), np.empty(n)
+    if not factorise(known, lower):
+        return False
+    for k in range(6):
+        column[:] = 0.0
+        column[k] = 1.0
+        substitute(lower, column, column)
+        for i in range(6):
+            covariance[i, k] = column[i]
+    return True
