@@ -3,8 +3,8 @@
     python scripts/fit_confidence.py [SCENES]
 
 Right and wrong fits on the way to the answers teach the weights, the answers their scale: with all
-cameras, with two and with one, with exact and with perturbed calibration, under changed light, with noise,
-and where there is no object.
+cameras, with two and with one, with exact and with perturbed calibration, in tinted and in smeared, grainy
+pictures (disturbances that judge nothing), and where there is no object.
 Prints the weights that tracker/pose/judge.py holds, and how reliable they are on scenes left out.
 """
 
@@ -15,10 +15,10 @@ import math
 import sys
 from typing import Any
 
+import cv2
 import numpy as np
 from scipy.optimize import minimize
 
-from benchmarks import disturbances
 from synthetic.frames import Frame, frames
 from synthetic.rigs import sized, standard_rig
 from tracker.calibration.rig import CameraRig
@@ -51,10 +51,35 @@ def perturbed(
     return CameraRig(tuple(result))
 
 
-def noisy(images: list, rng: np.random.Generator) -> list:
-    """The images with noise of up to 16 levels."""
-    std = rng.uniform(4, 16)
-    return [np.clip(np.rint(i + rng.normal(0, std, i.shape)), 0, 255).astype(np.uint8) for i in images]
+def tinted(images: list, rng: np.random.Generator) -> list:
+    """Each camera's colours mixed and curved a little, and darker towards a side."""
+    result = []
+    for image in images:
+        mixing = np.eye(3) * rng.uniform(0.7, 1.2, 3) + rng.uniform(-0.06, 0.06, (3, 3))
+        curve, angle, depth = rng.uniform(0.85, 1.2), rng.uniform(0, 2 * np.pi), rng.uniform(0, 0.25)
+        y, x = np.mgrid[-1 : 1 : image.shape[0] * 1j, -1 : 1 : image.shape[1] * 1j]
+        shade = 1 - depth * (1 + np.cos(angle) * x + np.sin(angle) * y) / 2
+        light = np.clip(image / 255.0 @ mixing.T * shade[..., None], 0, 1) ** curve
+        result.append(np.rint(255 * light).astype(np.uint8))
+    return result
+
+
+def shaken(images: list, rng: np.random.Generator) -> list:
+    """The images smeared along a direction, with grain that grows with the light, or as JPEG."""
+    result = []
+    for image in images:
+        length, angle = rng.uniform(0, 3), rng.uniform(0, np.pi)
+        kernel = np.zeros((7, 7), np.float32)
+        for t in np.linspace(-length / 2, length / 2, 15):
+            kernel[round(3 + t * np.sin(angle)), round(3 + t * np.cos(angle))] += 1
+        smeared = cv2.filter2D(image.astype(np.float32), -1, kernel / kernel.sum())
+        grain = rng.uniform(1, 9) * np.sqrt(0.2 + smeared / 160) * rng.normal(size=image.shape)
+        seen = np.clip(np.rint(smeared + grain), 0, 255).astype(np.uint8)
+        if rng.random() < 0.5:
+            quality = [cv2.IMWRITE_JPEG_QUALITY, int(rng.integers(70, 95))]
+            seen = cv2.imdecode(cv2.imencode(".jpg", seen, quality)[1], cv2.IMREAD_COLOR)
+        result.append(np.ascontiguousarray(seen))
+    return result
 
 
 @dataclasses.dataclass
@@ -86,9 +111,9 @@ def collect(seed: int, scenes: int) -> tuple[Cases, Cases]:
             rng = np.random.default_rng([seed, k])
             images = list(truth.images)
             if k % 4 in (1, 3):
-                images = disturbances.light(images, rng)
+                images = tinted(images, rng)
             if k % 8 in (3, 6):
-                images = noisy(images, rng)
+                images = shaken(images, rng)
             tracker = ObjectTracker(model, perturbed(rig.cameras, rng)) if k % 2 else exact
             fits = _listen(tracker)
             for used in (*ALL, PAIRS[k % 2], *ONE):

@@ -11,11 +11,13 @@ import numba
 def compiled(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     """Compile a function on its first call and keep the result on disk; `options` are those of numba.njit.
 
+    A division by zero gives what NumPy gives: to check for it would cost time, and more of it to compile.
     Where no folder can be written, the function is compiled anew by each process.
     """
     if function is None:
         return lambda function: compiled(function, **options)
+    options = {"nogil": True, "error_model": "numpy", **options}
     try:
-        return numba.njit(cache=True, nogil=True, **options)(function)
+        return numba.njit(cache=True, **options)(function)
     except RuntimeError:  # numba finds no place for its cache
-        return numba.njit(nogil=True, **options)(function)
+        return numba.njit(**options)(function)

@@ -56,3 +56,64 @@ def solve_positive(matrix, vector, out):  # type: ignore[no-untyped-def]
         return False
     substitute(lower, vector, out)
     return True
+
+
+@compiled
+def product(a, b, out):  # type: ignore[no-untyped-def]
+    """Out (n, m) = a (n, k) · b (k, m)."""
+    for i in range(a.shape[0]):
+        for j in range(b.shape[1]):
+            total = 0.0
+            for k in range(a.shape[1]):
+                total += a[i, k] * b[k, j]
+            out[i, j] = total
+
+
+@compiled
+def congruence(a, b, out):  # type: ignore[no-untyped-def]
+    """Out (n, n) += a (n, k) · b (k, k) · aᵀ for a symmetric b, exactly symmetric."""
+    n, size = a.shape
+    row = np.empty(size)
+    for i in range(n):
+        for k in range(size):
+            total = 0.0
+            for j in range(size):
+                total += a[i, j] * b[j, k]
+            row[k] = total
+        for m in range(i + 1):
+            total = 0.0
+            for k in range(size):
+                total += row[k] * a[m, k]
+            out[i, m] += total
+            if m < i:
+                out[m, i] += total
+
+
+@compiled
+def median(values, n):  # type: ignore[no-untyped-def]
+    """Median of the first n > 0 values, which change their order: Hoare's selection."""
+    low, high, wanted = 0, n - 1, n // 2
+    while low < high:
+        pivot, i, j = values[(low + high) // 2], low, high
+        while i <= j:
+            while values[i] < pivot:
+                i += 1
+            while values[j] > pivot:
+                j -= 1
+            if i <= j:
+                values[i], values[j] = values[j], values[i]
+                i += 1
+                j -= 1
+        if wanted <= j:
+            high = j
+        elif wanted >= i:
+            low = i
+        else:
+            break
+    upper = values[wanted]
+    if n % 2:
+        return upper
+    lower = values[0]
+    for i in range(1, wanted):
+        lower = max(lower, values[i])
+    return 0.5 * (lower + upper)

@@ -32,8 +32,8 @@ MIN_GREYS = 20
 EVEN_SHARE = 0.8
 """Share of one chromaticity among the samples above which the light is even."""
 
-TILTED_ROUNDS = 5
-"""Rounds in which a slope of the chromaticity over the image is followed from the most frequent one."""
+TILTED_ROUNDS, LAST_ROUNDS = 5, 3
+"""Rounds in which a slope of the chromaticity is followed from the most frequent one, and after it stands."""
 
 MIN_TILT, MAX_TILT = 0.05, 1.2
 """Slope of the log chromaticity towards a corner below which the light counts as even, and above which the
@@ -142,21 +142,25 @@ def _greys(image, step, log_table, points, plane):  # type: ignore[no-untyped-de
     if count < 50:
         return 0.0, 0.0
     plane[0, 0], plane[1, 0] = _mode(points, count)
-    if _fit_plane(points, count, plane, 0.22, True, matrix, vectors) == 0:
-        return 0.0, 0.0
-    start = plane.copy()
-    if _fit_plane(points, count, plane, 0.15, True, matrix, vectors) < EVEN_SHARE * count:
-        for _ in range(TILTED_ROUNDS):
-            _fit_plane(points, count, plane, 0.2, False, matrix, vectors)
-    tilt = max(abs(plane[0, 1]) + abs(plane[0, 2]), abs(plane[1, 1]) + abs(plane[1, 2]))
-    flat = tilt < MIN_TILT or tilt > MAX_TILT
-    if flat:
-        plane[:] = start
-    inside = 0
-    for _ in range(3):
-        inside = _fit_plane(points, count, plane, 0.15, flat, matrix, vectors)
-    if inside == 0:
-        return 0.0, 0.0
+    start, inside, flat = plane.copy(), 0, True
+    # Level twice, along a slope if that left many out, and the better of both again.
+    for turn in range(2 + TILTED_ROUNDS + LAST_ROUNDS):
+        sloping = 2 <= turn < 2 + TILTED_ROUNDS
+        if sloping and flat:
+            continue
+        if turn == 2 + TILTED_ROUNDS:
+            tilt = max(abs(plane[0, 1]) + abs(plane[0, 2]), abs(plane[1, 1]) + abs(plane[1, 2]))
+            flat = tilt < MIN_TILT or tilt > MAX_TILT
+            if flat:
+                plane[:] = start
+        reach = 0.22 if turn == 0 else 0.2 if sloping else 0.15
+        inside = _fit_plane(points, count, plane, reach, flat, matrix, vectors)
+        if inside == 0:
+            return 0.0, 0.0
+        if turn == 0:
+            start[:] = plane
+        elif turn == 1:
+            flat = inside >= EVEN_SHARE * count
     levels = np.zeros(256, np.int64)
     for n in range(count):
         x, y = points[n, 2], points[n, 3]

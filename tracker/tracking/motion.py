@@ -10,6 +10,7 @@ The state is position p, rotation R and velocity (v, ω) along world axes; its e
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +18,7 @@ import numpy as np
 from tracker.compiled import compiled
 from tracker.conventions import Array, FloatArray
 from tracker.geometry import so3
+from tracker.geometry.linear import congruence, factorise, product, substitute
 
 STATE = 12
 """Size of the error of the state."""
@@ -57,19 +59,47 @@ the object's model are the same in each image."""
 @compiled
 def _difference(p1, r1, v1, p0, r0, v0, out):  # type: ignore[no-untyped-def]
     """Out (12,) = error of state 0 that makes it state 1."""
-    out[:3] = p1 - p0
-    so3.log_into(r1 @ r0.T, out[3:6])
-    out[6:] = v1 - v0
+    turned = np.empty((3, 3))
+    product(r1, r0.T, turned)
+    so3.log_into(turned, out[3:6])
+    for i in range(3):
+        out[i] = p1[i] - p0[i]
+    for i in range(6):
+        out[6 + i] = v1[i] - v0[i]
 
 
 @compiled
 def moved(p, r, v, error):  # type: ignore[no-untyped-def]
     """Move a state, in place, by an error (12,)."""
-    turn = np.empty((3, 3))
+    turn, turned = np.empty((3, 3)), np.empty((3, 3))
     so3.exp_into(error[3:6], turn)
-    p += error[:3]
-    r[:] = turn @ r
-    v += error[6:]
+    product(turn, r, turned)
+    r[:] = turned
+    for i in range(3):
+        p[i] += error[i]
+    for i in range(6):
+        v[i] += error[6 + i]
+
+
+@compiled
+def _spread(p, r, v, weights, to, errors, mean):  # type: ignore[no-untyped-def]
+    """Errors (M, 12) of state `to` that make it each of M states, and their mean (12,) under weights (M,)."""
+    mean[:] = 0.0
+    for k in range(len(weights)):
+        _difference(p[k], r[k], v[k], p[to], r[to], v[to], errors[k])
+        for i in range(STATE):
+            mean[i] += weights[k] * errors[k, i]
+
+
+@compiled
+def _pool(covariance, weights, errors, mean, out):  # type: ignore[no-untyped-def]
+    """Out (12, 12): covariance of a mixture of states with covariances (M, 12, 12)."""
+    out[:] = 0.0
+    for k in range(len(weights)):
+        for i in range(STATE):
+            a = errors[k, i] - mean[i]
+            for j in range(STATE):
+                out[i, j] += weights[k] * (covariance[k, i, j] + a * (errors[k, j] - mean[j]))
 
 
 @compiled
@@ -79,20 +109,17 @@ def mix(weights, transition, p, r, v, covariance):  # type: ignore[no-untyped-de
     See equation (23) of docs/how-it-works.md.
     """
     kinds = len(weights)
-    new = transition.T @ weights
     old_p, old_r, old_v, old = p.copy(), r.copy(), v.copy(), covariance.copy()
     errors, mean = np.empty((kinds, STATE)), np.empty(STATE)
+    new, shares = np.empty(kinds), np.empty(kinds)
     for j in range(kinds):
-        mean[:] = 0.0
+        new[j] = 0.0
         for i in range(kinds):
-            share = transition[i, j] * weights[i] / new[j]
-            _difference(old_p[i], old_r[i], old_v[i], old_p[j], old_r[j], old_v[j], errors[i])
-            mean += share * errors[i]
-        covariance[j] = 0.0
+            new[j] += transition[i, j] * weights[i]
         for i in range(kinds):
-            share = transition[i, j] * weights[i] / new[j]
-            off = errors[i] - mean
-            covariance[j] += share * (old[i] + np.outer(off, off))
+            shares[i] = transition[i, j] * weights[i] / new[j]
+        _spread(old_p, old_r, old_v, shares, j, errors, mean)
+        _pool(old, shares, errors, mean, covariance[j])
         moved(p[j], r[j], v[j], mean)
     weights[:] = new
 
@@ -103,7 +130,7 @@ def predict(dt, motions, p, r, v, covariance):  # type: ignore[no-untyped-def]
 
     See equation (22) of docs/how-it-works.md.
     """
-    turn, step = np.empty((3, 3)), np.eye(STATE)
+    turn, step, before, turned = np.empty((3, 3)), np.eye(STATE), np.empty((STATE, STATE)), np.empty((3, 3))
     for k in range(len(p)):
         if motions.still[k]:
             v[k] = 0.0
@@ -111,12 +138,17 @@ def predict(dt, motions, p, r, v, covariance):  # type: ignore[no-untyped-def]
             covariance[k, :, 6:] = 0.0
         else:
             so3.exp_into(dt * v[k, 3:], turn)
-            p[k] += dt * v[k, :3]
-            r[k] = turn @ r[k]
-            step[3:6, 3:6] = turn
+            product(turn, r[k], turned)
+            r[k] = turned
+            for i in range(3):
+                p[k, i] += dt * v[k, i]
+                for j in range(3):
+                    step[3 + i, 3 + j] = turn[i, j]
             for i in range(6):
                 step[i, 6 + i] = dt
-            covariance[k] = step @ covariance[k] @ step.T
+            before[:] = covariance[k]
+            covariance[k] = 0.0
+            congruence(step, before, covariance[k])
         for i in range(6):
             kind = 0 if i < 3 else 1
             walk, push = motions.walk[k, kind] ** 2, motions.push[k, kind] ** 2
@@ -127,50 +159,68 @@ def predict(dt, motions, p, r, v, covariance):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def update(position, rotation, noise, weights, p, r, v, covariance):  # type: ignore[no-untyped-def]
-    """Take a measurement with covariance `noise` (6, 6) into every kind's state, in place.
+def _correct(innovation, noise, p, r, v, covariance):  # type: ignore[no-untyped-def]
+    """Kalman's update of one state in place; returns the innovation's log likelihood up to a constant."""
+    spread, lower, gain = np.empty((6, 6)), np.zeros((6, 6)), np.empty((STATE, 6))
+    keep, before, error, pull = np.eye(STATE), covariance.copy(), np.empty(STATE), np.empty(6)
+    for i in range(6):
+        for j in range(6):
+            spread[i, j] = covariance[i, j] + noise[i, j]
+    if not factorise(spread, lower):
+        return -np.inf
+    substitute(lower, innovation, pull)
+    likelihood = 0.0
+    for i in range(6):
+        likelihood -= 0.5 * innovation[i] * pull[i] + math.log(lower[i, i])
+    for i in range(STATE):
+        substitute(lower, before[i, :6], gain[i])
+        error[i] = 0.0
+        for j in range(6):
+            error[i] += gain[i, j] * innovation[j]
+            keep[i, j] -= gain[i, j]
+    moved(p, r, v, error)
+    # Joseph's form keeps it symmetric and positive.
+    covariance[:] = 0.0
+    congruence(keep, before, covariance)
+    congruence(gain, noise, covariance)
+    return likelihood
 
-    See equation (24) of docs/how-it-works.md.
-    Returns the squared Mahalanobis distance of the measurement from the likeliest kind's prediction.
-    """
+
+@compiled
+def update(position, rotation, noise, weights, p, r, v, covariance):  # type: ignore[no-untyped-def]
+    """Take a measurement with covariance `noise` (6, 6) into every kind's state, in place."""
     kinds = len(weights)
-    likelihood, distances = np.empty(kinds), np.empty(kinds)
-    innovation = np.empty(6)
+    likelihood, innovation, turned = np.empty(kinds), np.empty(6), np.empty((3, 3))
     for k in range(kinds):
-        innovation[:3] = position - p[k]
-        so3.log_into(rotation @ r[k].T, innovation[3:])
-        spread = covariance[k, :6, :6] + noise
-        gain = np.linalg.solve(spread, covariance[k, :6, :].copy()).T
-        distances[k] = innovation @ np.linalg.solve(spread, innovation)
-        likelihood[k] = -0.5 * distances[k] - 0.5 * np.log(np.linalg.det(spread * 1e6))
-        moved(p[k], r[k], v[k], gain @ innovation)
-        keep = np.eye(STATE)
-        keep[:, :6] -= gain
-        # Joseph's form keeps it symmetric and positive.
-        covariance[k] = keep @ covariance[k] @ keep.T + gain @ noise @ gain.T
-    best = np.argmax(likelihood + np.log(np.maximum(weights, 1e-12)))
-    weights *= np.exp(likelihood - likelihood.max())
-    weights /= weights.sum()
-    weights[:] = np.maximum(weights, 1e-6)
-    weights /= weights.sum()
-    return distances[best]
+        for i in range(3):
+            innovation[i] = position[i] - p[k, i]
+        product(rotation, r[k].T, turned)
+        so3.log_into(turned, innovation[3:])
+        likelihood[k] = _correct(innovation, noise, p[k], r[k], v[k], covariance[k])
+    best = likelihood[0]
+    for k in range(kinds):
+        best = max(best, likelihood[k])
+    total = 0.0
+    for k in range(kinds):
+        weights[k] *= math.exp(likelihood[k] - best)
+        total += weights[k]
+    rest = 0.0
+    for k in range(kinds):
+        # A kind that is out of the question now may come back.
+        weights[k] = max(weights[k] / total, 1e-6)
+        rest += weights[k]
+    for k in range(kinds):
+        weights[k] /= rest
 
 
 @compiled
 def combine(weights, p, r, v, covariance, error, whole):  # type: ignore[no-untyped-def]
-    """All kinds together: error (12,) from the likeliest kind, and whole (12, 12); returns that kind.
-
-    See equation (25) of docs/how-it-works.md.
-    """
-    best = int(np.argmax(weights))
-    kinds = len(weights)
-    errors = np.empty((kinds, STATE))
-    error[:] = 0.0
-    for k in range(kinds):
-        _difference(p[k], r[k], v[k], p[best], r[best], v[best], errors[k])
-        error += weights[k] * errors[k]
-    whole[:] = 0.0
-    for k in range(kinds):
-        off = errors[k] - error
-        whole += weights[k] * (covariance[k] + np.outer(off, off))
+    """All kinds together: error (12,) from the likeliest kind, and whole (12, 12); returns that kind."""
+    best = 0
+    for k in range(len(weights)):
+        if weights[k] > weights[best]:
+            best = k
+    errors = np.empty((len(weights), STATE))
+    _spread(p, r, v, weights, best, errors, error)
+    _pool(covariance, weights, errors, error, whole)
     return best

@@ -113,7 +113,7 @@ def _variance(squares, degrees, noise):  # type: ignore[no-untyped-def]
     return max(noise * noise, squares / max(degrees, 1))
 
 
-@compiled(error_model="numpy")
+@compiled
 def _is_of_face(strip, color, palette):  # type: ignore[no-untyped-def]
     """Whether the colours (2, 3) inside and outside are the face's and none of it, and differ enough."""
     # The surface inside must be the face: a finger's edge is none of the object's.
@@ -126,7 +126,7 @@ def _is_of_face(strip, color, palette):  # type: ignore[no-untyped-def]
     return contrast >= MIN_CONTRAST**2
 
 
-@compiled(error_model="numpy")
+@compiled
 def _place_edge(parts, m, inside, wide, squares, count, stiffness, reach, blur, noise, scratch, result):  # type: ignore[no-untyped-def]
     """Offset, variance and bloom of an edge: the slopes are solved for, too.
 
@@ -154,7 +154,7 @@ def _place_edge(parts, m, inside, wide, squares, count, stiffness, reach, blur, 
     result.usable = True
 
 
-@compiled(error_model="numpy")
+@compiled
 def _measure(strip, parts, shift, distance, values, palette, reach, blur, noise, scratch, result):  # type: ignore[no-untyped-def]
     """The offset of one strip; see `measure`."""
     part = 3 // parts
@@ -201,7 +201,7 @@ def _measure(strip, parts, shift, distance, values, palette, reach, blur, noise,
     )
 
 
-@compiled(error_model="numpy")
+@compiled
 def measure(strips, n, parts, motion, distance, values, palette, reach, blur, noise, every, scratch, out):  # type: ignore[no-untyped-def]
     """Offsets of n strips: out (n,) of OFFSET.
 

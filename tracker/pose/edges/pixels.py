@@ -33,7 +33,7 @@ def _in_view(strip, reach, width, height):  # type: ignore[no-untyped-def]
     return u - du >= 0.0 and v - dv >= 0.0 and u + du <= width - 1.0 and v + dv <= height - 1.0
 
 
-@compiled(error_model="numpy")
+@compiled
 def _collect(image, tilt, red, channel, strip, reach, stride, start, distance, values):  # type: ignore[no-untyped-def]
     """Signed distances [px] and colours of a strip's pixels, from place `start` on; returns their count.
 

@@ -21,7 +21,7 @@ def _place(z):  # type: ignore[no-untyped-def]
     return int((min(max(z, -_SPAN), _SPAN) + _SPAN) * _PER_UNIT + 0.5)
 
 
-@compiled(error_model="numpy")
+@compiled
 def surfaces(strip, seen, edges):  # type: ignore[no-untyped-def]
     """Where the edges 1 ... m - 1 between a strip's m surfaces lie [px]; returns m, and which is the face."""
     inside = 0
@@ -35,7 +35,7 @@ def surfaces(strip, seen, edges):  # type: ignore[no-untyped-def]
     return m, inside
 
 
-@compiled(error_model="numpy")
+@compiled
 def model(distance, shift, edges, m, inside, slopes, reach, blur, columns):  # type: ignore[no-untyped-def]
     """Columns (m + slopes + 2, P): the surfaces' shares, the line, slopes, the effect of a change of blur.
 

@@ -29,7 +29,7 @@ def _dot(a, b, n):  # type: ignore[no-untyped-def]
     return total
 
 
-@compiled(error_model="numpy")
+@compiled
 def products(strip, g, part, shift, distance, values, m, inside, slopes, reach, blur, scratch):  # type: ignore[no-untyped-def]
     """Products of the columns with each other and with `part` channels from g on."""
     first, last = strip.first[g], strip.first[g] + strip.count[g]
@@ -42,7 +42,7 @@ def products(strip, g, part, shift, distance, values, m, inside, slopes, reach, 
             raw[i, k] = _dot(columns[i], values[k, first:last], pixels)
 
 
-@compiled(error_model="numpy")
+@compiled
 def eliminate(full, raw, first, last, m, wide, g, part, stiffness, factor, half):  # type: ignore[no-untyped-def]
     """Rows first … last - 1 of the Cholesky factor and of the right sides' forward substitution.
 
@@ -82,7 +82,7 @@ def eliminate(full, raw, first, last, m, wide, g, part, stiffness, factor, half)
         half[i, SHIFT] *= factor[i, i]
 
 
-@compiled(error_model="numpy", inline="always")
+@compiled(inline="always")
 def _substitute(factor, half, size, column, out):  # type: ignore[no-untyped-def]
     """Solve for one right side by back substitution."""
     for i in range(size - 1, -1, -1):
@@ -92,7 +92,7 @@ def _substitute(factor, half, size, column, out):  # type: ignore[no-untyped-def
         out[i, column] = value * factor[i, i]
 
 
-@compiled(error_model="numpy")
+@compiled
 def substitute(factor, half, size, g, part, extra, out):  # type: ignore[no-untyped-def]
     """Solutions out (size, ·) for the channels from g on and for one extra column."""
     for k in range(g, g + part):
@@ -100,7 +100,7 @@ def substitute(factor, half, size, g, part, extra, out):  # type: ignore[no-unty
     _substitute(factor, half, size, extra, out)
 
 
-@compiled(error_model="numpy")
+@compiled
 def misfit(full, raw, squares, size, found, first, last):  # type: ignore[no-untyped-def]
     """Sum of squared residuals over pixels and channels; squares: sum of the values' squares."""
     total = squares
@@ -113,7 +113,7 @@ def misfit(full, raw, squares, size, found, first, last):  # type: ignore[no-unt
     return total
 
 
-@compiled(error_model="numpy")
+@compiled
 def widening(full, raw, found, m, wide, inside, first, last):  # type: ignore[no-untyped-def]
     """What speaks for a change of blur that colours and shift cannot explain, and how much could.
 

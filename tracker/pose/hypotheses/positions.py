@@ -118,7 +118,7 @@ def search(integrals, lenses, used, cells, size, leaf, inside, radius, area_shar
     centre x, y, radius, bottom and top of the arena [m]; share: least vote, of the best one.
     """
     stack, sizes = np.empty((len(cells) + 400, 3)), np.empty(len(cells) + 400)
-    bounds = np.empty(len(cells))
+    bounds, order = np.empty(len(cells)), np.empty(len(cells))
     for k in range(len(cells)):
         bounds[k] = vote(
             integrals, lenses, used, cells[k, 0], cells[k, 1], cells[k, 2], radius, area_share,
@@ -126,9 +126,13 @@ def search(integrals, lenses, used, cells, size, leaf, inside, radius, area_shar
         )  # fmt: skip
     count, best, top = 0, 0.0, 0
     # The most promising cells come last, and so are looked into first.
-    for k in np.argsort(bounds):
+    for k in range(len(cells)):
         if bounds[k] >= MIN_VOTE:
-            stack[top], sizes[top] = cells[k], size
+            place = top
+            while place > 0 and order[place - 1] > bounds[k]:
+                stack[place], order[place] = stack[place - 1], order[place - 1]
+                place -= 1
+            stack[place], order[place], sizes[top] = cells[k], bounds[k], size
             top += 1
     while top > 0:
         top -= 1

@@ -6,6 +6,7 @@ import numpy as np
 
 from tracker.compiled import compiled
 from tracker.geometry.lens import apply_update
+from tracker.geometry.linear import median
 from tracker.pose.edges.offset import Palette, measure
 from tracker.pose.solve.normal import accumulate, residual
 from tracker.pose.solve.robust import spread
@@ -69,7 +70,7 @@ def _take_stock(cameras, unknowns, tuning, work, seen):  # type: ignore[no-untyp
                 work.widths[widths] = found.wider
                 widths += 1
         if widths >= MIN_WIDTHS:
-            wider = min(1.0, max(-0.6 * unknowns.blurs[c], np.median(work.widths[:widths])))
+            wider = min(1.0, max(-0.6 * unknowns.blurs[c], median(work.widths, widths)))
             largest = max(tuning.largest_blur * scale, tuning.least_blur)
             unknowns.blurs[c] = min(max(unknowns.blurs[c] + wider, tuning.least_blur), largest)
             known_blur += unknowns.blurs[c] / scale
@@ -82,7 +83,7 @@ def _take_stock(cameras, unknowns, tuning, work, seen):  # type: ignore[no-untyp
             likely = known_blur / knowing if knowing > 0 else cameras.blur
             unknowns.blurs[c] = cameras.scales[c] * likely
         seen[c].blur = unknowns.blurs[c]
-    return spread(work.residuals[:total])
+    return spread(work.residuals, total)
 
 
 @compiled

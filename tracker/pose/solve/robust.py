@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from tracker.compiled import compiled
+from tracker.geometry.linear import median
 
 GAUSSIAN = 1.4826
 """Standard deviation of a normal distribution over its median deviation."""
@@ -19,9 +18,9 @@ def tukey(residual, limit):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def spread(residuals):  # type: ignore[no-untyped-def]
-    """Robust standard deviation of absolute residuals (n,); 1 where there are none.
+def spread(residuals, n):  # type: ignore[no-untyped-def]
+    """Robust standard deviation of the first n absolute residuals, whose order changes; 1 of none.
 
     The median of all, unlike the inliers' mean square, does not shrink by leaving out what disagrees.
     """
-    return GAUSSIAN * np.median(residuals) if len(residuals) > 0 else 1.0
+    return GAUSSIAN * median(residuals, n) if n > 0 else 1.0
