@@ -188,7 +188,10 @@ def _correct(innovation, noise, p, r, v, covariance):  # type: ignore[no-untyped
 
 @compiled
 def update(position, rotation, noise, weights, p, r, v, covariance):  # type: ignore[no-untyped-def]
-    """Take a measurement with covariance `noise` (6, 6) into every kind's state, in place."""
+    """Take a measurement with covariance `noise` (6, 6) into every kind's state, in place.
+
+    See equation (24) of docs/how-it-works.md.
+    """
     kinds = len(weights)
     likelihood, innovation, turned = np.empty(kinds), np.empty(6), np.empty((3, 3))
     for k in range(kinds):
@@ -215,7 +218,10 @@ def update(position, rotation, noise, weights, p, r, v, covariance):  # type: ig
 
 @compiled
 def combine(weights, p, r, v, covariance, error, whole):  # type: ignore[no-untyped-def]
-    """All kinds together: error (12,) from the likeliest kind, and whole (12, 12); returns that kind."""
+    """All kinds together: error (12,) from the likeliest kind, and whole (12, 12); returns that kind.
+
+    See equation (25) of docs/how-it-works.md.
+    """
     best = 0
     for k in range(len(weights)):
         if weights[k] > weights[best]:
