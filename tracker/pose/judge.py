@@ -145,5 +145,5 @@ def trust(fit: Fit) -> float:
 
 @functools.lru_cache(maxsize=32)
 def confidence(fit: Fit) -> float:
-    """Probability that the pose is within 5 mm and 5° of the truth."""
+    """Probability that the pose is within 5 mm and 5° of the truth: equation (21) of docs/how-it-works.md."""
     return trust(fit) * probably_near(fit.covariance)

@@ -80,6 +80,7 @@ def _box_count(integral, u, v, ru, rv, width, height):  # type: ignore[no-untype
 def vote(integrals, lenses, used, x, y, z, radius, area_share, slack):  # type: ignore[no-untyped-def]
     """Mean over the cameras that see a point of how much of the object's expected area is around it.
 
+    This is equation (4) of docs/how-it-works.md.
     area_share: the object's mean projected area over that of the square around its radius. Of two boxes, the
     tight one centres the vote and the wide one bears with what fingers hide. With `slack` [m], what any point
     so near has at most.
