@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from tracker.pose.edges import offset
-from tracker.pose.edges.offset import OFFSET
+from tracker.pose.edges.offset import OFFSET, Palette, scratch
+from tracker.pose.edges.pixels import collect
 from tracker.pose.edges.strips import STRIP
+from tracker.pose.solve.state import PIXELS
 from tracker.segmentation import mosaic
 
 INNER, OUTER, BEYOND = np.array([40.0, 50, 190]), np.array([60.0, 150, 70]), np.array([90.0, 95, 92])
@@ -94,9 +96,12 @@ def measure(
 ) -> np.ndarray:
     """Measurements (PIECES,) of OFFSET in an image of bytes; what is not measured is nan."""
     out = np.array([(*[np.nan] * 5, True)] * len(samples), OFFSET)
-    width = reach_at(blur) if reach is None else reach
+    reach = reach_at(blur) if reach is None else reach
+    strips, distance, values = samples.copy(), np.empty(PIXELS), np.empty((3, PIXELS))
+    n, parts, palette = len(samples), 3 if red >= 0 else 1, Palette(CHANNELS, TABLE)
+    collect(image, np.zeros((2, 2)), red, strips, n, reach, 1.0, distance, values)
     offset.measure(
-        image, SIZE, SIZE, red, CHANNELS, TABLE, samples, len(samples), width, blur, noise, every, out
+        strips, n, parts, np.zeros(6), distance, values, palette, reach, blur, noise, every, scratch(), out
     )
     return out
 
