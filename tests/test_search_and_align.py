@@ -9,6 +9,7 @@ from synthetic.simple import random_scene
 from synthetic.simple_rig import default_cameras
 from tests.helpers import random_rotations
 from tracker.geometry import so3
+from tracker.geometry.arena import Arena
 from tracker.geometry.lens import stack_lenses
 from tracker.objects.box import Box
 from tracker.objects.model import load_object
@@ -18,7 +19,7 @@ from tracker.pose.hypotheses.align import align
 from tracker.pose.hypotheses.explain import explain, explanation_score
 from tracker.pose.hypotheses.positions import PositionSearch
 from tracker.pose.hypotheses.rotations import ROTATIONS, RotationSearch, even_rotations
-from tracker.pose.scale import reduced_size
+from tracker.pose.scale import label_camera
 
 MODEL = load_object("cube_v2")
 BOX = Box.of(MODEL)
@@ -31,7 +32,7 @@ def scene():
     rng = np.random.default_rng(5)
     cameras = default_cameras()
     truth = render(random_scene(MODEL, rng, occlusion=0), cameras, MODEL, Sensor.clean(), rng)
-    small = [c.resized(*reduced_size(c.width, c.height)) for c in cameras]
+    small = [label_camera(camera, 2) for camera in cameras]
     # The middle one of each 2×2 block would shift by half a pixel; any of the four is as good here.
     labels = np.stack([image[::2, ::2] for image in truth.labels])
     return stack_lenses(small), labels, truth
@@ -50,7 +51,10 @@ def test_rotations_are_even():
 
 def test_search_finds_position_and_rotation(scene):
     lenses, labels, truth = scene
-    positions = list(PositionSearch(lenses, BOX)(labels, USED, 3))
+    search = PositionSearch(lenses, BOX, Arena())
+    integrals, pixels = search.integrals(labels, USED)
+    assert pixels == np.count_nonzero(labels)
+    positions = list(search.positions(labels, integrals, USED, 3))
     assert np.linalg.norm(positions[0] - truth.position) < 0.015
     rotations, costs = RotationSearch(lenses, BOX)(labels, USED, positions[0], 5)
     assert (np.diff(costs) >= 0).all()
