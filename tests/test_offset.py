@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from tracker.pose.edges import offset
-from tracker.pose.edges.offset import OFFSET
+from tracker.pose.edges.offset import OFFSET, Palette
+from tracker.pose.edges.pixels import collect
 from tracker.pose.edges.strips import STRIP
 from tracker.segmentation import mosaic
 
@@ -16,6 +17,7 @@ SIZE = 60
 CENTRE = np.array([30.3, 29.8])
 FAR = 1e3
 PIECES = 21
+EVEN = np.zeros((2, 2))
 
 # Red above green is label 1, the rest 2: enough of a colour table for two surfaces.
 _LEVELS = np.arange(256) // 4
@@ -91,13 +93,19 @@ def measure(
     reach: float | None = None,
     red: int = mosaic.NONE,
     every: int = 1,
+    tilt: np.ndarray = EVEN,
+    scale: float = 1.0,
+    motion: np.ndarray | None = None,
 ) -> np.ndarray:
     """Measurements (PIECES,) of OFFSET in an image of bytes; what is not measured is nan."""
     out = np.array([(*[np.nan] * 5, True)] * len(samples), OFFSET)
     width = reach_at(blur) if reach is None else reach
+    strips, n, distance, values = samples.copy(), len(samples), np.empty(1 << 14), np.empty((3, 1 << 14))
+    collect(image, tilt, red, strips, n, width, scale, distance, values)
     offset.measure(
-        image, SIZE, SIZE, red, CHANNELS, TABLE, samples, len(samples), width, blur, noise, every, out
-    )
+        strips, n, 3 if red >= 0 else 1, np.zeros(6) if motion is None else motion, distance, values,
+        Palette(CHANNELS, TABLE), width, blur, noise, every, offset.scratch(), out,
+    )  # fmt: skip
     return out
 
 
