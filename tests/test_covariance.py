@@ -68,8 +68,6 @@ def test_a_covariance_is_never_less_than_the_models_errors(rng, radius):
     shift, turn = covariance.MODEL_STD
     errors = np.diag(np.repeat(np.square([shift * radius, turn]), 3))
     np.testing.assert_allclose(stated - errors, measured, rtol=1e-6, atol=1e-18)
-    np.testing.assert_allclose(
-        covariance.with_model_errors(np.zeros((6, 6)), radius), errors, rtol=1e-12
-    )
+    np.testing.assert_allclose(covariance.with_model_errors(np.zeros((6, 6)), radius), errors, rtol=1e-12)
     # Transposed in memory, as a solver may leave it.
     np.testing.assert_array_equal(covariance.with_model_errors(np.asfortranarray(measured), radius), stated)
