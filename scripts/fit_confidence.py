@@ -55,8 +55,8 @@ def tinted(images: list, rng: np.random.Generator) -> list:
     """Each camera's colours mixed and curved a little, and darker towards a side."""
     result = []
     for image in images:
-        mixing = np.eye(3) * rng.uniform(0.7, 1.2, 3) + rng.uniform(-0.06, 0.06, (3, 3))
-        curve, angle, depth = rng.uniform(0.85, 1.2), rng.uniform(0, 2 * np.pi), rng.uniform(0, 0.25)
+        mixing = np.eye(3) * rng.uniform(0.55, 1.35, 3) + rng.uniform(-0.08, 0.08, (3, 3))
+        curve, angle, depth = rng.uniform(0.75, 1.35), rng.uniform(0, 2 * np.pi), rng.uniform(0, 0.5)
         y, x = np.mgrid[-1 : 1 : image.shape[0] * 1j, -1 : 1 : image.shape[1] * 1j]
         shade = 1 - depth * (1 + np.cos(angle) * x + np.sin(angle) * y) / 2
         light = np.clip(image / 255.0 @ mixing.T * shade[..., None], 0, 1) ** curve
@@ -68,15 +68,15 @@ def shaken(images: list, rng: np.random.Generator) -> list:
     """The images smeared along a direction, with grain that grows with the light, or as JPEG."""
     result = []
     for image in images:
-        length, angle = rng.uniform(0, 3), rng.uniform(0, np.pi)
+        length, angle = rng.uniform(0, 4), rng.uniform(0, np.pi)
         kernel = np.zeros((7, 7), np.float32)
         for t in np.linspace(-length / 2, length / 2, 15):
             kernel[round(3 + t * np.sin(angle)), round(3 + t * np.cos(angle))] += 1
         smeared = cv2.filter2D(image.astype(np.float32), -1, kernel / kernel.sum())
-        grain = rng.uniform(1, 9) * np.sqrt(0.2 + smeared / 160) * rng.normal(size=image.shape)
+        grain = rng.uniform(1, 16) * np.sqrt(0.2 + smeared / 160) * rng.normal(size=image.shape)
         seen = np.clip(np.rint(smeared + grain), 0, 255).astype(np.uint8)
         if rng.random() < 0.5:
-            quality = [cv2.IMWRITE_JPEG_QUALITY, int(rng.integers(70, 95))]
+            quality = [cv2.IMWRITE_JPEG_QUALITY, int(rng.integers(45, 95))]
             seen = cv2.imdecode(cv2.imencode(".jpg", seen, quality)[1], cv2.IMREAD_COLOR)
         result.append(np.ascontiguousarray(seen))
     return result
@@ -110,9 +110,9 @@ def collect(seed: int, scenes: int) -> tuple[Cases, Cases]:
         for k, truth in enumerate(frames(name, scenes, seed, empty=0.12)):
             rng = np.random.default_rng([seed, k])
             images = list(truth.images)
-            if k % 4 in (1, 3):
+            if k % 3 == 1 or k % 6 == 5:
                 images = tinted(images, rng)
-            if k % 8 in (3, 6):
+            if k % 3 == 2:
                 images = shaken(images, rng)
             tracker = ObjectTracker(model, perturbed(rig.cameras, rng)) if k % 2 else exact
             fits = _listen(tracker)

@@ -1,8 +1,9 @@
-"""Compiled functions: one decorator for all, and whether their machine code can be kept on disk."""
+"""Compiled functions: one decorator for all, and whether their machine code lies on disk."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numba
@@ -21,3 +22,10 @@ def compiled(function: Callable[..., Any] | None = None, **options: Any) -> Any:
         return numba.njit(cache=True, **options)(function)
     except RuntimeError:  # numba finds no place for its cache
         return numba.njit(**options)(function)
+
+
+def is_cached(function: Any) -> bool:
+    """Whether the machine code of a compiled function lies on disk, so that it starts at once."""
+    folder = getattr(function.stats, "cache_path", None)
+    name = f"{Path(function.py_func.__code__.co_filename).stem}.{function.py_func.__qualname__}-*.nbi"
+    return folder is not None and any(Path(folder).glob(name))

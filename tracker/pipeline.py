@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import logging
 import time
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -21,7 +19,6 @@ from tracker.pose.evidence import EvidenceReader, View
 from tracker.pose.fit import Fit
 from tracker.pose.judge import alone, confidence, features, log_odds, rank, refusal
 from tracker.pose.result import MotionEstimate, Observation, PoseEstimate, Status
-from tracker.pose.solve.refine import settle
 from tracker.pose.start import Lag
 from tracker.segmentation.color_model import ColorModel, load_colors
 from tracker.segmentation.labels import check_image
@@ -31,8 +28,7 @@ from tracker.tracking.filter import MotionState
 from tracker.tracking.gate import Gate
 from tracker.tracking.memory import Memory
 from tracker.tracking.stamps import check_stamps
-
-_LOG = logging.getLogger(__name__)
+from tracker.warm_up import warm_up
 
 SURE = 0.9
 """Confidence below which the light is judged a second time, by the grey world."""
@@ -67,9 +63,7 @@ class ObjectTracker:
         colors: ColorModel | None = None,
         tracking: TrackingOptions | None = None,
     ) -> None:
-        if not kernels_are_cached():
-            # A warning reaches standard error without any set-up of logging.
-            _LOG.warning("compiling kernels, once per machine (about 20 s) ...")
+        warm_up()
         self.model, self.rig = model, rig
         self.colors = colors if colors is not None else load_colors(model.colors)
         self._estimator = PoseEstimator(Box.of(model), rig, self.colors.label_table)
@@ -321,9 +315,3 @@ def _settled(fit: Fit | None) -> bool:
     if log_odds(fit) < sure or features(fit)["rms"] > rough:
         return False
     return fit.total("extra") <= MOST_EXTRA * fit.total("predicted")
-
-
-def kernels_are_cached() -> bool:
-    """Whether compiled kernels lie on disk, so that the first detection starts at once (best effort)."""
-    folder = Path(str(settle.stats.cache_path))
-    return any(folder.glob("refine.settle*.nbi"))

@@ -68,6 +68,7 @@ def _within(covariance, near, turned, directions):  # type: ignore[no-untyped-de
 def probability_within(covariance: FloatArray, near: float, turned: float) -> float:
     """P(‖δp‖ < near and ‖δθ‖ < turned) of a Gaussian error with covariance (6, 6) [m, rad].
 
+    This is equation (20) of docs/how-it-works.md.
     With the error L·r·w, L Lᵀ the covariance, w a unit vector and r² distributed as χ² with six degrees of
     freedom, the limits hold up to r² = min(near²/‖L_p w‖², turned²/‖L_θ w‖²); what is left is the mean over
     all directions w of the distribution of r² there. 0 where the covariance is not positive definite.

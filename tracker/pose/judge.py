@@ -87,13 +87,13 @@ def refusal(fit: Fit) -> Status | None:
 
 
 WEIGHTS = {
-    "wrong": -7.97, "extra": -0.91, "unusable": -5.24, "outliers": 0.0, "rms": -0.71, "few": 0.0,
-    "unconverged": -0.41,
+    "wrong": 0.0, "extra": -2.05, "unusable": -4.92, "outliers": -14.94, "rms": -0.39, "few": -3.28,
+    "unconverged": -0.69,
 }  # fmt: skip
 """Weights of the features, none positive, so that no doubt can raise the confidence. Fitted, with the bias,
 by scripts/fit_confidence.py on right and wrong fits to rendered scenes."""
 
-BIAS = 8.31
+BIAS = 11.11
 
 NEAR = 5e-3, math.radians(5)
 """What the confidence promises: the pose is this close to the truth [m, rad]."""
@@ -145,5 +145,5 @@ def trust(fit: Fit) -> float:
 
 @functools.lru_cache(maxsize=32)
 def confidence(fit: Fit) -> float:
-    """Probability that the pose is within 5 mm and 5° of the truth."""
+    """Probability that the pose is within 5 mm and 5° of the truth: equation (21) of docs/how-it-works.md."""
     return trust(fit) * probably_near(fit.covariance)

@@ -34,7 +34,10 @@ def extent(box: Box) -> float:
 
 
 def relative_sizes(lenses: Array, box: Box, position: FloatArray) -> FloatArray:
-    """(C,) sizes of the object at a position (3,) [m] in the pictures of lenses (C,), over the reference."""
+    """(C,) sizes of the object at a position (3,) [m] in the pictures of lenses (C,), over the reference.
+
+    These are equation (3) of docs/how-it-works.md.
+    """
     depth = lenses["rotation"][:, 2] @ position + lenses["translation"][:, 2]
     focal = np.sqrt(lenses["focal"][:, 0] * lenses["focal"][:, 1])
     size = extent(box)

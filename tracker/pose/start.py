@@ -19,7 +19,10 @@ class Lag(NamedTuple):
 
     @property
     def moved(self) -> FloatArray:
-        """(C, 6) by which the cameras see the object moved [m, rad]."""
+        """(C, 6) by which the cameras see the object moved [m, rad].
+
+        See equation (26) of docs/how-it-works.md.
+        """
         return -self.delays[:, None] * self.velocity
 
 

@@ -12,12 +12,12 @@ from tracker.logs import Log, open_log
 from tracker.logs.poses import Poses, concatenate
 from tracker.logs.poses_builder import PosesBuilder
 from tracker.logs.poses_file import write_poses
-from tracker.pipeline import kernels_are_cached
 from tracker.recordings.fingerprint import fingerprint
 from tracker.recordings.job import Job
 from tracker.recordings.parts import Part, cut, runs
 from tracker.recordings.pool import Progress, Workers
 from tracker.recordings.store import PartStore
+from tracker.warm_up import warm_up
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,10 +64,8 @@ def track(job: Job, workers: Workers | None = None, progress: Progress | None = 
     new = sum(part.stop - part.start for part in missing)
     progress(last - first - new)
     began = time.perf_counter()
-    if workers.count > 1 and missing and not kernels_are_cached():
-        # One process compiles, the others find it done.
-        workers.track(job, [missing[:1]], progress)
-        missing = missing[1:]
+    if missing:
+        warm_up()
     workers.track(job, runs(missing, count=workers.count, sequential=sequential), progress)
     seconds = time.perf_counter() - began
     poses, later_fault = _joined(job, store, parts, sequential)

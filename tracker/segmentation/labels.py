@@ -47,7 +47,7 @@ def _may_be_grey(b, g, r, gains):  # type: ignore[no-untyped-def]
 
 @compiled
 def look_up(image, channels, table, gains, out):  # type: ignore[no-untyped-def]
-    """Out (H, W) = table[cell of the pixel], 0 for clipped greys.
+    """Out (H, W) = table[cell of the pixel], 0 for clipped greys: equation (2) of docs/how-it-works.md.
 
     channels (3, 256) from ColorModel.channel_tables of the gains (3,).
     """

@@ -195,7 +195,10 @@ class Light:
 
 
 def find_light(image: Image) -> Light:
-    """The light in an image (H, W, 3) uint8, by its most frequent chromaticity."""
+    """The light in an image (H, W, 3) uint8, by its most frequent chromaticity.
+
+    This is equation (1) of docs/how-it-works.md.
+    """
     step = max(1, int(np.sqrt(image.shape[0] * image.shape[1] / SAMPLES)))
     points = np.empty((((image.shape[0] // step) + 1) * ((image.shape[1] // step) + 1), 5))
     plane = np.empty((2, 3))

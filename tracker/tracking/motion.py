@@ -104,7 +104,10 @@ def _pool(covariance, weights, errors, mean, out):  # type: ignore[no-untyped-de
 
 @compiled
 def mix(weights, transition, p, r, v, covariance):  # type: ignore[no-untyped-def]
-    """Let the kinds of motion change into each other, in place; transition (M, M) from row to column."""
+    """Let the kinds of motion change into each other, in place; transition (M, M) from row to column.
+
+    See equation (23) of docs/how-it-works.md.
+    """
     kinds = len(weights)
     old_p, old_r, old_v, old = p.copy(), r.copy(), v.copy(), covariance.copy()
     errors, mean = np.empty((kinds, STATE)), np.empty(STATE)
@@ -123,7 +126,10 @@ def mix(weights, transition, p, r, v, covariance):  # type: ignore[no-untyped-de
 
 @compiled
 def predict(dt, motions, p, r, v, covariance):  # type: ignore[no-untyped-def]
-    """Move every kind's state and covariance on by dt [s], in place."""
+    """Move every kind's state and covariance on by dt [s], in place.
+
+    See equation (22) of docs/how-it-works.md.
+    """
     turn, step, before, turned = np.empty((3, 3)), np.eye(STATE), np.empty((STATE, STATE)), np.empty((3, 3))
     for k in range(len(p)):
         if motions.still[k]:
@@ -182,7 +188,10 @@ def _correct(innovation, noise, p, r, v, covariance):  # type: ignore[no-untyped
 
 @compiled
 def update(position, rotation, noise, weights, p, r, v, covariance):  # type: ignore[no-untyped-def]
-    """Take a measurement with covariance `noise` (6, 6) into every kind's state, in place."""
+    """Take a measurement with covariance `noise` (6, 6) into every kind's state, in place.
+
+    See equation (24) of docs/how-it-works.md.
+    """
     kinds = len(weights)
     likelihood, innovation, turned = np.empty(kinds), np.empty(6), np.empty((3, 3))
     for k in range(kinds):
@@ -209,7 +218,10 @@ def update(position, rotation, noise, weights, p, r, v, covariance):  # type: ig
 
 @compiled
 def combine(weights, p, r, v, covariance, error, whole):  # type: ignore[no-untyped-def]
-    """All kinds together: error (12,) from the likeliest kind, and whole (12, 12); returns that kind."""
+    """All kinds together: error (12,) from the likeliest kind, and whole (12, 12); returns that kind.
+
+    See equation (25) of docs/how-it-works.md.
+    """
     best = 0
     for k in range(len(weights)):
         if weights[k] > weights[best]:

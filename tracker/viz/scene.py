@@ -1,7 +1,7 @@
 """A recording in time and space, for the viewer Rerun; imported only where that package is there.
 
     world                      z up [m]
-      arena                    its edge on the table
+      arena                    how far the object's centre may be from its axis, on the table
       cameras/NAME             pinhole; the lens bends the overlays, which lie in the images as they are
         image                  as recorded
         image/measured         the object's edges through the lens; likewise image/filtered
@@ -32,9 +32,6 @@ from tracker.objects.labels import DISPLAY_COLORS_BGR
 from tracker.objects.model import CuboidModel
 from tracker.pose.result import Observation, PoseEstimate, Status
 from tracker.viz.overlays import visible_edges
-
-ARENA_RADIUS = 0.195
-"""Inner radius of the platform's arena at the table [m]."""
 
 SIGMAS = 2.0
 """Half axes of the ellipsoid, in standard deviations."""
@@ -148,9 +145,11 @@ class Scene:
         """What does not change."""
         self._log(("world",), rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         turn = np.linspace(0, 2 * np.pi, 121)
-        circle = ARENA_RADIUS * np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)
-        arena = rr.LineStrips3D([circle], colors=[(130, 130, 130)], radii=[6e-4])
-        self._log(("world", "arena"), arena, static=True)
+        arena = self._rig.arena
+        circle = arena.radius * np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)
+        circle += (*arena.center, arena.table)
+        line = rr.LineStrips3D([circle], colors=[(130, 130, 130)], radii=[6e-4])
+        self._log(("world", "arena"), line, static=True)
         for camera in self._rig:
             self._log(_image_path(camera)[:-1], *_pinhole(camera), static=True)
         for kind, color in KINDS.items():

@@ -128,7 +128,11 @@ def _is_of_face(strip, color, palette):  # type: ignore[no-untyped-def]
 
 @compiled
 def _place_edge(parts, m, inside, wide, squares, count, stiffness, reach, blur, noise, scratch, result):  # type: ignore[no-untyped-def]
-    """Offset, variance and bloom of an edge: the slopes are solved for, too."""
+    """Offset, variance and bloom of an edge: the slopes are solved for, too.
+
+    See equation (10) of docs/how-it-works.md for offset and variance, and
+    equation (12) of docs/how-it-works.md for bloom.
+    """
     part = 3 // parts
     left, weight, shift, lift = squares, 0.0, 0.0, 0.0
     for g in range(parts):

@@ -37,7 +37,10 @@ def surfaces(strip, seen, edges):  # type: ignore[no-untyped-def]
 
 @compiled
 def model(distance, shift, edges, m, inside, slopes, reach, blur, columns):  # type: ignore[no-untyped-def]
-    """Columns (m + slopes + 2, P): the surfaces' shares, the line, slopes, the effect of a change of blur."""
+    """Columns (m + slopes + 2, P): the surfaces' shares, the line, slopes, the effect of a change of blur.
+
+    See equation (8) of docs/how-it-works.md.
+    """
     scale = 1.0 / blur
     for q in range(len(distance)):
         d = distance[q] - shift

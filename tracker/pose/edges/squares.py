@@ -46,6 +46,7 @@ def products(strip, g, part, shift, distance, values, m, inside, slopes, reach, 
 def eliminate(full, raw, first, last, m, wide, g, part, stiffness, factor, half):  # type: ignore[no-untyped-def]
     """Rows first … last - 1 of the Cholesky factor and of the right sides' forward substitution.
 
+    This is equation (9) of docs/how-it-works.md.
     The first m unknowns, surfaces' colours, are drawn a little to the mean of their pixels, those after the
     line (m) to zero with `stiffness`. The factor's diagonal holds reciprocals.
     """
@@ -114,7 +115,10 @@ def misfit(full, raw, squares, size, found, first, last):  # type: ignore[no-unt
 
 @compiled
 def widening(full, raw, found, m, wide, inside, first, last):  # type: ignore[no-untyped-def]
-    """What speaks for a change of blur that colours and shift cannot explain, and how much could."""
+    """What speaks for a change of blur that colours and shift cannot explain, and how much could.
+
+    See equation (11) of docs/how-it-works.md.
+    """
     own, wider, contrast = full[wide, wide], 0.0, 0.0
     for i in range(m + 1):
         own -= full[wide, i] * found[i, BLUR]

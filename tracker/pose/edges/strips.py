@@ -66,6 +66,7 @@ def _face_depth(lenses, c, half, rotation, position, corner, face, axis, u, v, n
 def edge_strips(lenses, c, half, face_labels, rotation, position, spacing, margin, out):  # type: ignore[no-untyped-def]
     """Fill out (MAX_STRIPS,) of STRIP with the pieces of the visible edges in camera c; returns their count.
 
+    Their motion is equation (7) of docs/how-it-works.md.
     spacing: distance between samples [px]; margin: how far they keep from the corners [px].
     """
     heights = np.empty(6)

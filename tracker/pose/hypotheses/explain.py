@@ -92,7 +92,10 @@ def explain(lenses, labels, used, half, face_labels, rotation, position, seen): 
 
 @compiled
 def explanation_score(seen):  # type: ignore[no-untyped-def]
-    """How well a pose explains the label maps; a hidden pixel counts little, a wrong one much."""
+    """How well a pose explains the label maps: equation (6) of docs/how-it-works.md.
+
+    A hidden pixel counts little, a wrong one much.
+    """
     score = 0.0
     for one in seen:
         score += one.agree - 0.4 * one.missing - 1.5 * one.wrong - 0.7 * one.extra

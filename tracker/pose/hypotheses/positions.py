@@ -27,6 +27,9 @@ MIN_VOTE, MIN_SHARE = 0.15, 0.35
 ALMOST = 0.95
 """The same where the best alone is wanted."""
 
+DOUBT = 0.5
+"""Cameras that are taken to see nothing at a point, beside those that look there."""
+
 STEP = 0.4
 """Distance of the grid's points [radii of the object]."""
 
@@ -77,6 +80,7 @@ def _box_count(integral, u, v, ru, rv, width, height):  # type: ignore[no-untype
 def vote(integrals, lenses, used, x, y, z, radius, area_share, slack):  # type: ignore[no-untyped-def]
     """Mean over the cameras that see a point of how much of the object's expected area is around it.
 
+    This is equation (4) of docs/how-it-works.md.
     area_share: the object's mean projected area over that of the square around its radius. Of two boxes, the
     tight one centres the vote and the wide one bears with what fingers hide. With `slack` [m], what any point
     so near has at most.
@@ -108,9 +112,10 @@ def vote(integrals, lenses, used, x, y, z, radius, area_share, slack):  # type: 
             number += 1
         else:
             best, doubtful = max(best, one), doubtful + 1
-    # A camera that cannot see the point neither helps nor harms; one that may see it, helps a bound only.
-    mean = certain / max(number, 1)
-    return mean if best <= mean else (certain + doubtful * best) / (number + doubtful)
+    # A camera that cannot see the point does not count, but the more agree the better; those that may see
+    # it, help a bound only.
+    mean = certain / (number + DOUBT)
+    return max(mean, (certain + doubtful * best) / (number + doubtful + DOUBT)) if best > 0.0 else mean
 
 
 @compiled

@@ -41,6 +41,7 @@ def even_rotations(count: int) -> FloatArray:
 def rank_rotations(lenses, used, half, face_labels, position, stats, rotations, costs):  # type: ignore[no-untyped-def]
     """Costs (n,): misfit of the colours' areas and centroids for every rotation (n, 3, 3).
 
+    This is equation (5) of docs/how-it-works.md.
     stats (C, 7, 3): of the colours around the position, see `gather`.
     """
     jacobian, view, roots = np.empty((2, 3)), np.empty(3), np.empty(7)

@@ -57,6 +57,7 @@ def calibration_covariance(camera: Camera) -> FloatArray:
 def offset_weights(calibration_information, position):  # type: ignore[no-untyped-def]
     """(C, 7, 7) inverse covariance of what each camera has of its own: offsets [m, rad] and exponent.
 
+    This is equation (15) of docs/how-it-works.md.
     An error (δt, ω) of camera_from_world moves a point in the camera by δt + ω × (R P), which is what
     an object at `position` would show if it had moved by δp + δθ × (P - position) along world axes, with
     δθ = Rᵀω and δp = Rᵀδt + δθ × position. calibration_information (C, 6, 6) is the inverse of
@@ -79,7 +80,10 @@ def offset_weights(calibration_information, position):  # type: ignore[no-untype
 
 
 def with_model_errors(covariance: FloatArray, radius: float) -> FloatArray:
-    """The covariance (6, 6) of a pose with what no number of samples averages away; radius: of the object."""
+    """The covariance (6, 6) of a pose with what no number of samples averages away; radius: of the object.
+
+    This is equation (19) of docs/how-it-works.md.
+    """
     result: FloatArray = 0.5 * (covariance + covariance.T)
     diagonal = result.ravel()[::7]
     diagonal[:3] += (MODEL_STD[0] * radius) ** 2

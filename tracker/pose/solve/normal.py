@@ -11,7 +11,7 @@ from tracker.pose.solve.step import EXPONENT, GROWTH, UNKNOWNS
 
 @compiled(inline="always")
 def residual(strip, found, since, exponent, growth):  # type: ignore[no-untyped-def]
-    """Offset of an edge [px] that is left: equation (5) of docs/how-it-works.md.
+    """Offset of an edge [px] that is left: equation (13) of docs/how-it-works.md.
 
     since (6,): motion of the pose since it was measured.
     """
@@ -25,6 +25,7 @@ def residual(strip, found, since, exponent, growth):  # type: ignore[no-untyped-
 def accumulate(strips, offsets, n, since, exponent, growth, limit, floor, matrix, vector, seen):  # type: ignore[no-untyped-def]
     """Add n weighted offsets to the normal equations (8, 8), (8,) and to the record `seen` (SEEN).
 
+    Weights are those of equation (14) of docs/how-it-works.md.
     limit: residual [px] at which a weight reaches zero; floor: variance of an edge's place [px²] that noise
     does not explain.
     """

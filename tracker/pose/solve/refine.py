@@ -103,7 +103,7 @@ def _add_up(cameras, unknowns, tuning, least, scatter, work, seen):  # type: ign
             work.information[c], work.gradient[c], seen[c],
         )  # fmt: skip
         trust = (1.0 if cameras.parts[c] > 1 else 1.0 / tuning.correlation**2) / (
-            1.0 + (unknowns.blurs[c] / tuning.smear) ** 2
+            1.0 + (unknowns.blurs[c] / (tuning.smear * scale)) ** 2
         )
         work.information[c] *= trust
         work.gradient[c] *= trust
@@ -202,7 +202,8 @@ def settle(cameras, prior, radius, schedule, tuning, step, unknowns, work, covar
             if not np.isfinite(solve_step(equations, share, priors, pull, joint, update, changes)):
                 return False, len(schedule.blur)
             _move(cameras, unknowns, update, changes, tuning, radius, work)
-        marginal(joint, covariance)
+        if not marginal(joint, covariance):
+            return False, len(schedule.blur)
         whole = not rough and schedule.every[step] == 1
         converged = whole and _length(before, unknowns, joint) < schedule.negligible[step]
         step += 1

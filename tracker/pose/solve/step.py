@@ -57,7 +57,8 @@ def _eliminate(equations, c, share, own, factor, force, change, reduced):  # typ
 def _add(delay, schur, right, known, vector):  # type: ignore[no-untyped-def]
     """Add a camera's equations schur (8, 8), right (8,) to known (n, n), vector (n,), lower half.
 
-    Its picture is `delay` old: it sees the pose less the delay times the change of velocity.
+    Its picture is `delay` old: it sees the pose less the delay times the change of velocity, see
+    equation (26) of docs/how-it-works.md.
     """
     for i in range(UNKNOWNS):
         vector[i] += right[i]
@@ -78,7 +79,8 @@ def solve_step(equations, share, prior, pull, known, shared, changes):  # type: 
     """Solve for the pose, exponent, growth and what the cameras have of their own together.
 
     Returns minus twice the logarithm of the measurements' likelihood under this `share`, up to a constant;
-    infinite, where the equations cannot be solved.
+    infinite, where the equations cannot be solved: equation (18) of docs/how-it-works.md. The step is
+    equation (17) of docs/how-it-works.md, which minimises equation (16) of docs/how-it-works.md.
 
     Each camera sees the object moved by an offset η_c of its own, which its calibration error causes and
     whose inverse covariance is weights (C, 7, 7), the offset's part over share. It contributes the normal
@@ -139,6 +141,7 @@ SHARES_PRIOR = np.array([0.001, 0.002, 0.007, 0.03, 0.36, 0.1, 0.1, 0.1, 0.1, 0.
 def calibration_share(equations, prior, pull, known, shared, changes):  # type: ignore[no-untyped-def]
     """Mean share of the stated calibration variance that explains how well the cameras agree.
 
+    See equation (18) of docs/how-it-works.md.
     Arguments as of `solve_step`, whose outputs are work space here. The shares are weighted with their
     marginal likelihood (empirical Bayes): a calibration is often better than its file fears, and with
     offsets held smaller the cameras' exact directions count more than their coarse depths.
@@ -159,7 +162,10 @@ def calibration_share(equations, prior, pull, known, shared, changes):  # type: 
 
 @compiled
 def marginal(known, covariance):  # type: ignore[no-untyped-def]
-    """Covariance (6, 6) of the pose where all else is unknown; known (n, n). False where there is none."""
+    """Covariance (6, 6) of the pose where all else is unknown; known (n, n). False where there is none.
+
+    See equation (19) of docs/how-it-works.md.
+    """
     n = len(known)
     lower, column = np.zeros((n, n)), np.empty(n)
     if not factorise(known, lower):

@@ -1,0 +1,111 @@
+from __future__ import annotations
+
+import ast
+import re
+from functools import cache
+
+import pytest
+
+from tests.helpers import ROOT, run_python
+
+DOCUMENT = ROOT / "docs" / "how-it-works.md"
+TEXT = DOCUMENT.read_text(encoding="utf-8")
+NAMED = re.compile(r"\[`(?P<path>[\w./]+\.py)`\]\((?P<link>[^)]+)\)(?P<names>:(?:,? (?:and )?`\w+`)+)?")
+REFERENCE = re.compile(r"equation \((\d+)\) of docs/how-it-works\.md")
+
+
+@cache
+def docstrings(path: str) -> dict[str, str]:
+    """What a file defines, functions and classes with their docstrings, whitespace made even."""
+    found: dict[str, str] = {}
+    for node in ast.walk(ast.parse((ROOT / path).read_text(encoding="utf-8"))):
+        if isinstance(node, (ast.FunctionDef, ast.ClassDef)):
+            found[node.name] = " ".join((ast.get_docstring(node) or "").split())
+        elif isinstance(node, (ast.Assign, ast.AnnAssign)):
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            found.update({target.id: "" for target in targets if isinstance(target, ast.Name)})
+    return found
+
+
+def named(text: str) -> list[tuple[str, str]]:
+    """(file, name) of all that a text says is in a file."""
+    return [
+        (match["path"], name)
+        for match in NAMED.finditer(text)
+        for name in re.findall(r"`(\w+)`", match["names"] or "")
+    ]
+
+
+def holders() -> dict[int, set[tuple[str, str]]]:
+    """Of each equation what holds it: the files and names in the line "Where" below it."""
+    blocks = re.findall(r"\\tag\{(\d+)\}\n```\n\nWhere: ([^\n]+)", TEXT)
+    return {int(number): set(named(where)) for number, where in blocks}
+
+
+def references() -> set[tuple[int, tuple[str, str]]]:
+    """(equation, (file, name)) of all docstrings in the tracker that refer to one."""
+    return {
+        (int(number), (path, name))
+        for path in (file.relative_to(ROOT).as_posix() for file in ROOT.glob("tracker/**/*.py"))
+        for name, docstring in docstrings(path).items()
+        for number in REFERENCE.findall(docstring)
+    }
+
+
+def test_equations_are_numbered_in_their_order():
+    numbers = [int(number) for number in re.findall(r"\\tag\{(\d+)\}", TEXT)]
+    assert numbers == list(range(1, len(numbers) + 1))
+    assert len(re.findall(r"^```math$", TEXT, flags=re.MULTILINE)) == len(numbers)
+
+
+def test_the_text_refers_to_equations_that_exist():
+    words = re.sub(r"(?s)```.*?```|\$[^$\n]+\$", "", TEXT)
+    assert {int(number) for number in re.findall(r"\((\d+)\)", words)} <= set(holders())
+
+
+def test_every_equation_says_what_holds_it():
+    numbers = {int(number) for number in re.findall(r"\\tag\{(\d+)\}", TEXT)}
+    assert {number for number, where in holders().items() if where} == numbers
+
+
+def test_every_file_and_function_that_the_document_names_exists():
+    matches = list(NAMED.finditer(TEXT))
+    assert len(matches) > 30
+    for match in matches:
+        target = (DOCUMENT.parent / match["link"]).resolve()
+        assert target == ROOT / match["path"]
+        assert target.is_file(), target
+    for path, name in named(TEXT):
+        assert name in docstrings(path), f"{path}: {name}"
+
+
+def test_the_code_refers_to_an_equation_where_the_document_says_that_it_is():
+    for number, holder in references():
+        assert holder in holders()[number], f"equation ({number}) in {holder}"
+
+
+def test_every_equation_is_referred_to_by_what_holds_it():
+    assert {number for number, _ in references()} == set(holders())
+
+
+def test_every_equation_that_the_code_refers_to_exists():
+    for path in ROOT.glob("tracker/**/*.py"):
+        text = " ".join(path.read_text(encoding="utf-8").split())
+        assert {int(number) for number in re.findall(r"[Ee]quation \((\d+)\)", text)} <= set(holders()), path
+
+
+def test_every_picture_exists_and_is_small_and_shown():
+    shown = re.findall(r"!\[[^\]]{40,}\]\(([^)]+)\)", TEXT)
+    pictures = [DOCUMENT.parent / name for name in shown]
+    assert sorted(pictures) == sorted((DOCUMENT.parent / "how-it-works").iterdir())
+    assert all(picture.stat().st_size <= 150_000 for picture in pictures)
+
+
+def test_the_script_draws_every_picture(tmp_path):
+    pytest.importorskip("matplotlib", reason="pictures need the optional package matplotlib")
+    script = ROOT / "scripts" / "draw_how_it_works.py"
+    result = run_python([script, "--quick", "--output", tmp_path], tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert {path.name for path in tmp_path.iterdir()} == {
+        path.name for path in (DOCUMENT.parent / "how-it-works").iterdir()
+    }
