@@ -90,5 +90,6 @@ def image_grid(camera: Camera, count: int = 15) -> FloatArray:
 
 def sight_of(tracker: ObjectTracker, images: Sequence[Image]) -> Sight:
     """What a tracker's estimator is given of its cameras' images."""
-    views = [tracker._reader.read(tracker._reader.see(image), grey_world=False) for image in images]
+    reader = tracker._reader
+    views = [reader.read(reader.see(c, image), grey_world=False) for c, image in enumerate(images)]
     return tracker._estimator.sight(views)

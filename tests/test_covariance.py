@@ -3,10 +3,12 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
+import pytest
 
 from tests.helpers import make_camera, random_rotations
 from tracker.geometry import so3
 from tracker.pose.solve import covariance
+from tracker.pose.solve.step import EXPONENT, OWN
 
 
 def test_element_wise_std_gives_back_the_rotation_vectors(rng):
@@ -21,7 +23,10 @@ def test_element_wise_std_gives_back_the_rotation_vectors(rng):
 
 def test_camera_offset_is_what_samples_of_the_calibration_show(rng):
     camera, position = make_camera(), np.array([0.05, -0.08, 0.03])
-    stated = covariance.offset_covariance(covariance.calibration_covariance(camera), position)
+    known = np.linalg.inv(covariance.calibration_covariance(camera))
+    weights = covariance.offset_weights(known[None], position)[0]
+    np.testing.assert_allclose(weights, weights.T, rtol=1e-9, atol=1e-9)
+    stated = np.linalg.inv(weights)[:6, :6]
     assert camera.camera_from_world_std is not None
     rotation, translation = camera.camera_from_world[:3, :3], camera.camera_from_world[:3, 3]
     variances = covariance.rotation_vector_variance(rotation, camera.camera_from_world_std[:3, :3])
@@ -42,13 +47,27 @@ def test_unstated_calibration_counts_as_exact():
     assert np.sqrt(np.diag(stated)).max() < 1e-4
 
 
-def test_covariance_is_the_inverse_information_and_never_less_than_the_models_errors(rng):
-    root = 1e4 * rng.normal(size=(6, 6))
-    information = root @ root.T + 1e6 * np.eye(6)
-    stated = covariance.pose_covariance(information)
+def test_exponents_deviate_from_each_other_whatever_the_calibration(rng):
+    known = np.array([np.linalg.inv(covariance.calibration_covariance(make_camera(k))) for k in (60, 180)])
+    for position in rng.uniform(-0.2, 0.2, (5, 3)):
+        weights = covariance.offset_weights(known, position)
+        assert weights.shape == (2, OWN, OWN)
+        np.testing.assert_allclose(weights[:, EXPONENT, EXPONENT], covariance.DEVIATION_STD**-2)
+        assert not weights[:, EXPONENT, :6].any()
+        assert not weights[:, :6, EXPONENT].any()
+
+
+@pytest.mark.parametrize("radius", [0.02, 0.06])
+def test_a_covariance_is_never_less_than_the_models_errors(rng, radius):
+    root = 1e-3 * rng.normal(size=(6, 6))
+    measured = root @ root.T
+    before = measured.copy()
+    stated = covariance.with_model_errors(measured, radius)
+    np.testing.assert_array_equal(measured, before)
     np.testing.assert_array_equal(stated, stated.T)
-    np.testing.assert_allclose(
-        stated - np.diag(covariance.MODEL_STD**2), np.linalg.inv(information), rtol=1e-6, atol=1e-18
-    )
-    exact = covariance.pose_covariance(1e30 * np.eye(6))
-    np.testing.assert_allclose(exact, np.diag(covariance.MODEL_STD**2), atol=1e-20)
+    shift, turn = covariance.MODEL_STD
+    errors = np.diag(np.repeat(np.square([shift * radius, turn]), 3))
+    np.testing.assert_allclose(stated - errors, measured, rtol=1e-6, atol=1e-18)
+    np.testing.assert_allclose(covariance.with_model_errors(np.zeros((6, 6)), radius), errors, rtol=1e-12)
+    # Transposed in memory, as a solver may leave it.
+    np.testing.assert_array_equal(covariance.with_model_errors(np.asfortranarray(measured), radius), stated)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from tests.helpers import random_rotations
 from tracker.geometry import so3
 from tracker.tracking.filter import MotionFilter
-from tracker.tracking.motion import CONSTANT, update
+from tracker.tracking.motion import CONSTANT
 
 DT = 0.1
 NOISE = np.diag(np.repeat(np.square([0.5e-3, np.radians(0.5)]), 3))
@@ -38,9 +38,37 @@ def path(velocity, spin, seconds, start=None):
 
 def surprise(filtered, position, rotation, noise):
     """Squared Mahalanobis distance of a measurement from the likeliest kind's prediction."""
-    keys = ("weights", "positions", "rotations", "velocities", "covariances")
-    state = [getattr(filtered, key).copy() for key in keys]
-    return update(position, rotation, (1 - CONSTANT) * noise, *state)
+    best = np.argmax(filtered.weights)
+    turned = so3.log(rotation @ filtered.rotations[best].T)
+    innovation = np.concatenate([position - filtered.positions[best], turned])
+    spread = filtered.covariances[best][:6, :6] + (1 - CONSTANT) * noise
+    return innovation @ np.linalg.solve(spread, innovation)
+
+
+def test_a_measurement_moves_each_kind_as_kalmans_equations_say(rng):
+    filtered = settled_at_rest(rng, 5).predicted(DT)
+    root = 1e-3 * rng.normal(size=(6, 6))
+    noise = root @ root.T + 0.1 * NOISE
+    position, rotation = moved(np.zeros(3), np.eye(3), drawn(rng, 4 * NOISE))
+    after = filtered.updated(position, rotation, noise)
+    likelihoods = []
+    for k, covariance in enumerate(filtered.covariances):
+        turned = so3.log(rotation @ filtered.rotations[k].T)
+        innovation = np.concatenate([position - filtered.positions[k], turned])
+        spread = covariance[:6, :6] + (1 - CONSTANT) * noise
+        gain = np.linalg.solve(spread, covariance[:6]).T
+        error = gain @ innovation
+        np.testing.assert_allclose(after.positions[k], filtered.positions[k] + error[:3], atol=1e-12)
+        expected = so3.exp(error[3:6]) @ filtered.rotations[k]
+        np.testing.assert_allclose(after.rotations[k], expected, atol=1e-12)
+        np.testing.assert_allclose(after.velocities[k], filtered.velocities[k] + error[6:], atol=1e-12)
+        np.testing.assert_allclose(after.covariances[k], covariance - gain @ spread @ gain.T, atol=1e-12)
+        np.testing.assert_array_equal(after.covariances[k], after.covariances[k].T)
+        distance = innovation @ np.linalg.solve(spread, innovation)
+        likelihoods.append(-0.5 * (distance + np.linalg.slogdet(spread)[1]))
+    weights = filtered.weights * np.exp(likelihoods - np.max(likelihoods))
+    weights = np.maximum(weights / weights.sum(), 1e-6)
+    np.testing.assert_allclose(after.weights, weights / weights.sum(), rtol=1e-9)
 
 
 def run(poses, rng, noise=NOISE, constant=True, dt=DT):

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -7,18 +9,19 @@ from synthetic.raycast import render
 from synthetic.sensor import Sensor
 from synthetic.simple import random_scene
 from synthetic.simple_rig import default_cameras
-from tests.helpers import random_rotations
+from tests.helpers import look_at, make_camera, random_rotations
 from tracker.geometry import so3
-from tracker.geometry.lens import stack_lenses
+from tracker.geometry.arena import Arena
+from tracker.geometry.lens import project, stack_lenses
 from tracker.objects.box import Box
 from tracker.objects.model import load_object
 from tracker.pose.edges.strips import MAX_STRIPS, STRIP
 from tracker.pose.fit import SEEN
 from tracker.pose.hypotheses.align import align
 from tracker.pose.hypotheses.explain import explain, explanation_score
-from tracker.pose.hypotheses.positions import PositionSearch
+from tracker.pose.hypotheses.positions import ALMOST, MIN_SHARE, MIN_VOTE, PositionSearch, vote
 from tracker.pose.hypotheses.rotations import ROTATIONS, RotationSearch, even_rotations
-from tracker.pose.scale import reduced_size
+from tracker.pose.scale import label_camera, label_factors
 
 MODEL = load_object("cube_v2")
 BOX = Box.of(MODEL)
@@ -31,7 +34,7 @@ def scene():
     rng = np.random.default_rng(5)
     cameras = default_cameras()
     truth = render(random_scene(MODEL, rng, occlusion=0), cameras, MODEL, Sensor.clean(), rng)
-    small = [c.resized(*reduced_size(c.width, c.height)) for c in cameras]
+    small = [label_camera(camera, 2) for camera in cameras]
     # The middle one of each 2×2 block would shift by half a pixel; any of the four is as good here.
     labels = np.stack([image[::2, ::2] for image in truth.labels])
     return stack_lenses(small), labels, truth
@@ -50,12 +53,76 @@ def test_rotations_are_even():
 
 def test_search_finds_position_and_rotation(scene):
     lenses, labels, truth = scene
-    positions = list(PositionSearch(lenses, BOX)(labels, USED, 3))
+    search = PositionSearch(lenses, BOX, Arena())
+    integrals, pixels = search.integrals(labels, USED)
+    assert pixels == np.count_nonzero(labels)
+    positions = list(search.positions(labels, integrals, USED, 3))
     assert np.linalg.norm(positions[0] - truth.position) < 0.015
     rotations, costs = RotationSearch(lenses, BOX)(labels, USED, positions[0], 5)
     assert (np.diff(costs) >= 0).all()
     turned = [so3.angle_between(r, truth.rotation) for r in rotations]
     assert np.degrees(min(turned)) < 30
+
+
+def all_votes(search, integrals, used):
+    """Votes of all points of the finest grid in the arena."""
+    parts = round(search._size / search._leaf)
+    places = (np.arange(parts) - (parts - 1) / 2) * search._leaf
+    finest = np.stack(np.meshgrid(places, places, places, indexing="ij"), axis=-1).reshape(-1, 3)
+    points = (search._cells[:, None] + finest).reshape(-1, 3)
+    x, y, radius, bottom, top = search._inside
+    inside = (np.hypot(points[:, 0] - x, points[:, 1] - y) <= radius) & (points[:, 2] >= bottom)
+    points = points[inside & (points[:, 2] <= top)]
+    return np.array(
+        [vote(integrals, search.lenses, used, *p, search.radius, search.area_share, 0.0) for p in points]
+    )
+
+
+def scattered(rng, lenses, small):
+    """Label maps that show an object somewhere in the arena, and patches in its colours that are none of it.
+
+    An object that no camera shows is none.
+    """
+    labels = np.zeros((len(small), max(c.height for c in small), max(c.width for c in small)), np.uint8)
+    rows, columns = np.mgrid[: labels.shape[1], : labels.shape[2]]
+    angle, away = rng.uniform(0, 2 * np.pi), 0.2 * np.sqrt(rng.uniform())
+    place = away * np.cos(angle), away * np.sin(angle), rng.uniform(0.03, 0.15)
+    for c, camera in enumerate(small):
+        u, v, depth = project(lenses, c, *place)
+        discs = [(u, v, 0.8 * BOX.radius * camera.matrix[0, 0] / depth)] if depth > BOX.radius else []
+        discs += rng.uniform([0, 0, 1], [camera.width, camera.height, 6], (3, 3)).tolist()
+        for u, v, radius in discs:
+            labels[c][np.hypot(columns - u, rows - v) < radius] = rng.integers(1, 7)
+        labels[c, camera.height :], labels[c, :, camera.width :] = 0, 0
+    return labels
+
+
+@pytest.mark.parametrize("distance", [None, 0.12, 0.22, 0.3])
+def test_votes_from_coarse_to_fine_find_what_the_whole_grid_shows(distance):
+    rng, found = np.random.default_rng(6), 0
+    for _ in range(10):
+        cameras = list(default_cameras())
+        for c in range(len(cameras) if distance is not None else 0):
+            angle = rng.uniform(0, 2 * np.pi)
+            place = distance * np.array([0.7 * np.cos(angle), 0.7 * np.sin(angle), 0.71])
+            cameras[c] = dataclasses.replace(make_camera(), name=f"c{c}", camera_from_world=look_at(place))
+        cameras = cameras[rng.integers(3) :]
+        factors = label_factors(cameras, BOX, Arena())
+        small = [label_camera(camera, factor) for camera, factor in zip(cameras, factors, strict=True)]
+        search, used = PositionSearch(stack_lenses(small), BOX, Arena()), np.ones(len(small), np.bool_)
+        integrals, _ = search.integrals(scattered(rng, search.lenses, small), used)
+        every = all_votes(search, integrals, used)
+        best = max(every.max(), MIN_VOTE)
+        for share in (ALMOST, MIN_SHARE):
+            scores = search._votes(integrals, used, share)[1]
+            expected, least = every[every >= share * best], max(MIN_VOTE, share * best)
+            assert scores.max(initial=0.0) == expected.max(initial=0.0)
+            # Bounds are those of the middle of a picture; towards its corners a few are too low.
+            seen, there = np.count_nonzero(scores >= least), np.count_nonzero(every >= least)
+            assert 0.95 * there <= seen <= there
+            assert distance is not None or seen == there
+        found += every.max() >= MIN_VOTE
+    assert found >= 7
 
 
 def test_alignment_reaches_the_truth_from_far_away(scene):

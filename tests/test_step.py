@@ -6,10 +6,13 @@ import pytest
 from tracker.pose.solve.step import (
     EXPONENT,
     GROWTH,
+    MOVING,
+    OWN,
     SHARES,
     SHARES_PRIOR,
     UNKNOWNS,
     calibration_share,
+    marginal,
     solve_step,
 )
 
@@ -18,17 +21,29 @@ ROWS = 30
 
 
 class Problem:
-    """A made-up set of linear measurements with all that a step is given, and what comes out of it."""
+    """A made-up set of linear measurements with all that a step is given, and what comes out of it.
 
-    def __init__(self, rng: np.random.Generator, cameras: int = CAMERAS) -> None:
+    Where cameras lag behind, the change of velocity is unknown, too.
+    """
+
+    def __init__(self, rng: np.random.Generator, cameras: int = CAMERAS, *, lagging: bool = False) -> None:
+        self.size = MOVING if lagging else UNKNOWNS
         self.rows = rng.normal(size=(cameras, ROWS, UNKNOWNS))
         self.residuals = rng.normal(size=(cameras, ROWS))
-        self.offsets = rng.normal(size=(cameras, 6))
-        self.roots = 0.7 * rng.normal(size=(cameras, 6, 6)) + np.eye(6)
-        self.prior = np.diag(rng.uniform(0.5, 2.0, UNKNOWNS))
-        self.pull = rng.normal(size=UNKNOWNS)
-        self.known = np.zeros((UNKNOWNS, UNKNOWNS))
-        self.shared, self.changes = np.zeros(UNKNOWNS), np.zeros((cameras, 6))
+        self.offsets = rng.normal(size=(cameras, OWN))
+        # The share is one of the offsets' variance, not of that of the exponents' deviations.
+        self.roots = np.zeros((cameras, OWN, OWN))
+        self.roots[:, :6, :6] = 0.7 * rng.normal(size=(cameras, 6, 6)) + np.eye(6)
+        self.roots[:, EXPONENT, EXPONENT] = rng.uniform(0.5, 2.0, cameras)
+        self.delays = np.zeros(cameras)
+        self.prior = np.diag(rng.uniform(0.5, 2.0, self.size))
+        if lagging:
+            self.delays[1:] = rng.uniform(0.3, 2.0, cameras - 1)
+            root = rng.normal(size=(6, 6))
+            self.prior[UNKNOWNS:, UNKNOWNS:] = root @ root.T + np.eye(6)
+        self.pull = rng.normal(size=self.size)
+        self.known = np.zeros((self.size, self.size))
+        self.shared, self.changes = np.zeros(self.size), np.zeros((cameras, OWN))
 
     @property
     def arguments(self) -> tuple[np.ndarray, ...]:
@@ -37,7 +52,15 @@ class Problem:
             np.einsum("cri,cr->ci", self.rows, self.residuals),
             self.offsets,
             np.einsum("cki,ckj->cij", self.roots, self.roots),
+            self.delays,
         )
+
+    @property
+    def seen(self) -> np.ndarray:
+        """(C, ROWS, n) by what is shared: a picture that is old shows the pose less what it moved since."""
+        if self.size == UNKNOWNS:
+            return self.rows
+        return np.concatenate([self.rows, -self.delays[:, None, None] * self.rows[..., :6]], axis=2)
 
     def solve(self, share: float = 1.0) -> float:
         outputs = (self.known, self.shared, self.changes)
@@ -47,17 +70,21 @@ class Problem:
         outputs = (self.known, self.shared, self.changes)
         return calibration_share(self.arguments, self.prior, self.pull, *outputs)
 
+    def held(self, c: int, share: float) -> np.ndarray:
+        """(OWN, OWN) root of the information on what camera c has of its own."""
+        return self.roots[c] / np.sqrt([[share]] * 6 + [[1.0]])
+
     def dense(self, share: float) -> tuple[np.ndarray, np.ndarray]:
-        """Rows and right-hand side of one least squares with the shared unknowns, then the offsets'."""
+        """Rows and right-hand side of one least squares with the shared unknowns, then the cameras' own."""
         cameras = len(self.rows)
-        size = UNKNOWNS + 6 * cameras
-        blocks, sides = [np.eye(UNKNOWNS, size) * np.sqrt(np.diag(self.prior))[:, None]], []
-        sides.append(self.pull / np.sqrt(np.diag(self.prior)))
+        size = self.size + OWN * cameras
+        root = np.linalg.cholesky(self.prior)
+        blocks, sides = [root.T @ np.eye(self.size, size)], [np.linalg.solve(root, self.pull)]
         for c in range(cameras):
-            own = slice(UNKNOWNS + 6 * c, UNKNOWNS + 6 * c + 6)
-            seen, held = np.zeros((ROWS, size)), np.zeros((6, size))
-            seen[:, :UNKNOWNS], seen[:, own] = self.rows[c], self.rows[c][:, :6]
-            held[:, own] = self.roots[c] / np.sqrt(share)
+            own = slice(self.size + OWN * c, self.size + OWN * c + OWN)
+            seen, held = np.zeros((ROWS, size)), np.zeros((OWN, size))
+            seen[:, : self.size], seen[:, own] = self.seen[c], self.rows[c][:, :OWN]
+            held[:, own] = self.held(c, share)
             blocks += [seen, held]
             sides += [self.residuals[c], -held[:, own] @ self.offsets[c]]
         return np.concatenate(blocks), np.concatenate(sides)
@@ -66,37 +93,83 @@ class Problem:
         """Minus twice the logarithm of the residuals' density, all unknowns integrated out."""
         cameras = len(self.rows)
         mean, spread = np.zeros((cameras, ROWS)), np.eye(cameras * ROWS)
-        stacked = self.rows.reshape(-1, UNKNOWNS)
+        stacked = self.seen.reshape(-1, self.size)
         inverse = np.linalg.inv(self.prior)
         spread += stacked @ inverse @ stacked.T
         for c in range(cameras):
-            mean[c] = self.rows[c] @ inverse @ self.pull - self.rows[c][:, :6] @ self.offsets[c]
-            own, move = slice(c * ROWS, (c + 1) * ROWS), np.linalg.inv(self.roots[c])
-            spread[own, own] += share * self.rows[c][:, :6] @ move @ move.T @ self.rows[c][:, :6].T
+            rows, move = self.rows[c][:, :OWN], np.linalg.inv(self.held(c, share))
+            mean[c] = self.seen[c] @ inverse @ self.pull - rows @ self.offsets[c]
+            own = slice(c * ROWS, (c + 1) * ROWS)
+            spread[own, own] += rows @ move @ move.T @ rows.T
         off = (self.residuals - mean).ravel()
         return float(np.linalg.slogdet(spread)[1] + off @ np.linalg.solve(spread, off))
 
 
-@pytest.mark.parametrize("share", [1.0, 0.1, 0.001])
-@pytest.mark.parametrize("cameras", [1, 3])
-def test_step_is_that_of_the_dense_least_squares(rng, share, cameras):
-    problem = Problem(rng, cameras)
+@pytest.mark.parametrize("share", [100.0, 1.0, 0.1, 0.001])
+@pytest.mark.parametrize(("cameras", "lagging"), [(1, False), (3, False), (2, True), (3, True)])
+def test_step_is_that_of_the_dense_least_squares(rng, share, cameras, lagging):
+    problem = Problem(rng, cameras, lagging=lagging)
     rows, side = problem.dense(share)
     expected = np.linalg.lstsq(rows, side, rcond=None)[0]
     assert np.isfinite(problem.solve(share))
-    np.testing.assert_allclose(problem.shared, expected[:UNKNOWNS], atol=1e-9)
-    np.testing.assert_allclose(problem.changes.ravel(), expected[UNKNOWNS:], atol=1e-9)
-    covariance = np.linalg.inv(rows.T @ rows)[:UNKNOWNS, :UNKNOWNS]
+    np.testing.assert_allclose(problem.shared, expected[: problem.size], atol=1e-9)
+    np.testing.assert_allclose(problem.changes.ravel(), expected[problem.size :], atol=1e-9)
+    covariance = np.linalg.inv(rows.T @ rows)[: problem.size, : problem.size]
     np.testing.assert_allclose(np.linalg.inv(problem.known), covariance, atol=1e-9)
+    np.testing.assert_array_equal(problem.known, problem.known.T)
+    pose = np.empty((6, 6))
+    assert marginal(problem.known, pose)
+    np.testing.assert_allclose(pose, covariance[:6, :6], atol=1e-9)
 
 
-def test_a_second_step_finds_nothing_left_to_do(rng):
-    problem = Problem(rng)
+@pytest.mark.parametrize("lagging", [False, True])
+def test_what_is_given_to_a_step_stays_as_it_was(rng, lagging):
+    problem = Problem(rng, lagging=lagging)
+    arguments = [*problem.arguments, problem.prior, problem.pull]
+    before = [value.copy() for value in arguments]
+    problem.solve(0.3)
+    for value, old in zip([*problem.arguments, problem.prior, problem.pull], before, strict=True):
+        np.testing.assert_array_equal(value, old)
+
+
+def test_a_velocity_that_is_known_exactly_is_none(rng):
+    moving = Problem(rng, lagging=True)
+    moving.prior[UNKNOWNS:, UNKNOWNS:] = 1e14 * np.eye(6)
+    moving.pull[UNKNOWNS:] = 0.0
+    moving.solve(0.3)
+    still = Problem(rng)
+    for key in ("rows", "residuals", "offsets", "roots"):
+        setattr(still, key, getattr(moving, key))
+    still.prior, still.pull = moving.prior[:UNKNOWNS, :UNKNOWNS].copy(), moving.pull[:UNKNOWNS].copy()
+    still.solve(0.3)
+    np.testing.assert_allclose(moving.shared[:UNKNOWNS], still.shared, atol=1e-9)
+    np.testing.assert_allclose(moving.changes, still.changes, atol=1e-9)
+    np.testing.assert_allclose(moving.known[:UNKNOWNS, :UNKNOWNS], still.known, atol=1e-9)
+
+
+def test_cameras_without_delay_say_nothing_of_the_velocity(rng):
+    problem = Problem(rng, lagging=True)
+    problem.delays[:] = 0.0
+    problem.solve(0.3)
+    prior = problem.prior[UNKNOWNS:, UNKNOWNS:]
+    np.testing.assert_allclose(problem.known[UNKNOWNS:, UNKNOWNS:], prior, atol=1e-12)
+    np.testing.assert_array_equal(problem.known[UNKNOWNS:, :UNKNOWNS], 0)
+    np.testing.assert_allclose(
+        problem.shared[UNKNOWNS:], np.linalg.solve(prior, problem.pull[UNKNOWNS:]), atol=1e-9
+    )
+
+
+def test_no_covariance_is_given_where_there_is_none(rng):
+    assert not marginal(-np.eye(UNKNOWNS), np.empty((6, 6)))
+
+
+@pytest.mark.parametrize("lagging", [False, True])
+def test_a_second_step_finds_nothing_left_to_do(rng, lagging):
+    problem = Problem(rng, lagging=lagging)
     problem.solve(0.3)
     for c in range(CAMERAS):
-        moved = problem.shared.copy()
-        moved[:6] += problem.changes[c]
-        problem.residuals[c] -= problem.rows[c] @ moved
+        problem.residuals[c] -= problem.seen[c] @ problem.shared
+        problem.residuals[c] -= problem.rows[c][:, :OWN] @ problem.changes[c]
     problem.offsets = problem.offsets + problem.changes
     problem.pull = problem.pull - problem.prior @ problem.shared
     problem.solve(0.3)
@@ -104,9 +177,10 @@ def test_a_second_step_finds_nothing_left_to_do(rng):
     np.testing.assert_allclose(problem.changes, 0, atol=1e-9)
 
 
-def test_doubt_is_the_likelihood_of_the_share(rng):
-    problem = Problem(rng)
-    shares = (1.0, 0.3, 0.01, 0.001)
+@pytest.mark.parametrize("lagging", [False, True])
+def test_doubt_is_the_likelihood_of_the_share(rng, lagging):
+    problem = Problem(rng, lagging=lagging)
+    shares = (1.0, 100.0, 0.3, 0.01, 0.001)
     doubts = np.array([problem.solve(share) for share in shares])
     expected = np.array([problem.doubt(share) for share in shares])
     np.testing.assert_allclose(doubts - doubts[0], expected - expected[0], atol=1e-8)
@@ -123,7 +197,8 @@ def test_a_large_share_leaves_the_pose_to_the_prior(rng):
 
 def test_a_small_share_makes_the_cameras_rigid(rng):
     problem = Problem(rng)
-    problem.offsets = np.zeros((CAMERAS, 6))
+    problem.offsets = np.zeros((CAMERAS, OWN))
+    problem.roots[:, EXPONENT, EXPONENT] = 1e7
     problem.solve(1e-14)
     information, gradient = problem.arguments[:2]
     known = problem.prior + information.sum(axis=0)
@@ -156,7 +231,7 @@ def test_a_camera_that_sees_nothing_goes_back_to_its_calibration_and_moves_nothi
     problem.rows[1] = 0
     doubt, shared = problem.solve(0.1), problem.shared.copy()
     np.testing.assert_allclose(problem.changes[1], -problem.offsets[1], atol=1e-9)
-    problem.offsets[1] = rng.normal(size=6)
+    problem.offsets[1] = rng.normal(size=OWN)
     assert problem.solve(0.1) == pytest.approx(doubt, abs=1e-9)
     np.testing.assert_allclose(problem.shared, shared, atol=1e-9)
 
@@ -171,17 +246,22 @@ def test_equations_that_cannot_be_solved_are_refused(rng):
     assert problem.share() == 1.0
 
 
-def problem_with_share(rng: np.random.Generator, share: float, cameras: int = CAMERAS) -> Problem:
-    """Measurements as they come about: unknowns from their prior, offsets of that share, unit noise."""
+def problem_with_share(
+    rng: np.random.Generator, share: float, cameras: int = CAMERAS, pose: float = 1e-2
+) -> Problem:
+    """Measurements as they come about: unknowns from their prior, offsets of that share, unit noise.
+
+    pose: about the information on the pose before.
+    """
     problem = Problem(rng, cameras)
     problem.rows *= 3.0
-    problem.offsets, problem.pull = np.zeros((cameras, 6)), np.zeros(UNKNOWNS)
+    problem.offsets, problem.pull = np.zeros((cameras, OWN)), np.zeros(UNKNOWNS)
     # A pose that is hardly known before, next to cameras that are known well.
-    problem.prior[:6] *= 1e-2
+    problem.prior[:6] *= pose
     unknown = rng.normal(size=UNKNOWNS) / np.sqrt(np.diag(problem.prior))
     for c in range(cameras):
         moved = unknown.copy()
-        moved[:6] += np.sqrt(share) * np.linalg.solve(problem.roots[c], rng.normal(size=6))
+        moved[:OWN] += np.linalg.solve(problem.held(c, share), rng.normal(size=OWN))
         problem.residuals[c] = problem.rows[c] @ moved + rng.normal(size=ROWS)
     return problem
 
@@ -206,8 +286,8 @@ def test_share_is_unbiased_over_its_prior(rng):
 
 
 def test_one_camera_cannot_tell_its_share(rng):
-    # Nothing to compare with; only the weak prior of the pose speaks.
-    means = [problem_with_share(rng, 0.01, cameras=1).share() for _ in range(50)]
+    # Nothing to compare with; only the prior of the pose speaks, weak also against the largest share.
+    means = [problem_with_share(rng, 0.01, cameras=1, pose=1e-5).share() for _ in range(50)]
     assert np.median(means) == pytest.approx(SHARES @ SHARES_PRIOR, abs=0.1)
 
 

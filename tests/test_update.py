@@ -187,8 +187,8 @@ def test_what_one_camera_tries_does_not_depend_on_updates(rig, film, left, monke
     one, tried = new(rig), []
     refine = one._estimator.refine
 
-    def recorded(*arguments):
-        fit = refine(*arguments)
+    def recorded(*arguments, **named):
+        fit = refine(*arguments, **named)
         tried.append(fit.position.tobytes() + fit.rotation.tobytes())
         return fit
 

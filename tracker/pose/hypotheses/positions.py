@@ -85,14 +85,18 @@ def vote(integrals, lenses, used, x, y, z, radius, area_share, slack):  # type: 
     tight one centres the vote and the wide one bears with what fingers hide. With `slack` [m], what any point
     so near has at most.
     """
-    certain, number, best = 0.0, 0, 0.0
+    certain, number, best, doubtful = 0.0, 0, 0.0, 0
     for c in range(len(used)):
         if not used[c]:
             continue
         u, v, depth = project(lenses, c, x, y, z)
-        if depth < 1.5 * radius + slack:
+        if depth + slack < 1.5 * radius:
             continue
         near = depth - slack
+        if near < 1.5 * radius:
+            # Some of the points are too near to this camera; of the others it may see all it can.
+            best, doubtful = 2.0, doubtful + 1
+            continue
         su, sv = slack * lenses[c].focal[0] / near, slack * lenses[c].focal[1] / near
         width, height = lenses[c].width, lenses[c].height
         if u < -su or v < -sv or u >= width + su or v >= height + sv:
@@ -107,11 +111,11 @@ def vote(integrals, lenses, used, x, y, z, radius, area_share, slack):  # type: 
             certain += one
             number += 1
         else:
-            best = max(best, one)
-    # A camera that cannot see the point does not count, but the more agree the better; one that may see it,
-    # helps a bound only.
+            best, doubtful = max(best, one), doubtful + 1
+    # A camera that cannot see the point does not count, but the more agree the better; those that may see
+    # it, help a bound only.
     mean = certain / (number + DOUBT)
-    return max(mean, (certain + best) / (number + 1.0 + DOUBT)) if best > 0.0 else mean
+    return max(mean, (certain + doubtful * best) / (number + doubtful + DOUBT)) if best > 0.0 else mean
 
 
 @compiled
