@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -154,7 +153,7 @@ class ObjectTracker:
         lag = None
         if expected is not None and stamps.delays.any():
             lag = Lag(stamps.delays, expected.velocity, expected.covariance[6:, 6:])
-        memory = replace(before, belief=belief, cameras=tuple(cameras))
+        memory = before._replace(belief=belief, cameras=tuple(cameras))
         timing: dict[str, float] = {}
         outcome, memory = self._measure(given, expected, lag, memory, timing)
         pose = status = reason = None
@@ -171,7 +170,7 @@ class ObjectTracker:
         assert status is not None
         timing["total"] = 1e3 * (time.perf_counter() - start)
         answer = Observation(pose, filtered, status, timing, reason)
-        self._memory = replace(memory, belief=replace(belief, unseen=pose is None), latest=answer)
+        self._memory = memory._replace(belief=belief._replace(unseen=pose is None), latest=answer)
         return answer
 
     def _measure(
@@ -213,7 +212,7 @@ class ObjectTracker:
             sight, expected.rotation, expected.position, memory.start, lag
         )
         assert fit is not None
-        memory = replace(memory, cameras=tuple(cameras), start=fit.end)
+        memory = memory._replace(cameras=tuple(cameras), start=fit.end)
         if not _settled(fit):
             hypotheses = [(expected.rotation, expected.position)]
             if memory.belief.last_pose is not None:

@@ -22,7 +22,7 @@ from tracker.pose.hypotheses.rivals import reversed_in_depth
 from tracker.pose.hypotheses.rotations import RotationSearch
 from tracker.pose.judge import alone, possible, rank, settled, sure
 from tracker.pose.result import Status
-from tracker.pose.scale import label_camera, label_factors
+from tracker.pose.scale import label_camera, label_factors, window
 from tracker.pose.solve.refiner import Refiner
 from tracker.pose.solve.schedule import FOLLOWING, SCHEDULE, Schedule
 from tracker.pose.start import LIKELY, Lag, Start
@@ -93,15 +93,8 @@ class PoseEstimator:
 
     def window(self, c: int, position: FloatArray) -> tuple[int, int, int, int]:
         """Left, top, right, bottom of what an object there fills of camera c's label map, and some more."""
-        lens, radius = self.small[c], self.box.radius
-        x, y, z = lens["rotation"] @ position + lens["translation"]
-        width, height = int(lens["width"]), int(lens["height"])
-        if z < 2 * radius:
-            return 0, 0, width, height
-        u, v = lens["focal"] * (x / z, y / z) + lens["center"]
-        reach = 1.3 * radius * float(lens["focal"].max()) / (z - radius) + WINDOW_RIM
-        left, top = max(0, int(u - reach)), max(0, int(v - reach))
-        return left, top, min(width, int(u + reach) + 1), min(height, int(v + reach) + 1)
+        left, top, right, bottom = window(self.small, c, position, self.box.radius, WINDOW_RIM)
+        return left, top, right, bottom
 
     def estimate(self, sight: Sight, *, thorough: bool = True) -> Fit | Status:
         """The best pose for what is seen.

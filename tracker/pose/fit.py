@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 
@@ -52,4 +53,10 @@ class Fit:
 
     def total(self, name: str) -> float:
         """Sum of a field of SEEN over the cameras."""
-        return float(self.cameras[name].sum())
+        return self._totals[name]
+
+    @functools.cached_property
+    def _totals(self) -> dict[str, float]:
+        # Read one by one, they would cost more than the judgement that they are for.
+        columns = zip(*self.cameras.tolist(), strict=True)
+        return {name: float(sum(column)) for name, column in zip(SEEN.names or (), columns, strict=True)}

@@ -8,9 +8,11 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
+from tracker.compiled import compiled
 from tracker.conventions import Array, FloatArray, Image
 from tracker.geometry.arena import Arena
 from tracker.geometry.camera import Camera
+from tracker.geometry.lens import project
 from tracker.objects.box import Box
 
 REFERENCE = 55.0
@@ -75,3 +77,16 @@ def reduced(image: Image, factor: int) -> Image:
     width, height = image.shape[1] // factor, image.shape[0] // factor
     whole = image[: height * factor, : width * factor]
     return np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+@compiled
+def window(lenses, c, position, radius, rim):  # type: ignore[no-untyped-def]
+    """Left, top, right, bottom of an object of a radius [m] at a position (3,) in a picture, and `rim` pixels."""
+    width, height = lenses[c].width, lenses[c].height
+    u, v, z = project(lenses, c, position[0], position[1], position[2])
+    if z < 2.0 * radius:
+        return 0, 0, width, height
+    reach = 1.3 * radius * max(lenses[c].focal[0], lenses[c].focal[1]) / (z - radius) + rim
+    left, top = max(0, int(max(u - reach, -1.0))), max(0, int(max(v - reach, -1.0)))
+    right, bottom = min(width, int(u + reach) + 1), min(height, int(v + reach) + 1)
+    return left, top, max(right, 0), max(bottom, 0)

@@ -17,7 +17,7 @@ from tracker.conventions import FloatArray, Image
 TARGET_GREY = 115.0
 """Level to which the scene's greys are brought."""
 
-SAMPLES = 2000
+SAMPLES = 1200
 """Pixels that are looked at; more do not change the result by a level."""
 
 CLIPPED = 250

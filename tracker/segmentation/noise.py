@@ -11,7 +11,7 @@ from tracker.conventions import Image
 LOUD = 6.0
 """Standard deviation of the noise [levels] above which colours are read from filtered pixels."""
 
-_ROW_STEP = 6
+_ROW_STEP = 10
 _PER_SIGMA = 0.6745 * np.sqrt(6.0)
 """Median of a second difference's size over the noise's standard deviation."""
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -45,11 +46,10 @@ class Pending:
     rotation: FloatArray
 
 
-@dataclass(frozen=True, eq=False)
-class Belief:
+class Belief(NamedTuple):
     """What is believed of one object's motion; nothing changes it."""
 
-    options: TrackingOptions = field(default_factory=TrackingOptions)
+    options: TrackingOptions = TrackingOptions()
     timestamp: float | None = None
     """Of the last pictures [s]."""
     motion: MotionFilter | None = None
@@ -81,14 +81,14 @@ class Belief:
             )
         last, timestamp = self.timestamp, float(timestamp)
         step = 0.0 if last is None else timestamp - last
-        moved = replace(self, timestamp=timestamp, step=step)
+        moved = self._replace(timestamp=timestamp, step=step)
         if self.seen is None or last is None or self.motion is None:
             return moved, None
         if timestamp - self.seen > self.options.coast_seconds:
-            return replace(moved, seen=None, pending=None), None
+            return moved._replace(seen=None, pending=None), None
         motion = self.motion.slowed(step) if self.unseen else self.motion
         motion = motion.predicted(step)
-        return replace(moved, motion=motion), motion.state
+        return moved._replace(motion=motion), motion.state
 
     def plausible(self, expected: MotionState, fit: Fit) -> bool:
         """Whether a measurement may come from an object that was expected there."""
@@ -115,7 +115,7 @@ class Belief:
             sure = sure or self._confirmed(fit)
         if expected is not None and not sure:
             pending = Pending(self.timestamp, fit.position, fit.rotation)
-            return replace(self, pending=pending), Status.COASTING
+            return self._replace(pending=pending), Status.COASTING
         motion = MotionFilter.start(fit.position, fit.rotation, fit.covariance)
         return self._believed(fit, motion), Status.FOUND if self.last_pose is None else Status.REFOUND
 
@@ -134,8 +134,7 @@ class Belief:
         return shift < self.options.jump[0] and turn > most
 
     def _believed(self, fit: Fit, motion: MotionFilter) -> Belief:
-        return replace(
-            self,
+        return self._replace(
             motion=motion,
             seen=self.timestamp,
             pending=None,

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -39,8 +40,7 @@ class MotionState:
     """Probability that the object does not move."""
 
 
-@dataclass(frozen=True, eq=False)
-class MotionFilter:
+class MotionFilter(NamedTuple):
     """What is known of a pose over time, for each of M kinds of motion; nothing changes it."""
 
     motions: Motions
@@ -85,8 +85,7 @@ class MotionFilter:
         return new
 
     def _copy(self) -> MotionFilter:
-        return replace(
-            self,
+        return self._replace(
             weights=self.weights.copy(),
             positions=self.positions.copy(),
             rotations=self.rotations.copy(),
@@ -103,11 +102,11 @@ class MotionFilter:
 
     def slowed(self, dt: float) -> MotionFilter:
         """The same with a velocity that has faded for dt [s], as of an object that is not seen."""
-        return replace(self, velocities=self.velocities * math.exp(-dt / DECAY))
+        return self._replace(velocities=self.velocities * math.exp(-dt / DECAY))
 
     def updated(self, position: FloatArray, rotation: FloatArray, noise: FloatArray) -> MotionFilter:
         """The same with a measurement and its covariance (6, 6) taken in."""
-        new = replace(self._copy(), noise=noise)
+        new = self._copy()._replace(noise=noise)
         white = (1 - CONSTANT) * noise
         update(
             position, rotation, white, new.weights, new.positions, new.rotations, new.velocities,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from tracker.pose.result import Observation
 from tracker.pose.start import LIKELY, Start
@@ -10,8 +10,7 @@ from tracker.tracking.belief import Belief, TrackingOptions
 from tracker.tracking.cameras import CameraMemory
 
 
-@dataclass(frozen=True, eq=False)
-class Memory:
+class Memory(NamedTuple):
     """What is known before the next pictures."""
 
     belief: Belief
