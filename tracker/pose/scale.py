@@ -81,7 +81,7 @@ def reduced(image: Image, factor: int) -> Image:
 
 @compiled
 def window(lenses, c, position, radius, rim):  # type: ignore[no-untyped-def]
-    """Left, top, right, bottom of an object of a radius [m] at a position (3,) in a picture, and `rim` pixels."""
+    """Left, top, right, bottom of an object of a radius [m] at a position (3,), and `rim` pixels more."""
     width, height = lenses[c].width, lenses[c].height
     u, v, z = project(lenses, c, position[0], position[1], position[2])
     if z < 2.0 * radius:

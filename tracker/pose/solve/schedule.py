@@ -27,9 +27,9 @@ class Schedule(NamedTuple):
 
 SCHEDULE = Schedule(
     blur=np.array([1.2] + [0.0] * 7),
-    piece=np.array([9.0] + [5.0] * 7),
+    piece=np.array([6.0] + [5.0] * 7),
     tukey=np.array([4.0, 3.0, 1.0] + [0.5] * 5),
-    every=np.ones(8, np.int64),
+    every=np.array([2] + [1] * 7),
     # A step is about a twentieth of the one before (squared). Where few pixels decide, pieces come and go
     # from step to step, and the pose stays restless.
     negligible=np.ones(8),
