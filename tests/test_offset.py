@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from tracker.pose.edges import offset
-from tracker.pose.edges.offset import OFFSET, Palette
+from tracker.pose.edges.offset import OFFSET, Palette, scratch
 from tracker.pose.edges.pixels import collect
 from tracker.pose.edges.strips import STRIP
+from tracker.pose.solve.state import PIXELS
 from tracker.segmentation import mosaic
 
 INNER, OUTER, BEYOND = np.array([40.0, 50, 190]), np.array([60.0, 150, 70]), np.array([90.0, 95, 92])
@@ -17,7 +18,6 @@ SIZE = 60
 CENTRE = np.array([30.3, 29.8])
 FAR = 1e3
 PIECES = 21
-EVEN = np.zeros((2, 2))
 
 # Red above green is label 1, the rest 2: enough of a colour table for two surfaces.
 _LEVELS = np.arange(256) // 4
@@ -93,19 +93,16 @@ def measure(
     reach: float | None = None,
     red: int = mosaic.NONE,
     every: int = 1,
-    tilt: np.ndarray = EVEN,
-    scale: float = 1.0,
-    motion: np.ndarray | None = None,
 ) -> np.ndarray:
     """Measurements (PIECES,) of OFFSET in an image of bytes; what is not measured is nan."""
     out = np.array([(*[np.nan] * 5, True)] * len(samples), OFFSET)
-    width = reach_at(blur) if reach is None else reach
-    strips, n, distance, values = samples.copy(), len(samples), np.empty(1 << 14), np.empty((3, 1 << 14))
-    collect(image, tilt, red, strips, n, width, scale, distance, values)
+    reach = reach_at(blur) if reach is None else reach
+    strips, distance, values = samples.copy(), np.empty(PIXELS), np.empty((3, PIXELS))
+    n, parts, palette = len(samples), 3 if red >= 0 else 1, Palette(CHANNELS, TABLE)
+    collect(image, np.zeros((2, 2)), red, strips, n, reach, 1.0, distance, values)
     offset.measure(
-        strips, n, 3 if red >= 0 else 1, np.zeros(6) if motion is None else motion, distance, values,
-        Palette(CHANNELS, TABLE), width, blur, noise, every, offset.scratch(), out,
-    )  # fmt: skip
+        strips, n, parts, np.zeros(6), distance, values, palette, reach, blur, noise, every, scratch(), out
+    )
     return out
 
 

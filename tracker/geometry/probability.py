@@ -37,6 +37,9 @@ _SPHERE = _directions(DIRECTIONS)
 @compiled
 def _within(covariance, near, turned, directions):  # type: ignore[no-untyped-def]
     spread, turn = 0.0, 0.0
+    for i in range(6):
+        if not covariance[i, i] > 0.0:
+            return 0.0
     for i in range(3):
         spread += covariance[i, i]
         turn += covariance[3 + i, 3 + i]

@@ -87,13 +87,13 @@ def refusal(fit: Fit) -> Status | None:
 
 
 WEIGHTS = {
-    "wrong": 0.0, "extra": -2.05, "unusable": -4.92, "outliers": -14.94, "rms": -0.39, "few": -3.28,
-    "unconverged": -0.69,
+    "wrong": -0.55, "extra": -5.22, "unusable": -6.28, "outliers": -3.47, "rms": -1.04, "few": -1.56,
+    "unconverged": -1.48,
 }  # fmt: skip
 """Weights of the features, none positive, so that no doubt can raise the confidence. Fitted, with the bias,
 by scripts/fit_confidence.py on right and wrong fits to rendered scenes."""
 
-BIAS = 11.11
+BIAS = 9.71
 
 NEAR = 5e-3, math.radians(5)
 """What the confidence promises: the pose is this close to the truth [m, rad]."""

@@ -19,10 +19,11 @@ from typing import NamedTuple
 import numpy as np
 
 from tracker.compiled import compiled
-from tracker.conventions import Array, FloatArray
-from tracker.pose.edges.pixels import MAX_PIXELS
-from tracker.pose.edges.profile import surfaces
-from tracker.pose.edges.squares import BLUR, SHIFT, eliminate, misfit, products, substitute, widening
+from tracker.conventions import Array
+from tracker.pose.edges.pixels import padded
+from tracker.pose.edges.profile import PLACES, model, narrow_model
+from tracker.pose.edges.solution import eliminate_surfaces, fit_colors, fit_edge
+from tracker.pose.edges.squares import edge_products, narrow_products, slope_products
 
 MIN_CONTRAST = 14.0
 """Least distance between the two surfaces' colours [levels]."""
@@ -59,39 +60,21 @@ class Palette(NamedTuple):
     """(64³,) uint8: the label of each colour cell."""
 
 
-class Scratch(NamedTuple):
-    """Arrays that one strip's least squares work in."""
-
-    columns: FloatArray
-    """(8, MAX_PIXELS) of the model."""
-    full: FloatArray
-    """(3, 8, 8) products of the columns, for each part."""
-    raw: FloatArray
-    """(3, 8, 3) products of the columns with the channels."""
-    factor: FloatArray
-    """(3, 8, 8) Cholesky factors of `full`, for each part."""
-    half: FloatArray
-    """(3, 8, 5) right sides after forward substitution: channels, blur, shift."""
-    found: FloatArray
-    """(3, 8, 5) solutions."""
-    color: FloatArray
-    """(2, 3) inside and outside."""
-    edges: FloatArray
-    """(5,) where the edges between the surfaces lie [px]."""
+SCRATCH = np.dtype(
+    [
+        ("columns", np.float64, (8, PLACES)),  # of the model (`profile`)
+        ("full", np.float64, (3, 8, 8)),  # products of the columns, for each part
+        ("raw", np.float64, (8, 3)),  # products of the columns with the channels
+        ("mean", np.float64, (4, 3)),  # of each surface's pixels
+        ("color", np.float64, (2, 3)),  # inside and outside
+    ]
+)
+"""What one strip's least squares work in; a record, since its arrays' places are known to the compiler."""
 
 
-def scratch() -> Scratch:
-    """New arrays."""
-    return Scratch(
-        np.empty((8, MAX_PIXELS)),
-        np.empty((3, 8, 8)),
-        np.zeros((3, 8, 3)),
-        np.empty((3, 8, 8)),
-        np.empty((3, 8, 5)),
-        np.empty((3, 8, 5)),
-        np.empty((2, 3)),
-        np.empty(5),
-    )
+def scratch() -> Array:
+    """A new one (1,)."""
+    return np.zeros(1, SCRATCH)
 
 
 _BLOOM = math.sqrt(math.pi) / 3
@@ -127,78 +110,69 @@ def _is_of_face(strip, color, palette):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _place_edge(parts, m, inside, wide, squares, count, stiffness, reach, blur, noise, scratch, result):  # type: ignore[no-untyped-def]
+def _add_up(strip, parts, shift, distance, values, reach, blur, narrow, slopes, space):  # type: ignore[no-untyped-def]
+    """The products of a strip's model, for each part; the surfaces are eliminated from them."""
+    part, start = 3 // parts, strip.first[0]
+    end = strip.first[parts - 1] + padded(strip.count[parts - 1])
+    model(distance, start, end, shift, slopes, reach, blur, space)
+    if narrow:
+        narrow_model(strip, distance, start, end, shift, slopes, reach, blur, space)
+    for g in range(parts):
+        first, count = strip.first[g] - start, strip.count[g]
+        last = first + padded(count)
+        edge_products(space, values, start, first, last, count, g, part)
+        slope_products(space, values, start, first, last, g, part, slopes)
+        if narrow:
+            narrow_products(space, values, start, first, last, g, part, slopes)
+        eliminate_surfaces(space, g, part, narrow, slopes)
+
+
+@compiled
+def _place_edge(  # type: ignore[no-untyped-def]
+    parts, unknowns, narrow, slopes, squares, count, stiffness, reach, blur, noise, space, result,
+):  # fmt: skip
     """Offset, variance and bloom of an edge: the slopes are solved for, too.
 
     See equation (10) of docs/how-it-works.md for offset and variance, and
     equation (12) of docs/how-it-works.md for bloom.
     """
-    part = 3 // parts
-    left, weight, shift, lift = squares, 0.0, 0.0, 0.0
+    left, weight, shift, lift, certain = squares, 0.0, 0.0, 0.0, 0.0
     for g in range(parts):
-        full, raw, found = scratch.full[g], scratch.raw[g], scratch.found[g]
-        eliminate(full, raw, m + 1, wide, m, wide, g, part, stiffness, scratch.factor[g], scratch.half[g])
-        substitute(scratch.factor[g], scratch.half[g], wide, g, part, SHIFT, found)
-        left = misfit(full, raw, left, wide, found, g, g + part)
-        known = 1.0 / found[m, SHIFT]
-        for k in range(g, g + part):
-            difference = found[inside, k] - found[inside + 1, k]
-            weight += known * difference**2
-            shift += known * difference * found[m, k]
-            total = max(found[inside, k] + found[inside + 1, k], 16.0)
-            lift += known * difference**3 / total
-    weight = max(weight, MIN_CONTRAST**2 / scratch.found[0, m, SHIFT])
+        explained, known, one, two, three = fit_edge(space, g, 3 // parts, narrow, slopes, stiffness)
+        left, weight, shift, lift = left - explained, weight + one, shift + two, lift + three
+        if g == 0:
+            certain = known
+    weight = max(weight, MIN_CONTRAST**2 * certain)
     result.offset = min(reach, max(-reach, shift / weight))
-    result.variance = _variance(left, count - 3 * wide, noise) / weight
+    result.variance = _variance(left, count - 3 * unknowns, noise) / weight
     result.bloom = _BLOOM * blur * lift / weight
     result.usable = True
 
 
 @compiled
-def _measure(strip, parts, shift, distance, values, palette, reach, blur, noise, scratch, result):  # type: ignore[no-untyped-def]
+def _measure(strip, parts, shift, distance, values, palette, reach, blur, noise, space, result):  # type: ignore[no-untyped-def]
     """The offset of one strip; see `measure`."""
-    part = 3 // parts
-    m, inside = surfaces(strip, reach + 1.5 * blur, scratch.edges)
-    slopes = 2 if strip.outside == 0 else 0
-    wide = m + slopes + 1
-    count, squares = 0, strip.squares
+    part, seen, slopes = 3 // parts, reach + 1.5 * blur, strip.outside == 0
+    surfaces = 2 + int(strip.reach_in < seen) + int(strip.reach_out < seen)
+    narrow = surfaces > 2
+    _add_up(strip, parts, shift, distance, values, reach, blur, narrow, slopes, space)
+    left, wider, sharpness, count = strip.squares, 0.0, 0.0, 0
     for g in range(parts):
-        products(strip, g, part, shift, distance, values, m, inside, slopes, reach, blur, scratch)
+        explained, one, two = fit_colors(space, g, part, narrow)
+        left, wider, sharpness = left - explained, wider + one, sharpness + two
         count += strip.count[g] * part
-        eliminate(
-            scratch.full[g],
-            scratch.raw[g],
-            0,
-            m + 1,
-            m,
-            wide,
-            g,
-            part,
-            0.0,
-            scratch.factor[g],
-            scratch.half[g],
-        )
-        found = scratch.found[g]
-        substitute(scratch.factor[g], scratch.half[g], m + 1, g, part, BLUR, found)
-        for k in range(g, g + part):
-            scratch.color[0, k], scratch.color[1, k] = found[inside, k], found[inside + 1, k]
-    if not _is_of_face(strip, scratch.color, palette):
+    if not _is_of_face(strip, space.color, palette):
         return
-    left, wider, sharpness = squares, 0.0, 0.0
-    for g in range(parts):
-        full, raw, found = scratch.full[g], scratch.raw[g], scratch.found[g]
-        left = misfit(full, raw, left, m + 1, found, g, g + part)
-        if m == 2:
-            one, two = widening(full, raw, found, m, wide, inside, g, g + part)
-            wider, sharpness = wider + one, sharpness + two
-    variance = _variance(left, count - 3 * (m + 1), noise)
+    variance = _variance(left, count - 3 * (surfaces + 1), noise)
     if sharpness > 0.0:
         result.sharpness = sharpness / variance
         result.wider = wider / sharpness
     slope = SLOPE * min(1.0, max(1e-3, (blur - SHARP) / (SOFT - SHARP)))
+    unknowns = surfaces + (3 if slopes else 1)
     _place_edge(
-        parts, m, inside, wide, squares, count, variance / slope**2, reach, blur, noise, scratch, result
-    )
+        parts, unknowns, narrow, slopes, strip.squares, count, variance / slope**2, reach, blur, noise,
+        space, result,
+    )  # fmt: skip
 
 
 @compiled
@@ -209,7 +183,7 @@ def measure(strips, n, parts, motion, distance, values, palette, reach, blur, no
     same pixels are solved together, the parts share the shift alone; motion (6,): of the pose since the
     strips were collected [m, rad]; distance (P,), values (3, P): their pixels; reach: half width of the
     strips [px]; blur: standard deviation of the steps [px]; noise: least of a pixel's channel [levels];
-    every: one in so many strips is looked at.
+    every: one in so many strips is looked at; scratch (1,): of SCRATCH.
     """
     for s in range(n):
         strip, result = strips[s], out[s]
@@ -220,4 +194,4 @@ def measure(strips, n, parts, motion, distance, values, palette, reach, blur, no
         shift = 0.0
         for i in range(6):
             shift += strip.jacobian[i] * motion[i]
-        _measure(strip, parts, shift, distance, values, palette, reach, blur, noise, scratch, result)
+        _measure(strip, parts, shift, distance, values, palette, reach, blur, noise, scratch[0], result)

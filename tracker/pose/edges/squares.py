@@ -1,134 +1,167 @@
-"""The least squares of one strip: products of the model's columns, their Cholesky factor, solutions.
+"""Products of the columns of one strip's model with each other and with its pixels' channels.
 
-The unknowns are the colours of m surfaces, the edge's shift (the line, column m), and slopes of brightness.
-Solved without the slopes first, which tells the noise and with it how stiff the slopes are; the factor's
-first rows serve both. Right sides are the channels, and two columns: the effect of a change of blur, and the
-shift alone, whose solution tells how well the shift is known.
+Several of them from one loop, since strips have few pixels and the ends of loops cost. The surfaces' shares
+sum to 1: products with the share outside follow from sums. Indices are unsigned, as signed ones might count
+from the end, which would keep the compiler from loading neighbours at once.
 """
 
 from __future__ import annotations
 
-import math
+import numpy as np
 
 from tracker.compiled import compiled
-from tracker.pose.edges.profile import model
+from tracker.pose.edges.pixels import SUMS
+from tracker.pose.edges.profile import BEFORE, BEYOND, BLUR, INSIDE, LINE, OUTSIDE, SLOPE_IN, SLOPE_OUT
 
 RIDGE = 0.003
 """Weight of a surface's prior colour, the mean of its pixels, against one pixel."""
 
-BLUR, SHIFT = 3, 4
-"""Right sides beyond the channels."""
+
+@compiled(fastmath=SUMS)
+def _edge(space, values, k, at, first, last):  # type: ignore[no-untyped-def]
+    """Sums of share a inside, line e and blur w, and their products with each other and with a channel v."""
+    columns = space.columns
+    a, e, w, aa, ae, aw, ee, ew, ww = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    v, av, ev, wv = 0.0, 0.0, 0.0, 0.0
+    for q in range(np.uint64(first), np.uint64(last)):
+        inside, line, blur = columns[INSIDE, q], columns[LINE, q], columns[BLUR, q]
+        value = values[k, np.uint64(at) + q]
+        a += inside
+        e += line
+        w += blur
+        v += value
+        aa += inside * inside
+        ae += inside * line
+        aw += inside * blur
+        av += inside * value
+        ee += line * line
+        ew += line * blur
+        ev += line * value
+        ww += blur * blur
+        wv += blur * value
+    return a, e, w, aa, ae, aw, ee, ew, ww, v, av, ev, wv
 
 
-@compiled(fastmath=True)
-def _dot(a, b, n):  # type: ignore[no-untyped-def]
-    """Sum of products of the first n; in whatever order is fastest, but always in the same."""
-    total = 0.0
-    for i in range(n):
-        total += a[i] * b[i]
+@compiled(fastmath=SUMS)
+def _edge_channel(space, values, k, at, first, last):  # type: ignore[no-untyped-def]
+    """As above, what concerns a further channel."""
+    columns = space.columns
+    v, av, ev, wv = 0.0, 0.0, 0.0, 0.0
+    for q in range(np.uint64(first), np.uint64(last)):
+        value = values[k, np.uint64(at) + q]
+        v += value
+        av += columns[INSIDE, q] * value
+        ev += columns[LINE, q] * value
+        wv += columns[BLUR, q] * value
+    return v, av, ev, wv
+
+
+@compiled(fastmath=SUMS)
+def _slopes(space, values, k, at, first, last):  # type: ignore[no-untyped-def]
+    """Sums of the slopes i inside and o outside, their products with each other, the edge and a channel."""
+    columns = space.columns
+    i, o, ai, ao, ei, eo = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    ii, io, oo, iv, ov = 0.0, 0.0, 0.0, 0.0, 0.0
+    for q in range(np.uint64(first), np.uint64(last)):
+        inner, outer = columns[SLOPE_IN, q], columns[SLOPE_OUT, q]
+        inside, line, value = columns[INSIDE, q], columns[LINE, q], values[k, np.uint64(at) + q]
+        i += inner
+        o += outer
+        ai += inside * inner
+        ao += inside * outer
+        ei += line * inner
+        eo += line * outer
+        ii += inner * inner
+        io += inner * outer
+        oo += outer * outer
+        iv += inner * value
+        ov += outer * value
+    return i, o, ai, ao, ei, eo, ii, io, oo, iv, ov
+
+
+@compiled(fastmath=SUMS)
+def _dot(space, i, values, k, at, first, last):  # type: ignore[no-untyped-def]
+    """Sum of products of column i and row k of values."""
+    columns, total = space.columns, 0.0
+    for q in range(np.uint64(first), np.uint64(last)):
+        total += columns[i, q] * values[k, np.uint64(at) + q]
     return total
-
-
-@compiled
-def products(strip, g, part, shift, distance, values, m, inside, slopes, reach, blur, scratch):  # type: ignore[no-untyped-def]
-    """Products of the columns with each other and with `part` channels from g on."""
-    first, last = strip.first[g], strip.first[g] + strip.count[g]
-    columns, full, raw, pixels = scratch.columns, scratch.full[g], scratch.raw[g], last - first
-    model(distance[first:last], shift, scratch.edges, m, inside, slopes, reach, blur, columns)
-    for i in range(m + slopes + 2):
-        for j in range(i + 1):
-            full[i, j] = _dot(columns[i], columns[j], pixels)
-        for k in range(g, g + part):
-            raw[i, k] = _dot(columns[i], values[k, first:last], pixels)
-
-
-@compiled
-def eliminate(full, raw, first, last, m, wide, g, part, stiffness, factor, half):  # type: ignore[no-untyped-def]
-    """Rows first … last - 1 of the Cholesky factor and of the right sides' forward substitution.
-
-    This is equation (9) of docs/how-it-works.md.
-    The first m unknowns, surfaces' colours, are drawn a little to the mean of their pixels, those after the
-    line (m) to zero with `stiffness`. The factor's diagonal holds reciprocals.
-    """
-    for i in range(first, last):
-        for k in range(g, g + part):
-            half[i, k] = raw[i, k]
-        half[i, BLUR], half[i, SHIFT] = full[wide, i], 1.0 if i == m else 0.0
-        diagonal = full[i, i]
-        if i < m:
-            total = 1e-9
-            for j in range(m):
-                total += full[max(i, j), min(i, j)]
-            diagonal += RIDGE
-            for k in range(g, g + part):
-                half[i, k] += RIDGE * raw[i, k] / total
-        elif i > m:
-            diagonal += stiffness
-        for j in range(i):
-            entry = full[i, j]
-            for k in range(j):
-                entry -= factor[i, k] * factor[j, k]
-            entry *= factor[j, j]
-            factor[i, j] = entry
-            diagonal -= entry * entry
-            for k in range(g, g + part):
-                half[i, k] -= entry * half[j, k]
-            half[i, BLUR] -= entry * half[j, BLUR]
-            half[i, SHIFT] -= entry * half[j, SHIFT]
-        factor[i, i] = 1.0 / math.sqrt(max(diagonal, 1e-9))
-        for k in range(g, g + part):
-            half[i, k] *= factor[i, i]
-        half[i, BLUR] *= factor[i, i]
-        half[i, SHIFT] *= factor[i, i]
 
 
 @compiled(inline="always")
-def _substitute(factor, half, size, column, out):  # type: ignore[no-untyped-def]
-    """Solve for one right side by back substitution."""
-    for i in range(size - 1, -1, -1):
-        value = half[i, column]
-        for k in range(i + 1, size):
-            value -= factor[k, i] * out[k, column]
-        out[i, column] = value * factor[i, i]
+def _fill_channel(raw, mean, k, area, rest, v, av, ev, wv):  # type: ignore[no-untyped-def]
+    """The products with channel k; the surfaces' are drawn a little to the mean of their pixels."""
+    inside, outside = av / (area + 1e-9), (v - av) / (rest + 1e-9)
+    mean[INSIDE, k], mean[OUTSIDE, k] = inside, outside
+    raw[INSIDE, k], raw[OUTSIDE, k] = av + RIDGE * inside, v - av + RIDGE * outside
+    raw[LINE, k], raw[BLUR, k] = ev, wv
 
 
 @compiled
-def substitute(factor, half, size, g, part, extra, out):  # type: ignore[no-untyped-def]
-    """Solutions out (size, ·) for the channels from g on and for one extra column."""
-    for k in range(g, g + part):
-        _substitute(factor, half, size, k, out)
-    _substitute(factor, half, size, extra, out)
+def edge_products(space, values, start, first, last, count, g, part):  # type: ignore[no-untyped-def]
+    """Fill space.full[g] and .raw, of `part` channels from g on, with those of two surfaces, line and blur.
 
-
-@compiled
-def misfit(full, raw, squares, size, found, first, last):  # type: ignore[no-untyped-def]
-    """Sum of squared residuals over pixels and channels; squares: sum of the values' squares."""
-    total = squares
-    for k in range(first, last):
-        for i in range(size):
-            product = 0.5 * full[i, i] * found[i, k] - raw[i, k]
-            for j in range(i):
-                product += full[i, j] * found[j, k]
-            total += 2.0 * product * found[i, k]
-    return total
-
-
-@compiled
-def widening(full, raw, found, m, wide, inside, first, last):  # type: ignore[no-untyped-def]
-    """What speaks for a change of blur that colours and shift cannot explain, and how much could.
-
-    See equation (11) of docs/how-it-works.md.
+    Places first … last - 1 of the columns belong to the values from start + first on; `count` are no gaps.
     """
-    own, wider, contrast = full[wide, wide], 0.0, 0.0
-    for i in range(m + 1):
-        own -= full[wide, i] * found[i, BLUR]
-    if own <= 1e-3 * full[wide, wide]:
-        return 0.0, 0.0
-    for k in range(first, last):
-        difference = found[inside, k] - found[inside + 1, k]
-        contrast += difference**2
-        off = raw[wide, k]
-        for i in range(m + 1):
-            off -= full[wide, i] * found[i, k]
-        wider -= difference * off
-    return wider, contrast * own
+    full, raw, mean = space.full, space.raw, space.mean
+    a, e, w, aa, ae, aw, ee, ew, ww, v, av, ev, wv = _edge(space, values, g, start, first, last)
+    full[g, INSIDE, INSIDE], full[g, INSIDE, OUTSIDE] = aa + RIDGE, a - aa
+    full[g, INSIDE, LINE], full[g, INSIDE, BLUR] = ae, aw
+    full[g, OUTSIDE, OUTSIDE] = count - 2.0 * a + aa + RIDGE
+    full[g, OUTSIDE, LINE], full[g, OUTSIDE, BLUR] = e - ae, w - aw
+    full[g, LINE, LINE], full[g, LINE, BLUR], full[g, BLUR, BLUR] = ee, ew, ww
+    _fill_channel(raw, mean, g, a, count - a, v, av, ev, wv)
+    for k in range(g + 1, g + part):
+        v, av, ev, wv = _edge_channel(space, values, k, start, first, last)
+        _fill_channel(raw, mean, k, a, count - a, v, av, ev, wv)
+
+
+@compiled
+def slope_products(space, values, start, first, last, g, part, slopes):  # type: ignore[no-untyped-def]
+    """Fill in those of the slopes: zero where there are none."""
+    full, raw = space.full, space.raw
+    if not slopes:
+        full[g, INSIDE, SLOPE_IN], full[g, INSIDE, SLOPE_OUT] = 0.0, 0.0
+        full[g, OUTSIDE, SLOPE_IN], full[g, OUTSIDE, SLOPE_OUT] = 0.0, 0.0
+        full[g, LINE, SLOPE_IN], full[g, LINE, SLOPE_OUT] = 0.0, 0.0
+        return
+    i, o, ai, ao, ei, eo, ii, io, oo, iv, ov = _slopes(space, values, g, start, first, last)
+    full[g, INSIDE, SLOPE_IN], full[g, INSIDE, SLOPE_OUT] = ai, ao
+    full[g, OUTSIDE, SLOPE_IN], full[g, OUTSIDE, SLOPE_OUT] = i - ai, o - ao
+    full[g, LINE, SLOPE_IN], full[g, LINE, SLOPE_OUT] = ei, eo
+    full[g, SLOPE_IN, SLOPE_IN], full[g, SLOPE_IN, SLOPE_OUT], full[g, SLOPE_OUT, SLOPE_OUT] = ii, io, oo
+    raw[SLOPE_IN, g], raw[SLOPE_OUT, g] = iv, ov
+    for k in range(g + 1, g + part):
+        raw[SLOPE_IN, k] = _dot(space, SLOPE_IN, values, k, start, first, last)
+        raw[SLOPE_OUT, k] = _dot(space, SLOPE_OUT, values, k, start, first, last)
+
+
+@compiled
+def narrow_products(space, values, start, first, last, g, part, slopes):  # type: ignore[no-untyped-def]
+    """Fill in those of the surfaces behind narrow ones, and change those of the share outside."""
+    columns, full, raw, mean = space.columns, space.full, space.raw, space.mean
+    # What the products above took for that share: all but the share inside.
+    rest = full[g, OUTSIDE, OUTSIDE] + full[g, INSIDE, OUTSIDE] - RIDGE
+    full[g, BEFORE, BEYOND] = _dot(space, BEFORE, space.columns, BEYOND, 0, first, last)
+    for i in (BEFORE, BEYOND):
+        area, square = 0.0, _dot(space, i, space.columns, i, 0, first, last)
+        for q in range(first, last):
+            area += columns[i, q]
+        for j in (INSIDE, LINE, SLOPE_IN, SLOPE_OUT, BLUR):
+            stale = not slopes and j in (SLOPE_IN, SLOPE_OUT)
+            full[g, i, j] = 0.0 if stale else _dot(space, i, space.columns, j, 0, first, last)
+            full[g, min(OUTSIDE, j), max(OUTSIDE, j)] -= full[g, i, j]
+        full[g, i, i] = square + RIDGE
+        full[g, i, OUTSIDE] = area - square - full[g, BEFORE, BEYOND] - full[g, i, INSIDE]
+        rest -= area
+        for k in range(g, g + part):
+            product = _dot(space, i, values, k, start, first, last)
+            mean[i, k] = product / (area + 1e-9)
+            raw[i, k] = product + RIDGE * mean[i, k]
+            raw[OUTSIDE, k] -= product
+    for k in range(g, g + part):
+        product = raw[OUTSIDE, k] - RIDGE * mean[OUTSIDE, k]
+        mean[OUTSIDE, k] = product / (rest + 1e-9)
+        raw[OUTSIDE, k] = product + RIDGE * mean[OUTSIDE, k]
+    others = full[g, INSIDE, OUTSIDE] + full[g, BEFORE, OUTSIDE] + full[g, BEYOND, OUTSIDE]
+    full[g, OUTSIDE, OUTSIDE] = rest - others + RIDGE

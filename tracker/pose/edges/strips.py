@@ -33,7 +33,7 @@ STRIP = np.dtype(
         ("inside", np.int64),  # label of the face
         ("outside", np.int64),  # label of the neighbouring face; 0: background
         ("in_view", np.bool_),  # whether the picture shows it as a whole
-        ("first", np.int64, (3,)),  # where its pixels begin, for each part of a mosaic
+        ("first", np.int64, (3,)),  # where its pixels begin, for each part of a mosaic, one after the other
         ("count", np.int64, (3,)),  # how many they are
         ("squares", np.float64),  # sum of their squared values
     ]

@@ -7,12 +7,12 @@ from typing import NamedTuple
 import numpy as np
 
 from tracker.conventions import Array, FloatArray
-from tracker.pose.edges.offset import OFFSET, Scratch, scratch
+from tracker.pose.edges.offset import OFFSET, scratch
 from tracker.pose.edges.strips import MAX_STRIPS, STRIP
 from tracker.pose.solve.step import UNKNOWNS
 
 PIXELS = 1 << 14
-"""Pixels of all strips of a camera, at most."""
+"""Pixels of all strips of a camera, at most: a multiple of `pixels.BLOCK`."""
 
 
 class Cameras(NamedTuple):
@@ -80,7 +80,8 @@ class Workspace(NamedTuple):
     """(C, UNKNOWNS, UNKNOWNS) normal equations of each camera, and …"""
     gradient: FloatArray
     """(C, UNKNOWNS) … their right side."""
-    scratch: Scratch
+    scratch: Array
+    """(1,) of `offset.SCRATCH`."""
 
 
 def workspace(cameras: int) -> Workspace:
