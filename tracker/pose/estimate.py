@@ -216,9 +216,7 @@ class PoseEstimator:
                 box.face_labels, rotation, position, end.cameras[c : c + 1],
             )  # fmt: skip
 
-    def _reversed(
-        self, sight: Sight, fit: Fit, start: Start = LIKELY, lag: Lag | None = None
-    ) -> list[Fit]:
+    def _reversed(self, sight: Sight, fit: Fit, start: Start = LIKELY, lag: Lag | None = None) -> list[Fit]:
         """What else the one camera that sees the object may see; `start` and `lag` as of `refine`."""
         camera = self.small["position"][int(np.argmax(fit.cameras["inliers"]))]
         rivals = reversed_in_depth(fit.rotation, fit.position, self.box.half, camera)
