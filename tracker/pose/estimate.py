@@ -11,7 +11,7 @@ import numpy as np
 
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray
-from tracker.geometry.lens import stack_lenses
+from tracker.geometry.lens import apply_update, stack_lenses
 from tracker.objects.box import Box
 from tracker.pose.evidence import View
 from tracker.pose.fit import Fit
@@ -23,7 +23,7 @@ from tracker.pose.hypotheses.rotations import RotationSearch
 from tracker.pose.judge import alone, possible, rank, settled, sure
 from tracker.pose.result import Status
 from tracker.pose.scale import label_camera, label_factors, window
-from tracker.pose.solve.refiner import Refiner
+from tracker.pose.solve.refiner import Refined, Refiner
 from tracker.pose.solve.schedule import FOLLOWING, SCHEDULE, Schedule
 from tracker.pose.start import LIKELY, Lag, Start
 
@@ -155,7 +155,7 @@ class PoseEstimator:
         """
         fit = self.refine(sight, rotation, position, FOLLOWING, start, lag)
         if alone(fit):
-            fit = max([fit, *self._reversed(sight, fit, start)], key=rank)
+            fit = max([fit, *self._reversed(sight, fit, start, lag)], key=rank)
         return fit
 
     def follow_far(
@@ -184,10 +184,7 @@ class PoseEstimator:
     ) -> Fit:
         """The fit nearest to a hypothesis (3, 3), (3,) [m]."""
         end = self.refiner.refine(sight.views, rotation, position, schedule, start, lag)
-        explain(
-            self.small, sight.labels, sight.used, self.box.half, self.box.face_labels, end.rotation,
-            end.position, end.cameras,
-        )  # fmt: skip
+        self._explain(sight, end)
         lowest = float(end.position[2] - np.abs(end.rotation[2]) @ self.box.half)
         inside = self.arena.holds(end.position, lowest)
         return Fit(
@@ -195,11 +192,28 @@ class PoseEstimator:
             inside,
         )  # fmt: skip
 
-    def _reversed(self, sight: Sight, fit: Fit, start: Start = LIKELY) -> list[Fit]:
-        """What else the one camera that sees the object may see; `start` as of `refine`."""
+    def _explain(self, sight: Sight, end: Refined) -> None:
+        """Count in a refinement's record what the label maps show of its pose, as each camera saw it."""
+        box = self.box
+        if not end.lags.any():
+            explain(
+                self.small, sight.labels, sight.used, box.half, box.face_labels, end.rotation, end.position,
+                end.cameras,
+            )  # fmt: skip
+            return
+        for c in np.flatnonzero(sight.used):
+            rotation, position = end.rotation.copy(), end.position.copy()
+            apply_update(rotation, position, end.lags[c])
+            explain(
+                self.small[c : c + 1], sight.labels[c : c + 1], sight.used[c : c + 1], box.half,
+                box.face_labels, rotation, position, end.cameras[c : c + 1],
+            )  # fmt: skip
+
+    def _reversed(self, sight: Sight, fit: Fit, start: Start = LIKELY, lag: Lag | None = None) -> list[Fit]:
+        """What else the one camera that sees the object may see; `start` and `lag` as of `refine`."""
         camera = self.small["position"][int(np.argmax(fit.cameras["inliers"]))]
         rivals = reversed_in_depth(fit.rotation, fit.position, self.box.half, camera)
-        return [self.refine(sight, *rival, FOLLOWING, start) for rival in rivals]
+        return [self.refine(sight, *rival, FOLLOWING, start, lag) for rival in rivals]
 
     def _align(
         self, sight: Sight, candidates: Iterable[FloatArray], count: int, close: float = 0.0

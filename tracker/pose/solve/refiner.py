@@ -50,6 +50,8 @@ class Refined(NamedTuple):
     iterations: int
     end: Start
     """What the unknowns beside the pose turned out to be."""
+    lags: FloatArray
+    """(C, 6) by which the cameras saw the object moved, since their pictures are older [m, rad]."""
 
 
 class _Local(threading.local):
@@ -111,7 +113,9 @@ class Refiner:
         covariance = with_model_errors(marginal, self.box.radius)
         blur = float(np.median((unknowns.blurs / cameras.scales)[cameras.used]))
         end = Start(blur, unknowns.shared[EXPONENT], unknowns.shared[GROWTH]) if converged else LIKELY
-        return Refined(unknowns.rotation, unknowns.position, covariance, seen, converged, step, end)
+        return Refined(
+            unknowns.rotation, unknowns.position, covariance, seen, converged, step, end, cameras.lags
+        )  # fmt: skip
 
     def _cameras(
         self, views: Sequence[View | None], position: FloatArray, blur: float, lag: Lag | None
