@@ -19,6 +19,7 @@ EXAMPLE = ROOT / "examples" / "detect_cube.py"
 DICE_TASK = ROOT / "examples" / "dice_task.py"
 TRACK = ROOT / "examples" / "track_recording.py"
 TASK_ERRORS = ROOT / "examples" / "task_errors.py"
+OWN_ARENA = ROOT / "examples" / "own_arena.py"
 STILL = ROOT / "examples" / "still.py"
 BGR = {"red": (40, 50, 190), "green": (60, 150, 70), "blue": (150, 60, 20)}
 
@@ -52,8 +53,12 @@ def working(demo: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_readme_shows_the_examples():
-    examples = (EXAMPLE, TRACK, DICE_TASK, TASK_ERRORS)
+    examples = (EXAMPLE, TRACK, OWN_ARENA, DICE_TASK, TASK_ERRORS)
     assert blocks("python") == [path.read_text(encoding="utf-8") for path in examples]
+
+
+def test_the_example_with_an_arena_of_ones_own_runs(working):
+    assert run_python([OWN_ARENA], working).returncode == 0
 
 
 def test_the_example_tracks_a_recording(working):
