@@ -1,0 +1,300 @@
+from __future__ import annotations
+
+import dataclasses
+
+import cv2
+import numpy as np
+import pytest
+
+import tracker
+from synthetic.raycast import render
+from synthetic.sensor import Sensor
+from synthetic.simple import random_scene
+from synthetic.simple_rig import default_cameras
+from tracker.geometry import so3
+from tracker.pipeline import Status
+from tracker.pose.fit import Fit
+from tracker.pose.judge import log_odds
+from tracker.pose.solve.schedule import SCHEDULE
+
+OBJECTS = ("cube_v2", "cuboid_2x2x8_v2")
+SCENES = 3
+CONVERGED = 2 * np.sqrt(SCHEDULE.negligible[0])
+"""How far two fits that ended may be apart, in standard deviations."""
+
+
+@pytest.fixture(scope="module")
+def rig():
+    return tracker.CameraRig(default_cameras())
+
+
+def scene_of(name, k):
+    """A scene without fingers, and what draws its noise."""
+    rng = np.random.default_rng([70, k])
+    return random_scene(tracker.load_object(name), rng, occlusion=0.0), rng
+
+
+def rendered(name, k, cameras, sensor=None):
+    scene, rng = scene_of(name, k)
+    return render(scene, cameras, tracker.load_object(name), sensor or Sensor.realistic(), rng)
+
+
+@pytest.fixture(scope="module")
+def scenes(rig):
+    """Images of scenes, by object."""
+    return {name: [rendered(name, k, rig.cameras) for k in range(SCENES)] for name in OBJECTS}
+
+
+@pytest.fixture(scope="module")
+def references(rig, scenes):
+    """Their fits by the rig as it is."""
+    return {name: [new(name, rig).fit(truth.images) for truth in scenes[name]] for name in OBJECTS}
+
+
+def new(name, rig):
+    return tracker.ObjectTracker(tracker.load_object(name), rig)
+
+
+def apart(fit, other):
+    """Distance [m] and angle [rad] between two fits."""
+    shift = float(np.linalg.norm(fit.position - other.position))
+    return shift, float(so3.angle_between(fit.rotation, other.rotation))
+
+
+def deviation(fit, other):
+    """How far a fit is from another, in the other's standard deviations."""
+    error = np.concatenate([fit.position - other.position, so3.log(fit.rotation @ other.rotation.T)])
+    return float(np.abs(error / np.sqrt(np.diag(other.covariance))).max())
+
+
+def elsewhere(rig, shift, turn):
+    """The same cameras and arena in a world whose origin is elsewhere and whose x axis is turned [rad]."""
+    new_from_old = np.eye(4)
+    new_from_old[:3, :3], new_from_old[:3, 3] = so3.exp([0.0, 0.0, turn]), shift
+    back = np.linalg.inv(new_from_old)
+    cameras = [
+        dataclasses.replace(camera, camera_from_world=camera.camera_from_world @ back) for camera in rig
+    ]
+    center = new_from_old @ [*rig.arena.center, rig.arena.table, 1.0]
+    arena = dataclasses.replace(rig.arena, center=tuple(center[:2]), table=center[2])
+    return tracker.CameraRig(tuple(cameras), arena), new_from_old
+
+
+ORIGINS = {
+    "before": ([0.31, -0.2, 0.0], 0.0),
+    "above": ([0.0, 0.0, -0.9], 0.0),
+    "below": ([0.05, 0.02, 0.7], 0.0),
+    "far": ([-1.0, 2.0, 1.5], 0.0),
+}
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+@pytest.mark.parametrize("where", ORIGINS)
+def test_where_the_worlds_origin_is_does_not_matter(rig, scenes, references, name, where):
+    moved, new_from_old = elsewhere(rig, *ORIGINS[where])
+    one = new(name, moved)
+    for truth, reference in zip(scenes[name], references[name], strict=True):
+        fit = one.fit(truth.images)
+        shift = fit.position - new_from_old[:3, :3] @ reference.position - new_from_old[:3, 3]
+        assert np.linalg.norm(shift) < 1e-6
+        assert so3.angle_between(fit.rotation, reference.rotation) < 2e-5
+        assert log_odds(fit) == pytest.approx(log_odds(reference), abs=0.02)
+        # The floor under a calibration's errors is an angle at the origin, and counts a little more afar.
+        deviations = np.sqrt(np.diag(fit.covariance) / np.diag(reference.covariance))
+        np.testing.assert_allclose(deviations, 1.0, rtol=0.1)
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+@pytest.mark.parametrize("turn", [0.7, np.pi / 2, 3.0])
+def test_how_the_worlds_axes_are_turned_does_not_matter(rig, scenes, references, name, turn):
+    moved, new_from_old = elsewhere(rig, [0.2, -0.1, 0.3], turn)
+    one, axes = new(name, moved), new_from_old[:3, :3]
+    for truth, reference in zip(scenes[name], references[name], strict=True):
+        fit = one.fit(truth.images)
+        back = dataclasses.replace(
+            fit, position=axes.T @ (fit.position - new_from_old[:3, 3]), rotation=axes.T @ fit.rotation
+        )
+        # Other hypotheses of the even grid lead to it.
+        assert deviation(back, reference) < CONVERGED
+        assert log_odds(fit) == pytest.approx(log_odds(reference), abs=0.5)
+
+
+def test_over_time_the_worlds_origin_does_not_matter_either(rig, scenes):
+    moved, new_from_old = elsewhere(rig, [0.31, -0.2, 0.12], 0.0)
+    here, there = new("cube_v2", rig), new("cube_v2", moved)
+    for k in range(4):
+        images = scenes["cube_v2"][0].images
+        pose = here.update(images, 0.1 * k).filtered_object_pose
+        other = there.update(images, 0.1 * k).filtered_object_pose
+        np.testing.assert_allclose(other.position - new_from_old[:3, 3], pose.position, rtol=0, atol=1e-6)
+        np.testing.assert_allclose(other.orientation, pose.orientation, rtol=0, atol=1e-5)
+        np.testing.assert_allclose(other.velocity, pose.velocity, rtol=0, atol=1e-5)
+
+
+def away(rig, degrees, axis):
+    """Cameras at the same places that look away."""
+    turn = np.eye(4)
+    turn[:3, :3] = so3.exp(np.radians(degrees) * np.asarray(axis, dtype=float))
+    return [
+        dataclasses.replace(
+            camera, name=f"{camera.name} away", camera_from_world=turn @ camera.camera_from_world
+        )
+        for camera in rig
+    ]
+
+
+RIGHT, UP = (0, 1, 0), (1, 0, 0)
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+@pytest.mark.parametrize(("degrees", "axis"), [(90, RIGHT), (90, UP), (135, RIGHT), (180, RIGHT), (180, UP)])
+def test_cameras_that_look_away_neither_help_nor_harm(rig, scenes, references, name, degrees, axis):
+    more = away(rig, degrees, axis)
+    one = new(name, tracker.CameraRig((*rig.cameras, *more)))
+    for k, (truth, reference) in enumerate(zip(scenes[name], references[name], strict=True)):
+        others = rendered(name, k, more)
+        assert not any(labels.any() for labels in others.labels)
+        fit = one.fit([*truth.images, *others.images])
+        for key in ("expected", "usable", "inliers", "predicted", "agree", "missing", "wrong", "extra"):
+            assert (fit.cameras[key][3:] == 0).all(), key
+        assert deviation(fit, reference) < CONVERGED
+        assert log_odds(fit) == pytest.approx(log_odds(reference), abs=0.5)
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+def test_cameras_without_images_are_as_if_there_were_none(rig, scenes, references, name):
+    one = new(name, tracker.CameraRig((*rig.cameras, *away(rig, 10, UP))))
+    for truth, reference in zip(scenes[name], references[name], strict=True):
+        fit = one.fit([*truth.images, None, None, None])
+        np.testing.assert_array_equal(fit.position, reference.position)
+        np.testing.assert_array_equal(fit.rotation, reference.rotation)
+        np.testing.assert_array_equal(fit.covariance, reference.covariance)
+        assert log_odds(fit) == log_odds(reference)
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+@pytest.mark.parametrize("order", [(1, 2, 0), (2, 1, 0)])
+def test_the_order_of_the_cameras_does_not_matter(rig, scenes, references, name, order):
+    one = new(name, tracker.CameraRig(tuple(rig[c] for c in order)))
+    for truth, reference in zip(scenes[name], references[name], strict=True):
+        fit = one.fit([truth.images[c] for c in order])
+        assert deviation(fit, reference) < 0.1
+        assert log_odds(fit) == pytest.approx(log_odds(reference), abs=0.1)
+
+
+def test_a_pose_outside_the_arena_is_refused(rig, scenes):
+    for name in OBJECTS:
+        for truth in scenes[name]:
+            x, y, z = truth.position
+            away_from_it = (float(x - 0.25), float(y))
+            arenas = {
+                "beside": dataclasses.replace(rig.arena, center=away_from_it, radius=0.15),
+                "above": dataclasses.replace(rig.arena, table=float(z) + 0.15),
+                "below": dataclasses.replace(rig.arena, table=float(z) - 0.4, height=0.1),
+            }
+            for where, arena in arenas.items():
+                one = new(name, dataclasses.replace(rig, arena=arena))
+                answer = one.detect(truth.images)
+                if answer.object_pose is not None:
+                    assert np.linalg.norm(answer.object_pose.position - truth.position) > 0.05, where
+                    assert answer.object_pose.confidence < 0.5, where
+                else:
+                    assert answer.status not in (Status.FOUND, Status.TRACKING)
+
+
+def test_a_pose_at_the_arenas_rim_is_found(rig, scenes, references):
+    for truth, reference in zip(scenes["cube_v2"], references["cube_v2"], strict=True):
+        x, y, _ = truth.position
+        arena = dataclasses.replace(rig.arena, center=(float(x - 0.15), float(y)), radius=0.155)
+        fit = new("cube_v2", dataclasses.replace(rig, arena=arena)).fit(truth.images)
+        assert isinstance(fit, Fit)
+        assert deviation(fit, reference) < CONVERGED
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+def test_a_larger_picture_of_the_same_view_gives_the_same_pose(rig, references, name):
+    larger = rig.resized(540, 540)
+    one = new(name, larger)
+    for k, reference in enumerate(references[name]):
+        truth = rendered(name, k, larger.cameras)
+        fit = one.fit(truth.images)
+        shift, turn = apart(fit, reference)
+        assert shift < 0.2e-3
+        assert turn < np.radians(0.6)
+        assert np.linalg.norm(fit.position - truth.position) < 0.1e-3
+
+
+def test_cameras_of_different_sizes_go_together(rig, scenes, references):
+    larger = rig.resized(540, 540)
+    mixed = new("cube_v2", tracker.CameraRig((rig[0], larger[1], rig[2])))
+    for k, reference in enumerate(references["cube_v2"]):
+        images = list(scenes["cube_v2"][k].images)
+        images[1] = rendered("cube_v2", k, larger.cameras[1:2]).images[0]
+        shift, turn = apart(mixed.fit(images), reference)
+        assert shift < 0.2e-3
+        assert turn < np.radians(0.3)
+
+
+def test_a_picture_magnified_afterwards_gives_the_same_pose(rig, scenes, references):
+    one = new("cube_v2", rig.resized(540, 540))
+    for truth, reference in zip(scenes["cube_v2"], references["cube_v2"], strict=True):
+        images = [cv2.resize(image, (540, 540), interpolation=cv2.INTER_LINEAR) for image in truth.images]
+        shift, turn = apart(one.fit(images), reference)
+        assert shift < 0.2e-3
+        assert turn < np.radians(0.3)
+
+
+def ramp(image, blue, red):
+    """The image in light that has so much more blue at its right border than in the middle, and red below."""
+    height, width = image.shape[:2]
+    x, y = np.linspace(-1.0, 1.0, width), np.linspace(-1.0, 1.0, height)
+    factors = np.ones((height, width, 3))
+    factors[..., 0] += blue * x
+    factors[..., 2] += red * y[:, None]
+    return np.clip(np.rint(image * factors), 0, 255).astype(np.uint8)
+
+
+def overlap(found, true):
+    """Intersection over union of the pixels that show the right face."""
+    return np.count_nonzero((found == true) & (true > 0)) / np.count_nonzero((found > 0) | (true > 0))
+
+
+RAMPS = [(1, 0), (0, 1), (1, -1), (-1, 1)]
+
+
+@pytest.mark.parametrize(("name", "share"), [("cube_v2", 0.15), ("cube_v2", 0.3), ("cuboid_2x2x8_v2", 0.3)])
+@pytest.mark.parametrize(("blue", "red"), RAMPS)
+def test_a_ramp_of_coloured_light_leaves_the_labels(scenes, name, share, blue, red):
+    colors = tracker.load_colors(name)
+    for truth in scenes[name]:
+        plain, lit = [], []
+        for image, labels in zip(truth.images, truth.labels, strict=True):
+            plain.append(overlap(tracker.segment(image, colors), labels))
+            lit.append(overlap(tracker.segment(ramp(image, share * blue, share * red), colors), labels))
+        assert np.mean(plain) > 0.7
+        assert np.mean(lit) > 0.9 * np.mean(plain)
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+@pytest.mark.parametrize("share", [0.15, 0.3])
+@pytest.mark.parametrize(("blue", "red"), RAMPS[2:])
+def test_a_ramp_of_coloured_light_leaves_the_pose(rig, scenes, references, name, share, blue, red):
+    one = new(name, rig)
+    for truth, reference in zip(scenes[name], references[name], strict=True):
+        fit = one.fit([ramp(image, share * blue, share * red) for image in truth.images])
+        shift, turn = apart(fit, reference)
+        assert shift < 0.3e-3
+        assert turn < np.radians(0.5)
+
+
+def test_labels_and_poses_are_read_in_the_same_light(rig, scenes):
+    one = new("cube_v2", rig)
+    for truth in scenes["cube_v2"]:
+        for c, image in enumerate(truth.images):
+            lit = ramp(image, 0.3, -0.3)
+            seen = one._reader.read(one._reader.see(c, lit), grey_world=False)
+            found = tracker.segment(lit, one.colors)
+            size = seen.labels.shape[::-1]
+            coarse = cv2.resize(found, size, interpolation=cv2.INTER_NEAREST)
+            both = (coarse > 0) & (seen.labels > 0)
+            assert np.mean(coarse[both] == seen.labels[both]) > 0.95

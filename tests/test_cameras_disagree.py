@@ -1,0 +1,115 @@
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import tracker
+from synthetic.raycast import render
+from synthetic.sensor import Sensor
+from synthetic.simple import random_scene
+from synthetic.simple_rig import default_cameras
+from tracker.geometry import so3
+from tracker.pose.judge import confidence
+
+SHIFT, TURN = 0.5e-3, np.radians(0.1)
+"""Standard deviations of each axis of a camera, as stated [m, rad]."""
+
+SCENES = 8
+OBJECTS = ("cube_v2", "cuboid_2x2x8_v2")
+
+
+def stated(camera, times, rng):
+    """A camera as its file has it, which states its errors; the true one is off by so many times as much."""
+    transform = np.eye(4)
+    rotation = so3.exp(times * TURN * rng.standard_normal(3)) @ camera.camera_from_world[:3, :3]
+    transform[:3, :3] = rotation
+    transform[:3, 3] = camera.camera_from_world[:3, 3] + times * SHIFT * rng.standard_normal(3)
+    std = np.zeros((4, 4))
+    # Of the elements of [ω]× R where the three parts of ω vary alike.
+    std[:3, :3] = TURN * np.sqrt(1.0 - rotation**2 + 1e-12)
+    std[:3, 3] = SHIFT
+    return dataclasses.replace(camera, camera_from_world=transform, camera_from_world_std=std)
+
+
+@pytest.fixture(scope="module")
+def rig():
+    return tracker.CameraRig(default_cameras())
+
+
+@pytest.fixture(scope="module")
+def scenes(rig):
+    """Scenes without fingers by object, and their images."""
+    found = {}
+    for name in OBJECTS:
+        model = tracker.load_object(name)
+        found[name] = []
+        for k in range(SCENES):
+            rng = np.random.default_rng([90, k])
+            scene = random_scene(model, rng, occlusion=0.0)
+            found[name].append(render(scene, rig.cameras, model, Sensor.realistic(), rng))
+    return found
+
+
+@pytest.fixture(scope="module")
+def fits(rig, scenes):
+    """Fits by object and by how many times the cameras are off what is stated."""
+
+    def fit(name, k, truth, times):
+        rng = np.random.default_rng([91, k])
+        moved = tracker.CameraRig(tuple(stated(camera, times, rng) for camera in rig))
+        return tracker.ObjectTracker(tracker.load_object(name), moved).fit(truth.images)
+
+    return {
+        (name, times): [fit(name, k, truth, times) for k, truth in enumerate(scenes[name])]
+        for name in OBJECTS
+        for times in (0, 1, 5)
+    }
+
+
+def nees(fit, truth):
+    """Squared error of a pose, in its covariance."""
+    turned = so3.log(fit.rotation @ truth.rotation.T)
+    error = np.concatenate([fit.position - truth.position, turned])
+    return float(error @ np.linalg.solve(fit.covariance, error))
+
+
+def spread(fit):
+    """Standard deviation of the position [m]."""
+    return float(np.sqrt(np.trace(fit.covariance[:3, :3])))
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+def test_a_pose_is_found_though_cameras_disagree_more_than_stated(fits, scenes, name):
+    for fit, truth in zip(fits[name, 5], scenes[name], strict=True):
+        assert np.linalg.norm(fit.position - truth.position) < 12e-3
+        assert so3.angle_between(fit.rotation, truth.rotation) < np.radians(6)
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+def test_the_covariance_grows_where_cameras_disagree_more_than_stated(fits, name):
+    ratios = [spread(off) / spread(well) for off, well in zip(fits[name, 5], fits[name, 1], strict=True)]
+    assert np.median(ratios) > 1.5
+    assert min(ratios) > 1.0
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+def test_the_covariance_shrinks_where_cameras_agree_better_than_stated(fits, name):
+    ratios = [spread(well) / spread(off) for well, off in zip(fits[name, 0], fits[name, 1], strict=True)]
+    assert np.median(ratios) < 1.0
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+@pytest.mark.parametrize("times", [1, 5])
+def test_errors_are_as_large_as_stated_or_not_much_larger(fits, scenes, name, times):
+    found = [nees(fit, truth) for fit, truth in zip(fits[name, times], scenes[name], strict=True)]
+    # 5.3 would be expected of six normal deviates.
+    assert np.median(found) < 15.0
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+def test_confidence_falls_where_cameras_disagree(fits, name):
+    found = {times: np.mean([confidence(fit) for fit in fits[name, times]]) for times in (0, 1, 5)}
+    assert found[0] >= found[1] - 1e-3
+    assert found[5] < found[1]

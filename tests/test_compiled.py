@@ -1,0 +1,104 @@
+from __future__ import annotations
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+from tests.helpers import ROOT, run_python
+from tracker.compiled import compiled
+
+PACKAGE = ROOT / "tracker"
+
+
+@compiled
+def halves(values):
+    total = 0.0
+    for value in values:
+        total += value / 2
+    return total
+
+
+@compiled(inline="always")
+def ratio(a, b):
+    return a / b
+
+
+@compiled
+def ratios(a, b):
+    return ratio(a, b)
+
+
+def test_a_compiled_function_gives_what_python_gives():
+    values = np.arange(5.0)
+    assert halves(values) == halves.py_func(values) == 5.0
+    assert ratios(1.0, 4.0) == 0.25
+
+
+def test_a_division_by_zero_gives_what_numpy_gives():
+    assert ratios(1.0, 0.0) == np.inf
+    assert ratios(-1.0, 0.0) == -np.inf
+    assert np.isnan(ratios(0.0, 0.0))
+
+
+def test_compiled_functions_let_other_threads_run():
+    assert halves.targetoptions["nogil"]
+
+
+@pytest.fixture
+def nowhere(tmp_path, monkeypatch):
+    """Folder of a copy of the package, beside which, as anywhere else, no kernel can be kept."""
+    leave_out = shutil.ignore_patterns("__pycache__", "*.nb[ci]")
+    shutil.copytree(PACKAGE, tmp_path / "tracker", ignore=leave_out)
+    # A file where a folder is wanted stops everybody; a folder's permissions do not stop root.
+    for folder in {path.parent for path in tmp_path.rglob("*.py")}:
+        (folder / "__pycache__").touch()
+    (tmp_path / "file").touch()
+    for name in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "IPYTHONDIR", "LOCALAPPDATA"):
+        monkeypatch.setenv(name, str(tmp_path / "file" / "below"))
+    monkeypatch.setenv("HOME", str(tmp_path / "file"))
+    return tmp_path
+
+
+def run(folder, script):
+    """What a script prints as JSON in a process whose `tracker` is the copy in the folder."""
+    (folder / "script.py").write_text(script, encoding="utf-8")
+    return json.loads(run_python(["-W", "error", "script.py"], folder, check=True).stdout)
+
+
+WHERE = """
+import json
+import tracker
+from tracker.geometry import so3
+from tracker.pose.solve.refine import settle
+
+from numba.core.caching import NullCache
+
+kernels = [settle, so3.exp_into]
+print(json.dumps([tracker.__file__, [isinstance(kernel._cache, NullCache) for kernel in kernels]]))
+"""
+
+
+def test_the_package_is_imported_where_no_kernel_can_be_kept(nowhere):
+    file, unkept = run(nowhere, WHERE)
+    assert file == str(nowhere / "tracker" / "__init__.py")
+    assert all(unkept)
+
+
+COLOURS = """
+import json
+import numpy as np
+import tracker
+
+image = np.full((64, 64, 3), 120, np.uint8)
+image[20:44, 20:44] = 20, 20, 200
+labels = tracker.segment(image, tracker.load_colors("cube_v2"))
+print(json.dumps([int((labels == 1).sum()), int((labels > 1).sum())]))
+"""
+
+
+def test_colours_are_found_where_no_kernel_can_be_kept(nowhere):
+    red, others = run(nowhere, COLOURS)
+    assert 400 < red <= 24 * 24
+    assert others == 0

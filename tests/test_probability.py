@@ -1,0 +1,155 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from tests.helpers import random_rotations
+from tracker.geometry.probability import probability_within
+
+CLOSE = 0.01
+"""Of a probability, more than what its sum over directions leaves open."""
+
+ISOTROPIC = np.array([0.4, 0.8, 1.2, 1.6, 2.0, 2.6, 3.5])
+"""Limits in standard deviations."""
+
+
+def random_covariance(rng, spread=1.0):
+    """Correlated covariance (6, 6) of about [1 mm, 1 degree], with axes that differ by e**spread."""
+    root = rng.normal(size=(6, 6)) * np.exp(spread * rng.normal(size=6))[:, None]
+    units = np.repeat([1e-3, math.radians(1)], 3)
+    covariance = root @ root.T / 6 + 0.05 * np.eye(6)
+    return covariance * np.outer(units, units)
+
+
+def sampled(covariance, near, turned, rng, count=200_000):
+    errors = rng.normal(size=(count, 6)) @ np.linalg.cholesky(covariance).T
+    inside = np.linalg.norm(errors[:, :3], axis=1) < near
+    return float(np.mean(inside & (np.linalg.norm(errors[:, 3:], axis=1) < turned)))
+
+
+def typical_limits(covariance, rng):
+    """Limits for which neither norm is certain: in root mean squares of each."""
+    sizes = np.sqrt([np.trace(covariance[:3, :3]), np.trace(covariance[3:, 3:])])
+    return sizes * rng.uniform(0.4, 2.0, 2)
+
+
+@pytest.mark.parametrize("k", ISOTROPIC)
+@pytest.mark.parametrize("n", ISOTROPIC)
+def test_isotropic_errors_follow_two_chi_squares(k, n):
+    sigma, tau = 2e-3, 0.03
+    covariance = np.diag([sigma**2] * 3 + [tau**2] * 3)
+    exact = chi2(3).cdf(k**2) * chi2(3).cdf(n**2)
+    assert probability_within(covariance, k * sigma, n * tau) == pytest.approx(exact, abs=CLOSE)
+
+
+@pytest.mark.parametrize("k", ISOTROPIC)
+def test_one_limit_alone_follows_chi_square(k):
+    sigma, tau = 2e-3, 0.03
+    covariance = np.diag([sigma**2] * 3 + [tau**2] * 3)
+    exact = chi2(3).cdf(k**2)
+    assert probability_within(covariance, k * sigma, 1e3) == pytest.approx(exact, abs=CLOSE)
+    assert probability_within(covariance, 1e3, k * tau) == pytest.approx(exact, abs=CLOSE)
+
+
+@pytest.mark.parametrize("k", ISOTROPIC)
+@pytest.mark.parametrize("freedoms", [1, 2])
+def test_errors_along_few_axes_follow_chi_square_of_as_many_freedoms(k, freedoms):
+    variances = np.full(6, 1e-16)
+    variances[:freedoms] = 1e-6
+    exact = chi2(freedoms).cdf(k**2)
+    assert probability_within(np.diag(variances), k * 1e-3, 1.0) == pytest.approx(exact, abs=2 * CLOSE)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_correlated_errors_agree_with_samples(seed):
+    rng = np.random.default_rng([71, seed])
+    covariance = random_covariance(rng, spread=0.5 * (seed % 3))
+    near, turned = typical_limits(covariance, rng)
+    found = probability_within(covariance, near, turned)
+    assert found == pytest.approx(sampled(covariance, near, turned, rng), abs=CLOSE)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_errors_that_go_together_are_more_often_small_together(sign):
+    rng = np.random.default_rng(72)
+    loose = np.diag([1e-6] * 3 + [1e-4] * 3)
+    tied = loose.copy()
+    tied[:3, 3:] = tied[3:, :3] = sign * 0.9 * 1e-5 * np.eye(3)
+    found = probability_within(tied, 1.5e-3, 1.5e-2)
+    assert found == pytest.approx(sampled(tied, 1.5e-3, 1.5e-2, rng), abs=CLOSE)
+    assert found > probability_within(loose, 1.5e-3, 1.5e-2) + 0.05
+
+
+def test_wider_limits_are_never_less_probable():
+    rng = np.random.default_rng(73)
+    for _ in range(10):
+        covariance = random_covariance(rng)
+        near, turned = typical_limits(covariance, rng)
+        factors = np.concatenate([[0.0], np.geomspace(1e-3, 1e3, 40)])
+        for found in (
+            [probability_within(covariance, near * factor, turned) for factor in factors],
+            [probability_within(covariance, near, turned * factor) for factor in factors],
+            [probability_within(covariance, near * factor, turned * factor) for factor in factors],
+        ):
+            # What is certain is one; just below it the sum is.
+            assert (np.diff(found) >= -1e-9).all()
+            assert min(found) >= 0.0
+            assert max(found) <= 1.0
+
+
+def test_a_greater_covariance_is_never_more_probable():
+    rng = np.random.default_rng(74)
+    for _ in range(10):
+        covariance = random_covariance(rng)
+        near, turned = typical_limits(covariance, rng)
+        found = [probability_within(size * covariance, near, turned) for size in np.geomspace(1e-4, 1e4, 40)]
+        assert (np.diff(found) <= 1e-9).all()
+
+
+def test_axes_do_not_matter():
+    rng = np.random.default_rng(75)
+    for rotation in random_rotations(rng, 20):
+        covariance = random_covariance(rng, spread=0.5)
+        near, turned = typical_limits(covariance, rng)
+        both = np.kron(np.eye(2), rotation)
+        found = probability_within(both @ covariance @ both.T, near, turned)
+        assert found == pytest.approx(probability_within(covariance, near, turned), abs=CLOSE)
+
+
+def test_units_do_not_matter():
+    rng = np.random.default_rng(76)
+    covariance = random_covariance(rng)
+    near, turned = typical_limits(covariance, rng)
+    scale = np.repeat([1e3, 57.3], 3)
+    scaled = probability_within(covariance * np.outer(scale, scale), 1e3 * near, 57.3 * turned)
+    assert scaled == pytest.approx(probability_within(covariance, near, turned), abs=1e-9)
+
+
+@pytest.mark.parametrize("size", [1e-5, 1e-8, 1e-12])
+def test_tiny_errors_are_certainly_within_the_limits(size):
+    covariance = size * random_covariance(np.random.default_rng(77))
+    assert probability_within(covariance, 5e-3, math.radians(5)) == 1.0
+    assert probability_within(np.zeros((6, 6)), 5e-3, math.radians(5)) == 1.0
+
+
+@pytest.mark.parametrize("size", [1e5, 1e8, 1e12])
+def test_huge_errors_are_hardly_ever_within_the_limits(size):
+    covariance = size * random_covariance(np.random.default_rng(78))
+    assert 0.0 <= probability_within(covariance, 5e-3, math.radians(5)) < 1e-3
+
+
+def test_a_covariance_that_is_none_gives_no_probability():
+    for broken in (np.full((6, 6), np.nan), np.diag([1e-4] * 5 + [-1.0])):
+        assert probability_within(broken, 5e-3, math.radians(5)) == 0.0
+
+
+def test_memory_layout_does_not_matter():
+    covariance = random_covariance(np.random.default_rng(80))
+    found = probability_within(covariance, 2e-3, 0.03)
+    larger = np.zeros((12, 12))
+    larger[:6, :6] = covariance
+    for same in (np.asfortranarray(covariance), larger[:6, :6]):
+        assert probability_within(same, 2e-3, 0.03) == found
