@@ -23,7 +23,7 @@ from tracker.segmentation.color_model import ColorModel, load_colors
 from tracker.segmentation.labels import check_image
 from tracker.tracking.belief import TrackingOptions, measured
 from tracker.tracking.cameras import CameraMemory, lit, usable
-from tracker.tracking.filter import MotionState
+from tracker.tracking.filter import MotionState, unknown_velocity
 from tracker.tracking.gate import Gate
 from tracker.tracking.memory import Memory
 from tracker.tracking.stamps import check_stamps
@@ -151,8 +151,11 @@ class ObjectTracker:
         belief, expected = before.belief.advance(stamps.latest)
         cameras, given = usable(before.cameras, checked)
         lag = None
-        if expected is not None and stamps.delays.any():
-            lag = Lag(stamps.delays, expected.velocity, expected.covariance[6:, 6:])
+        if stamps.delays.any():
+            velocity, spread = unknown_velocity()
+            if expected is not None:
+                velocity, spread = expected.velocity, expected.covariance[6:, 6:]
+            lag = Lag(stamps.delays, velocity, spread)
         memory = before._replace(belief=belief, cameras=tuple(cameras))
         timing: dict[str, float] = {}
         outcome, memory = self._measure(given, expected, lag, memory, timing)
@@ -189,7 +192,7 @@ class ObjectTracker:
             near, memory = self._follow(images, expected, lag, memory, timing)
             if near is not None and _settled(near) and memory.belief.plausible(expected, near):
                 return near, memory
-        found = self.fit(images, timing, thorough=near is None)
+        found = self.fit(images, timing, thorough=near is None, lag=lag)
         if near is None or expected is None or isinstance(found, Status):
             return found if near is None else near, memory
         lead = 0.0 if memory.belief.plausible(expected, found) else JUMP_LEAD
@@ -243,6 +246,7 @@ class ObjectTracker:
         timing: dict[str, float] | None = None,
         *,
         thorough: bool = True,
+        lag: Lag | None = None,
     ) -> Fit | Status:
         """As `detect`, with all that supports the pose; `timing` gains the milliseconds of each stage.
 
@@ -262,7 +266,7 @@ class ObjectTracker:
             lap = time.perf_counter()
             views = [None if one is None else self._reader.read(one, grey_world) for one in seen]
             split = time.perf_counter()
-            outcome = self._estimator.estimate(self._estimator.sight(views), thorough=thorough)
+            outcome = self._estimator.estimate(self._estimator.sight(views), thorough=thorough, lag=lag)
             timing["segmentation"] = timing.get("segmentation", 0.0) + 1e3 * (split - lap)
             timing["pose"] = timing.get("pose", 0.0) + 1e3 * (time.perf_counter() - split)
             refused = outcome if isinstance(outcome, Status) else refusal(outcome)

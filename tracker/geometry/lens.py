@@ -10,6 +10,7 @@ import numpy as np
 from tracker.compiled import compiled
 from tracker.conventions import Array
 from tracker.geometry.camera import Camera
+from tracker.geometry.field_of_view import MARGIN, largest_tangent
 
 LENS = np.dtype(
     [
@@ -19,6 +20,7 @@ LENS = np.dtype(
         ("focal", np.float64, (2,)),  # fx, fy [px]
         ("center", np.float64, (2,)),  # cx, cy [px]
         ("distortion", np.float64, (5,)),  # k1, k2, p1, p2, k3
+        ("limit", np.float64),  # squared tangent beyond which the distortion may fold back into the picture
         ("width", np.int64),  # [px]
         ("height", np.int64),  # [px]
     ]
@@ -36,19 +38,22 @@ def stack_lenses(cameras: Sequence[Camera]) -> Array:
         lens["focal"] = camera.matrix[0, 0], camera.matrix[1, 1]
         lens["center"] = camera.matrix[0, 2], camera.matrix[1, 2]
         lens["distortion"] = camera.distortion
+        lens["limit"] = (MARGIN * largest_tangent(camera)) ** 2
         lens["width"], lens["height"] = camera.width, camera.height
     return lenses
 
 
 @compiled
 def project(lenses, c, x, y, z):  # type: ignore[no-untyped-def]
-    """Pixel (u, v) and depth of a world point (x, y, z) in camera c."""
+    """Pixel (u, v) and depth of a world point (x, y, z) in camera c; depth -1 far out of view."""
     r, t, k = lenses[c].rotation, lenses[c].translation, lenses[c].distortion
     zc = r[2, 0] * x + r[2, 1] * y + r[2, 2] * z + t[2]
     inverse = 1.0 / max(zc, 1e-6)
     a = (r[0, 0] * x + r[0, 1] * y + r[0, 2] * z + t[0]) * inverse
     b = (r[1, 0] * x + r[1, 1] * y + r[1, 2] * z + t[1]) * inverse
     s = a * a + b * b
+    if s > lenses[c].limit:
+        zc = -1.0
     radial = 1.0 + s * (k[0] + s * (k[1] + s * k[4]))
     u = a * radial + 2.0 * k[2] * a * b + k[3] * (s + 2.0 * a * a)
     v = b * radial + k[2] * (s + 2.0 * b * b) + 2.0 * k[3] * a * b

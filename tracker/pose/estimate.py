@@ -96,7 +96,7 @@ class PoseEstimator:
         left, top, right, bottom = window(self.small, c, position, self.box.radius, WINDOW_RIM)
         return left, top, right, bottom
 
-    def estimate(self, sight: Sight, *, thorough: bool = True) -> Fit | Status:
+    def estimate(self, sight: Sight, *, thorough: bool = True, lag: Lag | None = None) -> Fit | Status:
         """The best pose for what is seen.
 
         Most images are settled by the first hypothesis. Where its fit is not sure, more are aligned
@@ -110,19 +110,19 @@ class PoseEstimator:
         first = next(positions, None)
         if first is None:
             return Status.TOO_FEW_PIXELS
-        fits = self._refined(sight, self._align(sight, [first], FEW))
+        fits = self._refined(sight, self._align(sight, [first], FEW), lag)
         if not (fits and settled(fits[-1])) and thorough:
             lonely = np.count_nonzero(sight.used) == 1 or bool(fits and alone(max(fits, key=rank)))
             near = self._align(sight, [first], MANY, CLOSE if lonely else 0.0)
             # One camera alone may see a single face, which fits at four turns: it never settles the matter.
             if not lonely or not any(map(sure, fits)):
                 near = self._align(sight, chain([first], positions), MANY, CLOSE if lonely else 0.0)
-            fits.extend(self._refined(sight, near))
+            fits.extend(self._refined(sight, near, lag))
         if not fits:
             return Status.INCONSISTENT_VIEWS
         best = max(fits, key=rank)
         if alone(best):
-            fits.extend(self._reversed(sight, best))
+            fits.extend(self._reversed(sight, best, lag=lag))
         fits.sort(key=rank, reverse=True)
         # A pose beyond the arena is none, but what looks like one more than like the best is doubtful.
         best = next(filter(possible, fits), fits[0])
@@ -131,11 +131,11 @@ class PoseEstimator:
         ]
         return replace(best, lead=rank(best) - rank(rivals[0])) if rivals else best
 
-    def _refined(self, sight: Sight, hypotheses: Iterable[Hypothesis]) -> list[Fit]:
+    def _refined(self, sight: Sight, hypotheses: Iterable[Hypothesis], lag: Lag | None) -> list[Fit]:
         """Fits of hypotheses, up to the first that settles the matter."""
         fits: list[Fit] = []
         for hypothesis in hypotheses:
-            fits.append(self.refine(sight, *hypothesis))
+            fits.append(self.refine(sight, *hypothesis, lag=lag))
             if settled(fits[-1]):
                 break
         return fits

@@ -105,7 +105,7 @@ def log_odds(fit: Fit) -> float:
     return BIAS + sum(WEIGHTS[key] * value for key, value in features(fit).items())
 
 
-SURE = 3.0
+SURE = 4.0
 """Log odds of a fit at which no other hypothesis is tried."""
 
 

@@ -29,10 +29,7 @@ BRIGHTNESS_RANK = 0.7
 MIN_GREYS = 20
 """Grey pixels among the samples below which they tell nothing."""
 
-EVEN_SHARE = 0.8
-"""Share of one chromaticity among the samples above which the light is even."""
-
-TILTED_ROUNDS, LAST_ROUNDS = 5, 3
+TILTED_ROUNDS, LAST_ROUNDS = 4, 2
 """Rounds in which a slope of the chromaticity is followed from the most frequent one, and after it stands."""
 
 MIN_TILT, MAX_TILT = 0.05, 1.2
@@ -143,24 +140,20 @@ def _greys(image, step, log_table, points, plane):  # type: ignore[no-untyped-de
         return 0.0, 0.0
     plane[0, 0], plane[1, 0] = _mode(points, count)
     start, inside, flat = plane.copy(), 0, True
-    # Level twice, along a slope if that left many out, and the better of both again.
+    # Level twice, then along a slope, and again the way that fits.
     for turn in range(2 + TILTED_ROUNDS + LAST_ROUNDS):
         sloping = 2 <= turn < 2 + TILTED_ROUNDS
-        if sloping and flat:
-            continue
         if turn == 2 + TILTED_ROUNDS:
             tilt = max(abs(plane[0, 1]) + abs(plane[0, 2]), abs(plane[1, 1]) + abs(plane[1, 2]))
             flat = tilt < MIN_TILT or tilt > MAX_TILT
             if flat:
                 plane[:] = start
         reach = 0.22 if turn == 0 else 0.2 if sloping else 0.15
-        inside = _fit_plane(points, count, plane, reach, flat, matrix, vectors)
+        inside = _fit_plane(points, count, plane, reach, flat and not sloping, matrix, vectors)
         if inside == 0:
             return 0.0, 0.0
         if turn == 0:
             start[:] = plane
-        elif turn == 1:
-            flat = inside >= EVEN_SHARE * count
     levels = np.zeros(256, np.int64)
     for n in range(count):
         x, y = points[n, 2], points[n, 3]

@@ -24,6 +24,11 @@ from tracker.tracking.motion import (
 )
 
 
+def unknown_velocity() -> tuple[FloatArray, FloatArray]:
+    """Velocity (6,) [m/s, rad/s] of an object that was never seen before, and its covariance (6, 6)."""
+    return np.zeros(6), np.diag(np.repeat(np.square(START_STD), 3))
+
+
 @dataclass(frozen=True, eq=False)
 class MotionState:
     """Where the object is and how it moves."""
@@ -65,8 +70,7 @@ class MotionFilter(NamedTuple):
         kinds = len(motions.lasting)
         covariances = np.zeros((kinds, STATE, STATE))
         covariances[:, :6, :6] = (1 - CONSTANT) * noise
-        spread = np.diag(np.repeat(np.square(START_STD), 3))
-        covariances[~np.asarray(motions.still), 6:, 6:] = spread
+        covariances[~np.asarray(motions.still), 6:, 6:] = unknown_velocity()[1]
         return cls(
             motions,
             np.full(kinds, 1.0 / kinds),
