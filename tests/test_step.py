@@ -68,7 +68,7 @@ class Problem:
 
     def share(self) -> float:
         outputs = (self.known, self.shared, self.changes)
-        return calibration_share(self.arguments, self.prior, self.pull, *outputs)
+        return calibration_share(self.arguments, 0, self.prior, self.pull, *outputs)
 
     def held(self, c: int, share: float) -> np.ndarray:
         """(OWN, OWN) root of the information on what camera c has of its own."""

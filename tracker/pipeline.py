@@ -211,18 +211,17 @@ class ObjectTracker:
         cameras, sight = self._glance(images, memory.cameras, expected.position)
         split = time.perf_counter()
         timing["segmentation"] = 1e3 * (split - lap)
-        fit: Fit | None = self._estimator.follow(
-            sight, expected.rotation, expected.position, memory.start, lag
-        )
-        assert fit is not None
+        fit = self._estimator.follow(sight, expected.rotation, expected.position, memory.start, lag)
         memory = memory._replace(cameras=tuple(cameras), start=fit.end)
         if not _settled(fit):
             hypotheses = [(expected.rotation, expected.position)]
             if memory.belief.last_pose is not None:
                 hypotheses.append(memory.belief.last_pose)
-            fit = self._estimator.follow_far(sight, hypotheses, lag)
+            far = self._estimator.follow_far(sight, hypotheses, lag)
+            if far is not None and (refusal(fit) is not None or rank(far) > rank(fit)):
+                fit = far
         timing["pose"] = 1e3 * (time.perf_counter() - split)
-        return (fit if fit is not None and refusal(fit) is None else None), memory
+        return (fit if refusal(fit) is None else None), memory
 
     def _glance(
         self, images: Sequence[Image | None], memories: Sequence[CameraMemory], position: FloatArray

@@ -20,7 +20,7 @@ UNSTATED_STD = np.full((4, 4), 1e-5)
 LEAST_VARIANCE = 1e-12
 """A calibration is never taken to be more exact than a thousandth of a millimetre or milliradian."""
 
-DEVIATION_STD = 0.1
+DEVIATION_STD = 0.13
 """Standard deviation of a camera's exponent of response around that of all."""
 
 MODEL_STD = 4e-4, 3e-4

@@ -10,7 +10,16 @@ from tracker.geometry.linear import median
 from tracker.pose.edges.offset import Palette, measure
 from tracker.pose.solve.normal import accumulate, residual
 from tracker.pose.solve.robust import spread
-from tracker.pose.solve.step import EXPONENT, GROWTH, OWN, UNKNOWNS, calibration_share, marginal, solve_step
+from tracker.pose.solve.step import (
+    EXPONENT,
+    GROWTH,
+    MOVING_SHARE,
+    OWN,
+    UNKNOWNS,
+    calibration_share,
+    marginal,
+    solve_step,
+)
 from tracker.pose.start import LIKELY
 
 NOISE = 1.5
@@ -103,7 +112,7 @@ def _add_up(cameras, unknowns, tuning, least, scatter, work, seen):  # type: ign
             work.information[c], work.gradient[c], seen[c],
         )  # fmt: skip
         trust = (1.0 if cameras.parts[c] > 1 else 1.0 / tuning.correlation**2) / (
-            1.0 + (unknowns.blurs[c] / (tuning.smear * scale)) ** 2
+            1.0 + (unknowns.blurs[c] / (tuning.smear * scale)) ** 4
         )
         work.information[c] *= trust
         work.gradient[c] *= trust
@@ -198,15 +207,18 @@ def settle(cameras, prior, radius, schedule, tuning, step, unknowns, work, covar
                     pull[i] -= priors[i, k] * unknowns.shared[k]
             equations = (work.information, work.gradient, unknowns.offsets, cameras.weights, cameras.delays)
             if turn == 0 and doubtful and not rough:
-                share = calibration_share(equations, priors, pull, joint, update, changes)
+                share = calibration_share(equations, MOVING_SHARE, priors, pull, joint, update, changes)
             if not np.isfinite(solve_step(equations, share, priors, pull, joint, update, changes)):
                 return False, len(schedule.blur)
             _move(cameras, unknowns, update, changes, tuning, radius, work)
-        if not marginal(joint, covariance):
-            return False, len(schedule.blur)
         whole = not rough and schedule.every[step] == 1
         converged = whole and _length(before, unknowns, joint) < schedule.negligible[step]
         step += 1
+        if converged and doubtful:
+            share = calibration_share(equations, 0, priors, pull, joint, update, changes)
+            solve_step(equations, share, priors, pull, joint, update, changes)
+        if not marginal(joint, covariance):
+            return False, len(schedule.blur)
         if rough or (not converged and _astray(work, tuning.stray)):
             break
     return converged, step

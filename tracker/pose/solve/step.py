@@ -136,9 +136,13 @@ disagree more than their files state."""
 SHARES_PRIOR = np.array([0.001, 0.002, 0.007, 0.03, 0.36, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1])
 """Probability of each before the cameras are asked."""
 
+MOVING_SHARE = 3
+"""Number of the largest share under which a pose moves: with looser cameras an object that is not quite its
+model would be taken for cameras that are off. How uncertain the pose is, may rest on larger ones."""
+
 
 @compiled
-def calibration_share(equations, prior, pull, known, shared, changes):  # type: ignore[no-untyped-def]
+def calibration_share(equations, first, prior, pull, known, shared, changes):  # type: ignore[no-untyped-def]
     """Mean share of the stated calibration variance that explains how well the cameras agree.
 
     See equation (18) of docs/how-it-works.md.
@@ -146,14 +150,14 @@ def calibration_share(equations, prior, pull, known, shared, changes):  # type: 
     marginal likelihood (empirical Bayes): a calibration is often better than its file fears, and with
     offsets held smaller the cameras' exact directions count more than their coarse depths.
     """
-    doubts = np.empty(len(SHARES))
-    for k in range(len(SHARES)):
+    doubts = np.full(len(SHARES), np.inf)
+    for k in range(first, len(SHARES)):
         doubts[k] = solve_step(equations, SHARES[k], prior, pull, known, shared, changes)
     least = np.min(doubts)
     if not np.isfinite(least):
         return 1.0
     total, mean = 0.0, 0.0
-    for k in range(len(SHARES)):
+    for k in range(first, len(SHARES)):
         weight = SHARES_PRIOR[k] * math.exp(-0.5 * (doubts[k] - least))
         total += weight
         mean += weight * SHARES[k]
