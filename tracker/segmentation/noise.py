@@ -11,7 +11,7 @@ from tracker.conventions import Image
 LOUD = 6.0
 """Standard deviation of the noise [levels] above which colours are read from filtered pixels."""
 
-_ROW_STEP = 10
+_ROW_STEP, _ROWS = 10, 27
 _PER_SIGMA = 0.6745 * np.sqrt(6.0)
 """Median of a second difference's size over the noise's standard deviation."""
 
@@ -37,7 +37,7 @@ def _median_bend(image, row_step):  # type: ignore[no-untyped-def]
 
 def noise_level(image: Image) -> float:
     """Standard deviation [levels] of the noise in an image (H, W, 3) uint8; texture counts as noise."""
-    return float(_median_bend(image, _ROW_STEP) / _PER_SIGMA)
+    return float(_median_bend(image, max(_ROW_STEP, image.shape[0] // _ROWS)) / _PER_SIGMA)
 
 
 def calmed(image: Image) -> Image:
