@@ -247,7 +247,10 @@ def test_which_camera_is_the_latest_does_not_matter_to_a_resting_object(rig):
         one = new(rig)
         for k, images in enumerate(film):
             answer = one.update(images, [STEP * k - age for age in ages])
-            assert within(answer.object_pose, resting, 0.3, 0.3), (ages, k)
+            # Of the first pictures nobody knows that the object rests: they leave its velocity open.
+            bound = 0.3 if k else 3 * 1e3 * np.sqrt(np.trace(answer.object_pose.covariance[:3, :3]))
+            assert within(answer.object_pose, resting, bound, 0.3), (ages, k)
+            assert k or bound < 3.0
 
 
 def test_a_camera_that_is_older_than_the_last_images_may_be_among_them(rig, film):
