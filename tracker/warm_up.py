@@ -48,7 +48,7 @@ def warm_up() -> None:
     if kernels_are_cached():
         return
     # A warning reaches standard error without any set-up of logging.
-    _LOG.warning("compiling kernels, once per machine (about 15 s) ...")
+    _LOG.warning("compiling kernels, once per machine (about half a minute) ...")
     with _alone():
         if kernels_are_cached():
             return
