@@ -113,11 +113,10 @@ class PoseEstimator:
         fits = self._refined(sight, self._align(sight, [first], FEW), lag)
         if not (fits and settled(fits[-1])) and thorough:
             lonely = np.count_nonzero(sight.used) == 1 or bool(fits and alone(max(fits, key=rank)))
-            near = self._align(sight, [first], MANY, CLOSE if lonely else 0.0)
             # One camera alone may see a single face, which fits at four turns: it never settles the matter.
-            if not lonely or not any(map(sure, fits)):
-                near = self._align(sight, chain([first], positions), MANY, CLOSE if lonely else 0.0)
-            fits.extend(self._refined(sight, near, lag))
+            others = () if lonely and any(map(sure, fits)) else positions
+            more = self._align(sight, chain([first], others), MANY, CLOSE if lonely else 0.0)
+            fits.extend(self._refined(sight, more, lag))
         if not fits:
             return Status.INCONSISTENT_VIEWS
         best = max(fits, key=rank)

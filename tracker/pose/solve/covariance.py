@@ -11,7 +11,7 @@ from tracker.geometry.camera import Camera
 from tracker.pose.solve.step import EXPONENT, OWN
 
 PRIOR = np.array([3.0] * 3 + [10.0] * 3)
-"""Information of a prior of 0.6 radii of the object and 0.3 rad around the hypothesis, which holds unseen
+"""Information of a prior of 0.6 radii of the object and 0.3 rad around the present pose, which holds unseen
 directions; of positions in units of the radius."""
 
 UNSTATED_STD = np.full((4, 4), 1e-5)
