@@ -1,0 +1,324 @@
+from __future__ import annotations
+
+import dataclasses
+import math
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from benchmarks import commands, gate
+from benchmarks.__main__ import main
+from benchmarks.cache import read_packed
+from benchmarks.dice import ALONE, IMAGES, DiceOptions, Judged, mask_row, position_row, recorded_row
+from benchmarks.dice_judging import RIGHT, View, judge_mask, judge_positions
+from benchmarks.dice_scenes import SEED, DiceScene, cross_pixels, visible_fractions
+from benchmarks.dice_speed import speed_rows
+from benchmarks.dice_tables import dice_markdown, dice_tables, dice_targets
+from benchmarks.dice_worst import FILE, HIDDEN, INVENTED, MISSED, from_above
+from benchmarks.records import ResultsError, read_results, write_results
+from benchmarks.scenes import SIZE, rig
+from benchmarks.tables import results_markdown
+from tests.helpers import random_rotations
+from tests.helpers.synthetic_needs import skip_without_platform
+from tracker.tasks.rearrange_dice import DIE_WIDTH
+
+RIG = rig()
+
+
+def die(position, probability=0.9) -> SimpleNamespace:
+    """What of a reported die is judged."""
+    return SimpleNamespace(position=np.asarray(position, float), yaw=0.1, probability=probability)
+
+
+def silhouette(camera, position, rotation) -> np.ndarray:
+    """(H, W) whether the ray of a pixel's centre meets a die: what a renderer would label."""
+    columns, rows = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
+    rays = camera.rays(np.stack([columns, rows], axis=-1).reshape(-1, 2)) @ rotation
+    start = (camera.position - position) @ rotation
+    with np.errstate(divide="ignore"):
+        ends = (np.array([-1, 1])[:, None, None] * DIE_WIDTH / 2 - start) / rays
+    meets = ends.min(axis=0).max(axis=1) <= ends.max(axis=0).min(axis=1)
+    return meets.reshape(camera.height, camera.width)
+
+
+def scene_of(positions, rotations, labels=None, bars=()) -> DiceScene:
+    images = tuple(np.zeros((SIZE, SIZE, 3), np.uint8) for _ in RIG)
+    labels = labels or tuple(np.zeros((SIZE, SIZE), np.uint8) for _ in RIG)
+    bars = np.array(bars, float).reshape(-1, 3, 2)
+    return DiceScene(4, images, labels, np.array(positions, float), np.array(rotations, float), bars)
+
+
+def labels_of(positions, rotations) -> tuple[np.ndarray, ...]:
+    """Of dice that do not hide each other."""
+    layers = []
+    for camera in RIG:
+        labels = np.zeros((SIZE, SIZE), np.uint8)
+        for k, pose in enumerate(zip(positions, rotations, strict=True)):
+            labels[silhouette(camera, *pose)] = k + 1
+        layers.append(labels)
+    return tuple(layers)
+
+
+def test_a_die_alone_is_wholly_visible(rng):
+    positions = [[0.0, 0.0, 0.011], [0.1, -0.08, 0.011], [-0.12, 0.1, 0.03]]
+    rotations = random_rotations(rng, 3)
+    scene = scene_of(positions, rotations, labels_of(positions, rotations))
+    np.testing.assert_allclose(visible_fractions(RIG.cameras, scene), 1.0, atol=0.02)
+
+
+def test_what_is_hidden_counts_over_all_cameras_together():
+    positions, rotations = [[0.0, 0.0, 0.011], [0.1, 0.0, 0.011]], [np.eye(3)] * 2
+    labels = labels_of(positions, rotations)
+    whole = sum(np.count_nonzero(layer == 1) for layer in labels)
+    left = np.count_nonzero(labels[0] == 1)
+    labels[1][:], labels[2][:] = 0, 0
+    seen = visible_fractions(RIG.cameras, scene_of(positions, rotations, labels))
+    assert seen[0] == pytest.approx(left / whole, abs=0.02)
+    assert (seen < 0.6).all()
+
+
+def test_a_die_out_of_view_is_not_visible():
+    scene = scene_of([[0.0, 0.0, 0.011], [30.0, 0.0, 0.011]], [np.eye(3)] * 2)
+    assert visible_fractions(RIG.cameras, scene).tolist() == [0.0, 0.0]
+
+
+def test_the_cross_is_where_the_cameras_own_projection_has_it():
+    bar = np.array([[-0.03, 0.03], [-0.004, 0.004], [0.0, 0.0002]])
+    for camera in RIG:
+        meets = cross_pixels(camera, bar[None])
+        inside = camera.project(np.column_stack([np.linspace(-0.028, 0.028, 9), np.zeros((9, 2))]))
+        beside = camera.project(
+            np.column_stack([np.linspace(-0.05, 0.05, 9), np.full(9, 0.012), np.zeros(9)])
+        )
+        assert all(meets[tuple(np.rint(pixel).astype(int)[::-1])] for pixel in inside)
+        assert not any(meets[tuple(np.rint(pixel).astype(int)[::-1])] for pixel in beside)
+        assert not cross_pixels(camera, bar[None][:0]).any()
+
+
+def test_a_scene_of_dice_survives_the_disk(rng, tmp_path):
+    scene = scene_of(rng.normal(size=(25, 3)), random_rotations(rng, 25), bars=rng.normal(size=(2, 3, 2)))
+    file = tmp_path / "scene.npz"
+    file.write_bytes(scene.packed())
+    again = read_packed(file, DiceScene.unpacked)
+    for field in dataclasses.fields(DiceScene):
+        assert np.array_equal(getattr(again, field.name), getattr(scene, field.name))
+    file.write_bytes(scene.packed()[:900])
+    assert read_packed(file, DiceScene.unpacked) is None
+
+
+def test_dice_that_are_left_over_are_invented():
+    true = np.array([[0.0, 0.0, 0.011], [0.1, 0.0, 0.011]])
+    found = [die([0.1, 0.001, 0.011]), die([0.1, 0.004, 0.011], 0.6), die([-0.1, 0.0, 0.011], 0.3)]
+    answer = judge_positions(true, found)
+    assert math.isnan(answer.error[0])
+    assert answer.error[1] == pytest.approx(0.001)
+    assert answer.right.tolist() == [True, False, False]
+    assert answer.probability.tolist() == [0.9, 0.6, 0.3]
+
+
+def test_distance_is_in_space_and_half_an_edge_is_near_enough():
+    true = np.zeros((1, 3))
+    for distance, right in ((RIGHT - 1e-6, True), (RIGHT + 1e-6, False)):
+        assert judge_positions(true, [die([0.0, 0.0, distance])]).right.tolist() == [right]
+
+
+def test_no_pair_is_given_up_for_a_nearer_one():
+    true = np.array([[0.0, 0.0, 0.0], [0.012, 0.0, 0.0]])
+    # The first is nearest to the second true die, but the other is near no other.
+    answer = judge_positions(true, [die([0.009, 0.0, 0.0]), die([0.02, 0.0, 0.0])])
+    assert answer.right.all()
+    assert answer.error == pytest.approx([0.009, 0.008])
+
+
+@pytest.mark.parametrize("count", [0, 3])
+def test_nothing_reported_and_nothing_true_are_answers_too(count):
+    answer = judge_positions(np.zeros((count, 3)) + np.arange(count)[:, None], [])
+    assert np.isnan(answer.error).all()
+    assert answer.error.shape == (count,)
+    assert answer.right.shape == (0,)
+    assert not judge_positions(np.zeros((0, 3)), [die(np.zeros(3))]).right.any()
+
+
+def test_pixels_of_masks_are_counted_once_and_where_they_belong():
+    labels, image = np.zeros((40, 40), np.uint8), np.full((40, 40, 3), 90, np.uint8)
+    cross = np.zeros((40, 40), bool)
+    labels[5:15, 5:15] = 3
+    cross[8:12, 10:30] = True
+    image[cross] = (100, 50, 20)
+    image[8:12, 28:] = 90  # hidden
+    mask = np.zeros((40, 40), np.uint8)
+    mask[5:15, 5:17] = 255  # two columns too many
+    mask[8:12, 20:24] = 255  # of the cross
+    mask[30:32, 30:33] = 255
+    view = judge_mask(mask, image, labels, cross)
+    assert (view.true, view.found, view.both) == (100, 120 + 16 + 6, 100)
+    # Columns 18 to 27: more than 3 px from column 14, the die's last.
+    assert (view.cross, view.cross_taken) == (40, 16)
+    assert view.elsewhere == 6
+    assert view.total == 1600
+
+
+def test_all_pixels_together_are_not_the_mean_of_views():
+    views = [View(10, 10, 10, 0, 0, 0, 100), View(90, 100, 60, 8, 2, 10, 100)]
+    row = mask_row("thrown", views)
+    assert row["iou"] == pytest.approx(70 / 140)
+    assert row["precision"] == pytest.approx(70 / 110)
+    assert row["recall"] == pytest.approx(0.7)
+    assert row["recall_median"] == pytest.approx((1 + 2 / 3) / 2)
+    assert (row["cross_views"], row["cross_taken"], row["elsewhere"]) == (1, 25, 5)
+
+
+def judged(kind="thrown") -> Judged:
+    """Four true dice, one of them hidden; two found, one invented."""
+    true = np.array([[0.1 * k, 0.0, 0.011] for k in range(4)])
+    found = (
+        die(true[0] + [0.001, 0, 0], 0.97),
+        die(true[1] + [0, 0.003, 0], 0.96),
+        die([0, 0.1, 0.011], 0.2),
+    )
+    answer = judge_positions(true, found)
+    view = View(50, 60, 45, 0, 0, 1, 1000)
+    visible = np.array([1.0, 0.4, 0.35, 0.1])
+    return Judged(
+        kind, 7, visible, (view,) * 3, {IMAGES: found, ALONE: found}, {IMAGES: answer, ALONE: answer}
+    )
+
+
+def test_figures_of_positions():
+    row = position_row("thrown", IMAGES, [judged()])
+    assert row["found"] == pytest.approx(200 / 3)
+    assert row["invented"] == pytest.approx(100 / 3)
+    assert (row["median_mm"], row["p90_mm"]) == pytest.approx((2.0, 2.8))
+    assert row["count_error"] == 22
+    assert [(part["dice"], part["found"]) for part in row["bins"]] == [(1, 0.0), (2, 50.0), (1, 100.0)]
+    assert row["brier"] == pytest.approx((0.03**2 + 0.04**2 + 0.2**2) / 3)
+    sure = next(part for part in row["reliability"] if part["count"] == 2)
+    assert (sure["right"], sure["confidence"]) == pytest.approx((1.0, 0.965))
+    assert judged().mistakes == 2
+
+
+def test_the_picture_from_above_shows_missed_hidden_and_invented():
+    one = judged()
+    positions = np.array([[0.1 * k - 0.15, 0.0, 0.011] for k in range(4)])
+    panel = from_above(one, scene_of(positions, [np.eye(3)] * 4)).astype(int)
+
+    def shows(color, opacity):
+        blended = np.array([29, 24, 22]) * (1 - opacity) + np.array(color) * opacity
+        return (np.abs(panel - blended).max(axis=2) <= 2).any()
+
+    assert shows(MISSED, 0.85)
+    assert shows(HIDDEN, 0.85)
+    assert shows(INVENTED, 1.0)
+
+
+def made_up() -> dict:
+    work = {
+        "work": "masks, error",
+        "median_ms": 3.0,
+        "p99_ms": 4.0,
+        "reference_ms": 1.1,
+        "ratio": 2.7,
+        "times": 9,
+    }
+    figures = {"mask_iou": 0.95, "median_mm": 2.5, "found": 91.0, "invented": math.nan, "ratio": 2.7}
+    return {
+        "about": {"seed": 3, "scenes": {"thrown": 1, "laid": 1}},
+        "masks": [mask_row(kind, judged().views) for kind in ("thrown", "laid")],
+        "positions": [position_row(kind, IMAGES, [judged(kind)]) for kind in ("thrown", "laid")],
+        "recorded": None,
+        "speed": [work],
+        "figures": figures,
+    }
+
+
+def test_targets_are_met_missed_or_not_measured():
+    rows = {row["name"]: row for row in dice_targets(made_up()["figures"])}
+    assert rows["thrown: mask IoU, pooled"]["met"]
+    assert rows["thrown: median position"]["target"] == "≤ 2 mm"
+    assert not rows["thrown: median position"]["met"]
+    assert rows["thrown: found of those visible ≥ 0.3"]["met"]
+    for name in ("thrown: invented, of those reported", "recorded picture: recall"):
+        assert not rows[name]["met"]
+        assert math.isnan(rows[name]["value"])
+    assert all(math.isnan(row["value"]) for row in dice_targets({}))
+
+
+def test_the_section_survives_the_file_of_results(tmp_path):
+    dice = made_up()
+    write_results(tmp_path / "results.json", {"frames": [], "dice": dice, "targets": dice_targets({})})
+    text = results_markdown(read_results(tmp_path), tmp_path / "none.md")
+    assert "## Dice" in text
+    assert "nan" not in text
+    for table in dice_tables(dice):
+        assert all(len(row) == len(table.heads) for row in table.rows)
+    dice["recorded"] = {"precision": 0.99, "recall": 0.9, "iou": 0.88}
+    assert "predecessor" in "".join(dice_markdown(dice))
+
+
+def test_the_gate_holds_dice(tmp_path):
+    before = {"about": {}, "frames": [], "dice": made_up()}
+    gate.write_baseline(before, tmp_path / "baseline.json")
+    baseline = gate.read_baseline(tmp_path / "baseline.json")
+    assert gate.failures(baseline, before) == ([], [])
+    worse, absent = gate.failures(baseline, {"about": {}, "frames": []})
+    assert (worse, len(absent)) == ([], 5)
+    now = {**before, "dice": {**made_up(), "figures": {**made_up()["figures"], "mask_iou": 0.94}}}
+    assert gate.failures(baseline, now)[0] == ["dice / thrown / mask_iou: 0.94, was 0.95"]
+    other = {**before, "dice": {**made_up(), "about": {"seed": 4}}}
+    with pytest.raises(ResultsError, match="found dice"):
+        gate.failures(baseline, other)
+
+
+def test_every_kind_of_work_is_timed_equally_often():
+    blank = [np.full((SIZE, SIZE, 3), 80, np.uint8)] * 3
+    rows = speed_rows(RIG, [blank, blank], rounds=2)
+    assert len(rows) == 4
+    assert {row["times"] for row in rows} == {4}
+    assert all(0 < row["median_ms"] <= row["p99_ms"] for row in rows)
+    assert all(row["ratio"] > 0 for row in rows)
+
+
+def test_a_recorded_picture_is_compared_with_its_mask(tmp_path):
+    assert recorded_row(tmp_path) is None
+    (tmp_path / "dice").mkdir()
+    mask = np.zeros((SIZE, SIZE), np.uint8)
+    mask[100:140, 100:140] = 255
+    cv2.imwrite(str(tmp_path / "dice" / "test_image.png"), np.full((SIZE, SIZE, 3), 80, np.uint8))
+    cv2.imwrite(str(tmp_path / "dice" / "test_mask.png"), mask)
+    row = recorded_row(tmp_path)
+    assert row is not None
+    assert (row["recall"], row["iou"]) == (0.0, 0.0)
+    assert math.isnan(row["precision"])
+
+
+def test_a_smoke_run_of_the_command(tmp_path, monkeypatch):
+    skip_without_platform()
+    monkeypatch.setattr(commands, "QUICK_DICE", DiceOptions(thrown=1, laid=1, timed=1, rounds=1))
+    out = tmp_path / "out"
+    places = ["--cache", str(tmp_path / "cache"), "--real", str(tmp_path / "nowhere"), "-o", str(out)]
+    arguments = ["dice", "--quick", "--workers", "1", "--seed", "5", *places]
+    done = CliRunner().invoke(main, arguments, catch_exceptions=False)
+    assert done.exit_code == 0
+    assert "## Dice" in done.output
+    dice = read_results(out)["dice"]
+    assert dice["about"] == {"seed": 5, "scenes": {"thrown": 1, "laid": 1}}
+    assert [row["views"] for row in dice["masks"]] == [3, 3]
+    for row in dice["masks"]:
+        assert 0.5 < row["iou"] <= 1
+    for row in dice["positions"]:
+        assert sum(part["dice"] for part in row["bins"]) <= 25
+        assert 0 <= row["found"] <= 100
+    assert dice["recorded"] is None
+    sheet = cv2.imread(str(out / FILE))
+    assert sheet is not None
+    assert len(list((tmp_path / "cache").rglob("*.npz"))) == 2
+
+
+def test_the_judged_scenes_have_seeds_of_their_own():
+    from benchmarks import scenes
+
+    taken = {scenes.SEED + 10 * k + style for k in range(len(scenes.OBJECTS)) for style in range(4)}
+    assert not taken & {SEED, SEED + 1}

@@ -1,0 +1,101 @@
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+import tracker
+from benchmarks.processes import process_rows
+from benchmarks.speed import by_faces
+from benchmarks.speed_tables import speed_tables
+from benchmarks.table import Table
+from benchmarks.timed_scenes import TimedScene, raycast_scenes
+from benchmarks.timing import OTHER, Timings, one_thread, time_detections
+from tests.helpers.made_up_results import made_up_speed
+
+
+@pytest.fixture(scope="module")
+def timed() -> tuple[tracker.CameraRig, list[TimedScene], Timings]:
+    rig, scenes = raycast_scenes("cube_v2", 2, 270)
+    detector = tracker.ObjectTracker(tracker.load_object("cube_v2"), rig)
+    return rig, scenes, time_detections(detector, scenes, 3)
+
+
+def test_the_stages_make_up_the_whole(timed):
+    _, _, timings = timed
+    assert OTHER in timings.stages
+    assert "total" not in timings.stages
+    np.testing.assert_allclose(sum(timings.stages.values()), timings.detect, rtol=0.02)
+
+
+def test_every_scene_is_timed_equally_often(timed):
+    _, scenes, timings = timed
+    for times in (timings.detect, timings.reference, timings.right, *timings.stages.values()):
+        assert times.shape == (3 * len(scenes),)
+    assert sum(row["detections"] for row in by_faces(scenes, timings)) == len(timings.detect)
+    assert sum(row["scenes"] for row in by_faces(scenes, timings)) == len(scenes)
+
+
+def test_ratios_are_of_pairs():
+    detect, reference = np.array([2.0, 40.0, 6.0]), np.array([1.0, 20.0, 3.0])
+    row = Timings(detect, reference, {"a": detect / 2}, np.array([1.0, 0.0, np.nan])).row()
+    assert row["ratio"] == row["ratio_p99"] == 2.0
+    assert row["median_ms"] == 6.0
+    assert row["right"] == 0.5
+
+
+def test_answers_are_judged_only_where_the_truth_is_known(timed):
+    rig, scenes, timings = timed
+    assert np.all(timings.right == 1)
+    detector = tracker.ObjectTracker(tracker.load_object("cube_v2"), rig)
+    unknown = time_detections(detector, [TimedScene(scenes[0].images)], 1)
+    assert unknown.row()["right"] is None
+
+
+def test_one_thread_leaves_the_number_of_threads_as_it_was():
+    before = cv2.getNumThreads()
+    with one_thread():
+        assert cv2.getNumThreads() == 1
+    assert cv2.getNumThreads() == before
+
+
+def test_a_scene_is_the_same_at_every_size():
+    _, small = raycast_scenes("cuboid_2x2x8_v2", 1, 90)
+    _, large = raycast_scenes("cuboid_2x2x8_v2", 1, 180)
+    np.testing.assert_array_equal(small[0].position, large[0].position)
+    for one, other in zip(small[0].images, large[0].images, strict=True):
+        halved = cv2.resize(other, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+        assert np.median(np.abs(halved.astype(float) - one)) < 6
+
+
+def test_a_scene_seen_by_fewer_cameras_keeps_their_images_only():
+    images = [np.zeros((4, 4, 3), np.uint8) + k for k in range(3)]
+    seen = TimedScene(images, faces=5).seen_by([2, 0])
+    assert seen.images[1] is None
+    assert seen.images[0] is images[0]
+    assert seen.images[2] is images[2]
+
+
+def test_fresh_processes_are_measured(timed):
+    rig, scenes, _ = timed
+    rows = {row["what"]: row for row in process_rows("cube_v2", rig, scenes[0], 1)}
+    assert len(rows) == 6
+    assert all(row["value"] > 0 for row in rows.values())
+    assert (
+        rows["peak memory after `import tracker`"]["value"]
+        < rows["peak memory of a process that detects"]["value"]
+    )
+
+
+def test_every_part_of_the_measurement_has_a_table():
+    speed = made_up_speed()
+    tables = speed_tables(speed)
+    assert len(tables) == len(speed)
+    for table in tables:
+        assert all(len(row) == len(table.heads) for row in table.rows)
+    assert speed_tables({}) == []
+
+
+def test_a_table_in_markdown_has_a_rule_and_escapes_bars():
+    table = Table(("a", "b"), [["x|y", "1"]], "Caption")
+    assert table.markdown() == "Caption\n\n| a | b |\n| --- | ---: |\n| x\\|y | 1 |"

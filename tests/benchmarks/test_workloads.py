@@ -1,0 +1,130 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from benchmarks import cache, disturbances, workloads
+from benchmarks.package import VARIABLE, PackageError
+from benchmarks.package_scenes import face_map
+from benchmarks.scenes import SIZE, Scene, rig
+from benchmarks.workloads import BINS, BY_NAME, QUICK, SceneSet, bin_of, case
+from tests.helpers import make_camera
+from tests.helpers.synthetic_needs import skip_without_platform
+from tracker.geometry import so3
+from tracker.objects.model import load_object
+from tracker.pose.solve.covariance import rotation_vector_variance
+
+
+def scene(rng, index=0):
+    images = tuple(rng.integers(0, 256, (SIZE, SIZE, 3), dtype=np.uint8) for _ in range(3))
+    labels = tuple(rng.integers(0, 7, (SIZE, SIZE), dtype=np.uint8) for _ in range(3))
+    return Scene(index, images, labels, np.array([0.2, 0.5, 0.8]), np.zeros(3), np.eye(3))
+
+
+ALL = (disturbances.light, disturbances.hard_light, disturbances.poor_images, disturbances.slightly_poor)
+
+
+@pytest.mark.parametrize("disturb", ALL)
+def test_a_disturbance_is_seeded_and_of_each_camera_by_itself(rng, disturb):
+    grey = [np.full((64, 64, 3), 100, np.uint8)] * 2
+    first = disturb(grey, np.random.default_rng(3))
+    again = disturb(grey, np.random.default_rng(3))
+    assert all(np.array_equal(a, b) for a, b in zip(first, again, strict=True))
+    assert not np.array_equal(first[0], first[1])
+    assert first[0].dtype == np.uint8
+    assert (grey[0] == 100).all()
+
+
+def test_light_stays_within_what_it_says(rng):
+    grey = [np.full((16, 16, 3), 100, np.uint8)] * 200
+    values = np.array(disturbances.light(grey, rng))[:, 0, 0]
+    assert values.min() >= 0.8 * 0.6 * 100 - 1
+    assert values.max() <= 1.2 * 1.4 * 100 + 1
+    ramps = [disturbances._ramp((60, 80), disturbances._slope(rng)) for _ in range(50)]
+    assert max(np.abs(ramp - 1).max() for ramp in ramps) <= 0.35 + 1e-12
+
+
+def test_a_moved_rig_states_by_how_much(rng):
+    true = rig()
+    shifts, turns = [], []
+    for _ in range(400):
+        moved = disturbances.moved_rig(true, rng)
+        a, b = true[0].camera_from_world, moved[0].camera_from_world
+        shifts.append(b[:3, 3] - a[:3, 3])
+        turns.append(so3.log(b[:3, :3] @ a[:3, :3].T))
+    np.testing.assert_allclose(np.std(shifts, axis=0), disturbances.SHIFT_STD, rtol=0.15)
+    np.testing.assert_allclose(np.std(turns, axis=0), disturbances.TURN_STD, rtol=0.15)
+    std = moved[0].camera_from_world_std
+    assert std is not None
+    variances = rotation_vector_variance(moved[0].camera_from_world[:3, :3], std[:3, :3])
+    np.testing.assert_allclose(np.sqrt(variances), disturbances.TURN_STD, rtol=1e-6)
+    np.testing.assert_array_equal(std[:3, 3], disturbances.SHIFT_STD)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_cameras_take_turns(rng, count):
+    workload = next(w for w in workloads.WORKLOADS if w.cameras == count)
+    seen = [case(workload, "cube_v2", scene(rng, k), rig()) for k in range(6)]
+    assert all(len(c.used) == count for c in seen)
+    assert sorted(k for c in seen for k in c.used) == sorted(list(range(3)) * (2 * count))
+    assert seen[0].visible == pytest.approx(np.mean(seen[0].scene.visible_fraction[list(seen[0].used)]))
+
+
+@pytest.mark.parametrize("name", BY_NAME)
+def test_a_case_depends_on_workload_and_scene_alone(rng, name):
+    one = scene(rng, 5)
+    a, b = (case(BY_NAME[name], "cube_v2", one, rig()) for _ in range(2))
+    for x, y in zip(a.images, b.images, strict=True):
+        assert (x is None and y is None) or np.array_equal(x, y)
+    for x, y in zip(a.rig, b.rig, strict=True):
+        assert np.array_equal(x.camera_from_world, y.camera_from_world)
+
+
+def test_bins_leave_no_gap_between_03_and_1():
+    assert [bin_of(v) for v in (1.0, 0.9, 0.89, 0.7, 0.5, 0.3, 0.29)] == [0, 0, 1, 1, 2, 3, None]
+    assert min(low for low, _ in BINS) == 0.3
+
+
+def test_a_scene_survives_the_disk(rng, tmp_path):
+    one = scene(rng)
+    file = tmp_path / "scene.npz"
+    file.write_bytes(one.packed())
+    again = cache.read_scene(file)
+    assert again is not None
+    assert all(np.array_equal(a, b) for a, b in zip(one.images, again.images, strict=True))
+    assert all(np.array_equal(a, b) for a, b in zip(one.labels, again.labels, strict=True))
+    assert np.array_equal(again.position, one.position)
+    file.write_bytes(one.packed()[:1000])
+    assert cache.read_scene(file) is None
+    assert cache.read_scene(tmp_path / "nowhere.npz") is None
+
+
+def test_words_do_not_move_pixels():
+    code = b'"""What."""\ndef f(x):\n    """Doc."""\n    # why\n    return x + 1\n'
+    assert cache._code(code) == cache._code(b"def f(x):\n    return x + 1\n")
+    assert cache._code(code) != cache._code(b"def f(x):\n    return x + 2\n")
+
+
+def test_scenes_do_not_depend_on_the_cache(tmp_path):
+    skip_without_platform()
+    name = "cube_v2"
+    store = cache.SceneStore(name, "sketch", workers=1, folder=tmp_path)
+    first = [(s.index, s.visible) for s in store.scenes([0, 3])]
+    # Broken and from the cache, in another order.
+    next(tmp_path.rglob("00003.npz")).write_bytes(b"broken")
+    again = [(s.index, s.visible) for s in cache.SceneStore(name, "sketch", 1, tmp_path).scenes([3, 0])]
+    assert again == first[::-1]
+
+
+def test_faces_fill_the_outline_of_the_object(rng):
+    model, camera = load_object("cube_v2"), make_camera()
+    labels = face_map(camera, model, np.array([0.0, 0.0, 0.0325]), np.eye(3))
+    seen = set(np.unique(labels).tolist()) - {0}
+    assert 1 <= len(seen) <= 3
+    assert int(model.face_labels[4]) in seen  # the face on top
+
+
+def test_a_package_that_is_not_there_says_so(tmp_path, monkeypatch):
+    monkeypatch.setenv(VARIABLE, str(tmp_path / "nowhere"))
+    with pytest.raises(PackageError, match="nowhere: no such file"):
+        SceneSet("cube_v2", "package", QUICK, folder=tmp_path)

@@ -1,0 +1,299 @@
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import pty
+import re
+import signal
+import struct
+import subprocess
+import sys
+import termios
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tracker
+from synthetic.raycast import render
+from synthetic.sensor import Sensor
+from synthetic.simple import random_scene
+from synthetic.simple_rig import default_cameras
+from tests.cli.test_cli import Run, assert_one_line_error
+from tests.helpers import ROOT, run_python
+from tests.helpers.recording_stubs import write_log
+from tracker import cli
+from tracker.cli.track import _targets
+from tracker.cli.track_outputs import _of_height, observation
+from tracker.geometry import so3
+from tracker.logs.poses_file import read_poses
+from tracker.viz import write_image
+
+FRAMES = 6
+SPEED = np.array([0.05, 0.02, 0.0])
+"""Of the cube [m/s]."""
+
+COMMAND = ("-m", "tracker", "track")
+
+
+@pytest.fixture(scope="module")
+def filmed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of images of a moving cube with a calibration beside them, and the truth in truth.npy."""
+    root = tmp_path_factory.mktemp("filmed")
+    folder = root / "film"
+    model, rig = tracker.load_object("cube_v2"), tracker.CameraRig(default_cameras())
+    rig.save(root)
+    rng = np.random.default_rng(5)
+    still = random_scene(model, rng, occlusion=0.0, in_air=0.0, on_edge=0.0)
+    start = np.array([-0.01, 0.02, still.position[2]])
+    truth = [start + 0.1 * k * SPEED for k in range(FRAMES)]
+    for k, position in enumerate(truth):
+        turned = so3.exp([0.0, 0.0, 0.02 * k]) @ still.rotation
+        scene = replace(still, position=position, rotation=turned)
+        images = render(scene, rig.cameras, model, Sensor.realistic(), rng).images
+        for name, image in zip(rig.names, images, strict=True):
+            (folder / name).mkdir(parents=True, exist_ok=True)
+            write_image(folder / name / f"{k:06d}.png", image)
+    np.save(root / "truth.npy", truth)
+    tracker.ObjectTracker(model, rig).detect(images)  # compiles, which processes would tell on stderr
+    return folder
+
+
+@pytest.fixture
+def run_here(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Run:
+    """Like `run` but in this process, which is faster."""
+
+    def run_it(*arguments: object, folder: Path = ROOT) -> subprocess.CompletedProcess[str]:
+        monkeypatch.chdir(folder)
+        with pytest.raises(SystemExit) as stop:
+            cli.main(["track", *map(str, arguments)])
+        printed = capfd.readouterr()
+        return subprocess.CompletedProcess([], int(stop.value.code or 0), printed.out, printed.err)
+
+    return run_it
+
+
+def run(*arguments: object, folder: Path = ROOT) -> subprocess.CompletedProcess[str]:
+    return run_python([*COMMAND, *arguments], folder)
+
+
+def test_a_recording_is_tracked_and_written_in_every_format(filmed, tmp_path):
+    for package in ("av", "matplotlib"):
+        pytest.importorskip(package, reason=f"needs the optional package {package}")
+    result = run(
+        *[filmed, "--object", "cube_v2", "-o", "poses.h5", "--json", "--csv", "poses.csv"],
+        *["--tum", "poses.tum", "--bop", "poses_bop.csv", "--camera", "camera180"],
+        *["--video", "overlay.mp4", "--plot", "poses.png"],
+        folder=tmp_path,
+    )
+    assert result.returncode == 0, result.stderr
+    assert result.stderr == ""
+    written = {"poses.h5", "poses.csv", "poses.tum", "poses_bop.csv", "overlay.mp4", "poses.png"}
+    assert set(os.listdir(tmp_path)) == written
+    truth = np.load(filmed.parent / "truth.npy")
+    poses = read_poses(tmp_path / "poses.h5")
+    assert np.linalg.norm(poses.measured.position - truth, axis=1).max() < 1e-3
+    np.testing.assert_allclose(poses.timestamp - poses.timestamp[0], 0.1 * np.arange(FRAMES), atol=1e-6)
+    numbers = json.loads(result.stdout)
+    assert numbers["frames"] == FRAMES
+    assert numbers["measured"] == 1
+    assert numbers["frames_per_second"] > 0
+    assert max(numbers["position_std_median_mm"]) < 1
+    assert numbers["recorded"] is None
+    assert numbers["fault"] is None
+    assert len((tmp_path / "poses.csv").read_text().splitlines()) == FRAMES + 1
+    assert len((tmp_path / "poses.tum").read_text().splitlines()) == FRAMES + 1
+    assert len((tmp_path / "poses_bop.csv").read_text().splitlines()) == FRAMES + 1
+    assert film_length(tmp_path / "overlay.mp4") == (FRAMES, 10)
+
+
+def film_length(path: Path) -> tuple[int, float]:
+    """Number of pictures, and how many a second."""
+    import av
+
+    with av.open(str(path)) as film:
+        return sum(1 for _ in film.decode(video=0)), float(film.streams.video[0].average_rate)
+
+
+def test_the_summary_is_for_people_and_two_processes_change_nothing(filmed, tmp_path, run_here):
+    base = [filmed, "--object", "cube_v2"]
+    one = run_here(*base, "-o", tmp_path / "one.h5")
+    two = run(*base, "-o", tmp_path / "two.h5", "--jobs", 2)
+    assert two.returncode == 0, two.stderr
+    rows = dict(re.split(r"  +", line.strip(), maxsplit=1) for line in one.stdout.splitlines())
+    assert rows["frames"] == str(FRAMES)
+    assert rows["with a pose"].startswith("measured 100.0%")
+    assert (tmp_path / "one.h5").read_bytes() == (tmp_path / "two.h5").read_bytes()
+    assert run_here(*base, "-o", tmp_path / "one.h5", "--quiet").stdout == ""
+
+
+def test_frames_can_be_chosen_and_the_calibration_be_given(filmed, tmp_path, run_here):
+    output = tmp_path / "poses.h5"
+    run_here(
+        *[filmed, "--object", "cube_v2", "-o", output, "--calibration", filmed.parent],
+        *["--correct-halved-principal-point", "--from", 2, "--to", 4],
+    ).check_returncode()
+    poses = read_poses(output)
+    assert poses.index.tolist() == [2, 3]
+    plain = tracker.CameraRig.load(filmed.parent)
+    shift = [a.matrix[0, 2] - b.matrix[0, 2] for a, b in zip(plain, poses.about.rig, strict=True)]
+    np.testing.assert_allclose(shift, 0.25)
+    run_here(
+        *[filmed, "--object", "cube_v2", "-o", tmp_path / "beside.h5", "--correct-halved-principal-point"],
+        *["--from", 2, "--to", 4],
+    ).check_returncode()
+    assert (tmp_path / "beside.h5").read_bytes() == output.read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["-o", "no/poses.h5"], "there is no folder"),
+        (["-o", "poses.h5", "--from", "9"], "found 5 frames"),
+        (["-o", "poses.h5", "--from", "3", "--to", "3"], "beyond"),
+        (["-o", "poses.h5", "--jobs", "0"], "--jobs"),
+        (["-o", "poses.h5", "--video", "film.avi"], ".mp4"),
+        (["-o", "poses.h5", "--plot", "plot.pdf"], ".png"),
+        (["-o", "poses.h5", "--bop", "bop.csv"], "--camera"),
+        (["-o", "poses.h5", "--bop", "bop.csv", "--camera", "camera7"], "camera60, camera180, camera300"),
+        (["-o", "poses.h5", "--csv", "poses.h5"], "same file"),
+        (["-o", "log/camera_data.dat"], "that is the recording"),
+        (["-o", "poses.h5", "--pattern", "*.yml"], "--calibration"),
+        (["-o", "poses.h5", "--calibration", "other"], "28×24"),
+        (["-o", "poses.h5", "--object", "cube_v9"], "cube_v9"),
+        (["bare/camera_data.dat", "-o", "poses.h5"], "expected --calibration"),
+        (["log", "log/camera_data.dat", "-o", "all", "--csv", "all.csv"], "one LOG"),
+        (["nothing.dat", "-o", "poses.h5"], "nothing.dat"),
+    ],
+)
+def test_wrong_usage_is_one_line_and_leaves_nothing(arguments, said, tmp_path, run_here):
+    write_log(tmp_path / "log", 5)
+    for name in ("bare", "other"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "bare" / "camera_data.dat").write_bytes((tmp_path / "log" / "camera_data.dat").read_bytes())
+    tracker.CameraRig(default_cameras()).save(tmp_path / "other")
+    before = sorted(tmp_path.rglob("*"))
+    log = [] if arguments[0] in ("bare/camera_data.dat", "log", "nothing.dat") else ["log"]
+    chosen = [] if "--object" in arguments else ["--object", "cube_v2"]
+    assert_one_line_error(run_here(*log, *chosen, *arguments, folder=tmp_path), said)
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_of_several_recordings_the_whole_ones_are_tracked(tmp_path, run_here):
+    for name in ("first", "second", "third"):
+        write_log(tmp_path / name, 5)
+    spoilt = tmp_path / "second" / "camera_data.dat"
+    spoilt.write_bytes(spoilt.read_bytes()[:-3000])
+    logs = [f"{name}/camera_data.dat" for name in ("first", "second", "third")]
+    base = [*logs, "--object", "cube_v2", "-o", "all"]
+    result = run_here(*base, "--json", folder=tmp_path)
+    assert result.returncode == 2
+    assert result.stderr.startswith("tracker: second/camera_data.dat")
+    assert len(result.stderr.splitlines()) == 1
+    assert [json.loads(line)["log"] for line in result.stdout.splitlines()] == [logs[0], logs[2]]
+    assert sorted(os.listdir(tmp_path / "all")) == [
+        "first_camera_data.poses.h5",
+        "third_camera_data.poses.h5",
+    ]
+    result = run_here(*base, "--quiet", "--recover", folder=tmp_path)
+    assert result.returncode == 0
+    assert result.stdout == ""
+    assert result.stderr.startswith("tracker: warning: second/camera_data.dat")
+    assert "tracked 3 of 3 frames, the last one is 2" in result.stderr
+
+
+def test_each_recording_has_a_name_of_its_own(tmp_path):
+    logs = [tmp_path / name for name in ("a/camera_data.dat", "b/camera_data.dat.gz", "a/c.h5")]
+    names = [target.name for target in _targets(logs, tmp_path)]
+    assert names == ["a_camera_data.poses.h5", "b_camera_data.poses.h5", "a_c.poses.h5"]
+    assert _targets(logs[:1], tmp_path) == [tmp_path / "camera_data.poses.h5"]
+    assert _targets(logs[:1], tmp_path / "x.h5") == [tmp_path / "x.h5"]
+
+
+def test_the_film_shows_what_is_in_the_file(filmed, tmp_path, run_here):
+    run_here(filmed, "--object", "cube_v2", "-o", tmp_path / "poses.h5", "-q").check_returncode()
+    poses = read_poses(tmp_path / "poses.h5")
+    shown = observation(poses, 1)
+    assert shown.object_pose is not None
+    assert shown.status.value == poses.status[1]
+    assert (shown.object_pose.position == poses.measured.position[1]).all()
+
+
+def test_pictures_of_a_film_have_one_height():
+    picture = np.arange(12, dtype=np.uint8).reshape(4, 1, 3)
+    assert _of_height(picture, 3).shape == (3, 1, 3)
+    assert (_of_height(picture, 6)[3:] == picture[3]).all()
+
+
+def start_long(log: Path, output: Path, jobs: int) -> subprocess.Popen[bytes]:
+    """A run that takes long enough to be ended; it has finished a part."""
+    process = subprocess.Popen(
+        [sys.executable, *COMMAND, log, "--object", "cube_v2", "-o", output, "--jobs", str(jobs)],
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stderr=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        start_new_session=True,
+    )
+    parts = output.with_name(f".{output.name}.parts")
+    deadline = time.monotonic() + 60
+    while not list(parts.glob("0*.h5")):
+        assert process.poll() is None
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    return process
+
+
+@pytest.fixture(scope="module")
+def long(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_log(tmp_path_factory.mktemp("long"), 9000)
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_ctrl_c_is_one_line(jobs, long, tmp_path):
+    process = start_long(long, tmp_path / "poses.h5", jobs)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does
+    out, err = process.communicate(timeout=60)
+    assert (process.returncode, out, err) == (130, b"", b"tracker: interrupted\n")
+    assert os.listdir(tmp_path) == [".poses.h5.parts"]
+
+
+def test_workers_end_with_a_killed_run(long, tmp_path):
+    process = start_long(long, tmp_path / "poses.h5", 2)
+    process.kill()
+    # The pipe closes when the last process that holds it has ended.
+    process.communicate(timeout=30)
+
+
+def test_a_bar_is_shown_on_a_terminal_and_gone_before_an_error(tmp_path):
+    log = write_log(tmp_path / "log", 5)
+    content = bytearray(log.read_bytes())
+    record = (len(content) - 12) // 5
+    content[12 + 3 * record : 20 + 3 * record] = b"\xff" * 8
+    log.write_bytes(content)
+    ours, theirs = pty.openpty()
+    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 40, 120, 0, 0))
+    process = subprocess.Popen(
+        [sys.executable, *COMMAND, log, "--object", "cube_v2", "-o", tmp_path / "poses.h5"],
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": str(ROOT), "TERM": "xterm"},
+        stderr=theirs,
+        stdout=subprocess.PIPE,
+    )
+    os.close(theirs)
+    shown = b""
+    try:
+        while piece := os.read(ours, 4096):
+            shown += piece
+    except OSError:  # the other end is closed
+        pass
+    os.close(ours)
+    out, _ = process.communicate(timeout=60)
+    assert (process.returncode, out) == (2, b"")
+    *bars, last = shown.decode().rstrip("\r\n").split("\r")
+    assert any("frames/s" in bar for bar in bars)
+    assert last.startswith("tracker: ")
+    assert "record 3" in last

@@ -1,0 +1,95 @@
+"""What several test files share."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from tracker.conventions import Array, FloatArray, Image
+from tracker.geometry import so3
+from tracker.geometry.camera import Camera
+from tracker.pipeline import ObjectTracker
+from tracker.pose.estimate import Sight
+
+ROOT = Path(__file__).resolve().parents[2]
+"""Folder of the repository."""
+
+
+def run_python(
+    arguments: Sequence[object], folder: Path = ROOT, *, check: bool = False
+) -> subprocess.CompletedProcess[str]:
+    """Run the interpreter in `folder`, with this repository's packages whether or not they are installed."""
+    path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH", "")]))
+    return subprocess.run(
+        [sys.executable, *map(str, arguments)],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        encoding="utf-8",
+        check=check,
+        timeout=300,
+    )
+
+
+def numerical_jacobian(function: Callable[[FloatArray], Array], at: Array, step: float = 1e-6) -> FloatArray:
+    """Central differences of `function` (n,) -> (...) at `at` (n,): derivatives (..., n)."""
+    at = np.asarray(at, dtype=np.float64)
+    columns = []
+    for k in range(len(at)):
+        offset = np.zeros(len(at))
+        offset[k] = step
+        columns.append((np.asarray(function(at + offset)) - np.asarray(function(at - offset))) / (2 * step))
+    return np.stack(columns, axis=-1)
+
+
+def random_rotations(rng: np.random.Generator, count: int) -> FloatArray:
+    """Uniform rotations (count, 3, 3)."""
+    return so3.matrix_from_quaternion(rng.normal(size=(count, 4)))
+
+
+def look_at(position: Array, target: Array = (0.0, 0.0, 0.0), up: Array = (0.0, 0.0, 1.0)) -> FloatArray:
+    """camera_from_world (4, 4) of a camera at `position` (3,) [m] that looks at `target` (3,) [m]."""
+    forward = np.subtract(target, position) / np.linalg.norm(np.subtract(target, position))
+    right = np.cross(forward, up) / np.linalg.norm(np.cross(forward, up))
+    out = np.eye(4)
+    out[:3, :3] = np.stack([right, np.cross(forward, right), forward])
+    out[:3, 3] = -out[:3, :3] @ np.asarray(position)
+    return out
+
+
+def make_camera(azimuth_degrees: float = 60.0, name: str | None = None) -> Camera:
+    """A camera like those of the platform, 270×270, half a metre from the arena's centre."""
+    azimuth = np.deg2rad(azimuth_degrees)
+    position = np.array([0.35 * np.cos(azimuth), 0.35 * np.sin(azimuth), 0.37])
+    std = np.full((4, 4), 0.002)
+    std[:3, 3] = 0.0005
+    std[3] = 0
+    return Camera(
+        name=name or f"camera{azimuth_degrees:.0f}",
+        width=270,
+        height=270,
+        matrix=np.array([[294.4, 0.0, 135.9], [0.0, 296.4, 141.5], [0.0, 0.0, 1.0]]),
+        distortion=np.array([-0.2358, 0.1142, -0.00136, -5.2e-05, -0.0506]),
+        camera_from_world=look_at(position),
+        camera_from_world_std=std,
+    )
+
+
+def image_grid(camera: Camera, count: int = 15) -> FloatArray:
+    """Pixels (count², 2) of an even grid over the image, from corner to corner."""
+    columns = np.linspace(-0.5, camera.width - 0.5, count)
+    rows = np.linspace(-0.5, camera.height - 0.5, count)
+    return np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
+
+
+def sight_of(tracker: ObjectTracker, images: Sequence[Image]) -> Sight:
+    """What a tracker's estimator is given of its cameras' images."""
+    reader = tracker._reader
+    views = [reader.read(reader.see(c, image), grey_world=False) for c, image in enumerate(images)]
+    return tracker._estimator.sight(views)

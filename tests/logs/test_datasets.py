@@ -1,0 +1,164 @@
+from __future__ import annotations
+
+import builtins
+import tracemalloc
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+import tracker
+from tests.helpers.log_writers import CAMERAS, make_content, write_store
+from tracker.errors import LogError
+
+pytest.importorskip("lmdb", reason="the extra 'datasets' is not installed")
+pytest.importorskip("numcodecs", reason="the extra 'datasets' is not installed")
+
+COMPRESSORS = [None, {"id": "zlib", "level": 1}, {"id": "blosc", "cname": "lz4", "clevel": 5, "shuffle": 1}]
+
+
+@pytest.mark.parametrize("reorder", [True, False])
+@pytest.mark.parametrize("coding", ["vlen-bytes", "vlen-array"])
+@pytest.mark.parametrize("compressor", COMPRESSORS, ids=["plain", "zlib", "blosc"])
+def test_stores_are_read(tmp_path, reorder, coding, compressor):
+    content = make_content(5)
+    folder = write_store(tmp_path / "x.zarr", content, reorder=reorder, coding=coding, compressor=compressor)
+    for path in (folder, folder / "data.mdb"):
+        with tracker.open_log(path) as log:
+            assert len(log) == 5
+            assert log.camera_names == CAMERAS
+            assert log.image_sizes == ((28, 24),) * 3
+            for k, frame in enumerate(log):
+                assert frame.timestamp == pytest.approx(0.1 * k)
+                for camera, image in enumerate(frame.images):
+                    np.testing.assert_array_equal(image, content.bgr(k, camera))
+            np.testing.assert_array_equal(log[1].images[0], content.bgr(1, 0))
+            assert log.rig is None
+
+
+def test_jpeg_is_read_about_right(tmp_path):
+    content = make_content(2)
+    content.raw[:] = 90
+    with tracker.open_log(write_store(tmp_path / "x.zarr", content, codec=".jpg")) as log:
+        assert np.abs(log[1].images[2].astype(int) - 90).max() <= 3
+
+
+def test_stamps_are_those_of_the_steps_that_saw_the_images(tmp_path):
+    # Frame 2 was seen by no step; frames 3 and 4 are of another episode.
+    shown = [0] * 5 + [3] * 6 + [9] * 5 + [12] * 4
+    folder = write_store(tmp_path / "x.zarr", make_content(5), shown=shown, ends=[10, 19])
+    with tracker.open_log(folder) as log:
+        stamps = [frame.timestamp for frame in log]
+        assert stamps == pytest.approx([0, 0.1, 0.16, 0.22, 0.32])
+        assert log.episode_starts == (0, 3)
+
+
+def edit(folder: Path, key: str, change) -> None:
+    import lmdb
+
+    with (
+        lmdb.open(str(folder), map_size=1 << 24) as environment,
+        environment.begin(write=True) as transaction,
+    ):
+        new = change(transaction.get(key.encode()))
+        transaction.put(key.encode(), new) if new is not None else transaction.delete(key.encode())
+
+
+@pytest.mark.parametrize(
+    ("key", "change", "frames", "message"),
+    [
+        ("images/.zarray", lambda data: None, None, "images is missing"),
+        ("images/.zarray", lambda data: b"{}", None, "expected zarr 2"),
+        ("images/.zarray", lambda data: b"[", None, "no JSON"),
+        ("images/.zarray", lambda data: data.replace(b"vlen-bytes", b"pickle"), None, "coded as .'pickle'"),
+        (
+            "images/.zarray",
+            lambda data: data.replace(b"null", b'{"id": "pickle"}'),
+            None,
+            "packed by 'pickle'",
+        ),
+        ("images/.zarray", lambda data: data.replace(b"[15]", b"[16]"), None, "multiple of 3"),
+        ("images/.zattrs", lambda data: data.replace(b"[24, 28]", b"[24]"), None, "image_shape"),
+        (
+            "images/.zattrs",
+            lambda data: data.replace(b"[24, 28]", b"[24, 30]"),
+            0,
+            "28×24 px, expected 30×24",
+        ),
+        ("images/1", lambda data: None, 3, "block 1 is missing"),
+        ("images/1", lambda data: data[:-9], 3, "its end within item 3"),
+        ("images/1", lambda data: b"\xff\xff\xff\xff" + data[4:], 3, "items stated"),
+        ("images/1", lambda data: data[:150] + bytes([data[150] ^ 1]) + data[151:], 4, "checksum"),
+    ],
+)
+def test_damage_is_named(tmp_path, key, change, frames, message):
+    folder = write_store(tmp_path / "x.zarr", make_content(5), shown=None)
+    edit(folder, key, change)
+    with pytest.raises(LogError, match=message), tracker.open_log(folder) as log:
+        list(log)
+    if frames is not None:
+        with tracker.open_log(folder, recover=True) as log:
+            assert len(list(log)) == frames
+            assert log.fault
+
+
+def test_a_truncated_store_is_noticed_before_it_is_mapped(tmp_path):
+    folder = write_store(tmp_path / "x.zarr", make_content(5))
+    data = (folder / "data.mdb").read_bytes()
+    for size in (0, 10, 3000, 5000, len(data) // 2, len(data) - 4096):
+        (folder / "data.mdb").write_bytes(data[:size])
+        with pytest.raises(LogError):
+            tracker.open_log(folder)
+
+
+def test_a_missing_extra_is_named(tmp_path, monkeypatch):
+    folder = write_store(tmp_path / "x.zarr", make_content(1))
+    really = builtins.__import__
+
+    def without(name, *rest):
+        if name == "lmdb":
+            raise ImportError("No module named 'lmdb'")
+        return really(name, *rest)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    with pytest.raises(LogError, match=r"trifinger-object-tracker\[datasets\]"):
+        tracker.open_log(folder)
+
+
+def test_memory_does_not_grow_with_the_length(tmp_path):
+    def peak(count: int) -> int:
+        content = make_content(2, size=100)
+        folder = write_store(tmp_path / f"{count}.zarr", content, length=3 * count, map_size=1 << 27)
+        tracemalloc.start()
+        with tracker.open_log(folder) as log:
+            assert sum(1 for _ in log) == count
+        used = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return used
+
+    peak(2)
+    assert peak(400) < 1.3 * peak(20)
+
+
+def test_stores_written_by_zarr_are_read(tmp_path):
+    zarr = pytest.importorskip("zarr", minversion="2.11")
+    if not hasattr(zarr, "LMDBStore"):
+        pytest.skip("this zarr cannot write LMDB stores")
+    from numcodecs import VLenBytes
+
+    content = make_content(3)
+    pictures = [cv2.imencode(".png", raw)[1].tobytes() for raw in content.raw.reshape(-1, 24, 28)]
+    with pytest.warns(FutureWarning):  # of its removal
+        store = zarr.LMDBStore(str(tmp_path / "x.zarr"), map_size=1 << 24)
+    root = zarr.group(store=store)
+    images = root.create_dataset("images", shape=9, chunks=4, dtype=object, object_codec=VLenBytes())
+    images[:] = np.array(pictures, dtype=object)
+    images.attrs.update(n_cameras=3, image_shape=[24, 28], reorder_pixels=False, compression="image")
+    root.create_dataset("obs_to_image_index", data=np.repeat([0, 3, 6], 5), chunks=4)
+    store.close()
+    with tracker.open_log(tmp_path / "x.zarr") as log:
+        frames = list(log)
+    assert [frame.timestamp for frame in frames] == pytest.approx([0, 0.1, 0.2])
+    for k, frame in enumerate(frames):
+        np.testing.assert_array_equal(frame.images[2], content.bgr(k, 2))

@@ -1,0 +1,209 @@
+from __future__ import annotations
+
+import csv
+import json
+import os
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.helpers.pose_logs import START, answer, make_about, random_pose, random_poses
+from tracker.errors import LogError
+from tracker.geometry import so3
+from tracker.logs.exports import CSV_HEADER, write_bop, write_csv, write_tum
+from tracker.logs.poses_builder import PosesBuilder
+
+
+def read_csv(path) -> list[dict[str, str]]:
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def read_tum(path) -> np.ndarray:
+    """(n, 8), as the benchmark's own tools read it: lines of eight numbers, `#` starts a comment."""
+    lines = [line for line in path.read_text().splitlines() if line and not line.startswith("#")]
+    return np.array([[float(word) for word in line.split(" ")] for line in lines]).reshape(-1, 8)
+
+
+def read_bop(path) -> list[dict]:
+    """As the challenge's toolkit reads results."""
+    rows = []
+    for number, line in enumerate(path.read_text().splitlines()):
+        words = line.split(",")
+        if number == 0:
+            assert words == ["scene_id", "im_id", "obj_id", "score", "R", "t", "time"]
+            continue
+        assert len(words) == 7
+        rows.append(
+            {
+                "scene_id": int(words[0]),
+                "im_id": int(words[1]),
+                "obj_id": int(words[2]),
+                "score": float(words[3]),
+                "R": np.array(list(map(float, words[4].split()))).reshape(3, 3),
+                "t": np.array(list(map(float, words[5].split()))).reshape(3),
+                "time": float(words[6]),
+            }
+        )
+    return rows
+
+
+def numbers(rows, prefix, names) -> np.ndarray:
+    """(n, len(names)) of columns, NaN where a cell is empty."""
+    return np.array([[float(row[f"{prefix}_{name}"] or "nan") for name in names] for row in rows])
+
+
+@given(
+    count=st.integers(0, 8),
+    share=st.sampled_from([0.0, 0.5, 1.0]),
+    recorded=st.booleans(),
+    seed=st.integers(0, 99),
+)
+def test_a_table_has_a_row_a_frame_with_the_same_bits(tmp_path_factory, count, share, recorded, seed):
+    path = tmp_path_factory.mktemp("csv") / "trajectory.csv"
+    poses = random_poses(np.random.default_rng(seed), count, share=share, recorded=recorded)
+    write_csv(path, poses)
+    rows = read_csv(path)
+    assert path.read_text(encoding="utf-8").splitlines()[0] == ",".join(CSV_HEADER)
+    assert [int(row["frame"]) for row in rows] == poses.index.tolist()
+    assert [float(row["timestamp_s"]) for row in rows] == poses.timestamp.tolist()
+    assert [row["status"] for row in rows] == poses.status.tolist()
+    for kind in ("measured", "filtered", "recorded") if count else ():
+        columns = getattr(poses, kind)
+        if columns is None:
+            assert np.isnan(numbers(rows, kind, ["x_m", "qw", "confidence"])).all()
+            continue
+        same = {
+            "position": ["x_m", "y_m", "z_m"],
+            "orientation": ["qx", "qy", "qz", "qw"],
+            "velocity": [f"{name}_per_s" for name in ("vx_m", "vy_m", "vz_m", "wx_rad", "wy_rad", "wz_rad")],
+        }
+        for column, names in same.items():
+            if hasattr(columns, column):
+                assert np.array_equal(numbers(rows, kind, names), getattr(columns, column), equal_nan=True)
+        if kind != "recorded":
+            std = numbers(
+                rows, kind, ["std_x_m", "std_y_m", "std_z_m", "std_rx_rad", "std_ry_rad", "std_rz_rad"]
+            )
+            variance = np.diagonal(columns.covariance, axis1=1, axis2=2)
+            assert np.array_equal(std, np.sqrt(variance), equal_nan=True)
+
+
+def test_a_status_with_a_comma_stays_one_cell(tmp_path):
+    builder = PosesBuilder(make_about())
+    builder.append(0, 0.0, answer(None, None, 'far, far "away"'))
+    write_csv(tmp_path / "a.csv", builder.build())
+    assert read_csv(tmp_path / "a.csv")[0]["status"] == 'far, far "away"'
+
+
+@pytest.mark.parametrize("kind", ["measured", "filtered", "recorded"])
+@pytest.mark.parametrize(("count", "share"), [(0, 1.0), (5, 0.0), (12, 0.5)])
+def test_a_tum_trajectory_has_the_frames_with_a_pose(tmp_path, rng, kind, count, share):
+    poses = random_poses(rng, count, share=share, recorded=False)
+    if kind == "recorded":
+        with pytest.raises(LogError, match="no recorded poses"):
+            write_tum(tmp_path / "a.txt", poses, kind)
+        poses = random_poses(rng, 6, share=1)
+    write_tum(tmp_path / "a.txt", poses, kind)
+    found, columns = read_tum(tmp_path / "a.txt"), getattr(poses, kind)
+    chosen = columns.has_pose
+    assert np.array_equal(found[:, 0], poses.timestamp[chosen])
+    assert np.array_equal(found[:, 1:4], columns.position[chosen])
+    assert np.array_equal(found[:, 4:], columns.orientation[chosen])
+
+
+def test_results_in_the_bop_format_come_back_as_the_same_poses(tmp_path, rng):
+    poses = random_poses(rng, 15, first=3)
+    for camera in poses.about.rig:
+        for kind in ("measured", "filtered", "recorded"):
+            write_bop(tmp_path / "a.csv", poses, camera, kind, scene_id=4, object_id=7)
+            columns, rows = getattr(poses, kind), read_bop(tmp_path / "a.csv")
+            chosen = np.flatnonzero(columns.has_pose)
+            assert len(rows) == len(chosen)
+            for row, frame in zip(rows, chosen, strict=True):
+                assert (row["scene_id"], row["obj_id"], row["time"]) == (4, 7, -1)
+                assert row["im_id"] == poses.index[frame]
+                assert row["score"] == columns.confidence[frame]
+                camera_from_object = np.eye(4)
+                camera_from_object[:3, :3], camera_from_object[:3, 3] = row["R"], row["t"] / 1000
+                world_from_object = camera.world_from_camera @ camera_from_object
+                rotation = so3.matrix_from_quaternion(columns.orientation[frame])
+                assert world_from_object[:3, :3] == pytest.approx(rotation, abs=1e-12)
+                assert world_from_object[:3, 3] == pytest.approx(columns.position[frame], abs=1e-12)
+
+
+def test_results_fit_a_data_set_that_was_exported(tmp_path, rng):
+    """Perfect poses of a data set in the BOP layout are its truth: ids, units, frames."""
+    bop = pytest.importorskip("synthetic.bop", reason="the exporter needs the synthetic packages")
+    about = make_about()
+    builder = PosesBuilder(about)
+    entries = []
+    for index in (0, 1, 5):
+        pose = random_pose(rng)
+        builder.append(index, START + index / 10, answer(pose, None, "found"))
+        truth = {"position": pose.position.tolist(), "orientation_xyzw": pose.orientation.tolist()}
+        entries.append({"frame": f"{index:06d}", "object": truth})
+        for camera in about.rig:
+            for kind in ("mask", "mask_visib"):
+                folder = tmp_path / bop.SCENE_FOLDER / f"{kind}_{camera.name}"
+                folder.mkdir(parents=True, exist_ok=True)
+                cv2.imwrite(str(folder / f"{index:06d}_000000.png"), np.full((8, 8), 255, np.uint8))
+    bop.finish_bop(tmp_path, about.rig, entries, "cube_v2")
+    scene = tmp_path / bop.SCENE_FOLDER
+    models = json.loads((tmp_path / "models" / "models_info.json").read_text())
+    for camera in about.rig:
+        path = tmp_path / f"mine_trifinger-test-{camera.name}.csv"
+        write_bop(path, builder.build(), camera, "measured")
+        truth = json.loads((scene / f"scene_gt_{camera.name}.json").read_text())
+        rows = read_bop(path)
+        assert [str(row["im_id"]) for row in rows] == list(truth)
+        for row in rows:
+            (wanted,) = truth[str(row["im_id"])]
+            assert row["obj_id"] == wanted["obj_id"]
+            assert str(row["obj_id"]) in models
+            assert row["scene_id"] == int(scene.name)
+            assert row["R"].ravel() == pytest.approx(wanted["cam_R_m2c"], abs=1e-12)
+            assert row["t"] == pytest.approx(wanted["cam_t_m2c"], abs=1e-9)
+
+
+def test_a_pose_without_a_score_is_no_result(tmp_path, rng):
+    builder = PosesBuilder(make_about())
+    old = random_pose(rng)
+    old.confidence = np.nan
+    builder.append(0, 0.0, answer(None, None, "lost"), old)
+    poses = builder.build()
+    with pytest.raises(LogError, match=r"a\.csv: found recorded poses without a confidence"):
+        write_bop(tmp_path / "a.csv", poses, poses.about.rig[0], "recorded")
+    write_tum(tmp_path / "a.txt", poses, "recorded")
+    assert len(read_tum(tmp_path / "a.txt")) == 1
+
+
+WRITERS = [
+    write_csv,
+    write_tum,
+    lambda path, poses: write_bop(path, poses, poses.about.rig[0]),
+]
+
+
+@pytest.mark.parametrize("write", WRITERS)
+def test_nothing_half_written_stays(tmp_path, rng, monkeypatch, write):
+    path = tmp_path / "a.txt"
+    path.write_text("old")
+
+    def fail(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", fail)
+    with pytest.raises(LogError, match=r"a\.txt: cannot be written: No space left"):
+        write(path, random_poses(rng, 4))
+    assert path.read_text() == "old"
+    assert os.listdir(tmp_path) == ["a.txt"]
+
+
+@pytest.mark.parametrize("write", WRITERS)
+def test_a_missing_folder_is_an_error(tmp_path, rng, write):
+    with pytest.raises(LogError, match="cannot be written"):
+        write(tmp_path / "no" / "a.txt", random_poses(rng, 1))

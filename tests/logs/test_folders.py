@@ -1,0 +1,206 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+import tracker
+from tests.helpers import ROOT, make_camera, run_python
+from tests.helpers.log_writers import CAMERAS, write_picture
+from tests.helpers.synthetic_needs import skip_without_platform
+from tracker.errors import LogError
+from tracker.logs.name_stamps import stamps_of_names
+
+
+def picture(frame: int, camera: int) -> np.ndarray:
+    return np.random.default_rng([frame, camera]).integers(0, 256, (20, 30, 3), np.uint8)
+
+
+def frames_of(path: Path, **options):
+    with tracker.open_log(path, **options) as log:
+        return list(log)
+
+
+def write_triplets(folder: Path, names, cameras=CAMERAS, suffix=".png") -> Path:
+    for k, name in enumerate(names):
+        for c, camera in enumerate(cameras):
+            write_picture(folder / name / f"{camera}{suffix}", picture(k, c))
+            write_picture(folder / name / f"labels_{camera}.png", picture(k, c)[:, :, 0])
+    return folder
+
+
+def write_streams(folder: Path, names, shift=0) -> Path:
+    for c, camera in enumerate(CAMERAS):
+        for k, name in enumerate(names):
+            write_picture(folder / camera / f"{int(name) + c * shift:0{len(name)}d}.png", picture(k, c))
+    return folder
+
+
+@pytest.mark.parametrize("write", [write_triplets, write_streams])
+@pytest.mark.parametrize(
+    ("names", "stamps"),
+    [
+        (["000000", "000001", "000003"], [0.0, 0.1, 0.3]),
+        (["8", "9", "10"], [0.8, 0.9, 1.0]),
+        (["1605000000000000000", "1605000000100000000", "1605000000300000000"], [0, 0.1, 0.3]),
+        (["1605000000000000", "1605000000100000", "1605000000300000"], [0, 0.1, 0.3]),
+        (["1605000000000", "1605000000100", "1605000000300"], [0, 0.1, 0.3]),
+        (["1605000000", "1605000001", "1605000003"], [0, 1, 3]),
+    ],
+)
+def test_names_are_stamps_or_numbers(tmp_path, write, names, stamps):
+    frames = frames_of(write(tmp_path, names))
+    offset = 1_605_000_000 if len(names[0]) > 6 else 0
+    assert [frame.timestamp - offset for frame in frames] == pytest.approx(stamps, abs=1e-6)
+    for k, frame in enumerate(frames):
+        assert frame.index == k
+        for camera, image in enumerate(frame.images):
+            np.testing.assert_array_equal(image, picture(k, camera))
+        np.testing.assert_allclose(frame.camera_timestamps, frame.timestamp)
+
+
+def test_names_with_a_point_are_seconds():
+    assert stamps_of_names(["0.5", "0.75", "12.0"]) == [0.5, 0.75, 12.0]
+    assert stamps_of_names(["t_1605000000.25"]) == [1_605_000_000.25]
+    assert stamps_of_names(["0.5", "3"]) is None
+    assert stamps_of_names(["000001", "000002"]) is None
+
+
+def test_the_rate_is_that_given(tmp_path):
+    frames = frames_of(write_triplets(tmp_path, ["0", "1", "2"]), rate=50.0)
+    assert [frame.timestamp for frame in frames] == pytest.approx([0, 0.02, 0.04])
+    names = ["first", "second", "third"]
+    frames = frames_of(write_triplets(tmp_path / "named", names), rate=4.0)
+    assert [frame.timestamp for frame in frames] == pytest.approx([0, 0.25, 0.5])
+    for rate in (0, -1, np.nan, np.inf):
+        with pytest.raises(LogError, match="rate"):
+            tracker.open_log(tmp_path, rate=rate)
+
+
+def test_pictures_with_stamps_of_their_own_are_put_together(tmp_path):
+    names = [str(1_605_000_000_000 + 100 * k) for k in range(5)]
+    write_streams(tmp_path, names, shift=3)
+    (tmp_path / "camera180" / f"{int(names[2]) + 3}.png").unlink()
+    frames = frames_of(tmp_path)
+    assert len(frames) == 5
+    assert [frame.images[1] is None for frame in frames] == [False, False, True, False, False]
+    np.testing.assert_allclose(frames[1].camera_timestamps - 1_605_000_000.1, [0, 0.003, 0.006], atol=1e-6)
+    assert np.isnan(frames[2].camera_timestamps[1])
+    np.testing.assert_array_equal(frames[4].images[2], picture(4, 2))
+
+
+def test_a_camera_may_have_given_no_image(tmp_path):
+    write_triplets(tmp_path, ["0", "1"])
+    (tmp_path / "1" / "camera180.png").unlink()
+    with tracker.open_log(tmp_path) as log:
+        assert log.camera_names == CAMERAS
+        assert log[1].images[1] is None
+        assert np.isnan(log[1].camera_timestamps[1])
+        assert log[1].timestamp == pytest.approx(0.1)
+
+
+def test_one_triplet_is_one_frame_and_brings_its_calibration(tmp_path):
+    for c, camera in enumerate(CAMERAS):
+        write_picture(tmp_path / f"{camera}.png", picture(0, c))
+    tracker.CameraRig(tuple(make_camera(n, f"camera{n}") for n in (60, 180, 300))).save(tmp_path)
+    with tracker.open_log(tmp_path) as log:
+        assert len(log) == 1
+        assert log.rig.names == CAMERAS
+        np.testing.assert_array_equal(log[0].images[2], picture(0, 2))
+
+
+def test_jpeg_is_read_in_colour(tmp_path):
+    image = np.full((20, 30, 3), (10, 20, 200), np.uint8)
+    write_picture(tmp_path / "0" / "camera60.jpg", image)
+    (frame,) = frames_of(tmp_path)
+    assert np.abs(frame.images[0].astype(int) - image).max() <= 4
+
+
+@pytest.mark.parametrize(
+    ("suffix", "damage", "message"),
+    [
+        (".png", lambda data: data[:-6], "truncated"),
+        (".png", lambda data: data[:400] + bytes([data[400] ^ 1]) + data[401:], "checksum"),
+        (".png", lambda data: data[:16] + b"\x7f" + data[17:], "expected 8 to 4096"),
+        (".png", lambda data: b"", "0 bytes"),
+        (".jpg", lambda data: data[: len(data) // 2], "without an end"),
+        (".jpg", lambda data: b"GIF89a" + data[6:], "PNG or JPEG"),
+    ],
+)
+def test_damaged_pictures_are_named(tmp_path, suffix, damage, message):
+    write_triplets(tmp_path, ["0", "1", "2"], suffix=suffix)
+    file = tmp_path / "1" / f"camera180{suffix}"
+    file.write_bytes(damage(file.read_bytes()))
+    with pytest.raises(LogError, match=rf"1/camera180\{suffix}: .*{message}"):
+        frames_of(tmp_path)
+    with tracker.open_log(tmp_path, recover=True) as log:
+        assert [frame.index for frame in log] == [0, 2]
+        assert "camera180" in log.fault
+
+
+def test_a_change_of_size_is_noticed(tmp_path):
+    write_triplets(tmp_path, ["0", "1"])
+    write_picture(tmp_path / "1" / "camera60.png", np.zeros((20, 31, 3), np.uint8))
+    with pytest.raises(LogError, match="31×20 px, expected 30×20"):
+        frames_of(tmp_path)
+
+
+@pytest.mark.parametrize("layout", ["camera60/a.txt", "0/other.png", "camera60.txt"])
+def test_a_folder_without_pictures_of_cameras_is_refused(tmp_path, layout):
+    (tmp_path / layout).parent.mkdir(exist_ok=True)
+    (tmp_path / layout).write_text("")
+    with pytest.raises(LogError, match="no pictures of cameras"):
+        tracker.open_log(tmp_path)
+
+
+def test_two_pictures_of_a_camera_are_refused(tmp_path):
+    write_triplets(tmp_path, ["0"])
+    write_picture(tmp_path / "0" / "camera60.jpg", picture(0, 0))
+    with pytest.raises(LogError, match="one picture of a camera"):
+        tracker.open_log(tmp_path)
+
+
+def write_truth(folder: Path, stamps: dict[str, float], sequence: bool) -> None:
+    frames = [{"frame": name, "timestamp": stamp} for name, stamp in stamps.items()]
+    truth = {"settings": {"sequence": sequence, "rate": 10.0}, "frames": frames}
+    (folder / "ground_truth.json").write_text(json.dumps(truth))
+
+
+@pytest.mark.parametrize(("sequence", "starts"), [(True, (0, 3)), (False, (0, 1, 2, 3))])
+def test_stamps_of_synthetic_data_are_those_of_the_truth(tmp_path, sequence, starts):
+    write_triplets(tmp_path, ["000000", "000001", "000002", "000003"])
+    stamps = {"000000": 0.0, "000001": 0.1, "000002": 0.3, "000003": 5.0}
+    write_truth(tmp_path, stamps, sequence)
+    with tracker.open_log(tmp_path) as log:
+        assert [frame.timestamp for frame in log] == pytest.approx(list(stamps.values()))
+        assert log.episode_starts == starts
+    del stamps["000001"]
+    write_truth(tmp_path, stamps, sequence)
+    with tracker.open_log(tmp_path, recover=True) as log:
+        assert [frame.index for frame in log] == [0, 2, 3]
+        assert "000001 is missing in ground_truth.json" in log.fault
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"frames": 3}', '{"frames": [{"frame": 1}]}', "[" * 99999])
+def test_a_truth_without_stamps_is_refused(tmp_path, text):
+    write_triplets(tmp_path, ["000000"])
+    (tmp_path / "ground_truth.json").write_text(text)
+    with pytest.raises(LogError, match=r"ground_truth\.json"):
+        tracker.open_log(tmp_path)
+
+
+def test_synthetic_data_sets_are_read(tmp_path):
+    skip_without_platform()
+    command = ["-m", "synthetic", "dataset", "--object", "cube_v2", "--frames", 2, "--seed", 3]
+    run_python([*command, "--quality", "fast", "--out", tmp_path / "set", "--bop"], ROOT, check=True)
+    with tracker.open_log(tmp_path / "set") as log:
+        assert "synthetic" in log.format
+        assert log.rig.names == log.camera_names == CAMERAS
+        assert log.image_sizes == ((270, 270),) * 3
+        for frame in log:
+            for name, image in zip(CAMERAS, frame.images, strict=True):
+                expected = cv2.imread(str(tmp_path / "set" / f"{frame.index:06d}" / f"{name}.png"))
+                np.testing.assert_array_equal(image, expected)

@@ -1,0 +1,228 @@
+from __future__ import annotations
+
+import itertools
+import tracemalloc
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+import tracker
+from tests.helpers import make_camera
+from tests.helpers.log_writers import CAMERAS, make_content, write_hdf5
+from tests.logs.test_native import assert_same
+from tracker.errors import LogError
+
+SAMPLES = ("tricamera_log_v2_1.h5", "tricamera_log_with_pose.h5")
+
+
+@pytest.mark.parametrize("version", [(1, 0), (2, 0), (2, 1)])
+@pytest.mark.parametrize("poses", [False, True])
+@pytest.mark.parametrize("chunk", [None, 1, 3])
+def test_every_version_is_read(tmp_path, version, poses, chunk):
+    content = make_content(7)
+    path = write_hdf5(tmp_path / "log.h5", content, version=version, poses=poses, chunk=chunk)
+    with tracker.open_log(path) as log:
+        assert len(log) == 7
+        assert f"version {version[0]}.{version[1]}" in log.format
+        assert log.image_sizes == ((28, 24),) * 3
+        assert log.camera_names == CAMERAS
+        assert_same(log, content, poses=int(poses), stamped=version == (2, 1))
+        assert (log.rig is not None) == (version[0] == 2)
+        np.testing.assert_array_equal(log[5].images[1], content.bgr(5, 1))
+        assert [frame.index for frame in log[2:4]] == [2, 3]
+        assert log.fault is None
+
+
+@pytest.mark.parametrize(
+    ("has_pose", "wide", "names", "rate"),
+    list(itertools.product([True, False], [True, False], [True, False], ["none", "group", "root"])),
+)
+def test_what_some_writers_leave_out_is_not_missed(tmp_path, has_pose, wide, names, rate):
+    content = make_content(3)
+    options = {"has_pose": has_pose, "wide_confidence": wide, "names": names, "frame_rate": rate}
+    with tracker.open_log(write_hdf5(tmp_path / "log.h5", content, poses=True, **options)) as log:
+        assert_same(log, content, poses=1)
+        assert log.rig.names == CAMERAS
+
+
+def test_the_calibration_inside_is_read_and_mended(tmp_path):
+    with tracker.open_log(write_hdf5(tmp_path / "log.h5", make_content(1))) as log:
+        camera = log.rig[1]
+    assert (camera.name, camera.width, camera.height) == ("camera180", 28, 24)
+    assert camera.matrix[1, 2] == 11.5
+    assert camera.distortion[0] == -0.2
+    rotation = camera.camera_from_world[:3, :3]
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
+
+
+def test_without_calibration_inside_that_beside_is_taken(tmp_path):
+    tracker.CameraRig(tuple(make_camera(n, f"camera{n}") for n in (60, 180, 300))).save(tmp_path)
+    with tracker.open_log(write_hdf5(tmp_path / "log.h5", make_content(1), version=(1, 0))) as log:
+        assert log.rig.names == CAMERAS
+
+
+def spoil(path: Path, how: str) -> None:
+    with h5py.File(path, "r+") as file:
+        if how == "magic":
+            file.attrs["magic"] = 1
+        elif how == "version":
+            file.attrs["format_version"] = 3
+        elif how == "width":
+            file.attrs["image_width"] = 99
+        elif how.startswith("no "):
+            del file[how[3:]]
+        elif how == "short":
+            stamps = file["timestamps"][:-1]
+            del file["timestamps"]
+            file["timestamps"] = stamps
+        elif how == "float images":
+            del file["images"]
+            file["images"] = np.zeros((4, 3, 24, 28))
+        elif how == "link":
+            del file["images"]
+            file["images"] = h5py.ExternalLink("/etc/passwd", "/images")
+        elif how == "external":
+            del file["images"]
+            stored = [("/dev/zero", 0, h5py.h5f.UNLIMITED)]
+            file.create_dataset("images", (4, 3, 24, 28), np.uint8, external=stored)
+        elif how == "names":
+            del file["camera_names"]
+            file["camera_names"] = [b"camera60", b"camera60", b"../x"]
+
+
+@pytest.mark.parametrize(
+    ("how", "message"),
+    [
+        ("magic", "magic: found 0x1, expected 0x3cda7a00"),
+        ("version", "format_version: found 3, expected 1 or 2"),
+        ("width", "image_width: found 99, expected 28"),
+        ("no images", "images is missing"),
+        ("no timestamps", "timestamps is missing"),
+        ("no object_pose/position", "position, orientation and confidence together"),
+        ("short", r"fields of \[3, 4\] frames"),
+        ("float images", "float64 of shape"),
+        ("link", "found a link"),
+        ("external", "outside the file"),
+        ("names", "3 different names"),
+    ],
+)
+def test_what_is_wrong_is_named(tmp_path, how, message):
+    path = write_hdf5(tmp_path / "log.h5", make_content(4), poses=True)
+    spoil(path, how)
+    with pytest.raises(LogError, match=message):
+        tracker.open_log(path)
+
+
+def test_fields_of_different_length_give_the_frames_of_all(tmp_path):
+    path = write_hdf5(tmp_path / "log.h5", make_content(4))
+    spoil(path, "short")
+    with tracker.open_log(path, recover=True) as log:
+        assert len(list(log)) == 3
+        assert "frames, expected one number" in log.fault
+
+
+def test_a_damaged_block_costs_its_frame_only(tmp_path):
+    path = write_hdf5(tmp_path / "log.h5", make_content(5))
+    with h5py.File(path) as file:
+        block = file["images"].id.get_chunk_info(2)
+    data = bytearray(path.read_bytes())
+    data[block.byte_offset + block.size // 2] ^= 4
+    path.write_bytes(data)
+    with tracker.open_log(path, recover=True) as log:
+        assert [frame.index for frame in log] == [0, 1, 3, 4]
+        assert "frame 2: images" in log.fault
+    given = []
+    with pytest.raises(LogError, match="frame 2"), tracker.open_log(path) as log:
+        given.extend(log)
+    assert len(given) == 2
+
+
+def test_images_that_were_never_written_are_no_black_images(tmp_path):
+    path = write_hdf5(tmp_path / "log.h5", make_content(3))
+    with h5py.File(path, "r+") as file:
+        del file["images"]
+        images = file.create_dataset(
+            "images", (3, 3, 24, 28), np.uint8, chunks=(1, 3, 24, 28), compression="gzip"
+        )
+        images[0], images[2] = 50, 60
+    with tracker.open_log(path, recover=True) as log:
+        assert [frame.index for frame in log] == [0, 2]
+        assert "frame 1: images" in log.fault
+
+
+def test_a_file_of_another_length_is_noticed(tmp_path):
+    path = write_hdf5(tmp_path / "log.h5", make_content(3))
+    data = path.read_bytes()
+    path.write_bytes(data + b"x")
+    with pytest.raises(LogError, match="that the file states"):
+        tracker.open_log(path)
+    with tracker.open_log(path, recover=True) as log:
+        assert len(list(log)) == 3
+        assert "that the file states" in log.fault
+    path.write_bytes(data[:-1])
+    for recover in (False, True):
+        with pytest.raises(LogError):
+            tracker.open_log(path, recover=recover)
+
+
+def test_memory_does_not_grow_with_the_length(tmp_path):
+    def peak(count: int) -> int:
+        content = make_content(count, size=120)
+        path = write_hdf5(tmp_path / f"{count}.h5", content)
+        del content
+        tracemalloc.start()
+        with tracker.open_log(path) as log:
+            assert sum(1 for _ in log) == count
+        used = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return used
+
+    peak(2)
+    assert peak(120) < 1.3 * peak(20)
+
+
+@pytest.mark.parametrize("name", SAMPLES)
+def test_recorded_samples_are_read(real: Path, name):
+    with tracker.open_log(real / "logs" / name) as log:
+        frames = list(log)
+        assert len(frames) == len(log) == 3
+        assert log.camera_names == log.rig.names == CAMERAS
+        assert (log.rig[0].width, log.rig[0].height) == log.image_sizes[0] == (540, 540)
+    for k, frame in enumerate(frames):
+        assert frame.timestamp == pytest.approx(1_750_000_000 + 0.1 * k, abs=1e-6)
+        np.testing.assert_allclose(frame.camera_timestamps - frame.timestamp, [0, 0.001, 0.002], atol=1e-5)
+        assert (frame.recorded_pose is not None) == ("with_pose" in name and k > 0)
+        assert frame.recorded_filtered_pose is None
+    if "with_pose" in name:
+        assert [frame.recorded_pose.confidence for frame in frames[1:]] == [0.93, 0.92]
+        assert np.linalg.norm(frames[1].recorded_pose.orientation) == pytest.approx(1, abs=1e-12)
+
+
+def test_recorded_images_give_the_recorded_pose(real: Path):
+    """So colours are the right way round, and images and calibration belong together."""
+    with tracker.open_log(real / "logs" / SAMPLES[1]) as log:
+        detector = tracker.ObjectTracker(tracker.load_object("cube_v2"), log.rig)
+        frame = log[1]
+    found, recorded = detector.detect(list(frame.images)).object_pose, frame.recorded_pose
+    assert found.confidence > 0.9
+    assert np.linalg.norm(found.position - recorded.position) < 3e-3
+    assert 2 * np.arccos(abs(found.orientation @ recorded.orientation)) < np.radians(3)
+
+
+@pytest.mark.parametrize(
+    ("offset", "value", "message"),
+    [
+        (14712, 10, "images: found 1799814 bytes stored, expected blocks of 874800"),  # packing forgotten
+        (2096, 0, "camera_names: found damaged names"),  # head of the heap with the names
+    ],
+)
+def test_damage_that_the_library_does_not_survive_is_seen_before(
+    real: Path, tmp_path, offset, value, message
+):
+    data = bytearray((real / "logs" / SAMPLES[0]).read_bytes())
+    data[offset] = value
+    (tmp_path / "log.h5").write_bytes(data)
+    with pytest.raises(LogError, match=message):
+        tracker.open_log(tmp_path / "log.h5")

@@ -1,0 +1,294 @@
+from __future__ import annotations
+
+import gzip
+import struct
+import tracemalloc
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+import tracker
+from tests.helpers import make_camera
+from tests.helpers.log_writers import CAMERAS, POSE, make_content, native_bytes, write_native
+from tracker.errors import LogError
+from tracker.logs import Log
+
+SAMPLES = ("camera_data_images_only.dat", "camera_data_with_pose.dat", "camera_data_with_pose_gzipped.dat")
+VARIANTS = [
+    {"poses": poses, "stamped": stamped, "timed": timed, "bgr": bgr}
+    for poses in (0, 1, 2)
+    for stamped in (True, False)
+    for timed in (True, False)
+    for bgr in (True, False)
+    if poses or not timed
+]
+
+
+def assert_same(log: Log, content, *, poses: int, stamped: bool = True) -> None:
+    frames = list(log)
+    assert [frame.index for frame in frames] == list(range(len(content.raw)))
+    for k, frame in enumerate(frames):
+        expected = content.stamps[k] if stamped else content.camera_stamps[k].mean()
+        assert frame.timestamp == pytest.approx(expected, abs=1e-6)
+        np.testing.assert_array_equal(frame.camera_timestamps, content.camera_stamps[k])
+        for camera, image in enumerate(frame.images):
+            np.testing.assert_array_equal(image, content.bgr(k, camera))
+        for which, pose in enumerate([frame.recorded_pose, frame.recorded_filtered_pose]):
+            row = content.poses[max(0, k - which)]
+            assert (pose is not None) == (which < poses and row[7] > 0)
+            if pose is not None:
+                np.testing.assert_allclose([*pose.position, *pose.orientation, pose.confidence], row)
+
+
+@pytest.mark.parametrize("packed", [False, True])
+@pytest.mark.parametrize("count", [1, 4])
+@pytest.mark.parametrize("variant", VARIANTS, ids=lambda v: "-".join(str(x) for x in v.values()))
+def test_every_variant_is_told_from_its_records(tmp_path, variant, count, packed):
+    content = make_content(count)
+    path = write_native(tmp_path / "camera_data.dat", content, packed=packed, **variant)
+    with tracker.open_log(path) as log:
+        assert len(log) == count
+        assert log.image_sizes == ((28, 24),) * 3
+        assert log.random_access is not packed
+        assert_same(log, content, poses=variant["poses"], stamped=variant["stamped"])
+        assert log.fault is None
+
+
+@pytest.mark.parametrize("packed", [False, True])
+def test_frames_and_parts_are_those_of_the_whole(tmp_path, packed):
+    content = make_content(9)
+    path = write_native(tmp_path / "log", content, packed=packed, poses=1)
+    with tracker.open_log(path) as log:
+        assert [frame.index for frame in log[5:2]] == []
+        part = log[2:8][1:]
+        assert len(part) == 5
+        for _ in range(2):
+            assert [frame.index for frame in part] == [3, 4, 5, 6, 7]
+        assert [frame.index for frame in log[::4]] == [0, 4, 8]
+        for k in (7, 0, -1, 3):
+            np.testing.assert_array_equal(log[k].images[2], content.bgr(k % 9, 2))
+        with pytest.raises(IndexError):
+            log.frame(9)
+        with pytest.raises(LogError, match="step"):
+            log[::-1]
+    with pytest.raises(LogError, match="closed"):
+        log.frame(0)
+
+
+def test_repeated_observations_stay(tmp_path):
+    content = make_content(4)
+    content.stamps[2], content.camera_stamps[2] = content.stamps[1], content.camera_stamps[1]
+    with tracker.open_log(write_native(tmp_path / "log", content)) as log:
+        assert len(list(log)) == 4
+
+
+@pytest.mark.parametrize("data", [struct.pack("<IQ", 1, 0), bytes(8)])
+def test_a_log_may_be_empty(tmp_path, data):
+    (tmp_path / "log").write_bytes(data)
+    with tracker.open_log(tmp_path / "log") as log:
+        assert list(log) == []
+        assert len(log) == 0
+
+
+def test_the_calibration_beside_is_found(tmp_path):
+    write_native(tmp_path / "camera_data.dat", make_content(1))
+    with tracker.open_log(tmp_path) as log:  # a job's folder
+        assert log.rig is None
+        cameras = tuple(make_camera(number, f"camera{number}") for number in (60, 180, 300))
+        tracker.CameraRig(cameras).save(tmp_path)
+        assert log.rig.names == CAMERAS
+        file = tmp_path / "camera60.yml"
+        file.write_text(file.read_text().replace("camera60", "camera61"))
+        with pytest.raises(tracker.TrackerError, match="expected camera60"):
+            _ = log.rig
+
+
+STAMP, SECOND = 12, 12 + 8 + 3 * (13 + 24 * 28 + 8)  # offsets of record 0 and its end without poses
+
+
+def changed(data: bytes, offset: int, new: bytes) -> bytes:
+    return data[:offset] + new + data[offset + len(new) :]
+
+
+@pytest.mark.parametrize(
+    ("offset", "new", "frames", "message"),
+    [
+        (0, struct.pack("<I", 2), 0, "version 2, expected 1"),
+        (4, struct.pack("<Q", 5), 4, "expected 5 records"),
+        (4, struct.pack("<Q", 3), 3, "expected 3 records"),
+        (4, struct.pack("<Q", 2**60), 4, "expected 1152921504606846976 records"),
+        (4, struct.pack("<Q", 0), 0, "0 records"),
+        (20, struct.pack("<i", 2**30), 0, "expected a camera log"),
+        (20, struct.pack("<i", 4000), 0, "end of the file|expected 8 to 4096"),
+        (SECOND + 8, struct.pack("<i", 25), 3, "record 1, camera number 1: found 28×25 px"),
+        (SECOND + 16, struct.pack("<i", 5), 3, "record 1, camera number 1: .*type 5"),
+        (SECOND, struct.pack("<d", np.nan), 3, "record 1: found the stamp nan"),
+        (
+            SECOND,
+            struct.pack("<d", 1000 * 1_604_999_999.0),
+            3,
+            "record 1: the frame's stamp goes back by 1 s",
+        ),
+        (SECOND, struct.pack("<d", 1000 * 1_605_009_999.0), 3, "goes forward by 9999 s since frame 0"),
+    ],
+)
+def test_damage_is_named_and_whole_records_recovered(tmp_path, offset, new, frames, message):
+    path = tmp_path / "log"
+    path.write_bytes(changed(native_bytes(make_content(4)), offset, new))
+    with pytest.raises(LogError, match=message), tracker.open_log(path) as log:
+        list(log)
+    if frames:
+        with tracker.open_log(path, recover=True) as log:
+            assert len(list(log)) == frames
+            assert log.fault
+    else:
+        with pytest.raises(LogError):
+            tracker.open_log(path, recover=True)
+
+
+@pytest.mark.parametrize(
+    ("row", "message"),
+    [
+        ((0, 0, 0, np.inf, 0, 0, 1, 0.5), "quaternion of length inf"),
+        ((0, 0, 0, 0.6, 0, 0, 1, 0.5), "quaternion of length 1.166"),
+        ((0, np.inf, 0, 0, 0, 0, 1, 0.5), "position"),
+        ((0, 0, 99.0, 0, 0, 0, 1, 0.5), "position"),
+        ((0, 0, 0, 0, 0, 0, 1, 1e200), "confidence"),
+        ((0, 0, 0, 0, 0, 0, 0, 0.5), None),
+        ((0, 0, 0, np.nan, np.nan, np.nan, 1, 0.5), None),
+        ((0, 0, 0, 0, 0, 0, 1, np.nan), None),
+        ((5, 5, 5, 5, 5, 5, 5, 0), None),
+    ],
+)
+def test_a_recorded_pose_is_one_or_none_or_an_error(tmp_path, row, message):
+    content = make_content(3)
+    content.poses[1] = row
+    with tracker.open_log(write_native(tmp_path / "log", content, poses=1)) as log:
+        if message is None:
+            assert [frame.recorded_pose is None for frame in log] == [True, True, False]
+        else:
+            with pytest.raises(LogError, match=f"record 1, pose: .*{message}"):
+                list(log)
+
+
+def test_a_quaternion_is_normalised(tmp_path):
+    content = make_content(2)
+    content.poses[1, 3:7] *= 1.001
+    with tracker.open_log(write_native(tmp_path / "log", content, poses=1)) as log:
+        np.testing.assert_allclose(log[1].recorded_pose.orientation, POSE[3:7], atol=1e-12)
+
+
+@pytest.mark.parametrize("cut", [1, 9, 700, 5000])
+def test_a_truncated_log_gives_the_frames_before(tmp_path, cut):
+    content = make_content(5)
+    data = native_bytes(content, poses=2)
+    plain, packed = tmp_path / "plain", tmp_path / "packed"
+    plain.write_bytes(data[:-cut])
+    record = (len(data) - 12) // 5
+    with pytest.raises(LogError, match="expected 5 records"):
+        tracker.open_log(plain)
+    with tracker.open_log(plain, recover=True) as log:
+        assert len(list(log)) == 5 - -(-cut // record)
+        assert "expected 5 records" in log.fault
+    packed.write_bytes(gzip.compress(data, 1)[:-cut])
+    given = []
+    with pytest.raises(LogError, match="damaged or truncated"), tracker.open_log(packed) as log:
+        given.extend(log)
+    with tracker.open_log(packed, recover=True) as log:
+        assert len(list(log)) == len(given)
+        assert "truncated" in log.fault
+
+
+def test_a_gzip_checksum_that_disagrees_is_told_at_the_end(tmp_path):
+    data = bytearray(gzip.compress(native_bytes(make_content(3)), 1))
+    data[-8] ^= 1
+    path = tmp_path / "log"
+    path.write_bytes(data)
+    with tracker.open_log(path, recover=True) as log:
+        assert len(list(log)) == 3
+        assert "CRC" in log.fault
+    with tracker.open_log(path) as log:
+        iterator = iter(log)
+        for _ in range(3):
+            next(iterator)
+        with pytest.raises(LogError, match="CRC"):
+            next(iterator)
+
+
+def test_bytes_after_the_end_are_noticed(tmp_path):
+    data = native_bytes(make_content(3))
+    path = tmp_path / "log"
+    path.write_bytes(gzip.compress(data + b"x"))
+    with pytest.raises(LogError, match="bytes after record 2"), tracker.open_log(path) as log:
+        list(log)
+
+
+@pytest.mark.parametrize("data", [b"", b"\0" * 7, b"hello", b"\x1f\x8b", b"GIF89a" * 99, bytes(9999)])
+def test_what_is_no_log_is_refused(tmp_path, data):
+    (tmp_path / "log").write_bytes(data)
+    for recover in (False, True):
+        with pytest.raises(LogError):
+            tracker.open_log(tmp_path / "log", recover=recover)
+
+
+def test_what_is_not_there_is_refused(tmp_path):
+    for path in (tmp_path / "none", tmp_path, "/dev/null", "a\0b"):
+        with pytest.raises(LogError):
+            tracker.open_log(path)
+
+
+@pytest.mark.parametrize("packed", [False, True])
+def test_memory_does_not_grow_with_the_length(tmp_path, packed):
+    def peak(count: int) -> int:
+        content = make_content(2, size=120)
+        record = native_bytes(content)[12:]
+        path = tmp_path / f"{count}"
+        with gzip.open(path, "wb", 1) if packed else path.open("wb") as file:
+            file.write(struct.pack("<IQ", 1, 2 * count))
+            # Both stamps of a pair may repeat but not go back.
+            same = record[: len(record) // 2]
+            for _ in range(2 * count):
+                file.write(same)
+        tracemalloc.start()
+        with tracker.open_log(path) as log:
+            assert sum(1 for _ in log) == 2 * count
+        used = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return used
+
+    peak(2)
+    assert peak(300) < 1.2 * peak(20)
+
+
+@pytest.mark.parametrize("name", SAMPLES)
+def test_recorded_samples_are_read(real: Path, name):
+    with tracker.open_log(real / "logs" / name) as log:
+        frames = list(log)
+        assert len(frames) == len(log) == 4
+        assert log.camera_names == CAMERAS
+    for k, frame in enumerate(frames):
+        assert frame.timestamp == pytest.approx(1_605_000_000 + 0.1 * k, abs=1e-6)
+        np.testing.assert_allclose(frame.camera_timestamps - frame.timestamp, [0, 0.001, 0.002], atol=1e-5)
+        posed = "with_pose" in name
+        assert (frame.recorded_pose is not None) == posed
+        assert (frame.recorded_filtered_pose is not None) == (posed and k > 0)
+        if posed:
+            np.testing.assert_allclose(frame.recorded_pose.position, [-0.0627, -0.1356, 0.0276])
+            assert frame.recorded_pose.confidence == 0.93
+
+
+@pytest.mark.parametrize("name", SAMPLES)
+def test_recorded_colours_are_the_right_way_round(real: Path, name):
+    with (
+        tracker.open_log(real / "pose" / "cube_v2") as reference,
+        tracker.open_log(real / "logs" / name) as log,
+    ):
+        expected, images = reference[0].images, log[0].images
+    for image, larger in zip(images, expected, strict=True):
+        smaller = cv2.resize(larger, (270, 270), interpolation=cv2.INTER_AREA).astype(int)
+        colored = np.ptp(smaller, axis=2) > 60
+        difference = np.abs(image.astype(int) - smaller)[colored]
+        swapped = np.abs(image[:, :, ::-1].astype(int) - smaller)[colored]
+        assert np.mean(difference) < 0.5 * np.mean(swapped)

@@ -1,0 +1,319 @@
+from __future__ import annotations
+
+import dataclasses
+import os
+import shutil
+
+import h5py
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.helpers import make_camera
+from tests.helpers.pose_logs import arrays_of, assert_same, make_about, random_poses
+from tracker.calibration.rig import CameraRig
+from tracker.errors import LogError, TrackerError
+from tracker.logs import poses_file
+from tracker.logs.poses import KINDS, concatenate
+from tracker.logs.poses_file import FORMAT, GROUPS, read_poses, write_poses
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "poses.h5"
+
+
+@pytest.fixture
+def written(path, rng):
+    """A file of five frames that have all poses but those of frame 2."""
+    poses = random_poses(rng, 5, share=1)
+    gap = random_poses(rng, 1, share=0, first=2)
+    write_poses(path, concatenate([poses[:2], gap, poses[3:]]))
+    return path
+
+
+@given(
+    count=st.integers(0, 12),
+    share=st.sampled_from([0.0, 0.5, 1.0]),
+    recorded=st.booleans(),
+    first=st.integers(0, 2**40),
+    seed=st.integers(0, 2**32 - 1),
+)
+def test_a_file_gives_back_what_was_written_to_the_bit(tmp_path_factory, count, share, recorded, first, seed):
+    path = tmp_path_factory.mktemp("poses") / "poses.h5"
+    poses = random_poses(np.random.default_rng(seed), count, share=share, recorded=recorded, first=first)
+    write_poses(path, poses)
+    assert_same(read_poses(path), poses)
+
+
+def test_cameras_come_back_with_and_without_deviations(path, rng):
+    cameras = (make_camera(300), dataclasses.replace(make_camera(60, "links ä"), camera_from_world_std=None))
+    poses = dataclasses.replace(random_poses(rng, 2), about=make_about(rig=CameraRig(cameras)))
+    write_poses(path, poses)
+    rig = read_poses(path).about.rig
+    assert rig.names == ("camera300", "links ä")
+    assert rig[1].camera_from_world_std is None
+    assert poses.about.agrees_with(read_poses(path).about)
+
+
+@pytest.mark.parametrize("source", ["", "ä 物体", "x" * 5000])
+def test_texts_come_back(path, rng, source):
+    poses = dataclasses.replace(random_poses(rng, 2), about=make_about(source=source))
+    write_poses(path, dataclasses.replace(poses, status=np.array(["", "größer"])))
+    assert read_poses(path).about.source == source
+    assert read_poses(path).status.tolist() == ["", "größer"]
+
+
+def test_the_names_are_those_of_the_platforms_logs(written):
+    with h5py.File(written) as file:
+        assert "magic" not in file.attrs  # it is no log
+        assert file["object_pose/has_pose"].dtype == np.bool_
+        assert file["object_pose/position"].shape == (5, 3)
+        assert file["object_pose/orientation"].shape == (5, 4)
+        assert file["object_pose/confidence"].shape == (5,)
+        for number, name in enumerate(("camera60", "camera180", "camera300")):
+            group = file["camera_info"][name]
+            assert group["camera_matrix"].shape == (3, 3)
+            assert group["distortion_coefficients"].shape == (1, 5)
+            assert group["tf_world_to_camera"].shape == (4, 4)
+            assert file["camera_names"][number] == name.encode()
+        names = file["status"].attrs["names"]
+        assert [names[code] for code in file["status"]] == [b"tracking"] * 2 + [b"lost"] + [b"tracking"] * 2
+
+
+def test_the_names_fit_the_platforms_own_log(written, real):
+    """Datasets that both files have are of the same type and row."""
+    shared = []
+    with h5py.File(written) as ours, h5py.File(real / "logs" / "tricamera_log_with_pose.h5") as theirs:
+
+        def compare(name, item):
+            if isinstance(item, h5py.Dataset) and name in ours and name != "timestamps":
+                shared.append(name)
+                if name != "camera_names":  # texts: there of variable length
+                    assert ours[name].dtype == item.dtype, name
+                per_frame = name.startswith("object_pose")
+                assert ours[name].shape[per_frame:] == item.shape[per_frame:], name
+
+        theirs.visititems(compare)
+    assert len(shared) == 4 + 3 * 3 + 1
+
+
+def test_the_same_poses_give_the_same_bytes(tmp_path):
+    for name in ("a.h5", "b.h5"):
+        write_poses(tmp_path / name, random_poses(np.random.default_rng(3), 4))
+    assert (tmp_path / "a.h5").read_bytes() == (tmp_path / "b.h5").read_bytes()
+
+
+def test_unknown_datasets_and_attributes_are_passed_over(written):
+    before = read_poses(written)
+    with h5py.File(written, "r+") as file:
+        file["object_pose/temperature"] = np.zeros(5)
+        file["more"] = "text"
+        file.attrs["remark"] = "later versions may add things"
+    assert_same(read_poses(written), before)
+
+
+def test_an_error_while_the_content_is_made_leaves_the_old_file(written, rng, monkeypatch):
+    before = written.read_bytes()
+    put = poses_file._put
+    calls = []
+
+    def breaks(group, name, array):
+        calls.append(name)
+        if name == "velocity":
+            raise RuntimeError("interrupted")
+        put(group, name, array)
+
+    monkeypatch.setattr(poses_file, "_put", breaks)
+    with pytest.raises(RuntimeError, match="interrupted"):
+        write_poses(written, random_poses(rng, 3))
+    assert len(calls) > 8
+    assert written.read_bytes() == before
+    assert os.listdir(written.parent) == [written.name]
+
+
+def test_an_error_while_the_file_is_put_in_place_leaves_the_old_one(written, rng, monkeypatch):
+    before = written.read_bytes()
+
+    def fail(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", fail)
+    with pytest.raises(LogError, match=r"poses\.h5: cannot be written: No space left"):
+        write_poses(written, random_poses(rng, 3))
+    assert written.read_bytes() == before
+    assert os.listdir(written.parent) == [written.name]
+
+
+@pytest.mark.parametrize("name", ["no/poses.h5", "nul\0.h5"])
+def test_a_place_that_cannot_be_written_is_an_error(tmp_path, rng, name):
+    with pytest.raises(LogError, match="cannot be written"):
+        write_poses(tmp_path / name, random_poses(rng, 1))
+
+
+@pytest.mark.parametrize("name", ["a/b", ".", "a\0b", "\udcff"])
+def test_a_camera_that_cannot_name_a_group_is_refused(path, rng, name):
+    about = make_about(rig=CameraRig((make_camera(60, name),)))
+    with pytest.raises(LogError, match=r"poses\.h5: "):
+        write_poses(path, dataclasses.replace(random_poses(rng, 1), about=about))
+    assert not path.exists()
+
+
+def test_more_statuses_than_codes_are_refused(path, rng):
+    poses = random_poses(rng, 257)
+    poses = dataclasses.replace(poses, status=np.array([f"status {k}" for k in range(257)]))
+    with pytest.raises(LogError, match="found 257 different ones"):
+        write_poses(path, poses)
+    write_poses(path, poses[:256])
+    assert read_poses(path).status.tolist() == poses.status[:256].tolist()
+
+
+def drop(name):
+    return lambda file: file.__delitem__(name)
+
+
+def put(name, array):
+    def change(file):
+        del file[name]
+        file[name] = array
+
+    return change
+
+
+def edit(name, rows, value):
+    def change(file):
+        file[name][rows] = value
+
+    return change
+
+
+BREAKS = [
+    (lambda f: f.attrs.__delitem__("format"), "format: found no such attribute, expected texts"),
+    (lambda f: f.attrs.__setitem__("format", 3), "format: found int64"),
+    (lambda f: f.attrs.__setitem__("format", np.bytes_(b"poses")), "format: found 'poses'"),
+    (lambda f: f.attrs.__setitem__("source", np.bytes_(b"\xff")), "cannot be read.*utf-8"),
+    (lambda f: f.attrs.__setitem__("format_version", 2), "format_version: found 2, expected 1"),
+    (
+        lambda f: f.attrs.__setitem__("format_version", "1"),
+        "format_version: found object of shape .*expected whole",
+    ),
+    (lambda f: f.attrs.__delitem__("source"), "source: found no such attribute"),
+    (lambda f: f.attrs.__setitem__("object", np.zeros(3)), "object: found float64 .*expected texts"),
+    (drop("frame"), "/frame: found nothing, expected a dataset"),
+    (put("frame", 5), r"/frame: found shape \(\), expected \(n,\)"),
+    (put("frame", np.arange(5.0)), r"/frame: found float64 of shape \(5,\), expected whole"),
+    (put("frame", np.arange(4)), r"/timestamps: found float64 of shape \(5,\), .*\(4,\)"),
+    (edit("frame", 3, 0), "/frame: row 3: found 0"),
+    (edit("timestamps", 2, np.nan), "/timestamps: row 2: found nan"),
+    (put("timestamps", np.zeros((5, 3))), r"/timestamps: found float64 of shape \(5, 3\)"),
+    (edit("status", 1, 9), "/status: found code 9, expected codes below 2"),
+    (lambda f: f["status"].attrs.__delitem__("names"), "/status: names: found no such"),
+    (lambda f: f["status"].attrs.__setitem__("names", "lost"), r"/status: names: found object of shape \(\)"),
+    (lambda f: f["status"].attrs.__setitem__("names", np.arange(2)), "/status: names: found int64"),
+    (drop("object_pose"), "/object_pose/has_pose: found nothing"),
+    (drop("filtered_object_pose/velocity"), "filtered_object_pose/velocity: found nothing"),
+    (drop("recorded_object_pose/position"), "/recorded_object_pose/position: found nothing"),
+    (put("object_pose/has_pose", np.ones(5)), "/object_pose/has_pose: found float64"),
+    (put("object_pose/position", np.array([b"a"] * 5)), r"/object_pose/position: found \|S1"),
+    (edit("object_pose/position", (1, 0), np.inf), "/object_pose/position: row 1: found inf"),
+    (edit("object_pose/position", 2, 0.0), "/object_pose/position: row 2: found 0 0 0, expected NaN"),
+    (edit("object_pose/orientation", 0, 0.4), "/object_pose/orientation: row 0: .*length 1"),
+    (edit("object_pose/covariance", (0, 2, 3), 1e3), "/object_pose/covariance: row 0: .*symmetric"),
+    (edit("filtered_object_pose/confidence", 0, -0.1), "/filtered_object_pose/confidence: row 0: found -0.1"),
+    (
+        edit("filtered_object_pose/velocity_covariance", (0, 0, 0), -1),
+        "velocity_covariance: row 0: .*not negative",
+    ),
+    (drop("camera_names"), "/camera_names: found nothing"),
+    (put("camera_names", np.arange(3)), "/camera_names: found int64"),
+    (put("camera_names", np.array([b"a"])), "/camera_info/a: found none, expected a group"),
+    (drop("camera_info/camera60/camera_matrix"), "/camera_info/camera60/camera_matrix: found nothing"),
+    (
+        edit("camera_info/camera60/camera_matrix", (0, 0), -1),
+        "camera60: camera_matrix: found focal lengths -1",
+    ),
+    (
+        lambda f: f["camera_info/camera60"].attrs.__delitem__("image_width"),
+        "/camera_info/camera60: image_width: found no such",
+    ),
+]
+
+
+@pytest.mark.parametrize(("change", "message"), BREAKS)
+def test_what_cannot_be_is_refused_with_file_and_dataset(written, change, message):
+    with h5py.File(written, "r+") as file:
+        change(file)
+    with pytest.raises(LogError, match=rf"poses\.h5: .*{message}"):
+        read_poses(written)
+
+
+def test_a_length_that_would_fill_the_memory_is_refused(written):
+    with h5py.File(written, "r+") as file:
+        del file["frame"]
+        file.create_dataset("frame", (10**12,), np.int64, chunks=(1000,))
+    with pytest.raises(LogError, match=r"/frame: found shape .*with n up to 2000000"):
+        read_poses(written)
+
+
+def test_a_log_of_the_platform_is_told_from_poses(tmp_path):
+    with h5py.File(tmp_path / "log.h5", "w") as file:
+        file.attrs["magic"] = 0x3CDA7A00
+    with pytest.raises(LogError, match="found a log of the platform"):
+        read_poses(tmp_path / "log.h5")
+
+
+@pytest.mark.parametrize("content", [b"", b"text", b"\x89HDF\r\n\x1a\n", b"\x89HDF\r\n\x1a\n" + bytes(3000)])
+def test_what_is_no_hdf5_is_refused(path, content):
+    path.write_bytes(content)
+    with pytest.raises(LogError, match=r"poses\.h5: cannot be read"):
+        read_poses(path)
+
+
+def test_no_file_and_a_folder_are_refused(tmp_path):
+    for path in (tmp_path / "none.h5", tmp_path, str(tmp_path / "nul\0.h5")):
+        with pytest.raises(LogError, match=r"found no such file|cannot be read"):
+            read_poses(path)
+
+
+def test_a_truncated_file_is_refused_wherever_it_ends(written):
+    content = written.read_bytes()
+    for length in range(0, len(content), 997):
+        written.write_bytes(content[:length])
+        with pytest.raises(LogError):
+            read_poses(written)
+
+
+def test_a_damaged_byte_is_refused_or_changes_nothing(written, tmp_path):
+    """There are checksums wherever something is written; the rest is unused space."""
+    before, content = arrays_of(read_poses(written)), written.read_bytes()
+    rng = np.random.default_rng(1)
+    damaged = tmp_path / "damaged.h5"
+    refused = 0
+    for place in rng.integers(0, len(content), 150):
+        broken = bytearray(content)
+        broken[place] ^= 1 << rng.integers(8)
+        damaged.write_bytes(bytes(broken))
+        try:
+            after = arrays_of(read_poses(damaged))
+        except TrackerError:
+            refused += 1
+        else:
+            for name, array in before.items():
+                assert np.array_equal(array, after[name], equal_nan=name != "status"), (place, name)
+    assert refused > 100
+
+
+def test_every_dataset_and_attribute_stands_on_the_format_page(written, request):
+    page = (request.config.rootpath / "docs" / "poses.md").read_text(encoding="utf-8")
+    assert FORMAT in page
+    with h5py.File(written) as file:
+        names = [*file, *file.attrs, *file["camera_info/camera60"], *file["camera_info/camera60"].attrs]
+    for name in (*names, *GROUPS.values(), *KINDS["filtered"].ROW_SHAPES):
+        assert f"`{name}`" in page or f"`/{name}`" in page, name
+
+
+def test_a_file_survives_a_copy_under_another_name(written, tmp_path):
+    other = tmp_path / "ä poses"
+    shutil.copy(written, other)
+    assert_same(read_poses(other), read_poses(written))

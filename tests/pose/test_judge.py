@@ -1,0 +1,139 @@
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from tests.tracking.test_belief import made_fit
+from tracker.geometry.arena import Arena
+from tracker.geometry.so3 import exp
+from tracker.pose.judge import (
+    MIN_VIEW,
+    NEAR,
+    SURE,
+    alone,
+    confidence,
+    log_odds,
+    possible,
+    probably_near,
+    rank,
+    refusal,
+    settled,
+    sure,
+    trust,
+)
+from tracker.pose.result import Status
+
+
+def rough(fit, rms):
+    """A fit whose edges are off by `rms` [px] at the reference focal length."""
+    cameras = fit.cameras.copy()
+    cameras["squares"] = rms**2 * cameras["inliers"]
+    return dataclasses.replace(fit, cameras=cameras)
+
+
+@pytest.mark.parametrize(("cameras", "status"), [(3, Status.INCONSISTENT_VIEWS), (1, Status.AMBIGUOUS)])
+def test_an_object_below_the_table_is_refused(cameras, status):
+    fit = made_fit(cameras=cameras)
+    assert refusal(fit) is None
+    arena = Arena()
+    for lowest in (0.0, arena.lowest):
+        assert possible(dataclasses.replace(fit, inside=arena.holds(fit.position, lowest)))
+    below = dataclasses.replace(fit, inside=arena.holds(fit.position, arena.lowest - 1e-3))
+    assert not possible(below)
+    assert refusal(below) is status
+
+
+def test_pieces_speak_for_a_fit_the_less_the_rougher_they_are():
+    ranks = [rank(rough(made_fit(), rms)) for rms in (0.05, 0.1, 0.2, 0.4, 0.8)]
+    assert ranks == sorted(ranks, reverse=True)
+    for rms in (0.05, 0.3, 1.5):
+        fit = rough(made_fit(), rms)
+        fewer = fit.cameras.copy()
+        for name in ("inliers", "squares"):
+            fewer[name] *= 0.7
+        assert rank(dataclasses.replace(fit, cameras=fewer)) < rank(fit)
+
+
+def test_a_rank_is_finite_for_a_fit_without_pieces():
+    fit = made_fit()
+    cameras = fit.cameras.copy()
+    for name in ("expected", "usable", "inliers", "squares", "blur"):
+        cameras[name] = 0.0
+    assert math.isfinite(rank(dataclasses.replace(fit, cameras=cameras)))
+
+
+def test_poses_far_from_the_arena_are_refused():
+    arena, fit = Arena(), made_fit()
+    for place in ([0.3, 0.0, 0.03], [0.0, -0.26, 0.03], [0.0, 0.0, 0.25]):
+        beyond = dataclasses.replace(fit, inside=arena.holds(np.array(place), 0.0))
+        assert refusal(beyond) is Status.INCONSISTENT_VIEWS
+        assert not sure(beyond)
+        assert not settled(beyond)
+
+
+def test_a_clear_fit_is_sure_and_settled_and_one_camera_settles_nothing():
+    fit, one = made_fit(), made_fit(cameras=1)
+    assert log_odds(fit) > SURE
+    assert sure(fit)
+    assert settled(fit)
+    assert sure(one)
+    assert alone(one)
+    assert not settled(one)
+    for doubtful in (made_fit(sure=False), dataclasses.replace(fit, converged=False)):
+        assert not sure(doubtful)
+        assert not settled(doubtful)
+
+
+def test_a_camera_counts_from_some_weight_of_pieces_on():
+    fit = made_fit()
+    for weight, expected in ((MIN_VIEW, False), (0.99 * MIN_VIEW, True), (0.0, True)):
+        cameras = fit.cameras.copy()
+        cameras["inliers"][1:] = 0.0, weight
+        assert alone(dataclasses.replace(fit, cameras=cameras)) is expected
+
+
+def made_covariance(rng, shift, turn):
+    root = rng.normal(size=(6, 6)) * np.repeat([shift, turn], 3)[:, None]
+    return root @ root.T / 6
+
+
+def test_probability_of_being_near_is_that_of_samples(rng):
+    for shift, turn in ((1e-3, 0.01), (3e-3, 0.02), (2e-3, 0.08), (8e-3, 0.02), (0.02, 0.3)):
+        covariance = made_covariance(rng, shift, turn)
+        errors = rng.multivariate_normal(np.zeros(6), covariance, 40000)
+        near = np.linalg.norm(errors[:, :3], axis=1) < NEAR[0]
+        near &= np.linalg.norm(errors[:, 3:], axis=1) < NEAR[1]
+        assert probably_near(covariance) == pytest.approx(near.mean(), abs=0.012)
+
+
+def test_probability_of_being_near_is_the_same_in_any_world(rng):
+    turn = np.kron(np.eye(2), exp(rng.normal(size=3)))
+    for shift, angle in ((3e-3, 0.02), (5e-3, 0.06)):
+        covariance = made_covariance(rng, shift, angle)
+        assert probably_near(turn @ covariance @ turn.T) == pytest.approx(
+            probably_near(covariance), abs=0.015
+        )
+
+
+def test_probability_of_being_near_falls_as_the_spread_grows():
+    steps = np.geomspace(1e-4, 10, 60)
+    found = [probably_near(np.diag([1e-6] * 3 + [1e-4] * 3) * step) for step in steps]
+    assert (np.diff(found) <= 0).all()
+    assert found[0] == 1.0
+    assert probably_near(np.diag([1.0] * 3 + [100.0] * 3)) < 1e-6
+
+
+def test_what_is_no_covariance_is_near_nothing():
+    assert probably_near(np.full((6, 6), np.nan)) == 0.0
+    indefinite = np.diag([1e-3, 1e-3, -1e-3, 1.0, 1.0, 1.0])
+    assert probably_near(indefinite) == 0.0
+
+
+def test_confidence_is_trust_times_accuracy_and_a_rival_halves_it_at_most():
+    fit = made_fit()
+    assert confidence(fit) == pytest.approx(trust(fit) * probably_near(fit.covariance))
+    rival = dataclasses.replace(fit, lead=0.0)
+    assert trust(rival) == pytest.approx(0.5 * trust(fit))

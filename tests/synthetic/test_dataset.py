@@ -1,0 +1,163 @@
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.helpers import ROOT, run_python
+from tests.helpers.synthetic_needs import skip_without_platform
+from tracker.calibration.rig import CameraRig
+from tracker.geometry.cuboid import corners
+from tracker.objects.model import load_object
+
+CAMERAS = ("camera60", "camera180", "camera300")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def platform():
+    skip_without_platform()
+
+
+def generate(folder: Path, *more: object, frames: int = 3, seed: int = 4, check: bool = True):
+    options = ["--object", "cube_v2", "--frames", frames, "--seed", seed, "--quality", "fast"]
+    return run_python(["-m", "synthetic", "dataset", *options, "--out", folder, *more], ROOT, check=check)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("made") / "set"
+    generate(folder, "--bop", "--calibration", "perturbed")
+    return folder
+
+
+def truth_of(folder: Path) -> dict:
+    return json.loads((folder / "ground_truth.json").read_text())
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    files = sorted(path for path in folder.rglob("*") if path.is_file())
+    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
+
+
+def test_the_layout_is_complete(made):
+    truth = truth_of(made)
+    assert truth["seed"] == 4
+    assert truth["object"] == "cube_v2"
+    assert truth["renderer"] in ("pyrender", "tiny")
+    assert [entry["frame"] for entry in truth["frames"]] == ["000000", "000001", "000002"]
+    assert CameraRig.load(made).names == CAMERAS
+    for entry in truth["frames"]:
+        assert set(entry) == {"frame", "timestamp", "object", "robot_position", "cameras", "scene"}
+        for name in CAMERAS:
+            image = cv2.imread(str(made / entry["frame"] / f"{name}.png"), cv2.IMREAD_UNCHANGED)
+            labels = cv2.imread(str(made / entry["frame"] / f"labels_{name}.png"), cv2.IMREAD_UNCHANGED)
+            assert image.shape == (270, 270, 3)
+            assert labels.shape == (270, 270)
+            assert np.count_nonzero(labels) == entry["cameras"][name]["visible_px"]
+    hidden = [path.name for path in made.iterdir() if path.name.startswith(".")]
+    assert not hidden
+
+
+def test_the_pixels_do_not_depend_on_the_number_of_workers(made, tmp_path):
+    generate(tmp_path / "two", "--bop", "--calibration", "perturbed", "--workers", 2)
+    first, second = contents(made), contents(tmp_path / "two")
+    assert first.keys() == second.keys()
+    assert all(first[key] == second[key] for key in first)
+
+
+def test_an_interrupted_run_continues_where_it_stopped(made, tmp_path):
+    folder = tmp_path / "set"
+    shutil.copytree(made, folder)
+    truth = truth_of(folder)
+    expected = contents(folder)
+    # As after a kill: one frame whose truth was not noted, one that is not there, one half written.
+    del truth["frames"][1]
+    (folder / "ground_truth.json").write_text(json.dumps(truth))
+    shutil.rmtree(folder / "000002")
+    (folder / ".000002.abcdef").mkdir()
+    untouched = (folder / "000000" / "camera60.png").stat().st_mtime_ns
+    result = generate(folder, "--bop", "--calibration", "perturbed")
+    assert "2 frames made, 1 were there" in result.stdout
+    assert contents(folder) == expected
+    assert (folder / "000000" / "camera60.png").stat().st_mtime_ns == untouched
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        ({"seed": 5}, "made with seed 4, expected 5"),
+        ({"frames": 2}, "expected fewer than the 2 asked for"),
+    ],
+)
+def test_a_folder_of_other_options_is_refused(made, more, message):
+    before = contents(made)
+    result = generate(made, "--bop", "--calibration", "perturbed", check=False, **more)
+    assert result.returncode == 2
+    assert message in result.stderr
+    assert contents(made) == before
+
+
+def test_errors_are_one_line_with_exit_code_2(tmp_path):
+    (tmp_path / "letter.txt").write_text("not a data set")
+    result = generate(tmp_path, check=False)
+    lines = [line for line in result.stderr.splitlines() if line.startswith("synthetic: ")]
+    assert result.returncode == 2
+    assert len(lines) == 1
+    assert "expected an empty folder or none" in lines[0]
+    assert "Traceback" not in result.stderr
+
+
+def test_the_bop_files_agree_with_the_truth(made):
+    rig = {camera.name: camera for camera in CameraRig.load(made)}
+    scene = made / "bop" / "test" / "000001"
+    size = load_object("cube_v2").size
+    models = json.loads((made / "bop" / "models" / "models_info.json").read_text())
+    assert models["1"]["size_x"] == pytest.approx(65.0)
+    assert models["1"]["diameter"] == pytest.approx(65.0 * np.sqrt(3))
+    for name in CAMERAS:
+        cameras = json.loads((scene / f"scene_camera_{name}.json").read_text())
+        poses = json.loads((scene / f"scene_gt_{name}.json").read_text())
+        infos = json.loads((scene / f"scene_gt_info_{name}.json").read_text())
+        for entry in truth_of(made)["frames"]:
+            key = str(int(entry["frame"]))
+            if entry["object"] is None:
+                assert poses[key] == []
+                continue
+            (pose,), (info,) = poses[key], infos[key]
+            matrix = np.reshape(cameras[key]["cam_K"], (3, 3))
+            rotation, _ = cv2.Rodrigues(np.reshape(pose["cam_R_m2c"], (3, 3)))
+            bop, _ = cv2.projectPoints(
+                1000 * corners(size), rotation, np.array(pose["cam_t_m2c"]), matrix, np.zeros(5)
+            )
+            # The truth by another way: the camera's file, and scipy's quaternions.
+            expected = project_truth(rig[name], entry["object"], corners(size))
+            assert np.abs(bop[:, 0] - expected).max() < 1e-6
+            outline = cv2.convexHull(bop[:, 0].astype(np.float32))
+            mask = cv2.imread(
+                str(scene / f"mask_{name}" / f"{int(key):06d}_000000.png"), cv2.IMREAD_UNCHANGED
+            )
+            visible = cv2.imread(
+                str(scene / f"mask_visib_{name}" / f"{int(key):06d}_000000.png"), cv2.IMREAD_UNCHANGED
+            )
+            assert not (visible[mask == 0]).any()
+            assert info["px_count_all"] == np.count_nonzero(mask)
+            assert info["px_count_visib"] == np.count_nonzero(visible)
+            for row, column in np.argwhere(mask > 0)[::7]:
+                inside = cv2.pointPolygonTest(outline, (float(column), float(row)), True)
+                assert inside > -1.0
+            assert np.count_nonzero(mask) == pytest.approx(cv2.contourArea(outline), rel=0.03)
+
+
+def project_truth(camera, state, points):
+    from scipy.spatial.transform import Rotation
+
+    world = points @ Rotation.from_quat(state["orientation_xyzw"]).as_matrix().T + state["position"]
+    rotation, _ = cv2.Rodrigues(camera.camera_from_world[:3, :3])
+    pixels, _ = cv2.projectPoints(
+        world, rotation, camera.camera_from_world[:3, 3], camera.matrix, np.zeros(5)
+    )
+    return pixels[:, 0]

@@ -1,0 +1,148 @@
+from __future__ import annotations
+
+import itertools
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.helpers.synthetic_needs import skip_without_platform
+
+
+@pytest.fixture(autouse=True)
+def platform():
+    skip_without_platform()
+
+
+def make(count=2, seed=5, name="cube_v2", **more):
+    from synthetic.frames import frames
+
+    return list(frames(name, count, seed, quality="fast", **more))
+
+
+def pixels(frame):
+    return np.concatenate([*frame.images, *(layer[..., None] for layer in frame.labels)], axis=None)
+
+
+def test_a_frame_depends_on_seed_and_number_alone():
+    three = make(3)
+    again = make(1, first=2)
+    assert np.array_equal(pixels(three[2]), pixels(again[0]))
+    assert three[2].timestamp == again[0].timestamp
+    other = make(1, seed=6, first=2)
+    assert not np.array_equal(pixels(other[0]), pixels(again[0]))
+
+
+def test_a_sequence_can_be_entered_anywhere():
+    whole = make(3, sequence=True, kind="push")
+    last = make(1, sequence=True, kind="push", first=2)
+    assert [frame.index for frame in whole] == [0, 1, 2]
+    assert np.array_equal(pixels(whole[2]), pixels(last[0]))
+    assert all(a.timestamp < b.timestamp for a, b in itertools.pairwise(whole))
+
+
+def test_a_motion_is_as_long_as_asked_for():
+    from synthetic.frames import FrameMaker, FrameOptions
+    from tracker.errors import TrackerError
+
+    with FrameMaker(FrameOptions("cube_v2", 5, "fast", sequence=True, kind="push", length=3)) as maker:
+        frames = list(maker.chunk(1))
+        assert [frame.index for frame in frames] == [3, 4, 5]
+    with pytest.raises(TrackerError, match="length: found 0"):
+        FrameOptions("cube_v2", 5, length=0)
+
+
+def test_an_emptied_frame_differs_by_its_object_alone():
+    from synthetic.frames import FrameMaker, FrameOptions
+
+    options = FrameOptions("cube_v2", 5, "fast", sequence=True, kind="push", length=2, shadows=False)
+    with FrameMaker(options) as maker:
+        whole, empty = maker.chunk(0, {1}, {1})
+    assert (whole.index, empty.index) == (1, 1)
+    assert whole.timestamp == empty.timestamp
+    assert len(whole.objects) == 1
+    assert empty.objects == ()
+    assert not empty.visible_fraction.any()
+    assert not any(layer.any() for layer in empty.labels)
+    for one, other, layer in zip(whole.images, empty.images, whole.labels, strict=True):
+        far = cv2.dilate((layer > 0).astype(np.uint8), np.ones((41, 41))) == 0
+        assert np.abs(one.astype(int) - other)[far].mean() < 2
+        assert np.abs(one.astype(int) - other)[layer > 0].mean() > 10
+
+
+def test_pictures_labels_and_truth_fit_together():
+    for frame in make(3, empty=0.0):
+        truth = frame.truth(("camera60", "camera180", "camera300"))
+        assert truth["frame"] == f"{frame.index:06d}"
+        assert len(truth["robot_position"]) == 9
+        assert np.linalg.norm(truth["object"]["orientation_xyzw"]) == pytest.approx(1)
+        for image, labels, camera in zip(frame.images, frame.labels, truth["cameras"].values(), strict=True):
+            assert image.shape == (270, 270, 3)
+            assert image.dtype == labels.dtype == np.uint8
+            assert labels.shape == (270, 270)
+            assert labels.max() <= 6
+            assert camera["visible_px"] == np.count_nonzero(labels)
+            assert 0 <= camera["visible_fraction"] <= 1
+
+
+def test_where_there_is_no_object_there_is_no_label():
+    (frame,) = make(1, empty=1.0)
+    truth = frame.truth(("camera60", "camera180", "camera300"))
+    assert truth["object"] is None
+    assert not any(labels.any() for labels in frame.labels)
+
+
+def test_dice_have_their_numbers():
+    (frame,) = make(1, name="dice", empty=0.0)
+    truth = frame.truth(("camera60", "camera180", "camera300"))
+    assert len(truth["object"]) == 25
+    seen = set(np.unique(np.concatenate(frame.labels, axis=None)).tolist()) - {0}
+    assert len(seen) > 15
+    assert seen <= set(range(1, 26))
+
+
+@pytest.mark.parametrize("renderer", ["pyrender", "tiny"])
+def test_pips_are_no_holes_in_the_labels_of_dice(renderer):
+    from synthetic.render.interface import RendererError, choose_renderer
+
+    try:
+        choose_renderer(renderer)
+    except RendererError as error:
+        pytest.skip(str(error))
+    (frame,) = make(1, name="dice", empty=0.0, renderer=renderer)
+    assert frame.renderer == renderer
+    for labels in frame.labels:
+        for number in set(np.unique(labels).tolist()) - {0}:
+            mask = (labels == number).astype(np.uint8)
+            _, nesting = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)[-2:]
+            assert (nesting[0, :, 3] < 0).all()
+
+
+def test_default_quality_halves_and_540_does_not():
+    from synthetic.frames import frames
+
+    (small,) = frames("cube_v2", 1, 5, shadows=False, path="new")
+    (large,) = frames("cube_v2", 1, 5, shadows=False, path="new", size=540)
+    assert small.images[0].shape == (270, 270, 3)
+    assert large.images[0].shape == (540, 540, 3)
+    # Same scene, cameras and light: the halved large picture is the small one.
+    half = cv2.resize(cv2.medianBlur(large.images[0], 3), (270, 270), interpolation=cv2.INTER_AREA)
+    assert np.abs(half.astype(int) - small.images[0]).mean() < 1.0
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"quality": "splendid"}, "quality: found 'splendid', expected one of fast, default, best"),
+        ({"size": 300}, "size: found 300, expected one of 270, 540"),
+        ({"seed": -1}, "seed: found -1"),
+        ({"renderer": "crayon"}, "renderer: found 'crayon'"),
+    ],
+)
+def test_an_impossible_option_is_named(change, message):
+    from synthetic.frames import frames
+    from tracker.errors import TrackerError
+
+    options = {"seed": 1, "quality": "fast", **change}
+    with pytest.raises(TrackerError, match=message):
+        next(frames("cube_v2", 1, options.pop("seed"), **options))

@@ -1,0 +1,142 @@
+"""Laws of the simulated platform: its files, its kinematics, and what it hands to renderers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from synthetic import assets
+from synthetic.errors import AssetError
+
+pybullet = pytest.importorskip("pybullet", reason="the simulated platform needs pybullet")
+pytest.importorskip("trimesh", reason="the simulated platform needs trimesh")
+
+from synthetic import kinematics  # noqa: E402 - these need pybullet
+from synthetic.look import random_lighting, random_look  # noqa: E402
+from synthetic.platform import Platform  # noqa: E402
+from tests.helpers.platforms import platform_of  # noqa: E402
+from tracker.conventions import FloatArray  # noqa: E402
+
+
+@pytest.fixture(scope="module")
+def platform() -> Iterator[Platform]:
+    with platform_of("cube_v2") as result:
+        yield result
+
+
+def random_joints(rng: np.random.Generator) -> FloatArray:
+    return rng.uniform(np.tile(kinematics.LOWER_LIMITS, 3), np.tile(kinematics.UPPER_LIMITS, 3))
+
+
+def test_the_tips_are_where_pybullet_has_them(platform, rng):
+    for _ in range(20):
+        joints = random_joints(rng)
+        platform.world.set_joints(joints)
+        expected = [platform.world.link_pose(links[-1])[:3, 3] for links in platform.world.finger_links]
+        np.testing.assert_allclose(kinematics.tips(joints), expected, atol=1e-6)
+
+
+def test_inverse_kinematics_finds_the_joint_angles_of_every_tip(rng):
+    for _ in range(100):
+        joints = random_joints(rng)
+        tips = kinematics.tips(joints)
+        for finger in range(3):
+            found = kinematics.finger_angles(finger, tips[finger])
+            assert found is not None
+            np.testing.assert_allclose(found, joints[3 * finger : 3 * finger + 3], atol=1e-6)
+
+
+def test_a_place_out_of_reach_has_no_joint_angles():
+    assert kinematics.finger_angles(0, np.array([0.0, 0.0, 2.0])) is None
+    assert kinematics.finger_angles(0, np.array([0.0, 0.0, 0.29])) is None
+
+
+def test_joint_limits_are_those_of_the_description(platform):
+    world = platform.world
+    limits = [pybullet.getJointInfo(world.robot, j, physicsClientId=world.client)[8:10] for j in world.joints]
+    lower, upper = np.transpose(limits)
+    np.testing.assert_allclose(lower, np.tile(kinematics.LOWER_LIMITS, 3))
+    np.testing.assert_allclose(upper, np.tile(kinematics.UPPER_LIMITS, 3))
+
+
+def test_bodies_of_a_scene_are_where_pybullet_has_the_links(platform, rng):
+    joints = random_joints(rng)
+    look, lighting = random_look(rng, platform.model), random_lighting(rng)
+    scene = platform.scene((), joints, look, lighting, {})
+    poses = {body.name: body.world_from_body for body in scene.bodies}
+    world, seen = platform.world, 0
+    for link, name in world.links.items():
+        if name in poses:
+            state = pybullet.getLinkState(
+                world.robot, link, computeForwardKinematics=True, physicsClientId=world.client
+            )
+            np.testing.assert_allclose(poses[name][:3, 3], state[4], atol=1e-9)
+            matrix = np.reshape(pybullet.getMatrixFromQuaternion(state[5]), (3, 3))
+            np.testing.assert_allclose(poses[name][:3, :3], matrix, atol=1e-6)
+            seen += 1
+    assert seen == 19
+
+
+def test_meshes_of_the_robot_end_at_the_tips(platform, rng):
+    joints = random_joints(rng)
+    scene = platform.scene((), joints, random_look(rng, platform.model), random_lighting(rng), {})
+    bodies = {body.name: body for body in scene.bodies}
+    for finger, name in enumerate(("finger_tip_link_0", "finger_tip_link_120", "finger_tip_link_240")):
+        body = bodies[name]
+        points = body.mesh.vertices @ body.world_from_body[:3, :3].T + body.world_from_body[:3, 3]
+        distance = np.linalg.norm(points - kinematics.tips(joints)[finger], axis=1)
+        assert distance.min() == pytest.approx(kinematics.TIP_RADIUS, abs=1e-4)
+
+
+def test_groups_have_colours_and_labels_and_meshes_with_one_key_are_equal(platform, rng):
+    look, lighting = random_look(rng, platform.model), random_lighting(rng)
+    states = platform.object_states(np.zeros((1, 3)), np.eye(3)[None])
+    scene = platform.scene(states, np.zeros(9), look, lighting, {})
+    meshes = {}
+    for body in scene.bodies:
+        assert body.mesh.groups.max() < len(body.colors) == len(body.labels)
+        assert len(body.mesh.groups) == len(body.mesh.triangles)
+        assert body.mesh.triangles.max() < len(body.mesh.vertices)
+        assert ((body.colors >= 0) & (body.colors <= 1)).all()
+        other = meshes.setdefault(body.mesh.key, body.mesh)
+        np.testing.assert_array_equal(other.vertices, body.mesh.vertices)
+
+
+def test_faces_have_the_labels_of_the_object(platform, rng):
+    states = platform.object_states(np.zeros((1, 3)), np.eye(3)[None])
+    scene = platform.scene(states, None, random_look(rng, platform.model), random_lighting(rng), {})
+    (body,) = (body for body in scene.bodies if body.labels.any())
+    corners = body.mesh.vertices[body.mesh.triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    for normal, center, group in zip(normals, corners.mean(axis=1), body.mesh.groups, strict=True):
+        assert normal @ center > 0
+        axis = int(np.argmax(np.abs(normal)))
+        face = 2 * axis + (0 if normal[axis] > 0 else 1)
+        assert body.labels[group] == platform.model.face_labels[face]
+
+
+def test_several_platforms_live_side_by_side(platform):
+    with platform_of("cuboid_2x2x8_v2") as other:
+        assert other.world.client != platform.world.client
+        platform.world.set_joints(np.zeros(9))
+    platform.world.set_joints(np.ones(9))
+    np.testing.assert_allclose(platform.world.joint_angles(), 1.0)
+
+
+def test_a_chosen_folder_without_the_files_is_named(tmp_path, monkeypatch):
+    monkeypatch.setenv(assets.VARIABLE, str(tmp_path))
+    with pytest.raises(AssetError, match=r"TRIFINGER_ASSETS.*trifingerpro\.urdf"):
+        assets.find_assets()
+
+
+def test_a_download_that_fails_says_what_to_do_and_leaves_nothing(tmp_path, monkeypatch):
+    monkeypatch.delenv(assets.VARIABLE, raising=False)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(assets, "_installed", lambda: None)
+    monkeypatch.setenv("PIP_NO_INDEX", "1")
+    monkeypatch.setenv("PIP_FIND_LINKS", str(tmp_path / "nowhere"))
+    with pytest.raises(AssetError, match=assets.VARIABLE):
+        assets.find_assets()
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == []

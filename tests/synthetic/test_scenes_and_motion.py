@@ -1,0 +1,249 @@
+"""Laws of scenes and sequences: deterministic, possible in the real world, and continuous."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+pytest.importorskip("pybullet", reason="the simulated platform needs pybullet")
+pytest.importorskip("trimesh", reason="the simulated platform needs trimesh")
+
+import trimesh
+
+from synthetic import meshes
+from synthetic.look import random_look
+from synthetic.motion import CUBOID_MOTIONS, DICE_MOTIONS, sequence
+from synthetic.placement import MAX_CLEARANCE, goal_cells
+from synthetic.platform import ARENA_RADIUS, Platform
+from synthetic.scene import PlatformScene
+from synthetic.scenes import random_scene
+from synthetic.world import penetration
+from tests.helpers.platforms import platform_of
+from tracker.conventions import FloatArray
+from tracker.errors import TrackerError
+from tracker.geometry import so3
+from tracker.geometry.cuboid import FACE_NORMALS, corners
+
+NAMES = ("cube_v2", "cuboid_2x2x8_v2", "dice")
+
+
+@pytest.fixture(scope="module")
+def platforms() -> Iterator[dict[str, Platform]]:
+    result = {name: platform_of(name) for name in NAMES}
+    yield result
+    for platform in result.values():
+        platform.close()
+
+
+def all_corners(platform: Platform, scene: PlatformScene) -> FloatArray:
+    """(N, 8, 3) [m] in the world's frame."""
+    return np.stack([corners(platform.size) @ s.rotation.T + s.position for s in scene.objects])
+
+
+def depth(platform: Platform, scene: PlatformScene) -> float:
+    platform.world.set_objects(scene.objects)
+    platform.world.set_joints(scene.robot_position)
+    return penetration(platform.world)
+
+
+def assert_equal(first: PlatformScene, second: PlatformScene) -> None:
+    assert first.about == second.about
+    np.testing.assert_array_equal(first.robot_position, second.robot_position)
+    for a, b in zip(first.bodies, second.bodies, strict=True):
+        assert a.name == b.name
+        np.testing.assert_array_equal(a.world_from_body, b.world_from_body)
+        np.testing.assert_array_equal(a.colors, b.colors)
+    np.testing.assert_array_equal(first.lighting.ambient, second.lighting.ambient)
+    for c, d in zip(first.lighting.lamps, second.lighting.lamps, strict=True):
+        np.testing.assert_array_equal(c.direction, d.direction)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_same_generator_gives_the_same_scene_whatever_came_before(platforms, name):
+    platform = platforms[name]
+    kind = "dice_thrown" if name == "dice" else "thrown"
+    first = random_scene(platform, np.random.default_rng(5), kind=kind)
+    random_scene(platform, np.random.default_rng(6))
+    assert_equal(first, random_scene(platform, np.random.default_rng(5), kind=kind))
+    with platform_of(name) as other:
+        assert_equal(first, random_scene(other, np.random.default_rng(5), kind=kind))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_objects_are_in_the_arena_and_free_of_fingers(platforms, name):
+    platform = platforms[name]
+    for seed in range(8 if name == "dice" else 40):
+        scene = random_scene(platform, np.random.default_rng(seed), fingers="near")
+        points = all_corners(platform, scene)
+        assert points[..., 2].min() > -1e-9
+        assert np.hypot(points[..., 0], points[..., 1])[points[..., 2] < 0.03].max(initial=0) < 0.196
+        assert depth(platform, scene) < 0
+        if scene.about["kind"] in ("rest", "tilted"):
+            assert points[..., 2].min() < 1e-9
+            assert np.hypot(points[..., 0], points[..., 1]).max() < ARENA_RADIUS
+        if scene.about["kind"] == "air":
+            assert points[..., 2].min() <= MAX_CLEARANCE
+
+
+@pytest.mark.parametrize("name", ["cube_v2", "cuboid_2x2x8_v2"])
+def test_resting_objects_are_level_on_every_face(platforms, name):
+    faces = set()
+    for seed in range(40):
+        scene = random_scene(platforms[name], np.random.default_rng(seed), kind="rest", fingers="none")
+        (state,) = scene.objects
+        heights = np.abs(state.rotation[2])
+        assert heights.max() == pytest.approx(1.0, abs=1e-9)
+        faces.add(scene.about["face_up"])
+        axis = int(np.argmax(heights))
+        assert np.sign(state.rotation[2, axis]) == (1 if scene.about["face_up"] % 2 == 0 else -1)
+    assert faces == set(range(6))
+
+
+def test_fingers_come_near_when_they_are_to_and_are_absent_when_they_are_to(platforms):
+    platform = platforms["cube_v2"]
+    near = [
+        sum(random_scene(platform, np.random.default_rng(seed), fingers="near").about["fingers_near"])
+        for seed in range(20)
+    ]
+    assert np.mean(near) > 1.5
+    scene = random_scene(platform, np.random.default_rng(0), fingers="none")
+    assert not [body for body in scene.bodies if "finger" in body.name]
+
+
+def test_a_scene_without_object_shows_none(platforms):
+    scene = random_scene(platforms["cube_v2"], np.random.default_rng(0), object_present=False)
+    assert scene.objects == ()
+    assert not any(body.labels.any() for body in scene.bodies)
+
+
+def test_dice_have_labels_from_1_to_25_and_a_goal_lies_on_the_grid(platforms):
+    for seed in range(5):
+        scene = random_scene(platforms["dice"], np.random.default_rng(seed), kind="dice_goal")
+        labels = [int(body.labels[0]) for body in scene.bodies if body.labels.any()]
+        assert labels == list(range(1, 26))
+        places = np.stack([state.position[:2] for state in scene.objects])
+        distance = np.linalg.norm(places[:, None] - goal_cells(), axis=2).min(axis=1)
+        assert distance.max() < 0.007
+
+
+def test_a_die_is_a_closed_cube_whose_opposite_faces_have_7_pips():
+    size, diameter = 0.022, 0.0034
+    mesh = meshes.die("die", size, 0.0044, diameter)
+    solid = trimesh.Trimesh(mesh.vertices, mesh.triangles)
+    # Closed, with equal vertices made one: no triangle ends in the middle of another's side.
+    assert solid.is_watertight
+    assert solid.is_winding_consistent
+    assert solid.volume == pytest.approx(size**3)
+    assert solid.area == pytest.approx(6 * size**2)
+    np.testing.assert_allclose(np.abs(solid.face_normals).max(axis=1), 1.0)
+    pip = np.pi * diameter**2 / 4
+    shown = [
+        solid.area_faces[(mesh.groups == 1) & (solid.face_normals @ normal > 0.5)].sum() / pip
+        for normal in FACE_NORMALS
+    ]
+    np.testing.assert_allclose(shown, [1, 6, 2, 5, 3, 4])
+    # Each face has corners of its own, for the sake of smooth shading.
+    for vertex in np.unique(mesh.triangles):
+        normals = solid.face_normals[(mesh.triangles == vertex).any(axis=1)]
+        assert np.ptp(normals, axis=0).max() < 1e-9
+
+
+def test_pips_are_part_of_their_die_and_brighter(platforms):
+    scene = random_scene(platforms["dice"], np.random.default_rng(0))
+    dice = [body for body in scene.bodies if body.labels.any()]
+    for number, body in enumerate(dice, start=1):
+        assert body.labels.tolist() == [number, number]
+        blue, pips = body.colors
+        assert pips.min() > 0.4
+        assert blue[2] < 0.1 * pips[2]
+
+
+def test_what_surrounds_an_object_does_not_depend_on_it(platforms):
+    rngs = [np.random.default_rng(7) for _ in NAMES]
+    looks = [random_look(rng, platforms[name].model) for rng, name in zip(rngs, NAMES, strict=True)]
+    for part in ("robot", "table", "wall", "floor", "cross", "gloss"):
+        for look in looks[1:]:
+            np.testing.assert_array_equal(getattr(look, part), getattr(looks[0], part))
+    assert len({rng.random() for rng in rngs}) == 1
+
+
+def test_unknown_kinds_are_refused_by_name(platforms):
+    platform, rng = platforms["cube_v2"], np.random.default_rng(0)
+    with pytest.raises(TrackerError, match=r"dice_goal.*expected one of rest"):
+        random_scene(platform, rng, kind="dice_goal")
+    with pytest.raises(TrackerError, match="expected one of random, near"):
+        random_scene(platform, rng, fingers="many")
+    with pytest.raises(TrackerError, match=r"fly.*expected one of push"):
+        sequence(platform, rng, seconds=1.0, kind="fly")
+    with pytest.raises(TrackerError, match="seconds"):
+        sequence(platform, rng, seconds=-1.0)
+    with pytest.raises(TrackerError, match="expected one of push"):
+        sequence(platforms["dice"], rng, seconds=1.0, kind="carry")
+
+
+MOTIONS = [(name, kind) for name in NAMES for kind in (DICE_MOTIONS if name == "dice" else CUBOID_MOTIONS)]
+
+
+@pytest.mark.parametrize(("name", "kind"), MOTIONS)
+def test_motion_is_continuous_and_possible(platforms, name, kind):
+    platform = platforms[name]
+    seconds, rate = (0.6 if name == "dice" else 3.0), 120.0
+    steps = list(
+        sequence(platform, np.random.default_rng(1), seconds=seconds, rate=rate, kind=kind, jitter=0)
+    )
+    positions = np.array([[state.position for state in scene.objects] for _, scene in steps])
+    rotations = np.array([[state.rotation for state in scene.objects] for _, scene in steps])
+    joints = np.array([scene.robot_position for _, scene in steps])
+    speed = np.linalg.norm(np.diff(positions, axis=0), axis=2) * rate
+    turn = so3.angle_between(rotations[:-1], rotations[1:]) * rate
+    held = np.array([bool(scene.about["fingers_hold"]) for _, scene in steps])
+    driven = held[1:] & held[:-1]
+    # Falling from 0.1 m ends at 1.4 m/s, and what then lands on an edge turns quickly.
+    assert speed.max() < 2.0
+    assert turn.max() < 60.0
+    assert speed[driven].max(initial=0.0) < 0.3
+    assert turn[driven].max(initial=0.0) < np.radians(200)
+    assert np.abs(np.diff(joints, axis=0)).max() * rate < 8.0
+    for _, scene in steps[::15]:
+        assert depth(platform, scene) < 0.001
+        points = all_corners(platform, scene)
+        assert points[..., 2].min() > -1e-9
+        assert np.hypot(points[..., 0], points[..., 1])[points[..., 2] < 0.03].max(initial=0) < 0.197
+
+
+def test_the_same_generator_gives_the_same_motion(platforms):
+    platform = platforms["cube_v2"]
+    first, second = (
+        list(sequence(platform, np.random.default_rng(3), seconds=3.0, kind="mixed")) for _ in range(2)
+    )
+    for (time, scene), (other_time, other) in zip(first, second, strict=True):
+        assert time == other_time
+        assert_equal(scene, other)
+
+
+def test_an_object_is_carried_through_the_air_by_fingers_that_touch_it(platforms):
+    platform = platforms["cube_v2"]
+    steps = list(sequence(platform, np.random.default_rng(2), seconds=4.0, kind="carry"))
+    heights = [all_corners(platform, scene)[..., 2].min() for _, scene in steps]
+    assert max(heights) > 0.02
+    gaps = [-depth(platform, scene) for _, scene in steps if scene.about["fingers_hold"]]
+    assert len(gaps) > 20
+    assert max(gaps) < 0.003
+
+
+def test_stamps_jitter_about_the_rate_and_pictures_are_dropped(platforms):
+    def stamps(**options: float) -> FloatArray:
+        steps = sequence(
+            platforms["cube_v2"], np.random.default_rng(0), seconds=1.2, rate=100.0, kind="push", **options
+        )
+        return np.array([time for time, _ in steps])
+
+    np.testing.assert_allclose(stamps(jitter=0.0), np.arange(120) / 100, atol=1e-12)
+    jittered = stamps(jitter=0.002)
+    assert (np.diff(jittered) > 0).all()
+    assert 0.001 < np.diff(jittered).std() < 0.003
+    dropped = stamps(dropped=0.3)
+    assert dropped[0] == 0
+    assert 60 < len(dropped) < 105

@@ -1,0 +1,126 @@
+"""The tasks' errors against the platform's own simulation package.
+
+The package is installed in an environment of its own on the first use, which takes a minute or two; these
+tests are skipped where it cannot be had.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.package import PackageError, interpreter, run
+from synthetic.rigs import standard_rig
+from tests.helpers import ROOT
+from tracker.calibration.rig import CameraRig
+from tracker.objects.model import load_object
+from tracker.tasks import move_object, rearrange_dice
+
+SCRIPT = ROOT / "tests" / "helpers" / "package_tasks_script.py"
+MODELS = {"cube": load_object("cube_v2"), "cuboid": load_object("cuboid_2x2x8_v2")}
+
+ROUNDING = 5e-11 + 1e-15
+"""By how much the package's cosine of the angle between long axes is off: it rounds it to ten digits."""
+
+Package = Callable[..., dict[str, np.ndarray]]
+
+
+@pytest.fixture(scope="session")
+def package(tmp_path_factory: pytest.TempPathFactory) -> Package:
+    """What the package says: a function of the script's command and further arguments."""
+    try:
+        python = interpreter()
+    except PackageError as error:
+        pytest.skip(str(error))
+    folder = tmp_path_factory.mktemp("package")
+
+    def ask(command: str, *arguments: Path) -> dict[str, np.ndarray]:
+        out = folder / f"{command}.npz"
+        run([str(python), str(SCRIPT), command, str(out), *map(str, arguments)])
+        with np.load(out) as data:
+            return dict(data)
+
+    return ask
+
+
+def assert_same_masks(package: Package, files: list[Path]) -> None:
+    rig = CameraRig.load(files)
+    said = package("masks", *files)
+    drawn = []
+    for k in range(len(rig)):
+        shape = tuple(said[f"shape{k}"])
+        bits = np.unpackbits(said[f"mask{k}"], count=int(np.prod(shape)))
+        drawn.append(np.where(bits.reshape(shape), np.uint8(255), np.uint8(0)))
+    assert len(said["goal"]) >= 100
+    for number, goal in enumerate(said["goal"]):
+        masks = rearrange_dice.goal_masks(rig, goal)
+        for camera, mask, expected in zip(rig, masks, drawn, strict=True):
+            assert mask.dtype == np.uint8
+            assert mask.any()
+            different = np.count_nonzero(mask != expected[number])
+            assert different == 0, f"goal {number}, {camera.name}: {different} pixels"
+
+
+def test_goal_masks_of_the_simulated_platform_are_the_packages_to_the_pixel(package, tmp_path):
+    standard_rig().save(tmp_path)
+    assert_same_masks(package, [tmp_path / f"{name}.yml" for name in standard_rig().names])
+
+
+@pytest.mark.parametrize("robot", [1, 3, 4, 5, 6, 7, 8])
+def test_goal_masks_of_every_robot_are_the_packages_to_the_pixel(robot, package, real):
+    folder = real / "calibration" / "robots"
+    assert_same_masks(package, [folder / f"r{robot}_camera{angle}.yml" for angle in (60, 180, 300)])
+
+
+def test_the_error_of_dice_is_the_packages(package):
+    said = package("dice")
+    for goal, dice, cost in zip(said["goal"], said["dice"], said["cost"], strict=True):
+        assert rearrange_dice.error(goal, dice) == cost
+        assert rearrange_dice.error(list(goal), list(dice)) == cost
+
+
+@pytest.fixture(scope="session")
+def poses(package: Package) -> dict[str, np.ndarray]:
+    return package("poses")
+
+
+def rewards(poses: dict[str, np.ndarray], name: str, level: int) -> tuple[np.ndarray, np.ndarray]:
+    """Our rewards of the package's poses, and by how much they and its costs do not cancel."""
+    goal, state = poses[f"{name}{level}_goal"], poses[f"{name}{level}_state"]
+    assert len(goal) >= 1000
+    ours = move_object.reward(level, goal[:, :3], state[:, :3], goal[:, 3:], state[:, 3:], model=MODELS[name])
+    assert (ours[np.all(goal == state, axis=1)] == 0).sum() >= 20
+    return ours, np.abs(ours + poses[f"{name}{level}_cost"])
+
+
+@pytest.mark.parametrize(("name", "level"), [*[(n, k) for n in MODELS for k in (1, 2, 3)], ("cube", 4)])
+def test_rewards_are_the_packages_costs_with_the_sign_changed(name, level, poses):
+    _, difference = rewards(poses, name, level)
+    assert difference.max() < 1e-9
+
+
+def test_rewards_of_the_long_axis_are_the_packages_but_for_its_rounding(poses):
+    _, difference = rewards(poses, "cuboid", 4)
+    goal, state = poses["cuboid4_goal"], poses["cuboid4_state"]
+    angle = np.pi * move_object.long_axis_error(goal[:, 3:], state[:, 3:])
+    away = np.sin(angle) > 0.01
+    assert away.sum() >= 1000
+    assert difference[away].max() < 1e-9
+    # The arccosine changes fastest at 1, where a step of δ is an angle of √2δ.
+    assert (~away).sum() >= 50
+    assert difference[~away].max() < 1.001 * np.sqrt(2 * ROUNDING) / (2 * np.pi)
+
+
+def test_goals_and_rewards_along_trajectories_are_the_packages(package):
+    said = package("trajectories")
+    for starts, goals, times, states, active, cost in zip(
+        *(said[key] for key in ("start", "goal", "time", "position", "active", "cost")), strict=True
+    ):
+        trajectory = list(zip(starts, goals, strict=True))
+        np.testing.assert_array_equal(move_object.active_goal(trajectory, times), active)
+        np.testing.assert_allclose(
+            move_object.trajectory_reward(trajectory, times, states), -cost, rtol=0, atol=1e-9
+        )

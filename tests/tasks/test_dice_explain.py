@@ -1,0 +1,160 @@
+"""Laws of dice drawn into views, and of how well they explain them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.helpers.dice_scenes import EDGE, RIG, dice_at, painted
+from tracker.geometry import so3
+from tracker.tasks.rearrange_dice import boxes, explain, search
+from tracker.tasks.rearrange_dice.evidence import DICE, UNKNOWN, evidence, stack
+from tracker.tasks.rearrange_dice.where import Finder
+
+DICE_POSES = dice_at([(0.0, 0.01), (-0.09, 0.05), (0.06, 0.08), (0.02, -0.09)], 0.37)
+FINDER = Finder(RIG)
+
+
+def views_of(masks, images=(None, None, None)) -> boxes.Views:
+    seen = [evidence(m if m is None else m // 255, i, (270, 270)) for m, i in zip(masks, images, strict=True)]
+    return boxes.Views(FINDER._slopes, FINDER._lenses, *stack(seen))
+
+
+def canvas() -> explain.Canvas:
+    return explain.Canvas(*(np.zeros((3, 270, 270), kind) for kind in (np.float32, np.int8, np.int16)))
+
+
+@pytest.fixture(scope="module")
+def views() -> boxes.Views:
+    return views_of([painted(camera, DICE_POSES)[1] for camera in RIG])
+
+
+def drawn(views: boxes.Views, dice: np.ndarray, c: int) -> tuple[np.ndarray, np.ndarray]:
+    """Classes and owners in one view."""
+    room, window = canvas(), np.array([0, 0, 270, 270])
+    boxes.draw(views, c, dice, -1, EDGE, window, room.heights[c], room.classes[c], room.owners[c])
+    return room.classes[c], room.owners[c]
+
+
+@pytest.mark.parametrize("c", range(3))
+def test_drawn_dice_cover_the_pixels_that_opencv_paints(views, c):
+    classes, _ = drawn(views, DICE_POSES, c)
+    truth = painted(RIG[c], DICE_POSES)[1] > 0
+    assert np.count_nonzero((classes > 0) != truth) < 0.06 * np.count_nonzero(truth)
+
+
+@pytest.mark.parametrize("c", range(3))
+def test_a_pixel_shows_a_top_where_its_ray_meets_the_upper_face(views, c):
+    classes, owners = drawn(views, DICE_POSES, c)
+    rows, columns = np.nonzero(classes)
+    rays = RIG[c].rays(np.stack([columns, rows], axis=1))
+    shown = zip(rays, classes[rows, columns], DICE_POSES[owners[rows, columns]], strict=True)
+    for ray, kind, die in list(shown)[::7]:
+        sink = (RIG[c].position[2] - die[2] - EDGE) / -ray[2]
+        place = so3.exp([0, 0, -die[3]]) @ (RIG[c].position + sink * ray - die[:3])
+        reach = np.abs(place[:2]).max()
+        if abs(reach - EDGE / 2) > 1e-5:
+            assert (kind in (boxes.TOP, boxes.TOP_RIM)) == (reach < EDGE / 2)
+        if kind in (boxes.TOP, boxes.TOP_RIM) and abs(reach - boxes.PIPS * EDGE / 2) > 1e-5:
+            assert (kind == boxes.TOP) == (reach < boxes.PIPS * EDGE / 2)
+
+
+def test_the_nearer_of_two_dice_hides_the_other(views):
+    camera = RIG[0]
+    away = camera.position[:2] / np.linalg.norm(camera.position[:2])
+    dice = dice_at([tuple(-0.013 * away), tuple(0.013 * away)])
+    _, owners = drawn(views, dice, 0)
+    alone = [np.count_nonzero(drawn(views, dice[k : k + 1], 0)[0]) for k in (0, 1)]
+    seen = np.bincount(owners[owners >= 0], minlength=2)
+    assert seen[1] == alone[1]
+    assert seen[0] < alone[0]
+
+
+poses = st.tuples(
+    st.floats(-0.02, 0.02), st.floats(-0.02, 0.02), st.sampled_from([0.0, 0.005, EDGE]), st.floats(-3, 3)
+).map(np.array)
+
+
+@given(poses, poses)
+def test_overlap_is_symmetric_and_a_push_apart_ends_it(first, second):
+    reach = boxes.overlap(first, second, EDGE)
+    assert reach == pytest.approx(boxes.overlap(second, first, EDGE), abs=1e-12)
+    assert 0 <= reach <= 2 * EDGE
+    lifted = second.copy()
+    lifted[2] = first[2] + EDGE
+    assert boxes.overlap(first, lifted, EDGE) == 0
+
+
+@given(poses, poses)
+def test_dice_overlap_where_their_squares_do(first, second):
+    second[2] = first[2]
+    share = np.linspace(0, 1, 25)
+    grid = np.stack(np.meshgrid(share - 0.5, share - 0.5), axis=-1).reshape(-1, 2) * EDGE
+    inside = []
+    for one, other in ((first, second), (second, first)):
+        points = one[:2] + grid @ so3.exp([0, 0, one[3]])[:2, :2].T
+        local = (points - other[:2]) @ so3.exp([0, 0, other[3]])[:2, :2]
+        inside.append((np.abs(local) < EDGE / 2 - 1e-9).all(axis=1).any())
+    reach = boxes.overlap(first, second, EDGE)
+    if any(inside):
+        assert reach > 0
+    if reach > 2e-3:
+        assert any(inside)
+
+
+def test_what_a_die_gains_is_what_the_whole_loses_without_it(views):
+    room = canvas()
+    for k in range(len(DICE_POSES)):
+        gain = explain.settle(views, DICE_POSES.copy(), k, np.empty(0), 0.19, search.TERMS, room)
+        whole = explain.total(views, DICE_POSES, search.TERMS, room)
+        without = explain.total(views, np.delete(DICE_POSES, k, axis=0), search.TERMS, room)
+        assert gain == pytest.approx(whole - without, rel=1e-4)
+
+
+def test_a_die_that_was_pushed_away_settles_where_it_was(views):
+    for k, offset in enumerate(
+        [(0.005, 0, 0, 0.1), (0, -0.005, 0, -0.1), (0.003, 0.003, 0, 0.2), (-0.004, 0, 0, 0)]
+    ):
+        dice = DICE_POSES.copy()
+        dice[k] += offset
+        explain.settle(views, dice, k, search.STEPS, 0.19, search.TERMS, canvas())
+        assert np.linalg.norm(dice[k, :2] - DICE_POSES[k, :2]) < 1.5e-3
+
+
+def test_the_true_dice_explain_more_than_any_others(views):
+    rng = np.random.default_rng(3)
+    room = canvas()
+    best = explain.total(views, DICE_POSES, search.TERMS, room)
+    for _ in range(30):
+        others = DICE_POSES + rng.normal(0, [0.004, 0.004, 0, 0.3], DICE_POSES.shape)
+        assert explain.total(views, others, search.TERMS, room) < best
+    assert explain.total(views, DICE_POSES[:0], search.TERMS, room) == 0
+
+
+def test_what_one_view_has_against_a_die_is_limited():
+    masks = [painted(camera, DICE_POSES)[1] for camera in RIG]
+    room = canvas()
+    seen = explain.total(views_of(masks), DICE_POSES, search.TERMS, room)
+    masks[1] = np.zeros_like(masks[1])
+    hidden = explain.total(views_of(masks), DICE_POSES, search.TERMS, room)
+    masks[1] = None
+    unknown = explain.total(views_of(masks), DICE_POSES, search.TERMS, room)
+    assert hidden < unknown < seen
+    assert unknown - hidden <= len(DICE_POSES) * search.TERMS.hidden
+
+
+def test_evidence_tells_tops_from_sides_and_pips_from_blue():
+    image, mask = painted(RIG[0], DICE_POSES)
+    view = evidence(mask // 255, image, mask.shape)
+    classes, _ = drawn(views_of([mask] * 3), DICE_POSES, 0)
+    inner = (view.mask == DICE) & (view.scores[boxes.TOP] > 0)
+    tops = inner & ((classes == boxes.TOP) | (classes == boxes.TOP_RIM))
+    sides = inner & ((classes == boxes.SIDE) | (classes == boxes.SIDE_RIM))
+    assert view.shade[tops].mean() > 0.4
+    assert view.shade[sides].mean() < -0.2
+    assert (view.scores[boxes.TOP] >= view.scores[boxes.TOP_RIM]).all()
+    unknown = evidence(None, None, (270, 270))
+    assert (unknown.mask == UNKNOWN).all()
+    assert not unknown.scores.any()

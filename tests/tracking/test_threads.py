@@ -1,0 +1,210 @@
+from __future__ import annotations
+
+import copy
+import pickle
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+import tracker
+from synthetic.simple_rig import default_cameras
+from tests.tracking.test_update import DT, all_bits, bits, new, pose_at, shot
+from tracker.errors import ImageError, TrackerError
+
+THREADS = 4
+CALLS = 25
+
+
+@pytest.fixture(scope="module")
+def rig():
+    return tracker.CameraRig(default_cameras())
+
+
+@pytest.fixture(scope="module")
+def film(rig):
+    return [shot(rig, pose_at(DT * k), k) for k in range(8)]
+
+
+@pytest.fixture(scope="module")
+def sets(rig, film):
+    """Images of all three cameras, of two, of one, and of an arena without object."""
+    return [film[0], [film[3][0], None, film[3][2]], [None, film[5][1], None], shot(rig, None, 100)]
+
+
+def together(work, count):
+    """Results of `work(k)` for each of `count` threads that begin at once."""
+    ready = threading.Barrier(count)
+
+    def begin(k):
+        ready.wait(60)
+        return work(k)
+
+    with ThreadPoolExecutor(count) as pool:
+        return list(pool.map(begin, range(count)))
+
+
+def detections(one, sets, k):
+    """Bits of many detections, every thread beginning with another set."""
+    return [bits(one.detect(sets[(k + call) % len(sets)])) for call in range(CALLS)]
+
+
+def test_detections_from_many_threads_give_the_bits_of_one(rig, sets):
+    one = new(rig)
+    alone = [detections(one, sets, k) for k in range(THREADS)]
+    assert together(lambda k: detections(one, sets, k), THREADS) == alone
+
+
+def test_the_first_detections_of_a_tracker_may_come_from_many_threads(rig, sets):
+    reference = [bits(new(rig).detect(images)) for images in sets]
+    one = new(rig)
+    assert together(lambda k: bits(one.detect(sets[k])), THREADS) == reference
+
+
+def test_detections_beside_updates_change_neither(rig, film, sets):
+    one = new(rig)
+    alone = all_bits([new(rig).update(film[0], 0.0)]), detections(one, sets, 0)
+    reference = new(rig)
+    updates = [bits(reference.update(images, DT * k)) for k, images in enumerate(film)]
+    assert updates[:1] == alone[0]
+
+    def work(k):
+        if k == 0:
+            return [bits(one.update(images, DT * n)) for n, images in enumerate(film)]
+        return detections(one, sets, 0)
+
+    found = together(work, THREADS)
+    assert found[0] == updates
+    assert found[1:] == [alone[1]] * (THREADS - 1)
+
+
+def test_a_refused_detection_does_not_disturb_the_others(rig, sets):
+    one = new(rig)
+    alone = detections(one, sets, 0)
+
+    def work(k):
+        if k > 0:
+            return detections(one, sets, 0)
+        for _ in range(CALLS):
+            with pytest.raises(ImageError):
+                one.detect([None] * 3)
+        return None
+
+    assert together(work, THREADS)[1:] == [alone] * (THREADS - 1)
+
+
+class Held:
+    """Lets a tracker's update stop in its middle until it is told to go on."""
+
+    def __init__(self, one, monkeypatch):
+        self.inside, self.go_on = threading.Event(), threading.Event()
+        measure = one._measure
+
+        def held(*arguments):
+            self.inside.set()
+            assert self.go_on.wait(60)
+            return measure(*arguments)
+
+        monkeypatch.setattr(one, "_measure", held)
+
+    def __enter__(self):
+        assert self.inside.wait(60)
+
+    def __exit__(self, *_):
+        self.go_on.set()
+
+
+@pytest.mark.parametrize("second", ["update", "same stamp", "reset"])
+def test_a_second_caller_is_refused_and_changes_nothing(rig, film, second, monkeypatch):
+    twin, one = new(rig), new(rig)
+    answers = [bits(twin.update(images, DT * k)) for k, images in enumerate(film)]
+    assert bits(one.update(film[0], 0.0)) == answers[0]
+    calls = {
+        "update": lambda: one.update(film[2], 2 * DT),
+        "same stamp": lambda: one.update(film[0], 0.0),
+        "reset": one.reset,
+    }
+    with monkeypatch.context() as patch, ThreadPoolExecutor(1) as pool:
+        held = Held(one, patch)
+        first = pool.submit(one.update, film[1], DT)
+        with held, pytest.raises(TrackerError, match="another call") as error:
+            calls[second]()
+        assert "\n" not in str(error.value)
+        assert bits(first.result(60)) == answers[1]
+    assert [bits(one.update(images, DT * k)) for k, images in enumerate(film) if k > 1] == answers[2:]
+
+
+def test_detection_and_prediction_do_not_wait_for_an_update(rig, film, sets, monkeypatch):
+    one = new(rig)
+    one.update(film[0], 0.0)
+    seen, expected = bits(one.detect(sets[1])), one.predict(DT)
+    with monkeypatch.context() as patch, ThreadPoolExecutor(1) as pool:
+        held = Held(one, patch)
+        first = pool.submit(one.update, film[1], DT)
+        with held:
+            assert bits(one.detect(sets[1])) == seen
+            meanwhile = one.predict(DT)
+            assert not first.done()
+        first.result(60)
+    assert meanwhile.position.tobytes() == expected.position.tobytes()
+    assert meanwhile.covariance.tobytes() == expected.covariance.tobytes()
+
+
+def test_of_callers_at_once_those_who_are_not_refused_get_the_same_answer(rig, film):
+    one, answer = new(rig), bits(new(rig).update(film[0], 0.0))
+
+    def work(_):
+        try:
+            return bits(one.update(film[0], 0.0))
+        except TrackerError as error:
+            return str(error)
+
+    found = together(work, THREADS)
+    assert answer in found
+    assert all(item == answer or "another call" in item for item in found)
+
+
+COPIES = {
+    "pickle": lambda one: pickle.loads(pickle.dumps(one)),
+    "deepcopy": copy.deepcopy,
+}
+
+
+@pytest.mark.parametrize("how", COPIES)
+def test_a_copy_answers_as_the_tracker_would(rig, film, sets, how):
+    one = new(rig)
+    for k in range(4):
+        one.update(film[k], DT * k)
+    other = COPIES[how](one)
+    assert [bits(other.detect(images)) for images in sets] == [bits(one.detect(images)) for images in sets]
+    # The same stamp is known to both.
+    assert bits(other.update(sets[3], 3 * DT)) == bits(one.update(sets[3], 3 * DT))
+    for k in range(4, 8):
+        assert bits(other.update(film[k], DT * k)) == bits(one.update(film[k], DT * k))
+
+
+@pytest.mark.parametrize("how", COPIES)
+def test_what_a_copy_sees_does_not_change_the_tracker(rig, film, how):
+    twin, one = new(rig), new(rig)
+    for k in range(3):
+        assert bits(one.update(film[k], DT * k)) == bits(twin.update(film[k], DT * k))
+    other = COPIES[how](one)
+    for k in range(3, 6):
+        other.update(film[-k], DT * k)
+    other.reset()
+    for k in range(3, 6):
+        assert bits(one.update(film[k], DT * k)) == bits(twin.update(film[k], DT * k))
+
+
+@pytest.mark.parametrize("how", COPIES)
+def test_a_copy_made_during_an_update_is_free(rig, film, how, monkeypatch):
+    one = new(rig)
+    one.update(film[0], 0.0)
+    second = bits(new(rig).update(film[1], DT))
+    twin = new(rig)
+    twin.update(film[0], 0.0)
+    with one._gate:
+        other = COPIES[how](one)
+        assert bits(other.update(film[1], DT)) == bits(twin.update(film[1], DT)) != second
+        with pytest.raises(TrackerError, match="another call"):
+            one.update(film[1], DT)

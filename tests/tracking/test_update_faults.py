@@ -1,0 +1,227 @@
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+import tracker
+from synthetic.simple_rig import default_cameras
+from tests.tracking.test_update import DT, all_bits, bits, new, play, pose_at, shot, within
+from tracker.errors import ImageError, TrackerError
+from tracker.pipeline import Status
+from tracker.pose.estimate import PoseEstimator
+from tracker.pose.evidence import EvidenceReader
+from tracker.tracking.belief import Belief
+
+FRAMES = 8
+FAULT = 3
+"""The images with which something goes wrong."""
+NOW = FAULT * DT
+
+
+@pytest.fixture(scope="module")
+def rig():
+    return tracker.CameraRig(default_cameras())
+
+
+@pytest.fixture(scope="module")
+def film(rig):
+    return [shot(rig, pose_at(DT * k), k) for k in range(FRAMES)]
+
+
+@pytest.fixture(scope="module")
+def reference(rig, film):
+    """What a tracker answers that never saw a fault."""
+    return all_bits(play(new(rig), film))
+
+
+def image_of_another_size(images):
+    return [images[0], images[1][::2, ::2], images[2]]
+
+
+def goes_on_as_before(one, film, reference, start=FAULT):
+    """Whether the images from the fault on give what they would have given without it."""
+    return [bits(one.update(film[k], DT * k)) for k in range(start, len(film))] == reference[start:]
+
+
+REFUSED = {
+    "wrong size": (ImageError, lambda images: (image_of_another_size(images), NOW)),
+    "wrong size and late": (ImageError, lambda images: (image_of_another_size(images), NOW + 7.0)),
+    "wrong type": (ImageError, lambda images: ([images[0].astype(float), *images[1:]], NOW)),
+    "too few images": (ImageError, lambda images: (images[:2], NOW)),
+    "too many images": (ImageError, lambda images: ([*images, images[0]], NOW)),
+    "too few stamps": (TrackerError, lambda images: (images, [NOW, NOW])),
+    "too many stamps": (TrackerError, lambda images: (images, [NOW] * 4)),
+    "stamps in a square": (TrackerError, lambda images: (images, np.full((3, 3), NOW))),
+    "no stamps": (TrackerError, lambda images: (images, [])),
+    "no number": (TrackerError, lambda images: (images, "soon")),
+    "None": (TrackerError, lambda images: (images, None)),
+    "NaN": (TrackerError, lambda images: (images, np.nan)),
+    "infinite": (TrackerError, lambda images: (images, np.inf)),
+    "one NaN": (TrackerError, lambda images: (images, [NOW, np.nan, NOW])),
+    "one infinite": (TrackerError, lambda images: (images, [NOW, NOW, -np.inf])),
+    "older": (TrackerError, lambda images: (images, NOW - 1.5 * DT)),
+    "all older": (TrackerError, lambda images: (images, [NOW - 1.5 * DT] * 3)),
+    "older without images": (TrackerError, lambda _: ([None] * 3, NOW - 1.5 * DT)),
+}
+
+
+@pytest.mark.parametrize("fault", REFUSED)
+def test_what_is_refused_changes_nothing(rig, film, reference, fault):
+    kind, wrong = REFUSED[fault]
+    one = new(rig)
+    play(one, film[:FAULT])
+    for _ in range(2):
+        with pytest.raises(kind) as error:
+            one.update(*wrong(film[FAULT]))
+        assert "\n" not in str(error.value)
+    assert goes_on_as_before(one, film, reference)
+
+
+@pytest.mark.parametrize("fault", [key for key in REFUSED if "older" not in key])
+def test_what_is_refused_at_first_does_not_count_as_first(rig, film, reference, fault):
+    kind, wrong = REFUSED[fault]
+    one = new(rig)
+    with pytest.raises(kind):
+        one.update(*wrong(film[FAULT]))
+    assert goes_on_as_before(one, film, reference, start=0)
+
+
+INSIDE = {
+    "light": (EvidenceReader, "lighting"),
+    "labels": (EvidenceReader, "glance"),
+    "sight": (PoseEstimator, "sight"),
+    "follow": (PoseEstimator, "follow"),
+    "refine": (PoseEstimator, "refine"),
+    "advance": (Belief, "advance"),
+    "plausible": (Belief, "plausible"),
+    "see": (Belief, "see"),
+    "estimate": (Belief, "estimate"),
+}
+
+
+class Interrupted:
+    """Lets a method raise at its `number`th call from now, after its work or before it."""
+
+    def __init__(self, monkeypatch, place, error, number, after):
+        owner, name = place
+        method, self.calls = getattr(owner, name), 0
+
+        def broken(*arguments, **named):
+            self.calls += 1
+            result = method(*arguments, **named) if after or self.calls != number else None
+            if self.calls == number:
+                raise error
+            return result
+
+        monkeypatch.setattr(owner, name, broken)
+
+
+@pytest.mark.parametrize("after", [False, True], ids=["before", "after"])
+@pytest.mark.parametrize("where", INSIDE)
+def test_an_update_that_is_broken_off_changes_nothing(rig, film, reference, where, after, monkeypatch):
+    for number, lost in itertools.product((1, 3), (False, True)):
+        one = new(rig)
+        if not lost:
+            play(one, film[:FAULT])
+        with monkeypatch.context() as patch:
+            broken = Interrupted(patch, INSIDE[where], KeyboardInterrupt, number, after)
+            images = film[0 if lost else FAULT]
+            try:
+                one.update(images, 0.0 if lost else NOW)
+            except KeyboardInterrupt:
+                pass
+            else:
+                assert broken.calls < number
+                continue
+        assert goes_on_as_before(one, film, reference, start=0 if lost else FAULT), (number, lost)
+
+
+def test_an_interrupt_among_the_first_stages_really_breaks_an_update_off(rig, film, monkeypatch):
+    for where in ("labels", "follow", "refine", "advance", "see", "estimate"):
+        one = new(rig)
+        play(one, film[:FAULT])
+        with monkeypatch.context() as patch:
+            Interrupted(patch, INSIDE[where], KeyboardInterrupt, 1, False)
+            with pytest.raises(KeyboardInterrupt):
+                one.update(film[FAULT], NOW)
+
+
+def test_after_an_interrupt_the_tracker_can_be_reset(rig, film, reference, monkeypatch):
+    one = new(rig)
+    play(one, film[:FAULT])
+    with monkeypatch.context() as patch:
+        Interrupted(patch, INSIDE["follow"], KeyboardInterrupt, 1, True)
+        with pytest.raises(KeyboardInterrupt):
+            one.update(film[FAULT], NOW)
+    one.reset()
+    assert goes_on_as_before(one, film, reference, start=0)
+
+
+def test_the_stamp_of_refused_images_gives_a_fresh_answer(rig, film, reference):
+    one = new(rig)
+    before = play(one, film[:FAULT])[-1]
+    with pytest.raises(ImageError):
+        one.update(image_of_another_size(film[FAULT]), NOW)
+    answer = one.update(film[FAULT], NOW)
+    assert answer is not before
+    assert bits(answer) == reference[FAULT]
+    assert one.update(film[FAULT], NOW) is answer
+
+
+def test_wrong_images_are_refused_at_a_known_stamp_too(rig, film, reference):
+    one = new(rig)
+    play(one, film[:FAULT])
+    with pytest.raises(ImageError):
+        one.update(image_of_another_size(film[FAULT]), NOW - DT)
+    with pytest.raises(TrackerError):
+        one.update(film[FAULT], [NOW - DT] * 2)
+    assert goes_on_as_before(one, film, reference)
+
+
+PLACES = [(source, place) for source in range(3) for place in range(3) if source != place]
+SWAPS = [(0, 2, 1), (1, 0, 2), (2, 1, 0)]
+CYCLES = [(1, 2, 0), (2, 0, 1)]
+
+
+def honest(answer, truth):
+    """Whether no pose of an answer is wrong and held to be right."""
+    poses = [pose for pose in (answer.object_pose, answer.filtered_object_pose) if pose is not None]
+    return all(pose.confidence < 0.5 or within(pose, truth, 5.0, 5.0) for pose in poses)
+
+
+def mixed(images, order):
+    return [images[c] for c in order]
+
+
+@pytest.mark.parametrize(("source", "place"), PLACES)
+@pytest.mark.parametrize("count", [1, 3])
+def test_an_image_of_one_camera_in_anothers_place_gives_an_honest_answer(rig, film, source, place, count):
+    one, order = new(rig), [source if c == place else c for c in range(3)]
+    play(one, film[:FAULT])
+    for k in range(FAULT, FRAMES):
+        images = mixed(film[k], order) if k < FAULT + count else film[k]
+        assert honest(one.update(images, DT * k), pose_at(DT * k)), k
+
+
+@pytest.mark.parametrize("order", SWAPS)
+def test_two_cameras_that_are_swapped_once_give_an_honest_answer(rig, film, order):
+    one = new(rig)
+    play(one, film[:FAULT])
+    assert honest(one.update(mixed(film[FAULT], order), NOW), pose_at(NOW))
+
+
+@pytest.mark.parametrize("order", SWAPS + CYCLES)
+@pytest.mark.parametrize("count", [1, 3])
+def test_after_cameras_were_mixed_up_the_object_is_tracked_as_before(rig, film, order, count):
+    one = new(rig)
+    play(one, film[:FAULT])
+    for k in range(FAULT, FAULT + count):
+        one.update(mixed(film[k], order), DT * k)
+    for k in range(FAULT + count, FRAMES):
+        answer = one.update(film[k], DT * k)
+        assert answer.status in (Status.TRACKING, Status.REFOUND)
+        assert within(answer.object_pose, pose_at(DT * k)), k
+        assert within(answer.filtered_object_pose, pose_at(DT * k)), k
+    assert answer.status is Status.TRACKING

@@ -1,0 +1,186 @@
+from __future__ import annotations
+
+import builtins
+import dataclasses
+import os
+import subprocess
+import sys
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.helpers import ROOT, random_rotations
+from tests.helpers.pose_logs import (
+    START,
+    answer,
+    make_about,
+    moved,
+    random_covariance,
+    random_pose,
+    random_poses,
+)
+from tracker.errors import ImageError, TrackerError
+from tracker.geometry import so3
+from tracker.logs.poses_builder import PosesBuilder
+from tracker.viz import paint, write_trajectory_plot
+from tracker.viz.plots import STATUS_COLORS
+from tracker.viz.trajectory import angle_std, angles
+
+pytest.importorskip("matplotlib", reason="plots need the optional package matplotlib")
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "trajectory.png"
+
+
+def drawn(path, poses, title=""):
+    write_trajectory_plot(path, poses, title)
+    image = cv2.imread(str(path))
+    assert image.shape == (1300, 1560, 3)
+    assert image[2, 2].tolist() == list(paint.BACKGROUND)
+    return image
+
+
+def share_of(image, color):
+    return np.mean((np.abs(image.astype(int) - np.array(color)) <= 2).all(axis=2))
+
+
+def with_status(poses, names):
+    return dataclasses.replace(poses, status=np.array(names))
+
+
+@pytest.mark.parametrize(
+    ("count", "share", "recorded"),
+    [
+        (0, 1, False),
+        (1, 1, True),
+        (2, 0.5, True),
+        (40, 0, False),
+        (40, 0, True),
+        (40, 0.6, False),
+        (40, 1, True),
+    ],
+)
+def test_every_kind_of_recording_can_be_drawn(path, rng, count, share, recorded):
+    drawn(path, random_poses(rng, count, share=share, recorded=recorded))
+
+
+def test_without_filtered_poses_the_measured_ones_are_lines(path, rng):
+    builder = PosesBuilder(make_about())
+    for number in range(9):
+        builder.append(number, START + number, answer(random_pose(rng), None, "found"))
+    assert share_of(drawn(path, builder.build()), (110, 120, 240)) > 1e-4
+
+
+def test_the_strip_has_the_colours_of_the_statuses(path, rng):
+    names = ["tracking"] * 20 + ["coasting"] * 8 + ["lost"] * 8 + ["refound"] + ["tracking"] * 363
+    image = drawn(path, with_status(random_poses(rng, 400, share=0), names))
+    strip = image[100:130]
+    found = [share_of(strip, STATUS_COLORS[name]) for name in ("tracking", "coasting", "lost")]
+    assert found[0] > 10 * found[1] > 0
+    assert found[1] == pytest.approx(found[2], rel=0.2)
+    # One frame of 400 is still seen.
+    assert share_of(strip, STATUS_COLORS["refound"]) > 0
+
+
+def test_recorded_poses_are_seen(path, rng):
+    poses = random_poses(rng, 30)
+    color = (90, 215, 250)
+    # Circles are blended with what lies below.
+    near = [np.abs(drawn(path, one).astype(int) - color).sum(axis=2) < 120
+            for one in (poses, dataclasses.replace(poses, recorded=None))]  # fmt: skip
+    assert near[0].sum() > near[1].sum() + 500
+
+
+@pytest.mark.parametrize("title", ["a $ b $ c", "ä 物体 \\frac{", "x" * 60])
+def test_any_title_can_be_drawn(path, rng, title):
+    drawn(path, random_poses(rng, 3), title)
+
+
+def test_the_picture_stands_alone(path, rng):
+    write_trajectory_plot(path, random_poses(rng, 3))
+    assert os.listdir(path.parent) == [path.name]
+
+
+def test_nothing_half_written_stays(path, rng, monkeypatch):
+    path.write_bytes(b"old")
+
+    def fail(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", fail)
+    with pytest.raises(ImageError, match="cannot be written: No space left"):
+        write_trajectory_plot(path, random_poses(rng, 3))
+    assert path.read_bytes() == b"old"
+    assert os.listdir(path.parent) == [path.name]
+
+
+def test_another_format_is_refused(tmp_path, rng):
+    with pytest.raises(ImageError, match=r"found suffix '\.pdf', expected \.png"):
+        write_trajectory_plot(tmp_path / "plot.pdf", random_poses(rng, 1))
+
+
+def test_a_missing_package_is_said(path, rng, monkeypatch):
+    original = builtins.__import__
+
+    def refusing(name, *arguments, **options):
+        if name.startswith("matplotlib"):
+            raise ImportError(name)
+        return original(name, *arguments, **options)
+
+    monkeypatch.setattr(builtins, "__import__", refusing)
+    with pytest.raises(TrackerError, match="pip install matplotlib"):
+        write_trajectory_plot(path, random_poses(rng, 1))
+    assert not path.exists()
+
+
+def test_importing_the_pictures_does_not_import_matplotlib():
+    code = "import sys, tracker.viz; sys.exit('matplotlib' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=False).returncode == 0
+
+
+def test_angles_are_those_from_the_reference(rng):
+    reference = random_rotations(rng, 1)[0]
+    wanted = np.array([0.0, 1e-6, 20.0, 90.0, 179.9])
+    axes = rng.normal(size=(5, 3))
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    turned = so3.exp(axes * np.radians(wanted)[:, None]) @ reference
+    orientation = np.concatenate([so3.quaternion_from_matrix(turned), np.full((1, 4), np.nan)])
+    found = angles(orientation, reference)
+    assert found[:5] == pytest.approx(wanted, abs=1e-9)
+    assert np.isnan(found[5])
+    assert angles(np.empty((0, 4)), reference).shape == (0,)
+
+
+def test_the_angles_deviation_is_that_of_samples(rng):
+    reference = random_rotations(rng, 1)[0]
+    rotation = so3.exp(np.array([0.7, -0.4, 0.5])) @ reference
+    covariance = 1e-6 * np.array([[4.0, 1.0, 0.5], [1.0, 2.0, -0.3], [0.5, -0.3, 9.0]])
+    samples = so3.exp(rng.multivariate_normal(np.zeros(3), covariance, 20000)) @ rotation
+    spread = angles(so3.quaternion_from_matrix(samples), reference).std()
+    quaternion = so3.quaternion_from_matrix(rotation)[None]
+    assert angle_std(quaternion, reference, covariance[None])[0] == pytest.approx(spread, rel=0.02)
+
+
+def test_at_the_reference_the_largest_deviation_counts():
+    covariance = np.diag([1e-6, 4e-6, 2e-6])[None]
+    found = angle_std(np.array([[0, 0, 0, 1.0]]), np.eye(3), covariance)
+    assert found[0] == pytest.approx(np.degrees(2e-3))
+
+
+def test_frames_far_beyond_the_rest_in_uncertainty_do_not_set_the_scale(path, rng):
+    """The band of a lost object leaves the panel; the line keeps its place in it."""
+    images = []
+    for size in (1e-8, 1e4, 1e200):
+        builder = PosesBuilder(make_about())
+        for number in range(20):
+            pose = moved(np.eye(3), np.array([0.01 * number, 0, 0.03]))
+            pose.covariance = np.eye(6) * (size if number > 15 else 1e-8)
+            pose.velocity, pose.velocity_covariance = np.zeros(6), random_covariance(rng)
+            builder.append(number, START + number / 10, answer(None, pose, "coasting"))
+        images.append(drawn(path, builder.build()))
+    left = [image[160:380, 150:900].astype(int) for image in images]
+    for other in left[1:]:
+        assert np.abs(other - left[0]).max() < 8  # rounding along the band's edge

@@ -1,0 +1,85 @@
+from __future__ import annotations
+
+import importlib.util
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.cli.test_cli import assert_one_line_error
+from tests.helpers import ROOT, run_python
+from tests.helpers.pose_logs import random_poses
+from tests.helpers.recording_stubs import write_log
+from tracker.logs.poses_file import write_poses
+from tracker.viz import view
+
+needs_rerun = pytest.mark.skipif(
+    importlib.util.find_spec("rerun") is None, reason="needs the optional package rerun-sdk"
+)
+
+
+def run(*arguments: object, folder: Path = ROOT) -> subprocess.CompletedProcess[str]:
+    return run_python(["-m", "tracker", "view", *arguments], folder)
+
+
+def entities(path: Path) -> set[str]:
+    """Names of what is in the file, which is whole."""
+    assert path.read_bytes()[:3] == b"RRF"
+    chunk = pytest.importorskip("rerun.chunk", reason="this version of rerun-sdk cannot read files")
+    return {one.entity_path for one in chunk.RrdReader(path).stream().to_chunks()}
+
+
+@needs_rerun
+def test_poses_alone_are_shown_without_images(tmp_path, rng):
+    write_poses(tmp_path / "poses.h5", random_poses(rng, 20))
+    result = run("poses.h5", "-o", "view.rrd", folder=tmp_path)
+    assert result.returncode == 0, result.stderr
+    found = entities(tmp_path / "view.rrd")
+    assert {"/world/arena", "/world/measured", "/world/filtered", "/world/uncertainty/filtered"} <= found
+    assert {"/world/trajectory/filtered", "/confidence/measured", "/std_mm/filtered", "/status"} <= found
+    assert "/world/cameras/camera60" in found
+    assert "/world/cameras/camera60/image" not in found
+
+
+@needs_rerun
+def test_a_recording_is_tracked_on_the_way(tmp_path):
+    write_log(tmp_path / "log", 6)
+    result = run("log", "--object", "cube_v2", "-o", "view.rrd", "--every", 2, "-q", folder=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert {"/world/cameras/camera180/image", "/status"} <= entities(tmp_path / "view.rrd")
+
+
+@needs_rerun
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["poses.h5", "-o", "view.txt"], ".rrd"),
+        (["poses.h5", "-o", "no/view.rrd"], "no folder"),
+        (["poses.h5", "-o", "v.rrd", "--from", "3", "--to", "3"], "beyond"),
+        (["poses.h5", "-o", "v.rrd", "--from", "99"], "--from 99"),
+        (["poses.h5", "-o", "v.rrd", "--calibration", "log"], "the calibration is in"),
+        (["poses.h5", "-o", "v.rrd", "--object", "cube_v1"], "expected cube_v2"),
+        (["poses.h5", "-o", "v.rrd", "--log", "log"], "28×24"),
+        (["poses.h5", "-o", "v.rrd", "--colors", "cube_v2"], "nothing is tracked"),
+        (["log", "-o", "v.rrd"], "--object"),
+        (["log", "-o", "v.rrd", "--object", "cube_v2", "--colors", "no"], "'no'"),
+    ],
+)
+def test_wrong_usage_is_one_line_and_leaves_nothing(arguments, said, tmp_path):
+    write_poses(tmp_path / "poses.h5", random_poses(np.random.default_rng(1), 5))
+    write_log(tmp_path / "log", 5)
+    before = sorted(tmp_path.rglob("*"))
+    assert_one_line_error(run(*arguments, folder=tmp_path), said)
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_a_missing_package_is_named_with_its_extra(monkeypatch, capfd):
+    from tracker import cli
+
+    monkeypatch.setattr(view, "find_spec", lambda _: None)
+    with pytest.raises(SystemExit) as stop:
+        cli.main(["view", "poses.h5"])
+    printed = capfd.readouterr()
+    result = subprocess.CompletedProcess([], int(stop.value.code or 0), printed.out, printed.err)
+    assert_one_line_error(result, "trifinger-object-tracker[viz]")
