@@ -1,8 +1,7 @@
-"""Runs the workloads: what the tracker answers to every frame, beside the bound and the predecessor."""
+"""Runs the workloads: what the tracker answers to every frame, beside the bound."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,12 +11,12 @@ import cv2
 import numpy as np
 
 import tracker
-from benchmarks import metrics, predecessor
+from benchmarks import metrics
 from benchmarks.bound import bounds, scene_edges
 from benchmarks.cache import CACHE
 from benchmarks.package import PackageError
 from benchmarks.records import FrameRecord, select
-from benchmarks.scenes import OBJECTS, SEED
+from benchmarks.scenes import OBJECTS
 from benchmarks.summary import summarise
 from benchmarks.workloads import (
     BY_NAME,
@@ -70,10 +69,7 @@ class AccuracyRun:
                 if workload.name == BINS_WORKLOAD:
                     own = select(self.records, "realistic", name) + own
                 if own:
-                    figures = summarise(own)
-                    if workload.name == BINS_WORKLOAD:  # stands with `realistic`
-                        figures = {k: v for k, v in figures.items() if not k.startswith("baseline")}
-                    result.setdefault(workload.name, {})[name] = figures
+                    result.setdefault(workload.name, {})[name] = summarise(own)
         return result
 
 
@@ -96,7 +92,7 @@ def measure_accuracy(
                 except PackageError as error:
                     run.skipped |= {workload.name: str(error) for workload in own}
                     continue
-                run.records += _of_set(name, scenes, own, options.sizes.baseline)
+                run.records += _of_set(name, scenes, own)
     finally:
         cv2.setNumThreads(threads)
     places = {workload.name: k for k, workload in enumerate(options.workloads)}
@@ -104,8 +100,8 @@ def measure_accuracy(
     return run
 
 
-def _of_set(name: str, scenes: SceneSet, workloads: Sequence[Workload], tried: int) -> list[FrameRecord]:
-    """Records of all workloads that share these scenes; the predecessor's on the first `tried`."""
+def _of_set(name: str, scenes: SceneSet, workloads: Sequence[Workload]) -> list[FrameRecord]:
+    """Records of all workloads that share these scenes."""
     model = tracker.load_object(name)
     colors = scenes.colors or tracker.load_colors(model.colors)
     exact = tracker.ObjectTracker(model, scenes.rig, colors)
@@ -121,8 +117,6 @@ def _of_set(name: str, scenes: SceneSet, workloads: Sequence[Workload], tried: i
             if record["present"]:
                 edges = edges or scene_edges(given, model)
                 record |= _bounds(given, edges)
-                if workload.name == "realistic" and count < tried:
-                    record |= _predecessor(model, given, colors)
             records.append(FrameRecord(**record))
     return records
 
@@ -183,23 +177,6 @@ def _bounds(given: Case, edges: Any) -> dict[str, float]:
         "bound_fixed_mm": 1e3 * fixed_position,
         "bound_fixed_deg": float(np.degrees(fixed_rotation)),
     }
-
-
-def _predecessor(
-    model: tracker.CuboidModel, given: Case, colors: tracker.segmentation.ColorModel
-) -> dict[str, float]:
-    scene = given.scene
-    assert scene.position is not None
-    assert scene.rotation is not None
-    start = time.perf_counter()
-    found = predecessor.find(model, given.rig.cameras, given.images, colors, SEED + scene.index)
-    elapsed = 1e3 * (time.perf_counter() - start)
-    errors = (
-        {"baseline_position_mm": np.inf, "baseline_rotation_deg": np.inf}
-        if found is None
-        else _position_and_rotation((scene.position, scene.rotation), found, "baseline_")
-    )
-    return {**errors, "baseline_ms": elapsed}
 
 
 def again(run: AccuracyRun, record: FrameRecord) -> tuple[Case, Observation]:

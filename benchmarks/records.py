@@ -79,12 +79,6 @@ class FrameRecord:
     """As `bound_mm`, with an edge noise of 0.3 px whatever the image [mm]."""
     bound_fixed_deg: float = math.nan
     """As `bound_deg`, with an edge noise of 0.3 px whatever the image [°]."""
-    baseline_position_mm: float = math.nan
-    """`position_mm` of the predecessor's method, on a subset [mm]."""
-    baseline_rotation_deg: float = math.nan
-    """`rotation_deg` of the predecessor's method, on a subset [°]."""
-    baseline_ms: float = math.nan
-    """Time of the predecessor's method [ms]."""
     task_position_error: float = math.nan
     """The tasks' position error between true and estimated pose [1]."""
     task_rotation_error: float = math.nan

@@ -68,7 +68,6 @@ def summarise(records: Sequence[FrameRecord]) -> dict[str, Any]:
     result |= _recalls(records)
     result |= _calibration(confidence[found], right[found])
     result |= _bounds(records)
-    result |= _baseline(records)
     result["bins"] = by_visibility(records)
     result["median_ms"] = _quantile(column(records, "milliseconds"), 0.5)
     return result
@@ -152,29 +151,6 @@ def _bounds(records: Sequence[FrameRecord]) -> dict[str, float]:
             if use.any():
                 result[f"{key}_ratio_{unit}"] = float(np.median(errors[use]) / np.median(bound[use]))
                 result[f"{key}_median_ratio_{unit}"] = float(np.median(errors[use] / bound[use]))
-    return result
-
-
-def _baseline(records: Sequence[FrameRecord]) -> dict[str, float]:
-    """The predecessor's method on the frames that it was tried on, and the tracker's error over its."""
-    position, rotation = column(records, "baseline_position_mm"), column(records, "baseline_rotation_deg")
-    tried = np.isfinite(position)
-    if not tried.any():
-        return {}
-    own = [r for r, t in zip(records, tried, strict=True) if t]
-    found = column(own, "found").astype(bool)
-    result = {
-        "baseline_frames": int(tried.sum()),
-        "baseline_median_mm": _quantile(position[tried], 0.5),
-        "baseline_median_deg": _quantile(rotation[tried], 0.5),
-        "baseline_p90_mm": _quantile(position[tried], 0.9),
-        "baseline_p90_deg": _quantile(rotation[tried], 0.9),
-        "baseline_within_5": percent((position[tried] <= 5) & (rotation[tried] <= 5)),
-        "baseline_median_ms": _quantile(column(own, "baseline_ms"), 0.5),
-    }
-    for unit, key in (("mm", "position_mm"), ("deg", "rotation_deg")):
-        ours = _quantile(column(own, key)[found], 0.5)
-        result[f"baseline_ratio_{unit}"] = ours / result[f"baseline_median_{unit}"]
     return result
 
 

@@ -109,20 +109,6 @@ GROUPS: tuple[tuple[str, tuple[tuple[str, str, Format], ...]], ...] = (
             ("bound_fixed_ratio_mm", "ratio of medians", _RATIO),
         ),
     ),
-    (
-        "The predecessor's method, on the frames it was tried on",
-        (
-            ("baseline_frames", "frames", _COUNT),
-            ("baseline_median_mm", "position, median", _fixed(2, " mm")),
-            ("baseline_p90_mm", "p90", _fixed(2, " mm")),
-            ("baseline_median_deg", "rotation, median", DEG),
-            ("baseline_p90_deg", "p90", DEG),
-            ("baseline_within_5", "within 5 mm & 5°", PERCENT),
-            ("baseline_median_ms", "time", _fixed(0, " ms")),
-            ("baseline_ratio_mm", "tracker / it: position", _fixed(3)),
-            ("baseline_ratio_deg", "rotation", _fixed(3)),
-        ),
-    ),
 )
 """Tables of an object: key in the summary, heading, and how to write a value."""
 

@@ -29,8 +29,6 @@ METHOD = (
     "- The bound is Cramér and Rao's, from the visible edges and the noise measured at each edge of each "
     "picture, or from 0.3 px for each pixel of edge. It is the square root of a trace; the median of an "
     "isotropic Gaussian error in three dimensions is 0.89 of that.\n"
-    "- The predecessor's method is differential evolution as described in public, on this tracker's "
-    "segmentation.\n"
     "- Occlusion bins hold the realistic scenes and others that fill up the bins.",
 )
 

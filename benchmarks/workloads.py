@@ -37,12 +37,10 @@ class Sizes:
     """Least number in each bin of visible fractions, `realistic` included."""
     absent: int = 500
     package: int = 60
-    baseline: int = 40
-    """Scenes of `realistic` that the predecessor's method is tried on."""
 
 
 FULL = Sizes()
-QUICK = Sizes(realistic=6, clean=3, per_bin=3, absent=6, package=3, baseline=1)
+QUICK = Sizes(realistic=6, clean=3, per_bin=3, absent=6, package=3)
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Plots of errors: against what is visible, against the bound, and next to the predecessor's method."""
+"""Plots of errors: against what is visible, against the bound, and how they are distributed."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ def _ratio_lines(row: Sequence[Axes]) -> None:
 
 
 def cumulative(records: Sequence[FrameRecord], workload: str) -> str:
-    """Share of frames whose error is at most so large: tracker, predecessor's method, and the bound."""
+    """Share of frames whose error is at most so large, and that of their bound."""
     chosen = [r for r in records if r.workload == workload and r.present]
     names = objects_of(chosen)
 
@@ -139,24 +139,19 @@ def cumulative(records: Sequence[FrameRecord], workload: str) -> str:
             for axes, name in zip(row, names, strict=True):
                 own = [r for r in chosen if r.object == name]
                 _curve(axes, column(own, key), theme.INK, "tracker")
-                # Which frames the predecessor's method was run on shows in its time: it may find nothing.
-                tried = [r for r in own if np.isfinite(r.baseline_ms) or np.isfinite(r.baseline_position_mm)]
-                if tried:
-                    _curve(axes, column(tried, f"baseline_{key}"), theme.FOURTH, "predecessor's method")
                 bounded = [r for r in own if np.isfinite(getattr(r, _BOUNDS[key]))]
                 if bounded:
                     _curve(axes, column(bounded, _BOUNDS[key]), theme.FAINT, "bound", ls=(0, (2, 2)))
                 axes.set_xscale("log")
                 axes.set_xlabel(f"{quantity} error [{unit}]")
                 axes.set_ylim(0, 102)
-                counts = f"{len(own)} frames" + f", predecessor's method {len(tried)}" * bool(tried)
-                axes.set_title(f"{name}: {counts}" if key == "position_mm" else "")
+                axes.set_title(f"{name}: {len(own)} frames" if key == "position_mm" else "")
             row[0].set_ylabel("frames [%]")
             for axes in row:
                 theme.plain_ticks(axes, "x")
         theme.legend_above(figure, *panels.flat)
 
-    return theme.svg("cumulative", "Cumulative errors of tracker and predecessor's method", (10.4, 6.4), draw)
+    return theme.svg("cumulative", "Cumulative errors and their bound", (10.4, 6.4), draw)
 
 
 def _curve(axes: Axes, errors: Array, color: str, label: str, ls: object = "-") -> None:

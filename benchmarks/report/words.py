@@ -42,11 +42,5 @@ DEFINITIONS = (
         "an uncertain calibration marginalised. Given is the square root of the trace of the covariance of "
         "position or rotation. A second bound takes every sample to be uncertain by 0.3 px",
     ),
-    (
-        "predecessor's method",
-        "as described in public: differential evolution, population 40, 50 generations, on 150 pixels "
-        "sampled from the colour masks; cost: square root of a pixel's distance outside its face, plus a "
-        "penalty for faces that point away",
-    ),
 )
 """Terms of the report."""

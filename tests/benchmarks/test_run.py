@@ -33,5 +33,4 @@ def test_a_smoke_run_measures_and_says_so(tmp_path):
         assert record.cameras == (2 if record.workload == "two cameras" else 3)
         assert record.found == np.isfinite(record.position_mm)
         assert 0 < record.bound_mm < record.bound_fixed_mm
-    assert sum(np.isfinite(r.baseline_position_mm) for r in records) == 1
     assert len(list((out / "worst").glob("*.jpg"))) == len(results["worst"]) > 0

@@ -48,7 +48,6 @@ def _record(rng: np.random.Generator, name: str, workload: str, scale: float, in
     wild = 60.0 if rng.random() < 0.03 else 1.0
     error = wild * scale * bound * rng.normal(size=6) * [0.6, 0.6, 0.6, 1.1, 1.1, 1.1]
     position, rotation = float(np.linalg.norm(error[:3])), float(np.linalg.norm(error[3:]))
-    old = index < 12
     return FrameRecord(
         workload,
         name,
@@ -67,8 +66,6 @@ def _record(rng: np.random.Generator, name: str, workload: str, scale: float, in
         confidence=float(np.clip(rng.beta(20, 1) if wild < 2 else rng.beta(2, 2), 0, 1)),
         bound_mm=bound,
         bound_deg=1.6 * bound,
-        baseline_position_mm=float(rng.lognormal(0.3, 0.5)) if old else np.nan,
-        baseline_rotation_deg=float(rng.lognormal(0.8, 0.5)) if old else np.nan,
         milliseconds=3.0,
     )
 
