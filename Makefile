@@ -4,7 +4,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 CODE := tracker synthetic benchmarks examples scripts tests
 
-.PHONY: demo test lint format bench gate colors fresh clean
+.PHONY: demo test lint format bench gate colors clean
 REAL ?= ../shared/real
 
 demo: $(STAMP)  ## film the simulated platform, find the object in every frame
@@ -32,9 +32,6 @@ gate: $(STAMP)  ## measure, and fail where a figure has fallen by more than its 
 
 colors: $(STAMP)  ## fit the shipped colour tables again, from the labelled images in $(REAL)
 	$(BIN)/python scripts/fit_shipped_colors.py $(REAL)
-
-fresh:  ## forget compiled kernels: their cache does not notice a change in a kernel that they call
-	find tracker synthetic -name '*.nb[ci]' -delete
 
 clean:  ## remove everything that the other targets made
 	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis build dist

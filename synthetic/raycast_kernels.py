@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import numba
 import numpy as np
 
 from synthetic.raycast_shading import (
@@ -27,6 +26,7 @@ from synthetic.raycast_shading import (
     Color,
     shade,
 )
+from tracker.compiled import compiled
 from tracker.conventions import Array
 
 if TYPE_CHECKING:
@@ -35,10 +35,8 @@ if TYPE_CHECKING:
 _BELOW = -1e-4
 """Shadow rays start this far below the table [m], so that what stands on it blocks them."""
 
-_compiled = numba.njit(cache=True, error_model="numpy")
 
-
-@_compiled
+@compiled
 def _hit_box(w: Any, ox: float, oy: float, oz: float, dx: float, dy: float, dz: float) -> tuple[float, int]:
     """Distance and face where a ray enters the object, or infinity."""
     near, far, face = -np.inf, np.inf, -1
@@ -60,7 +58,7 @@ def _hit_box(w: Any, ox: float, oy: float, oz: float, dx: float, dy: float, dz: 
     return np.inf, -1
 
 
-@_compiled
+@compiled
 def _hit_sphere(product: float, square: float, radius: float) -> float:
     """Distance at which a ray enters a sphere; `product` and `square` of its origin minus the centre."""
     h = product * product - square + radius * radius
@@ -70,7 +68,7 @@ def _hit_sphere(product: float, square: float, radius: float) -> float:
     return t if t > 0 else np.inf
 
 
-@_compiled
+@compiled
 def _hit_capsule(
     c: Any, ox: float, oy: float, oz: float, dx: float, dy: float, dz: float
 ) -> tuple[float, float]:
@@ -108,7 +106,7 @@ def _hit_capsule(
     return best, share
 
 
-@_compiled
+@compiled
 def _hit_motor(m: Any, ox: float, oy: float, oz: float, dx: float, dy: float, dz: float) -> float:
     nx, ny, nz = m.normal[0], m.normal[1], m.normal[2]
     px, py, pz = m.center[0] - ox, m.center[1] - oy, m.center[2] - oz
@@ -119,7 +117,7 @@ def _hit_motor(m: Any, ox: float, oy: float, oz: float, dx: float, dy: float, dz
     return np.inf
 
 
-@_compiled
+@compiled
 def _hit_background(
     w: Any, ox: float, oy: float, oz: float, dx: float, dy: float, dz: float
 ) -> tuple[float, int]:
@@ -152,7 +150,7 @@ def _hit_background(
     return best, code
 
 
-@_compiled
+@compiled
 def _trace(
     w: Any, capsules: Array, motors: Array, ox: float, oy: float, oz: float, dx: float, dy: float, dz: float
 ) -> tuple[float, int, float, bool]:
@@ -174,7 +172,7 @@ def _trace(
     return best, code, share, bare
 
 
-@_compiled
+@compiled
 def _is_blocked(
     w: Any, capsules: Array, ox: float, oy: float, oz: float, dx: float, dy: float, dz: float
 ) -> bool:
@@ -186,7 +184,7 @@ def _is_blocked(
     return c < len(capsules)
 
 
-@_compiled
+@compiled
 def shadow_map(world: World, lamps: Array, cells: int) -> Array:
     """Share (cells, cells) of the lamps' directions (N, 3) that a point of the table sees; rows along y."""
     w, capsules = world.room[0], world.capsules
@@ -202,7 +200,7 @@ def shadow_map(world: World, lamps: Array, cells: int) -> Array:
     return lit
 
 
-@_compiled
+@compiled
 def _look(
     w: Any, v: Any, capsules: Array, motors: Array, blotches: Array, lit: Array, x: float, y: float
 ) -> tuple[int, bool, Color]:
@@ -218,7 +216,7 @@ def _look(
     return code, bare, color
 
 
-@_compiled
+@compiled
 def _surroundings(codes: Array, j: int, i: int) -> tuple[bool, bool]:
     """Whether a pixel needs more than one ray, and whether the object is near it."""
     edge, near_object = FIRST_MOTOR <= codes[j, i] < FIRST_CAPSULE, False
@@ -229,7 +227,7 @@ def _surroundings(codes: Array, j: int, i: int) -> tuple[bool, bool]:
     return edge, near_object
 
 
-@_compiled
+@compiled
 def trace_image(
     world: World, view: Array, nodes: Array, many: Array, few: Array
 ) -> tuple[Array, Array, Array, Array]:

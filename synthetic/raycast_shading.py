@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 
+from tracker.compiled import compiled
 from tracker.conventions import Array
 
 Color = tuple[float, float, float]
@@ -31,10 +31,8 @@ DARKNESS = 0.03
 
 _SPOKES = 9
 
-_compiled = numba.njit(cache=True, error_model="numpy")
 
-
-@_compiled
+@compiled
 def _random(i: int, j: int, seed: int) -> float:
     """Repeatable noise in -1 ... 1 of a lattice point."""
     h = (i * 374761393 + j * 668265263 + seed * 974711) & 0xFFFFFFFF
@@ -43,7 +41,7 @@ def _random(i: int, j: int, seed: int) -> float:
     return (h >> 8) / 8388607.5 - 1.0
 
 
-@_compiled
+@compiled
 def _grain(u: float, v: Any, cell: float, seed: int) -> float:
     """Smooth noise in -1 ... 1 with features of the size `cell` [m] in surface coordinates u, v [m]."""
     u, v = u / cell, v / cell
@@ -56,14 +54,14 @@ def _grain(u: float, v: Any, cell: float, seed: int) -> float:
     return mixed
 
 
-@_compiled
+@compiled
 def _lambert(w: Any, nx: float, ny: float, nz: float) -> float:
     """0 facing away from the lamp ... 1 towards it; the room is bright, so it falls off slowly."""
     cosine: float = nx * w.light[0] + ny * w.light[1] + nz * w.light[2]
     return 0.5 * (1.0 + cosine)
 
 
-@_compiled
+@compiled
 def _lit(lit: Array, x: float, y: float) -> float:
     """Share of the lamp that reaches (x, y) on the table: bilinear in the shadow map."""
     cells = lit.shape[0]
@@ -77,7 +75,7 @@ def _lit(lit: Array, x: float, y: float) -> float:
     return mixed
 
 
-@_compiled
+@compiled
 def _table_brightness(w: Any, blotches: Array, lit: Array, x: float, y: float) -> float:
     brightness: float = 1.0 - w.shadow * (1.0 - _lit(lit, x, y))
     brightness *= 1.0 + 0.4 * (w.light[0] * x + w.light[1] * y) / MAP_EXTENT
@@ -88,7 +86,7 @@ def _table_brightness(w: Any, blotches: Array, lit: Array, x: float, y: float) -
     return brightness
 
 
-@_compiled
+@compiled
 def _wall_brightness(w: Any, section: int, x: float, y: float, z: float) -> float:
     radius = np.sqrt(x * x + y * y)
     rise = w.wall_heights[section + 1] - w.wall_heights[section]
@@ -102,7 +100,7 @@ def _wall_brightness(w: Any, section: int, x: float, y: float, z: float) -> floa
     return brightness
 
 
-@_compiled
+@compiled
 def _face_brightness(w: Any, face: int, x: float, y: float, z: float) -> float:
     axis, sign = face // 2, 1.0 - 2.0 * (face % 2)
     x, y, z = x - w.position[0], y - w.position[1], z - w.position[2]
@@ -116,7 +114,7 @@ def _face_brightness(w: Any, face: int, x: float, y: float, z: float) -> float:
     return brightness
 
 
-@_compiled
+@compiled
 def _capsule_brightness(w: Any, c: Any, share: float, x: float, y: float, z: float) -> float:
     x -= c.start[0] + share * (c.end[0] - c.start[0])
     y -= c.start[1] + share * (c.end[1] - c.start[1])
@@ -126,7 +124,7 @@ def _capsule_brightness(w: Any, c: Any, share: float, x: float, y: float, z: flo
     return brightness
 
 
-@_compiled
+@compiled
 def _spoke_brightness(m: Any, x: float, y: float, z: float) -> float:
     """0 on the motor's dark parts, else the brightness of copper."""
     nx, ny, nz = m.normal[0], m.normal[1], m.normal[2]
@@ -143,13 +141,13 @@ def _spoke_brightness(m: Any, x: float, y: float, z: float) -> float:
     return brightness
 
 
-@_compiled
+@compiled
 def _color(brightness: float, albedo: Array) -> Color:
     blue, green, red = brightness * albedo[0], brightness * albedo[1], brightness * albedo[2]
     return max(blue, BLACK), max(green, BLACK), max(red, BLACK)
 
 
-@_compiled
+@compiled
 def shade(
     w: Any,
     capsules: Array,
@@ -161,8 +159,8 @@ def shade(
     x: float,
     y: float,
     z: float,
-) -> Color:
-    """Colour (blue, green, red) of the point that a ray met; `share` is where along a capsule's axis."""
+) -> Any:
+    """Color (blue, green, red) of the point that a ray met; `share` is where along a capsule's axis."""
     if code in (NOTHING, WALL_OUTSIDE):
         return DARKNESS, DARKNESS, DARKNESS
     if code < FIRST_WALL:

@@ -102,3 +102,97 @@ def test_colours_are_found_where_no_kernel_can_be_kept(nowhere):
     red, others = run(nowhere, COLOURS)
     assert 400 < red <= 24 * 24
     assert others == 0
+
+
+ALL = {
+    "__init__.py": "",
+    "constants.py": "FACTOR = 2.0\n",
+    "inner.py": """
+from tracker.compiled import compiled
+from toy.constants import FACTOR
+
+@compiled
+def inner(x):
+    return FACTOR * x + 1.0
+""",
+    "outer.py": """
+from tracker.compiled import compiled
+from toy.inner import inner
+
+@compiled
+def outer(x):
+    return inner(x)
+""",
+    "unrelated.py": "NOTHING = 0\n",
+}
+
+TOY = """
+import json
+from toy.outer import outer
+
+print(json.dumps([outer(3.0), sum(outer.stats.cache_hits.values())]))
+"""
+
+
+@pytest.fixture
+def toy(tmp_path, monkeypatch):
+    """A package of one kernel that calls another one of another file; its machine code is kept beside it."""
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    (tmp_path / "toy").mkdir()
+    for name, text in ALL.items():
+        (tmp_path / "toy" / name).write_text(text, encoding="utf-8")
+    return tmp_path
+
+
+def kept(toy):
+    """Folders of machine code."""
+    return set((toy / "toy" / "__pycache__").glob("kernels-*"))
+
+
+def edit(toy, name, old, new):
+    path = toy / "toy" / name
+    path.write_text(path.read_text(encoding="utf-8").replace(old, new), encoding="utf-8")
+
+
+def test_a_change_in_what_a_kernel_calls_or_imports_leads_to_machine_code_anew(toy):
+    assert run(toy, TOY) == [7.0, 0]
+    assert run(toy, TOY) == [7.0, 1]
+    edit(toy, "inner.py", "1.0", "2.0")
+    assert run(toy, TOY) == [8.0, 0]
+    edit(toy, "constants.py", "2.0", "3.0")
+    assert run(toy, TOY) == [11.0, 0]
+    edit(toy, "unrelated.py", "0", "1")
+    assert run(toy, TOY) == [11.0, 1]
+
+
+def test_machine_code_of_older_sources_is_removed_but_for_the_latest(toy):
+    folders = []
+    for k in range(4):
+        edit(toy, "constants.py", f"{k + 1}.0" if k else "2.0", f"{k + 2}.0")
+        before = kept(toy)
+        run(toy, TOY)
+        folders += kept(toy) - before
+    assert len(folders) == 4
+    assert kept(toy) == set(folders[-2:])
+
+
+def test_kept_machine_code_that_is_damaged_is_made_anew(toy):
+    run(toy, TOY)
+    for pattern in ("*.nbi", "*.nbc"):
+        (folder,) = kept(toy)
+        for file in folder.glob(pattern):
+            file.write_bytes(b"none")
+        assert run(toy, TOY) == [7.0, 0]
+    assert run(toy, TOY) == [7.0, 1]
+
+
+def test_machine_code_that_cannot_be_kept_any_more_stops_nobody(toy):
+    gone = """
+import pathlib, shutil
+from toy.outer import outer
+
+folder = pathlib.Path(outer.stats.cache_path)
+shutil.rmtree(folder)
+folder.touch()
+"""
+    assert run(toy, gone + TOY) == [7.0, 0]

@@ -1,12 +1,29 @@
-"""Compiled functions: one decorator for all, and whether their machine code lies on disk."""
+"""Compiled functions: one decorator for all, and machine code on disk that is as new as its sources.
+
+Numba notices a change in the file of a function, not in the files of what that calls. Machine code is
+therefore kept in folders named after the content of all files that a package's compiled functions come from.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import contextlib
+import functools
+import hashlib
+import re
+import shutil
+import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numba
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
+
+_KERNEL = re.compile(r"^ *@_?compiled\b", re.MULTILINE)
+_IMPORT = re.compile(r"^(?:from|import) +([\w.]+)(?: +import +(\([^)]*\)|.*))?", re.MULTILINE)
+_FOLDER = "kernels-"
+_OTHERS = 1
+"""Folders of other sources that stay, so that two versions that take turns do not compile each time."""
 
 
 def compiled(function: Callable[..., Any] | None = None, **options: Any) -> Any:
@@ -17,11 +34,11 @@ def compiled(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     """
     if function is None:
         return lambda function: compiled(function, **options)
-    options = {"nogil": True, "error_model": "numpy", **options}
-    try:
-        return numba.njit(cache=True, **options)(function)
-    except RuntimeError:  # numba finds no place for its cache
-        return numba.njit(**options)(function)
+    dispatcher = numba.njit(**{"nogil": True, "error_model": "numpy", **options})(function)
+    # Without a place for its cache numba raises RuntimeError.
+    with contextlib.suppress(RuntimeError, OSError):
+        dispatcher._cache = _Cache(function)  # type: ignore[no-untyped-call]
+    return dispatcher
 
 
 def is_cached(function: Any) -> bool:
@@ -29,3 +46,107 @@ def is_cached(function: Any) -> bool:
     folder = getattr(function.stats, "cache_path", None)
     name = f"{Path(function.py_func.__code__.co_filename).stem}.{function.py_func.__qualname__}-*.nbi"
     return folder is not None and any(Path(folder).glob(name))
+
+
+@functools.cache
+def fingerprint(package: str) -> str:
+    """Hash of numba's version and of all sources that can matter to a package's compiled functions.
+
+    These are the files that hold such functions, and those of the package and of this one that they import,
+    directly or not: constants are compiled in.
+
+    Raises:
+        OSError: there are no such files, or they cannot be read.
+    """
+    root = Path(sys.modules[package].__path__[0])
+    texts = {path: path.read_text(encoding="utf-8") for path in sorted(root.rglob("*.py"))}
+    waiting = [path for path, text in texts.items() if _KERNEL.search(text)]
+    if not waiting:
+        raise OSError(f"{root} holds no sources")
+    own = {package: root, __name__.partition(".")[0]: Path(__file__).parent}
+    sources: dict[Path, str] = {}
+    while waiting:
+        path = waiting.pop()
+        if path not in sources and path.is_file():
+            sources[path] = texts[path] if path in texts else path.read_text(encoding="utf-8")
+            waiting += _imported(sources[path], own)
+    digest = hashlib.sha256(numba.__version__.encode())
+    for path in sorted(sources):
+        digest.update(f"\0{path.relative_to(root.parent) if path in texts else path.name}\0".encode())
+        digest.update(sources[path].encode())
+    return digest.hexdigest()[:16]
+
+
+def _imported(text: str, own: dict[str, Path]) -> Iterator[Path]:
+    """Files, which need not exist, that a source's imports from some packages (their folders) may mean."""
+    for module, names in _IMPORT.findall(text):
+        first, *rest = module.split(".")
+        if first not in own:
+            continue
+        place = own[first].joinpath(*rest)
+        yield place.with_suffix(".py")
+        yield place / "__init__.py"
+        for name in re.findall(r"\w+", names):
+            yield place / f"{name}.py"
+
+
+def _place(base: Path, name: str) -> Path:
+    """The folder `name` in `base`. Where it has to be made, those of older sources are removed."""
+    folder = base / name
+    if not folder.is_dir():
+        folder.mkdir(parents=True, exist_ok=True)
+        # Another process may do the same, or still use what is removed: it compiles for itself then.
+        with contextlib.suppress(OSError):
+            others = [other for other in base.glob(f"{_FOLDER}*") if other != folder]
+            others.sort(key=lambda other: other.stat().st_mtime)
+            for other in others[: len(others) - _OTHERS]:
+                shutil.rmtree(other, ignore_errors=True)
+    return folder
+
+
+class _Locator(_CacheLocator):
+    """Where numba keeps a function: a folder of the present sources where it would keep it anyway."""
+
+    def __init__(self, found: Any, function: Callable[..., Any]) -> None:
+        package = function.__module__.partition(".")[0]
+        alone = not hasattr(sys.modules[package], "__path__")
+        self._stamp = found.get_source_stamp() if alone else fingerprint(package)
+        self._found, base = found, Path(found.get_cache_path())
+        self._folder = str(base if alone else _place(base, _FOLDER + self._stamp))
+
+    def get_cache_path(self) -> str:
+        return self._folder
+
+    def get_source_stamp(self) -> Any:
+        return self._stamp
+
+    def get_disambiguator(self) -> str:
+        return str(self._found.get_disambiguator())
+
+
+class _Implementation(CompileResultCacheImpl):
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self._function = function
+        super().__init__(function)  # type: ignore[no-untyped-call]
+
+    @functools.cached_property
+    def locator(self) -> _Locator:
+        return _Locator(self._locator, self._function)
+
+
+class _Cache(FunctionCache):
+    _impl_class = _Implementation
+
+    def load_overload(self, *arguments: Any) -> Any:
+        # What is damaged may raise whatever it likes: it counts as nothing, and is forgotten.
+        try:
+            return super().load_overload(*arguments)  # type: ignore[no-untyped-call]
+        except Exception:
+            with contextlib.suppress(OSError):
+                self.flush()  # type: ignore[no-untyped-call]
+            return None
+
+    def save_overload(self, *arguments: Any) -> None:
+        # To keep machine code is a convenience: a full disk or a folder that is gone must stop nobody.
+        with contextlib.suppress(OSError):
+            super().save_overload(*arguments)  # type: ignore[no-untyped-call]

@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from synthetic.render.hits import compiled
+from tracker.compiled import compiled
 from tracker.conventions import Array
 
 _SIZES_M = (0.0011, 0.006, 0.03)

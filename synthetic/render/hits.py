@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from synthetic.render.interface import PinholeView
 from synthetic.render.surfaces import BODY_SHIFT, Surfaces
+from tracker.compiled import compiled
 from tracker.conventions import Array, Image
-
-compiled = numba.njit(cache=True, error_model="numpy", nogil=True)
 
 
 class Hits(NamedTuple):

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from synthetic.render.hits import Hits, compiled
+from synthetic.render.hits import Hits
 from synthetic.render.interface import PinholeView
 from synthetic.render.shadows import CENTER, LAMP_DIRECTIONS, Shadows
 from synthetic.scene import Lighting
+from tracker.compiled import compiled
 from tracker.conventions import Array
 
 _BLOCK_RAD = 0.0055

@@ -8,11 +8,12 @@ from __future__ import annotations
 import numpy as np
 
 from synthetic.render.grain import grain, lattice
-from synthetic.render.hits import Hits, compiled
+from synthetic.render.hits import Hits
 from synthetic.render.interface import PinholeView
 from synthetic.render.reach import sky_slope
 from synthetic.render.surfaces import Surfaces
 from synthetic.scene import Lighting
+from tracker.compiled import compiled
 from tracker.conventions import Array
 
 

@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from synthetic.render.hits import compiled
 from synthetic.render.surfaces import Surfaces
 from synthetic.scene import Lighting
+from tracker.compiled import compiled
 from tracker.conventions import Array, FloatArray
 
 CENTER = (0.0, 0.0, 0.08)

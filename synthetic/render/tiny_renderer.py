@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from synthetic.render.hits import Hits, barycentric, compiled, empty_hits, labels_of_hits
+from synthetic.render.hits import Hits, barycentric, empty_hits, labels_of_hits
 from synthetic.render.interface import Layers, PinholeView
 from synthetic.render.light import SceneLight
 from synthetic.render.surfaces import Surfaces, SurfaceStore
 from synthetic.render.tiny_codes import Stage
 from synthetic.scene import PlatformScene
+from tracker.compiled import compiled
 from tracker.conventions import Array, FloatArray
 
 _FEW_TRIANGLES = 64
