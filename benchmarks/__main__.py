@@ -7,7 +7,7 @@ import sys
 import click
 
 from benchmarks.commands import accuracy, dice, everything, films, gate, motion, report, rigs, speed
-from benchmarks.likeness import main as likeness
+from benchmarks.measure.likeness import main as likeness
 from tracker.errors import TrackerError
 
 

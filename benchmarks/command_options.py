@@ -8,9 +8,9 @@ from pathlib import Path
 
 import click
 
-from benchmarks.cache import CACHE
-from benchmarks.scenes import OBJECTS
-from benchmarks.workloads import BY_NAME
+from benchmarks.data.scenes import OBJECTS
+from benchmarks.data.store import CACHE
+from benchmarks.data.workloads import BY_NAME
 
 ROOT = Path(__file__).resolve().parent.parent
 OUTPUT = ROOT / "build" / "benchmarks"

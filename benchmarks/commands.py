@@ -14,24 +14,35 @@ import click
 
 import tracker
 from benchmarks import command_options as option
-from benchmarks import gate as gates
-from benchmarks.accuracy import AccuracyOptions, AccuracyRun, again, measure_accuracy, without_package
 from benchmarks.command_options import ROOT
-from benchmarks.dice import QUICK as QUICK_DICE
-from benchmarks.dice import DiceOptions, measure_dice
-from benchmarks.dice_scenes import SEED as DICE_SEED
-from benchmarks.dice_tables import dice_targets
-from benchmarks.dice_worst import write_worst_dice
-from benchmarks.film_plot import write_film_plot
-from benchmarks.film_tables import film_targets
-from benchmarks.film_tracking import QUICK as QUICK_FILMS
-from benchmarks.film_tracking import FilmOptions, measure_films
-from benchmarks.films import SEED as FILM_SEED
-from benchmarks.motion_films import SEED as MOTION_SEED
-from benchmarks.motion_rows import QUICK as QUICK_MOTION
-from benchmarks.motion_rows import MotionOptions, measure_motion
-from benchmarks.recorded import pose_rows, segmentation_rows
-from benchmarks.records import (
+from benchmarks.data.dice import SEED as DICE_SEED
+from benchmarks.data.films import SEED as FILM_SEED
+from benchmarks.data.motion import SEED as MOTION_SEED
+from benchmarks.data.rig_cases import CASES
+from benchmarks.data.rig_scenes import SEED as RIG_SEED
+from benchmarks.data.scenes import OBJECTS, SEED
+from benchmarks.data.workloads import BY_NAME, FULL, QUICK, WORKLOADS, Workload
+from benchmarks.judge import gate as gates
+from benchmarks.judge.targets import evaluate
+from benchmarks.measure.accuracy import AccuracyOptions, AccuracyRun, again, measure_accuracy, without_package
+from benchmarks.measure.dice import QUICK as QUICK_DICE
+from benchmarks.measure.dice import DiceOptions, measure_dice
+from benchmarks.measure.films import QUICK as QUICK_FILMS
+from benchmarks.measure.films import FilmOptions, measure_films
+from benchmarks.measure.motion import QUICK as QUICK_MOTION
+from benchmarks.measure.motion import MotionOptions, measure_motion
+from benchmarks.measure.recorded import pose_rows, segmentation_rows
+from benchmarks.measure.rigs import RigOptions, measure_rigs
+from benchmarks.measure.speed import QUICK as QUICK_SPEED
+from benchmarks.measure.speed import measure_speed
+from benchmarks.report import write_report
+from benchmarks.report.dice_tables import dice_targets
+from benchmarks.report.dice_worst import write_worst_dice
+from benchmarks.report.film_plot import write_film_plot
+from benchmarks.report.film_tables import film_targets
+from benchmarks.report.tables import results_markdown
+from benchmarks.report.worst import Shown, worst_pictures
+from benchmarks.score.records import (
     RESULTS_FILE,
     FrameRecord,
     Results,
@@ -41,17 +52,6 @@ from benchmarks.records import (
     select,
     write_results,
 )
-from benchmarks.report import write_report
-from benchmarks.rig_cases import CASES
-from benchmarks.rig_scenes import SEED as RIG_SEED
-from benchmarks.rigs import RigOptions, measure_rigs
-from benchmarks.scenes import OBJECTS, SEED
-from benchmarks.speed import QUICK as QUICK_SPEED
-from benchmarks.speed import measure_speed
-from benchmarks.tables import results_markdown
-from benchmarks.targets import evaluate
-from benchmarks.workloads import BY_NAME, FULL, QUICK, WORKLOADS, Workload
-from benchmarks.worst import Shown, worst_pictures
 from tracker.files import write_whole
 
 PUBLISHED = Path(__file__).with_name("results.md")
@@ -179,7 +179,7 @@ def report(output: Path) -> None:
     "--baseline",
     type=click.Path(dir_okay=False, path_type=Path),
     default=gates.BASELINE,
-    show_default="benchmarks/baseline.json",
+    show_default="benchmarks/judge/baseline.json",
     help="What the results are compared with.",
 )
 @click.option("--update", is_flag=True, help="Make these results the baseline.")

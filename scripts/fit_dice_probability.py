@@ -14,8 +14,8 @@ import sys
 import numpy as np
 from scipy.optimize import minimize
 
-from benchmarks.dice import judge_positions
-from benchmarks.dice_scenes import KINDS, dice_store
+from benchmarks.data.dice import KINDS, dice_store
+from benchmarks.measure.dice import judge_positions
 from synthetic.rigs import sized, standard_rig
 from tracker.conventions import Array, FloatArray
 from tracker.tasks.rearrange_dice import segment_dice, where

@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from benchmarks.records import FrameRecord, column
 from benchmarks.report import theme
+from benchmarks.score.records import FrameRecord, column
 from tracker.conventions import Array, FloatArray
 
 Quantity = tuple[str, str, str]

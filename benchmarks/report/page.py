@@ -14,13 +14,13 @@ from typing import Any
 from jinja2 import Environment, StrictUndefined, select_autoescape
 from markupsafe import Markup
 
-from benchmarks.records import FrameRecord, Results, read_results, records_of
+from benchmarks.data.workloads import BY_NAME
 from benchmarks.report import accuracy_plots, speed_plots, trust_plots
 from benchmarks.report.sections import cards, extra_sections, visibility_table
+from benchmarks.report.speed_tables import speed_tables
+from benchmarks.report.summary_tables import summary_tables, target_rows
 from benchmarks.report.words import DEFINITIONS
-from benchmarks.speed_tables import speed_tables
-from benchmarks.summary_tables import summary_tables, target_rows
-from benchmarks.workloads import BY_NAME
+from benchmarks.score.records import FrameRecord, Results, read_results, records_of
 from tracker.files import write_whole
 
 REPORT_FILE = "report.html"

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from benchmarks.records import FrameRecord, Results
-from benchmarks.summary import by_visibility
-from benchmarks.summary_tables import DEG, MM, PERCENT, is_number, target_rows
-from benchmarks.table import Table
-from benchmarks.tables import recorded_table, segmentation_table
+from benchmarks.report.summary_tables import DEG, MM, PERCENT, is_number, target_rows
+from benchmarks.report.table import Table
+from benchmarks.report.tables import recorded_table, segmentation_table
+from benchmarks.score.records import FrameRecord, Results
+from benchmarks.score.summary import by_visibility
 
 BASE = "realistic"
 

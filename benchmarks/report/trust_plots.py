@@ -9,10 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.stats import chi2
 
-from benchmarks.records import FrameRecord, column
 from benchmarks.report import theme
 from benchmarks.report.accuracy_plots import objects_of
-from benchmarks.summary import within
+from benchmarks.score.records import FrameRecord, column
+from benchmarks.score.summary import within
 from tracker.conventions import Array, FloatArray
 
 EDGES = (0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 0.97, 1.0)

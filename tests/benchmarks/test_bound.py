@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import tracker
-from benchmarks.bound import FIXED_SIGMA, edge_noise, information, root_traces
-from benchmarks.disturbances import SHIFT_STD, TURN_STD
-from benchmarks.edge_samples import EdgeSamples, edge_samples
-from benchmarks.package_scenes import face_map
+from benchmarks.data.disturbances import SHIFT_STD, TURN_STD
+from benchmarks.data.package.scenes import face_map
+from benchmarks.score.bound import FIXED_SIGMA, edge_noise, information, root_traces
+from benchmarks.score.edges import EdgeSamples, edge_samples
 from tests.helpers import make_camera, numerical_jacobian, random_rotations
 from tracker.geometry import so3
 
@@ -163,7 +163,7 @@ def test_short_edges_take_the_median_of_the_others(rng):
 
 
 def test_derivative_is_the_numerical_one():
-    from benchmarks.edge_samples import derivative
+    from benchmarks.score.edges import derivative
 
     def function(x):
         return np.stack([x @ np.arange(6.0), x[0] * x[1] + np.sin(x[2])])

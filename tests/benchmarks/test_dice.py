@@ -9,18 +9,19 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from benchmarks import commands, gate
+from benchmarks import commands
 from benchmarks.__main__ import main
-from benchmarks.cache import read_packed
-from benchmarks.dice import ALONE, IMAGES, DiceOptions, Judged, mask_row, position_row, recorded_row
-from benchmarks.dice_judging import RIGHT, View, judge_mask, judge_positions
-from benchmarks.dice_scenes import SEED, DiceScene, cross_pixels, visible_fractions
-from benchmarks.dice_speed import speed_rows
-from benchmarks.dice_tables import dice_markdown, dice_tables, dice_targets
-from benchmarks.dice_worst import FILE, HIDDEN, INVENTED, MISSED, from_above
-from benchmarks.records import ResultsError, read_results, write_results
-from benchmarks.scenes import SIZE, rig
-from benchmarks.tables import results_markdown
+from benchmarks.data.dice import SEED, DiceScene, cross_pixels, visible_fractions
+from benchmarks.data.scenes import SIZE, rig
+from benchmarks.data.store import read_packed
+from benchmarks.judge import gate
+from benchmarks.measure.dice import ALONE, IMAGES, DiceOptions, Judged, mask_row, position_row, recorded_row
+from benchmarks.measure.dice_speed import speed_rows
+from benchmarks.report.dice_tables import dice_markdown, dice_tables, dice_targets
+from benchmarks.report.dice_worst import FILE, HIDDEN, INVENTED, MISSED, from_above
+from benchmarks.report.tables import results_markdown
+from benchmarks.score.dice import RIGHT, View, judge_mask, judge_positions
+from benchmarks.score.records import ResultsError, read_results, write_results
 from tests.helpers import random_rotations
 from tests.helpers.synthetic_needs import skip_without_platform
 from tracker.tasks.rearrange_dice import DIE_WIDTH
@@ -318,7 +319,7 @@ def test_a_smoke_run_of_the_command(tmp_path, monkeypatch):
 
 
 def test_the_judged_scenes_have_seeds_of_their_own():
-    from benchmarks import scenes
+    from benchmarks.data import scenes
 
     taken = {scenes.SEED + 10 * k + style for k in range(len(scenes.OBJECTS)) for style in range(4)}
     assert not taken & {SEED, SEED + 1}

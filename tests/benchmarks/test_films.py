@@ -8,12 +8,17 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from benchmarks import commands, dice_scenes, scenes
+from benchmarks import commands
 from benchmarks.__main__ import main
-from benchmarks.cache import read_packed
-from benchmarks.film_playing import Played
-from benchmarks.film_plot import FILE, write_film_plot
-from benchmarks.film_rows import (
+from benchmarks.data import dice as dice_scenes
+from benchmarks.data import scenes
+from benchmarks.data.films import ABSENT, SEED, FilmFrame, FilmStore, vanishing_film, vanishing_frames
+from benchmarks.data.store import read_packed
+from benchmarks.measure.films import FilmOptions
+from benchmarks.measure.playing import Played
+from benchmarks.report.film_plot import FILE, write_film_plot
+from benchmarks.report.film_tables import TARGETS, film_tables, film_targets
+from benchmarks.score.films import (
     camera_row,
     longest_wait,
     losses,
@@ -23,10 +28,7 @@ from benchmarks.film_rows import (
     whole_row,
     within,
 )
-from benchmarks.film_tables import TARGETS, film_tables, film_targets
-from benchmarks.film_tracking import FilmOptions
-from benchmarks.films import ABSENT, SEED, FilmFrame, FilmStore, vanishing_film, vanishing_frames
-from benchmarks.records import read_results
+from benchmarks.score.records import read_results
 from tests.helpers import random_rotations
 from tests.helpers.synthetic_needs import skip_without_platform
 
@@ -193,7 +195,7 @@ def test_a_film_is_drawn(tmp_path):
 def test_a_smoke_run_of_the_command(tmp_path, monkeypatch):
     skip_without_platform()
     monkeypatch.setattr(commands, "QUICK_FILMS", FilmOptions(films=1, length=3))
-    monkeypatch.setattr("benchmarks.films.ABSENT", 1)
+    monkeypatch.setattr("benchmarks.data.films.ABSENT", 1)
     out, cache = tmp_path / "out", tmp_path / "cache"
     arguments = ["films", "--quick", "--workers", "1", "--seed", "5", "--cache", str(cache), "-o", str(out)]
     done = CliRunner().invoke(main, arguments, catch_exceptions=False)

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from benchmarks import gate, targets
 from benchmarks.__main__ import main
-from benchmarks.records import ResultsError, read_results, write_results
-from benchmarks.tables import results_markdown
+from benchmarks.judge import gate, targets
+from benchmarks.report.tables import results_markdown
+from benchmarks.score.records import ResultsError, read_results, write_results
 from tests.benchmarks.test_metrics import record
 from tests.helpers.made_up_results import made_up_records
 
@@ -229,7 +229,7 @@ def test_the_document_says_what_was_measured(tmp_path):
 
 
 def test_tolerances_are_of_figures_that_summaries_have():
-    from benchmarks.summary import summarise
+    from benchmarks.score.summary import summarise
 
     figures = summarise([record(position_mm=np.float64(1), rotation_deg=1.0, roll_deg=1.0)])
     known = {gate.ALIASES.get(key, key) for key in figures} | {"false_finds"}
@@ -237,7 +237,7 @@ def test_tolerances_are_of_figures_that_summaries_have():
 
 
 def test_tolerances_over_time_are_of_figures_that_films_have():
-    from benchmarks.film_tables import TARGETS
+    from benchmarks.report.film_tables import TARGETS
 
     # The slowest hundredth is what else the machine does.
     assert {*gate.FILMS, "p99_over_median"} == {key for _, key, *_ in TARGETS}

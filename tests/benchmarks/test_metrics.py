@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 import tracker
-from benchmarks import metrics, summary
-from benchmarks.records import FrameRecord, ResultsError, read_results, records_of, write_results
+from benchmarks.score import errors as metrics
+from benchmarks.score import summary
+from benchmarks.score.records import FrameRecord, ResultsError, read_results, records_of, write_results
 from tests.helpers import make_camera, random_rotations
 from tracker.geometry import so3
 

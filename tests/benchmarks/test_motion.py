@@ -9,12 +9,15 @@ import pytest
 from click.testing import CliRunner
 
 import tracker
-from benchmarks import commands, dice_scenes, films, motion_films, scenes
+from benchmarks import commands
 from benchmarks.__main__ import main
-from benchmarks.cache import read_packed
-from benchmarks.motion_films import AHEAD, SKEW, STEADY, MotionFrame, delays, film_motion, rig
-from benchmarks.motion_paths import BULGE, HEIGHTS, LEAST, REACH, SPEED, random_motion
-from benchmarks.motion_rows import (
+from benchmarks.data import dice as dice_scenes
+from benchmarks.data import films, scenes
+from benchmarks.data import motion as motion_films
+from benchmarks.data.motion import AHEAD, SKEW, STEADY, MotionFrame, delays, film_motion, rig
+from benchmarks.data.paths import BULGE, HEIGHTS, LEAST, REACH, SPEED, random_motion
+from benchmarks.data.store import read_packed
+from benchmarks.measure.motion import (
     GIVEN,
     ONE_STAMP,
     OWN_STAMPS,
@@ -26,8 +29,8 @@ from benchmarks.motion_rows import (
     motion_row,
     play,
 )
-from benchmarks.motion_tables import motion_markdown
-from benchmarks.records import read_results
+from benchmarks.report.motion_tables import motion_markdown
+from benchmarks.score.records import read_results
 from tests.helpers import random_rotations
 from tracker.geometry import so3
 
@@ -215,7 +218,7 @@ def test_steady_frames_lie_within_one_leg():
 
 
 def test_the_tracker_of_today_is_measured_on_simultaneous_pictures(tmp_path, monkeypatch):
-    monkeypatch.setattr("benchmarks.motion_rows.OBJECTS", ("cube_v2",))
+    monkeypatch.setattr("benchmarks.measure.motion.OBJECTS", ("cube_v2",))
 
     def make(model, cameras):
         own = tracker.ObjectTracker(model, cameras)

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import package
-from benchmarks.package import PACKAGE, VARIABLE, VERSION, PackageError, interpreter, run
+from benchmarks.data.package import environment as package
+from benchmarks.data.package.environment import PACKAGE, VARIABLE, VERSION, PackageError, interpreter, run
 
 
 @pytest.fixture(autouse=True)

@@ -6,10 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
-from benchmarks import disturbances
-from benchmarks.package_lens import bend_map, bent, normalised
-from benchmarks.package_scenes import LENS_MARGIN, Drawing, as_drawn, face_map
-from benchmarks.workloads import BY_NAME, PACKAGES, WORKLOADS
+from benchmarks.data import disturbances
+from benchmarks.data.package.lens import bend_map, bent, normalised
+from benchmarks.data.package.scenes import LENS_MARGIN, Drawing, as_drawn, face_map
+from benchmarks.data.workloads import BY_NAME, PACKAGES, WORKLOADS
 from tests.helpers import make_camera
 from tracker.errors import CalibrationError
 from tracker.geometry.cuboid import corners

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 import tracker
-from benchmarks import worst
-from benchmarks.records import FrameRecord, ResultsError, records_of, write_results
+from benchmarks.report import worst
+from benchmarks.score.records import FrameRecord, ResultsError, records_of, write_results
 from synthetic.simple_rig import default_cameras
 from tests.helpers.made_up_results import OBJECTS, made_up_results
 from tracker.geometry import so3

@@ -9,14 +9,15 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from benchmarks import rig_scenes, scenes
 from benchmarks.__main__ import main
-from benchmarks.films import SEED as FILM_SEED
-from benchmarks.metrics import projected
-from benchmarks.records import read_results
-from benchmarks.rig_cases import CASES, Placement, RigCase
-from benchmarks.rig_scenes import DEVELOPMENT_SEED, RigScene, RigSceneStore, rig_scene
-from benchmarks.rigs import Answer, RigOptions, rigs_markdown, rigs_table, row
+from benchmarks.data import rig_scenes, scenes
+from benchmarks.data.films import SEED as FILM_SEED
+from benchmarks.data.rig_cases import CASES, Placement, RigCase
+from benchmarks.data.rig_scenes import DEVELOPMENT_SEED, RigScene, RigSceneStore, rig_scene
+from benchmarks.measure.rigs import Answer, RigOptions, row
+from benchmarks.report.rigs_tables import rigs_markdown, rigs_table
+from benchmarks.score.errors import projected
+from benchmarks.score.records import read_results
 from synthetic.simple import random_scene
 from tracker.geometry.cuboid import FACE_NORMALS, corners
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.records import read_results, records_of
+from benchmarks.score.records import read_results, records_of
 from tests.helpers import run_python
 from tests.helpers.synthetic_needs import skip_without_platform
 

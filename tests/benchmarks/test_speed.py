@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 
 import tracker
-from benchmarks.processes import process_rows
-from benchmarks.speed import by_faces
-from benchmarks.speed_tables import speed_tables
-from benchmarks.table import Table
-from benchmarks.timed_scenes import TimedScene, raycast_scenes
-from benchmarks.timing import OTHER, Timings, one_thread, time_detections
+from benchmarks.measure.processes import process_rows
+from benchmarks.measure.speed import by_faces
+from benchmarks.measure.timed_scenes import TimedScene, raycast_scenes
+from benchmarks.measure.timing import OTHER, Timings, one_thread, time_detections
+from benchmarks.report.speed_tables import speed_tables
+from benchmarks.report.table import Table
 from tests.helpers.made_up_results import made_up_speed
 
 

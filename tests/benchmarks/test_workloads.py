@@ -3,11 +3,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks import cache, disturbances, workloads
-from benchmarks.package import VARIABLE, PackageError
-from benchmarks.package_scenes import face_map
-from benchmarks.scenes import SIZE, Scene, rig
-from benchmarks.workloads import BINS, BY_NAME, QUICK, SceneSet, bin_of, case
+from benchmarks.data import disturbances, workloads
+from benchmarks.data import store as cache
+from benchmarks.data.package.environment import VARIABLE, PackageError
+from benchmarks.data.package.scenes import face_map
+from benchmarks.data.scenes import SIZE, Scene, rig
+from benchmarks.data.workloads import BINS, BY_NAME, QUICK, SceneSet, bin_of, case
 from tests.helpers import make_camera
 from tests.helpers.synthetic_needs import skip_without_platform
 from tracker.geometry import so3

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.records import FrameRecord, select
-from benchmarks.summary import summarise
+from benchmarks.score.records import FrameRecord, select
+from benchmarks.score.summary import summarise
 
 OBJECTS = ("cube_v2", "cuboid_2x2x8_v2")
 WORKLOADS = {
@@ -71,7 +71,7 @@ def _record(rng: np.random.Generator, name: str, workload: str, scale: float, in
 
 
 def made_up_speed() -> dict[str, list[dict[str, Any]]]:
-    """Tables as `benchmarks.speed.measure_speed` gives them."""
+    """Tables as `benchmarks.measure.speed.measure_speed` gives them."""
     rng = np.random.default_rng(3)
 
     def row(milliseconds: float, **about: Any) -> dict[str, Any]:

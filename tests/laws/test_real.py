@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import tracker
-from benchmarks.recorded import POSED, inside_distances, labelled_images, light_changes, triplet
+from benchmarks.measure.recorded import POSED, inside_distances, labelled_images, light_changes, triplet
 from tracker.segmentation.fit import FitOptions, combine, image_histograms, intersection_over_union
 from tracker.segmentation.labelled import read_labelled
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.package import PackageError, interpreter, run
+from benchmarks.data.package.environment import PackageError, interpreter, run
 from synthetic.rigs import standard_rig
 from tests.helpers import ROOT
 from tracker.calibration.rig import CameraRig

@@ -1,0 +1,190 @@
+"""Films of fast motions, each frame taken twice: by all cameras at once, and by one after the other.
+
+The ray caster takes each camera's picture at that camera's own time, of a motion known at any time.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import io
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+import tracker
+from benchmarks.data import scenes
+from benchmarks.data.paths import Motion, random_motion
+from benchmarks.data.scenes import OBJECTS, SIZE
+from benchmarks.data.store import CACHE, Store, fingerprint, read_packed
+from synthetic.raycast import render
+from synthetic.sensor import Sensor
+from synthetic.simple import Scene, random_scene
+from synthetic.simple_rig import default_cameras
+from tracker.calibration.rig import CameraRig
+from tracker.conventions import FloatArray, Image
+from tracker.geometry.camera import Camera
+
+SEED = scenes.SEED + 20 * len(OBJECTS)
+"""Of the first object's films, the next one's is one more. Like the seed it comes from, for nothing else."""
+
+RATE = 10.0
+"""Frames per second [Hz]."""
+
+SKEW = 0.010
+"""Between the first and the last camera's picture of a skewed frame [s]; the others are spread evenly, and
+who is first changes from frame to frame, since the cameras run free."""
+
+AHEAD = 0.050
+"""By which a pose is to be predicted [s]."""
+
+SLOW = 0.1
+"""A slower object does not count as moving [m/s]."""
+
+STEADY = 0.2
+"""An object that has not turned back for so long [s], nor does within AHEAD, moves steadily."""
+
+FRAMES = 100
+"""Of each film."""
+
+
+@dataclass(frozen=True, eq=False)
+class MotionFrame:
+    """A frame taken twice, and the truth."""
+
+    stamps: FloatArray
+    """(cameras,) when the skewed pictures were taken [s]."""
+    together: tuple[Image, ...]
+    """(H, W, 3) uint8 BGR of each camera, all taken at the latest of these stamps."""
+    skewed: tuple[Image, ...]
+    """The same, each taken at its own stamp."""
+    at_stamps: FloatArray
+    """(cameras, 3, 4) rotation and position [m] of the object, world from object, at each stamp."""
+    latest: FloatArray
+    """(3, 4) the same at the latest stamp."""
+    ahead: FloatArray
+    """(3, 4) the same AHEAD of the latest stamp."""
+    moving: bool
+    """Whether the object is faster than SLOW at the latest stamp."""
+    steady: bool
+    """Whether it moves, and steadily."""
+
+    @property
+    def timestamp(self) -> float:
+        """The latest stamp [s]."""
+        return float(self.stamps.max())
+
+    def packed(self) -> bytes:
+        """The frame as the content of an npz file."""
+        buffer = io.BytesIO()
+        np.savez_compressed(
+            buffer, **{field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        )
+        return buffer.getvalue()
+
+    @classmethod
+    def unpacked(cls, content: bytes) -> MotionFrame:
+        """The frame that `packed` wrote.
+
+        Raises:
+            ValueError, KeyError, OSError, zipfile.BadZipFile: the content is something else.
+        """
+        with np.load(io.BytesIO(content), allow_pickle=False) as data:
+            return cls(
+                data["stamps"],
+                tuple(data["together"]),
+                tuple(data["skewed"]),
+                data["at_stamps"],
+                data["latest"],
+                data["ahead"],
+                bool(data["moving"]),
+                bool(data["steady"]),
+            )
+
+
+def rig() -> CameraRig:
+    """The cameras of these films, exactly."""
+    return CameraRig(default_cameras(SIZE))
+
+
+def motion_store(
+    object_name: str, seed: int = SEED, workers: int = 2, folder: Path = CACHE
+) -> Store[MotionFrame]:
+    """The frames of an object's films; frame k of film f has the number f · FRAMES + k.
+
+    Args:
+        object_name: name of the object.
+        seed: of the first object; another one than SEED for all but judging.
+        workers: number of processes that render what is missing.
+        folder: where frames are kept.
+    """
+    own = seed + OBJECTS.index(object_name)
+    made_by = fingerprint("benchmarks/data/motion.py", "benchmarks/data/paths.py")
+    return Store(
+        f"motion, {object_name}",
+        folder / f"motion-{object_name}-{SIZE}-{own}-{made_by}",
+        functools.partial(_maker, object_name, own),
+        functools.partial(read_packed, unpacked=MotionFrame.unpacked),
+        workers,
+    )
+
+
+def film_motion(seed: int, film: int) -> Motion:
+    """The motion of a film: from before its first frame until after its last."""
+    return random_motion(np.random.default_rng([seed, film]), -STEADY, FRAMES / RATE + STEADY + AHEAD)
+
+
+def delays(rng: np.random.Generator, cameras: int) -> FloatArray:
+    """(cameras,) by which each camera's picture is older than the latest one, at most SKEW [s]."""
+    result: FloatArray = rng.permutation(np.linspace(0.0, SKEW, cameras))
+    return result
+
+
+def _maker(object_name: str, seed: int) -> Callable[[int], MotionFrame]:
+    model, cameras = tracker.load_object(object_name), rig()
+    # A camera's settings stay while it records, but the ray caster would draw them for every picture.
+    sensor = dataclasses.replace(Sensor.realistic(), exposure=(1.0, 1.0), white_balance=0.0, ramp=0.0)
+
+    def make(index: int) -> MotionFrame:
+        film, number = divmod(index, FRAMES)
+        motion = film_motion(seed, film)
+        # Without fingers, which would have to make way.
+        scene = random_scene(model, np.random.default_rng([seed, film, 1]), occlusion=0.0)
+        rng = np.random.default_rng([seed, film, 2, number])
+        time = number / RATE
+        stamps = time - delays(rng, len(cameras))
+
+        def picture(camera: Camera, stamp: float) -> Image:
+            (image,) = render(_at(scene, motion, stamp), [camera], model, sensor, rng).images
+            return image
+
+        together = tuple(picture(camera, time) for camera in cameras)
+        skewed = tuple(
+            picture(camera, stamp) if stamp < time else same
+            for camera, stamp, same in zip(cameras, stamps.tolist(), together, strict=True)
+        )
+        leg, moving = motion.leg(time), motion.speed(time) > SLOW
+        return MotionFrame(
+            stamps,
+            together,
+            skewed,
+            np.stack([_pose(motion, stamp) for stamp in stamps.tolist()]),
+            _pose(motion, time),
+            _pose(motion, time + AHEAD),
+            moving,
+            moving and leg.begin <= time - STEADY and leg.end >= time + AHEAD,
+        )
+
+    return make
+
+
+def _at(scene: Scene, motion: Motion, time: float) -> Scene:
+    position, rotation = motion.pose(time)
+    return dataclasses.replace(scene, position=position, rotation=rotation)
+
+
+def _pose(motion: Motion, time: float) -> FloatArray:
+    position, rotation = motion.pose(time)
+    return np.column_stack([rotation, position])

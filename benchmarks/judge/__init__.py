@@ -1,0 +1,1 @@
+"""Compares figures with targets, with a baseline, and with another run."""

@@ -1,0 +1,1 @@
+"""Runs the tracker on what is judged."""

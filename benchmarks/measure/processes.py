@@ -1,0 +1,66 @@
+"""Start-up, compilation and memory, measured in fresh processes."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import tracker
+from benchmarks.measure.timed_scenes import TimedScene
+from tracker.errors import TrackerError
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def process_rows(
+    name: str, rig: tracker.CameraRig, scene: TimedScene, processes: int
+) -> list[dict[str, Any]]:
+    """Rows of `what`, `value`, `unit`: of one process that compiles, and medians of `processes` that do not.
+
+    Raises:
+        TrackerError: a process failed.
+    """
+    with tempfile.TemporaryDirectory() as made:
+        folder = Path(made)
+        rig.save(folder)
+        for number, image in enumerate(scene.images):
+            np.save(folder / f"image{number}.npy", np.asarray(image))
+        cache = folder / "cache"
+        compiling = _probe(name, folder, cache)
+        cached = [_probe(name, folder, cache) for _ in range(processes)]
+    median = {key: float(np.median([row[key] for row in cached])) for key in compiling}
+    return [
+        _row("`import tracker`", median["import_s"], "s"),
+        _row("first detection, kernels in the cache", median["first_s"], "s"),
+        _row("first detection, kernels to be compiled (once per machine)", compiling["first_s"], "s"),
+        _row("peak memory after `import tracker`", median["imported_mb"], "MB"),
+        _row("peak memory of a process that detects", median["peak_mb"], "MB"),
+        _row("peak memory while it compiles", compiling["peak_mb"], "MB"),
+    ]
+
+
+def _row(what: str, value: float, unit: str) -> dict[str, Any]:
+    return {"what": what, "value": value, "unit": unit}
+
+
+def _probe(name: str, folder: Path, cache: Path) -> dict[str, float]:
+    path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH", "")]))
+    done = subprocess.run(
+        [sys.executable, "-m", "benchmarks.measure.probe", name, str(folder)],
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": path, "NUMBA_CACHE_DIR": str(cache)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if done.returncode:
+        raise TrackerError(f"a process that was to be measured failed: {done.stderr.strip()}")
+    found: dict[str, float] = json.loads(done.stdout)
+    return found

@@ -1,0 +1,183 @@
+"""The worst frames as pictures: where the tracker put the object, and where it is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+import tracker
+from benchmarks.score.records import FrameRecord
+from tracker.conventions import FloatArray, Image
+from tracker.files import write_whole
+from tracker.geometry import cuboid
+from tracker.geometry.camera import Camera
+from tracker.viz import paint
+
+EACH = 5
+"""Frames of each object."""
+
+FOLDER = "worst"
+"""Beside the results, for the pictures."""
+
+PANEL = 300
+"""Side of a panel [px]."""
+
+GAP = 6
+"""Between panels [px]."""
+
+MIN_CROP = 90.0
+"""Least side of the part of an image that a panel shows, for pictures 270 px high [px]."""
+
+MARGIN = 1.5
+"""Side of that part as a multiple of the outlines' extent."""
+
+TRUTH_BGR: paint.Color = (255, 255, 255)
+ESTIMATE_BGR: paint.Color = (20, 120, 255)
+QUALITY = 88
+
+_SAMPLES = 33
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """What a record was made of."""
+
+    images: Sequence[Image | None]
+    """(H, W, 3) uint8 BGR of each camera of the rig, None where it gave none."""
+    rig: tracker.CameraRig
+    """The cameras as they are; not as the tracker was told, where the two differ."""
+    model: tracker.CuboidModel
+    """The object."""
+    estimate: tuple[FloatArray, FloatArray] | None
+    """(3,) position [m] and (3, 3) world from object that the tracker gave, or None."""
+    truth: tuple[FloatArray, FloatArray] | None
+    """The same as it is; None: there is no object."""
+
+
+def badness(record: FrameRecord) -> tuple[int, float]:
+    """Order of frames from harmless to worst: right, none found, wrong, found where there is nothing.
+
+    Within each: by error relative to 5 mm and 5°; of missed frames by what was to be seen; of finds
+    without an object by confidence.
+    """
+    if not record.present:
+        return (3, record.confidence) if record.found else (0, 0.0)
+    if not record.found:
+        return 1, record.visible_fraction
+    error = max(record.position_mm / 5.0, record.rotation_deg / 5.0)
+    return (2, error) if error > 1.0 else (0, error)
+
+
+def worst_records(records: Sequence[FrameRecord], each: int = EACH) -> list[FrameRecord]:
+    """The `each` worst frames of every object, worst first."""
+    chosen: list[FrameRecord] = []
+    for name in dict.fromkeys(record.object for record in records):
+        own = [record for record in records if record.object == name]
+        chosen += sorted(own, key=badness, reverse=True)[:each]
+    return sorted(chosen, key=badness, reverse=True)
+
+
+def worst_pictures(
+    records: Sequence[FrameRecord],
+    shown_of: Callable[[FrameRecord], Shown],
+    folder: Path,
+    each: int = EACH,
+) -> list[dict[str, Any]]:
+    """Write a JPEG of each of the worst frames into `folder`/worst; what was there before is removed.
+
+    Args:
+        records: the frames to choose from.
+        shown_of: images, truth and estimate of a record.
+        folder: where the results are.
+        each: how many of every object.
+
+    Returns:
+        One row for each picture, worst first, for `results["worst"]`: `file`, relative to `folder`, and
+        the record's `workload`, `object` and `index`.
+    """
+    target = folder / FOLDER
+    target.mkdir(parents=True, exist_ok=True)
+    for old in target.glob("*.jpg"):
+        old.unlink()
+    rows = []
+    for rank, record in enumerate(worst_records(records, each), start=1):
+        file = f"{FOLDER}/{rank:02d}.jpg"
+        parameters = [cv2.IMWRITE_JPEG_QUALITY, QUALITY]
+        _, data = cv2.imencode(".jpg", worst_picture(shown_of(record)), parameters)
+        write_whole(folder / file, data.tobytes())
+        rows.append(
+            {"file": file, "workload": record.workload, "object": record.object, "index": record.index}
+        )
+    return rows
+
+
+def worst_picture(view: Shown) -> Image:
+    """The object's surroundings in each camera side by side, magnified: (PANEL, W, 3) uint8 BGR.
+
+    The true outline is white, the estimate's dashed orange, each with the edges that the object itself
+    does not hide. Without either the whole image is shown.
+    """
+    parts: list[Image] = []
+    for image, camera in zip(view.images, view.rig, strict=True):
+        if parts:
+            parts.append(np.full((PANEL, GAP, 3), paint.BACKGROUND, np.uint8))
+        parts.append(_panel(image, camera, view))
+    return np.concatenate(parts, axis=1)
+
+
+def _panel(image: Image | None, camera: Camera, view: Shown) -> Image:
+    panel: Image = np.full((PANEL, PANEL, 3), paint.BACKGROUND, np.uint8)
+    if image is None:
+        paint.put_text(panel, "no image", (PANEL / 2, PANEL / 2), paint.FAINT, size=14, align=0.5)
+        return panel
+    true, found = (_outline(camera, view.model, pose) if pose else [] for pose in (view.truth, view.estimate))
+    # Around the truth where there is one: a pose far off is seen to be off by leaving the panel.
+    center, side = _region(true or found, camera)
+    scale = PANEL / side
+    # (x, y) of the panel = scale · (column, row) + offset, with centres of pixels at whole numbers.
+    offset = PANEL / 2 - 0.5 - scale * center
+    transform = np.array([[scale, 0, offset[0]], [0, scale, offset[1]]])
+    panel = np.asarray(
+        cv2.warpAffine(image, transform, (PANEL, PANEL), flags=cv2.INTER_CUBIC, borderValue=paint.BACKGROUND),
+        dtype=np.uint8,
+    )
+    true, found = ([scale * line + offset for line in lines] for lines in (true, found))
+    paint.stroke(panel, true, paint.BLACK, 3.4, 0.4)
+    paint.stroke(panel, true, TRUTH_BGR, 1.5)
+    paint.stroke(panel, [dash for line in found for dash in _dashes(line)], ESTIMATE_BGR, 1.7)
+    paint.put_text(panel, camera.name, (11, 21), paint.BLACK, size=10)
+    paint.put_text(panel, camera.name, (10, 20), paint.BRIGHT, size=10)
+    return panel
+
+
+def _outline(
+    camera: Camera, model: tracker.CuboidModel, pose: tuple[FloatArray, FloatArray]
+) -> list[FloatArray]:
+    """Lines (N, 2) [px] of the edges that the object itself does not hide."""
+    position, rotation = pose
+    seen = cuboid.visible_faces(model.size, rotation.T @ (camera.position - position))
+    ends = position + cuboid.corners(model.size) @ rotation.T
+    share = np.linspace(0, 1, _SAMPLES)[:, None]
+    edges = [ends[a] + share * (ends[b] - ends[a]) for a, b, f, g in cuboid.EDGES if seen[f] or seen[g]]
+    lines = [camera.project(points) for points in edges]
+    return [line for line in lines if np.isfinite(line).all()]
+
+
+def _region(lines: list[FloatArray], camera: Camera) -> tuple[FloatArray, float]:
+    """Centre (2,) and side [px] of the square that a panel shows."""
+    if not lines:
+        return np.array([camera.width - 1, camera.height - 1]) / 2, float(max(camera.width, camera.height))
+    points = np.concatenate(lines)
+    low, high = points.min(axis=0), points.max(axis=0)
+    least = MIN_CROP * camera.height / 270
+    return (low + high) / 2, float(max(least, MARGIN * (high - low).max()))
+
+
+def _dashes(line: FloatArray) -> list[FloatArray]:
+    """Every other stretch of three samples."""
+    return [line[start : start + 3] for start in range(0, len(line) - 1, 4)]
