@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 
 import tracker
+from synthetic.camera.rigs import sized, standard_rig
 from synthetic.frames import Frame, frames
-from synthetic.rigs import sized, standard_rig
 from tracker.conventions import FloatArray, Image
 from tracker.geometry import so3
 from tracker.viz import overlay, write_film, write_image

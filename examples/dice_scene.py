@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
+from synthetic.camera.rigs import sized, standard_rig
 from synthetic.frames import frames
-from synthetic.rigs import sized, standard_rig
 from tracker import viz
 from tracker.tasks import rearrange_dice
 

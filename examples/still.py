@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 
 import tracker
+from synthetic.camera.rigs import default_cameras
+from synthetic.camera.sensor import Sensor
 from synthetic.raycast import Rendering, render
-from synthetic.sensor import Sensor
-from synthetic.simple import random_scene
-from synthetic.simple_rig import default_cameras
+from synthetic.raycast.scene import random_scene
 from tracker.geometry import so3
 from tracker.viz import overlay, write_image
 

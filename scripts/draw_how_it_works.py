@@ -20,10 +20,10 @@ from matplotlib.figure import Figure
 from scipy.special import ndtr
 
 import tracker
+from synthetic.camera.rigs import default_cameras
+from synthetic.camera.sensor import Sensor
 from synthetic.raycast import render
-from synthetic.sensor import Sensor
-from synthetic.simple import random_scene
-from synthetic.simple_rig import default_cameras
+from synthetic.raycast.scene import random_scene
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray
 from tracker.geometry import cuboid, so3

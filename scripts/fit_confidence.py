@@ -19,8 +19,8 @@ import cv2
 import numpy as np
 from scipy.optimize import minimize
 
+from synthetic.camera.rigs import sized, standard_rig
 from synthetic.frames import Frame, frames
-from synthetic.rigs import sized, standard_rig
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray
 from tracker.geometry import so3

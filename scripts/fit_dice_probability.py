@@ -16,7 +16,7 @@ from scipy.optimize import minimize
 
 from benchmarks.data.dice import KINDS, dice_store
 from benchmarks.measure.dice import judge_positions
-from synthetic.rigs import sized, standard_rig
+from synthetic.camera.rigs import sized, standard_rig
 from tracker.conventions import Array, FloatArray
 from tracker.tasks.rearrange_dice import segment_dice, where
 

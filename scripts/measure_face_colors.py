@@ -2,7 +2,8 @@
 
     python scripts/measure_face_colors.py REAL_FOLDER
 
-REAL_FOLDER holds `pose/OBJECT`, `segmentation/OBJECT` and `dice`. Writes synthetic/data/face_colors.json.
+REAL_FOLDER holds `pose/OBJECT`, `segmentation/OBJECT` and `dice`. Writes
+synthetic/look/data/face_colors.json.
 An object at rest shows one face from above, which is the one whose pixels lie highest in the picture, and
 others from the side, which get less light; the table says which it was.
 """
@@ -18,13 +19,13 @@ import cv2
 import numpy as np
 from fit_shipped_colors import dice_image, labelled_images
 
-from synthetic.sensor import RESPONSE_GAMMA, linear
+from synthetic.camera.sensor import RESPONSE_GAMMA, linear
 from tracker.conventions import Array, FloatArray, Image
 from tracker.objects.labels import COLOR_NAMES
 from tracker.segmentation.labelled import LabelledImage
 from tracker.segmentation.light import TARGET_GREY, neutral_gains
 
-DATA = Path(__file__).resolve().parent.parent / "synthetic" / "data" / "face_colors.json"
+DATA = Path(__file__).resolve().parent.parent / "synthetic" / "look" / "data" / "face_colors.json"
 
 MIN_PIXELS = 20
 """Fewer than these within a mask without its rim: the mask as it is."""

@@ -80,7 +80,7 @@ def dataset(
     Where it was interrupted, the same command continues. Labels: 0 other, 1 red, 2 green, 3 blue, 4 cyan,
     5 magenta, 6 yellow; of dice their number, 1 to 25, and the truth's "object" is the list of all dice.
     """
-    from synthetic.dataset import DatasetOptions, make_dataset
+    from synthetic.export.dataset import DatasetOptions, make_dataset
     from synthetic.frames import FrameOptions
 
     options = DatasetOptions(
@@ -111,8 +111,8 @@ def dataset(
 )
 def sheet(output: Path, seed: int, quality: str, renderer: str) -> None:
     """A contact sheet: every kind of scene of every object, one row each."""
-    from synthetic.dataset import write_png
-    from synthetic.sheet import contact_sheet
+    from synthetic.export.dataset import write_png
+    from synthetic.export.sheet import contact_sheet
 
     picture, titles = contact_sheet(seed, quality, renderer)
     write_png(output, picture)
@@ -125,7 +125,7 @@ def sheet(output: Path, seed: int, quality: str, renderer: str) -> None:
 @click.option("--workers", type=click.IntRange(1, 256), default=2, help="Processes.")
 def speed(seconds: float, workers: int) -> None:
     """Triplets per second of each quality and renderer that works here."""
-    from synthetic.speed import measure
+    from synthetic.export.speed import measure
 
     click.echo(f"triplets per second, {workers} processes, single scenes of cube_v2, 270×270")
     for line in measure(seconds, workers):

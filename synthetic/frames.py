@@ -16,13 +16,14 @@ from typing import Any
 
 import numpy as np
 
-from synthetic.camera_shot import QUALITIES, CameraShot, Quality, shoot
-from synthetic.platform import Platform
-from synthetic.render.interface import Renderer, choose_renderer
-from synthetic.rigs import sized, standard_rig
+from synthetic.camera.rigs import sized, standard_rig
+from synthetic.camera.sensor import CameraSettings, Sensor
+from synthetic.camera.shot import QUALITIES, CameraShot, Quality, shoot
+from synthetic.render.choose import choose_renderer
+from synthetic.render.interface import Renderer
 from synthetic.scene import ObjectState, PlatformScene
-from synthetic.scenes import random_scene
-from synthetic.sensor import CameraSettings, Sensor
+from synthetic.world.platform import Platform
+from synthetic.world.scenes import random_scene
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import TrackerError
@@ -210,7 +211,7 @@ class FrameMaker:
                 random_scene(self._platform, rng, object_present=present, kind=options.kind),
             )
             return
-        from synthetic.motion import sequence as motion_sequence
+        from synthetic.world.motion import sequence as motion_sequence
 
         # Dropped frames: more time than undisturbed frames would take.
         seconds = (1.2 * options.length / (1.0 - options.dropped) + 10.0) / options.rate

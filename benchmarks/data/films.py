@@ -19,8 +19,8 @@ import numpy as np
 from benchmarks.data import scenes
 from benchmarks.data.scenes import OBJECTS, SIZE
 from benchmarks.data.store import CACHE, fingerprint, read_packed
+from synthetic.export.workers import Factory, run_tasks
 from synthetic.frames import Frame, FrameMaker, FrameOptions
-from synthetic.workers import Factory, run_tasks
 from tracker.conventions import FloatArray, Image
 from tracker.files import write_whole
 

@@ -19,10 +19,10 @@ from benchmarks.data import scenes
 from benchmarks.data.paths import Motion, random_motion
 from benchmarks.data.scenes import OBJECTS, SIZE
 from benchmarks.data.store import CACHE, Store, fingerprint, read_packed
+from synthetic.camera.rigs import default_cameras
+from synthetic.camera.sensor import Sensor
 from synthetic.raycast import render
-from synthetic.sensor import Sensor
-from synthetic.simple import Scene, random_scene
-from synthetic.simple_rig import default_cameras
+from synthetic.raycast.scene import Scene, random_scene
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray, Image
 from tracker.geometry.camera import Camera

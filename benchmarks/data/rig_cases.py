@@ -14,7 +14,7 @@ import numpy as np
 
 import tracker
 from benchmarks.data.scenes import OBJECTS
-from synthetic.simple_rig import default_cameras
+from synthetic.camera.rigs import default_cameras
 from tracker import Arena, CameraRig, CuboidModel
 from tracker.conventions import FloatArray
 from tracker.geometry import so3

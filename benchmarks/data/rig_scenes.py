@@ -14,9 +14,9 @@ import numpy as np
 from benchmarks.data import scenes
 from benchmarks.data.rig_cases import CASES, RigCase
 from benchmarks.data.store import CACHE, Store, fingerprint, read_packed
+from synthetic.camera.sensor import Sensor
 from synthetic.raycast import render
-from synthetic.sensor import Sensor
-from synthetic.simple import random_scene
+from synthetic.raycast.scene import random_scene
 from tracker.conventions import FloatArray, Image
 from tracker.objects.model import CuboidModel
 

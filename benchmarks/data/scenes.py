@@ -12,13 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from synthetic.camera_shot import QUALITIES, shoot
+from synthetic.camera.rigs import sized, standard_rig
+from synthetic.camera.sensor import BLACK, RESPONSE_GAMMA, CameraSettings, Sensor
+from synthetic.camera.shot import QUALITIES, shoot
 from synthetic.frames import Frame, FrameMaker, FrameOptions
-from synthetic.platform import Platform
-from synthetic.render.interface import choose_renderer
-from synthetic.rigs import sized, standard_rig
-from synthetic.scenes import random_scene
-from synthetic.sensor import BLACK, RESPONSE_GAMMA, CameraSettings, Sensor
+from synthetic.render.choose import choose_renderer
+from synthetic.world.platform import Platform
+from synthetic.world.scenes import random_scene
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray, Image
 

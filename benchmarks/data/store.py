@@ -20,8 +20,8 @@ from typing import Generic, Protocol, TypeVar
 import click
 
 from benchmarks.data.scenes import SEED, SIZE, Scene, maker
-from synthetic.render.interface import choose_renderer
-from synthetic.workers import Factory, run_tasks
+from synthetic.export.workers import Factory, run_tasks
+from synthetic.render.choose import choose_renderer
 from tracker.files import write_whole
 
 ROOT = Path(__file__).resolve().parents[2]

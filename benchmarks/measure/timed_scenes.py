@@ -11,12 +11,11 @@ import numpy as np
 
 import tracker
 from benchmarks.measure.recorded import triplet
+from synthetic.camera.rigs import default_cameras, sized, standard_rig
+from synthetic.camera.sensor import Sensor
 from synthetic.frames import frames
 from synthetic.raycast import render
-from synthetic.rigs import sized, standard_rig
-from synthetic.sensor import Sensor
-from synthetic.simple import random_scene
-from synthetic.simple_rig import default_cameras
+from synthetic.raycast.scene import random_scene
 from tracker.conventions import FloatArray, Image
 
 OBJECTS = ("cube_v2", "cuboid_2x2x8_v2")

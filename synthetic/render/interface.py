@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -63,53 +62,3 @@ class Renderer(Protocol):
     def close(self) -> None:
         """Give back what the renderer holds outside of Python; it cannot render afterwards."""
         ...
-
-
-RENDERERS = ("auto", "pyrender", "tiny")
-"""Names that `choose_renderer` knows."""
-
-_live: dict[int, Renderer] = {}
-"""The renderer of a process, by the process's number: a second OpenGL context in a process is where drivers
-fail, and so is one that a child inherits."""
-
-
-def choose_renderer(name: str = "auto") -> Renderer:
-    """The renderer of that name; `auto` is pyrender over EGL where it works, else PyBullet's TinyRenderer.
-
-    A process keeps one renderer: asking again returns it, asking for another one closes it first.
-
-    Raises:
-        RendererError: there is none of this name, or it does not work on this machine.
-    """
-    if name not in RENDERERS:
-        raise RendererError(f"renderer: found {name!r}, expected one of {', '.join(RENDERERS)}")
-    renderer = _live.get(os.getpid())
-    if renderer is None or name not in ("auto", renderer.name):
-        close_renderer()
-        renderer = _live[os.getpid()] = _make(name)
-    return renderer
-
-
-def close_renderer() -> None:
-    """Close the renderer of this process, if there is one."""
-    renderer = _live.pop(os.getpid(), None)
-    if renderer is not None:
-        renderer.close()
-
-
-def _make(name: str) -> Renderer:
-    # Imported here: each needs packages and libraries of its own, and the other one works without them.
-    if name in ("auto", "pyrender"):
-        try:
-            from synthetic.render.pyrender_renderer import PyrenderRenderer
-
-            return PyrenderRenderer()
-        except Exception as error:
-            # What a missing driver raises is anything from ImportError to AttributeError.
-            if name == "pyrender":
-                raise RendererError(f"pyrender over EGL does not work here: {error!r}") from error
-    try:
-        from synthetic.render.tiny_renderer import TinyRenderer
-    except ImportError as error:
-        raise RendererError(f"no renderer works here; PyBullet is missing: {error}") from error
-    return TinyRenderer()

@@ -15,7 +15,7 @@ import pytest
 import tracker
 from benchmarks.report import worst
 from benchmarks.score.records import FrameRecord, ResultsError, records_of, write_results
-from synthetic.simple_rig import default_cameras
+from synthetic.camera.rigs import default_cameras
 from tests.helpers.made_up_results import OBJECTS, made_up_results
 from tracker.geometry import so3
 

@@ -18,7 +18,7 @@ from benchmarks.measure.rigs import Answer, RigOptions, row
 from benchmarks.report.rigs_tables import rigs_markdown, rigs_table
 from benchmarks.score.errors import projected
 from benchmarks.score.records import read_results
-from synthetic.simple import random_scene
+from synthetic.raycast.scene import random_scene
 from tracker.geometry.cuboid import FACE_NORMALS, corners
 
 WITHOUT_FINGERS = 0

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from synthetic.simple_rig import default_cameras
+from synthetic.camera.rigs import default_cameras
 from tests.helpers import ROOT, run_python
 from tracker import cli
 from tracker.calibration.rig import CameraRig

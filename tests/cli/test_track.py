@@ -18,10 +18,10 @@ import numpy as np
 import pytest
 
 import tracker
+from synthetic.camera.rigs import default_cameras
+from synthetic.camera.sensor import Sensor
 from synthetic.raycast import render
-from synthetic.sensor import Sensor
-from synthetic.simple import random_scene
-from synthetic.simple_rig import default_cameras
+from synthetic.raycast.scene import random_scene
 from tests.cli.test_cli import Run, assert_one_line_error
 from tests.helpers import ROOT, run_python
 from tests.helpers.recording_stubs import write_log

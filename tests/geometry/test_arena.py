@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import tracker
-from synthetic.rigs import perturbed_rig, sized
+from synthetic.camera.rigs import perturbed_rig, sized
 from tests.helpers import make_camera
 from tracker import Arena, CameraRig
 from tracker.calibration.arena_file import FILE_NAME, read_arena, write_arena

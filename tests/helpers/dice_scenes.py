@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from synthetic.simple_rig import default_cameras
+from synthetic.camera.rigs import default_cameras
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray, Image
 from tracker.geometry import cuboid, so3

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from synthetic.errors import AssetError
-from synthetic.platform import Platform
+from synthetic.world.platform import Platform
 
 
 def platform_of(object_name: str) -> Platform:

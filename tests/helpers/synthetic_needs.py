@@ -14,8 +14,8 @@ def missing() -> str:
     for package in ("pybullet", "trimesh"):
         if importlib.util.find_spec(package) is None:
             return f"{package} is not installed (extra `synthetic`)"
-    from synthetic.assets import find_assets
-    from synthetic.render.interface import choose_renderer
+    from synthetic.render.choose import choose_renderer
+    from synthetic.world.assets import find_assets
     from tracker.errors import TrackerError
 
     try:

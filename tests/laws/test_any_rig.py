@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import tracker
+from synthetic.camera.rigs import default_cameras
+from synthetic.camera.sensor import Sensor
 from synthetic.raycast import render
-from synthetic.sensor import Sensor
-from synthetic.simple import random_scene
-from synthetic.simple_rig import default_cameras
+from synthetic.raycast.scene import random_scene
 from tracker.geometry import so3
 from tracker.pipeline import Status
 from tracker.pose.fit import Fit

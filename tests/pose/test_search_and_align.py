@@ -5,10 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
+from synthetic.camera.rigs import default_cameras
+from synthetic.camera.sensor import Sensor
 from synthetic.raycast import render
-from synthetic.sensor import Sensor
-from synthetic.simple import random_scene
-from synthetic.simple_rig import default_cameras
+from synthetic.raycast.scene import random_scene
 from tests.helpers import look_at, make_camera, random_rotations
 from tracker.geometry import so3
 from tracker.geometry.arena import Arena

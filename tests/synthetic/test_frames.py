@@ -103,7 +103,8 @@ def test_dice_have_their_numbers():
 
 @pytest.mark.parametrize("renderer", ["pyrender", "tiny"])
 def test_pips_are_no_holes_in_the_labels_of_dice(renderer):
-    from synthetic.render.interface import RendererError, choose_renderer
+    from synthetic.render.choose import choose_renderer
+    from synthetic.render.interface import RendererError
 
     try:
         choose_renderer(renderer)

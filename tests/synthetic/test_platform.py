@@ -7,15 +7,16 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from synthetic import assets
 from synthetic.errors import AssetError
+from synthetic.world import assets
 
 pybullet = pytest.importorskip("pybullet", reason="the simulated platform needs pybullet")
 pytest.importorskip("trimesh", reason="the simulated platform needs trimesh")
 
-from synthetic import kinematics  # noqa: E402 - these need pybullet
-from synthetic.look import random_lighting, random_look  # noqa: E402
-from synthetic.platform import Platform  # noqa: E402
+from synthetic.look.appearance import random_look  # noqa: E402
+from synthetic.look.lighting import random_lighting  # noqa: E402
+from synthetic.world import kinematics  # noqa: E402 - these need pybullet
+from synthetic.world.platform import Platform  # noqa: E402
 from tests.helpers.platforms import platform_of  # noqa: E402
 from tracker.conventions import FloatArray  # noqa: E402
 

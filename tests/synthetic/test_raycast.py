@@ -8,12 +8,12 @@ import cv2
 import numpy as np
 import pytest
 
-from synthetic import raycast, raycast_kernels
-from synthetic.raycast import Rendering, render
-from synthetic.sensor import Sensor
-from synthetic.simple import Scene, face_colors, random_scene
-from synthetic.simple_fingers import Capsule
-from synthetic.simple_rig import default_cameras
+from synthetic.camera.rigs import default_cameras
+from synthetic.camera.sensor import Sensor
+from synthetic.raycast import Rendering, kernels, render, renderer
+from synthetic.raycast.fingers import Capsule
+from synthetic.raycast.records import CAPSULE
+from synthetic.raycast.scene import Scene, face_colors, random_scene
 from tracker.conventions import Array
 from tracker.errors import CalibrationError
 from tracker.geometry.camera import Camera
@@ -94,9 +94,9 @@ def test_object_covers_what_opencv_projects(width: int) -> None:
 
 def test_rays_between_nodes_hit_their_pixels() -> None:
     camera = CAMERAS[0]
-    nodes = raycast._ray_nodes(camera)
-    count, step = raycast._OBJECT_LATTICE
-    weights = raycast._lattice_weights(count, step)
+    nodes = renderer._ray_nodes(camera)
+    count, step = renderer._OBJECT_LATTICE
+    weights = renderer._lattice_weights(count, step)
     n = np.arange(count)
     offsets = np.stack([(n + 0.5) / count, ((n * step) % count + 0.5) / count], axis=1) - 0.5
     lens = camera.matrix, camera.distortion
@@ -229,8 +229,8 @@ def test_capsules_are_hit_where_marching_arrives() -> None:
             origin = end + 0.4 * (end - start) / np.linalg.norm(end - start) + draw.normal(0, 0.01, 3)
         direction = (start + end) / 2 + draw.normal(0, 0.02, 3) - origin
         direction /= np.linalg.norm(direction)
-        record = raycast._records((capsule,), raycast.CAPSULE)[0]
-        distance, _ = raycast_kernels._hit_capsule(record, *origin, *direction)
+        record = renderer._records((capsule,), CAPSULE)[0]
+        distance, _ = kernels._hit_capsule(record, *origin, *direction)
         expected = march(capsule, origin, direction)
         assert distance == pytest.approx(expected, abs=2e-5)
         hits += np.isfinite(expected)

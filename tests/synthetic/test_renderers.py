@@ -8,16 +8,11 @@ import cv2
 import numpy as np
 import pytest
 
-from synthetic.render.interface import (
-    Layers,
-    Renderer,
-    RendererError,
-    choose_renderer,
-    close_renderer,
-)
-from synthetic.render.lens import lens_of
+from synthetic.camera.lens import lens_of
+from synthetic.camera.rigs import default_cameras
+from synthetic.render.choose import choose_renderer, close_renderer
+from synthetic.render.interface import Layers, Renderer, RendererError
 from synthetic.scene import Body, Lamp, Lighting, Mesh, PlatformScene
-from synthetic.simple_rig import default_cameras
 from tests.helpers import random_rotations
 from tracker.conventions import Array, FloatArray
 from tracker.geometry.camera import Camera

@@ -12,14 +12,14 @@ pytest.importorskip("trimesh", reason="the simulated platform needs trimesh")
 
 import trimesh
 
-from synthetic import meshes
-from synthetic.look import random_look
-from synthetic.motion import CUBOID_MOTIONS, DICE_MOTIONS, sequence
-from synthetic.placement import MAX_CLEARANCE, goal_cells
-from synthetic.platform import ARENA_RADIUS, Platform
+from synthetic.look.appearance import random_look
 from synthetic.scene import PlatformScene
-from synthetic.scenes import random_scene
-from synthetic.world import penetration
+from synthetic.world import meshes
+from synthetic.world.motion import CUBOID_MOTIONS, DICE_MOTIONS, sequence
+from synthetic.world.placement import MAX_CLEARANCE, goal_cells
+from synthetic.world.platform import ARENA_RADIUS, Platform
+from synthetic.world.scenes import random_scene
+from synthetic.world.simulation import penetration
 from tests.helpers.platforms import platform_of
 from tracker.conventions import FloatArray
 from tracker.errors import TrackerError

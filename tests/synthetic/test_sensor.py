@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from synthetic.sensor import CameraSettings, Sensor, demosaicked, linear, mosaicked
+from synthetic.camera.sensor import CameraSettings, Sensor, demosaicked, linear, mosaicked
 
 NEUTRAL = CameraSettings(np.ones(3), np.zeros(2))
 INNER = np.s_[2:-2, 2:-2]  # OpenCV copies values to the border

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from benchmarks.data.package.environment import PackageError, interpreter, run
-from synthetic.rigs import standard_rig
+from synthetic.camera.rigs import standard_rig
 from tests.helpers import ROOT
 from tracker.calibration.rig import CameraRig
 from tracker.objects.model import load_object

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 from scipy.spatial import ConvexHull
 
-from synthetic.rigs import sized, standard_rig
+from synthetic.camera.rigs import sized, standard_rig
 from tests.helpers import make_camera
 from tracker.calibration.rig import CameraRig
 from tracker.errors import TaskError

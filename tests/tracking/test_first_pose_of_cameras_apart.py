@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import tracker
-from synthetic.simple_rig import default_cameras
+from synthetic.camera.rigs import default_cameras
 from tests.tracking.test_predict import image_of, new, pose_at
 from tracker.geometry import so3
 

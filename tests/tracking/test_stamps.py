@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import tracker
-from synthetic.simple_rig import default_cameras
+from synthetic.camera.rigs import default_cameras
 from tests.tracking.test_update import DT, HEIGHT, MODEL, bits, new, off, play, pose_at, shot, within
 from tracker.errors import TrackerError
 from tracker.geometry import so3

@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 import tracker
-from synthetic.simple_rig import default_cameras
+from synthetic.camera.rigs import default_cameras
 from tests.tracking.test_update import DT, all_bits, bits, new, pose_at, shot
 from tracker.errors import ImageError, TrackerError
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import tracker
-from synthetic.face_colors import face_colors
+from synthetic.camera.rigs import default_cameras
+from synthetic.camera.sensor import Sensor
+from synthetic.look.face_colors import face_colors
 from synthetic.raycast import render
-from synthetic.sensor import Sensor
-from synthetic.simple import Scene
-from synthetic.simple_rig import default_cameras
+from synthetic.raycast.scene import Scene
 from tracker.errors import ImageError, TrackerError
 from tracker.geometry import so3
 from tracker.pipeline import Status

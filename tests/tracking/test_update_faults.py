@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import tracker
-from synthetic.simple_rig import default_cameras
+from synthetic.camera.rigs import default_cameras
 from tests.tracking.test_update import DT, all_bits, bits, new, play, pose_at, shot, within
 from tracker.errors import ImageError, TrackerError
 from tracker.pipeline import Status

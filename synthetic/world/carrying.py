@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from synthetic.acts import release, wait, withdraw
-from synthetic.grips import Grip, held, random_grip, way_to_contact
-from synthetic.placement import MAX_CLEARANCE, lowest
-from synthetic.stage import Moments, Stage, smooth_steps
+from synthetic.world.acts import release, wait, withdraw
+from synthetic.world.grips import Grip, held, random_grip, way_to_contact
+from synthetic.world.placement import MAX_CLEARANCE, lowest
+from synthetic.world.stage import Moments, Stage, smooth_steps
 from tracker.conventions import FloatArray
 from tracker.geometry import so3
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from synthetic.fingers import REST, is_clear
-from synthetic.kinematics import TIP_RADIUS, finger_angles, tips
-from synthetic.stage import PERIOD, Moments, Stage, joint_path, tip_path, with_finger
+from synthetic.world.fingers import REST, is_clear
+from synthetic.world.kinematics import TIP_RADIUS, finger_angles, tips
+from synthetic.world.stage import PERIOD, Moments, Stage, joint_path, tip_path, with_finger
 from tracker.conventions import FloatArray
 
 PUSH_SPEEDS = (0.06, 0.2)

@@ -1,6 +1,6 @@
 """Compiled light: how bright and of what colour a point of the scene is.
 
-`w`, `c`, `m` (Any) are records of `raycast.ROOM`, `CAPSULE`, `MOTOR`; points are in the world's frame [m];
+`w`, `c`, `m` (Any) are records of `records.ROOM`, `CAPSULE`, `MOTOR`; points are in the world's frame [m];
 colours are linear BGR.
 """
 

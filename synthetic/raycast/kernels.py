@@ -1,9 +1,9 @@
 """Compiled rays: what a ray meets, and the mean of what it brings back over a pixel.
 
 A ray is its origin and unit direction in the world's frame, six scalars: kernels allocate nothing per ray.
-`w`, `c`, `m`, `v` (Any) are records of `raycast.ROOM`, `CAPSULE`, `MOTOR`, `VIEW`: unlike arrays they are
+`w`, `c`, `m`, `v` (Any) are records of `records.ROOM`, `CAPSULE`, `MOTOR`, `VIEW`: unlike arrays they are
 passed without counting references, which would take most of the time. What a ray meets is a code of
-`raycast_shading`.
+`shading`.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from synthetic.raycast_shading import (
+from synthetic.raycast.shading import (
     CROSS,
     FIRST_CAPSULE,
     FIRST_FACE,
@@ -30,7 +30,7 @@ from tracker.compiled import compiled
 from tracker.conventions import Array
 
 if TYPE_CHECKING:
-    from synthetic.raycast import World
+    from synthetic.raycast.records import World
 
 _BELOW = -1e-4
 """Shadow rays start this far below the table [m], so that what stands on it blocks them."""
@@ -234,8 +234,8 @@ def trace_image(
     """Mean radiance (H, W, 3), code at the centre (H, W), `bare` there, and the object's coverage (H, W).
 
     Args:
-        world: a `raycast.World`.
-        view: (1,) of `raycast.VIEW`.
+        world: a `records.World`.
+        view: (1,) of `records.VIEW`.
         nodes: (2H + 1, 2W + 1, 2) normalised coordinates at the pixels' centres, corners and between.
         many: (N, 9) weights of a pixel's 3 × 3 nodes for each ray through a pixel on an edge of the object.
         few: (M, 9) the same for other edges.

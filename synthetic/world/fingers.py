@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from synthetic.kinematics import LOWER_LIMITS, TIP_RADIUS, UPPER_LIMITS, finger_angles
-from synthetic.platform import Platform
 from synthetic.scene import ObjectState
-from synthetic.world import World
+from synthetic.world.kinematics import LOWER_LIMITS, TIP_RADIUS, UPPER_LIMITS, finger_angles
+from synthetic.world.platform import Platform
+from synthetic.world.simulation import World
 from tracker.conventions import Array, FloatArray
 
 GAP = 0.0003

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from synthetic.sensor import BLACK, linear
+from synthetic.camera.sensor import BLACK, linear
 from tracker.conventions import FloatArray
 from tracker.objects.labels import COLOR_NAMES
 from tracker.objects.model import CuboidModel
@@ -44,7 +44,7 @@ _SUBSTITUTE = "cube_v2"
 
 @functools.cache
 def _table() -> dict[str, Any]:
-    text = (resources.files("synthetic") / "data" / "face_colors.json").read_text(encoding="utf-8")
+    text = (resources.files("synthetic.look") / "data" / "face_colors.json").read_text(encoding="utf-8")
     table: dict[str, Any] = json.loads(text)
     return table
 

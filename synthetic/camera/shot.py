@@ -7,10 +7,10 @@ import dataclasses
 import cv2
 import numpy as np
 
+from synthetic.camera.lens import lens_of
+from synthetic.camera.sensor import CameraSettings, Sensor
 from synthetic.render.interface import Layers, PinholeView, Renderer
-from synthetic.render.lens import lens_of
 from synthetic.scene import PlatformScene
-from synthetic.sensor import CameraSettings, Sensor
 from tracker.conventions import Array, Image
 from tracker.geometry.camera import Camera
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from synthetic.face_colors import TYPICAL_COLORS_BGR, face_colors
-from synthetic.simple_fingers import Box, Capsule, Motor, ReadOnlyArrays, random_fingers
+from synthetic.look.face_colors import TYPICAL_COLORS_BGR, face_colors
+from synthetic.raycast.fingers import Box, Capsule, Motor, ReadOnlyArrays, random_fingers
 from tracker.conventions import Array, FloatArray
 from tracker.geometry import so3
 from tracker.geometry.cuboid import FACE_NORMALS, corners

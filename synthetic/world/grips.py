@@ -7,10 +7,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from synthetic.fingers import REST, is_clear
-from synthetic.kinematics import TIP_RADIUS, finger_angles
-from synthetic.platform import Platform
-from synthetic.stage import joint_path, with_finger
+from synthetic.world.fingers import REST, is_clear
+from synthetic.world.kinematics import TIP_RADIUS, finger_angles
+from synthetic.world.platform import Platform
+from synthetic.world.stage import joint_path, with_finger
 from tracker.conventions import Array, FloatArray
 from tracker.geometry.cuboid import FACE_NORMALS
 

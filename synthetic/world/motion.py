@@ -6,16 +6,17 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from synthetic.acts import push, release, tumble, withdraw
-from synthetic.carrying import carry, lift_and_lower
-from synthetic.fingers import random_fingers
-from synthetic.grips import random_grip
-from synthetic.look import random_lighting, random_look
-from synthetic.placement import MAX_CLEARANCE, Poses, lowest, place, random_place, random_rotation
-from synthetic.platform import Platform
+from synthetic.look.appearance import random_look
+from synthetic.look.lighting import random_lighting
 from synthetic.scene import PlatformScene
-from synthetic.scenes import describe
-from synthetic.stage import PERIOD, Moment, Moments, Stage
+from synthetic.world.acts import push, release, tumble, withdraw
+from synthetic.world.carrying import carry, lift_and_lower
+from synthetic.world.fingers import random_fingers
+from synthetic.world.grips import random_grip
+from synthetic.world.placement import MAX_CLEARANCE, Poses, lowest, place, random_place, random_rotation
+from synthetic.world.platform import Platform
+from synthetic.world.scenes import describe
+from synthetic.world.stage import PERIOD, Moment, Moments, Stage
 from tracker.conventions import FloatArray
 from tracker.errors import TrackerError
 from tracker.geometry import so3

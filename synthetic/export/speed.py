@@ -7,11 +7,12 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from synthetic.camera_shot import QUALITIES
-from synthetic.dataset import DatasetOptions, MakerFactory, Task
+from synthetic.camera.shot import QUALITIES
+from synthetic.export.dataset import DatasetOptions, MakerFactory, Task
+from synthetic.export.workers import run_tasks
 from synthetic.frames import FrameOptions
-from synthetic.render.interface import RENDERERS, RendererError, choose_renderer
-from synthetic.workers import run_tasks
+from synthetic.render.choose import RENDERERS, choose_renderer
+from synthetic.render.interface import RendererError
 
 _OBJECT, _SEED = "cube_v2", 1
 _MANY = 2000

@@ -9,9 +9,9 @@ from types import TracebackType
 import numpy as np
 import pybullet
 
-from synthetic.assets import CONTAINMENT, URDF
-from synthetic.kinematics import TIP_RADIUS
 from synthetic.scene import ObjectState
+from synthetic.world.assets import CONTAINMENT, URDF
+from synthetic.world.kinematics import TIP_RADIUS
 from tracker.conventions import Array, FloatArray
 from tracker.geometry import so3
 

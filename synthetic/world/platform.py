@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pybullet
 
-from synthetic import meshes
-from synthetic.assets import CONTAINMENT, find_assets
-from synthetic.look import Look
+from synthetic.look.appearance import Look
 from synthetic.scene import Body, Lighting, Mesh, ObjectState, PlatformScene
-from synthetic.world import World
+from synthetic.world import meshes
+from synthetic.world.assets import CONTAINMENT, find_assets
+from synthetic.world.simulation import World
 from tracker.conventions import Array, FloatArray
 from tracker.geometry import so3
 from tracker.objects.model import CuboidModel, load_object

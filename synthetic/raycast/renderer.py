@@ -9,16 +9,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from functools import lru_cache
-from typing import NamedTuple
 
 import cv2
 import numpy as np
 
-from synthetic.raycast_kernels import shadow_map, trace_image
-from synthetic.raycast_shading import FIRST_FACE, FIRST_MOTOR
-from synthetic.sensor import Sensor
-from synthetic.simple import ARENA_RADIUS, Scene
-from synthetic.simple_fingers import Capsule, Motor
+from synthetic.camera.sensor import Sensor
+from synthetic.raycast.fingers import Capsule, Motor
+from synthetic.raycast.kernels import shadow_map, trace_image
+from synthetic.raycast.records import CAPSULE, MOTOR, ROOM, VIEW, World
+from synthetic.raycast.scene import ARENA_RADIUS, Scene
+from synthetic.raycast.shading import FIRST_FACE, FIRST_MOTOR
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import CalibrationError
 from tracker.geometry.camera import Camera
@@ -50,49 +50,6 @@ class Rendering:
     """(3,) the object's centre [m]; None without object."""
     rotation: FloatArray | None
     """(3, 3) world from object; None without object."""
-
-
-ROOM = np.dtype(
-    [
-        ("present", "?"),
-        ("position", "f8", 3),
-        ("rotation", "f8", (3, 3)),
-        ("half", "f8", 3),
-        ("face_albedos", "f8", (6, 3)),
-        ("dirt", "f8"),
-        ("seed", "i8"),
-        ("light", "f8", 3),
-        ("table_radius", "f8"),
-        ("table_albedo", "f8", 3),
-        ("wall_albedo", "f8", 3),
-        ("wall_radii", "f8", 3),
-        ("wall_heights", "f8", 3),
-        ("cross", "f8", 2),
-        ("cross_albedo", "f8", 3),
-        ("shadow", "f8"),
-    ]
-)
-"""Object, light, table and wall as the kernels take them; fields as in `Scene` and `Background`."""
-
-CAPSULE = np.dtype([("start", "f8", 3), ("end", "f8", 3), ("radii", "f8", 2), ("albedo", "f8", 3)])
-MOTOR = np.dtype([("center", "f8", 3), ("normal", "f8", 3), ("radius", "f8"), ("albedo", "f8", 3)])
-VIEW = np.dtype([("eye", "f8", 3), ("rotation", "f8", (3, 3))])
-"""A camera: its position [m] and world from camera."""
-
-
-class World(NamedTuple):
-    """A scene as the kernels take it."""
-
-    room: Array
-    """(1,) of ROOM."""
-    capsules: Array
-    """(C,) of CAPSULE."""
-    motors: Array
-    """(M,) of MOTOR."""
-    blotches: Array
-    """(N, 4) as in `Background`."""
-    lit: Array
-    """(K, K) share of the lamp that reaches the table."""
 
 
 def render(

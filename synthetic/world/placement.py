@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from synthetic.platform import ARENA_RADIUS, DICE_COUNT, DIE_SIZE, Platform
+from synthetic.world.platform import ARENA_RADIUS, DICE_COUNT, DIE_SIZE, Platform
 from tracker.conventions import Array, FloatArray
 from tracker.geometry import so3
 from tracker.geometry.cuboid import CORNER_SIGNS, FACE_NORMALS, corners

@@ -19,10 +19,10 @@ from typing import Any
 import cv2
 import numpy as np
 
-from synthetic.bop import finish_bop, write_bop_frame
+from synthetic.camera.rigs import PERTURBED, STANDARD, choose_rig, sized
+from synthetic.export.bop import finish_bop, write_bop_frame
+from synthetic.export.workers import run_tasks
 from synthetic.frames import DatasetError, Frame, FrameMaker, FrameOptions
-from synthetic.rigs import PERTURBED, STANDARD, choose_rig, sized
-from synthetic.workers import run_tasks
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Image
 
@@ -201,7 +201,7 @@ class _Truth:
     @classmethod
     def open(cls, root: Path, options: DatasetOptions) -> _Truth:
         """That of a new folder, or of one made with the same options."""
-        from synthetic.render.interface import choose_renderer
+        from synthetic.render.choose import choose_renderer
 
         renderer = choose_renderer(options.frames.renderer).name
         head: dict[str, Any] = {

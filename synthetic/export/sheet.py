@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 
 from synthetic.frames import FrameMaker, FrameOptions
-from synthetic.platform import Platform
 from synthetic.scene import PlatformScene
-from synthetic.scenes import kinds_of, random_scene
+from synthetic.world.platform import Platform
+from synthetic.world.scenes import kinds_of, random_scene
 from tracker.conventions import Image
 
 MOTIONS = ("push", "tumble", "drop", "lift", "carry")

@@ -8,10 +8,10 @@ from types import TracebackType
 
 import numpy as np
 
-from synthetic.kinematics import finger_angles, tips
-from synthetic.placement import lift_onto_table
-from synthetic.platform import Platform
 from synthetic.scene import ObjectState
+from synthetic.world.kinematics import finger_angles, tips
+from synthetic.world.placement import lift_onto_table
+from synthetic.world.platform import Platform
 from tracker.conventions import Array, FloatArray
 
 PERIOD = 1 / 120

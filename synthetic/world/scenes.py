@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from synthetic.fingers import random_fingers
-from synthetic.look import Look, random_lighting, random_look
-from synthetic.placement import CUBOID_KINDS, DICE_KINDS, place
-from synthetic.platform import Platform
+from synthetic.look.appearance import Look, random_look
+from synthetic.look.lighting import random_lighting
 from synthetic.scene import PlatformScene
+from synthetic.world.fingers import random_fingers
+from synthetic.world.placement import CUBOID_KINDS, DICE_KINDS, place
+from synthetic.world.platform import Platform
 from tracker.errors import TrackerError
 
 FINGERS = {"random": None, "near": 1.0, "away": 0.0, "none": None}

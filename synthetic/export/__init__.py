@@ -1,0 +1,1 @@
+"""Data sets and other files made of frames."""

@@ -1,0 +1,1 @@
+"""Colours and light, as measured on the real platforms."""
