@@ -60,6 +60,12 @@ def commands() -> None:
 @click.option(
     "--shadows/--no-shadows", default=None, show_default=False, help="Default: as the quality says."
 )
+@click.option(
+    "--effects",
+    default="none",
+    metavar="none|world|NAMES",
+    help="What the real world adds: all of it, or names between commas, see synthetic.effects.",
+)
 def dataset(
     object_name: str,
     count: int,
@@ -74,18 +80,28 @@ def dataset(
     calibration: str,
     renderer: str,
     shadows: bool | None,
+    effects: str,
 ) -> None:
     """Write pictures, labels, calibration and truth of FRAMES frames to a folder.
 
     Where it was interrupted, the same command continues. Labels: 0 other, 1 red, 2 green, 3 blue, 4 cyan,
     5 magenta, 6 yellow; of dice their number, 1 to 25, and the truth's "object" is the list of all dice.
     """
+    from synthetic.effects import Effects
     from synthetic.export.dataset import DatasetOptions, make_dataset
     from synthetic.frames import FrameOptions
 
     options = DatasetOptions(
         FrameOptions(
-            object_name, seed, quality, renderer, sequence, size=int(size), rate=rate, shadows=shadows
+            object_name,
+            seed,
+            quality,
+            renderer,
+            sequence,
+            size=int(size),
+            rate=rate,
+            shadows=shadows,
+            effects=Effects.of(effects).names,
         ),
         count,
         calibration,

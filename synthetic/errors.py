@@ -7,3 +7,7 @@ from tracker.errors import TrackerError
 
 class AssetError(TrackerError):
     """The robot's description or meshes cannot be had."""
+
+
+class EffectError(TrackerError):
+    """There is no such effect."""

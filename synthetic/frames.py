@@ -19,6 +19,7 @@ import numpy as np
 from synthetic.camera.rigs import sized, standard_rig
 from synthetic.camera.sensor import CameraSettings, Sensor
 from synthetic.camera.shot import QUALITIES, CameraShot, Quality, shoot
+from synthetic.effects import Effects
 from synthetic.render.choose import choose_renderer
 from synthetic.render.interface import Renderer
 from synthetic.scene import ObjectState, PlatformScene
@@ -76,6 +77,8 @@ class FrameOptions:
     """Share of single scenes without an object."""
     length: int = CHUNK
     """Frames of a sequence that are one motion."""
+    effects: tuple[str, ...] = ()
+    """Which of `synthetic.effects.NAMES` the pictures show."""
 
     def __post_init__(self) -> None:
         valid = {"quality": tuple(QUALITIES), "size": (270, 540)}
@@ -83,6 +86,8 @@ class FrameOptions:
             if getattr(self, key) not in values:
                 known = ", ".join(map(str, values))
                 raise DatasetError(f"{key}: found {getattr(self, key)!r}, expected one of {known}")
+        # In one order, whatever the order asked for.
+        object.__setattr__(self, "effects", Effects.of(self.effects).names)
         if self.seed < 0:
             raise DatasetError(f"seed: found {self.seed}, expected 0 or more")
         if not 0.0 <= self.dropped <= 0.3:

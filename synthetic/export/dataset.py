@@ -58,6 +58,7 @@ class DatasetOptions:
         for key in ("seed", "object_name"):  # they stand in the truth already
             del result[key]
         result["renderer"] = renderer
+        result["effects"] = list(self.frames.effects)  # as JSON gives it back
         named = self.calibration in (STANDARD, PERTURBED)
         return {**result, "calibration": self.calibration if named else "folder", "bop": self.bop}
 
