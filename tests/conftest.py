@@ -10,6 +10,12 @@ import pytest
 from hypothesis import settings
 
 from tests.helpers import ROOT, make_camera, run_python
+from tests.helpers.needs import (  # noqa: F401
+    lack,
+    pytest_configure,
+    pytest_make_collect_report,
+    pytest_runtest_makereport,
+)
 from tracker.geometry.camera import Camera
 
 # Derandomised: a run never depends on chance or on earlier runs. Without a deadline, since the first
@@ -24,7 +30,7 @@ def real() -> Path:
     default = Path(__file__).resolve().parents[2] / "shared" / "real"
     folder = Path(os.environ.get("TRACKER_REAL_DATA", default))
     if not folder.is_dir():
-        pytest.skip("no recorded data: set TRACKER_REAL_DATA to its folder")
+        lack("real", "no recorded data; set TRACKER_REAL_DATA to its folder")
     return folder
 
 

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy.stats import binom, chi2
 
 import tracker
 from synthetic.camera.rigs import default_cameras
@@ -51,47 +52,62 @@ def within(pose, truth, metres, degrees):
     return np.linalg.norm(error[:3]) < metres and np.linalg.norm(error[3:]) < np.radians(degrees)
 
 
+@pytest.fixture(scope="module")
+def poses(trackers, scenes):
+    """What is found in the scenes."""
+    return {
+        name: [trackers[name].detect(truth.images).object_pose for truth in scenes[name]] for name in OBJECTS
+    }
+
+
+@pytest.fixture(scope="module")
+def clear(scenes):
+    """Which of the scenes show the whole object to every camera."""
+    result = {
+        name: [k for k, truth in enumerate(scenes[name]) if truth.visible_fraction.min() > 0.95]
+        for name in OBJECTS
+    }
+    assert min(map(len, result.values())) >= SCENES // 2
+    return result
+
+
 @pytest.mark.parametrize("name", OBJECTS)
-def test_pose_of_rendered_scenes_is_accurate(trackers, scenes, name):
-    clear = [truth for truth in scenes[name] if truth.visible_fraction.min() > 0.95]
-    found = [trackers[name].detect(truth.images).object_pose for truth in clear]
-    assert all(pose is not None for pose in found)
-    error = np.abs([errors(pose, truth) for pose, truth in zip(found, clear, strict=True)])
+def test_pose_of_rendered_scenes_is_accurate(scenes, poses, clear, name):
+    error = np.abs([errors(poses[name][k], scenes[name][k]) for k in clear[name]])
     assert np.median(np.linalg.norm(error[:, :3], axis=1)) < 0.2e-3
     assert np.median(np.linalg.norm(error[:, 3:], axis=1)) < np.radians(0.4)
 
 
 @pytest.mark.parametrize("name", OBJECTS)
-def test_loud_images_are_enough(trackers, scenes, name):
+def test_loud_images_are_enough(trackers, scenes, clear, name):
     rng = np.random.default_rng(6)
-    for truth in scenes[name]:
-        if truth.visible_fraction.min() > 0.95:
-            loud = [
-                np.clip(np.rint(i + rng.normal(0, 8, i.shape)), 0, 255).astype(np.uint8) for i in truth.images
-            ]
-            pose = trackers[name].detect(loud).object_pose
-            assert pose is not None
-            assert within(pose, truth, 0.5e-3, 2)
+    for k in clear[name]:
+        truth = scenes[name][k]
+        loud = [
+            np.clip(np.rint(i + rng.normal(0, 8, i.shape)), 0, 255).astype(np.uint8) for i in truth.images
+        ]
+        assert within(trackers[name].detect(loud).object_pose, truth, 0.5e-3, 2)
 
 
 @pytest.mark.parametrize("name", OBJECTS)
-def test_a_sure_pose_is_right(trackers, scenes, name):
-    for truth in scenes[name]:
-        pose = trackers[name].detect(truth.images).object_pose
-        if pose is not None and pose.confidence > 0.9:
-            assert within(pose, truth, 5e-3, 5)
+def test_a_sure_pose_is_right(scenes, poses, clear, name):
+    sure = [k for k, pose in enumerate(poses[name]) if pose is not None and pose.confidence > 0.9]
+    assert set(clear[name]) <= set(sure)
+    for k in sure:
+        assert within(poses[name][k], scenes[name][k], 5e-3, 5)
 
 
-def test_normalised_error_squared_is_plausible(trackers, scenes):
-    values = []
-    for name in OBJECTS:
-        for truth in scenes[name]:
-            pose = trackers[name].detect(truth.images).object_pose
-            if pose is not None and pose.confidence > 0.5:
-                error = errors(pose, truth)
-                values.append(error @ np.linalg.solve(pose.covariance, error))
-    assert len(values) >= SCENES
-    assert 1.5 < np.median(values) < 15  # 5.35 for six degrees of freedom
+@pytest.mark.parametrize("name", OBJECTS)
+def test_the_covariance_is_no_smaller_and_not_much_larger_than_the_errors(scenes, poses, name):
+    found = [(pose, truth) for pose, truth in zip(poses[name], scenes[name], strict=True) if pose is not None]
+    assert len(found) >= 0.9 * SCENES
+    all_errors = [(errors(pose, truth), pose.covariance) for pose, truth in found]
+    values = np.array([error @ np.linalg.solve(covariance, error) for error, covariance in all_errors])
+    # How many of as many six-dimensional normal deviates stay within the ellipsoid that holds 90 % of them,
+    # in 999 of 1000 cases. A calibration that is exact is not taken for that, so that more may.
+    assert np.count_nonzero(values < chi2.ppf(0.9, 6)) >= binom.ppf(0.001, len(values), 0.9)
+    # Deviations three times as large as the errors would make it a ninth.
+    assert values.mean() / 6 > 1 / 9
 
 
 def test_same_images_give_the_same_bits(trackers, scenes):

@@ -17,10 +17,11 @@ from benchmarks.report import worst
 from benchmarks.score.records import FrameRecord, ResultsError, records_of, write_results
 from synthetic.camera.rigs import default_cameras
 from tests.helpers.made_up_results import OBJECTS, made_up_results
+from tests.helpers.needs import lack
 from tracker.geometry import so3
 
-pytest.importorskip("matplotlib", reason="the report needs the optional package matplotlib")
-pytest.importorskip("jinja2", reason="the report needs the optional package jinja2")
+pytest.importorskip("matplotlib", reason="bench: no module matplotlib")
+pytest.importorskip("jinja2", reason="bench: no module jinja2")
 
 from benchmarks.report import report, write_report
 from benchmarks.report.accuracy_plots import running_median
@@ -236,7 +237,7 @@ class Seen(NamedTuple):
 def browse(path: Path, folder: Path, *options: str) -> Seen:
     browser = next(filter(None, map(shutil.which, BROWSERS)), None)
     if browser is None:
-        pytest.skip(f"no browser: found none of {', '.join(BROWSERS)}")
+        lack("browser", f"found none of {', '.join(BROWSERS)}")
     shot = folder / "shot.png"
     arguments = [
         *("--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--enable-logging=stderr"),

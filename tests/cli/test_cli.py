@@ -278,7 +278,7 @@ def test_a_failed_fit_keeps_the_old_file(labelled, tmp_path, run_here):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["labelled", "mine.npz"]
 
 
-@pytest.mark.skipif(os.name != "posix", reason="pipes and devices of POSIX systems")
+@pytest.mark.skipif(os.name != "posix", reason="system: pipes and devices of POSIX systems")
 def test_a_reader_that_has_left_is_no_reason_to_complain():
     reader, writer = os.pipe()
     os.close(reader)
@@ -289,7 +289,7 @@ def test_a_reader_that_has_left_is_no_reason_to_complain():
     assert result.returncode == 1
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="system: no /dev/full")
 def test_output_that_cannot_be_written_is_one_line():
     with open("/dev/full", "w") as full:
         command = [sys.executable, "-m", "tracker", "--help"]

@@ -82,7 +82,7 @@ def run(*arguments: object, folder: Path = ROOT) -> subprocess.CompletedProcess[
 
 def test_a_recording_is_tracked_and_written_in_every_format(filmed, tmp_path):
     for package in ("av", "matplotlib"):
-        pytest.importorskip(package, reason=f"needs the optional package {package}")
+        pytest.importorskip(package, reason=f"film: no module {package}")
     result = run(
         *[filmed, "--object", "cube_v2", "-o", "poses.h5", "--json", "--csv", "poses.csv"],
         *["--tum", "poses.tum", "--bop", "poses_bop.csv", "--camera", "camera180"],

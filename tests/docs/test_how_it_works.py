@@ -102,7 +102,7 @@ def test_every_picture_exists_and_is_small_and_shown():
 
 
 def test_the_script_draws_every_picture(tmp_path):
-    pytest.importorskip("matplotlib", reason="pictures need the optional package matplotlib")
+    pytest.importorskip("matplotlib", reason="film: no module matplotlib")
     script = ROOT / "scripts" / "draw_how_it_works.py"
     result = run_python([script, "--quick", "--output", tmp_path], tmp_path)
     assert result.returncode == 0, result.stderr

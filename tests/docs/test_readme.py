@@ -12,6 +12,7 @@ import pytest
 
 import tracker
 from tests.helpers import ROOT, run_python
+from tests.helpers.needs import lack
 from tracker.logs.poses_file import read_poses
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -153,11 +154,12 @@ def test_another_seed_shows_another_scene(demo, tmp_path):
 
 
 def test_the_demo_films_what_it_finds(tmp_path):
-    for package in ("pybullet", "av", "matplotlib"):
-        pytest.importorskip(package, reason=f"the demo needs the optional package {package}")
+    pytest.importorskip("pybullet", reason="platform: no module pybullet")
+    for package in ("av", "matplotlib"):
+        pytest.importorskip(package, reason=f"film: no module {package}")
     result = run_python([ROOT / "examples" / "demo.py", "--frames", 3, "--output", "demo"], tmp_path)
     if result.returncode and "AssetError" in result.stderr:
-        pytest.skip("the robot's meshes cannot be had")
+        lack("platform", "the robot's meshes cannot be had")
     assert result.returncode == 0, result.stderr
     assert "within 5 mm, 5°  3" in result.stdout
     written = {path.name for path in (tmp_path / "demo").iterdir()}

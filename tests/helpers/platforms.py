@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import pytest
-
 from synthetic.errors import AssetError
 from synthetic.world.platform import Platform
+from tests.helpers.needs import lack
 
 
 def platform_of(object_name: str) -> Platform:
@@ -13,4 +12,4 @@ def platform_of(object_name: str) -> Platform:
     try:
         return Platform(object_name)
     except AssetError as error:
-        pytest.skip(str(error))
+        lack("platform", str(error))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import importlib.util
 
-import pytest
+from tests.helpers.needs import lack
 
 
 @functools.cache
@@ -30,4 +30,4 @@ def skip_without_platform() -> None:
     """Skip the test that calls it, with the reason, where the platform cannot be rendered."""
     reason = missing()
     if reason:
-        pytest.skip(reason)
+        lack("platform", reason)

@@ -10,10 +10,11 @@ import pytest
 
 import tracker
 from tests.helpers.log_writers import CAMERAS, make_content, write_store
+from tests.helpers.needs import lack
 from tracker.errors import LogError
 
-pytest.importorskip("lmdb", reason="the extra 'datasets' is not installed")
-pytest.importorskip("numcodecs", reason="the extra 'datasets' is not installed")
+pytest.importorskip("lmdb", reason="datasets: no module lmdb")
+pytest.importorskip("numcodecs", reason="datasets: no module numcodecs")
 
 COMPRESSORS = [None, {"id": "zlib", "level": 1}, {"id": "blosc", "cname": "lz4", "clevel": 5, "shuffle": 1}]
 
@@ -142,9 +143,9 @@ def test_memory_does_not_grow_with_the_length(tmp_path):
 
 
 def test_stores_written_by_zarr_are_read(tmp_path):
-    zarr = pytest.importorskip("zarr", minversion="2.11")
+    zarr = pytest.importorskip("zarr", reason="zarr: no module zarr")
     if not hasattr(zarr, "LMDBStore"):
-        pytest.skip("this zarr cannot write LMDB stores")
+        lack("zarr", f"{zarr.__version__} cannot write LMDB stores")
     from numcodecs import VLenBytes
 
     content = make_content(3)

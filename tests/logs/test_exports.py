@@ -137,7 +137,7 @@ def test_results_in_the_bop_format_come_back_as_the_same_poses(tmp_path, rng):
 
 def test_results_fit_a_data_set_that_was_exported(tmp_path, rng):
     """Perfect poses of a data set in the BOP layout are its truth: ids, units, frames."""
-    bop = pytest.importorskip("synthetic.export.bop", reason="the exporter needs the synthetic packages")
+    bop = pytest.importorskip("synthetic.export.bop", reason="platform: no module")
     about = make_about()
     builder = PosesBuilder(about)
     entries = []

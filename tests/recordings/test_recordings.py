@@ -294,7 +294,7 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)
 """
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="units of ru_maxrss")
+@pytest.mark.skipif(sys.platform != "linux", reason="system: units of ru_maxrss")
 def test_memory_does_not_grow_with_the_recording(tmp_path):
     peaks = []
     for count in (350, 1750):

@@ -10,8 +10,8 @@ import pytest
 from synthetic.errors import AssetError
 from synthetic.world import assets
 
-pybullet = pytest.importorskip("pybullet", reason="the simulated platform needs pybullet")
-pytest.importorskip("trimesh", reason="the simulated platform needs trimesh")
+pytest.importorskip("trimesh", reason="platform: no module trimesh")
+pybullet = pytest.importorskip("pybullet", reason="platform: no module pybullet")
 
 from synthetic.look.appearance import random_look  # noqa: E402
 from synthetic.look.lighting import random_lighting  # noqa: E402

@@ -14,6 +14,7 @@ from synthetic.render.choose import choose_renderer, close_renderer
 from synthetic.render.interface import Layers, Renderer, RendererError
 from synthetic.scene import Body, Lamp, Lighting, Mesh, PlatformScene
 from tests.helpers import random_rotations
+from tests.helpers.needs import lack
 from tracker.conventions import Array, FloatArray
 from tracker.geometry.camera import Camera
 from tracker.geometry.cuboid import FACE_CORNERS, FACE_NORMALS, corners
@@ -29,7 +30,7 @@ def renderer_or_skip(name: str) -> Renderer:
     try:
         return choose_renderer(name)
     except RendererError as error:
-        pytest.skip(str(error))
+        lack("platform", str(error))
 
 
 @pytest.fixture(scope="module", params=NAMES)
@@ -44,7 +45,8 @@ def box(size: tuple[float, ...]) -> Mesh:
 
 
 def ball(radius: float = 0.02) -> Mesh:
-    sphere = pytest.importorskip("trimesh").creation.icosphere(subdivisions=4, radius=radius)
+    trimesh = pytest.importorskip("trimesh", reason="platform: no module trimesh")
+    sphere = trimesh.creation.icosphere(subdivisions=4, radius=radius)
     return Mesh("ball", sphere.vertices, sphere.faces, np.zeros(len(sphere.faces), int))
 
 
@@ -215,7 +217,7 @@ def resident_megabytes() -> float:
     return int(Path("/proc/self/statm").read_text().split()[1]) * 4096 / 1e6
 
 
-@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="memory is read from /proc")
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="system: memory is read from /proc")
 def test_memory_stays_flat(renderer: Renderer) -> None:
     camera = default_cameras(64)[0]
     view = lens_of(camera, 1).view

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-pytest.importorskip("pybullet", reason="the simulated platform needs pybullet")
-pytest.importorskip("trimesh", reason="the simulated platform needs trimesh")
+pytest.importorskip("pybullet", reason="platform: no module pybullet")
+pytest.importorskip("trimesh", reason="platform: no module trimesh")
 
 import trimesh
 

@@ -15,6 +15,7 @@ import pytest
 from benchmarks.data.package.environment import PackageError, interpreter, run
 from synthetic.camera.rigs import standard_rig
 from tests.helpers import ROOT
+from tests.helpers.needs import lack
 from tracker.calibration.rig import CameraRig
 from tracker.objects.model import load_object
 from tracker.tasks import move_object, rearrange_dice
@@ -34,7 +35,7 @@ def package(tmp_path_factory: pytest.TempPathFactory) -> Package:
     try:
         python = interpreter()
     except PackageError as error:
-        pytest.skip(str(error))
+        lack("package", str(error))
     folder = tmp_path_factory.mktemp("package")
 
     def ask(command: str, *arguments: Path) -> dict[str, np.ndarray]:

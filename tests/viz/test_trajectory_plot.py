@@ -27,7 +27,7 @@ from tracker.viz import paint, write_trajectory_plot
 from tracker.viz.plots import STATUS_COLORS
 from tracker.viz.trajectory import angle_std, angles
 
-pytest.importorskip("matplotlib", reason="plots need the optional package matplotlib")
+pytest.importorskip("matplotlib", reason="film: no module matplotlib")
 
 
 @pytest.fixture

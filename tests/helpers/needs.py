@@ -1,0 +1,77 @@
+"""What a test may need that not every machine has, and what happens where it is missing.
+
+A test that misses something is skipped with a reason "KIND: why", where KIND is one of KINDS. The
+environment variable REQUIRE lists the kinds, with commas between them, that a run has to have: a skip of
+such a kind is a failure. So is a skip for a reason of no kind.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from typing import Any, NoReturn
+
+import pytest
+
+VARIABLE = "REQUIRE"
+
+KINDS = {
+    "real": "recorded data of real platforms",
+    "platform": "the simulated platform: the extra `synthetic`, the robot's meshes, a renderer",
+    "package": "the platform's own simulation package, in an environment of its own",
+    "viz": "the extra `viz`",
+    "film": "the extra `film`",
+    "datasets": "the extra `datasets`",
+    "bench": "the extra `bench`",
+    "zarr": "a zarr that writes the data sets' stores",
+    "browser": "a browser that runs without a screen",
+    "system": "files and figures that only some operating systems have",
+}
+"""Each kind of need, and what meets it."""
+
+
+def lack(kind: str, why: str) -> NoReturn:
+    """Skip the test, or the module, that misses something of a kind."""
+    pytest.skip(f"{kind}: {why}", allow_module_level=True)
+
+
+def required() -> frozenset[str]:
+    """The kinds that this run has to have.
+
+    Raises:
+        pytest.UsageError: REQUIRE names one that is none.
+    """
+    kinds = frozenset(filter(None, map(str.strip, os.environ.get(VARIABLE, "").split(","))))
+    unknown = sorted(kinds - set(KINDS))
+    if unknown:
+        raise pytest.UsageError(f"{VARIABLE}: no kind {', '.join(unknown)}; there are {', '.join(KINDS)}")
+    return kinds
+
+
+def pytest_configure() -> None:
+    required()
+
+
+def _settle(report: Any) -> None:
+    """Make a failure of a skip that is not allowed."""
+    if not report.skipped or hasattr(report, "wasxfail"):
+        return
+    reason = report.longrepr[2].removeprefix("Skipped: ")
+    kind = reason.partition(":")[0]
+    if kind not in KINDS:
+        problem = f"a skip needs a reason of a kind ({', '.join(KINDS)})"
+    elif kind in required():
+        problem = f"{VARIABLE} asks for {kind}, {KINDS[kind]}"
+    else:
+        return
+    report.outcome, report.longrepr = "failed", f"{report.nodeid}: skipped because {reason}, but {problem}"
+
+
+@pytest.hookimpl(hookwrapper=True, tryfirst=True)
+def pytest_runtest_makereport() -> Iterator[None]:
+    _settle((yield).get_result())
+
+
+@pytest.hookimpl(hookwrapper=True, tryfirst=True)
+def pytest_make_collect_report() -> Iterator[None]:
+    _settle((yield).get_result())

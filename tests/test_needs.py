@@ -1,0 +1,66 @@
+"""Laws of skipping: for a reason of a kind, and not where the kind is asked for."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.helpers.needs import VARIABLE, pytest_configure
+
+pytest_plugins = ["pytester"]
+
+BODIES = {
+    "in the test": "def test_a(): lack('viz', 'there is none')",
+    "in a fixture": "@pytest.fixture\ndef a(): lack('viz', 'there is none')\ndef test_a(a): pass",
+    "by a mark": "@pytest.mark.skipif(True, reason='viz: there is none')\ndef test_a(): pass",
+    "of a module": "pytest.importorskip('no_such_module', reason='viz: there is none')\ndef test_a(): pass",
+}
+
+
+@pytest.fixture
+def outcomes(pytester, monkeypatch):
+    """How the one test of a file ends while REQUIRE asks for `kinds`, and what is printed."""
+    pytester.makeconftest(
+        "from tests.helpers.needs import pytest_make_collect_report, pytest_runtest_makereport"
+    )
+
+    def run(body: str, kinds: str) -> tuple[dict[str, int], str]:
+        monkeypatch.setenv(VARIABLE, kinds)
+        pytester.makepyfile(f"import pytest\nfrom tests.helpers.needs import lack\n{body}")
+        result = pytester.runpytest_inprocess("-p", "no:cacheprovider", "-rs")
+        return result.parseoutcomes(), result.stdout.str() + result.stderr.str()
+
+    return run
+
+
+@pytest.mark.parametrize("body", BODIES.values(), ids=BODIES)
+def test_a_need_that_is_asked_for_is_a_failure_where_it_is_missing(outcomes, body):
+    for kinds in ("", "real", "real,film"):
+        counts, printed = outcomes(body, kinds)
+        assert set(counts) == {"skipped"}
+        assert "viz: " in printed
+    for kinds in ("viz", "real, viz"):
+        counts, printed = outcomes(body, kinds)
+        assert "skipped" not in counts
+        assert counts.get("failed", 0) + counts.get("errors", 0) == 1
+        assert "REQUIRE asks for viz" in printed
+
+
+@pytest.mark.parametrize("reason", ["", "no reason", "vizier: none", "viz"])
+def test_a_skip_without_a_kind_is_a_failure(outcomes, reason):
+    counts, printed = outcomes(f"def test_a(): pytest.skip({reason!r})", "")
+    if reason == "viz":
+        assert counts == {"skipped": 1}
+    else:
+        assert counts == {"failed": 1}
+        assert "needs a reason of a kind" in printed
+
+
+def test_what_passes_fails_or_is_expected_to_fail_stays_so(outcomes):
+    body = "def test_a(): pass\ndef test_b(): assert 0\n@pytest.mark.xfail\ndef test_c(): assert 0"
+    assert outcomes(body, "viz")[0] == {"passed": 1, "failed": 1, "xfailed": 1}
+
+
+def test_a_kind_that_there_is_not_is_named(monkeypatch):
+    monkeypatch.setenv(VARIABLE, "viz,vizz")
+    with pytest.raises(pytest.UsageError, match="REQUIRE: no kind vizz; there are real, "):
+        pytest_configure()
