@@ -16,7 +16,7 @@ from tracker.objects.model import CuboidModel
 from tracker.pose.estimate import PoseEstimator, Sight
 from tracker.pose.evidence import EvidenceReader, View
 from tracker.pose.fit import Fit
-from tracker.pose.judge import alone, confidence, features, log_odds, rank, refusal
+from tracker.pose.judge import alone, confidence, features, log_odds, rank, refusal, sure
 from tracker.pose.result import MotionEstimate, Observation, PoseEstimate, Status
 from tracker.pose.start import Lag
 from tracker.segmentation.color_model import ColorModel, load_colors
@@ -265,7 +265,12 @@ class ObjectTracker:
             lap = time.perf_counter()
             views = [None if one is None else self._reader.read(one, grey_world) for one in seen]
             split = time.perf_counter()
-            outcome = self._estimator.estimate(self._estimator.sight(views), thorough=thorough, lag=lag)
+            sight = self._estimator.sight(views)
+            if best is not None and alone(best[0]) and sure(best[0]):
+                # Only how far away it is leaves doubt: another look, no other search.
+                outcome: Fit | Status = self._estimator.look_again(sight, best[0], lag)
+            else:
+                outcome = self._estimator.estimate(sight, thorough=thorough, lag=lag)
             timing["segmentation"] = timing.get("segmentation", 0.0) + 1e3 * (split - lap)
             timing["pose"] = timing.get("pose", 0.0) + 1e3 * (time.perf_counter() - split)
             refused = outcome if isinstance(outcome, Status) else refusal(outcome)
@@ -313,7 +318,7 @@ def _settled(fit: Fit | None) -> bool:
     """Whether a fit is so sure that no other needs to be tried."""
     if fit is None or not fit.converged or refusal(fit) is not None:
         return False
-    sure, rough = ALONE if alone(fit) else TOGETHER
-    if log_odds(fit) < sure or features(fit)["rms"] > rough:
+    least, rough = ALONE if alone(fit) else TOGETHER
+    if log_odds(fit) < least or features(fit)["rms"] > rough:
         return False
     return fit.total("extra") <= MOST_EXTRA * fit.total("predicted")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -26,4 +27,4 @@ class Box(NamedTuple):
     @property
     def radius(self) -> float:
         """Distance of its corners from its centre [m]."""
-        return float(np.linalg.norm(self.half))
+        return math.sqrt(self.half @ self.half)

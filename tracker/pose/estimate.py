@@ -13,6 +13,7 @@ from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray
 from tracker.geometry.lens import apply_update, stack_lenses
 from tracker.objects.box import Box
+from tracker.pose.contest import FROM_AFAR, REVERSED, Stage, apart, contest
 from tracker.pose.evidence import View
 from tracker.pose.fit import Fit
 from tracker.pose.hypotheses import align
@@ -23,7 +24,7 @@ from tracker.pose.hypotheses.rotations import RotationSearch
 from tracker.pose.judge import alone, possible, rank, settled, sure
 from tracker.pose.result import Status
 from tracker.pose.scale import label_camera, label_factors, window
-from tracker.pose.solve.refiner import Refined, Refiner
+from tracker.pose.solve.refiner import Attempt, Refined, Refiner
 from tracker.pose.solve.schedule import FOLLOWING, SCHEDULE, Schedule
 from tracker.pose.start import LIKELY, Lag, Start
 
@@ -45,14 +46,14 @@ REFINED = 5
 MIN_PIXELS = 20
 """Face-coloured pixels in all label maps below which there is no object."""
 
+LONELY_MANY, LONELY_REFINED = 8, 3
+"""The same two where one camera alone sees the object, in each of two rounds: most lead to the same poses."""
+
 CLOSE = 0.7
 """Least explanation of what one camera sees, of the best one's, for a hypothesis to be refined."""
 
 WINDOW_RIM = 12.0
 """Beyond an object where it is expected, for where it may be instead [px of the label map]."""
-
-SAME_POSITION, SAME_ROTATION = 0.12, 0.15
-"""Two hypotheses nearer than this [radii of the object, rad] are the same pose."""
 
 Hypothesis = tuple[FloatArray, FloatArray]
 """Rotation (3, 3) and position (3,) [m]."""
@@ -110,13 +111,18 @@ class PoseEstimator:
         first = next(positions, None)
         if first is None:
             return Status.TOO_FEW_PIXELS
-        fits = self._refined(sight, self._align(sight, [first], FEW), lag)
-        if not (fits and settled(fits[-1])) and thorough:
-            lonely = np.count_nonzero(sight.used) == 1 or bool(fits and alone(max(fits, key=rank)))
-            # One camera alone may see a single face, which fits at four turns: it never settles the matter.
-            others = () if lonely and any(map(sure, fits)) else positions
-            more = self._align(sight, chain([first], others), MANY, CLOSE if lonely else 0.0)
-            fits.extend(self._refined(sight, more, lag))
+        fits: list[Fit] = []
+        # One camera alone may see a single face, which fits at four turns: it never settles the matter.
+        lonely = thorough and np.count_nonzero(sight.used) == 1
+        if not lonely:
+            fits = self._refined(sight, self._align(sight, [first], FEW), lag)
+        if thorough and not (fits and settled(fits[-1])):
+            lonely = lonely or bool(fits and alone(max(fits, key=rank)))
+            fits.extend(
+                self._lonely(sight, first, positions, lag)
+                if lonely
+                else self._refined(sight, self._align(sight, chain([first], positions), MANY), lag)
+            )
         if not fits:
             return Status.INCONSISTENT_VIEWS
         best = max(fits, key=rank)
@@ -126,7 +132,9 @@ class PoseEstimator:
         # A pose beyond the arena is none, but what looks like one more than like the best is doubtful.
         best = next(filter(possible, fits), fits[0])
         rivals = [
-            fit for fit in fits if self._apart(fit.rotation, fit.position, best.rotation, best.position)
+            fit
+            for fit in fits
+            if apart(fit.rotation, fit.position, best.rotation, best.position, self.box.radius)
         ]
         return replace(best, lead=rank(best) - rank(rivals[0])) if rivals else best
 
@@ -138,6 +146,43 @@ class PoseEstimator:
             if settled(fits[-1]):
                 break
         return fits
+
+    def _lonely(
+        self, sight: Sight, first: FloatArray, others: Iterable[FloatArray], lag: Lag | None
+    ) -> list[Fit]:
+        """The best fits near the first position, and unless one is sure near others: one camera sees it."""
+        fits: list[Fit] = []
+        for candidates in ([first], others):
+            hypotheses = self._align(sight, candidates, LONELY_MANY, LONELY_REFINED, CLOSE)
+            fits.extend(self._contest(sight, hypotheses, SCHEDULE, FROM_AFAR, LIKELY, lag))
+            if any(map(sure, fits)):
+                break
+        return fits
+
+    def _contest(
+        self,
+        sight: Sight,
+        hypotheses: Iterable[Hypothesis],
+        schedule: Schedule,
+        stages: Sequence[Stage],
+        start: Start,
+        lag: Lag | None,
+        best: Fit | None = None,
+    ) -> list[Fit]:
+        """Different fits of those hypotheses that may be the best; see `contest`."""
+        refiner = self.refiner
+        attempts = [refiner.begin(sight.views, *hypothesis, start, lag) for hypothesis in hypotheses]
+
+        def advance(attempt: Attempt, until: int | None) -> Fit:
+            refiner.advance(attempt, schedule, until)
+            return self._fit(sight, attempt)
+
+        return contest(attempts, advance, stages, self.box.radius, best)
+
+    def look_again(self, sight: Sight, fit: Fit, lag: Lag | None = None) -> Fit:
+        """A fit refined once more, on views whose colours were read in another way."""
+        again = self.refine(sight, fit.rotation, fit.position, FOLLOWING, fit.end, lag)
+        return replace(again, lead=fit.lead)
 
     def follow(
         self,
@@ -182,7 +227,13 @@ class PoseEstimator:
         lag: Lag | None = None,
     ) -> Fit:
         """The fit nearest to a hypothesis (3, 3), (3,) [m]."""
-        end = self.refiner.refine(sight.views, rotation, position, schedule, start, lag)
+        attempt = self.refiner.begin(sight.views, rotation, position, start, lag)
+        self.refiner.advance(attempt, schedule)
+        return self._fit(sight, attempt)
+
+    def _fit(self, sight: Sight, attempt: Attempt) -> Fit:
+        """Where a refinement stands, with what the label maps say of it."""
+        end = self.refiner.end(attempt)
         self._explain(sight, end)
         lowest = float(end.position[2] - np.abs(end.rotation[2]) @ self.box.half)
         inside = self.arena.holds(end.position, lowest)
@@ -212,14 +263,20 @@ class PoseEstimator:
         """What else the one camera that sees the object may see; `start` and `lag` as of `refine`."""
         camera = self.small["position"][int(np.argmax(fit.cameras["inliers"]))]
         rivals = reversed_in_depth(fit.rotation, fit.position, self.box.half, camera)
-        return [self.refine(sight, *rival, FOLLOWING, start, lag) for rival in rivals]
+        return self._contest(sight, rivals, FOLLOWING, REVERSED, start, lag, fit)
 
     def _align(
-        self, sight: Sight, candidates: Iterable[FloatArray], count: int, close: float = 0.0
+        self,
+        sight: Sight,
+        candidates: Iterable[FloatArray],
+        count: int,
+        most: int = REFINED,
+        close: float = 0.0,
     ) -> Iterator[Hypothesis]:
         """Different hypotheses after alignment on the label maps, best first; worked out when asked for.
 
-        close: least score, of the best one's.
+        count: rotations that are tried at each position; most: hypotheses that are wanted; close: least
+        score, of the best one's.
         """
         rotations: list[FloatArray] = []
         positions: list[FloatArray] = []
@@ -237,17 +294,10 @@ class PoseEstimator:
             scores.extend(score)
         chosen: list[Hypothesis] = []
         for k in np.argsort(-np.array(scores), kind="stable"):
-            if scores[k] < align.IMPOSSIBLE / 2 or len(chosen) == REFINED:
+            if scores[k] < align.IMPOSSIBLE / 2 or len(chosen) == most:
                 break
             if chosen and scores[k] < close * max(scores):
                 break
-            if all(self._apart(rotations[k], positions[k], *other) for other in chosen):
+            if all(apart(rotations[k], positions[k], *other, self.box.radius) for other in chosen):
                 chosen.append((rotations[k], positions[k]))
                 yield chosen[-1]
-
-    def _apart(
-        self, rotation: FloatArray, position: FloatArray, rotation2: FloatArray, position2: FloatArray
-    ) -> bool:
-        """Whether two poses differ by more than alignment on label maps leaves open."""
-        turned = np.vdot(rotation, rotation2) < 1 + 2 * np.cos(SAME_ROTATION)
-        return bool(turned or np.linalg.norm(position - position2) > SAME_POSITION * self.box.radius)

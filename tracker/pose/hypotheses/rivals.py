@@ -7,6 +7,7 @@ whose near end becomes the far one.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -34,8 +35,8 @@ def reversed_in_depth(
     for axis in range(3):
         along = rotation[:, axis]
         toward = float(along @ sight)
-        across = np.cross(along, sight)
-        sine = float(np.linalg.norm(across))
+        across = _cross(along, sight)
+        sine = math.sqrt(across @ across)
         angle = np.arctan2(sine, abs(toward))
         if LEAST < angle < MOST:
             # The face toward the camera keeps its middle.
@@ -45,3 +46,8 @@ def reversed_in_depth(
             yield turned, position + side * (along - turned[:, axis])
         elif LEAST < np.pi / 2 - angle < MOST:
             yield so3.exp(-2.0 * (np.pi / 2 - angle) * np.sign(toward) * across / sine) @ rotation, position
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """The cross product of two vectors (3,): NumPy takes ten times as long."""
+    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import statistics
 import threading
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -54,6 +56,21 @@ class Refined(NamedTuple):
     """(C, 6) by which the cameras saw the object moved, since their pictures are older [m, rad]."""
 
 
+@dataclass(eq=False)
+class Attempt:
+    """A refinement under way."""
+
+    views: Sequence[View | None]
+    cameras: Cameras
+    unknowns: Unknowns
+    marginal: FloatArray
+    """(6, 6) covariance of the pose; NaN before the first step."""
+    seen: Array
+    """(C,) of SEEN."""
+    step: int = 0
+    converged: bool = False
+
+
 class _Local(threading.local):
     """A work space of each thread."""
 
@@ -91,7 +108,20 @@ class Refiner:
         Gauss-Newton on the pose and on an offset η_c of each camera, which sees the object at the pose
         moved by η_c; the offsets' size is bound by what the calibration states of its errors.
         """
-        count, work = len(self.lenses), self._local.space
+        attempt = self.begin(views, rotation, position, start, lag)
+        self.advance(attempt, schedule)
+        return self.end(attempt)
+
+    def begin(
+        self,
+        views: Sequence[View | None],
+        rotation: FloatArray,
+        position: FloatArray,
+        start: Start = LIKELY,
+        lag: Lag | None = None,
+    ) -> Attempt:
+        """A refinement that is to be advanced step by step; arguments as of `refine`."""
+        count = len(self.lenses)
         cameras = self._cameras(views, np.asarray(position, dtype=np.float64), start.blur, lag)
         unknowns = Unknowns(
             np.array(rotation, dtype=np.float64),
@@ -101,20 +131,30 @@ class Refiner:
             start.blur * cameras.scales,
         )
         unknowns.shared[EXPONENT], unknowns.shared[GROWTH] = start.exponent, start.growth
-        marginal, seen = np.full((6, 6), np.nan), np.zeros(count, SEEN)
-        converged, step = False, 0
-        while step < len(schedule.blur) and not converged:
-            self._collect(views, cameras, unknowns, schedule, step, work)
-            converged, step = settle(
-                cameras, PRIOR / self._units, self.box.radius, schedule, TUNING, step, unknowns, work,
-                marginal, seen,
+        return Attempt(views, cameras, unknowns, np.full((6, 6), np.nan), np.zeros(count, SEEN))
+
+    def advance(self, attempt: Attempt, schedule: Schedule, until: int | None = None) -> None:
+        """Do an attempt's further steps of a schedule: all, or those before step `until`."""
+        work, part = self._local.space, Schedule(*(column[:until] for column in schedule))
+        while attempt.step < len(part.blur) and not attempt.converged:
+            self._collect(attempt.views, attempt.cameras, attempt.unknowns, part, attempt.step, work)
+            attempt.converged, attempt.step = settle(
+                attempt.cameras, PRIOR / self._units, self.box.radius, part, TUNING, attempt.step,
+                attempt.unknowns, work, attempt.marginal, attempt.seen,
             )  # fmt: skip
+
+    def end(self, attempt: Attempt) -> Refined:
+        """Where an attempt stands."""
+        cameras, unknowns, seen = attempt.cameras, attempt.unknowns, attempt.seen.copy()
         seen["squares"] /= cameras.scales**2
-        covariance = with_model_errors(marginal, self.box.radius)
-        blur = float(np.median((unknowns.blurs / cameras.scales)[cameras.used]))
-        end = Start(blur, unknowns.shared[EXPONENT], unknowns.shared[GROWTH]) if converged else LIKELY
+        covariance = with_model_errors(attempt.marginal, self.box.radius)
+        end = LIKELY
+        if attempt.converged:
+            blur = statistics.median((unknowns.blurs / cameras.scales)[cameras.used].tolist())
+            end = Start(blur, unknowns.shared[EXPONENT], unknowns.shared[GROWTH])
         return Refined(
-            unknowns.rotation, unknowns.position, covariance, seen, converged, step, end, cameras.lags
+            unknowns.rotation.copy(), unknowns.position.copy(), covariance, seen, attempt.converged,
+            attempt.step, end, cameras.lags,
         )  # fmt: skip
 
     def _cameras(
