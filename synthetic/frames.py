@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from synthetic.camera.rigs import sized, standard_rig
-from synthetic.camera.sensor import CameraSettings, Sensor
 from synthetic.camera.shot import QUALITIES, CameraShot, Quality, shoot
+from synthetic.camera.units import Unit, units_of
 from synthetic.effects import Effects
 from synthetic.render.choose import choose_renderer
 from synthetic.render.interface import Renderer
@@ -187,22 +187,24 @@ class FrameMaker:
         Those whose numbers are in `emptied` are given a second time, after the first if that is wanted, with
         the same light, fingers and noise but without any object.
         """
-        rng = self._rng(_CAMERAS, number)
-        sensor = self._quality.sensor(rng, self.options.path)
-        settings = [sensor.settings(rng) for _ in self.rig]
+        units = self._units(number)
         first = number * self.options.chunk
         for index, (timestamp, scene) in enumerate(self._scenes(number), start=first):
             if wanted is None or index in wanted:
-                yield self._frame(index, timestamp, scene, sensor, settings)
+                yield self._frame(index, timestamp, scene, units)
             if index in emptied:
-                yield self._frame(index, timestamp, scene.emptied(), sensor, settings)
+                yield self._frame(index, timestamp, scene.emptied(), units)
 
     def of_scene(self, number: int, scene: PlatformScene) -> Frame:
         """A frame of a scene made elsewhere."""
+        return self._frame(number, number * PERIOD, scene, self._units(number))
+
+    def _units(self, number: int) -> tuple[Unit, ...]:
+        """The cameras as they are for a chunk."""
         rng = self._rng(_CAMERAS, number)
         sensor = self._quality.sensor(rng, self.options.path)
-        settings = [sensor.settings(rng) for _ in self.rig]
-        return self._frame(number, number * PERIOD, scene, sensor, settings)
+        effects = Effects.of(self.options.effects)
+        return units_of(self.rig, sensor, rng, effects, self.options.seed, number)
 
     def _rng(self, stream: int, number: int) -> np.random.Generator:
         return np.random.default_rng([self.options.seed, stream, number])
@@ -236,13 +238,12 @@ class FrameMaker:
         index: int,
         timestamp: float,
         scene: PlatformScene,
-        sensor: Sensor,
-        settings: list[CameraSettings],
+        units: tuple[Unit, ...],
     ) -> Frame:
         noise = self._rng(_NOISE, index)
         shots: list[CameraShot] = [
-            shoot(self.renderer, scene, camera, self._quality, sensor, setting, noise, pinhole=self._pinhole)
-            for camera, setting in zip(self.rig, settings, strict=True)
+            shoot(self.renderer, (scene,), unit, self._quality, noise, pinhole=self._pinhole)
+            for unit in units
         ]
         visible = np.array([np.count_nonzero(shot.labels) for shot in shots])
         alone = np.array([np.count_nonzero(shot.alone) for shot in shots])

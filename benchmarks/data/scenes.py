@@ -15,6 +15,7 @@ import numpy as np
 from synthetic.camera.rigs import sized, standard_rig
 from synthetic.camera.sensor import BLACK, RESPONSE_GAMMA, CameraSettings, Sensor
 from synthetic.camera.shot import QUALITIES, shoot
+from synthetic.camera.units import Unit
 from synthetic.frames import Frame, FrameMaker, FrameOptions
 from synthetic.render.choose import choose_renderer
 from synthetic.world.platform import Platform
@@ -143,9 +144,8 @@ def _clean_maker(object_name: str, seed: int) -> Callable[[int], Scene]:
     def make(index: int) -> Scene:
         rng = np.random.default_rng([seed, index])
         scene = random_scene(platform, rng)
-        shots = [
-            shoot(renderer, scene, camera, QUALITIES["default"], sensor, settings, rng) for camera in cameras
-        ]
+        units = [Unit(camera, sensor, settings) for camera in cameras]
+        shots = [shoot(renderer, (scene,), unit, QUALITIES["default"], rng) for unit in units]
         (state,) = scene.objects
         visible, alone = (
             np.array([np.count_nonzero(layer) for layer in layers])

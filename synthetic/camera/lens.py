@@ -40,8 +40,13 @@ class Lens:
         maps = (pixels - low).astype(np.float32)
         self._map_x, self._map_y = maps[..., 0].copy(), maps[..., 1].copy()
 
-    def to_camera(self, layer: Array, mode: Literal["mean", "label"]) -> Array:
+    def to_camera(
+        self, layer: Array, mode: Literal["mean", "label"], stretch: FloatArray | None = None
+    ) -> Array:
         """What the camera's pixels (H, W, …) see of a layer of `view` (h, w, …).
+
+        With `stretch` (channels,) each channel's picture is so much larger, about the principal point; for
+        means only.
 
         Modes:
             mean: the average over the pixel's square, as float32; for colours, and for a mask the share.
@@ -49,12 +54,40 @@ class Lens:
         """
         s, size = self.supersampling, (self.camera.height, self.camera.width)
         if mode == "mean":
-            fine = cv2.remap(layer.astype(np.float32, copy=False), self._map_x, self._map_y, cv2.INTER_LINEAR)
+            layer = layer.astype(np.float32, copy=False)
+            if stretch is None:
+                fine = cv2.remap(layer, self._map_x, self._map_y, cv2.INTER_LINEAR)
+            else:
+                channels = (np.ascontiguousarray(layer[..., c]) for c in range(layer.shape[-1]))
+                fine = np.dstack(
+                    [
+                        cv2.remap(channel, *self._stretched(float(size)), cv2.INTER_LINEAR)
+                        for channel, size in zip(channels, stretch, strict=True)
+                    ]
+                )
             return fine if s == 1 else np.asarray(cv2.resize(fine, size[::-1], interpolation=cv2.INTER_AREA))
         fine = cv2.remap(layer.astype(np.uint8, copy=False), self._map_x, self._map_y, cv2.INTER_NEAREST)
         if s == 1:
             return np.asarray(fine)
         return _most_frequent(fine.reshape(size[0], s, size[1], s))
+
+    def _stretched(self, size: float) -> tuple[Array, Array]:
+        """Where in the view a picture that is `size` times as large has its points."""
+        if size == 1.0:
+            return self._map_x, self._map_y
+        height, width = self._map_x.shape
+        center = (self.camera.matrix[:2, 2] + 0.5) * self.supersampling - 0.5
+        x, y = (
+            (middle + (np.arange(count) - middle) / size).astype(np.float32)
+            for middle, count in zip(center, (width, height), strict=True)
+        )
+        # Of points beyond the border, less than one, the border's take the place.
+        grid = np.broadcast_to(x, (height, width)).copy(), np.broadcast_to(y[:, None], (height, width)).copy()
+        maps = (
+            np.asarray(cv2.remap(part, *grid, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+            for part in (self._map_x, self._map_y)
+        )
+        return next(maps), next(maps)
 
 
 def lens_of(camera: Camera, supersampling: int) -> Lens:

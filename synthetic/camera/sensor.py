@@ -8,6 +8,7 @@ channels of pure colours are 0, and green ends at 249 where it is saturated.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -79,6 +80,16 @@ class Sensor:
     ceiling: tuple[float, float, float] = (255.0, 255.0, 255.0)
     """Values of blue, green and red where the sensor is saturated, at light 1 [steps of 8 bits]."""
 
+    gain: float = 1.0
+    """Factor on all light, beside exposure and white balance."""
+
+    noise: tuple[tuple[float, float], ...] | None = None
+    """Of blue, green and red the variance of light: constant, and for each 1 of light. None: as `full_well`,
+    `read_noise` and `raw_gains` say."""
+
+    binned: bool = False
+    """Whether four recorded pixels make one of the light's grid."""
+
     path: str = "plain"
     """`plain`: three colours for each pixel. `new`: a mosaic (RGGB), interpolated; halved after a median over
     3 pixels. `old`: a mosaic, interpolated; when halved mosaicked and interpolated once more, so that colours
@@ -149,6 +160,7 @@ class Sensor:
         settings: CameraSettings | None = None,
         *,
         halved: bool = False,
+        finish: Callable[[Image], Image] | None = None,
     ) -> Image:
         """The picture (H, W, 3) uint8 that one camera takes of `light` (H, W, 3), BGR.
 
@@ -157,6 +169,7 @@ class Sensor:
             rng: draws the noise, and the settings where none are given.
             settings: which camera takes it.
             halved: H and W must be even; the picture comes out at half of them, by the sensor's path.
+            finish: what the camera does to its picture before it gives it out, and before it is halved.
         """
         settings = settings or self.settings(rng)
         light = np.asarray(light, dtype=np.float32)
@@ -170,6 +183,8 @@ class Sensor:
             )
         else:
             picture = demosaicked(self._raw(light, falloff, settings, rng))
+        if finish is not None:
+            picture = finish(picture)
         if not halved:
             return picture
         if self.path == "new":
@@ -190,11 +205,17 @@ class Sensor:
         self, light: Array, gain: Array | float, channel: int | slice, rng: np.random.Generator
     ) -> Array:
         """Values of `light` whose last axis, or all of it, is `channel`."""
-        light = light * gain
+        light = light * (gain * self.gain)
         raw_gain = np.asarray(self.raw_gains, dtype=np.float32)[channel]
-        if self.read_noise > 0 or np.isfinite(self.full_well):
-            constant = (raw_gain * self.read_noise / 255.0) ** 2
-            variance = constant + np.maximum(light, 0.0) * (raw_gain / np.float32(self.full_well))
+        if self.noise is not None or self.read_noise > 0 or np.isfinite(self.full_well):
+            if self.noise is None:
+                constant, shot = (
+                    (raw_gain * self.read_noise / 255.0) ** 2,
+                    raw_gain / np.float32(self.full_well),
+                )
+            else:
+                constant, shot = np.asarray(self.noise, dtype=np.float32).T[..., channel]
+            variance = constant + np.maximum(light, 0.0) * shot
             light = light + rng.standard_normal(light.shape, dtype=np.float32) * np.sqrt(variance)
         black = np.asarray(self.black, dtype=np.float32)[channel]
         light = np.clip((light - black) / (1.0 - black), 0.0, 1.0)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import cv2
 import numpy as np
 
-from synthetic.camera.lens import lens_of
-from synthetic.camera.sensor import CameraSettings, Sensor
+from synthetic.camera.lens import Lens, lens_of
+from synthetic.camera.sensor import Sensor
+from synthetic.camera.units import Unit
 from synthetic.render.interface import Layers, PinholeView, Renderer
 from synthetic.scene import PlatformScene
 from tracker.conventions import Array, Image
@@ -42,6 +44,7 @@ class Quality:
             psf_sigma=float(np.hypot(0.5 * sensor.psf_sigma, 0.3)),
             full_well=2.0 * sensor.full_well,
             read_noise=0.7 * sensor.read_noise,
+            binned=True,
         )
 
 
@@ -71,33 +74,56 @@ class CameraShot:
 
 def shoot(
     renderer: Renderer,
-    scene: PlatformScene,
-    camera: Camera,
+    scenes: Sequence[PlatformScene],
+    unit: Unit,
     quality: Quality,
-    sensor: Sensor,
-    settings: CameraSettings,
     noise: np.random.Generator,
     *,
     pinhole: bool = False,
 ) -> CameraShot:
-    """The picture that `camera` takes of `scene`; `noise` draws the noise and nothing else."""
+    """The picture that a camera takes.
+
+    Args:
+        renderer: renders `scenes`.
+        scenes: what there is while the shutter is open, at equal intervals: the light is their mean, the
+            labels are those of the middle one.
+        unit: the camera.
+        quality: how much work goes into the picture.
+        noise: draws the noise and nothing else.
+        pinhole: whether the labels of a camera without distortion are wanted as well.
+    """
+    camera = unit.camera
     halved = quality.sensor_height is not None and quality.sensor_height > camera.height
     factor = 2 if halved else 1
     # A fine picture is already sampled finely.
     points = max(1, quality.points // 2) if quality.sensor_height is None and camera.height > 400 else 0
     points = points or quality.points
-    fine = camera.resized(camera.width * factor, camera.height * factor)
-    lens = lens_of(fine, points)
-    layers = renderer.render(scene, lens.view, shadows=quality.shadows)
-    light = lens.to_camera(layers.color, "mean")
+    lens = lens_of(camera.resized(camera.width * factor, camera.height * factor), points)
+    views = [renderer.render(scene, lens.view, shadows=quality.shadows) for scene in scenes]
+    light = sum((_light(layers, lens, unit) for layers in views[1:]), _light(views[0], lens, unit))
+    middle = views[len(views) // 2]
     # The lattice of the fine camera's points is that of the camera itself: the view is the same.
     coarse = lens_of(camera, points * factor)
     return CameraShot(
-        image=sensor.expose(light, noise, settings, halved=halved),
-        labels=np.asarray(coarse.to_camera(layers.labels, "label"), dtype=np.uint8),
-        alone=np.asarray(coarse.to_camera(layers.alone, "label"), dtype=np.uint8),
-        pinhole=_undistorted_labels(layers, lens.view, camera) if pinhole else None,
+        image=unit.sensor.expose(
+            light if len(views) == 1 else light / len(views),
+            noise,
+            unit.settings,
+            halved=halved,
+            finish=None if unit.sharpening is None else unit.sharpening.applied,
+        ),
+        labels=np.asarray(coarse.to_camera(middle.labels, "label"), dtype=np.uint8),
+        alone=np.asarray(coarse.to_camera(middle.alone, "label"), dtype=np.uint8),
+        pinhole=_undistorted_labels(middle, lens.view, camera) if pinhole else None,
     )
+
+
+def _light(layers: Layers, lens: Lens, unit: Unit) -> Array:
+    """Light (H, W, 3) on the sensor's grid, as far as the lens decides it."""
+    light = lens.to_camera(layers.color, "mean", None if unit.fringes is None else unit.fringes.stretch)
+    if unit.focus is None:
+        return light
+    return unit.focus.blurred(light, lens.to_camera(layers.nearness, "mean"))
 
 
 def _undistorted_labels(layers: Layers, view: PinholeView, camera: Camera) -> tuple[Image, Image]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from synthetic.render.interface import PinholeView
 from synthetic.render.surfaces import BODY_SHIFT, Surfaces
@@ -60,6 +61,22 @@ def labels_of_hits(hits: Hits, surfaces: Surfaces) -> Image:
     if not len(surfaces.labels):
         return np.zeros(hits.body.shape, np.uint8)
     return np.where(hits.body >= 0, surfaces.labels[hits.row], np.uint8(0)).astype(np.uint8)
+
+
+def nearness_of_hits(hits: Hits, view: PinholeView) -> npt.NDArray[np.float32]:
+    """1 / depth (h, w) along the view's axis [1/m], 0 where nothing was hit."""
+    nearness = np.zeros(hits.body.shape, np.float32)
+    _near(hits.body, hits.points, np.ascontiguousarray(view.camera_from_world[2]), nearness)
+    return nearness
+
+
+@compiled
+def _near(body: Array, points: Array, axis: Array, out: Array) -> None:
+    for j in range(body.shape[0]):
+        for i in range(body.shape[1]):
+            if body[j, i] >= 0:
+                x, y, z = points[j, i]
+                out[j, i] = 1.0 / (axis[0] * x + axis[1] * y + axis[2] * z + axis[3])
 
 
 @compiled

@@ -47,6 +47,8 @@ class Layers:
     """(h, w) uint8 label of the visible surface; 0 for what is no object."""
     alone: Image
     """(h, w) uint8 labels if there were nothing but the objects, as the base of visible fractions."""
+    nearness: npt.NDArray[np.float32]
+    """(h, w) 1 / depth along the view's axis [1/m]; 0 where nothing is."""
 
 
 class Renderer(Protocol):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from synthetic.render.gl_codes import CodePainter
-from synthetic.render.hits import hits_of_codes, labels_of_codes, labels_of_hits
+from synthetic.render.hits import hits_of_codes, labels_of_codes, labels_of_hits, nearness_of_hits
 from synthetic.render.interface import Layers, PinholeView
 from synthetic.render.light import SceneLight
 from synthetic.render.surfaces import SurfaceStore
@@ -28,7 +28,7 @@ class PyrenderRenderer:
         objects = [row for row in bodies if surfaces.is_object[row[0]]]
         alone = labels_of_codes(self._painter.paint(view, objects), surfaces)
         color = self._light.shade(scene, hits, view, surfaces, shadows=shadows)
-        return Layers(color, labels_of_hits(hits, surfaces), alone)
+        return Layers(color, labels_of_hits(hits, surfaces), alone, nearness_of_hits(hits, view))
 
     def close(self) -> None:
         """Delete the OpenGL context."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from synthetic.render.hits import Hits, barycentric, empty_hits, labels_of_hits
+from synthetic.render.hits import Hits, barycentric, empty_hits, labels_of_hits, nearness_of_hits
 from synthetic.render.interface import Layers, PinholeView
 from synthetic.render.light import SceneLight
 from synthetic.render.surfaces import Surfaces, SurfaceStore
@@ -42,7 +42,7 @@ class TinyRenderer:
         body, group, _ = self._objects.paint(view, [row for row in bodies if surfaces.is_object[row[0]]])
         alone = labels_of_hits(hits._replace(body=body, row=_rows(body, group, surfaces)), surfaces)
         color = self._light.shade(scene, hits, view, surfaces, shadows=shadows)
-        return Layers(color, labels_of_hits(hits, surfaces), alone)
+        return Layers(color, labels_of_hits(hits, surfaces), alone, nearness_of_hits(hits, view))
 
     def close(self) -> None:
         """Delete the worlds."""

@@ -1,0 +1,178 @@
+"""Focus, fringes, response and sharpening of single cameras."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import cv2
+import numpy as np
+import pytest
+
+from synthetic.camera.focus import Focus
+from synthetic.camera.fringes import CORNER, Fringes
+from synthetic.camera.lens import Lens
+from synthetic.camera.response import LEVELS, NOISE, OLD_NOISE, Response
+from synthetic.camera.rigs import default_cameras, standard_rig
+from synthetic.camera.sensor import CameraSettings, Sensor, linear, mosaicked
+from synthetic.camera.sharpening import Sharpening
+from synthetic.camera.units import units_of
+from synthetic.effects import NAMES, Effects
+
+NEUTRAL = CameraSettings(np.ones(3), np.zeros(2))
+OWN = ("focus", "fringes", "sharpening")
+
+
+def rng(seed: int = 0) -> np.random.Generator:
+    return np.random.default_rng(seed)
+
+
+def edge(height: int, width: int = 80, place: float = 40.3) -> np.ndarray:
+    """Light of a vertical edge, the mean over each pixel."""
+    profile = np.clip(np.arange(width) + 0.5 - place, 0, 1)
+    return np.ascontiguousarray(np.broadcast_to(profile[:, None], (height, width, 3)), dtype=np.float32)
+
+
+def spread(profile: np.ndarray) -> float:
+    """Variance of the derivative of an edge [px²]."""
+    steps, x = np.diff(profile.astype(np.float64)), np.arange(len(profile) - 1)
+    middle = (steps * x).sum() / steps.sum()
+    return float((steps * (x - middle) ** 2).sum() / steps.sum())
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("height", [270, 540])
+def test_the_blur_of_an_edge_is_the_drawn_one(seed, height):
+    focus, sharp = Focus.sample(rng(seed)), edge(height)
+    for nearness in (1.2, 2.0, 3.3):
+        light = focus.blurred(sharp, np.full((height, 80), nearness, np.float32))
+        for channel in range(3):
+            away = nearness - focus.focused - focus.shifts[channel]
+            expected = (focus.least**2 + (focus.slope * away) ** 2) * (height / 540) ** 2
+            added = spread(light[height // 2, :, channel]) - spread(sharp[0, :, channel])
+            assert added == pytest.approx(expected, rel=1e-3)
+
+
+def test_what_is_nearer_the_focus_is_sharper_in_the_same_picture():
+    focus = Focus(least=0.1, slope=0.5, focused=2.0, shifts=(0.0, 0.0, 0.0))
+    nearness = np.full((540, 80), 2.0, np.float32)
+    nearness[270:] = 3.5
+    light = focus.blurred(edge(540), nearness)
+    near, far = (spread(light[row, :, 1]) - spread(edge(1)[0, :, 1]) for row in (100, 400))
+    assert near == pytest.approx(0.1**2, rel=1e-3)
+    assert far == pytest.approx(0.1**2 + (0.5 * 1.5) ** 2, rel=1e-3)
+
+
+def test_blur_neither_makes_nor_takes_light():
+    light = rng().uniform(0, 1, (60, 60, 3)).astype(np.float32)
+    light[:10] = light[-10:] = 0
+    light[:, :10] = light[:, -10:] = 0
+    blurred = Focus(0.3, 0.3, 1.0, (0.5, 0.0, 0.0)).blurred(light, np.full((60, 60), 2.0, np.float32))
+    assert blurred.sum() == pytest.approx(light.sum(), rel=1e-5)
+
+
+def test_fringes_are_none_in_the_middle_and_grow_with_the_distance_to_it():
+    straight = dataclasses.replace(default_cameras(270)[0], distortion=np.zeros(5))
+    lens = Lens(straight, 2)
+    columns = np.arange(lens.view.width, dtype=np.float32)
+    layer = np.broadcast_to(columns[None, :, None], (lens.view.height, lens.view.width, 3)).copy()
+    fringes = Fringes(blue=-0.2, red=0.5)
+    seen = lens.to_camera(layer, "mean", fringes.stretch)
+    # A larger picture shows at a pixel what is nearer to the middle.
+    away = np.arange(5, 265) - straight.matrix[0, 2]
+    for channel, shift in ((0, fringes.blue), (2, fringes.red)):
+        moved = 0.5 * (seen[:, 5:265, 1] - seen[:, 5:265, channel])
+        np.testing.assert_allclose(moved, np.broadcast_to(shift * away / CORNER, moved.shape), atol=2e-3)
+    assert np.array_equal(seen[..., 1], lens.to_camera(layer, "mean")[..., 1])
+
+
+def test_a_stretched_channel_is_the_picture_of_a_longer_lens_to_opencv():
+    camera, stretch = default_cameras(270)[1], 1.01
+    lens = Lens(camera, 1)
+    view = lens.view
+    rays = np.meshgrid(
+        (np.arange(view.width) - view.cx) / view.fx, (np.arange(view.height) - view.cy) / view.fy
+    )
+    layer = np.dstack([rays[0], rays[1], rays[0]])
+    seen = lens.to_camera(layer, "mean", np.array([stretch, stretch, 1.0]))
+    longer = camera.matrix.copy()
+    longer[(0, 1), (0, 1)] *= stretch
+    pixels = np.stack(np.meshgrid(np.arange(10, 260, 25), np.arange(10, 260, 25)), axis=-1).reshape(-1, 2)
+    points = np.insert(seen[pixels[:, 1], pixels[:, 0], :2].astype(np.float64), 2, 1.0, axis=1)
+    back, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), longer, camera.distortion)
+    np.testing.assert_allclose(back.reshape(-1, 2), pixels, atol=0.01)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_response_is_that_of_its_inverse(seed):
+    response = Response.sample(rng(seed))
+    sensor = dataclasses.replace(response.of(Sensor(psf_sigma=0.0)), noise=None, vignetting=0.0)
+    levels = np.arange(1.0, 256.0)
+    black = np.array(sensor.black)
+    light = (linear(levels, response.exponent)[:, None] * (1 - black) + black) / sensor.gain
+    picture = sensor.expose(light[None].astype(np.float32), rng(), NEUTRAL)
+    assert np.array_equal(picture[0], np.repeat(levels.astype(np.uint8)[:, None], 3, axis=1))
+
+
+@pytest.mark.parametrize(("path", "share"), [("new", 1.0), ("old", OLD_NOISE)])
+def test_the_noise_of_a_response_is_the_measured_one(path, share):
+    # Exponent 2, for which both levels' noise is one of constant and shot noise.
+    sensor = Response(2.0, 1e-6, 0.5, 1.0).of(Sensor(psf_sigma=0.0, path=path))
+    sensor = dataclasses.replace(sensor, vignetting=0.0)
+    for k, level in enumerate(LEVELS):
+        light = np.full((300, 300, 3), linear(np.array(level)) / sensor.gain, np.float32)
+        raw = mosaicked(sensor.expose(light, rng(1), NEUTRAL))
+        found = [raw[1::2, 1::2].std(), raw[0::2, 1::2].std(), raw[0::2, 0::2].std()]
+        assert found == pytest.approx([share * noise[k] for noise in NOISE], rel=0.1)
+
+
+def test_a_response_keeps_the_brightness_of_a_picture():
+    before = Sensor(psf_sigma=0.0, vignetting=0.2, gamma=2.0)
+    light = np.full((100, 100, 3), 0.2, np.float32)
+    expected = before.expose(light, rng(), NEUTRAL).mean()
+    for seed in range(5):
+        after = dataclasses.replace(Response.sample(rng(seed)), black=0.0).of(before)
+        assert after.expose(light, rng(), NEUTRAL).mean() == pytest.approx(expected, rel=0.04)
+
+
+def test_sharpening_leaves_what_is_even_and_steepens_edges():
+    mask = Sharpening(amount=0.5, sigma=1.0)
+    even = np.full((540, 30, 3), 77, np.uint8)
+    assert np.array_equal(mask.applied(even), even)
+    step = np.rint(60 + 100 * edge(540)).astype(np.uint8)
+    sharp = mask.applied(step)
+    assert sharp.max() > step.max() + 2
+    assert sharp.min() < step.min() - 2
+    assert np.array_equal(Sharpening(0.0, 1.0).applied(step), step)
+
+
+def test_effects_of_cameras_leave_each_others_draws_alone():
+    rig, sensor = standard_rig(), Sensor.sample(rng(1), "new")
+    every = units_of(rig, sensor, rng(2), Effects.all(), 5, 6)
+    none = units_of(rig, sensor, rng(2), Effects.none(), 5, 6)
+    for name in NAMES:
+        generator = rng(2)
+        only = units_of(rig, sensor, generator, Effects.only(name), 5, 6)
+        for unit, full, bare in zip(only, every, none, strict=True):
+            assert np.array_equal(unit.settings.gains, bare.settings.gains)
+            for own in OWN:
+                assert getattr(unit, own) == (getattr(full, own) if own == name else None)
+            if name == "response":
+                assert dataclasses.replace(unit.sensor, psf_sigma=0.0) == full.sensor
+            elif name != "focus":
+                assert unit.sensor == bare.sensor
+        # What is drawn afterwards stays as well.
+        assert generator.random() == _after(rig, sensor)
+
+
+def _after(rig, sensor):
+    generator = rng(2)
+    for _ in rig:
+        sensor.settings(generator)
+    return generator.random()
+
+
+def test_cameras_of_a_rig_differ_from_each_other_and_from_scene_to_scene():
+    sensor = Sensor.sample(rng(1), "new")
+    units = [units_of(standard_rig(), sensor, rng(2), Effects.all(), 5, k) for k in (0, 1)]
+    for own in OWN[:2]:
+        assert len({getattr(unit, own) for scene in units for unit in scene}) == 6
