@@ -3,15 +3,28 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 CODE := tracker synthetic benchmarks examples scripts tests
-
-.PHONY: demo test lint format bench gate colors clean
 REAL ?= ../shared/real
+WORKERS ?= $(shell nproc 2>/dev/null || echo 1)
+LOWEST := build/lowest
+OLDEST_PYTHON ?= python3.10
+
+.PHONY: demo test lowest package lint format bench gate colors clean
 
 demo: $(STAMP)  ## film the simulated platform, find the object in every frame
 	$(BIN)/python examples/demo.py
 
-test: $(STAMP)  ## run the tests
-	$(BIN)/python -m pytest
+# Kernels are compiled before, once for all processes.
+RUN_TESTS = -c 'from tracker.warm_up import warm_up; warm_up()' && $(1)/python -m pytest \
+	--numprocesses $(WORKERS) --dist worksteal --durations=15 -rs
+
+test: $(STAMP)  ## run the tests, or those of TESTS=
+	$(BIN)/python $(call RUN_TESTS,$(BIN)) $(TESTS)
+
+lowest: $(LOWEST)/.installed  ## run the tests with the lowest versions that pyproject.toml allows
+	$(LOWEST)/bin/python $(call RUN_TESTS,$(LOWEST)/bin) $(TESTS)
+
+package: $(STAMP)  ## set up the platform's own simulation package, with which some tests compare
+	$(BIN)/python -c 'from benchmarks.data.package.environment import interpreter; print(interpreter())'
 
 lint: $(STAMP)  ## check style, types and floors
 	$(BIN)/ruff check $(CODE)
@@ -41,5 +54,15 @@ clean:  ## remove everything that the other targets made
 $(STAMP): pyproject.toml
 	@echo "Setting up $(VENV) (about a minute and a half)"
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev,synthetic,film]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev,synthetic,film,viz]'
+	@touch $@
+
+# zarr: the last that writes the stores of the platform's data sets.
+$(LOWEST)/.installed: pyproject.toml scripts/lowest_versions.py
+	$(OLDEST_PYTHON) -m venv --clear $(LOWEST)
+	$(LOWEST)/bin/python -m pip install --quiet --disable-pip-version-check packaging tomli
+	$(LOWEST)/bin/python scripts/lowest_versions.py synthetic film datasets bench > $(LOWEST)/requirements.txt
+	$(LOWEST)/bin/python -m pip install --quiet --disable-pip-version-check \
+		-r $(LOWEST)/requirements.txt 'zarr<2.17'
+	$(LOWEST)/bin/python -m pip install --quiet --disable-pip-version-check --no-deps -e .
 	@touch $@

@@ -1,7 +1,7 @@
 """The tasks' errors against the platform's own simulation package.
 
-The package is installed in an environment of its own on the first use, which takes a minute or two; these
-tests are skipped where it cannot be had.
+The package lives in an environment of its own, which `make package` sets up in a minute or two; these tests
+are skipped where there is none.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ Package = Callable[..., dict[str, np.ndarray]]
 def package(tmp_path_factory: pytest.TempPathFactory) -> Package:
     """What the package says: a function of the script's command and further arguments."""
     try:
-        python = interpreter()
+        python = interpreter(install=False)
     except PackageError as error:
-        lack("package", str(error))
+        lack("package", f"{error}; `make package` sets it up")
     folder = tmp_path_factory.mktemp("package")
 
     def ask(command: str, *arguments: Path) -> dict[str, np.ndarray]:

@@ -1,0 +1,71 @@
+"""The lowest versions that pyproject.toml allows, as requirements for pip: `name==version` on each line.
+
+    python scripts/lowest_versions.py [EXTRA ...]
+
+Of the project itself, of the extras that are named, and of what the tests run with.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+from packaging.version import Version
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+PROJECT = Path(__file__).resolve().parents[1] / "pyproject.toml"
+RUNNERS = ("pytest", "hypothesis", "pytest-xdist")
+"""What the extra `dev` has that runs tests, beside what checks the code."""
+
+
+def requirements(*extras: str) -> Iterator[Requirement]:
+    """What the project and some of its extras need on this Python.
+
+    Raises:
+        KeyError: there is no such extra.
+    """
+    project = tomllib.loads(PROJECT.read_text(encoding="utf-8"))["project"]
+    lists = [project["dependencies"], *(project["optional-dependencies"][extra] for extra in extras)]
+    for requirement in map(Requirement, [one for some in lists for one in some]):
+        if requirement.name == project["name"]:
+            yield from requirements(*sorted(requirement.extras))
+        elif requirement.marker is None or requirement.marker.evaluate():
+            yield requirement
+
+
+def lowest(requirement: Requirement) -> Version:
+    """The lowest version that a requirement allows.
+
+    Raises:
+        ValueError: it states none.
+    """
+    found = [one.version for one in requirement.specifier if one.operator in (">=", "==")]
+    if len(found) != 1:
+        raise ValueError(f"{requirement}: found no lowest version, expected one (>= or ==)")
+    return Version(found[0])
+
+
+def main() -> None:
+    """Print the requirements."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("extras", nargs="*", metavar="EXTRA", help="an extra of the project")
+    runners = [one for one in requirements("dev") if one.name in RUNNERS]
+    wanted = [*requirements(*parser.parse_args().extras), *runners]
+    versions: dict[str, Version] = {}
+    for one in wanted:
+        name = canonicalize_name(one.name)
+        versions[name] = max(lowest(one), versions.get(name, lowest(one)))
+    for name, version in sorted(versions.items()):
+        print(f"{name}=={version}")
+
+
+if __name__ == "__main__":
+    main()
