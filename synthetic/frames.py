@@ -23,6 +23,7 @@ from synthetic.effects import Effects
 from synthetic.render.choose import choose_renderer
 from synthetic.render.interface import Renderer
 from synthetic.scene import ObjectState, PlatformScene
+from synthetic.world.effects import with_effects
 from synthetic.world.platform import Platform
 from synthetic.world.scenes import random_scene
 from tracker.calibration.rig import CameraRig
@@ -160,6 +161,7 @@ class FrameMaker:
         self.options = options
         self.rig = sized(rig or standard_rig(), options.size)
         self._pinhole = pinhole
+        self._effects = Effects.of(self.options.effects)
         self._quality: Quality = QUALITIES[options.quality]
         if options.shadows is not None:
             self._quality = dataclasses.replace(self._quality, shadows=options.shadows)
@@ -189,7 +191,8 @@ class FrameMaker:
         """
         units = self._units(number)
         first = number * self.options.chunk
-        for index, (timestamp, scene) in enumerate(self._scenes(number), start=first):
+        for index, (timestamp, tidy) in enumerate(self._scenes(number), start=first):
+            scene = with_effects(tidy, self._effects, self.options.seed, number)
             if wanted is None or index in wanted:
                 yield self._frame(index, timestamp, scene, units)
             if index in emptied:
@@ -197,14 +200,14 @@ class FrameMaker:
 
     def of_scene(self, number: int, scene: PlatformScene) -> Frame:
         """A frame of a scene made elsewhere."""
+        scene = with_effects(scene, self._effects, self.options.seed, number)
         return self._frame(number, number * PERIOD, scene, self._units(number))
 
     def _units(self, number: int) -> tuple[Unit, ...]:
         """The cameras as they are for a chunk."""
         rng = self._rng(_CAMERAS, number)
         sensor = self._quality.sensor(rng, self.options.path)
-        effects = Effects.of(self.options.effects)
-        return units_of(self.rig, sensor, rng, effects, self.options.seed, number)
+        return units_of(self.rig, sensor, rng, self._effects, self.options.seed, number)
 
     def _rng(self, stream: int, number: int) -> np.random.Generator:
         return np.random.default_rng([self.options.seed, stream, number])

@@ -51,10 +51,15 @@ class Body:
     """Strength of highlights, 0 to 1."""
     texture: float = 0.0
     """Relative standard deviation of the reflectance over the surface (grain, dirt)."""
+    coats: FloatArray | None = None
+    """(G, 2) clear coat of each colour group: how much of it there is, 0 to 1, and by how much it blurs what
+    it mirrors [rad]; None: there is none."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "world_from_body", _frozen(self.world_from_body))
         object.__setattr__(self, "colors", _frozen(self.colors))
+        coats = np.zeros((len(self.colors), 2)) if self.coats is None else self.coats
+        object.__setattr__(self, "coats", _frozen(coats))
 
 
 @dataclass(frozen=True, eq=False)

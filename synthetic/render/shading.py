@@ -1,6 +1,7 @@
 """Linear light of what is seen: reflectance × irradiance, plus highlights. Both renderers share it.
 
-Formula: light = reflectance · (ambient · sky + Σ lamps · max(0, n·l) · lit) + gloss · highlights.
+Formula: light = reflectance · (ambient · sky + Σ lamps · max(0, n·l) · lit) + gloss · highlights
++ coat · mirrored.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import numpy as np
 from synthetic.render.grain import grain, lattice
 from synthetic.render.hits import Hits
 from synthetic.render.interface import PinholeView
+from synthetic.render.mirror import mirrored
 from synthetic.render.reach import sky_slope
 from synthetic.render.surfaces import Surfaces
 from synthetic.scene import Lighting
@@ -33,7 +35,7 @@ def shade(hits: Hits, view: PinholeView, surfaces: Surfaces, lighting: Lighting,
     ambient = np.array(lighting.ambient, np.float64)
     body = surfaces.colors, surfaces.world_from_body, surfaces.gloss, surfaces.texture, surfaces.grain_seeds
     angle = 1.0 / max(view.fx, view.fy)
-    _shade(hits, eye, angle, lattice(), *body, ambient, directions, lamps, reach, color)
+    _shade(hits, eye, angle, lattice(), *body, ambient, directions, lamps, reach, surfaces.coats, color)
     return color
 
 
@@ -52,10 +54,12 @@ def _shade(
     directions: Array,
     lamps: Array,
     reach: Array,
+    coats: Array,
     out: Array,
 ) -> None:
     bodies, rows, points, normals = hits.body, hits.row, hits.points, hits.normals
     shadows = reach.shape[0] > 0
+    lit_by = np.ones(len(directions))
     for j in range(out.shape[0]):
         for i in range(out.shape[1]):
             body = bodies[j, i]
@@ -92,6 +96,18 @@ def _shade(
                 b += lit * lamps[k, 0] * (blue * cosine + shine)
                 g += lit * lamps[k, 1] * (green * cosine + shine)
                 r += lit * lamps[k, 2] * (red * cosine + shine)
+            if coats[row, 0] > 0:
+                open_sky = reach[j, i, 0] if shadows else 1.0
+                for k in range(len(directions)):
+                    lit_by[k] = reach[j, i, 1 + k] if shadows else 1.0
+                more = mirrored(
+                    nx, ny, nz, vx, vy, vz, coats[row, 1], ambient, open_sky, directions, lamps, lit_by
+                )
+                b, g, r = (
+                    b + coats[row, 0] * more[0],
+                    g + coats[row, 0] * more[1],
+                    r + coats[row, 0] * more[2],
+                )
             out[j, i, 0], out[j, i, 1], out[j, i, 2] = b, g, r
 
 

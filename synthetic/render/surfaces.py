@@ -69,6 +69,8 @@ class Surfaces:
     """(G, 3) float32 linear BGR reflectance."""
     labels: Array
     """(G,) uint8."""
+    coats: Array
+    """(G, 2) float32 as in `Body`."""
     world_from_body: FloatArray
     """(B, 4, 4)."""
     gloss: Array
@@ -170,6 +172,7 @@ def _join(scene: PlatformScene, surfaces: list[Surface]) -> Surfaces:
         first_group=np.cumsum([0, *group_counts])[:-1],
         colors=_stack([body.colors for body in bodies], (3,), np.float32),
         labels=_stack([np.asarray(body.labels).reshape(-1) for body in bodies], (), np.uint8),
+        coats=_stack([np.asarray(body.coats) for body in bodies], (2,), np.float32),
         world_from_body=_stack([body.world_from_body[None] for body in bodies], (4, 4), np.float64),
         gloss=np.array([body.gloss for body in bodies], np.float32),
         texture=np.array([body.texture for body in bodies], np.float32),

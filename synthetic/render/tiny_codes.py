@@ -14,7 +14,8 @@ from tracker.conventions import Array, FloatArray
 
 _NEAR_M, _FAR_M = 0.05, 5.0
 _FAR_AWAY_M = (0.0, 0.0, -50.0)
-_KEPT_BODIES = 500
+_KEPT_PARTS = 500
+"""Colour groups of bodies; PyBullet looks at all of them for every picture, wherever they are."""
 _MAX_VERTICES = 130_000
 """Of one shape; PyBullet's shared memory holds little more."""
 
@@ -66,7 +67,7 @@ class Stage:
         """Put all bodies in place; scene's number and group (ids + 1, 2) of PyBullet's numbers."""
         seen: dict[str, int] = defaultdict(int)
         rows = {}
-        if len(self._pool) > _KEPT_BODIES:
+        if sum(map(len, self._pool.values())) > _KEPT_PARTS:
             self._clear()
         for number, body in bodies:
             key = body.mesh.key, seen[body.mesh.key]

@@ -6,6 +6,8 @@ themselves, on round ones from the depths of neighbouring pixels.
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
 from synthetic.render.hits import Hits, barycentric, empty_hits, labels_of_hits, nearness_of_hits
@@ -18,6 +20,7 @@ from tracker.compiled import compiled
 from tracker.conventions import Array, FloatArray
 
 _FEW_TRIANGLES = 64
+"""Of one colour group of a body with flat faces."""
 
 
 class TinyRenderer:
@@ -67,10 +70,17 @@ def _meet_by_depth(hits: Hits, depth: FloatArray, view: PinholeView, surfaces: S
     rays = np.stack([columns, rows, np.ones_like(rows)], axis=-1) @ world_from_camera[:3, :3].T
     eye = np.ascontiguousarray(world_from_camera[:3, 3])
     hits.points[:] = eye + rays * depth[..., None]
-    few = np.diff(surfaces.first_triangle) <= _FEW_TRIANGLES
+    few = _have_few_triangles(surfaces)
     _slopes(hits, rays, depth)
     tables = surfaces.first_triangle, surfaces.first_group, surfaces.groups, surfaces.corners
     _flat_faces(hits, rays, eye, few, *tables, surfaces.world_from_body)
+
+
+def _have_few_triangles(surfaces: Surfaces) -> Array:
+    """(B,) bool: bodies whose points and normals come from their triangles, colour group by colour group."""
+    bodies = itertools.pairwise(surfaces.first_triangle)
+    most = [np.bincount(surfaces.groups[first:end]).max(initial=0) for first, end in bodies]
+    return np.array(most) <= _FEW_TRIANGLES
 
 
 @compiled

@@ -1,0 +1,210 @@
+"""Measure what edges of the object look like: in the recorded triplets, and rendered with the same poses.
+
+    python scripts/measure_edges.py REAL_FOLDER [--effects none|world|NAMES] [--draws N]
+
+Across every edge that is seen on both of its sides profiles of the picture are taken, aligned on the line
+that they themselves show, and averaged. Of each one: how far the brightness goes beyond that of both sides
+(a glint, a dark seam), how wide the step is, and how far single profiles stray from the line.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import click
+import cv2
+import numpy as np
+from restage import POSED, Triplet, View, recorded, restaged
+
+from synthetic.effects import Effects
+from synthetic.world.platform import Platform
+from tracker.conventions import Array, FloatArray
+from tracker.geometry.cuboid import EDGES, FACE_NORMALS, corners, face_centers
+
+STEP = 0.25
+"""Between the values of a profile [px]."""
+
+REACH, SIDE, MIDDLE = 8.0, (3.5, 6.0), 2.0
+"""Half the length of a profile, where its sides are taken to be even, and how far from the edge its rim may
+show [px]."""
+
+SEARCH = 3.0
+"""How far from the projected edge the picture's may lie [px]."""
+
+LEAST = 12
+"""Profiles that an edge needs."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class EdgeProfile:
+    """The mean profile across one edge in one picture."""
+
+    inner: bool
+    """Between two faces in view; else between a face and what is behind it."""
+    values: FloatArray
+    """(N, 3) BGR levels, from the face in view (of inner edges the first one) to the other side."""
+    sides: FloatArray
+    """(2, 3) levels of both sides."""
+    stray: float
+    """Standard deviation of single profiles from the line [px]."""
+
+    @property
+    def over(self) -> float:
+        """By how much the rim is brighter than both sides [levels]."""
+        return float(max(self._rim().max() - self.sides.mean(axis=1).max(), 0.0))
+
+    @property
+    def under(self) -> float:
+        """By how much the rim is darker than both sides [levels]."""
+        return float(max(self.sides.mean(axis=1).min() - self._rim().min(), 0.0))
+
+    @property
+    def width(self) -> float:
+        """From 10 to 90 % of the step [px]."""
+        step = self.sides[1] - self.sides[0]
+        share = (self.values - self.sides[0]) @ step / (step @ step)
+        offsets = _offsets()
+        low, high = (offsets[np.argmax(share > level)] for level in (0.1, 0.9))
+        return float(high - low)
+
+    def _rim(self) -> FloatArray:
+        result: FloatArray = self.values[np.abs(_offsets()) <= MIDDLE].mean(axis=1)
+        return result
+
+
+def _offsets() -> FloatArray:
+    return np.arange(-REACH, REACH + STEP / 2, STEP)
+
+
+def edge_profiles(triplet: Triplet) -> Iterator[EdgeProfile]:
+    """Profiles of all edges in all pictures that show enough of them."""
+    size = triplet.model.size
+    points = corners(size) @ triplet.rotation.T + triplet.position
+    centers = face_centers(size) @ triplet.rotation.T + triplet.position
+    normals = FACE_NORMALS @ triplet.rotation.T
+    for view in triplet.views:
+        towards = ((view.camera.position - centers) * normals).sum(axis=1) > 0
+        for a, b, *faces in EDGES:
+            seen = [face for face in faces if towards[face]]
+            if not seen:
+                continue
+            share = np.linspace(0.08, 0.92, 120)[:, None]
+            line = view.camera.project(points[a] + share * (points[b] - points[a]))
+            other = next(face for face in faces if face != seen[0])
+            labels = [int(triplet.model.face_labels[face]) for face in (seen[0], other)]
+            middle = view.camera.project(centers[seen[:1]])[0]
+            profile = _profile(view, line, middle, labels[0], labels[1] if len(seen) == 2 else 0)
+            if profile is not None:
+                yield profile
+
+
+def _profile(view: View, line: FloatArray, middle: FloatArray, first: int, second: int) -> EdgeProfile | None:
+    tangent = line[-1] - line[0]
+    length = float(np.linalg.norm(tangent))
+    normal = np.array([-tangent[1], tangent[0]]) / length
+    if normal @ (middle - line.mean(axis=0)) > 0:
+        normal = -normal
+    line = line[:: max(1, int(len(line) / length))]
+    # Wide enough that a face of 8 px is one, in pictures of half the size.
+    scale = min(1.0, view.image.shape[0] / 540 + 0.25)
+    offsets = _offsets()
+    sides = [scale * (SIDE[0] + SIDE[1]) / 2 * sign for sign in (-1, 1)]
+    at = [_sampled(view.labels, line, normal, np.array([side])) for side in sides]
+    kept = (at[0][:, 0] == first) & (at[1][:, 0] == second)
+    if kept.sum() < LEAST:
+        return None
+    line = line[kept]
+    values = _sampled(view.image, line, normal, offsets).astype(np.float64)
+    before, after = (
+        (-offsets >= scale * SIDE[0]) & (-offsets <= scale * SIDE[1]),
+        (offsets >= scale * SIDE[0]) & (offsets <= scale * SIDE[1]),
+    )
+    levels = np.stack([np.median(values[:, part], axis=(0, 1)) for part in (before, after)])
+    step = levels[1] - levels[0]
+    if np.linalg.norm(step) < 15:
+        return None
+    share = (values - levels[0]) @ step / (step @ step)
+    crossing = _crossings(share, offsets)
+    good = np.isfinite(crossing)
+    if good.sum() < LEAST:
+        return None
+    along = np.linspace(-1, 1, len(line))
+    for _ in range(3):
+        fit = np.polyfit(along[good], crossing[good], 1)
+        miss = crossing - np.polyval(fit, along)
+        good = np.isfinite(crossing) & (np.abs(miss) < max(3 * np.nanstd(miss[good]), 0.3))
+    line = (line + np.polyval(fit, along)[:, None] * normal)[good]
+    values = _sampled(view.image, line, normal, offsets).astype(np.float64)
+    mean = values.mean(axis=0)
+    levels = np.stack([mean[part].mean(axis=0) for part in (before, after)])
+    return EdgeProfile(second > 0, mean, levels, float(np.std(miss[good])))
+
+
+def _crossings(share: Array, offsets: FloatArray) -> FloatArray:
+    """Where each row of shares (N, K) first goes from below to above a half within SEARCH; NaN: nowhere."""
+    result = np.full(len(share), np.nan)
+    near = np.flatnonzero(np.abs(offsets) <= SEARCH)
+    for row, values in enumerate(share):
+        rises = [k for k in near[:-1] if values[k] < 0.5 <= values[k + 1]]
+        if rises:
+            k = min(rises, key=lambda k: abs(offsets[k]))
+            result[row] = offsets[k] + STEP * (0.5 - values[k]) / (values[k + 1] - values[k])
+    return result
+
+
+def _sampled(image: Array, line: FloatArray, normal: FloatArray, offsets: FloatArray) -> Array:
+    """Values (N, K, …) of a picture at offsets (K,) [px] along `normal` (2,) from points (N, 2)."""
+    places = (line[:, None] + offsets[:, None] * normal).astype(np.float32)
+    how = cv2.INTER_NEAREST if image.ndim == 2 else cv2.INTER_LINEAR
+    return np.asarray(cv2.remap(image, places[..., 0].copy(), places[..., 1].copy(), how))
+
+
+def summary(profiles: Iterable[EdgeProfile]) -> list[str]:
+    """Cells of the table's row."""
+    cells: list[str] = []
+    known = list(profiles)
+    for inner in (True, False):
+        own = [profile for profile in known if profile.inner == inner]
+        over, under = np.array([[p.over, p.under] for p in own]).T
+        beyond = np.maximum(over, under)
+        cells += [
+            f"{len(own)}",
+            f"{100 * np.mean(beyond > 5):.0f}",
+            f"{np.median(beyond):.1f}",
+            f"{np.quantile(beyond, 0.9):.1f}",
+            f"{np.median(over):.1f}/{np.median(under):.1f}",
+            f"{np.median([p.width for p in own]):.2f}",
+            f"{np.median([p.stray for p in own]):.2f}",
+        ]
+    return cells
+
+
+@click.command()
+@click.argument("real", type=click.Path(exists=True, file_okay=False, path_type=Path))
+@click.option("--effects", default="none", help="Of the rendered pictures.")
+@click.option("--draws", default=6, help="Rendered triplets for each recorded one.")
+@click.option("--blur", type=float, help="Of the rendered pictures [px at 540], instead of what is drawn.")
+@click.option("--seed", default=5150, help="Of the draws.")
+def main(real: Path, effects: str, draws: int, seed: int, blur: float | None) -> None:
+    """Print profiles of recorded and rendered edges."""
+    head = ["edges", "beyond 5 [%]", "beyond", "90 %", "over/under", "width [px]", "stray [px]"]
+    click.echo("| pictures | " + " | ".join([*head, *(f"outer {title}" for title in head)]) + " |")
+    click.echo("|---" * (1 + 2 * len(head)) + "|")
+    for name in POSED:
+        record = recorded(real, name)
+        with Platform(name) as platform:
+            made = [
+                profile
+                for draw in range(draws)
+                for profile in edge_profiles(
+                    restaged(platform, record, seed + draw, Effects.of(effects), blur=blur)
+                )
+            ]
+        for title, profiles in (("recorded", edge_profiles(record)), (effects, made)):
+            click.echo(f"| {name}, {title} | " + " | ".join(summary(profiles)) + " |")
+
+
+if __name__ == "__main__":
+    main()

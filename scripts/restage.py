@@ -1,0 +1,129 @@
+"""Recorded triplets staged once more: the same calibration and pose, rendered.
+
+The pose is the one that the tracker finds. Calibrated worlds float some millimetres above or below the table:
+object and cameras are raised together until the object rests on it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+import tracker
+from synthetic.camera.sensor import CameraSettings, Sensor, linear
+from synthetic.camera.shot import QUALITIES, CameraShot, shoot
+from synthetic.camera.units import Unit, units_of
+from synthetic.effects import Effects
+from synthetic.look.appearance import random_look
+from synthetic.look.lighting import random_lighting
+from synthetic.render.choose import choose_renderer
+from synthetic.world.effects import with_effects
+from synthetic.world.fingers import random_fingers
+from synthetic.world.placement import lowest
+from synthetic.world.platform import Platform
+from tracker.conventions import Array, FloatArray, Image
+from tracker.geometry.camera import Camera
+from tracker.segmentation.labelled import read_labelled
+
+POSED = {"cube_v1": "new", "cube_v2": "new", "cuboid_2x2x8_v2": "old"}
+"""Objects that there is a triplet of, and how its pictures were recorded."""
+
+_NEAR_PX = 12
+"""Half the width of the band around the object [px at 270] whose light is brought to that of the record."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class View:
+    """One picture, and what is known of it."""
+
+    image: Image
+    """(H, W, 3) uint8 BGR."""
+    labels: Image
+    """(H, W) uint8: 0 other, 1 red … 6 yellow."""
+    camera: Camera
+    """With which it was taken."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Triplet:
+    """The pictures of one object by all cameras, and its pose."""
+
+    model: tracker.CuboidModel
+    views: tuple[View, ...]
+    position: FloatArray
+    """(3,) [m]."""
+    rotation: FloatArray
+    """(3, 3) world from object."""
+
+
+def recorded(real: Path, name: str) -> Triplet:
+    """The recorded triplet of an object, with its hand-made masks and the pose that the tracker finds."""
+    folder = real / "pose" / name
+    images = {image.name.split("camera")[1]: image for image in read_labelled(folder)}
+    rig, model = tracker.CameraRig.load(folder), tracker.load_object(name)
+    taken = [images[key] for key in ("60", "180", "300")]
+    pose = tracker.ObjectTracker(model, rig).detect([image.image for image in taken]).object_pose
+    if pose is None:
+        raise SystemExit(f"{folder}: the tracker finds no pose")
+    views = tuple(View(image.image, image.labels, camera) for image, camera in zip(taken, rig, strict=True))
+    return Triplet(model, views, pose.position, pose.rotation)
+
+
+def restaged(
+    platform: Platform, record: Triplet, seed: int, effects: Effects, *, blur: float | None = None
+) -> Triplet:
+    """The triplet as the generator would have it, with colours, light and fingers drawn from `seed`.
+
+    `blur` [px at 540] replaces what the sensor draws.
+    """
+    rng = np.random.default_rng(seed)
+    raised = np.array([0.0, 0.0, -lowest(record.model.size, record.rotation) - record.position[2]])
+    position = record.position + raised
+    look, lighting = random_look(rng, platform.model), random_lighting(rng)
+    states = platform.object_states(position[None], record.rotation[None])
+    joints, _ = random_fingers(platform, states, rng, 0.0)
+    scene = platform.scene(states, joints, look, lighting, {})
+    scene = with_effects(scene, effects, seed, 0)
+    sensor = Sensor.sample(rng, POSED[platform.object_name])
+    if blur is not None:
+        sensor = dataclasses.replace(sensor, psf_sigma=blur)
+    cameras = tuple(_raised(view.camera, raised) for view in record.views)
+    units = units_of(tracker.CameraRig(cameras), sensor, rng, effects, seed, 0)
+    views = []
+    for view, unit in zip(record.views, units, strict=True):
+
+        def taken(unit: Unit, quality: str) -> CameraShot:
+            noise = np.random.default_rng([seed, unit.camera.height])
+            return shoot(choose_renderer(), (scene,), unit, QUALITIES[quality], noise)
+
+        lit = dataclasses.replace(unit, settings=_like(unit, taken(unit, "fast"), view))
+        shot = taken(lit, "default")
+        views.append(View(shot.image, shot.labels, unit.camera))
+    return Triplet(record.model, tuple(views), position, record.rotation)
+
+
+def _raised(camera: Camera, by: FloatArray) -> Camera:
+    transform = camera.camera_from_world.copy()
+    transform[:3, 3] -= transform[:3, :3] @ by
+    return dataclasses.replace(camera, camera_from_world=transform)
+
+
+def _like(unit: Unit, first: CameraShot, view: View) -> CameraSettings:
+    """Settings that give the surroundings of the object the light that they have in the record."""
+    here = _light_around(first.image, first.labels, unit.sensor)
+    there = _light_around(view.image, view.labels, unit.sensor)
+    gains = unit.settings.gains * np.clip(there / here, 0.2, 5.0)
+    return dataclasses.replace(unit.settings, gains=gains)
+
+
+def _light_around(image: Image, labels: Image, sensor: Sensor) -> FloatArray:
+    """Median light (3,) BGR of a band around the object."""
+    reach = _NEAR_PX * image.shape[0] // 270
+    whole = (labels > 0).astype(np.uint8)
+    inner, outer = (cv2.dilate(whole, np.ones((n, n), np.uint8)) for n in (reach // 3 * 2 + 1, 2 * reach + 1))
+    values: Array = image[(outer > 0) & (inner == 0)]
+    result: FloatArray = np.median(linear(values, sensor.gamma), axis=0) + sensor.black
+    return result

@@ -1,0 +1,181 @@
+"""The effect `chamfers`: a cuboid whose edges are rounded or cut, and worn.
+
+The object stays within the sharp cuboid that its pose speaks of: a rim of width w takes from the silhouette
+of an edge at most w (√2 − 1) where it is rounded and w / √2 where it is cut. Each point of a rim has the
+label of the face whose normal is nearest to its own, whatever colour it shows. Dice keep their sharp edges.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+
+from synthetic.scene import Body, Mesh, PlatformScene
+from tracker.conventions import Array, FloatArray
+from tracker.geometry.cuboid import CORNER_SIGNS, EDGES, FACE_CORNERS, FACE_NORMALS, corners
+
+WIDTH_M = (0.0003, 0.001)
+"""Least and greatest width of a rim, measured along a face [m]; wide ones are more frequent."""
+
+CUT = 0.3
+"""Share of objects whose edges are cut flat instead of round."""
+
+WORN = 0.5
+"""Share of edges whose rim shows the pale stuff below the colour; others hold dirt."""
+
+LOST = (0.3, 0.5)
+"""Share of the colour that is gone from a worn rim."""
+
+SEAM = (0.0, 0.15)
+"""Reflectance of a rim that holds dirt, of what it was."""
+
+PALE = 0.7
+"""Reflectance [1] of what is below the colour."""
+
+_HALF_ARC = 2
+"""Segments from a face to the middle of a rounded edge."""
+
+_FACES, _EDGES, _CORNERS = 6, 12, 8
+
+
+@dataclass(frozen=True, eq=False)
+class Rims:
+    """The rims of one object."""
+
+    width: float
+    """[m]"""
+    cut: bool
+    """Flat at 45°; else round."""
+    pale: FloatArray
+    """(24,) share of each rim, two to an edge, that has lost its colour."""
+    dirt: FloatArray
+    """(24,) factor on the reflectance of each rim."""
+    coat: FloatArray
+    """(2,) as a row of `Body.coats`."""
+
+
+def random_rims(rng: np.random.Generator) -> Rims:
+    """Rims drawn from `rng`."""
+    worn = np.repeat(rng.random(_EDGES) < WORN, 2)
+    return Rims(
+        width=float(WIDTH_M[0] + (WIDTH_M[1] - WIDTH_M[0]) * np.sqrt(rng.random())),
+        cut=bool(rng.random() < CUT),
+        pale=rng.uniform(*LOST, 2 * _EDGES) * worn,
+        dirt=np.where(worn, 1.0, rng.uniform(*SEAM, 2 * _EDGES)),
+        coat=rng.uniform([0.3, 0.1], [1.0, 0.4]),
+    )
+
+
+def chamfered(scene: PlatformScene, rng: np.random.Generator) -> PlatformScene:
+    """The scene with rims, drawn from `rng`, around its cuboid."""
+    names, rims = {state.name for state in scene.objects}, random_rims(rng)
+    bodies = tuple(with_rims(body, rims) if body.name in names else body for body in scene.bodies)
+    return dataclasses.replace(scene, bodies=bodies)
+
+
+def with_rims(body: Body, rims: Rims) -> Body:
+    """A body whose mesh is a sharp box of six groups, with rims; other bodies as they are."""
+    if len(body.colors) != _FACES:
+        return body
+    size = 2 * np.abs(np.asarray(body.mesh.vertices)).max(axis=0)
+    mesh = rimmed_box(size, rims.width, cut=rims.cut)
+    faces = group_faces()
+    halves = group_halves()
+    colors, coats = body.colors[faces], np.asarray(body.coats)[faces]
+    on_rim = halves >= 0
+    pale, dirt = rims.pale[halves[on_rim]][:, None], rims.dirt[halves[on_rim]][:, None]
+    colors[on_rim] = ((1 - pale) * colors[on_rim] + pale * PALE) * dirt
+    coats[on_rim] = rims.coat
+    return dataclasses.replace(
+        body, mesh=mesh, colors=colors, labels=np.asarray(body.labels)[faces], coats=coats
+    )
+
+
+def group_faces() -> Array:
+    """(54,) the face to which each group belongs: faces, halves of edges, thirds of corners."""
+    corner_faces = [_faces_of_corner(corner) for corner in range(_CORNERS)]
+    return np.concatenate([np.arange(_FACES), EDGES[:, 2:].ravel(), np.concatenate(corner_faces)])
+
+
+def group_halves() -> Array:
+    """(54,) the half of an edge whose look each group has, -1: a face; a corner's third has one beside it."""
+    of_corner = [
+        int(np.flatnonzero((EDGES[:, :2] == corner).any(axis=1)[:, None] & (EDGES[:, 2:] == face)).item(0))
+        for corner in range(_CORNERS)
+        for face in _faces_of_corner(corner)
+    ]
+    return np.concatenate([np.full(_FACES, -1), np.arange(2 * _EDGES), of_corner])
+
+
+def rimmed_box(size: Array, width: float, *, cut: bool) -> Mesh:
+    """A cuboid of edge lengths `size` (3,) [m] about the origin with rims of `width` [m], cut or rounded.
+
+    Its groups are the six faces, then the two halves of each edge in the order of EDGES, then the thirds of
+    the corners, each in the order of FACE_NAMES.
+    """
+    inset = corners(np.asarray(size) - 2 * width)
+    parts = _Parts()
+    for face, loop in enumerate(FACE_CORNERS):
+        parts.add(inset[loop] + width * FACE_NORMALS[face], FACE_NORMALS[face], face)
+    for edge, (a, b, first, second) in enumerate(EDGES):
+        for side, (near, far) in enumerate(((first, second), (second, first))):
+            arc = width * _half_arc(FACE_NORMALS[near], FACE_NORMALS[far], cut=cut)
+            for low, high in itertools.pairwise(arc):
+                quad = np.stack([inset[a] + low, inset[b] + low, inset[b] + high, inset[a] + high])
+                parts.add(quad, low + high, _FACES + 2 * edge + side)
+    for corner in range(_CORNERS):
+        normals = FACE_NORMALS[_faces_of_corner(corner)]
+        tip = CORNER_SIGNS[corner] / (3.0 if cut else np.sqrt(3.0))
+        for k in range(3):
+            here, next_, last = normals[k], normals[(k + 1) % 3], normals[(k + 2) % 3]
+            ways = [_half_arc(here, other, cut=cut) for other in (next_, last)]
+            rim = np.concatenate([tip[None], ways[1][::-1], ways[0][1:]])
+            group = _FACES + 2 * _EDGES + 3 * corner + k
+            parts.add(inset[corner] + width * rim, CORNER_SIGNS[corner], group)
+    key = f"rims_{'_'.join(f'{edge:.6f}' for edge in size)}_{width:.7f}_{'cut' if cut else 'round'}"
+    return parts.mesh(key)
+
+
+def _faces_of_corner(corner: int) -> list[int]:
+    return [2 * axis + (0 if CORNER_SIGNS[corner, axis] > 0 else 1) for axis in range(3)]
+
+
+def _half_arc(near: FloatArray, far: FloatArray, *, cut: bool) -> FloatArray:
+    """Points (N, 3) from the normal `near` to the middle between both, on a unit circle or its chord."""
+    if cut:
+        return np.stack([near, (near + far) / 2])
+    angle = np.linspace(0.0, np.pi / 4, _HALF_ARC + 1)[:, None]
+    result: FloatArray = np.cos(angle) * near + np.sin(angle) * far
+    return result
+
+
+class _Parts:
+    """Convex polygons, as triangles of a mesh."""
+
+    def __init__(self) -> None:
+        self._vertices: list[FloatArray] = []
+        self._triangles: list[Array] = []
+        self._groups: list[Array] = []
+        self._count = 0
+
+    def add(self, polygon: FloatArray, outwards: FloatArray, group: int) -> None:
+        """A polygon (N, 3) that its first point sees all of, counter-clockwise or not."""
+        if np.cross(polygon[1] - polygon[0], polygon[2] - polygon[0]) @ outwards < 0:
+            polygon = np.roll(polygon[::-1], 1, axis=0)
+        fan = [[0, k, k + 1] for k in range(1, len(polygon) - 1)]
+        self._vertices.append(polygon)
+        self._triangles.append(np.array(fan) + self._count)
+        self._groups.append(np.full(len(fan), group))
+        self._count += len(polygon)
+
+    def mesh(self, key: str) -> Mesh:
+        """All of them."""
+        return Mesh(
+            key,
+            np.concatenate(self._vertices),
+            np.concatenate(self._triangles),
+            np.concatenate(self._groups),
+        )

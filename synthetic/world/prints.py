@@ -1,0 +1,134 @@
+"""The effect `surface`: faces with dirt, a gloss each, and prints whose borders have rounded corners."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+
+from synthetic.scene import Body, Mesh, PlatformScene
+from synthetic.world import meshes
+from tracker.conventions import Array, FloatArray
+from tracker.geometry.cuboid import FACE_NORMALS
+
+MARGIN_M, CORNER_M = 0.0006, (0.0005, 0.0030)
+"""Greatest margin that a print leaves on its face, and least and greatest radius of its corners [m]."""
+
+_FACES = 6
+
+_ARC = 3
+"""Segments of a rounded corner."""
+
+
+@dataclass(frozen=True, eq=False)
+class Prints:
+    """The coloured prints on the faces of one object."""
+
+    margin: float
+    """What a print leaves free of its face on each side [m]."""
+    corner: float
+    """Radius of its corners [m]."""
+    faded: float
+    """Reflectance of what it leaves free, of that of the print."""
+    pale: float
+    """What is free reflects so much more [1], in all colours: ink that thins out over white."""
+    coats: FloatArray
+    """(6, 2) as rows of `Body.coats`."""
+    dirt: float
+    """Factor on the deviation of the reflectance over a face."""
+
+
+def random_prints(rng: np.random.Generator) -> Prints:
+    """Prints drawn from `rng`."""
+    shared = rng.uniform([0.0, 0.05], [1.0, 0.4])
+    return Prints(
+        margin=float(rng.uniform(0.0, MARGIN_M)),
+        corner=float(rng.uniform(*CORNER_M)),
+        faded=float(rng.uniform(0.3, 1.1)),
+        pale=float(rng.uniform(0.0, 0.08)),
+        coats=np.clip(shared * rng.uniform(0.6, 1.4, (_FACES, 2)), 0.0, 1.0),
+        dirt=float(rng.uniform(1.0, 2.5)),
+    )
+
+
+def printed(scene: PlatformScene, rng: np.random.Generator) -> PlatformScene:
+    """The scene with prints, drawn from `rng`, on the faces of its cuboid; dice stay as they are."""
+    names, prints = {state.name for state in scene.objects}, random_prints(rng)
+    bodies = tuple(with_prints(body, prints) if body.name in names else body for body in scene.bodies)
+    return dataclasses.replace(scene, bodies=bodies)
+
+
+def with_prints(body: Body, prints: Prints) -> Body:
+    """A body whose groups 0 to 5 are flat rectangles, with prints on these; other bodies as they are.
+
+    What a print leaves free has groups of its own, after all others, and the label of its face.
+    """
+    if len(body.colors) < _FACES:
+        return body
+    coats = np.concatenate([np.asarray(body.coats), prints.coats])
+    coats[:_FACES] = prints.coats
+    borders = np.clip(prints.faded * body.colors[:_FACES] + prints.pale, 0.0, 1.0)
+    return dataclasses.replace(
+        body,
+        mesh=printed_mesh(body.mesh, len(body.colors), prints.margin, prints.corner),
+        colors=np.concatenate([body.colors, borders]),
+        labels=np.concatenate([np.asarray(body.labels), np.asarray(body.labels)[:_FACES]]),
+        coats=coats,
+        texture=body.texture * prints.dirt,
+    )
+
+
+def printed_mesh(mesh: Mesh, first: int, margin: float, corner: float) -> Mesh:
+    """The mesh with its groups 0 to 5, rectangles along the axes, cut into print and border.
+
+    Args:
+        mesh: of a cuboid along the axes.
+        first: group of the first face's border, the next one is one more.
+        margin: width of the borders [m].
+        corner: radius of the prints' corners [m].
+    """
+    groups, triangles = np.asarray(mesh.groups), np.asarray(mesh.triangles)
+    kept = groups >= _FACES
+    parts, owners = [(mesh.vertices, triangles[kept])], [groups[kept]]
+    for face, normal in enumerate(FACE_NORMALS):
+        places = mesh.vertices[triangles[groups == face].ravel()]
+        axis = face // 2
+        across, along = (axis + 1) % 3, (axis + 2) % 3
+        half = np.abs(places[:, [across, along]]).max(axis=0)
+        flat, pieces, is_border = _rectangle_with_print(half, margin, corner)
+        vertices = np.zeros((len(flat), 3))
+        vertices[:, [across, along]] = flat
+        vertices[:, axis] = places[0, axis]
+        parts.append((vertices, pieces if normal[axis] > 0 else pieces[:, ::-1]))
+        owners.append(np.where(is_border, first + face, face))
+    key = f"{mesh.key}_print_{margin:.7f}_{corner:.7f}"
+    return Mesh(key, *meshes.concatenate(parts), np.concatenate(owners))
+
+
+def _rectangle_with_print(half: FloatArray, margin: float, corner: float) -> tuple[FloatArray, Array, Array]:
+    """Points (N, 2), counter-clockwise triangles, and which of these are border, of a face within ±half."""
+    outline = _rounded_outline(half - margin, corner)
+    count = len(outline)
+    inside = np.array([[0, k, k + 1] for k in range(1, count - 1)])
+    around = []
+    for k in range(count):
+        quarter, following = k // (_ARC + 1), (k + 1) % count // (_ARC + 1)
+        here = count + quarter
+        around.append([here, (k + 1) % count, k])
+        if following != quarter:
+            around.append([here, count + following, (k + 1) % count])
+    ends = half * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
+    triangles = np.concatenate([inside, np.array(around)])
+    return np.concatenate([outline, ends]), triangles, np.arange(len(triangles)) >= len(inside)
+
+
+def _rounded_outline(half: FloatArray, radius: float) -> FloatArray:
+    """Points (N, 2), counter-clockwise, of the rectangle within ±half (2,) with corners of this radius."""
+    arc = np.linspace(0.0, np.pi / 2, _ARC + 1)
+    points = []
+    for quarter, signs in enumerate(((1, 1), (-1, 1), (-1, -1), (1, -1))):
+        angle = arc + quarter * np.pi / 2
+        rim = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        points.append(np.array(signs) * (half - radius) + rim)
+    return np.concatenate(points)
