@@ -85,9 +85,7 @@ class ObjectTracker:
         timing["total"] = 1e3 * (time.perf_counter() - start)
         if isinstance(fit, Status):
             return Observation(None, None, fit, timing)
-        pose = PoseEstimate(
-            fit.position, so3.quaternion_from_matrix(fit.rotation), fit.covariance, confidence(fit)
-        )
+        pose = PoseEstimate(fit.position, so3.quaternion(fit.rotation), fit.covariance, confidence(fit))
         return Observation(pose, None, Status.FOUND, timing)
 
     def reset(self) -> None:

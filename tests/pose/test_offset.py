@@ -99,7 +99,7 @@ def measure(
     reach = reach_at(blur) if reach is None else reach
     strips, distance, values = samples.copy(), np.empty(PIXELS), np.empty((3, PIXELS))
     n, parts, palette = len(samples), 3 if red >= 0 else 1, Palette(CHANNELS, TABLE)
-    collect(image, np.zeros((2, 2)), red, strips, n, reach, 1.0, distance, values)
+    collect(image, np.zeros((2, 2)), red, strips, n, reach, 1.0, 1, distance, values)
     offset.measure(
         strips, n, parts, np.zeros(6), distance, values, palette, reach, blur, noise, every, scratch(), out
     )

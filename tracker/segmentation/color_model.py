@@ -82,7 +82,7 @@ class ColorModel:
 
     def channel_tables(self, gains: Array) -> Array:
         """(3, 256) int32: each channel's offset of a level under `gains`; their sum is the cell."""
-        levels = np.clip(np.arange(256)[None, :] * np.asarray(gains, dtype=np.float64)[:, None], 0, 255)
+        levels = np.arange(256)[None, :] * np.asarray(gains, dtype=np.float64)[:, None]
         cells = np.rint(compand(levels, CELLS)).astype(np.int32)
         return cells * np.array([[1], [CELLS], [CELLS * CELLS]], dtype=np.int32)
 

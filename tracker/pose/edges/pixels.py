@@ -106,13 +106,14 @@ def _sum_of_squares(values, first, last):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def collect(image, tilt, red, strips, n, reach, scale, distance, values):  # type: ignore[no-untyped-def]
+def collect(image, tilt, red, strips, n, reach, scale, every, distance, values):  # type: ignore[no-untyped-def]
     """Collect the pixels of n strips of one picture (H, W, 3) into distance (P,) and values (3, P).
 
     tilt (2, 2): the light's slope (`segmentation.light.Light`); red: which pixels of a mosaic measured red
     (`segmentation.mosaic`), -1 for none; reach: half width of the strips [px]; scale: size of the object over
-    the reference. Each strip learns where its pixels are; of a mosaic each channel has its own. The gaps
-    before the next multiple of BLOCK are filled with FAR and 0; P must be such a multiple.
+    the reference; every: one in so many strips gets pixels. Each strip learns where its pixels are; of a
+    mosaic each channel has its own. The gaps before the next multiple of BLOCK are filled with FAR and 0; P
+    must be such a multiple.
     """
     start, parts = 0, 3 if red >= 0 else 1
     stride = max(1, int(scale / LARGE)) if red < 0 else 1
@@ -122,7 +123,7 @@ def collect(image, tilt, red, strips, n, reach, scale, distance, values):  # typ
         strip.squares = 0.0
         for part in range(3):
             strip.first[part], strip.count[part] = start, 0
-            if not strip.in_view or part >= parts:
+            if not strip.in_view or part >= parts or s % every:
                 continue
             count = _collect(image, tilt, red, part, strip, reach, stride, start, distance, values)
             end = start + padded(count)

@@ -188,10 +188,13 @@ class Refiner:
         """Lay strips along the edges at the present pose, and collect their pixels."""
         work.motion[:] = 0.0
         work.counts[:] = 0
+        # After a rough step strips are laid anew.
+        rough = schedule.blur[step] > 0.0
+        every = schedule.every[step] if rough else 1
         for c, view in enumerate(views):
             if view is not None:
                 scale = cameras.scales[c]
-                blur = schedule.blur[step] * scale or unknowns.blurs[c]
+                blur = schedule.blur[step] * scale if rough else unknowns.blurs[c]
                 reach = max(TUNING.least_reach, TUNING.reach[0] * scale + TUNING.reach[1] * blur)
                 work.reaches[c] = reach
                 red = view.mosaic if cameras.parts[c] > 1 else mosaic.NONE
@@ -199,5 +202,5 @@ class Refiner:
                     view.image, view.tilt, red, self.lenses, c, self.box, unknowns.rotation,
                     unknowns.position, unknowns.offsets[c, :6] + cameras.lags[c],
                     schedule.piece[step] * scale, TUNING.margin[0] * scale + TUNING.margin[1] * blur, reach,
-                    scale, work.strips[c], work.distance[c], work.values[c],
+                    scale, every, work.strips[c], work.distance[c], work.values[c],
                 )  # fmt: skip
