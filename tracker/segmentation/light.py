@@ -43,7 +43,7 @@ _LOG = np.log(np.maximum(np.arange(256), 0.5))
 
 @compiled
 def _sample(image, step, log_table, points):  # type: ignore[no-untyped-def]
-    """Points (N, 5): log chroma b/g, r/g, place from -1 to 1 across and down, level of green; returns N."""
+    """Points (5, N): log chroma b/g, r/g, place from -1 to 1 across and down, level of green; returns N."""
     height, width = image.shape[0], image.shape[1]
     count = 0
     for j in range(step // 2, height, step):
@@ -52,9 +52,9 @@ def _sample(image, step, log_table, points):  # type: ignore[no-untyped-def]
             high = max(b, g, r)
             if high >= CLIPPED or min(b, g, r) < 6 or high < 12:
                 continue
-            points[count, 0], points[count, 1] = log_table[b] - log_table[g], log_table[r] - log_table[g]
-            points[count, 2], points[count, 3] = 2.0 * i / width - 1.0, 2.0 * j / height - 1.0
-            points[count, 4] = g
+            points[0, count], points[1, count] = log_table[b] - log_table[g], log_table[r] - log_table[g]
+            points[2, count], points[3, count] = 2.0 * i / width - 1.0, 2.0 * j / height - 1.0
+            points[4, count] = g
             count += 1
     return count
 
@@ -65,7 +65,7 @@ def _mode(points, count):  # type: ignore[no-untyped-def]
     histogram = np.zeros((_BINS + 2, _BINS + 2), np.int32)
     scale = _BINS / (2 * _RANGE)
     for n in range(count):
-        u, v = (points[n, 0] + _RANGE) * scale, (points[n, 1] + _RANGE) * scale
+        u, v = (points[0, n] + _RANGE) * scale, (points[1, n] + _RANGE) * scale
         if 0 <= u < _BINS and 0 <= v < _BINS:
             histogram[int(u) + 1, int(v) + 1] += 1
     best, u0, v0 = -1, 0, 0
@@ -80,60 +80,69 @@ def _mode(points, count):  # type: ignore[no-untyped-def]
     return (u0 - 0.5) / scale - _RANGE, (v0 - 0.5) / scale - _RANGE
 
 
+@compiled(fastmath={"reassoc", "contract", "nsz"})
+def _sums(points, count, plane, reach):  # type: ignore[no-untyped-def]
+    """The number of points near a plane, and sums over them: x, y, xx, xy, yy, u, ux, uy, v, vx, vy.
+
+    u and v are the points' distances from the plane. All are added up in whatever order is fastest.
+    """
+    number, mx, my, xx, xy, yy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    u, ux, uy, v, vx, vy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    a, b, c = plane[0, 0], plane[0, 1], plane[0, 2]
+    d, e, f = plane[1, 0], plane[1, 1], plane[1, 2]
+    for n in range(np.uint64(count)):
+        x, y = points[2, n], points[3, n]
+        du = points[0, n] - a - b * x - c * y
+        dv = points[1, n] - d - e * x - f * y
+        # A factor in place of a branch, which would keep neighbours from being added at once.
+        near = 1.0 if max(abs(du), abs(dv)) < reach else 0.0
+        du, dv = near * du, near * dv
+        number += near
+        mx += near * x
+        my += near * y
+        xx += near * x * x
+        xy += near * x * y
+        yy += near * y * y
+        u += du
+        ux += du * x
+        uy += du * y
+        v += dv
+        vx += dv * x
+        vy += dv * y
+    return number, mx, my, xx, xy, yy, u, ux, uy, v, vx, vy
+
+
 @compiled
-def _fit_plane(points, count, plane, reach, flat, matrix, vectors):  # type: ignore[no-untyped-def]
+def _fit_plane(points, count, plane, reach, flat):  # type: ignore[no-untyped-def]
     """Move plane (2, 3) to the points near it, and return their count.
 
     The plane's rows are the coefficients of 1, x, y for the two log chromas.
     """
-    matrix[:], vectors[:] = 0.0, 0.0
-    for n in range(count):
-        x, y = points[n, 2], points[n, 3]
-        du = points[n, 0] - plane[0, 0] - plane[0, 1] * x - plane[0, 2] * y
-        dv = points[n, 1] - plane[1, 0] - plane[1, 1] * x - plane[1, 2] * y
-        if abs(du) >= reach or abs(dv) >= reach:
-            continue
-        matrix[0, 0] += 1.0
-        vectors[0, 0] += du
-        vectors[1, 0] += dv
-        if flat:
-            continue
-        matrix[1, 0] += x
-        matrix[2, 0] += y
-        matrix[1, 1] += x * x
-        matrix[2, 1] += x * y
-        matrix[2, 2] += y * y
-        vectors[0, 1] += du * x
-        vectors[0, 2] += du * y
-        vectors[1, 1] += dv * x
-        vectors[1, 2] += dv * y
-    inside = int(matrix[0, 0])
+    inside, mx, my, xx, xy, yy, u, ux, uy, v, vx, vy = _sums(points, count, plane, reach)
     if inside < MIN_GREYS:
         return 0
     if flat:
-        plane[0, 0] += vectors[0, 0] / inside
-        plane[1, 0] += vectors[1, 0] / inside
-        return inside
+        plane[0, 0] += u / inside
+        plane[1, 0] += v / inside
+        return int(inside)
     # Eliminate the mean, then the two slopes with a weak pull towards none.
-    mx, my = matrix[1, 0] / inside, matrix[2, 0] / inside
-    xx = matrix[1, 1] - inside * mx * mx + 0.02 * inside
-    yy = matrix[2, 2] - inside * my * my + 0.02 * inside
-    xy = matrix[2, 1] - inside * mx * my
+    mx, my = mx / inside, my / inside
+    xx, yy = xx - inside * mx * mx + 0.02 * inside, yy - inside * my * my + 0.02 * inside
+    xy -= inside * mx * my
     determinant = xx * yy - xy * xy
     for k in range(2):
-        bx = vectors[k, 1] - mx * vectors[k, 0]
-        by = vectors[k, 2] - my * vectors[k, 0]
+        off = u if k == 0 else v
+        bx, by = (ux if k == 0 else vx) - mx * off, (uy if k == 0 else vy) - my * off
         sx, sy = (yy * bx - xy * by) / determinant, (xx * by - xy * bx) / determinant
-        plane[k, 0] += vectors[k, 0] / inside - sx * mx - sy * my
+        plane[k, 0] += off / inside - sx * mx - sy * my
         plane[k, 1] += sx
         plane[k, 2] += sy
-    return inside
+    return int(inside)
 
 
 @compiled
 def _greys(image, step, log_table, points, plane):  # type: ignore[no-untyped-def]
     """Fill plane (2, 3) with the log chroma of the scene's greys; returns level of green, share of pixels."""
-    matrix, vectors = np.empty((3, 3)), np.empty((2, 3))
     plane[:] = 0.0
     count = _sample(image, step, log_table, points)
     if count < 50:
@@ -149,18 +158,18 @@ def _greys(image, step, log_table, points, plane):  # type: ignore[no-untyped-de
             if flat:
                 plane[:] = start
         reach = 0.22 if turn == 0 else 0.2 if sloping else 0.15
-        inside = _fit_plane(points, count, plane, reach, flat and not sloping, matrix, vectors)
+        inside = _fit_plane(points, count, plane, reach, flat and not sloping)
         if inside == 0:
             return 0.0, 0.0
         if turn == 0:
             start[:] = plane
     levels = np.zeros(256, np.int64)
     for n in range(count):
-        x, y = points[n, 2], points[n, 3]
-        du = points[n, 0] - plane[0, 0] - plane[0, 1] * x - plane[0, 2] * y
-        dv = points[n, 1] - plane[1, 0] - plane[1, 1] * x - plane[1, 2] * y
+        x, y = points[2, n], points[3, n]
+        du = points[0, n] - plane[0, 0] - plane[0, 1] * x - plane[0, 2] * y
+        dv = points[1, n] - plane[1, 0] - plane[1, 1] * x - plane[1, 2] * y
         if abs(du) < 0.15 and abs(dv) < 0.15:
-            levels[int(points[n, 4])] += 1
+            levels[int(points[4, n])] += 1
     # A clipped grey says nothing on chromaticity, but it does say "bright".
     for j in range(step // 2, image.shape[0], step):
         for i in range(step // 2, image.shape[1], step):
@@ -193,7 +202,7 @@ def find_light(image: Image) -> Light:
     This is equation (1) of docs/how-it-works.md.
     """
     step = max(1, int(np.sqrt(image.shape[0] * image.shape[1] / SAMPLES)))
-    points = np.empty((((image.shape[0] // step) + 1) * ((image.shape[1] // step) + 1), 5))
+    points = np.empty((5, ((image.shape[0] // step) + 1) * ((image.shape[1] // step) + 1)))
     plane = np.empty((2, 3))
     green, share = _greys(image, step, _LOG, points, plane)
     if green <= 0.0:
