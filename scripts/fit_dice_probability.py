@@ -15,7 +15,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from benchmarks.data.dice import KINDS, dice_store
-from benchmarks.measure.dice import judge_positions
+from benchmarks.score.dice import judge_positions
 from synthetic.camera.rigs import sized, standard_rig
 from tracker.conventions import Array, FloatArray
 from tracker.tasks.rearrange_dice import segment_dice, where

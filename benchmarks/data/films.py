@@ -1,31 +1,23 @@
 """Films that are judged: one long motion of an object each, the pictures and what is true of them.
 
-A frame is one file, named by its number, in a folder named by all that its pixels depend on. Some frames
-exist a second time without the object, so that it can vanish.
+Some frames exist a second time without the object, so that it can vanish.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import io
-import sys
-from collections.abc import Callable, Iterator, Sequence
+import functools
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import click
 import numpy as np
 
-from benchmarks.data import scenes
-from benchmarks.data.scenes import OBJECTS, SIZE
-from benchmarks.data.store import CACHE, fingerprint, read_packed
-from synthetic.export.workers import Factory, run_tasks
+from benchmarks.data.scenes import SIZE
+from benchmarks.data.seeds import stream
+from benchmarks.data.store import CACHE, Maker, Store
 from synthetic.frames import Frame, FrameMaker, FrameOptions
 from tracker.conventions import FloatArray, Image
-from tracker.files import write_whole
-
-SEED = scenes.SEED + 10 * len(OBJECTS) + 10
-"""Of the first object's films, the next one's is one more. Like the seed it comes from, for nothing else."""
 
 RATE = 10.0
 """Frames per second [Hz]."""
@@ -55,36 +47,6 @@ class FilmFrame:
     rotation: FloatArray | None
     """(3, 3) world from object."""
 
-    def packed(self) -> bytes:
-        """The frame as the content of an npz file."""
-        pose = np.empty((0, 4)) if self.position is None else np.c_[self.rotation, np.asarray(self.position)]
-        buffer = io.BytesIO()
-        np.savez_compressed(
-            buffer,
-            timestamp=self.timestamp,
-            images=np.stack(self.images),
-            visible_fraction=self.visible_fraction,
-            pose=pose,
-        )
-        return buffer.getvalue()
-
-    @classmethod
-    def unpacked(cls, content: bytes) -> FilmFrame:
-        """The frame that `packed` wrote.
-
-        Raises:
-            ValueError, KeyError, OSError, zipfile.BadZipFile: the content is something else.
-        """
-        with np.load(io.BytesIO(content), allow_pickle=False) as data:
-            pose = data["pose"]
-            return cls(
-                float(data["timestamp"]),
-                tuple(data["images"]),
-                data["visible_fraction"],
-                pose[:, 3].copy() if len(pose) else None,
-                pose[:, :3].copy() if len(pose) else None,
-            )
-
 
 def vanishing_frames(length: int) -> list[int]:
     """Numbers of the frames of a film in which the object begins to be absent, one for each time."""
@@ -92,107 +54,70 @@ def vanishing_frames(length: int) -> list[int]:
     return [number * length // (times + 2) for number in range(1, times + 1)]
 
 
-@dataclass(frozen=True)
 class FilmStore:
-    """The films of one object, by their numbers."""
+    """The films of one object, by their numbers.
 
-    object_name: str
-    length: int
-    """Frames of each."""
-    seed: int = SEED
-    """Of the first object; another one than SEED for all but judging."""
-    workers: int = 2
-    """Processes that render, a film each."""
-    cache: Path = CACHE
-    """Where rendered frames are kept."""
+    Args:
+        object_name: name of the object.
+        length: frames of each film.
+        seed: of all that is drawn.
+        workers: processes that render, a film each.
+        cache: where frames are kept.
+    """
 
-    @property
-    def folder(self) -> Path:
-        """Of this object's films alone."""
-        print_ = fingerprint("benchmarks/data/films.py")
-        own = f"{SIZE}-{self._own_seed}-{self.length}-{print_}"
-        return self.cache / f"film-{self.object_name}-{own}"
+    def __init__(
+        self, object_name: str, length: int, seed: int, workers: int = 2, cache: Path = CACHE
+    ) -> None:
+        self.length = length
+        own = stream(seed, "films", object_name)
+        make = functools.partial(_maker, object_name, own, length)
+        name = f"films, {object_name}, {length}"
+        # A film's frames are followed by the same frames without the object.
+        self.store = Store(name, FilmFrame, make, (__name__,), own, 2 * length, workers, cache)
 
-    @property
-    def _own_seed(self) -> int:
-        return self.seed + OBJECTS.index(self.object_name)
+    def numbers(self, film: int, frames: Iterable[int], *, empty: bool = False) -> list[int]:
+        """Numbers in the store of frames of a film."""
+        return [(2 * film + empty) * self.length + frame for frame in frames]
 
-    def file(self, film: int, number: int, empty: bool = False) -> Path:
-        """Of a frame of a film, with or without the object."""
-        return self.folder / f"{film:02d}" / f"{number:05d}{'-empty' * empty}.npz"
-
-    def prepare(self, films: Sequence[int]) -> None:
-        """Render those frames that cannot be read."""
-        todo = [film for film in films if any(self._missing(film))]
-        if not todo:
-            return
-        count = sum(len(part) for film in todo for part in self._missing(film))
-        factory: Factory = _Factory(self)
-        done = run_tasks(factory, todo, self.workers)
-        label = f"rendering films, {self.object_name}"
-        with click.progressbar(done, length=count, label=label, file=sys.stderr) as bar:
-            for _ in bar:
-                pass
-
-    def _missing(self, film: int) -> tuple[list[int], list[int]]:
-        """Numbers of the frames that are not there, with and without the object."""
+    def prepared(self, films: Iterable[int]) -> list[int]:
+        """Numbers in the store of all frames that are ever asked for."""
         starts = vanishing_frames(self.length)
         emptied = sorted({k for start in starts for k in range(start, min(start + ABSENT, self.length))})
-        return (
-            [k for k in range(self.length) if not self.file(film, k).is_file()],
-            [k for k in emptied if not self.file(film, k, empty=True).is_file()],
-        )
-
-    def render(self, maker: FrameMaker, film: int) -> Iterator[int]:
-        """Render what is missing of a film; yields the numbers of the frames."""
-        first = film * self.length
-        whole, emptied = ({first + k for k in part} for part in self._missing(film))
-        for frame in maker.chunk(film, whole, emptied):
-            number = frame.index - first
-            file = self.file(film, number, empty=not frame.objects)
-            file.parent.mkdir(parents=True, exist_ok=True)
-            write_whole(file, _film_frame(frame).packed())
-            yield number
-
-    def maker(self) -> FrameMaker:
-        """What renders the frames."""
-        return FrameMaker(
-            FrameOptions(
-                self.object_name,
-                self._own_seed,
-                sequence=True,
-                size=SIZE,
-                rate=RATE,
-                kind=KIND,
-                dropped=0.0,
-                length=self.length,
+        return [
+            number
+            for film in films
+            for number in (
+                *self.numbers(film, range(self.length)),
+                *self.numbers(film, emptied, empty=True),
             )
-        )
+        ]
 
-    def frames(self, film: int, numbers: Sequence[int], empty: bool = False) -> Iterator[FilmFrame]:
+    def frames(self, film: int, frames: Iterable[int], *, empty: bool = False) -> Iterator[FilmFrame]:
         """Frames of a film, in this order."""
-        self.prepare([film])
-        for number in numbers:
-            frame = read_packed(self.file(film, number, empty), FilmFrame.unpacked)
-            if frame is None:
-                # A file broken by someone else is made again.
-                self.file(film, number, empty).unlink(missing_ok=True)
-                self.prepare([film])
-                frame = read_packed(self.file(film, number, empty), FilmFrame.unpacked)
-            assert frame is not None
-            yield frame
+        return self.store.scenes(self.numbers(film, frames, empty=empty))
 
 
-@dataclass(frozen=True)
-class _Factory:
-    """Makes the part of a worker."""
+def _maker(object_name: str, seed: int, length: int) -> Maker[FilmFrame]:
+    options = FrameOptions(
+        object_name,
+        seed,
+        sequence=True,
+        size=SIZE,
+        rate=RATE,
+        kind=KIND,
+        dropped=0.0,
+        length=length,
+    )
+    maker = FrameMaker(options)
 
-    store: FilmStore
+    def make(film: int, numbers: Collection[int]) -> Iterator[tuple[int, FilmFrame]]:
+        first = film * length
+        places = [divmod(number - 2 * film * length, length) for number in numbers]
+        whole, emptied = ({first + frame for empty, frame in places if empty == part} for part in (0, 1))
+        for frame in maker.chunk(film, whole, emptied):
+            yield frame.index + first + length * (not frame.objects), _film_frame(frame)
 
-    def __call__(self) -> Callable[[int], Iterator[int]]:
-        """The function that renders a film into its files."""
-        maker = self.store.maker()
-        return lambda film: self.store.render(maker, film)
+    return make
 
 
 def _film_frame(frame: Frame) -> FilmFrame:

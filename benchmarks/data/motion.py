@@ -7,18 +7,16 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import io
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-import tracker
-from benchmarks.data import scenes
 from benchmarks.data.paths import Motion, random_motion
-from benchmarks.data.scenes import OBJECTS, SIZE
-from benchmarks.data.store import CACHE, Store, fingerprint, read_packed
+from benchmarks.data.scenes import SIZE
+from benchmarks.data.seeds import stream
+from benchmarks.data.store import CACHE, Maker, Store, each
 from synthetic.camera.rigs import default_cameras
 from synthetic.camera.sensor import Sensor
 from synthetic.raycast import render
@@ -26,9 +24,7 @@ from synthetic.raycast.scene import Scene, random_scene
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray, Image
 from tracker.geometry.camera import Camera
-
-SEED = scenes.SEED + 20 * len(OBJECTS)
-"""Of the first object's films, the next one's is one more. Like the seed it comes from, for nothing else."""
+from tracker.objects.model import load_object
 
 RATE = 10.0
 """Frames per second [Hz]."""
@@ -76,59 +72,25 @@ class MotionFrame:
         """The latest stamp [s]."""
         return float(self.stamps.max())
 
-    def packed(self) -> bytes:
-        """The frame as the content of an npz file."""
-        buffer = io.BytesIO()
-        np.savez_compressed(
-            buffer, **{field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-        )
-        return buffer.getvalue()
-
-    @classmethod
-    def unpacked(cls, content: bytes) -> MotionFrame:
-        """The frame that `packed` wrote.
-
-        Raises:
-            ValueError, KeyError, OSError, zipfile.BadZipFile: the content is something else.
-        """
-        with np.load(io.BytesIO(content), allow_pickle=False) as data:
-            return cls(
-                data["stamps"],
-                tuple(data["together"]),
-                tuple(data["skewed"]),
-                data["at_stamps"],
-                data["latest"],
-                data["ahead"],
-                bool(data["moving"]),
-                bool(data["steady"]),
-            )
-
 
 def rig() -> CameraRig:
     """The cameras of these films, exactly."""
     return CameraRig(default_cameras(SIZE))
 
 
-def motion_store(
-    object_name: str, seed: int = SEED, workers: int = 2, folder: Path = CACHE
-) -> Store[MotionFrame]:
+def motion_store(object_name: str, seed: int, workers: int = 2, cache: Path = CACHE) -> Store[MotionFrame]:
     """The frames of an object's films; frame k of film f has the number f · FRAMES + k.
 
     Args:
         object_name: name of the object.
-        seed: of the first object; another one than SEED for all but judging.
+        seed: of all that is drawn.
         workers: number of processes that render what is missing.
-        folder: where frames are kept.
+        cache: where frames are kept.
     """
-    own = seed + OBJECTS.index(object_name)
-    made_by = fingerprint("benchmarks/data/motion.py", "benchmarks/data/paths.py")
-    return Store(
-        f"motion, {object_name}",
-        folder / f"motion-{object_name}-{SIZE}-{own}-{made_by}",
-        functools.partial(_maker, object_name, own),
-        functools.partial(read_packed, unpacked=MotionFrame.unpacked),
-        workers,
-    )
+    own = stream(seed, "motion", object_name)
+    make = functools.partial(_maker, object_name, own)
+    name = f"motion, {object_name}"
+    return Store(name, MotionFrame, make, (__name__,), own, workers=workers, cache=cache)
 
 
 def film_motion(seed: int, film: int) -> Motion:
@@ -142,8 +104,12 @@ def delays(rng: np.random.Generator, cameras: int) -> FloatArray:
     return result
 
 
-def _maker(object_name: str, seed: int) -> Callable[[int], MotionFrame]:
-    model, cameras = tracker.load_object(object_name), rig()
+def _maker(object_name: str, seed: int) -> Maker[MotionFrame]:
+    return each(_frames(object_name, seed))
+
+
+def _frames(object_name: str, seed: int) -> Callable[[int], MotionFrame]:
+    model, cameras = load_object(object_name), rig()
     # A camera's settings stay while it records, but the ray caster would draw them for every picture.
     sensor = dataclasses.replace(Sensor.realistic(), exposure=(1.0, 1.0), white_balance=0.0, ramp=0.0)
 

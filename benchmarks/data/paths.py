@@ -16,8 +16,8 @@ REACH, HEIGHTS = 0.12, (0.06, 0.12)
 """Turning points are so near the arena's axis, at such heights [m]: all cameras see the object there, and no
 corner of it touches wall or table."""
 
-LEAST = 0.15
-"""Distance of neighbouring turning points [m]."""
+LEAST = 0.1
+"""Distance of neighbouring turning points [m]: less than REACH, so that there is one for each."""
 
 TURN_RATES = (0.5, 2.5)
 """Least and greatest rate of rotation while moving [rad/s]."""

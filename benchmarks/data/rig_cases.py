@@ -12,13 +12,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-import tracker
 from benchmarks.data.scenes import OBJECTS
 from synthetic.camera.rigs import default_cameras
-from tracker import Arena, CameraRig, CuboidModel
+from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray
 from tracker.geometry import so3
+from tracker.geometry.arena import Arena
 from tracker.geometry.camera import Camera
+from tracker.objects.model import CuboidModel, load_object
 
 _DISTORTION = np.array([-0.236, 0.115, -0.0014, 0.0002, -0.042])
 """Of the platform's lenses, about: k1, k2, p1, p2, k3."""
@@ -77,7 +78,7 @@ class RigCase:
     @property
     def objects(self) -> tuple[CuboidModel, ...]:
         """What is looked at, one after the other."""
-        return self.models or tuple(tracker.load_object(name) for name in OBJECTS)
+        return self.models or tuple(load_object(name) for name in OBJECTS)
 
     def model(self, name: str) -> CuboidModel:
         """One of the objects by its name."""

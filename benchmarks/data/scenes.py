@@ -1,17 +1,20 @@
 """Scenes that are judged: the pictures, and what is true of them.
 
-Each style has its own stream of scenes. A scene depends on object, style and number alone.
+Each style has its own stream of scenes. A scene depends on seed, object, style and number alone.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import io
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
+from benchmarks.data.seeds import stream
+from benchmarks.data.store import CACHE, Maker, Store, each
 from synthetic.camera.rigs import sized, standard_rig
 from synthetic.camera.sensor import BLACK, RESPONSE_GAMMA, CameraSettings, Sensor
 from synthetic.camera.shot import QUALITIES, shoot
@@ -23,20 +26,10 @@ from synthetic.world.scenes import random_scene
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray, Image
 
-SEED = 730_152
-"""Of everything judged. Nothing is ever adjusted with it, and nothing else draws from it."""
-
 SIZE = 270
 """Height of the pictures [px]."""
 
 OBJECTS = ("cube_v2", "cuboid_2x2x8_v2")
-
-STYLES = ("realistic", "clean", "absent", "more", "sketch")
-"""realistic: as `synthetic.frames` makes them, always with an object.
-clean: neither blur nor noise, mosaic or differences between cameras.
-absent: realistic, without an object.
-more: realistic, in turn with no finger and with all fingers meant to be near the object.
-sketch: scenes of `more`, rendered at the quality `fast` and stripped of their pictures."""
 
 _EXPOSURE = 1.45
 """Of clean pictures: in the middle of the realistic ones."""
@@ -64,53 +57,36 @@ class Scene:
         """Mean visible fraction of all cameras."""
         return float(np.mean(self.visible_fraction))
 
-    def packed(self) -> bytes:
-        """The scene as the content of an npz file."""
-        pose = np.empty((0, 4)) if self.position is None else np.c_[self.rotation, np.asarray(self.position)]
-        buffer = io.BytesIO()
-        np.savez_compressed(
-            buffer,
-            index=self.index,
-            images=np.stack(self.images),
-            labels=np.stack(self.labels),
-            visible_fraction=self.visible_fraction,
-            pose=pose,
-        )
-        return buffer.getvalue()
-
-    @classmethod
-    def unpacked(cls, content: bytes) -> Scene:
-        """The scene that `packed` wrote.
-
-        Raises:
-            ValueError, KeyError, OSError, zipfile.BadZipFile: the content is something else.
-        """
-        with np.load(io.BytesIO(content), allow_pickle=False) as data:
-            pose = data["pose"]
-            return cls(
-                int(data["index"]),
-                tuple(data["images"]),
-                tuple(data["labels"]),
-                data["visible_fraction"],
-                pose[:, 3].copy() if len(pose) else None,
-                pose[:, :3].copy() if len(pose) else None,
-            )
-
 
 def rig() -> CameraRig:
     """The cameras of all styles, exactly."""
     return sized(standard_rig(), SIZE)
 
 
-def maker(object_name: str, style: str) -> Callable[[int], Scene]:
-    """The function that makes the scenes of a style by their numbers."""
-    seed = SEED + 10 * OBJECTS.index(object_name)
-    if style == "clean":
-        return _clean_maker(object_name, seed + 1)
-    if style in ("more", "sketch"):
-        return _more_maker(object_name, seed + 2, "default" if style == "more" else "fast")
-    absent = style == "absent"
-    frames = FrameMaker(FrameOptions(object_name, seed + 3 * absent, size=SIZE, empty=1.0 if absent else 0.0))
+def scene_store(
+    object_name: str, style: str, seed: int, workers: int = 2, cache: Path = CACHE
+) -> Store[Scene]:
+    """The scenes of an object by their numbers.
+
+    Args:
+        object_name: name of the object.
+        style: key of STYLES.
+        seed: of all that is drawn.
+        workers: number of processes that render what is missing.
+        cache: where scenes are kept.
+    """
+    # A sketch is of the very scene that it is a sketch of.
+    own = stream(seed, "scenes", object_name, "more" if style == "sketch" else style)
+    make = functools.partial(_maker, object_name, style, own)
+    return Store(f"{object_name}, {style}", Scene, make, (__name__,), own, workers=workers, cache=cache)
+
+
+def _maker(object_name: str, style: str, seed: int) -> Maker[Scene]:
+    return each(STYLES[style](object_name, seed))
+
+
+def _frames(object_name: str, seed: int, *, empty: bool = False) -> Callable[[int], Scene]:
+    frames = FrameMaker(FrameOptions(object_name, seed, size=SIZE, empty=float(empty)))
 
     def make(index: int) -> Scene:
         (frame,) = frames.chunk(index)
@@ -119,7 +95,7 @@ def maker(object_name: str, style: str) -> Callable[[int], Scene]:
     return make
 
 
-def _more_maker(object_name: str, seed: int, quality: str) -> Callable[[int], Scene]:
+def _more(object_name: str, seed: int, *, quality: str = "default") -> Callable[[int], Scene]:
     frames = FrameMaker(FrameOptions(object_name, seed, quality=quality, size=SIZE))
     platform = Platform(object_name)
 
@@ -136,7 +112,7 @@ def _more_maker(object_name: str, seed: int, quality: str) -> Callable[[int], Sc
     return make
 
 
-def _clean_maker(object_name: str, seed: int) -> Callable[[int], Scene]:
+def _clean(object_name: str, seed: int) -> Callable[[int], Scene]:
     platform, cameras, renderer = Platform(object_name), rig(), choose_renderer("auto")
     sensor = Sensor(psf_sigma=0.0, black=BLACK, gamma=RESPONSE_GAMMA)
     settings = CameraSettings(np.full(3, _EXPOSURE), np.zeros(2))
@@ -178,3 +154,17 @@ def _scene_of(frame: Frame) -> Scene:
         None if pose is None else np.array(pose.position),
         None if pose is None else np.array(pose.rotation),
     )
+
+
+STYLES: dict[str, Callable[[str, int], Callable[[int], Scene]]] = {
+    "realistic": _frames,
+    "absent": functools.partial(_frames, empty=True),
+    "clean": _clean,
+    "more": _more,
+    "sketch": functools.partial(_more, quality="fast"),
+}
+"""realistic: as `synthetic.frames` makes them, always with an object.
+absent: realistic, without an object.
+clean: neither blur nor noise, mosaic or differences between cameras.
+more: realistic, in turn with no finger and with all fingers meant to be near the object.
+sketch: scenes of `more`, rendered at the quality `fast` and stripped of their pictures."""

@@ -1,195 +1,153 @@
-"""Rendered scenes on disk, so that only the first run renders. Results never depend on it.
+"""Scenes and frames on disk, so that only the first run renders. Results never depend on it.
 
-A scene is one file, named by its number, in a folder named by all that its pixels depend on: object, style
-and seed, the code that renders, the versions of the libraries, the renderer.
+An item is one file, named by its number, in a folder named by all that its pixels depend on: what it shows,
+the seed, and the fingerprint of what renders.
 """
 
 from __future__ import annotations
 
-import ast
-import functools
-import hashlib
+import dataclasses
+import io
 import sys
 import zipfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from importlib import metadata
 from pathlib import Path
-from typing import Generic, Protocol, TypeVar
+from typing import Any, Generic, TypeVar
 
 import click
+import numpy as np
 
-from benchmarks.data.scenes import SEED, SIZE, Scene, maker
+from benchmarks.data.fingerprint import ROOT, fingerprint
 from synthetic.export.workers import Factory, run_tasks
-from synthetic.render.choose import choose_renderer
 from tracker.files import write_whole
-
-ROOT = Path(__file__).resolve().parents[2]
 
 CACHE = ROOT / "build" / "scenes"
 """Where scenes are kept; not in the repository."""
 
-SOURCES = (
-    "synthetic",
-    "tracker/geometry",
-    "tracker/objects",
-    "tracker/calibration",
-    "benchmarks/data/scenes.py",
-)
-"""What the pixels are made by."""
+S = TypeVar("S")
 
-LIBRARIES = ("numpy", "opencv-python-headless", "pybullet", "pyrender", "trimesh")
+Maker = Callable[[int, Collection[int]], Iterable[tuple[int, S]]]
+"""Makes those items of a chunk that are wanted: number of the chunk, numbers of items to items."""
 
 
-@functools.cache
-def fingerprint(*more: str) -> str:
-    """Of code, data and libraries that scenes are made by; `more` sources as SOURCES names them."""
-    digest = hashlib.sha256()
-    for name in (*SOURCES, *more):
-        path = ROOT / name
-        for file in sorted(path.rglob("*")) if path.is_dir() else [path]:
-            if file.suffix == ".py":
-                digest.update(file.name.encode() + _code(file.read_bytes()))
-            elif file.is_file() and file.suffix in (".toml", ".json", ".npz", ".csv", ".yml"):
-                digest.update(file.name.encode() + file.read_bytes())
-    for library in LIBRARIES:
-        digest.update(f"{library} {_version(library)}".encode())
-    digest.update(choose_renderer("auto").name.encode())
-    return digest.hexdigest()[:12]
+def packed(item: Any) -> bytes:
+    """A dataclass of numbers, arrays, tuples of arrays and None as the content of an npz file."""
+    arrays: dict[str, Any] = {}
+    for field in dataclasses.fields(item):
+        value = getattr(item, field.name)
+        if isinstance(value, tuple):
+            arrays |= {f"{field.name}.{k}": part for k, part in enumerate(value)}
+        elif value is not None:
+            arrays[field.name] = value
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, **arrays)
+    return buffer.getvalue()
 
 
-def _code(source: bytes) -> bytes:
-    # Without docstrings, comments and layout: words do not move pixels.
-    tree = ast.parse(source)
-    for node in ast.walk(tree):
-        body = getattr(node, "body", None)
-        if isinstance(body, list):
-            node.body = [  # type: ignore[attr-defined]
-                item
-                for item in body
-                if not (isinstance(item, ast.Expr) and isinstance(item.value, ast.Constant))
-            ]
-    return ast.dump(tree).encode()
-
-
-def _version(library: str) -> str:
+def unpacked(kind: type[S], content: bytes) -> S | None:
+    """The item that `packed` wrote; None where the content is something else."""
+    values: dict[str, Any] = {field.name: None for field in dataclasses.fields(kind)}  # type: ignore[arg-type]
     try:
-        return metadata.version(library)
-    except metadata.PackageNotFoundError:
-        return "none"
+        with np.load(io.BytesIO(content), allow_pickle=False) as data:
+            for key in data.files:
+                name, _, place = key.partition(".")
+                value = data[key] if data[key].ndim else data[key].item()
+                values[name] = (*(values[name] or ()), value) if place else value
+        return kind(**values)
+    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile):
+        return None
 
 
-class Packed(Protocol):
-    """A scene that can be kept."""
+@dataclass(frozen=True)
+class Store(Generic[S]):
+    """Items of one kind, by their numbers."""
 
-    def packed(self) -> bytes:
-        """The scene as the content of a file."""
-        ...
+    name: str
+    """For people, and of the folder."""
+    kind: type[S]
+    """Dataclass of the items."""
+    maker: Callable[[], Maker[S]]
+    """Makes what makes items, in the process that does so; it can be pickled."""
+    modules: tuple[str, ...]
+    """That decide the pixels, see `fingerprint`."""
+    seed: int
+    chunk: int = 1
+    """Items that are made together."""
+    workers: int = 2
+    """Processes that render what is missing."""
+    cache: Path = CACHE
 
+    @property
+    def folder(self) -> Path:
+        """Of these items alone."""
+        name = self.name.replace(", ", "-").replace(" ", "_")
+        return self.cache / f"{name}-{self.seed}-{fingerprint(*self.modules)}"
 
-S = TypeVar("S", bound=Packed)
+    def file(self, number: int) -> Path:
+        """Of an item."""
+        return self.folder / f"{number:05d}.npz"
+
+    def missing(self, numbers: Iterable[int]) -> list[int]:
+        """Those that would have to be rendered."""
+        return [number for number in numbers if not self.file(number).is_file()]
+
+    def prepare(self, numbers: Iterable[int]) -> None:
+        """Render those items that are not there yet."""
+        todo = self.missing(numbers)
+        if not todo:
+            return
+        self.folder.mkdir(parents=True, exist_ok=True)
+        chunks: dict[int, list[int]] = {}
+        for number in todo:
+            chunks.setdefault(number // self.chunk, []).append(number)
+        factory: Factory = _Factory(self.maker, self.folder)
+        # A process of its own costs more than a few scenes.
+        done = run_tasks(factory, list(chunks.items()), self.workers if len(todo) > 4 else 1)
+        label = f"rendering {self.name}"
+        with click.progressbar(done, length=len(todo), label=label, file=sys.stderr) as bar:
+            for _ in bar:
+                pass
+
+    def scenes(self, numbers: Sequence[int]) -> Iterator[S]:
+        """The items of these numbers, in this order."""
+        self.prepare(numbers)
+        for number in numbers:
+            item = self._read(number)
+            if item is None:
+                # A file broken by someone else is made again.
+                self.file(number).unlink(missing_ok=True)
+                self.prepare([number])
+                item = self._read(number)
+            assert item is not None
+            yield item
+
+    def _read(self, number: int) -> S | None:
+        try:
+            return unpacked(self.kind, self.file(number).read_bytes())
+        except OSError:
+            return None
 
 
 @dataclass(frozen=True)
 class _Factory:
     """Makes the part of a worker."""
 
-    maker: Callable[[], Callable[[int], Packed]]
+    maker: Callable[[], Maker[Any]]
     folder: Path
 
-    def __call__(self) -> Callable[[int], Iterator[int]]:
-        """The function that renders the scene of a number into its file."""
+    def __call__(self) -> Callable[[tuple[int, list[int]]], Iterator[int]]:
+        """The function that renders the items of a chunk into their files."""
         make = self.maker()
 
-        def work(index: int) -> Iterator[int]:
-            write_whole(_file(self.folder, index), make(index).packed())
-            yield index
+        def work(task: tuple[int, list[int]]) -> Iterator[int]:
+            for number, item in make(*task):
+                write_whole(self.folder / f"{number:05d}.npz", packed(item))
+                yield number
 
         return work
 
 
-def _file(folder: Path, index: int) -> Path:
-    return folder / f"{index:05d}.npz"
-
-
-def read_packed(path: Path, unpacked: Callable[[bytes], S]) -> S | None:
-    """What `unpacked` makes of a file; None where there is none that can be read."""
-    try:
-        return unpacked(path.read_bytes())
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
-        return None
-
-
-def read_scene(path: Path) -> Scene | None:
-    """The scene of a file; None where there is none that can be read."""
-    return read_packed(path, Scene.unpacked)
-
-
-class Store(Generic[S]):
-    """Scenes of one kind, by their numbers.
-
-    Args:
-        name: of the kind, for people.
-        folder: of these scenes alone.
-        maker: makes what makes scenes, in the process that does so; it can be pickled.
-        read: the scene of a file, None where there is none.
-        workers: number of processes that render what is missing.
-    """
-
-    def __init__(
-        self,
-        name: str,
-        folder: Path,
-        maker: Callable[[], Callable[[int], S]],
-        read: Callable[[Path], S | None],
-        workers: int,
-    ) -> None:
-        self._name, self._folder, self._maker, self._read = name, folder, maker, read
-        self._workers = workers
-
-    def prepare(self, indices: Sequence[int]) -> None:
-        """Render those scenes that are not there yet."""
-        self._folder.mkdir(parents=True, exist_ok=True)
-        todo = [index for index in indices if not _file(self._folder, index).is_file()]
-        if not todo:
-            return
-        factory: Factory = _Factory(self._maker, self._folder)
-        # A process of its own costs more than a few scenes.
-        done = run_tasks(factory, todo, self._workers if len(todo) > 4 else 1)
-        label = f"rendering {self._name}"
-        with click.progressbar(done, length=len(todo), label=label, file=sys.stderr) as bar:
-            for _ in bar:
-                pass
-
-    def scenes(self, indices: Sequence[int]) -> Iterator[S]:
-        """The scenes of these numbers, in this order."""
-        self.prepare(indices)
-        for index in indices:
-            scene = self._read(_file(self._folder, index))
-            if scene is None:
-                # A file broken by someone else is made again.
-                _file(self._folder, index).unlink(missing_ok=True)
-                self.prepare([index])
-                scene = self._read(_file(self._folder, index))
-            assert scene is not None
-            yield scene
-
-
-class SceneStore(Store[Scene]):
-    """The scenes of one object and style, by their numbers.
-
-    Args:
-        object_name: name of the object.
-        style: one of `benchmarks.data.scenes.STYLES`.
-        workers: number of processes that render what is missing.
-        folder: where scenes are kept.
-    """
-
-    def __init__(self, object_name: str, style: str, workers: int = 2, folder: Path = CACHE) -> None:
-        super().__init__(
-            f"{object_name}, {style}",
-            folder / f"{object_name}-{style}-{SIZE}-{SEED}-{fingerprint()}",
-            functools.partial(maker, object_name, style),
-            read_scene,
-            workers,
-        )
+def each(make: Callable[[int], S]) -> Maker[S]:
+    """Of items that are made one by one."""
+    return lambda chunk, numbers: ((number, make(number)) for number in numbers)

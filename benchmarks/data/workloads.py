@@ -1,46 +1,23 @@
 """Named workloads: which scenes, which cameras, what is done to pictures and calibration.
 
-Several workloads share the same scenes. What is random in them depends on the seed, the workload and the
-scene's number alone.
+Several workloads share the same scenes. What is random in them depends on the seed, the workload, the object
+and the scene's number alone.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
-from pathlib import Path
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-import tracker
 from benchmarks.data import disturbances
-from benchmarks.data.package.scenes import Drawing, PackageStore
-from benchmarks.data.scenes import OBJECTS, SEED, Scene, rig
-from benchmarks.data.store import CACHE, SceneStore
+from benchmarks.data.rig_cases import CASES
+from benchmarks.data.scenes import OBJECTS, Scene
+from benchmarks.data.seeds import stream
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Image
-from tracker.segmentation.color_model import ColorModel
-
-BINS = ((0.9, 1.0), (0.7, 0.9), (0.5, 0.7), (0.3, 0.5))
-"""Bins of the mean visible fraction; the lower end belongs to a bin, the upper only where it is 1."""
-
-
-@dataclass(frozen=True)
-class Sizes:
-    """How many scenes of each set there are for an object."""
-
-    realistic: int = 400
-    clean: int = 100
-    per_bin: int = 60
-    """Least number in each bin of visible fractions, `realistic` included."""
-    absent: int = 500
-    package: int = 60
-
-
-FULL = Sizes()
-QUICK = Sizes(realistic=6, clean=3, per_bin=3, absent=6, package=3)
 
 
 @dataclass(frozen=True)
@@ -51,24 +28,33 @@ class Workload:
     about: str
     """What is special about it, for tables."""
     base: str = "realistic"
-    """Set of scenes: realistic, clean, bins, absent or one of PACKAGES."""
+    """Set of scenes, see `benchmarks.data.sets`."""
     disturb: disturbances.Disturbance | None = None
-    cameras: int = 3
-    """With fewer than three each camera, or each pair of them, in turn."""
-    moved: bool = False
-    """Whether the tracker gets a calibration that is off by what it states."""
-    stream: int = field(default=0)
-    """Of random numbers."""
+    cameras: int | None = None
+    """How many there are of all; each choice of so many in turn. None: all."""
+    believed: Callable[[CameraRig, np.random.Generator], CameraRig] | None = None
+    """The calibration that the tracker gets in place of the true one."""
+    objects: tuple[str, ...] = OBJECTS
+    """What is looked at."""
+    bounded: bool = True
+    """Whether errors are compared with the Cramér-Rao bound."""
 
 
-_WORKLOADS = (
+BINS = "occlusion bins"
+"""Its figures are of the realistic scenes too, which it fills up."""
+
+_PLAIN = (
     Workload("realistic", "fingers, realistic cameras, exact calibration"),
     Workload("clean", "neither blur nor noise, mosaic or differences between cameras", "clean"),
-    Workload("occlusion bins", "realistic, chosen to fill every bin of visible fractions", "bins"),
+    Workload(BINS, "realistic, chosen to fill every bin of visible fractions", "bins"),
     Workload("absent", "realistic, without an object", "absent"),
     Workload("two cameras", "realistic, each pair of cameras in turn", cameras=2),
     Workload("one camera", "realistic, each camera in turn", cameras=1),
-    Workload("perturbed calibration", "realistic, cameras off by 0.5 mm and 0.1° per axis", moved=True),
+    Workload(
+        "perturbed calibration",
+        "realistic, cameras off by 0.5 mm and 0.1° per axis",
+        believed=disturbances.moved_rig,
+    ),
     Workload("light", "realistic, gains ±20 % per channel, exposure 0.6-1.4", disturb=disturbances.light),
     Workload(
         "hard light",
@@ -78,6 +64,9 @@ _WORKLOADS = (
     Workload(
         "poor images", "realistic, blur σ 1.5 px, noise σ 16, JPEG 60", disturb=disturbances.poor_images
     ),
+)
+
+_PACKAGE = (
     Workload("simulation package", "the platform's simulation package, as it draws", "package"),
     Workload("simulation package, smooth", "the same, 4×4 points per pixel", "smooth package"),
     Workload(
@@ -98,17 +87,24 @@ _WORKLOADS = (
         disturb=disturbances.slight_blur,
     ),
 )
-WORKLOADS = tuple(dataclasses.replace(w, stream=k) for k, w in enumerate(_WORKLOADS))
-"""The workloads; new ones come last, since a workload's random numbers depend on its place."""
+
+RIG = "rig: "
+"""Prefix of the workloads, and the sets of scenes, before other rigs."""
+
+_RIGS = tuple(
+    Workload(
+        RIG + name,
+        case.about,
+        RIG + name,
+        objects=tuple(model.name for model in case.objects),
+        bounded=False,
+    )
+    for name, case in CASES.items()
+)
+
+WORKLOADS = (*_PLAIN, *_PACKAGE, *_RIGS)
 
 BY_NAME = {workload.name: workload for workload in WORKLOADS}
-
-PACKAGES = {
-    "package": Drawing(),
-    "smooth package": Drawing(scale=4),
-    "lens package": Drawing(lens=True),
-}
-"""How the simulation package draws, by set of scenes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,102 +131,19 @@ class Case:
         return float(np.mean(self.scene.visible_fraction[list(self.used)]))
 
 
-def case(workload: Workload, object_name: str, scene: Scene, true_rig: CameraRig) -> Case:
+def case(workload: Workload, object_name: str, scene: Scene, true_rig: CameraRig, seed: int) -> Case:
     """The scene as the workload shows it."""
-    rng = np.random.default_rng([SEED, workload.stream, OBJECTS.index(object_name), scene.index])
+    rng = np.random.default_rng([stream(seed, "workload", workload.name, object_name), scene.index])
     images: Sequence[Image] = scene.images
     if workload.disturb is not None:
         images = workload.disturb(images, rng)
-    choices = list(itertools.combinations(range(len(images)), min(workload.cameras, len(images))))
+    count = len(images) if workload.cameras is None else workload.cameras
+    choices = list(itertools.combinations(range(len(images)), count))
     used = choices[scene.index % len(choices)]
     return Case(
         workload,
         scene,
         [np.ascontiguousarray(image) if k in used else None for k, image in enumerate(images)],
-        disturbances.moved_rig(true_rig, rng) if workload.moved else true_rig,
+        true_rig if workload.believed is None else workload.believed(true_rig, rng),
         true_rig,
     )
-
-
-def bin_of(visible: float) -> int | None:
-    """Index into BINS; None below all of them."""
-    for k, (low, high) in enumerate(BINS):
-        if low <= visible and (visible < high or high == 1.0):
-            return k
-    return None
-
-
-class SceneSet:
-    """The scenes of one base set and object.
-
-    Args:
-        object_name: name of the object.
-        base: see `Workload.base`.
-        sizes: numbers of scenes.
-        workers: processes that render.
-        folder: cache of rendered scenes.
-
-    Raises:
-        PackageError: the simulation package is needed and cannot be had.
-    """
-
-    def __init__(
-        self, object_name: str, base: str, sizes: Sizes, workers: int = 2, folder: Path = CACHE
-    ) -> None:
-        self._name, self._sizes, self._workers, self._folder = object_name, sizes, workers, folder
-        self.rig = rig()
-        self.colors: ColorModel | None = None
-        self.indices: Sequence[int]
-        self._store: SceneStore | PackageStore
-        if base in PACKAGES:
-            store = PackageStore(object_name, PACKAGES[base], sizes.package, folder)
-            self.rig, self.colors = store.rig, tracker.load_colors("simulation")
-            self._store, self.indices = store, range(sizes.package)
-        elif base == "bins":
-            self._store = self._stored("more")
-            self.indices = self._filling()
-        else:
-            self._store = self._stored(base)
-            self.indices = range(int(getattr(sizes, base)))
-
-    def _stored(self, style: str) -> SceneStore:
-        return SceneStore(self._name, style, self._workers, self._folder)
-
-    def __iter__(self) -> Iterator[Scene]:
-        """All scenes, in order."""
-        return self._store.scenes(self.indices)
-
-    def scenes(self, indices: Sequence[int]) -> Iterator[Scene]:
-        """The scenes of these numbers."""
-        return self._store.scenes(indices)
-
-    def _filling(self) -> list[int]:
-        """Numbers of the scenes that fill up the bins which `realistic` leaves short.
-
-        Chosen by sketches of the scenes, in order; whether a finished scene stays in the sketch's bin is
-        left to chance, so each bin gets a few more than are asked for.
-        """
-        counts = [0] * len(BINS)
-        for scene in self._stored("realistic").scenes(range(self._sizes.realistic)):
-            found = bin_of(scene.visible)
-            if found is not None:
-                counts[found] += 1
-        wanted = self._sizes.per_bin + round(0.03 * self._sizes.per_bin)
-        sketches = self._stored("sketch")
-        chosen: list[int] = []
-        for first in itertools.count(0, BATCH):
-            if min(counts) >= wanted or first >= MAX_SKETCHES:
-                return chosen
-            for scene in sketches.scenes(range(first, first + BATCH)):
-                found = bin_of(scene.visible)
-                if found is not None and counts[found] < wanted:
-                    counts[found] += 1
-                    chosen.append(scene.index)
-        return chosen
-
-
-BATCH = 24
-"""Scenes that are sketched at a time."""
-
-MAX_SKETCHES = 2400
-"""After so many sketches a bin stays short."""

@@ -2,131 +2,103 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
+import pandas as pd
 
 import tracker
 from benchmarks.data.package.environment import PackageError
-from benchmarks.data.scenes import OBJECTS
-from benchmarks.data.store import CACHE
-from benchmarks.data.workloads import (
-    BY_NAME,
-    FULL,
-    PACKAGES,
-    WORKLOADS,
-    Case,
-    SceneSet,
-    Sizes,
-    Workload,
-    case,
-)
-from benchmarks.score import errors as metrics
+from benchmarks.data.sets import Plan, SceneSet, scene_set
+from benchmarks.data.workloads import BY_NAME, WORKLOADS, Case, Workload, case
+from benchmarks.measure.timing import one_thread, reference_work
+from benchmarks.score import errors
 from benchmarks.score.bound import bounds, scene_edges
-from benchmarks.score.records import FrameRecord, select
-from benchmarks.score.summary import summarise
-from tracker.conventions import FloatArray
+from benchmarks.score.records import FrameRecord, frame_of
+from tracker.objects.model import CuboidModel
 from tracker.pose.result import Observation
-
-BINS_WORKLOAD = "occlusion bins"
-
-
-@dataclass(frozen=True)
-class AccuracyOptions:
-    """What is run."""
-
-    sizes: Sizes = FULL
-    workloads: Sequence[Workload] = WORKLOADS
-    objects: Sequence[str] = OBJECTS
-    workers: int = 2
-    """Processes that render."""
-    cache: Path = CACHE
-    """Folder of rendered scenes."""
 
 
 @dataclass
 class AccuracyRun:
-    """The records of a run, and what was left out with the reason."""
+    """What was answered, and what was left out with the reason."""
 
-    options: AccuracyOptions
-    records: list[FrameRecord] = field(default_factory=list)
+    plan: Plan
+    frames: pd.DataFrame = field(default_factory=lambda: frame_of([]))
+    """A row for each `FrameRecord`."""
     skipped: dict[str, str] = field(default_factory=dict)
-
-    def scene_set(self, object_name: str, base: str) -> SceneSet:
-        """The scenes of one base set and object."""
-        return SceneSet(object_name, base, self.options.sizes, self.options.workers, self.options.cache)
-
-    def summary(self) -> dict[str, dict[str, dict[str, Any]]]:
-        """Figures by workload and object; of the bins together with `realistic`, which they fill up."""
-        result: dict[str, dict[str, dict[str, Any]]] = {}
-        for workload in self.options.workloads:
-            for name in self.options.objects:
-                own = select(self.records, workload.name, name)
-                if workload.name == BINS_WORKLOAD:
-                    own = select(self.records, "realistic", name) + own
-                if own:
-                    result.setdefault(workload.name, {})[name] = summarise(own)
-        return result
+    """Reasons by workload."""
 
 
 def measure_accuracy(
-    options: AccuracyOptions | None = None, progress: Callable[[str], None] | None = None
+    plan: Plan,
+    say: Callable[[str], None] = lambda line: None,
+    workloads: Sequence[Workload] = WORKLOADS,
+    objects: Sequence[str] | None = None,
 ) -> AccuracyRun:
-    """Run all workloads; `progress` is told what comes next."""
-    run = AccuracyRun(options or AccuracyOptions())
-    options, threads = run.options, cv2.getNumThreads()
-    # One thread, so that times compare; nothing else depends on it.
-    cv2.setNumThreads(1)
-    try:
-        for name in options.objects:
-            for base in dict.fromkeys(workload.base for workload in options.workloads):
-                own = [workload for workload in options.workloads if workload.base == base]
-                if progress:
-                    progress(f"{name}: {', '.join(workload.name for workload in own)}")
-                try:
-                    scenes = run.scene_set(name, base)
-                except PackageError as error:
-                    run.skipped |= {workload.name: str(error) for workload in own}
-                    continue
-                run.records += _of_set(name, scenes, own)
-    finally:
-        cv2.setNumThreads(threads)
-    places = {workload.name: k for k, workload in enumerate(options.workloads)}
-    run.records.sort(key=lambda r: (places[r.workload], options.objects.index(r.object), r.index))
+    """Run workloads.
+
+    Args:
+        plan: which scenes.
+        say: takes lines about the progress.
+        workloads: to be run.
+        objects: to be looked at, of those that a workload has; None: all.
+    """
+    run, records = AccuracyRun(plan), []
+    sets = dict.fromkeys((name, workload.base) for workload in workloads for name in workload.objects)
+    with one_thread():
+        for name, base in sets:
+            if objects is not None and name not in objects:
+                continue
+            own = [workload for workload in workloads if workload.base == base and name in workload.objects]
+            say(f"{name}: {', '.join(workload.name for workload in own)}")
+            try:
+                scenes = scene_set(name, base, plan)
+            except PackageError as error:
+                run.skipped |= {workload.name: str(error) for workload in own}
+                continue
+            records += _of_set(scenes, own, plan.seed)
+    places = {workload.name: place for place, workload in enumerate(workloads)}
+    names = list(dict.fromkeys(record.object for record in records))
+    records.sort(key=lambda record: (places[record.workload], names.index(record.object), record.index))
+    run.frames = frame_of(records)
     return run
 
 
-def _of_set(name: str, scenes: SceneSet, workloads: Sequence[Workload]) -> list[FrameRecord]:
+def _of_set(scenes: SceneSet, workloads: Sequence[Workload], seed: int) -> list[FrameRecord]:
     """Records of all workloads that share these scenes."""
-    model = tracker.load_object(name)
-    colors = scenes.colors or tracker.load_colors(model.colors)
-    exact = tracker.ObjectTracker(model, scenes.rig, colors)
+    model = scenes.model
+    exact = tracker.ObjectTracker(model, scenes.rig, scenes.colors)
     records = []
     for count, scene in enumerate(scenes):
         if count == 0:
             exact.detect(scene.images)  # the first detection of a process loads or compiles kernels
         edges = None
         for workload in workloads:
-            given = case(workload, name, scene, scenes.rig)
-            detector = tracker.ObjectTracker(model, given.rig, colors) if workload.moved else exact
-            record = compared(name, model, given, detector.detect(given.images))
-            if record["present"]:
+            given = case(workload, model.name, scene, scenes.rig, seed)
+            detector = exact
+            if workload.believed is not None:
+                detector = tracker.ObjectTracker(model, given.rig, scenes.colors)
+            record = compared(model, given, detector.detect(given.images))
+            if record["present"] and workload.bounded:
                 edges = edges or scene_edges(given, model)
                 record |= _bounds(given, edges)
+            start = time.perf_counter()
+            reference_work(given.images)
+            record["reference_ms"] = 1e3 * (time.perf_counter() - start)
             records.append(FrameRecord(**record))
     return records
 
 
-def compared(name: str, model: tracker.CuboidModel, given: Case, answer: Observation) -> dict[str, Any]:
+def compared(model: CuboidModel, given: Case, answer: Observation) -> dict[str, Any]:
     """The fields of a record that say what was answered and how far it is from the truth."""
     scene, pose = given.scene, answer.object_pose
     record: dict[str, Any] = {
         "workload": given.workload.name,
-        "object": name,
+        "object": model.name,
         "index": scene.index,
         "cameras": len(given.used),
         "visible_fraction": given.visible,
@@ -142,31 +114,24 @@ def compared(name: str, model: tracker.CuboidModel, given: Case, answer: Observa
         return record
     true, found = (scene.position, scene.rotation), (pose.position, pose.rotation)
     one, other = ((p[None], r[None]) for p, r in (true, found))
-    mean, greatest = metrics.surface_error(model.size, one, other)
-    task = metrics.task_errors(model.size, one, other)
+    mean, greatest = errors.surface_error(model.size, one, other)
+    task = errors.task_errors(model.size, one, other)
     cameras = [given.true_rig[k] for k in given.used]
-    record |= _position_and_rotation(true, found) | {
+    record |= {
+        "position_mm": 1e3 * float(errors.position_error(true[0], found[0])),
+        "rotation_deg": float(np.degrees(errors.rotation_error(true[1], found[1]))),
         "add_mm": 1e3 * float(mean[0]),
         "mssd_mm": 1e3 * float(greatest[0]),
-        "mspd_px": float(metrics.image_error(model.size, cameras, one, other)[0]),
-        "nees": float(metrics.nees(one, other, pose.covariance[None])[0]),
+        "mspd_px": float(errors.image_error(model.size, cameras, one, other)[0]),
+        "nees": float(errors.nees(one, other, pose.covariance[None])[0]),
         "task_position_error": float(task[0][0]),
         "task_rotation_error": float(task[1][0]),
     }
-    axis = metrics.longest_axis(model.size)
+    axis = errors.longest_axis(model.size)
     if axis is not None:
-        record["axis_deg"] = float(np.degrees(metrics.axis_error(true[1], found[1], axis)))
-        record["roll_deg"] = float(np.degrees(metrics.roll_error(true[1], found[1], axis)))
+        record["axis_deg"] = float(np.degrees(errors.axis_error(true[1], found[1], axis)))
+        record["roll_deg"] = float(np.degrees(errors.roll_error(true[1], found[1], axis)))
     return record
-
-
-def _position_and_rotation(
-    true: tuple[FloatArray, FloatArray], found: tuple[FloatArray, FloatArray], prefix: str = ""
-) -> dict[str, float]:
-    return {
-        f"{prefix}position_mm": 1e3 * float(metrics.position_error(true[0], found[0])),
-        f"{prefix}rotation_deg": float(np.degrees(metrics.rotation_error(true[1], found[1]))),
-    }
 
 
 def _bounds(given: Case, edges: Any) -> dict[str, float]:
@@ -179,17 +144,11 @@ def _bounds(given: Case, edges: Any) -> dict[str, float]:
     }
 
 
-def again(run: AccuracyRun, record: FrameRecord) -> tuple[Case, Observation]:
-    """What the tracker was given for a record, and its answer once more."""
+def again(plan: Plan, record: pd.Series) -> tuple[Case, CuboidModel, Observation]:
+    """What the tracker was given for a row of the frames, of what object, and its answer once more."""
     workload = BY_NAME[record.workload]
-    scenes = run.scene_set(record.object, workload.base)
-    model = tracker.load_object(record.object)
-    (scene,) = scenes.scenes([record.index])
-    given = case(workload, record.object, scene, scenes.rig)
-    colors = scenes.colors or tracker.load_colors(model.colors)
-    return given, tracker.ObjectTracker(model, given.rig, colors).detect(given.images)
-
-
-def without_package(workloads: Sequence[Workload]) -> list[Workload]:
-    """The workloads that need no environment of their own."""
-    return [workload for workload in workloads if workload.base not in PACKAGES]
+    scenes = scene_set(record.object, workload.base, plan)
+    (scene,) = scenes.store.scenes([int(record["index"])])
+    given = case(workload, record.object, scene, scenes.rig, plan.seed)
+    detector = tracker.ObjectTracker(scenes.model, given.rig, scenes.colors)
+    return given, scenes.model, detector.detect(given.images)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,14 +12,21 @@ from typing import Any
 import cv2
 import numpy as np
 
-from benchmarks.data.dice import KINDS, SEED, DiceScene, cross_pixels, dice_store, visible_fractions
+from benchmarks.data.dice import KINDS, DiceScene, dice_store
 from benchmarks.data.scenes import rig as exact_rig
-from benchmarks.data.store import CACHE
-from benchmarks.measure.dice_speed import speed_rows
-from benchmarks.score.dice import Answer, View, judge_mask, judge_positions
-from benchmarks.score.summary import brier_score, percent, reliability
+from benchmarks.data.sets import Plan
+from benchmarks.measure.timing import one_thread, reference_work
+from benchmarks.score.dice import (
+    Answer,
+    View,
+    cross_pixels,
+    judge_mask,
+    judge_positions,
+    visible_fractions,
+)
+from benchmarks.score.shares import brier_score, median, percent, quantile, reliability
 from tracker.calibration.rig import CameraRig
-from tracker.conventions import Array, FloatArray, Image
+from tracker.conventions import FloatArray, Image
 from tracker.geometry.camera import Camera
 from tracker.tasks import rearrange_dice
 from tracker.tasks.rearrange_dice import NUM_DICE, Die
@@ -32,28 +40,16 @@ SEEN = 0.3
 IMAGES, ALONE = "masks and images", "masks alone"
 """What positions are found from."""
 
+SHARES = {"thrown": 0.5, "laid": 0.25}
+"""Scenes of a kind over the realistic scenes of an object."""
 
-@dataclass(frozen=True)
-class DiceOptions:
-    """How much is measured."""
+TIMED, ROUNDS = 30, 5
+"""Scenes of thrown dice that are timed, and how often each of them is."""
 
-    thrown: int = 200
-    """Scenes of thrown dice."""
-    laid: int = 100
-    """Scenes of dice on the task's grid."""
-    timed: int = 30
-    """Scenes of thrown dice that are timed."""
-    rounds: int = 5
-    """How often each of them is."""
-    seed: int = SEED
-    """Of the scenes; another one for all but judging."""
-    workers: int = 2
-    """Processes that render."""
-    cache: Path = CACHE
-    """Folder of rendered scenes."""
+GOAL_SEED = 31
+"""Of the goals of what is timed, which have nothing to do with where the dice are."""
 
-
-QUICK = DiceOptions(thrown=3, laid=2, timed=2, rounds=2)
+Rows = list[dict[str, Any]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,41 +76,41 @@ class Judged:
 
 
 def measure_dice(
-    options: DiceOptions, real: Path | None, say: Callable[[str], None] = lambda line: None
-) -> tuple[dict[str, Any], list[Judged]]:
-    """Results as plain numbers, and what they are made of.
-
-    The results hold `about`, `masks` and `positions` with a row for each kind of scenes, `recorded` (None
-    without recorded data), `speed`, and `figures`: those few that are held against targets.
+    plan: Plan, real: Path | None, say: Callable[[str], None] = lambda line: None
+) -> tuple[Rows, list[Judged]]:
+    """Rows of the parts `dice…`, and what they are made of.
 
     Args:
-        options: how much is measured.
+        plan: which scenes.
         real: folder of recorded data, or None.
         say: takes lines about the progress.
     """
     rig, judged = exact_rig(), []
+    rows: Rows = []
     for kind in KINDS:
         say(f"dice, {kind}")
-        numbers = range(int(getattr(options, kind)))
-        judged += [judge_scene(kind, scene, rig) for scene in dice_scenes(kind, options, numbers)]
-    say("dice, speed")
-    timed = dice_scenes("thrown", options, range(min(options.timed, options.thrown)))
-    results: dict[str, Any] = {
-        "about": {"seed": options.seed, "scenes": {kind: getattr(options, kind) for kind in KINDS}},
-        "masks": [mask_row(kind, _views(judged, kind)) for kind in KINDS],
-        "positions": [
-            position_row(kind, given, [one for one in judged if one.kind == kind])
-            for kind, given in itertools.product(KINDS, (IMAGES, ALONE))
-        ],
-        "recorded": None if real is None else recorded_row(real),
-        "speed": speed_rows(rig, [scene.images for scene in timed], options.rounds),
-    }
-    return results | {"figures": _figures(results)}, judged
+        scenes = dice_scenes(kind, plan, range(dice_count(kind, plan)))
+        judged += [judge_scene(kind, scene, rig) for scene in scenes]
+        own = [one for one in judged if one.kind == kind]
+        rows.append({"part": "dice, masks", "group": kind, **mask_row([v for one in own for v in one.views])})
+        for given in (IMAGES, ALONE):
+            rows += position_rows(f"{kind}, {given}", [one.answers[given] for one in own], own)
+    if real is not None and (row := recorded_row(real)) is not None:
+        rows.append({"part": "dice, masks", "group": "recorded picture", "n": 1, **row})
+    say("dice, time")
+    timed = dice_scenes("thrown", plan, range(min(TIMED, dice_count("thrown", plan))))
+    rows += speed_rows(rig, [scene.images for scene in timed], ROUNDS)
+    return [{"object": "dice", **row} for row in rows], judged
 
 
-def dice_scenes(kind: str, options: DiceOptions, numbers: Sequence[int]) -> Iterator[DiceScene]:
+def dice_count(kind: str, plan: Plan) -> int:
+    """Number of scenes of a kind."""
+    return max(min(plan.scenes, 2), round(SHARES[kind] * plan.scenes))
+
+
+def dice_scenes(kind: str, plan: Plan, numbers: Sequence[int]) -> Iterator[DiceScene]:
     """The scenes of these numbers of a kind."""
-    return dice_store(kind, options.seed, options.workers, options.cache).scenes(numbers)
+    return dice_store(kind, plan.seed, plan.workers, plan.cache).scenes(numbers)
 
 
 def judge_scene(kind: str, scene: DiceScene, rig: CameraRig) -> Judged:
@@ -140,23 +136,19 @@ def _judged_masks(cameras: Sequence[Camera], scene: DiceScene, masks: Sequence[I
         yield judge_mask(mask, image, labels, cross)
 
 
-def _views(judged: Sequence[Judged], kind: str) -> list[View]:
-    return [view for one in judged if one.kind == kind for view in one.views]
-
-
-def mask_row(kind: str, views: Sequence[View]) -> dict[str, Any]:
-    """Figures of the masks of one kind: shares [1], but of false pixels [%].
+def mask_row(views: Sequence[View]) -> dict[str, Any]:
+    """Figures of the masks of `n` views: shares [1], but of false pixels [%].
 
     `iou`, `precision`, `recall` are of all views' pixels together; with `_median` and `_p5` of single views.
     """
     true, found, both = (
         np.array([getattr(view, key) for view in views]) for key in ("true", "found", "both")
     )
-    row: dict[str, Any] = {"kind": kind, "views": len(views)}
+    row: dict[str, Any] = {"n": len(views)}
     for key, whole in (("iou", true + found - both), ("precision", found), ("recall", true)):
         single = both[whole > 0] / whole[whole > 0]
         row[key] = _share(both.sum(), whole.sum())
-        row[f"{key}_median"], row[f"{key}_p5"] = _quantile(single, 0.5), _quantile(single, 0.05)
+        row[f"{key}_median"], row[f"{key}_p5"] = median(single), quantile(single, 0.05)
     sums = {key: sum(getattr(view, key) for view in views) for key in ("cross", "cross_taken", "elsewhere")}
     return row | {
         "cross_views": sum(view.cross > 0 for view in views),
@@ -166,32 +158,31 @@ def mask_row(kind: str, views: Sequence[View]) -> dict[str, Any]:
     }
 
 
-def position_row(kind: str, given: str, judged: Sequence[Judged]) -> dict[str, Any]:
-    """Figures of the positions of one kind, found from what was given: shares in %, errors in mm."""
-    answers = [one.answers[given] for one in judged]
+def position_rows(group: str, answers: Sequence[Answer], judged: Sequence[Judged]) -> Rows:
+    """Figures of positions and of their stated probabilities: shares in %, errors in mm."""
     visible = np.concatenate([one.visible for one in judged])
     error = 1e3 * np.concatenate([answer.error for answer in answers])
     right = np.concatenate([answer.right for answer in answers])
     probability = np.concatenate([answer.probability for answer in answers])
     found = np.isfinite(error)
-    bins = []
-    for low, high in BINS:
-        own = (visible >= low) & ((visible < high) | (high == 1.0))
-        bins.append({"low": low, "high": high, "dice": int(own.sum()), "found": percent(found[own])})
-    return {
-        "kind": kind,
-        "given": given,
-        "scenes": len(judged),
+    row: dict[str, Any] = {
+        "part": "dice, positions",
+        "group": group,
+        "n": int(np.count_nonzero(visible >= SEEN)),
         "reported": len(right),
         "found": percent(found[visible >= SEEN]),
         "invented": percent(~right),
-        "median_mm": _quantile(error[found], 0.5),
-        "p90_mm": _quantile(error[found], 0.9),
-        "count_error": _quantile(np.array([abs(len(answer.right) - NUM_DICE) for answer in answers]), 0.5),
-        "bins": bins,
+        "median_mm": quantile(error, 0.5),
+        "p90_mm": quantile(error, 0.9),
+        "count_error": median(np.array([abs(len(answer.right) - NUM_DICE) for answer in answers])),
         "brier": brier_score(probability, right),
-        "reliability": reliability(probability, right),
     }
+    for low, high in BINS:
+        own = (visible >= low) & ((visible < high) | (high == 1.0))
+        name = f"{low:g}".replace(".", "_")
+        row |= {f"dice_{name}": int(own.sum()), f"found_{name}": percent(found[own])}
+    stated = reliability(probability, right)
+    return [row, *({"part": "dice, probability", "group": group, **part} for part in stated)]
 
 
 def recorded_row(real: Path) -> dict[str, float] | None:
@@ -207,24 +198,63 @@ def recorded_row(real: Path) -> dict[str, float] | None:
 _RECORDED = (("image", cv2.IMREAD_COLOR), ("mask", cv2.IMREAD_GRAYSCALE))
 
 
-def _figures(results: dict[str, Any]) -> dict[str, float]:
-    masks, positions = (
-        next(row for row in results[key] if row["kind"] == "thrown" and row.get("given") in (None, IMAGES))
-        for key in ("masks", "positions")
-    )
-    recorded = results["recorded"] or {}
+def speed_rows(rig: CameraRig, triplets: Sequence[Sequence[Image]], rounds: int) -> Rows:
+    """One row for each kind of work: median and p99 [ms], and `ratio` to the reference work.
+
+    Every kind of work is done in turn with the reference work; the ratio is the median of the pairs'. The
+    first row is what the task's reward costs while its goal stays.
+
+    Args:
+        rig: the cameras.
+        triplets: the images of each scene.
+        rounds: how often each scene is timed, after once uncounted.
+    """
+    rng = np.random.default_rng(GOAL_SEED)
+    times: dict[str, list[tuple[float, float]]] = {}
+    with one_thread():
+        for images, (name, work) in itertools.chain.from_iterable(
+            itertools.product([images], _works(rig, images, rearrange_dice.sample_goal(rng)).items())
+            for images in triplets
+        ):
+            for count in range(rounds + 1):
+                start = time.perf_counter()
+                work()
+                middle = time.perf_counter()
+                reference_work(images)
+                end = time.perf_counter()
+                if count:
+                    times.setdefault(name, []).append((middle - start, end - middle))
+    return [_time_row(name, 1e3 * np.array(pairs)) for name, pairs in times.items()]
+
+
+def _works(rig: CameraRig, images: Sequence[Image], goal: Any) -> dict[str, Callable[[], Any]]:
+    goals = rearrange_dice.goal_masks(rig, goal)
+    masks = [rearrange_dice.segment_dice(image) for image in images]
+
+    def segment() -> list[Image]:
+        return [rearrange_dice.segment_dice(image) for image in images]
+
     return {
-        "recorded_recall": recorded.get("recall", np.nan),
-        "recorded_precision": recorded.get("precision", np.nan),
-        "mask_iou": masks["iou"],
-        **{key: positions[key] for key in ("median_mm", "p90_mm", "found", "invented", "brier")},
-        "ratio": results["speed"][0]["ratio"],
+        "masks, error": lambda: rearrange_dice.error(goals, segment()),
+        "goal masks, masks, error": lambda: rearrange_dice.error(
+            rearrange_dice.goal_masks(rig, goal), segment()
+        ),
+        "positions from masks and images": lambda: rearrange_dice.locate(rig, masks, images),
+        "positions from masks alone": lambda: rearrange_dice.locate(rig, masks),
+    }
+
+
+def _time_row(name: str, pairs: FloatArray) -> dict[str, Any]:
+    work, reference = pairs.T
+    return {
+        "part": "dice, time",
+        "group": name,
+        "n": len(work),
+        "median_ms": median(work),
+        "p99_ms": quantile(work, 0.99),
+        "ratio": median(work / reference),
     }
 
 
 def _share(part: float, whole: float) -> float:
     return float(part / whole) if whole else np.nan
-
-
-def _quantile(values: Array, q: float) -> float:
-    return float(np.quantile(values, q)) if len(values) else np.nan

@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
 import tracker
-from benchmarks.data.motion import AHEAD, FRAMES, SEED, MotionFrame, motion_store, rig
+from benchmarks.data.motion import AHEAD, FRAMES, MotionFrame, motion_store, rig
 from benchmarks.data.scenes import OBJECTS
-from benchmarks.data.store import CACHE
+from benchmarks.data.sets import Plan
 from benchmarks.measure.timing import one_thread
-from benchmarks.score import errors as metrics
-from tracker.conventions import Array, FloatArray, Image
-from tracker.geometry import so3
+from benchmarks.score.errors import pose_errors
+from benchmarks.score.shares import median
+from tracker.conventions import Image
 
-TOGETHER, OWN_STAMPS, ONE_STAMP = "together", "own stamps", "one stamp"
+TOGETHER, OWN_STAMPS, ONE_STAMP = "together", "skewed, a stamp for each camera", "skewed, one stamp"
 """Ways to give a frame: pictures taken at once; skewed ones with the stamp of each; skewed ones with the
 latest stamp alone."""
 
@@ -31,187 +30,84 @@ GIVEN: dict[str, Callable[[MotionFrame], Given]] = {
     ONE_STAMP: lambda frame: (frame.skewed, frame.timestamp),
 }
 
+FILMS = 2
+"""For each object."""
 
-class Pose(Protocol):
-    """What is compared with the truth."""
-
-    @property
-    def position(self) -> FloatArray:
-        """(3,) [m]."""
-        ...
-
-    @property
-    def orientation(self) -> FloatArray:
-        """(4,) unit quaternion x, y, z, w of world from object."""
-        ...
-
-    @property
-    def covariance(self) -> FloatArray:
-        """(6, 6) [m, rad]."""
-        ...
+UNITS = ("mm", "deg", "nees")
 
 
-class Tracker(Protocol):
-    """What is measured: `tracker.ObjectTracker`."""
-
-    def update(self, images: Sequence[Image | None], timestamp: Any) -> tracker.Observation:
-        """The pose at the latest of the stamps [s], or at the one for all."""
-        ...
-
-    def predict(self, timestamp: float) -> Any:
-        """The pose expected at a time [s], None if there is none."""
-        ...
-
-    def reset(self) -> None:
-        """Forget everything."""
-        ...
-
-
-@dataclass(frozen=True)
-class MotionOptions:
-    """How much is measured."""
-
-    films: int = 2
-    """For each object."""
-    length: int = FRAMES
-    """Frames of each, from the first on."""
-    seed: int = SEED
-    """Of the first object's films; another one for all but judging."""
-    workers: int = 2
-    """Processes that render."""
-    cache: Path = CACHE
-    """Folder of rendered films."""
-
-
-QUICK = MotionOptions(films=1, length=12)
-
-
-@dataclass(frozen=True, eq=False)
-class Played:
-    """What was said of N frames, each as (distance [mm], angle [°], NEES [1]); nan where nothing was said."""
-
-    measured: FloatArray
-    """(N, 3) of the measured pose."""
-    filtered: FloatArray
-    """(N, 3) of the filtered pose."""
-    predicted: FloatArray
-    """(N, 3) of the pose AHEAD, as predicted right after the frame."""
-    moving: Array
-    """(N,) see `MotionFrame`."""
-    steady: Array
-    """(N,) see `MotionFrame`."""
+def film_length(plan: Plan) -> int:
+    """Frames of each film that are played."""
+    return min(FRAMES, max(12, round(plan.scenes / 4)))
 
 
 def measure_motion(
-    options: MotionOptions,
-    say: Callable[[str], None] = lambda line: None,
-    ways: Sequence[str] = tuple(GIVEN),
-    make: Callable[[tracker.CuboidModel, tracker.CameraRig], Any] = tracker.ObjectTracker,
-) -> dict[str, Any]:
-    """Results as plain numbers: `about`; `rows` for each object and way; `figures` by object.
+    plan: Plan, say: Callable[[str], None] = lambda line: None, ways: Sequence[str] = tuple(GIVEN)
+) -> list[dict[str, Any]]:
+    """Rows of the part `motion`, for each object and way.
 
     Args:
-        options: how much is measured.
+        plan: which films.
         say: takes lines about the progress.
         ways: keys of GIVEN.
-        make: makes the `Tracker` of an object and cameras.
     """
-    results: dict[str, Any] = {
-        "about": {"seed": options.seed, "films": options.films, "frames": options.length},
-        "rows": [],
-        "figures": {},
-    }
+    rows = []
     for name in OBJECTS:
-        store = motion_store(name, options.seed, options.workers, options.cache)
-        numbers = [range(film * FRAMES, film * FRAMES + options.length) for film in range(options.films)]
+        store = motion_store(name, plan.seed, plan.workers, plan.cache)
+        length = film_length(plan)
+        numbers = [range(film * FRAMES, film * FRAMES + length) for film in range(FILMS)]
         say(f"motion, {name}")
         store.prepare([number for film in numbers for number in film])
-        own = make(tracker.load_object(name), rig())
+        own = tracker.ObjectTracker(tracker.load_object(name), rig())
+        exact: dict[str, Any] = {}
         with one_thread():
-            # Way after way by its own memory: each film begins anew.
-            rows = [
-                {"object": name, "given": way}
-                | motion_row([play(own, store.scenes(film), GIVEN[way]) for film in numbers])
-                for way in ways
-            ]
-        results["rows"] += rows
-        results["figures"][name] = motion_figures(rows)
-    return results
+            for way in ways:
+                # Each film begins anew.
+                played = pd.concat([play(own, store.scenes(film), GIVEN[way]) for film in numbers])
+                row = {"part": "motion", "object": name, "group": way, **motion_row(played)}
+                exact = row if way == TOGETHER else exact
+                rows.append(row | _ratios(row, exact))
+    return rows
 
 
-def play(own: Tracker, frames: Iterable[MotionFrame], given: Callable[[MotionFrame], Given]) -> Played:
-    """Give a film to a tracker that begins anew."""
+def play(
+    own: tracker.ObjectTracker, frames: Iterable[MotionFrame], given: Callable[[MotionFrame], Given]
+) -> pd.DataFrame:
+    """Give a film to a tracker that begins anew.
+
+    Returns:
+        A row for each frame: `moving`, `steady`, and mm, deg, nees of the measured and the filtered pose and
+        of that predicted AHEAD, right after the frame.
+    """
     own.reset()
     rows = []
     for frame in frames:
         said = own.update(*given(frame))
-        rows.append(
-            (
-                compared(said.object_pose, frame.latest),
-                compared(said.filtered_object_pose, frame.latest),
-                compared(own.predict(frame.timestamp + AHEAD), frame.ahead),
-                frame.moving,
-                frame.steady,
-            )
+        poses = (
+            ("measured", said.object_pose, frame.latest),
+            ("filtered", said.filtered_object_pose, frame.latest),
+            ("predicted", own.predict(frame.timestamp + AHEAD), frame.ahead),
         )
-    return Played(*(np.array(column) for column in zip(*rows, strict=True)))
+        row: dict[str, Any] = {"moving": frame.moving, "steady": frame.steady}
+        for name, pose, true in poses:
+            row |= {f"{name}_{u}": x for u, x in zip(UNITS, pose_errors(pose, true), strict=True)}
+        rows.append(row)
+    return pd.DataFrame(rows)
 
 
-def compared(pose: Pose | None, true: FloatArray) -> tuple[float, float, float]:
-    """Distance [mm], angle [°] and NEES [1] of a pose from the true one (3, 4); nan without a pose."""
-    if pose is None:
-        return np.nan, np.nan, np.nan
-    exact, found = (true[:, 3], true[:, :3]), (pose.position, so3.matrix_from_quaternion(pose.orientation))
-    return (
-        1e3 * float(metrics.position_error(exact[0], found[0])),
-        float(np.degrees(metrics.rotation_error(exact[1], found[1]))),
-        float(metrics.nees(exact, found, pose.covariance)),
-    )
-
-
-def motion_row(parts: Sequence[Played]) -> dict[str, Any]:
-    """Medians of several films, while the object moves; `steady` ones while it moves steadily."""
-    moving, steady = (np.concatenate([getattr(part, key) for part in parts]) for key in ("moving", "steady"))
-    row: dict[str, Any] = {
-        "frames": len(moving),
-        "moving": int(np.count_nonzero(moving)),
-        "steady": int(np.count_nonzero(steady)),
-    }
+def motion_row(frames: pd.DataFrame) -> dict[str, Any]:
+    """Medians while the object moves; `steady` ones while it moves steadily."""
+    moving, steady = frames[frames.moving], frames[frames.steady]
+    row: dict[str, Any] = {"n": len(frames), "moving": len(moving), "steady": len(steady)}
     for key in ("measured", "filtered", "predicted"):
-        errors = np.concatenate([getattr(part, key) for part in parts])
-        row[f"{key}_frames"] = int(np.count_nonzero(np.isfinite(errors[moving, 0])))
-        for prefix, own in (("", moving), ("steady_", steady)):
-            for column, unit in enumerate(("mm", "deg", "nees")):
-                row[f"{prefix}{key}_{unit}"] = _median(errors[own, column])
+        row[f"{key}_frames"] = int(np.isfinite(moving[f"{key}_mm"]).sum())
+        for unit in UNITS:
+            row[f"{key}_{unit}"] = median(moving[f"{key}_{unit}"])
+            row[f"steady_{key}_{unit}"] = median(steady[f"{key}_{unit}"])
     return row
 
 
-def motion_figures(rows: Sequence[dict[str, Any]]) -> dict[str, float]:
-    """What is held against targets, of the rows of one object; only what was measured."""
-    by_way = {row["given"]: row for row in rows}
-    figures: dict[str, float] = {}
-    exact = by_way.get(TOGETHER)
-    for way, prefix in ((OWN_STAMPS, "skewed"), (ONE_STAMP, "unstamped")):
-        if way not in by_way:
-            continue
-        own = by_way[way]
-        figures |= {f"{prefix}_{unit}": own[f"measured_{unit}"] for unit in ("mm", "deg", "nees")}
-        if exact is not None:
-            figures |= {
-                f"{prefix}_ratio_{unit}": ratio(own[f"measured_{unit}"], exact[f"measured_{unit}"])
-                for unit in ("mm", "deg")
-            }
-    if exact is not None:
-        keys = [f"{steady}predicted_{unit}" for steady in ("", "steady_") for unit in ("mm", "deg", "nees")]
-        figures |= {key: exact[key] for key in keys}
-    return figures
-
-
-def ratio(error: float, exact: float) -> float:
-    """One over the other [1]; nan where nothing is left to compare with."""
-    return error / exact if exact else np.nan
-
-
-def _median(values: FloatArray) -> float:
-    values = values[np.isfinite(values)]
-    return float(np.median(values)) if len(values) else np.nan
+def _ratios(row: dict[str, Any], exact: dict[str, Any]) -> dict[str, float]:
+    """The measured pose's errors over those of pictures taken together."""
+    keys = {unit: f"measured_{unit}" for unit in ("mm", "deg")}
+    return {f"ratio_{unit}": row[key] / exact[key] for unit, key in keys.items() if exact.get(key)}

@@ -22,7 +22,7 @@ ROOT = Path(__file__).resolve().parents[2]
 def process_rows(
     name: str, rig: tracker.CameraRig, scene: TimedScene, processes: int
 ) -> list[dict[str, Any]]:
-    """Rows of `what`, `value`, `unit`: of one process that compiles, and medians of `processes` that do not.
+    """Rows of the part `start-up`: of one process that compiles, and medians of `processes` that do not.
 
     Raises:
         TrackerError: a process failed.
@@ -36,18 +36,19 @@ def process_rows(
         compiling = _probe(name, folder, cache)
         cached = [_probe(name, folder, cache) for _ in range(processes)]
     median = {key: float(np.median([row[key] for row in cached])) for key in compiling}
-    return [
-        _row("`import tracker`", median["import_s"], "s"),
-        _row("first detection, kernels in the cache", median["first_s"], "s"),
-        _row("first detection, kernels to be compiled (once per machine)", compiling["first_s"], "s"),
-        _row("peak memory after `import tracker`", median["imported_mb"], "MB"),
-        _row("peak memory of a process that detects", median["peak_mb"], "MB"),
-        _row("peak memory while it compiles", compiling["peak_mb"], "MB"),
-    ]
-
-
-def _row(what: str, value: float, unit: str) -> dict[str, Any]:
-    return {"what": what, "value": value, "unit": unit}
+    figures = {
+        "import tracker": {"seconds": median["import_s"], "megabytes": median["imported_mb"]},
+        "first detection, kernels in the cache": {
+            "seconds": median["first_s"],
+            "megabytes": median["peak_mb"],
+        },
+        "first detection, kernels to be compiled": {
+            "seconds": compiling["first_s"],
+            "megabytes": compiling["peak_mb"],
+        },
+    }
+    about = {"part": "start-up", "object": name}
+    return [{**about, "group": group, "n": processes, **row} for group, row in figures.items()]
 
 
 def _probe(name: str, folder: Path, cache: Path) -> dict[str, float]:

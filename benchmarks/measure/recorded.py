@@ -89,11 +89,11 @@ def light_changes(
 
 
 def pose_rows(real: Path, draws: int) -> list[dict[str, Any]]:
-    """Pose on the three triplets: labelled pixels inside their faces, level, under changed light.
+    """Rows of the part `triplets`: labelled pixels inside their faces, level, under changed light.
 
-    A row has `triplet`, `inside` [%], `farthest_px` outside, `beyond_1_px` (count), `tilt_deg` of the face on
-    the table, and of draws of light `same` [%] within 3 mm and 3° of the undisturbed pose, `wrong_and_sure`
-    [%], `median_shift_mm`, `median_turn_deg`.
+    A row has `inside` [%], `farthest_px` outside, `beyond_1_px` (count), `tilt_deg` of the face on the table,
+    and of `n` draws of light `same` [%] within 3 mm and 3° of the undisturbed pose, `wrong_and_sure` [%],
+    `median_shift_mm`, `median_turn_deg`.
     """
     rows = []
     for name in POSED:
@@ -106,12 +106,14 @@ def pose_rows(real: Path, draws: int) -> list[dict[str, Any]]:
             same = (shift < 3e-3) & (turn < np.radians(3))
             rows.append(
                 {
-                    "triplet": name + (", principal point corrected" if corrected else ""),
+                    "part": "triplets",
+                    "object": name,
+                    "group": "principal point corrected" if corrected else "",
                     "inside": 100 * float(np.mean(distance >= 0)),
                     "farthest_px": max(0.0, -float(distance.min())),
                     "beyond_1_px": int(np.sum(distance < -1)),
                     "tilt_deg": np.nan if pose is None else _tilt(pose.rotation),
-                    "draws": draws,
+                    "n": draws,
                     "same": 100 * float(np.mean(same)),
                     "wrong_and_sure": 100 * float(np.mean(~same & (sure > 0.5))),
                     "median_shift_mm": 1e3 * float(np.median(shift)),
@@ -127,10 +129,11 @@ def _tilt(rotation: FloatArray) -> float:
 
 
 def segmentation_rows(real: Path) -> list[dict[str, Any]]:
-    """Intersection over union with the hand-made masks: shipped table, and leaving one image out.
+    """Rows of the part `segmentation`: intersection over union with the hand-made masks.
 
-    A row has `object`, `faces`, `mean` and `worst` of the shipped table, and with the image left out `known`
-    (mean over colours that another image of the object shows) and `unknown`, with their counts.
+    By the shipped table, and leaving one image out. A row has `n` (faces), `mean` and `worst` of the shipped
+    table, and with the image left out `known` (mean over colours that another image of the object shows) and
+    `unknown`, with their counts.
     """
     options = FitOptions()
     images = {name: labelled_images(real, name) for name in SEGMENTED}
@@ -151,8 +154,10 @@ def segmentation_rows(real: Path) -> list[dict[str, Any]]:
                 (known if any(label in h for h in rest) else unknown).append(value)
         rows.append(
             {
+                "part": "segmentation",
                 "object": name,
-                "faces": len(shipped),
+                "group": "",
+                "n": len(shipped),
                 "mean": float(np.mean(shipped)),
                 "worst": float(min(shipped)),
                 "known": float(np.mean(known)) if known else np.nan,

@@ -13,11 +13,9 @@ import numpy as np
 
 import tracker
 from benchmarks.measure.timed_scenes import TimedScene
+from benchmarks.score.shares import RIGHT_DEG, RIGHT_MM, median, percent, quantile
 from tracker.conventions import FloatArray, Image
 from tracker.geometry import so3
-
-RIGHT_MM, RIGHT_DEG = 5.0, 5.0
-"""A pose counts as right within these errors [mm], [°]."""
 
 OTHER = "other"
 """Stage of what the tracker's own stages leave of the whole."""
@@ -37,27 +35,27 @@ class Timings:
     """(N,) 1 where the pose was within 5 mm and 5°, 0 where it was not, NaN where the truth is unknown."""
 
     def row(self) -> dict[str, Any]:
-        """Median and p99 [ms], multiples of the reference work, and the share of right answers or None."""
+        """Median and p99 [ms], multiples of the reference work, and the share of right answers [%]."""
         ratio = self.detect / self.reference
-        known = self.right[np.isfinite(self.right)]
         return {
-            "median_ms": float(np.median(self.detect)),
-            "p99_ms": float(np.quantile(self.detect, 0.99)),
-            "reference_ms": float(np.median(self.reference)),
-            "ratio": float(np.median(ratio)),
-            "ratio_p99": float(np.quantile(ratio, 0.99)),
-            "right": float(known.mean()) if len(known) else None,
-            "detections": len(self.detect),
+            "n": len(self.detect),
+            "median_ms": median(self.detect),
+            "p99_ms": quantile(self.detect, 0.99),
+            "reference_ms": median(self.reference),
+            "ratio": median(ratio),
+            "ratio_p99": quantile(ratio, 0.99),
+            "right": percent(self.right[np.isfinite(self.right)]),
         }
 
     def stage_rows(self) -> list[dict[str, Any]]:
         """One row for each stage: median and p99 [ms], and the median as a multiple of the reference work."""
         return [
             {
-                "stage": name,
-                "median_ms": float(np.median(times)),
-                "p99_ms": float(np.quantile(times, 0.99)),
-                "ratio": float(np.median(times / self.reference)),
+                "bin": name,
+                "n": len(times),
+                "median_ms": median(times),
+                "p99_ms": quantile(times, 0.99),
+                "ratio": median(times / self.reference),
             }
             for name, times in self.stages.items()
         ]

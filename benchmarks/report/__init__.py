@@ -1,5 +1,1 @@
-"""The report: one HTML page that holds all it shows."""
-
-from benchmarks.report.page import report, write_report
-
-__all__ = ["report", "write_report"]
+"""Results as a document: Markdown, or a page that loads nothing."""

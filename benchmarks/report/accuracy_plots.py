@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from benchmarks.report import theme
-from benchmarks.score.records import FrameRecord, column
 from tracker.conventions import Array, FloatArray
 
 Quantity = tuple[str, str, str]
@@ -21,20 +21,20 @@ RATIOS = ((1.0, "1"), (1.5, "1.5"), (3.0, "3"))
 """Lines in the plots against the bound."""
 
 
-def objects_of(records: Sequence[FrameRecord]) -> list[str]:
+def objects_of(frames: pd.DataFrame) -> list[str]:
     """Names of the objects, in order of appearance."""
-    return list(dict.fromkeys(record.object for record in records))
+    return list(dict.fromkeys(frames.object))
 
 
-def against_visible_fraction(records: Sequence[FrameRecord]) -> str:
+def against_visible_fraction(frames: pd.DataFrame) -> str:
     """Error against visible fraction, with a running median; frames without a pose along the top."""
-    names = objects_of(records)
+    names = objects_of(frames)
 
     def draw(figure: Figure) -> None:
         panels = figure.subplots(2, len(names), sharex=True, sharey="row", squeeze=False)
         for row, (quantity, unit, key) in zip(panels, QUANTITIES, strict=True):
             for axes, name in zip(row, names, strict=True):
-                own = [r for r in records if r.object == name and r.present]
+                own = frames[(frames.object == name) & frames.present]
                 _cloud_by_fraction(axes, own, key, theme.SERIES[names.index(name)])
             row[0].set_ylabel(f"{quantity} error [{unit}]")
         for axes, name in zip(panels[0], names, strict=True):
@@ -48,8 +48,8 @@ def against_visible_fraction(records: Sequence[FrameRecord]) -> str:
     return theme.svg("visible", "Error against visible fraction, one point a frame", (10.4, 6.4), draw)
 
 
-def _cloud_by_fraction(axes: Axes, records: Sequence[FrameRecord], key: str, color: str) -> None:
-    fraction, error = column(records, "visible_fraction"), column(records, key)
+def _cloud_by_fraction(axes: Axes, frames: pd.DataFrame, key: str, color: str) -> None:
+    fraction, error = frames.visible_fraction.to_numpy(), frames[key].to_numpy()
     found = np.isfinite(error)
     axes.set_yscale("log")
     axes.plot(fraction[found], error[found], ".", color=color, alpha=0.6, ms=5, mew=0, label="a frame")
@@ -81,9 +81,9 @@ def running_median(at: Array, values: Array, share: float = 0.12) -> tuple[Float
     return np.median(windows(at, width), axis=1), np.median(windows(values, width), axis=1)
 
 
-def against_bound(records: Sequence[FrameRecord], workloads: Sequence[str]) -> str:
+def against_bound(frames: pd.DataFrame, workloads: Sequence[str]) -> str:
     """Error against the Cramér-Rao bound of the same frame, for both quantities and objects."""
-    chosen = [r for r in records if r.workload in workloads and r.found and r.present]
+    chosen = frames[frames.workload.isin(workloads) & frames.found & frames.present]
     names = objects_of(chosen)
 
     def draw(figure: Figure) -> None:
@@ -93,8 +93,8 @@ def against_bound(records: Sequence[FrameRecord], workloads: Sequence[str]) -> s
                 axes.set_xscale("log")
                 axes.set_yscale("log")
                 for number, workload in enumerate(workloads):
-                    own = [r for r in chosen if r.object == name and r.workload == workload]
-                    bound, error = column(own, _BOUNDS[key]), column(own, key)
+                    own = chosen[(chosen.object == name) & (chosen.workload == workload)]
+                    bound, error = own[_BOUNDS[key]], own[key]
                     color = (theme.FIFTH, theme.THIRD)[number % 2]
                     axes.plot(bound, error, ".", color=color, alpha=0.65, ms=5, mew=0, label=workload)
                 axes.set_xlabel(f"bound [{unit}]")
@@ -128,20 +128,20 @@ def _ratio_lines(row: Sequence[Axes]) -> None:
         theme.plain_ticks(axes, "y")
 
 
-def cumulative(records: Sequence[FrameRecord], workload: str) -> str:
+def cumulative(frames: pd.DataFrame, workload: str) -> str:
     """Share of frames whose error is at most so large, and that of their bound."""
-    chosen = [r for r in records if r.workload == workload and r.present]
+    chosen = frames[(frames.workload == workload) & frames.present]
     names = objects_of(chosen)
 
     def draw(figure: Figure) -> None:
         panels = figure.subplots(len(QUANTITIES), len(names), sharex="row", sharey=True, squeeze=False)
         for row, (quantity, unit, key) in zip(panels, QUANTITIES, strict=True):
             for axes, name in zip(row, names, strict=True):
-                own = [r for r in chosen if r.object == name]
-                _curve(axes, column(own, key), theme.INK, "tracker")
-                bounded = [r for r in own if np.isfinite(getattr(r, _BOUNDS[key]))]
-                if bounded:
-                    _curve(axes, column(bounded, _BOUNDS[key]), theme.FAINT, "bound", ls=(0, (2, 2)))
+                own = chosen[chosen.object == name]
+                _curve(axes, own[key].to_numpy(), theme.INK, "tracker")
+                bounded = own[_BOUNDS[key]].dropna()
+                if len(bounded):
+                    _curve(axes, bounded.to_numpy(), theme.FAINT, "bound", ls=(0, (2, 2)))
                 axes.set_xscale("log")
                 axes.set_xlabel(f"{quantity} error [{unit}]")
                 axes.set_ylim(0, 102)

@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 
 from benchmarks.data.dice import DiceScene
-from benchmarks.measure.dice import IMAGES, SEEN, DiceOptions, Judged, dice_scenes
+from benchmarks.data.sets import Plan
+from benchmarks.measure.dice import IMAGES, SEEN, Judged, dice_scenes
 from tracker.conventions import FloatArray, Image
 from tracker.files import write_whole
 from tracker.geometry.cuboid import corners
@@ -39,12 +40,12 @@ _LEGEND = (("true", TRUE), ("right", RIGHT), ("invented", INVENTED), ("missed", 
 _CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]]) * DIE_WIDTH / 2
 
 
-def write_worst_dice(judged: Sequence[Judged], options: DiceOptions, folder: Path) -> Path:
+def write_worst_dice(judged: Sequence[Judged], plan: Plan, folder: Path) -> Path:
     """Write the picture of the scenes with the most dice missed or invented; returns its path."""
     worst = sorted(judged, key=lambda one: one.mistakes, reverse=True)[:COUNT]
     rows = []
     for one in worst:
-        (scene,) = dice_scenes(one.kind, options, [one.index])
+        (scene,) = dice_scenes(one.kind, plan, [one.index])
         rows.append(_row(one, scene))
     rows.append(_legend(4 * PANEL + 3 * GAP))
     _, data = cv2.imencode(".png", np.concatenate(rows))

@@ -7,11 +7,11 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from benchmarks.measure.playing import Played
 from benchmarks.report import theme
 from tracker.files import write_whole
 
@@ -22,7 +22,7 @@ MEASURED, FILTERED, GRID = "#b0b7c3", "#1f5fbf", "#e4e6ea"
 STATUSES = ("FOUND", "TRACKING", "REFOUND", "COASTING", "LOST")
 
 
-def write_film_plot(shown: Mapping[str, Played], folder: Path) -> Path:
+def write_film_plot(shown: Mapping[str, pd.DataFrame], folder: Path) -> Path:
     """Draw the films by the names of their objects; returns the file."""
     figure = Figure(figsize=(6.4 * len(shown), 6.4), dpi=110, layout="constrained")
     FigureCanvasAgg(figure)
@@ -37,13 +37,13 @@ def write_film_plot(shown: Mapping[str, Played], folder: Path) -> Path:
     return file
 
 
-def _draw(column: np.ndarray[tuple[int], np.dtype[np.object_]], name: str, played: Played) -> None:
+def _draw(column: np.ndarray[tuple[int], np.dtype[np.object_]], name: str, played: pd.DataFrame) -> None:
     shift, turn, status = column
-    for axes, unit, label in ((shift, 0, "position error [mm]"), (turn, 1, "rotation error [°]")):
+    for axes, unit, label in ((shift, "mm", "position error [mm]"), (turn, "deg", "rotation error [°]")):
         style = {"ms": 2.5, "ls": "none", "marker": "o", "color": MEASURED}
-        axes.plot(played.timestamp, played.measured[:, unit], label="measured", **style)
-        axes.plot(played.timestamp, played.filtered[:, unit], label="filtered", color=FILTERED, lw=1.1)
-        if np.isfinite(np.c_[played.measured, played.filtered][:, unit::2]).any():
+        axes.plot(played.timestamp, played[f"measured_{unit}"], label="measured", **style)
+        axes.plot(played.timestamp, played[f"filtered_{unit}"], label="filtered", color=FILTERED, lw=1.1)
+        if played[[f"measured_{unit}", f"filtered_{unit}"]].notna().to_numpy().any():
             axes.set_yscale("log")
             theme.plain_ticks(axes, "y")
         axes.set_ylabel(label)

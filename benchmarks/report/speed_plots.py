@@ -14,12 +14,15 @@ from benchmarks.report import theme
 
 Row = dict[str, Any]
 
+PARTS = ("time", "time, stages", "time, cameras", "time, resolution", "time, faces")
+"""Of the results, that are drawn."""
+
 
 def stages(stage_rows: Sequence[Row], detect_rows: Sequence[Row]) -> str:
     """A bar for each set of pictures, stacked of the stages' medians; beside it the whole's multiple."""
     keys = [_key(row) for row in detect_rows]
-    names = list(dict.fromkeys(row["stage"] for row in stage_rows))
-    time_of = {(_key(row), row["stage"]): row["median_ms"] for row in stage_rows}
+    names = list(dict.fromkeys(row["bin"] for row in stage_rows))
+    time_of = {(_key(row), row["bin"]): row["median_ms"] for row in stage_rows}
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
@@ -37,7 +40,7 @@ def stages(stage_rows: Sequence[Row], detect_rows: Sequence[Row]) -> str:
             axes.annotate(
                 text, (end, place), xytext=(7, 0), textcoords="offset points", va="center", fontsize=9.5
             )
-        axes.set_yticks(places, [f"{name}\n{images}, {size}×{size}" for images, name, size in keys])
+        axes.set_yticks(places, ["\n".join(key) for key in keys])
         axes.set_xlim(0, 1.38 * max(left, default=1.0))
         axes.set_ylim(-0.6, len(keys) - 0.4)
         axes.grid(visible=False, axis="y")
@@ -47,8 +50,8 @@ def stages(stage_rows: Sequence[Row], detect_rows: Sequence[Row]) -> str:
     return theme.svg("stages", "Time of each stage, stacked", (10.4, 1.3 + 0.62 * len(keys)), draw)
 
 
-def _key(row: Row) -> tuple[str, str, int]:
-    return str(row["images"]), str(row["object"]), int(row["size"])
+def _key(row: Row) -> tuple[str, str]:
+    return str(row["object"]), str(row["group"])
 
 
 def _paint(number: int) -> tuple[str, float]:
@@ -62,11 +65,11 @@ def scaling(cameras: Sequence[Row], resolution: Sequence[Row], faces: Sequence[R
 
     def draw(figure: Figure) -> None:
         by_cameras, by_size, by_faces = figure.subplots(1, 3)
-        _lines(by_cameras, cameras, "cameras", width=0.04)
+        _lines(by_cameras, cameras, width=0.04)
         by_cameras.set_xlabel("cameras")
         by_cameras.set_title("number of cameras")
-        _lines(by_size, resolution, "size", width=0.0)
-        reference = {row["size"]: row["reference_ms"] for row in resolution}
+        _lines(by_size, resolution, width=0.0)
+        reference = {int(row["bin"]): row["reference_ms"] for row in resolution}
         by_size.plot(
             list(reference),
             list(reference.values()),
@@ -82,25 +85,25 @@ def scaling(cameras: Sequence[Row], resolution: Sequence[Row], faces: Sequence[R
         theme.plain_ticks(by_size, "y")
         by_size.set_xlabel("height of the pictures [px]")
         by_size.set_title("resolution")
-        _lines(by_faces, faces, "faces", width=0.1)
+        _lines(by_faces, faces, width=0.1)
         by_faces.set_xlabel("faces in view, summed over cameras")
         by_faces.set_title("faces in view")
         for axes in (by_cameras, by_faces):
             axes.set_ylim(bottom=0)
-        for axes, rows, key in ((by_cameras, cameras, "cameras"), (by_faces, faces, "faces")):
-            axes.set_xticks(sorted({row[key] for row in rows}))
+        for axes, rows in ((by_cameras, cameras), (by_faces, faces)):
+            axes.set_xticks(sorted({int(row["bin"]) for row in rows}))
         by_cameras.set_ylabel("a detection [ms]")
         theme.legend_above(figure, by_size)
 
     return theme.svg("scaling", "Time over cameras, resolution and faces in view", (10.4, 4.0), draw)
 
 
-def _lines(axes: Axes, rows: Sequence[Row], key: str, width: float) -> None:
+def _lines(axes: Axes, rows: Sequence[Row], width: float) -> None:
     names = list(dict.fromkeys(row["object"] for row in rows))
     for number, name in enumerate(names):
-        own = sorted((row for row in rows if row["object"] == name), key=lambda row: row[key])
+        own = sorted((row for row in rows if row["object"] == name), key=lambda row: int(row["bin"]))
         # Side by side, so that the p99 of one object does not hide the other's.
-        at = np.array([row[key] for row in own], dtype=float) + width * (2 * number - len(names) + 1)
+        at = np.array([float(row["bin"]) for row in own]) + width * (2 * number - len(names) + 1)
         median = np.array([row["median_ms"] for row in own])
         p99 = np.array([row["p99_ms"] for row in own])
         color = theme.SERIES[number]

@@ -5,38 +5,26 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.stats import chi2
 
 from benchmarks.report import theme
 from benchmarks.report.accuracy_plots import objects_of
-from benchmarks.score.records import FrameRecord, column
-from benchmarks.score.summary import within
+from benchmarks.score.shares import interval, within
+from benchmarks.score.summary import FREEDOM
 from tracker.conventions import Array, FloatArray
 
 EDGES = (0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 0.97, 1.0)
 """Of the bins of confidence: finer where most answers are."""
 
-RIGHT_MM, RIGHT_DEG = 5.0, 5.0
-FREEDOM = 6
 NEES_END = 30.0
 """What is beyond goes into the last bin."""
 
 
-def wilson(hits: int, count: int, z: float = 1.96) -> tuple[float, float]:
-    """The interval in which a share lies with 95 % confidence when `hits` of `count` were hits."""
-    if count == 0:
-        return 0.0, 1.0
-    share, spread = hits / count, z * z / count
-    middle = (share + spread / 2) / (1 + spread)
-    half = z / (1 + spread) * np.sqrt(share * (1 - share) / count + spread / (4 * count))
-    return float(max(0.0, middle - half)), float(min(1.0, middle + half))
-
-
-def reliability(records: Sequence[FrameRecord]) -> str:
+def reliability(given: pd.DataFrame) -> str:
     """Share of right answers by stated confidence, and how many answers stated it."""
-    given = [r for r in records if r.found]
     names = objects_of(given)
 
     def draw(figure: Figure) -> None:
@@ -44,7 +32,7 @@ def reliability(records: Sequence[FrameRecord]) -> str:
             2, len(names), sharex=True, sharey="row", squeeze=False, gridspec_kw={"height_ratios": [3, 1]}
         )
         for column_of, name in enumerate(names):
-            own = [r for r in given if r.object == name]
+            own = given[given.object == name]
             color = theme.SERIES[column_of]
             _shares(panels[0, column_of], panels[1, column_of], own, color)
             panels[0, column_of].set_title(name)
@@ -56,20 +44,22 @@ def reliability(records: Sequence[FrameRecord]) -> str:
     return theme.svg("reliability", "Share of right answers against stated confidence", (10.4, 5.6), draw)
 
 
-def _shares(above: Axes, below: Axes, records: Sequence[FrameRecord], color: str) -> None:
-    confidence, hits = column(records, "confidence"), within(records, RIGHT_MM, RIGHT_DEG)
+def _shares(above: Axes, below: Axes, frames: pd.DataFrame, color: str) -> None:
+    confidence = frames.confidence.to_numpy()
+    hits = within(frames[["position_mm", "rotation_deg"]].to_numpy())
     bins = np.clip(np.digitize(confidence, EDGES) - 1, 0, len(EDGES) - 2)
     counts = np.bincount(bins, minlength=len(EDGES) - 1)
     above.plot([0, 1], [0, 1], color=theme.FAINT, lw=1.1, ls=(0, (4, 3)), label="ideal")
     points: list[tuple[float, float, float, float]] = []
     for number in np.flatnonzero(counts):
         chosen = bins == number
-        low, high = wilson(int(hits[chosen].sum()), int(counts[number]))
-        points.append((float(confidence[chosen].mean()), float(hits[chosen].mean()), low, high))
-    at, share, low_ends, high_ends = np.array(points).T
-    errors: FloatArray = np.maximum(np.stack([share - low_ends, high_ends - share]), 0.0)
+        share = float(hits[chosen].mean())
+        low, high = interval(100 * share, int(counts[number]))
+        points.append((float(confidence[chosen].mean()), share, low / 100, high / 100))
+    at, shares, low_ends, high_ends = np.array(points).T
+    errors: FloatArray = np.maximum(np.stack([shares - low_ends, high_ends - shares]), 0.0)
     above.errorbar(
-        at, share, yerr=errors, color=color, fmt="o-", ms=5, lw=1.6, elinewidth=1.2, label="measured"
+        at, shares, yerr=errors, color=color, fmt="o-", ms=5, lw=1.6, elinewidth=1.2, label="measured"
     )
     above.set_xlim(-0.02, 1.02)
     above.set_ylim(-0.03, 1.06)
@@ -94,9 +84,9 @@ def _shares(above: Axes, below: Axes, records: Sequence[FrameRecord], color: str
             )
 
 
-def nees(records: Sequence[FrameRecord], workloads: Sequence[str]) -> str:
+def nees(frames: pd.DataFrame, workloads: Sequence[str]) -> str:
     """Normalised errors squared next to the chi-square density of six degrees of freedom."""
-    chosen = [r for r in records if r.workload in workloads and np.isfinite(r.nees)]
+    chosen = frames[frames.workload.isin(workloads) & frames.nees.notna()]
     names = objects_of(chosen)
     edges = np.linspace(0, NEES_END, 31)
 
@@ -104,7 +94,7 @@ def nees(records: Sequence[FrameRecord], workloads: Sequence[str]) -> str:
         panels = figure.subplots(len(workloads), len(names), sharex=True, sharey=True, squeeze=False)
         for row, workload in zip(panels, workloads, strict=True):
             for axes, name in zip(row, names, strict=True):
-                values = column([r for r in chosen if (r.object, r.workload) == (name, workload)], "nees")
+                values = chosen.nees[(chosen.object == name) & (chosen.workload == workload)].to_numpy()
                 color = theme.SERIES[names.index(name)]
                 _histogram(axes, values, edges, color)
                 middle = f": median {np.median(values):.1f}, n = {len(values)}" if len(values) else ""

@@ -9,9 +9,9 @@ from typing import Any
 
 import cv2
 import numpy as np
+import pandas as pd
 
 import tracker
-from benchmarks.score.records import FrameRecord
 from tracker.conventions import FloatArray, Image
 from tracker.files import write_whole
 from tracker.geometry import cuboid
@@ -59,7 +59,7 @@ class Shown:
     """The same as it is; None: there is no object."""
 
 
-def badness(record: FrameRecord) -> tuple[int, float]:
+def badness(record: pd.Series) -> tuple[int, float]:
     """Order of frames from harmless to worst: right, none found, wrong, found where there is nothing.
 
     Within each: by error relative to 5 mm and 5°; of missed frames by what was to be seen; of finds
@@ -73,31 +73,29 @@ def badness(record: FrameRecord) -> tuple[int, float]:
     return (2, error) if error > 1.0 else (0, error)
 
 
-def worst_records(records: Sequence[FrameRecord], each: int = EACH) -> list[FrameRecord]:
+def worst_records(frames: pd.DataFrame, each: int = EACH) -> pd.DataFrame:
     """The `each` worst frames of every object, worst first."""
-    chosen: list[FrameRecord] = []
-    for name in dict.fromkeys(record.object for record in records):
-        own = [record for record in records if record.object == name]
-        chosen += sorted(own, key=badness, reverse=True)[:each]
-    return sorted(chosen, key=badness, reverse=True)
+    ranked = frames.assign(badness=frames.apply(badness, axis=1))
+    ranked = ranked.sort_values("badness", ascending=False, kind="stable")
+    return ranked.groupby("object", sort=False).head(each).drop(columns="badness")
 
 
 def worst_pictures(
-    records: Sequence[FrameRecord],
-    shown_of: Callable[[FrameRecord], Shown],
+    frames: pd.DataFrame,
+    shown_of: Callable[[pd.Series], Shown],
     folder: Path,
     each: int = EACH,
 ) -> list[dict[str, Any]]:
     """Write a JPEG of each of the worst frames into `folder`/worst; what was there before is removed.
 
     Args:
-        records: the frames to choose from.
+        frames: the frames to choose from.
         shown_of: images, truth and estimate of a record.
         folder: where the results are.
         each: how many of every object.
 
     Returns:
-        One row for each picture, worst first, for `results["worst"]`: `file`, relative to `folder`, and
+        One row for each picture, worst first, for `Results.worst`: `file`, relative to `folder`, and
         the record's `workload`, `object` and `index`.
     """
     target = folder / FOLDER
@@ -105,13 +103,18 @@ def worst_pictures(
     for old in target.glob("*.jpg"):
         old.unlink()
     rows = []
-    for rank, record in enumerate(worst_records(records, each), start=1):
+    for rank, (_, record) in enumerate(worst_records(frames, each).iterrows(), start=1):
         file = f"{FOLDER}/{rank:02d}.jpg"
         parameters = [cv2.IMWRITE_JPEG_QUALITY, QUALITY]
         _, data = cv2.imencode(".jpg", worst_picture(shown_of(record)), parameters)
         write_whole(folder / file, data.tobytes())
         rows.append(
-            {"file": file, "workload": record.workload, "object": record.object, "index": record.index}
+            {
+                "file": file,
+                "workload": record.workload,
+                "object": record.object,
+                "index": int(record["index"]),
+            }
         )
     return rows
 

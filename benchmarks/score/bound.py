@@ -22,10 +22,9 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from benchmarks.data.disturbances import SHIFT_STD, TURN_STD
+from benchmarks.data.disturbances import SHIFT_STD, TURN_STD, moved_rig
 from benchmarks.data.workloads import Case
 from benchmarks.score.edges import EdgeSamples, edge_samples
-from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray, Image
 from tracker.objects.model import CuboidModel
 
@@ -70,14 +69,15 @@ def bounds(case: Case, edges: Sequence[Sequence[EdgeSamples]]) -> tuple[float, f
         image = case.images[k]
         assert image is not None
         sigmas = edge_noise(image, edges[k])
-        prior = calibration_information(case.rig, case.workload.moved)
+        prior = calibration_information(case)
         measured += information(edges[k], sigmas, prior)
         fixed += information(edges[k], np.full(len(sigmas), FIXED_SIGMA), prior)
     return (*root_traces(measured), *root_traces(fixed))
 
 
-def calibration_information(rig: CameraRig, moved: bool) -> FloatArray | None:
+def calibration_information(case: Case) -> FloatArray | None:
     """Inverse variances (6,) of (δt, ω) of a camera that was moved; None: it is exact."""
+    moved = case.workload.believed is moved_rig
     return np.repeat([SHIFT_STD**-2, TURN_STD**-2], 3) if moved else None
 
 

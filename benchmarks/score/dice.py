@@ -9,7 +9,10 @@ import cv2
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from benchmarks.data.dice import DiceScene
 from tracker.conventions import Array, FloatArray, Image
+from tracker.geometry.camera import Camera
+from tracker.geometry.cuboid import corners
 from tracker.tasks.rearrange_dice import DIE_WIDTH, Die
 
 RIGHT = DIE_WIDTH / 2
@@ -83,3 +86,54 @@ def judge_mask(mask: Image, image: Image, labels: Image, cross: Array) -> View:
         elsewhere=int(count(found & (distance > RIM) & ~around)),
         total=labels.size,
     )
+
+
+def visible_fractions(cameras: tuple[Camera, ...], scene: DiceScene) -> FloatArray:
+    """(D,) the dice's visible pixels over those that they would have alone, of all cameras together.
+
+    A die alone is the convex hull of its corners, projected by OpenCV; its edges are too short for the lens
+    to bend them.
+    """
+    points = scene.positions[:, None] + corners(np.full(3, DIE_WIDTH)) @ np.swapaxes(scene.rotations, 1, 2)
+    alone, visible = np.zeros(len(points)), np.zeros(len(points))
+    for camera, labels in zip(cameras, scene.labels, strict=True):
+        turn, shift = camera.camera_from_world[:3, :3], camera.camera_from_world[:3, 3]
+        pixels, _ = cv2.projectPoints(
+            points.reshape(-1, 3), cv2.Rodrigues(turn)[0], shift, camera.matrix, camera.distortion
+        )
+        alone += [_pixels_inside(hull, labels.shape) for hull in np.float64(pixels).reshape(-1, 8, 2)]
+        visible += np.bincount(labels.ravel(), minlength=len(points) + 1)[1 : len(points) + 1]
+    # A label is by most of a pixel, the hull by its centre: at edges the two may differ.
+    return np.asarray(np.minimum(visible / np.maximum(alone, 1), 1.0))
+
+
+def _pixels_inside(points: FloatArray, shape: tuple[int, ...]) -> int:
+    """Number of the image's pixels whose centres are within the convex hull of points (N, 2) [px]."""
+    low = np.maximum(np.floor(points.min(axis=0)), 0).astype(int)
+    high = np.minimum(np.ceil(points.max(axis=0)) + 1, shape[1::-1]).astype(int)
+    if (low >= high).any():
+        return 0
+    centres = np.stack(np.meshgrid(np.arange(low[0], high[0]), np.arange(low[1], high[1])), axis=-1)
+    outline = cv2.convexHull(points.astype(np.float32))[:, 0].astype(np.float64)
+    edges = np.roll(outline, -1, axis=0) - outline
+    offsets = centres[:, :, None] - outline
+    side = edges[:, 0] * offsets[..., 1] - edges[:, 1] * offsets[..., 0]
+    # All on one side, whichever way round OpenCV goes.
+    return int(np.count_nonzero((side >= 0).all(axis=2) | (side <= 0).all(axis=2)))
+
+
+def cross_pixels(camera: Camera, bars: FloatArray) -> Array:
+    """(H, W) whether the ray of a pixel's centre, bent by the lens as OpenCV has it, meets the cross."""
+    columns, rows = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
+    pixels = np.stack([columns, rows], axis=-1).reshape(-1, 1, 2).astype(np.float64)
+    normal = cv2.undistortPoints(pixels, camera.matrix, camera.distortion)[:, 0]
+    turn, shift = camera.camera_from_world[:3, :3], camera.camera_from_world[:3, 3]
+    rays, start = np.c_[normal, np.ones(len(normal))] @ turn, -turn.T @ shift
+    meets = np.zeros(len(rays), bool)
+    for bar in bars:
+        top = bar[2, 1]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            length = (top - start[2]) / rays[:, 2]
+            at = start[:2] + length[:, None] * rays[:, :2]
+            meets |= (length > 0) & ((at >= bar[:2, 0]) & (at <= bar[:2, 1])).all(axis=1)
+    return meets.reshape(camera.height, camera.width)

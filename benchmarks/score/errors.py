@@ -7,6 +7,7 @@ their six faces have six colours.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Protocol
 
 import cv2
 import numpy as np
@@ -19,6 +20,26 @@ from tracker.tasks import move_object
 
 Pose = tuple[Array, Array]
 """Positions (N, 3) [m] and rotations (N, 3, 3)."""
+
+
+class StatedPose(Protocol):
+    """What the tracker says: `tracker.PoseEstimate`, or a predicted one."""
+
+    @property
+    def position(self) -> FloatArray:
+        """(3,) [m]."""
+        ...
+
+    @property
+    def orientation(self) -> FloatArray:
+        """(4,) unit quaternion x, y, z, w of world from object."""
+        ...
+
+    @property
+    def covariance(self) -> FloatArray:
+        """(6, 6) [m, rad]."""
+        ...
+
 
 GRID = 7
 """Points along each edge of a face, for the mean over the surface."""
@@ -121,6 +142,19 @@ def nees(true: Pose, found: Pose, covariance: Array) -> FloatArray:
     d = np.concatenate([np.asarray(true[0]) - np.asarray(found[0]), turn], axis=-1)
     result: FloatArray = np.einsum("...i,...i->...", d, np.linalg.solve(covariance, d[..., None])[..., 0])
     return result
+
+
+def pose_errors(pose: StatedPose | None, true: Array) -> tuple[float, float, float]:
+    """Distance [mm], angle [°] and NEES [1] of a pose from the true one (3, 4); nan where one is missing."""
+    if pose is None or not np.isfinite(true).all():
+        return np.nan, np.nan, np.nan
+    exact = true[:, 3], true[:, :3]
+    found = pose.position, so3.matrix_from_quaternion(pose.orientation)
+    return (
+        1e3 * float(position_error(exact[0], found[0])),
+        float(np.degrees(rotation_error(exact[1], found[1]))),
+        float(nees(exact, found, pose.covariance)),
+    )
 
 
 def task_errors(size: Array, true: Pose, found: Pose) -> tuple[FloatArray, FloatArray]:

@@ -1,26 +1,28 @@
-"""Figures of films that were played: rows of the tables of results."""
+"""Figures of films that were played; frames are rows of data frames."""
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from benchmarks.data.films import ABSENT
-from benchmarks.measure.playing import Played
-from benchmarks.measure.timing import RIGHT_DEG, RIGHT_MM
-from benchmarks.score.summary import SURE, percent
+from benchmarks.score.shares import SURE, median, percent, quantile, within
+from benchmarks.score.summary import ELLIPSOIDS
 from tracker import Status
 from tracker.conventions import Array, FloatArray
+from tracker.geometry import so3
 from tracker.tracking.belief import TrackingOptions
+
+STILL_M, STILL_DEG = 1e-5, 0.01
+"""An object that moved less since the frame before, and until the next one, is at rest [m], [°]."""
 
 FLIPPED_DEG = 30.0
 """A rotation that is farther off is that of another face [°]."""
 
 NEAR_MM = 20.0
-"""One camera's pose counts as right within so much and RIGHT_DEG [mm]."""
+"""One camera's pose counts as right within so much and 5° [mm]."""
 
 SEEN, CLEAR, CLEAR_FRAMES = 0.5, 0.7, 3
 """Visible fractions from which one camera is judged, and from which on for so many frames it ought to find
@@ -29,64 +31,87 @@ what it had lost."""
 COAST = TrackingOptions().coast_seconds
 """For so long the pose of an object that vanished may be predicted [s]."""
 
+COLUMNS = (
+    *("film", "timestamp", "present", "status", "confidence", "update_ms", "reference_ms", "at_rest"),
+    *(f"{pose}_{unit}" for pose in ("measured", "filtered") for unit in ("given", "mm", "deg", "nees")),
+)
+"""Of a frame that was given to `update`: number of the film, time stamp [s], whether there is an object, name
+of `tracker.Status`, confidence of the filtered pose, times of `update` and of the reference work after it,
+whether the object rests, and of both poses whether there was one, and its errors; `visible_0` … beside."""
 
-def within(errors: FloatArray, millimetres: float = RIGHT_MM, degrees: float = RIGHT_DEG) -> Array:
-    """(N,) whether errors (N, 2) are within these; nan is not."""
-    return np.asarray((errors < (millimetres, degrees)).all(axis=1))
+
+def at_rest(poses: FloatArray) -> Array:
+    """(N,) whether the object rests, of true poses (N, 3, 4); the first and the last are not known to."""
+    shift = np.linalg.norm(np.diff(poses[:, :, 3], axis=0), axis=1)
+    turn = np.degrees(
+        [so3.angle_between(a, b) for a, b in zip(poses[:-1, :, :3], poses[1:, :, :3], strict=True)]
+    )
+    still = (shift < STILL_M) & (turn < STILL_DEG)
+    return np.asarray(np.r_[False, still] & np.r_[still, False])
+
+
+def right(frames: pd.DataFrame, pose: str, millimetres: float = 5.0) -> Array:
+    """(N,) whether the measured or filtered pose is within so many millimetres and 5°."""
+    return within(frames[[f"{pose}_mm", f"{pose}_deg"]].to_numpy(), millimetres)
 
 
 def losses(status: Array) -> int:
     """How often an object was lost that had been found."""
-    lost = status == Status.LOST.name
+    lost = np.asarray(status) == Status.LOST.name
     return int(np.count_nonzero(lost[1:] & ~lost[:-1]))
 
 
-def share_row(parts: Sequence[Played]) -> dict[str, Any]:
-    """Right answers [%], losses and statuses of several films."""
-    filtered, measured = (_joined(parts, key) for key in ("filtered", "measured"))
-    flipped = (filtered[:, 1] > FLIPPED_DEG) & (_joined(parts, "confidence") > SURE)
+def share_row(frames: pd.DataFrame) -> dict[str, Any]:
+    """Right answers [%], flips and losses of several films."""
+    flipped = (frames.filtered_deg > FLIPPED_DEG) & (frames.confidence > SURE)
     return {
-        "frames": len(filtered),
-        "filtered": percent(within(filtered)),
-        "measured": percent(within(measured)),
-        "flips": int(np.count_nonzero(flipped)),
-        "losses": sum(losses(part.status) for part in parts),
-        "statuses": {key: int(n) for key, n in sorted(Counter(_joined(parts, "status").tolist()).items())},
+        "n": len(frames),
+        "filtered": percent(right(frames, "filtered")),
+        "measured": percent(right(frames, "measured")),
+        "flips": int(flipped.sum()),
+        "losses": sum(losses(own.status) for _, own in frames.groupby("film")),
+        "median_nees": median(frames.filtered_nees),
+        **{
+            f"inside_{share}": percent(frames.filtered_nees[frames.filtered_given] <= limit)
+            for share, limit in ELLIPSOIDS.items()
+        },
     }
 
 
-def whole_row(parts: Sequence[Played], single: FloatArray) -> dict[str, Any]:
-    """Figures of whole films, with the errors (N, 2) of the same frames without memory."""
-    filtered, at_rest = _joined(parts, "filtered"), _joined(parts, "at_rest")
-    row = share_row(parts) | {
-        "single": percent(within(single)),
-        "nees": _median(_joined(parts, "nees")),
-    }
-    for state, own in (("rest", at_rest), ("moving", ~at_rest)):
-        row[f"{state}_frames"] = int(np.count_nonzero(own))
-        for column, unit in enumerate(("mm", "deg")):
-            now, once = (_median(errors[own, column]) for errors in (filtered, single))
-            row |= {
-                f"{state}_filtered_{unit}": now,
-                f"{state}_single_{unit}": once,
-                f"{state}_ratio_{unit}": now / once,
-            }
-    return row
+def status_row(frames: pd.DataFrame) -> dict[str, int]:
+    """Frames by status."""
+    counts = frames.status.str.lower().str.replace("_", " ").value_counts()
+    return {"n": len(frames)} | {str(name): int(count) for name, count in counts.sort_index().items()}
 
 
-def camera_row(parts: Sequence[Played], camera: int) -> dict[str, Any]:
+def state_rows(frames: pd.DataFrame, single: pd.DataFrame) -> list[dict[str, Any]]:
+    """Errors at rest and moving, beside those of the same frames without memory (columns mm, deg)."""
+    rows = []
+    for state, own in (("at rest", frames.at_rest), ("moving", ~frames.at_rest)):
+        row: dict[str, Any] = {"group": state, "n": int(own.sum())}
+        for unit in ("mm", "deg"):
+            now = median(frames[f"filtered_{unit}"][own])
+            once = median(single[unit][own])
+            row |= {f"filtered_{unit}": now, f"single_{unit}": once, f"ratio_{unit}": now / once}
+        rows.append(row)
+    return rows
+
+
+def camera_row(frames: pd.DataFrame, camera: int) -> dict[str, Any]:
     """What is measured by one camera alone, of frames in which it sees enough: shares in %."""
-    own = _joined(parts, "visible")[:, camera] >= SEEN
-    right = within(_joined(parts, "measured"), NEAR_MM)[own]
-    none = ~_joined(parts, "given")[own, 0]
+    own = frames[frames[f"visible_{camera}"] >= SEEN]
+    near, none = right(own, "measured", NEAR_MM), ~own.measured_given.to_numpy(bool)
     return {
-        "camera": camera,
-        "frames": int(np.count_nonzero(own)),
-        "right": percent(right),
+        "group": f"camera {camera + 1}",
+        "n": len(own),
+        "right": percent(near),
         "none": percent(none),
-        "wrong": percent(~right & ~none),
-        "right_or_none": percent(right | none),
-        "longest_wait": max(longest_wait(part.visible[:, camera], part.given[:, 0]) for part in parts),
+        "wrong": percent(~near & ~none),
+        "right_or_none": percent(near | none),
+        "longest_wait": max(
+            longest_wait(film[f"visible_{camera}"].to_numpy(), film.measured_given.to_numpy(bool))
+            for _, film in frames.groupby("film")
+        ),
     }
 
 
@@ -100,24 +125,24 @@ def longest_wait(visible: FloatArray, given: Array) -> int:
     return worst
 
 
-def vanished_row(acts: Sequence[Played]) -> dict[str, Any]:
-    """What was said while the object was away, and when it was back."""
+def vanished_row(acts: pd.DataFrame) -> dict[str, Any]:
+    """What was said while the object was away, and when it was back; each act is a film of its own."""
     late, kept, invented, waits, longest = 0, 0, 0, [], 0.0
-    for act in acts:
+    for _, act in acts.groupby("film"):
         away = np.flatnonzero(~act.present)
+        stamps, given = act.timestamp.to_numpy(), act.filtered_given.to_numpy(bool)[away]
         # It was there for the last time, at most, one frame before.
-        absent = act.timestamp[away] - act.timestamp[away[0] - 1]
+        absent = stamps[away] - stamps[away[0] - 1]
         late += int(np.count_nonzero(absent > COAST))
-        is_kept = act.given[away, 1]
-        kept += int(np.count_nonzero(is_kept & (absent > COAST)))
-        longest = max([longest, *absent[is_kept].tolist()])
-        invented += int(np.count_nonzero(act.given[away, 0]))
-        found = np.flatnonzero(within(act.measured)[away[-1] + 1 :])
+        kept += int(np.count_nonzero(given & (absent > COAST)))
+        longest = max([longest, *absent[given].tolist()])
+        invented += int(act.measured_given.to_numpy(bool)[away].sum())
+        found = np.flatnonzero(right(act, "measured")[away[-1] + 1 :])
         # The frame of the return itself counts as one.
         waits.append(int(found[0]) + 1 if len(found) else len(act) - int(away[-1]))
     return {
-        "times": len(acts),
-        "absent_frames": ABSENT * len(acts),
+        "n": len(waits),
+        "absent_frames": ABSENT * len(waits),
         "late_frames": late,
         "kept": kept,
         "kept_seconds": longest,
@@ -127,27 +152,14 @@ def vanished_row(acts: Sequence[Played]) -> dict[str, Any]:
     }
 
 
-def speed_row(parts: Sequence[Played]) -> dict[str, Any]:
+def speed_row(frames: pd.DataFrame) -> dict[str, Any]:
     """What an update costs while the object is tracked."""
-    own = _joined(parts, "status") == Status.TRACKING.name
-    update, reference = _joined(parts, "times")[own].T
-    if not len(update):
-        update = reference = np.full(1, np.nan)
-    median, p99 = float(np.median(update)), float(np.quantile(update, 0.99))
+    own = frames[frames.status == Status.TRACKING.name]
+    middle, p99 = median(own.update_ms), quantile(own.update_ms, 0.99)
     return {
-        "median_ms": median,
+        "n": len(own),
+        "median_ms": middle,
         "p99_ms": p99,
-        "reference_ms": float(np.median(reference)),
-        "ratio": float(np.median(update / reference)),
-        "p99_over_median": p99 / median,
-        "times": int(np.count_nonzero(own)),
+        "ratio": median(own.update_ms / own.reference_ms),
+        "p99_over_median": p99 / middle,
     }
-
-
-def _joined(parts: Sequence[Played], key: str) -> Array:
-    return np.concatenate([getattr(part, key) for part in parts])
-
-
-def _median(values: Array) -> float:
-    values = values[np.isfinite(values)]
-    return float(np.median(values)) if len(values) else np.nan

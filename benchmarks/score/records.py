@@ -1,36 +1,12 @@
-"""What a run of the benchmarks leaves: one record for each frame, and the file that holds everything."""
+"""What the tracker answered to one frame, as a row of a data frame."""
 
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
-import os
-from collections.abc import Iterable, Sequence
-from pathlib import Path
-from typing import Any
+from collections.abc import Sequence
 
-import numpy as np
-
-from tracker.conventions import Array
-from tracker.errors import TrackerError
-from tracker.files import write_whole
-
-Results = dict[str, Any]
-"""Plain numbers, texts, lists and dictionaries:
-
-    about         commit, processor, seed, scenes, quick, ...
-    frames        the records as dictionaries, in order
-    summary       {workload: {object: {metric: value}}}
-    targets       [{name, object, target, value, met, unit}]
-    speed, recorded, segmentation    where measured
-"""
-
-RESULTS_FILE = "results.json"
-
-
-class ResultsError(TrackerError):
-    """A file of results that is missing or cannot be read."""
+import pandas as pd
 
 
 @dataclasses.dataclass(frozen=True)
@@ -85,87 +61,13 @@ class FrameRecord:
     """The tasks' rotation error, of cuboids with one longest axis that of the axis alone [1]."""
     milliseconds: float = math.nan
     """Time of the detection [ms]."""
+    reference_ms: float = math.nan
+    """Time of the reference work on the same pictures [ms]."""
 
 
-_FLOATS = tuple(f.name for f in dataclasses.fields(FrameRecord) if f.type == "float")
-
-
-def records_of(results: Results) -> list[FrameRecord]:
-    """The frames of a run; fields that the file does not know are left at their defaults."""
-    known = {field.name for field in dataclasses.fields(FrameRecord)}
-    return [FrameRecord(**{k: v for k, v in row.items() if k in known}) for row in results["frames"]]
-
-
-def column(records: Sequence[FrameRecord], key: str) -> Array:
-    """(N,) one field of all records."""
-    kind = float if key in _FLOATS else None
-    return np.array([getattr(record, key) for record in records], dtype=kind)
-
-
-def select(records: Iterable[FrameRecord], workload: str, name: str | None = None) -> list[FrameRecord]:
-    """The records of one workload, and of one object if named."""
-    return [r for r in records if r.workload == workload and name in (None, r.object)]
-
-
-def write_results(path: str | os.PathLike[str], results: Results) -> None:
-    """Write results as JSON, with null for nan; infinite numbers become null as well."""
-    plain = _plain(results)
-    frames = plain.pop("frames", [])
-    # One line a frame: a file that can be read, and compared, by eye.
-    rows = ",\n".join(json.dumps(row, ensure_ascii=False) for row in frames)
-    head = json.dumps(plain, indent=1, ensure_ascii=False)
-    text = f'{head[:-2]},\n "frames": [\n{rows}\n ]\n}}\n' if plain else f'{{"frames": [\n{rows}\n]}}\n'
-    write_whole(path, text)
-
-
-def read_results(path: str | os.PathLike[str]) -> Results:
-    """Read what `write_results` wrote; null becomes nan again, but not in targets and speed.
-
-    Args:
-        path: the file, or the folder that holds it.
-
-    Raises:
-        ResultsError: there is no such file, or it holds something else.
-    """
-    file = Path(path)
-    if file.is_dir():
-        file = file / RESULTS_FILE
-    try:
-        results = json.loads(file.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ResultsError(f"{file}: {error.strerror or error}") from error
-    except ValueError as error:
-        raise ResultsError(f"{file}: not a file of results: {error}") from error
-    if not isinstance(results, dict) or not isinstance(results.get("frames"), list):
-        raise ResultsError(f"{file}: found no list of frames, expected a file of results")
-    for row in results["frames"]:
-        for key in _FLOATS:
-            if row.get(key, 0.0) is None:
-                row[key] = math.nan
-    for part in ("summary", "recorded", "segmentation"):
-        if part in results:
-            results[part] = _with_nan(results[part])
-    return results
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
-    if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, float):
-        # Seven digits are more than any of this is worth, and keep the file short.
-        return float(f"{value:.7g}") if math.isfinite(value) else None
-    return value
-
-
-def _with_nan(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _with_nan(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_with_nan(item) for item in value]
-    return math.nan if value is None else value
+def frame_of(records: Sequence[FrameRecord]) -> pd.DataFrame:
+    """One row for each record, with all columns even if there are none."""
+    return pd.DataFrame(
+        [dataclasses.asdict(record) for record in records],
+        columns=[field.name for field in dataclasses.fields(FrameRecord)],
+    )

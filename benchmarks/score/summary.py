@@ -1,24 +1,26 @@
-"""From records to figures. Errors are of the poses given; shares are of all frames with an object."""
+"""From the frames of a workload to figures. Errors are of the poses given; shares [%] are of all frames."""
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import pandas as pd
+from scipy.stats import chi2
 
 import tracker
-from benchmarks.data.workloads import BINS
+from benchmarks.data.sets import BINS
+from benchmarks.data.workloads import BINS as BINS_WORKLOAD
 from benchmarks.score.errors import diameter
-from benchmarks.score.records import FrameRecord, column
-from tracker.conventions import Array, FloatArray
+from benchmarks.score.shares import SURE, brier_score, mean, median, percent, quantile, reliability, within
+from tracker.conventions import Array
+from tracker.errors import TrackerError
 
-SURE = 0.5
-"""Confidence above which a wrong pose is wrong and sure."""
+FREEDOM = 6
+"""Degrees of freedom of a pose's error; an honest NEES has the median 5.35 of their χ²."""
 
-CHI2_MEDIAN = 5.348
-"""Median of χ² with 6 degrees of freedom: that of an honest NEES."""
+ELLIPSOIDS = {50: chi2.ppf(0.5, FREEDOM), 90: chi2.ppf(0.9, FREEDOM), 95: chi2.ppf(0.95, FREEDOM)}
+"""Greatest NEES inside the stated ellipsoid of so many per cent."""
 
 THRESHOLDS = np.arange(0.05, 0.51, 0.05)
 """Of ADD and MSSD as shares of the object's diameter, for the average recall."""
@@ -29,80 +31,113 @@ PIXEL_THRESHOLDS = np.arange(5.0, 51.0, 5.0)
 WIDTH = 270
 """Of the images [px]."""
 
-CONFIDENCE_BINS = np.array([0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 0.95, 0.98, 0.99, 1.0])
-"""Borders of the reliability curve's bins."""
 
-
-def within(records: Sequence[FrameRecord], millimetres: float, degrees: float) -> Array:
-    """(N,) whether the pose is that near to the truth; frames without a pose are not."""
-    position, rotation = column(records, "position_mm"), column(records, "rotation_deg")
-    # Comparisons with nan are False.
-    return np.asarray((position <= millimetres) & (rotation <= degrees))
-
-
-def summarise(records: Sequence[FrameRecord]) -> dict[str, Any]:
-    """Figures of one object in one workload; shares in %."""
-    if not records:
-        return {"frames": 0}
-    if not any(record.present for record in records):
-        return {"frames": len(records), "false_finds": int(column(records, "found").sum())}
-    found = column(records, "found").astype(bool)
-    right = within(records, 5, 5)
-    confidence = np.nan_to_num(column(records, "confidence"))
-    result: dict[str, Any] = {"frames": len(records)}
-    for key, unit in (("position_mm", "mm"), ("rotation_deg", "deg")):
-        values = column(records, key)[found]
-        for name, q in (("median", 0.5), ("p90", 0.9), ("p99", 0.99)):
-            result[f"{name}_{unit}"] = _quantile(values, q)
-    for key in ("axis_deg", "roll_deg", "add_mm", "mssd_mm", "mspd_px", "nees"):
-        result[f"median_{key}"] = _quantile(column(records, key)[found], 0.5)
-    for key in ("task_position_error", "task_rotation_error"):
-        result[f"mean_{key}"] = _mean(column(records, key)[found])
-    result |= {
-        "within_1": percent(within(records, 1, 1)),
-        "within_5": percent(right),
-        "misses": percent(~found),
-        "wrong": percent(found & ~right),
-        "wrong_and_sure": percent(found & ~right & (confidence > SURE)),
-    }
-    result |= _recalls(records)
-    result |= _calibration(confidence[found], right[found])
-    result |= _bounds(records)
-    result["bins"] = by_visibility(records)
-    result["median_ms"] = _quantile(column(records, "milliseconds"), 0.5)
-    return result
-
-
-def by_visibility(records: Sequence[FrameRecord]) -> list[dict[str, float]]:
-    """For each of BINS: frames, share within 5 mm and 5° [%], misses [%], median errors."""
-    visible = column(records, "visible_fraction")
-    rows = []
-    for low, high in BINS:
-        part = [r for r, v in zip(records, visible, strict=True) if low <= v and (v < high or high == 1.0)]
-        found = column(part, "found").astype(bool)
-        rows.append(
-            {
-                "low": low,
-                "high": high,
-                "frames": len(part),
-                "within_5": percent(within(part, 5, 5)),
-                "misses": percent(~found),
-                "median_mm": _quantile(column(part, "position_mm")[found], 0.5),
-                "median_deg": _quantile(column(part, "rotation_deg")[found], 0.5),
-            }
-        )
+def accuracy_rows(frames: pd.DataFrame) -> list[dict[str, Any]]:
+    """Rows of the parts `accuracy`, `visibility` and `confidence` by workload and object."""
+    rows: list[dict[str, Any]] = []
+    for (workload, name), own in frames.groupby(["workload", "object"], sort=False):
+        if workload == BINS_WORKLOAD:
+            own = pd.concat([frames[(frames.workload == "realistic") & (frames.object == name)], own])
+        about = {"object": name, "group": workload}
+        rows.append({"part": "accuracy", **about, **summarise(own)})
+        own = own[own.present]
+        if len(own):
+            rows += [{"part": "visibility", **about, **row} for row in by_visibility(own)]
+            given = own[own.found]
+            stated = reliability(given.confidence.to_numpy(), _right(given))
+            rows += [{"part": "confidence", **about, **row} for row in stated]
     return rows
 
 
-def _recalls(records: Sequence[FrameRecord]) -> dict[str, float]:
-    size = tracker.load_object(records[0].object).size
-    length = 1e3 * diameter(size)
+def summarise(own: pd.DataFrame) -> dict[str, Any]:
+    """Figures of one object in one workload, `n` the number of frames."""
+    if not own.present.any():
+        return {"n": len(own), "false_finds": int(own.found.sum())}
+    found, right = own.found.to_numpy(bool), _right(own)
+    given = own[own.found]
+    result: dict[str, Any] = {"n": len(own)}
+    for key, unit in (("position_mm", "mm"), ("rotation_deg", "deg")):
+        result |= {f"{n}_{unit}": quantile(given[key], q) for n, q in _QUANTILES.items()}
+    for key in ("axis_deg", "roll_deg", "add_mm", "mssd_mm", "mspd_px", "nees"):
+        result[f"median_{key}"] = median(given[key])
+    for key in ("task_position_error", "task_rotation_error"):
+        result[f"mean_{key}"] = mean(given[key])
+    sure = own.confidence.fillna(0).to_numpy() > SURE
+    result |= {
+        "within_1": percent(_within(own, 1, 1)),
+        "within_5": percent(right),
+        "misses": percent(~found),
+        "wrong": percent(found & ~right),
+        "wrong_and_sure": percent(found & ~right & sure),
+    }
+    result |= _seen(own)
+    result |= _recalls(own)
+    result |= {f"inside_{share}": percent(given.nees <= limit) for share, limit in ELLIPSOIDS.items()}
+    result["brier"] = brier_score(given.confidence.to_numpy(), right[found])
+    result |= _bounds(given)
+    result |= {
+        "median_ms": median(own.milliseconds),
+        "time_ratio": median(own.milliseconds / own.reference_ms),
+        "visible": percent(own.visible_fraction),
+    }
+    return result
+
+
+_QUANTILES = {"median": 0.5, "p90": 0.9, "p99": 0.99}
+
+
+def _within(own: pd.DataFrame, millimetres: float, degrees: float) -> Array:
+    return within(own[["position_mm", "rotation_deg"]].to_numpy(), millimetres, degrees)
+
+
+def _right(own: pd.DataFrame) -> Array:
+    return _within(own, 5, 5)
+
+
+def _seen(own: pd.DataFrame) -> dict[str, float]:
+    """Shares of the frames in which enough is visible."""
+    half, clear = own[own.visible_fraction >= 0.5], own[own.visible_fraction >= 0.7]
+    some = own[(own.visible_fraction >= 0.3) & (own.visible_fraction < 0.5)]
+    near = _within(clear, 20, 5)
+    return {
+        "within_5_seen_30_50": percent(_right(some)),
+        "within_5_seen_50": percent(_right(half)),
+        "within_5_seen_70": percent(_right(clear)),
+        "near_or_ambiguous_seen_70": percent(near | (clear.status == "ambiguous")),
+        "far_and_sure_seen_70": percent((clear.confidence.fillna(0).to_numpy() > SURE) & ~near),
+    }
+
+
+def by_visibility(own: pd.DataFrame) -> list[dict[str, Any]]:
+    """For each of BINS that holds any: share within 5 mm and 5° [%], misses [%], median errors."""
+    rows = []
+    for low, high in BINS:
+        part = own[(own.visible_fraction >= low) & ((own.visible_fraction < high) | (high == 1.0))]
+        if len(part):
+            rows.append(
+                {
+                    "bin": f"{low:g}-{high:g}",
+                    "n": len(part),
+                    "within_5": percent(_right(part)),
+                    "misses": percent(~part.found.to_numpy(bool)),
+                    "median_mm": median(part.position_mm),
+                    "median_deg": median(part.rotation_deg),
+                }
+            )
+    return rows
+
+
+def _recalls(own: pd.DataFrame) -> dict[str, float]:
+    try:
+        length = 1e3 * diameter(tracker.load_object(own.object.iloc[0]).size)
+    except TrackerError:  # a box of a rig
+        return {}
     pixels = PIXEL_THRESHOLDS * WIDTH / 640
     return {
-        "add_recall": 100 * average_recall(column(records, "add_mm"), np.array([0.1 * length])),
-        "ar_add": 100 * average_recall(column(records, "add_mm"), THRESHOLDS * length),
-        "ar_mssd": 100 * average_recall(column(records, "mssd_mm"), THRESHOLDS * length),
-        "ar_mspd": 100 * average_recall(column(records, "mspd_px"), pixels),
+        "add_recall": 100 * average_recall(own.add_mm, np.array([0.1 * length])),
+        "ar_add": 100 * average_recall(own.add_mm, THRESHOLDS * length),
+        "ar_mssd": 100 * average_recall(own.mssd_mm, THRESHOLDS * length),
+        "ar_mspd": 100 * average_recall(own.mspd_px, pixels),
     }
 
 
@@ -111,58 +146,17 @@ def average_recall(errors: Array, thresholds: Array) -> float:
     return float(np.mean(np.asarray(errors)[:, None] < thresholds))
 
 
-def brier_score(confidence: Array, right: Array) -> float:
-    """Mean square of confidence minus outcome; 0 is best, 0.25 what always saying ½ gives."""
-    return _mean((np.asarray(confidence) - np.asarray(right, dtype=np.float64)) ** 2)
-
-
-def reliability(confidence: Array, right: Array) -> list[dict[str, float]]:
-    """For each bin of confidence: its borders, how many, mean confidence, share that is right."""
-    rows = []
-    place = np.clip(np.searchsorted(CONFIDENCE_BINS, confidence, side="right") - 1, 0, None)
-    place = np.minimum(place, len(CONFIDENCE_BINS) - 2)
-    for k, (low, high) in enumerate(itertools.pairwise(CONFIDENCE_BINS)):
-        own = place == k
-        rows.append(
-            {
-                "low": float(low),
-                "high": float(high),
-                "count": int(own.sum()),
-                "confidence": _mean(np.asarray(confidence)[own]),
-                "right": _mean(np.asarray(right)[own]),
-            }
-        )
-    return rows
-
-
-def _calibration(confidence: Array, right: Array) -> dict[str, Any]:
-    return {"brier": brier_score(confidence, right), "reliability": reliability(confidence, right)}
-
-
-def _bounds(records: Sequence[FrameRecord]) -> dict[str, float]:
+def _bounds(given: pd.DataFrame) -> dict[str, float]:
     """Bounds, and the errors as multiples of them: ratio of the medians, and median of the ratios."""
-    found = column(records, "found").astype(bool)
-    result = {}
+    result: dict[str, float] = {}
     for key in ("bound", "bound_fixed"):
         for unit, error in (("mm", "position_mm"), ("deg", "rotation_deg")):
-            bound, errors = column(records, f"{key}_{unit}"), column(records, error)
-            use = found & np.isfinite(bound)
-            result[f"{key}_{unit}"] = _quantile(bound[use], 0.5)
-            if use.any():
-                result[f"{key}_ratio_{unit}"] = float(np.median(errors[use]) / np.median(bound[use]))
-                result[f"{key}_median_ratio_{unit}"] = float(np.median(errors[use] / bound[use]))
+            use = given[np.isfinite(given[f"{key}_{unit}"])]
+            if len(use):
+                bound = use[f"{key}_{unit}"]
+                result |= {
+                    f"{key}_{unit}": median(bound),
+                    f"{key}_ratio_{unit}": median(use[error]) / median(bound),
+                    f"{key}_median_ratio_{unit}": median(use[error] / bound),
+                }
     return result
-
-
-def _quantile(values: FloatArray, q: float) -> float:
-    values = values[np.isfinite(values)]
-    return float(np.quantile(values, q)) if len(values) else float("nan")
-
-
-def _mean(values: Array) -> float:
-    return float(np.mean(values)) if len(values) else float("nan")
-
-
-def percent(flags: Array) -> float:
-    """Share [%] of flags that are set; nan of none."""
-    return 100 * _mean(flags)

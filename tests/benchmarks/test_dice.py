@@ -9,19 +9,30 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from benchmarks import commands
 from benchmarks.__main__ import main
-from benchmarks.data.dice import SEED, DiceScene, cross_pixels, visible_fractions
+from benchmarks.data.dice import DiceScene
 from benchmarks.data.scenes import SIZE, rig
-from benchmarks.data.store import read_packed
-from benchmarks.judge import gate
-from benchmarks.measure.dice import ALONE, IMAGES, DiceOptions, Judged, mask_row, position_row, recorded_row
-from benchmarks.measure.dice_speed import speed_rows
-from benchmarks.report.dice_tables import dice_markdown, dice_tables, dice_targets
+from benchmarks.data.store import packed, unpacked
+from benchmarks.judge.results import read_results
+from benchmarks.measure import dice as measured_dice
+from benchmarks.measure.dice import (
+    ALONE,
+    IMAGES,
+    Judged,
+    mask_row,
+    position_rows,
+    recorded_row,
+    speed_rows,
+)
 from benchmarks.report.dice_worst import FILE, HIDDEN, INVENTED, MISSED, from_above
-from benchmarks.report.tables import results_markdown
-from benchmarks.score.dice import RIGHT, View, judge_mask, judge_positions
-from benchmarks.score.records import ResultsError, read_results, write_results
+from benchmarks.score.dice import (
+    RIGHT,
+    View,
+    cross_pixels,
+    judge_mask,
+    judge_positions,
+    visible_fractions,
+)
 from tests.helpers import random_rotations
 from tests.helpers.synthetic_needs import skip_without_platform
 from tracker.tasks.rearrange_dice import DIE_WIDTH
@@ -99,15 +110,12 @@ def test_the_cross_is_where_the_cameras_own_projection_has_it():
         assert not cross_pixels(camera, bar[None][:0]).any()
 
 
-def test_a_scene_of_dice_survives_the_disk(rng, tmp_path):
+def test_a_scene_of_dice_survives_the_disk(rng):
     scene = scene_of(rng.normal(size=(25, 3)), random_rotations(rng, 25), bars=rng.normal(size=(2, 3, 2)))
-    file = tmp_path / "scene.npz"
-    file.write_bytes(scene.packed())
-    again = read_packed(file, DiceScene.unpacked)
+    again = unpacked(DiceScene, packed(scene))
     for field in dataclasses.fields(DiceScene):
         assert np.array_equal(getattr(again, field.name), getattr(scene, field.name))
-    file.write_bytes(scene.packed()[:900])
-    assert read_packed(file, DiceScene.unpacked) is None
+    assert unpacked(DiceScene, packed(scene)[:900]) is None
 
 
 def test_dice_that_are_left_over_are_invented():
@@ -164,7 +172,7 @@ def test_pixels_of_masks_are_counted_once_and_where_they_belong():
 
 def test_all_pixels_together_are_not_the_mean_of_views():
     views = [View(10, 10, 10, 0, 0, 0, 100), View(90, 100, 60, 8, 2, 10, 100)]
-    row = mask_row("thrown", views)
+    row = mask_row(views)
     assert row["iou"] == pytest.approx(70 / 140)
     assert row["precision"] == pytest.approx(70 / 110)
     assert row["recall"] == pytest.approx(0.7)
@@ -189,15 +197,19 @@ def judged(kind="thrown") -> Judged:
 
 
 def test_figures_of_positions():
-    row = position_row("thrown", IMAGES, [judged()])
+    row, *stated = position_rows("thrown", [judged().answers[IMAGES]], [judged()])
     assert row["found"] == pytest.approx(200 / 3)
     assert row["invented"] == pytest.approx(100 / 3)
     assert (row["median_mm"], row["p90_mm"]) == pytest.approx((2.0, 2.8))
     assert row["count_error"] == 22
-    assert [(part["dice"], part["found"]) for part in row["bins"]] == [(1, 0.0), (2, 50.0), (1, 100.0)]
+    assert [(row[f"dice_{low}"], row[f"found_{low}"]) for low in ("0_05", "0_3", "0_5")] == [
+        (1, 0.0),
+        (2, 50.0),
+        (1, 100.0),
+    ]
     assert row["brier"] == pytest.approx((0.03**2 + 0.04**2 + 0.2**2) / 3)
-    sure = next(part for part in row["reliability"] if part["count"] == 2)
-    assert (sure["right"], sure["confidence"]) == pytest.approx((1.0, 0.965))
+    sure = next(part for part in stated if part["n"] == 2)
+    assert (sure["right"], sure["confidence"]) == pytest.approx((100, 96.5))
     assert judged().mistakes == 2
 
 
@@ -215,69 +227,11 @@ def test_the_picture_from_above_shows_missed_hidden_and_invented():
     assert shows(INVENTED, 1.0)
 
 
-def made_up() -> dict:
-    work = {
-        "work": "masks, error",
-        "median_ms": 3.0,
-        "p99_ms": 4.0,
-        "reference_ms": 1.1,
-        "ratio": 2.7,
-        "times": 9,
-    }
-    figures = {"mask_iou": 0.95, "median_mm": 2.5, "found": 91.0, "invented": math.nan, "ratio": 2.7}
-    return {
-        "about": {"seed": 3, "scenes": {"thrown": 1, "laid": 1}},
-        "masks": [mask_row(kind, judged().views) for kind in ("thrown", "laid")],
-        "positions": [position_row(kind, IMAGES, [judged(kind)]) for kind in ("thrown", "laid")],
-        "recorded": None,
-        "speed": [work],
-        "figures": figures,
-    }
-
-
-def test_targets_are_met_missed_or_not_measured():
-    rows = {row["name"]: row for row in dice_targets(made_up()["figures"])}
-    assert rows["thrown: mask IoU, pooled"]["met"]
-    assert rows["thrown: median position"]["target"] == "≤ 2 mm"
-    assert not rows["thrown: median position"]["met"]
-    assert rows["thrown: found of those visible ≥ 0.3"]["met"]
-    for name in ("thrown: invented, of those reported", "recorded picture: recall"):
-        assert not rows[name]["met"]
-        assert math.isnan(rows[name]["value"])
-    assert all(math.isnan(row["value"]) for row in dice_targets({}))
-
-
-def test_the_section_survives_the_file_of_results(tmp_path):
-    dice = made_up()
-    write_results(tmp_path / "results.json", {"frames": [], "dice": dice, "targets": dice_targets({})})
-    text = results_markdown(read_results(tmp_path), tmp_path / "none.md")
-    assert "## Dice" in text
-    assert "nan" not in text
-    for table in dice_tables(dice):
-        assert all(len(row) == len(table.heads) for row in table.rows)
-    dice["recorded"] = {"precision": 0.99, "recall": 0.9, "iou": 0.88}
-    assert "predecessor" in "".join(dice_markdown(dice))
-
-
-def test_the_gate_holds_dice(tmp_path):
-    before = {"about": {}, "frames": [], "dice": made_up()}
-    gate.write_baseline(before, tmp_path / "baseline.json")
-    baseline = gate.read_baseline(tmp_path / "baseline.json")
-    assert gate.failures(baseline, before) == ([], [])
-    worse, absent = gate.failures(baseline, {"about": {}, "frames": []})
-    assert (worse, len(absent)) == ([], 5)
-    now = {**before, "dice": {**made_up(), "figures": {**made_up()["figures"], "mask_iou": 0.94}}}
-    assert gate.failures(baseline, now)[0] == ["dice / thrown / mask_iou: 0.94, was 0.95"]
-    other = {**before, "dice": {**made_up(), "about": {"seed": 4}}}
-    with pytest.raises(ResultsError, match="found dice"):
-        gate.failures(baseline, other)
-
-
 def test_every_kind_of_work_is_timed_equally_often():
     blank = [np.full((SIZE, SIZE, 3), 80, np.uint8)] * 3
     rows = speed_rows(RIG, [blank, blank], rounds=2)
     assert len(rows) == 4
-    assert {row["times"] for row in rows} == {4}
+    assert {row["n"] for row in rows} == {4}
     assert all(0 < row["median_ms"] <= row["p99_ms"] for row in rows)
     assert all(row["ratio"] > 0 for row in rows)
 
@@ -297,29 +251,22 @@ def test_a_recorded_picture_is_compared_with_its_mask(tmp_path):
 
 def test_a_smoke_run_of_the_command(tmp_path, monkeypatch):
     skip_without_platform()
-    monkeypatch.setattr(commands, "QUICK_DICE", DiceOptions(thrown=1, laid=1, timed=1, rounds=1))
+    monkeypatch.setattr(measured_dice, "ROUNDS", 1)
     out = tmp_path / "out"
     places = ["--cache", str(tmp_path / "cache"), "--real", str(tmp_path / "nowhere"), "-o", str(out)]
-    arguments = ["dice", "--quick", "--workers", "1", "--seed", "5", *places]
+    arguments = ["dice", "--scenes", "1", "--workers", "1", "--seed", "5", *places]
     done = CliRunner().invoke(main, arguments, catch_exceptions=False)
     assert done.exit_code == 0
     assert "## Dice" in done.output
-    dice = read_results(out)["dice"]
-    assert dice["about"] == {"seed": 5, "scenes": {"thrown": 1, "laid": 1}}
-    assert [row["views"] for row in dice["masks"]] == [3, 3]
-    for row in dice["masks"]:
-        assert 0.5 < row["iou"] <= 1
-    for row in dice["positions"]:
-        assert sum(part["dice"] for part in row["bins"]) <= 25
-        assert 0 <= row["found"] <= 100
-    assert dice["recorded"] is None
-    sheet = cv2.imread(str(out / FILE))
-    assert sheet is not None
+    results = read_results(out)
+    assert (results.about["seed"], results.about["draw"]) == (5, "other")
+    masks = [row for row in results.rows if row["part"] == "dice, masks"]
+    assert [(row["group"], row["n"]) for row in masks] == [("thrown", 3), ("laid", 3)]
+    assert all(0.5 < row["iou"] <= 1 for row in masks)
+    for row in results.rows:
+        if row["part"] == "dice, positions":
+            assert row["dice_0_05"] + row["dice_0_3"] + row["dice_0_5"] <= 25
+            assert 0 <= row["found"] <= 100
+    # Single scenes are shown of development draws alone.
+    assert not (out / FILE).exists()
     assert len(list((tmp_path / "cache").rglob("*.npz"))) == 2
-
-
-def test_the_judged_scenes_have_seeds_of_their_own():
-    from benchmarks.data import scenes
-
-    taken = {scenes.SEED + 10 * k + style for k in range(len(scenes.OBJECTS)) for style in range(4)}
-    assert not taken & {SEED, SEED + 1}

@@ -1,55 +1,56 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 
 import cv2
 import numpy as np
+import pandas as pd
 import pytest
 from click.testing import CliRunner
 
-from benchmarks import commands
 from benchmarks.__main__ import main
-from benchmarks.data import dice as dice_scenes
-from benchmarks.data import scenes
-from benchmarks.data.films import ABSENT, SEED, FilmFrame, FilmStore, vanishing_film, vanishing_frames
-from benchmarks.data.store import read_packed
-from benchmarks.measure.films import FilmOptions
-from benchmarks.measure.playing import Played
+from benchmarks.data.films import ABSENT, FilmFrame, FilmStore, vanishing_film, vanishing_frames
+from benchmarks.data.store import packed, unpacked
+from benchmarks.judge.results import read_results
+from benchmarks.measure import films
 from benchmarks.report.film_plot import FILE, write_film_plot
-from benchmarks.report.film_tables import TARGETS, film_tables, film_targets
 from benchmarks.score.films import (
+    COLUMNS,
     camera_row,
     longest_wait,
     losses,
+    right,
     share_row,
-    speed_row,
+    state_rows,
+    status_row,
     vanished_row,
-    whole_row,
-    within,
 )
-from benchmarks.score.records import read_results
 from tests.helpers import random_rotations
 from tests.helpers.synthetic_needs import skip_without_platform
 
 
-def played(count=10, **changed) -> Played:
+def played(count=10, **changed) -> pd.DataFrame:
     """A film in which all is well."""
-    errors = np.tile([0.1, 0.2], (count, 1))
-    fine = Played(
-        timestamp=np.arange(count) / 10,
-        visible=np.ones((count, 3)),
-        present=np.ones(count, bool),
-        measured=errors,
-        filtered=errors / 2,
-        given=np.ones((count, 2), bool),
-        confidence=np.full(count, 0.99),
-        nees=np.full(count, 5.0),
-        status=np.array(["FOUND", *["TRACKING"] * (count - 1)]),
-        times=np.tile([0.8, 1.0], (count, 1)),
-        at_rest=np.arange(count) < count // 2,
-    )
-    return dataclasses.replace(fine, **changed)
+    fine = {
+        "film": 0,
+        "timestamp": np.arange(count) / 10,
+        "present": True,
+        "status": ["FOUND", *["TRACKING"] * (count - 1)],
+        "confidence": 0.99,
+        "update_ms": 0.8,
+        "reference_ms": 1.0,
+        "at_rest": np.arange(count) < count // 2,
+        "measured_given": True,
+        "filtered_given": True,
+        "measured_mm": 0.1,
+        "measured_deg": 0.2,
+        "filtered_mm": 0.05,
+        "filtered_deg": 0.1,
+        "measured_nees": 5.0,
+        "filtered_nees": 5.0,
+    }
+    assert set(fine) == set(COLUMNS)
+    return pd.DataFrame({**fine, **{f"visible_{k}": np.ones(count) for k in range(3)}, **changed})
 
 
 def frame_of(number, position=(0.0, 0.0, 0.0), rotation=None) -> FilmFrame:
@@ -58,24 +59,15 @@ def frame_of(number, position=(0.0, 0.0, 0.0), rotation=None) -> FilmFrame:
     return FilmFrame(number / 10, (image,) * 3, np.ones(3), np.array(position), turn)
 
 
-def test_a_frame_survives_the_disk(rng, tmp_path):
-    file = tmp_path / "frame.npz"
+def test_a_frame_survives_the_disk(rng):
     for frame in (
         frame_of(3, rng.normal(size=3), random_rotations(rng, 1)[0]),
         dataclasses.replace(frame_of(4), position=None, rotation=None),
     ):
-        file.write_bytes(frame.packed())
-        again = read_packed(file, FilmFrame.unpacked)
+        again = unpacked(FilmFrame, packed(frame))
         for field in dataclasses.fields(FilmFrame):
             assert np.array_equal(getattr(again, field.name), getattr(frame, field.name))
-    file.write_bytes(frame.packed()[:100])
-    assert read_packed(file, FilmFrame.unpacked) is None
-
-
-def test_the_films_have_seeds_of_their_own():
-    own = {SEED + k for k in range(len(scenes.OBJECTS))}
-    taken = {scenes.SEED + 10 * k + style for k in range(len(scenes.OBJECTS)) for style in range(10)}
-    assert not own & (taken | {dice_scenes.SEED, dice_scenes.SEED + 1})
+        assert unpacked(FilmFrame, packed(frame)[:100]) is None
 
 
 @pytest.mark.parametrize("length", [40, 600])
@@ -90,7 +82,7 @@ class MadeUp:
 
     length = 40
 
-    def frames(self, film, numbers, empty=False):
+    def frames(self, film, numbers, *, empty=False):
         for number in numbers:
             frame = frame_of(number, (0.01 * number, 0.0, 0.0))
             yield dataclasses.replace(frame, position=None, rotation=None) if empty else frame
@@ -110,25 +102,28 @@ def test_losses_are_of_what_had_been_found():
 
 
 def test_shares_flips_and_ratios():
-    filtered = np.tile([0.05, 0.1], (10, 1))
-    filtered[8], filtered[9] = (1.0, 170.0), (1.0, 170.0)
-    confidence = np.full(10, 0.9)
-    confidence[9] = 0.2
-    single = np.tile([0.1, 0.4], (10, 1))
-    row = whole_row([played(filtered=filtered, confidence=confidence)], single)
-    assert (row["filtered"], row["measured"], row["single"], row["flips"]) == (80.0, 100.0, 100.0, 1)
-    assert (row["rest_ratio_mm"], row["rest_ratio_deg"]) == pytest.approx((0.5, 0.25))
-    assert row["statuses"] == {"FOUND": 1, "TRACKING": 9}
-    assert not within(np.array([[np.nan, np.nan], [1.0, 6.0], [6.0, 1.0]])).any()
+    film = played()
+    film.loc[8:9, ["filtered_mm", "filtered_deg"]] = 1.0, 170.0
+    film.loc[9, "confidence"] = 0.2
+    row = share_row(film)
+    assert (row["filtered"], row["measured"], row["flips"], row["n"]) == (80.0, 100.0, 1, 10)
+    assert row["inside_50"] == row["inside_95"] == 100
+    at_rest, moving = state_rows(film, pd.DataFrame({"mm": [0.1] * 10, "deg": [0.4] * 10}))
+    assert (at_rest["ratio_mm"], at_rest["ratio_deg"]) == pytest.approx((0.5, 0.25))
+    assert at_rest["n"] + moving["n"] == 10
+    assert status_row(film) == {"n": 10, "found": 1, "tracking": 9}
+    wrong = pd.DataFrame({"filtered_mm": [np.nan, 1.0, 6.0], "filtered_deg": [np.nan, 6.0, 1.0]})
+    assert not right(wrong, "filtered").any()
 
 
 def test_one_camera_is_judged_where_it_sees_enough():
-    visible, measured, given = np.ones((10, 3)), np.tile([15.0, 2.0], (10, 1)), np.ones((10, 2), bool)
-    visible[:2, 1] = 0.4
-    measured[:4] = 50.0, 2.0
-    measured[4], given[4, 0] = np.nan, False
-    row = camera_row([played(visible=visible, measured=measured, given=given)], 1)
-    assert (row["frames"], row["right"], row["none"], row["wrong"]) == (8, 62.5, 12.5, 25.0)
+    film = played(measured_mm=15.0, measured_deg=2.0)
+    film.loc[:1, "visible_1"] = 0.4
+    film.loc[:3, "measured_mm"] = 50.0
+    film.loc[4, ["measured_mm", "measured_given"]] = np.nan, False
+    film["measured_given"] = film.measured_given.astype(bool)
+    row = camera_row(film, 1)
+    assert (row["n"], row["right"], row["none"], row["wrong"]) == (8, 62.5, 12.5, 25.0)
     assert row["right_or_none"] == 75.0
 
 
@@ -140,75 +135,44 @@ def test_the_wait_begins_when_the_view_has_been_clear():
 
 
 def test_what_is_said_of_an_object_that_is_away():
-    present, given, measured = np.ones(30, bool), np.ones((30, 2), bool), np.tile([0.1, 0.1], (30, 1))
-    present[5:25] = False
-    given[5:26, 0] = False
-    given[12:25, 1] = False
-    measured[~given[:, 0]] = np.nan
-    given[20, 0] = True
-    row = vanished_row([played(30, present=present, given=given, measured=measured)])
-    assert (row["invented"], row["longest_wait"]) == (1, 2)
+    number = np.arange(30)
+    measured = (number < 5) | (number >= 26)
+    film = played(
+        30,
+        present=(number < 5) | (number >= 25),
+        measured_mm=np.where(measured, 0.1, np.nan),
+        measured_given=measured | (number == 20),
+        filtered_given=(number < 12) | (number >= 25),
+    )
+    row = vanished_row(film)
+    assert (row["invented"], row["longest_wait"], row["n"]) == (1, 2, 1)
     assert row["kept"] >= 1
     assert row["kept_seconds"] == pytest.approx(0.7)
 
 
-def made_up() -> dict:
-    def both(*rows):
-        return [{"object": name, **row} for name in scenes.OBJECTS for row in rows]
-
-    parts = [played()]
-    away = played(30, present=~((np.arange(30) >= 5) & (np.arange(30) < 25)))
-    return {
-        "about": {"seed": 3, "films": 1, "frames": 10},
-        "whole": both(whole_row(parts, np.tile([0.1, 0.2], (10, 1)))),
-        "thinned": both({"stride": 2, **share_row(parts)}),
-        "cameras": both(*(camera_row(parts, camera) for camera in range(3))),
-        "vanished": both(vanished_row([away])),
-        "speed": both(speed_row(parts)),
-        "figures": {"cube_v2": {"filtered": 99.6, "nees": 10.0}},
-    }
-
-
-def test_targets_are_met_missed_or_not_measured():
-    rows = film_targets(made_up()["figures"])
-    assert len(rows) == 2 * len(TARGETS)
-    measured = {row["name"]: row for row in rows if not math.isnan(row["value"])}
-    assert {row["object"] for row in measured.values()} == {"cube_v2"}
-    assert [row["met"] for row in measured.values()] == [True, False]
-    assert not any(row["met"] for row in film_targets({}))
-
-
-def test_tables_have_a_cell_for_each_heading():
-    for table in film_tables(made_up()):
-        assert table.rows
-        assert all(len(row) == len(table.heads) for row in table.rows)
-        assert "nan" not in table.markdown()
-
-
 def test_a_film_is_drawn(tmp_path):
-    nothing = np.full((10, 2), np.nan)
-    lost = played(measured=nothing, filtered=nothing, status=np.array(["LOST"] * 10))
+    nothing = dict.fromkeys(("measured_mm", "measured_deg", "filtered_mm", "filtered_deg"), np.nan)
+    lost = played(status=["LOST"] * 10, **nothing)
     picture = cv2.imread(str(write_film_plot({"cube_v2": played(), "cuboid_2x2x8_v2": lost}, tmp_path)))
     assert picture is not None
 
 
 def test_a_smoke_run_of_the_command(tmp_path, monkeypatch):
     skip_without_platform()
-    monkeypatch.setattr(commands, "QUICK_FILMS", FilmOptions(films=1, length=3))
+    monkeypatch.setattr(films, "FILMS", 1)
+    monkeypatch.setattr(films, "film_length", lambda plan: 3)
     monkeypatch.setattr("benchmarks.data.films.ABSENT", 1)
     out, cache = tmp_path / "out", tmp_path / "cache"
-    arguments = ["films", "--quick", "--workers", "1", "--seed", "5", "--cache", str(cache), "-o", str(out)]
+    arguments = ["films", "--quick", "--workers", "1", "--cache", str(cache), "-o", str(out)]
     done = CliRunner().invoke(main, arguments, catch_exceptions=False)
     assert done.exit_code == 0
     assert "## Over time" in done.output
-    films = read_results(out)["films"]
-    assert films["about"] == {"seed": 5, "films": 1, "frames": 3}
-    assert [row["frames"] for row in films["whole"]] == [3, 3]
+    rows = [row for row in read_results(out).rows if row["part"] == "films" and row["group"] == "all"]
+    assert [row["n"] for row in rows] == [3, 3]
     assert (out / FILE).is_file()
     assert len(list(cache.rglob("*.npz"))) == 2 * (3 + 1)
     store = FilmStore("cube_v2", 3, 5, 1, cache)
-    file = store.file(0, 1)
     before = next(store.frames(0, [1]))
-    file.write_bytes(b"broken")
+    store.store.file(1).write_bytes(b"broken")
     again = next(store.frames(0, [1]))
     assert np.array_equal(before.images, again.images)

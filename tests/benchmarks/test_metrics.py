@@ -1,15 +1,12 @@
 from __future__ import annotations
 
-import dataclasses
-import math
-
 import numpy as np
 import pytest
 
 import tracker
 from benchmarks.score import errors as metrics
-from benchmarks.score import summary
-from benchmarks.score.records import FrameRecord, ResultsError, read_results, records_of, write_results
+from benchmarks.score import shares, summary
+from benchmarks.score.records import FrameRecord, frame_of
 from tests.helpers import make_camera, random_rotations
 from tracker.geometry import so3
 
@@ -118,7 +115,7 @@ def test_nees_of_a_true_covariance_is_chi_squared(rng):
     found = np.tile(position, (4000, 1)), np.tile(rotation, (4000, 1, 1))
     values = metrics.nees(true, found, np.tile(covariance, (4000, 1, 1)))
     assert values.mean() == pytest.approx(6, abs=0.2)
-    assert np.median(values) == pytest.approx(summary.CHI2_MEDIAN, abs=0.2)
+    assert np.median(values) == pytest.approx(5.348, abs=0.2)
     np.testing.assert_allclose(metrics.nees(true, found, 4 * covariance), values / 4)
 
 
@@ -135,8 +132,9 @@ def test_a_summary_counts_right_wrong_and_missing():
         record(found=False, status="poor fit"),
         record(found=False, status="ambiguous", visible_fraction=0.4),
     ]
-    result = summary.summarise(records)
-    assert result["frames"] == 10
+    frames = frame_of(records)
+    result = summary.summarise(frames)
+    assert result["n"] == 10
     assert result["within_1"] == result["within_5"] == 60
     assert (result["misses"], result["wrong"], result["wrong_and_sure"]) == (20, 20, 10)
     assert result["median_mm"] == 0.5
@@ -144,13 +142,46 @@ def test_a_summary_counts_right_wrong_and_missing():
     assert result["ar_mssd"] == pytest.approx(60 + 10 * 0.2)
     assert result["ar_mspd"] == pytest.approx(60)
     assert result["brier"] == pytest.approx((6 * 0.01 + 0.64 + 0.04) / 8)
-    assert [row["frames"] for row in result["bins"]] == [0, 9, 0, 1]
-    assert sum(row["count"] for row in result["reliability"]) == 8
+    rows = summary.accuracy_rows(frames)
+    assert [(row["bin"], row["n"]) for row in rows if row["part"] == "visibility"] == [
+        ("0.7-0.9", 9),
+        ("0.3-0.5", 1),
+    ]
+    assert sum(row["n"] for row in rows if row["part"] == "confidence") == 8
+
+
+def test_bins_are_filled_up_with_realistic_frames():
+    records = [record(position_mm=1.0, rotation_deg=1.0, index=k) for k in range(3)]
+    records.append(record(workload="occlusion bins", position_mm=1.0, rotation_deg=9.0, index=7))
+    rows = [row for row in summary.accuracy_rows(frame_of(records)) if row["part"] == "accuracy"]
+    assert [(row["group"], row["n"], row["within_5"]) for row in rows] == [
+        ("realistic", 3, 100.0),
+        ("occlusion bins", 4, 75.0),
+    ]
+
+
+def test_shares_of_honest_poses_inside_their_ellipsoids(rng):
+    records = [
+        record(position_mm=1.0, rotation_deg=1.0, nees=nees, index=k)
+        for k, nees in enumerate(rng.chisquare(6, 4000).tolist())
+    ]
+    result = summary.summarise(frame_of(records))
+    for share in (50, 90, 95):
+        assert result[f"inside_{share}"] == pytest.approx(share, abs=2.0)
+
+
+def test_the_interval_of_a_share_holds_it_and_shrinks_with_the_count():
+    for share, count in ((0.0, 10), (50.0, 10), (100.0, 10), (50.0, 1000)):
+        low, high = shares.interval(share, count)
+        assert 0 <= low <= share + 1e-9
+        assert share - 1e-9 <= high <= 100
+    assert np.ptp(shares.interval(50.0, 1000)) < np.ptp(shares.interval(50.0, 10))
+    assert shares.interval(np.nan, 0) == (0, 100)
 
 
 def test_without_an_object_only_finds_count():
     records = [record(present=False, found=k == 0, confidence=0.3) for k in range(4)]
-    assert summary.summarise(records) == {"frames": 4, "false_finds": 1}
+    assert summary.summarise(frame_of(records)) == {"n": 4, "false_finds": 1}
 
 
 def test_average_recall_is_that_of_each_threshold():
@@ -161,28 +192,10 @@ def test_average_recall_is_that_of_each_threshold():
 def test_an_honest_confidence_lies_on_the_diagonal(rng):
     confidence = rng.uniform(0, 1, 20_000)
     right = rng.uniform(0, 1, 20_000) < confidence
-    for row in summary.reliability(confidence, right):
-        if row["count"] > 300:
-            assert row["right"] == pytest.approx(row["confidence"], abs=0.03)
-            assert row["low"] <= row["confidence"] <= row["high"]
-    assert summary.brier_score(confidence, right) == pytest.approx(1 / 6, abs=0.01)
-    assert summary.brier_score(np.full(4, 0.5), [0, 1, 0, 1]) == 0.25
-
-
-def test_results_survive_the_disk(tmp_path):
-    records = [record(position_mm=0.25), record(found=False, index=1)]
-    results = {
-        "about": {"quick": True},
-        "frames": [dataclasses.asdict(r) for r in records],
-        "summary": {"realistic": {"cube_v2": {"median_mm": np.float64(math.nan), "frames": np.int64(2)}}},
-    }
-    write_results(tmp_path / "results.json", results)
-    again = read_results(tmp_path)
-    assert "NaN" not in (tmp_path / "results.json").read_text()
-    assert math.isnan(again["summary"]["realistic"]["cube_v2"]["median_mm"])
-    first, second = records_of(again)
-    assert first.position_mm == 0.25
-    assert math.isnan(second.position_mm)
-    (tmp_path / "broken.json").write_text("[")
-    with pytest.raises(ResultsError, match="not a file of results"):
-        read_results(tmp_path / "broken.json")
+    for row in shares.reliability(confidence, right):
+        if row["n"] > 300:
+            low, high = map(float, row["bin"].split("-"))
+            assert row["right"] == pytest.approx(row["confidence"], abs=3)
+            assert low <= row["confidence"] / 100 <= high
+    assert shares.brier_score(confidence, right) == pytest.approx(1 / 6, abs=0.01)
+    assert shares.brier_score(np.full(4, 0.5), [0, 1, 0, 1]) == 0.25

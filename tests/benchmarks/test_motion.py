@@ -5,36 +5,19 @@ from types import SimpleNamespace
 
 import cv2
 import numpy as np
+import pandas as pd
 import pytest
-from click.testing import CliRunner
 
-import tracker
-from benchmarks import commands
-from benchmarks.__main__ import main
-from benchmarks.data import dice as dice_scenes
-from benchmarks.data import films, scenes
 from benchmarks.data import motion as motion_films
 from benchmarks.data.motion import AHEAD, SKEW, STEADY, MotionFrame, delays, film_motion, rig
 from benchmarks.data.paths import BULGE, HEIGHTS, LEAST, REACH, SPEED, random_motion
-from benchmarks.data.store import read_packed
-from benchmarks.measure.motion import (
-    GIVEN,
-    ONE_STAMP,
-    OWN_STAMPS,
-    TOGETHER,
-    MotionOptions,
-    compared,
-    measure_motion,
-    motion_figures,
-    motion_row,
-    play,
-)
-from benchmarks.report.motion_tables import motion_markdown
-from benchmarks.score.records import read_results
+from benchmarks.data.sets import Plan
+from benchmarks.data.store import packed, unpacked
+from benchmarks.measure import motion as measured_motion
+from benchmarks.measure.motion import GIVEN, ONE_STAMP, OWN_STAMPS, TOGETHER, measure_motion, motion_row, play
+from benchmarks.score.errors import pose_errors
 from tests.helpers import random_rotations
 from tracker.geometry import so3
-
-UNITS = ("mm", "deg", "nees")
 
 
 def pose(position, rotation=None):
@@ -95,12 +78,13 @@ def test_a_motion_has_no_jumps_and_stays_in_view(seed):
         np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-9)
 
 
-def test_the_films_have_seeds_of_their_own():
-    count = len(scenes.OBJECTS)
-    own = {motion_films.SEED + k for k in range(count)}
-    taken = {scenes.SEED + 10 * k + style for k in range(count) for style in range(10)}
-    taken |= {seed + k for seed in (films.SEED, dice_scenes.SEED) for k in range(count)}
-    assert not own & taken
+def test_there_is_a_next_turning_point_wherever_one_is(rng):
+    from benchmarks.data.paths import _leg
+
+    assert LEAST < REACH
+    middle = np.array([0.0, 0.0, np.mean(HEIGHTS)])
+    for _ in range(100):
+        assert np.linalg.norm(_leg(rng, "straight", 0.0, middle, np.eye(3)).chord) >= LEAST
 
 
 def test_a_motion_goes_on_until_its_last_prediction():
@@ -117,19 +101,16 @@ def test_one_camera_is_the_latest_and_none_is_too_late(rng, cameras):
     assert len(set(found)) == cameras
 
 
-def test_a_frame_survives_the_disk(rng, tmp_path):
-    file = tmp_path / "frame.npz"
+def test_a_frame_survives_the_disk(rng):
     frame = dataclasses.replace(frame_of(3), latest=pose(rng.normal(size=3), random_rotations(rng, 1)[0]))
-    file.write_bytes(frame.packed())
-    again = read_packed(file, MotionFrame.unpacked)
+    again = unpacked(MotionFrame, packed(frame))
     for field in dataclasses.fields(MotionFrame):
         assert np.array_equal(getattr(again, field.name), getattr(frame, field.name))
-    file.write_bytes(frame.packed()[:100])
-    assert read_packed(file, MotionFrame.unpacked) is None
+    assert unpacked(MotionFrame, packed(frame)[:100]) is None
 
 
 def test_each_camera_takes_its_picture_at_its_own_time():
-    make = motion_films._maker("cube_v2", 515151)
+    make = motion_films._frames("cube_v2", 515151)
     motion = film_motion(515151, 0)
     number = next(k for k in range(100) if motion.speed(k / 10) > 0.4)
     frame = make(number)
@@ -170,9 +151,10 @@ def test_a_frame_is_given_with_the_stamps_of_its_way(way):
     for k, (first_pixel, stamps) in enumerate(own.said):
         assert first_pixel == k + (0 if way == TOGETHER else 100)
         assert stamps == (frame_of(k).stamps.tolist() if way == OWN_STAMPS else k / 10)
-    np.testing.assert_allclose(played.measured, 0, atol=1e-9)
-    np.testing.assert_allclose(played.predicted, 0, atol=1e-9)
-    assert np.isnan(played.filtered).all()
+    units = ["mm", "deg", "nees"]
+    for said in ("measured", "predicted"):
+        np.testing.assert_allclose(played[[f"{said}_{unit}" for unit in units]], 0, atol=1e-9)
+    assert played.filtered_mm.isna().all()
 
 
 def test_what_is_compared_has_units(rng):
@@ -183,29 +165,19 @@ def test_what_is_compared_has_units(rng):
         orientation=so3.quaternion_from_matrix(off),
         covariance=np.diag([1e-6] * 3 + [np.radians(1) ** 2] * 3),
     )
-    assert compared(found, pose([0, 0, 0], rotation)) == pytest.approx((3, 2, 13))
-    assert np.isnan(compared(None, pose([0, 0, 0]))).all()
+    assert pose_errors(found, pose([0, 0, 0], rotation)) == pytest.approx((3, 2, 13))
+    assert np.isnan(pose_errors(None, pose([0, 0, 0]))).all()
 
 
 def test_only_frames_that_move_count():
     frames = [frame_of(k, moving=k < 3) for k in range(10)]
-    rows = []
     for way, off in ((TOGETHER, 0.001), (ONE_STAMP, 0.004)):
-        row = motion_row([play(Knowing(off), frames, GIVEN[way])])
-        assert (row["frames"], row["moving"], row["steady"]) == (10, 3, 3)
+        row = motion_row(play(Knowing(off), frames, GIVEN[way]))
+        assert (row["n"], row["moving"], row["steady"]) == (10, 3, 3)
         assert (row["measured_frames"], row["filtered_frames"]) == (3, 0)
         assert row["measured_mm"] == pytest.approx(1e3 * off)
         assert row["steady_predicted_nees"] == pytest.approx(1e6 * off**2)
         assert np.isnan(row["filtered_mm"])
-        rows.append({"object": "cube_v2", "given": way, **row})
-    figures = motion_figures(rows)
-    assert figures["unstamped_ratio_mm"] == pytest.approx(4)
-    assert figures["predicted_mm"] == pytest.approx(1)
-    assert "skewed_mm" not in figures
-    text = "\n".join(motion_markdown({"about": {"seed": 1, "films": 1, "frames": 10}, "rows": rows}))
-    assert "skewed, one stamp" in text
-    assert "4.000 mm" in text
-    assert "nan" not in text
 
 
 def test_steady_frames_lie_within_one_leg():
@@ -217,38 +189,19 @@ def test_steady_frames_lie_within_one_leg():
             assert motion.leg(time + AHEAD - 1e-9) is frame_leg
 
 
-def test_the_tracker_of_today_is_measured_on_simultaneous_pictures(tmp_path, monkeypatch):
-    monkeypatch.setattr("benchmarks.measure.motion.OBJECTS", ("cube_v2",))
+def test_ways_are_compared_with_pictures_taken_together(tmp_path, monkeypatch):
+    monkeypatch.setattr(measured_motion, "OBJECTS", ("cube_v2",))
+    monkeypatch.setattr(measured_motion, "FILMS", 1)
+    monkeypatch.setattr(measured_motion, "film_length", lambda plan: 3)
+    off = {TOGETHER: 0.001, OWN_STAMPS: 0.002, ONE_STAMP: 0.004}
+    ways = iter(off.values())
 
-    def make(model, cameras):
-        own = tracker.ObjectTracker(model, cameras)
-        return SimpleNamespace(update=own.update, reset=own.reset, predict=lambda timestamp: None)
+    def played(own, frames, given):
+        # The store is asked for frames, as by the real thing.
+        assert len(list(frames)) == 3
+        return play(Knowing(next(ways)), [frame_of(1)], given)
 
-    options = MotionOptions(films=1, length=3, seed=515151, workers=1, cache=tmp_path)
-    results = measure_motion(options, ways=(TOGETHER,), make=make)
-    (row,) = results["rows"]
-    assert row["frames"] == 3
-    assert row["measured_frames"] == row["moving"]
-    assert not row["moving"] or row["measured_mm"] < 1
-
-
-def test_the_command_adds_its_section(tmp_path, monkeypatch):
-    seen = []
-
-    def measured(options, say):
-        seen.append(options)
-        rows = [
-            {"object": "cube_v2", "given": way, **motion_row([play(Knowing(), [frame_of(1)], GIVEN[way])])}
-            for way in GIVEN
-        ]
-        about = {"seed": options.seed, "films": options.films, "frames": options.length}
-        return {"about": about, "rows": rows, "figures": {"cube_v2": motion_figures(rows)}}
-
-    monkeypatch.setattr(commands, "measure_motion", measured)
-    arguments = ["motion", "--quick", "--seed", "5", "-o", str(tmp_path), "--cache", str(tmp_path)]
-    done = CliRunner().invoke(main, arguments, catch_exceptions=False)
-    assert done.exit_code == 0
-    assert seen[0].seed == 5
-    assert "## Fast motions" in done.output
-    assert read_results(tmp_path)["motion"]["about"]["seed"] == 5
-    assert all(f"skewed_{unit}" in read_results(tmp_path)["motion"]["figures"]["cube_v2"] for unit in UNITS)
+    monkeypatch.setattr(measured_motion, "play", played)
+    rows = measure_motion(Plan(6, 515151, 1, tmp_path))
+    table = pd.DataFrame(rows).set_index("group")
+    assert table.ratio_mm.to_dict() == pytest.approx({TOGETHER: 1, OWN_STAMPS: 2, ONE_STAMP: 4})

@@ -13,8 +13,10 @@ import numpy as np
 import pytest
 
 import tracker
+from benchmarks.judge.results import Results, ResultsError, read_results, write_results
 from benchmarks.report import worst
-from benchmarks.score.records import FrameRecord, ResultsError, records_of, write_results
+from benchmarks.score.records import FrameRecord, frame_of
+from benchmarks.score.summary import accuracy_rows
 from synthetic.camera.rigs import default_cameras
 from tests.helpers.made_up_results import OBJECTS, made_up_results
 from tests.helpers.needs import lack
@@ -23,9 +25,10 @@ from tracker.geometry import so3
 pytest.importorskip("matplotlib", reason="bench: no module matplotlib")
 pytest.importorskip("jinja2", reason="bench: no module jinja2")
 
-from benchmarks.report import report, write_report
 from benchmarks.report.accuracy_plots import running_median
-from benchmarks.report.trust_plots import wilson
+from benchmarks.report.document import markdown, write_report
+from benchmarks.report.document import page as page_of
+from benchmarks.report.table import cell, specification, tables_of
 
 VOID = {"meta", "link", "img", "br", "hr", "input"}
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
@@ -80,8 +83,8 @@ def folder(shown, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder as a run leaves it, with its report."""
     made = tmp_path_factory.mktemp("run")
     results = made_up_results()
-    records = [r for r in records_of(results) if r.workload == "realistic"]
-    results["worst"] = worst.worst_pictures(records, lambda _: shown, made)
+    frames = results.frames[results.frames.workload == "realistic"]
+    results.worst = worst.worst_pictures(frames, lambda _: shown, made)
     write_results(made / "results.json", results)
     assert write_report(made) == made / "report.html"
     return made
@@ -110,7 +113,7 @@ def test_the_page_loads_nothing(text, page):
 
 
 def test_every_link_leads_to_a_place_on_the_page(page):
-    assert {"#method", "#targets", "#accuracy", "#trust", "#speed", "#worst"} <= set(page.targets)
+    assert {"#method", "#targets", "#accuracy", "#recorded", "#speed", "#worst"} <= set(page.targets)
     for target in page.targets:
         assert target[0] == "#", target
         assert target[1:] in page.ids, target
@@ -135,22 +138,66 @@ def test_met_missed_and_unmeasured_targets_are_told_apart_in_words(text, page):
 
 def test_a_run_without_some_part_makes_a_page_without_it():
     results = made_up_results(4)
-    for key in ("speed", "targets", "summary"):
-        del results[key]
-    page = Page(report(results))
+    results.rows = [row for row in results.rows if row["part"] == "accuracy" and row["group"] == "clean"]
+    page = Page(page_of(results))
     assert "speed" not in page.ids
-    assert "targets" not in page.ids
     assert "visible" in page.ids
-    assert Page(report({"frames": []})).open == []
+    assert Page(page_of(Results())).open == []
+    assert markdown(Results()).startswith("# Results\n")
 
 
 def test_a_run_that_finds_nothing_makes_a_page():
     results = made_up_results(3)
-    results["frames"] = [
-        {**frame, "found": False, "position_mm": np.nan, "rotation_deg": np.nan, "nees": np.nan}
-        for frame in results["frames"]
-    ]
-    assert Page(report(results)).open == []
+    results.frames = results.frames.assign(
+        found=False, position_mm=np.nan, rotation_deg=np.nan, nees=np.nan, confidence=np.nan
+    )
+    results.rows = accuracy_rows(results.frames)
+    assert Page(page_of(results)).open == []
+
+
+def test_page_and_markdown_hold_the_same_tables():
+    results = made_up_results(12)
+    text, page = markdown(results), page_of(results)
+    # Every row of a table has as many cells as its head.
+    tables = [block for block in text.split("\n\n") if block.startswith("|")]
+    for block in tables:
+        assert len({line.replace("\\|", "").count("|") for line in block.splitlines()}) == 1
+    assert len(tables) == page.count("<table") > 10
+    row = next(row for row in results.rows if row["part"] == "accuracy" and row["group"] == "clean")
+    for shown in (f"{row['median_mm']:.3f} mm", "## Speed", "✗ missed"):
+        assert shown in text
+        assert shown.removeprefix("## ") in page
+    assert "nan" not in text
+    assert "nan" not in re.sub(r"<svg.*?</svg>|<style.*?</style>", "", page, flags=re.DOTALL)
+
+
+def test_every_table_that_is_specified_is_of_a_part_and_has_cells_for_its_heads():
+    spec = specification()
+    keys = [section["key"] for section in spec["section"]]
+    assert len(set(keys)) == len(keys)
+    row = {"part": "x", "group": "g", "bin": "b", "object": "o", "n": 4}
+    for section in spec["section"]:
+        for table in section["table"]:
+            figures = re.findall(r"\{(\w+)", " ".join(text for _, text in table.get("columns", ())))
+            made = {**row, "part": table["part"], "group": table.get("groups", ["g"])[0], "any": 1.0}
+            made |= {figure: 1.0 for figure in figures if figure != "n"}
+            (found,) = tables_of(table, Results(rows=[made]))
+            assert all(len(cells) == len(found.heads) for cells in found.rows)
+
+
+def test_a_cell_shows_what_was_measured_and_its_interval():
+    row = {"a": 97.0, "n": 400, "b": float("nan"), "name": "x"}
+    assert cell("{a:.1f} % ({a:±})", row) == "97.0 % (94.8-98.3)"
+    assert cell("{b:.2f} mm", row) == cell("{c} px", row) == "–"
+    assert cell("{a:.0f} of {b}", row) == "97 of –"
+    assert cell("{name}", row) == "x"
+
+
+def test_a_page_without_pictures_of_single_scenes_for_those_that_may_not_be_looked_at(folder):
+    results = read_results(folder)
+    assert "The worst frames" in page_of(results, folder)
+    results.worst = []
+    assert "The worst frames" not in page_of(results, folder)
 
 
 def test_a_folder_without_results_is_an_error(tmp_path):
@@ -164,14 +211,6 @@ def test_the_running_median_of_a_line_is_the_line():
     np.testing.assert_allclose(medians, 2 * centers)
 
 
-def test_the_interval_of_a_share_holds_it_and_shrinks_with_the_count():
-    for hits, count in ((0, 10), (5, 10), (10, 10), (500, 1000)):
-        low, high = wilson(hits, count)
-        assert 0 <= low <= hits / count <= high <= 1
-    assert np.ptp(wilson(500, 1000)) < np.ptp(wilson(5, 10))
-    assert wilson(0, 0) == (0, 1)
-
-
 def record(index: int, **more: object) -> FrameRecord:
     return FrameRecord("realistic", OBJECTS[0], index, 3, 0.8, **{"present": True, "status": "", **more})
 
@@ -183,8 +222,8 @@ def test_false_finds_are_worse_than_wrong_poses_than_misses_than_right_poses():
     more_wrong = record(3, found=True, position_mm=90.0, rotation_deg=5.1, confidence=0.9)
     false_find = record(4, present=False, found=True, confidence=0.1)
     good = record(5, present=False, found=False)
-    ranked = worst.worst_records([right, missed, wrong, good, false_find, more_wrong], 5)
-    assert [r.index for r in ranked] == [4, 3, 2, 1, 0]
+    frames = frame_of([right, missed, wrong, good, false_find, more_wrong])
+    assert worst.worst_records(frames, 5)["index"].tolist() == [4, 3, 2, 1, 0]
 
 
 def test_every_object_has_its_worst_frames(folder):
@@ -196,7 +235,7 @@ def test_every_object_has_its_worst_frames(folder):
 def test_pictures_of_an_earlier_run_go(shown, tmp_path):
     (tmp_path / "worst").mkdir()
     (tmp_path / "worst" / "09.jpg").write_bytes(b"old")
-    rows = worst.worst_pictures([record(7, found=False)], lambda _: shown, tmp_path)
+    rows = worst.worst_pictures(frame_of([record(7, found=False)]), lambda _: shown, tmp_path)
     assert [path.name for path in (tmp_path / "worst").iterdir()] == ["01.jpg"]
     assert rows == [{"file": "worst/01.jpg", "workload": "realistic", "object": OBJECTS[0], "index": 7}]
 

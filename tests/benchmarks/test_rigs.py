@@ -10,14 +10,12 @@ import pytest
 from click.testing import CliRunner
 
 from benchmarks.__main__ import main
-from benchmarks.data import rig_scenes, scenes
-from benchmarks.data.films import SEED as FILM_SEED
 from benchmarks.data.rig_cases import CASES, Placement, RigCase
-from benchmarks.data.rig_scenes import DEVELOPMENT_SEED, RigScene, RigSceneStore, rig_scene
-from benchmarks.measure.rigs import Answer, RigOptions, row
-from benchmarks.report.rigs_tables import rigs_markdown, rigs_table
+from benchmarks.data.rig_scenes import rig_scene, rig_store
+from benchmarks.data.scenes import Scene
+from benchmarks.data.store import packed, unpacked
+from benchmarks.judge.results import read_results
 from benchmarks.score.errors import projected
-from benchmarks.score.records import read_results
 from synthetic.raycast.scene import random_scene
 from tracker.geometry.cuboid import FACE_NORMALS, corners
 
@@ -93,58 +91,25 @@ def test_a_scene_of_pictures_of_several_sizes_survives_the_disk():
     case = small(CASES["mixed sizes"], 40)
     cameras = tuple(camera.resized(40 + 2 * k, 30) for k, camera in enumerate(case.stage_cameras))
     scene = rig_scene(dataclasses.replace(case, stage_cameras=cameras), case.objects[0], 5, 3)
-    again = RigScene.unpacked(scene.packed())
-    for field in dataclasses.fields(RigScene):
+    again = unpacked(Scene, packed(scene))
+    for field in dataclasses.fields(Scene):
         before, after = getattr(scene, field.name), getattr(again, field.name)
         pairs = zip(before, after, strict=True) if isinstance(before, tuple) else [(before, after)]
         assert all(np.array_equal(one, other) for one, other in pairs)
 
 
-def test_what_is_judged_has_a_seed_of_its_own():
-    taken = {scenes.SEED + k for k in range(100)} | {FILM_SEED, FILM_SEED + 1}
-    assert rig_scenes.SEED not in taken
-    assert RigOptions().seed == DEVELOPMENT_SEED != rig_scenes.SEED
-
-
-def test_figures_of_a_rig():
-    figures = row(
-        [
-            Answer(10.0, 2.0, 1.0, 0.5, 0.5, 0.9),
-            Answer(20.0, 2.0, 0.5, 4.0, 4.0, 0.9),
-            Answer(30.0, 2.0, 0.5, 0.2, 90.0, 0.9),
-            Answer(40.0, 2.0, 0.0),
-        ]
-    )
-    assert (figures["within_1"], figures["within_5"], figures["none"]) == (25.0, 50.0, 25.0)
-    assert (figures["median_mm"], figures["median_deg"], figures["wrong_and_sure"]) == (0.5, 4.0, 25.0)
-    assert (figures["median_ms"], figures["ratio"], figures["visible"]) == (25.0, 12.5, 50.0)
-
-
-def test_tables_have_a_cell_for_each_heading_and_no_nan():
-    nothing = [Answer(1.0, 1.0, 1.0)]
-    rows = [{"rig": "platform", "object": "cube_v2", **row(nothing)}]
-    table = rigs_table(rows)
-    assert [len(cells) for cells in table.rows] == [len(table.heads)]
-    text = "\n\n".join(rigs_markdown({"about": {"seed": 1, "scenes": 1}, "rows": rows}))
-    assert "nan" not in text
-    assert "three 270×270" in text
-
-
 def test_a_smoke_run_of_the_command(tmp_path, monkeypatch):
     monkeypatch.setitem(CASES, "large box", small(CASES["large box"], 200))
     out, cache = tmp_path / "out", tmp_path / "cache"
-    arguments = ["rigs", "--only", "large box", "--scenes", "1", "--seed", "5", "--workers", "1"]
+    arguments = ["accuracy", "--only", "rig: large box", "--scenes", "1", "--seed", "5", "--workers", "1"]
     done = CliRunner().invoke(
         main, [*arguments, "--cache", str(cache), "-o", str(out)], catch_exceptions=False
     )
     assert done.exit_code == 0
-    assert "## Other rigs" in done.output
-    rigs = read_results(out)["rigs"]
-    assert rigs["about"] == {"seed": 5, "scenes": 1}
-    assert [(part["rig"], part["object"], part["scenes"]) for part in rigs["rows"]] == [
-        ("large box", "box_100", 1)
-    ]
+    (row,) = (row for row in read_results(out).rows if row["part"] == "accuracy")
+    assert (row["group"], row["object"], row["n"]) == ("rig: large box", "box_100", 1)
+    assert row["time_ratio"] > 0
     (file,) = cache.rglob("*.npz")
     file.write_bytes(b"broken")
-    store = RigSceneStore("large box", "box_100", 5, 1, cache)
+    store = rig_store("large box", "box_100", 5, 1, cache)
     assert next(store.scenes([0])).images[0].shape == (200, 200, 3)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.score.records import read_results, records_of
+from benchmarks.judge.results import contradictions, read_results
 from tests.helpers import run_python
 from tests.helpers.synthetic_needs import skip_without_platform
 
@@ -22,15 +22,15 @@ def test_a_smoke_run_measures_and_says_so(tmp_path):
     assert done.stdout.index("# Results") >= 0
     assert "Traceback" not in done.stderr
     results = read_results(out)
-    records = records_of(results)
-    assert {r.workload for r in records} == set(names)
-    assert len(records) == 18
-    assert results["about"]["quick"]
-    assert set(results["summary"]) == set(names)
-    for record in records:
-        assert record.present
-        assert 0 < record.visible_fraction <= 1
-        assert record.cameras == (2 if record.workload == "two cameras" else 3)
-        assert record.found == np.isfinite(record.position_mm)
-        assert 0 < record.bound_mm < record.bound_fixed_mm
-    assert len(list((out / "worst").glob("*.jpg"))) == len(results["worst"]) > 0
+    frames = results.frames
+    assert set(frames.workload) == set(names)
+    assert len(frames) == 18
+    assert (results.about["draw"], results.about["scenes"]) == ("development", 6)
+    assert {row["group"] for row in results.rows if row["part"] == "accuracy"} == set(names)
+    assert contradictions(results) == []
+    assert frames.present.all()
+    assert frames.visible_fraction.between(0, 1, inclusive="right").all()
+    assert (frames.cameras == np.where(frames.workload == "two cameras", 2, 3)).all()
+    assert (frames.found == np.isfinite(frames.position_mm)).all()
+    assert ((frames.bound_mm > 0) & (frames.bound_mm < frames.bound_fixed_mm)).all()
+    assert len(list((out / "worst").glob("*.jpg"))) == len(results.worst) > 0

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any
 
 import numpy as np
 
-from benchmarks.score.records import FrameRecord, select
-from benchmarks.score.summary import summarise
+from benchmarks.judge.results import Results
+from benchmarks.score.records import FrameRecord, frame_of
+from benchmarks.score.summary import accuracy_rows
 
 OBJECTS = ("cube_v2", "cuboid_2x2x8_v2")
 WORKLOADS = {
@@ -70,82 +70,62 @@ def _record(rng: np.random.Generator, name: str, workload: str, scale: float, in
     )
 
 
-def made_up_speed() -> dict[str, list[dict[str, Any]]]:
-    """Tables as `benchmarks.measure.speed.measure_speed` gives them."""
+def made_up_speed() -> list[dict[str, Any]]:
+    """Rows as `benchmarks.measure.speed.measure_speed` gives them."""
     rng = np.random.default_rng(3)
 
-    def row(milliseconds: float, **about: Any) -> dict[str, Any]:
+    def row(part: str, milliseconds: float, name: str, group: str, place: str = "") -> dict[str, Any]:
         return {
-            **about,
+            "part": part,
+            "object": name,
+            "group": group,
+            "bin": place,
+            "n": 80,
             "median_ms": milliseconds,
             "p99_ms": milliseconds * float(rng.uniform(1.1, 3)),
-            "reference_ms": 1.1 * (about.get("size", 270) / 270) ** 1.6,
+            "reference_ms": 1.1,
             "ratio": milliseconds / 1.1,
             "ratio_p99": milliseconds / 0.6,
-            "right": 0.98,
-            "detections": 80,
+            "right": 98.0,
+            "scenes": 3,
         }
 
-    pictures = [("rendered", name, 270) for name in OBJECTS]
-    pictures += [("recorded", "cube_v1", 540), ("recorded", "cube_v2", 540), ("recorded", OBJECTS[1], 270)]
-    about = [{"images": kind, "object": name, "size": size, "scenes": 8} for kind, name, size in pictures]
+    rendered = "rendered, 270×270"
+    pictures = [(name, rendered) for name in OBJECTS] + [("cube_v1", "recorded, 540×540")]
     steps = {"segmentation": 0.4, "search": 1.1, "alignment": 0.5, "refinement": 1.2, "other": 0.2}
-    return {
-        "detect": [row(3.4, **a) for a in about],
-        "stages": [
-            {**a, "stage": stage, "median_ms": ms, "p99_ms": 2 * ms, "ratio": ms / 1.1}
-            for a in about
-            for stage, ms in steps.items()
-        ],
-        "cameras": [row(1.2 * n + 0.4 * k, **about[k], cameras=n) for k in (0, 1) for n in (1, 2, 3)],
-        "resolution": [
-            row(3.2 * (s / 270) ** 0.8, object=name, size=s, scenes=4)
-            for name in OBJECTS
-            for s in (270, 540, 1080)
-        ],
-        "faces": [row(2 + 0.2 * n, object=name, faces=n, scenes=3) for name in OBJECTS for n in range(4, 10)],
-        "process": [
-            {"what": "`import tracker`", "value": 0.41, "unit": "s"},
-            {"what": "peak memory of a process that detects", "value": 231.0, "unit": "MB"},
-        ],
-    }
+    rows = [row("time", 3.4, *which) for which in pictures]
+    rows += [row("time, stages", ms, *which, stage) for which in pictures for stage, ms in steps.items()]
+    for name in OBJECTS:
+        rows += [row("time, cameras", 1.2 * n, name, rendered, f"{n}") for n in (1, 2, 3)]
+        rows += [row("time, resolution", s / 100, name, rendered, f"{s}") for s in (270, 540, 1080)]
+        rows += [row("time, faces", 2 + 0.2 * n, name, rendered, f"{n}") for n in range(4, 10)]
+    start_up = {"part": "start-up", "object": OBJECTS[0], "group": "import tracker", "n": 1}
+    return [*rows, {**start_up, "seconds": 0.41, "megabytes": 120.0}]
 
 
-def _recorded(triplet: str) -> dict[str, Any]:
-    shares = {"inside": 99.6, "same": 100.0, "wrong_and_sure": 0.0}
-    sizes = {"farthest_px": 0.4, "tilt_deg": 0.3, "median_shift_mm": 0.1, "median_turn_deg": 0.2}
-    return {"triplet": triplet, "draws": 5, "beyond_1_px": 0, **shares, **sizes}
+ABOUT: dict[str, Any] = {
+    "commit": "0123abc",
+    "clean": True,
+    "code": "c0de",
+    "kernels": "ce11",
+    "processor": "A <fast> one & only",
+    "draw": "development",
+    "seed": 1,
+    "scenes": 30,
+    "skipped": {"a": "why"},
+    "parts": {"speed": {"commit": "0123abc", "clean": True, "seconds": 90}},
+}
 
 
-def _segmented(name: str) -> dict[str, Any]:
-    known = {"known": 0.9, "known_faces": 10, "unknown": np.nan, "unknown_faces": 0}
-    return {"object": name, "faces": 10, "mean": 0.93, "worst": 0.82, **known}
-
-
-def made_up_results(count: int = 30) -> dict[str, Any]:
-    """Results with everything that a full run has."""
-    targets = [
-        ("median position", "cube_v2", 0.10, 0.089, True, "mm"),
-        ("median position", "cuboid_2x2x8_v2", 0.18, 0.251, False, "mm"),
-        ("a detection", "cube_v2", 2.0, None, None, "× reference"),
+def made_up_results(count: int = 30) -> Results:
+    """Results with every kind of part that a run has."""
+    frames = frame_of(made_up_records(count))
+    recorded = {"n": 5, "inside": 99.6, "same": 100.0, "wrong_and_sure": 0.0, "farthest_px": 0.4}
+    rows = [
+        *({"part": "workloads", "group": name, "about": "scenes", "n": count} for name in WORKLOADS),
+        *accuracy_rows(frames),
+        *made_up_speed(),
+        *({"part": "triplets", "object": name, "group": "", **recorded} for name in ("cube_v1", OBJECTS[1])),
+        {"part": "films, status", "object": OBJECTS[0], "group": "all", "n": 9, "found": 1, "tracking": 8},
     ]
-    records = made_up_records(count)
-    keys = ("name", "object", "target", "value", "met", "unit")
-    return {
-        "about": {
-            "commit": "0123abc",
-            "processor": "A <fast> one & only",
-            "seed": 1,
-            "quick": True,
-            "skipped": {"a": "why"},
-        },
-        "frames": [dataclasses.asdict(record) for record in records],
-        "summary": {
-            workload: {name: summarise(select(records, workload, name)) for name in OBJECTS}
-            for workload in (*WORKLOADS, "absent")
-        },
-        "targets": [dict(zip(keys, target, strict=True)) for target in targets],
-        "speed": made_up_speed(),
-        "recorded": {"triplets": [_recorded("cube_v1"), _recorded("cuboid_2x2x8_v2")]},
-        "segmentation": {"objects": [_segmented("cube_v1")]},
-    }
+    return Results(dict(ABOUT), rows, frames)

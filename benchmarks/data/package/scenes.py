@@ -3,27 +3,29 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
-import os
+import functools
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-import tracker
-from benchmarks.data.package.environment import VERSION, interpreter, run
+from benchmarks.data.package.environment import run
 from benchmarks.data.package.lens import bend_map, bent, normalised
-from benchmarks.data.scenes import SEED, Scene
-from benchmarks.data.store import CACHE
+from benchmarks.data.scenes import Scene
+from benchmarks.data.seeds import stream
+from benchmarks.data.store import CACHE, Maker, Store
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray, Image
 from tracker.geometry.camera import Camera
 from tracker.geometry.cuboid import FACE_CORNERS, corners, visible_faces
-from tracker.objects.model import CuboidModel
+from tracker.objects.model import CuboidModel, load_object
 
 SCRIPT = Path(__file__).with_name("script.py")
+CHUNK = 20
+"""Scenes that are drawn by one process."""
+
 KINDS = {"cube_v2": "cube", "cuboid_2x2x8_v2": "cuboid"}
 
 ROWS_TOO_HIGH = 1.0
@@ -73,60 +75,51 @@ def as_drawn(camera: Camera, drawing: Drawing) -> Camera:
     return dataclasses.replace(camera, matrix=matrix, distortion=np.zeros(5), camera_from_world_std=None)
 
 
-class PackageStore:
-    """The package's scenes of one object, rendered on the first use and then kept.
+def package_store(
+    object_name: str, drawing: Drawing, python: Path, seed: int, workers: int = 2, cache: Path = CACHE
+) -> Store[Scene]:
+    """The package's scenes of one object, by their numbers.
 
     Args:
         object_name: name of the object.
         drawing: how they are drawn.
-        count: number of scenes.
-        folder: where they are kept.
-        seed: another one than SEED for all but judging.
-
-    Raises:
-        PackageError: the package cannot be had, or fails.
+        python: an interpreter that can import the package.
+        seed: of all that is drawn.
+        workers: number of processes that render what is missing.
+        cache: where scenes are kept.
     """
+    own = stream(seed, "package", object_name)
+    make = functools.partial(_maker, object_name, drawing, python, own)
+    name = f"{object_name}, package, {drawing.scale}, {drawing.margin}"
+    modules = (__name__, "benchmarks.data.package.script")
+    return Store(name, Scene, make, modules, own, CHUNK, workers, cache)
 
-    def __init__(
-        self, object_name: str, drawing: Drawing, count: int, folder: Path = CACHE, seed: int = SEED
-    ) -> None:
-        self._model, self._drawing = tracker.load_object(object_name), drawing
-        self._python = interpreter(folder)
-        self.rig = package_rig(self._python, drawing)
-        script = hashlib.sha256(SCRIPT.read_bytes()).hexdigest()[:12]
-        drawn = f"{drawing.scale}-{drawing.margin}"
-        self._file = folder / f"package-{object_name}-{drawn}-{seed}-{count}-{VERSION}-{script}.npz"
-        if not self._file.is_file():
-            self._render(KINDS[object_name], count, seed)
 
-    def _render(self, kind: str, count: int, seed: int) -> None:
-        self._file.parent.mkdir(parents=True, exist_ok=True)
-        numbers = (count, seed, self._drawing.scale, self._drawing.margin)
-        with tempfile.TemporaryDirectory(dir=self._file.parent) as temporary:
-            made = Path(temporary) / "scenes.npz"
-            run([str(self._python), str(SCRIPT), kind, *(str(number) for number in numbers), str(made)])
-            os.replace(made, self._file)
+def _maker(object_name: str, drawing: Drawing, python: Path, seed: int) -> Maker[Scene]:
+    model, rig = load_object(object_name), package_rig(python, drawing)
+    lenses = [bend_map(camera, LENS_MARGIN) for camera in rig] if drawing.lens else []
 
-    def scenes(self, indices: Sequence[int]) -> Iterator[Scene]:
-        """The scenes of these numbers, in this order."""
-        with np.load(self._file) as data:
-            images, masks = data["images"], data["masks"]
-            positions, rotations = data["position"], data["rotation"]
-        lenses = [bend_map(camera, LENS_MARGIN) for camera in self.rig] if self._drawing.lens else []
-        for k in indices:
-            own, shown = list(images[k]), list(masks[k])
+    def make(chunk: int, numbers: Collection[int]) -> Iterator[tuple[int, Scene]]:
+        with tempfile.TemporaryDirectory() as folder:
+            made = Path(folder) / "scenes.npz"
+            arguments = [KINDS[object_name], seed, drawing.scale, drawing.margin, made, *numbers]
+            run([str(python), str(SCRIPT), *map(str, arguments)])
+            with np.load(made) as data:
+                arrays = [data[key] for key in ("images", "masks", "position", "rotation")]
+        for number, images, masks, position, rotation in zip(numbers, *arrays, strict=True):
+            own, shown = list(images), list(masks)
             if lenses:
                 own = [bent(image, lens) for image, lens in zip(own, lenses, strict=True)]
-                shown = [
-                    bent(mask.astype(np.float32), lens) > 0.5
-                    for mask, lens in zip(shown, lenses, strict=True)
-                ]
-            faces = [face_map(camera, self._model, positions[k], rotations[k]) for camera in self.rig]
+                masks = [mask.astype(np.float32) for mask in masks]
+                shown = [bent(mask, lens) > 0.5 for mask, lens in zip(masks, lenses, strict=True)]
+            faces = [face_map(camera, model, position, rotation) for camera in rig]
             labels = tuple(np.where(mask, face, 0) for mask, face in zip(shown, faces, strict=True))
             share = [np.count_nonzero(label) for label in labels] / np.maximum(
                 1, [np.count_nonzero(face) for face in faces]
             )
-            yield Scene(int(k), tuple(own), labels, share, positions[k], rotations[k])
+            yield number, Scene(number, tuple(own), labels, share, position, rotation)
+
+    return make
 
 
 def face_map(camera: Camera, model: CuboidModel, position: Array, rotation: FloatArray) -> Image:

@@ -1,6 +1,6 @@
 """Renders scenes with the platform's own simulation package; runs in an environment that has it.
 
-    python package_script.py cube|cuboid COUNT SEED SCALE MARGIN OUT.npz
+    python script.py cube|cuboid SEED SCALE MARGIN OUT.npz NUMBER…
 
 SCALE 1 draws each pixel by one ray, as the package does; SCALE 4 takes the mean of 4×4. Pictures show MARGIN
 pixels more on each side. The lens is drawn without distortion: the package bends finished pictures by whole
@@ -141,11 +141,11 @@ class Studio:
         return self._shrunk((shown & 0xFFFFFF) == self.body)[:, :, 0] > 0.5
 
 
-def main(kind: str, count: int, seed: int, scale: int, margin: int, out: str) -> None:
-    """Write `count` scenes; scene k depends on seed and k alone."""
+def main(kind: str, seed: int, scale: int, margin: int, out: str, numbers: list[int]) -> None:
+    """Write the scenes of these numbers; scene k depends on seed and k alone."""
     studio = Studio(kind, scale, margin)
     images, masks, positions, rotations = [], [], [], []
-    for k in range(count):
+    for k in numbers:
         position, rotation = studio.draw(np.random.default_rng([seed, k]))
         images.append(studio.images())
         masks.append(studio.masks())
@@ -161,6 +161,5 @@ def main(kind: str, count: int, seed: int, scale: int, margin: int, out: str) ->
 
 
 if __name__ == "__main__":
-    kind, *numbers, out = sys.argv[1:]
-    count, seed, scale, margin = (int(number) for number in numbers)
-    main(kind, count, seed, scale, margin, out)
+    kind, seed, scale, margin, out, *numbers = sys.argv[1:]
+    main(kind, int(seed), int(scale), int(margin), out, [int(number) for number in numbers])

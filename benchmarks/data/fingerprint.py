@@ -1,0 +1,103 @@
+"""What pixels are made by: the modules that a renderer imports, their data files, and the libraries.
+
+A change in an exporter, or in words, moves no pixel and renders nothing again.
+"""
+
+from __future__ import annotations
+
+import ast
+import functools
+import hashlib
+from collections.abc import Iterator, Sequence
+from importlib import metadata
+from pathlib import Path
+
+from synthetic.render.choose import choose_renderer
+
+ROOT = Path(__file__).resolve().parents[2]
+
+PROJECT = ("tracker", "synthetic", "benchmarks")
+
+KEEPERS = ("benchmarks.data.store", "benchmarks.data.fingerprint", "benchmarks.data.seeds")
+"""What keeps pictures moves no pixel of them."""
+
+LIBRARIES = ("numpy", "opencv-python-headless", "pybullet", "pyrender", "trimesh")
+
+
+@functools.cache
+def fingerprint(*modules: str) -> str:
+    """Of all that these modules make pixels by, in twelve digits."""
+    digest = hashlib.sha256()
+    for file in sources(modules):
+        content = file.read_bytes()
+        digest.update(str(file.relative_to(ROOT)).encode())
+        digest.update(code(content) if file.suffix == ".py" else content)
+    for library in LIBRARIES:
+        digest.update(f"{library} {_version(library)}".encode())
+    digest.update(choose_renderer("auto").name.encode())
+    return digest.hexdigest()[:12]
+
+
+def sources(modules: Sequence[str]) -> list[Path]:
+    """The files of these modules and of all project modules that they import, with the data beside them."""
+    found: set[Path] = set()
+    todo = list(modules)
+    kept = {_file(keeper) for keeper in KEEPERS}
+    while todo:
+        file = _file(todo.pop())
+        if file is None or file in found | kept:
+            continue
+        found.add(file)
+        todo += _imports(ast.parse(file.read_bytes()))
+    data = {extra for file in found for extra in _data_beside(file.parent)}
+    return sorted(found | data)
+
+
+def code(source: bytes) -> bytes:
+    """A module without docstrings, comments and layout."""
+    tree = ast.parse(source)
+    for node in ast.walk(tree):
+        body = getattr(node, "body", None)
+        if isinstance(body, list):
+            node.body = [  # type: ignore[attr-defined]
+                item
+                for item in body
+                if not (isinstance(item, ast.Expr) and isinstance(item.value, ast.Constant))
+            ]
+    return ast.dump(tree).encode()
+
+
+def _imports(tree: ast.AST) -> Iterator[str]:
+    """Names that may be modules.
+
+    A package's own file counts only where something is imported from it.
+    """
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module is not None:
+            parts = [f"{node.module}.{alias.name}" for alias in node.names]
+            yield from parts
+            if any(_file(part) is None for part in parts):
+                yield node.module
+
+
+def _file(module: str) -> Path | None:
+    if module.split(".")[0] not in PROJECT:
+        return None
+    path = ROOT / module.replace(".", "/")
+    candidates = (path.with_suffix(".py"), path / "__init__.py")
+    return next((file for file in candidates if file.is_file()), None)
+
+
+def _data_beside(folder: Path) -> Iterator[Path]:
+    for path in folder.iterdir():
+        if path.is_dir() and path.name != "__pycache__" and not any(path.glob("*.py")):
+            yield from (file for file in path.rglob("*") if file.is_file())
+
+
+def _version(library: str) -> str:
+    try:
+        return metadata.version(library)
+    except metadata.PackageNotFoundError:
+        return "none"
