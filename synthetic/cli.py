@@ -51,8 +51,9 @@ def commands() -> None:
 @click.option(
     "--calibration",
     default="simulation",
-    metavar="simulation|perturbed|FOLDER",
-    help="The simulation's cameras, another platform's drawn from the seed, or the files of a folder.",
+    metavar="simulation|perturbed|random|r1…r8|FOLDER",
+    help="The simulation's cameras, another platform's or a random rig drawn from the seed, a robot's of the "
+    "recorded data, or the files of a folder.",
 )
 @click.option(
     "--renderer", type=click.Choice(RENDERER_NAMES), default="auto", help="auto: pyrender if it runs."

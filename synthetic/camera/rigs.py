@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +13,19 @@ from tracker.errors import CalibrationError
 from tracker.geometry import so3
 from tracker.geometry.camera import Camera
 
-STANDARD, PERTURBED = "simulation", "perturbed"
+STANDARD, PERTURBED, RANDOM = "simulation", "perturbed", "random"
 """Names of calibrations that need no files."""
 
-_PERTURBED_STREAM = 77
+ROBOTS = ("r1", "r3", "r4", "r5", "r6", "r7", "r8")
+"""Robots whose recorded calibrations have a name, where the recorded data are at hand."""
+
+RECORDED = Path(os.environ.get("TRACKER_REAL_DATA", Path(__file__).resolve().parents[3] / "shared" / "real"))
+"""Folder of recorded data; its `calibration/robots` holds a file like r1_camera60.yml for each camera."""
+
+KNOWN = (STANDARD, PERTURBED, RANDOM, *ROBOTS)
+"""All names of calibrations; anything else is a folder."""
+
+_PERTURBED_STREAM, _RANDOM_STREAM = 77, 78
 
 _DISTORTIONS = (
     (-0.236, 0.112, -0.0012, 0.0003, -0.041),
@@ -25,6 +35,9 @@ _DISTORTIONS = (
 _FOCALS_PX = ((294.2, 295.9), (293.1, 294.6), (295.0, 296.3))
 _PRINCIPAL_POINTS_PX = ((138.4, 136.1), (132.7, 139.8), (140.2, 133.5))
 _AZIMUTHS_DEG = (60, 180, 300)
+_GAPS_DEG = np.array([30.0, 270.0, 150.0])
+"""Middles of the gaps between the fingers' bases where recorded calibrations have cameras 60, 180 and 300."""
+
 _POSITIONS_M = ((0.345, 0.392), (0.328, 0.408), (0.339, 0.398))
 _TARGETS_M = ((0.004, -0.006, 0.012), (-0.005, 0.002, 0.004), (0.002, 0.007, 0.008))
 
@@ -71,9 +84,10 @@ def choose_rig(calibration: str, seed: int) -> CameraRig:
     """The rig that `calibration` names.
 
     Args:
-        calibration: `simulation`; `perturbed`: another platform, built a little differently, drawn from
-            `seed`; or a folder with one platform file for each camera.
-        seed: for `perturbed`.
+        calibration: `simulation`; `perturbed`: another platform, built a little differently; `random`:
+            cameras somewhere around the arena; `r1`, `r3` … `r8`: a robot's, of the recorded data; or a
+            folder with one platform file for each camera.
+        seed: of `perturbed` and `random`.
 
     Raises:
         CalibrationError: the files are missing or malformed.
@@ -82,11 +96,21 @@ def choose_rig(calibration: str, seed: int) -> CameraRig:
         return standard_rig()
     if calibration == PERTURBED:
         return perturbed_rig(np.random.default_rng([seed, _PERTURBED_STREAM]))
-    if not Path(calibration).exists():
+    if calibration == RANDOM:
+        return random_rig(np.random.default_rng([seed, _RANDOM_STREAM]))
+    if Path(calibration).exists():
+        return CameraRig.load(calibration)
+    if calibration not in ROBOTS:
         raise CalibrationError(
-            f"calibration {calibration}: found no such folder, expected one, or {STANDARD} or {PERTURBED}"
+            f"calibration {calibration}: found no such folder, expected one, or one of {', '.join(KNOWN)}"
         )
-    return CameraRig.load(calibration)
+    folder = RECORDED / "calibration" / "robots"
+    if not folder.is_dir():
+        raise CalibrationError(
+            f"calibration {calibration}: found no folder {folder}, expected recorded data there, or where "
+            "TRACKER_REAL_DATA says"
+        )
+    return CameraRig.load(folder, pattern=f"{calibration}_*.yml")
 
 
 def perturbed_rig(rng: np.random.Generator) -> CameraRig:
@@ -109,6 +133,44 @@ def _perturbed(camera: Camera, rng: np.random.Generator) -> Camera:
         distortion=camera.distortion * rng.normal(1.0, 0.04, 5),
         camera_from_world=transform,
     )
+
+
+def random_rig(rng: np.random.Generator) -> CameraRig:
+    """Three cameras around the arena, 540×540, which obey their calibration exactly.
+
+    Lenses are as the 21 of seven robots are (`scripts/fit_rigs.py`). Those robots are one design: distances,
+    heights and directions vary two to three times as much here, and each camera is anywhere in its gap between
+    the bases of two fingers, which those robots have at 90, 210 and 330 degrees.
+    """
+    azimuths = _GAPS_DEG + rng.uniform(-25.0, 25.0, 3)
+    names = (f"camera{nominal}" for nominal in _AZIMUTHS_DEG)
+    cameras = [_random(name, azimuth, rng) for name, azimuth in zip(names, azimuths, strict=True)]
+    return CameraRig(tuple(cameras)).resized(540, 540)
+
+
+def _random(name: str, azimuth_deg: float, rng: np.random.Generator) -> Camera:
+    """One camera at 270×270."""
+    elevation, azimuth = np.radians(rng.uniform(42.0, 64.0)), np.radians(azimuth_deg)
+    distance = float(np.clip(rng.normal(0.534, 0.034), 0.46, 0.61))
+    target = np.array([*rng.normal(0.0, 0.02, 2), 0.0])
+    level = np.cos(elevation)
+    away = np.array([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)])
+    right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+    rotation = so3.exp(np.radians([0.0, 0.0, rng.normal(0.0, 1.0)])) @ np.stack(
+        [right, np.cross(-away, right), -away]
+    )
+    transform = np.eye(4)
+    transform[:3, :3], transform[:3, 3] = rotation, -rotation @ (target + distance * away)
+    fx = rng.normal(295.0, 1.7)
+    matrix = np.eye(3)
+    matrix[0, 0], matrix[1, 1] = fx, fx * rng.normal(1.0044, 0.0015)
+    matrix[:2, 2] = 134.5 + rng.normal([6.2, 4.1], [3.3, 5.4])
+    # Of k1, k2 and k3 the data tell one far better than the three.
+    more = 0.039 * float(np.clip(rng.normal(), -2.0, 2.0))
+    k1, k3 = -0.237 - 0.153 * more + rng.normal(0.0, 0.004), -0.086 - 2.06 * more + rng.normal(0.0, 0.015)
+    p1, p2 = rng.normal([-0.0024, 0.0001], [0.0007, 0.0002])
+    distortion = np.array([k1, 0.128 + more, p1, p2, k3])
+    return Camera(name, 270, 270, matrix, distortion, transform, np.zeros((4, 4)))
 
 
 def sized(rig: CameraRig, height: int) -> CameraRig:

@@ -19,7 +19,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from synthetic.camera.rigs import PERTURBED, STANDARD, choose_rig, sized
+from synthetic.camera.rigs import KNOWN, choose_rig, sized
 from synthetic.export.bop import finish_bop, write_bop_frame
 from synthetic.export.workers import run_tasks
 from synthetic.frames import DatasetError, Frame, FrameMaker, FrameOptions
@@ -44,7 +44,7 @@ class DatasetOptions:
     count: int
     """Number of frames."""
     calibration: str = "simulation"
-    """`simulation`, `perturbed`, or a folder with one platform file for each camera."""
+    """One of `synthetic.camera.rigs.KNOWN`, or a folder with one platform file for each camera."""
     bop: bool = False
     """Add the data set in the BOP layout, in the folder `bop`."""
 
@@ -59,7 +59,7 @@ class DatasetOptions:
             del result[key]
         result["renderer"] = renderer
         result["effects"] = list(self.frames.effects)  # as JSON gives it back
-        named = self.calibration in (STANDARD, PERTURBED)
+        named = self.calibration in KNOWN
         return {**result, "calibration": self.calibration if named else "folder", "bop": self.bop}
 
 

@@ -1,0 +1,46 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from synthetic.camera import rigs
+from synthetic.camera.lens import Lens
+from synthetic.camera.rigs import ROBOTS, choose_rig
+from tracker.errors import CalibrationError
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_random_rig_sees_the_arena_from_three_sides_through_lenses_that_have_an_inverse(seed):
+    rig = choose_rig("random", seed).resized(270, 270)
+    assert rig.names == ("camera60", "camera180", "camera300")
+    angles = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+    floor = np.column_stack([0.12 * np.cos(angles), 0.12 * np.sin(angles), np.zeros(24)])
+    for camera in rig:
+        Lens(camera, 1)
+        assert camera.project(floor).min() > 0
+        assert camera.project(floor).max() < 269
+        assert 0.45 < np.linalg.norm(camera.position) < 0.66
+        assert camera.camera_from_world[1, 2] < 0  # upright: the world's up is up in the picture
+    azimuths = np.sort([np.arctan2(*camera.position[1::-1]) for camera in rig])
+    assert np.diff(azimuths, append=azimuths[0] + 2 * np.pi).min() > np.radians(60)
+
+
+def test_random_rigs_repeat_by_their_seed_and_differ_from_each_other():
+    poses = [choose_rig("random", seed)[0].camera_from_world for seed in (1, 1, 2)]
+    assert np.array_equal(poses[0], poses[1])
+    assert not np.array_equal(poses[0], poses[2])
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_robots_name_is_its_recorded_calibration(name, real):
+    rig = choose_rig(name, 0)
+    assert rig.names == ("camera60", "camera180", "camera300")
+    assert all(camera.height == 270 for camera in rig)
+
+
+def test_a_name_that_is_none_is_told_from_a_robot_whose_files_are_missing(monkeypatch, tmp_path):
+    with pytest.raises(CalibrationError, match="found no such folder, expected one, or one of simulation"):
+        choose_rig("r2", 0)
+    monkeypatch.setattr(rigs, "RECORDED", tmp_path)
+    with pytest.raises(CalibrationError, match="calibration r1: found no folder"):
+        choose_rig("r1", 0)
