@@ -47,6 +47,7 @@ def commands() -> None:
 @click.option("--sequence", is_flag=True, help="Motion: frames follow each other; else single scenes.")
 @click.option("--rate", type=click.FloatRange(0.1, 1000), default=10.0, help="Frames of a sequence [Hz].")
 @click.option("--bop", is_flag=True, help="Add the BOP layout (undistorted, millimetres) in the folder bop.")
+@click.option("--raw", is_flag=True, help="Pictures are the cameras' RGGB mosaics; of size 540.")
 @click.option("--size", type=click.Choice(["270", "540"]), default="270", help="Height of the pictures [px].")
 @click.option(
     "--calibration",
@@ -77,6 +78,7 @@ def dataset(
     sequence: bool,
     rate: float,
     bop: bool,
+    raw: bool,
     size: str,
     calibration: str,
     renderer: str,
@@ -87,6 +89,10 @@ def dataset(
 
     Where it was interrupted, the same command continues. Labels: 0 other, 1 red, 2 green, 3 blue, 4 cyan,
     5 magenta, 6 yellow; of dice their number, 1 to 25, and the truth's "object" is the list of all dice.
+
+    With the effect `calibration` each frame's folder holds the calibration that is given for it, in whose
+    world the truth is told; the cameras as they truly are stand in the truth. With `timing` the truth has
+    stamp and pose of each camera.
     """
     from synthetic.effects import Effects
     from synthetic.export.dataset import DatasetOptions, make_dataset
@@ -103,6 +109,7 @@ def dataset(
             rate=rate,
             shadows=shadows,
             effects=Effects.of(effects).names,
+            raw=raw,
         ),
         count,
         calibration,

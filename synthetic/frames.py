@@ -8,6 +8,7 @@ from its start.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import itertools
 from collections.abc import Container, Iterator
 from contextlib import ExitStack
@@ -16,20 +17,21 @@ from typing import Any
 
 import numpy as np
 
+from synthetic.camera.crew import Crew, crew_of
 from synthetic.camera.rigs import sized, standard_rig
 from synthetic.camera.shot import QUALITIES, CameraShot, Quality, shoot
-from synthetic.camera.units import Unit, units_of
+from synthetic.camera.timing import STILL, motion_px
 from synthetic.effects import Effects
+from synthetic.frame import Frame as Frame
 from synthetic.render.choose import choose_renderer
 from synthetic.render.interface import Renderer
-from synthetic.scene import ObjectState, PlatformScene
+from synthetic.scene import PlatformScene, SceneAt
 from synthetic.world.effects import with_effects
 from synthetic.world.platform import Platform
 from synthetic.world.scenes import random_scene
 from tracker.calibration.rig import CameraRig
-from tracker.conventions import Array, FloatArray, Image
+from tracker.conventions import FloatArray, Image
 from tracker.errors import TrackerError
-from tracker.geometry import so3
 
 CHUNK = 100
 """Frames of a sequence that are one motion, by default."""
@@ -81,6 +83,10 @@ class FrameOptions:
     effects: tuple[str, ...] = ()
     """Which of `synthetic.effects.NAMES` the pictures show."""
 
+    raw: bool = False
+    """Pictures are the mosaics (H, W) that cameras record; only where those are kept: of size 540, or on the
+    path `old`, whose small pictures are mosaics again."""
+
     def __post_init__(self) -> None:
         valid = {"quality": tuple(QUALITIES), "size": (270, 540)}
         for key, values in valid.items():
@@ -95,6 +101,10 @@ class FrameOptions:
             raise DatasetError(f"dropped: found {self.dropped:g}, expected 0 to 0.3")
         if not 0.1 <= self.rate <= 1000:
             raise DatasetError(f"rate: found {self.rate:g}, expected 0.1 to 1000 Hz")
+        if self.raw and self.size != 540 and self.path != "old":
+            raise DatasetError(
+                f"raw: found size {self.size} and path {self.path!r}, expected size 540, or path 'old'"
+            )
         if self.length < 1:
             raise DatasetError(f"length: found {self.length}, expected 1 or more")
 
@@ -104,56 +114,6 @@ class FrameOptions:
         return self.length if self.sequence else 1
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Frame:
-    """One picture of each camera, and the truth."""
-
-    index: int
-    """Number of the frame."""
-    timestamp: float
-    """[s]"""
-    images: tuple[Image, ...]
-    """(H, W, 3) uint8 BGR, as the cameras give them, distorted."""
-    labels: tuple[Image, ...]
-    """(H, W) uint8, what most of a pixel shows: 0 other, 1 red … 6 yellow; of dice their number."""
-    visible_fraction: FloatArray
-    """(cameras,) visible pixels of the object, of those it has without robot; 0 where there are none."""
-    visible_px: Array
-    """(cameras,) visible pixels of the object."""
-    scene: PlatformScene
-    """The scene itself."""
-    renderer: str
-    """Which renderer made it."""
-    pinhole_labels: tuple[tuple[Image, Image], ...] = ()
-    """Labels of visible surfaces, and labels without robot, of cameras without distortion, if asked for."""
-
-    @property
-    def objects(self) -> tuple[ObjectState, ...]:
-        """The object, or all dice, exactly; empty: there is none."""
-        return self.scene.objects
-
-    def truth(self, names: tuple[str, ...]) -> dict[str, Any]:
-        """The entry of `ground_truth.json` for cameras of these names."""
-        poses = [_pose(state) for state in self.objects]
-        is_one = len(poses) == 1
-        return {
-            "frame": f"{self.index:06d}",
-            "timestamp": self.timestamp,
-            "object": None if not poses else poses[0] if is_one else poses,
-            "robot_position": np.asarray(self.scene.robot_position).tolist(),
-            "cameras": {
-                name: {"visible_fraction": float(fraction), "visible_px": int(count)}
-                for name, fraction, count in zip(names, self.visible_fraction, self.visible_px, strict=True)
-            },
-            "scene": self.scene.about,
-        }
-
-
-def _pose(state: ObjectState) -> dict[str, list[float]]:
-    quaternion = so3.quaternion_from_matrix(state.rotation)
-    return {"position": state.position.tolist(), "orientation_xyzw": quaternion.tolist()}
-
-
 class FrameMaker:
     """Makes the frames of one set of options; holds simulation and renderer. A context manager."""
 
@@ -161,7 +121,7 @@ class FrameMaker:
         self.options = options
         self.rig = sized(rig or standard_rig(), options.size)
         self._pinhole = pinhole
-        self._effects = Effects.of(self.options.effects)
+        self._effects = Effects.of(options.effects)
         self._quality: Quality = QUALITIES[options.quality]
         if options.shadows is not None:
             self._quality = dataclasses.replace(self._quality, shadows=options.shadows)
@@ -189,43 +149,54 @@ class FrameMaker:
         Those whose numbers are in `emptied` are given a second time, after the first if that is wanted, with
         the same light, fingers and noise but without any object.
         """
-        units = self._units(number)
+        crew = self._crew(number)
         first = number * self.options.chunk
-        for index, (timestamp, tidy) in enumerate(self._scenes(number), start=first):
-            scene = with_effects(tidy, self._effects, self.options.seed, number)
+        taken: list[tuple[Image, ...]] = []
+        for index, (timestamp, scene_at) in enumerate(self._scenes(number), start=first):
+            place = (index - first) % crew.group
+            if place == 0:
+                taken = []
+            # Of a group of coded pictures each needs those before.
+            left = range(index, index - place + crew.group)
+            if wanted is not None and not any(k in wanted or k in emptied for k in left):
+                continue
+            frame = self._frame(index, timestamp, scene_at, crew)
             if wanted is None or index in wanted:
-                yield self._frame(index, timestamp, scene, units)
+                yield self._recorded(frame, taken, crew)
             if index in emptied:
-                yield self._frame(index, timestamp, scene.emptied(), units)
+                emptied_at = functools.partial(_emptied, scene_at)
+                yield self._recorded(self._frame(index, timestamp, emptied_at, crew), taken, crew)
+            taken.append(frame.images)
 
     def of_scene(self, number: int, scene: PlatformScene) -> Frame:
         """A frame of a scene made elsewhere."""
-        scene = with_effects(scene, self._effects, self.options.seed, number)
-        return self._frame(number, number * PERIOD, scene, self._units(number))
+        crew, scene = self._crew(number), with_effects(scene, self._effects, self.options.seed, number)
+        return self._recorded(self._frame(number, number * PERIOD, lambda _: scene, crew), [], crew)
 
-    def _units(self, number: int) -> tuple[Unit, ...]:
+    def _crew(self, number: int) -> Crew:
         """The cameras as they are for a chunk."""
         rng = self._rng(_CAMERAS, number)
         sensor = self._quality.sensor(rng, self.options.path)
-        return units_of(self.rig, sensor, rng, self._effects, self.options.seed, number)
+        film = self.options.sequence
+        return crew_of(self.rig, sensor, rng, self._effects, self.options.seed, number, film=film)
 
     def _rng(self, stream: int, number: int) -> np.random.Generator:
         return np.random.default_rng([self.options.seed, stream, number])
 
-    def _scenes(self, number: int) -> Iterator[tuple[float, PlatformScene]]:
+    def _scenes(self, number: int) -> Iterator[tuple[float, SceneAt]]:
+        """Time stamps and the scenes around them, by the time."""
         options, rng = self.options, self._rng(_SCENE, number)
         if not options.sequence:
             present = bool(rng.random() >= options.empty)
-            yield (
-                number * PERIOD,
-                random_scene(self._platform, rng, object_present=present, kind=options.kind),
-            )
+            tidy = random_scene(self._platform, rng, object_present=present, kind=options.kind)
+            scene = with_effects(tidy, self._effects, options.seed, number)
+            yield number * PERIOD, lambda _: scene
             return
-        from synthetic.world.motion import sequence as motion_sequence
+        from synthetic.world.motion import film
 
         # Dropped frames: more time than undisturbed frames would take.
         seconds = (1.2 * options.length / (1.0 - options.dropped) + 10.0) / options.rate
-        steps = motion_sequence(
+        steps = film(
             self._platform,
             rng,
             seconds=seconds,
@@ -233,20 +204,26 @@ class FrameMaker:
             kind=options.kind,
             dropped=options.dropped,
         )
-        for timestamp, scene in itertools.islice(steps, options.length):
-            yield number * seconds + timestamp, scene
+        for own, scene_at in itertools.islice(steps, options.length):
+            stamp = number * seconds + own
 
-    def _frame(
-        self,
-        index: int,
-        timestamp: float,
-        scene: PlatformScene,
-        units: tuple[Unit, ...],
-    ) -> Frame:
+            def at(
+                time: float, own: float = own, stamp: float = stamp, tidy_at: SceneAt = scene_at
+            ) -> PlatformScene:
+                # At its stamp exactly: a sum of times and back is not that.
+                tidy = tidy_at(own if time == stamp else own + (time - stamp))
+                return with_effects(tidy, self._effects, options.seed, number)
+
+            yield stamp, at
+
+    def _frame(self, index: int, timestamp: float, scene_at: SceneAt, crew: Crew) -> Frame:
+        """The frame before it is recorded."""
         noise = self._rng(_NOISE, index)
+        scene = scene_at(timestamp)
+        stamps, shutters = self._exposures(timestamp, scene, scene_at, crew)
         shots: list[CameraShot] = [
-            shoot(self.renderer, (scene,), unit, self._quality, noise, pinhole=self._pinhole)
-            for unit in units
+            shoot(self.renderer, scenes, unit, self._quality, noise, pinhole=self._pinhole)
+            for scenes, unit in zip(shutters, crew.units, strict=True)
         ]
         visible = np.array([np.count_nonzero(shot.labels) for shot in shots])
         alone = np.array([np.count_nonzero(shot.alone) for shot in shots])
@@ -259,8 +236,40 @@ class FrameMaker:
             visible_px=visible,
             scene=scene,
             renderer=self.renderer.name,
+            calibrated=crew.calibrated,
+            stamps=stamps,
+            scenes=tuple(scenes[len(scenes) // 2] for scenes in shutters),
             pinhole_labels=tuple(shot.pinhole for shot in shots if shot.pinhole is not None),
         )
+
+    def _exposures(
+        self, timestamp: float, scene: PlatformScene, scene_at: SceneAt, crew: Crew
+    ) -> tuple[FloatArray, list[tuple[PlatformScene, ...]]]:
+        """When each camera takes its picture, and what there is while its shutter is open."""
+        stamps, timing = np.full(len(self.rig), timestamp), crew.timing
+        if timing is None:
+            return stamps, [(scene,)] * len(self.rig)
+        stamps = timing.stamps(timestamp)
+        half = 0.5 * timing.exposure
+        shutters: list[tuple[PlatformScene, ...]] = []
+        for stamp, camera in zip(stamps.tolist(), self.rig, strict=True):
+            focal = float(camera.matrix[0, 0])
+            first, last = scene_at(stamp - half), scene_at(stamp + half)
+            if max(motion_px(first, scene, focal), motion_px(last, scene, focal)) <= STILL:
+                shutters.append((scene,))
+                continue
+            times = timing.shutter(stamp, motion_px(first, last, focal))
+            shutters.append(tuple(scene_at(time) for time in times))
+        return stamps, shutters
+
+    def _recorded(self, frame: Frame, before: list[tuple[Image, ...]], crew: Crew) -> Frame:
+        """The frame as it comes out of a recording in which those pictures came before."""
+        images = crew.recorded([*before, frame.images], raw=self.options.raw)
+        return dataclasses.replace(frame, images=images)
+
+
+def _emptied(scene_at: SceneAt, time: float) -> PlatformScene:
+    return scene_at(time).emptied()
 
 
 def frames(

@@ -7,6 +7,7 @@ colours are linear blue-green-red reflectances from 0 to 1.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -111,3 +112,7 @@ class PlatformScene:
         gone = {state.name for state in self.objects}
         bodies = tuple(body for body in self.bodies if body.name not in gone)
         return dataclasses.replace(self, bodies=bodies, objects=())
+
+
+SceneAt = Callable[[float], PlatformScene]
+"""The scene at a time [s]."""

@@ -139,8 +139,8 @@ def random_rig(rng: np.random.Generator) -> CameraRig:
     """Three cameras around the arena, 540×540, which obey their calibration exactly.
 
     Lenses are as the 21 of seven robots are (`scripts/fit_rigs.py`). Those robots are one design: distances,
-    heights and directions vary two to three times as much here, and each camera is anywhere in its gap between
-    the bases of two fingers, which those robots have at 90, 210 and 330 degrees.
+    heights and directions vary two to three times as much here, and each camera is anywhere in its gap
+    between the bases of two fingers, which those robots have at 90, 210 and 330 degrees.
     """
     azimuths = _GAPS_DEG + rng.uniform(-25.0, 25.0, 3)
     names = (f"camera{nominal}" for nominal in _AZIMUTHS_DEG)

@@ -48,6 +48,13 @@ class DatasetOptions:
     bop: bool = False
     """Add the data set in the BOP layout, in the folder `bop`."""
 
+    def __post_init__(self) -> None:
+        # Its pictures are undistorted by exact cameras, and all of a scene's are of one moment.
+        unlike = {"calibration", "timing"}.intersection(self.frames.effects)
+        if self.bop and (unlike or self.frames.raw):
+            found = ", ".join([*sorted(unlike), *["raw"] * self.frames.raw])
+            raise DatasetError(f"bop: found {found} as well, which the layout cannot tell; expected neither")
+
     def rig(self) -> CameraRig:
         """The cameras that the data set uses."""
         return sized(choose_rig(self.calibration, self.frames.seed), self.frames.size)
@@ -112,6 +119,8 @@ def write_frame(folder: Path, frame: Frame, names: tuple[str, ...]) -> None:
         for name, image, labels in zip(names, frame.images, frame.labels, strict=True):
             write_png(temporary / f"{name}.png", image)
             write_png(temporary / f"labels_{name}.png", labels)
+        if frame.given is not frame.rig:
+            frame.given.save(temporary)
         # mkdtemp makes a folder that only its owner can read; give it the mode of any new folder.
         umask = os.umask(0)
         os.umask(umask)

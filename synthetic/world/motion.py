@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from synthetic.look.appearance import random_look
+from synthetic.look.appearance import Look, random_look
 from synthetic.look.lighting import random_lighting
-from synthetic.scene import PlatformScene
+from synthetic.scene import Lighting, PlatformScene, SceneAt
 from synthetic.world.acts import push, release, tumble, withdraw
 from synthetic.world.carrying import carry, lift_and_lower
 from synthetic.world.fingers import random_fingers
@@ -32,7 +34,18 @@ _STARTS_TRIED = 300
 _MIXED = {"push": 0.3, "tumble": 0.2, "lift": 0.15, "carry": 0.35}
 
 
+BEFORE, AFTER = 0.03, 0.01
+"""How long before and after a picture's stamp scenes can be had [s]."""
+
+
 def sequence(
+    platform: Platform, rng: np.random.Generator, *, seconds: float, **more: Any
+) -> Iterator[tuple[float, PlatformScene]]:
+    """Time stamps [s], from 0, and the scenes at exactly these times; arguments as of `film`."""
+    return ((stamp, scene_at(stamp)) for stamp, scene_at in film(platform, rng, seconds=seconds, **more))
+
+
+def film(
     platform: Platform,
     rng: np.random.Generator,
     *,
@@ -41,8 +54,8 @@ def sequence(
     kind: str | None = None,
     jitter: float = JITTER,
     dropped: float = 0.0,
-) -> Iterator[tuple[float, PlatformScene]]:
-    """Time stamps [s], from 0, and the scenes at exactly these times.
+) -> Iterator[tuple[float, SceneAt]]:
+    """Time stamps [s], from 0, and the scenes around these times: from BEFORE earlier to AFTER later.
 
     Args:
         platform: with the object.
@@ -80,22 +93,41 @@ def _stamps(
     return result
 
 
+class _Known(NamedTuple):
+    """A moment of a film."""
+
+    time: float
+    act: str
+    held_by: list[int]
+    moment: Moment
+
+
 def _pictures(
     platform: Platform, rng: np.random.Generator, kind: str, stamps: FloatArray
-) -> Iterator[tuple[float, PlatformScene]]:
+) -> Iterator[tuple[float, SceneAt]]:
     look, lighting = random_look(rng, platform.model), random_lighting(rng)
     with _begin(platform, rng, kind) as stage:
-        time, before = PERIOD, stage.moment()
+        known = [_Known(0.0, kind, sorted(stage.grip), stage.moment())]
         acts = _acts(stage, kind)
-        act, after = next(acts)
         for stamp in stamps.tolist():
-            while time < stamp:
-                before, (act, after) = after, next(acts)
-                time += PERIOD
-            moment = between(before, after, 1.0 - (time - stamp) / PERIOD)
-            states = platform.object_states(moment.positions, moment.rotations)
-            about = {"kind": kind, "act": act, "fingers_hold": sorted(stage.grip), **describe(look)}
-            yield stamp, platform.scene(states, moment.joints, look, lighting, about)
+            while len(known) < 2 or known[-1].time < stamp + AFTER:
+                act, moment = next(acts)
+                known.append(_Known(known[-1].time + PERIOD, act, sorted(stage.grip), moment))
+            while len(known) > 2 and known[1].time <= stamp - BEFORE:
+                del known[0]
+            yield stamp, functools.partial(_scene_at, platform, look, lighting, kind, tuple(known))
+
+
+def _scene_at(
+    platform: Platform, look: Look, lighting: Lighting, kind: str, known: tuple[_Known, ...], time: float
+) -> PlatformScene:
+    """The scene at a time between moments; before the first one, that one's."""
+    k = next((k for k in range(1, len(known)) if known[k].time >= time), len(known) - 1)
+    share = max(0.0, 1.0 - (known[k].time - time) / PERIOD)
+    moment = between(known[k - 1].moment, known[k].moment, share)
+    states = platform.object_states(moment.positions, moment.rotations)
+    about = {"kind": kind, "act": known[k].act, "fingers_hold": known[k].held_by, **describe(look)}
+    return platform.scene(states, moment.joints, look, lighting, about)
 
 
 def between(before: Moment, after: Moment, share: float) -> Moment:

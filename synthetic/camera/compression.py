@@ -1,0 +1,103 @@
+"""What recordings do to pictures: JPEG of the picture or of its mosaic, or H.264."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+import cv2
+import numpy as np
+
+from synthetic.camera.sensor import demosaicked, mosaicked
+from synthetic.errors import EffectError
+from tracker.conventions import Image
+
+GROUP = 10
+"""Pictures of a film from one that is coded by itself to the next."""
+
+KINDS = {"jpeg": 0.5, "mosaic": 0.2, "h264": 0.3}
+"""Ways to code, and how often each is drawn: JPEG of the picture; JPEG of the mosaic's four colours side by
+side, as image stores hold them; H.264."""
+
+
+@dataclass(frozen=True)
+class Compression:
+    """How one recording is coded."""
+
+    kind: str
+    """One of KINDS."""
+    quality: int
+    """Of JPEG, 1 to 100; colours at half the resolution but for mosaics, which have none. Recorded photos are
+    of 95 (scripts/measure_cameras.py)."""
+    crf: int
+    """Of H.264, 0 (without loss) to 51."""
+
+    @classmethod
+    def sample(cls, rng: np.random.Generator) -> Compression:
+        """A recording that people would keep."""
+        kind = str(rng.choice(list(KINDS), p=list(KINDS.values())))
+        return cls(kind, int(rng.integers(80, 99)), int(rng.integers(17, 27)))
+
+    def applied(self, pictures: Sequence[Image]) -> Image:
+        """The last of these pictures (H, W, 3) BGR as it comes out of the recording.
+
+        Args:
+            pictures: those of one camera, each after the other, from one on that is coded by itself; H.264
+                tells each from the one before.
+
+        Raises:
+            EffectError: PyAV, the extra `film`, is missing.
+        """
+        if self.kind == "h264":
+            return _filmed(pictures, self.crf)
+        picture = pictures[-1]
+        if self.kind == "mosaic":
+            raw = mosaicked(picture)
+            inner = np.s_[2:-2, 2:-2]  # OpenCV copies values to the border
+            if np.array_equal(demosaicked(raw)[inner], picture[inner]):
+                return demosaicked(_joined(_jpeg(_quadrants(raw), self.quality)))
+        return _jpeg(picture, self.quality)
+
+
+def _jpeg(picture: Image, quality: int) -> Image:
+    _, data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    return np.asarray(cv2.imdecode(data, cv2.IMREAD_UNCHANGED), dtype=np.uint8)
+
+
+def _quadrants(raw: Image) -> Image:
+    """Red and green above blue and the other green (H, W)."""
+    above, below = (raw[0::2, 0::2], raw[0::2, 1::2]), (raw[1::2, 1::2], raw[1::2, 0::2])
+    return np.vstack([np.hstack(above), np.hstack(below)])
+
+
+def _joined(quadrants: Image) -> Image:
+    """Inverse of `_quadrants`."""
+    rows, columns = (size // 2 for size in quadrants.shape)
+    raw = np.empty_like(quadrants)
+    raw[0::2, 0::2], raw[0::2, 1::2] = quadrants[:rows, :columns], quadrants[:rows, columns:]
+    raw[1::2, 1::2], raw[1::2, 0::2] = quadrants[rows:, :columns], quadrants[rows:, columns:]
+    return raw
+
+
+def _filmed(pictures: Sequence[Image], crf: int) -> Image:
+    try:
+        import av
+    except ImportError as error:
+        raise EffectError(
+            "compression: H.264 needs PyAV: install the extra `film` (pip install "
+            "'trifinger-object-tracker[film]')"
+        ) from error
+    height, width = pictures[0].shape[:2]
+    coder = av.CodecContext.create("libx264", "w")
+    coder.width, coder.height, coder.pix_fmt, coder.time_base = width, height, "yuv420p", Fraction(1, 10)
+    # No picture waits for later ones, and one thread: the bits depend on nothing else.
+    coder.options = {"crf": str(crf), "preset": "veryfast", "tune": "zerolatency", "threads": "1"}
+    decoder = av.CodecContext.create("h264", "r")
+    packets = []
+    for number, picture in enumerate(pictures):
+        frame = av.VideoFrame.from_ndarray(picture, format="bgr24")
+        frame.pts = number
+        packets += coder.encode(frame)
+    frames = [frame for packet in [*packets, *coder.encode(None), None] for frame in decoder.decode(packet)]
+    return np.asarray(frames[-1].to_ndarray(format="bgr24"), dtype=np.uint8)

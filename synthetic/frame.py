@@ -1,0 +1,104 @@
+"""What a frame is: one picture of each camera, and the truth."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from synthetic.camera.miscalibration import Calibrated
+from synthetic.scene import ObjectState, PlatformScene
+from tracker.calibration.rig import CameraRig
+from tracker.conventions import Array, FloatArray, Image
+from tracker.geometry import so3
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Frame:
+    """One picture of each camera, and the truth."""
+
+    index: int
+    """Number of the frame."""
+    timestamp: float
+    """[s]"""
+    images: tuple[Image, ...]
+    """(H, W, 3) uint8 BGR, as the cameras give them, distorted; raw ones (H, W), an RGGB mosaic."""
+    labels: tuple[Image, ...]
+    """(H, W) uint8, what most of a pixel shows: 0 other, 1 red … 6 yellow; of dice their number."""
+    visible_fraction: FloatArray
+    """(cameras,) visible pixels of the object, of those it has without robot; 0 where there are none."""
+    visible_px: Array
+    """(cameras,) visible pixels of the object."""
+    scene: PlatformScene
+    """The scene itself, in the simulation's world."""
+    renderer: str
+    """Which renderer made it."""
+    calibrated: Calibrated
+    """The cameras as they are and as they are said to be."""
+    stamps: FloatArray
+    """(cameras,) when each picture was taken: the middle of its exposure [s]; the latest is `timestamp`."""
+    scenes: tuple[PlatformScene, ...]
+    """The scene at each camera's stamp."""
+    pinhole_labels: tuple[tuple[Image, Image], ...] = ()
+    """Labels of visible surfaces, and labels without robot, of cameras without distortion, if asked for."""
+
+    @property
+    def objects(self) -> tuple[ObjectState, ...]:
+        """The object, or all dice, exactly, at `timestamp` and in the calibrated world; empty: none."""
+        return tuple(self.calibrated.told(state) for state in self.scene.objects)
+
+    @property
+    def objects_at_stamps(self) -> tuple[tuple[ObjectState, ...], ...]:
+        """The same at the stamp of each camera."""
+        return tuple(tuple(self.calibrated.told(state) for state in scene.objects) for scene in self.scenes)
+
+    @property
+    def rig(self) -> CameraRig:
+        """The cameras as they truly are."""
+        return self.calibrated.rig
+
+    @property
+    def given(self) -> CameraRig:
+        """The calibration that a user is given."""
+        return self.calibrated.given
+
+    def truth(self, names: tuple[str, ...]) -> dict[str, Any]:
+        """The entry of `ground_truth.json` for cameras of these names."""
+        cameras: list[dict[str, Any]] = [
+            {"visible_fraction": float(fraction), "visible_px": int(count)}
+            for fraction, count in zip(self.visible_fraction, self.visible_px, strict=True)
+        ]
+        for entry, more in zip(cameras, self._more(), strict=True):
+            entry.update(more)
+        return {
+            "frame": f"{self.index:06d}",
+            "timestamp": self.timestamp,
+            "object": _told(self.objects),
+            "robot_position": np.asarray(self.scene.robot_position).tolist(),
+            "cameras": dict(zip(names, cameras, strict=True)),
+            "scene": self.scene.about,
+        }
+
+    def _more(self) -> list[dict[str, Any]]:
+        """What of each camera needs to be told where it is not as it is said to be, or takes its own time."""
+        result: list[dict[str, Any]] = [{} for _ in self.rig]
+        if self.calibrated.calibrated_from_world is not None:
+            for entry, camera in zip(result, self.rig, strict=True):
+                for key in ("matrix", "distortion", "camera_from_world"):
+                    entry[key] = getattr(camera, key).tolist()
+        if any(stamp != self.timestamp for stamp in self.stamps):
+            for entry, stamp, states in zip(result, self.stamps, self.objects_at_stamps, strict=True):
+                entry["timestamp"], entry["object"] = float(stamp), _told(states)
+        return result
+
+
+def _told(states: tuple[ObjectState, ...]) -> Any:
+    """Nothing, one pose, or those of all dice."""
+    poses = [_pose(state) for state in states]
+    return None if not poses else poses[0] if len(poses) == 1 else poses
+
+
+def _pose(state: ObjectState) -> dict[str, list[float]]:
+    quaternion = so3.quaternion_from_matrix(state.rotation)
+    return {"position": state.position.tolist(), "orientation_xyzw": quaternion.tolist()}
