@@ -29,7 +29,8 @@ _OTHERS = 1
 def compiled(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     """Compile a function on its first call and keep the result on disk; `options` are those of numba.njit.
 
-    A division by zero gives what NumPy gives: to check for it would cost time, and more of it to compile.
+    A division by zero gives what NumPy gives: to check for it would cost time, and more of it to compile. So
+    does an assignment of one array to another, whose error message is compiled as well: loops do without.
     Where no folder can be written, the function is compiled anew by each process.
     """
     if function is None:

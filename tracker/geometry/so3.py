@@ -142,7 +142,7 @@ def quaternion(rotation):  # type: ignore[no-untyped-def]
         q[a] = rotation[a, k] + rotation[k, a]
         q[b] = rotation[b, k] + rotation[k, b]
         q[3] = rotation[b, a] - rotation[a, b]
-    length = math.sqrt(np.sum(q * q))
+    length = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     return q / (length if q[3] >= 0.0 else -length)
 
 

@@ -148,7 +148,7 @@ def _greys(image, step, log_table, points, plane):  # type: ignore[no-untyped-de
     if count < 50:
         return 0.0, 0.0
     plane[0, 0], plane[1, 0] = _mode(points, count)
-    start, inside, flat = plane.copy(), 0, True
+    middle, inside, flat = (plane[0, 0], plane[1, 0]), 0, True
     # Level twice, then along a slope, and again the way that fits.
     for turn in range(2 + TILTED_ROUNDS + LAST_ROUNDS):
         sloping = 2 <= turn < 2 + TILTED_ROUNDS
@@ -156,13 +156,14 @@ def _greys(image, step, log_table, points, plane):  # type: ignore[no-untyped-de
             tilt = max(abs(plane[0, 1]) + abs(plane[0, 2]), abs(plane[1, 1]) + abs(plane[1, 2]))
             flat = tilt < MIN_TILT or tilt > MAX_TILT
             if flat:
-                plane[:] = start
+                plane[:] = 0.0
+                plane[0, 0], plane[1, 0] = middle
         reach = 0.22 if turn == 0 else 0.2 if sloping else 0.15
         inside = _fit_plane(points, count, plane, reach, flat and not sloping)
         if inside == 0:
             return 0.0, 0.0
         if turn == 0:
-            start[:] = plane
+            middle = plane[0, 0], plane[1, 0]
     levels = np.zeros(256, np.int64)
     for n in range(count):
         x, y = points[2, n], points[3, n]
@@ -176,8 +177,10 @@ def _greys(image, step, log_table, points, plane):  # type: ignore[no-untyped-de
             b, g, r = image[j, i, 0], image[j, i, 1], image[j, i, 2]
             if max(b, g, r) >= CLIPPED and min(b, g, r) > 100:
                 levels[g] += 1
-    below = int(levels.sum() * BRIGHTNESS_RANK)
-    running, level = 0, 0
+    total, running, level = 0, 0, 0
+    for k in range(256):
+        total += levels[k]
+    below = int(total * BRIGHTNESS_RANK)
     while running <= below:
         running += levels[level]
         level += 1

@@ -74,9 +74,10 @@ def moved(p, r, v, error):  # type: ignore[no-untyped-def]
     turn, turned = np.empty((3, 3)), np.empty((3, 3))
     so3.exp_into(error[3:6], turn)
     product(turn, r, turned)
-    r[:] = turned
     for i in range(3):
         p[i] += error[i]
+        for k in range(3):
+            r[i, k] = turned[i, k]
     for i in range(6):
         v[i] += error[6 + i]
 
@@ -121,7 +122,8 @@ def mix(weights, transition, p, r, v, covariance):  # type: ignore[no-untyped-de
         _spread(old_p, old_r, old_v, shares, j, errors, mean)
         _pool(old, shares, errors, mean, covariance[j])
         moved(p[j], r[j], v[j], mean)
-    weights[:] = new
+    for j in range(kinds):
+        weights[j] = new[j]
 
 
 @compiled

@@ -138,9 +138,13 @@ def search(integrals, lenses, used, cells, size, leaf, inside, radius, area_shar
         if bounds[k] >= MIN_VOTE:
             place = top
             while place > 0 and order[place - 1] > bounds[k]:
-                stack[place], order[place] = stack[place - 1], order[place - 1]
+                order[place] = order[place - 1]
+                for i in range(3):
+                    stack[place, i] = stack[place - 1, i]
                 place -= 1
-            stack[place], order[place], sizes[top] = cells[k], bounds[k], size
+            order[place], sizes[top] = bounds[k], size
+            for i in range(3):
+                stack[place, i] = cells[k, i]
             top += 1
     while top > 0:
         top -= 1

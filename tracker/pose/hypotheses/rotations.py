@@ -50,7 +50,7 @@ def rank_rotations(lenses, used, half, face_labels, position, stats, rotations, 
         if not used[c]:
             continue
         u, v, z = project_with_jacobian(lenses, c, position[0], position[1], position[2], jacobian)
-        if z < 2.0 * half.max():
+        if z < 2.0 * max(half[0], half[1], half[2]):
             continue
         per_area = 4.0 * lenses[c].focal[0] * lenses[c].focal[1] / z**2
         distance, unseen = 0.0, 0.0

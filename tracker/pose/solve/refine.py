@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from tracker.compiled import compiled
@@ -121,10 +123,13 @@ def _add_up(cameras, unknowns, tuning, least, scatter, work, seen):  # type: ign
 @compiled
 def _move(cameras, unknowns, update, changes, tuning, radius, work):  # type: ignore[no-untyped-def]
     """Change the unknowns by a step, or by as much of it as is not too long."""
-    shift = np.sqrt(np.sum(update[:3] ** 2))
-    turn = np.sqrt(np.sum(update[3:6] ** 2))
+    shift = math.sqrt(update[0] ** 2 + update[1] ** 2 + update[2] ** 2)
+    turn = math.sqrt(update[3] ** 2 + update[4] ** 2 + update[5] ** 2)
     limit = max(shift / (tuning.longest * radius), turn / tuning.largest, 1.0)
-    apply_update(unknowns.rotation, unknowns.position, update / limit)
+    part = np.empty(6)
+    for i in range(6):
+        part[i] = update[i] / limit
+    apply_update(unknowns.rotation, unknowns.position, part)
     for i in range(6, len(update)):
         unknowns.shared[i] += update[i] / limit
     for c in range(len(changes)):
@@ -189,8 +194,12 @@ def settle(cameras, prior, radius, schedule, tuning, step, unknowns, work, covar
     for i in range(6):
         priors[i, i] = prior[i]
     priors[EXPONENT, EXPONENT], priors[GROWTH, GROWTH] = 1.0 / EXPONENT_STD**2, 1.0 / GROWTH_STD**2
-    priors[UNKNOWNS:, UNKNOWNS:] = cameras.calm[: n - UNKNOWNS, : n - UNKNOWNS]
-    doubtful = cameras.weights[:, 0, 0].min() < STATED
+    for i in range(n - UNKNOWNS):
+        for k in range(n - UNKNOWNS):
+            priors[UNKNOWNS + i, UNKNOWNS + k] = cameras.calm[i, k]
+    doubtful = False
+    for c in range(len(cameras.used)):
+        doubtful |= cameras.weights[c, 0, 0] < STATED
     share, converged = 1.0, False
     while step < len(schedule.blur) and not converged:
         before = unknowns.rotation.copy(), unknowns.position.copy()

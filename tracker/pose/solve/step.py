@@ -97,7 +97,9 @@ def solve_step(equations, share, prior, pull, known, shared, changes):  # type: 
     own, factor, schur = np.empty((OWN, OWN)), np.empty((OWN, OWN)), np.empty((UNKNOWNS, UNKNOWNS))
     force, reduced, lower = np.empty(OWN), np.empty((cameras, OWN, UNKNOWNS)), np.empty((n, n))
     doubt = 0.0
-    known[:] = prior
+    for i in range(n):
+        for k in range(n):
+            known[i, k] = prior[i, k]
     for c in range(cameras):
         doubt += _eliminate(equations, c, share, own, factor, force, changes[c], reduced[c])
         if not np.isfinite(doubt):
@@ -153,7 +155,9 @@ def calibration_share(equations, first, prior, pull, known, shared, changes):  #
     doubts = np.full(len(SHARES), np.inf)
     for k in range(first, len(SHARES)):
         doubts[k] = solve_step(equations, SHARES[k], prior, pull, known, shared, changes)
-    least = np.min(doubts)
+    least = np.inf
+    for k in range(first, len(SHARES)):
+        least = min(least, doubts[k])
     if not np.isfinite(least):
         return 1.0
     total, mean = 0.0, 0.0
