@@ -7,7 +7,7 @@ colours are linear blue-green-red reflectances from 0 to 1.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -84,6 +84,38 @@ class Lighting:
 
 
 @dataclass(frozen=True, eq=False)
+class Patches:
+    """Small parts of surfaces that light what is near them."""
+
+    places: FloatArray
+    """(N, 3) [m] in the world."""
+    normals: FloatArray
+    """(N, 3) unit vectors in the world; zeros: a round thing, which faces everything."""
+    areas: FloatArray
+    """(N,) [m²]."""
+    light: FloatArray
+    """(N, 3) BGR that comes from them, as reflectance × irradiance."""
+    owners: tuple[str, ...]
+    """(N,) names of the bodies that they are part of."""
+
+    def chosen(self, which: Array) -> Patches:
+        """Those where `which` (N,) is true."""
+        owners = tuple(name for name, good in zip(self.owners, which, strict=True) if good)
+        return Patches(self.places[which], self.normals[which], self.areas[which], self.light[which], owners)
+
+    @classmethod
+    def joined(cls, parts: Sequence[Patches]) -> Patches:
+        """All of several."""
+        return cls(
+            np.concatenate([part.places for part in parts]),
+            np.concatenate([part.normals for part in parts]),
+            np.concatenate([part.areas for part in parts]),
+            np.concatenate([part.light for part in parts]),
+            tuple(name for part in parts for name in part.owners),
+        )
+
+
+@dataclass(frozen=True, eq=False)
 class ObjectState:
     """Where one object is, exactly."""
 
@@ -106,12 +138,18 @@ class PlatformScene:
     """(9,) joint angles [rad]."""
     about: dict[str, Any] = field(default_factory=dict)
     """What kind of scene it is, for the ground truth file (JSON values only)."""
+    patches: Patches | None = None
+    """What lights its neighbours; None: nothing does."""
 
     def emptied(self) -> PlatformScene:
         """The same without its objects."""
         gone = {state.name for state in self.objects}
         bodies = tuple(body for body in self.bodies if body.name not in gone)
-        return dataclasses.replace(self, bodies=bodies, objects=())
+        patches = self.patches
+        if patches is not None:
+            patches = patches.chosen(np.array([name not in gone for name in patches.owners], dtype=bool))
+            patches = patches if patches.owners else None
+        return dataclasses.replace(self, bodies=bodies, objects=(), patches=patches)
 
 
 SceneAt = Callable[[float], PlatformScene]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from synthetic.render.bounced import add_bounced
 from synthetic.render.hits import Hits
 from synthetic.render.interface import PinholeView
 from synthetic.render.reach import everything, reach_of
@@ -26,7 +27,10 @@ class SceneLight:
         reach = everything()
         if shadows:
             reach = reach_of(hits, view, self._maps(scene, surfaces), lighting)
-        return shade(hits, view, surfaces, lighting, reach)
+        color = shade(hits, view, surfaces, lighting, reach)
+        if scene.patches is not None:
+            add_bounced(color, scene, scene.patches, hits, surfaces)
+        return color
 
     def _maps(self, scene: PlatformScene, surfaces: Surfaces) -> Shadows:
         if self._last is None or self._last[0] is not scene:

@@ -26,7 +26,7 @@ CUT = 0.3
 WORN = 0.5
 """Share of edges whose rim shows the pale stuff below the colour; others hold dirt."""
 
-LOST = (0.3, 0.5)
+LOST = (0.1, 0.4)
 """Share of the colour that is gone from a worn rim."""
 
 SEAM = (0.0, 0.15)

@@ -11,6 +11,7 @@ from synthetic.scene import PlatformScene
 from synthetic.world.chamfers import chamfered
 from synthetic.world.fittings import fitted
 from synthetic.world.prints import printed
+from synthetic.world.reflections import reflecting
 from synthetic.world.worn_table import worn
 
 _CHANGES: dict[str, Callable[[PlatformScene, np.random.Generator], PlatformScene]] = {
@@ -18,6 +19,7 @@ _CHANGES: dict[str, Callable[[PlatformScene, np.random.Generator], PlatformScene
     "surface": printed,
     "table": worn,
     "fittings": fitted,
+    "reflections": reflecting,
 }
 """In the order in which they are made."""
 

@@ -7,7 +7,7 @@ import pytest
 
 from tests.helpers.synthetic_needs import skip_without_platform
 
-SCENE_EFFECTS = ("chamfers", "surface", "table", "fittings")
+SCENE_EFFECTS = ("chamfers", "surface", "table", "fittings", "reflections")
 
 
 @pytest.fixture(autouse=True)

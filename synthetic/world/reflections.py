@@ -1,0 +1,100 @@
+"""The effect `reflections`: the faces of a cuboid colour table and fingers, and fingers light the faces.
+
+What the table sends back is part of the ambient light that all surfaces get from below.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from synthetic.scene import Body, Lighting, Patches, PlatformScene
+from tracker.conventions import FloatArray
+from tracker.geometry.cuboid import FACE_NORMALS
+
+STRENGTH = (0.6, 1.2)
+"""Of what is given, of what a matt surface in the open would give."""
+
+_CELLS = 2
+"""Patches along each edge of a face."""
+
+_SLICES = 4
+"""Patches along a link of a finger."""
+
+_NEAR_M = 0.12
+"""Links farther than this from the object do not matter."""
+
+_LINKS = ("finger_middle_link_", "finger_lower_link_", "finger_tip_link_")
+
+
+def reflecting(scene: PlatformScene, rng: np.random.Generator) -> PlatformScene:
+    """The scene whose cuboid and fingers light what is near them; with dice or nothing it stays as it is."""
+    strength = float(rng.uniform(*STRENGTH))
+    if len(scene.objects) != 1:
+        return scene
+    state = scene.objects[0]
+    body = next(body for body in scene.bodies if body.name == state.name)
+    parts = [_of_faces(body, scene.lighting)]
+    for link in scene.bodies:
+        if link.name.startswith(_LINKS) and "visuals" not in link.name:
+            part = _of_link(link, scene.lighting)
+            near = np.linalg.norm(part.places - state.position, axis=1) < _NEAR_M
+            parts.append(part.chosen(near))
+    whole = Patches.joined(parts)
+    return dataclasses.replace(scene, patches=dataclasses.replace(whole, light=strength * whole.light))
+
+
+def _of_faces(body: Body, lighting: Lighting) -> Patches:
+    size = 2 * np.abs(np.asarray(body.mesh.vertices)).max(axis=0)
+    rotation, position = body.world_from_body[:3, :3], body.world_from_body[:3, 3]
+    line = (np.arange(_CELLS) + 0.5) / _CELLS - 0.5
+    parts = []
+    for face, normal in enumerate(FACE_NORMALS):
+        axis = face // 2
+        across, along = (axis + 1) % 3, (axis + 2) % 3
+        cells = np.zeros((_CELLS, _CELLS, 3))
+        cells[..., across], cells[..., along] = np.meshgrid(line * size[across], line * size[along])
+        cells[..., axis] = normal[axis] * size[axis] / 2
+        outwards = rotation @ normal
+        count = _CELLS**2
+        parts.append(
+            Patches(
+                cells.reshape(-1, 3) @ rotation.T + position,
+                np.tile(outwards, (count, 1)),
+                np.full(count, size[across] * size[along] / count),
+                np.tile(body.colors[face] * _irradiance(outwards, lighting), (count, 1)),
+                (body.name,) * count,
+            )
+        )
+    return Patches.joined(parts)
+
+
+def _of_link(link: Body, lighting: Lighting) -> Patches:
+    """Slices of a link, each as a small round thing."""
+    vertices = np.asarray(link.mesh.vertices)
+    along = int(np.argmax(np.ptp(vertices, axis=0)))
+    bounds = np.quantile(vertices[:, along], [0.0, 1.0])
+    slot = np.clip((vertices[:, along] - bounds[0]) / np.ptp(bounds) * _SLICES, 0, _SLICES - 1).astype(int)
+    used = [k for k in range(_SLICES) if (slot == k).any()]
+    centers = np.stack([vertices[slot == k].mean(axis=0) for k in used])
+    width = np.delete(np.ptp(vertices, axis=0), along).mean() / 2
+    color = np.bincount(link.mesh.groups, minlength=len(link.colors)) @ link.colors / len(link.mesh.groups)
+    light = color * (lighting.ambient + sum(lamp.color for lamp in lighting.lamps) / 2)
+    count = len(centers)
+    return Patches(
+        centers @ link.world_from_body[:3, :3].T + link.world_from_body[:3, 3],
+        np.zeros((count, 3)),
+        np.full(count, np.pi * width**2),
+        np.tile(light, (count, 1)),
+        (link.name,) * count,
+    )
+
+
+def _irradiance(normal: FloatArray, lighting: Lighting) -> FloatArray:
+    """Light (3,) on an open surface of this normal (3,); from below there is the dark table's."""
+    total = lighting.ambient * (0.675 + 0.325 * normal[2])
+    for lamp in lighting.lamps:
+        total = total + lamp.color * max(float(lamp.direction @ normal), 0.0)
+    result: FloatArray = total
+    return result
