@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import os
+import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import settings
 
+from synthetic.camera.rigs import default_cameras
 from tests.helpers import ROOT, make_camera, run_python
+from tests.helpers.command import Run
 from tests.helpers.needs import (  # noqa: F401
     lack,
     pytest_configure,
     pytest_make_collect_report,
     pytest_runtest_makereport,
 )
+from tracker import cli
+from tracker.calibration.rig import CameraRig
 from tracker.geometry.camera import Camera
 
 # Derandomised: a run never depends on chance or on earlier runs. Without a deadline, since the first
@@ -42,6 +47,12 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return working / "demo"
 
 
+@pytest.fixture(scope="session")
+def rig() -> CameraRig:
+    """Three cameras like the platform's, 270×270, whose calibration is exact."""
+    return CameraRig(default_cameras())
+
+
 @pytest.fixture
 def rng() -> np.random.Generator:
     return np.random.default_rng(20240607)
@@ -51,3 +62,17 @@ def rng() -> np.random.Generator:
 def camera() -> Camera:
     """A camera like the platform's camera60 at 270×270."""
     return make_camera()
+
+
+@pytest.fixture
+def run_here(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Run:
+    """Like `run` but in this process, which is faster; what compiled libraries print is seen too."""
+
+    def run_it(*arguments: object, folder: Path = ROOT) -> subprocess.CompletedProcess[str]:
+        monkeypatch.chdir(folder)
+        with pytest.raises(SystemExit) as stop:
+            cli.main([str(argument) for argument in arguments])
+        printed = capfd.readouterr()
+        return subprocess.CompletedProcess([], int(stop.value.code or 0), printed.out, printed.err)
+
+    return run_it

@@ -19,11 +19,6 @@ OBJECTS = ("cube_v2", "cuboid_2x2x8_v2")
 
 
 @pytest.fixture(scope="module")
-def rig():
-    return tracker.CameraRig(default_cameras())
-
-
-@pytest.fixture(scope="module")
 def trackers(rig):
     return {name: tracker.ObjectTracker(tracker.load_object(name), rig) for name in OBJECTS}
 

@@ -5,53 +5,23 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-from tests.helpers import ROOT, run_python
+from tests.helpers import ROOT
+from tests.helpers.command import assert_one_line_error, run
 from tracker import cli
 
 NAMES = ("camera60", "camera180", "camera300")
-
-
-def run(*arguments: object, folder: Path = ROOT) -> subprocess.CompletedProcess[str]:
-    return run_python(["-m", "tracker", *arguments], folder)
 
 
 def detect_arguments(demo: Path, **replaced: object) -> list[object]:
     """Arguments of a good `tracker detect`, with the images of some cameras replaced."""
     images = [replaced.get(name, demo / f"{name}.png") for name in NAMES]
     return ["detect", "--object", "cube_v2", "--calibration", demo, *images]
-
-
-Run = Callable[..., subprocess.CompletedProcess[str]]
-
-
-@pytest.fixture
-def run_here(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Run:
-    """Like `run` but in this process, which is faster; what compiled libraries print is seen too."""
-
-    def run_it(*arguments: object, folder: Path = ROOT) -> subprocess.CompletedProcess[str]:
-        monkeypatch.chdir(folder)
-        with pytest.raises(SystemExit) as stop:
-            cli.main([str(argument) for argument in arguments])
-        printed = capfd.readouterr()
-        return subprocess.CompletedProcess([], int(stop.value.code or 0), printed.out, printed.err)
-
-    return run_it
-
-
-def assert_one_line_error(result: subprocess.CompletedProcess[str], *words: str) -> None:
-    assert result.returncode == 2, result.stderr
-    assert result.stdout == ""
-    assert result.stderr.startswith("tracker: ")
-    assert len(result.stderr.splitlines()) == 1, result.stderr
-    for word in words:
-        assert word in result.stderr
 
 
 @pytest.fixture

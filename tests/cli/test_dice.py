@@ -1,8 +1,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -11,8 +9,7 @@ import numpy as np
 import pytest
 
 from synthetic.camera.rigs import default_cameras
-from tests.helpers import ROOT, run_python
-from tracker import cli
+from tests.helpers.command import assert_one_line_error, run
 from tracker.calibration.rig import CameraRig
 from tracker.geometry import cuboid, so3
 from tracker.tasks import rearrange_dice
@@ -22,8 +19,6 @@ RIG = CameraRig(default_cameras(270))
 GOAL = rearrange_dice.sample_goal(0)
 MISPLACED = 3
 """So many dice of the scene are not where the goal wants them."""
-
-Run = Callable[..., subprocess.CompletedProcess[str]]
 
 
 def dice_poses() -> list[tuple[np.ndarray, float]]:
@@ -69,23 +64,6 @@ def arguments(scene: Path, *more: object, **replaced: object) -> list[object]:
     return ["dice", "--calibration", scene, *more, *images]
 
 
-def run(*arguments: object, folder: Path = ROOT) -> subprocess.CompletedProcess[str]:
-    return run_python(["-m", "tracker", *arguments], folder)
-
-
-@pytest.fixture
-def run_here(capfd: pytest.CaptureFixture[str]) -> Run:
-    """Like `run` but in this process, which is faster; what compiled libraries print is seen too."""
-
-    def run_it(*arguments: object) -> subprocess.CompletedProcess[str]:
-        with pytest.raises(SystemExit) as stop:
-            cli.main([str(argument) for argument in arguments])
-        printed = capfd.readouterr()
-        return subprocess.CompletedProcess([], int(stop.value.code or 0), printed.out, printed.err)
-
-    return run_it
-
-
 @pytest.fixture
 def truth(monkeypatch: pytest.MonkeyPatch) -> None:
     """The command gets the scene's own dice, and as their masks what is blue."""
@@ -101,15 +79,6 @@ def truth(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(rearrange_dice, "segment_dice", segment_dice)
     monkeypatch.setattr(rearrange_dice, "locate", locate)
-
-
-def assert_one_line_error(result: subprocess.CompletedProcess[str], *words: str) -> None:
-    assert result.returncode == 2, result.stderr
-    assert result.stdout == ""
-    assert result.stderr.startswith("tracker: ")
-    assert len(result.stderr.splitlines()) == 1, result.stderr
-    for word in words:
-        assert word in result.stderr
 
 
 def test_the_command_explains_itself():
@@ -232,10 +201,9 @@ def test_overlay_and_masks_are_written(scene, tmp_path, run_here):
         (["--colors", "x"], ["--colors"]),
     ],
 )
-def test_a_faulty_option_is_named_in_one_line(options, words, scene, run_here, monkeypatch):
-    monkeypatch.chdir(scene)
+def test_a_faulty_option_is_named_in_one_line(options, words, scene, run_here):
     before = sorted(scene.rglob("*"))
-    assert_one_line_error(run_here(*arguments(scene, *options, "--json")), *words)
+    assert_one_line_error(run_here(*arguments(scene, *options, "--json"), folder=scene), *words)
     assert sorted(scene.rglob("*")) == before
 
 

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import fcntl
+import functools
 import json
 import os
 import pty
@@ -22,10 +23,9 @@ from synthetic.camera.rigs import default_cameras
 from synthetic.camera.sensor import Sensor
 from synthetic.raycast import render
 from synthetic.raycast.scene import random_scene
-from tests.cli.test_cli import Run, assert_one_line_error
 from tests.helpers import ROOT, run_python
+from tests.helpers.command import Run, assert_one_line_error
 from tests.helpers.recording_stubs import write_log
-from tracker import cli
 from tracker.cli.track import _targets
 from tracker.cli.track_outputs import _of_height, observation
 from tracker.geometry import so3
@@ -63,17 +63,8 @@ def filmed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def run_here(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Run:
-    """Like `run` but in this process, which is faster."""
-
-    def run_it(*arguments: object, folder: Path = ROOT) -> subprocess.CompletedProcess[str]:
-        monkeypatch.chdir(folder)
-        with pytest.raises(SystemExit) as stop:
-            cli.main(["track", *map(str, arguments)])
-        printed = capfd.readouterr()
-        return subprocess.CompletedProcess([], int(stop.value.code or 0), printed.out, printed.err)
-
-    return run_it
+def run_here(run_here: Run) -> Run:
+    return functools.partial(run_here, "track")
 
 
 def run(*arguments: object, folder: Path = ROOT) -> subprocess.CompletedProcess[str]:

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 import tracker
-from synthetic.camera.rigs import default_cameras
 from synthetic.camera.sensor import Sensor
 from synthetic.raycast import render
 from synthetic.raycast.scene import random_scene
@@ -21,11 +20,6 @@ OBJECTS = ("cube_v2", "cuboid_2x2x8_v2")
 SCENES = 3
 CONVERGED = 2 * np.sqrt(SCHEDULE.negligible[0])
 """How far two fits that ended may be apart, in standard deviations."""
-
-
-@pytest.fixture(scope="module")
-def rig():
-    return tracker.CameraRig(default_cameras())
 
 
 def scene_of(name, k):

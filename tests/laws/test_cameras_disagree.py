@@ -7,7 +7,6 @@ import pytest
 from scipy.stats import binom, chi2
 
 import tracker
-from synthetic.camera.rigs import default_cameras
 from synthetic.camera.sensor import Sensor
 from synthetic.raycast import render
 from synthetic.raycast.scene import random_scene
@@ -32,11 +31,6 @@ def stated(camera, times, rng):
     std[:3, :3] = TURN * np.sqrt(1.0 - rotation**2 + 1e-12)
     std[:3, 3] = SHIFT
     return dataclasses.replace(camera, camera_from_world=transform, camera_from_world_std=std)
-
-
-@pytest.fixture(scope="module")
-def rig():
-    return tracker.CameraRig(default_cameras())
 
 
 @pytest.fixture(scope="module")

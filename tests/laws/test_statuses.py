@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
+import cv2
 import numpy as np
 import pytest
 
@@ -13,7 +14,7 @@ from synthetic.camera.sensor import Sensor
 from synthetic.look.face_colors import face_colors
 from synthetic.raycast import render
 from synthetic.raycast.scene import Scene
-from tests.tracking.test_belief import made_fit
+from tests.helpers.fits import made_fit
 from tracker import Status
 from tracker.geometry import so3
 from tracker.pose.estimate import PoseEstimator
@@ -57,12 +58,14 @@ def patches(truth, empty, size):
     return pictures
 
 
-def face_on(camera):
-    """A cube that shows a camera one face and no other."""
-    towards = camera.position / np.linalg.norm(camera.position)
+def face_on(c, height):
+    """What camera c alone sees of a cube that shows it one face and no other, so far above the centre [m]."""
+    towards = RIG[c].position / np.linalg.norm(RIG[c].position)
     aside = np.cross([0.0, 0.0, 1.0], towards)
     aside /= np.linalg.norm(aside)
-    return shot(0.06 * towards, np.stack([aside, np.cross(towards, aside), towards], axis=1))
+    truth = shot(height * towards, np.stack([aside, np.cross(towards, aside), towards], axis=1))
+    assert len(np.unique(truth.labels[c])) == 2
+    return [image if k == c else None for k, image in enumerate(truth.images)]
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +79,8 @@ def detected(truth, empty):
         "a corner of the cube": new().detect(patches(truth, empty, 8)),
         "a cube below the table": new(above).detect(truth.images),
         "cameras upside down": new().detect([np.ascontiguousarray(image[::-1]) for image in truth.images]),
-        "one face to one camera": new().detect([face_on(RIG[0]).images[0], None, None]),
+        "one face to one camera": new().detect(face_on(0, 0.05)),
+        "a cube much out of focus": new().detect([cv2.GaussianBlur(i, (0, 0), 12) for i in truth.images]),
     }
 
 
@@ -88,6 +92,7 @@ DETECTED = {
     "a cube below the table": Status.INCONSISTENT_VIEWS,
     "cameras upside down": Status.INCONSISTENT_VIEWS,
     "one face to one camera": Status.AMBIGUOUS,
+    "a cube much out of focus": Status.POOR_FIT,
 }
 
 
@@ -95,6 +100,12 @@ DETECTED = {
 def test_the_status_says_why_there_is_a_pose_or_none(detected, shown, status):
     assert detected[shown].status is status
     assert (detected[shown].object_pose is not None) == (status is Status.FOUND)
+
+
+@pytest.mark.xfail(reason="of the four turns at which a face fits, one alone may be aligned and refined")
+def test_one_face_to_one_camera_never_gives_a_pose_that_is_sure():
+    answers = [new().detect(face_on(c, height)) for c in range(3) for height in (0.05, 0.06, 0.07, 0.08)]
+    assert all(one.object_pose is None or one.object_pose.confidence < 0.5 for one in answers)
 
 
 REFUSED = (Status.TOO_FEW_PIXELS, Status.INCONSISTENT_VIEWS, Status.POOR_FIT, Status.AMBIGUOUS)

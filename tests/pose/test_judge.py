@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from tests.tracking.test_belief import made_fit
+from tests.helpers.fits import made_fit
 from tracker.geometry.arena import Arena
 from tracker.geometry.so3 import exp
 from tracker.pose.judge import (

@@ -20,11 +20,6 @@ SCENES = 3
 
 
 @pytest.fixture(scope="module")
-def rig():
-    return tracker.CameraRig(default_cameras())
-
-
-@pytest.fixture(scope="module")
 def trackers(rig):
     return {name: tracker.ObjectTracker(tracker.load_object(name), rig) for name in OBJECTS}
 

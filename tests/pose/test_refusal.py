@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tests.tracking.test_belief import made_fit
+from tests.helpers.fits import made_fit
 from tracker.pose.judge import MIN_LEAD, features, log_odds, refusal
 from tracker.pose.result import Status
 

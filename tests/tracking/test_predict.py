@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import tracker
-from synthetic.camera.rigs import default_cameras
-from tests.tracking.test_update import DT, bits, new, off, play, shot, within
+from tests.helpers.pushed_cube import DT, bits, image_of, new, off, play, shot, within
 from tracker.errors import TrackerError
 from tracker.geometry import so3
 from tracker.tracking.belief import TrackingOptions
@@ -33,16 +32,6 @@ def film_of(rig, ages, count=FRAMES):
     return [
         [image_of(rig, c, pose_at(STEP * k - age), k) for c, age in enumerate(ages)] for k in range(count)
     ]
-
-
-def image_of(rig, c, pose, seed):
-    """One camera's image of the cube in a pose."""
-    return shot(tracker.CameraRig((rig[c],)), pose, 3 * seed + c)[0]
-
-
-@pytest.fixture(scope="module")
-def rig():
-    return tracker.CameraRig(default_cameras())
 
 
 @pytest.fixture(scope="module")
@@ -264,3 +253,12 @@ def test_a_camera_that_is_older_than_the_last_images_may_be_among_them(rig, film
     images = [image_of(rig, c, pose_at(5.5 * STEP - age), 6) for c, age in enumerate((0.0, 0.03, 0.0))]
     answer = one.update(images, [5.5 * STEP, 5.5 * STEP - 0.03, 5.5 * STEP])
     assert within(answer.object_pose, pose_at(5.5 * STEP), 0.5, 0.5)
+
+
+@pytest.mark.parametrize("ages", [(0.0, 0.01, 0.02), (0.02, 0.0, 0.01), (0.01, 0.0, 0.01)])
+def test_the_first_pose_of_cameras_apart_in_time_is_as_uncertain_as_it_is_wrong(rig, ages):
+    images = [image_of(rig, c, pose_at(0.1 - age), c) for c, age in enumerate(ages)]
+    pose = new(rig).update(images, [0.1 - age for age in ages]).object_pose
+    place, rotation = pose_at(0.1)
+    error = np.concatenate([pose.position - place, so3.log(pose.rotation @ rotation.T)])
+    assert error @ np.linalg.solve(pose.covariance, error) < 50

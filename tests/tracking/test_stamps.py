@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 import tracker
-from synthetic.camera.rigs import default_cameras
-from tests.tracking.test_update import DT, HEIGHT, MODEL, bits, new, off, play, pose_at, shot, within
+from tests.helpers.pushed_cube import DT, HEIGHT, MODEL, bits, new, off, play, pose_at, shot, within
 from tracker.errors import TrackerError
 from tracker.geometry import so3
 from tracker.pipeline import Status
@@ -24,14 +23,8 @@ STEP = 0.04
 
 
 @pytest.fixture(scope="module")
-def rig():
-    return tracker.CameraRig(default_cameras())
-
-
-@pytest.fixture(scope="module")
-def film(rig):
-    """Images of a cube that is pushed, ten times a second."""
-    return [shot(rig, pose_at(DT * k), k) for k in range(8)]
+def film(film):
+    return film[:8]
 
 
 def gliding(seconds, speed):

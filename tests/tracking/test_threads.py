@@ -7,9 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-import tracker
-from synthetic.camera.rigs import default_cameras
-from tests.tracking.test_update import DT, all_bits, bits, new, pose_at, shot
+from tests.helpers.pushed_cube import DT, all_bits, bits, new, shot
 from tracker.errors import ImageError, TrackerError
 
 THREADS = 4
@@ -17,13 +15,8 @@ CALLS = 25
 
 
 @pytest.fixture(scope="module")
-def rig():
-    return tracker.CameraRig(default_cameras())
-
-
-@pytest.fixture(scope="module")
-def film(rig):
-    return [shot(rig, pose_at(DT * k), k) for k in range(8)]
+def film(film):
+    return film[:8]
 
 
 @pytest.fixture(scope="module")

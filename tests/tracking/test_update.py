@@ -1,54 +1,19 @@
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 
 import tracker
-from synthetic.camera.rigs import default_cameras
 from synthetic.camera.sensor import Sensor
-from synthetic.look.face_colors import face_colors
-from synthetic.raycast import render
-from synthetic.raycast.scene import Scene
+from tests.helpers.pushed_cube import DT, HEIGHT, MODEL, all_bits, bits, new, off, play, pose_at, shot, within
+from tests.tracking.conftest import FRAMES
 from tracker.errors import ImageError, TrackerError
 from tracker.geometry import so3
 from tracker.pipeline import Status
 from tracker.tracking.belief import TrackingOptions
 
-DT = 0.1
-FRAMES = 16
-HEIGHT = 0.0325
-MODEL = tracker.load_object("cube_v2")
-ALBEDOS = face_colors(MODEL)[MODEL.face_labels] / 255
 FAR = np.array([-0.09, 0.08, HEIGHT]), so3.exp([0.0, 0.0, 2.0])
 BLACKNESS = np.zeros((270, 270, 3), np.uint8)
-
-
-def pose_at(seconds):
-    """Still, then pushed at 0.1 m/s and turned at 60 degrees a second, and still again."""
-    moved = np.clip(seconds - 0.4, 0.0, 0.8)
-    place = np.array([-0.03, -0.05, HEIGHT]) + moved * np.array([0.06, 0.08, 0.0])
-    return place, so3.exp([0.0, 0.0, 0.4 + np.radians(60) * moved])
-
-
-def shot(rig, pose, seed, sensor=None):
-    """Images of the cube in a pose, or of the empty arena."""
-    place, rotation = pose if pose is not None else (np.zeros(3), None)
-    rng = np.random.default_rng([30, seed])
-    scene = Scene(position=place, rotation=rotation, face_albedos=ALBEDOS)
-    return render(scene, rig.cameras, MODEL, sensor or Sensor.realistic(), rng).images
-
-
-@pytest.fixture(scope="module")
-def rig():
-    return tracker.CameraRig(default_cameras())
-
-
-@pytest.fixture(scope="module")
-def film(rig):
-    """Images of a cube that is pushed, ten times a second."""
-    return [shot(rig, pose_at(DT * k), k) for k in range(FRAMES)]
 
 
 @pytest.fixture(scope="module")
@@ -67,41 +32,6 @@ def away(rig):
 def reference(rig, film):
     """What a fresh tracker answers to the film."""
     return play(new(rig), film)
-
-
-def new(rig):
-    return tracker.ObjectTracker(MODEL, rig)
-
-
-def play(one, film, start=0.0, dt=DT):
-    return [one.update(images, start + dt * k) for k, images in enumerate(film)]
-
-
-def off(pose, truth):
-    """Error [mm, degrees]."""
-    place, rotation = truth
-    return 1e3 * np.linalg.norm(pose.position - place), np.degrees(so3.angle_between(pose.rotation, rotation))
-
-
-def within(pose, truth, millimetres=1.0, degrees=1.0):
-    shift, turn = off(pose, truth)
-    return shift < millimetres and turn < degrees
-
-
-def bits(observation):
-    """Everything in an answer but how long it took."""
-    result = [observation.status, observation.reason]
-    for pose in (observation.object_pose, observation.filtered_object_pose):
-        if pose is None:
-            result.append(None)
-            continue
-        values = dataclasses.asdict(pose)
-        result += [(key, np.asarray(value).tobytes()) for key, value in values.items()]
-    return result
-
-
-def all_bits(observations):
-    return [bits(observation) for observation in observations]
 
 
 def test_a_moving_cube_is_tracked(reference):

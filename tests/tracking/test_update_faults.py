@@ -5,9 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-import tracker
-from synthetic.camera.rigs import default_cameras
-from tests.tracking.test_update import DT, all_bits, bits, new, play, pose_at, shot, within
+from tests.helpers.pushed_cube import DT, all_bits, bits, new, play, pose_at, within
 from tracker.errors import ImageError, TrackerError
 from tracker.pipeline import Status
 from tracker.pose.estimate import PoseEstimator
@@ -21,13 +19,8 @@ NOW = FAULT * DT
 
 
 @pytest.fixture(scope="module")
-def rig():
-    return tracker.CameraRig(default_cameras())
-
-
-@pytest.fixture(scope="module")
-def film(rig):
-    return [shot(rig, pose_at(DT * k), k) for k in range(FRAMES)]
+def film(film):
+    return film[:FRAMES]
 
 
 @pytest.fixture(scope="module")

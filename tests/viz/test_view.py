@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.cli.test_cli import assert_one_line_error
 from tests.helpers import ROOT, run_python
+from tests.helpers.command import assert_one_line_error
 from tests.helpers.pose_logs import random_poses
 from tests.helpers.recording_stubs import write_log
 from tracker.logs.poses_file import write_poses

@@ -1,0 +1,74 @@
+"""A cube that is pushed over the table before the platform's cameras, and what a tracker makes of it."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+import tracker
+from synthetic.camera.sensor import Sensor
+from synthetic.look.face_colors import face_colors
+from synthetic.raycast import render
+from synthetic.raycast.scene import Scene
+from tracker.geometry import so3
+
+DT = 0.1
+HEIGHT = 0.0325
+MODEL = tracker.load_object("cube_v2")
+ALBEDOS = face_colors(MODEL)[MODEL.face_labels] / 255
+
+
+def pose_at(seconds):
+    """Still, then pushed at 0.1 m/s and turned at 60 degrees a second, and still again."""
+    moved = np.clip(seconds - 0.4, 0.0, 0.8)
+    place = np.array([-0.03, -0.05, HEIGHT]) + moved * np.array([0.06, 0.08, 0.0])
+    return place, so3.exp([0.0, 0.0, 0.4 + np.radians(60) * moved])
+
+
+def shot(rig, pose, seed, sensor=None):
+    """Images of the cube in a pose, or of the empty arena."""
+    place, rotation = pose if pose is not None else (np.zeros(3), None)
+    rng = np.random.default_rng([30, seed])
+    scene = Scene(position=place, rotation=rotation, face_albedos=ALBEDOS)
+    return render(scene, rig.cameras, MODEL, sensor or Sensor.realistic(), rng).images
+
+
+def image_of(rig, c, pose, seed):
+    """One camera's image of the cube in a pose."""
+    return shot(tracker.CameraRig((rig[c],)), pose, 3 * seed + c)[0]
+
+
+def new(rig):
+    return tracker.ObjectTracker(MODEL, rig)
+
+
+def play(one, film, start=0.0, dt=DT):
+    return [one.update(images, start + dt * k) for k, images in enumerate(film)]
+
+
+def off(pose, truth):
+    """Error [mm, degrees]."""
+    place, rotation = truth
+    return 1e3 * np.linalg.norm(pose.position - place), np.degrees(so3.angle_between(pose.rotation, rotation))
+
+
+def within(pose, truth, millimetres=1.0, degrees=1.0):
+    shift, turn = off(pose, truth)
+    return shift < millimetres and turn < degrees
+
+
+def bits(observation):
+    """Everything in an answer but how long it took."""
+    result = [observation.status, observation.reason]
+    for pose in (observation.object_pose, observation.filtered_object_pose):
+        if pose is None:
+            result.append(None)
+            continue
+        values = dataclasses.asdict(pose)
+        result += [(key, np.asarray(value).tobytes()) for key, value in values.items()]
+    return result
+
+
+def all_bits(observations):
+    return [bits(observation) for observation in observations]
