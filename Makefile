@@ -8,7 +8,7 @@ WORKERS ?= $(shell nproc 2>/dev/null || echo 1)
 LOWEST := build/lowest
 OLDEST_PYTHON ?= python3.10
 
-.PHONY: demo test lowest package lint format bench gate colors clean
+.PHONY: demo test lowest package lint format bench small gate colors clean
 
 demo: $(STAMP)  ## film the simulated platform, find the object in every frame
 	$(BIN)/python examples/demo.py
@@ -38,6 +38,9 @@ format: $(STAMP)  ## format the code
 
 bench: $(STAMP)  ## measure accuracy and speed: benchmarks/results.md, build/benchmarks/report.html
 	$(BIN)/python -m benchmarks all --publish
+
+small: $(STAMP)  ## the gate in a minute: few scenes, each compared with itself as it was
+	$(BIN)/python -m benchmarks small
 
 gate: $(STAMP)  ## measure, and fail where a figure has fallen by more than its tolerance
 	$(BIN)/python -m benchmarks all

@@ -9,17 +9,21 @@ from typing import Any
 
 import click
 
-from benchmarks.commands import OUTPUT, PARTS, Run, measure, real_folder
+from benchmarks.commands import OUTPUT, PARTS, Run, measure
+from benchmarks.data.robots import real_folder
 from benchmarks.data.scenes import OBJECTS
 from benchmarks.data.seeds import DEVELOPMENT, release
 from benchmarks.data.sets import FULL, Plan
 from benchmarks.data.store import CACHE
 from benchmarks.data.workloads import BY_NAME, WORKLOADS
+from benchmarks.judge import ci
 from benchmarks.judge import gate as gates
+from benchmarks.judge.compare import compare as compared
 from benchmarks.judge.origin import origin
-from benchmarks.judge.results import Results, ResultsError, read_results
+from benchmarks.judge.results import Results, ResultsError, read_results, write_results
 from benchmarks.measure.likeness import main as likeness
-from benchmarks.report.document import markdown, write_report
+from benchmarks.report.document import markdown, table_markdown, write_report
+from benchmarks.report.table import specification, tables_of
 from tracker.errors import TrackerError
 from tracker.files import write_whole
 
@@ -31,6 +35,8 @@ QUICK = 6
 Command = Callable[..., None]
 
 _FOLDER = click.Path(file_okay=False, path_type=Path)
+
+_FILE = click.Path(dir_okay=False, path_type=Path)
 
 _output = click.option(
     "-o",
@@ -152,7 +158,7 @@ def report(output: Path) -> None:
 @_output
 @click.option(
     "--baseline",
-    type=click.Path(dir_okay=False, path_type=Path),
+    type=_FILE,
     default=gates.BASELINE,
     show_default="benchmarks/judge/baseline.json",
     help="What the results are compared with.",
@@ -165,7 +171,39 @@ def gate(output: Path, baseline: Path, update: bool, reason: str) -> None:
     if update:
         gates.write_baseline(results, reason, baseline)
         return
-    worse = gates.failures(gates.read_baseline(baseline), results)
+    _verdict(gates.failures(gates.read_baseline(baseline), results))
+
+
+@main.command()
+@click.argument("before", type=click.Path(exists=True, path_type=Path))
+@click.argument("after", type=click.Path(exists=True, path_type=Path))
+def compare(before: Path, after: Path) -> None:
+    """Compare two runs of the same scenes, scene by scene: files of results, or their folders."""
+    rows = compared(read_results(before), read_results(after))
+    for table in tables_of(specification()["compared"], Results(rows=rows)):
+        click.echo(table_markdown(table))
+
+
+@main.command()
+@click.option("-o", "--output", type=_FOLDER, default=OUTPUT / "small", show_default="build/benchmarks/small")
+@click.option("--cache", type=_FOLDER, default=CACHE, envvar="TRACKER_BENCHMARK_CACHE")
+@click.option("--real", type=_FOLDER, help="Folder of recorded data.")
+@click.option("--baseline", type=_FILE, default=ci.BASELINE)
+@click.option("--update", is_flag=True, help="Make these results the baseline; needs a reason.")
+@click.option("--reason", default="", help="Why the baseline is replaced.")
+def small(output: Path, cache: Path, real: Path | None, baseline: Path, update: bool, reason: str) -> None:
+    """The gate in a minute: few ray-cast scenes and the recorded triplets against their own baseline."""
+    run = Run(ci.plan(cache), output, real_folder(real), ci.WORKLOADS, results=Results({"draw": "small"}))
+    results = measure(run, ("accuracy", "agreement"), anew=True)
+    if update:
+        gates.check_origin(results, reason)
+        results.about["reason"] = reason
+        write_results(baseline, results)
+        return
+    _verdict([*gates.doubts(results), *ci.failures(read_results(baseline), results)])
+
+
+def _verdict(worse: Sequence[str]) -> None:
     for line in worse:
         click.echo(f"worse: {line}")
     if worse:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -14,7 +13,7 @@ import pandas as pd
 
 from benchmarks.data.fingerprint import ROOT
 from benchmarks.data.sets import Plan
-from benchmarks.data.workloads import BY_NAME, WORKLOADS, Workload
+from benchmarks.data.workloads import WORKLOADS, Workload
 from benchmarks.judge.origin import origin
 from benchmarks.judge.results import RESULTS_FILE, Results, ResultsError, read_results, write_results
 from benchmarks.measure.accuracy import again, measure_accuracy
@@ -22,6 +21,7 @@ from benchmarks.measure.dice import measure_dice
 from benchmarks.measure.films import measure_films
 from benchmarks.measure.motion import measure_motion
 from benchmarks.measure.recorded import pose_rows, segmentation_rows
+from benchmarks.measure.recorded_checks import agreement_rows
 from benchmarks.measure.speed import measure_speed
 from benchmarks.report.dice_worst import write_worst_dice
 from benchmarks.report.film_plot import write_film_plot
@@ -59,7 +59,7 @@ class Run:
 def accuracy(run: Run) -> Rows:
     """Errors, misses, confidence and covariance on all workloads."""
     measured = measure_accuracy(run.plan, run.say, run.workloads, run.objects)
-    run.results.about["skipped"] = measured.skipped
+    run.results.about.setdefault("skipped", {}).update(measured.skipped)
     for name, why in measured.skipped.items():
         run.say(f"left out: {name}: {why}")
     frames = run.results.frames = measured.frames
@@ -68,8 +68,9 @@ def accuracy(run: Run) -> Rows:
         chosen = frames[frames.workload == "realistic"]
         run.results.worst = worst_pictures(chosen, lambda record: _shown(run.plan, record), run.output)
     counts = frames.groupby("workload", sort=False).size()
+    words = {workload.name: workload.about for workload in run.workloads}
     about = [
-        {"part": "workloads", "group": name, "about": BY_NAME[str(name)].about, "n": int(count)}
+        {"part": "workloads", "group": name, "about": words[str(name)], "n": int(count)}
         for name, count in counts.items()
     ]
     return about + accuracy_rows(frames)
@@ -90,10 +91,18 @@ def _shown(plan: Plan, record: pd.Series) -> Shown:
 def recorded(run: Run) -> Rows:
     """Poses and segmentation of recorded pictures."""
     if run.real is None:
-        run.say("left out: recorded pictures: there are none")
+        run.results.about.setdefault("skipped", {})["recorded pictures"] = "there are none"
         return []
     draws = max(5, run.plan.scenes // 2)
     return pose_rows(run.real, draws) + segmentation_rows(run.real)
+
+
+def agreement(run: Run) -> Rows:
+    """Whether cameras and sizes of recorded pictures agree, which needs no truth."""
+    if run.real is None:
+        run.results.about.setdefault("skipped", {})["recorded triplets"] = "there are none"
+        return []
+    return agreement_rows(run.real)
 
 
 def speed(run: Run) -> Rows:
@@ -124,12 +133,12 @@ def dice(run: Run) -> Rows:
 
 # Speed comes before the caches are hot and the disk busy with pictures.
 PARTS: dict[str, Callable[[Run], Rows]] = {
-    part.__name__: part for part in (speed, accuracy, recorded, films, motion, dice)
+    part.__name__: part for part in (speed, accuracy, recorded, agreement, films, motion, dice)
 }
 """What can be measured, in order."""
 
 
-def measure(run: Run, parts: Sequence[str]) -> Results:
+def measure(run: Run, parts: Sequence[str], *, anew: bool = False) -> Results:
     """Measure parts, and put them into the results of the run's folder.
 
     Raises:
@@ -137,7 +146,7 @@ def measure(run: Run, parts: Sequence[str]) -> Results:
     """
     run.output.mkdir(parents=True, exist_ok=True)
     about = origin() | {"seed": run.plan.seed, "scenes": run.plan.scenes, "draw": run.results.about["draw"]}
-    run.results = _begun(run.output, about, anew=len(parts) == len(PARTS))
+    run.results = _begun(run.output, about, anew=anew or len(parts) == len(PARTS))
     for part in parts:
         run.say(part)
         start = time.monotonic()
@@ -163,10 +172,3 @@ def _begun(output: Path, about: dict[str, Any], *, anew: bool) -> Results:
                 "different trees or scenes are not put together; choose another folder with -o, or remove it"
             )
     return found
-
-
-def real_folder(path: Path | None) -> Path | None:
-    """The folder of recorded data that was named, or the usual one; None where there is none."""
-    default = os.environ.get("TRACKER_REAL_DATA", ROOT.parent / "shared" / "real")
-    folder = Path(path or default)
-    return folder if folder.is_dir() else None

@@ -72,6 +72,36 @@ def slightly_poor(images: Sequence[Image], rng: np.random.Generator) -> list[Ima
     return result
 
 
+def jpeg(images: Sequence[Image], rng: np.random.Generator) -> list[Image]:
+    """JPEG of quality 60, with its halved colours, and nothing else."""
+    return [_jpeg(image, 60) for image in images]
+
+
+def flooded(images: Sequence[Image], rng: np.random.Generator) -> list[Image]:
+    """One camera is dazzled: three times the light and a veil of 80 levels."""
+    return _in_one(images, rng, lambda image: _bytes(3.0 * image.astype(np.float32) + 80.0))
+
+
+def black(images: Sequence[Image], rng: np.random.Generator) -> list[Image]:
+    """One camera gives black pictures."""
+    return _in_one(images, rng, np.zeros_like)
+
+
+def swapped(images: Sequence[Image], rng: np.random.Generator) -> list[Image]:
+    """Two cameras are mixed up."""
+    result = list(images)
+    one, other = rng.choice(len(result), 2, replace=False)
+    result[one], result[other] = result[other], result[one]
+    return result
+
+
+def _in_one(
+    images: Sequence[Image], rng: np.random.Generator, change: Callable[[Image], Image]
+) -> list[Image]:
+    chosen = int(rng.integers(len(images)))
+    return [change(image) if k == chosen else image for k, image in enumerate(images)]
+
+
 def moved_rig(rig: CameraRig, rng: np.random.Generator) -> CameraRig:
     """Cameras of which each is moved and turned by normal draws, and states their standard deviations.
 

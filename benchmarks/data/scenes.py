@@ -10,6 +10,7 @@ import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -19,17 +20,28 @@ from synthetic.camera.rigs import sized, standard_rig
 from synthetic.camera.sensor import BLACK, RESPONSE_GAMMA, CameraSettings, Sensor
 from synthetic.camera.shot import QUALITIES, shoot
 from synthetic.camera.units import Unit
+from synthetic.effects import NAMES as EFFECTS
 from synthetic.frames import Frame, FrameMaker, FrameOptions
 from synthetic.render.choose import choose_renderer
 from synthetic.world.platform import Platform
 from synthetic.world.scenes import random_scene
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray, Image
+from tracker.geometry.camera import Camera
 
 SIZE = 270
 """Height of the pictures [px]."""
 
+LARGE = 540
+"""Height of those of the style `large` [px]."""
+
 OBJECTS = ("cube_v2", "cuboid_2x2x8_v2")
+
+STILL_EFFECTS = tuple(name for name in EFFECTS if name != "timing")
+"""Effects that show in scenes in which nothing moves."""
+
+EFFECT = "effect: "
+"""Prefix of the styles with one effect alone."""
 
 _EXPOSURE = 1.45
 """Of clean pictures: in the middle of the realistic ones."""
@@ -51,6 +63,17 @@ class Scene:
     """(3,) of the object [m]; None: there is none."""
     rotation: FloatArray | None
     """(3, 3) world from object."""
+    cameras: FloatArray | None = None
+    """(2, cameras, 46) cameras as they truly are, and as they are said to be; None: as the set has them."""
+
+    def rigs(self, usual: CameraRig) -> tuple[CameraRig, CameraRig]:
+        """The true cameras, and those that a user is told of; `usual` are those of the set."""
+        if self.cameras is None:
+            return usual, usual
+        true, told = (
+            dataclasses.replace(usual, cameras=tuple(map(_camera, usual, rows))) for rows in self.cameras
+        )
+        return true, told
 
     @property
     def visible(self) -> float:
@@ -58,9 +81,9 @@ class Scene:
         return float(np.mean(self.visible_fraction))
 
 
-def rig() -> CameraRig:
-    """The cameras of all styles, exactly."""
-    return sized(standard_rig(), SIZE)
+def rig(size: int = SIZE) -> CameraRig:
+    """The cameras of all styles, exactly; pictures are so high [px]."""
+    return sized(standard_rig(), size)
 
 
 def scene_store(
@@ -85,8 +108,11 @@ def _maker(object_name: str, style: str, seed: int) -> Maker[Scene]:
     return each(STYLES[style](object_name, seed))
 
 
-def _frames(object_name: str, seed: int, *, empty: bool = False) -> Callable[[int], Scene]:
-    frames = FrameMaker(FrameOptions(object_name, seed, size=SIZE, empty=float(empty)))
+def _frames(
+    object_name: str, seed: int, *, empty: bool = False, size: int = SIZE, effects: tuple[str, ...] = ()
+) -> Callable[[int], Scene]:
+    options = FrameOptions(object_name, seed, size=size, empty=float(empty), effects=effects)
+    frames = FrameMaker(options)
 
     def make(index: int) -> Scene:
         (frame,) = frames.chunk(index)
@@ -153,7 +179,35 @@ def _scene_of(frame: Frame) -> Scene:
         frame.visible_fraction,
         None if pose is None else np.array(pose.position),
         None if pose is None else np.array(pose.rotation),
+        _cameras(frame),
     )
+
+
+def _cameras(frame: Frame) -> FloatArray | None:
+    if frame.given is frame.rig:
+        return None
+    return np.array([[_row(camera) for camera in rig] for rig in (frame.rig, frame.given)])
+
+
+_PARTS = {"matrix": (3, 3), "distortion": (5,), "camera_from_world": (4, 4), "camera_from_world_std": (4, 4)}
+"""Of a camera, in the order of its row."""
+
+
+def _row(camera: Camera) -> FloatArray:
+    parts = [getattr(camera, name) for name in _PARTS]
+    return np.concatenate(
+        [
+            np.zeros(shape).ravel() if part is None else np.ravel(part)
+            for part, shape in zip(parts, _PARTS.values(), strict=True)
+        ]
+    )
+
+
+def _camera(usual: Camera, row: FloatArray) -> Camera:
+    ends = np.cumsum([int(np.prod(shape)) for shape in _PARTS.values()])[:-1]
+    parts = zip(np.split(row, ends), _PARTS.items(), strict=True)
+    changes: dict[str, Any] = {name: part.reshape(shape) for part, (name, shape) in parts}
+    return dataclasses.replace(usual, **changes)
 
 
 STYLES: dict[str, Callable[[str, int], Callable[[int], Scene]]] = {
@@ -162,9 +216,16 @@ STYLES: dict[str, Callable[[str, int], Callable[[int], Scene]]] = {
     "clean": _clean,
     "more": _more,
     "sketch": functools.partial(_more, quality="fast"),
+    "large": functools.partial(_frames, size=LARGE),
+    "other cubes": _frames,
+    "world": functools.partial(_frames, effects=STILL_EFFECTS),
+    **{EFFECT + name: functools.partial(_frames, effects=(name,)) for name in STILL_EFFECTS},
 }
 """realistic: as `synthetic.frames` makes them, always with an object.
 absent: realistic, without an object.
 clean: neither blur nor noise, mosaic or differences between cameras.
 more: realistic, in turn with no finger and with all fingers meant to be near the object.
-sketch: scenes of `more`, rendered at the quality `fast` and stripped of their pictures."""
+sketch: scenes of `more`, rendered at the quality `fast` and stripped of their pictures.
+large: realistic, 540 px high.
+other cubes: realistic, of cube_v1 and cube_v3.
+world, effect: …: realistic, with all effects of the real world that stills show, or with one alone."""

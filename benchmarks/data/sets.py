@@ -12,7 +12,7 @@ from benchmarks.data.package.environment import interpreter
 from benchmarks.data.package.scenes import Drawing, package_rig, package_store
 from benchmarks.data.rig_cases import CASES
 from benchmarks.data.rig_scenes import rig_store
-from benchmarks.data.scenes import Scene, rig, scene_store
+from benchmarks.data.scenes import LARGE, SIZE, Scene, rig, scene_store
 from benchmarks.data.seeds import DEVELOPMENT
 from benchmarks.data.store import CACHE, Store
 from benchmarks.data.workloads import RIG
@@ -25,6 +25,9 @@ FULL = 400
 
 SHARES = {"realistic": 1.0, "clean": 0.25, "absent": 1.25, "package": 0.15, "rig": 0.03, "bins": 0.15}
 """Scenes of a set over the realistic ones; of the bins those in each bin."""
+
+OTHERS = 0.25
+"""The same of all other sets."""
 
 BINS = ((0.9, 1.0), (0.7, 0.9), (0.5, 0.7), (0.3, 0.5))
 """Bins of the mean visible fraction; the lower end belongs to a bin, the upper only where it is 1."""
@@ -56,8 +59,8 @@ class Plan:
     """Folder of rendered scenes."""
 
     def count(self, kind: str) -> int:
-        """Number of scenes of a kind in SHARES."""
-        return max(min(self.scenes, 3), round(SHARES[kind] * self.scenes))
+        """Number of scenes of a set."""
+        return max(min(self.scenes, 3), round(SHARES.get(kind, OTHERS) * self.scenes))
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,13 +79,17 @@ class SceneSet:
         """All scenes, in order."""
         return self.store.scenes(self.numbers)
 
+    def another(self, scene: Scene) -> Scene:
+        """The scene beside one in its stream."""
+        return next(self.store.scenes([scene.index ^ 1]))
+
 
 def scene_set(object_name: str, base: str, plan: Plan) -> SceneSet:
     """The scenes of a set and object.
 
     Args:
         object_name: name of the object.
-        base: a key of SHARES or PACKAGES, or a rig's name after RIG.
+        base: a style of `benchmarks.data.scenes`, `bins`, a key of PACKAGES, or a rig's name after RIG.
         plan: how many, and where they are kept.
 
     Raises:
@@ -104,7 +111,7 @@ def scene_set(object_name: str, base: str, plan: Plan) -> SceneSet:
     colors = tracker.load_colors(model.colors)
     store = scene_store(object_name, "more" if base == "bins" else base, *keep)
     numbers = _filling(object_name, plan) if base == "bins" else range(plan.count(base))
-    return SceneSet(model, rig(), colors, store, numbers)
+    return SceneSet(model, rig(LARGE if base == "large" else SIZE), colors, store, numbers)
 
 
 def bin_of(visible: float) -> int | None:

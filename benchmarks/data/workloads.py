@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.data import disturbances
+from benchmarks.data import disturbances, robots
 from benchmarks.data.rig_cases import CASES
-from benchmarks.data.scenes import OBJECTS, Scene
+from benchmarks.data.scenes import EFFECT, OBJECTS, STILL_EFFECTS, Scene
 from benchmarks.data.seeds import stream
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Image
@@ -36,6 +36,8 @@ class Workload:
     """The calibration that the tracker gets in place of the true one."""
     objects: tuple[str, ...] = OBJECTS
     """What is looked at."""
+    other_moment: bool = False
+    """Whether one camera's picture is of another scene."""
     bounded: bool = True
     """Whether errors are compared with the Cramér-Rao bound."""
 
@@ -88,6 +90,44 @@ _PACKAGE = (
     ),
 )
 
+_PACKAGE_LIGHT = tuple(
+    Workload(
+        f"simulation package, {name}", f"as it draws; {about}", "package", disturb=disturb, bounded=False
+    )
+    for name, about, disturb in (
+        ("light", "gains ±20 % per channel, exposure 0.6-1.4", disturbances.light),
+        ("hard light", "gains, exposure, gamma and ramps of hard light", disturbances.hard_light),
+    )
+)
+
+_FAULTS = (
+    Workload("JPEG", "realistic, JPEG 60 alone", disturb=disturbances.jpeg, bounded=False),
+    Workload("flooded", "realistic, one camera dazzled", disturb=disturbances.flooded, bounded=False),
+    Workload("black", "realistic, one camera black", disturb=disturbances.black, bounded=False),
+    Workload("swapped", "realistic, two cameras mixed up", disturb=disturbances.swapped, bounded=False),
+    Workload("other moment", "realistic, one camera of another scene", other_moment=True, bounded=False),
+    Workload(
+        "other calibration",
+        "realistic, the calibration of another robot (recorded data)",
+        believed=robots.another,
+        bounded=False,
+    ),
+)
+
+_OTHERS = (
+    Workload("540 px", "realistic, three 540×540", "large", bounded=False),
+    Workload("other cubes", "realistic, cube_v1 and cube_v3", "other cubes", objects=("cube_v1", "cube_v3")),
+)
+
+_EFFECTS = (
+    Workload("world", "realistic, with every effect of the real world", "world", bounded=False),
+    *(
+        Workload(EFFECT + name, f"realistic, with the effect {name} alone", EFFECT + name, bounded=False)
+        for name in STILL_EFFECTS
+    ),
+)
+"""See `synthetic.effects.Effects`."""
+
 RIG = "rig: "
 """Prefix of the workloads, and the sets of scenes, before other rigs."""
 
@@ -102,7 +142,7 @@ _RIGS = tuple(
     for name, case in CASES.items()
 )
 
-WORKLOADS = (*_PLAIN, *_PACKAGE, *_RIGS)
+WORKLOADS = (*_PLAIN, *_FAULTS, *_OTHERS, *_EFFECTS, *_PACKAGE, *_PACKAGE_LIGHT, *_RIGS)
 
 BY_NAME = {workload.name: workload for workload in WORKLOADS}
 
@@ -131,12 +171,33 @@ class Case:
         return float(np.mean(self.scene.visible_fraction[list(self.used)]))
 
 
-def case(workload: Workload, object_name: str, scene: Scene, true_rig: CameraRig, seed: int) -> Case:
-    """The scene as the workload shows it."""
+def case(
+    workload: Workload,
+    object_name: str,
+    scene: Scene,
+    usual: CameraRig,
+    seed: int,
+    other: Scene | None = None,
+) -> Case:
+    """The scene as the workload shows it.
+
+    Args:
+        workload: what is done to it.
+        object_name: name of the object.
+        scene: of the workload's set.
+        usual: cameras of the set.
+        seed: of all that is drawn.
+        other: a scene of another moment, where the workload asks for one.
+    """
     rng = np.random.default_rng([stream(seed, "workload", workload.name, object_name), scene.index])
+    true_rig, told = scene.rigs(usual)
     images: Sequence[Image] = scene.images
     if workload.disturb is not None:
         images = workload.disturb(images, rng)
+    if workload.other_moment:
+        assert other is not None
+        late = int(rng.integers(len(images)))
+        images = [*images[:late], other.images[late], *images[late + 1 :]]
     count = len(images) if workload.cameras is None else workload.cameras
     choices = list(itertools.combinations(range(len(images)), count))
     used = choices[scene.index % len(choices)]
@@ -144,6 +205,6 @@ def case(workload: Workload, object_name: str, scene: Scene, true_rig: CameraRig
         workload,
         scene,
         [np.ascontiguousarray(image) if k in used else None for k, image in enumerate(images)],
-        true_rig if workload.believed is None else workload.believed(true_rig, rng),
+        told if workload.believed is None else workload.believed(told, rng),
         true_rig,
     )

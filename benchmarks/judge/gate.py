@@ -118,6 +118,19 @@ def write_baseline(results: Results, reason: str, path: Path = BASELINE) -> None
     """Make this run what later ones are compared with, and say why.
 
     Raises:
+        ResultsError: as `check_origin`.
+    """
+    check_origin(results, reason)
+    figures = {name: float(f"{value:.5g}") for name, value in held(results).items()}
+    content = {key: results.about.get(key) for key in ("commit", "processor", *ABOUT)}
+    content |= {"reason": reason.strip(), "figures": figures}
+    write_whole(path, json.dumps(content, indent=1, ensure_ascii=False) + "\n")
+
+
+def check_origin(results: Results, reason: str) -> None:
+    """Whether results may become a baseline.
+
+    Raises:
         ResultsError: there is no reason, or the results are not of a clean tree, or not of this one, or
             contradict themselves, or something was left out.
     """
@@ -128,7 +141,3 @@ def write_baseline(results: Results, reason: str, path: Path = BASELINE) -> None
     wrong = [*doubts(results), *contradictions(results)]
     if wrong:
         raise ResultsError(f"baseline: {wrong[0]}")
-    figures = {name: float(f"{value:.5g}") for name, value in held(results).items()}
-    content = {key: results.about.get(key) for key in ("commit", "processor", *ABOUT)}
-    content |= {"reason": reason.strip(), "figures": figures}
-    write_whole(path, json.dumps(content, indent=1, ensure_ascii=False) + "\n")

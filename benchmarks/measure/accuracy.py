@@ -12,12 +12,14 @@ import pandas as pd
 
 import tracker
 from benchmarks.data.package.environment import PackageError
+from benchmarks.data.robots import another, robots
 from benchmarks.data.sets import Plan, SceneSet, scene_set
 from benchmarks.data.workloads import BY_NAME, WORKLOADS, Case, Workload, case
 from benchmarks.measure.timing import one_thread, reference_work
 from benchmarks.score import errors
 from benchmarks.score.bound import bounds, scene_edges
 from benchmarks.score.records import FrameRecord, frame_of
+from tracker.errors import CalibrationError
 from tracker.objects.model import CuboidModel
 from tracker.pose.result import Observation
 
@@ -57,6 +59,7 @@ def measure_accuracy(
             say(f"{name}: {', '.join(workload.name for workload in own)}")
             try:
                 scenes = scene_set(name, base, plan)
+                own = _possible(own, run.skipped)
             except PackageError as error:
                 run.skipped |= {workload.name: str(error) for workload in own}
                 continue
@@ -66,6 +69,19 @@ def measure_accuracy(
     records.sort(key=lambda record: (places[record.workload], names.index(record.object), record.index))
     run.frames = frame_of(records)
     return run
+
+
+def _possible(workloads: Sequence[Workload], skipped: dict[str, str]) -> list[Workload]:
+    """Those for which everything is there; of the others the reason goes into `skipped`."""
+    possible = list(workloads)
+    for workload in workloads:
+        if workload.believed is another:
+            try:
+                robots()
+            except CalibrationError as error:
+                skipped[workload.name] = str(error)
+                possible.remove(workload)
+    return possible
 
 
 def _of_set(scenes: SceneSet, workloads: Sequence[Workload], seed: int) -> list[FrameRecord]:
@@ -78,9 +94,10 @@ def _of_set(scenes: SceneSet, workloads: Sequence[Workload], seed: int) -> list[
             exact.detect(scene.images)  # the first detection of a process loads or compiles kernels
         edges = None
         for workload in workloads:
-            given = case(workload, model.name, scene, scenes.rig, seed)
+            other = scenes.another(scene) if workload.other_moment else None
+            given = case(workload, model.name, scene, scenes.rig, seed, other)
             detector = exact
-            if workload.believed is not None:
+            if given.rig is not scenes.rig:
                 detector = tracker.ObjectTracker(model, given.rig, scenes.colors)
             record = compared(model, given, detector.detect(given.images))
             if record["present"] and workload.bounded:
@@ -149,6 +166,6 @@ def again(plan: Plan, record: pd.Series) -> tuple[Case, CuboidModel, Observation
     workload = BY_NAME[record.workload]
     scenes = scene_set(record.object, workload.base, plan)
     (scene,) = scenes.store.scenes([int(record["index"])])
-    given = case(workload, record.object, scene, scenes.rig, plan.seed)
+    given = case(workload, record.object, scene, scenes.rig, plan.seed, scenes.another(scene))
     detector = tracker.ObjectTracker(scenes.model, given.rig, scenes.colors)
     return given, scenes.model, detector.detect(given.images)

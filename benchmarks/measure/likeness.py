@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 
 import tracker
-from benchmarks.measure.recorded import SEGMENTED, labelled_images
+from benchmarks.data.recorded import SEGMENTED, labelled_images
 from synthetic.frames import frames
 from tracker.conventions import Image
 from tracker.objects.labels import COLOR_NAMES

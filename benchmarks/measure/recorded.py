@@ -10,30 +10,15 @@ import cv2
 import numpy as np
 
 import tracker
+from benchmarks.data.recorded import SEGMENTED, labelled_images, triplets
 from tracker.conventions import FloatArray, Image
 from tracker.geometry import so3
 from tracker.geometry.camera import Camera
 from tracker.geometry.cuboid import FACE_CORNERS, corners
 from tracker.segmentation.fit import FitOptions, combine, image_histograms, intersection_over_union
-from tracker.segmentation.labelled import LabelledImage, read_labelled
+from tracker.segmentation.labelled import LabelledImage
 
-POSED = ("cube_v1", "cube_v2", "cuboid_2x2x8_v2")
-SEGMENTED = ("cube_v1", "cube_v2", "cube_v3", "cuboid_2x2x8_v2")
 LIGHT_SEED = 11
-
-
-def labelled_images(real: Path, name: str) -> list[LabelledImage]:
-    """All labelled images of one object."""
-    folders = [real / kind / name for kind in ("pose", "segmentation")]
-    return [image for folder in folders if folder.is_dir() for image in read_labelled(folder)]
-
-
-def triplet(real: Path, name: str, *, corrected: bool) -> tuple[tracker.ObjectTracker, list[LabelledImage]]:
-    """A tracker for the object's triplet, and its images in the cameras' order."""
-    folder = real / "pose" / name
-    images = {int(i.name.split("camera")[1]): i for i in read_labelled(folder)}
-    rig = tracker.CameraRig.load(folder, correct_halved_principal_point=corrected)
-    return tracker.ObjectTracker(tracker.load_object(name), rig), [images[c] for c in (60, 180, 300)]
 
 
 def face_outlines(
@@ -96,30 +81,28 @@ def pose_rows(real: Path, draws: int) -> list[dict[str, Any]]:
     `median_shift_mm`, `median_turn_deg`.
     """
     rows = []
-    for name in POSED:
-        for corrected in (False, True) if name == "cuboid_2x2x8_v2" else (False,):
-            detector, images = triplet(real, name, corrected=corrected)
-            distance = inside_distances(detector, images)
-            pixels = [i.image for i in images]
-            pose = detector.detect(pixels).object_pose
-            shift, turn, sure = np.array(list(light_changes(detector, pixels, draws))).T
-            same = (shift < 3e-3) & (turn < np.radians(3))
-            rows.append(
-                {
-                    "part": "triplets",
-                    "object": name,
-                    "group": "principal point corrected" if corrected else "",
-                    "inside": 100 * float(np.mean(distance >= 0)),
-                    "farthest_px": max(0.0, -float(distance.min())),
-                    "beyond_1_px": int(np.sum(distance < -1)),
-                    "tilt_deg": np.nan if pose is None else _tilt(pose.rotation),
-                    "n": draws,
-                    "same": 100 * float(np.mean(same)),
-                    "wrong_and_sure": 100 * float(np.mean(~same & (sure > 0.5))),
-                    "median_shift_mm": 1e3 * float(np.median(shift)),
-                    "median_turn_deg": float(np.degrees(np.median(turn))),
-                }
-            )
+    for name, group, detector, images in triplets(real):
+        distance = inside_distances(detector, images)
+        pixels = [i.image for i in images]
+        pose = detector.detect(pixels).object_pose
+        shift, turn, sure = np.array(list(light_changes(detector, pixels, draws))).T
+        same = (shift < 3e-3) & (turn < np.radians(3))
+        rows.append(
+            {
+                "part": "triplets",
+                "object": name,
+                "group": group,
+                "inside": 100 * float(np.mean(distance >= 0)),
+                "farthest_px": max(0.0, -float(distance.min())),
+                "beyond_1_px": int(np.sum(distance < -1)),
+                "tilt_deg": np.nan if pose is None else _tilt(pose.rotation),
+                "n": draws,
+                "same": 100 * float(np.mean(same)),
+                "wrong_and_sure": 100 * float(np.mean(~same & (sure > 0.5))),
+                "median_shift_mm": 1e3 * float(np.median(shift)),
+                "median_turn_deg": float(np.degrees(np.median(turn))),
+            }
+        )
     return rows
 
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 import tracker
+from benchmarks.data.recorded import POSED
 from benchmarks.data.sets import Plan
 from benchmarks.measure.processes import process_rows
-from benchmarks.measure.recorded import POSED
 from benchmarks.measure.timed_scenes import (
     OBJECTS,
     TimedScene,

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 import tracker
-from benchmarks.measure.recorded import triplet
+from benchmarks.data.recorded import triplet
 from synthetic.camera.rigs import default_cameras, sized, standard_rig
 from synthetic.camera.sensor import Sensor
 from synthetic.frames import frames

@@ -64,6 +64,13 @@ def markdown(results: Results) -> str:
     return re.sub(r"\n{3,}", "\n\n", text).strip() + "\n"
 
 
+def table_markdown(table: Table) -> str:
+    """A table by itself as Markdown."""
+    template = _environment(autoescape=False).get_template("markdown.j2")
+    written: Any = template.make_module({"about": {}})
+    return str(written.table(table)).strip()
+
+
 def page(results: Results, folder: Path | None = None) -> str:
     """The document as a page; `folder` holds the pictures of the worst frames, None: without them."""
     context = _context(results, "html.j2", folder)

@@ -98,11 +98,12 @@ def surface_error(size: Array, true: Pose, found: Pose) -> tuple[FloatArray, Flo
     """Mean and greatest distance (N,) [m] of the surface's points: ADD and MSSD, without symmetries."""
     # The greatest is at a corner, which the grid holds.
     points = surface_points(size)
-    apart = np.linalg.norm(_placed(points, *true) - _placed(points, *found), axis=-1)
+    apart = np.linalg.norm(placed(points, *true) - placed(points, *found), axis=-1)
     return apart.mean(axis=-1), apart.max(axis=-1)
 
 
-def _placed(points: Array, position: Array, rotation: Array) -> FloatArray:
+def placed(points: Array, position: Array, rotation: Array) -> FloatArray:
+    """Points (..., M, 3) [m] of the object in the world, at each of the poses."""
     result: FloatArray = points @ np.swapaxes(rotation, -1, -2) + np.asarray(position)[..., None, :]
     return result
 
@@ -123,7 +124,7 @@ def projected(camera: Camera, points: Array) -> FloatArray:
 def image_error(size: Array, cameras: Iterable[Camera], true: Pose, found: Pose) -> FloatArray:
     """Greatest distance (N,) [px] of the projected corners, in the worst camera: MSPD, no symmetries."""
     points = corners(np.asarray(size))
-    a, b = _placed(points, *true), _placed(points, *found)
+    a, b = placed(points, *true), placed(points, *found)
     worst = []
     for camera in cameras:
         apart = projected(camera, a.reshape(-1, 3)) - projected(camera, b.reshape(-1, 3))

@@ -5,9 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from benchmarks.data import disturbances, fingerprint, workloads
+from benchmarks.data import disturbances, fingerprint, scenes, workloads
 from benchmarks.data.package.environment import VARIABLE, PackageError
 from benchmarks.data.package.scenes import face_map
+from benchmarks.data.robots import another
 from benchmarks.data.scenes import SIZE, Scene, rig, scene_store
 from benchmarks.data.seeds import DEVELOPMENT, release, stream
 from benchmarks.data.sets import BINS, Plan, bin_of, scene_set
@@ -76,13 +77,53 @@ def test_cameras_take_turns(rng, count):
 
 
 @pytest.mark.parametrize("name", BY_NAME)
-def test_a_case_depends_on_workload_and_scene_alone(rng, name):
-    one = scene(rng, 5)
-    a, b = (case(BY_NAME[name], "cube_v2", one, rig(), 1) for _ in range(2))
+def test_a_case_depends_on_workload_and_scene_alone(rng, name, request):
+    if name == "other calibration":
+        request.getfixturevalue("real")
+    one, other = scene(rng, 5), scene(rng, 4)
+    a, b = (case(BY_NAME[name], "cube_v2", one, rig(), 1, other) for _ in range(2))
     for x, y in zip(a.images, b.images, strict=True):
         assert (x is None and y is None) or np.array_equal(x, y)
     for x, y in zip(a.rig, b.rig, strict=True):
         assert np.array_equal(x.camera_from_world, y.camera_from_world)
+
+
+@pytest.mark.parametrize("name", ["flooded", "black", "other moment"])
+def test_a_fault_is_of_one_camera(rng, name):
+    one, other = scene(rng, 2), scene(rng, 3)
+    seen = set()
+    for index in range(12):
+        given = case(BY_NAME[name], "cube_v2", dataclasses.replace(one, index=index), rig(), 1, other)
+        changed = [k for k in range(3) if not np.array_equal(given.images[k], one.images[k])]
+        assert len(changed) == 1
+        seen.update(changed)
+        if name == "other moment":
+            assert np.array_equal(given.images[changed[0]], other.images[changed[0]])
+    assert seen == {0, 1, 2}
+
+
+def test_swapped_cameras_hold_each_others_pictures(rng):
+    one = scene(rng)
+    given = case(BY_NAME["swapped"], "cube_v2", one, rig(), 1)
+    same = [[np.array_equal(a, b) for b in one.images] for a in given.images]
+    assert np.sum(same) == 3
+    assert np.trace(same) == 1
+
+
+def test_another_robots_calibration_is_off_by_what_two_robots_differ(real):
+    true = rig()
+    for seed in range(5):
+        believed = another(true, np.random.default_rng(seed))
+        points = np.array([[0.0, 0.0, 0.03], [0.1, 0.0, 0.03], [0.0, -0.1, 0.03]])
+        off = [a.project(points) - b.project(points) for a, b in zip(true, believed, strict=True)]
+        assert 1 < np.linalg.norm(off, axis=-1).max() < 60
+
+
+def test_every_effect_that_stills_show_is_a_workload():
+    from synthetic.effects import NAMES
+
+    assert {f"effect: {name}" for name in NAMES if name != "timing"} < set(BY_NAME)
+    assert "world" in BY_NAME
 
 
 def test_bins_leave_no_gap_between_03_and_1():
@@ -92,11 +133,25 @@ def test_bins_leave_no_gap_between_03_and_1():
 
 def test_a_scene_survives_the_disk(rng):
     one = scene(rng)
-    for before in (one, dataclasses.replace(one, position=None, rotation=None)):
+    rigs = np.stack([np.stack([scenes._row(camera) for camera in rig()])] * 2)
+    for before in (one, dataclasses.replace(one, position=None, rotation=None, cameras=rigs)):
         again = unpacked(Scene, packed(before))
         for field in dataclasses.fields(Scene):
             assert np.array_equal(getattr(again, field.name), getattr(before, field.name))
         assert unpacked(Scene, packed(before)[:1000]) is None
+
+
+def test_cameras_that_are_not_what_they_are_said_to_be_go_with_their_scene(rng):
+    usual, moved = rig(), disturbances.moved_rig(rig(), rng)
+    rows = np.array([[scenes._row(camera) for camera in cameras] for cameras in (usual, moved)])
+    one = dataclasses.replace(scene(rng), cameras=rows)
+    given = case(BY_NAME["world"], "cube_v2", one, usual, 1)
+    for found, expected in ((given.true_rig, usual), (given.rig, moved)):
+        for a, b in zip(found, expected, strict=True):
+            for part in ("matrix", "distortion", "camera_from_world", "camera_from_world_std"):
+                assert np.array_equal(getattr(a, part), getattr(b, part))
+    exact = case(BY_NAME["realistic"], "cube_v2", scene(rng), usual, 1)
+    assert exact.rig is exact.true_rig is usual
 
 
 def test_words_do_not_move_pixels():

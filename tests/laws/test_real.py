@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import tracker
-from benchmarks.measure.recorded import POSED, inside_distances, labelled_images, light_changes, triplet
+from benchmarks.data.recorded import POSED, labelled_images, triplet
+from benchmarks.measure.recorded import inside_distances, light_changes
 from tracker.segmentation.fit import FitOptions, combine, image_histograms, intersection_over_union
 from tracker.segmentation.labelled import read_labelled
 
