@@ -49,6 +49,8 @@ class EdgeProfile:
     """(2, 3) levels of both sides."""
     stray: float
     """Standard deviation of single profiles from the line [px]."""
+    offset: float
+    """Of the line from where the pose has it, in the middle [px]."""
 
     @property
     def over(self) -> float:
@@ -139,7 +141,7 @@ def _profile(view: View, line: FloatArray, middle: FloatArray, first: int, secon
     values = _sampled(view.image, line, normal, offsets).astype(np.float64)
     mean = values.mean(axis=0)
     levels = np.stack([mean[part].mean(axis=0) for part in (before, after)])
-    return EdgeProfile(second > 0, mean, levels, float(np.std(miss[good])))
+    return EdgeProfile(second > 0, mean, levels, float(np.std(miss[good])), float(np.polyval(fit, 0.0)))
 
 
 def _crossings(share: Array, offsets: FloatArray) -> FloatArray:

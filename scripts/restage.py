@@ -9,7 +9,6 @@ from __future__ import annotations
 import dataclasses
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 import tracker
@@ -20,6 +19,7 @@ from synthetic.effects import Effects
 from synthetic.look.appearance import random_look
 from synthetic.look.lighting import random_lighting
 from synthetic.render.choose import choose_renderer
+from synthetic.scene import PlatformScene
 from synthetic.world.effects import with_effects
 from synthetic.world.fingers import random_fingers
 from synthetic.world.placement import lowest
@@ -31,8 +31,11 @@ from tracker.segmentation.labelled import read_labelled
 POSED = {"cube_v1": "new", "cube_v2": "new", "cuboid_2x2x8_v2": "old"}
 """Objects that there is a triplet of, and how its pictures were recorded."""
 
-_NEAR_PX = 12
-"""Half the width of the band around the object [px at 270] whose light is brought to that of the record."""
+_DARK = 30
+"""Of pictures whose light is compared, values below this count as the dark around the arena."""
+
+_TRIES, _SEEN = 8, 0.8
+"""Draws of fingers, until every camera sees this share of the object."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -83,26 +86,34 @@ def restaged(
     raised = np.array([0.0, 0.0, -lowest(record.model.size, record.rotation) - record.position[2]])
     position = record.position + raised
     look, lighting = random_look(rng, platform.model), random_lighting(rng)
-    states = platform.object_states(position[None], record.rotation[None])
-    joints, _ = random_fingers(platform, states, rng, 0.0)
-    scene = platform.scene(states, joints, look, lighting, {})
-    scene = with_effects(scene, effects, seed, 0)
     sensor = Sensor.sample(rng, POSED[platform.object_name])
     if blur is not None:
         sensor = dataclasses.replace(sensor, psf_sigma=blur)
     cameras = tuple(_raised(view.camera, raised) for view in record.views)
     units = units_of(tracker.CameraRig(cameras), sensor, rng, effects, seed, 0)
+    states = platform.object_states(position[None], record.rotation[None])
+    for _ in range(_TRIES):
+        joints, _ = random_fingers(platform, states, rng, 0.0)
+        scene = platform.scene(states, joints, look, lighting, {})
+        scene = with_effects(scene, effects, seed, 0)
+        first = [_taken(scene, unit, "fast", seed) for unit in units]
+        if min(_share(shot) for shot in first) > _SEEN:
+            break
     views = []
-    for view, unit in zip(record.views, units, strict=True):
-
-        def taken(unit: Unit, quality: str) -> CameraShot:
-            noise = np.random.default_rng([seed, unit.camera.height])
-            return shoot(choose_renderer(), (scene,), unit, QUALITIES[quality], noise)
-
-        lit = dataclasses.replace(unit, settings=_like(unit, taken(unit, "fast"), view))
-        shot = taken(lit, "default")
-        views.append(View(shot.image, shot.labels, unit.camera))
+    for view, unit, shot in zip(record.views, units, first, strict=True):
+        lit = dataclasses.replace(unit, settings=_like(unit, shot, view))
+        taken = _taken(scene, lit, "default", seed)
+        views.append(View(taken.image, taken.labels, unit.camera))
     return Triplet(record.model, tuple(views), position, record.rotation)
+
+
+def _taken(scene: PlatformScene, unit: Unit, quality: str, seed: int) -> CameraShot:
+    noise = np.random.default_rng([seed, unit.camera.height])
+    return shoot(choose_renderer(), (scene,), unit, QUALITIES[quality], noise)
+
+
+def _share(shot: CameraShot) -> float:
+    return np.count_nonzero(shot.labels) / max(np.count_nonzero(shot.alone), 1)
 
 
 def _raised(camera: Camera, by: FloatArray) -> Camera:
@@ -120,10 +131,7 @@ def _like(unit: Unit, first: CameraShot, view: View) -> CameraSettings:
 
 
 def _light_around(image: Image, labels: Image, sensor: Sensor) -> FloatArray:
-    """Median light (3,) BGR of a band around the object."""
-    reach = _NEAR_PX * image.shape[0] // 270
-    whole = (labels > 0).astype(np.uint8)
-    inner, outer = (cv2.dilate(whole, np.ones((n, n), np.uint8)) for n in (reach // 3 * 2 + 1, 2 * reach + 1))
-    values: Array = image[(outer > 0) & (inner == 0)]
+    """Median light (3,) BGR of what is no object and not quite dark."""
+    values: Array = image[(labels == 0) & (image.max(axis=2) > _DARK)]
     result: FloatArray = np.median(linear(values, sensor.gamma), axis=0) + sensor.black
     return result

@@ -48,7 +48,7 @@ def random_prints(rng: np.random.Generator) -> Prints:
         faded=float(rng.uniform(0.3, 1.1)),
         pale=float(rng.uniform(0.0, 0.08)),
         coats=np.clip(shared * rng.uniform(0.6, 1.4, (_FACES, 2)), 0.0, 1.0),
-        dirt=float(rng.uniform(1.0, 2.5)),
+        dirt=float(rng.uniform(0.7, 1.5)),
     )
 
 

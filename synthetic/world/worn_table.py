@@ -21,6 +21,10 @@ SCRATCHES, SPECKS = 25, 150
 PAINTED = 0.5
 """Share of tables with one to three painted crosses or rings."""
 
+_MIRRORED, _LEAST = 0.03, 0.3
+"""What a whole coat sends from the ceiling to the cameras, of the light on the table: what is below reflects so
+much less, since measured colours are those of both. Least share of the colour that stays."""
+
 _DUST_HEIGHT, _PAINT_HEIGHT = 1.5e-4, 8e-5
 _PAINT_OF = "cube_v2"
 """Whose colours the paint has."""
@@ -32,9 +36,12 @@ def worn(scene: PlatformScene, rng: np.random.Generator) -> PlatformScene:
     coat = rng.uniform([COAT[0], BLUR[0]], [COAT[1], BLUR[1]])[None]
     bodies = []
     for body in scene.bodies:
-        bodies.append(dataclasses.replace(body, coats=coat) if body.name == "table" else body)
         if body.name == "table":
-            bodies += [_dust(rng, body, name), *_paint(rng, name)]
+            below = np.maximum(body.colors - _MIRRORED * coat[0, 0], _LEAST * body.colors)
+            coated = dataclasses.replace(body, colors=below, coats=coat)
+            bodies += [coated, _dust(rng, body, name), *_paint(rng, name)]
+        else:
+            bodies.append(body)
     return dataclasses.replace(scene, bodies=tuple(bodies))
 
 
