@@ -22,8 +22,8 @@ PAINTED = 0.5
 """Share of tables with one to three painted crosses or rings."""
 
 _MIRRORED, _LEAST = 0.03, 0.3
-"""What a whole coat sends from the ceiling to the cameras, of the light on the table: what is below reflects so
-much less, since measured colours are those of both. Least share of the colour that stays."""
+"""What a whole coat sends from the ceiling to the cameras, of the light on the table: what is below reflects
+so much less, since measured colours are those of both. Least share of the colour that stays."""
 
 _DUST_HEIGHT, _PAINT_HEIGHT = 1.5e-4, 8e-5
 _PAINT_OF = "cube_v2"
