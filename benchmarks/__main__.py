@@ -22,6 +22,7 @@ from benchmarks.judge.compare import compare as compared
 from benchmarks.judge.origin import origin
 from benchmarks.judge.results import Results, ResultsError, read_results, write_results
 from benchmarks.measure.likeness import main as likeness
+from benchmarks.report import readme
 from benchmarks.report.document import markdown, table_markdown, write_report
 from benchmarks.report.table import specification, tables_of
 from tracker.errors import TrackerError
@@ -134,7 +135,9 @@ for part in PARTS:
 
 
 @main.command(name="all")
-@click.option("--publish", is_flag=True, help="Write benchmarks/results.md, of release scenes.")
+@click.option(
+    "--publish", is_flag=True, help="Of release scenes; writes benchmarks/results.md and README.md's figures."
+)
 @_with_options
 def everything(publish: bool, **chosen: Any) -> None:
     """Measure every part, and write the report."""
@@ -143,6 +146,8 @@ def everything(publish: bool, **chosen: Any) -> None:
     click.echo(f"{write_report(chosen['output'])}", err=True)
     if publish:
         write_whole(PUBLISHED, markdown(results))
+        write_results(readme.PUBLISHED, Results(results.about, results.rows))
+        readme.write_figures(results)
     else:
         click.echo(markdown(results))
 

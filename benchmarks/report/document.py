@@ -95,7 +95,7 @@ def _context(results: Results, flavour: str, folder: Path | None = None) -> dict
     return {
         "flavour": flavour,
         "about": {
-            "summary": _summary(results.about),
+            "summary": summary(results.about),
             "parts_made": _made(results.about),
             "skipped": results.about.get("skipped", {}),
         },
@@ -106,10 +106,12 @@ def _context(results: Results, flavour: str, folder: Path | None = None) -> dict
     }
 
 
-def _summary(about: Mapping[str, Any]) -> str:
+def summary(about: Mapping[str, Any]) -> str:
+    """Commit, processor and scenes of a run."""
     drawn = {
         "development": "development scenes (a fixed seed; they may be looked at and worked on)",
         "release": "release scenes (drawn anew from the commit's hash; nobody has seen them)",
+        "judging": "scenes of a fixed seed that nothing was adjusted with",
     }.get(about.get("draw", ""), "scenes of another seed")
     few = " Too few scenes for the figures to mean much." if about.get("scenes", FULL) < FEW else ""
     changes = "" if about.get("clean", True) else " and changes"

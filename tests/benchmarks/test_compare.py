@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from benchmarks.__main__ import main
 from benchmarks.judge import ci
 from benchmarks.judge.compare import compare
-from benchmarks.judge.results import Results, ResultsError, write_results
+from benchmarks.judge.results import Results, ResultsError, read_results, write_results
 from benchmarks.score.records import FrameRecord, frame_of
 
 CUBE, CUBOID = "cube_v2", "cuboid_2x2x8_v2"
@@ -133,3 +133,12 @@ def test_the_command_prints_a_table(before, tmp_path):
     lines = [line for line in done.output.splitlines() if line.startswith("| small: light | cube_v2")]
     assert len(lines) == 1
     assert "1.500 (1.500-1.500)" in lines[0]
+
+
+def test_the_committed_baseline_is_of_these_scenes_and_says_why_it_stands():
+    baseline = read_results(ci.BASELINE)
+    assert baseline.about["reason"]
+    assert baseline.about["scenes"] == ci.plan(ci.BASELINE.parent).scenes
+    counts = baseline.frames.groupby(["workload", "object"]).size()
+    assert set(counts.index.get_level_values("workload")) == {workload.name for workload in ci.WORKLOADS}
+    assert (counts == ci.SCENES).all()
