@@ -29,7 +29,7 @@ from camera_measures import (
 )
 from PIL import Image as Files
 
-from synthetic.effects import Effects
+from synthetic.effects import NAMES, Effects
 from synthetic.frames import frames
 from tracker.conventions import FloatArray, Image
 
@@ -38,6 +38,11 @@ SEED = 60_613
 
 KINDS = {"540, new": ("cube_v2", 540, "new"), "270, old": ("cuboid_2x2x8_v2", 270, "old")}
 """Kinds of recorded pictures: object, height [px] and path of rendered ones like them."""
+
+LIKE_RECORDED = tuple(
+    name for name in NAMES if name not in ("sharpening", "calibration", "compression", "timing")
+)
+"""Effects that the recorded mosaics show: nothing sharpened or compressed them, and nothing moved."""
 
 LEVELS = (40, 80, 120)
 """At which noise is stated [steps of 8 bits]."""
@@ -155,7 +160,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Measure cameras.")
     parser.add_argument("real", type=Path)
     parser.add_argument("--scenes", type=int, default=0, help="rendered scenes of each kind")
-    parser.add_argument("--effects", default="world", help="of the rendered pictures")
+    parser.add_argument("--effects", default=",".join(LIKE_RECORDED), help="of the rendered pictures")
     options = parser.parse_args()
     print_photos(options.real)
     for kind, images in recorded(options.real).items():

@@ -18,11 +18,14 @@ from tracker.conventions import FloatArray
 LEVELS = (40.0, 120.0)
 """At which the noise is known."""
 
+LEAST = 20.0
+"""Level below which the noise of light grows no more."""
+
 NOISE = ((6.9, 2.7), (4.3, 2.4), (5.9, 2.05))
 """Standard deviation of blue, green and red noise at these levels [steps of 8 bits], medians of mosaics."""
 
-OLD_NOISE = 0.67
-"""Share of it in the recordings that were mosaicked twice."""
+OLD_NOISE = 0.85, 0.5
+"""Share of it at these levels in the recordings that were mosaicked twice."""
 
 MIDDLE = 0.2
 """Light whose value stays whatever the exponent: exposure is set by the picture."""
@@ -60,27 +63,25 @@ class Response:
         """The sensor with this response; as bright as before in the mean over the picture."""
         light = (1 - sensor.vignetting / 3) / (1 - self.vignetting / 3) * self.gain
         blue, green, red = (self.gain * self.black * level for level in BLACK)
-        share = self.noise * (OLD_NOISE if sensor.path == "old" else 1.0) * (0.7 if sensor.binned else 1.0)
+        share = self.noise * (0.7 if sensor.binned else 1.0)
+        shares = share * np.array(OLD_NOISE if sensor.path == "old" else (1.0, 1.0))
         return dataclasses.replace(
             sensor,
             gain=light,
             gamma=self.exponent,
             black=(blue, green, red),
             vignetting=self.vignetting,
-            noise=tuple(_variances(share * np.array(noise), self.exponent) for noise in NOISE),
+            noise=tuple(_power(shares * np.array(noise), self.exponent) for noise in NOISE),
         )
 
 
-def _variances(noise: FloatArray, exponent: float) -> tuple[float, float]:
-    """Constant and shot variance of light that explain the noise of values at LEVELS."""
-    levels = np.array(LEVELS)
-    light = linear(levels, exponent)
+def _power(noise: FloatArray, exponent: float) -> tuple[float, float, float]:
+    """Variance at light 1, power of light, and least light to which that holds, by the noise at LEVELS.
+
+    With the exponents of the range no constant and shot noise alone would give what is measured of red.
+    """
+    light = linear(np.array(LEVELS), exponent)
     # dv/dlight = 255 / exponent · light ** (1 / exponent - 1).
     variance = (noise * exponent / 255 * light ** (1 - 1 / exponent)) ** 2
-    shot = float((variance[1] - variance[0]) / (light[1] - light[0]))
-    constant = float(variance[0] - shot * light[0])
-    if shot < 0:
-        return float(np.sqrt(variance.prod())), 0.0
-    if constant < 0:
-        return 0.0, float(np.sqrt((variance / light).prod()))
-    return constant, shot
+    power = float(np.log(variance[1] / variance[0]) / np.log(light[1] / light[0]))
+    return float(variance[0] / light[0] ** power), power, float(linear(np.array(LEAST), exponent))

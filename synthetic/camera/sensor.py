@@ -83,9 +83,9 @@ class Sensor:
     gain: float = 1.0
     """Factor on all light, beside exposure and white balance."""
 
-    noise: tuple[tuple[float, float], ...] | None = None
-    """Of blue, green and red the variance of light: constant, and for each 1 of light. None: as `full_well`,
-    `read_noise` and `raw_gains` say."""
+    noise: tuple[tuple[float, float, float], ...] | None = None
+    """Of blue, green and red the variance at light 1, the power of light by which it changes, and the least
+    light for that. None: as `full_well`, `read_noise` and `raw_gains` say."""
 
     binned: bool = False
     """Whether four recorded pixels make one of the light's grid."""
@@ -209,13 +209,11 @@ class Sensor:
         raw_gain = np.asarray(self.raw_gains, dtype=np.float32)[channel]
         if self.noise is not None or self.read_noise > 0 or np.isfinite(self.full_well):
             if self.noise is None:
-                constant, shot = (
-                    (raw_gain * self.read_noise / 255.0) ** 2,
-                    raw_gain / np.float32(self.full_well),
-                )
+                constant = (raw_gain * self.read_noise / 255.0) ** 2
+                variance = constant + np.maximum(light, 0.0) * (raw_gain / np.float32(self.full_well))
             else:
-                constant, shot = np.asarray(self.noise, dtype=np.float32).T[..., channel]
-            variance = constant + np.maximum(light, 0.0) * shot
+                unit, power, least = np.asarray(self.noise, dtype=np.float32).T[..., channel]
+                variance = unit * np.maximum(light, least) ** power
             light = light + rng.standard_normal(light.shape, dtype=np.float32) * np.sqrt(variance)
         black = np.asarray(self.black, dtype=np.float32)[channel]
         light = np.clip((light - black) / (1.0 - black), 0.0, 1.0)
