@@ -14,14 +14,14 @@ from tracker.geometry import so3
 from tracker.pose.judge import log_odds
 
 NAMES = ("cube_v2", "cuboid_2x2x8_v2")
-AXES = ((0, 1, 0), (0, -1, 0), (1, 0, 0), (-1, 0, 0))
+AXES = ((0, 1, 0), (-1, 0, 0))
 
 
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("degrees", [55, 60, 65, 75])
 def test_cameras_that_look_far_aside_neither_help_nor_harm(name, degrees):
     cameras, model = default_cameras(), tracker.load_object(name)
-    for k in range(3):
+    for k in range(2):
         rng = np.random.default_rng([70, k])
         scene = random_scene(model, rng, occlusion=0.0)
         images = render(scene, cameras, model, Sensor.realistic(), rng).images
@@ -35,6 +35,7 @@ def test_cameras_that_look_far_aside_neither_help_nor_harm(name, degrees):
                 more.append(dataclasses.replace(camera, name=f"{camera.name}_{n}", camera_from_world=moved))
         others = render(scene, more, model, Sensor.realistic(), np.random.default_rng(1))
         blind = [c for c, labels in enumerate(others.labels) if not labels.any()]
+        assert blind
         rig = tracker.CameraRig((*cameras, *(more[c] for c in blind)))
         fit = tracker.ObjectTracker(model, rig).fit([*images, *(others.images[c] for c in blind)])
         assert fit.cameras["expected"][3:].sum() == 0

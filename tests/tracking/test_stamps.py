@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import tracker
-from tests.helpers.pushed_cube import DT, HEIGHT, MODEL, bits, new, off, play, pose_at, shot, within
+from tests.helpers.pushed_cube import DT, HEIGHT, MODEL, bits, image_of, new, off, play, pose_at, within
 from tracker.errors import TrackerError
 from tracker.geometry import so3
 from tracker.pipeline import Status
@@ -37,7 +37,7 @@ def one_after_another(rig, speed, count):
     """Images of a gliding cube, and their cameras' stamps."""
     for k in range(count):
         stamps = STEP * k - DELAYS
-        taken = [shot(rig, gliding(stamps[c], speed), 10 * k + c)[c] for c in range(3)]
+        taken = [image_of(rig, c, gliding(stamps[c], speed), 10 * k) for c in range(3)]
         yield taken, stamps
 
 
