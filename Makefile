@@ -4,6 +4,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 CODE := tracker synthetic benchmarks examples scripts tests
 REAL ?= ../shared/real
+SCENES ?= 400
 WORKERS ?= $(shell nproc 2>/dev/null || echo 1)
 LOWEST := build/lowest
 OLDEST_PYTHON ?= python3.10
@@ -37,13 +38,14 @@ format: $(STAMP)  ## format the code
 	$(BIN)/ruff format $(CODE)
 
 bench: $(STAMP)  ## measure accuracy and speed: benchmarks/results.md, build/benchmarks/report.html
-	$(BIN)/python -m benchmarks all --publish
+	$(BIN)/python -m benchmarks all --publish --scenes $(SCENES)
 
 small: $(STAMP)  ## the gate in a minute: few scenes, each compared with itself as it was
 	$(BIN)/python -m benchmarks small
 
 gate: $(STAMP)  ## measure, and fail where a figure has fallen by more than its tolerance
-	$(BIN)/python -m benchmarks all
+	$(BIN)/python -m benchmarks small
+	$(BIN)/python -m benchmarks all --scenes $(SCENES)
 	$(BIN)/python -m benchmarks gate
 
 colors: $(STAMP)  ## fit the shipped colour tables again, from the labelled images in $(REAL)

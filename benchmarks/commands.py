@@ -18,6 +18,7 @@ from benchmarks.judge.origin import origin
 from benchmarks.judge.results import RESULTS_FILE, Results, ResultsError, read_results, write_results
 from benchmarks.measure.accuracy import again, measure_accuracy
 from benchmarks.measure.dice import measure_dice
+from benchmarks.measure.estimate import estimate, spoken
 from benchmarks.measure.films import measure_films
 from benchmarks.measure.motion import measure_motion
 from benchmarks.measure.recorded import pose_rows, segmentation_rows
@@ -146,13 +147,17 @@ def measure(run: Run, parts: Sequence[str], *, anew: bool = False) -> Results:
     """
     run.output.mkdir(parents=True, exist_ok=True)
     about = origin() | {"seed": run.plan.seed, "scenes": run.plan.scenes, "draw": run.results.about["draw"]}
+    total = estimate(run.plan, parts, run.workloads, run.objects)
+    run.say(f"about {spoken(total)} on an otherwise idle machine, for {', '.join(parts)}")
     run.results = _begun(run.output, about, anew=anew or len(parts) == len(PARTS))
     for part in parts:
-        run.say(part)
+        expected = estimate(run.plan, [part], run.workloads, run.objects)
+        run.say(f"{part}, about {spoken(expected)} on an idle machine")
         start = time.monotonic()
         run.results.replaced(PARTS[part](run))
         seconds = round(time.monotonic() - start)
         made = {"commit": about["commit"], "clean": about["clean"], "seconds": seconds}
+        made["estimated"] = round(expected)
         run.results.about.setdefault("parts", {})[part] = made
         if origin()["code"] != about["code"]:
             raise ResultsError("sources were changed while they were measured; measure again")

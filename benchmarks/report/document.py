@@ -17,6 +17,7 @@ from markupsafe import Markup, escape
 from benchmarks.data.sets import FULL
 from benchmarks.judge.results import Results, read_results
 from benchmarks.judge.targets import Judged, evaluate
+from benchmarks.measure.estimate import spoken
 from benchmarks.report.plots import plots_of
 from benchmarks.report.table import Table, is_number, specification, tables_of, target_table
 from tracker.files import write_whole
@@ -124,7 +125,7 @@ def summary(about: Mapping[str, Any]) -> str:
 def _made(about: Mapping[str, Any]) -> list[str]:
     return [
         f"{name}: made of commit {made['commit'][:12]}{'' if made['clean'] else ' and changes'} in "
-        f"{made['seconds'] / 60:.0f} min"
+        f"{spoken(made['seconds'])} (estimated: {spoken(made.get('estimated', 0))})"
         for name, made in about.get("parts", {}).items()
     ]
 
