@@ -176,7 +176,9 @@ def gate(output: Path, baseline: Path, update: bool, reason: str) -> None:
     if update:
         gates.write_baseline(results, reason, baseline)
         return
-    _verdict(gates.failures(gates.read_baseline(baseline), results))
+    before = gates.read_baseline(baseline)
+    click.echo(f"baseline of {before['commit'][:12]}: {before['reason']}")
+    _verdict(gates.failures(before, results))
 
 
 @main.command()
@@ -205,7 +207,9 @@ def small(output: Path, cache: Path, real: Path | None, baseline: Path, update: 
         results.about["reason"] = reason
         write_results(baseline, results)
         return
-    _verdict([*gates.doubts(results), *ci.failures(read_results(baseline), results)])
+    before = read_results(baseline)
+    click.echo(f"baseline of {before.about['commit'][:12]}: {before.about['reason']}")
+    _verdict([*gates.doubts(results), *ci.failures(before, results)])
 
 
 def _verdict(worse: Sequence[str]) -> None:

@@ -15,6 +15,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 from benchmarks.data.sets import FULL
+from benchmarks.judge.gate import read_baseline
 from benchmarks.judge.results import Results, read_results
 from benchmarks.judge.targets import Judged, evaluate
 from benchmarks.measure.estimate import spoken
@@ -97,7 +98,7 @@ def _context(results: Results, flavour: str, folder: Path | None = None) -> dict
         "flavour": flavour,
         "about": {
             "summary": summary(results.about),
-            "parts_made": _made(results.about),
+            "parts_made": [*_made(results.about), _baseline()],
             "skipped": results.about.get("skipped", {}),
         },
         "cards": _cards(results, targets),
@@ -128,6 +129,11 @@ def _made(about: Mapping[str, Any]) -> list[str]:
         f"{spoken(made['seconds'])} (estimated: {spoken(made.get('estimated', 0))})"
         for name, made in about.get("parts", {}).items()
     ]
+
+
+def _baseline() -> str:
+    found = read_baseline()
+    return f"the gate's baseline is of commit {str(found['commit'])[:12]}; its reason: {found['reason']}"
 
 
 def _sections(results: Results, targets: Sequence[Judged], folder: Path | None, plots: bool) -> list[Section]:

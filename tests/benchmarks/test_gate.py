@@ -195,7 +195,9 @@ def test_the_command_fails_with_1_and_lists_what_is_worse(tmp_path):
     assert isinstance(run.invoke(main, [*arguments, "--update"]).exception, ResultsError)
     assert run.invoke(main, [*arguments, "--update", "--reason", "a first one"]).exit_code == 0
     assert json.loads((tmp_path / "baseline.json").read_text())["reason"] == "a first one"
-    assert run.invoke(main, arguments).exit_code == 0
+    passed = run.invoke(main, arguments)
+    assert passed.exit_code == 0
+    assert "a first one" in passed.output
     write_results(tmp_path / "results.json", results(median_mm=0.2))
     failed = run.invoke(main, arguments)
     assert failed.exit_code == 1
