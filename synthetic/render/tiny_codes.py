@@ -114,7 +114,8 @@ class Stage:
         position, orientation = _FAR_AWAY_M, (0.0, 0.0, 0.0, 1.0)
         if world_from_body is not None:
             position = tuple(world_from_body[:3, 3])
-            orientation = tuple(Rotation.from_matrix(world_from_body[:3, :3]).as_quat())
+            # A copy, since older versions of SciPy take no read-only arrays.
+            orientation = tuple(Rotation.from_matrix(world_from_body[:3, :3].copy()).as_quat())
         for unique, _ in self._pool[key]:
             self._bullet.resetBasePositionAndOrientation(
                 unique, position, orientation, physicsClientId=self._client

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-pytest.importorskip("trimesh", reason="meshes need trimesh")
+pytest.importorskip("trimesh", reason="platform: no module trimesh")
 
 from synthetic.render.bounced import add_bounced
 from synthetic.render.hits import empty_hits

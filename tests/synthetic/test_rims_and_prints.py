@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-pytest.importorskip("trimesh", reason="meshes need trimesh")
+pytest.importorskip("trimesh", reason="platform: no module trimesh")
 
 import trimesh
 
