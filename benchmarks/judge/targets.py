@@ -14,6 +14,9 @@ from benchmarks.toml_files import read_toml
 
 FILE = Path(__file__).with_name("targets.toml")
 
+EVERY = "*"
+"""Group of a target that holds for each."""
+
 BOUNDS = {"at_most": "≤ {0:g}", "at_least": "≥ {0:g}", "between": "{0[0]:g} to {0[1]:g}"}
 
 
@@ -38,12 +41,25 @@ class Judged:
 
 def evaluate(results: Results) -> list[Judged]:
     """All targets, in the file's order."""
-    values = results.table.set_index(["part", "group", "bin", "figure", "object"])["value"]
+    table = results.table
+    values = table.set_index(["part", "group", "bin", "figure", "object"])["value"]
     return [
         _judged(target, key, name, limit, values)
-        for target in read_toml(FILE)["target"]
+        for stated in read_toml(FILE)["target"]
+        for target in _expanded(stated, table)
         for key in BOUNDS
         for name, limit in target.get(key, {}).items()
+    ]
+
+
+def _expanded(target: dict[str, Any], table: pd.DataFrame) -> list[dict[str, Any]]:
+    """A target of all groups as one of each that was measured."""
+    if target.get("group") != EVERY:
+        return [target]
+    own = table[(table.part == target["part"]) & (table.figure == target["figure"])]
+    groups = own[own.object.isin([name for key in BOUNDS for name in target.get(key, {})])].group
+    return [
+        target | {"group": group, "name": f"{group}: {target['name']}"} for group in dict.fromkeys(groups)
     ]
 
 
