@@ -81,6 +81,8 @@ class Lighting:
     ambient: FloatArray
     """(3,) linear BGR."""
     lamps: tuple[Lamp, ...] = ()
+    sky: int = 12
+    """Directions from which the ambient light is looked at for shade; few give cloudy shade on the wall."""
 
 
 @dataclass(frozen=True, eq=False)

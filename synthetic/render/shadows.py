@@ -21,7 +21,7 @@ _REACH_M = 0.34
 """Half the width of a map around the centre [m]: the arena and what stands in it."""
 
 _LAMP_CELLS, _SKY_CELLS = 288, 160
-LAMP_DIRECTIONS, _SKY_DIRECTIONS = 7, 12
+LAMP_DIRECTIONS = 7
 _LAMP_HALF_ANGLE = np.radians(7.0)
 """Lamps are as wide as this: shadows are sharp at the foot of a thing and soft far from it."""
 
@@ -51,7 +51,7 @@ def shadows_of(surfaces: Surfaces, lighting: Lighting) -> Shadows:
     """Maps for the lamps and the sky above the bodies."""
     lamps = np.array([lamp.direction for lamp in lighting.lamps if lamp.shadows], np.float64).reshape(-1, 3)
     spread = np.concatenate([_disk(lamp) for lamp in lamps]) if len(lamps) else lamps
-    return Shadows(_maps(surfaces, spread, _LAMP_CELLS), _maps(surfaces, _sky(), _SKY_CELLS))
+    return Shadows(_maps(surfaces, spread, _LAMP_CELLS), _maps(surfaces, _sky(lighting.sky), _SKY_CELLS))
 
 
 def _disk(direction: FloatArray) -> FloatArray:
@@ -72,10 +72,10 @@ def _frame(direction: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     return towards, side, np.cross(towards, side)
 
 
-def _sky() -> FloatArray:
+def _sky(count: int) -> FloatArray:
     """Directions (N, 3) spread over the upper hemisphere, in equal shares of a cosine-weighted sky."""
-    n = np.arange(_SKY_DIRECTIONS)
-    height = np.sqrt(0.04 + (_SKY_TOP**2 - 0.04) * (n + 0.5) / _SKY_DIRECTIONS)
+    n = np.arange(count)
+    height = np.sqrt(0.04 + (_SKY_TOP**2 - 0.04) * (n + 0.5) / count)
     turn = n * np.pi * (3.0 - np.sqrt(5.0))
     radius = np.sqrt(1.0 - height**2)
     return np.stack([radius * np.cos(turn), radius * np.sin(turn), height], axis=1)

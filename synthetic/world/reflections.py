@@ -1,5 +1,7 @@
 """The effect `reflections`: the faces of a cuboid colour table and fingers, and fingers light the faces.
 
+Light that comes back from everywhere is also why shade has no steps: the sky is looked at more closely.
+
 What the table sends back is part of the ambient light that all surfaces get from below.
 """
 
@@ -25,12 +27,16 @@ _SLICES = 4
 _NEAR_M = 0.12
 """Links farther than this from the object do not matter."""
 
+_SKY = 22
+"""Directions of ambient light."""
+
 _LINKS = ("finger_middle_link_", "finger_lower_link_", "finger_tip_link_")
 
 
 def reflecting(scene: PlatformScene, rng: np.random.Generator) -> PlatformScene:
-    """The scene whose cuboid and fingers light what is near them; with dice or nothing it stays as it is."""
+    """The scene whose cuboid and fingers light what is near them; for dice only shade is smoother."""
     strength = float(rng.uniform(*STRENGTH))
+    scene = dataclasses.replace(scene, lighting=dataclasses.replace(scene.lighting, sky=_SKY))
     if len(scene.objects) != 1:
         return scene
     state = scene.objects[0]
