@@ -253,3 +253,19 @@ def test_raw_pictures_are_the_mosaics_of_the_others(platform):
     for image, mosaic in zip(colored.images, raw.images, strict=True):
         assert mosaic.shape == (540, 540)
         assert np.array_equal(demosaicked(mosaic)[2:-2, 2:-2], image[2:-2, 2:-2])
+
+
+def test_a_wrong_calibration_leaves_pictures_alone_and_tells_truth_in_its_world(platform):
+    options = {"quality": "fast", "empty": 0.0}
+    (tidy,), (off,) = (frames("cube_v1", 1, 5, effects=e, **options) for e in ("none", "calibration"))
+    for image, same in zip(tidy.images, off.images, strict=True):
+        assert np.array_equal(image, same)
+    assert tidy.given is tidy.rig
+    assert tidy.objects == tidy.scene.objects
+    assert 0 < np.linalg.norm(off.objects[0].position - tidy.objects[0].position) < 0.01
+    corners = rng().uniform(-0.03, 0.03, (20, 3))
+    seen = [
+        pixels(frame.rig, corners @ frame.objects[0].rotation.T + frame.objects[0].position)
+        for frame in (tidy, off)
+    ]
+    np.testing.assert_allclose(*seen, atol=1e-9)
