@@ -2,9 +2,10 @@
 
     python scripts/fit_confidence.py [SCENES]
 
-Right and wrong fits on the way to the answers teach the weights, the answers their scale: with all
-cameras, with two and with one, with exact and with perturbed calibration, in tinted and in smeared, grainy
-pictures (disturbances that judge nothing), and where there is no object.
+Right and wrong answers teach the weights: in a tidy world and in one with all imperfections of the real one,
+with all cameras, with two and with one, with exact and with perturbed calibration, in tinted and in smeared,
+grainy pictures, and where there is no object; and where something is broken: pictures that were mixed up, a
+camera that was knocked, cameras that are all somewhere else.
 Prints the weights that tracker/pose/judge.py holds, and how reliable they are on scenes left out.
 """
 
@@ -13,13 +14,14 @@ from __future__ import annotations
 import dataclasses
 import math
 import sys
-from typing import Any
+from collections.abc import Iterator
+from itertools import chain
 
 import cv2
 import numpy as np
 from scipy.optimize import minimize
 
-from synthetic.camera.rigs import sized, standard_rig
+from synthetic.effects import NAMES
 from synthetic.frames import Frame, frames
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray
@@ -32,6 +34,9 @@ from tracker.pose.judge import WEIGHTS, features, probably_near
 
 SEED = 101
 OBJECTS = ("cube_v2", "cuboid_2x2x8_v2")
+FAULTS_WEIGHT = 0.5
+"""Of an answer where something is broken, which is rarer than these scenes have it."""
+
 ALL, PAIRS, ONE = ((0, 1, 2),), ((0, 1), (1, 2)), ((0,),)
 
 
@@ -84,60 +89,84 @@ def shaken(images: list, rng: np.random.Generator) -> list:
 
 @dataclasses.dataclass
 class Cases:
-    """Fits and whether each is right."""
+    """Answers and whether each is right."""
 
     rows: list[list[float]] = dataclasses.field(default_factory=list)
     near: list[float] = dataclasses.field(default_factory=list)
     right: list[bool] = dataclasses.field(default_factory=list)
+    faulty: list[bool] = dataclasses.field(default_factory=list)
 
-    def add(self, fit: Fit, truth: Frame) -> None:
-        """One more fit."""
+    def add(self, fit: Fit, truth: Frame, faulty: bool) -> None:
+        """One more answer."""
         self.rows.append(list(features(fit).values()))
         self.near.append(probably_near(fit.covariance) / (1.0 + math.exp(-fit.lead)))
         self.right.append(_is_right(fit.position, fit.rotation, truth))
+        self.faulty.append(faulty)
 
-    def arrays(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Features (N, F), probability of being near if on the object (N,), whether right (N,)."""
-        return np.array(self.rows), np.array(self.near), np.array(self.right, dtype=float)
+    def arrays(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Features (N, F), probability of being near if on the object, whether right, weights (N,)."""
+        weights = np.where(self.faulty, FAULTS_WEIGHT, 1.0)
+        return np.array(self.rows), np.array(self.near), np.array(self.right, dtype=float), weights
 
 
-def collect(seed: int, scenes: int) -> tuple[Cases, Cases]:
-    """All fits that the estimator makes on the way, and its answers."""
-    every, answers = Cases(), Cases()
+def mixed_up(images: list, rng: np.random.Generator) -> list:
+    """The pictures of two cameras in each other's place, or one camera's upside down or as in a mirror."""
+    result = list(images)
+    one, two = (int(c) for c in rng.permutation(len(images))[:2])
+    kind = rng.integers(3)
+    if kind == 0:
+        result[one], result[two] = images[two], images[one]
+    else:
+        result[one] = np.ascontiguousarray(images[one][::-1] if kind == 1 else images[one][:, ::-1])
+    return result
+
+
+def situations(rig: CameraRig, images: list, rng: np.random.Generator, k: int) -> Iterator[tuple]:
+    """How scene k is looked at: calibration, pictures (None: no picture), whether something is broken."""
+    if k % 3 == 1 or k % 6 == 5:
+        images = tinted(images, rng)
+    if k % 3 == 2:
+        images = shaken(images, rng)
+    given = perturbed(rig.cameras, rng) if k % 2 else rig
+    for used in (*ALL, PAIRS[k % 2], *ONE):
+        yield given, [image if c in used else None for c, image in enumerate(images)], False
+    yield given, mixed_up(images, rng), True
+    yield knocked(given, rng), images, True
+    yield strange(given, rng), images, True
+
+
+def knocked(rig: CameraRig, rng: np.random.Generator) -> CameraRig:
+    """A rig of which one camera is not where its file says: by millimetres, or somewhere else altogether."""
+    cameras, c = list(rig.cameras), int(rng.integers(len(rig)))
+    shift, turn = (rng.uniform(1e-3, 5e-3), rng.uniform(1e-3, 1e-2)) if rng.random() < 0.5 else (0.03, 0.1)
+    moved = perturbed((cameras[c],), rng, shift, turn).cameras[0]
+    cameras[c] = dataclasses.replace(moved, camera_from_world_std=cameras[c].camera_from_world_std)
+    return CameraRig(tuple(cameras))
+
+
+def strange(rig: CameraRig, rng: np.random.Generator) -> CameraRig:
+    """Cameras that are all somewhere else, as of another robot, and say nothing of it."""
+    moved = perturbed(rig.cameras, rng, rng.uniform(3e-3, 2e-2), rng.uniform(1e-2, 1e-1)).cameras
+    pairs = zip(moved, rig, strict=True)
+    return CameraRig(
+        tuple(dataclasses.replace(m, camera_from_world_std=c.camera_from_world_std) for m, c in pairs)
+    )
+
+
+def collect(seed: int, scenes: int) -> Cases:
+    """The estimator's answers in all situations: half of the scenes in a tidy world, half in the real one."""
+    answers = Cases()
     for name in OBJECTS:
-        model, rig = load_object(name), sized(standard_rig(), 270)
-        exact = ObjectTracker(model, rig)
-        for k, truth in enumerate(frames(name, scenes, seed, empty=0.12)):
+        model = load_object(name)
+        tidy = frames(name, scenes // 2, seed, empty=0.12)
+        world = frames(name, scenes - scenes // 2, seed + 50, empty=0.12, effects=NAMES)
+        for k, truth in enumerate(chain(tidy, world)):
             rng = np.random.default_rng([seed, k])
-            images = list(truth.images)
-            if k % 3 == 1 or k % 6 == 5:
-                images = tinted(images, rng)
-            if k % 3 == 2:
-                images = shaken(images, rng)
-            tracker = ObjectTracker(model, perturbed(rig.cameras, rng)) if k % 2 else exact
-            fits = _listen(tracker)
-            for used in (*ALL, PAIRS[k % 2], *ONE):
-                fits.clear()
-                answer = tracker.fit([image if c in used else None for c, image in enumerate(images)])
-                for fit in fits:
-                    every.add(fit, truth)
+            for given, images, faulty in situations(truth.given, list(truth.images), rng, k):
+                answer = ObjectTracker(model, given).fit(images)
                 if isinstance(answer, Fit):
-                    answers.add(answer, truth)
-    return every, answers
-
-
-def _listen(tracker: ObjectTracker) -> list[Fit]:
-    """A list that gains every fit that the tracker's estimator makes."""
-    fits: list[Fit] = []
-    estimator = tracker._estimator
-    refine = type(estimator).refine
-
-    def record(*arguments: Any) -> Fit:
-        fits.append(refine(estimator, *arguments))
-        return fits[-1]
-
-    estimator.refine = record  # type: ignore[method-assign]
-    return fits
+                    answers.add(answer, truth, faulty)
+    return answers
 
 
 def _is_right(position: FloatArray, rotation: FloatArray, truth: Frame) -> bool:
@@ -148,29 +177,29 @@ def _is_right(position: FloatArray, rotation: FloatArray, truth: Frame) -> bool:
     return bool(near and so3.angle_between(rotation, state.rotation) < np.radians(5))
 
 
-def fit(rows: FloatArray, right: FloatArray) -> FloatArray:
-    """Bias and weights (1 + F,) of a logistic model whose weights are not positive."""
+def fit(rows: FloatArray, near: FloatArray, right: FloatArray, weights: FloatArray) -> FloatArray:
+    """Bias and weights (1 + F,), these not positive, under which the confidence is most likely.
+
+    Args:
+        rows: (N, F) features.
+        near: (N,) probability of being near the truth if on the object.
+        right: (N,) whether it was.
+        weights: (N,) of each answer.
+    """
     spread = rows.std(axis=0) + 1e-9
     design = np.column_stack([np.ones(len(rows)), rows / spread])
 
     def loss(w: FloatArray) -> tuple[float, FloatArray]:
-        odds = design @ w
-        value = np.logaddexp(0, odds).sum() - right @ odds + (w[1:] ** 2).sum()
-        return value, design.T @ (1 / (1 + np.exp(-odds)) - right) + 2 * np.r_[0, w[1:]]
+        trust = 1 / (1 + np.exp(-(design @ w)))
+        said = np.clip(near * trust, 1e-6, 1 - 1e-6)
+        value = -(weights * np.where(right > 0, np.log(said), np.log1p(-said))).sum()
+        slope = weights * np.where(right > 0, -1 / said, 1 / (1 - said)) * near * trust * (1 - trust)
+        return value + 0.5 * (w[1:] ** 2).sum(), slope @ design + np.r_[0, w[1:]]
 
     bounds = [(None, None)] + [(None, 0)] * rows.shape[1]
-    solution = minimize(loss, np.zeros(design.shape[1]), jac=True, method="L-BFGS-B", bounds=bounds).x
+    start = np.r_[3.0, -np.ones(rows.shape[1])]
+    solution = minimize(loss, start, jac=True, method="L-BFGS-B", bounds=bounds).x
     return np.concatenate([solution[:1], solution[1:] / spread])
-
-
-def scale(odds: FloatArray, near: FloatArray, right: FloatArray) -> FloatArray:
-    """Offset and factor (2,) on log odds (N,) under which the answers' confidence is calibrated (Platt)."""
-
-    def loss(w: FloatArray) -> float:
-        said = np.clip(near / (1 + np.exp(-(w[0] + w[1] * odds))), 1e-6, 1 - 1e-6)
-        return float(-(right * np.log(said) + (1 - right) * np.log(1 - said)).sum())
-
-    return np.asarray(minimize(loss, [0.0, 1.0], method="Nelder-Mead").x)
 
 
 def accept_almost_all() -> None:
@@ -182,22 +211,18 @@ def accept_almost_all() -> None:
 def main(scenes: int) -> None:
     """Collect, fit, print; the reliability is that of other scenes."""
     accept_almost_all()
-    every, answers = collect(SEED, scenes)
-    rows, near, right = every.arrays()
-    weights = fit(rows[near > 0.9], right[near > 0.9])
-    rows, near, right = answers.arrays()
-    offset, factor = scale(weights[0] + rows @ weights[1:], near, right)
-    weights = np.concatenate([[offset + factor * weights[0]], factor * weights[1:]])
+    weights = fit(*collect(SEED, scenes).arrays())
     print("BIAS =", round(float(weights[0]), 2))
     print("WEIGHTS =", {n: round(float(w), 2) for n, w in zip(WEIGHTS, weights[1:], strict=True)})
-    rows, near, right = collect(SEED + 1, scenes // 2)[1].arrays()
+    rows, near, right, mass = collect(SEED + 1, scenes // 2).arrays()
     said = near / (1 + np.exp(-(weights[0] + rows @ weights[1:])))
-    print(f"{len(rows)} answers to other scenes; Brier score {np.mean((said - right) ** 2):.4f}")
-    for low, high in ((0, 0.3), (0.3, 0.5), (0.5, 0.7), (0.7, 0.9), (0.9, 0.98), (0.98, 1.01)):
-        chosen = (said >= low) & (said < high)
-        if chosen.any():
-            print(f"said {said[chosen].mean():.3f}: {chosen.sum()} answers, {right[chosen].mean():.3f} right")
+    for title, kind in (("ordinary", mass == 1.0), ("broken", mass < 1.0)):
+        print(f"{title}: {kind.sum()} answers, Brier score {np.mean((said - right)[kind] ** 2):.4f}")
+        for low, high in ((0, 0.3), (0.3, 0.5), (0.5, 0.7), (0.7, 0.9), (0.9, 0.98), (0.98, 1.01)):
+            chosen = kind & (said >= low) & (said < high)
+            if chosen.any():
+                print(f"  said {said[chosen].mean():.3f}: {chosen.sum()}, {right[chosen].mean():.3f} right")
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 200)
+    main(int(sys.argv[1]) if len(sys.argv) > 1 else 240)

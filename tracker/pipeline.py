@@ -13,11 +13,13 @@ from tracker.errors import ImageError
 from tracker.geometry import so3
 from tracker.objects.box import Box
 from tracker.objects.model import CuboidModel
-from tracker.pose.estimate import PoseEstimator, Sight
+from tracker.pose.estimate import PoseEstimator
 from tracker.pose.evidence import EvidenceReader, View
 from tracker.pose.fit import Fit
-from tracker.pose.judge import alone, confidence, features, log_odds, rank, refusal, sure
+from tracker.pose.judge import alone, confidence, features, log_odds, rank, refusal
 from tracker.pose.result import MotionEstimate, Observation, PoseEstimate, Status
+from tracker.pose.search import search
+from tracker.pose.sight import Sight
 from tracker.pose.start import Lag
 from tracker.segmentation.color_model import ColorModel, load_colors
 from tracker.segmentation.labels import check_image
@@ -29,10 +31,7 @@ from tracker.tracking.memory import Memory
 from tracker.tracking.stamps import check_stamps
 from tracker.warm_up import warm_up
 
-SURE = 0.9
-"""Confidence below which the light is judged a second time, by the grey world."""
-
-TOGETHER, ALONE = (3.0, 1.2), (4.5, 0.7)
+TOGETHER, ALONE = (1.2, 1.2), (2.2, 0.7)
 """Least log odds, and roughest edges (the feature `rms`), of a fit near where the object was expected, with
 which it is not looked for farther away: where several cameras see it, and one alone, to which wrong poses
 look better."""
@@ -250,37 +249,10 @@ class ObjectTracker:
         The light is judged by the scene's most frequent chromaticity; where that gives no sure answer,
         by the grey world as well, and the surer answer counts; unless the search need not be thorough.
         """
-        timing = {} if timing is None else timing
-        lap = time.perf_counter()
-        seen = [
-            None if image is None else self._reader.see(c, image)
-            for c, image in enumerate(self._check(images))
-        ]
-        timing["light"] = 1e3 * (time.perf_counter() - lap)
-        best: tuple[Fit, float] | None = None
-        status: Status | None = None
-        for grey_world in (False, True) if self.colors.normalise and thorough else (False,):
-            lap = time.perf_counter()
-            views = [None if one is None else self._reader.read(one, grey_world) for one in seen]
-            split = time.perf_counter()
-            sight = self._estimator.sight(views)
-            if best is not None and alone(best[0]) and sure(best[0]):
-                # Only how far away it is leaves doubt: another look, no other search.
-                outcome: Fit | Status = self._estimator.look_again(sight, best[0], lag)
-            else:
-                outcome = self._estimator.estimate(sight, thorough=thorough, lag=lag)
-            timing["segmentation"] = timing.get("segmentation", 0.0) + 1e3 * (split - lap)
-            timing["pose"] = timing.get("pose", 0.0) + 1e3 * (time.perf_counter() - split)
-            refused = outcome if isinstance(outcome, Status) else refusal(outcome)
-            if isinstance(outcome, Fit) and refused is None:
-                found = confidence(outcome)
-                if best is None or found > best[1]:
-                    best = outcome, found
-                if best[1] > SURE:
-                    break
-            else:
-                status = status or refused
-        return best[0] if best else status or Status.INCONSISTENT_VIEWS
+        return search(
+            self._reader, self._estimator, self._check(images), {} if timing is None else timing,
+            thorough=thorough, lag=lag,
+        )  # fmt: skip
 
     def _check(self, images: Sequence[Image | None], least: int = 1) -> list[Image | None]:
         given: object = images

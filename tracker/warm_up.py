@@ -21,9 +21,10 @@ from tracker.geometry.camera import Camera
 from tracker.geometry.probability import probability_within
 from tracker.objects.box import Box
 from tracker.objects.model import load_object
-from tracker.pose.estimate import PoseEstimator, Sight
+from tracker.pose.estimate import PoseEstimator
 from tracker.pose.evidence import EvidenceReader
 from tracker.pose.hypotheses import align
+from tracker.pose.sight import Sight
 from tracker.pose.solve.refine import settle
 from tracker.segmentation.color_model import load_colors
 from tracker.tracking.filter import MotionFilter

@@ -117,5 +117,5 @@ def test_errors_are_not_much_larger_than_the_covariance_says_where_cameras_are_o
 @pytest.mark.parametrize("name", OBJECTS)
 def test_confidence_falls_where_cameras_disagree(fits, name):
     found = {times: np.mean([confidence(fit) for fit in fits[name, times]]) for times in (0, 1, 5)}
-    assert found[0] >= found[1] - 1e-3
-    assert found[5] < found[1]
+    # Cameras that are off as stated agree as well as can be expected.
+    assert found[5] < min(found[0], found[1])

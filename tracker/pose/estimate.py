@@ -5,26 +5,25 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import chain
-from typing import NamedTuple
 
 import numpy as np
 
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray
-from tracker.geometry.lens import apply_update, stack_lenses
+from tracker.geometry.lens import stack_lenses
 from tracker.objects.box import Box
 from tracker.pose.contest import FROM_AFAR, REVERSED, Stage, apart, contest
 from tracker.pose.evidence import View
 from tracker.pose.fit import Fit
 from tracker.pose.hypotheses import align
-from tracker.pose.hypotheses.explain import explain
 from tracker.pose.hypotheses.positions import PositionSearch
 from tracker.pose.hypotheses.rivals import reversed_in_depth
 from tracker.pose.hypotheses.rotations import RotationSearch
 from tracker.pose.judge import alone, possible, rank, settled, sure
 from tracker.pose.result import Status
 from tracker.pose.scale import label_camera, label_factors, window
-from tracker.pose.solve.refiner import Attempt, Refined, Refiner
+from tracker.pose.sight import Sight
+from tracker.pose.solve.refiner import Attempt, Refiner
 from tracker.pose.solve.schedule import FOLLOWING, SCHEDULE, Schedule
 from tracker.pose.start import LIKELY, Lag, Start
 
@@ -59,17 +58,6 @@ Hypothesis = tuple[FloatArray, FloatArray]
 """Rotation (3, 3) and position (3,) [m]."""
 
 
-class Sight(NamedTuple):
-    """The views of one set of pictures, ready for compiled loops."""
-
-    labels: Array
-    """(C, h, w) label maps."""
-    used: Array
-    """(C,) bool: whether there is a picture."""
-    views: Sequence[View | None]
-    """The views themselves."""
-
-
 class PoseEstimator:
     """Finds one cuboid in the views of fixed cameras; any number of threads may use it at once."""
 
@@ -86,11 +74,13 @@ class PoseEstimator:
 
     def sight(self, views: Sequence[View | None]) -> Sight:
         """The views of the cameras, in their order; None where there is no picture."""
-        labels = np.zeros(self._shape, np.uint8)
-        for c, view in enumerate(views):
-            if view is not None:
-                labels[c, : view.labels.shape[0], : view.labels.shape[1]] = view.labels
-        return Sight(labels, np.array([view is not None for view in views]), views)
+        return Sight.of(views, self._shape)
+
+    def heard(self, sight: Sight, fit: Fit) -> Fit:
+        """A fit with what all cameras of a sight say of it, those that it was not made from, too."""
+        cameras = fit.cameras.copy()
+        sight.hear(self.small, self.box, fit.rotation, fit.position, np.zeros((len(cameras), 6)), cameras)
+        return replace(fit, cameras=cameras)
 
     def window(self, c: int, position: FloatArray) -> tuple[int, int, int, int]:
         """Left, top, right, bottom of what an object there fills of camera c's label map, and some more."""
@@ -234,30 +224,13 @@ class PoseEstimator:
     def _fit(self, sight: Sight, attempt: Attempt) -> Fit:
         """Where a refinement stands, with what the label maps say of it."""
         end = self.refiner.end(attempt)
-        self._explain(sight, end)
+        sight.hear(self.small, self.box, end.rotation, end.position, end.lags, end.cameras)
         lowest = float(end.position[2] - np.abs(end.rotation[2]) @ self.box.half)
         inside = self.arena.holds(end.position, lowest)
         return Fit(
             end.position, end.rotation, end.covariance, end.cameras, end.converged, end.iterations, end.end,
             inside,
         )  # fmt: skip
-
-    def _explain(self, sight: Sight, end: Refined) -> None:
-        """Count in a refinement's record what the label maps show of its pose, as each camera saw it."""
-        box = self.box
-        if not end.lags.any():
-            explain(
-                self.small, sight.labels, sight.used, box.half, box.face_labels, end.rotation, end.position,
-                end.cameras,
-            )  # fmt: skip
-            return
-        for c in np.flatnonzero(sight.used):
-            rotation, position = end.rotation.copy(), end.position.copy()
-            apply_update(rotation, position, end.lags[c])
-            explain(
-                self.small[c : c + 1], sight.labels[c : c + 1], sight.used[c : c + 1], box.half,
-                box.face_labels, rotation, position, end.cameras[c : c + 1],
-            )  # fmt: skip
 
     def _reversed(self, sight: Sight, fit: Fit, start: Start = LIKELY, lag: Lag | None = None) -> list[Fit]:
         """What else the one camera that sees the object may see; `start` and `lag` as of `refine`."""

@@ -23,6 +23,7 @@ SEEN = np.dtype(
         ("missing", np.int64),  # … that show background
         ("wrong", np.int64),  # … that show another face: they contradict the pose
         ("extra", np.int64),  # pixels beside the object in a face's colour
+        ("elsewhere", np.int64),  # … and farther away
     ]
 )
 """What one camera's picture says of a pose."""

@@ -12,6 +12,7 @@ from tracker.conventions import FloatArray
 from tracker.geometry.probability import probability_within
 from tracker.pose.fit import Fit
 from tracker.pose.result import Status
+from tracker.pose.witness import witnesses
 
 MIN_AGREE = 30
 """Pixels of the label maps that must show the face the pose predicts."""
@@ -41,24 +42,36 @@ VAGUE, MIN_DEFINITE = (0.02, math.radians(5)), 0.5
 @functools.lru_cache(maxsize=32)
 def features(fit: Fit) -> Mapping[str, float]:
     """What the confidence is computed from; all small for a perfect fit in full view."""
-    agree, wrong, extra = fit.total("agree"), fit.total("wrong"), fit.total("extra")
+    extra = fit.total("extra")
     predicted = max(fit.total("predicted"), 1.0)
+    said = witnesses(fit, MIN_VIEW)
     usable, inliers = fit.total("usable"), fit.total("inliers")
     rms = math.sqrt(fit.total("squares") / max(inliers, 1e-9))
     return {
-        "wrong": math.sqrt(wrong / max(agree + wrong, 1.0)),
+        "wrong": math.sqrt(said.worst_wrong),
         "extra": math.sqrt(extra / predicted),
         "unusable": 1.0 - usable / max(fit.total("expected"), 1.0),
         "outliers": 1.0 - inliers / max(usable, 1.0),
         "rms": math.log(max(rms, 0.05) / 0.1),
-        "few": math.log1p(10.0 / math.sqrt(agree + 1.0)),
-        "unconverged": float(not fit.converged),
+        "contradicted": float(sum(said.contradicting)),
+        "blind": float(said.blind),
+        "single": float(sum(said.supporting) < 2),
     }
 
 
 def alone(fit: Fit) -> bool:
     """Whether the pose rests on what one camera sees."""
     return bool(np.count_nonzero(fit.cameras["inliers"] >= MIN_VIEW) < 2)
+
+
+def supporters(fit: Fit) -> int:
+    """How many cameras see the object where the fit has it."""
+    return sum(witnesses(fit, MIN_VIEW).supporting)
+
+
+def unanimous(fit: Fit) -> bool:
+    """Whether all cameras in whose pictures the object should be see it where the fit has it."""
+    return supporters(fit) == int(np.count_nonzero(fit.cameras["predicted"]))
 
 
 def possible(fit: Fit) -> bool:
@@ -72,7 +85,8 @@ def refusal(fit: Fit) -> Status | None:
     found = features(fit)
     if fit.total("agree") < max(MIN_AGREE, MIN_EXPLAINED * fit.total("predicted")):
         return Status.TOO_FEW_PIXELS
-    if found["wrong"] ** 2 > MAX_WRONG or found["extra"] ** 2 > 0.5:
+    agree, wrong = fit.total("agree"), fit.total("wrong")
+    if wrong > MAX_WRONG * (agree + wrong) or found["extra"] ** 2 > 0.5:
         return Status.INCONSISTENT_VIEWS
     if not possible(fit):
         # One camera alone takes what hides the object's edges for them, and puts it too far away.
@@ -87,13 +101,13 @@ def refusal(fit: Fit) -> Status | None:
 
 
 WEIGHTS = {
-    "wrong": -0.55, "extra": -5.22, "unusable": -6.28, "outliers": -3.47, "rms": -1.04, "few": -1.56,
-    "unconverged": -1.48,
+    "wrong": -3.82, "extra": -4.29, "unusable": -3.82, "outliers": -4.67, "rms": -0.64, "contradicted": -1.06,
+    "blind": -0.99, "single": -1.57,
 }  # fmt: skip
 """Weights of the features, none positive, so that no doubt can raise the confidence. Fitted, with the bias,
 by scripts/fit_confidence.py on right and wrong fits to rendered scenes."""
 
-BIAS = 9.71
+BIAS = 6.95
 
 NEAR = 5e-3, math.radians(5)
 """What the confidence promises: the pose is this close to the truth [m, rad]."""
@@ -105,7 +119,7 @@ def log_odds(fit: Fit) -> float:
     return BIAS + sum(WEIGHTS[key] * value for key, value in features(fit).items())
 
 
-SURE = 4.0
+SURE = 2.2
 """Log odds of a fit at which no other hypothesis is tried."""
 
 
@@ -138,6 +152,11 @@ def probably_near(covariance: FloatArray, limits: tuple[float, float] = NEAR) ->
     return probability_within(covariance, *limits)
 
 
+LONELY = 0.35
+"""Share of the confidence that is left where one camera sees the object and another one sees it elsewhere:
+nobody can tell which of them is wrong. Such a pose is doubted, not refused."""
+
+
 def trust(fit: Fit) -> float:
     """Probability that the fit sits on the object, at whatever accuracy; a close rival halves it at most."""
     return 1.0 / (1.0 + math.exp(-log_odds(fit))) / (1.0 + math.exp(-fit.lead))
@@ -146,4 +165,5 @@ def trust(fit: Fit) -> float:
 @functools.lru_cache(maxsize=32)
 def confidence(fit: Fit) -> float:
     """Probability that the pose is within 5 mm and 5° of the truth: equation (21) of docs/how-it-works.md."""
-    return trust(fit) * probably_near(fit.covariance)
+    doubt = LONELY if witnesses(fit, MIN_VIEW).lonely else 1.0
+    return doubt * trust(fit) * probably_near(fit.covariance)
