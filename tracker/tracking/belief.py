@@ -31,7 +31,7 @@ class TrackingOptions:
     """Confidence from which an implausible measurement is believed at once; else another must agree."""
     alone: float = 0.3
     """Share of these limits where one camera alone sees the object, which may take depth for turn, …"""
-    lonely: float = 0.8
+    lonely: float = 0.7
     """… and the probability that it is right to 20 mm and 5°, without which it is not believed then."""
     agree: tuple[float, float] = (0.02, math.radians(15))
     """Difference of two measurements that agree [m, rad], plus half of `speed` for every second between."""
