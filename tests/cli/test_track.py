@@ -228,6 +228,8 @@ def start_long(log: Path, output: Path, jobs: int) -> subprocess.Popen[bytes]:
         stderr=subprocess.PIPE,
         stdout=subprocess.PIPE,
         start_new_session=True,
+        # A test run in the background hands on that Ctrl-C is ignored; a terminal's command does not.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     parts = output.with_name(f".{output.name}.parts")
     deadline = time.monotonic() + 60
