@@ -24,6 +24,7 @@ KINDS = {
     "datasets": "the extra `datasets`",
     "bench": "the extra `bench`",
     "zarr": "a zarr that writes the data sets' stores",
+    "lint": "what checks the code",
     "browser": "a browser that runs without a screen",
     "system": "files and figures that only some operating systems have",
 }
