@@ -12,12 +12,11 @@ from typing import Literal
 import cv2
 import numpy as np
 
+from synthetic.camera.rays import rays_of
 from synthetic.render.interface import PinholeView
 from tracker.conventions import Array, FloatArray
-from tracker.errors import CalibrationError
 from tracker.geometry.camera import Camera
 
-_TOLERANCE_PX = 1e-6
 _MARGIN_PX = 2
 """The view reaches beyond the outermost ray, so that interpolation never leaves it."""
 
@@ -119,20 +118,7 @@ def _lattice_rays(camera: Camera, s: int) -> FloatArray:
     columns = (np.arange(camera.width * s) + 0.5) / s - 0.5
     rows = (np.arange(camera.height * s) + 0.5) / s - 0.5
     pixels = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
-    criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 500, 1e-11)
-    k, lens = camera.matrix, camera.distortion
-    if hasattr(cv2, "undistortPointsIter"):  # until OpenCV 5, undistortPoints takes no criteria
-        rays = cv2.undistortPointsIter(pixels[:, None], k, lens, np.eye(3), np.eye(3), criteria)
-    else:
-        rays = cv2.undistortPoints(pixels[:, None], k, lens, criteria=criteria)
-    rays = rays.reshape(-1, 2)
-    back, _ = cv2.projectPoints(np.insert(rays, 2, 1.0, axis=1), np.zeros(3), np.zeros(3), k, lens)
-    error = np.abs(back.reshape(-1, 2) - pixels).max()
-    if not error < _TOLERANCE_PX:
-        raise CalibrationError(
-            f"{camera.name}: the lens has no inverse all over the image: found a residual of {error:.2g} px, "
-            f"expected less than {_TOLERANCE_PX:g}"
-        )
+    rays = rays_of(camera.name, pixels, camera.matrix, camera.distortion)
     result: FloatArray = rays.reshape(camera.height * s, camera.width * s, 2)
     return result
 

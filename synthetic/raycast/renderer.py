@@ -13,6 +13,7 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
+from synthetic.camera.rays import rays_of
 from synthetic.camera.sensor import Sensor
 from synthetic.raycast.fingers import Capsule, Motor
 from synthetic.raycast.kernels import shadow_map, trace_image
@@ -20,7 +21,6 @@ from synthetic.raycast.records import CAPSULE, MOTOR, ROOM, VIEW, World
 from synthetic.raycast.scene import ARENA_RADIUS, Scene
 from synthetic.raycast.shading import FIRST_FACE, FIRST_MOTOR
 from tracker.conventions import Array, FloatArray, Image
-from tracker.errors import CalibrationError
 from tracker.geometry.camera import Camera
 from tracker.objects.model import CuboidModel
 
@@ -28,7 +28,6 @@ _OBJECT_LATTICE, _OTHER_LATTICE = (55, 34), (21, 13)
 """Rays per pixel on an edge, of the object and of other things, and the step of their lattice: neighbouring
 Fibonacci numbers spread evenly, and no two rays share a column or row."""
 
-_RAY_TOLERANCE_PX = 1e-6
 _SHADOW_CELLS = 112
 _LAMP_DIRECTIONS = 32
 _LAMP_HALF_ANGLE = np.radians(20.0)
@@ -155,22 +154,5 @@ def _cached_ray_nodes(name: str, width: int, height: int, matrix: bytes, distort
     lens = np.frombuffer(distortion)
     u, v = np.meshgrid(np.arange(2 * width + 1) / 2 - 0.5, np.arange(2 * height + 1) / 2 - 0.5)
     pixels = np.stack([u.ravel(), v.ravel()], axis=1)
-    nodes = _undistort(pixels, k, lens)
-    back, _ = cv2.projectPoints(np.insert(nodes, 2, 1.0, axis=1), np.zeros(3), np.zeros(3), k, lens)
-    error = np.abs(back.reshape(-1, 2) - pixels).max()
-    if not error < _RAY_TOLERANCE_PX:
-        raise CalibrationError(
-            f"{name}: the lens has no inverse all over the image: found a residual of {error:.2g} px, "
-            f"expected less than {_RAY_TOLERANCE_PX:g}"
-        )
+    nodes = rays_of(name, pixels, k, lens)
     return nodes.reshape(2 * height + 1, 2 * width + 1, 2)
-
-
-def _undistort(pixels: Array, matrix: Array, distortion: Array) -> FloatArray:
-    criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 500, 1e-11)
-    if hasattr(cv2, "undistortPointsIter"):  # until OpenCV 5, undistortPoints takes no criteria
-        nodes = cv2.undistortPointsIter(pixels[:, None], matrix, distortion, np.eye(3), np.eye(3), criteria)
-    else:
-        nodes = cv2.undistortPoints(pixels[:, None], matrix, distortion, criteria=criteria)
-    result: FloatArray = nodes.reshape(-1, 2)
-    return result

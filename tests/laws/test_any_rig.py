@@ -10,6 +10,7 @@ import tracker
 from synthetic.camera.sensor import Sensor
 from synthetic.raycast import render
 from synthetic.raycast.scene import random_scene
+from tests.helpers.colored_light import overlap, ramp
 from tracker.geometry import so3
 from tracker.pipeline import Status
 from tracker.pose.fit import Fit
@@ -236,21 +237,6 @@ def test_a_picture_magnified_afterwards_gives_the_same_pose(rig, scenes, referen
         shift, turn = apart(one.fit(images), reference)
         assert shift < 0.2e-3
         assert turn < np.radians(0.3)
-
-
-def ramp(image, blue, red):
-    """The image in light that has so much more blue at its right border than in the middle, and red below."""
-    height, width = image.shape[:2]
-    x, y = np.linspace(-1.0, 1.0, width), np.linspace(-1.0, 1.0, height)
-    factors = np.ones((height, width, 3))
-    factors[..., 0] += blue * x
-    factors[..., 2] += red * y[:, None]
-    return np.clip(np.rint(image * factors), 0, 255).astype(np.uint8)
-
-
-def overlap(found, true):
-    """Intersection over union of the pixels that show the right face."""
-    return np.count_nonzero((found == true) & (true > 0)) / np.count_nonzero((found > 0) | (true > 0))
 
 
 RAMPS = [(1, 0), (0, 1), (1, -1), (-1, 1)]

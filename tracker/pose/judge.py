@@ -12,7 +12,7 @@ from tracker.conventions import FloatArray
 from tracker.geometry.probability import probability_within
 from tracker.pose.fit import Fit
 from tracker.pose.result import Status
-from tracker.pose.witness import witnesses
+from tracker.pose.witness import MIN_VIEW, witnesses
 
 MIN_AGREE = 30
 """Pixels of the label maps that must show the face the pose predicts."""
@@ -25,9 +25,6 @@ MAX_WRONG = 0.5
 
 MIN_INLIERS = 5.0
 """Weight of edges' pieces that must lie on edges."""
-
-MIN_VIEW = 4.0
-"""Weight of the pieces of edges on which a camera must agree to count as seeing the object."""
 
 MIN_LEAD = 0.7
 """Log odds by which a fit must lead over a different pose, or the answer is ambiguous."""
@@ -44,7 +41,7 @@ def features(fit: Fit) -> Mapping[str, float]:
     """What the confidence is computed from; all small for a perfect fit in full view."""
     extra = fit.total("extra")
     predicted = max(fit.total("predicted"), 1.0)
-    said = witnesses(fit, MIN_VIEW)
+    said = witnesses(fit)
     usable, inliers = fit.total("usable"), fit.total("inliers")
     rms = math.sqrt(fit.total("squares") / max(inliers, 1e-9))
     return {
@@ -66,7 +63,7 @@ def alone(fit: Fit) -> bool:
 
 def supporters(fit: Fit) -> int:
     """How many cameras see the object where the fit has it."""
-    return sum(witnesses(fit, MIN_VIEW).supporting)
+    return sum(witnesses(fit).supporting)
 
 
 def unanimous(fit: Fit) -> bool:
@@ -165,5 +162,5 @@ def trust(fit: Fit) -> float:
 @functools.lru_cache(maxsize=32)
 def confidence(fit: Fit) -> float:
     """Probability that the pose is within 5 mm and 5° of the truth: equation (21) of docs/how-it-works.md."""
-    doubt = LONELY if witnesses(fit, MIN_VIEW).lonely else 1.0
+    doubt = LONELY if witnesses(fit).lonely else 1.0
     return doubt * trust(fit) * probably_near(fit.covariance)

@@ -17,6 +17,9 @@ CONTRADICTION = 30, 0.15
 """Least number, as a share of the pixels expected, too, of pixels in the object's colours outside it, where
 a camera that does not support a pose contradicts it: it sees the object somewhere else."""
 
+MIN_VIEW = 4.0
+"""Weight of the pieces of edges on which a camera must agree to count as seeing the object."""
+
 
 class Witnesses(NamedTuple):
     """What the cameras together say of a pose."""
@@ -35,8 +38,8 @@ class Witnesses(NamedTuple):
 
 
 @functools.lru_cache(maxsize=32)
-def witnesses(fit: Fit, least_view: float) -> Witnesses:
-    """What the cameras say of a fit; least_view: weight of pieces of edges from which on one sees edges."""
+def witnesses(fit: Fit) -> Witnesses:
+    """What the cameras say of a fit."""
     supporting, contradicting = [], []
     worst, blind = 0.0, 0
     columns = (
@@ -52,5 +55,5 @@ def witnesses(fit: Fit, least_view: float) -> Witnesses:
         )
         if supports:
             worst = max(worst, wrong / (agree + wrong))
-            blind += inliers < least_view
+            blind += inliers < MIN_VIEW
     return Witnesses(tuple(supporting), tuple(contradicting), worst, blind)
