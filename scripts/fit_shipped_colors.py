@@ -75,8 +75,9 @@ def main(real: Path) -> None:
         others = [h for other in OBJECTS if other != name for h in histograms[other]]
         combine(histograms[name], others, options, name=name).save(DATA / f"{name}.npz")
     simulated = FitOptions(brightness=0.12, channel=0.03, haze=2.0)
+    # The field's greys are neutral by design: it is as a normalised picture would be.
     field = image_histograms(simulation_image(), simulated, normalise=False)
-    combine([field], (), simulated, name="simulation", normalise=False).save(DATA / "simulation.npz")
+    combine([field], (), simulated, name="simulation").save(DATA / "simulation.npz")
     backgrounds = [{0: h[0]} for name in OBJECTS for h in histograms[name]]
     dice = image_histograms(dice_image(real), options)
     combine([dice], backgrounds, options, name="dice").save(DATA / "dice.npz")
