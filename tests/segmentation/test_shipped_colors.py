@@ -18,7 +18,7 @@ def test_every_shipped_table_reads_normalised_pictures(name):
 
 
 def drawn_scene(size: int = 240) -> tuple[np.ndarray, np.ndarray]:
-    """Greys of different brightness with a patch of each of the simulation's colours (float64), and labels."""
+    """Greys of different brightness and a patch of each of the simulation's colours (float64); its labels."""
     image = np.linspace(70, 150, size)[:, None, None] * np.ones((size, size, 3))
     labels = np.zeros((size, size), np.uint8)
     for place, (name, rgb) in enumerate(SIMULATION_RGB.items()):
