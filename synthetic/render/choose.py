@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import os
 
+from synthetic.render.code_renderer import CodeRenderer
 from synthetic.render.interface import Renderer, RendererError
+from synthetic.render.raster_codes import RasterPainter
 
-RENDERERS = ("auto", "pyrender", "tiny")
+RENDERERS = ("auto", "pyrender", "raster", "tiny")
 """Names that `choose_renderer` knows."""
 
 _live: dict[int, Renderer] = {}
@@ -15,7 +17,7 @@ fail, and so is one that a child inherits."""
 
 
 def choose_renderer(name: str = "auto") -> Renderer:
-    """The renderer of that name; `auto` is pyrender over EGL where it works, else PyBullet's TinyRenderer.
+    """The renderer of that name; `auto` is pyrender over EGL where it works, else raster.
 
     A process keeps one renderer: asking again returns it, asking for another one closes it first.
 
@@ -39,18 +41,20 @@ def close_renderer() -> None:
 
 
 def _make(name: str) -> Renderer:
-    # Imported here: each needs packages and libraries of its own, and the other one works without them.
+    # Imported here: each needs packages and libraries of its own, and the others work without them.
     if name in ("auto", "pyrender"):
         try:
-            from synthetic.render.pyrender_renderer import PyrenderRenderer
+            from synthetic.render.gl_codes import CodePainter
 
-            return PyrenderRenderer()
+            return CodeRenderer("pyrender", CodePainter())
         except Exception as error:
             # What a missing driver raises is anything from ImportError to AttributeError.
             if name == "pyrender":
                 raise RendererError(f"pyrender over EGL does not work here: {error!r}") from error
-    try:
-        from synthetic.render.tiny_renderer import TinyRenderer
-    except ImportError as error:
-        raise RendererError(f"no renderer works here; PyBullet is missing: {error}") from error
-    return TinyRenderer()
+    if name == "tiny":
+        try:
+            from synthetic.render.tiny_renderer import TinyRenderer
+        except ImportError as error:
+            raise RendererError(f"tiny does not work here; PyBullet is missing: {error}") from error
+        return TinyRenderer()
+    return CodeRenderer("raster", RasterPainter())

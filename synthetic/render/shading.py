@@ -1,4 +1,4 @@
-"""Linear light of what is seen: reflectance × irradiance, plus highlights. Both renderers share it.
+"""Linear light of what is seen: reflectance × irradiance, plus highlights. All renderers share it.
 
 Formula: light = reflectance · (ambient · sky + Σ lamps · max(0, n·l) · lit) + gloss · highlights
 + coat · mirrored.

@@ -110,7 +110,8 @@ def test_a_coat_only_adds_light():
     assert (coated > plain).any(axis=-1).mean() > 0.5
 
 
-def test_both_renderers_draw_the_effects_alike():
+@pytest.mark.parametrize("other", ["raster", "tiny"])
+def test_renderers_draw_the_effects_alike(other):
     from synthetic.render.choose import choose_renderer
     from synthetic.render.interface import RendererError
 
@@ -118,9 +119,9 @@ def test_both_renderers_draw_the_effects_alike():
         choose_renderer("pyrender")
     except RendererError as error:
         lack("platform", str(error))
-    for one, other in zip(
-        make(*SCENE_EFFECTS, renderer="pyrender")[:1], make(*SCENE_EFFECTS, renderer="tiny")[:1], strict=True
+    for one, two in zip(
+        make(*SCENE_EFFECTS, renderer="pyrender")[:1], make(*SCENE_EFFECTS, renderer=other)[:1], strict=True
     ):
-        for a, b, first, second in zip(one.images, other.images, one.labels, other.labels, strict=True):
+        for a, b, first, second in zip(one.images, two.images, one.labels, two.labels, strict=True):
             assert (first != second).mean() < 0.002
             assert np.abs(a.astype(int) - b).mean() < 2.5

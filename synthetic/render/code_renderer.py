@@ -1,22 +1,35 @@
-"""pyrender over EGL: OpenGL says which triangle each pixel shows, the shared shading does the rest."""
+"""A painter says which triangle each pixel shows; the shared shading does the rest."""
 
 from __future__ import annotations
 
-from synthetic.render.gl_codes import CodePainter
+from typing import Protocol
+
 from synthetic.render.hits import hits_of_codes, labels_of_codes, labels_of_hits, nearness_of_hits
 from synthetic.render.interface import Layers, PinholeView
 from synthetic.render.light import SceneLight
 from synthetic.render.surfaces import SurfaceStore
-from synthetic.scene import PlatformScene
+from synthetic.scene import Mesh, PlatformScene
+from tracker.conventions import Array, FloatArray
 
 
-class PyrenderRenderer:
-    """Renderer over OpenGL without a screen. One context, in which each mesh is stored once."""
+class Painter(Protocol):
+    """Draws the numbers of triangles."""
 
-    name = "pyrender"
+    def paint(self, view: PinholeView, bodies: list[tuple[int, Mesh, FloatArray]]) -> Array:
+        """Codes (h, w) as in `surfaces` of bodies, each with its number, mesh and world_from_body (4, 4)."""
+        ...
 
-    def __init__(self) -> None:
-        self._painter = CodePainter()
+    def close(self) -> None:
+        """Give back what it holds outside of Python."""
+        ...
+
+
+class CodeRenderer:
+    """Renderer over a painter."""
+
+    def __init__(self, name: str, painter: Painter) -> None:
+        self.name = name
+        self._painter = painter
         self._store = SurfaceStore()
         self._light = SceneLight()
 
@@ -31,5 +44,5 @@ class PyrenderRenderer:
         return Layers(color, labels_of_hits(hits, surfaces), alone, nearness_of_hits(hits, view))
 
     def close(self) -> None:
-        """Delete the OpenGL context."""
+        """Close the painter."""
         self._painter.close()

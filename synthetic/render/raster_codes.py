@@ -1,0 +1,115 @@
+"""Which triangle each pixel shows, by a rasteriser with a depth buffer that needs no library of its own.
+
+In a picture without distortion 1 / depth changes evenly over a triangle: each pixel keeps the triangle whose
+1 / depth is greatest at its centre.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from synthetic.render.interface import PinholeView
+from synthetic.render.surfaces import BODY_SHIFT
+from synthetic.scene import Mesh
+from tracker.compiled import compiled
+from tracker.conventions import Array, FloatArray
+
+_NEAR_M = 0.02
+"""What is nearer to the camera's plane is not drawn [m]."""
+
+
+class RasterPainter:
+    """Holds nothing: every picture is drawn anew."""
+
+    def close(self) -> None:
+        """Do nothing."""
+
+    def paint(self, view: PinholeView, bodies: list[tuple[int, Mesh, FloatArray]]) -> Array:
+        """Codes (h, w) uint32 of bodies, each with its number, mesh and world_from_body (4, 4)."""
+        codes = np.zeros((view.height, view.width), np.uint32)
+        nearness = np.zeros(codes.shape)
+        lens = np.array([view.fx, view.fy, view.cx, view.cy])
+        for number, mesh, world_from_body in bodies:
+            camera_from_body = view.camera_from_world @ world_from_body
+            vertices = np.asarray(mesh.vertices) @ camera_from_body[:3, :3].T + camera_from_body[:3, 3]
+            # Always copied: the kernel is compiled for arrays that can be written to.
+            triangles = np.asarray(mesh.triangles).astype(np.int32)
+            _draw(vertices, triangles, lens, (number + 1) << BODY_SHIFT, nearness, codes)
+        return codes
+
+
+@compiled
+def _draw(vertices: Array, triangles: Array, lens: Array, first: int, nearness: Array, codes: Array) -> None:
+    """Draw triangles of vertices (V, 3) [m] in the camera's frame; triangle t has the code first + t."""
+    seen, corners = np.empty(vertices.shape), np.ones((4, 3))
+    _project(vertices, lens, seen)
+    for t in range(triangles.shape[0]):
+        a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+        if min(vertices[a, 2], vertices[b, 2], vertices[c, 2]) >= _NEAR_M:
+            _fill(seen, a, b, c, first + t, nearness, codes)
+            continue
+        count = _in_front(vertices, triangles, t, corners)
+        _project(corners, lens, corners)
+        for k in range(2, count):
+            _fill(corners, 0, k - 1, k, first + t, nearness, codes)
+
+
+@compiled
+def _project(points: Array, lens: Array, out: Array) -> None:
+    """Pixels and 1 / depth (N, 3) of points (N, 3) [m] in the camera's frame."""
+    for n in range(points.shape[0]):
+        near = 1.0 / points[n, 2]
+        out[n, 0] = lens[0] * points[n, 0] * near + lens[2]
+        out[n, 1] = lens[1] * points[n, 1] * near + lens[3]
+        out[n, 2] = near
+
+
+@compiled
+def _in_front(vertices: Array, triangles: Array, t: int, corners: Array) -> int:
+    """Number of corners of what of a triangle is in front of the camera, and they themselves in `corners`."""
+    count = 0
+    for k in range(3):
+        a, b = triangles[t, k], triangles[t, (k + 1) % 3]
+        here, there = vertices[a, 2] - _NEAR_M, vertices[b, 2] - _NEAR_M
+        if here >= 0:
+            for c in range(3):
+                corners[count, c] = vertices[a, c]
+            count += 1
+        if (here >= 0) != (there >= 0):
+            share = here / (here - there)
+            for c in range(3):
+                corners[count, c] = vertices[a, c] + share * (vertices[b, c] - vertices[a, c])
+            count += 1
+    return count
+
+
+@compiled
+def _fill(seen: Array, a: int, b: int, c: int, code: int, nearness: Array, codes: Array) -> None:
+    """Draw the triangle of three rows (u, v, 1 / depth) of `seen`, row by row."""
+    height, width = codes.shape
+    ax, ay, bx, by, cx, cy = seen[a, 0], seen[a, 1], seen[b, 0], seen[b, 1], seen[c, 0], seen[c, 1]
+    if max(ax, bx, cx) < 0 or min(ax, bx, cx) > width - 1:
+        return
+    top, bottom = max(np.ceil(min(ay, by, cy)), 0.0), min(np.floor(max(ay, by, cy)), height - 1.0)
+    area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
+    if top > bottom or area == 0.0:
+        return
+    ab, ac = seen[b, 2] - seen[a, 2], seen[c, 2] - seen[a, 2]
+    along_x = (ab * (cy - ay) - ac * (by - ay)) / area
+    along_y = (ac * (bx - ax) - ab * (cx - ax)) / area
+    for j in range(int(top), int(bottom) + 1):
+        low, high = np.inf, -np.inf
+        for px, py, qx, qy in ((ax, ay, bx, by), (bx, by, cx, cy), (cx, cy, ax, ay)):
+            if py == qy or not min(py, qy) <= j <= max(py, qy):
+                continue
+            # From the upper end, whichever comes first: triangles that share an edge leave no gap.
+            x = px + (j - py) * (qx - px) / (qy - py) if py < qy else qx + (j - qy) * (px - qx) / (py - qy)
+            low, high = min(low, x), max(high, x)
+        left, right = max(np.ceil(low), 0.0), min(np.floor(high), width - 1.0)
+        if left > right:
+            continue
+        here = seen[a, 2] + along_y * (j - ay) - along_x * ax
+        for i in range(int(left), int(right) + 1):
+            near = here + along_x * i
+            if near > nearness[j, i]:
+                nearness[j, i], codes[j, i] = near, code
