@@ -11,7 +11,7 @@ from tracker.conventions import Image
 from tracker.pose.estimate import PoseEstimator
 from tracker.pose.evidence import EvidenceReader
 from tracker.pose.fit import Fit
-from tracker.pose.judge import alone, confidence, refusal, supporters, sure, unanimous
+from tracker.pose.judge import MIN_TRUST, alone, confidence, refusal, supporters, sure, trust, unanimous
 from tracker.pose.result import Status
 from tracker.pose.sight import Sight
 from tracker.pose.start import Lag
@@ -104,12 +104,12 @@ def _without_one(estimator: PoseEstimator, sight: Sight, best: Fit | None, lag: 
         if not sight.used[c]:
             continue
         outcome = estimator.estimate(sight.without(c), lag=lag)
-        if isinstance(outcome, Status):
+        if isinstance(outcome, Status) or refusal(outcome) is not None:
             continue
         # What the camera that was left out says counts.
-        fit = estimator.heard(sight, outcome)
+        fit = estimator.heard(sight, outcome, lag)
         least = ENOUGH if best is None else max(ENOUGH, supporters(best))
-        if refusal(fit) is not None or supporters(fit) < least:
+        if trust(fit) < MIN_TRUST or supporters(fit) < least:
             continue
         if best is None or confidence(fit) > confidence(best):
             best = fit
