@@ -47,8 +47,8 @@ def witnesses(fit: Fit) -> Witnesses:
     )
     for predicted, agree, wrong, extra, elsewhere, inliers in zip(*columns, strict=True):
         speaks = predicted >= EXPECTED
-        supports = speaks and agree >= max(SUPPORT[0], SUPPORT[1] * predicted)
-        outside = extra + elsewhere
+        supports = speaks and agree >= max(SUPPORT[0], SUPPORT[1] * predicted) and wrong <= agree
+        outside = extra + elsewhere + wrong
         supporting.append(supports)
         contradicting.append(
             speaks and not supports and outside >= max(CONTRADICTION[0], CONTRADICTION[1] * predicted)
