@@ -8,37 +8,28 @@ from collections.abc import Sequence
 import numpy as np
 
 from tracker.calibration.rig import CameraRig
-from tracker.conventions import FloatArray, Image
+from tracker.conventions import Image
 from tracker.errors import ImageError
 from tracker.geometry import so3
 from tracker.objects.box import Box
 from tracker.objects.model import CuboidModel
 from tracker.pose.estimate import PoseEstimator
-from tracker.pose.evidence import EvidenceReader, View
+from tracker.pose.evidence import EvidenceReader
 from tracker.pose.fit import Fit
-from tracker.pose.judge import alone, confidence, features, log_odds, rank, refusal
+from tracker.pose.judge import confidence, rank
 from tracker.pose.result import MotionEstimate, Observation, PoseEstimate, Status
 from tracker.pose.search import search
-from tracker.pose.sight import Sight
 from tracker.pose.start import Lag
 from tracker.segmentation.color_model import ColorModel, load_colors
 from tracker.segmentation.labels import check_image
 from tracker.tracking.belief import TrackingOptions, measured
-from tracker.tracking.cameras import CameraMemory, lit, usable
+from tracker.tracking.cameras import usable
 from tracker.tracking.filter import MotionState, unknown_velocity
+from tracker.tracking.follow import Follower, settled
 from tracker.tracking.gate import Gate
 from tracker.tracking.memory import Memory
 from tracker.tracking.stamps import check_stamps
 from tracker.warm_up import warm_up
-
-TOGETHER, ALONE = (1.2, 1.2), (2.2, 0.7)
-"""Least log odds, and roughest edges (the feature `rms`), of a fit near where the object was expected, with
-which it is not looked for farther away: where several cameras see it, and one alone, to which wrong poses
-look better."""
-
-MOST_EXTRA = 0.08
-"""Share of pixels in the object's colours beyond its outline up to which it is not: slid along an edge, it
-fits too, but leaves part of itself."""
 
 JUMP_LEAD = 3.0
 """Log odds by which a fit that takes a jump must lead over one where the object was expected."""
@@ -66,6 +57,7 @@ class ObjectTracker:
         self.colors = colors if colors is not None else load_colors(model.colors)
         self._estimator = PoseEstimator(Box.of(model), rig, self.colors.label_table)
         self._reader = EvidenceReader(self.colors, self._estimator.factors)
+        self._follow = Follower(self._reader, self._estimator)
         self._memory = Memory.empty(len(rig), tracking)
         self._gate = Gate()
 
@@ -186,55 +178,14 @@ class ObjectTracker:
             return Status.NO_OBJECT_COLORS, memory
         near = None
         if expected is not None:
-            near, memory = self._follow(images, expected, lag, memory, timing)
-            if near is not None and _settled(near) and memory.belief.plausible(expected, near):
+            near, memory = self._follow(images, expected, memory, lag, timing)
+            if near is not None and settled(near) and memory.belief.plausible(expected, near):
                 return near, memory
         found = self.fit(images, timing, thorough=near is None, lag=lag)
         if near is None or expected is None or isinstance(found, Status):
             return found if near is None else near, memory
         lead = 0.0 if memory.belief.plausible(expected, found) else JUMP_LEAD
         return found if rank(found) > rank(near) + lead else near, memory
-
-    def _follow(
-        self,
-        images: Sequence[Image | None],
-        expected: MotionState,
-        lag: Lag | None,
-        memory: Memory,
-        timing: dict[str, float],
-    ) -> tuple[Fit | None, Memory]:
-        """The object where it is expected, or not far from there, else None; and what was learned."""
-        lap = time.perf_counter()
-        cameras, sight = self._glance(images, memory.cameras, expected.position)
-        split = time.perf_counter()
-        timing["segmentation"] = 1e3 * (split - lap)
-        fit = self._estimator.follow(sight, expected.rotation, expected.position, memory.start, lag)
-        memory = memory._replace(cameras=tuple(cameras), start=fit.end)
-        if not _settled(fit):
-            hypotheses = [(expected.rotation, expected.position)]
-            if memory.belief.last_pose is not None:
-                hypotheses.append(memory.belief.last_pose)
-            far = self._estimator.follow_far(sight, hypotheses, lag)
-            if far is not None and (refusal(fit) is not None or rank(far) > rank(fit)):
-                fit = far
-        timing["pose"] = 1e3 * (time.perf_counter() - split)
-        return (fit if refusal(fit) is None else None), memory
-
-    def _glance(
-        self, images: Sequence[Image | None], memories: Sequence[CameraMemory], position: FloatArray
-    ) -> tuple[list[CameraMemory], Sight]:
-        """What the images show around a position (3,) [m], and what is remembered of their cameras."""
-        cameras = list(memories)
-        views: list[View | None] = []
-        for c, image in enumerate(images):
-            if image is None:
-                views.append(None)
-                continue
-            cameras[c] = lit(memories[c], image, self._reader.lighting, c)
-            lighting = cameras[c].lighting
-            assert lighting is not None
-            views.append(self._reader.glance(c, image, lighting, self._estimator.window(c, position)))
-        return cameras, self._estimator.sight(views)
 
     def fit(
         self,
@@ -282,13 +233,3 @@ class ObjectTracker:
         if least and all(image is None for image in checked):
             raise ImageError(f"images: all are None; at least one of {', '.join(self.rig.names)} is needed")
         return checked
-
-
-def _settled(fit: Fit | None) -> bool:
-    """Whether a fit is so sure that no other needs to be tried."""
-    if fit is None or not fit.converged or refusal(fit) is not None:
-        return False
-    least, rough = ALONE if alone(fit) else TOGETHER
-    if log_odds(fit) < least or features(fit)["rms"] > rough:
-        return False
-    return fit.total("extra") <= MOST_EXTRA * fit.total("predicted")

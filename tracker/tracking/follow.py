@@ -1,0 +1,89 @@
+"""Finds the object near where its motion lets it be expected, from what the pictures show around there."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+
+from tracker.conventions import FloatArray, Image
+from tracker.pose.estimate import PoseEstimator
+from tracker.pose.evidence import EvidenceReader, View
+from tracker.pose.fit import Fit
+from tracker.pose.judge import alone, features, log_odds, rank, refusal
+from tracker.pose.sight import Sight
+from tracker.pose.start import Lag
+from tracker.tracking.cameras import CameraMemory, lit
+from tracker.tracking.filter import MotionState
+from tracker.tracking.memory import Memory
+
+TOGETHER, ALONE = (1.2, 1.2), (2.2, 0.7)
+"""Least log odds, and roughest edges (the feature `rms`), of a fit near where the object was expected, with
+which it is not looked for farther away: where several cameras see it, and one alone, to which wrong poses
+look better."""
+
+MOST_EXTRA = 0.08
+"""Share of pixels in the object's colours beyond its outline up to which it is not: slid along an edge, it
+fits too, but leaves part of itself."""
+
+
+class Follower:
+    """Looks for the object where it is expected; has no memory of its own.
+
+    Args:
+        reader: of the pictures.
+        estimator: of the pose.
+    """
+
+    def __init__(self, reader: EvidenceReader, estimator: PoseEstimator) -> None:
+        self._reader, self._estimator = reader, estimator
+
+    def __call__(
+        self,
+        images: Sequence[Image | None],
+        expected: MotionState,
+        memory: Memory,
+        lag: Lag | None,
+        timing: dict[str, float],
+    ) -> tuple[Fit | None, Memory]:
+        """The object where it is expected, or not far from there, else None; and what was learned."""
+        lap = time.perf_counter()
+        cameras, sight = self._glance(images, memory.cameras, expected.position)
+        split = time.perf_counter()
+        timing["segmentation"] = 1e3 * (split - lap)
+        fit = self._estimator.follow(sight, expected.rotation, expected.position, memory.start, lag)
+        memory = memory._replace(cameras=tuple(cameras), start=fit.end)
+        if not settled(fit):
+            hypotheses = [(expected.rotation, expected.position)]
+            if memory.belief.last_pose is not None:
+                hypotheses.append(memory.belief.last_pose)
+            far = self._estimator.follow_far(sight, hypotheses, lag)
+            if far is not None and (refusal(fit) is not None or rank(far) > rank(fit)):
+                fit = far
+        timing["pose"] = 1e3 * (time.perf_counter() - split)
+        return (fit if refusal(fit) is None else None), memory
+
+    def _glance(
+        self, images: Sequence[Image | None], memories: Sequence[CameraMemory], position: FloatArray
+    ) -> tuple[list[CameraMemory], Sight]:
+        """What the images show around a position (3,) [m], and what is remembered of their cameras."""
+        cameras = list(memories)
+        views: list[View | None] = []
+        for c, image in enumerate(images):
+            if image is None:
+                views.append(None)
+                continue
+            cameras[c] = lit(memories[c], image, self._reader.lighting, c)
+            lighting = cameras[c].lighting
+            assert lighting is not None
+            views.append(self._reader.glance(c, image, lighting, self._estimator.window(c, position)))
+        return cameras, self._estimator.sight(views)
+
+
+def settled(fit: Fit | None) -> bool:
+    """Whether a fit is so sure that no other needs to be tried."""
+    if fit is None or not fit.converged or refusal(fit) is not None:
+        return False
+    least, rough = ALONE if alone(fit) else TOGETHER
+    if log_odds(fit) < least or features(fit)["rms"] > rough:
+        return False
+    return fit.total("extra") <= MOST_EXTRA * fit.total("predicted")
