@@ -6,13 +6,14 @@ from tracker.geometry.arena import Arena
 from tracker.logs import open_log
 from tracker.objects.model import CuboidModel, load_object
 from tracker.pipeline import ObjectTracker
-from tracker.pose.result import MotionEstimate, Observation, PoseEstimate, Status
+from tracker.pose.result import CameraUse, MotionEstimate, Observation, PoseEstimate, Status
 from tracker.segmentation import ColorModel, load_colors, segment
 from tracker.tracking.belief import TrackingOptions
 
 __all__ = [
     "Arena",
     "CameraRig",
+    "CameraUse",
     "ColorModel",
     "CuboidModel",
     "MotionEstimate",

@@ -10,20 +10,20 @@ import numpy as np
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Image
 from tracker.errors import ImageError
-from tracker.geometry import so3
 from tracker.objects.box import Box
 from tracker.objects.model import CuboidModel
 from tracker.pose.estimate import PoseEstimator
 from tracker.pose.evidence import EvidenceReader
 from tracker.pose.fit import Fit
-from tracker.pose.judge import confidence, rank
-from tracker.pose.result import MotionEstimate, Observation, PoseEstimate, Status
+from tracker.pose.judge import rank
+from tracker.pose.result import CameraUse, MotionEstimate, Observation, Status
 from tracker.pose.search import search
 from tracker.pose.start import Lag
 from tracker.segmentation.color_model import ColorModel, load_colors
 from tracker.segmentation.labels import check_image
 from tracker.tracking.belief import TrackingOptions, measured
 from tracker.tracking.cameras import usable
+from tracker.tracking.doubt import after, heard, held_back
 from tracker.tracking.filter import MotionState, unknown_velocity
 from tracker.tracking.follow import Follower, settled
 from tracker.tracking.gate import Gate
@@ -72,12 +72,11 @@ class ObjectTracker:
         """
         start = time.perf_counter()
         timing: dict[str, float] = {}
-        fit = self.fit(images, timing)
+        fit, uses = self._search(images, timing)
         timing["total"] = 1e3 * (time.perf_counter() - start)
         if isinstance(fit, Status):
-            return Observation(None, None, fit, timing)
-        pose = PoseEstimate(fit.position, so3.quaternion(fit.rotation), fit.covariance, confidence(fit))
-        return Observation(pose, None, Status.FOUND, timing)
+            return Observation(None, None, fit, timing, cameras=uses)
+        return Observation(measured(fit), None, Status.FOUND, timing, cameras=after(uses, fit))
 
     def reset(self) -> None:
         """Forget what `update` remembers: the next images are the first of another recording.
@@ -138,7 +137,7 @@ class ObjectTracker:
         if before.latest is not None and stamps.latest == before.belief.timestamp:
             return before.latest
         belief, expected = before.belief.advance(stamps.latest)
-        cameras, given = usable(before.cameras, checked)
+        cameras, given, uses = usable(before.cameras, checked)
         lag = None
         if stamps.delays.any():
             velocity, spread = unknown_velocity()
@@ -153,6 +152,7 @@ class ObjectTracker:
             reason = outcome
         else:
             belief, status = belief.see(outcome, expected)
+            uses = [*after(uses, outcome, held_back(memory.cameras, given))]
             pose = measured(outcome) if status is not Status.COASTING else None
             # It could be elsewhere: found, but not believed yet.
             reason = Status.AMBIGUOUS if pose is None else None
@@ -161,7 +161,7 @@ class ObjectTracker:
             status = Status.LOST if filtered is None else Status.COASTING
         assert status is not None
         timing["total"] = 1e3 * (time.perf_counter() - start)
-        answer = Observation(pose, filtered, status, timing, reason)
+        answer = Observation(pose, filtered, status, timing, reason, tuple(uses))
         self._memory = memory._replace(belief=belief._replace(unseen=pose is None), latest=answer)
         return answer
 
@@ -179,31 +179,31 @@ class ObjectTracker:
         near = None
         if expected is not None:
             near, memory = self._follow(images, expected, memory, lag, timing)
-            if near is not None and settled(near) and memory.belief.plausible(expected, near):
-                return near, memory
-        found = self.fit(images, timing, thorough=near is None, lag=lag)
+            if near is not None:
+                memory = memory._replace(cameras=heard(memory.cameras, near))
+                if settled(near) and memory.belief.plausible(expected, near):
+                    return near, memory
+        if expected is not None:
+            # Who did not see what the others saw is not asked where else the object may be.
+            unused = held_back(memory.cameras, images)
+            images = [None if c in unused else image for c, image in enumerate(images)]
+        found = search(self._reader, self._estimator, images, timing, thorough=near is None, lag=lag)
         if near is None or expected is None or isinstance(found, Status):
             return found if near is None else near, memory
         lead = 0.0 if memory.belief.plausible(expected, found) else JUMP_LEAD
         return found if rank(found) > rank(near) + lead else near, memory
 
-    def fit(
-        self,
-        images: Sequence[Image | None],
-        timing: dict[str, float] | None = None,
-        *,
-        thorough: bool = True,
-        lag: Lag | None = None,
-    ) -> Fit | Status:
-        """As `detect`, with all that supports the pose; `timing` gains the milliseconds of each stage.
+    def fit(self, images: Sequence[Image | None], timing: dict[str, float] | None = None) -> Fit | Status:
+        """As `detect`, with all that supports the pose; `timing` gains the milliseconds of each stage."""
+        return self._search(images, {} if timing is None else timing)[0]
 
-        The light is judged by the scene's most frequent chromaticity; where that gives no sure answer,
-        by the grey world as well, and the surer answer counts; unless the search need not be thorough.
-        """
-        return search(
-            self._reader, self._estimator, self._check(images), {} if timing is None else timing,
-            thorough=thorough, lag=lag,
-        )  # fmt: skip
+    def _search(
+        self, images: Sequence[Image | None], timing: dict[str, float]
+    ) -> tuple[Fit | Status, tuple[CameraUse, ...]]:
+        """The object anywhere, without memory, and what the pictures themselves are good for."""
+        nothing = Memory.empty(len(self.rig)).cameras
+        _, given, uses = usable(nothing, self._check(images))
+        return search(self._reader, self._estimator, given, timing), tuple(uses)
 
     def _check(self, images: Sequence[Image | None], least: int = 1) -> list[Image | None]:
         given: object = images

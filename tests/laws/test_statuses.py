@@ -114,7 +114,7 @@ REFUSED = (Status.TOO_FEW_PIXELS, Status.INCONSISTENT_VIEWS, Status.POOR_FIT, St
 @pytest.mark.parametrize("status", REFUSED)
 def test_what_refuses_a_fit_is_the_status(truth, monkeypatch, status):
     monkeypatch.setattr(PoseEstimator, "estimate", lambda *_, **__: made_fit())
-    for user in ("tracker.pipeline", "tracker.pose.search"):
+    for user in ("tracker.tracking.follow", "tracker.pose.search"):
         monkeypatch.setattr(f"{user}.refusal", lambda _: status)
     one = new()
     answer = one.detect(truth.images)

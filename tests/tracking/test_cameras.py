@@ -16,7 +16,7 @@ class Watch:
         self.memories = [CameraMemory()] * cameras
 
     def usable(self, images: list[Image | None]) -> list[Image | None]:
-        self.memories, result = usable(self.memories, images)
+        self.memories, result, self.uses = usable(self.memories, images)
         return result
 
 

@@ -76,19 +76,18 @@ class PoseEstimator:
         """The views of the cameras, in their order; None where there is no picture."""
         return Sight.of(views, self._shape)
 
-    def heard(self, sight: Sight, fit: Fit, lag: Lag | None = None) -> Fit:
-        """A fit with what all cameras of a sight say of it, those that it was not made from, too.
+    def heard(self, sight: Sight, fit: Fit, left_out: Sequence[int], lag: Lag | None = None) -> Fit:
+        """A fit with what all cameras of a sight say of it, also those that were left out when it was made.
 
         Those are witnesses only: colours beside the object count as seen elsewhere, since a picture that is
         noisy or flooded shows them all over.
         """
-        cameras = fit.cameras.copy()
+        cameras, which = fit.cameras.copy(), list(left_out)
         lags = np.zeros((len(cameras), 6)) if lag is None else lag.moved
         sight.hear(self.small, self.box, fit.rotation, fit.position, lags, cameras)
-        left_out = fit.cameras["predicted"] == 0
-        cameras["elsewhere"][left_out] += cameras["extra"][left_out]
-        cameras["extra"][left_out] = 0
-        return replace(fit, cameras=cameras)
+        cameras["elsewhere"][which] += cameras["extra"][which]
+        cameras["extra"][which] = 0
+        return replace(fit, cameras=cameras, left_out=tuple(which))
 
     def window(self, c: int, position: FloatArray) -> tuple[int, int, int, int]:
         """Left, top, right, bottom of what an object there fills of camera c's label map, and some more."""

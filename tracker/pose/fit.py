@@ -51,6 +51,8 @@ class Fit:
     """Whether the object is in the arena."""
     lead: float = math.inf
     """Log odds by which it leads over the best clearly different pose; infinite where none was tried."""
+    left_out: tuple[int, ...] = ()
+    """Cameras whose pictures were left out, since the others agree without them."""
 
     def total(self, name: str) -> float:
         """Sum of a field of SEEN over the cameras."""

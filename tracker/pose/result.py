@@ -36,6 +36,21 @@ class Status(enum.Enum):
     """Over time: the object was seen too long ago, or never."""
 
 
+class CameraUse(str, enum.Enum):
+    """What became of one camera's picture."""
+
+    USED = "used"
+    """The pose comes from it too, as far as the object is in view; or there is no pose."""
+    CONTRADICTING = "contradicting"
+    """It shows the object somewhere else or otherwise, or was left out since the others agree without it."""
+    NO_IMAGE = "no image"
+    """It gave none."""
+    FROZEN = "frozen"
+    """It is the same as before down to its noise, while others change."""
+    BLACK = "black"
+    """It is black."""
+
+
 @dataclass(frozen=True, eq=False)
 class PoseEstimate:
     """Pose of the object in the world, with its uncertainty. Arrays are read-only.
@@ -104,3 +119,5 @@ class Observation:
     """Wall-clock time of each stage [ms]."""
     reason: Status | None = None
     """Over time, where nothing was measured: why these images by themselves gave no pose."""
+    cameras: tuple[CameraUse, ...] = ()
+    """What became of each camera's picture, in the order of the rig."""

@@ -107,7 +107,7 @@ def _without_one(estimator: PoseEstimator, sight: Sight, best: Fit | None, lag: 
         if isinstance(outcome, Status) or refusal(outcome) is not None:
             continue
         # What the camera that was left out says counts.
-        fit = estimator.heard(sight, outcome, lag)
+        fit = estimator.heard(sight, outcome, [int(c)], lag)
         least = ENOUGH if best is None else max(ENOUGH, supporters(best))
         if trust(fit) < MIN_TRUST or supporters(fit) < least:
             continue

@@ -37,11 +37,11 @@ class Sight(NamedTuple):
                 colored[c] = np.count_nonzero(view.labels)
         return cls(labels, np.array([view is not None for view in views]), views, colored)
 
-    def without(self, c: int) -> Sight:
-        """The same with camera c's eye closed."""
+    def without(self, *cameras: int) -> Sight:
+        """The same with the eyes of some cameras closed."""
         used = self.used.copy()
-        used[c] = False
-        views = [None if k == c else view for k, view in enumerate(self.views)]
+        used[list(cameras)] = False
+        views = [view if open_ else None for view, open_ in zip(self.views, used, strict=True)]
         return self._replace(used=used, views=views)
 
     def hear(

@@ -9,6 +9,7 @@ import numpy as np
 
 from tracker.conventions import Array, Image
 from tracker.pose.evidence import Lighting
+from tracker.pose.result import CameraUse
 from tracker.segmentation.noise import noise_level
 
 EVERY = 5
@@ -33,23 +34,29 @@ class CameraMemory(NamedTuple):
     """As last looked at."""
     age: int = 0
     """Pictures since then."""
+    doubt: int = 0
+    """How often of late it did not see what the others see; see `doubt`."""
+
+
+def is_black(image: Image) -> bool:
+    """Whether a picture (H, W, 3) shows nothing."""
+    return bool(_sample(image).max() < BLACK)
 
 
 def usable(
     memories: Sequence[CameraMemory], images: Sequence[Image | None]
-) -> tuple[list[CameraMemory], list[Image | None]]:
+) -> tuple[list[CameraMemory], list[Image | None], list[CameraUse]]:
     """The pictures but those that are black, or frozen: the same, noise and all, while others change."""
     remembered, result, unchanged = list(memories), list(images), []
+    uses = [CameraUse.NO_IMAGE if image is None else CameraUse.USED for image in images]
     others_change = False
     for c, image in enumerate(images):
         if image is None:
             continue
-        step = max(image.shape[0] // ROWS, 1)
-        sample = image[step // 2 :: step].copy()
-        before = memories[c].sample
+        sample, before = _sample(image).copy(), memories[c].sample
         remembered[c] = memories[c]._replace(sample=sample)
         if sample.max() < BLACK:
-            result[c] = None
+            result[c], uses[c] = None, CameraUse.BLACK
         elif before is not None and np.array_equal(before, sample):
             unchanged.append(c)
         else:
@@ -58,8 +65,13 @@ def usable(
         image = images[c]
         # Pictures of a simulation have no noise: where nothing moves in them they are the same.
         if image is not None and noise_level(image) > NOISELESS:
-            result[c] = None
-    return remembered, result
+            result[c], uses[c] = None, CameraUse.FROZEN
+    return remembered, result, uses
+
+
+def _sample(image: Image) -> Array:
+    step = max(image.shape[0] // ROWS, 1)
+    return image[step // 2 :: step]
 
 
 def lit(memory: CameraMemory, image: Image, look: Callable[[Image], Lighting], turn: int) -> CameraMemory:

@@ -5,14 +5,18 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 
+import numpy as np
+
 from tracker.conventions import FloatArray, Image
 from tracker.pose.estimate import PoseEstimator
 from tracker.pose.evidence import EvidenceReader, View
 from tracker.pose.fit import Fit
-from tracker.pose.judge import alone, features, log_odds, rank, refusal
+from tracker.pose.judge import alone, confidence, features, log_odds, rank, refusal, supporters
+from tracker.pose.search import ENOUGH
 from tracker.pose.sight import Sight
-from tracker.pose.start import Lag
+from tracker.pose.start import Lag, Start
 from tracker.tracking.cameras import CameraMemory, lit
+from tracker.tracking.doubt import held_back
 from tracker.tracking.filter import MotionState
 from tracker.tracking.memory import Memory
 
@@ -50,17 +54,54 @@ class Follower:
         cameras, sight = self._glance(images, memory.cameras, expected.position)
         split = time.perf_counter()
         timing["segmentation"] = 1e3 * (split - lap)
-        fit = self._estimator.follow(sight, expected.rotation, expected.position, memory.start, lag)
+        unused = held_back(memory.cameras, images)
+        fit = self._near(sight, unused, expected, memory.start, lag)
+        if not settled(fit):
+            fit = self._without_one(sight, unused, expected, memory.start, lag, fit)
         memory = memory._replace(cameras=tuple(cameras), start=fit.end)
         if not settled(fit):
             hypotheses = [(expected.rotation, expected.position)]
             if memory.belief.last_pose is not None:
                 hypotheses.append(memory.belief.last_pose)
-            far = self._estimator.follow_far(sight, hypotheses, lag)
+            far = self._estimator.follow_far(sight.without(*unused), hypotheses, lag)
+            if far is not None and unused:
+                far = self._estimator.heard(sight, far, unused, lag)
             if far is not None and (refusal(fit) is not None or rank(far) > rank(fit)):
                 fit = far
         timing["pose"] = 1e3 * (time.perf_counter() - split)
         return (fit if refusal(fit) is None else None), memory
+
+    def _near(
+        self, sight: Sight, left_out: Sequence[int], expected: MotionState, start: Start, lag: Lag | None
+    ) -> Fit:
+        """The fit nearest to the expected pose, made without some cameras, which are heard."""
+        used = sight.without(*left_out) if left_out else sight
+        fit = self._estimator.follow(used, expected.rotation, expected.position, start, lag)
+        return self._estimator.heard(sight, fit, left_out, lag) if left_out else fit
+
+    def _without_one(
+        self,
+        sight: Sight,
+        unused: Sequence[int],
+        expected: MotionState,
+        start: Start,
+        lag: Lag | None,
+        fit: Fit,
+    ) -> Fit:
+        """The fit, or that without the camera which agrees least, where this leaves less doubt."""
+        used = [c for c in np.flatnonzero(sight.used).tolist() if c not in unused]
+        if len(used) <= ENOUGH:
+            return fit
+        seen = fit.cameras
+        against = seen["wrong"] + seen["extra"] + seen["elsewhere"] - seen["agree"]
+        worst = max(used, key=lambda c: float(against[c]))
+        other = self._near(sight, [*unused, worst], expected, start, lag)
+        better = (
+            settled(other)
+            and supporters(other) >= max(ENOUGH, supporters(fit))
+            and confidence(other) > confidence(fit)
+        )
+        return other if better else fit
 
     def _glance(
         self, images: Sequence[Image | None], memories: Sequence[CameraMemory], position: FloatArray
