@@ -6,6 +6,7 @@ import json
 import os
 import pty
 import re
+import shutil
 import signal
 import struct
 import subprocess
@@ -15,6 +16,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -30,6 +32,7 @@ from tracker.cli.track import _targets
 from tracker.cli.track_outputs import _of_height, observation
 from tracker.geometry import so3
 from tracker.logs.poses_file import read_poses
+from tracker.pose.result import CameraUse
 from tracker.viz import write_image
 
 FRAMES = 6
@@ -94,6 +97,8 @@ def test_a_recording_is_tracked_and_written_in_every_format(filmed, tmp_path):
     assert numbers["frames_per_second"] > 0
     assert max(numbers["position_std_median_mm"]) < 1
     assert numbers["recorded"] is None
+    unused = dict.fromkeys(("contradicting", "no image", "frozen", "black"), 0)
+    assert numbers["cameras"] == dict.fromkeys(("camera60", "camera180", "camera300"), unused)
     assert numbers["fault"] is None
     assert len((tmp_path / "poses.csv").read_text().splitlines()) == FRAMES + 1
     assert len((tmp_path / "poses.tum").read_text().splitlines()) == FRAMES + 1
@@ -117,8 +122,26 @@ def test_the_summary_is_for_people_and_two_processes_change_nothing(filmed, tmp_
     rows = dict(re.split(r"  +", line.strip(), maxsplit=1) for line in one.stdout.splitlines())
     assert rows["frames"] == str(FRAMES)
     assert rows["with a pose"].startswith("measured 100.0%")
+    assert not any(label.startswith("camera") for label in rows)
     assert (tmp_path / "one.h5").read_bytes() == (tmp_path / "two.h5").read_bytes()
     assert run_here(*base, "-o", tmp_path / "one.h5", "--quiet").stdout == ""
+
+
+def test_a_camera_that_is_mirrored_is_named_with_what_to_look_at(filmed, tmp_path, run_here):
+    shutil.copytree(filmed, tmp_path / "film")
+    for path in (tmp_path / "film" / "camera180").iterdir():
+        write_image(path, cv2.flip(cv2.imread(str(path)), 1))
+    base = [tmp_path / "film", "--object", "cube_v2", "--calibration", filmed.parent]
+    result = run_here(*base, "-o", tmp_path / "poses.h5")
+    lines = [line.strip() for line in result.stdout.splitlines()]
+    (number,) = (k for k, line in enumerate(lines) if line.startswith("camera"))
+    name, said = re.split(r"  +", lines[number])
+    assert name == "camera180"
+    share = re.fullmatch(r"contradicts the others in (.*)% of the frames with a measured pose:", said)
+    assert float(share[1]) > 80
+    assert "mirrored" in lines[number + 1]
+    shown = observation(read_poses(tmp_path / "poses.h5"), FRAMES - 1)
+    assert shown.cameras == (CameraUse.USED, CameraUse.CONTRADICTING, CameraUse.USED)
 
 
 def test_frames_can_be_chosen_and_the_calibration_be_given(filmed, tmp_path, run_here):

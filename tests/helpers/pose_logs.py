@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Any
 
@@ -13,6 +14,7 @@ from tracker.conventions import FloatArray
 from tracker.geometry import so3
 from tracker.logs.poses import About, Poses
 from tracker.logs.poses_builder import PosesBuilder
+from tracker.pose.result import CameraUse
 
 START = 1.6e9 + 0.125
 """Time of the first frame [s]."""
@@ -49,20 +51,30 @@ def random_pose(rng: np.random.Generator, moving: bool = False) -> SimpleNamespa
     return pose
 
 
-def answer(measured: Any, filtered: Any, status: str) -> SimpleNamespace:
+def answer(measured: Any, filtered: Any, status: str, cameras: Sequence[Any] = ()) -> SimpleNamespace:
     return SimpleNamespace(
-        object_pose=measured, filtered_object_pose=filtered, status=SimpleNamespace(value=status)
+        object_pose=measured,
+        filtered_object_pose=filtered,
+        status=SimpleNamespace(value=status),
+        cameras=cameras,
     )
 
 
 def random_poses(
-    rng: np.random.Generator, count: int, *, share: float = 0.7, recorded: bool = True, first: int = 0
+    rng: np.random.Generator,
+    count: int,
+    *,
+    share: float = 0.7,
+    recorded: bool = True,
+    first: int = 0,
+    cameras: bool = True,
 ) -> Poses:
-    """`count` frames; each kind of pose is there in a `share` of them."""
+    """`count` frames; each kind of pose is there in a `share` of them, as is what became of the pictures."""
     builder = PosesBuilder(make_about())
     for number in range(first, first + count):
         measured, filtered, old = (rng.uniform() < share for _ in range(3))
         status = "tracking" if measured else "coasting" if filtered else "lost"
+        uses = rng.choice([use.value for use in CameraUse], 3) if cameras and rng.uniform() < share else ()
         builder.append(
             number,
             START + number / 10,
@@ -70,6 +82,7 @@ def random_poses(
                 random_pose(rng) if measured else None,
                 random_pose(rng, moving=True) if filtered else None,
                 status,
+                uses,
             ),
             random_pose(rng) if recorded and old else None,
         )
@@ -85,6 +98,8 @@ def moved(rotation: FloatArray, position: FloatArray, confidence: float = 0.9) -
 def arrays_of(poses: Poses) -> dict[str, np.ndarray]:
     """All arrays by name."""
     result = {"index": poses.index, "timestamp": poses.timestamp, "status": poses.status}
+    if poses.cameras is not None:
+        result["cameras"] = poses.cameras
     for kind in ("measured", "filtered", "recorded"):
         columns = getattr(poses, kind)
         for name, array in columns.arrays().items() if columns is not None else ():
@@ -103,7 +118,7 @@ def assert_same(first: Poses, second: Poses) -> None:
     assert one.keys() == two.keys()
     for name, array in one.items():
         assert array.shape == two[name].shape, name
-        if name == "status":
+        if name in ("status", "cameras"):
             assert array.tolist() == two[name].tolist()
         else:
             assert array.dtype == two[name].dtype, name

@@ -38,6 +38,11 @@ class NoiseTracker:
             object_pose=measured if found else None,
             filtered_object_pose=filtered,
             status="found" if found else "poor fit",
+            cameras=[
+                "used",
+                "contradicting" if found else "used",
+                "black" if position[2] > 0.0127 else "used",
+            ],
         )
 
 

@@ -71,6 +71,8 @@ def test_a_table_has_a_row_a_frame_with_the_same_bits(tmp_path_factory, count, s
     assert [int(row["frame"]) for row in rows] == poses.index.tolist()
     assert [float(row["timestamp_s"]) for row in rows] == poses.timestamp.tolist()
     assert [row["status"] for row in rows] == poses.status.tolist()
+    uses = np.full((count, 3), "") if poses.cameras is None else poses.cameras
+    assert [row["cameras"].split("|") if row["cameras"] else [""] * 3 for row in rows] == uses.tolist()
     for kind in ("measured", "filtered", "recorded") if count else ():
         columns = getattr(poses, kind)
         if columns is None:

@@ -23,7 +23,7 @@ from tracker.logs.columns import FilteredColumns, MeasuredColumns, PoseColumns
 from tracker.logs.comparison import compare
 from tracker.logs.poses import concatenate
 from tracker.logs.poses_builder import PosesBuilder
-from tracker.pose.result import Observation, PoseEstimate, Status
+from tracker.pose.result import CameraUse, Observation, PoseEstimate, Status
 
 
 def test_columns_hold_what_was_appended(rng):
@@ -51,12 +51,27 @@ def test_columns_hold_what_was_appended(rng):
 def test_the_trackers_own_observations_are_taken(rng):
     pose = PoseEstimate(**vars(random_pose(rng)))
     builder = PosesBuilder(make_about())
-    builder.append(0, 0.0, Observation(pose, None, Status.FOUND))
+    uses = (CameraUse.USED, CameraUse.CONTRADICTING, CameraUse.NO_IMAGE)
+    builder.append(0, 0.0, Observation(pose, None, Status.FOUND, cameras=uses))
     builder.append(1, 0.1, Observation(None, None, Status.NO_OBJECT_COLORS))
     poses = builder.build()
     assert poses.status.tolist() == ["found", "no object colours"]
     assert np.array_equal(poses.measured.covariance[0], pose.covariance)
     assert poses.recorded is None
+    assert poses.cameras.tolist() == [["used", "contradicting", "no image"], [""] * 3]
+
+
+def test_without_a_word_on_the_cameras_nothing_is_said_of_them(rng):
+    builder = PosesBuilder(make_about())
+    builder.append(0, 0.0, answer(None, None, "lost"))
+    assert builder.build().cameras is None
+
+
+def test_an_answer_about_other_cameras_is_refused_before_it_is_added():
+    builder = PosesBuilder(make_about())
+    with pytest.raises(LogError, match="cameras: found 2, expected 3: camera60, camera180, camera300"):
+        builder.append(0, 0.0, answer(None, None, "lost", ["used"] * 2))
+    assert len(builder) == len(builder.build()) == 0
 
 
 def test_a_builder_goes_on_after_a_build(rng):
@@ -138,6 +153,14 @@ def test_parts_without_recorded_poses_join_those_with(rng):
     joined = concatenate([first, second])
     assert joined.recorded.has_pose.tolist() == [False] * 3 + [True] * 4
     assert concatenate([first]).recorded is None
+
+
+def test_parts_without_a_word_on_the_cameras_join_those_with(rng):
+    first, second = random_poses(rng, 3, cameras=False), random_poses(rng, 4, share=1, first=3)
+    joined = concatenate([first, second])
+    assert (joined.cameras[:3] == "").all()
+    assert joined.cameras[3:].tolist() == second.cameras.tolist()
+    assert concatenate([first]).cameras is None
 
 
 def test_sources_of_parts_are_listed(rng):
@@ -255,6 +278,8 @@ def test_covariances_of_any_size_are_judged_alike(rng):
         ),
         ({"measured": None}, "measured: found NoneType"),
         ({"recorded": PoseColumns.nothing(4)}, "recorded: found 4 frames"),
+        ({"cameras": np.full((3, 2), "used")}, r"cameras: found .* of shape \(3, 2\), .* \(3, 3\)"),
+        ({"cameras": np.zeros((3, 3), np.uint8)}, "cameras: found uint8"),
     ],
 )
 def test_columns_that_do_not_fit_together_are_refused(rng, changes, message):

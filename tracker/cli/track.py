@@ -181,6 +181,28 @@ def _say(message: str) -> None:
     click.echo(f"tracker: {' '.join(message.split())}", err=True)
 
 
+def _camera_rows(cameras: dict[str, dict[str, float | None]] | None) -> list[list[str]]:
+    """What is to be said of cameras that were not used for long, and where to look."""
+    from tracker.pose.result import CameraUse
+    from tracker.recordings.summary import to_look_at
+
+    said = {
+        CameraUse.CONTRADICTING: (
+            "contradicts the others in {:.1%} of the frames with a measured pose:",
+            "was it moved after its calibration, is it mirrored or late, or in another one's place?",
+        ),
+        CameraUse.NO_IMAGE: ("gave no image in {:.1%} of the frames:", "is it connected, is the log whole?"),
+        CameraUse.FROZEN: ("repeated an old image in {:.1%} of the frames:", "did it or its driver stop?"),
+        CameraUse.BLACK: ("gave a black image in {:.1%} of the frames:", "is it covered, is there light?"),
+    }
+    rows = []
+    for name, shares in to_look_at(cameras or {}).items():
+        for number, (use, share) in enumerate(shares.items()):
+            found, look = said[use]
+            rows += [["" if number else name, found.format(share)], ["", f"  {look}"]]
+    return rows
+
+
 def _text(result: dict[str, Any]) -> str:
     rows = [["log", result["log"]], ["poses", result["output"]], ["frames", str(result["frames"])]]
     if result["frames"]:
@@ -197,6 +219,7 @@ def _text(result: dict[str, Any]) -> str:
         for label, key, unit in (("to the recorded", "position", "mm"), ("", "angle", "deg")):
             median, p90 = recorded[f"{key}_median_{unit}"], recorded[f"{key}_p90_{unit}"]
             rows.append([label, f"median {median:.2f} {unit}, 90th percentile {p90:.2f} {unit}"])
+    rows += _camera_rows(result["cameras"])
     if result["frames_per_second"] is not None:
         rows.append(["speed", f"{result['frames_per_second']:.0f} triplets/s"])
     return listing(rows)

@@ -149,7 +149,7 @@ def _pictures(log: Log, model: CuboidModel, poses: Poses, progress: Callable[[in
 
 def observation(poses: Poses, row: int) -> Observation:
     """What the tracker answered to a frame."""
-    from tracker.pose.result import MotionEstimate, Observation, PoseEstimate, Status
+    from tracker.pose.result import CameraUse, MotionEstimate, Observation, PoseEstimate, Status
 
     def of(columns: MeasuredColumns) -> tuple[FloatArray, FloatArray, FloatArray, float]:
         arrays = columns.position[row], columns.orientation[row], columns.covariance[row]
@@ -157,10 +157,12 @@ def observation(poses: Poses, row: int) -> Observation:
 
     measured, filtered = poses.measured, poses.filtered
     motion = filtered.velocity[row], filtered.velocity_covariance[row]
+    uses = [] if poses.cameras is None else poses.cameras[row].tolist()
     return Observation(
         PoseEstimate(*of(measured)) if measured.has_pose[row] else None,
         MotionEstimate(*of(filtered), *motion) if filtered.has_pose[row] else None,
         Status(str(poses.status[row])),
+        cameras=tuple(CameraUse(use) for use in uses if use),
     )
 
 

@@ -33,8 +33,12 @@ CSV_HEADER = (
     *(f"measured_{name}" for name in (*_POSE, *_STD)),
     *(f"filtered_{name}" for name in (*_POSE, *_STD, *_VELOCITY, *_VELOCITY_STD)),
     *(f"recorded_{name}" for name in _POSE),
+    "cameras",
 )
 """Columns of the CSV file: always the same, with their units."""
+
+CAMERA_SEPARATOR = "|"
+"""Between what became of each camera's picture, in the column `cameras`."""
 
 
 def write_csv(path: str | os.PathLike[str], poses: Poses) -> None:
@@ -59,8 +63,8 @@ def write_csv(path: str | os.PathLike[str], poses: Poses) -> None:
     )
     heads = zip(poses.index.tolist(), poses.timestamp.tolist(), poses.status.tolist(), strict=True)
     rows = (
-        [*head, *("" if value != value else value for value in values)]  # only NaN differs from itself
-        for head, values in zip(heads, numbers.tolist(), strict=True)
+        [*head, *("" if value != value else value for value in values), uses]  # only NaN differs from itself
+        for head, values, uses in zip(heads, numbers.tolist(), _camera_cells(poses), strict=True)
     )
     write_file(path, _table(CSV_HEADER, rows))
 
@@ -133,6 +137,12 @@ def camera_from_object(columns: PoseColumns, camera: Camera) -> tuple[FloatArray
     rotation: FloatArray = camera_from_world @ so3.matrix_from_quaternion(columns.orientation)
     translation: FloatArray = columns.position @ camera_from_world.T + camera.camera_from_world[:3, 3]
     return rotation, translation
+
+
+def _camera_cells(poses: Poses) -> list[str]:
+    if poses.cameras is None:
+        return [""] * len(poses)
+    return [CAMERA_SEPARATOR.join(uses) if any(uses) else "" for uses in poses.cameras.tolist()]
 
 
 def _pose(columns: PoseColumns) -> list[FloatArray]:

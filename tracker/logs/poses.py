@@ -86,6 +86,9 @@ class Poses:
     """Poses that the recording brings along; None where it has none at all."""
     about: About
     """What the poses were made from."""
+    cameras: Array | None = None
+    """(n, C) text: what became of each camera's picture, in the order of the rig; the values of
+    `tracker.CameraUse`, empty where it is not known. None where nothing is."""
 
     def __post_init__(self) -> None:
         index = np.array(self.index)
@@ -97,10 +100,9 @@ class Poses:
         refuse("index", bad, self.index, "frame numbers from 0 on that increase")
         object.__setattr__(self, "timestamp", float_array("timestamp", self.timestamp, (count,)))
         refuse("timestamp", ~np.isfinite(self.timestamp), self.timestamp, "a finite time in seconds")
-        status = np.array(self.status)
-        if status.shape != (count,) or (count and status.dtype.kind != "U"):
-            raise LogError(f"status: found {described(status)}, expected texts of shape ({count},)")
-        _freeze(self, "status", status.astype(np.str_))
+        _freeze(self, "status", _texts("status", self.status, (count,)))
+        if self.cameras is not None:
+            _freeze(self, "cameras", _texts("cameras", self.cameras, (count, len(self.about.rig))))
         for kind, columns_type in KINDS.items():
             columns: object = getattr(self, kind)
             if kind == "recorded" and columns is None:
@@ -123,6 +125,7 @@ class Poses:
             filtered=self.filtered.take(rows),
             recorded=None if self.recorded is None else self.recorded.take(rows),
             about=self.about,
+            cameras=None if self.cameras is None else self.cameras[rows],
         )
 
     def columns(self, kind: Kind) -> PoseColumns:
@@ -154,6 +157,7 @@ def concatenate(parts: Sequence[Poses]) -> Poses:
             expected = f"{first.object_name} seen by {', '.join(first.rig.names)} of the same calibration"
             raise LogError(f"part {number}: found {found}, expected {expected}")
     recorded = [PoseColumns.nothing(len(part)) if part.recorded is None else part.recorded for part in parts]
+    cameras = [_cameras(part) for part in parts]
     sources = dict.fromkeys(part.about.source for part in parts)
     return Poses(
         index=np.concatenate([part.index for part in parts]),
@@ -163,12 +167,25 @@ def concatenate(parts: Sequence[Poses]) -> Poses:
         filtered=FilteredColumns.joined([part.filtered for part in parts]),
         recorded=PoseColumns.joined(recorded) if any(part.recorded is not None for part in parts) else None,
         about=About(first.object_name, ", ".join(sources), first.tracker_version, first.rig),
+        cameras=np.concatenate(cameras) if any(part.cameras is not None for part in parts) else None,
     )
+
+
+def _cameras(part: Poses) -> Array:
+    """(n, C) what became of each picture, unknown where a part does not say."""
+    return np.full((len(part), len(part.about.rig)), "") if part.cameras is None else part.cameras
 
 
 def _is_unicode(text: str) -> bool:
     # Python keeps bytes of file names that are no UTF-8 as lone surrogates.
     return not any("\ud800" <= character <= "\udfff" for character in text)
+
+
+def _texts(name: str, value: object, shape: tuple[int, ...]) -> Array:
+    texts = np.array(value)
+    if texts.shape != shape or (texts.size and texts.dtype.kind != "U"):
+        raise LogError(f"{name}: found {described(texts)}, expected texts of shape {shape}")
+    return texts.astype(np.str_)
 
 
 def _freeze(poses: Poses, name: str, array: Array) -> None:

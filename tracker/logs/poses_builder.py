@@ -30,6 +30,10 @@ class Answer(Protocol):
     def status(self) -> Any:
         """An enum whose value is a text, or the text."""
 
+    @property
+    def cameras(self) -> Any:
+        """Such an enum or text for each camera, in the order of the rig; none where that is not known."""
+
 
 class PosesBuilder:
     """Grows by one frame at a time; `build` gives what there is, and can be called again later.
@@ -43,6 +47,7 @@ class PosesBuilder:
         self._index: list[int] = []
         self._timestamp: list[float] = []
         self._status: list[str] = []
+        self._cameras: list[list[str]] = []
         self._rows: dict[Kind, list[dict[str, Array] | None]] = {kind: [] for kind in KINDS}
 
     def __len__(self) -> int:
@@ -60,8 +65,10 @@ class PosesBuilder:
                 as None; a quaternion that is slightly off is brought to length 1.
 
         Raises:
-            LogError: a pose lacks something, or has it in another shape.
+            LogError: a pose lacks something, or has it in another shape; or the answer is not about as
+                many cameras as there are.
         """
+        cameras = self._uses(answer)
         rows: dict[Kind, dict[str, Array] | None] = {
             "measured": _row("measured", answer.object_pose, MeasuredColumns),
             "filtered": _row("filtered", answer.filtered_object_pose, FilteredColumns),
@@ -69,7 +76,8 @@ class PosesBuilder:
         }
         self._index.append(int(index))
         self._timestamp.append(float(timestamp))
-        self._status.append(str(getattr(answer.status, "value", answer.status)))
+        self._status.append(_text(answer.status))
+        self._cameras.append(cameras)
         for kind, row in rows.items():
             self._rows[kind].append(row)
 
@@ -88,7 +96,18 @@ class PosesBuilder:
             filtered=FilteredColumns(**self._arrays("filtered")),
             recorded=PoseColumns(**self._arrays("recorded")) if has_recorded else None,
             about=self._about,
+            cameras=self._camera_column() if any(any(uses) for uses in self._cameras) else None,
         )
+
+    def _uses(self, answer: Answer) -> list[str]:
+        """What became of each camera's picture."""
+        rig, uses = self._about.rig, [_text(use) for use in answer.cameras]
+        if uses and len(uses) != len(rig):
+            raise LogError(f"cameras: found {len(uses)}, expected {len(rig)}: {', '.join(rig.names)}")
+        return uses or [""] * len(rig)
+
+    def _camera_column(self) -> Array:
+        return np.array(self._cameras, dtype=np.str_).reshape(len(self), len(self._about.rig))
 
     def _arrays(self, kind: Kind) -> dict[str, Array]:
         rows = self._rows[kind]
@@ -100,6 +119,11 @@ class PosesBuilder:
                     column[number] = row[name]
             arrays[name] = column
         return arrays
+
+
+def _text(word: Any) -> str:
+    """The value of an enum, or the text itself."""
+    return str(getattr(word, "value", word))
 
 
 def _row(kind: Kind, pose: Any, columns: type[PoseColumns]) -> dict[str, Array] | None:

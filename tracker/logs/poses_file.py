@@ -1,6 +1,6 @@
 """Files of poses: HDF5, in the names that the platform's logs have for the same things.
 
-    /frame  /timestamps  /status  /camera_names  /camera_info/CAMERA/…
+    /frame  /timestamps  /status  /cameras  /camera_names  /camera_info/CAMERA/…
     /object_pose  /filtered_object_pose  /recorded_object_pose: a dataset for each column
 
 docs/poses.md describes every dataset. The same poses give the same bytes.
@@ -65,7 +65,7 @@ _UNITS = {
     "tf_world_to_camera": "m",
     "tf_world_to_camera_std": "m",
 }
-_MAX_STATUSES = 256
+_MAX_NAMES = 256
 _MAX_CAMERAS = 1000
 
 
@@ -126,7 +126,9 @@ def _content(poses: Poses) -> bytes:
             file.attrs[key] = hdf5.encoded_text(getattr(poses.about, attribute))
         _put(file, "frame", poses.index)
         _put(file, "timestamps", poses.timestamp)
-        _put_status(file, poses.status)
+        _put_texts(file, "status", poses.status)
+        if poses.cameras is not None:
+            _put_texts(file, "cameras", poses.cameras)
         for kind, name in GROUPS.items():
             columns = getattr(poses, kind)
             if columns is not None:
@@ -148,12 +150,12 @@ def _put(group: Any, name: str, array: Array) -> None:
         dataset.attrs["unit"] = hdf5.encoded_text(_UNITS[name])
 
 
-def _put_status(file: Any, status: Array) -> None:
-    names, codes = np.unique(status, return_inverse=True)
-    if len(names) > _MAX_STATUSES:
-        raise LogError(f"status: found {len(names)} different ones, expected at most {_MAX_STATUSES}")
-    _put(file, "status", codes.reshape(len(status)).astype(np.uint8))
-    file["status"].attrs["names"] = hdf5.encoded(names.tolist())
+def _put_texts(file: Any, name: str, texts: Array) -> None:
+    names, codes = np.unique(texts, return_inverse=True)
+    if len(names) > _MAX_NAMES:
+        raise LogError(f"{name}: found {len(names)} different ones, expected at most {_MAX_NAMES}")
+    _put(file, name, codes.reshape(texts.shape).astype(np.uint8))
+    file[name].attrs["names"] = hdf5.encoded(names.tolist())
 
 
 def _group_name(camera: Camera) -> str:
@@ -179,7 +181,7 @@ def _poses(file: Any) -> Poses:
     count = frame.shape[0]
     index = hdf5.array(file, "frame", (count,), "iu")
     timestamp = hdf5.array(file, "timestamps", (count,), "f")
-    status = _status(file, count)
+    status = _texts(file, "status", (count,))
     columns: dict[Kind, Any] = {}
     for kind, group in GROUPS.items():
         if kind == "recorded" and group not in file:
@@ -195,8 +197,10 @@ def _poses(file: Any) -> Poses:
         except LogError as error:
             raise LogError(f"/{group}/{error}") from error
     about = About(rig=_rig(file), **{attribute: hdf5.text(file, key) for key, attribute in _ABOUT.items()})
+    # Files of older versions have none.
+    cameras = _texts(file, "cameras", (count, len(about.rig))) if "cameras" in file else None
     try:
-        return Poses(index=index, timestamp=timestamp, status=status, about=about, **columns)
+        return Poses(index, timestamp, status, **columns, about=about, cameras=cameras)
     except LogError as error:
         field, _, rest = str(error).partition(": ")
         raise LogError(f"/{_DATASETS.get(field, field)}: {rest}") from error
@@ -213,15 +217,15 @@ def _check_format(file: Any) -> None:
         raise LogError(f"format_version: found {version}, expected {VERSION}")
 
 
-def _status(file: Any, count: int) -> Array:
-    codes = hdf5.array(file, "status", (count,), "u")
+def _texts(file: Any, name: str, shape: tuple[int, ...]) -> Array:
+    codes = hdf5.array(file, name, shape, "u")
     try:
-        names = hdf5.decoded(hdf5.attribute(file["status"], "names", "S", None))
+        names = hdf5.decoded(hdf5.attribute(file[name], "names", "S", None))
     except LogError as error:
-        raise LogError(f"/status: {error}") from error
-    if count and int(codes.max()) >= len(names):
-        raise LogError(f"/status: found code {codes.max()}, expected codes below {len(names)}, one a name")
-    return np.array(names, dtype=np.str_)[codes] if count else np.array([], dtype=np.str_)
+        raise LogError(f"/{name}: {error}") from error
+    if codes.size and int(codes.max()) >= len(names):
+        raise LogError(f"/{name}: found code {codes.max()}, expected codes below {len(names)}, one a name")
+    return np.array(names, dtype=np.str_)[codes] if codes.size else np.zeros(shape, dtype=np.str_)
 
 
 def _rig(file: Any) -> CameraRig:

@@ -6,9 +6,20 @@ from typing import Any
 
 import numpy as np
 
+from tracker.conventions import Array
 from tracker.logs.comparison import compare
 from tracker.logs.poses import Kind, Poses
+from tracker.pose.result import CameraUse
 from tracker.recordings.track import Tracked
+
+TOLERABLE = {
+    CameraUse.CONTRADICTING: 0.1,
+    CameraUse.NO_IMAGE: 0.01,
+    CameraUse.FROZEN: 0.01,
+    CameraUse.BLACK: 0.01,
+}
+"""Share of the frames up to which a camera's pictures that are not used need no look at the camera; a
+finger in front of one or a push that blurs it makes some contradict the others."""
 
 
 def best_kind(poses: Poses) -> Kind:
@@ -16,12 +27,23 @@ def best_kind(poses: Poses) -> Kind:
     return "filtered" if poses.filtered.has_pose.any() else "measured"
 
 
+def to_look_at(cameras: dict[str, dict[str, float | None]]) -> dict[str, dict[CameraUse, float]]:
+    """The shares that are not TOLERABLE, of `summary`'s `cameras`; cameras without any are left out."""
+    found = {
+        name: {use: share for use, least in TOLERABLE.items() if (share := shares[use.value] or 0.0) > least}
+        for name, shares in cameras.items()
+    }
+    return {name: shares for name, shares in found.items() if shares}
+
+
 def summary(tracked: Tracked) -> dict[str, Any]:
     """Numbers for people and programs; None where there is nothing to count.
 
     Returns:
         `frames`; `measured` and `filtered`, the shares of frames with such a pose; `statuses`, the share
-        of each status and, in `with_pose`, how many of its frames have a pose; medians over the frames of
+        of each status and, in `with_pose`, how many of its frames have a pose; `cameras`, of each camera
+        the share of frames in which its picture was not used, by `CameraUse`, of those that contradict the
+        others among the frames with a measured pose; medians over the frames of
         the standard deviations along x, y, z of the poses named by `kind`; `frames_per_second`;
         `recorded`, see `compare`, of the same poses; `fault`.
     """
@@ -36,6 +58,7 @@ def summary(tracked: Tracked) -> dict[str, Any]:
         "measured": float(np.mean(poses.measured.has_pose)) if count else None,
         "filtered": float(np.mean(poses.filtered.has_pose)) if count else None,
         "statuses": {str(name): _status(poses, str(name)) for name in np.unique(poses.status)},
+        "cameras": None if poses.cameras is None else _cameras(poses, poses.cameras),
         "kind": kind,
         "position_std_median_mm": None if std is None else (1e3 * std[:3]).tolist(),
         "rotation_std_median_deg": None if std is None else np.degrees(std[3:]).tolist(),
@@ -43,6 +66,20 @@ def summary(tracked: Tracked) -> dict[str, Any]:
         "recorded": None if poses.recorded is None else compare(poses, kind),
         "fault": tracked.fault,
     }
+
+
+def _cameras(poses: Poses, uses: Array) -> dict[str, dict[str, float | None]]:
+    return {
+        name: {use.value: _share(its, use, poses.measured.has_pose) for use in TOLERABLE}
+        for name, its in zip(poses.about.rig.names, uses.T, strict=True)
+    }
+
+
+def _share(uses: Array, use: CameraUse, has_pose: Array) -> float | None:
+    counted = uses != ""
+    if use is CameraUse.CONTRADICTING:
+        counted &= has_pose
+    return float(np.mean(uses[counted] == use.value)) if counted.any() else None
 
 
 def _status(poses: Poses, name: str) -> dict[str, float]:
