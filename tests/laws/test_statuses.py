@@ -78,7 +78,9 @@ def detected(truth, empty):
         "an empty arena": new().detect(empty),
         "a corner of the cube": new().detect(patches(truth, empty, 8)),
         "a cube below the table": new(above).detect(truth.images),
-        "cameras upside down": new().detect([np.ascontiguousarray(image[::-1]) for image in truth.images]),
+        "cameras upside down": new().detect(
+            [np.ascontiguousarray(image[::-1, ::-1]) for image in truth.images]
+        ),
         "one face to one camera": new().detect(face_on(0, 0.05)),
         "a cube much out of focus": new().detect([cv2.GaussianBlur(i, (0, 0), 12) for i in truth.images]),
     }
