@@ -10,12 +10,14 @@ colours that the platform's simulation shows, under shading; `dice` from the blu
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from tracker.objects.labels import COLOR_NAMES
-from tracker.segmentation.fit import FitOptions, combine, image_histograms
+from tracker.segmentation.color_model import ColorModel
+from tracker.segmentation.fit import FitOptions, Histograms, combine, image_histograms
 from tracker.segmentation.labelled import LabelledImage, read_image, read_labelled
 from tracker.segmentation.light import apply_gains, neutral_gains
 
@@ -66,21 +68,43 @@ def dice_image(real: Path) -> LabelledImage:
     return LabelledImage("dice", image, np.where(mask & bluish, 3, 0).astype(np.uint8))
 
 
+def face_histograms(
+    images: dict[str, list[LabelledImage]], options: FitOptions
+) -> dict[str, list[Histograms]]:
+    """Histograms of labelled images, by object."""
+    return {name: [image_histograms(image, options) for image in images[name]] for name in images}
+
+
+def object_model(
+    name: str, own: Sequence[Histograms], histograms: dict[str, list[Histograms]], options: FitOptions
+) -> ColorModel:
+    """The model of an object from those of its images that `own` holds, and all images of other objects."""
+    others = [h for other in histograms if other != name for h in histograms[other]]
+    return combine(own, others, options, name=name)
+
+
+def simulation_model() -> ColorModel:
+    """The model of the simulation's colours."""
+    options = FitOptions(brightness=0.12, channel=0.03, haze=2.0)
+    # The field's greys are neutral by design: it is as a normalised picture would be.
+    field = image_histograms(simulation_image(), options, normalise=False)
+    return combine([field], (), options, name="simulation")
+
+
+def dice_model(real: Path, histograms: dict[str, list[Histograms]]) -> ColorModel:
+    """The model of the dice's blue, before all backgrounds."""
+    backgrounds = [{0: h[0]} for own in histograms.values() for h in own]
+    dice = image_histograms(dice_image(real), FitOptions())
+    return combine([dice], backgrounds, FitOptions(), name="dice")
+
+
 def main(real: Path) -> None:
     """Fit and write every model."""
     options = FitOptions()
-    images = labelled_images(real)
-    histograms = {name: [image_histograms(i, options) for i in images[name]] for name in OBJECTS}
-    for name in OBJECTS:
-        others = [h for other in OBJECTS if other != name for h in histograms[other]]
-        combine(histograms[name], others, options, name=name).save(DATA / f"{name}.npz")
-    simulated = FitOptions(brightness=0.12, channel=0.03, haze=2.0)
-    # The field's greys are neutral by design: it is as a normalised picture would be.
-    field = image_histograms(simulation_image(), simulated, normalise=False)
-    combine([field], (), simulated, name="simulation").save(DATA / "simulation.npz")
-    backgrounds = [{0: h[0]} for name in OBJECTS for h in histograms[name]]
-    dice = image_histograms(dice_image(real), options)
-    combine([dice], backgrounds, options, name="dice").save(DATA / "dice.npz")
+    histograms = face_histograms(labelled_images(real), options)
+    models = [object_model(name, histograms[name], histograms, options) for name in OBJECTS]
+    for model in (*models, simulation_model(), dice_model(real, histograms)):
+        model.save(DATA / f"{model.name}.npz")
     for path in sorted(DATA.glob("*.npz")):
         print(f"{path.name}: {path.stat().st_size / 1024:.0f} kB")
 
