@@ -4,11 +4,13 @@
 
 REAL_FOLDER holds `pose/OBJECT`, `segmentation/OBJECT` and `dice`. Each object's model comes from its
 own labelled images, with a little weight on the other objects'. `simulation` comes from the pure
-colours that the platform's simulation shows, under shading; `dice` from the blue of one image.
+colours that the platform's simulation shows, under shading; `dice` from the blue of one image. These two
+are fitted without veils: the renderer has none, and the dice's mask follows the blue into shade by itself.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -23,6 +25,9 @@ from tracker.segmentation.light import apply_gains, neutral_gains
 
 OBJECTS = ("cube_v1", "cube_v2", "cube_v3", "cuboid_2x2x8_v2")
 DATA = Path(__file__).resolve().parent.parent / "tracker" / "segmentation" / "data"
+
+UNVEILED = FitOptions(shaded_share=0.0, reject=0.02)
+"""Neither shade nor veil, and twice the room for colours of no class."""
 
 SIMULATION_RGB = {
     "red": (195, 48, 0),
@@ -85,7 +90,7 @@ def object_model(
 
 def simulation_model() -> ColorModel:
     """The model of the simulation's colours."""
-    options = FitOptions(brightness=0.12, channel=0.03, haze=2.0)
+    options = dataclasses.replace(UNVEILED, brightness=0.12, channel=0.03, haze=2.0)
     # The field's greys are neutral by design: it is as a normalised picture would be.
     field = image_histograms(simulation_image(), options, normalise=False)
     return combine([field], (), options, name="simulation")
@@ -94,8 +99,8 @@ def simulation_model() -> ColorModel:
 def dice_model(real: Path, histograms: dict[str, list[Histograms]]) -> ColorModel:
     """The model of the dice's blue, before all backgrounds."""
     backgrounds = [{0: h[0]} for own in histograms.values() for h in own]
-    dice = image_histograms(dice_image(real), FitOptions())
-    return combine([dice], backgrounds, FitOptions(), name="dice")
+    dice = image_histograms(dice_image(real), UNVEILED)
+    return combine([dice], backgrounds, UNVEILED, name="dice")
 
 
 def main(real: Path) -> None:

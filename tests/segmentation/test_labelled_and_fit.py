@@ -102,6 +102,64 @@ def test_every_histogram_is_a_density():
         assert density.sum() == pytest.approx(1)
 
 
+def labels_of(levels: np.ndarray, model) -> np.ndarray:
+    """Labels (N,) of colours (N, 3), as a model without normalisation reads them."""
+    cells = np.rint(np.clip(levels, 0, 255)).astype(int)
+    channels = model.channel_tables(np.ones(3))
+    return model.label_table[channels[np.arange(3), cells].sum(axis=1)]
+
+
+def shaded_faces(rng: np.random.Generator, least: float, veil: float) -> tuple[np.ndarray, np.ndarray]:
+    """Colours of faces (N, 3), shaded and veiled at random, and their labels."""
+    labels = np.repeat(np.arange(1, 7), 200)
+    face = np.array([FACE_BGR[COLOR_NAMES[label]] for label in labels], dtype=float)
+    left = rng.uniform(least, 1, (len(labels), 1))
+    return left * face + (1 - left) * rng.uniform(0, veil, (len(labels), 1)), labels
+
+
+def test_a_training_colour_keeps_its_label_in_shade_and_under_a_veil(rng):
+    colors, labels = shaded_faces(rng, 0.4, 110.0)
+    kept = {}
+    for share in (0.0, OPTIONS.shaded_share):
+        options = FitOptions(draws=8000, shaded_share=share)
+        model = combine([image_histograms(labelled_image(0), options, normalise=False)], options=options)
+        kept[share] = np.mean(labels_of(colors, model) == labels)
+    assert kept[OPTIONS.shaded_share] > 0.99
+    assert kept[0.0] < 0.95
+
+
+def test_where_no_draw_is_shaded_shade_and_veil_do_not_matter():
+    one, other = (
+        fitted((0,), FitOptions(draws=8000, shaded_share=0.0, shade=shade, veil=veil))
+        for shade, veil in ((0.1, 200.0), (0.9, 10.0))
+    )
+    assert one.log_posterior.tobytes() == other.log_posterior.tobytes()
+
+
+def test_a_shade_that_takes_nothing_away_is_none():
+    scene = labelled_image(0)
+    red = LabelledImage(scene.name, scene.image, np.where(scene.labels == 1, 1, 0).astype(np.uint8))
+    without, through = (
+        image_histograms(red, FitOptions(draws=8000, shaded_share=share, shade=1.0))[1]
+        for share in (0.0, 1.0)
+    )
+    assert without.tobytes() == through.tobytes()
+
+
+@pytest.mark.parametrize("veil", [0.0, 120.0])
+def test_a_shaded_face_is_a_mixture_of_itself_and_the_veil(veil):
+    scene = labelled_image(0)
+    plain = {"draws": 40000, "brightness": 0.0, "channel": 0.0, "haze": 0.0, "noise": 0.0, "tail_share": 0.0}
+    means = []
+    for share in (0.0, 1.0):
+        options = FitOptions(**plain, shaded_share=share, shade=0.2, veil=veil)
+        density = image_histograms(scene, options, normalise=False)[6]
+        levels = 255 * (np.arange(32) / 31) ** 2
+        means.append([(density.sum(axis=tuple({0, 1, 2} - {k})) * levels).sum() for k in range(3)])
+    # s has mean 0.6 and is independent of the veil, whose mean is half of its most.
+    np.testing.assert_allclose(means[1], 0.6 * np.array(means[0]) + 0.4 * veil / 2, atol=2.0)
+
+
 def test_other_objects_images_teach_colours_that_the_own_images_lack():
     histograms = image_histograms(labelled_image(0), OPTIONS)
     own = {label: density for label, density in histograms.items() if label != 4}

@@ -6,10 +6,60 @@ import numpy as np
 import pytest
 
 import tracker
-from scripts.fit_shipped_colors import SIMULATION_RGB
+from scripts import fit_shipped_colors
+from scripts.fit_shipped_colors import OBJECTS, SIMULATION_RGB, object_model
 from tests.segmentation.test_light_gains import exposed
 from tracker.objects.labels import COLOR_NAMES
-from tracker.segmentation.color_model import color_model_names
+from tracker.segmentation.color_model import ColorModel, color_model_names
+from tracker.segmentation.fit import FitOptions, intersection_over_union
+
+OPTIONS = FitOptions()
+
+
+@pytest.fixture(scope="module")
+def labelled(real):
+    """All labelled images, by object."""
+    return fit_shipped_colors.labelled_images(real)
+
+
+@pytest.fixture(scope="module")
+def histograms(labelled):
+    """Their histograms."""
+    return fit_shipped_colors.face_histograms(labelled, OPTIONS)
+
+
+def assert_shipped(model: ColorModel, tmp_path) -> None:
+    """The model, written and read, is the shipped one but for the last bit of an exponential."""
+    model.save(tmp_path / "fitted.npz")
+    fitted = tracker.load_colors(tmp_path / "fitted.npz").log_posterior
+    difference = np.abs(fitted - tracker.load_colors(model.name).log_posterior)
+    assert difference.max() <= 1 / 16
+    assert np.mean(difference > 0) < 1e-3
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+def test_the_objects_tables_are_what_the_script_fits(name, histograms, tmp_path):
+    assert_shipped(object_model(name, histograms[name], histograms, OPTIONS), tmp_path)
+
+
+def test_the_simulations_table_is_what_the_script_fits(tmp_path):
+    assert_shipped(fit_shipped_colors.simulation_model(), tmp_path)
+
+
+def test_the_dices_table_is_what_the_script_fits(real, histograms, tmp_path):
+    assert_shipped(fit_shipped_colors.dice_model(real, histograms), tmp_path)
+
+
+def test_faces_of_pictures_left_out_are_found_in_the_colours_of_the_others(labelled, histograms):
+    known, unknown = [], []
+    for name in OBJECTS:
+        for k, image in enumerate(labelled[name]):
+            rest = histograms[name][:k] + histograms[name][k + 1 :]
+            found = tracker.segment(image.image, object_model(name, rest, histograms, OPTIONS))
+            for label, overlap in intersection_over_union(found, image.labels).items():
+                (known if any(label in own for own in rest) else unknown).append(overlap)
+    assert np.mean(known + unknown) >= 0.86
+    assert min(known) >= 0.6
 
 
 @pytest.mark.parametrize("name", color_model_names())

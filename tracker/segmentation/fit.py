@@ -3,9 +3,11 @@
 Few images are ever labelled, and each shows a face under one light. So every labelled pixel is drawn
 many times with jitter: in brightness (other shading), between channels (an imperfect white balance),
 with haze (gloss, veiling glare) and noise; a fifth of the draws with a much wider one, which covers
-colours between and around those seen where nothing else claims them. The draws make one histogram per
-image and class; histograms are averaged so that each image counts the same. Other objects' images
-give a little weight to colours the object's own images do not show.
+colours between and around those seen where nothing else claims them. Half of the draws are also shaded
+and veiled: a face turned away from the lamps sends less light of its own, and its gloss adds grey light
+of the surroundings to it. The draws make one histogram per image and class; histograms are averaged so
+that each image counts the same. Other objects' images give a little weight to colours the object's own
+images do not show.
 """
 
 from __future__ import annotations
@@ -42,11 +44,17 @@ class FitOptions:
     """… by this factor between channels (brightness and haze: by 2)."""
     tail_stretch: float = 2.0
     """In the tail the saturation grows by up to this factor: a purer tone of a hue is the same colour."""
+    shaded_share: float = 0.5
+    """Share of draws that become s · draw + (1 − s) · veil, shaded and under a veil of grey …"""
+    shade: float = 0.3
+    """… with s uniform from here to 1 …"""
+    veil: float = 150.0
+    """… and the veil's level uniform from 0 to here."""
     draws: int = 60000
     """Draws per image and class; background has four times as many."""
     others_weight: float = 0.03
     """Share of the other objects' images in the density of a face colour."""
-    reject: float = 0.02
+    reject: float = 0.01
     """Share of the background's density that is spread evenly over all colours."""
     face_prior: float = 0.08
     """Prior probability of each face colour; false pixels go by their shape later."""
@@ -56,7 +64,9 @@ class FitOptions:
     """Seed of the draws."""
 
 
-BACKGROUND_JITTER = FitOptions(brightness=0.12, channel=0.03, haze=2.0, noise=2.0, tail_share=0.0)
+BACKGROUND_JITTER = FitOptions(
+    brightness=0.12, channel=0.03, haze=2.0, noise=2.0, tail_share=0.0, shaded_share=0.0
+)
 
 Histograms = dict[int, FloatArray]
 """Density over the nodes, by label."""
@@ -86,7 +96,16 @@ def _draw(pixels: Array, count: int, jitter: FitOptions, rng: np.random.Generato
     light = rng.normal(0, jitter.brightness, (count, 1)) * wide2
     balance = rng.normal(0, jitter.channel, (count, 3)) * wide
     added = rng.normal(0, jitter.haze, (count, 1)) * wide2 + rng.normal(0, jitter.noise, (count, 3))
+    if jitter.shaded_share > 0:
+        chosen = _shaded(chosen, jitter, rng)
     return np.clip(chosen * np.exp(light + balance) + added, 0, 255)
+
+
+def _shaded(levels: FloatArray, jitter: FitOptions, rng: np.random.Generator) -> FloatArray:
+    """Levels (N, 3) of which some are shaded and veiled."""
+    size = (len(levels), 1)
+    left = np.where(rng.uniform(size=size) < jitter.shaded_share, rng.uniform(jitter.shade, 1, size), 1.0)
+    return left * levels + (1 - left) * rng.uniform(0, jitter.veil, size)
 
 
 def image_histograms(labelled: LabelledImage, options: FitOptions, normalise: bool = True) -> Histograms:
