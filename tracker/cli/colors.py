@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from tracker.cli import learn
 from tracker.cli.files import silent_libraries
 from tracker.cli.table import table
 from tracker.errors import ColorModelError, ImageError
@@ -41,6 +42,9 @@ def colors() -> None:
     NN_mask_red.png, NN_mask_green.png and so on; or cameraNN.png with rNN.png, gNN.png, bNN.png, cNN.png,
     mNN.png, yNN.png. A mask's pixel counts where it is not black.
     """
+
+
+colors.add_command(learn.adapt)
 
 
 @colors.command()

@@ -12,7 +12,7 @@ images do not show.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -114,18 +114,27 @@ def image_histograms(labelled: LabelledImage, options: FitOptions, normalise: bo
     image = labelled.image
     if normalise:
         image = apply_gains(image, neutral_gains(image)[0])
-    result: Histograms = {}
-    for label in np.unique(labelled.labels[labelled.labels > 0]):
-        pixels = image[labelled.labels == label]
-        result[int(label)] = _histogram(_draw(pixels, options.draws, options, rng))
+    shown = np.unique(labelled.labels[labelled.labels > 0])
+    pixels = {int(label): image[labelled.labels == label] for label in shown}
     # Masks are drawn a little too small, so the rim around them belongs to neither side.
     margin = 2 * (image.shape[0] // 50) + 1
     near = cv2.dilate((labelled.labels > 0).astype(np.uint8), np.ones((margin, margin), np.uint8))
     background = image[near == 0]
     if not len(background):
         raise ImageError(f"labelled image {labelled.name}: the masks leave no background; some is needed")
-    result[0] = _histogram(_draw(background, 4 * options.draws, BACKGROUND_JITTER, rng))
-    return result
+    return pixel_histograms({**pixels, 0: background}, options, rng)
+
+
+def pixel_histograms(
+    pixels: Mapping[int, Array], options: FitOptions, rng: np.random.Generator
+) -> Histograms:
+    """The histograms of classes whose pixels (N, 3), none without any, are known by label; 0: background."""
+    return {
+        label: _histogram(_draw(some, options.draws, options, rng))
+        if label
+        else _histogram(_draw(some, 4 * options.draws, BACKGROUND_JITTER, rng))
+        for label, some in pixels.items()
+    }
 
 
 def combine(

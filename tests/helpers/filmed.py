@@ -1,0 +1,65 @@
+"""Short ray-cast recordings of an object, with the label of every pixel."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+import tracker
+from synthetic.camera.rigs import sized, standard_rig
+from synthetic.camera.sensor import Sensor
+from synthetic.raycast import render
+from synthetic.raycast.renderer import Rendering
+from synthetic.raycast.scene import Background, random_scene
+from tracker.learning.footage import Footage
+from tracker.segmentation.fit import intersection_over_union
+
+RIG = sized(standard_rig(), 270)
+
+
+def shots(object_name: str, count: int, seed: int, *, cross=None) -> list[Rendering]:
+    """Pictures of scenes of their own; `cross`: colour (3,) of a cross painted on the table."""
+    model = tracker.load_object(object_name)
+    result = []
+    for number in range(count):
+        rng = np.random.default_rng([seed, number])
+        scene = random_scene(model, rng, occlusion=0.3, in_air=0.2)
+        background = dataclasses.replace(scene.background, cross=np.zeros(2))
+        if cross is not None:
+            background = dataclasses.replace(
+                scene.background, cross=np.array([0.012, 0.08]), cross_albedo=np.asarray(cross)
+            )
+        assert isinstance(background, Background)
+        scene = dataclasses.replace(scene, background=background)
+        result.append(render(scene, RIG.cameras, model, Sensor.realistic(), rng))
+    return result
+
+
+def footage_of(film: list[Rendering]) -> Footage:
+    frames = [tuple(shot.images) for shot in film]
+    return Footage(RIG, tuple(frames[::2]), tuple(frames[1::2]))
+
+
+def write_recording(folder: Path, film: list[Rendering]) -> Path:
+    """A folder of pictures with its calibration."""
+    for number, shot in enumerate(film):
+        frame = folder / f"{number:06d}"
+        frame.mkdir(parents=True)
+        for camera, image in zip(RIG, shot.images, strict=True):
+            cv2.imwrite(str(frame / f"{camera.name}.png"), image)
+    RIG.save(folder)
+    return folder
+
+
+def overlap(film: list[Rendering], colors: tracker.ColorModel) -> float:
+    """Mean intersection over union of the labels found and the true ones."""
+    values = []
+    for shot in film:
+        for image, labels in zip(shot.images, shot.labels, strict=True):
+            large = [k for k in range(1, 7) if np.count_nonzero(labels == k) >= 60]
+            found = intersection_over_union(tracker.segment(image, colors), labels)
+            values += [found[label] for label in large]
+    return float(np.mean(values))

@@ -1,0 +1,76 @@
+"""What posed pictures teach, against the true label of every pixel."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import tracker
+from tests.helpers.filmed import RIG
+from tracker.learning.footage import shares
+from tracker.learning.lessons import Lesson, consistent, lesson, nodes_of, owners
+from tracker.learning.outline import outline
+from tracker.pipeline import ObjectTracker
+from tracker.pose.fit import Fit
+
+MODEL = tracker.load_object("cube_v2")
+COLORS = tracker.load_colors("cube_v2")
+
+
+def test_faces_of_the_outline_are_those_of_the_picture(film):
+    inside = total = 0
+    for shot in film:
+        for camera, labels in zip(RIG, shot.labels, strict=True):
+            seen = outline(MODEL, camera, shot.rotation, shot.position)
+            assert not (labels[~seen.around] > 0).any()
+            both = (labels > 0) & (seen.faces > 0)
+            assert (seen.faces[both] == labels[both]).all()
+            inside, total = inside + np.count_nonzero(both), total + np.count_nonzero(labels)
+    assert inside > 0.7 * total
+
+
+def test_an_object_out_of_view_has_no_outline():
+    assert outline(MODEL, RIG[0], np.eye(3), np.array([0.0, 0.0, 5.0])) is None
+
+
+@pytest.fixture(scope="module")
+def lessons(film) -> list[tuple[Lesson, np.ndarray]]:
+    """Lessons, and the true labels of their pixels."""
+    tracked, result = ObjectTracker(MODEL, RIG, COLORS), []
+    for shot in film:
+        fit = tracked.fit(shot.images)
+        assert isinstance(fit, Fit)
+        seen = lesson(MODEL, RIG, tuple(shot.images), fit, COLORS)
+        truth = []
+        for camera, labels in zip(RIG, shot.labels, strict=True):
+            mask = outline(MODEL, camera, fit.rotation, fit.position)
+            truth.append(labels[(mask.faces > 0) | ~mask.around])
+        result.append((seen, np.concatenate(truth)))
+    return result
+
+
+def test_what_hides_a_face_does_not_teach(lessons):
+    owner = owners([one for one, _ in lessons])
+    faces = np.concatenate([one.faces for one, _ in lessons])
+    truth = np.concatenate([labels for _, labels in lessons])
+    kept = owner[np.concatenate([nodes_of(one.levels) for one, _ in lessons])] == faces
+    hidden, shown = (faces > 0) & (truth == 0), (faces > 0) & (truth == faces)
+    assert np.count_nonzero(hidden) > 300
+    assert kept[hidden].mean() < 0.2
+    assert kept[shown].mean() > 0.9
+
+
+def test_a_frame_teaches_the_pixels_that_are_in_their_faces_colors(lessons):
+    taught, owner = consistent([one for one, _ in lessons]), owners([one for one, _ in lessons])
+    for pixels, (one, _) in zip(taught, lessons, strict=True):
+        assert len(pixels[0]) == np.count_nonzero(one.faces == 0)
+        for label in set(pixels) - {0}:
+            assert (owner[nodes_of(pixels[label])] == label).all()
+
+
+@pytest.mark.parametrize(
+    ("lengths", "count", "expected"),
+    [([100], 80, [80]), ([10, 100], 80, [10, 70]), ([100, 100], 80, [40, 40]), ([3, 4, 3], 80, [3, 4, 3])],
+)
+def test_recordings_share_the_frames(lengths, count, expected):
+    assert shares(lengths, count) == expected

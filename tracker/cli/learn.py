@@ -1,0 +1,168 @@
+"""`tracker colors adapt` and `tracker colors new`: colours learned from recordings without labels."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+from tracker.cli.calibration import optional_calibration_options, rig_of
+from tracker.cli.table import listing, table
+from tracker.cli.track_outputs import refuse_overwriting
+from tracker.errors import ColorModelError
+
+if TYPE_CHECKING:
+    from tracker.learning.adapt import Adapted
+    from tracker.learning.footage import Footage
+    from tracker.objects.model import CuboidModel
+    from tracker.segmentation.color_model import ColorModel
+
+_FILE = click.Path(path_type=Path)
+_Command = TypeVar("_Command", bound=Callable[..., Any])
+_Calibration = tuple[tuple[str, ...], "str | None", bool]
+
+_OPTIONS = (
+    click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...", type=_FILE),
+    click.option("-o", "--output", required=True, metavar="FILE", type=_FILE, help="Colour model (.npz)."),
+    optional_calibration_options,
+    click.option(
+        "--frames",
+        metavar="N",
+        type=click.IntRange(10, 2000),
+        default=80,
+        show_default=True,
+        help="Frames that are looked at, spread evenly; half of them only judge.",
+    ),
+    click.option(
+        "--rounds", metavar="N", type=click.IntRange(1, 50), default=8, show_default=True, help="Most turns."
+    ),
+    click.option(
+        "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the fit's draws."
+    ),
+    click.option("--recover", is_flag=True, help="Leave out what is damaged of a recording."),
+    click.option("-q", "--quiet", is_flag=True, help="Say nothing but errors."),
+)
+
+
+def _learning_options(command: _Command) -> _Command:
+    for option in reversed(_OPTIONS):
+        command = option(command)
+    return command
+
+
+@click.command()
+@_learning_options
+@click.option("--object", "object_name", required=True, metavar="NAME", help="Object, or its TOML file.")
+@click.option(
+    "--colors",
+    "colors_name",
+    metavar="NAME",
+    help="Colour model to begin with, or its file.  [default: the shipped one that explains most]",
+)
+def adapt(
+    recordings: tuple[Path, ...],
+    output: Path,
+    calibration: tuple[str, ...],
+    pattern: str | None,
+    correct_halved_principal_point: bool,
+    frames: int,
+    rounds: int,
+    seed: int,
+    recover: bool,
+    quiet: bool,
+    object_name: str,
+    colors_name: str | None,
+) -> None:
+    """Fit a colour model to RECORDINGs of a known object, without labels.
+
+    Where poses are sure, they say what is a face. The colours fitted to that find more poses, round by
+    round; frames that did not teach decide whether they are better. If they are not, nothing is written.
+
+    Then give the file to `--colors` of other commands, or name it in the object's TOML file.
+    """
+    from tracker.learning.start import nearest
+    from tracker.objects.model import load_object
+    from tracker.segmentation.color_model import load_colors
+
+    _check_output(output, recordings, [object_name, colors_name])
+    model = load_object(object_name)
+    start = load_colors(colors_name) if colors_name is not None else None
+    cameras = (calibration, pattern, correct_halved_principal_point)
+    footage = read_footage(recordings, cameras, frames, recover)
+    learned = learn(model, footage, start or nearest(model, footage), output, rounds, seed, quiet)
+    write_colors(learned, output, quiet)
+
+
+def _check_output(output: Path, recordings: tuple[Path, ...], inputs: Sequence[str | None]) -> None:
+    """Refuse an output that cannot be written, or would overwrite an input."""
+    if output.suffix != ".npz":
+        raise ColorModelError(f"colour model {output}: found suffix {output.suffix!r}, expected .npz")
+    if not output.parent.is_dir():
+        raise ColorModelError(f"colour model {output}: there is no folder {output.parent}")
+    refuse_overwriting({"-o": output}, recordings)
+    for name in inputs:
+        if name is not None and output.exists() and Path(name).exists() and output.samefile(name):
+            raise click.UsageError(f"-o {output}: that is an input")
+
+
+def read_footage(
+    recordings: Sequence[Path], cameras: _Calibration, frames: int, recover: bool
+) -> list[Footage]:
+    """Frames of the recordings, about `frames` in all.
+
+    Raises:
+        TrackerError: a recording or its calibration cannot be read, or there are too few frames.
+    """
+    from tracker.learning.footage import LEAST, footage, shares
+    from tracker.logs import open_log
+
+    lengths = []
+    for path in recordings:
+        with open_log(path, recover=recover) as log:
+            lengths.append(len(log))
+    result = []
+    for path, count in zip(recordings, shares(lengths, frames), strict=True):
+        with open_log(path, recover=recover) as log:
+            result.append(footage(log, rig_of(path, log, *cameras), count))
+    found = sum(len(one.learned) + len(one.held_out) for one in result)
+    if found < LEAST:
+        raise ColorModelError(f"recordings: found {found} frames with images, expected at least {LEAST}")
+    return result
+
+
+def learn(
+    model: CuboidModel,
+    footage: Sequence[Footage],
+    start: ColorModel,
+    output: Path,
+    rounds: int,
+    seed: int,
+    quiet: bool,
+) -> Adapted:
+    """What the frames teach; each round is told in a line."""
+    from tracker.learning.adapt import adapt as learn_colors
+    from tracker.segmentation.fit import FitOptions
+
+    say: Callable[[str], None] = (lambda _: None) if quiet else click.echo
+    options = FitOptions(seed=seed)
+    return learn_colors(model, footage, start, options, name=output.stem, rounds=rounds, say=say)
+
+
+def write_colors(learned: Adapted, output: Path, quiet: bool) -> None:
+    """Write the colour model, and tell what it is made of."""
+    try:
+        learned.colors.save(output)
+    except OSError as error:
+        raise ColorModelError(f"colour model {output}: cannot be written: {error.strerror}") from error
+    if quiet:
+        return
+    click.echo()
+    click.echo(table([["pixels that taught", *learned.pixels], ["", *map(str, learned.pixels.values())]]))
+    for color, count in learned.pixels.items():
+        if not count:
+            click.echo(f"{color} was hardly seen: it stays as it was before")
+    click.echo()
+    judged = f"{learned.before} of {learned.before.frames} frames that did not teach"
+    click.echo(listing([["before", judged], ["after", str(learned.after)], ["colours", str(output)]]))

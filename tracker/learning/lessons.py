@@ -1,0 +1,137 @@
+"""What posed pictures teach: pixels of each face, and of everything else."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy.ndimage import gaussian_filter
+
+from tracker.calibration.rig import CameraRig
+from tracker.conventions import Array, FloatArray, Image
+from tracker.learning.footage import Images
+from tracker.learning.outline import outline
+from tracker.objects.model import CuboidModel
+from tracker.pose.fit import Fit
+from tracker.segmentation.color_model import CLASSES, NODES, ColorModel, compand
+from tracker.segmentation.hues import hue_of
+from tracker.segmentation.labels import FINE, MIN_AREA, REFERENCE_SIZE, look_up
+from tracker.segmentation.light import apply_gains, evened, find_light
+
+CONSISTENT = 4.0
+"""By how much more frequent a colour must be where the poses put a face than elsewhere: fingers that hide
+the face are to be seen elsewhere as well."""
+
+SMOOTHING = 0.7
+"""Standard deviation of the smoothing of the densities that are compared [nodes]."""
+
+LEAST = 20
+"""Pixels of a face in a frame from which its hue is told."""
+
+
+@dataclass(frozen=True, eq=False)
+class Lesson:
+    """One frame in neutral light, with the faces where a pose puts them."""
+
+    levels: Array
+    """(N, 3) uint8 BGR of the pixels on faces or away from the object."""
+    faces: Array
+    """(N,) label of the face that the pose puts there, 0 away from the object."""
+    found: Array
+    """(N,) label that the colour model gave."""
+    stray: Array
+    """(N,) bool: away from the object in a patch that looks like a face."""
+
+    def hues(self) -> dict[int, float]:
+        """Hue of what the colour model took for each face, where the pose puts that face."""
+        result = {}
+        for label in np.unique(self.faces[self.faces > 0]):
+            agree = (self.faces == label) & (self.found == label)
+            if np.count_nonzero(agree) >= LEAST:
+                result[int(label)] = hue_of(self.levels[agree])
+        return result
+
+
+def lesson(model: CuboidModel, rig: CameraRig, images: Images, fit: Fit, colors: ColorModel) -> Lesson:
+    """What a frame with a pose shows; `colors` is the model that the pose was found with."""
+    levels, faces, found, stray = [], [], [], []
+    for camera, image in zip(rig, images, strict=True):
+        if image is None:
+            continue
+        seen = outline(model, camera, fit.rotation, fit.position)
+        neutral, labels = _read(image, colors)
+        if seen is None:
+            continue
+        use = (seen.faces > 0) | ~seen.around
+        levels.append(neutral[use])
+        faces.append(seen.faces[use])
+        found.append(labels[use])
+        stray.append((_patches(labels) & ~seen.around)[use])
+    if not levels:
+        nothing = np.zeros(0, np.uint8)
+        return Lesson(np.zeros((0, 3), np.uint8), nothing, nothing, nothing > 0)
+    return Lesson(*(np.concatenate(parts) for parts in (levels, faces, found, stray)))
+
+
+def _patches(labels: Image) -> Array:
+    """(H, W) bool: whether a pixel belongs to a patch of one face colour that is no speck."""
+    least = MIN_AREA * (min(labels.shape) / REFERENCE_SIZE) ** 2
+    result = np.zeros(labels.shape, dtype=bool)
+    for label in np.unique(labels[labels > 0]):
+        mask = cv2.medianBlur((labels == label).astype(np.uint8), 3)
+        _, parts, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=4)
+        large = stats[:, cv2.CC_STAT_AREA] >= least
+        large[0] = False
+        result |= large[parts]
+    return result
+
+
+def _read(image: Image, colors: ColorModel) -> tuple[Image, Image]:
+    """The image in neutral light, and its labels without clean-up."""
+    if min(image.shape[:2]) / REFERENCE_SIZE > FINE:
+        image = np.asarray(cv2.medianBlur(image, 3), dtype=np.uint8)
+    light = find_light(image)
+    image = evened(image, light)
+    labels = np.empty(image.shape[:2], np.uint8)
+    look_up(image, colors.channel_tables(light.gains), colors.label_table, light.gains, labels)
+    return apply_gains(image, light.gains), labels
+
+
+def owners(lessons: Sequence[Lesson]) -> Array:
+    """(32³,) the face on which each colour is more frequent, in all frames together, than elsewhere; else 0.
+
+    What hides a face is seen elsewhere, too, and what a few wrong poses put there on other faces.
+    """
+    pairs = [(nodes_of(one.levels), one) for one in lessons]
+    density = np.stack([_density([n[one.faces == k] for n, one in pairs]) for k in range(CLASSES)])
+    best = np.argmax(density[1:], axis=0) + 1
+    own = np.take_along_axis(density, best[None], axis=0)[0]
+    return np.where(own > CONSISTENT * density[0], best, 0).astype(np.uint8)
+
+
+def consistent(lessons: Sequence[Lesson]) -> list[Mapping[int, Array]]:
+    """Pixels (N, 3) by label of each frame: of faces those in their own colours; 0: what is no object."""
+    owner = owners(lessons)
+    result: list[Mapping[int, Array]] = []
+    for one in lessons:
+        keep = (one.faces == 0) | (owner[nodes_of(one.levels)] == one.faces)
+        shown = np.unique(one.faces[keep])
+        result.append({int(label): one.levels[keep & (one.faces == label)] for label in shown})
+    return result
+
+
+def nodes_of(levels: Array) -> Array:
+    """(N,) nearest node of the colour model's grid, blue slowest, of pixels (N, 3)."""
+    cells = np.rint(compand(levels, NODES)).astype(np.int64)
+    return np.asarray(np.ravel_multi_index((cells[:, 0], cells[:, 1], cells[:, 2]), (NODES,) * 3))
+
+
+def _density(nodes: Sequence[Array]) -> FloatArray:
+    """Density (32³,) over the nodes, smoothed; zeros where there is no pixel."""
+    counts = np.bincount(np.concatenate(nodes), minlength=NODES**3).astype(np.float64)
+    if not counts.any():
+        return counts
+    grid = gaussian_filter(counts.reshape((NODES,) * 3), SMOOTHING, mode="nearest")
+    return np.asarray(grid.ravel() / counts.sum(), dtype=np.float64)
