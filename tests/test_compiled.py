@@ -154,6 +154,7 @@ def edit(toy, name, old, new):
     path.write_text(path.read_text(encoding="utf-8").replace(old, new), encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_a_change_in_what_a_kernel_calls_or_imports_leads_to_machine_code_anew(toy):
     assert run(toy, TOY) == [7.0, 0]
     assert run(toy, TOY) == [7.0, 1]
@@ -165,6 +166,7 @@ def test_a_change_in_what_a_kernel_calls_or_imports_leads_to_machine_code_anew(t
     assert run(toy, TOY) == [11.0, 1]
 
 
+@pytest.mark.slow
 def test_machine_code_of_older_sources_is_removed_but_for_the_latest(toy):
     folders = []
     for k in range(4):
@@ -176,6 +178,7 @@ def test_machine_code_of_older_sources_is_removed_but_for_the_latest(toy):
     assert kept(toy) == set(folders[-2:])
 
 
+@pytest.mark.slow
 def test_kept_machine_code_that_is_damaged_is_made_anew(toy):
     run(toy, TOY)
     for pattern in ("*.nbi", "*.nbc"):

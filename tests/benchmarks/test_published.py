@@ -61,6 +61,7 @@ def published(tmp_path, monkeypatch):
     return run, tree, tmp_path
 
 
+@pytest.mark.slow
 def test_publishing_writes_document_rows_page_and_readme_of_release_scenes(published):
     run, tree, folder = published
     done = run()

@@ -193,6 +193,7 @@ def test_a_cell_shows_what_was_measured_and_its_interval():
     assert cell("{name}", row) == "x"
 
 
+@pytest.mark.slow
 def test_a_page_without_pictures_of_single_scenes_for_those_that_may_not_be_looked_at(folder):
     results = read_results(folder)
     assert "The worst frames" in page_of(results, folder)

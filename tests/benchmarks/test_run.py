@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from benchmarks.judge.results import contradictions, read_results
 from tests.helpers import run_python
 from tests.helpers.synthetic_needs import skip_without_platform
 
 
+@pytest.mark.slow
 def test_a_smoke_run_measures_and_says_so(tmp_path):
     skip_without_platform()
     out = tmp_path / "out"

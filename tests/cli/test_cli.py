@@ -43,8 +43,8 @@ def labelled(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("command", ["", "detect", "track", "colors", "colors fit", "colors check"])
-def test_every_command_explains_itself(command):
-    result = run(*command.split(), "--help")
+def test_every_command_explains_itself(command, run_here):
+    result = run_here(*command.split(), "--help")
     assert result.returncode == 0
     assert result.stderr == ""
     assert result.stdout.startswith(f"Usage: tracker {command}".rstrip())
@@ -66,8 +66,8 @@ def test_detect_prints_the_pose_for_people(demo):
     assert np.linalg.norm([float(cell) for cell in rows["orientation"]]) == pytest.approx(1, abs=1e-5)
 
 
-def test_detect_prints_one_json_object_for_programs(demo):
-    result = run(*detect_arguments(demo), "--json")
+def test_detect_prints_one_json_object_for_programs(demo, run_here):
+    result = run_here(*detect_arguments(demo), "--json")
     assert result.returncode == 0, result.stderr
     found = json.loads(result.stdout)
     assert list(found) == ["object", "status", "pose", "timing_ms"]
@@ -96,8 +96,8 @@ def test_a_camera_may_have_given_no_image(demo, run_here):
     np.testing.assert_allclose(without["pose"]["position"], everything["pose"]["position"], atol=2e-3)
 
 
-def test_the_overlay_is_written(demo, tmp_path):
-    result = run(*detect_arguments(demo), "--overlay", tmp_path / "out.png")
+def test_the_overlay_is_written(demo, tmp_path, run_here):
+    result = run_here(*detect_arguments(demo), "--overlay", tmp_path / "out.png")
     assert result.returncode == 0, result.stderr
     picture = cv2.imread(str(tmp_path / "out.png"))
     assert picture.shape == cv2.imread(str(demo / "overlay.png")).shape
@@ -109,16 +109,16 @@ def test_an_error_of_the_process_is_one_line_too(image, demo, tmp_path):
     assert_one_line_error(run(*detect_arguments(demo, camera180=tmp_path / image)), image)
 
 
-def test_nothing_found_is_an_answer_and_no_error(demo, tmp_path):
+def test_nothing_found_is_an_answer_and_no_error(demo, tmp_path, run_here):
     cv2.imwrite(str(tmp_path / "grey.png"), np.full((270, 270, 3), 90, np.uint8))
     grey = dict.fromkeys(NAMES, tmp_path / "grey.png")
-    result = run(*detect_arguments(demo, **grey), "--json", "--overlay", tmp_path / "out.jpg")
+    result = run_here(*detect_arguments(demo, **grey), "--json", "--overlay", tmp_path / "out.jpg")
     assert result.returncode == 0, result.stderr
     found = json.loads(result.stdout)
     assert found["pose"] is None
     assert found["status"] == "no object colours"
     assert (tmp_path / "out.jpg").is_file()
-    assert "no object colours" in run(*detect_arguments(demo, **grey)).stdout
+    assert "no object colours" in run_here(*detect_arguments(demo, **grey)).stdout
 
 
 def faulty_images(folder: Path, demo: Path) -> None:
@@ -212,12 +212,12 @@ def test_no_image_at_all_is_an_error(demo, run_here):
     assert_one_line_error(result, "'none'", "at least one")
 
 
-def test_fitted_colors_are_written_and_can_be_checked(labelled, tmp_path):
-    result = run("colors", "fit", labelled, "--name", "mine", "-o", tmp_path / "mine.npz")
+def test_fitted_colors_are_written_and_can_be_checked(labelled, tmp_path, run_here):
+    result = run_here("colors", "fit", labelled, "--name", "mine", "-o", tmp_path / "mine.npz")
     assert result.returncode == 0, result.stderr
     assert "no image shows green" in result.stdout
     assert "no image shows red" not in result.stdout
-    checked = run("colors", "check", labelled, "--colors", tmp_path / "mine.npz")
+    checked = run_here("colors", "check", labelled, "--colors", tmp_path / "mine.npz")
     assert checked.returncode == 0, checked.stderr
     header, *_, mean = checked.stdout.splitlines()
     values = dict(zip(header.split()[3:], mean.split()[1:], strict=True))

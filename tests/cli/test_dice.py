@@ -81,8 +81,8 @@ def truth(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rearrange_dice, "locate", locate)
 
 
-def test_the_command_explains_itself():
-    result = run("dice", "--help")
+def test_the_command_explains_itself(run_here):
+    result = run_here("dice", "--help")
     assert result.returncode == 0
     assert result.stderr == ""
     assert result.stdout.startswith("Usage: tracker dice")
@@ -108,8 +108,8 @@ def test_dice_prints_one_json_object_for_programs(scene):
     assert found["timing_ms"]["total"] > 0
 
 
-def test_dice_prints_the_error_for_people(scene):
-    result = run(*arguments(scene, "--goal", scene / "goal.json"))
+def test_dice_prints_the_error_for_people(scene, run_here):
+    result = run_here(*arguments(scene, "--goal", scene / "goal.json"))
     assert result.returncode == 0, result.stderr
     first, second, third = result.stdout.splitlines()[:3]
     assert first.startswith("error [px]")

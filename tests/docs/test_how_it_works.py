@@ -101,6 +101,7 @@ def test_every_picture_exists_and_is_small_and_shown():
     assert all(picture.stat().st_size <= 150_000 for picture in pictures)
 
 
+@pytest.mark.slow
 def test_the_script_draws_every_picture(tmp_path):
     pytest.importorskip("matplotlib", reason="film: no module matplotlib")
     script = ROOT / "scripts" / "draw_how_it_works.py"

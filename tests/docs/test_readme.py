@@ -95,10 +95,11 @@ def test_the_example_finds_the_cube(working):
     assert float(result.stdout.split()[-1]) > 0.5
 
 
-def test_the_readmes_commands_run(working):
+@pytest.mark.slow
+def test_the_readmes_commands_run(working, run_here):
     assert len(commands()) >= 6
     for command in commands():
-        result = run_python(["-m", "tracker", *shlex.split(command)[1:]], working)
+        result = run_here(*shlex.split(command)[1:], folder=working)
         assert result.returncode == 0, f"{command}: {result.stderr}"
         assert result.stderr == ""
     assert (working / "my_object.npz").is_file()
@@ -111,12 +112,12 @@ def test_the_readmes_object_loads_with_its_colours(working):
     assert model.colors == "my_object.npz" or Path(model.colors).parent == working
 
 
-def test_the_readmes_json_has_the_keys_of_the_real_one(working):
+def test_the_readmes_json_has_the_keys_of_the_real_one(working, run_here):
     by_name = {command.split()[1]: command for command in reversed(commands())}
     pairs = []
     for name, block in zip(("detect", "dice"), blocks("json"), strict=True):
         arguments = [word for word in shlex.split(by_name[name])[1:] if word != "--json"]
-        result = run_python(["-m", "tracker", *arguments, "--json"], working)
+        result = run_here(*arguments, "--json", folder=working)
         pairs.append((json.loads(block), json.loads(result.stdout)))
         assert list(pairs[-1][0]) == list(pairs[-1][1])
     (shown, real), (shown_dice, real_dice) = pairs
@@ -153,6 +154,7 @@ def test_another_seed_shows_another_scene(demo, tmp_path):
     assert (tmp_path / "overlay.png").read_bytes() != (demo / "overlay.png").read_bytes()
 
 
+@pytest.mark.slow
 def test_the_demo_films_what_it_finds(tmp_path):
     pytest.importorskip("pybullet", reason="platform: no module pybullet")
     for package in ("av", "matplotlib"):

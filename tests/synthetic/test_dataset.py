@@ -62,6 +62,7 @@ def test_the_layout_is_complete(made):
     assert not hidden
 
 
+@pytest.mark.slow
 def test_the_pixels_do_not_depend_on_the_number_of_workers(made, tmp_path):
     generate(tmp_path / "two", "--bop", "--calibration", "perturbed", "--workers", 2)
     first, second = contents(made), contents(tmp_path / "two")

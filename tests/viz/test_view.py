@@ -29,6 +29,7 @@ def entities(path: Path) -> set[str]:
 
 
 @needs_rerun
+@pytest.mark.slow
 def test_poses_alone_are_shown_without_images(tmp_path, rng):
     write_poses(tmp_path / "poses.h5", random_poses(rng, 20))
     result = run("poses.h5", "-o", "view.rrd", folder=tmp_path)
@@ -41,6 +42,7 @@ def test_poses_alone_are_shown_without_images(tmp_path, rng):
 
 
 @needs_rerun
+@pytest.mark.slow
 def test_a_recording_is_tracked_on_the_way(tmp_path):
     write_log(tmp_path / "log", 6)
     result = run("log", "--object", "cube_v2", "-o", "view.rrd", "--every", 2, "-q", folder=tmp_path)
@@ -64,11 +66,11 @@ def test_a_recording_is_tracked_on_the_way(tmp_path):
         (["log", "-o", "v.rrd", "--object", "cube_v2", "--colors", "no"], "'no'"),
     ],
 )
-def test_wrong_usage_is_one_line_and_leaves_nothing(arguments, said, tmp_path):
+def test_wrong_usage_is_one_line_and_leaves_nothing(arguments, said, tmp_path, run_here):
     write_poses(tmp_path / "poses.h5", random_poses(np.random.default_rng(1), 5))
     write_log(tmp_path / "log", 5)
     before = sorted(tmp_path.rglob("*"))
-    assert_one_line_error(run(*arguments, folder=tmp_path), said)
+    assert_one_line_error(run_here("view", *arguments, folder=tmp_path), said)
     assert sorted(tmp_path.rglob("*")) == before
 
 
