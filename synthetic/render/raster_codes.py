@@ -27,7 +27,7 @@ class RasterPainter:
     def paint(self, view: PinholeView, bodies: list[tuple[int, Mesh, FloatArray]]) -> Array:
         """Codes (h, w) uint32 of bodies, each with its number, mesh and world_from_body (4, 4)."""
         codes = np.zeros((view.height, view.width), np.uint32)
-        nearness = np.zeros(codes.shape)
+        nearness = np.zeros(codes.shape, np.float32)
         lens = np.array([view.fx, view.fy, view.cx, view.cy])
         for number, mesh, world_from_body in bodies:
             camera_from_body = view.camera_from_world @ world_from_body
@@ -97,19 +97,34 @@ def _fill(seen: Array, a: int, b: int, c: int, code: int, nearness: Array, codes
     ab, ac = seen[b, 2] - seen[a, 2], seen[c, 2] - seen[a, 2]
     along_x = (ab * (cy - ay) - ac * (by - ay)) / area
     along_y = (ac * (bx - ax) - ab * (cx - ax)) / area
+    edges = _edge(ax, ay, bx, by), _edge(bx, by, cx, cy), _edge(cx, cy, ax, ay)
     for j in range(int(top), int(bottom) + 1):
         low, high = np.inf, -np.inf
-        for px, py, qx, qy in ((ax, ay, bx, by), (bx, by, cx, cy), (cx, cy, ax, ay)):
-            if py == qy or not min(py, qy) <= j <= max(py, qy):
-                continue
-            # From the upper end, whichever comes first: triangles that share an edge leave no gap.
-            x = px + (j - py) * (qx - px) / (qy - py) if py < qy else qx + (j - qy) * (px - qx) / (py - qy)
-            low, high = min(low, x), max(high, x)
+        for x, y, end, slope in edges:
+            if y <= j <= end:
+                here = x + (j - y) * slope
+                low, high = min(low, here), max(high, here)
         left, right = max(np.ceil(low), 0.0), min(np.floor(high), width - 1.0)
         if left > right:
             continue
-        here = seen[a, 2] + along_y * (j - ay) - along_x * ax
-        for i in range(int(left), int(right) + 1):
-            near = here + along_x * i
-            if near > nearness[j, i]:
-                nearness[j, i], codes[j, i] = near, code
+        first = int(left)
+        start = np.float32(seen[a, 2] + along_y * (j - ay) + along_x * (left - ax))
+        step, own = np.float32(along_x), np.uint32(code)
+        # Numbers of one size, and no branch: eight pixels at once.
+        for k in range(int(right) - first + 1):
+            near = start + step * np.float32(k)
+            seen_now, shown = nearness[j, first + k], codes[j, first + k]
+            nearness[j, first + k] = max(near, seen_now)
+            codes[j, first + k] = own if near > seen_now else shown
+
+
+@compiled
+def _edge(px: float, py: float, qx: float, qy: float) -> tuple[float, float, float, float]:
+    """The upper end (x, y) of an edge, the y of its lower one, and by how much x changes with y.
+
+    From the upper end, whichever comes first: triangles that share an edge leave no gap.
+    """
+    if py == qy:
+        return px, np.inf, -np.inf, 0.0
+    slope = (qx - px) / (qy - py)
+    return (px, py, qy, slope) if py < qy else (qx, qy, py, slope)

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from synthetic.scene import ObjectState
 from synthetic.world.kinematics import LOWER_LIMITS, TIP_RADIUS, UPPER_LIMITS, finger_angles
 from synthetic.world.platform import Platform
-from synthetic.world.simulation import World
 from tracker.conventions import Array, FloatArray
+
+if TYPE_CHECKING:
+    from synthetic.world.simulation import World
 
 GAP = 0.0003
 """Least distance [m] between a finger and anything else."""

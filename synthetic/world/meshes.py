@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
 
 import numpy as np
@@ -110,9 +111,17 @@ def cylinder(radius: float, length: float) -> tuple[FloatArray, Array]:
 
 def load(path: Path, scale: Array | None = None) -> tuple[FloatArray, Array]:
     """Vertices (V, 3) [m] and triangles (T, 3) of a mesh file, equal vertices merged."""
+    vertices, triangles = _loaded(path)
+    return vertices * (1.0 if scale is None else np.asarray(scale)), triangles
+
+
+@functools.lru_cache(maxsize=16)
+def _loaded(path: Path) -> tuple[FloatArray, Array]:
     solid = trimesh.load_mesh(path)
-    vertices = np.asarray(solid.vertices, dtype=np.float64)
-    return vertices * (1.0 if scale is None else np.asarray(scale)), np.asarray(solid.faces, dtype=np.int64)
+    result = np.array(solid.vertices, dtype=np.float64), np.array(solid.faces, dtype=np.int64)
+    for array in result:
+        array.flags.writeable = False
+    return result
 
 
 def concatenate(parts: list[tuple[FloatArray, Array]]) -> tuple[FloatArray, Array]:

@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pybullet
 
 from synthetic.look.appearance import Look
 from synthetic.scene import Body, Lighting, Mesh, ObjectState, PlatformScene
 from synthetic.world import meshes
 from synthetic.world.assets import CONTAINMENT, find_assets
-from synthetic.world.simulation import World
 from tracker.conventions import Array, FloatArray
-from tracker.geometry import so3
 from tracker.objects.model import CuboidModel, load_object
+
+if TYPE_CHECKING:
+    from synthetic.world.simulation import World
 
 DICE = "dice"
 DICE_COUNT, DIE_SIZE = 25, 0.022
@@ -29,44 +30,35 @@ picture of the real ones."""
 ARENA_RADIUS = 0.19
 """Radius of the table within the wall [m]."""
 
-SHELL, DARK, RUBBER, COPPER = range(4)
-"""Colour groups of the robot's meshes: rows of `Look.robot`."""
-
-_GROUP_OF_FILE = {
-    "prox-sim": SHELL,
-    "int_sim": SHELL,
-    "tip_link_sim": SHELL,
-    "tip_sim": RUBBER,
-    "motor_sim": DARK,
-    "center_axis_sim": DARK,
-}
 _TABLE_RADIUS, _FLOOR_RADIUS, _FLOOR_HEIGHT = 0.1955, 2.0, -0.02
 _CROSS_HEIGHT = 0.0002
-_MOTOR_FACE = 0.0162
 
 
 class Platform:
     """Robot, table, wall and an object; a context manager. A process may have several.
 
+    PyBullet is needed for the robot and for physics only: scenes without both do without it.
+
     Args:
-        object_name: an object's name or file as `tracker.load_object` takes it, or "dice".
+        object_name: an object's name or file as `tracker.load_object` takes it, the model itself, or "dice".
 
     Raises:
         AssetError: the robot's meshes cannot be had.
         ObjectModelError: the object is unknown or its file malformed.
     """
 
-    def __init__(self, object_name: str) -> None:
+    def __init__(self, object_name: str | CuboidModel) -> None:
+        self.model: CuboidModel | None = None
+        if isinstance(object_name, CuboidModel):
+            self.model, object_name = object_name, object_name.name
+        elif object_name != DICE:
+            self.model = load_object(object_name)
         self.object_name = object_name
-        self.model: CuboidModel | None = None if object_name == DICE else load_object(object_name)
         self.size: FloatArray = np.full(3, DIE_SIZE) if self.model is None else self.model.size
         """(3,) edge lengths of the object, or of each die [m]."""
         self.count = DICE_COUNT if self.model is None else 1
         """Number of objects."""
         self.assets: Path = find_assets()
-        self.world = self.new_world()
-        """For questions of collision only: nothing in it ever moves by physics."""
-        self._robot_meshes = _robot_meshes(self.world, self.assets)
         self._object_mesh = (
             meshes.die(DICE, DIE_SIZE, PIP_SPREAD, PIP_DIAMETER)
             if self.model is None
@@ -77,13 +69,28 @@ class Platform:
         self._table_mesh = meshes.disc("table", _TABLE_RADIUS)
         self._floor_mesh = meshes.disc("floor", _FLOOR_RADIUS)
 
+    @functools.cached_property
+    def world(self) -> World:
+        """For questions of collision only: nothing in it ever moves by physics."""
+        return self.new_world()
+
+    @functools.cached_property
+    def _robot_meshes(self) -> dict[int, Mesh]:
+        from synthetic.world.robot import robot_meshes
+
+        return robot_meshes(self.world, self.assets)
+
     def new_world(self, *, robot: bool = True, fast: bool = False) -> World:
         """A world of its own with this platform's object: physics in it depends on nothing else."""
+        # Imported here, since it imports PyBullet.
+        from synthetic.world.simulation import World
+
         return World(self.assets, self.size, self.count, robot=robot, fast=fast)
 
     def close(self) -> None:
-        """Frees the simulation."""
-        self.world.close()
+        """Frees the simulation, if there is one."""
+        if "world" in vars(self):
+            self.world.close()
 
     def __enter__(self) -> Platform:
         return self
@@ -165,33 +172,3 @@ class Platform:
 
 def _object_key(size: FloatArray) -> str:
     return "box_" + "_".join(f"{edge:.6f}" for edge in size)
-
-
-def _robot_meshes(world: World, assets: Path) -> dict[int, Mesh]:
-    """One mesh for each link that has something to see, in the link's frame."""
-    parts: dict[int, list[tuple[FloatArray, Array, int]]] = {}
-    for shape in pybullet.getVisualShapeData(world.robot, physicsClientId=world.client):
-        _, link, kind, size, file, position, quaternion, _ = shape[:8]
-        rotation = so3.matrix_from_quaternion(quaternion)
-        for vertices, triangles, group in _shape(kind, size, file.decode(), assets):
-            parts.setdefault(link, []).append((vertices @ rotation.T + position, triangles, group))
-    result = {}
-    for link, pieces in parts.items():
-        vertices, triangles = meshes.concatenate([piece[:2] for piece in pieces])
-        groups = np.concatenate([np.full(len(piece[1]), piece[2]) for piece in pieces])
-        # All three fingers have the same links: their meshes share a key, and a renderer's upload.
-        key = world.links[link].rsplit("_", 1)[0] if "finger" in world.links[link] else world.links[link]
-        result[link] = Mesh(f"robot_{key}", vertices, triangles, groups)
-    return result
-
-
-def _shape(kind: int, size: Sequence[float], file: str, assets: Path) -> list[tuple[FloatArray, Array, int]]:
-    """Vertices, triangles and colour group of the parts of one visual shape of the URDF."""
-    if kind == pybullet.GEOM_CYLINDER:
-        return [(*meshes.cylinder(radius=size[1], length=size[0]), DARK)]
-    stem = Path(file).stem
-    result = [(*meshes.load(assets / "meshes" / "pro" / f"{stem}.stl", np.array(size)), _GROUP_OF_FILE[stem])]
-    if stem == "motor_sim":
-        # The mesh is a plain disc; the real motors are open and show their copper windings.
-        result.append((*meshes.coils(0.0100, 0.0165, _MOTOR_FACE), COPPER))
-    return result
