@@ -42,7 +42,9 @@ def labelled(tmp_path: Path) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("command", ["", "detect", "track", "colors", "colors fit", "colors check"])
+@pytest.mark.parametrize(
+    "command", ["", "detect", "track", "colors", "colors fit", "colors check", "colors adapt", "colors new"]
+)
 def test_every_command_explains_itself(command, run_here):
     result = run_here(*command.split(), "--help")
     assert result.returncode == 0
@@ -219,17 +221,41 @@ def test_fitted_colors_are_written_and_can_be_checked(labelled, tmp_path, run_he
     assert "no image shows red" not in result.stdout
     checked = run_here("colors", "check", labelled, "--colors", tmp_path / "mine.npz")
     assert checked.returncode == 0, checked.stderr
-    header, *_, mean = checked.stdout.splitlines()
+    overlaps, confusions, *_ = checked.stdout.split("\n\n")
+    header, *_, mean = overlaps.splitlines()
     values = dict(zip(header.split()[3:], mean.split()[1:], strict=True))
     assert float(values["red"]) > 0.95
     assert float(values["blue"]) > 0.95
     assert values["green"] == "-"
+    assert confusions.startswith("found as")
+
+
+def test_check_says_which_colors_are_weak_and_draws_them(labelled, tmp_path, run_here):
+    arguments = ("--cross-validate", "--plot", tmp_path / "plot.png")
+    result = run_here("colors", "check", labelled, *arguments)
+    assert result.returncode == 0, result.stderr
+    for words in ("no colour is weak", "the light: red", "a better set of colours"):
+        assert words in result.stdout
+    picture = cv2.imread(str(tmp_path / "plot.png"))
+    assert picture is not None
+    assert picture.std() > 10
+
+
+@pytest.mark.parametrize(
+    ("plot", "words"),
+    [("x.jpg", [".jpg", ".png"]), ("nowhere/x.png", ["no folder"]), ("labelled/x.png", ["labelled images"])],
+)
+def test_a_plot_that_cannot_be_drawn_is_refused(plot, words, labelled, run_here):
+    arguments = ("colors", "check", labelled, "--colors", "cube_v2", "--plot", plot)
+    before = sorted(labelled.iterdir())
+    assert_one_line_error(run_here(*arguments, folder=labelled.parent), *words)
+    assert sorted(labelled.iterdir()) == before
 
 
 def test_cross_validation_measures_images_that_the_fit_did_not_see(labelled, run_here):
     result = run_here("colors", "check", labelled, "--cross-validate")
     assert result.returncode == 0, result.stderr
-    assert float(result.stdout.split()[-1]) > 0.9
+    assert float(result.stdout.split("\n\n")[0].split()[-1]) > 0.9
 
 
 def test_cross_validation_of_one_image_is_an_error(labelled, run_here):

@@ -83,3 +83,47 @@ def test_the_colors_to_begin_with_are_not_overwritten(recording, tmp_path, run_h
     arguments = ("--object", "cube_v2", "--colors", mine, "-o", mine)
     assert_one_line_error(run_here("colors", "adapt", recording, *arguments), "mine.npz", "input")
     assert mine.read_bytes() == before
+
+
+FACES = "+x=red -x=magenta +y=green -y=yellow +z=blue -z=cyan"
+
+
+def test_a_new_object_needs_size_and_names_alone(recording, tmp_path):
+    target = tmp_path / "mine.npz"
+    arguments = ("--size", "0.065 0.065 0.065", "--faces", FACES, "-o", target, *QUICK)
+    result = run("colors", "new", recording, *arguments)
+    assert result.returncode == 0, result.stderr
+    model, cube = tracker.load_object(tmp_path / "mine.toml"), tracker.load_object("cube_v2")
+    assert model.name == "mine"
+    assert (model.face_labels == cube.face_labels).all()
+    assert (model.size == cube.size).all()
+    assert tracker.load_colors(model.colors).normalise
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["mine.npz", "mine.toml"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ([], ["--size", "--faces"]),
+        (["--size", "1 2 3"], ["--faces"]),
+        (["--size", "a b c", "--faces", FACES], ["--size", "three numbers"]),
+        (["--size", "0.1 0.1", "--faces", FACES], ["size", "3"]),
+        (["--size", "65 65 65", "--faces", FACES], ["65", "0.5"]),
+        (["--size", ".1 .1 .1", "--faces", FACES.replace("cyan", "pink")], ["pink", "cyan"]),
+        (["--size", ".1 .1 .1", "--faces", FACES.replace("cyan", "red")], ["red", "twice"]),
+        (["--size", ".1 .1 .1", "--faces", "+x=red"], ["+x", "-z"]),
+        (["--size", ".1 .1 .1", "--faces", f"{FACES} +x=red"], ["+x", "twice"]),
+        (["--size", ".1 .1 .1", "--object", "cube_v2"], ["--object", "--size"]),
+    ],
+)
+def test_a_faulty_description_is_named(arguments, words, recording, tmp_path, run_here):
+    result = run_here("colors", "new", recording, *arguments, "-o", "x.npz", folder=tmp_path)
+    assert_one_line_error(result, *words)
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_objects_file_is_not_overwritten(recording, tmp_path, run_here):
+    (tmp_path / "mine.toml").write_text("old")
+    arguments = ("--size", ".1 .1 .1", "--faces", FACES, "-o", tmp_path / "mine.npz")
+    assert_one_line_error(run_here("colors", "new", recording, *arguments), "mine.toml", "--object")
+    assert (tmp_path / "mine.toml").read_text() == "old"

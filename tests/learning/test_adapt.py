@@ -12,6 +12,7 @@ from tests.helpers.filmed import footage_of, overlap, shots
 from tracker.errors import ColorModelError
 from tracker.learning.adapt import adapt
 from tracker.learning.footage import Footage
+from tracker.learning.judge import judge
 from tracker.learning.refit import refit
 from tracker.learning.start import from_names, nearest
 from tracker.segmentation.color_model import ColorModel
@@ -67,8 +68,13 @@ def test_an_empty_arena_teaches_nothing(film):
         adapt(MODEL, [empty], tracker.load_colors("cube_v2"), OPTIONS, name="mine")
 
 
-def test_the_nearest_shipped_model_is_found(film):
-    assert nearest(MODEL, [footage_of(film)]).name == "cube_v2"
+def test_the_nearest_shipped_model_explains_most(film):
+    footage = footage_of(film)
+    judged = [dataclasses.replace(footage, held_out=footage.learned)]
+    best = judge(MODEL, judged, nearest(MODEL, [footage])).explained
+    for name in ("cube_v1", "cube_v2", "simulation"):
+        colors = dataclasses.replace(tracker.load_colors(name), normalise=True)
+        assert best >= judge(MODEL, judged, colors).explained
 
 
 def test_colors_that_are_not_shown_stay_as_they_were():

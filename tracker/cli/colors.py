@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from tracker.cli import learn
+from tracker.cli.color_report import print_report
 from tracker.cli.files import silent_libraries
 from tracker.cli.table import table
 from tracker.errors import ColorModelError, ImageError
 
 if TYPE_CHECKING:
+    from tracker.conventions import Image
     from tracker.segmentation.color_model import ColorModel
     from tracker.segmentation.labelled import LabelledImage
 
@@ -45,6 +48,7 @@ def colors() -> None:
 
 
 colors.add_command(learn.adapt)
+colors.add_command(learn.new)
 
 
 @colors.command()
@@ -93,6 +97,9 @@ def fit(
 @click.option(
     "--cross-validate", is_flag=True, help="Measure a fit: on each image, fitted to all the others."
 )
+@click.option(
+    "--plot", metavar="FILE", help="Draw what is taken for what, and how near the colours are (.png)."
+)
 @_others
 @_rendered
 @_seed
@@ -100,6 +107,7 @@ def check(
     folders: tuple[str, ...],
     colors_name: str | None,
     cross_validate: bool,
+    plot: str | None,
     others: tuple[str, ...],
     rendered: bool,
     seed: int,
@@ -109,6 +117,9 @@ def check(
     Prints the intersection over union, from 0 to 1, of the pixels found in each colour and its mask.
     Masks drawn a little too small keep it below 1. A colour that a single image shows is unknown to a
     fit without that image, unless --others show it.
+
+    Then it says which colours are taken for which, how near they are to each other and to the light, and
+    which colours would be farther apart.
     """
     from tracker.segmentation.color_model import load_colors
 
@@ -116,17 +127,56 @@ def check(
         raise click.UsageError("expected either --colors NAME or --cross-validate")
     if not cross_validate and (others or rendered):
         raise click.UsageError("--others and --rendered are for --cross-validate")
+    target = _plot_target(plot, folders)
     if colors_name is not None:
         model = load_colors(colors_name)
         images = _read(folders)
-        _print_overlaps(images, [model] * len(images))
-        return
-    images = _read(folders)
-    if len(images) < 2:
-        raise ImageError(f"labelled images: found {len(images)}, expected at least 2 for --cross-validate")
-    fitted = _fitter(images, _read(others), rendered, seed)
-    rest = [[k for k in range(len(images)) if k != left] for left in range(len(images))]
-    _print_overlaps(images, [fitted(chosen, "fitted") for chosen in rest])
+        models = [model] * len(images)
+    else:
+        images = _read(folders)
+        if len(images) < 2:
+            found = f"found {len(images)}, expected at least 2 for --cross-validate"
+            raise ImageError(f"labelled images: {found}")
+        fitted = _fitter(images, _read(others), rendered, seed)
+        rest = [[k for k in range(len(images)) if k != left] for left in range(len(images))]
+        models = [fitted(chosen, "fitted") for chosen in rest]
+    _report(images, models, target, colors_name or "cross-validated")
+
+
+def _plot_target(plot: str | None, folders: Sequence[str]) -> Path | None:
+    """Where the plot goes, refused at once if it cannot."""
+    if plot is None:
+        return None
+    target = Path(plot)
+    if target.suffix.lower() != ".png":
+        raise click.UsageError(f"--plot {target}: found suffix {target.suffix!r}, expected .png")
+    if find_spec("matplotlib") is None:
+        raise click.ClickException("--plot needs the package matplotlib: pip install matplotlib")
+    if not target.parent.is_dir():
+        raise click.UsageError(f"--plot {target}: there is no folder {target.parent}")
+    if any(Path(folder).is_dir() and target.parent.samefile(folder) for folder in folders):
+        raise click.UsageError(f"--plot {target}: found a folder of labelled images, expected another")
+    return target
+
+
+def _report(
+    images: Sequence[LabelledImage], models: Sequence[ColorModel], plot: Path | None, name: str
+) -> None:
+    """Measure each image by its model, print and draw."""
+    from tracker.segmentation.confusion import confusion
+    from tracker.segmentation.labels import segment
+    from tracker.segmentation.separation import better_set, paints
+
+    found = [segment(one.image, model) for one, model in zip(images, models, strict=True)]
+    _print_overlaps(images, found)
+    counts = confusion((labels, one.labels) for labels, one in zip(found, images, strict=True))
+    shown = paints(images)
+    print_report(counts, shown)
+    if plot is not None:
+        from tracker import viz
+
+        viz.write_colors_plot(plot, counts, shown.pixels, better_set(shown.means()), f"colours: {name}")
+        click.echo(f"\nplot: {plot}")
 
 
 def _read(folders: Sequence[str]) -> list[LabelledImage]:
@@ -166,16 +216,15 @@ def _print_counts(images: Sequence[LabelledImage]) -> None:
             click.echo(f"no image shows {color}: the model will not find it")
 
 
-def _print_overlaps(images: Sequence[LabelledImage], models: Sequence[ColorModel]) -> None:
+def _print_overlaps(images: Sequence[LabelledImage], found: Sequence[Image]) -> None:
     """Intersection over union of each image and colour, and the means."""
     from tracker.objects.labels import COLOR_NAMES
     from tracker.segmentation.fit import intersection_over_union
-    from tracker.segmentation.labels import segment
 
     labels = range(1, len(COLOR_NAMES))
     overlaps = [
-        intersection_over_union(segment(image.image, model), image.labels)
-        for image, model in zip(images, models, strict=True)
+        intersection_over_union(labels_found, image.labels)
+        for image, labels_found in zip(images, found, strict=True)
     ]
     rows = [["intersection over union", *COLOR_NAMES[1:], "mean"]]
     for image, overlap in zip(images, overlaps, strict=True):

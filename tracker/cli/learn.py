@@ -95,6 +95,80 @@ def adapt(
     write_colors(learned, output, quiet)
 
 
+@click.command()
+@_learning_options
+@click.option("--size", metavar="'X Y Z'", help="Edge lengths along the object's axes [m].")
+@click.option("--faces", metavar="'+X=COLOUR ...'", help="Colour of each face, e.g. '+x=red -x=magenta ...'.")
+@click.option("--object", "object_name", metavar="FILE", help="The object's TOML file, if there is one.")
+def new(
+    recordings: tuple[Path, ...],
+    output: Path,
+    calibration: tuple[str, ...],
+    pattern: str | None,
+    correct_halved_principal_point: bool,
+    frames: int,
+    rounds: int,
+    seed: int,
+    recover: bool,
+    quiet: bool,
+    size: str | None,
+    faces: str | None,
+    object_name: str | None,
+) -> None:
+    """Fit a colour model to RECORDINGs of a new object, of which only size and names of colours are known.
+
+    It begins with the hues that the names promise, and goes on as `adapt` does. Beside the colour model
+    it writes the object's TOML file, unless --object gives one; its path then stands wherever an object's
+    name does.
+    """
+    from tracker.files import write_whole
+    from tracker.learning.start import from_names
+    from tracker.objects.model import load_object, to_toml
+
+    _check_output(output, recordings, [object_name])
+    description = output.with_suffix(".toml")
+    if object_name is not None and (size is not None or faces is not None):
+        raise click.UsageError("found --object with --size or --faces, expected one or the other")
+    if object_name is None and description.exists():
+        raise click.UsageError(f"{description}: found already, and not to be overwritten; expected --object")
+    model = load_object(object_name) if object_name is not None else described(output, size, faces)
+    cameras = (calibration, pattern, correct_halved_principal_point)
+    footage = read_footage(recordings, cameras, frames, recover)
+    learned = learn(model, footage, from_names(seed), output, rounds, seed, quiet)
+    write_colors(learned, output, quiet)
+    if object_name is None:
+        write_whole(description, to_toml(model))
+        if not quiet:
+            click.echo(f"object   {description}")
+
+
+def described(output: Path, size: str | None, faces: str | None) -> CuboidModel:
+    """The object of the options --size and --faces, with the name and the colours of the output.
+
+    Raises:
+        click.UsageError: an option is missing or cannot be read.
+        ObjectModelError: it is no object.
+    """
+    import numpy as np
+
+    from tracker.objects.model import CuboidModel, face_labels_of
+
+    if size is None or faces is None:
+        raise click.UsageError("expected --size and --faces, or --object")
+    try:
+        edges = [float(part) for part in size.replace(",", " ").split()]
+    except ValueError:
+        raise click.UsageError(
+            f"--size {size!r}: expected three numbers [m], e.g. '0.065 0.065 0.065'"
+        ) from None
+    pairs = [part.partition("=") for part in faces.replace(",", " ").split()]
+    doubled = sorted({face for face, _, _ in pairs if sum(face == other for other, _, _ in pairs) > 1})
+    if doubled:
+        raise click.UsageError(f"--faces: {doubled[0]} is given twice, expected each face once")
+    labels = face_labels_of({face: color for face, _, color in pairs})
+    return CuboidModel(output.stem, np.array(edges), labels, output.name)
+
+
 def _check_output(output: Path, recordings: tuple[Path, ...], inputs: Sequence[str | None]) -> None:
     """Refuse an output that cannot be written, or would overwrite an input."""
     if output.suffix != ".npz":

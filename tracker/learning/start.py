@@ -13,7 +13,7 @@ from tracker.learning.judge import judge
 from tracker.objects.model import CuboidModel
 from tracker.segmentation.color_model import CLASSES, ColorModel, color_model_names, load_colors
 from tracker.segmentation.fit import FitOptions, combine, pixel_histograms
-from tracker.segmentation.hues import NAMED_HUES
+from tracker.segmentation.hues import NAMED_HUES, bgr_of_hue
 
 TRIED = 12
 """Frames on which the models compete."""
@@ -66,8 +66,4 @@ def _of_hue(
     levels: tuple[float, float],
 ) -> FloatArray:
     """Pixels (N, 3) BGR of hues (N,) [degrees], even draws of saturation and of the brightest channel."""
-    saturation, level = rng.uniform(*saturations, len(hues)), rng.uniform(*levels, len(hues))
-    # A channel lacks all that the saturation says but within 60° of its own hue, linearly less up to 120°.
-    sector = (hues[:, None] / 60.0 + np.array([1.0, 3.0, 5.0])) % 6.0  # blue, green, red
-    lack = np.clip(np.minimum(sector, 4.0 - sector), 0.0, 1.0)
-    return np.asarray(level[:, None] * (1.0 - saturation[:, None] * lack), dtype=np.float64)
+    return bgr_of_hue(hues, rng.uniform(*saturations, len(hues)), rng.uniform(*levels, len(hues)))

@@ -18,6 +18,7 @@ An object is data, one TOML file:
 from __future__ import annotations
 
 import dataclasses
+import json
 import os
 import sys
 from importlib import resources
@@ -111,6 +112,20 @@ def load_object(name_or_path: str | os.PathLike[str]) -> CuboidModel:
     return _parse(content, text, folder=path.parent)
 
 
+def to_toml(model: CuboidModel) -> str:
+    """An object as the text of a TOML file, which `load_object` reads."""
+    faces = [
+        f'"{face}" = "{COLOR_NAMES[label]}"'
+        for face, label in zip(FACE_NAMES, model.face_labels.tolist(), strict=True)
+    ]
+    # JSON's strings and lists of numbers are TOML's, too.
+    lines = [
+        f"{key} = {json.dumps(value)}"
+        for key, value in (("name", model.name), ("size", model.size.tolist()), ("colors", model.colors))
+    ]
+    return "\n".join([*lines, "", "[faces]", *faces, ""])
+
+
 def _parse(content: bytes, source: str, folder: Path | None) -> CuboidModel:
     try:
         data = tomllib.loads(content.decode("utf-8"))
@@ -126,13 +141,17 @@ def _parse(content: bytes, source: str, folder: Path | None) -> CuboidModel:
     if folder is not None and isinstance(colors, str) and (folder / colors).is_file():
         colors = str(folder / colors)
     try:
-        return CuboidModel(data["name"], data["size"], _face_labels(data["faces"]), colors)
+        return CuboidModel(data["name"], data["size"], face_labels_of(data["faces"]), colors)
     except ObjectModelError as error:
         raise ObjectModelError(f"{source}: {error}") from error
 
 
-def _face_labels(faces: Any) -> Array:
-    """Labels (6,) in the order of FACE_NAMES of a table {face: colour}."""
+def face_labels_of(faces: Any) -> Array:
+    """Labels (6,) in the order of FACE_NAMES of a table {face: colour}.
+
+    Raises:
+        ObjectModelError: a face is missing or unknown, or a colour is unknown or given twice.
+    """
     if not isinstance(faces, dict) or set(faces) != set(FACE_NAMES):
         found = sorted(faces) if isinstance(faces, dict) else type(faces).__name__
         raise ObjectModelError(f"faces: found {found}, expected a table of {', '.join(FACE_NAMES)}")

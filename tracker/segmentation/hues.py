@@ -46,6 +46,14 @@ def hues_of_model(colors: ColorModel) -> dict[int, float]:
     return result
 
 
+def bgr_of_hue(hues: FloatArray, saturations: FloatArray, levels: FloatArray) -> FloatArray:
+    """Pixels (N, 3) BGR of hues [degrees], saturations up to 1 and levels of the brightest channel (N,)."""
+    # A channel lacks all that the saturation says but within 60° of its own hue, linearly less up to 120°.
+    sector = (hues[:, None] / 60.0 + np.array([1.0, 3.0, 5.0])) % 6.0  # blue, green, red
+    lack = np.clip(np.minimum(sector, 4.0 - sector), 0.0, 1.0)
+    return np.asarray(levels[:, None] * (1.0 - saturations[:, None] * lack), dtype=np.float64)
+
+
 def hue_distance(a: Array | float, b: Array | float) -> FloatArray:
     """Smallest turn between hues [degrees]."""
     turn = np.abs(np.asarray(a, dtype=np.float64) - b) % 360.0

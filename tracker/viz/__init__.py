@@ -1,5 +1,6 @@
 """Pictures for people: the estimate drawn into the images that it comes from, and their files."""
 
+from tracker.viz.colors_plot import write_colors_plot
 from tracker.viz.dice import dice_overlay
 from tracker.viz.files import IMAGE_SUFFIXES, write_image
 from tracker.viz.film import write_film
@@ -12,6 +13,7 @@ __all__ = [
     "dice_overlay",
     "goal_picture",
     "overlay",
+    "write_colors_plot",
     "write_film",
     "write_image",
     "write_trajectory_plot",
