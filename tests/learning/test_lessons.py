@@ -68,6 +68,22 @@ def test_a_frame_teaches_the_pixels_that_are_in_their_faces_colors(lessons):
             assert (owner[nodes_of(pixels[label])] == label).all()
 
 
+def test_a_grey_thing_that_hides_most_of_a_face_does_not_teach_it():
+    rng = np.random.default_rng(5)
+    levels = np.concatenate(
+        [
+            rng.normal([150, 152, 158], 2, (900, 3)),  # on the face
+            rng.normal([84, 89, 52], 3, (300, 3)),  # the face
+            rng.normal([90, 90, 90], 12, (9000, 3)),
+        ]
+    )
+    faces = np.repeat([4, 4, 0], [900, 300, 9000]).astype(np.uint8)
+    one = Lesson(np.rint(levels).astype(np.uint8), faces, faces, faces > 9)
+    kept = consistent([one])[0][4]
+    assert 250 < len(kept) <= 300
+    assert np.allclose(np.median(kept, axis=0), [84, 89, 52], atol=2)
+
+
 @pytest.mark.parametrize(
     ("lengths", "count", "expected"),
     [([100], 80, [80]), ([10, 100], 80, [10, 70]), ([100, 100], 80, [40, 40]), ([3, 4, 3], 80, [3, 4, 3])],

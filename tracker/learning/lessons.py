@@ -27,6 +27,10 @@ the face are to be seen elsewhere as well."""
 SMOOTHING = 0.7
 """Standard deviation of the smoothing of the densities that are compared [nodes]."""
 
+PALEST, DARK = 1.25, 6.0
+"""Least ratio of a face's channels in neutral light, to each of which so much is added [levels]: dark greys
+are noisy."""
+
 LEAST = 20
 """Pixels of a face in a frame from which its hue is told."""
 
@@ -108,7 +112,13 @@ def owners(lessons: Sequence[Lesson]) -> Array:
     density = np.stack([_density([n[one.faces == k] for n, one in pairs]) for k in range(CLASSES)])
     best = np.argmax(density[1:], axis=0) + 1
     own = np.take_along_axis(density, best[None], axis=0)[0]
-    return np.where(own > CONSISTENT * density[0], best, 0).astype(np.uint8)
+    return np.where((own > CONSISTENT * density[0]) & _colored(), best, 0).astype(np.uint8)
+
+
+def _colored() -> Array:
+    """(32³,) bool: the colours that are none of a grey thing, which may hide most of a face that is seen."""
+    levels = 255.0 * (np.indices((NODES,) * 3).reshape(3, -1) / (NODES - 1)) ** 2
+    return np.asarray(levels.max(axis=0) + DARK > PALEST * (levels.min(axis=0) + DARK))
 
 
 def consistent(lessons: Sequence[Lesson]) -> list[Mapping[int, Array]]:
