@@ -199,7 +199,7 @@ def compare(before: Path, after: Path) -> None:
 @click.option("--update", is_flag=True, help="Make these results the baseline; needs a reason.")
 @click.option("--reason", default="", help="Why the baseline is replaced.")
 def small(output: Path, cache: Path, real: Path | None, baseline: Path, update: bool, reason: str) -> None:
-    """The gate in a minute: few ray-cast scenes and the recorded triplets against their own baseline."""
+    """The gate in a minute: few rendered scenes and the recorded triplets against their own baseline."""
     run = Run(ci.plan(cache), output, real_folder(real), ci.WORKLOADS, results=Results({"draw": "small"}))
     results = measure(run, ("accuracy", "agreement"), anew=True)
     if update:

@@ -19,6 +19,7 @@ from tests.helpers.needs import (  # noqa: F401
     pytest_make_collect_report,
     pytest_runtest_makereport,
 )
+from tests.helpers.synthetic_needs import skip_without_platform
 from tracker import cli
 from tracker.calibration.rig import CameraRig
 from tracker.geometry.camera import Camera
@@ -42,6 +43,7 @@ def real() -> Path:
 @pytest.fixture(scope="session")
 def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder that `examples/still.py` has filled: an image and a calibration of each camera, overlay.png."""
+    skip_without_platform()
     working = tmp_path_factory.mktemp("working")
     run_python([ROOT / "examples" / "still.py"], working, check=True)
     return working / "demo"

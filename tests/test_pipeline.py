@@ -9,8 +9,7 @@ from scipy.stats import binom, chi2
 import tracker
 from synthetic.camera.rigs import default_cameras
 from synthetic.camera.sensor import Sensor
-from synthetic.raycast import render
-from synthetic.raycast.scene import random_scene
+from tests.helpers.stills import bare_scene, scene_with_fingers, take
 from tracker.errors import ImageError
 from tracker.geometry import so3
 
@@ -32,8 +31,8 @@ def scenes(rig):
         result[name] = []
         for k in range(SCENES):
             rng = np.random.default_rng([20, k])
-            scene = random_scene(model, rng, occlusion=0.5 if k % 2 else 0.0)
-            result[name].append(render(scene, rig.cameras, model, Sensor.realistic(), rng))
+            scene = scene_with_fingers(model, rng) if k % 2 else bare_scene(model, rng)
+            result[name].append(take(scene, rig.cameras, Sensor.realistic(), rng))
     return result
 
 
@@ -172,7 +171,7 @@ def test_moving_the_world_moves_the_pose(scenes, rig):
 def test_other_resolution_sees_the_same_pose():
     model, rig = tracker.load_object("cube_v2"), tracker.CameraRig(default_cameras(540))
     rng = np.random.default_rng([20, 0])
-    truth = render(random_scene(model, rng, occlusion=0.0), rig.cameras, model, Sensor.realistic(), rng)
+    truth = take(bare_scene(model, rng), rig.cameras, Sensor.realistic(), rng)
     pose = tracker.ObjectTracker(model, rig).detect(truth.images).object_pose
     assert within(pose, truth, 0.5e-3, 0.5)
 
@@ -183,8 +182,8 @@ def test_nothing_to_see_gives_none_and_says_why(trackers, rig, kind):
     model = tracker.load_object("cube_v2")
     shape = (270, 270, 3)
     if kind == "empty arena":
-        scene = random_scene(model, rng, object_present=False)
-        images = render(scene, rig.cameras, model, Sensor.realistic(), rng).images
+        scene = bare_scene(model, rng, object_present=False)
+        images = take(scene, rig.cameras, Sensor.realistic(), rng).images
     else:
         fill = {"black": 0, "white": 255, "grey": 115, "noise": rng.integers(0, 256, shape)}
         images = [np.full(shape, fill.get(kind, (150, 84, 148)), np.uint8)] * 3

@@ -1,6 +1,6 @@
 """Films of fast motions, each frame taken twice: by all cameras at once, and by one after the other.
 
-The ray caster takes each camera's picture at that camera's own time, of a motion known at any time.
+Each camera's picture is of that camera's own time, of a motion known at any time.
 """
 
 from __future__ import annotations
@@ -19,8 +19,7 @@ from benchmarks.data.seeds import stream
 from benchmarks.data.store import CACHE, Maker, Store, each
 from synthetic.camera.rigs import default_cameras
 from synthetic.camera.sensor import Sensor
-from synthetic.raycast import render
-from synthetic.raycast.scene import Scene, random_scene
+from synthetic.stills import posed_scene, take
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray, Image
 from tracker.geometry.camera import Camera
@@ -110,20 +109,20 @@ def _maker(object_name: str, seed: int) -> Maker[MotionFrame]:
 
 def _frames(object_name: str, seed: int) -> Callable[[int], MotionFrame]:
     model, cameras = load_object(object_name), rig()
-    # A camera's settings stay while it records, but the ray caster would draw them for every picture.
+    # A camera's settings stay while it records, but they would be drawn for every picture.
     sensor = dataclasses.replace(Sensor.realistic(), exposure=(1.0, 1.0), white_balance=0.0, ramp=0.0)
 
     def make(index: int) -> MotionFrame:
         film, number = divmod(index, FRAMES)
         motion = film_motion(seed, film)
-        # Without fingers, which would have to make way.
-        scene = random_scene(model, np.random.default_rng([seed, film, 1]), occlusion=0.0)
         rng = np.random.default_rng([seed, film, 2, number])
         time = number / RATE
         stamps = time - delays(rng, len(cameras))
 
         def picture(camera: Camera, stamp: float) -> Image:
-            (image,) = render(_at(scene, motion, stamp), [camera], model, sensor, rng).images
+            # Without fingers, which would have to make way; colours and light are those of the film.
+            scene = posed_scene(model, motion.pose(stamp), np.random.default_rng([seed, film, 1]))
+            (image,) = take(scene, [camera], sensor, rng).images
             return image
 
         together = tuple(picture(camera, time) for camera in cameras)
@@ -144,11 +143,6 @@ def _frames(object_name: str, seed: int) -> Callable[[int], MotionFrame]:
         )
 
     return make
-
-
-def _at(scene: Scene, motion: Motion, time: float) -> Scene:
-    position, rotation = motion.pose(time)
-    return dataclasses.replace(scene, position=position, rotation=rotation)
 
 
 def _pose(motion: Motion, time: float) -> FloatArray:

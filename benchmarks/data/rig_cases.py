@@ -1,6 +1,6 @@
 """Rigs unlike the platform's, and what they look at: what the tracker is to work with, given as data.
 
-All scenes happen on one stage, the ray caster's arena. A rig's world is the stage, moved and scaled: a
+All scenes happen on one stage, the simulated platform. A rig's world is the stage, moved and scaled: a
 world in which all lengths, distances of the cameras included, are multiplied by a factor gives the same
 pictures.
 """

@@ -1,4 +1,4 @@
-"""Ray-cast scenes before rigs unlike the platform's: pictures of any sizes, and the truth."""
+"""Scenes of the platform before rigs unlike the platform's: pictures of any sizes, and the truth."""
 
 from __future__ import annotations
 
@@ -12,12 +12,11 @@ from benchmarks.data.scenes import Scene
 from benchmarks.data.seeds import stream
 from benchmarks.data.store import CACHE, Maker, Store, each
 from synthetic.camera.sensor import Sensor
-from synthetic.raycast import render
-from synthetic.raycast.scene import random_scene
+from synthetic.stills import bare_scene, scene_with_fingers, take
 from tracker.objects.model import CuboidModel
 
-OCCLUSION = (0.0, 0.2)
-"""In turn there are no fingers, and three that touch the object with this probability each."""
+NEAR = 0.2
+"""In turn there are no fingers, and three that are near the object with this probability each."""
 
 
 def rig_scene(case: RigCase, model: CuboidModel, seed: int, index: int) -> Scene:
@@ -30,13 +29,11 @@ def rig_scene(case: RigCase, model: CuboidModel, seed: int, index: int) -> Scene
         index: number of the scene.
     """
     on_stage = case.on_stage(model)
-    occlusion = OCCLUSION[index % len(OCCLUSION)]
-    scene = random_scene(on_stage, np.random.default_rng([seed, index]), occlusion=occlusion)
+    rng = np.random.default_rng([seed, index])
+    scene = scene_with_fingers(on_stage, rng, near=NEAR) if index % 2 else bare_scene(on_stage, rng)
     # The noise takes more draws of larger pictures: it has a stream of its own.
     noise = np.random.default_rng([seed, index, 1])
-    made = render(scene, case.stage_cameras, on_stage, Sensor.realistic(), noise)
-    assert made.position is not None
-    assert made.rotation is not None
+    made = take(scene, case.stage_cameras, Sensor.realistic(), noise)
     return Scene(
         index,
         tuple(made.images),

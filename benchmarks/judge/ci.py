@@ -1,6 +1,6 @@
-"""A gate in a minute: few ray-cast scenes and the recorded triplets, each compared with itself as it was.
+"""A gate in a minute: few rendered scenes and the recorded triplets, each compared with itself as it was.
 
-The ray caster needs no graphics and gives the same pictures on every machine, so that unchanged code gives
+The renderer needs no graphics and gives the same pictures on every machine, so that unchanged code gives
 ratios of 1. What a figure of few scenes hides by its scatter, pairs of the same scene show.
 """
 
@@ -45,7 +45,7 @@ WORKLOADS = tuple(
     )
     for name in _CHOSEN
 )
-"""Workloads on the ray-cast scenes of the platform's cameras."""
+"""Workloads on the scenes of the platform's cameras."""
 
 
 def plan(cache: Path) -> Plan:

@@ -16,8 +16,8 @@ from benchmarks.measure.timed_scenes import (
     OBJECTS,
     TimedScene,
     platform_scenes,
-    raycast_scenes,
     recorded_scene,
+    sized_scenes,
 )
 from benchmarks.measure.timing import Timings, time_detections
 
@@ -85,7 +85,7 @@ def _by_cameras(detector: tracker.ObjectTracker, scenes: Sequence[TimedScene]) -
 def _by_resolution(name: str, count: int) -> Rows:
     rows = []
     for size in SIZES:
-        rig, scenes = raycast_scenes(name, count, size)
+        rig, scenes = sized_scenes(name, count, size)
         detector = tracker.ObjectTracker(tracker.load_object(name), rig)
         timings = time_detections(detector, scenes, ROUNDS)
         rows.append({"part": "time, resolution", "object": name, "bin": str(size), **timings.row()})

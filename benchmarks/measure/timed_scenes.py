@@ -14,8 +14,7 @@ from benchmarks.data.recorded import triplet
 from synthetic.camera.rigs import default_cameras, sized, standard_rig
 from synthetic.camera.sensor import Sensor
 from synthetic.frames import frames
-from synthetic.raycast import render
-from synthetic.raycast.scene import random_scene
+from synthetic.stills import scene_with_fingers, take
 from tracker.conventions import FloatArray, Image
 
 OBJECTS = ("cube_v2", "cuboid_2x2x8_v2")
@@ -56,15 +55,15 @@ def platform_scenes(name: str, count: int, *, size: int = 270) -> tuple[tracker.
     return rig, scenes
 
 
-def raycast_scenes(name: str, count: int, size: int) -> tuple[tracker.CameraRig, list[TimedScene]]:
-    """Rig and ray-cast scenes at any size [px]; scene k is the same at all sizes, and so is its light."""
+def sized_scenes(name: str, count: int, size: int) -> tuple[tracker.CameraRig, list[TimedScene]]:
+    """Rig and scenes with fingers at any size [px]; scene k is the same at all sizes, and so is its light."""
     # Noise takes more draws of larger pictures: with drawn gains the light would depend on the size.
     sensor = dataclasses.replace(Sensor.realistic(), exposure=(1.0, 1.0), white_balance=0.0, ramp=0.0)
     model, rig = tracker.load_object(name), tracker.CameraRig(default_cameras(size))
     scenes = []
     for k in range(count):
         rng = np.random.default_rng([SEED, k])
-        made = render(random_scene(model, rng), rig.cameras, model, sensor, rng)
+        made = take(scene_with_fingers(model, rng), rig.cameras, sensor, rng)
         scenes.append(TimedScene(made.images, made.position, made.rotation, _faces(made.labels)))
     return rig, scenes
 

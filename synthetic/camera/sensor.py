@@ -102,21 +102,20 @@ class Sensor:
     @classmethod
     def clean(cls) -> Sensor:
         """Blur and rounding only: no noise and no difference between cameras."""
-        return cls()
+        return cls(gamma=RESPONSE_GAMMA)
 
     @classmethod
     def realistic(cls) -> Sensor:
-        """Noise, mosaic, small differences of colour and brightness, for the ray caster.
-
-        Its response is linear: the ray caster's colours are levels of pictures.
-        """
+        """Noise, mosaic, small differences of colour and brightness, on the pictures' own grid."""
         return cls(
-            exposure=(0.8, 1.25),
+            exposure=(1.0, 1.56),
             white_balance=0.04,
             vignetting=0.15,
             ramp=0.1,
             full_well=20_000.0,
             read_noise=0.8,
+            black=BLACK,
+            gamma=RESPONSE_GAMMA,
             path="new",
         )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from synthetic.render.hits import hits_of_codes, labels_of_codes, labels_of_hits, nearness_of_hits
+from synthetic.render.hits import hits_of_codes, labels_of_codes, labels_of_hits, nearness_of_hits, shared
 from synthetic.render.interface import Layers, PinholeView
 from synthetic.render.light import SceneLight
 from synthetic.render.surfaces import SurfaceStore
@@ -37,11 +37,16 @@ class CodeRenderer:
         """What `view` shows of `scene`."""
         surfaces = self._store.of_scene(scene)
         bodies = [(n, body.mesh, body.world_from_body) for n, body in enumerate(scene.bodies)]
-        hits = hits_of_codes(self._painter.paint(view, bodies), view, surfaces)
+        codes = self._painter.paint(view, bodies)
         objects = [row for row in bodies if surfaces.is_object[row[0]]]
         alone = labels_of_codes(self._painter.paint(view, objects), surfaces)
+        at, stands = shared(codes, surfaces, view.block) if view.block > 1 else (None, None)
+        hits = hits_of_codes(codes, view, surfaces, at)
         color = self._light.shade(scene, hits, view, surfaces, shadows=shadows)
-        return Layers(color, labels_of_hits(hits, surfaces), alone, nearness_of_hits(hits, view))
+        labels, nearness = labels_of_hits(hits, surfaces), nearness_of_hits(hits, view)
+        if stands is not None:
+            color, labels, nearness = color[0][stands], labels[0][stands], nearness[0][stands]
+        return Layers(color, labels, alone, nearness)
 
     def close(self) -> None:
         """Close the painter."""

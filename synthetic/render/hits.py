@@ -36,15 +36,60 @@ def empty_hits(height: int, width: int) -> Hits:
     )
 
 
-def hits_of_codes(codes: Array, view: PinholeView, surfaces: Surfaces) -> Hits:
-    """Meet each pixel's ray with the triangle that its code names."""
-    hits = empty_hits(*codes.shape)
+def hits_of_codes(codes: Array, view: PinholeView, surfaces: Surfaces, at: Array | None = None) -> Hits:
+    """Meet each pixel's ray with the triangle that its code names.
+
+    With `at` (N,), places in the flattened `codes`, only theirs: hits of the shape (1, N).
+    """
+    hits = empty_hits(*codes.shape) if at is None else empty_hits(1, len(at))
     if len(surfaces.groups):
         world_from_camera = np.linalg.inv(view.camera_from_world)
         lens = np.array([view.fx, view.fy, view.cx, view.cy])
         tables = surfaces.first_triangle, surfaces.corners, surfaces.normals, surfaces.groups
-        _meet(codes, world_from_camera, lens, *tables, surfaces.first_group, surfaces.world_from_body, hits)
+        flat = Hits(*(part.reshape(codes.size if at is None else len(at), *part.shape[2:]) for part in hits))
+        at = np.arange(codes.size) if at is None else at
+        more = surfaces.first_group, surfaces.world_from_body
+        _meet(codes, at, world_from_camera, lens, *tables, *more, flat)
     return hits
+
+
+def shared(codes: Array, surfaces: Surfaces, block: int) -> tuple[Array, Array]:
+    """Which pixels are looked at where those of a block share a look at a colour group.
+
+    Returns:
+        Their places (N,) in the flattened `codes`, and the one of these (h, w) that stands for each pixel.
+    """
+    stands = np.empty(codes.shape, np.int32)
+    at = np.empty(codes.size, np.int64)
+    tables = surfaces.first_triangle, surfaces.groups, surfaces.first_group
+    return at[: _share(codes, block, *tables, at, stands)], stands
+
+
+@compiled
+def _share(
+    codes: Array, block: int, first: Array, groups: Array, first_group: Array, at: Array, stands: Array
+) -> int:
+    height, width = codes.shape
+    rows = np.empty((block * block, 2), np.int64)
+    count = 0
+    for top in range(0, height, block):
+        for left in range(0, width, block):
+            known = 0
+            for j in range(top, min(top + block, height)):
+                for i in range(left, min(left + block, width)):
+                    code, row = codes[j, i], -1
+                    if code:
+                        body = int(code >> BODY_SHIFT) - 1
+                        row = first_group[body] + groups[first[body] + int(code & ((1 << BODY_SHIFT) - 1))]
+                    k = 0
+                    while k < known and rows[k, 0] != row:
+                        k += 1
+                    if k == known:
+                        rows[k, 0], rows[k, 1] = row, count
+                        at[count] = j * width + i
+                        known, count = known + 1, count + 1
+                    stands[j, i] = rows[k, 1]
+    return count
 
 
 def labels_of_codes(codes: Array, surfaces: Surfaces) -> Image:
@@ -93,6 +138,7 @@ def _label(codes: Array, first: Array, groups: Array, first_group: Array, label:
 @compiled
 def _meet(
     codes: Array,
+    at: Array,
     world_from_camera: Array,
     lens: Array,
     first: Array,
@@ -106,37 +152,37 @@ def _meet(
     n, pose = corner_normals, world_from_body
     eye = world_from_camera[:3, 3]
     bodies, rows, points, normals = hits.body, hits.row, hits.points, hits.normals
-    for j in range(codes.shape[0]):
-        for i in range(codes.shape[1]):
-            code = codes[j, i]
-            if code == 0:
-                continue
-            body = int(code >> BODY_SHIFT) - 1
-            t = first[body] + int(code & ((1 << BODY_SHIFT) - 1))
-            x, y = (i - lens[2]) / lens[0], (j - lens[3]) / lens[1]
-            wx = world_from_camera[0, 0] * x + world_from_camera[0, 1] * y + world_from_camera[0, 2]
-            wy = world_from_camera[1, 0] * x + world_from_camera[1, 1] * y + world_from_camera[1, 2]
-            wz = world_from_camera[2, 0] * x + world_from_camera[2, 1] * y + world_from_camera[2, 2]
-            u, v, reach, _ = barycentric(corners, t, world_from_body, body, eye, wx, wy, wz)
-            bodies[j, i] = body
-            rows[j, i] = first_group[body] + groups[t]
-            points[j, i, 0] = eye[0] + reach * wx
-            points[j, i, 1] = eye[1] + reach * wy
-            points[j, i, 2] = eye[2] + reach * wz
-            w = 1.0 - u - v
-            bx = w * n[t, 0, 0] + u * n[t, 1, 0] + v * n[t, 2, 0]
-            by = w * n[t, 0, 1] + u * n[t, 1, 1] + v * n[t, 2, 1]
-            bz = w * n[t, 0, 2] + u * n[t, 1, 2] + v * n[t, 2, 2]
-            nx = pose[body, 0, 0] * bx + pose[body, 0, 1] * by + pose[body, 0, 2] * bz
-            ny = pose[body, 1, 0] * bx + pose[body, 1, 1] * by + pose[body, 1, 2] * bz
-            nz = pose[body, 2, 0] * bx + pose[body, 2, 1] * by + pose[body, 2, 2] * bz
-            # Scanned meshes turn some triangles inside out: what is seen is seen from outside.
-            scale = 1.0 / np.sqrt(max(nx * nx + ny * ny + nz * nz, 1e-30))
-            if nx * wx + ny * wy + nz * wz > 0:
-                scale = -scale
-            normals[j, i, 0] = nx * scale
-            normals[j, i, 1] = ny * scale
-            normals[j, i, 2] = nz * scale
+    for place in range(len(at)):
+        j, i = divmod(at[place], codes.shape[1])
+        code = codes[j, i]
+        if code == 0:
+            continue
+        body = int(code >> BODY_SHIFT) - 1
+        t = first[body] + int(code & ((1 << BODY_SHIFT) - 1))
+        x, y = (i - lens[2]) / lens[0], (j - lens[3]) / lens[1]
+        wx = world_from_camera[0, 0] * x + world_from_camera[0, 1] * y + world_from_camera[0, 2]
+        wy = world_from_camera[1, 0] * x + world_from_camera[1, 1] * y + world_from_camera[1, 2]
+        wz = world_from_camera[2, 0] * x + world_from_camera[2, 1] * y + world_from_camera[2, 2]
+        u, v, reach, _ = barycentric(corners, t, world_from_body, body, eye, wx, wy, wz)
+        bodies[place] = body
+        rows[place] = first_group[body] + groups[t]
+        points[place, 0] = eye[0] + reach * wx
+        points[place, 1] = eye[1] + reach * wy
+        points[place, 2] = eye[2] + reach * wz
+        w = 1.0 - u - v
+        bx = w * n[t, 0, 0] + u * n[t, 1, 0] + v * n[t, 2, 0]
+        by = w * n[t, 0, 1] + u * n[t, 1, 1] + v * n[t, 2, 1]
+        bz = w * n[t, 0, 2] + u * n[t, 1, 2] + v * n[t, 2, 2]
+        nx = pose[body, 0, 0] * bx + pose[body, 0, 1] * by + pose[body, 0, 2] * bz
+        ny = pose[body, 1, 0] * bx + pose[body, 1, 1] * by + pose[body, 1, 2] * bz
+        nz = pose[body, 2, 0] * bx + pose[body, 2, 1] * by + pose[body, 2, 2] * bz
+        # Scanned meshes turn some triangles inside out: what is seen is seen from outside.
+        scale = 1.0 / np.sqrt(max(nx * nx + ny * ny + nz * nz, 1e-30))
+        if nx * wx + ny * wy + nz * wz > 0:
+            scale = -scale
+        normals[place, 0] = nx * scale
+        normals[place, 1] = ny * scale
+        normals[place, 2] = nz * scale
 
 
 @compiled

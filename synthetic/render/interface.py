@@ -35,6 +35,9 @@ class PinholeView:
     """[px]."""
     camera_from_world: FloatArray
     """(4, 4) [m]; OpenCV's axes: x to the right, y down, z forward."""
+    block: int = 1
+    """Pixels within squares of this size may share the light of one of them where they show one surface: a
+    camera's pixel that consists of so many has exact edges, and is looked at about once."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,7 +30,8 @@ def reach_of(hits: Hits, view: PinholeView, shadows: Shadows, lighting: Lighting
     """Shares (h, w, 1 + lamps) float32 of the sky and of the lamps; a lamp without shadows reaches all."""
     out = np.ones((*hits.body.shape, 1 + len(lighting.lamps)), np.float32)
     lamps = np.flatnonzero([lamp.shadows for lamp in lighting.lamps]) + 1
-    block = max(int(_BLOCK_RAD * view.fx), 1)
+    # Where pixels share their light those next to each other in `hits` are not so in the view.
+    block = max(int(_BLOCK_RAD * view.fx), 1) if view.block == 1 else 1
     what = hits.body, hits.points, hits.normals
     _look(*what, *shadows.sky, *shadows.lamps, lamps.astype(np.int64), block, out)
     return out

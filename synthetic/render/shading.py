@@ -34,7 +34,7 @@ def shade(hits: Hits, view: PinholeView, surfaces: Surfaces, lighting: Lighting,
     lamps = np.array([lamp.color for lamp in lighting.lamps], np.float64).reshape(-1, 3)
     ambient = np.array(lighting.ambient, np.float64)
     body = surfaces.colors, surfaces.world_from_body, surfaces.gloss, surfaces.texture, surfaces.grain_seeds
-    angle = 1.0 / max(view.fx, view.fy)
+    angle = view.block / max(view.fx, view.fy)
     _shade(hits, eye, angle, lattice(), *body, ambient, directions, lamps, reach, surfaces.coats, color)
     return color
 

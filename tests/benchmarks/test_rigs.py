@@ -16,7 +16,7 @@ from benchmarks.data.scenes import Scene
 from benchmarks.data.store import packed, unpacked
 from benchmarks.judge.results import read_results
 from benchmarks.score.errors import projected
-from synthetic.raycast.scene import random_scene
+from tests.helpers.stills import bare_scene
 from tracker.geometry.cuboid import FACE_NORMALS, corners
 
 WITHOUT_FINGERS = 0
@@ -62,8 +62,8 @@ def test_every_scene_is_in_the_arena_and_in_view(name):
     for model in case.objects:
         on_stage = case.on_stage(model)
         for seed in range(100):
-            scene = random_scene(on_stage, np.random.default_rng(seed), occlusion=0)
-            position, rotation = case.placement.pose(scene.position, scene.rotation)
+            (state,) = bare_scene(on_stage, np.random.default_rng(seed)).objects
+            position, rotation = case.placement.pose(state.position, state.rotation)
             assert np.hypot(*(position[:2] - arena.center)) < arena.radius
             assert 0 < position[2] - arena.table < arena.height
             points = corners(model.size) @ rotation.T + position

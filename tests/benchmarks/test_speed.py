@@ -7,13 +7,13 @@ import pytest
 import tracker
 from benchmarks.measure.processes import process_rows
 from benchmarks.measure.speed import by_faces
-from benchmarks.measure.timed_scenes import TimedScene, raycast_scenes
+from benchmarks.measure.timed_scenes import TimedScene, sized_scenes
 from benchmarks.measure.timing import OTHER, Timings, one_thread, time_detections
 
 
 @pytest.fixture(scope="module")
 def timed() -> tuple[tracker.CameraRig, list[TimedScene], Timings]:
-    rig, scenes = raycast_scenes("cube_v2", 2, 270)
+    rig, scenes = sized_scenes("cube_v2", 2, 270)
     detector = tracker.ObjectTracker(tracker.load_object("cube_v2"), rig)
     return rig, scenes, time_detections(detector, scenes, 3)
 
@@ -57,8 +57,8 @@ def test_one_thread_leaves_the_number_of_threads_as_it_was():
 
 
 def test_a_scene_is_the_same_at_every_size():
-    _, small = raycast_scenes("cuboid_2x2x8_v2", 1, 90)
-    _, large = raycast_scenes("cuboid_2x2x8_v2", 1, 180)
+    _, small = sized_scenes("cuboid_2x2x8_v2", 1, 90)
+    _, large = sized_scenes("cuboid_2x2x8_v2", 1, 180)
     np.testing.assert_array_equal(small[0].position, large[0].position)
     for one, other in zip(small[0].images, large[0].images, strict=True):
         halved = cv2.resize(other, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)

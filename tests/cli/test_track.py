@@ -13,7 +13,6 @@ import subprocess
 import sys
 import termios
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -23,11 +22,10 @@ import pytest
 import tracker
 from synthetic.camera.rigs import default_cameras
 from synthetic.camera.sensor import Sensor
-from synthetic.raycast import render
-from synthetic.raycast.scene import random_scene
 from tests.helpers import ROOT, run_python
 from tests.helpers.command import Run, assert_one_line_error
 from tests.helpers.recording_stubs import write_log
+from tests.helpers.stills import posed_scene, take
 from tracker.cli.track import _targets
 from tracker.cli.track_outputs import _of_height, observation
 from tracker.geometry import so3
@@ -50,13 +48,12 @@ def filmed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     model, rig = tracker.load_object("cube_v2"), tracker.CameraRig(default_cameras())
     rig.save(root)
     rng = np.random.default_rng(5)
-    still = random_scene(model, rng, occlusion=0.0, in_air=0.0, on_edge=0.0)
-    start = np.array([-0.01, 0.02, still.position[2]])
+    start, rotation = np.array([-0.01, 0.02, model.size[2] / 2]), so3.exp([0.0, 0.0, rng.uniform(0, 6)])
     truth = [start + 0.1 * k * SPEED for k in range(FRAMES)]
     for k, position in enumerate(truth):
-        turned = so3.exp([0.0, 0.0, 0.02 * k]) @ still.rotation
-        scene = replace(still, position=position, rotation=turned)
-        images = render(scene, rig.cameras, model, Sensor.realistic(), rng).images
+        turned = so3.exp([0.0, 0.0, 0.02 * k]) @ rotation
+        scene = posed_scene(model, (position, turned), np.random.default_rng(6))
+        images = take(scene, rig.cameras, Sensor.realistic(), rng).images
         for name, image in zip(rig.names, images, strict=True):
             (folder / name).mkdir(parents=True, exist_ok=True)
             write_image(folder / name / f"{k:06d}.png", image)

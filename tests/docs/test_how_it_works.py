@@ -7,6 +7,7 @@ from functools import cache
 import pytest
 
 from tests.helpers import ROOT, run_python
+from tests.helpers.synthetic_needs import skip_without_platform
 
 DOCUMENT = ROOT / "docs" / "how-it-works.md"
 TEXT = DOCUMENT.read_text(encoding="utf-8")
@@ -104,6 +105,7 @@ def test_every_picture_exists_and_is_small_and_shown():
 @pytest.mark.slow
 def test_the_script_draws_every_picture(tmp_path):
     pytest.importorskip("matplotlib", reason="film: no module matplotlib")
+    skip_without_platform()
     script = ROOT / "scripts" / "draw_how_it_works.py"
     result = run_python([script, "--quick", "--output", tmp_path], tmp_path)
     assert result.returncode == 0, result.stderr

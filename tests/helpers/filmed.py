@@ -1,8 +1,7 @@
-"""Short ray-cast recordings of an object, with the label of every pixel."""
+"""Short rendered recordings of an object, with the label of every pixel."""
 
 from __future__ import annotations
 
-import dataclasses
 from pathlib import Path
 
 import cv2
@@ -11,39 +10,29 @@ import numpy as np
 import tracker
 from synthetic.camera.rigs import sized, standard_rig
 from synthetic.camera.sensor import Sensor
-from synthetic.raycast import render
-from synthetic.raycast.renderer import Rendering
-from synthetic.raycast.scene import Background, random_scene
+from tests.helpers.stills import Still, scene_with_fingers, take
 from tracker.learning.footage import Footage
 from tracker.segmentation.fit import intersection_over_union
 
 RIG = sized(standard_rig(), 270)
 
 
-def shots(object_name: str, count: int, seed: int, *, cross=None) -> list[Rendering]:
-    """Pictures of scenes of their own; `cross`: colour (3,) of a cross painted on the table."""
+def shots(object_name: str, count: int, seed: int) -> list[Still]:
+    """Pictures of scenes of their own."""
     model = tracker.load_object(object_name)
     result = []
     for number in range(count):
         rng = np.random.default_rng([seed, number])
-        scene = random_scene(model, rng, occlusion=0.3, in_air=0.2)
-        background = dataclasses.replace(scene.background, cross=np.zeros(2))
-        if cross is not None:
-            background = dataclasses.replace(
-                scene.background, cross=np.array([0.012, 0.08]), cross_albedo=np.asarray(cross)
-            )
-        assert isinstance(background, Background)
-        scene = dataclasses.replace(scene, background=background)
-        result.append(render(scene, RIG.cameras, model, Sensor.realistic(), rng))
+        result.append(take(scene_with_fingers(model, rng, near=0.3), RIG.cameras, Sensor.realistic(), rng))
     return result
 
 
-def footage_of(film: list[Rendering]) -> Footage:
+def footage_of(film: list[Still]) -> Footage:
     frames = [tuple(shot.images) for shot in film]
     return Footage(RIG, tuple(frames[::2]), tuple(frames[1::2]))
 
 
-def write_recording(folder: Path, film: list[Rendering]) -> Path:
+def write_recording(folder: Path, film: list[Still]) -> Path:
     """A folder of pictures with its calibration."""
     for number, shot in enumerate(film):
         frame = folder / f"{number:06d}"
@@ -54,7 +43,7 @@ def write_recording(folder: Path, film: list[Rendering]) -> Path:
     return folder
 
 
-def overlap(film: list[Rendering], colors: tracker.ColorModel) -> float:
+def overlap(film: list[Still], colors: tracker.ColorModel) -> float:
     """Mean intersection over union of the labels found and the true ones."""
     values = []
     for shot in film:

@@ -8,15 +8,12 @@ import numpy as np
 
 import tracker
 from synthetic.camera.sensor import Sensor
-from synthetic.look.face_colors import face_colors
-from synthetic.raycast import render
-from synthetic.raycast.scene import Scene
+from tests.helpers.stills import posed_scene, take
 from tracker.geometry import so3
 
 DT = 0.1
 HEIGHT = 0.0325
 MODEL = tracker.load_object("cube_v2")
-ALBEDOS = face_colors(MODEL)[MODEL.face_labels] / 255
 
 
 def pose_at(seconds):
@@ -28,10 +25,10 @@ def pose_at(seconds):
 
 def shot(rig, pose, seed, sensor=None):
     """Images of the cube in a pose, or of the empty arena."""
-    place, rotation = pose if pose is not None else (np.zeros(3), None)
-    rng = np.random.default_rng([30, seed])
-    scene = Scene(position=place, rotation=rotation, face_albedos=ALBEDOS)
-    return render(scene, rig.cameras, MODEL, sensor or Sensor.realistic(), rng).images
+    scene = posed_scene(MODEL, pose, np.random.default_rng(30))
+    return take(
+        scene, rig.cameras, sensor or Sensor.realistic(), np.random.default_rng([30, seed]), points=3
+    ).images
 
 
 def image_of(rig, c, pose, seed):

@@ -8,9 +8,8 @@ import pytest
 
 import tracker
 from synthetic.camera.sensor import Sensor
-from synthetic.raycast import render
-from synthetic.raycast.scene import random_scene
 from tests.helpers.colored_light import overlap, ramp
+from tests.helpers.stills import bare_scene, take
 from tracker.geometry import so3
 from tracker.pipeline import Status
 from tracker.pose.fit import Fit
@@ -26,12 +25,12 @@ CONVERGED = 2 * np.sqrt(SCHEDULE.negligible[0])
 def scene_of(name, k):
     """A scene without fingers, and what draws its noise."""
     rng = np.random.default_rng([70, k])
-    return random_scene(tracker.load_object(name), rng, occlusion=0.0), rng
+    return bare_scene(tracker.load_object(name), rng), rng
 
 
 def rendered(name, k, cameras, sensor=None):
     scene, rng = scene_of(name, k)
-    return render(scene, cameras, tracker.load_object(name), sensor or Sensor.realistic(), rng)
+    return take(scene, cameras, sensor or Sensor.realistic(), rng)
 
 
 @pytest.fixture(scope="module")

@@ -8,8 +8,7 @@ from scipy.stats import binom, chi2
 
 import tracker
 from synthetic.camera.sensor import Sensor
-from synthetic.raycast import render
-from synthetic.raycast.scene import random_scene
+from tests.helpers.stills import bare_scene, take
 from tracker.geometry import so3
 from tracker.pose.judge import confidence
 
@@ -42,8 +41,8 @@ def scenes(rig):
         found[name] = []
         for k in range(SCENES):
             rng = np.random.default_rng([90, k])
-            scene = random_scene(model, rng, occlusion=0.0)
-            found[name].append(render(scene, rig.cameras, model, Sensor.realistic(), rng))
+            scene = bare_scene(model, rng)
+            found[name].append(take(scene, rig.cameras, Sensor.realistic(), rng))
     return found
 
 

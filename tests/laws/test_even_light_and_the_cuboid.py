@@ -6,9 +6,8 @@ import pytest
 import tracker
 from synthetic.camera.rigs import default_cameras
 from synthetic.camera.sensor import Sensor
-from synthetic.raycast import render
-from synthetic.raycast.scene import random_scene
 from tests.helpers.colored_light import overlap, ramp
+from tests.helpers.stills import bare_scene, take
 
 NAME = "cuboid_2x2x8_v2"
 
@@ -18,7 +17,7 @@ NAME = "cuboid_2x2x8_v2"
 def test_a_slight_ramp_of_coloured_light_leaves_the_labels(share, k):
     model, colors = tracker.load_object(NAME), tracker.load_colors(NAME)
     rng = np.random.default_rng([70, k])
-    truth = render(random_scene(model, rng, occlusion=0.0), default_cameras(), model, Sensor.realistic(), rng)
+    truth = take(bare_scene(model, rng), default_cameras(), Sensor.realistic(), rng)
     pairs = list(zip(truth.images, truth.labels, strict=True))
     plain = np.mean([overlap(tracker.segment(image, colors), labels) for image, labels in pairs])
     for blue, red in ((share, -share), (-share, share)):

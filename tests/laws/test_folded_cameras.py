@@ -8,8 +8,7 @@ import pytest
 import tracker
 from synthetic.camera.rigs import default_cameras
 from synthetic.camera.sensor import Sensor
-from synthetic.raycast import render
-from synthetic.raycast.scene import random_scene
+from tests.helpers.stills import bare_scene, take
 from tracker.geometry import so3
 from tracker.pose.judge import log_odds
 
@@ -23,8 +22,8 @@ def test_cameras_that_look_far_aside_neither_help_nor_harm(name, degrees):
     cameras, model = default_cameras(), tracker.load_object(name)
     for k in range(2):
         rng = np.random.default_rng([70, k])
-        scene = random_scene(model, rng, occlusion=0.0)
-        images = render(scene, cameras, model, Sensor.realistic(), rng).images
+        scene = bare_scene(model, rng)
+        images = take(scene, cameras, Sensor.realistic(), rng).images
         reference = tracker.ObjectTracker(model, tracker.CameraRig(cameras)).fit(images)
         more = []
         for n, axis in enumerate(AXES):
@@ -33,7 +32,7 @@ def test_cameras_that_look_far_aside_neither_help_nor_harm(name, degrees):
             for camera in cameras:
                 moved = turn @ camera.camera_from_world
                 more.append(dataclasses.replace(camera, name=f"{camera.name}_{n}", camera_from_world=moved))
-        others = render(scene, more, model, Sensor.realistic(), np.random.default_rng(1))
+        others = take(scene, more, Sensor.realistic(), np.random.default_rng(1))
         blind = [c for c, labels in enumerate(others.labels) if not labels.any()]
         assert blind
         rig = tracker.CameraRig((*cameras, *(more[c] for c in blind)))

@@ -8,8 +8,7 @@ import pytest
 import tracker
 from synthetic.camera.rigs import default_cameras
 from synthetic.camera.sensor import Sensor
-from synthetic.raycast import render
-from synthetic.raycast.scene import random_scene
+from tests.helpers.stills import bare_scene, take
 from tracker.geometry import so3
 
 SCENES = 6
@@ -27,9 +26,7 @@ def shots(rig):
     result = []
     for k in range(SCENES):
         rng = np.random.default_rng([310, k])
-        result.append(
-            render(random_scene(model, rng, occlusion=0.0), rig.cameras, model, Sensor.realistic(), rng)
-        )
+        result.append(take(bare_scene(model, rng), rig.cameras, Sensor.realistic(), rng))
     return result
 
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from synthetic.raycast.renderer import Rendering
 from tests.helpers.filmed import shots
+from tests.helpers.stills import Still
 
 
 @pytest.fixture(scope="package")
-def film() -> list[Rendering]:
+def film() -> list[Still]:
     return shots("cube_v2", 8, seed=511)

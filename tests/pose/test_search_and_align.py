@@ -7,9 +7,8 @@ import pytest
 
 from synthetic.camera.rigs import default_cameras
 from synthetic.camera.sensor import Sensor
-from synthetic.raycast import render
-from synthetic.raycast.scene import random_scene
 from tests.helpers import look_at, make_camera, random_rotations
+from tests.helpers.stills import bare_scene, take
 from tracker.geometry import so3
 from tracker.geometry.arena import Arena
 from tracker.geometry.lens import project, stack_lenses
@@ -33,7 +32,7 @@ def scene():
     """Perfect label maps of the reduced images of a cube without fingers, and the truth."""
     rng = np.random.default_rng(5)
     cameras = default_cameras()
-    truth = render(random_scene(MODEL, rng, occlusion=0), cameras, MODEL, Sensor.clean(), rng)
+    truth = take(bare_scene(MODEL, rng), cameras, Sensor.clean(), rng)
     small = [label_camera(camera, 2) for camera in cameras]
     # The middle one of each 2×2 block would shift by half a pixel; any of the four is as good here.
     labels = np.stack([image[::2, ::2] for image in truth.labels])

@@ -225,7 +225,7 @@ class Lamps:
 
 def test_a_picture_of_an_open_shutter_is_the_mean_of_its_scenes_and_labels_are_the_middle_ones():
     camera = RIG[0]
-    unit = Unit(camera, Sensor.clean(), CameraSettings(np.ones(3), np.zeros(2)))
+    unit = Unit(camera, Sensor(), CameraSettings(np.ones(3), np.zeros(2)))
     quality = QUALITIES["fast"]
     shot = shoot(Lamps(), (0.1, 0.2, 0.6), unit, quality, rng())
     assert np.array_equal(shot.image, np.full((270, 270, 3), round(255 * 0.3), np.uint8))

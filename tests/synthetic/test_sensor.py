@@ -106,3 +106,39 @@ def test_samples_differ_and_repeat():
 def test_an_unknown_path_is_refused():
     with pytest.raises(ValueError, match="expected one of plain, new, old"):
         Sensor(path="newest")
+
+
+def test_clean_sensor_only_rounds_a_flat_field():
+    flat = np.full((20, 30, 3), linear(np.array([51, 128, 204])), np.float32)
+    assert (Sensor.clean().expose(flat, rng()) == [51, 128, 204]).all()
+    assert (dataclasses.replace(Sensor.clean(), path="new").expose(flat, rng()) == [51, 128, 204]).all()
+
+
+def test_noise_follows_its_formula():
+    sensor = Sensor(full_well=10_000, read_noise=2.0)
+    for level in (0.2, 0.8):
+        image = sensor.expose(np.full((300, 300, 3), level, np.float32), rng())
+        expected = np.sqrt(2.0**2 + 255 * level * 255 / 10_000 + 1 / 12)
+        assert image.std() == pytest.approx(expected, rel=0.02)
+        assert image.mean() == pytest.approx(255 * level, abs=0.05)
+
+
+def test_blur_keeps_light_and_place():
+    spot = np.zeros((21, 21, 3), np.float32)
+    spot[10, 8] = 4.0
+    image = Sensor(psf_sigma=1.2).expose(spot, rng())[:, :, 0].astype(float)
+    rows, columns = np.indices(image.shape)
+    assert (image * columns).sum() / image.sum() == pytest.approx(8, abs=1e-9)
+    assert (image * rows).sum() / image.sum() == pytest.approx(10, abs=1e-9)
+    assert image.sum() == pytest.approx(4 * 255, rel=0.02)
+
+
+def test_cameras_differ_in_color_and_brightness_as_allowed():
+    sensor = Sensor(exposure=(0.6, 1.4), white_balance=0.2)
+    flat = np.full((4, 4, 3), 0.4, np.float32)
+    means = np.array([sensor.expose(flat, rng(seed)).mean(axis=(0, 1)) for seed in range(200)]) / (0.4 * 255)
+    assert means.min() > 0.6 / 1.2 - 0.01
+    assert means.max() < 1.4 * 1.2 + 0.01
+    ratio = means[:, 0] / means[:, 2]
+    assert ratio.min() < 0.8
+    assert ratio.max() > 1.25

@@ -230,7 +230,7 @@ def test_stamps_of_each_camera_are_much_better_than_one_for_all(rig, ages):
 
 
 def test_which_camera_is_the_latest_does_not_matter_to_a_resting_object(rig):
-    resting = pose_at(0.3)
+    resting = pose_at(0.6)
     film = [shot(rig, resting, k) for k in range(6)]
     for ages in AGES:
         one = new(rig)

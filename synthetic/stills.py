@@ -1,0 +1,116 @@
+"""Stills: what cameras of any kind make of one scene of the platform, and the truth.
+
+Everything that the frames of `synthetic.frames` have beyond that (a robot's recordings, effects, sizes) is
+left out; neither OpenGL nor, where there are no fingers, PyBullet is needed.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from synthetic.camera.lens import lens_of
+from synthetic.camera.sensor import Sensor
+from synthetic.look.appearance import random_look
+from synthetic.look.lighting import random_lighting
+from synthetic.render.code_renderer import CodeRenderer
+from synthetic.render.raster_codes import RasterPainter
+from synthetic.scene import PlatformScene
+from synthetic.world.placement import CUBOID_KINDS
+from synthetic.world.platform import Platform
+from synthetic.world.scenes import random_scene
+from tracker.conventions import Array, FloatArray, Image
+from tracker.geometry.camera import Camera
+from tracker.objects.model import CuboidModel
+
+POINTS = 2
+"""Points per pixel along each axis."""
+
+_LAID = {kind: share for kind, share in CUBOID_KINDS.items() if kind != "thrown"}
+"""Kinds of scene that need no physics."""
+
+
+@dataclass(frozen=True, eq=False)
+class Still:
+    """Pictures of a scene, one per camera, and the truth."""
+
+    scene: PlatformScene
+    """What they show."""
+    images: list[Image]
+    """(H, W, 3) uint8, BGR."""
+    labels: list[Image]
+    """(H, W) uint8: the label of what most of the pixel shows; 0 for what is no object."""
+    visible_fraction: FloatArray
+    """(cameras,) object pixels seen, of those seen without fingers; 0 where there are none."""
+
+    @property
+    def position(self) -> FloatArray:
+        """(3,) the object's centre [m]; of a scene with one object only."""
+        return self.scene.objects[0].position
+
+    @property
+    def rotation(self) -> FloatArray:
+        """(3, 3) world from object; of a scene with one object only."""
+        return self.scene.objects[0].rotation
+
+
+def take(
+    scene: PlatformScene,
+    cameras: Sequence[Camera],
+    sensor: Sensor,
+    rng: np.random.Generator,
+    *,
+    points: int = POINTS,
+    shadows: bool = False,
+) -> Still:
+    """Pictures of `scene` by all cameras. `rng` draws the sensor's noise and gains, and nothing else."""
+    images, labels, fractions = [], [], []
+    for camera in cameras:
+        lens = lens_of(camera, points)
+        view = dataclasses.replace(lens.view, block=points)
+        layers = _renderer().render(scene, view, shadows=shadows)
+        images.append(sensor.expose(lens.to_camera(layers.color, "mean"), rng))
+        labels.append(np.asarray(lens.to_camera(layers.labels, "label"), dtype=np.uint8))
+        alone = lens.to_camera(layers.alone, "label")
+        fractions.append(int(np.count_nonzero(labels[-1])) / max(int(np.count_nonzero(alone)), 1))
+    return Still(scene, images, labels, np.array(fractions))
+
+
+def bare_scene(
+    model: CuboidModel, rng: np.random.Generator, *, kind: str | None = None, object_present: bool = True
+) -> PlatformScene:
+    """A scene without the robot, drawn from `rng`; `kind` is "rest", "tilted", "air" or drawn as well."""
+    shares = np.array(list(_LAID.values()))
+    kind = kind or str(rng.choice(list(_LAID), p=shares / shares.sum()))
+    return random_scene(Platform(model), rng, fingers="none", kind=kind, object_present=object_present)
+
+
+def posed_scene(
+    model: CuboidModel, pose: tuple[Array, Array] | None, rng: np.random.Generator
+) -> PlatformScene:
+    """A scene without the robot, with the object where `pose` says; None: nowhere.
+
+    Args:
+        model: the object.
+        pose: position (3,) [m] and rotation (3, 3).
+        rng: draws colours and light.
+    """
+    platform = Platform(model)
+    look, lighting = random_look(rng, model), random_lighting(rng)
+    states = () if pose is None else platform.object_states(pose[0][None], pose[1][None])
+    return platform.scene(states, None, look, lighting, {})
+
+
+def scene_with_fingers(model: CuboidModel, rng: np.random.Generator, *, near: float = 0.5) -> PlatformScene:
+    """A scene drawn from `rng`; each finger is near the object with the probability `near`."""
+    with Platform(model) as platform:
+        return random_scene(platform, rng, occlusion=near)
+
+
+@functools.cache
+def _renderer() -> CodeRenderer:
+    return CodeRenderer("raster", RasterPainter())

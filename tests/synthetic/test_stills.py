@@ -1,0 +1,196 @@
+"""Stills against OpenCV's projection, and their own promises."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import cv2
+import numpy as np
+import pytest
+
+from synthetic.camera.lens import lens_of
+from synthetic.camera.rigs import default_cameras
+from synthetic.camera.sensor import Sensor
+from synthetic.look.face_colors import reflectances
+from synthetic.render.code_renderer import CodeRenderer
+from synthetic.render.raster_codes import RasterPainter
+from synthetic.scene import ObjectState, PlatformScene
+from synthetic.stills import Still
+from tests.helpers.stills import bare_scene, posed_scene, scene_with_fingers, take
+from tracker.conventions import Array
+from tracker.errors import CalibrationError
+from tracker.geometry.camera import Camera
+from tracker.geometry.cuboid import FACE_CORNERS, FACE_NORMALS, corners
+from tracker.objects.model import CuboidModel, load_object
+
+CAMERAS = default_cameras()
+RASTER = CodeRenderer("raster", RasterPainter())
+MODELS = (load_object("cube_v1"), load_object("cube_v2"), load_object("cuboid_2x2x8_v2"))
+
+
+def rng(seed: int = 0) -> np.random.Generator:
+    return np.random.default_rng(seed)
+
+
+def coverages(scene: PlatformScene, cameras: tuple[Camera, ...]) -> list[Array]:
+    """The share of each pixel's square that the visible object covers, (H, W) of each camera."""
+    result, points = [], 4 * 270 // cameras[0].width
+    for camera in cameras:
+        lens = lens_of(camera, points)
+        view = dataclasses.replace(lens.view, block=points)
+        result.append(lens.to_camera(RASTER.render(scene, view, shadows=False).labels > 0, "mean"))
+    return result
+
+
+def project(camera: Camera, points: Array) -> Array:
+    """Pixels (N, 2) by OpenCV alone."""
+    rotation, translation = camera.camera_from_world[:3, :3], camera.camera_from_world[:3, 3]
+    rvec, _ = cv2.Rodrigues(rotation.copy())
+    return cv2.projectPoints(points, rvec, translation, camera.matrix, camera.distortion)[0].reshape(-1, 2)
+
+
+def face_outlines(state: ObjectState, model: CuboidModel, camera: Camera) -> list[Array]:
+    """Pixels (N, 2) along the outline of each visible face; edges sampled finely, as lenses bend them."""
+    outlines = []
+    points = corners(model.size) @ state.rotation.T + state.position
+    eye = np.linalg.inv(camera.camera_from_world)[:3, 3]
+    share = np.linspace(0, 1, 40, endpoint=False)[:, None]
+    for normal, ring in zip(FACE_NORMALS @ state.rotation.T, points[FACE_CORNERS], strict=True):
+        if normal @ (eye - ring[0]) > 0:
+            outline = [a + share * (b - a) for a, b in zip(ring, np.roll(ring, -1, axis=0), strict=True)]
+            outlines.append(project(camera, np.concatenate(outline)))
+    return outlines
+
+
+def area_and_centroid(outlines: list[Array]) -> tuple[float, Array]:
+    area, moment = 0.0, np.zeros(2)
+    for a in outlines:
+        b = np.roll(a, -1, axis=0)
+        cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+        area += abs(cross.sum() / 2)
+        moment += np.sign(cross.sum()) * ((a + b) * cross[:, None]).sum(axis=0) / 6
+    return area, moment / area
+
+
+def is_inside(outlines: list[Array], camera: Camera) -> bool:
+    pixels = np.concatenate(outlines)
+    return bool((pixels > 1).all() and (pixels < [camera.width - 2, camera.height - 2]).all())
+
+
+@pytest.mark.parametrize("width", [270, 540])
+def test_object_covers_what_opencv_projects(width: int) -> None:
+    cameras = default_cameras(width)
+    shifts, areas = [], []
+    for seed in range(20 if width == 270 else 2):
+        model = MODELS[seed % len(MODELS)]
+        scene = bare_scene(model, rng(seed), kind=("rest", "air")[seed % 2])
+        for camera, coverage in zip(cameras, coverages(scene, cameras), strict=True):
+            outlines = face_outlines(scene.objects[0], model, camera)
+            if not is_inside(outlines, camera):
+                continue
+            hull = cv2.convexHull(np.concatenate(outlines).astype(np.float32))
+            for row, column in np.argwhere(coverage > 0):
+                assert cv2.pointPolygonTest(hull, (float(column), float(row)), True) > -1
+            area, centroid = area_and_centroid(outlines)
+            rows, columns = np.indices(coverage.shape)
+            found = np.array([(columns * coverage).sum(), (rows * coverage).sum()]) / coverage.sum()
+            shifts.append(found - centroid)
+            areas.append(coverage.sum() / area - 1)
+    assert len(shifts) > 3
+    assert np.linalg.norm(shifts, axis=1).mean() < 0.01
+    assert np.abs(np.mean(shifts, axis=0)).max() < 0.002
+    assert np.abs(areas).mean() < 0.001
+
+
+def test_lens_without_inverse_is_refused() -> None:
+    camera = dataclasses.replace(CAMERAS[0], distortion=np.array([-3.0, 0.0, 0.0, 0.0, 0.0]))
+    with pytest.raises(CalibrationError, match="camera60: the lens has no inverse"):
+        take(bare_scene(MODELS[0], rng()), (camera,), Sensor.clean(), rng())
+
+
+def test_camera_of_twice_the_width_sees_the_same() -> None:
+    for small, large in zip(CAMERAS, default_cameras(540), strict=True):
+        points = rng().uniform(-0.1, 0.1, (20, 3))
+        np.testing.assert_allclose(project(large, points), 2 * project(small, points) + 0.5, atol=1e-9)
+
+
+@pytest.mark.parametrize("model", MODELS, ids=lambda model: model.name)
+def test_faces_lie_on_their_axes(model: CuboidModel) -> None:
+    camera = CAMERAS[1]
+    eye = np.linalg.inv(camera.camera_from_world)[:3, 3]
+    position = np.array([0.01, -0.02, 0.06])
+    for face, normal in enumerate(FACE_NORMALS):
+        towards = (eye - position) / np.linalg.norm(eye - position)
+        side = np.cross(towards, [0.0, 0.0, 1.0])
+        side /= np.linalg.norm(side)
+        in_world = np.stack([towards, side, np.cross(towards, side)], axis=1)
+        in_object = np.stack([normal, np.roll(normal, 1), np.cross(normal, np.roll(normal, 1))], axis=1)
+        rotation = in_world @ in_object.T
+        scene = posed_scene(model, (position, rotation), rng(face))
+        result = take(scene, (camera,), Sensor.clean(), rng())
+        column, row = np.rint(project(camera, position[None])[0]).astype(int)
+        assert result.labels[0][row, column] == model.face_labels[face]
+        color = result.images[0][row, column].astype(float)
+        known = np.sqrt(reflectances(model.colors)[1:])
+        cosine = known @ color / np.linalg.norm(known, axis=1)
+        assert np.argmax(cosine) + 1 == model.face_labels[face]
+
+
+def test_same_seed_gives_same_pixels() -> None:
+    def shoot(scene_seed: int, sensor_seed: int) -> Still:
+        scene = bare_scene(MODELS[1], rng(scene_seed))
+        return take(scene, CAMERAS[:1], Sensor.realistic(), rng(sensor_seed))
+
+    first, again, noise, other = shoot(1, 1), shoot(1, 1), shoot(1, 2), shoot(2, 1)
+    assert np.array_equal(first.images[0], again.images[0])
+    assert not np.array_equal(first.images[0], noise.images[0])
+    assert np.array_equal(first.labels[0], noise.labels[0])
+    assert not np.array_equal(first.labels[0], other.labels[0])
+
+
+def test_fingers_hide_a_part_of_the_object() -> None:
+    fractions = []
+    for seed in range(24):
+        scene = scene_with_fingers(MODELS[seed % len(MODELS)], rng(seed))
+        own = tuple(b for b in scene.bodies if b.name in {"table", "wall", "floor", scene.objects[0].name})
+        bare = dataclasses.replace(scene, bodies=own)
+        # One point a pixel: with more, a finger may leave most of the rest of a pixel to another face.
+        result, without = (take(one, CAMERAS, Sensor.clean(), rng(), points=1) for one in (scene, bare))
+        for seen, whole, fraction in zip(result.labels, without.labels, result.visible_fraction, strict=True):
+            assert (whole[seen > 0] == seen[seen > 0]).all()
+            assert fraction == pytest.approx((seen > 0).sum() / max((whole > 0).sum(), 1))
+        assert (without.visible_fraction == 1).all()
+        fractions.append(result.visible_fraction)
+    assert 0 <= np.min(fractions) < 0.5
+    assert 0.6 < np.median(fractions) < 0.95
+
+
+@pytest.mark.parametrize("kind", ["rest", "tilted", "air"])
+def test_objects_stay_above_the_table_and_within_the_arena(kind: str) -> None:
+    for seed in range(100):
+        model = MODELS[seed % len(MODELS)]
+        (state,) = bare_scene(model, rng(seed), kind=kind).objects
+        np.testing.assert_allclose(state.rotation @ state.rotation.T, np.eye(3), atol=1e-12)
+        assert np.linalg.det(state.rotation) == pytest.approx(1)
+        points = corners(model.size) @ state.rotation.T + state.position
+        assert -1e-12 <= points[:, 2].min() <= 0.1 * (kind == "air") + 1e-12
+        assert np.hypot(points[:, 0], points[:, 1]).max() < 0.19
+
+
+def test_empty_arena_has_no_labels() -> None:
+    result = take(bare_scene(MODELS[0], rng(), object_present=False), CAMERAS, Sensor.clean(), rng())
+    assert not result.scene.objects
+    assert not any(labels.any() for labels in result.labels)
+    assert not result.visible_fraction.any()
+
+
+def test_pixels_that_share_a_look_have_the_same_labels_and_almost_the_same_light() -> None:
+    scene, lens = scene_with_fingers(MODELS[1], rng(3)), lens_of(CAMERAS[0], 3)
+    each, some = (
+        RASTER.render(scene, dataclasses.replace(lens.view, block=block), shadows=True) for block in (1, 3)
+    )
+    assert np.array_equal(each.labels, some.labels)
+    assert np.array_equal(each.alone, some.alone)
+    apart = np.abs(lens.to_camera(each.color, "mean") - lens.to_camera(some.color, "mean"))
+    assert np.median(apart) < 1e-3
+    assert np.quantile(apart, 0.99) < 0.03
