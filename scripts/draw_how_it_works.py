@@ -224,15 +224,13 @@ class Edges(NamedTuple):
     blurs: FloatArray
     """(C,) standard deviations of the pictures' steps [px]."""
     start: Start
-    """Response and growth."""
+    """Response and rim."""
 
     def left(self, c: int) -> tuple[Array, FloatArray]:
         """Usable strips of camera c, and the offsets [px] that are left there."""
         usable = np.flatnonzero(self.found[c, : self.counts[c]]["usable"])
-        exponent, growth = self.start.exponent, self.start.growth
-        offsets = [
-            residual(self.strips[c, s], self.found[c, s], np.zeros(6), exponent, growth) for s in usable
-        ]
+        exponent, rim = self.start.exponent, self.start.rim
+        offsets = [residual(self.strips[c, s], self.found[c, s], np.zeros(6), exponent, rim) for s in usable]
         return usable, np.array(offsets)
 
 

@@ -41,7 +41,7 @@ def agreement_rows(real: Path) -> Rows:
             two = detector.detect([None if j == k else image for j, image in enumerate(pixels)]).object_pose
             own = detector.detect([image if j == k else None for j, image in enumerate(pixels)]).object_pose
             row = {"part": "third camera", **about, "bin": camera.name, **_apart(two, whole)}
-            rows.append(row | _miss(camera, detector.model, two, own))
+            rows.append(row | third_camera_miss(camera, detector.model, two, own))
         other, resized = _other_size(detector, pixels)
         rows.append({"part": "two sizes", **about, **_apart(whole, other.detect(resized).object_pose)})
     return rows
@@ -56,12 +56,13 @@ def _apart(one: tracker.PoseEstimate | None, other: tracker.PoseEstimate | None)
     }
 
 
-def _miss(
+def third_camera_miss(
     camera: Camera,
     model: tracker.CuboidModel,
     two: tracker.PoseEstimate | None,
     own: tracker.PoseEstimate | None,
 ) -> dict[str, float]:
+    """How far apart two poses are in a camera's picture: `px` at FOCAL, and across the line of sight `mm`."""
     if two is None or own is None:
         return {}
     ends = [_corners(camera, model, pose) for pose in (two, own)]

@@ -5,9 +5,9 @@ import pytest
 
 from tracker.pose.solve.step import (
     EXPONENT,
-    GROWTH,
     MOVING,
     OWN,
+    RIM,
     SHARES,
     SHARES_PRIOR,
     UNKNOWNS,
@@ -192,7 +192,7 @@ def test_a_large_share_leaves_the_pose_to_the_prior(rng):
     np.testing.assert_allclose(problem.known[:6, :6], problem.prior[:6, :6], atol=1e-6)
     # What the cameras have in common is still seen: no offset of a camera looks like it.
     assert problem.known[EXPONENT, EXPONENT] > 2 * problem.prior[EXPONENT, EXPONENT]
-    assert problem.known[GROWTH, GROWTH] > 2 * problem.prior[GROWTH, GROWTH]
+    assert problem.known[RIM, RIM] > 2 * problem.prior[RIM, RIM]
 
 
 def test_a_small_share_makes_the_cameras_rigid(rng):

@@ -8,7 +8,7 @@ import pytest
 
 from tests.helpers import make_camera, numerical_jacobian, random_rotations
 from tracker.geometry import so3
-from tracker.geometry.cuboid import EDGES, corners, visible_faces
+from tracker.geometry.cuboid import EDGES, FACE_NORMALS, corners, visible_faces
 from tracker.geometry.lens import project, stack_lenses
 from tracker.pose.edges.strips import MAX_STRIPS, STRIP, edge_strips
 
@@ -81,37 +81,45 @@ def test_jacobian_is_the_motion_along_the_normal(rng):
             np.testing.assert_allclose(row["jacobian"], numeric, rtol=2e-3, atol=0.3)
 
 
-def test_jacobian_and_growth_are_the_motion_of_the_samples(rng):
-    # A sample that is found again on the changed object has moved along the edge too, but along the normal
-    # as its columns say.
-    step = 1e-5
+def test_jacobian_is_the_motion_of_the_samples(rng):
+    # A sample that is found again on the moved object has moved along the edge too, but along the normal as
+    # its columns say.
     for rotation in random_rotations(rng, 10):
         samples = samples_at(rotation)
         normals = samples["normal"]
 
         def along(change, rotation=rotation, normals=normals):
-            moved = samples_at(so3.exp(change[3:6]) @ rotation, POSITION + change[:3], HALF * (1 + change[6]))
+            moved = samples_at(so3.exp(change[3:]) @ rotation, POSITION + change[:3])
             return np.sum(moved["pixel"] * normals, axis=1)
 
-        numeric = numerical_jacobian(along, np.zeros(7), step)
-        np.testing.assert_allclose(samples["jacobian"], numeric[:, :6], rtol=1e-4, atol=1e-3)
-        np.testing.assert_allclose(samples["growth"], numeric[:, 6], rtol=1e-4, atol=1e-3)
+        numeric = numerical_jacobian(along, np.zeros(6), 1e-5)
+        np.testing.assert_allclose(samples["jacobian"], numeric, rtol=1e-4, atol=1e-3)
 
 
-def test_growth_pushes_silhouettes_outwards(rng):
+def test_a_rim_ends_each_face_before_its_neighbours_plane(rng):
+    # Outlines follow the border of the one face that is seen, inner edges the middle between two borders.
+    rim = 1e-6
+    for rotation in random_rotations(rng, 10):
+        seen = faces_seen(rotation)
+        for (a, b, *faces), _, samples in samples_by_edge(rotation):
+            ends = corners(2 * HALF)[[a, b]]
+            share = np.linspace(0, 1, 4001)[:, None]
+            points = ends[0] + share * (ends[1] - ends[0])
+            pixels = CAMERA.project(points @ rotation.T + POSITION)
+            hidden = [face for face in faces if not seen[face]] or faces
+            # A face's border is moved against the normal of the face beyond the edge.
+            inward = -np.mean([FACE_NORMALS[face] for face in hidden], axis=0)
+            moved = CAMERA.project((points + rim * inward) @ rotation.T + POSITION)
+            for sample in samples:
+                k = np.argmin(np.linalg.norm(pixels - sample["pixel"], axis=1))
+                expected = (moved[k] - pixels[k]) @ sample["normal"] / rim
+                assert sample["rim"] == pytest.approx(expected, rel=2e-2, abs=1.0)
+
+
+def test_a_rim_draws_outlines_inwards(rng):
     for rotation in random_rotations(rng, 10):
         samples = samples_at(rotation)
-        assert (samples["growth"][samples["outside"] == 0] > 0).all()
-
-
-def test_growth_is_the_object_coming_nearer_from_the_same_direction(rng):
-    # Seen from the camera, growth by a share is the same as the distance shrinking by that share.
-    for rotation in random_rotations(rng, 5):
-        samples = samples_at(rotation)
-        approach = CAMERA.position - POSITION
-        np.testing.assert_allclose(
-            samples["growth"], samples["jacobian"][:, :3] @ approach, rtol=1e-9, atol=1e-9
-        )
+        assert (samples["rim"][samples["outside"] == 0] < 0).all()
 
 
 def test_normals_are_unit_and_point_out_of_the_face(rng):

@@ -18,11 +18,14 @@ class Box(NamedTuple):
     """(3,) half edge lengths [m]."""
     face_labels: Array
     """(6,) uint8 labels in the order of tracker.geometry.cuboid.FACE_NAMES."""
+    rim: tuple[float, float]
+    """Distance of the faces' borders from the nominal edges, and its standard deviation [m]."""
 
     @classmethod
     def of(cls, model: CuboidModel) -> Box:
         """The box of an object's model."""
-        return cls(np.asarray(model.size) / 2, np.asarray(model.face_labels, dtype=np.uint8))
+        labels = np.asarray(model.face_labels, dtype=np.uint8)
+        return cls(np.asarray(model.size) / 2, labels, (model.rim, model.rim_std))
 
     @property
     def radius(self) -> float:

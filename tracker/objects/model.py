@@ -5,6 +5,8 @@ An object is data, one TOML file:
     name = "cube_v2"
     size = [0.065, 0.065, 0.065]  # edge lengths along the object's x, y, z [m]
     colors = "cube_v2"            # its colour model; left out: the one of the object's name
+    rim = 0.0003                  # how far within the nominal edges the colours end [m]; left out: 0
+    rim_std = 0.0002              # standard deviation of that [m]; left out: 0.0003
 
     [faces]                       # outward axis = colour
     "+x" = "red"
@@ -40,7 +42,13 @@ else:
 MIN_SIZE, MAX_SIZE = 0.005, 0.5
 """Shortest and longest edge [m] that a model may have."""
 
-_KEYS = ("name", "size", "faces", "colors")
+_KEYS = ("name", "size", "faces", "colors", "rim", "rim_std")
+RIM_STD = 0.0003
+"""Standard deviation of an unknown rim, which covers those of real objects [m]."""
+
+LEAST_RIM_STD = 1e-6
+"""Least standard deviation of a rim: taken as exact [m]."""
+
 _FACE_COLORS = COLOR_NAMES[1:]
 _DATA = resources.files("tracker.objects") / "data"
 
@@ -61,6 +69,10 @@ class CuboidModel:
     """(6,) label of each face, in the order of `geometry.cuboid.FACE_NAMES`."""
     colors: str
     """Name (or file) of the object's colour model."""
+    rim: float = 0.0
+    """Distance of the visible colours' borders from the nominal edges, which are rounded and worn [m]."""
+    rim_std: float = RIM_STD
+    """Standard deviation of the rim [m]."""
 
     def __post_init__(self) -> None:
         for key in ("name", "colors"):
@@ -76,10 +88,22 @@ class CuboidModel:
             found = labels.tolist()
             raise ObjectModelError(f"{self.name}: face_labels: found {found}, expected each of 1 to 6 once")
         face_labels = labels.astype(np.int64)
+        rim, rim_std = (
+            _numbers(self.name, key, [getattr(self, key)], 1).item() for key in ("rim", "rim_std")
+        )
+        largest = size.min() / 4
+        if not 0.0 <= rim <= largest:
+            valid = f"from 0 to {largest:g} m, a quarter of the shortest edge"
+            raise ObjectModelError(f"{self.name}: rim: found {rim:g}, expected a width {valid}")
+        if not LEAST_RIM_STD <= rim_std <= largest:
+            valid = f"from {LEAST_RIM_STD:g} to {largest:g} m"
+            raise ObjectModelError(f"{self.name}: rim_std: found {rim_std:g}, expected {valid}")
         for array in (size, face_labels):
             array.flags.writeable = False
         object.__setattr__(self, "size", size)
         object.__setattr__(self, "face_labels", face_labels)
+        object.__setattr__(self, "rim", rim)
+        object.__setattr__(self, "rim_std", rim_std)
 
 
 def object_names() -> tuple[str, ...]:
@@ -141,7 +165,8 @@ def _parse(content: bytes, source: str, folder: Path | None) -> CuboidModel:
     if folder is not None and isinstance(colors, str) and (folder / colors).is_file():
         colors = str(folder / colors)
     try:
-        return CuboidModel(data["name"], data["size"], face_labels_of(data["faces"]), colors)
+        rim = {key: data[key] for key in ("rim", "rim_std") if key in data}
+        return CuboidModel(data["name"], data["size"], face_labels_of(data["faces"]), colors, **rim)
     except ObjectModelError as error:
         raise ObjectModelError(f"{source}: {error}") from error
 

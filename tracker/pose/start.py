@@ -33,9 +33,9 @@ class Start(NamedTuple):
     """Standard deviation of the pictures' steps [px of an object of reference size]."""
     exponent: float
     """Of the cameras' response, less 1."""
-    growth: float
-    """Of the object over its model, relative."""
+    rim: float
+    """Distance of the faces' borders from the nominal edges [m]."""
 
 
-LIKELY = Start(blur=0.9, exponent=0.3, growth=0.0)
+LIKELY = Start(blur=0.9, exponent=0.3, rim=0.0)
 """Where nothing is known: an exponent between that of simulations and of cameras."""

@@ -26,10 +26,11 @@ STRIP = np.dtype(
         ("pixel", np.float64, (2,)),  # middle of the piece of edge (u, v) [px]
         ("normal", np.float64, (2,)),  # unit vector out of the face
         ("jacobian", np.float64, (6,)),  # motion along the normal per (δp, δθ) [px/m, px/rad]
-        ("growth", np.float64),  # motion along the normal per relative growth of the object [px]
+        ("rim", np.float64),  # motion along the normal per width of the object's rim [px/m]
         ("length", np.float64),  # of the piece [px]
         ("reach_in", np.float64),  # how far the face reaches inwards [px]
         ("reach_out", np.float64),  # how far the neighbouring face reaches outwards [px]; 1000: background
+        ("edge", np.int64),  # which of the cuboid's twelve it is part of
         ("inside", np.int64),  # label of the face
         ("outside", np.int64),  # label of the neighbouring face; 0: background
         ("in_view", np.bool_),  # whether the picture shows it as a whole
@@ -60,6 +61,20 @@ def _face_depth(lenses, c, half, rotation, position, corner, face, axis, u, v, n
     rotate(rotation, other, world)
     pu, pv, _ = project(lenses, c, world[0] + position[0], world[1] + position[1], world[2] + position[2])
     return (pu - u) * nu + (pv - v) * nv
+
+
+@compiled
+def _outwards(rotation, corner, one, other, out):  # type: ignore[no-untyped-def]
+    """Out (3,) = mean of the normals of two faces that meet at a corner (3,), along world axes.
+
+    A face's colour ends a rim's width before its neighbour's plane. Where both faces are seen, the middle
+    between their borders is the edge.
+    """
+    for i in range(3):
+        out[i] = 0.5 * (
+            math.copysign(1.0, corner[one // 2]) * rotation[i, one // 2]
+            + math.copysign(1.0, corner[other // 2]) * rotation[i, other // 2]
+        )
 
 
 @compiled
@@ -141,11 +156,13 @@ def edge_strips(lenses, c, half, face_labels, rotation, position, spacing, margi
             strip.jacobian[3] = world[1] * jz - world[2] * jy
             strip.jacobian[4] = world[2] * jx - world[0] * jz
             strip.jacobian[5] = world[0] * jy - world[1] * jx
+            strip.edge = e
             strip.inside = face_labels[face]
             strip.outside = face_labels[neighbour] if inner else 0
             strip.reach_in = -depth_a - share * (depth_b - depth_a)
             strip.reach_out = out_a + share * (out_b - out_a)
             strip.length = usable / n
-            strip.growth = jx * world[0] + jy * world[1] + jz * world[2]
+            _outwards(rotation, a, neighbour, face if inner else neighbour, world)
+            strip.rim = -(jx * world[0] + jy * world[1] + jz * world[2])
             count += 1
     return count

@@ -14,9 +14,9 @@ from tracker.pose.solve.normal import accumulate, residual
 from tracker.pose.solve.robust import spread
 from tracker.pose.solve.step import (
     EXPONENT,
-    GROWTH,
     MOVING_SHARE,
     OWN,
+    RIM,
     UNKNOWNS,
     calibration_share,
     marginal,
@@ -33,8 +33,14 @@ MIN_WIDTHS = 4
 EXPONENT_STD = 0.5
 """Standard deviation of the response's exponent."""
 
-GROWTH_STD = 0.003
-"""Relative standard deviation of the object's size: makers and rulers err by 0.2 mm in 65."""
+EXPECTED = 5
+"""Edges' worth of what is expected of the size of their own offsets."""
+
+TAKEN = 12
+"""Edges' worth of these offsets that what is solved for takes up."""
+
+KNOWN = 0.05
+"""Standard deviation of an edge's offset [px] up to which it tells much of how large such offsets are."""
 
 STATED = 1e11
 """Inverse variance of a position from which on a calibration states no errors that it could have a share of
@@ -65,7 +71,7 @@ def _take_stock(cameras, unknowns, tuning, work, seen):  # type: ignore[no-untyp
         if not cameras.used[c]:
             continue
         scale, widths = cameras.scales[c], 0
-        exponent, growth = unknowns.shared[EXPONENT] + unknowns.offsets[c, EXPONENT], unknowns.shared[GROWTH]
+        exponent, rim = unknowns.shared[EXPONENT] + unknowns.offsets[c, EXPONENT], unknowns.shared[RIM]
         for s in range(work.counts[c]):
             if not work.strips[c, s].in_view:
                 continue
@@ -74,7 +80,7 @@ def _take_stock(cameras, unknowns, tuning, work, seen):  # type: ignore[no-untyp
             if not found.usable:
                 continue
             seen[c].usable += 1.0
-            off = abs(residual(work.strips[c, s], found, work.since[c], exponent, growth)) / scale
+            off = abs(residual(work.strips[c, s], found, work.since[c], exponent, rim)) / scale
             work.residuals[total] = off
             total += 1
             if off < 1.0 and found.sharpness > 0.0:
@@ -98,26 +104,50 @@ def _take_stock(cameras, unknowns, tuning, work, seen):  # type: ignore[no-untyp
 
 
 @compiled
-def _add_up(cameras, unknowns, tuning, least, scatter, work, seen):  # type: ignore[no-untyped-def]
-    """The normal equations of every camera."""
+def _add_up(cameras, unknowns, tuning, least, scatter, own, work, seen):  # type: ignore[no-untyped-def]
+    """The normal equations of every camera; own: variance of what the pieces of an edge have in common."""
     limit = max(least, tuning.tukey * scatter)
     for c in range(len(cameras.used)):
-        work.information[c, :, :], work.gradient[c, :] = 0.0, 0.0
+        work.information[c, :, :], work.gradient[c, :], work.edges[c, :, :] = 0.0, 0.0, 0.0
         seen[c].inliers, seen[c].squares = 0.0, 0.0
         if not cameras.used[c]:
             continue
         scale = cameras.scales[c]
-        accumulate(
-            work.strips[c], work.found[c], work.counts[c], work.since[c],
-            unknowns.shared[EXPONENT] + unknowns.offsets[c, EXPONENT], unknowns.shared[GROWTH],
-            min(limit * scale, work.reaches[c]), (max(tuning.floor, 0.7 * scatter) * scale) ** 2,
-            work.information[c], work.gradient[c], seen[c],
-        )  # fmt: skip
+        # What neighbouring pieces share makes their sum, not the edge's own offset, less certain.
         trust = (1.0 if cameras.parts[c] > 1 else 1.0 / tuning.correlation**2) / (
             1.0 + (unknowns.blurs[c] / (tuning.smear * scale)) ** 4
         )
+        accumulate(
+            work.strips[c], work.found[c], work.counts[c], work.since[c],
+            unknowns.shared[EXPONENT] + unknowns.offsets[c, EXPONENT], unknowns.shared[RIM],
+            min(limit * scale, work.reaches[c]), (max(tuning.floor, 0.7 * scatter) * scale) ** 2,
+            trust * own * scale**2, work.information[c], work.gradient[c], seen[c], work.edges[c],
+        )  # fmt: skip
         work.information[c] *= trust
         work.gradient[c] *= trust
+        for e in range(work.edges.shape[1]):
+            work.edges[c, e, 0] *= trust * scale**2
+            work.edges[c, e, 1] *= trust * scale
+
+
+@compiled
+def own_variance(edges, expected):  # type: ignore[no-untyped-def]
+    """Variance of what the pieces of an edge have in common: what the edges' offsets vary more than noise.
+
+    edges (C, 12, 2): information on the offset of each edge in each camera, and its pull; expected: the
+    variance that counts as that of EXPECTED more edges.
+    """
+    count, total = float(EXPECTED), EXPECTED * expected
+    for c in range(edges.shape[0]):
+        for e in range(edges.shape[1]):
+            if edges[c, e, 0] > 0.0:
+                noise = 1.0 / edges[c, e, 0]
+                # Edges that are known no better than that say little.
+                weight = 1.0 / (1.0 + noise / KNOWN**2) ** 2
+                total += weight * ((edges[c, e, 1] * noise) ** 2 - noise)
+                count += weight
+    # What is solved for takes up some of it.
+    return max(total, 0.25 * EXPECTED * expected) / max(count - TAKEN, 0.5 * count)
 
 
 @compiled
@@ -180,11 +210,12 @@ def _astray(work, limit):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def settle(cameras, prior, radius, schedule, tuning, step, unknowns, work, covariance, seen):  # type: ignore[no-untyped-def]
+def settle(cameras, prior, radius, rim, schedule, tuning, step, unknowns, work, covariance, seen):  # type: ignore[no-untyped-def]
     """Move a pose in place to where it fits the collected strips best, from a step of the schedule on.
 
     Ends early where strips have to be collected anew. prior (6,): information on the pose given; radius: the
-    object's [m]. Filled: covariance (6, 6) of the pose; seen (C,) of SEEN.
+    object's [m]; rim: of its edges, and its standard deviation [m].
+    Filled: covariance (6, 6) of the pose; seen (C,) of SEEN.
 
     Returns whether the last step was negligible, and the next step.
     """
@@ -193,7 +224,7 @@ def settle(cameras, prior, radius, schedule, tuning, step, unknowns, work, covar
     changes, priors = np.zeros((len(cameras.used), OWN)), np.zeros((n, n))
     for i in range(6):
         priors[i, i] = prior[i]
-    priors[EXPONENT, EXPONENT], priors[GROWTH, GROWTH] = 1.0 / EXPONENT_STD**2, 1.0 / GROWTH_STD**2
+    priors[EXPONENT, EXPONENT], priors[RIM, RIM] = 1.0 / EXPONENT_STD**2, 1.0 / rim[1] ** 2
     for i in range(n - UNKNOWNS):
         for k in range(n - UNKNOWNS):
             priors[UNKNOWNS + i, UNKNOWNS + k] = cameras.calm[i, k]
@@ -206,25 +237,33 @@ def settle(cameras, prior, radius, schedule, tuning, step, unknowns, work, covar
         _measure_all(cameras, unknowns, schedule, step, work)
         scatter = _take_stock(cameras, unknowns, tuning, work, seen)
         rough = schedule.blur[step] > 0.0
+        # Only once the cameras have come to terms is what is left the edges' own.
+        late = step > 0 and schedule.blur[step - 1] == 0.0
         for turn in range(tuning.rounds):
-            _add_up(cameras, unknowns, tuning, schedule.tukey[step], scatter, work, seen)
             pull[EXPONENT] = (LIKELY.exponent - unknowns.shared[EXPONENT]) / EXPONENT_STD**2
-            pull[GROWTH] = -unknowns.shared[GROWTH] / GROWTH_STD**2
+            pull[RIM] = (rim[0] - unknowns.shared[RIM]) / rim[1] ** 2
             for i in range(UNKNOWNS, n):
                 pull[i] = 0.0
                 for k in range(UNKNOWNS, n):
                     pull[i] -= priors[i, k] * unknowns.shared[k]
             equations = (work.information, work.gradient, unknowns.offsets, cameras.weights, cameras.delays)
             if turn == 0 and doubtful and not rough:
+                # How far the cameras disagree is judged as if edges were where they should be.
+                _add_up(cameras, unknowns, tuning, schedule.tukey[step], scatter, tuning.own**2, work, seen)
                 share = calibration_share(equations, MOVING_SHARE, priors, pull, joint, update, changes)
+            _add_up(cameras, unknowns, tuning, schedule.tukey[step], scatter, unknowns.own[0], work, seen)
+            if late:
+                unknowns.own[0] = own_variance(work.edges, tuning.own**2)
             if not np.isfinite(solve_step(equations, share, priors, pull, joint, update, changes)):
                 return False, len(schedule.blur)
             _move(cameras, unknowns, update, changes, tuning, radius, work)
-        whole = not rough and schedule.every[step] == 1
+        whole = late and schedule.every[step] == 1
         converged = whole and _length(before, unknowns, joint) < schedule.negligible[step]
         step += 1
         if converged and doubtful:
+            _add_up(cameras, unknowns, tuning, schedule.tukey[step - 1], scatter, tuning.own**2, work, seen)
             share = calibration_share(equations, 0, priors, pull, joint, update, changes)
+            _add_up(cameras, unknowns, tuning, schedule.tukey[step - 1], scatter, unknowns.own[0], work, seen)
             solve_step(equations, share, priors, pull, joint, update, changes)
         if not marginal(joint, covariance):
             return False, len(schedule.blur)

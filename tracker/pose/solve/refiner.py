@@ -27,7 +27,7 @@ from tracker.pose.solve.covariance import (
 from tracker.pose.solve.refine import settle
 from tracker.pose.solve.schedule import SCHEDULE, TUNING, Schedule
 from tracker.pose.solve.state import Cameras, Unknowns, Workspace, workspace
-from tracker.pose.solve.step import EXPONENT, GROWTH, MOVING, OWN, UNKNOWNS
+from tracker.pose.solve.step import EXPONENT, MOVING, OWN, RIM, UNKNOWNS
 from tracker.pose.start import LIKELY, Lag, Start
 from tracker.segmentation import mosaic
 
@@ -129,8 +129,9 @@ class Refiner:
             np.zeros(UNKNOWNS if lag is None else MOVING),
             np.zeros((count, OWN)),
             start.blur * cameras.scales,
+            np.array([TUNING.own**2]),
         )
-        unknowns.shared[EXPONENT], unknowns.shared[GROWTH] = start.exponent, start.growth
+        unknowns.shared[EXPONENT], unknowns.shared[RIM] = start.exponent, start.rim
         return Attempt(views, cameras, unknowns, np.full((6, 6), np.nan), np.zeros(count, SEEN))
 
     def advance(self, attempt: Attempt, schedule: Schedule, until: int | None = None) -> None:
@@ -139,8 +140,8 @@ class Refiner:
         while attempt.step < len(part.blur) and not attempt.converged:
             self._collect(attempt.views, attempt.cameras, attempt.unknowns, part, attempt.step, work)
             attempt.converged, attempt.step = settle(
-                attempt.cameras, PRIOR / self._units, self.box.radius, part, TUNING, attempt.step,
-                attempt.unknowns, work, attempt.marginal, attempt.seen,
+                attempt.cameras, PRIOR / self._units, self.box.radius, self.box.rim, part, TUNING,
+                attempt.step, attempt.unknowns, work, attempt.marginal, attempt.seen,
             )  # fmt: skip
 
     def end(self, attempt: Attempt) -> Refined:
@@ -151,7 +152,7 @@ class Refiner:
         end = LIKELY
         if attempt.converged:
             blur = statistics.median((unknowns.blurs / cameras.scales)[cameras.used].tolist())
-            end = Start(blur, unknowns.shared[EXPONENT], unknowns.shared[GROWTH])
+            end = Start(blur, unknowns.shared[EXPONENT], unknowns.shared[RIM])
         return Refined(
             unknowns.rotation.copy(), unknowns.position.copy(), covariance, seen, attempt.converged,
             attempt.step, end, cameras.lags,

@@ -62,6 +62,8 @@ class Tuning(NamedTuple):
     correlation: float
     """Factor on the standard deviation of pieces where neighbouring pixels share errors: unless each of a
     mosaic's counts only for what it measured."""
+    own: float
+    """Standard deviation of what all pieces of an edge have in common, as it is expected to be [px]."""
     smear: float
     """Blur of which neighbouring pieces have twice the variance, since they share errors [px]."""
     largest_blur: float
@@ -85,6 +87,7 @@ TUNING = Tuning(
     floor=0.06,
     tukey=4.685,
     correlation=1.1,
+    own=0.02,
     smear=2.0,
     largest_blur=3.0,
     least_blur=0.5,

@@ -48,11 +48,13 @@ class Unknowns(NamedTuple):
     position: FloatArray
     """(3,) [m]."""
     shared: FloatArray
-    """(UNKNOWNS,) of which EXPONENT and GROWTH count; (MOVING,) with the velocity's change."""
+    """(UNKNOWNS,) of which EXPONENT and RIM count; (MOVING,) with the velocity's change."""
     offsets: FloatArray
     """(C, OWN) by which the cameras see the object moved [m, rad], and their exponents' deviation."""
     blurs: FloatArray
     """(C,) [px]"""
+    own: FloatArray
+    """(1,) variance of what the pieces of an edge have in common [px² of an object of reference size]."""
 
 
 class Workspace(NamedTuple):
@@ -80,6 +82,8 @@ class Workspace(NamedTuple):
     """(C, UNKNOWNS, UNKNOWNS) normal equations of each camera, and …"""
     gradient: FloatArray
     """(C, UNKNOWNS) … their right side."""
+    edges: FloatArray
+    """(C, 12, 2) information on each edge's own offset [1/px² at reference size], and its pull."""
     scratch: Array
     """(1,) of `offset.SCRATCH`."""
 
@@ -99,5 +103,6 @@ def workspace(cameras: int) -> Workspace:
         np.empty(MAX_STRIPS),
         np.zeros((cameras, UNKNOWNS, UNKNOWNS)),
         np.zeros((cameras, UNKNOWNS)),
+        np.zeros((cameras, 12, 2)),
         scratch(),
     )

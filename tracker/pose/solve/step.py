@@ -9,10 +9,10 @@ import numpy as np
 from tracker.compiled import compiled
 from tracker.geometry.linear import factorise, substitute
 
-EXPONENT, GROWTH = 6, 7
+EXPONENT, RIM = 6, 7
 UNKNOWNS = 8
-"""Pose (6), and two that all cameras share: the exponent of their response, and the object's growth over
-its model."""
+"""Pose (6), and two that all cameras share: the exponent of their response, and the rim of
+the object's edges."""
 
 MOVING = UNKNOWNS + 6
 """Where cameras lag behind, the object's velocity is unknown, too: its change from what is expected."""
@@ -76,7 +76,7 @@ def _add(delay, schur, right, known, vector):  # type: ignore[no-untyped-def]
 
 @compiled
 def solve_step(equations, share, prior, pull, known, shared, changes):  # type: ignore[no-untyped-def]
-    """Solve for the pose, exponent, growth and what the cameras have of their own together.
+    """Solve for the pose, exponent, rim and what the cameras have of their own together.
 
     Returns minus twice the logarithm of the measurements' likelihood under this `share`, up to a constant;
     infinite, where the equations cannot be solved: equation (18) of docs/how-it-works.md. The step is
@@ -135,7 +135,7 @@ SHARES = np.array([100.0, 30.0, 10.0, 3.0, 1.0, 0.3, 0.1, 0.03, 0.01, 0.003, 0.0
 """Shares of the stated calibration variance that the cameras' agreement is asked about; above 1 the cameras
 disagree more than their files state."""
 
-SHARES_PRIOR = np.array([0.001, 0.002, 0.007, 0.03, 0.36, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1])
+SHARES_PRIOR = np.array([0.02, 0.03, 0.04, 0.05, 0.26, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1])
 """Probability of each before the cameras are asked."""
 
 MOVING_SHARE = 3

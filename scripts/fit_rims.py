@@ -1,0 +1,63 @@
+"""Find how far within the nominal edges the faces of recorded objects end.
+
+    python scripts/fit_rims.py REAL_FOLDER
+
+REAL_FOLDER holds `pose/OBJECT` with a triplet and its calibration. A wrong rim shows where cameras must
+agree: the pose from all cameras but one, predicted into the last, misses there, and one camera alone puts
+the object too near or too far. For each width of the rim, taken as exact, it prints the miss, and how much
+farther away than all cameras together one camera alone puts the object.
+
+The cubes' misses are least between 0.3 and 0.8 mm, the cuboid's at 0.1 mm, though its cameras by themselves
+ask for more. `tracker/objects/data` says 0.3 ± 0.2 mm and 0.1 ± 0.3 mm, with which rendered boxes, whose
+edges are sharp, are found as well.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from pathlib import Path
+
+import numpy as np
+
+import tracker
+from benchmarks.data.recorded import triplets
+from benchmarks.measure.recorded_checks import third_camera_miss
+from tracker.conventions import Image
+from tracker.objects.model import LEAST_RIM_STD
+
+WIDTHS = np.arange(0.0, 0.00085, 0.0001)
+
+
+def measure(
+    detector: tracker.ObjectTracker, images: list[Image], width: float
+) -> tuple[list[float], list[float]]:
+    """Misses in each camera [px], and how much farther away it puts the object by itself [mm]."""
+    model = dataclasses.replace(detector.model, rim=width, rim_std=LEAST_RIM_STD)
+    exact = tracker.ObjectTracker(model, detector.rig, detector.colors)
+    whole = exact.detect(list(images)).object_pose
+    misses, farther = [], []
+    for k, camera in enumerate(detector.rig):
+        two = exact.detect([None if j == k else image for j, image in enumerate(images)]).object_pose
+        own = exact.detect([image if j == k else None for j, image in enumerate(images)]).object_pose
+        misses.append(third_camera_miss(camera, model, two, own).get("px", np.nan))
+        if own is not None and whole is not None:
+            away = whole.position - camera.position
+            farther.append(1e3 * float((own.position - whole.position) @ away / np.linalg.norm(away)))
+    return misses, farther
+
+
+def main(real: Path) -> None:
+    """Print the table of each recorded triplet."""
+    for name, group, detector, images in triplets(real):
+        print(f"{name} ({group})")
+        for width in WIDTHS:
+            misses, farther = measure(detector, [image.image for image in images], float(width))
+            rms = float(np.sqrt(np.nanmean(np.square(misses))))
+            each = " ".join(f"{miss:5.2f}" for miss in misses)
+            alone = " ".join(f"{more:6.1f}" for more in farther)
+            print(f"  rim {1e3 * width:.1f} mm: miss {rms:.2f} px ({each}), alone farther by {alone} mm")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
