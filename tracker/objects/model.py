@@ -143,10 +143,11 @@ def to_toml(model: CuboidModel) -> str:
         for face, label in zip(FACE_NAMES, model.face_labels.tolist(), strict=True)
     ]
     # JSON's strings and lists of numbers are TOML's, too.
-    lines = [
-        f"{key} = {json.dumps(value)}"
-        for key, value in (("name", model.name), ("size", model.size.tolist()), ("colors", model.colors))
-    ]
+    values = {
+        "name": model.name, "size": model.size.tolist(), "colors": model.colors, "rim": model.rim,
+        "rim_std": model.rim_std,
+    }  # fmt: skip
+    lines = [f"{key} = {json.dumps(value)}" for key, value in values.items()]
     return "\n".join([*lines, "", "[faces]", *faces, ""])
 
 
