@@ -8,7 +8,7 @@ the object too near or too far. For each width of the rim, taken as exact, it pr
 farther away than all cameras together one camera alone puts the object.
 
 The cubes' misses are least between 0.3 and 0.8 mm, the cuboid's at 0.1 mm, though its cameras by themselves
-ask for more. `tracker/objects/data` says 0.3 ± 0.2 mm and 0.1 ± 0.3 mm, with which rendered boxes, whose
+ask for more. `tracker/objects/data` says 0.2 ± 0.2 mm and 0.1 ± 0.3 mm, with which rendered boxes, whose
 edges are sharp, are found as well.
 """
 
