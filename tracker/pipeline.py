@@ -137,7 +137,8 @@ class ObjectTracker:
         if before.latest is not None and stamps.latest == before.belief.timestamp:
             return before.latest
         belief, expected = before.belief.advance(stamps.latest)
-        cameras, given, uses = usable(before.cameras, checked)
+        cameras, given, found = usable(before.cameras, checked)
+        uses = tuple(found)
         lag = None
         if stamps.delays.any():
             velocity, spread = unknown_velocity()
@@ -152,7 +153,7 @@ class ObjectTracker:
             reason = outcome
         else:
             belief, status = belief.see(outcome, expected)
-            uses = [*after(uses, outcome, held_back(memory.cameras, given))]
+            uses = after(uses, outcome, held_back(memory.cameras, given))
             pose = measured(outcome) if status is not Status.COASTING else None
             # It could be elsewhere: found, but not believed yet.
             reason = Status.AMBIGUOUS if pose is None else None
@@ -161,7 +162,7 @@ class ObjectTracker:
             status = Status.LOST if filtered is None else Status.COASTING
         assert status is not None
         timing["total"] = 1e3 * (time.perf_counter() - start)
-        answer = Observation(pose, filtered, status, timing, reason, tuple(uses))
+        answer = Observation(pose, filtered, status, timing, reason, uses)
         self._memory = memory._replace(belief=belief._replace(unseen=pose is None), latest=answer)
         return answer
 
@@ -183,7 +184,6 @@ class ObjectTracker:
                 memory = memory._replace(cameras=heard(memory.cameras, near))
                 if settled(near) and memory.belief.plausible(expected, near):
                     return near, memory
-        if expected is not None:
             # Who did not see what the others saw is not asked where else the object may be.
             unused = held_back(memory.cameras, images)
             images = [None if c in unused else image for c, image in enumerate(images)]

@@ -11,9 +11,10 @@ import click
 
 from tracker.cli import learn
 from tracker.cli.color_report import print_report
+from tracker.cli.colors_file import check_colors_file, save_colors
 from tracker.cli.files import silent_libraries
 from tracker.cli.table import table
-from tracker.errors import ColorModelError, ImageError
+from tracker.errors import ImageError
 
 if TYPE_CHECKING:
     from tracker.conventions import Image
@@ -75,16 +76,10 @@ def fit(
             raise click.UsageError("found neither --name nor -o, expected one of them")
         output = f"{name}.npz"
     target = Path(output)
-    if target.suffix != ".npz":
-        raise ColorModelError(f"colour model {target}: found suffix {target.suffix!r}, expected .npz")
-    if not target.parent.is_dir():  # not only when the fit is done
-        raise ColorModelError(f"colour model {target}: there is no folder {target.parent}")
+    check_colors_file(target)
     images = _read(folders)
     model = _fitter(images, _read(others), rendered, seed)(range(len(images)), name or target.stem)
-    try:
-        model.save(target)
-    except OSError as error:
-        raise ColorModelError(f"colour model {target}: cannot be written: {error.strerror}") from error
+    save_colors(model, target)
     _print_counts(images)
     click.echo(f"\n{model.name}: written to {target}")
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from tracker.cli.calibration import optional_calibration_options, rig_of
+from tracker.cli.colors_file import check_colors_file, save_colors
 from tracker.cli.table import listing, table
 from tracker.cli.track_outputs import refuse_overwriting
 from tracker.errors import ColorModelError
@@ -171,10 +172,7 @@ def described(output: Path, size: str | None, faces: str | None) -> CuboidModel:
 
 def _check_output(output: Path, recordings: tuple[Path, ...], inputs: Sequence[str | None]) -> None:
     """Refuse an output that cannot be written, or would overwrite an input."""
-    if output.suffix != ".npz":
-        raise ColorModelError(f"colour model {output}: found suffix {output.suffix!r}, expected .npz")
-    if not output.parent.is_dir():
-        raise ColorModelError(f"colour model {output}: there is no folder {output.parent}")
+    check_colors_file(output)
     refuse_overwriting({"-o": output}, recordings)
     for name in inputs:
         if name is not None and output.exists() and Path(name).exists() and output.samefile(name):
@@ -226,10 +224,7 @@ def learn(
 
 def write_colors(learned: Adapted, output: Path, quiet: bool) -> None:
     """Write the colour model, and tell what it is made of."""
-    try:
-        learned.colors.save(output)
-    except OSError as error:
-        raise ColorModelError(f"colour model {output}: cannot be written: {error.strerror}") from error
+    save_colors(learned.colors, output)
     if quiet:
         return
     click.echo()

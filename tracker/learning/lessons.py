@@ -17,8 +17,8 @@ from tracker.objects.model import CuboidModel
 from tracker.pose.fit import Fit
 from tracker.segmentation.color_model import CLASSES, NODES, ColorModel, compand
 from tracker.segmentation.hues import hue_of
-from tracker.segmentation.labels import FINE, MIN_AREA, REFERENCE_SIZE, look_up
-from tracker.segmentation.light import apply_gains, evened, find_light
+from tracker.segmentation.labels import MIN_AREA, REFERENCE_SIZE, labels_by_color
+from tracker.segmentation.light import apply_gains
 
 CONSISTENT = 4.0
 """By how much more frequent a colour must be where the poses put a face than elsewhere: fingers that hide
@@ -94,13 +94,8 @@ def _patches(labels: Image) -> Array:
 
 def _read(image: Image, colors: ColorModel) -> tuple[Image, Image]:
     """The image in neutral light, and its labels without clean-up."""
-    if min(image.shape[:2]) / REFERENCE_SIZE > FINE:
-        image = np.asarray(cv2.medianBlur(image, 3), dtype=np.uint8)
-    light = find_light(image)
-    image = evened(image, light)
-    labels = np.empty(image.shape[:2], np.uint8)
-    look_up(image, colors.channel_tables(light.gains), colors.label_table, light.gains, labels)
-    return apply_gains(image, light.gains), labels
+    even, light, labels = labels_by_color(image, colors)
+    return apply_gains(even, light.gains), labels
 
 
 def owners(lessons: Sequence[Lesson]) -> Array:

@@ -5,7 +5,7 @@ An object is data, one TOML file:
     name = "cube_v2"
     size = [0.065, 0.065, 0.065]  # edge lengths along the object's x, y, z [m]
     colors = "cube_v2"            # its colour model; left out: the one of the object's name
-    rim = 0.0003                  # how far within the nominal edges the colours end [m]; left out: 0
+    rim = 0.0002                  # how far within the nominal edges the colours end [m]; left out: 0
     rim_std = 0.0002              # standard deviation of that [m]; left out: 0.0003
 
     [faces]                       # outward axis = colour
@@ -43,6 +43,7 @@ MIN_SIZE, MAX_SIZE = 0.005, 0.5
 """Shortest and longest edge [m] that a model may have."""
 
 _KEYS = ("name", "size", "faces", "colors", "rim", "rim_std")
+
 RIM_STD = 0.0003
 """Standard deviation of an unknown rim, which covers those of real objects [m]."""
 

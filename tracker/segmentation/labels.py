@@ -88,18 +88,21 @@ def segment(image: Image, colors: ColorModel) -> Image:
     only those that compare with the strongest stay, so that copper coils and coloured fringes at
     edges do not count as faces. Raises ImageError for anything but an (H, W, 3) uint8 array.
     """
-    image = check_image(image)
-    scale = min(image.shape[:2]) / REFERENCE_SIZE
-    if scale > FINE:
+    image, light, labels = labels_by_color(check_image(image), colors)
+    margin = np.empty(image.shape[:2], np.uint8)
+    look_up(image, colors.channel_tables(light.gains), colors.margin_table, light.gains, margin)
+    return keep_strongest(labels, np.minimum(margin, 64), min(image.shape[:2]) / REFERENCE_SIZE)
+
+
+def labels_by_color(image: Image, colors: ColorModel) -> tuple[Image, Light, Image]:
+    """The image (H, W, 3) in even light, the light to read it in, and its labels (H, W) without clean-up."""
+    if min(image.shape[:2]) / REFERENCE_SIZE > FINE:
         # Demosaicing leaves single wrong pixels at this resolution.
         image = np.asarray(cv2.medianBlur(image, 3), dtype=np.uint8)
     image, light = in_even_light(image, colors)
-    channels = colors.channel_tables(light.gains)
     labels = np.empty(image.shape[:2], np.uint8)
-    margin = np.empty(image.shape[:2], np.uint8)
-    look_up(image, channels, colors.label_table, light.gains, labels)
-    look_up(image, channels, colors.margin_table, light.gains, margin)
-    return keep_strongest(labels, np.minimum(margin, 64), scale)
+    look_up(image, colors.channel_tables(light.gains), colors.label_table, light.gains, labels)
+    return image, light, labels
 
 
 def keep_strongest(labels: Image, evidence: Array, scale: float) -> Image:

@@ -38,11 +38,6 @@ class CameraMemory(NamedTuple):
     """How often of late it did not see what the others see; see `doubt`."""
 
 
-def is_black(image: Image) -> bool:
-    """Whether a picture (H, W, 3) shows nothing."""
-    return bool(_sample(image).max() < BLACK)
-
-
 def usable(
     memories: Sequence[CameraMemory], images: Sequence[Image | None]
 ) -> tuple[list[CameraMemory], list[Image | None], list[CameraUse]]:
@@ -53,7 +48,8 @@ def usable(
     for c, image in enumerate(images):
         if image is None:
             continue
-        sample, before = _sample(image).copy(), memories[c].sample
+        step = max(image.shape[0] // ROWS, 1)
+        sample, before = image[step // 2 :: step].copy(), memories[c].sample
         remembered[c] = memories[c]._replace(sample=sample)
         if sample.max() < BLACK:
             result[c], uses[c] = None, CameraUse.BLACK
@@ -67,11 +63,6 @@ def usable(
         if image is not None and noise_level(image) > NOISELESS:
             result[c], uses[c] = None, CameraUse.FROZEN
     return remembered, result, uses
-
-
-def _sample(image: Image) -> Array:
-    step = max(image.shape[0] // ROWS, 1)
-    return image[step // 2 :: step]
 
 
 def lit(memory: CameraMemory, image: Image, look: Callable[[Image], Lighting], turn: int) -> CameraMemory:

@@ -20,7 +20,6 @@ ASTRAY = 0.5
 """Pixels in the object's colours where others are expected, as a share of those expected, from which a
 picture shows the object astray: a finger before it hides much, but does not show it elsewhere."""
 
-
 LIKELY = 0.5
 """Confidence of a pose from which a camera that does not see it there is doubted, and not the pose."""
 

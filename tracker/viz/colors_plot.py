@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import io
 import os
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from tracker.conventions import Array, FloatArray
-from tracker.errors import ImageError, TrackerError
-from tracker.files import write_whole
 from tracker.objects.labels import COLOR_NAMES, DISPLAY_COLORS_BGR
 from tracker.viz import paint
+from tracker.viz.figure import figure_for, write_figure
 from tracker.viz.plots import rgb, style
 
-SIZE, DPI = (12.0, 5.4), 130
-"""Width and height of the picture [inch], of DPI pixels each."""
+SIZE = (12.0, 5.4)
+"""Width and height of the picture [inch]."""
 
 _DOTS = 500
 """Pixels of each colour that are drawn."""
@@ -44,27 +41,14 @@ def write_colors_plot(
         ImageError: the suffix is another, or the file cannot be written.
         TrackerError: the optional package `matplotlib` is missing.
     """
-    target = Path(path)
-    if target.suffix.lower() != ".png":
-        raise ImageError(f"plot {target}: found suffix {target.suffix!r}, expected .png")
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise TrackerError("plots need the package matplotlib: pip install matplotlib") from error
-    figure = Figure(figsize=SIZE, dpi=DPI, facecolor=rgb(paint.BACKGROUND), layout="constrained")
+    figure = figure_for(path, SIZE)
     figure.suptitle(title, color=rgb(paint.BRIGHT), fontsize=12)
     left, right = figure.subplots(1, 2, width_ratios=(1, 1.15))
     for axis in (left, right):
         style(axis)
     _draw_confusion(left, counts)
     _draw_colors(right, pixels, better)
-    content = io.BytesIO()
-    figure.savefig(content, format="png", facecolor=figure.get_facecolor())
-    try:
-        write_whole(target, content.getvalue())
-    except (OSError, ValueError) as error:  # ValueError: a null byte in the path
-        reason = error.strerror if isinstance(error, OSError) else error
-        raise ImageError(f"plot {target}: cannot be written: {reason}") from error
+    write_figure(path, figure)
 
 
 def _draw_confusion(axis: Any, counts: Array) -> None:

@@ -2,28 +2,23 @@
 
 from __future__ import annotations
 
-import io
 import os
 import warnings
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from tracker.conventions import FloatArray
-from tracker.errors import ImageError, TrackerError
-from tracker.files import write_whole
 from tracker.geometry import so3
 from tracker.logs.columns import MeasuredColumns, PoseColumns
 from tracker.logs.poses import Poses
 from tracker.viz import paint
+from tracker.viz.figure import figure_for, write_figure
 from tracker.viz.plots import Series, draw_legend, draw_panel, draw_status, mark, patch, rgb, style
 
 SIZE = (12.0, 10.0)
-"""Width and height of the picture [inch], of DPI pixels each."""
-
-DPI = 130
+"""Width and height of the picture [inch]."""
 
 _AXES: dict[str, paint.Color] = {"x": (110, 120, 240), "y": (125, 205, 125), "z": (245, 165, 95)}
 _ROTATION: paint.Color = (210, 140, 200)
@@ -47,25 +42,11 @@ def write_trajectory_plot(path: str | os.PathLike[str], poses: Poses, title: str
         ImageError: the suffix is another, or the file cannot be written.
         TrackerError: the optional package `matplotlib` is missing.
     """
-    target = Path(path)
-    if target.suffix.lower() != ".png":
-        raise ImageError(f"plot {target}: found suffix {target.suffix!r}, expected .png")
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise TrackerError("plots need the package matplotlib: pip install matplotlib") from error
-    # Not of pyplot: no window system, and no figure that stays in memory.
-    figure = Figure(figsize=SIZE, dpi=DPI, facecolor=rgb(paint.BACKGROUND), layout="constrained")
-    content = io.BytesIO()
+    figure = figure_for(path, SIZE)
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph")  # a title may hold any character
         _draw(figure, poses, title or " · ".join(filter(None, (poses.about.object_name, poses.about.source))))
-        figure.savefig(content, format="png", facecolor=figure.get_facecolor())
-    try:
-        write_whole(target, content.getvalue())
-    except (OSError, ValueError) as error:  # ValueError: a null byte in the path
-        reason = error.strerror if isinstance(error, OSError) else error
-        raise ImageError(f"plot {target}: cannot be written: {reason}") from error
+        write_figure(path, figure)
 
 
 def _draw(figure: Any, poses: Poses, title: str) -> None:

@@ -88,7 +88,7 @@ def edge_strips(lenses, c, half, face_labels, rotation, position, spacing, margi
     visible_faces(lenses, c, half, rotation, position, heights)
     a, b = np.empty(3), np.empty(3)
     local, world = np.empty(3), np.empty(3)
-    jacobian = np.empty((2, 3))
+    jacobian, outwards = np.empty((2, 3)), np.empty(3)
     # An edge so close to a camera is more than a picture can show.
     near = 0.5 * (half[0] + half[1] + half[2]) / 3.0
     count = 0
@@ -128,6 +128,7 @@ def edge_strips(lenses, c, half, face_labels, rotation, position, spacing, margi
             out_b = _face_depth(lenses, c, half, rotation, position, b, neighbour, axis, ub, vb, nu, nv)
         if -0.5 * (depth_a + depth_b) < MIN_FACE or 0.5 * (out_a + out_b) < MIN_FACE:
             continue
+        _outwards(rotation, a, neighbour, face if inner else neighbour, outwards)
         n = min(PIECES, max(1, int(usable / spacing + 0.5)))
         for k in range(n):
             share = (margin + usable * (k + 0.5) / n) / length
@@ -162,7 +163,6 @@ def edge_strips(lenses, c, half, face_labels, rotation, position, spacing, margi
             strip.reach_in = -depth_a - share * (depth_b - depth_a)
             strip.reach_out = out_a + share * (out_b - out_a)
             strip.length = usable / n
-            _outwards(rotation, a, neighbour, face if inner else neighbour, world)
-            strip.rim = -(jx * world[0] + jy * world[1] + jz * world[2])
+            strip.rim = -(jx * outwards[0] + jy * outwards[1] + jz * outwards[2])
             count += 1
     return count

@@ -33,11 +33,10 @@ def accumulate(strips, offsets, n, since, exponent, rim, limit, floor, own, matr
     since it is worn, lit, or printed otherwise than the model has it; that offset is integrated out.
     limit: residual [px] at which a weight reaches zero; floor: variance of an edge's place [px²] that noise
     does not explain; own: variance of what all pieces of an edge have in common [px²].
-    edges (12, 2): filled with the information on each edge's own offset [1/px²], and its pull.
+    edges (12, 2), zeros: filled with the information on each edge's own offset [1/px²], and its pull.
     """
     row, common = np.empty(UNKNOWNS), np.zeros(UNKNOWNS)
     total, pull = 0.0, 0.0
-    edges[:, :] = 0.0
     for s in range(n):
         if offsets[s].usable:
             r = residual(strips[s], offsets[s], since, exponent, rim)
