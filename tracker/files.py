@@ -1,9 +1,22 @@
-"""Files are written whole or not at all."""
+"""Files are written whole or not at all, and by one run at a time."""
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import os
+import shutil
+import tempfile
+from collections.abc import Iterator
 from pathlib import Path
+
+try:
+    import fcntl
+except ImportError:  # not on this operating system: nothing is locked
+    fcntl = None  # type: ignore[assignment]
+
+_NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EROFS)
+"""What file systems say that have no locks, as some network drives."""
 
 
 def write_whole(path: str | os.PathLike[str], content: bytes | str) -> None:
@@ -13,11 +26,113 @@ def write_whole(path: str | os.PathLike[str], content: bytes | str) -> None:
         OSError: the file cannot be written; what was there before is untouched.
         ValueError: the path is none, for instance because of a null byte.
     """
-    target = Path(path)
-    data = content.encode("utf-8") if isinstance(content, str) else content
-    temporary = target.with_name(f".{target.name}.{os.getpid()}.tmp")
+    with whole_file(path) as temporary:
+        temporary.write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
+
+
+@contextlib.contextmanager
+def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """A temporary file's path; what is there when the `with` block ends well becomes the file.
+
+    It is on the disk before it has its name, so that a power cut leaves the old or the new one. A symbolic
+    link stays one: what it points to is replaced.
+
+    Raises:
+        OSError: the file cannot be written; what was there before is untouched.
+        ValueError: the path is none, for instance because of a null byte.
+    """
+    target = Path(os.path.realpath(path))
     try:
-        temporary.write_bytes(data)
+        # A folder of its own, so that the file gets the permissions that it would get without us.
+        folder = tempfile.mkdtemp(prefix=f".{target.name[:100]}.", suffix=".tmp", dir=target.parent)
+    except OSError as error:
+        raise _about(error, path) from error
+    try:
+        temporary = Path(folder) / target.name
+        yield temporary
+        _to_disk(temporary)
         os.replace(temporary, target)
+        _to_disk(target.parent)
+    except OSError as error:
+        raise _about(error, path) from error
     finally:
-        temporary.unlink(missing_ok=True)
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+@contextlib.contextmanager
+def claimed(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Nobody else who asks may write this file until the `with` block ends, however it or the process ends.
+
+    The claim is a lock on a hidden file beside it, gone at the end. On file systems that have no locks
+    there is none.
+
+    Raises:
+        BlockingIOError: another run has claimed it.
+        OSError: the folder is missing or cannot be written.
+    """
+    target = Path(os.path.realpath(path))
+    lock = target.with_name(f".{target.name[:200]}.lock")
+    try:
+        descriptor = _locked(lock)
+    except BlockingIOError as error:
+        raise BlockingIOError(error.errno, "another run is writing it", os.fspath(path)) from error
+    except OSError as error:
+        raise _about(error, path) from error
+    try:
+        yield
+    finally:
+        # While it is still locked: whoever opened it before sees that it has gone, and makes a new one.
+        lock.unlink(missing_ok=True)
+        os.close(descriptor)
+
+
+def _locked(lock: Path) -> int:
+    """Descriptor of the lock's file, which is locked and has this name."""
+    while True:
+        descriptor = os.open(lock, os.O_RDWR | os.O_CREAT, 0o666)
+        try:
+            if fcntl is not None:
+                with _where_there_are_locks():
+                    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            with contextlib.suppress(FileNotFoundError):
+                if os.path.samestat(os.fstat(descriptor), lock.stat()):
+                    return descriptor
+        except BaseException:
+            os.close(descriptor)
+            raise
+        os.close(descriptor)
+
+
+@contextlib.contextmanager
+def _where_there_are_locks() -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        if error.errno not in _NO_LOCKS:
+            raise
+
+
+def _to_disk(path: Path) -> None:
+    try:
+        descriptor = os.open(path, os.O_RDONLY if path.is_dir() or os.name != "nt" else os.O_RDWR)
+    except PermissionError:  # a folder that may be written but not read, or one of Windows
+        if path.is_dir():
+            return
+        raise
+    try:
+        os.fsync(descriptor)
+    except OSError as error:
+        if error.errno not in (errno.EINVAL, *_NO_LOCKS):  # some file systems cannot for folders
+            raise
+    finally:
+        os.close(descriptor)
+
+
+def _about(error: OSError, path: str | os.PathLike[str]) -> OSError:
+    """The error with the name of the file that was asked for, where it names a temporary one or none."""
+    name = os.fspath(error.filename) if isinstance(error.filename, (str, os.PathLike)) else None
+    if error.errno is None or (
+        name is not None and not name.endswith((".tmp", ".lock")) and ".tmp/" not in name
+    ):
+        return error
+    return OSError(error.errno, error.strerror, os.fspath(path))

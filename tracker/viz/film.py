@@ -9,6 +9,7 @@ from pathlib import Path
 
 from tracker.conventions import Image
 from tracker.errors import ImageError, TrackerError
+from tracker.files import whole_file
 
 
 def write_film(path: str | os.PathLike[str], pictures: Iterable[Image], rate: float) -> int:
@@ -35,10 +36,9 @@ def write_film(path: str | os.PathLike[str], pictures: Iterable[Image], rate: fl
         import av
     except ImportError as error:
         raise TrackerError("films need the package av: pip install av") from error
-    temporary = target.with_name(f".{target.name}.{os.getpid()}.tmp")
     count = 0
     try:
-        with av.open(str(temporary), "w", format="mp4") as film:
+        with whole_file(target) as temporary, av.open(str(temporary), "w", format="mp4") as film:
             stream = film.add_stream("libx264", rate=Fraction(rate).limit_denominator(1000))
             stream.pix_fmt = "yuv420p"
             stream.options = {"crf": "18", "preset": "veryfast"}
@@ -51,9 +51,6 @@ def write_film(path: str | os.PathLike[str], pictures: Iterable[Image], rate: fl
                 count += 1
             if count:
                 film.mux(stream.encode())
-        os.replace(temporary, target)
     except OSError as error:
         raise ImageError(f"film {target}: cannot be written: {error.strerror or error}") from error
-    finally:
-        temporary.unlink(missing_ok=True)
     return count

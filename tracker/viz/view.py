@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from tracker.calibration.rig import CameraRig
 from tracker.errors import ImageError, TrackerError
+from tracker.files import whole_file
 from tracker.objects.model import CuboidModel
 
 if TYPE_CHECKING:
@@ -83,23 +84,20 @@ def open_scene(path: str | os.PathLike[str] | None, rig: CameraRig, model: Cuboi
 @contextmanager
 def _file(stream: rr.RecordingStream, target: Path, blueprint: rrb.Blueprint) -> Iterator[None]:
     """Send what is in the `with` block to a file, which appears when that ends."""
-    temporary = target.with_name(f".{target.name}.{os.getpid()}.tmp")
     try:
-        temporary.write_bytes(b"")  # whether a file can be there; Rerun does not say why not
-        try:
-            stream.save(temporary, default_blueprint=blueprint)
-            yield
-            stream.flush(timeout_sec=30.0)
-        finally:
-            stream.disconnect()
-        _check(temporary)
-        os.replace(temporary, target)
+        with whole_file(target) as temporary:
+            temporary.write_bytes(b"")  # whether a file can be there; Rerun does not say why not
+            try:
+                stream.save(temporary, default_blueprint=blueprint)
+                yield
+                stream.flush(timeout_sec=30.0)
+            finally:
+                stream.disconnect()
+            _check(temporary)
     except OSError as error:
         raise ImageError(f"view {target}: cannot be written: {error.strerror or error}") from error
     except RuntimeError as error:
         raise ImageError(f"view {target}: cannot be written, is the disk full? {error}") from error
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def _check(path: Path) -> None:
