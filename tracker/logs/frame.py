@@ -53,6 +53,9 @@ class LogFrame:
     """The object's pose as the recorder's tracker measured it, or None."""
     recorded_filtered_pose: RecordedPose | None
     """The same after its filter, or None."""
+    raw: tuple[Image, ...] | None = None
+    """(H, W) uint8 raw Bayer pixels of each camera, red at even rows and columns; None where the recording
+    holds colours."""
 
 
 def pose_from_record(values: Array, *, what: str) -> RecordedPose | None:

@@ -96,7 +96,7 @@ class Hdf5Source(Source):
         pose = self._pose(index, where)
         raw = self._images.read(index, where)
         images: tuple[Image, ...] = tuple(from_bayer(camera) for camera in raw)
-        return LogFrame(index, stamp, stamps, images, pose, None)
+        return LogFrame(index, stamp, stamps, images, pose, None, tuple(raw))
 
     def rig(self) -> CameraRig | None:
         """See Source."""

@@ -87,6 +87,7 @@ def read_record(data: bytes, layout: Layout, index: int, where: str) -> LogFrame
     """The frame in a record's bytes; LogError if they are not as the layout says, or impossible."""
     offset = layout.before_cameras
     images: list[Image | None] = []
+    raw: list[Image] = []
     stamps = []
     for number, expected in enumerate(layout.cameras, start=1):
         what = f"{where}, camera number {number}"
@@ -97,7 +98,9 @@ def read_record(data: bytes, layout: Layout, index: int, where: str) -> LogFrame
         pixels = np.frombuffer(data, np.uint8, expected.pixel_bytes, offset)
         pixels = pixels.reshape(expected.rows, expected.columns, -1)
         # A copy, so that an image does not keep the record's bytes.
-        images.append(from_bayer(pixels[:, :, 0]) if expected.type == 0 else pixels.copy())
+        if expected.type == 0:
+            raw.append(pixels[:, :, 0].copy())
+        images.append(from_bayer(raw[-1]) if expected.type == 0 else pixels.copy())
         offset += expected.pixel_bytes
         (stamp,) = struct.unpack_from("<d", data, offset)
         stamps.append(checked_stamp(stamp, what=what))
@@ -107,7 +110,8 @@ def read_record(data: bytes, layout: Layout, index: int, where: str) -> LogFrame
     else:
         stamp = float(np.mean(stamps))
     poses = _poses(data, offset, layout, where)
-    return LogFrame(index, stamp, np.array(stamps), tuple(images), *poses)
+    mosaics = tuple(raw) if len(raw) == len(images) else None
+    return LogFrame(index, stamp, np.array(stamps), tuple(images), *poses, mosaics)
 
 
 def _poses(

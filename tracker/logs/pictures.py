@@ -26,6 +26,14 @@ def from_bayer(raw: Image) -> Image:
     return np.asarray(cv2.cvtColor(raw, cv2.COLOR_BAYER_BG2BGR), dtype=np.uint8)
 
 
+def to_bayer(image: Image) -> Image:
+    """Raw pixels (H, W) as a sensor under the same mosaic measures them, of a BGR image (H, W, 3)."""
+    raw = image[:, :, 1].copy()
+    raw[0::2, 0::2] = image[0::2, 0::2, 2]
+    raw[1::2, 1::2] = image[1::2, 1::2, 0]
+    return raw
+
+
 def from_quadrants(quadrants: Image) -> Image:
     """Raw Bayer pixels (H, W) of four colour planes side by side: red, green above blue, green."""
     height, width = quadrants.shape

@@ -1,0 +1,133 @@
+from __future__ import annotations
+
+import h5py
+import numpy as np
+import pytest
+
+import tracker
+from tests.helpers import ROOT, run_python
+from tests.helpers.log_writers import CAMERAS, make_content
+from tests.helpers.recording_stubs import tiny_rig
+from tests.logs.test_native import assert_same
+from tracker.errors import LogError
+from tracker.logs.frame import RecordedPose
+from tracker.logs.hdf5_writer import Hdf5LogWriter
+from tracker.logs.pictures import from_bayer, to_bayer
+
+
+def write(path, content, **options):
+    with Hdf5LogWriter(path, tiny_rig(), poses=True, **options) as writer:
+        for raw, stamp, stamps, row in zip(
+            content.raw, content.stamps, content.camera_stamps, content.poses, strict=True
+        ):
+            pose = RecordedPose(row[:3], row[3:7], row[7]) if row[7] > 0 else None
+            writer.append(list(raw), stamp, stamps, pose)
+        assert len(writer) == len(content.raw)
+    return path
+
+
+def test_what_is_written_is_read(tmp_path):
+    content = make_content(25)
+    path = write(tmp_path / "log.h5", content, frame_rate=10.0)
+    with tracker.open_log(path) as log:
+        assert log.format == "HDF5 camera log, version 2.1, with poses"
+        assert_same(log, content, poses=1)
+        assert (np.array(log[7].raw) == content.raw[7]).all()
+        for one, other in zip(log.rig, tiny_rig(), strict=True):
+            assert one.name == other.name
+            assert (one.matrix == other.matrix).all()
+            assert (one.distortion == other.distortion).all()
+            np.testing.assert_allclose(one.camera_from_world, other.camera_from_world, atol=1e-12)
+
+
+def test_the_layout_is_that_of_the_platform_s_writer(tmp_path):
+    path = write(tmp_path / "log.h5", make_content(3), frame_rate=10.0)
+    with h5py.File(path) as file:
+        attributes = {name: int(value) for name, value in file.attrs.items()}
+        assert attributes == {
+            **{"magic": 0x3CDA7A00, "format_version": 2, "format_version_minor": 1},
+            **{"num_cameras": 3, "image_width": 28, "image_height": 24},
+        }
+        shapes = {
+            name: (field.shape, field.dtype.str) for name, field in file.items() if hasattr(field, "shape")
+        }
+        assert shapes == {
+            "images": ((3, 3, 24, 28), "|u1"),
+            "timestamps": ((3, 3), "<f8"),
+            "sensor_data_timestamps": ((3,), "<f8"),
+            "camera_names": ((3,), "|S9"),
+        }
+        group = file["camera_info/camera60"]
+        assert {name: field.shape for name, field in group.items()} == {
+            **{"camera_matrix": (3, 3), "distortion_coefficients": (1, 5), "tf_world_to_camera": (4, 4)},
+        }
+        assert group.attrs["frame_rate_fps"] == 10
+
+
+def test_a_colour_image_keeps_what_the_mosaic_measures(rng, tmp_path):
+    image = rng.integers(0, 256, (24, 28, 3), np.uint8)
+    even = np.broadcast_to(rng.integers(0, 256, 3, np.uint8), image.shape)
+    assert (from_bayer(to_bayer(even)) == even).all()
+    with Hdf5LogWriter(tmp_path / "log.h5", tiny_rig()) as writer:
+        writer.append([image, None, even], 3.5)
+    with tracker.open_log(tmp_path / "log.h5") as log:
+        frame = log[0]
+    assert (frame.raw[0] == to_bayer(image)).all()
+    assert not frame.images[1].any()
+    assert (frame.images[2] == even).all()
+    assert frame.timestamp == 3.5
+    assert frame.camera_timestamps.tolist() == [3.5] * 3
+    assert frame.recorded_pose is None
+
+
+KILLED = """
+import os, sys
+from tests.helpers.log_writers import make_content
+from tests.helpers.recording_stubs import tiny_rig
+from tracker.logs.hdf5_writer import Hdf5LogWriter
+content, writer = make_content(25), Hdf5LogWriter(sys.argv[1], tiny_rig(), flush_every=10)
+for raw, stamp in zip(content.raw, content.stamps):
+    writer.append(list(raw), stamp)
+os._exit(1)
+"""
+
+
+def test_what_was_flushed_survives_the_process(tmp_path):
+    assert run_python(["-c", KILLED, tmp_path / "log.h5"], ROOT).returncode == 1
+    content = make_content(25)
+    with tracker.open_log(tmp_path / "log.h5", recover=True) as log:
+        frames = list(log)
+    assert len(frames) >= 20
+    for frame in frames[:20]:
+        assert (np.array(frame.raw) == content.raw[frame.index]).all()
+
+
+def test_what_does_not_fit_is_refused_and_changes_nothing(tmp_path):
+    content = make_content(2)
+    images = list(content.raw[0])
+    with Hdf5LogWriter(tmp_path / "log.h5", tiny_rig()) as writer:
+        writer.append(images, 1.0)
+        for given, stamp, stamps, said in [
+            (images[:2], 2.0, None, "2 images, expected 3"),
+            ([images[0][1:], *images[1:]], 2.0, None, "camera60: found uint8 of shape"),
+            ([images[0].astype(float), *images[1:]], 2.0, None, "float64"),
+            (images, -1.0, None, "stamp"),
+            (images, float("nan"), None, "stamp"),
+            (images, 2.0, [1.0, 2.0], "stamps of shape"),
+        ]:
+            with pytest.raises(LogError, match=said):
+                writer.append(given, stamp, stamps)
+        writer.append(images, 2.0, [2.0, float("nan"), 2.5])
+    with tracker.open_log(tmp_path / "log.h5") as log:
+        assert [frame.timestamp for frame in log] == [1.0, 2.0]
+        assert log[1].camera_timestamps.tolist() == [2.0, 2.0, 2.5]
+        assert log.camera_names == CAMERAS
+
+
+def test_a_file_that_is_there_is_not_written_over(tmp_path):
+    (tmp_path / "log.h5").write_text("mine")
+    with pytest.raises(LogError, match="there is such a file"):
+        Hdf5LogWriter(tmp_path / "log.h5", tiny_rig())
+    assert (tmp_path / "log.h5").read_text() == "mine"
+    with pytest.raises(LogError, match="cannot be written"):
+        Hdf5LogWriter(tmp_path / "no" / "log.h5", tiny_rig())

@@ -1,0 +1,215 @@
+"""Writes the platform's HDF5 camera logs, version 2.1, frame by frame."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from types import TracebackType
+from typing import Any
+
+import h5py
+import numpy as np
+
+from tracker.calibration.rig import CameraRig
+from tracker.conventions import Array, FloatArray, Image
+from tracker.errors import LogError
+from tracker.logs.hdf5 import MAGIC
+from tracker.logs.pictures import to_bayer
+from tracker.logs.stamps import checked_stamp
+
+VERSION = (2, 1)
+"""Attributes `format_version` and `format_version_minor`."""
+
+_ROWS = 256  # rows of a small field that are stored together
+_GZIP = 1  # raw pixels are mostly noise: higher levels save one per cent and take several times as long
+
+
+class Hdf5LogWriter:
+    """A log that grows by one frame at a time; a context manager.
+
+    Frames that have been flushed can be read even if the process is killed afterwards.
+
+    Args:
+        path: a file that does not exist yet.
+        rig: the cameras, in the order of the images; their sizes are those of the images.
+        frame_rate: of the cameras [Hz], if it is known.
+        poses: whether the object's poses are recorded.
+        flush_every: frames after which what is there is handed to the operating system; 0: at the end only.
+
+    Raises:
+        LogError: there is a file of this name, it cannot be written, or the cameras differ in size.
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        rig: CameraRig,
+        *,
+        frame_rate: float | None = None,
+        poses: bool = False,
+        flush_every: int = 10,
+    ) -> None:
+        sizes = {(camera.width, camera.height) for camera in rig}
+        if len(sizes) != 1:
+            found = ", ".join(f"{camera.width}×{camera.height}" for camera in rig)
+            raise LogError(f"{os.fspath(path)}: found cameras of {found} px, expected images of one size")
+        self._path, self._rig, self._flush_every = os.fspath(path), rig, flush_every
+        self._size = sizes.pop()
+        self._count = 0
+        try:
+            self._file = h5py.File(self._path, "x")
+        except FileExistsError:
+            raise LogError(f"{self._path}: there is such a file, expected a new one") from None
+        except (OSError, ValueError) as error:
+            raise self._fault(error) from error
+        try:
+            self._begin(frame_rate, poses)
+        except BaseException:
+            self._file.close()
+            raise
+
+    def __enter__(self) -> Hdf5LogWriter:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def __len__(self) -> int:
+        """Number of frames so far."""
+        return self._count
+
+    def append(
+        self,
+        images: Sequence[Image | None],
+        timestamp: float,
+        camera_timestamps: Sequence[float] | FloatArray | None = None,
+        pose: Any = None,
+    ) -> None:
+        """Add a frame.
+
+        Args:
+            images: one for each camera: raw Bayer pixels (H, W), red at even rows and columns, or BGR
+                (H, W, 3), of which each pixel keeps the colour that such a sensor measures there. A camera
+                that gave none (None) is recorded as black.
+            timestamp: of the frame [s].
+            camera_timestamps: (C,) of the images [s]; None, or NaN for one of them: the frame's.
+            pose: the object's, with `position`, `orientation` and `confidence`, or None; only recorded if
+                the log was begun with poses.
+
+        Raises:
+            LogError: images or stamps do not fit the log, or it cannot be written; the log is as before.
+        """
+        where = f"{self._path}: frame {self._count}"
+        raw = self._raw(images, where)
+        stamp = checked_stamp(timestamp, what=where)
+        stamps = np.full(len(self._rig), stamp)
+        if camera_timestamps is not None:
+            given = np.asarray(camera_timestamps, np.float64)
+            if given.shape != stamps.shape:
+                raise LogError(f"{where}: found stamps of shape {given.shape}, expected {stamps.shape}")
+            stamps = np.where(np.isnan(given), stamps, given)
+            for value in stamps.tolist():
+                checked_stamp(value, what=where)
+        rows: dict[str, Any] = {"images": raw, "timestamps": stamps, "sensor_data_timestamps": 1000 * stamp}
+        if self._poses:
+            found = pose is not None
+            rows["object_pose/has_pose"] = found
+            rows["object_pose/position"] = pose.position if found else np.zeros(3)
+            rows["object_pose/orientation"] = pose.orientation if found else np.zeros(4)
+            rows["object_pose/confidence"] = pose.confidence if found else 0.0
+        self._put(rows)
+
+    def flush(self) -> None:
+        """Hand all frames so far to the operating system.
+
+        Raises:
+            LogError: it cannot take them.
+        """
+        try:
+            self._file.flush()
+        except (OSError, RuntimeError) as error:
+            raise self._fault(error) from error
+
+    def close(self) -> None:
+        """Finish the file.
+
+        Raises:
+            LogError: it cannot be written.
+        """
+        try:
+            self._file.close()
+        except (OSError, RuntimeError) as error:
+            raise self._fault(error) from error
+
+    def _begin(self, frame_rate: float | None, poses: bool) -> None:
+        file, count, (width, height) = self._file, len(self._rig), self._size
+        # As the platform's C++ writes them.
+        for name, value in (
+            ("magic", MAGIC), ("format_version", VERSION[0]), ("format_version_minor", VERSION[1]),
+            ("num_cameras", count), ("image_width", width), ("image_height", height),
+        ):  # fmt: skip
+            file.attrs.create(name, value, dtype=np.uint32)
+        shape = (count, height, width)
+        file.create_dataset(
+            "images", (0, *shape), np.uint8, maxshape=(None, *shape), chunks=(1, *shape),
+            compression="gzip", compression_opts=_GZIP, track_times=False,
+        )  # fmt: skip
+        self._rows("timestamps", (count,))
+        self._rows("sensor_data_timestamps")
+        file.create_dataset("camera_names", data=np.array([name.encode() for name in self._rig.names]))
+        for camera in self._rig:
+            group = file.create_group(f"camera_info/{camera.name}")
+            group["camera_matrix"] = camera.matrix
+            group["distortion_coefficients"] = camera.distortion[None]
+            group["tf_world_to_camera"] = camera.camera_from_world
+            if frame_rate is not None:
+                group.attrs["frame_rate_fps"] = float(frame_rate)
+        self._poses = poses
+        if poses:
+            self._rows("object_pose/has_pose", dtype=np.bool_)
+            self._rows("object_pose/position", (3,))
+            self._rows("object_pose/orientation", (4,))
+            self._rows("object_pose/confidence")
+
+    def _rows(self, name: str, shape: tuple[int, ...] = (), dtype: Any = np.float64) -> None:
+        self._file.create_dataset(
+            name, (0, *shape), dtype, maxshape=(None, *shape), chunks=(_ROWS, *shape), track_times=False
+        )
+
+    def _put(self, rows: dict[str, Any]) -> None:
+        """Write one row of each field, or of none."""
+        try:
+            for name, row in rows.items():
+                field = self._file[name]
+                field.resize(self._count + 1, axis=0)
+                field[self._count] = row
+            if self._flush_every and (self._count + 1) % self._flush_every == 0:
+                self._file.flush()
+        except (OSError, RuntimeError, ValueError, TypeError) as error:
+            for name in rows:
+                self._file[name].resize(self._count, axis=0)
+            raise self._fault(error) from error
+        self._count += 1
+
+    def _raw(self, images: Sequence[Image | None], where: str) -> Array:
+        """(C, H, W) raw pixels."""
+        (width, height), cameras = self._size, self._rig.names
+        if len(images) != len(cameras):
+            raise LogError(f"{where}: found {len(images)} images, expected {len(cameras)}")
+        raw = np.zeros((len(cameras), height, width), np.uint8)
+        for c, (name, image) in enumerate(zip(cameras, images, strict=True)):
+            if image is None:
+                continue
+            if image.dtype != np.uint8 or image.shape not in ((height, width), (height, width, 3)):
+                raise LogError(
+                    f"{where}: {name}: found {image.dtype} of shape {image.shape}, expected uint8 of "
+                    f"{(height, width)} or {(height, width, 3)}"
+                )
+            raw[c] = image if image.ndim == 2 else to_bayer(image)
+        return raw
+
+    def _fault(self, error: Exception) -> LogError:
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else error
+        return LogError(f"{self._path}: cannot be written: {' '.join(str(reason).split())}")
