@@ -30,17 +30,18 @@ def main(name: str, folder: Path) -> None:
     """Import, make a tracker, detect twice; print the seconds of each and the peak memory [MB]."""
     clock = [time.perf_counter()]
 
-    import tracker
+    # By name, since that is what loads them.
+    from tracker import CameraRig, ObjectTracker, load_object
 
     clock.append(time.perf_counter())
     imported = peak_memory_mb()
 
     import numpy as np
 
-    rig, model = tracker.CameraRig.load(folder), tracker.load_object(name)
+    rig, model = CameraRig.load(folder), load_object(name)
     images = [np.load(folder / f"image{number}.npy") for number in range(len(rig))]
     ready = time.perf_counter()
-    detector = tracker.ObjectTracker(model, rig)
+    detector = ObjectTracker(model, rig)
     detector.detect(images)
     first = time.perf_counter()
     detector.detect(images)

@@ -1,0 +1,52 @@
+"""`import tracker`: quick, and every public name is there."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+import tracker
+from tests.helpers import run_python
+
+ASKED_FOR_HELP = """
+import contextlib, io, json, sys
+import tracker
+from tracker.cli import main
+
+with contextlib.redirect_stdout(io.StringIO()) as said, contextlib.suppress(SystemExit):
+    main(["--help"])
+print(json.dumps([said.getvalue(), sorted(sys.modules)]))
+"""
+
+
+def test_help_is_given_without_the_libraries_that_take_long_to_load():
+    said, modules = json.loads(run_python(["-c", ASKED_FOR_HELP], check=True).stdout)
+    assert said.startswith("Usage: tracker")
+    assert not {"numba", "cv2", "scipy", "numpy", "h5py"} & set(modules)
+
+
+def test_a_room_is_there_by_its_own_name():
+    script = "import tracker; print(tracker.geometry.so3.exp([0.0, 0.0, 0.0])[0, 0], tracker.viz.__name__)"
+    assert run_python(["-c", script], check=True).stdout.split() == ["1.0", "tracker.viz"]
+
+
+def test_every_public_name_is_the_one_that_type_checkers_see():
+    homes = {}
+    for node in ast.walk(ast.parse(Path(tracker.__file__).read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and node.module is not None and node.module.startswith("tracker"):
+            homes |= dict.fromkeys((alias.name for alias in node.names), node.module)
+    assert sorted(homes) == sorted(tracker.__all__)
+    for name, home in homes.items():
+        assert getattr(tracker, name) is getattr(importlib.import_module(home), name)
+    assert set(tracker.__all__) <= set(dir(tracker))
+
+
+@pytest.mark.parametrize("name", ["Tracker", "_Tracker", "rooms"])
+def test_a_name_that_is_none_is_an_attribute_error(name):
+    with pytest.raises(AttributeError, match=name):
+        getattr(sys.modules["tracker"], name)
