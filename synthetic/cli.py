@@ -19,7 +19,7 @@ from tracker.errors import TrackerError
 
 OBJECTS = ("cube_v1", "cube_v2", "cube_v3", "cuboid_2x2x8_v2", "dice")
 QUALITY_NAMES = ("fast", "default", "best")
-RENDERER_NAMES = ("auto", "pyrender", "raster", "tiny")
+RENDERER_NAMES = ("auto", "pyrender", "raster")
 
 
 @click.group(

@@ -61,7 +61,7 @@ class FrameOptions:
     quality: str = "default"
     """`fast`, `default` or `best`."""
     renderer: str = "auto"
-    """`auto`, `pyrender`, `raster` or `tiny`."""
+    """`auto`, `pyrender` or `raster`."""
     sequence: bool = False
     """Frames follow each other in time; else every frame is a scene of its own."""
     size: int = 270
@@ -293,7 +293,7 @@ def frames(
         seed: of everything random.
         rig: the cameras, scaled to `size`; by default those of the simulated platform.
         quality: `fast`, `default` or `best`.
-        renderer: `auto`, `pyrender`, `raster` or `tiny`.
+        renderer: `auto`, `pyrender` or `raster`.
         sequence: a motion, instead of single scenes.
         size: height of the pictures [px].
         first: number of the first frame.

@@ -16,8 +16,6 @@ from synthetic.render.interface import RendererError
 
 _OBJECT, _SEED = "cube_v2", 1
 _MANY = 2000
-_TOO_SLOW = {("tiny", "best")}
-"""Not measured: minutes for each triplet."""
 
 _WARM = 2
 """Frames of each worker that compile and fill caches, and are not timed."""
@@ -32,8 +30,6 @@ def measure(seconds: float, workers: int) -> Iterator[str]:
             yield f"{renderer}: {error}"
             continue
         for quality in QUALITIES.values():
-            if (renderer, quality.name) in _TOO_SLOW:
-                continue
             for shadows in (False, True) if quality.shadows else (False,):
                 rate = _rate(quality.name, renderer, shadows, seconds, workers)
                 light = "shadows" if shadows else "no shadows"

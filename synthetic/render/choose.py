@@ -8,7 +8,7 @@ from synthetic.render.code_renderer import CodeRenderer
 from synthetic.render.interface import Renderer, RendererError
 from synthetic.render.raster_codes import RasterPainter
 
-RENDERERS = ("auto", "pyrender", "raster", "tiny")
+RENDERERS = ("auto", "pyrender", "raster")
 """Names that `choose_renderer` knows."""
 
 _live: dict[int, Renderer] = {}
@@ -41,9 +41,9 @@ def close_renderer() -> None:
 
 
 def _make(name: str) -> Renderer:
-    # Imported here: each needs packages and libraries of its own, and the others work without them.
     if name in ("auto", "pyrender"):
         try:
+            # Imported here: it needs packages and libraries of its own, and the other works without them.
             from synthetic.render.gl_codes import CodePainter
 
             return CodeRenderer("pyrender", CodePainter())
@@ -51,10 +51,4 @@ def _make(name: str) -> Renderer:
             # What a missing driver raises is anything from ImportError to AttributeError.
             if name == "pyrender":
                 raise RendererError(f"pyrender over EGL does not work here: {error!r}") from error
-    if name == "tiny":
-        try:
-            from synthetic.render.tiny_renderer import TinyRenderer
-        except ImportError as error:
-            raise RendererError(f"tiny does not work here; PyBullet is missing: {error}") from error
-        return TinyRenderer()
     return CodeRenderer("raster", RasterPainter())

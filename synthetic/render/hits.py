@@ -163,7 +163,7 @@ def _meet(
         wx = world_from_camera[0, 0] * x + world_from_camera[0, 1] * y + world_from_camera[0, 2]
         wy = world_from_camera[1, 0] * x + world_from_camera[1, 1] * y + world_from_camera[1, 2]
         wz = world_from_camera[2, 0] * x + world_from_camera[2, 1] * y + world_from_camera[2, 2]
-        u, v, reach, _ = barycentric(corners, t, world_from_body, body, eye, wx, wy, wz)
+        u, v, reach = _barycentric(corners, t, world_from_body, body, eye, wx, wy, wz)
         bodies[place] = body
         rows[place] = first_group[body] + groups[t]
         points[place, 0] = eye[0] + reach * wx
@@ -186,12 +186,10 @@ def _meet(
 
 
 @compiled
-def barycentric(
+def _barycentric(
     corners: Array, t: int, pose: Array, body: int, eye: Array, wx: float, wy: float, wz: float
-) -> tuple[float, float, float, float]:
-    """Weights of corners 1 and 2 inside the triangle, distance along the ray, and how far outside it passed.
-
-    Möller and Trumbore's. The last number is a share of the triangle's size, and 0 for a hit.
+) -> tuple[float, float, float]:
+    """Weights of corners 1 and 2 inside the triangle, and distance along the ray: Möller and Trumbore's.
 
     A pixel's centre may lie a rounding error outside of the triangle that OpenGL drew there.
     """
@@ -217,12 +215,11 @@ def barycentric(
     determinant = ax * hx + ay * hy + az * hz
     if abs(determinant) < 1e-18:  # seen along its plane: any point of it will do
         middle = px * dx + py * dy + pz * dz
-        return 0.0, 0.0, -middle / (dx * dx + dy * dy + dz * dz), 1.0
+        return 0.0, 0.0, -middle / (dx * dx + dy * dy + dz * dz)
     u = (px * hx + py * hy + pz * hz) / determinant
     v = (dx * qx + dy * qy + dz * qz) / determinant
     reach = (bx * qx + by * qy + bz * qz) / determinant
-    outside = max(-u, -v, u + v - 1.0, 0.0)
     u, v = min(max(u, 0.0), 1.0), min(max(v, 0.0), 1.0)
     if u + v > 1.0:
         u, v = u / (u + v), v / (u + v)
-    return u, v, reach, outside
+    return u, v, reach

@@ -58,7 +58,7 @@ class Renderer(Protocol):
     """Renders scenes; same scene and view, same bits."""
 
     name: str
-    """Stands in the ground truth: `pyrender`, `raster` or `tiny`."""
+    """Stands in the ground truth: `pyrender` or `raster`."""
 
     def render(self, scene: PlatformScene, view: PinholeView, *, shadows: bool = True) -> Layers:
         """What `view` shows of `scene`; without `shadows` light passes through everything, and it is fast."""
