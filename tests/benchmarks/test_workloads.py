@@ -16,9 +16,9 @@ from benchmarks.data.store import packed, unpacked
 from benchmarks.data.workloads import BY_NAME, case
 from tests.helpers import make_camera
 from tests.helpers.synthetic_needs import skip_without_platform
+from tracker.calibration.deviations import rotation_vector_variance
 from tracker.geometry import so3
 from tracker.objects.model import load_object
-from tracker.pose.solve.covariance import rotation_vector_variance
 
 
 def scene(rng, index=0):

@@ -6,51 +6,17 @@ import numpy as np
 
 from tracker.compiled import compiled
 from tracker.conventions import FloatArray
-from tracker.geometry import so3
-from tracker.geometry.camera import Camera
 from tracker.pose.solve.step import EXPONENT, OWN
 
 PRIOR = np.array([3.0] * 3 + [10.0] * 3)
 """Information of a prior of 0.6 radii of the object and 0.3 rad around the present pose, which holds unseen
 directions; of positions in units of the radius."""
 
-UNSTATED_STD = np.full((4, 4), 1e-5)
-"""Element-wise standard deviation of a transform whose file states none: taken as exact."""
-
-LEAST_VARIANCE = 1e-12
-"""A calibration is never taken to be more exact than a thousandth of a millimetre or milliradian."""
-
 DEVIATION_STD = 0.13
 """Standard deviation of a camera's exponent of response around that of all."""
 
 MODEL_STD = 4e-4, 3e-4
 """What no number of samples averages away: edge lengths, unmodelled optics [radii of the object, rad]."""
-
-
-def rotation_vector_variance(rotation: FloatArray, element_std: FloatArray) -> FloatArray:
-    """Variances (3,) of ω in exp(ω) R that come nearest to element-wise standard deviations (3, 3).
-
-    Element (i, j) of [e_k]× R tells how much it moves with ω_k, so the squares of the given standard
-    deviations are linear in the variances; they are solved for with the constraint of being positive.
-    """
-    # Imported here: scipy.optimize alone would take a third of the time of `import tracker`.
-    from scipy.optimize import nnls
-
-    design = np.stack([(so3.hat(axis) @ rotation).ravel() ** 2 for axis in np.eye(3)], axis=1)
-    solution, _ = nnls(design, np.asarray(element_std).ravel() ** 2)
-    return np.asarray(solution)
-
-
-def calibration_covariance(camera: Camera) -> FloatArray:
-    """(6, 6) covariance of (Rᵀδt, Rᵀω) [m, rad], where camera_from_world is off by δt and exp(ω)."""
-    std = camera.camera_from_world_std
-    if std is None:
-        std = UNSTATED_STD
-    rotation = camera.camera_from_world[:3, :3]
-    variances = np.concatenate([std[:3, 3] ** 2, rotation_vector_variance(rotation, std[:3, :3])])
-    turned = np.zeros((6, 6))
-    turned[:3, :3] = turned[3:, 3:] = rotation.T
-    return turned @ np.diag(np.maximum(variances, LEAST_VARIANCE)) @ turned.T
 
 
 @compiled
@@ -61,7 +27,7 @@ def offset_weights(calibration_information, position):  # type: ignore[no-untype
     An error (δt, ω) of camera_from_world moves a point in the camera by δt + ω × (R P), which is what
     an object at `position` would show if it had moved by δp + δθ × (P - position) along world axes, with
     δθ = Rᵀω and δp = Rᵀδt + δθ × position. calibration_information (C, 6, 6) is the inverse of
-    `calibration_covariance`.
+    `calibration.deviations.calibration_covariance`.
     """
     back = np.eye(6)
     x, y, z = position[0], position[1], position[2]

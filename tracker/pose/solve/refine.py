@@ -44,7 +44,7 @@ KNOWN = 0.05
 
 STATED = 1e11
 """Inverse variance of a position from which on a calibration states no errors that it could have a share of
-(see covariance.LEAST_VARIANCE)."""
+(see calibration.deviations.LEAST_VARIANCE)."""
 
 
 @compiled

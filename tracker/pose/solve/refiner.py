@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tracker.calibration.deviations import calibration_covariance
 from tracker.conventions import Array, FloatArray
 from tracker.geometry.camera import Camera
 from tracker.geometry.lens import stack_lenses
@@ -20,7 +21,6 @@ from tracker.pose.fit import SEEN
 from tracker.pose.scale import relative_sizes
 from tracker.pose.solve.covariance import (
     PRIOR,
-    calibration_covariance,
     offset_weights,
     with_model_errors,
 )
