@@ -46,6 +46,14 @@ def calibration_covariance(camera: Camera) -> FloatArray:
     return turned @ np.diag(np.maximum(variances, LEAST_VARIANCE)) @ turned.T
 
 
+def turned_std(rotation: FloatArray, std: FloatArray, turned: FloatArray) -> FloatArray:
+    """(3, 3) element-wise standard deviations of a rotation that is now `turned` (3, 3), errors as before."""
+    variances = rotation_vector_variance(rotation, std)
+    moved = np.stack([so3.hat(axis) @ turned for axis in np.eye(3)])
+    out: FloatArray = np.sqrt(np.tensordot(variances, moved**2, axes=1))
+    return out
+
+
 def element_std(rotation: FloatArray, covariance: FloatArray) -> FloatArray:
     """(4, 4) element-wise standard deviations of a transform with rotation (3, 3) and a covariance (6, 6).
 

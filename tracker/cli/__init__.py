@@ -16,7 +16,7 @@ from typing import NoReturn
 
 import click
 
-from tracker.cli import colors, detect, dice, track, view
+from tracker.cli import calibrate, colors, detect, dice, track, view
 from tracker.errors import TrackerError
 from tracker.version import version
 
@@ -51,6 +51,7 @@ commands.add_command(detect.detect)
 commands.add_command(track.track)
 commands.add_command(view.view)
 commands.add_command(dice.dice)
+commands.add_command(calibrate.calibrate)
 commands.add_command(colors.colors)
 
 

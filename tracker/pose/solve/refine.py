@@ -48,7 +48,7 @@ STATED = 1e11
 
 
 @compiled
-def _measure_all(cameras, unknowns, schedule, step, work):  # type: ignore[no-untyped-def]
+def measure_all(cameras, unknowns, schedule, step, work):  # type: ignore[no-untyped-def]
     """Measure the offsets of all strips at the present pose."""
     for c in range(len(cameras.used)):
         if cameras.used[c]:
@@ -63,7 +63,7 @@ def _measure_all(cameras, unknowns, schedule, step, work):  # type: ignore[no-un
 
 
 @compiled
-def _take_stock(cameras, unknowns, tuning, work, seen):  # type: ignore[no-untyped-def]
+def take_stock(cameras, unknowns, tuning, work, seen):  # type: ignore[no-untyped-def]
     """Count the strips and judge the blurs anew; returns how far the residuals scatter [px]."""
     total, knowing, known_blur = 0, 0, 0.0
     for c in range(len(cameras.used)):
@@ -103,6 +103,16 @@ def _take_stock(cameras, unknowns, tuning, work, seen):  # type: ignore[no-untyp
     return spread(work.residuals, total)
 
 
+@compiled(inline="always")
+def trust_of(parts, blur, scale, tuning):  # type: ignore[no-untyped-def]
+    """What neighbouring pieces share makes their sum, not the edge's own offset, so much less certain.
+
+    parts: 3 where each pixel of a mosaic counts for one channel; blur: [px of the picture]; scale: size of
+    the object in it over the reference.
+    """
+    return (1.0 if parts > 1 else 1.0 / tuning.correlation**2) / (1.0 + (blur / (tuning.smear * scale)) ** 4)
+
+
 @compiled
 def _add_up(cameras, unknowns, tuning, least, scatter, own, work, seen):  # type: ignore[no-untyped-def]
     """The normal equations of every camera; own: variance of what the pieces of an edge have in common."""
@@ -113,10 +123,7 @@ def _add_up(cameras, unknowns, tuning, least, scatter, own, work, seen):  # type
         if not cameras.used[c]:
             continue
         scale = cameras.scales[c]
-        # What neighbouring pieces share makes their sum, not the edge's own offset, less certain.
-        trust = (1.0 if cameras.parts[c] > 1 else 1.0 / tuning.correlation**2) / (
-            1.0 + (unknowns.blurs[c] / (tuning.smear * scale)) ** 4
-        )
+        trust = trust_of(cameras.parts[c], unknowns.blurs[c], scale, tuning)
         accumulate(
             work.strips[c], work.found[c], work.counts[c], work.since[c],
             unknowns.shared[EXPONENT] + unknowns.offsets[c, EXPONENT], unknowns.shared[RIM],
@@ -234,8 +241,8 @@ def settle(cameras, prior, radius, rim, schedule, tuning, step, unknowns, work, 
     share, converged = 1.0, False
     while step < len(schedule.blur) and not converged:
         before = unknowns.rotation.copy(), unknowns.position.copy()
-        _measure_all(cameras, unknowns, schedule, step, work)
-        scatter = _take_stock(cameras, unknowns, tuning, work, seen)
+        measure_all(cameras, unknowns, schedule, step, work)
+        scatter = take_stock(cameras, unknowns, tuning, work, seen)
         rough = schedule.blur[step] > 0.0
         # Only once the cameras have come to terms is what is left the edges' own.
         late = step > 0 and schedule.blur[step - 1] == 0.0

@@ -144,6 +144,12 @@ class Refiner:
                 attempt.step, attempt.unknowns, work, attempt.marginal, attempt.seen,
             )  # fmt: skip
 
+    def laid(self, attempt: Attempt, schedule: Schedule, step: int) -> Workspace:
+        """This thread's work space, with the strips of a step of the schedule at the pose of an attempt."""
+        work = self._local.space
+        self._collect(attempt.views, attempt.cameras, attempt.unknowns, schedule, step, work)
+        return work
+
     def end(self, attempt: Attempt) -> Refined:
         """Where an attempt stands."""
         cameras, unknowns, seen = attempt.cameras, attempt.unknowns, attempt.seen.copy()

@@ -1,0 +1,75 @@
+"""Errors of a pose against a least-squares problem that has the cameras' errors as unknowns."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.helpers import make_camera
+from tracker.calibration.contour import Contour
+from tracker.calibration.deviations import calibration_covariance
+from tracker.calibration.pose_errors import pose_errors, pose_information, seen_motion
+from tracker.geometry import so3
+
+CAMERAS = tuple(make_camera(azimuth) for azimuth in (60, 180, 300))
+POSITION = np.array([0.06, -0.09, 0.03])
+RIM_STD = 3e-4
+
+
+def made_contour(rng, count=60):
+    jacobian = rng.normal(size=(count, 6)) * np.repeat([500.0, 12.0], 3)
+    return Contour(
+        pixel=rng.uniform(-80, 80, (count, 2)),
+        normal=np.tile([1.0, 0.0], (count, 1)),
+        jacobian=jacobian,
+        bloom=rng.uniform(0, 0.2, count),
+        rim=rng.uniform(200, 500, count),
+        offset=rng.normal(0, 0.1, count),
+        variance=np.full(count, 0.1**2),
+        edge=rng.integers(0, 9, count),
+        scale=1.0,
+    )
+
+
+def test_own_and_shared_errors_add_up_to_what_joint_least_squares_says(rng):
+    contours = [made_contour(rng, count) for count in (60, 40, 90)]
+    own, common = pose_errors(contours, POSITION, CAMERAS, RIM_STD)
+    known = np.zeros((24, 24))
+    motion = seen_motion(POSITION)
+    for c, (contour, camera) in enumerate(zip(contours, CAMERAS, strict=True)):
+        its = np.zeros((6, 24))
+        its[:, :6], its[:, 6 + 6 * c : 12 + 6 * c] = np.eye(6), motion
+        known += its.T @ pose_information(contour, RIM_STD) @ its
+        block = slice(6 + 6 * c, 12 + 6 * c)
+        known[block, block] += np.linalg.inv(calibration_covariance(camera))
+    expected = np.linalg.inv(known)[:6, :6]
+    total = own.copy()
+    for c, camera in enumerate(CAMERAS):
+        total += common[:, c] @ calibration_covariance(camera) @ common[:, c].T
+    np.testing.assert_allclose(total, expected, rtol=2e-3, atol=1e-3 * np.abs(expected).max())
+
+
+def test_a_camera_that_sees_nothing_moves_nothing(rng):
+    _, common = pose_errors([made_contour(rng), None, made_contour(rng)], POSITION, CAMERAS, RIM_STD)
+    assert not common[:, 1].any()
+    assert common[:, 0].any()
+
+
+def test_cameras_that_err_alike_move_the_pose_as_much(rng):
+    _, common = pose_errors([made_contour(rng) for _ in CAMERAS], POSITION, CAMERAS, RIM_STD)
+    np.testing.assert_allclose(common.sum(axis=1), seen_motion(POSITION), atol=5e-3)
+
+
+def test_a_point_moves_as_the_world_does(rng):
+    error = rng.normal(size=6) * 1e-6
+    moved = so3.exp(error[3:]) @ POSITION + error[:3]
+    np.testing.assert_allclose(seen_motion(POSITION) @ error, [*(moved - POSITION), *error[3:]], atol=1e-11)
+
+
+@pytest.mark.parametrize("own", [0.0, 0.05**2])
+def test_offsets_that_pieces_share_are_as_unknowns_of_their_own(own, rng):
+    contour = made_contour(rng, 30)
+    columns, weight = rng.normal(size=(30, 4)), rng.uniform(0, 1, 30)
+    covariance = np.diag(contour.variance / weight) + own * (contour.edge[:, None] == contour.edge)
+    expected = columns.T @ np.linalg.solve(covariance, columns)
+    np.testing.assert_allclose(contour.information(columns, weight, own), expected, rtol=1e-9)

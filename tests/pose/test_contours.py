@@ -1,0 +1,70 @@
+"""What is handed out of edges, against the refinement that it comes from."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import tracker
+from synthetic.camera.sensor import Sensor
+from tests.helpers import sight_of
+from tests.helpers.filmed import RIG
+from tests.helpers.stills import posed_scene, take
+from tracker.geometry import so3
+from tracker.pose.solve.contours import contours
+
+MODEL = tracker.load_object("cube_v2")
+POSE = np.array([0.03, -0.04, 0.0325]), so3.exp([0.0, 0.0, 0.5])
+
+
+@pytest.fixture(scope="module")
+def seen():
+    """A refiner, views of a cube, and where it is refined to."""
+    rng = np.random.default_rng(3)
+    still = take(posed_scene(MODEL, POSE, rng), RIG.cameras, Sensor.realistic(), rng)
+    one = tracker.ObjectTracker(MODEL, RIG)
+    views = sight_of(one, still.images).views
+    refiner = one._estimator.refiner
+    return refiner, views, refiner.refine(views, POSE[1], POSE[0])
+
+
+def at(seen, moved, **more):
+    refiner, views, refined = seen
+    rotation, position = so3.exp(moved[3:]) @ refined.rotation, refined.position + moved[:3]
+    return contours(refiner, views, rotation, position, refined.end, **more)
+
+
+def test_at_the_refined_pose_nothing_is_left(seen):
+    for contour in at(seen, np.zeros(6)):
+        assert len(contour.offset) > 20
+        left = contour.offset - contour.bloom * seen[2].end.exponent - contour.rim * seen[2].end.rim
+        assert abs(np.median(left)) < 0.05
+        assert (contour.variance > 0).all()
+
+
+def test_offsets_tell_by_how_much_a_pose_is_off(seen):
+    rng = np.random.default_rng(4)
+    for _ in range(3):
+        moved = rng.normal(size=6) * np.repeat([0.4e-3, 0.005], 3)
+        rows, values = [], []
+        for contour in at(seen, moved):
+            rows.append(contour.jacobian / np.sqrt(contour.variance)[:, None])
+            left = contour.offset - contour.bloom * seen[2].end.exponent - contour.rim * seen[2].end.rim
+            values.append(left / np.sqrt(contour.variance))
+        back, *_ = np.linalg.lstsq(np.concatenate(rows), np.concatenate(values), rcond=None)
+        np.testing.assert_allclose(back[:3], -moved[:3], atol=0.08e-3)
+        np.testing.assert_allclose(back[3:], -moved[3:], atol=2e-3)
+
+
+def test_looking_where_a_camera_sees_the_object_changes_no_offset(seen):
+    moved = np.array([0.4e-3, -0.3e-3, 0.2e-3, 0.0, 0.0, 0.004])
+    plain, aimed = at(seen, np.zeros(6)), at(seen, np.zeros(6), offsets=np.tile(moved, (3, 1)))
+    for one, other in zip(plain, aimed, strict=True):
+        assert abs(np.median(one.offset) - np.median(other.offset)) < 0.05
+
+
+def test_a_camera_without_a_picture_hands_out_nothing(seen):
+    refiner, views, refined = seen
+    found = contours(refiner, [None, *views[1:]], refined.rotation, refined.position, refined.end)
+    assert found[0] is None
+    assert found[1] is not None

@@ -1,0 +1,129 @@
+"""What the commands that mend a calibration are given: recordings, pictures, and their cameras."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+from tracker.cli.calibration import load_rig, optional_calibration_options, rig_of
+from tracker.cli.files import NO_IMAGE, read_images
+from tracker.errors import CalibrationError, ImageError
+
+if TYPE_CHECKING:
+    from tracker.calibration.rig import CameraRig
+    from tracker.upkeep.footage import Footage
+
+_PICTURES = (".png", ".jpg", ".jpeg")
+_Command = TypeVar("_Command", bound=Callable[..., Any])
+
+_OPTIONS = (
+    click.argument("inputs", nargs=-1, required=True, metavar="RECORDING|IMAGE..."),
+    click.option("--object", "object_name", required=True, metavar="NAME", help="Object, or its TOML file."),
+    click.option(
+        "-o",
+        "--output",
+        required=True,
+        metavar="DIR",
+        type=click.Path(path_type=Path),
+        help="Folder of the calibration that is found, a new or an empty one.",
+    ),
+    optional_calibration_options,
+    click.option(
+        "--colors", "colors_name", metavar="NAME", help="Colour model, or its file.  [default: the object's]"
+    ),
+    click.option(
+        "--stills",
+        is_flag=True,
+        help="Frames of folders are no films: each was taken by itself, at any moment.",
+    ),
+    click.option("--recover", is_flag=True, help="Leave out what is damaged of a recording."),
+    click.option("-q", "--quiet", is_flag=True, help="Say nothing but errors."),
+)
+
+
+def mending_options(command: _Command) -> _Command:
+    """Add to a command the options that all of its kind have."""
+    for option in reversed(_OPTIONS):
+        command = option(command)
+    return command
+
+
+def check_output(output: Path) -> None:
+    """Refuse a folder that holds something: it might be the calibration that is to be mended."""
+    if output.exists() and not (output.is_dir() and not any(output.iterdir())):
+        raise click.UsageError(f"-o {output}: found it in use, expected a new or an empty folder")
+
+
+@contextmanager
+def opened(
+    inputs: Sequence[str],
+    cameras: tuple[tuple[str, ...], str | None, bool],
+    stills: bool,
+    recover: bool,
+) -> Iterator[tuple[CameraRig, list[Footage], int]]:
+    """The rig, what it filmed, and how many frames that is; recordings are open within the `with` block.
+
+    Args:
+        inputs: recordings, and pictures, those of one moment one after the other.
+        cameras: as for `load_rig`; without a calibration the first recording's own is taken.
+        stills: frames of recordings are no films.
+        recover: damaged frames are left out.
+
+    Raises:
+        TrackerError: something cannot be read, or the cameras are not the same all over.
+    """
+    from tracker.logs import open_log
+    from tracker.upkeep.footage import Film, Stills
+
+    pictures = [path for path in inputs if path == NO_IMAGE or Path(path).suffix.lower() in _PICTURES]
+    rig = load_rig(*cameras) if cameras[0] else None
+    footage: list[Footage] = []
+    frames = 0
+    with ExitStack() as stack:
+        for path in inputs:
+            if path in pictures:
+                continue
+            log = stack.enter_context(open_log(path, recover=recover))
+            its = rig_of(Path(path), log, *cameras)
+            _refuse_other(path, its, rig if rig is not None and footage else its)
+            rig = its
+            footage.append(Film(log, stills=stills))
+            frames += len(log)
+        if rig is None:
+            raise CalibrationError("images: found no calibration, expected --calibration")
+        if pictures:
+            sets = _sets(pictures, rig)
+            footage.append(Stills(sets))
+            frames += len(sets)
+        yield rig, footage, frames
+
+
+def _sets(pictures: Sequence[str], rig: CameraRig) -> list[Any]:
+    """Pictures of one moment each."""
+    count = len(rig)
+    if len(pictures) % count:
+        raise ImageError(
+            f"images: found {len(pictures)}, expected a multiple of {count}: one for each of "
+            f"{', '.join(rig.names)} ('{NO_IMAGE}' where a camera gave none), moment by moment"
+        )
+    return [read_images(pictures[k : k + count], rig) for k in range(0, len(pictures), count)]
+
+
+def _refuse_other(path: str, its: CameraRig, rig: CameraRig) -> None:
+    """Raise where a recording's cameras are not those of the recordings before it."""
+    import numpy as np
+
+    for one, other in zip(its, rig, strict=False):
+        same = one.name == other.name and all(
+            np.array_equal(getattr(one, key), getattr(other, key))
+            for key in ("matrix", "distortion", "camera_from_world")
+        )
+        if not same:
+            raise CalibrationError(
+                f"{path}: found another calibration of {one.name} than that of the recordings before it, "
+                "expected the same, or --calibration"
+            )

@@ -1,0 +1,1 @@
+"""Calibrations looked after, by what recordings of a known object show."""
