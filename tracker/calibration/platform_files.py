@@ -30,7 +30,8 @@ MAX_FILE_SIZE = 100_000
 MAX_ROTATION_DEVIATION = 1e-2
 """Largest |R Rᵀ - I| that is mended; real files, element-wise means of rotations, stay below 1e-4."""
 
-_TRANSFORM_KEYS = ("tf_world_to_camera", "projection_matrix")
+TRANSFORM_KEYS = ("tf_world_to_camera", "projection_matrix")
+"""What files call camera_from_world, today and in early 2020."""
 
 
 class _Loader(yaml.SafeLoader):
@@ -76,9 +77,9 @@ def read_camera(path: str | os.PathLike[str], *, correct_halved_principal_point:
     Raises:
         CalibrationError: the file is missing, unreadable or malformed; the message names file and key.
     """
-    data = _read_mapping(Path(path))
+    data = read_mapping(Path(path))
     try:
-        camera = _camera(data)
+        camera = camera_of(data)
     except CalibrationError as error:
         raise CalibrationError(f"{os.fspath(path)}: {error}") from error
     return camera.with_halved_principal_point_corrected() if correct_halved_principal_point else camera
@@ -90,16 +91,30 @@ def write_camera(camera: Camera, path: str | os.PathLike[str]) -> None:
     Raises:
         CalibrationError: the file cannot be written.
     """
+    write_mapping(entries(camera), path)
+
+
+def entries(camera: Camera) -> dict[str, Any]:
+    """What a file says of a camera, key by key."""
     data = {
         "camera_name": camera.name,
         "image_width": camera.width,
         "image_height": camera.height,
-        "camera_matrix": _matrix_entry(camera.matrix),
-        "distortion_coefficients": _matrix_entry(camera.distortion[None]),
-        "tf_world_to_camera": _matrix_entry(camera.camera_from_world),
+        "camera_matrix": matrix_entry(camera.matrix),
+        "distortion_coefficients": matrix_entry(camera.distortion[None]),
+        "tf_world_to_camera": matrix_entry(camera.camera_from_world),
     }
     if camera.camera_from_world_std is not None:
-        data["tf_world_to_camera_std"] = _matrix_entry(camera.camera_from_world_std)
+        data["tf_world_to_camera_std"] = matrix_entry(camera.camera_from_world_std)
+    return data
+
+
+def write_mapping(data: dict[str, Any], path: str | os.PathLike[str]) -> None:
+    """Write a calibration file of these keys, whole or not at all.
+
+    Raises:
+        CalibrationError: the file cannot be written.
+    """
     # With this header and lists in brackets (default_flow_style=None) OpenCV reads the file too.
     text = "%YAML 1.1\n---\n" + yaml.safe_dump(
         data, sort_keys=False, allow_unicode=True, default_flow_style=None, width=100
@@ -110,12 +125,14 @@ def write_camera(camera: Camera, path: str | os.PathLike[str]) -> None:
         raise CalibrationError(f"{os.fspath(path)}: cannot be written: {error.strerror or error}") from error
 
 
-def _matrix_entry(matrix: FloatArray) -> dict[str, Any]:
+def matrix_entry(matrix: FloatArray) -> dict[str, Any]:
+    """How a file says a matrix (R, C)."""
     rows, cols = matrix.shape
     return {"rows": rows, "cols": cols, "dt": "d", "data": matrix.ravel().tolist()}
 
 
-def _read_mapping(path: Path) -> dict[Any, Any]:
+def read_mapping(path: Path) -> dict[Any, Any]:
+    """The keys of a calibration file; CalibrationError where it is not plain YAML of keys."""
     try:
         with path.open("rb") as file:
             content = file.read(MAX_FILE_SIZE + 1)
@@ -141,15 +158,16 @@ def _read_mapping(path: Path) -> dict[Any, Any]:
     return data
 
 
-def _camera(data: dict[Any, Any]) -> Camera:
+def camera_of(data: dict[Any, Any]) -> Camera:
+    """The camera of a file's keys; CalibrationError names the key that is missing or malformed."""
     name = _require(data, "camera_name")
     if not isinstance(name, str) or not name:
         raise CalibrationError(f"camera_name: found {_shown(name)}, expected a text that is not empty")
-    transform_key = next((key for key in _TRANSFORM_KEYS if key in data), _TRANSFORM_KEYS[0])
-    transform = _matrix(data, transform_key, (4, 4))
+    transform_key = next((key for key in TRANSFORM_KEYS if key in data), TRANSFORM_KEYS[0])
+    transform = matrix_of(data, transform_key, (4, 4))
     transform[:3, :3] = _rotation(transform[:3, :3], transform_key)
-    std_key = next((f"{key}_std" for key in _TRANSFORM_KEYS if data.get(f"{key}_std") is not None), None)
-    std = None if std_key is None else _matrix(data, std_key, (4, 4))
+    std_key = next((f"{key}_std" for key in TRANSFORM_KEYS if data.get(f"{key}_std") is not None), None)
+    std = None if std_key is None else matrix_of(data, std_key, (4, 4))
     if std is not None and std.min() < 0:
         raise CalibrationError(f"{std_key}: found {std.min():g}, expected no negative deviation")
     if (transform[3] != (0, 0, 0, 1)).any():
@@ -159,7 +177,7 @@ def _camera(data: dict[Any, Any]) -> Camera:
         name=name,
         width=_whole(data, "image_width"),
         height=_whole(data, "image_height"),
-        matrix=_matrix(data, "camera_matrix", (3, 3)),
+        matrix=matrix_of(data, "camera_matrix", (3, 3)),
         distortion=_distortion(data),
         camera_from_world=transform,
         camera_from_world_std=std,
@@ -182,12 +200,12 @@ def _whole(data: dict[Any, Any], key: str) -> int:
 
 def _distortion(data: dict[Any, Any]) -> FloatArray:
     coefficients = np.zeros(5)
-    found = _matrix(data, "distortion_coefficients", (1, 5), (5, 1), (1, 4), (4, 1)).ravel()
+    found = matrix_of(data, "distortion_coefficients", (1, 5), (5, 1), (1, 4), (4, 1)).ravel()
     coefficients[: len(found)] = found  # with four coefficients OpenCV takes k3 = 0
     return coefficients
 
 
-def _matrix(data: dict[Any, Any], key: str, *shapes: tuple[int, int]) -> FloatArray:
+def matrix_of(data: dict[Any, Any], key: str, *shapes: tuple[int, int]) -> FloatArray:
     """The matrix at `key`, of one of the shapes."""
     entry = _require(data, key)
     valid = " or ".join(f"{rows}×{cols}" for rows, cols in shapes)
