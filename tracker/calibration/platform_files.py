@@ -163,6 +163,12 @@ def camera_of(data: dict[Any, Any]) -> Camera:
     name = _require(data, "camera_name")
     if not isinstance(name, str) or not name:
         raise CalibrationError(f"camera_name: found {_shown(name)}, expected a text that is not empty")
+    if not any(key in data for key in TRANSFORM_KEYS) and "camera_matrix" in data:
+        found = ", ".join(sorted(map(str, data)))[:200]
+        raise CalibrationError(
+            f"key {TRANSFORM_KEYS[0]} is missing; found {found}: a lens alone; "
+            "`tracker calibrate extrinsics` finds where its camera is"
+        )
     transform_key = next((key for key in TRANSFORM_KEYS if key in data), TRANSFORM_KEYS[0])
     transform = matrix_of(data, transform_key, (4, 4))
     transform[:3, :3] = _rotation(transform[:3, :3], transform_key)

@@ -81,10 +81,10 @@ class CameraRig:
         root = Path(path)
         if not root.is_dir():
             return cls._of_files([root], correct_halved_principal_point)
-        files = _calibration_files(root, pattern)
+        files = calibration_files(root, pattern)
         cameras = {file: _read(file, correct_halved_principal_point) for file in files}
-        _refuse_variants(root, {file.name: camera.name for file, camera in cameras.items()})
-        ordered = sorted(cameras, key=lambda file: _order(cameras[file].name, file.name))
+        refuse_variants(root, {file.name: camera.name for file, camera in cameras.items()})
+        ordered = sorted(cameras, key=lambda file: camera_order(cameras[file].name, file.name))
         return cls(tuple(cameras[file] for file in ordered), read_arena(root))
 
     @classmethod
@@ -126,7 +126,8 @@ def _read(path: Path, correct_halved_principal_point: bool) -> Camera:
     return read_camera(path, correct_halved_principal_point=correct_halved_principal_point)
 
 
-def _calibration_files(root: Path, pattern: str | None) -> list[Path]:
+def calibration_files(root: Path, pattern: str | None) -> list[Path]:
+    """A folder's calibration files, or those whose names match; CalibrationError where there is none."""
     names = sorted(file.name for file in root.iterdir() if file.is_file())
     if pattern is None:
         files = [
@@ -142,14 +143,14 @@ def _calibration_files(root: Path, pattern: str | None) -> list[Path]:
     return [root / name for name in files]
 
 
-def _order(camera_name: str, file_name: str) -> tuple[float, str, str]:
+def camera_order(camera_name: str, file_name: str) -> tuple[float, str, str]:
     """Sorting key: the number in the camera's name, else in the file's; without one, last."""
     number = re.search(r"\d+", camera_name) or re.search(r"camera\D*(\d+)", file_name)
     digits = number.group(number.lastindex or 0) if number else ""
     return (float(digits) if digits else float("inf"), camera_name, file_name)
 
 
-def _refuse_variants(root: Path, camera_of_file: dict[str, str]) -> None:
+def refuse_variants(root: Path, camera_of_file: dict[str, str]) -> None:
     """Raise where several files hold the same camera, naming the patterns that tell them apart."""
     names = list(camera_of_file.values())
     twice = sorted({name for name in names if names.count(name) > 1})

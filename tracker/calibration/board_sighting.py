@@ -1,0 +1,137 @@
+"""A board found in a photo: its corners to a fraction of a pixel, and how sharp they are."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Sequence
+from typing import Any
+
+import cv2
+import numpy as np
+
+from tracker.calibration.board import Board
+from tracker.conventions import Array, FloatArray, Image
+
+FEWEST_CORNERS = 4
+"""Of which a photo's pose can be told."""
+
+_ACROSS, _ALONG = 0.11, 0.06
+"""Where an edge's profile is taken [edge lengths]: the marker begins beyond it."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Sighting:
+    """What a photo shows of a board."""
+
+    photo: str
+    """Name of the photo."""
+    size: tuple[int, int]
+    """Width and height of the photo [px]."""
+    corners: Array
+    """(N,) numbers of the corners found, ascending."""
+    pixels: FloatArray
+    """(N, 2) where they are [px]."""
+    points: FloatArray
+    """(N, 3) where they are in the board's frame [m]."""
+    blur: float
+    """Standard deviation of the blur across the squares' edges, median [px]; NaN where no edge is seen."""
+
+    def __len__(self) -> int:
+        return len(self.corners)
+
+    def without(self, dropped: Array) -> Sighting:
+        """The sighting without the corners of a mask (N,)."""
+        kept = ~np.asarray(dropped, bool)
+        return dataclasses.replace(
+            self, corners=self.corners[kept], pixels=self.pixels[kept], points=self.points[kept]
+        )
+
+
+def find_board(photo: str, image: Image, board: Board) -> Sighting | None:
+    """The board in an image (H, W, 3) or (H, W), or None where fewer than FEWEST_CORNERS are found.
+
+    Corners are saddle points of the brightness, as OpenCV's `cornerSubPix` finds them, in windows that end
+    before the markers.
+    """
+    gray = grey(image)
+    pixels, numbers, _, _ = _detector(board).detectBoard(gray)
+    if numbers is None or len(numbers) < FEWEST_CORNERS:
+        return None
+    found = np.asarray(numbers).ravel()
+    places = np.asarray(pixels, np.float64).reshape(-1, 2)
+    order = np.argsort(found)
+    found, places = found[order], places[order]
+    if _on_a_line(board.corners[found, :2]):
+        return None
+    height, width = gray.shape
+    blur = edge_blur(gray, dict(zip(found.tolist(), places, strict=True)), board.columns - 1)
+    return Sighting(photo, (width, height), found, places, board.corners[found], blur)
+
+
+def grey(image: Image) -> Image:
+    """The brightness (H, W) of an image (H, W, 3) BGR or (H, W)."""
+    return image if image.ndim == 2 else np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
+
+
+def pattern_seen(images: Sequence[Image], board: Board) -> Board:
+    """The board in the pattern, old or today's, of which the images show more corners."""
+    if not board.two_patterns:
+        return board
+    counts = {}
+    for legacy in (board.legacy, not board.legacy):
+        tried = board.with_pattern(legacy)
+        counts[tried] = sum(len(find_board("", image, tried) or ()) for image in images)
+    return max(counts, key=lambda one: counts[one])
+
+
+def squares_shown(sightings: Sequence[Sighting], board: Board) -> tuple[int, int]:
+    """Columns and rows of squares within which all corners are that sightings show."""
+    grid: Array = np.zeros((board.rows - 1) * (board.columns - 1), bool)
+    for one in sightings:
+        grid[one.corners] = True
+    rows, columns = np.nonzero(grid.reshape(board.rows - 1, board.columns - 1))
+    return int(np.ptp(columns)) + 2, int(np.ptp(rows)) + 2
+
+
+def edge_blur(gray: Image, pixels: dict[int, FloatArray], columns: int) -> float:
+    """Blur [px] of the squares' edges between neighbouring corners, numbered along rows of `columns`.
+
+    A step that is blurred by a Gaussian of standard deviation σ has the greatest slope step/(√(2π) σ); of
+    blurs that differ along rows and columns, as those of a moving board do, the greater counts.
+    """
+    kinds: tuple[list[float], list[float]] = ([], [])
+    for number, start in pixels.items():
+        right = number + 1 if (number + 1) % columns else -1
+        for kind, neighbour in enumerate((right, number + columns)):
+            if neighbour in pixels:
+                kinds[kind].append(_profile_blur(gray, start, pixels[neighbour]))
+    medians = [float(np.median(kind)) for kind in kinds if kind]
+    return max(medians, default=float("nan"))
+
+
+def _profile_blur(gray: Image, start: FloatArray, end: FloatArray) -> float:
+    """Blur [px] of the edge between two corners, from the profile across its middle."""
+    along = end - start
+    length = float(np.hypot(*along))
+    across = np.array([-along[1], along[0]]) / length
+    steps = np.linspace(-_ACROSS * length, _ACROSS * length, 41)
+    values = np.zeros(len(steps))
+    for offset in (-_ALONG, 0.0, _ALONG):
+        where = ((start + end) / 2 + offset * along + steps[:, None] * across).astype(np.float32)
+        values += cv2.remap(gray, where[:, :1], where[:, 1:], cv2.INTER_LINEAR).ravel() / 3
+    slope = np.abs(np.gradient(values, steps)).max()
+    return float(np.ptp(values) / (np.sqrt(2 * np.pi) * max(slope, 1e-9)))
+
+
+@functools.lru_cache(maxsize=8)
+def _detector(board: Board) -> Any:
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    return cv2.aruco.CharucoDetector(board.opencv, cv2.aruco.CharucoParameters(), parameters)
+
+
+def _on_a_line(points: FloatArray) -> bool:
+    """Whether points (N, 2) are all on one line, which leaves the pose open."""
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return bool(spread[1] < 1e-6 * spread[0])
