@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from synthetic.camera.lens import lens_of
+from synthetic.camera.lens import Lens
 from synthetic.camera.sensor import Sensor
 from synthetic.look.appearance import random_look
 from synthetic.look.lighting import random_lighting
@@ -70,7 +70,7 @@ def take(
     """Pictures of `scene` by all cameras. `rng` draws the sensor's noise and gains, and nothing else."""
     images, labels, fractions = [], [], []
     for camera in cameras:
-        lens = lens_of(camera, points)
+        lens = Lens(camera, points)
         view = dataclasses.replace(lens.view, block=points)
         layers = _renderer().render(scene, view, shadows=shadows)
         images.append(sensor.expose(lens.to_camera(layers.color, "mean"), rng))

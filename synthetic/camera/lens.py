@@ -7,7 +7,7 @@ lens gives, iterated to convergence; the tracker's own projection has no part in
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import cv2
 import numpy as np
@@ -28,16 +28,11 @@ class Lens:
         """Points per pixel along each axis: 1 is fast, 2 the default, 3 or 4 for the best pictures."""
         self.camera = camera
         self.supersampling = supersampling
-        rays = _lattice_rays(camera, supersampling)
+        tables = _tables(_Optics(camera), supersampling)
         fx, fy = camera.matrix[0, 0] * supersampling, camera.matrix[1, 1] * supersampling
-        pixels = rays * np.array([fx, fy])
-        low = np.floor(pixels.min(axis=(0, 1))) - _MARGIN_PX
-        width, height = (np.ceil(pixels.max(axis=(0, 1))) + _MARGIN_PX - low + 1).astype(int)
-        cx, cy = -low
-        self.view = PinholeView(int(width), int(height), fx, fy, cx, cy, camera.camera_from_world)
+        self.view = PinholeView(*tables.size, fx, fy, *tables.center, camera.camera_from_world)
         """The view to render: all rays of the image, `supersampling` times as fine as the image."""
-        maps = (pixels - low).astype(np.float32)
-        self._map_x, self._map_y = maps[..., 0].copy(), maps[..., 1].copy()
+        self._map_x, self._map_y = tables.maps
 
     def to_camera(
         self, layer: Array, mode: Literal["mean", "label"], stretch: FloatArray | None = None
@@ -89,28 +84,41 @@ class Lens:
         return next(maps), next(maps)
 
 
-def lens_of(camera: Camera, supersampling: int) -> Lens:
-    """The lens of a camera; its tables are kept."""
-    key = camera.matrix.tobytes(), camera.distortion.tobytes(), camera.camera_from_world.tobytes()
-    return _cached_lens(_Hashed((camera.name, camera.width, camera.height, *key), camera), supersampling)
+class _Optics:
+    """A camera that is the same, wherever it stands, where its picture's size and its lens are."""
 
-
-class _Hashed:
-    """A camera that is the same where its numbers are."""
-
-    def __init__(self, key: tuple[object, ...], camera: Camera) -> None:
-        self.key, self.camera = key, camera
+    def __init__(self, camera: Camera) -> None:
+        self.camera = camera
+        self._key = camera.width, camera.height, camera.matrix.tobytes(), camera.distortion.tobytes()
 
     def __hash__(self) -> int:
-        return hash(self.key)
+        return hash(self._key)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Hashed) and self.key == other.key
+        return isinstance(other, _Optics) and self._key == other._key
+
+
+class _Tables(NamedTuple):
+    """What a lens does, wherever its camera stands."""
+
+    size: tuple[int, int]
+    """Width and height of the view [px]."""
+    center: tuple[float, float]
+    """(x, y) of the principal point in it [px]."""
+    maps: tuple[Array, Array]
+    """(x, y) in it of each point of the image, (H s, W s) float32 [px]."""
 
 
 @lru_cache(maxsize=8)
-def _cached_lens(camera: _Hashed, supersampling: int) -> Lens:
-    return Lens(camera.camera, supersampling)
+def _tables(optics: _Optics, s: int) -> _Tables:
+    """Of the view that holds s × s rays of each pixel, at s times the image's resolution."""
+    camera = optics.camera
+    pixels = _lattice_rays(camera, s) * np.array([camera.matrix[0, 0] * s, camera.matrix[1, 1] * s])
+    low = np.floor(pixels.min(axis=(0, 1))) - _MARGIN_PX
+    width, height = (np.ceil(pixels.max(axis=(0, 1))) + _MARGIN_PX - low + 1).astype(int).tolist()
+    x, y = (-low).tolist()
+    maps = (pixels - low).astype(np.float32)
+    return _Tables((width, height), (x, y), (maps[..., 0].copy(), maps[..., 1].copy()))
 
 
 def _lattice_rays(camera: Camera, s: int) -> FloatArray:

@@ -25,12 +25,22 @@ def rays_of(name: str, pixels: Array, matrix: Array, distortion: Array) -> Float
     else:
         rays = cv2.undistortPoints(pixels[:, None], matrix, distortion, criteria=criteria)
     result: FloatArray = rays.reshape(-1, 2)
-    ahead = np.insert(result, 2, 1.0, axis=1)
-    back, _ = cv2.projectPoints(ahead, np.zeros(3), np.zeros(3), matrix, distortion)
-    error = np.abs(back.reshape(-1, 2) - pixels).max()
+    error = np.abs(seen_at(result, matrix, distortion) - pixels).max()
     if not error < _TOLERANCE_PX:
         raise CalibrationError(
             f"{name}: the lens has no inverse all over the image: found a residual of {error:.2g} px, "
             f"expected less than {_TOLERANCE_PX:g}"
         )
     return result
+
+
+def seen_at(rays: Array, matrix: Array, distortion: Array) -> FloatArray:
+    """Pixels (N, 2) of rays (N, 2): OpenCV's model, without the derivatives that `projectPoints` adds."""
+    x, y = rays[:, 0], rays[:, 1]
+    k1, k2, p1, p2, k3 = distortion
+    squared = x * x + y * y
+    radial = 1.0 + squared * (k1 + squared * (k2 + squared * k3))
+    twice = 2.0 * x * y
+    bent_x = x * radial + p1 * twice + p2 * (squared + 2.0 * x * x)
+    bent_y = y * radial + p1 * (squared + 2.0 * y * y) + p2 * twice
+    return np.stack([matrix[0, 0] * bent_x + matrix[0, 2], matrix[1, 1] * bent_y + matrix[1, 2]], axis=1)

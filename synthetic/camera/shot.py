@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from synthetic.camera.lens import Lens, lens_of
+from synthetic.camera.lens import Lens
 from synthetic.camera.sensor import Sensor
 from synthetic.camera.units import Unit
 from synthetic.render.interface import Layers, PinholeView, Renderer
@@ -98,12 +98,12 @@ def shoot(
     # A fine picture is already sampled finely.
     points = max(1, quality.points // 2) if quality.sensor_height is None and camera.height > 400 else 0
     points = points or quality.points
-    lens = lens_of(camera.resized(camera.width * factor, camera.height * factor), points)
+    lens = Lens(camera.resized(camera.width * factor, camera.height * factor), points)
     views = [renderer.render(scene, lens.view, shadows=quality.shadows) for scene in scenes]
     light = sum((_light(layers, lens, unit) for layers in views[1:]), _light(views[0], lens, unit))
     middle = views[len(views) // 2]
     # The lattice of the fine camera's points is that of the camera itself: the view is the same.
-    coarse = lens_of(camera, points * factor)
+    coarse = Lens(camera, points * factor)
     return CameraShot(
         image=unit.sensor.expose(
             light if len(views) == 1 else light / len(views),

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from synthetic.camera.lens import lens_of
+from synthetic.camera.lens import Lens
 from synthetic.camera.rigs import default_cameras
 from synthetic.render.choose import choose_renderer, close_renderer
 from synthetic.render.interface import Layers, Renderer, RendererError
@@ -116,7 +116,7 @@ def test_objects_lie_where_opencv_projects_them(renderer: Renderer) -> None:
         body = cuboid(size, rotation, position)
         scene = PlatformScene((body,), lighting())
         for camera in default_cameras():
-            lens = lens_of(camera, 2)
+            lens = Lens(camera, 2)
             layers = renderer.render(scene, lens.view, shadows=False)
             polygon = outline(camera, corners(np.array(size)) @ rotation.T + position)
             share = lens.to_camera(layers.labels > 0, "mean")
@@ -136,7 +136,7 @@ def test_faces_bear_their_labels_and_colors(renderer: Renderer) -> None:
     for size, rotation, position in poses(12):
         scene = PlatformScene((cuboid(size, rotation, position),), lighting())
         for camera in default_cameras():
-            lens = lens_of(camera, 2)
+            lens = Lens(camera, 2)
             layers = renderer.render(scene, lens.view, shadows=False)
             labels, color = lens.to_camera(layers.labels, "label"), lens.to_camera(layers.color, "mean")
             centers = FACE_NORMALS * np.array(size) / 2 @ rotation.T + position
@@ -157,15 +157,15 @@ def everything(layers: Layers) -> bytes:
 
 
 def test_same_scene_gives_same_bits(renderer: Renderer) -> None:
-    view = lens_of(default_cameras()[0], 2).view
+    view = Lens(default_cameras()[0], 2).view
     first = everything(renderer.render(crowded(np.eye(3)), view))
     rotation = random_rotations(np.random.default_rng(1), 1)[0]
-    other = everything(renderer.render(crowded(rotation), lens_of(default_cameras()[1], 1).view))
+    other = everything(renderer.render(crowded(rotation), Lens(default_cameras()[1], 1).view))
     assert everything(renderer.render(crowded(np.eye(3)), view)) == first != other
 
 
 def test_what_stands_in_front_does_not_change_the_object_alone(renderer: Renderer) -> None:
-    scene, view = crowded(np.eye(3)), lens_of(default_cameras()[0], 1).view
+    scene, view = crowded(np.eye(3)), Lens(default_cameras()[0], 1).view
     layers = renderer.render(scene, view)
     alone = renderer.render(PlatformScene(scene.bodies[:1], scene.lighting), view)
     assert np.array_equal(layers.alone, alone.labels)
@@ -176,7 +176,7 @@ def test_what_stands_in_front_does_not_change_the_object_alone(renderer: Rendere
 
 
 def test_shadows_only_take_light_away(renderer: Renderer) -> None:
-    scene, view = crowded(np.eye(3)), lens_of(default_cameras()[0], 1).view
+    scene, view = crowded(np.eye(3)), Lens(default_cameras()[0], 1).view
     dark, bright = (renderer.render(scene, view, shadows=shadows) for shadows in (True, False))
     assert np.array_equal(dark.labels, bright.labels)
     assert (dark.color <= bright.color + 1e-6).all()
@@ -184,7 +184,7 @@ def test_shadows_only_take_light_away(renderer: Renderer) -> None:
 
 
 def test_light_is_linear(renderer: Renderer) -> None:
-    lens = lens_of(default_cameras()[0], 1)
+    lens = Lens(default_cameras()[0], 1)
     colors = []
     for ambient, strength in ((0.2, 0.0), (0.0, 0.7), (0.4, 2.1)):
         light = lighting(ambient, lamp(0.3, 0.2, 1, strength))
@@ -198,15 +198,15 @@ def test_lambert_holds_on_a_level_table(renderer: Renderer) -> None:
         (thing("table", box((0.5, 0.5, 0.02)), [0, 0, -0.01], 0.2),), lighting(0.5, lamp(3, 0, 4, 0.5))
     )
     camera = default_cameras()[0]
-    color = lens_of(camera, 1).to_camera(
-        renderer.render(scene, lens_of(camera, 1).view, shadows=False).color, "mean"
+    color = Lens(camera, 1).to_camera(
+        renderer.render(scene, Lens(camera, 1).view, shadows=False).color, "mean"
     )
     column, row = np.rint(project(camera, np.zeros((1, 3)))[0]).astype(int)
     np.testing.assert_allclose(color[row, column], 0.2 * (0.5 + 0.5 * 0.8), rtol=1e-3)
 
 
 def test_empty_scene_is_black(renderer: Renderer) -> None:
-    layers = renderer.render(PlatformScene((), lighting()), lens_of(default_cameras()[0], 1).view)
+    layers = renderer.render(PlatformScene((), lighting()), Lens(default_cameras()[0], 1).view)
     assert not layers.color.any()
     assert not layers.labels.any()
     assert not layers.alone.any()
@@ -220,7 +220,7 @@ def resident_megabytes() -> float:
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="system: memory is read from /proc")
 def test_memory_stays_flat(renderer: Renderer) -> None:
     camera = default_cameras(64)[0]
-    view = lens_of(camera, 1).view
+    view = Lens(camera, 1).view
     rotations = random_rotations(np.random.default_rng(2), 220)
     for k, rotation in enumerate(rotations):
         if k == 20:
@@ -231,7 +231,7 @@ def test_memory_stays_flat(renderer: Renderer) -> None:
 
 def test_renderers_agree() -> None:
     scene = crowded(random_rotations(np.random.default_rng(3), 1)[0])
-    views = [lens_of(camera, 2).view for camera in default_cameras()]
+    views = [Lens(camera, 2).view for camera in default_cameras()]
     first, second = ([renderer_or_skip(name).render(scene, view) for view in views] for name in NAMES)
     for a, b in zip(first, second, strict=True):
         assert (a.labels != b.labels).mean() < 2e-4
@@ -256,7 +256,7 @@ def test_unknown_renderer_is_named() -> None:
 @pytest.mark.parametrize("supersampling", [1, 2, 3])
 def test_lens_keeps_flat_layers_and_places(supersampling: int) -> None:
     camera = default_cameras()[0]
-    lens = lens_of(camera, supersampling)
+    lens = Lens(camera, supersampling)
     view = lens.view
     assert np.allclose(lens.to_camera(np.full((view.height, view.width, 3), 0.3, np.float32), "mean"), 0.3)
     # A layer that holds its own rays: coordinates come back as OpenCV distorts them.

@@ -1,11 +1,15 @@
 from __future__ import annotations
 
+import dataclasses
+
+import cv2
 import numpy as np
 import pytest
 
 from synthetic.camera import rigs
 from synthetic.camera.lens import Lens
-from synthetic.camera.rigs import ROBOTS, choose_rig
+from synthetic.camera.rays import seen_at
+from synthetic.camera.rigs import ROBOTS, choose_rig, default_cameras
 from tracker.errors import CalibrationError
 
 
@@ -29,6 +33,24 @@ def test_random_rigs_repeat_by_their_seed_and_differ_from_each_other():
     poses = [choose_rig("random", seed)[0].camera_from_world for seed in (1, 1, 2)]
     assert np.array_equal(poses[0], poses[1])
     assert not np.array_equal(poses[0], poses[2])
+
+
+def test_rays_are_seen_where_opencv_projects_them(rng):
+    rays = rng.uniform(-0.5, 0.5, (50, 2))
+    for camera in choose_rig("random", 3):
+        pixels, _ = cv2.projectPoints(
+            np.insert(rays, 2, 1.0, axis=1), np.zeros(3), np.zeros(3), camera.matrix, camera.distortion
+        )
+        np.testing.assert_allclose(
+            seen_at(rays, camera.matrix, camera.distortion), pixels[:, 0], rtol=0, atol=1e-9
+        )
+
+
+def test_a_lens_that_folds_the_picture_is_refused():
+    camera = default_cameras()[0]
+    folding = dataclasses.replace(camera, distortion=np.array([-1.5, 0.0, 0.0, 0.0, 0.0]))
+    with pytest.raises(CalibrationError, match="camera60: the lens has no inverse"):
+        Lens(folding, 1)
 
 
 @pytest.mark.parametrize("name", ROBOTS)

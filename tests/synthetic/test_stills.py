@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from synthetic.camera.lens import lens_of
+from synthetic.camera.lens import Lens
 from synthetic.camera.rigs import default_cameras
 from synthetic.camera.sensor import Sensor
 from synthetic.look.face_colors import reflectances
@@ -36,7 +36,7 @@ def coverages(scene: PlatformScene, cameras: tuple[Camera, ...]) -> list[Array]:
     """The share of each pixel's square that the visible object covers, (H, W) of each camera."""
     result, points = [], 4 * 270 // cameras[0].width
     for camera in cameras:
-        lens = lens_of(camera, points)
+        lens = Lens(camera, points)
         view = dataclasses.replace(lens.view, block=points)
         result.append(lens.to_camera(RASTER.render(scene, view, shadows=False).labels > 0, "mean"))
     return result
@@ -185,7 +185,7 @@ def test_empty_arena_has_no_labels() -> None:
 
 
 def test_pixels_that_share_a_look_have_the_same_labels_and_almost_the_same_light() -> None:
-    scene, lens = scene_with_fingers(MODELS[1], rng(3)), lens_of(CAMERAS[0], 3)
+    scene, lens = scene_with_fingers(MODELS[1], rng(3)), Lens(CAMERAS[0], 3)
     each, some = (
         RASTER.render(scene, dataclasses.replace(lens.view, block=block), shadows=True) for block in (1, 3)
     )

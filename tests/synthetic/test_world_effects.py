@@ -93,7 +93,7 @@ def test_rims_take_pixels_from_the_silhouette_and_give_none():
 def test_a_coat_only_adds_light():
     import dataclasses
 
-    from synthetic.camera.lens import lens_of
+    from synthetic.camera.lens import Lens
     from synthetic.camera.rigs import default_cameras
     from synthetic.render.choose import choose_renderer
 
@@ -101,7 +101,7 @@ def test_a_coat_only_adds_light():
     bodies = [
         dataclasses.replace(body, coats=np.tile([1.0, 0.2], (len(body.colors), 1))) for body in scene.bodies
     ]
-    view = lens_of(default_cameras()[0], 1).view
+    view = Lens(default_cameras()[0], 1).view
     plain, coated = (
         choose_renderer().render(s, view).color
         for s in (scene, dataclasses.replace(scene, bodies=tuple(bodies)))
