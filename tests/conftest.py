@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import runpy
 import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -76,5 +78,19 @@ def run_here(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch)
             cli.main([str(argument) for argument in arguments])
         printed = capfd.readouterr()
         return subprocess.CompletedProcess([], int(stop.value.code or 0), printed.out, printed.err)
+
+    return run_it
+
+
+@pytest.fixture
+def run_script(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Run:
+    """Runs a script with its arguments in this process, which has loaded already what the script imports."""
+
+    def run_it(script: Path, *arguments: object, folder: Path = ROOT) -> subprocess.CompletedProcess[str]:
+        monkeypatch.chdir(folder)
+        monkeypatch.setattr(sys, "argv", [str(script), *map(str, arguments)])
+        runpy.run_path(str(script), run_name="__main__")
+        printed = capfd.readouterr()
+        return subprocess.CompletedProcess([], 0, printed.out, printed.err)
 
     return run_it

@@ -51,12 +51,17 @@ def process_rows(
     return [{**about, "group": group, "n": processes, **row} for group, row in figures.items()]
 
 
+def kernels_in(cache: Path) -> dict[str, str]:
+    """Environment of a process that keeps compiled kernels in a folder of their own."""
+    return {"NUMBA_CACHE_DIR": str(cache)}
+
+
 def _probe(name: str, folder: Path, cache: Path) -> dict[str, float]:
     path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH", "")]))
     done = subprocess.run(
         [sys.executable, "-m", "benchmarks.measure.probe", name, str(folder)],
         cwd=ROOT,
-        env={**os.environ, "PYTHONPATH": path, "NUMBA_CACHE_DIR": str(cache)},
+        env={**os.environ, "PYTHONPATH": path, **kernels_in(cache)},
         capture_output=True,
         text=True,
         check=False,

@@ -249,6 +249,7 @@ def test_a_recorded_picture_is_compared_with_its_mask(tmp_path):
     assert math.isnan(row["precision"])
 
 
+@pytest.mark.usefixtures("sketched")
 def test_a_smoke_run_of_the_command(tmp_path, monkeypatch):
     skip_without_platform()
     monkeypatch.setattr(measured_dice, "ROUNDS", 1)

@@ -157,6 +157,7 @@ def test_a_film_is_drawn(tmp_path):
     assert picture is not None
 
 
+@pytest.mark.usefixtures("sketched")
 def test_a_smoke_run_of_the_command(tmp_path, monkeypatch):
     skip_without_platform()
     monkeypatch.setattr(films, "FILMS", 1)

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import runpy
+import sys
+
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
+import benchmarks.__main__ as program
 from benchmarks.judge.results import contradictions, read_results
-from tests.helpers import run_python
 from tests.helpers.synthetic_needs import skip_without_platform
 
 
-@pytest.mark.slow
-def test_a_smoke_run_measures_and_says_so(tmp_path):
+@pytest.mark.usefixtures("sketched")
+def test_a_smoke_run_measures_and_says_so(tmp_path, monkeypatch):
     skip_without_platform()
     out = tmp_path / "out"
     names = ("realistic", "two cameras", "light")
@@ -20,14 +24,15 @@ def test_a_smoke_run_measures_and_says_so(tmp_path):
         *(part for name in names for part in ("--only", name)),
         *("--cache", tmp_path / "cache", "--real", tmp_path / "nowhere", "-o", out),
     ]
-    done = run_python(["-m", "benchmarks", "accuracy", *arguments], check=True)
-    assert done.stdout.index("# Results") >= 0
-    assert "Traceback" not in done.stderr
+    monkeypatch.setattr(program, "QUICK", 3)
+    done = CliRunner().invoke(program.main, ["accuracy", *map(str, arguments)], catch_exceptions=False)
+    assert done.exit_code == 0
+    assert "# Results" in done.output
     results = read_results(out)
     frames = results.frames
     assert set(frames.workload) == set(names)
-    assert len(frames) == 18
-    assert (results.about["draw"], results.about["scenes"]) == ("development", 6)
+    assert len(frames) == 9
+    assert (results.about["draw"], results.about["scenes"]) == ("development", 3)
     assert {row["group"] for row in results.rows if row["part"] == "accuracy"} == set(names)
     assert contradictions(results) == []
     assert frames.present.all()
@@ -36,3 +41,15 @@ def test_a_smoke_run_measures_and_says_so(tmp_path):
     assert (frames.found == np.isfinite(frames.position_mm)).all()
     assert ((frames.bound_mm > 0) & (frames.bound_mm < frames.bound_fixed_mm)).all()
     assert len(list((out / "worst").glob("*.jpg"))) == len(results.worst) > 0
+
+
+def test_an_error_is_one_line(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["benchmarks", "report", "-o", str(tmp_path / "nowhere")])
+    with pytest.raises(SystemExit) as stop:
+        runpy.run_path(program.__file__, run_name="__main__")
+    assert stop.value.code == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    (line,) = err.splitlines()
+    assert line.startswith("benchmarks: ")
+    assert "nowhere" in line

@@ -5,10 +5,11 @@ import numpy as np
 import pytest
 
 import tracker
-from benchmarks.measure.processes import process_rows
+from benchmarks.measure import processes
 from benchmarks.measure.speed import by_faces
 from benchmarks.measure.timed_scenes import TimedScene, sized_scenes
 from benchmarks.measure.timing import OTHER, Timings, one_thread, time_detections
+from tests.helpers import run_python
 
 
 @pytest.fixture(scope="module")
@@ -73,10 +74,33 @@ def test_a_scene_seen_by_fewer_cameras_keeps_their_images_only():
     assert seen.images[2] is images[2]
 
 
-def test_fresh_processes_are_measured(timed):
+def test_fresh_processes_are_measured(timed, monkeypatch):
+    asked = []
+    # They find the kernels compiled: to compile them all takes most of a minute.
+    monkeypatch.setattr(processes, "kernels_in", lambda cache: asked.append(cache) or {})
     rig, scenes, _ = timed
-    rows = {row["group"]: row for row in process_rows("cube_v2", rig, scenes[0], 1)}
+    rows = {row["group"]: row for row in processes.process_rows("cube_v2", rig, scenes[0], 1)}
+    assert len(asked) == 2
+    assert asked[0] == asked[1]
+    assert not asked[0].exists()
     assert len(rows) == 3
     assert all(row["seconds"] > 0 for row in rows.values())
     memory = {group: row["megabytes"] for group, row in rows.items()}
     assert memory["import tracker"] < memory["first detection, kernels in the cache"]
+
+
+ONE_KERNEL = """
+import numpy as np
+from tracker.compiled import is_cached
+from tracker.geometry.so3 import exp_into
+
+print(is_cached(exp_into))
+exp_into(np.zeros(3), np.empty((3, 3)))
+"""
+
+
+def test_only_the_first_process_of_a_folder_compiles(tmp_path, monkeypatch):
+    for key, value in processes.kernels_in(tmp_path).items():
+        monkeypatch.setenv(key, value)
+    found = [run_python(["-c", ONE_KERNEL], check=True).stdout.strip() for _ in range(2)]
+    assert found == ["False", "True"]

@@ -88,8 +88,8 @@ def test_the_command_explains_itself(run_here):
     assert result.stdout.startswith("Usage: tracker dice")
 
 
-def test_dice_prints_one_json_object_for_programs(scene):
-    result = run(*arguments(scene, "--goal", scene / "goal.json", "--json"))
+def test_dice_prints_one_json_object_for_programs(scene, run_here):
+    result = run_here(*arguments(scene, "--goal", scene / "goal.json", "--json"))
     assert result.returncode == 0, result.stderr
     found = json.loads(result.stdout)
     assert list(found) == ["error", "error_per_camera", "reward", "dice", "assignment", "timing_ms"]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import tracker
-from tests.helpers.command import assert_one_line_error, run
+from tests.helpers.command import assert_one_line_error
 from tests.helpers.filmed import shots, write_recording
 from tracker.segmentation.color_model import ColorModel
 
@@ -18,10 +18,10 @@ def recording(tmp_path_factory):
     return write_recording(tmp_path_factory.mktemp("film") / "recording", shots("cube_v2", 6, seed=513))
 
 
-def test_adapted_colors_are_written_and_told_of(recording, tmp_path):
+def test_adapted_colors_are_written_and_told_of(recording, tmp_path, run_here):
     target = tmp_path / "mine.npz"
     arguments = ("--object", "cube_v2", "--colors", "simulation", "-o", target, *QUICK)
-    result = run("colors", "adapt", recording, *arguments)
+    result = run_here("colors", "adapt", recording, *arguments)
     assert result.returncode == 0, result.stderr
     assert "round 1: " in result.stdout
     assert "3 frames that did not teach" in result.stdout
@@ -88,10 +88,10 @@ def test_the_colors_to_begin_with_are_not_overwritten(recording, tmp_path, run_h
 FACES = "+x=red -x=magenta +y=green -y=yellow +z=blue -z=cyan"
 
 
-def test_a_new_object_needs_size_and_names_alone(recording, tmp_path):
+def test_a_new_object_needs_size_and_names_alone(recording, tmp_path, run_here):
     target = tmp_path / "mine.npz"
     arguments = ("--size", "0.065 0.065 0.065", "--faces", FACES, "-o", target, *QUICK)
-    result = run("colors", "new", recording, *arguments)
+    result = run_here("colors", "new", recording, *arguments)
     assert result.returncode == 0, result.stderr
     model, cube = tracker.load_object(tmp_path / "mine.toml"), tracker.load_object("cube_v2")
     assert model.name == "mine"

@@ -71,10 +71,10 @@ def run(*arguments: object, folder: Path = ROOT) -> subprocess.CompletedProcess[
     return run_python([*COMMAND, *arguments], folder)
 
 
-def test_a_recording_is_tracked_and_written_in_every_format(filmed, tmp_path):
+def test_a_recording_is_tracked_and_written_in_every_format(filmed, tmp_path, run_here):
     for package in ("av", "matplotlib"):
         pytest.importorskip(package, reason=f"film: no module {package}")
-    result = run(
+    result = run_here(
         *[filmed, "--object", "cube_v2", "-o", "poses.h5", "--json", "--csv", "poses.csv"],
         *["--tum", "poses.tum", "--bop", "poses_bop.csv", "--camera", "camera180"],
         *["--video", "overlay.mp4", "--plot", "poses.png"],

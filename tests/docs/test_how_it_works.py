@@ -6,7 +6,7 @@ from functools import cache
 
 import pytest
 
-from tests.helpers import ROOT, run_python
+from tests.helpers import ROOT
 from tests.helpers.synthetic_needs import skip_without_platform
 
 DOCUMENT = ROOT / "docs" / "how-it-works.md"
@@ -102,13 +102,11 @@ def test_every_picture_exists_and_is_small_and_shown():
     assert all(picture.stat().st_size <= 150_000 for picture in pictures)
 
 
-@pytest.mark.slow
-def test_the_script_draws_every_picture(tmp_path):
+def test_the_script_draws_every_picture(tmp_path, run_script):
     pytest.importorskip("matplotlib", reason="film: no module matplotlib")
     skip_without_platform()
     script = ROOT / "scripts" / "draw_how_it_works.py"
-    result = run_python([script, "--quick", "--output", tmp_path], tmp_path)
-    assert result.returncode == 0, result.stderr
+    run_script(script, "--quick", "--output", tmp_path, folder=tmp_path)
     assert {path.name for path in tmp_path.iterdir()} == {
         path.name for path in (DOCUMENT.parent / "how-it-works").iterdir()
     }

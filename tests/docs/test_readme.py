@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 import tracker
+from synthetic.camera.shot import QUALITIES
 from tests.helpers import ROOT, run_python
-from tests.helpers.needs import lack
+from tests.helpers.synthetic_needs import skip_without_platform
 from tracker.logs.poses_file import read_poses
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -58,28 +59,25 @@ def test_the_readme_shows_the_examples():
     assert blocks("python") == [path.read_text(encoding="utf-8") for path in examples]
 
 
-def test_the_example_with_an_arena_of_ones_own_runs(working):
-    assert run_python([OWN_ARENA], working).returncode == 0
+def test_the_example_with_an_arena_of_ones_own_runs(working, run_script):
+    run_script(OWN_ARENA, folder=working)
 
 
-def test_the_example_tracks_a_recording(working):
-    result = run_python([TRACK], working)
-    assert result.returncode == 0, result.stderr
+def test_the_example_tracks_a_recording(working, run_script):
+    result = run_script(TRACK, folder=working)
     assert " s  found [" in result.stdout.splitlines()[0]
 
 
-def test_the_dice_example_tells_which_dice_to_move(tmp_path):
-    result = run_python([DICE_TASK], tmp_path)
-    assert result.returncode == 0, result.stderr
+def test_the_dice_example_tells_which_dice_to_move(tmp_path, run_script):
+    result = run_script(DICE_TASK, folder=tmp_path)
     error, *moves = result.stdout.splitlines()
     assert 2500 < int(error.removeprefix("error [px]")) < 3500
     assert 5 <= len(moves) <= 10
     assert all(line.startswith("move [") for line in moves)
 
 
-def test_the_example_of_errors_prints_them(tmp_path):
-    result = run_python([TASK_ERRORS], tmp_path)
-    assert result.returncode == 0, result.stderr
+def test_the_example_of_errors_prints_them(tmp_path, run_script):
+    result = run_script(TASK_ERRORS, folder=tmp_path)
     assert float(result.stdout.split()[0]) == pytest.approx((np.hypot(0.01, 0.02) / 0.39 + 0.075) / 2)
     assert float(result.stdout.split()[-1]) == -67000
 
@@ -139,8 +137,8 @@ def test_every_link_of_the_readme_leads_somewhere():
         assert (ROOT / target).exists(), target
 
 
-def test_the_still_is_the_same_each_time_and_its_error_small(demo, tmp_path):
-    result = run_python([STILL, "--output", "again"], tmp_path, check=True)
+def test_the_still_is_the_same_each_time_and_its_error_small(demo, tmp_path, run_script):
+    result = run_script(STILL, "--output", "again", folder=tmp_path)
     found = re.search(r"error +([\d.]+) mm, ([\d.]+) degrees", result.stdout)
     assert found is not None, result.stdout
     assert float(found[1]) < 1
@@ -149,20 +147,17 @@ def test_the_still_is_the_same_each_time_and_its_error_small(demo, tmp_path):
         assert path.read_bytes() == (tmp_path / "again" / path.name).read_bytes(), path.name
 
 
-def test_another_seed_shows_another_scene(demo, tmp_path):
-    run_python([STILL, "--seed", 7, "--output", tmp_path], tmp_path, check=True)
+def test_another_seed_shows_another_scene(demo, tmp_path, run_script):
+    run_script(STILL, "--seed", 7, "--output", tmp_path, folder=tmp_path)
     assert (tmp_path / "overlay.png").read_bytes() != (demo / "overlay.png").read_bytes()
 
 
-@pytest.mark.slow
-def test_the_demo_films_what_it_finds(tmp_path):
-    pytest.importorskip("pybullet", reason="platform: no module pybullet")
+def test_the_demo_films_what_it_finds(tmp_path, run_script, monkeypatch):
     for package in ("av", "matplotlib"):
         pytest.importorskip(package, reason=f"film: no module {package}")
-    result = run_python([ROOT / "examples" / "demo.py", "--frames", 3, "--output", "demo"], tmp_path)
-    if result.returncode and "AssetError" in result.stderr:
-        lack("platform", "the robot's meshes cannot be had")
-    assert result.returncode == 0, result.stderr
+    skip_without_platform()
+    monkeypatch.setitem(QUALITIES, "default", QUALITIES["fast"])
+    result = run_script(ROOT / "examples" / "demo.py", "--frames", 3, "--output", "demo", folder=tmp_path)
     assert "within 5 mm, 5°  3" in result.stdout
     written = {path.name for path in (tmp_path / "demo").iterdir()}
     assert {"overlay.png", "overlay.mp4", "errors.png", "camera60.png", "camera60.yml"} <= written

@@ -9,6 +9,7 @@ from pathlib import Path
 from tests.helpers import ROOT, run_python
 
 Run = Callable[..., subprocess.CompletedProcess[str]]
+"""Gives what a command, or a script, printed and its exit code; `folder` is where it runs."""
 
 
 def run(*arguments: object, folder: Path = ROOT) -> subprocess.CompletedProcess[str]:

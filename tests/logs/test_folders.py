@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import tracker
-from tests.helpers import ROOT, make_camera, run_python
+from tests.helpers import make_camera
 from tests.helpers.log_writers import CAMERAS, write_picture
 from tests.helpers.synthetic_needs import skip_without_platform
 from tracker.errors import LogError
@@ -194,8 +194,11 @@ def test_a_truth_without_stamps_is_refused(tmp_path, text):
 
 def test_synthetic_data_sets_are_read(tmp_path):
     skip_without_platform()
-    command = ["-m", "synthetic", "dataset", "--object", "cube_v2", "--frames", 2, "--seed", 3]
-    run_python([*command, "--quality", "fast", "--out", tmp_path / "set", "--bop"], ROOT, check=True)
+    from synthetic.export.dataset import DatasetOptions, make_dataset
+    from synthetic.frames import FrameOptions
+
+    options = FrameOptions("cube_v2", 3, "fast")
+    make_dataset(DatasetOptions(options, 2, bop=True), tmp_path / "set")
     with tracker.open_log(tmp_path / "set") as log:
         assert "synthetic" in log.format
         assert log.rig.names == log.camera_names == CAMERAS

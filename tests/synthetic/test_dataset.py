@@ -1,13 +1,17 @@
 from __future__ import annotations
 
+import contextlib
+import io
 import json
 import shutil
+import subprocess
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
+from synthetic import cli
 from tests.helpers import ROOT, run_python
 from tests.helpers.synthetic_needs import skip_without_platform
 from tracker.calibration.rig import CameraRig
@@ -23,8 +27,17 @@ def platform():
 
 
 def generate(folder: Path, *more: object, frames: int = 3, seed: int = 4, check: bool = True):
+    """What the command prints, in this process."""
     options = ["--object", "cube_v2", "--frames", frames, "--seed", seed, "--quality", "fast"]
-    return run_python(["-m", "synthetic", "dataset", *options, "--out", folder, *more], ROOT, check=check)
+    arguments = [str(part) for part in ("dataset", *options, "--out", folder, *more)]
+    with (
+        contextlib.redirect_stdout(io.StringIO()) as out,
+        contextlib.redirect_stderr(io.StringIO()) as err,
+        pytest.raises(SystemExit) as stop,
+    ):
+        cli.main(arguments)
+    assert stop.value.code == 0 or not check, err.getvalue()
+    return subprocess.CompletedProcess(arguments, int(stop.value.code or 0), out.getvalue(), err.getvalue())
 
 
 @pytest.fixture(scope="module")
@@ -104,7 +117,8 @@ def test_a_folder_of_other_options_is_refused(made, more, message):
 
 def test_errors_are_one_line_with_exit_code_2(tmp_path):
     (tmp_path / "letter.txt").write_text("not a data set")
-    result = generate(tmp_path, check=False)
+    options = ["--object", "cube_v2", "--frames", 3, "--seed", 4, "--out", tmp_path]
+    result = run_python(["-m", "synthetic", "dataset", *options], ROOT)
     lines = [line for line in result.stderr.splitlines() if line.startswith("synthetic: ")]
     assert result.returncode == 2
     assert len(lines) == 1

@@ -121,10 +121,13 @@ def test_pips_are_no_holes_in_the_labels_of_dice(renderer):
 
 
 def test_default_quality_halves_and_540_does_not():
+    from synthetic.camera.rigs import standard_rig
     from synthetic.frames import frames
+    from tracker.calibration.rig import CameraRig
 
-    (small,) = frames("cube_v2", 1, 5, shadows=False, path="new")
-    (large,) = frames("cube_v2", 1, 5, shadows=False, path="new", size=540)
+    rig = CameraRig(standard_rig().cameras[:1])
+    (small,) = frames("cube_v2", 1, 5, rig=rig, shadows=False, path="new")
+    (large,) = frames("cube_v2", 1, 5, rig=rig, shadows=False, path="new", size=540)
     assert small.images[0].shape == (270, 270, 3)
     assert large.images[0].shape == (540, 540, 3)
     # Same scene, cameras and light: the halved large picture is the small one.

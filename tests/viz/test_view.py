@@ -30,9 +30,9 @@ def entities(path: Path) -> set[str]:
 
 @needs_rerun
 @pytest.mark.slow
-def test_poses_alone_are_shown_without_images(tmp_path, rng):
+def test_poses_alone_are_shown_without_images(tmp_path, rng, run_here):
     write_poses(tmp_path / "poses.h5", random_poses(rng, 20))
-    result = run("poses.h5", "-o", "view.rrd", folder=tmp_path)
+    result = run_here("view", "poses.h5", "-o", "view.rrd", folder=tmp_path)
     assert result.returncode == 0, result.stderr
     found = entities(tmp_path / "view.rrd")
     assert {"/world/arena", "/world/measured", "/world/filtered", "/world/uncertainty/filtered"} <= found
