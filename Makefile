@@ -67,7 +67,7 @@ $(STAMP): pyproject.toml
 $(LOWEST)/.installed: pyproject.toml scripts/lowest_versions.py
 	$(OLDEST_PYTHON) -m venv --clear $(LOWEST)
 	$(LOWEST)/bin/python -m pip install --quiet --disable-pip-version-check packaging tomli
-	$(LOWEST)/bin/python scripts/lowest_versions.py synthetic film datasets bench > $(LOWEST)/requirements.txt
+	$(LOWEST)/bin/python scripts/lowest_versions.py synthetic film datasets bench cluster > $(LOWEST)/requirements.txt
 	$(LOWEST)/bin/python -m pip install --quiet --disable-pip-version-check \
 		-r $(LOWEST)/requirements.txt 'zarr<2.17'
 	$(LOWEST)/bin/python -m pip install --quiet --disable-pip-version-check --no-deps -e .

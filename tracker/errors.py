@@ -29,3 +29,11 @@ class TaskError(TrackerError):
 
 class LogError(TrackerError):
     """A recording or a file of poses is missing, malformed, truncated or damaged, or of an unknown kind."""
+
+
+def reason(error: Exception) -> str:
+    """What an error says, in one line."""
+    text = str(error)
+    if isinstance(error, OSError):
+        text = f"{error.filename or 'output'}: {error.strerror or error}"
+    return " ".join(text.split()) or type(error).__name__

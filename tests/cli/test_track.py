@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import dataclasses
 import fcntl
 import functools
 import json
@@ -24,12 +25,15 @@ from synthetic.camera.rigs import default_cameras
 from synthetic.camera.sensor import Sensor
 from tests.helpers import ROOT, run_python
 from tests.helpers.command import Run, assert_one_line_error
+from tests.helpers.log_writers import make_content, write_hdf5, write_picture
+from tests.helpers.pose_logs import assert_same
 from tests.helpers.recording_stubs import write_log
 from tests.helpers.stills import posed_scene, take
-from tracker.cli.track import _targets
 from tracker.cli.track_outputs import _of_height, observation
+from tracker.files import claimed
 from tracker.geometry import so3
 from tracker.logs.poses_file import read_poses
+from tracker.objects.model import to_toml
 from tracker.pose.result import CameraUse
 from tracker.viz import write_image
 
@@ -111,16 +115,29 @@ def film_length(path: Path) -> tuple[int, float]:
         return sum(1 for _ in film.decode(video=0)), float(film.streams.video[0].average_rate)
 
 
-def test_the_summary_is_for_people_and_two_processes_change_nothing(filmed, tmp_path, run_here):
+def test_two_processes_change_nothing_and_tell_in_order(tmp_path, run_here):
+    logs = [write_log(tmp_path / name, frames) for name, frames in (("a", 30), ("b", 5), ("c", 5))]
+    base = [*(log.relative_to(tmp_path) for log in logs), "--object", "cube_v2", "--json"]
+    one = run_here(*base, "-o", "by1", folder=tmp_path)
+    results = [one, run(*base, "-o", "by2", "--jobs", 2, folder=tmp_path)]
+    for result in results:
+        assert (result.returncode, result.stderr) == (0, "")
+        assert [json.loads(line)["log"] for line in result.stdout.splitlines()] == list(map(str, base[:3]))
+    one, two = (
+        {path.relative_to(tmp_path / folder): path.read_bytes() for path in (tmp_path / folder).rglob("*.h5")}
+        for folder in ("by1", "by2")
+    )
+    assert len(one) == 3
+    assert one == two
+
+
+def test_the_summary_is_for_people(filmed, tmp_path, run_here):
     base = [filmed, "--object", "cube_v2"]
     one = run_here(*base, "-o", tmp_path / "one.h5")
-    two = run(*base, "-o", tmp_path / "two.h5", "--jobs", 2)
-    assert two.returncode == 0, two.stderr
     rows = dict(re.split(r"  +", line.strip(), maxsplit=1) for line in one.stdout.splitlines())
     assert rows["frames"] == str(FRAMES)
     assert rows["with a pose"].startswith("measured 100.0%")
     assert not any(label.startswith("camera") for label in rows)
-    assert (tmp_path / "one.h5").read_bytes() == (tmp_path / "two.h5").read_bytes()
     assert run_here(*base, "-o", tmp_path / "one.h5", "--quiet").stdout == ""
 
 
@@ -156,7 +173,7 @@ def test_frames_can_be_chosen_and_the_calibration_be_given(filmed, tmp_path, run
         *[filmed, "--object", "cube_v2", "-o", tmp_path / "beside.h5", "--correct-halved-principal-point"],
         *["--from", 2, "--to", 4],
     ).check_returncode()
-    assert (tmp_path / "beside.h5").read_bytes() == output.read_bytes()
+    assert_same(dataclasses.replace(read_poses(tmp_path / "beside.h5"), about=poses.about), poses)
 
 
 @pytest.mark.parametrize(
@@ -166,6 +183,19 @@ def test_frames_can_be_chosen_and_the_calibration_be_given(filmed, tmp_path, run
         (["-o", "poses.h5", "--from", "9"], "found 5 frames"),
         (["-o", "poses.h5", "--from", "3", "--to", "3"], "beyond"),
         (["-o", "poses.h5", "--jobs", "0"], "--jobs"),
+        (["-o", "log/camera60.yml"], "that is the recording's calibration"),
+        (["-o", "log/new.yml"], ".h5"),
+        (["-o", "poses"], "no suffix"),
+        (["-o", "poses.h5", "--csv", "log/camera60.yml"], "that is the recording's calibration"),
+        (["-o", "poses.h5", "--csv", "poses.yml"], ".csv"),
+        (["-o", "poses.h5", "--tum", "poses.dat"], ".tum"),
+        (["-o", "linked.h5"], "that is the recording"),
+        (["-o", "hard.h5"], "that is the recording's calibration"),
+        (["-o", "goal.h5"], "that is a file of the recording's folder"),
+        (["-o", "log.h5"], "holds no poses"),
+        (["-o", "poses.h5", "--csv", "mine.csv", "--object", "mine.toml"], "that is an input"),
+        (["-o", "poses.h5", "--plot", "imgs/camera60/000000.png", "imgs"], "that is the recording"),
+        (["-o", "poses.h5", "--plot", "imgs/camera60_overlay.png", "imgs"], "folder of images"),
         (["-o", "poses.h5", "--video", "film.avi"], ".mp4"),
         (["-o", "poses.h5", "--plot", "plot.pdf"], ".png"),
         (["-o", "poses.h5", "--bop", "bop.csv"], "--camera"),
@@ -186,11 +216,25 @@ def test_wrong_usage_is_one_line_and_leaves_nothing(arguments, said, tmp_path, r
         (tmp_path / name).mkdir()
     (tmp_path / "bare" / "camera_data.dat").write_bytes((tmp_path / "log" / "camera_data.dat").read_bytes())
     tracker.CameraRig(default_cameras()).save(tmp_path / "other")
-    before = sorted(tmp_path.rglob("*"))
-    log = [] if arguments[0] in ("bare/camera_data.dat", "log", "nothing.dat") else ["log"]
+    (tmp_path / "linked.h5").symlink_to(tmp_path / "log" / "camera_data.dat")
+    os.link(tmp_path / "log" / "camera60.yml", tmp_path / "hard.h5")
+    (tmp_path / "log" / "goal.json").write_text("{}")
+    os.link(tmp_path / "log" / "goal.json", tmp_path / "goal.h5")
+    write_hdf5(tmp_path / "log.h5", make_content(1))
+    (tmp_path / "mine.toml").write_text(to_toml(tracker.load_object("cube_v2")))
+    os.link(tmp_path / "mine.toml", tmp_path / "mine.csv")
+    write_picture(tmp_path / "imgs" / "camera60" / "000000.png", np.zeros((24, 28, 3), np.uint8))
+    before = contents(tmp_path)
+    first = ("bare/camera_data.dat", "log", "nothing.dat")
+    log = [] if arguments[0] in first or arguments[-1] == "imgs" else ["log"]
     chosen = [] if "--object" in arguments else ["--object", "cube_v2"]
     assert_one_line_error(run_here(*log, *chosen, *arguments, folder=tmp_path), said)
-    assert sorted(tmp_path.rglob("*")) == before
+    assert contents(tmp_path) == before
+
+
+def contents(folder: Path) -> dict[Path, bytes | None]:
+    """All that is in a folder."""
+    return {path: path.read_bytes() if path.is_file() else None for path in folder.rglob("*")}
 
 
 def test_of_several_recordings_the_whole_ones_are_tracked(tmp_path, run_here):
@@ -205,10 +249,8 @@ def test_of_several_recordings_the_whole_ones_are_tracked(tmp_path, run_here):
     assert result.stderr.startswith("tracker: second/camera_data.dat")
     assert len(result.stderr.splitlines()) == 1
     assert [json.loads(line)["log"] for line in result.stdout.splitlines()] == [logs[0], logs[2]]
-    assert sorted(os.listdir(tmp_path / "all")) == [
-        "first_camera_data.poses.h5",
-        "third_camera_data.poses.h5",
-    ]
+    files = sorted(str(path.relative_to(tmp_path / "all")) for path in (tmp_path / "all").rglob("*.*"))
+    assert files == ["first/camera_data.dat.poses.h5", "third/camera_data.dat.poses.h5"]
     result = run_here(*base, "--quiet", "--recover", folder=tmp_path)
     assert result.returncode == 0
     assert result.stdout == ""
@@ -216,12 +258,31 @@ def test_of_several_recordings_the_whole_ones_are_tracked(tmp_path, run_here):
     assert "tracked 3 of 3 frames, the last one is 2" in result.stderr
 
 
-def test_each_recording_has_a_name_of_its_own(tmp_path):
-    logs = [tmp_path / name for name in ("a/camera_data.dat", "b/camera_data.dat.gz", "a/c.h5")]
-    names = [target.name for target in _targets(logs, tmp_path)]
-    assert names == ["a_camera_data.poses.h5", "b_camera_data.poses.h5", "a_c.poses.h5"]
-    assert _targets(logs[:1], tmp_path) == [tmp_path / "camera_data.poses.h5"]
-    assert _targets(logs[:1], tmp_path / "x.h5") == [tmp_path / "x.h5"]
+def test_recordings_given_one_by_one_do_not_overwrite_each_other(tmp_path, run_here):
+    (tmp_path / "all").mkdir()
+    for name in ("first", "second"):
+        write_log(tmp_path / name, 3)
+        run_here(
+            f"{name}/camera_data.dat", "--object", "cube_v2", "-o", "all", "-q", folder=tmp_path
+        ).check_returncode()
+    names = [path.parent.name for path in sorted((tmp_path / "all").rglob("*.h5"))]
+    assert names == ["first", "second"]
+
+
+def test_what_is_whole_is_not_tracked_again(tmp_path, run_here):
+    for name in ("first", "second", "third"):
+        write_log(tmp_path / name, 5)
+    base = ["--object", "cube_v2", "-o", "all", "--json"]
+    run_here("first", "second", *base, folder=tmp_path).check_returncode()
+    result = run_here("first", "second", "third", *base, folder=tmp_path)
+    assert [json.loads(line)["new"] for line in result.stdout.splitlines()] == [0, 0, 5]
+
+
+def test_a_file_that_another_run_is_writing_is_left_to_it(tmp_path, run_here):
+    write_log(tmp_path / "log", 5)
+    with claimed(tmp_path / "poses.h5"):
+        result = run_here("log", "--object", "cube_v2", "-o", "poses.h5", folder=tmp_path)
+    assert_one_line_error(result, "poses.h5", "another run")
 
 
 def test_the_film_shows_what_is_in_the_file(filmed, tmp_path, run_here):
@@ -239,10 +300,10 @@ def test_pictures_of_a_film_have_one_height():
     assert (_of_height(picture, 6)[3:] == picture[3]).all()
 
 
-def start_long(log: Path, output: Path, jobs: int) -> subprocess.Popen[bytes]:
-    """A run that takes long enough to be ended; it has finished a part."""
+def start_long(logs: list[Path], output: Path, jobs: int) -> subprocess.Popen[bytes]:
+    """A run that takes long enough to be ended; it is at work on a recording."""
     process = subprocess.Popen(
-        [sys.executable, *COMMAND, log, "--object", "cube_v2", "-o", output, "--jobs", str(jobs)],
+        [sys.executable, *COMMAND, *logs, "--object", "cube_v2", "-o", output, "--jobs", str(jobs)],
         cwd=ROOT,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         stderr=subprocess.PIPE,
@@ -251,9 +312,8 @@ def start_long(log: Path, output: Path, jobs: int) -> subprocess.Popen[bytes]:
         # A test run in the background hands on that Ctrl-C is ignored; a terminal's command does not.
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
-    parts = output.with_name(f".{output.name}.parts")
     deadline = time.monotonic() + 60
-    while not list(parts.glob("0*.h5")):
+    while not list(output.parent.rglob(".*.lock")):
         assert process.poll() is None
         assert time.monotonic() < deadline
         time.sleep(0.01)
@@ -261,21 +321,22 @@ def start_long(log: Path, output: Path, jobs: int) -> subprocess.Popen[bytes]:
 
 
 @pytest.fixture(scope="module")
-def long(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_log(tmp_path_factory.mktemp("long"), 9000)
+def long(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    root = tmp_path_factory.mktemp("long")
+    return [write_log(root / name, 9000) for name in ("one", "two")]
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_ctrl_c_is_one_line(jobs, long, tmp_path):
-    process = start_long(long, tmp_path / "poses.h5", jobs)
+    process = start_long(long[:jobs], tmp_path / ("poses.h5" if jobs == 1 else "all"), jobs)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does
     out, err = process.communicate(timeout=60)
     assert (process.returncode, out, err) == (130, b"", b"tracker: interrupted\n")
-    assert os.listdir(tmp_path) == [".poses.h5.parts"]
+    assert not list(tmp_path.rglob("*.h5"))
 
 
 def test_workers_end_with_a_killed_run(long, tmp_path):
-    process = start_long(long, tmp_path / "poses.h5", 2)
+    process = start_long(long, tmp_path / "all", 2)
     process.kill()
     # The pipe closes when the last process that holds it has ended.
     process.communicate(timeout=30)

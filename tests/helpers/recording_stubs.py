@@ -14,7 +14,7 @@ from tests.helpers import make_camera
 from tests.helpers.log_writers import make_content, write_native
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Image
-from tracker.recordings import Job
+from tracker.recordings import Job, Recipe
 
 
 class NoiseTracker:
@@ -59,11 +59,9 @@ def write_log(folder: Path, frames: int, *, packed: bool = False) -> Path:
 
 def make_job(log: Path, output: Path, **changes: Any) -> Job:
     values: dict[str, Any] = {
-        "log": log,
-        "output": output,
         "model": tracker.load_object("cube_v2"),
         "rig": tiny_rig(),
         "colors": tracker.load_colors("cube_v2"),
         "make_tracker": NoiseTracker,
     }
-    return Job(**(values | changes))
+    return Job(log, output, Recipe(**(values | changes)))

@@ -346,3 +346,18 @@ def test_a_file_survives_a_copy_under_another_name(written, tmp_path):
     other = tmp_path / "ä poses"
     shutil.copy(written, other)
     assert_same(read_poses(other), read_poses(written))
+
+
+def test_when_python_forgets_what_it_wrote_does_not_show(rng, tmp_path, monkeypatch):
+    poses = random_poses(rng, 5)
+    write_poses(tmp_path / "one.h5", poses)
+    kept, create = [], h5py.Group.create_dataset
+
+    def keeping(self, *arguments, **options):
+        dataset = create(self, *arguments, **options)
+        kept.append(dataset)
+        return dataset
+
+    monkeypatch.setattr(h5py.Group, "create_dataset", keeping)
+    write_poses(tmp_path / "two.h5", poses)
+    assert (tmp_path / "one.h5").read_bytes() == (tmp_path / "two.h5").read_bytes()

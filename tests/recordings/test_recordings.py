@@ -8,22 +8,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 import tracker
 from tests.helpers import ROOT, run_python
 from tests.helpers.pose_logs import assert_same, random_poses
-from tests.helpers.recording_stubs import make_job, write_log
+from tests.helpers.recording_stubs import NoiseTracker, make_job, write_log
 from tracker.errors import LogError
+from tracker.files import claimed
 from tracker.logs.poses_file import read_poses
 from tracker.pose.result import CameraUse
-from tracker.recordings import Tracked, Workers, track
+from tracker.recordings import Tracked, run, track
 from tracker.recordings.fingerprint import fingerprint
-from tracker.recordings.parts import PART, RUN_UP, cut, runs
 from tracker.recordings.summary import summary, to_look_at
 
-FRAMES = 2 * PART + 50
+FRAMES = 100
 
 
 @pytest.fixture(scope="module")
@@ -35,14 +33,8 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def expected(log, tmp_path_factory: pytest.TempPathFactory) -> bytes:
     """The file of poses that one process writes in one go."""
     output = tmp_path_factory.mktemp("expected") / "poses.h5"
-    track(make_job(log, output))
+    run(make_job(log, output))
     return output.read_bytes()
-
-
-@pytest.fixture(scope="module")
-def two():
-    with Workers(2) as workers:
-        yield workers
 
 
 class Break:
@@ -57,32 +49,6 @@ class Break:
             raise KeyboardInterrupt
 
 
-@given(
-    st.integers(0, 2000),
-    st.integers(0, 3000),
-    st.sets(st.integers(1, 4000), max_size=5).map(lambda starts: (0, *sorted(starts))),
-)
-def test_parts_cover_every_frame_once(first, count, starts):
-    parts = cut(first, first + count, starts)
-    frames = [index for part in parts for index in range(part.start, part.stop)]
-    assert frames == list(range(first, first + count))
-    for part in parts:
-        assert first <= part.run_up <= part.start < part.stop
-        assert part.start - part.run_up <= RUN_UP
-        assert not [start for start in starts if part.run_up < start <= part.start]
-        wanted = max(first, part.start - RUN_UP)
-        assert part.run_up == wanted or part.run_up in starts
-
-
-@given(st.integers(0, 20), st.integers(1, 5), st.booleans())
-def test_runs_hold_every_part_once(count, workers, sequential):
-    parts = cut(0, count * PART)
-    shared = runs(parts, count=workers, sequential=sequential)
-    assert [part for run in shared for part in run] == parts
-    assert all(shared)
-    assert len(shared) <= (workers if sequential else count)
-
-
 def test_every_frame_is_there_once_with_its_stamp_and_recorded_pose(log, expected, tmp_path):
     (tmp_path / "poses.h5").write_bytes(expected)
     poses = read_poses(tmp_path / "poses.h5")
@@ -95,65 +61,88 @@ def test_every_frame_is_there_once_with_its_stamp_and_recorded_pose(log, expecte
     assert poses.about.source == "camera_data.dat"
 
 
-def test_a_part_starts_without_memory_of_what_was_before_its_run_up(log, expected, tmp_path):
+def test_the_poses_are_those_of_a_loop_of_one_s_own(log, expected, tmp_path):
     (tmp_path / "poses.h5").write_bytes(expected)
-    whole = read_poses(tmp_path / "poses.h5")
-    track(make_job(log, tmp_path / "later.h5", first=PART - RUN_UP))
-    later = read_poses(tmp_path / "later.h5")
-    assert later.index[0] == PART - RUN_UP
-    same = later.filtered.position[RUN_UP : 2 * RUN_UP] == whole.filtered.position[PART : PART + RUN_UP]
-    assert same.all()
-    assert not (later.filtered.position[:RUN_UP] == whole.filtered.position[PART - RUN_UP : PART]).all()
+    poses, mine = read_poses(tmp_path / "poses.h5"), NoiseTracker()
+    with tracker.open_log(log) as opened:
+        loop = [mine.update(frame.images, frame.timestamp).filtered_object_pose.position for frame in opened]
+    assert (poses.filtered.position == np.array(loop)).all()
 
 
-def test_two_processes_write_the_same_bytes_as_one(log, expected, two, tmp_path):
-    told: list[int] = []
-    result = track(make_job(log, tmp_path / "poses.h5"), two, told.append)
-    assert (tmp_path / "poses.h5").read_bytes() == expected
-    assert sum(told) == result.new == result.expected == FRAMES
-    assert os.listdir(tmp_path) == ["poses.h5"]
-
-
-@pytest.mark.parametrize("shared", [False, True])
-def test_a_log_that_has_to_be_read_through_gives_the_same(shared, log, expected, two, tmp_path):
+def test_a_log_that_has_to_be_read_through_gives_the_same(expected, tmp_path):
     packed = write_log(tmp_path / "packed", FRAMES, packed=True)
-    with tracker.open_log(packed) as opened:
-        assert not opened.random_access
-    track(make_job(packed, tmp_path / "poses.h5"), two if shared else None)
-    assert (tmp_path / "poses.h5").read_bytes() == expected
-
-
-@pytest.mark.parametrize("shared", [False, True])
-def test_a_run_that_was_broken_off_goes_on_where_it_was(shared, log, expected, two, tmp_path):
-    job, workers = make_job(log, tmp_path / "poses.h5"), two if shared else Workers()
-    with pytest.raises(KeyboardInterrupt):
-        track(job, workers, Break(FRAMES - 20))
-    assert os.listdir(tmp_path) == [".poses.h5.parts"]
+    (tmp_path / "plain.h5").write_bytes(expected)
     told: list[int] = []
-    result = track(job, workers, told.append)
-    assert result.new < FRAMES
-    assert sum(told) == FRAMES
-    assert (tmp_path / "poses.h5").read_bytes() == expected
+    result = run(make_job(packed, tmp_path / "poses.h5"), told.append)
+    assert sum(told) == result.new == result.expected == FRAMES
+    about = read_poses(tmp_path / "plain.h5").about
+    assert_same(dataclasses.replace(result.poses, about=about), read_poses(tmp_path / "plain.h5"))
+
+
+def test_what_is_whole_is_not_tracked_again(log, expected, tmp_path):
+    job = make_job(log, tmp_path / "poses.h5")
+    first = run(job)
+    os.utime(job.output, ns=(0, 0))
+    told: list[int] = []
+    again = run(dataclasses.replace(job), told.append)
+    assert (again.new, again.expected, sum(told)) == (0, FRAMES, FRAMES)
+    assert_same(first.poses, again.poses)
+    assert job.output.stat().st_mtime_ns == 0
+    assert job.output.read_bytes() == expected
     assert os.listdir(tmp_path) == ["poses.h5"]
 
 
-def test_a_damaged_part_is_made_again(log, expected, tmp_path):
+@pytest.mark.parametrize("damage", ["cut", "changed", "emptied", "removed"])
+def test_what_is_not_whole_is_tracked_again(damage, log, expected, tmp_path):
     job = make_job(log, tmp_path / "poses.h5")
-    with pytest.raises(KeyboardInterrupt):
-        track(job, progress=Break(2 * PART + 1))
-    part = job.parts_folder / "000001.h5"
-    part.write_bytes(part.read_bytes()[:-100])
-    result = track(job)
-    assert result.new == FRAMES - PART
+    changed = bytearray(expected)
+    changed[len(expected) // 2] ^= 1
+    content = {"cut": expected[:-100], "changed": bytes(changed), "emptied": b""}.get(damage)
+    if content is not None:
+        job.output.write_bytes(content)
+    assert run(job).new == FRAMES
+    assert job.output.read_bytes() == expected
+
+
+def test_the_poses_of_another_job_are_not_taken(log, expected, tmp_path):
+    run(make_job(log, tmp_path / "poses.h5", model=tracker.load_object("cube_v1")))
+    assert run(make_job(log, tmp_path / "poses.h5")).new == FRAMES
     assert (tmp_path / "poses.h5").read_bytes() == expected
 
 
-def test_parts_of_another_job_are_dropped(log, expected, tmp_path):
-    output = tmp_path / "poses.h5"
+def test_a_run_that_is_broken_off_leaves_what_was_there(log, tmp_path):
     with pytest.raises(KeyboardInterrupt):
-        track(make_job(log, output, model=tracker.load_object("cube_v1")), progress=Break(PART + 1))
-    assert track(make_job(log, output)).new == FRAMES
-    assert output.read_bytes() == expected
+        run(make_job(log, tmp_path / "poses.h5"), Break(FRAMES - 20))
+    assert os.listdir(tmp_path) == []
+
+
+def test_two_runs_cannot_write_one_file(log, tmp_path):
+    job = make_job(log, tmp_path / "poses.h5")
+    with claimed(job.output), pytest.raises(BlockingIOError, match="another run"):
+        run(job)
+    assert run(job).new == FRAMES
+
+
+def test_a_recording_that_grows_while_it_is_read_is_told(tmp_path):
+    log = write_log(tmp_path / "log", 20)
+
+    def grow(_: int) -> None:
+        with log.open("ab") as file:
+            file.write(b"more")
+
+    with pytest.raises(LogError, match="changed while it was read"):
+        run(make_job(log, tmp_path / "poses.h5"), grow)
+    assert not (tmp_path / "poses.h5").exists()
+
+
+def test_the_poses_can_be_had_without_a_file(tmp_path):
+    log = write_log(tmp_path / "log", 5)
+    before = sorted(tmp_path.rglob("*"))
+    poses = track(log, "cube_v2").poses
+    assert sorted(tmp_path.rglob("*")) == before
+    assert poses.index.tolist() == [0, 1, 2, 3, 4]
+    assert_same(poses, track(log, "cube_v2", output=tmp_path / "poses.h5").poses)
+    assert_same(poses, read_poses(tmp_path / "poses.h5"))
 
 
 def test_whatever_the_poses_depend_on_is_in_the_fingerprint(log, tmp_path):
@@ -162,22 +151,30 @@ def test_whatever_the_poses_depend_on_is_in_the_fingerprint(log, tmp_path):
     changes = [
         {"model": tracker.load_object("cube_v1")},
         {"colors": tracker.load_colors("cube_v1")},
-        {"rig": tracker.CameraRig(tuple(camera.resized(28, 25) for camera in job.rig))},
-        {"rig": dataclasses.replace(job.rig, arena=tracker.Arena(table=0.01))},
+        {"rig": tracker.CameraRig(tuple(camera.resized(28, 25) for camera in job.recipe.rig))},
+        {"rig": dataclasses.replace(job.recipe.rig, arena=tracker.Arena(table=0.01))},
         {"first": 1},
         {"last": 3},
         {"recover": True},
-        {"log": again},
-        {"log": again.parent},
+        {"rig": None},
+        {"correct_halved_principal_point": True},
     ]
-    prints = [
-        str(fingerprint(make_job(**({"log": log, "output": tmp_path / "poses.h5"} | change))))
-        for change in changes
-    ]
+    prints = [fingerprint(make_job(log, tmp_path / "poses.h5", **change)) for change in changes]
+
+    def of_again() -> list[str]:
+        paths = (again, again.parent)
+        return [fingerprint(make_job(path, tmp_path / "poses.h5", rig=None)) for path in paths]
+
+    prints += of_again()
     os.utime(again, (0, 0))
-    prints += [str(fingerprint(make_job(path, tmp_path / "poses.h5"))) for path in (again, again.parent)]
-    assert len({*prints, str(fingerprint(job))}) == len(prints) + 1
-    assert fingerprint(job) == fingerprint(make_job(log, tmp_path / "poses.h5"))
+    prints += of_again()
+    os.utime(again.parent / "camera60.yml", (0, 0))
+    prints += of_again()
+    assert len({*prints, fingerprint(job)}) == len(prints) + 1
+    assert fingerprint(job) == fingerprint(make_job(log, tmp_path / "other.h5"))
+    (again.parent / "poses.h5").touch()
+    (again.parent / "notes.txt").touch()
+    assert of_again() == prints[-2:]
 
 
 def spoil_stamp(log: Path, frame: int, frames: int) -> None:
@@ -188,44 +185,37 @@ def spoil_stamp(log: Path, frame: int, frames: int) -> None:
     log.write_bytes(content)
 
 
-def test_a_damaged_frame_is_named_and_nothing_is_written(two, tmp_path):
+def test_a_damaged_frame_is_named_and_nothing_is_written(tmp_path):
     log = write_log(tmp_path / "log", FRAMES)
-    spoil_stamp(log, PART + 7, FRAMES)
-    for workers in (Workers(), two):
-        with pytest.raises(LogError, match=f"record {PART + 7}"):
-            track(make_job(log, tmp_path / "poses.h5"), workers)
-        assert not (tmp_path / "poses.h5").exists()
-    contents = []
-    for workers in (Workers(), two):
-        result = track(make_job(log, tmp_path / "poses.h5", recover=True), workers)
+    spoil_stamp(log, 7, FRAMES)
+    with pytest.raises(LogError, match="record 7"):
+        run(make_job(log, tmp_path / "poses.h5"))
+    assert not (tmp_path / "poses.h5").exists()
+    for new in (FRAMES - 1, 0):
+        result = run(make_job(log, tmp_path / "poses.h5", recover=True))
+        assert result.new == new
         assert result.fault is not None
-        assert f"record {PART + 7}" in result.fault
-        assert result.poses.index.tolist() == [k for k in range(FRAMES) if k != PART + 7]
-        contents.append((tmp_path / "poses.h5").read_bytes())
-    assert contents[0] == contents[1]
+        assert "record 7" in result.fault
+        assert result.expected == FRAMES
+        assert result.poses.index.tolist() == [k for k in range(FRAMES) if k != 7]
 
 
 @pytest.mark.parametrize("packed", [False, True])
-def test_what_is_left_of_a_truncated_log_is_recovered(packed, two, tmp_path):
+def test_what_is_left_of_a_truncated_log_is_recovered(packed, tmp_path):
     log = write_log(tmp_path / "log", FRAMES, packed=packed)
     content = log.read_bytes()
     log.write_bytes(content[: len(content) * 6 // 10])
     with pytest.raises(LogError, match="camera_data"):
-        track(make_job(log, tmp_path / "poses.h5"))
-    one, other = (
-        track(make_job(log, tmp_path / f"{count}.h5", recover=True), workers)
-        for count, workers in ((1, Workers()), (2, two))
-    )
-    assert_same(one.poses, other.poses)
-    assert one.fault == other.fault
-    assert one.fault
-    assert PART < len(one.poses) < FRAMES
-    assert one.poses.index.tolist() == list(range(len(one.poses)))
+        run(make_job(log, tmp_path / "poses.h5"))
+    result = run(make_job(log, tmp_path / "poses.h5", recover=True))
+    assert result.fault
+    assert 0 < len(result.poses) < FRAMES
+    assert result.poses.index.tolist() == list(range(len(result.poses)))
 
 
 def test_a_tracker_s_complaint_names_the_frame(log, tmp_path):
     with pytest.raises(LogError, match="frame 0: images"):
-        track(make_job(log, tmp_path / "poses.h5", make_tracker=Complaining))
+        run(make_job(log, tmp_path / "poses.h5", make_tracker=Complaining))
 
 
 class Complaining:
@@ -239,30 +229,30 @@ class Complaining:
 
 def test_a_range_beyond_the_log_is_refused(log, tmp_path):
     with pytest.raises(LogError, match=f"{FRAMES} frames"):
-        track(make_job(log, tmp_path / "poses.h5", first=FRAMES))
+        run(make_job(log, tmp_path / "poses.h5", first=FRAMES))
 
 
 def test_a_log_without_frames_gives_no_poses(tmp_path):
     log = tmp_path / "camera_data.dat"
     log.write_bytes(struct.pack("<IQ", 1, 0))
-    result = track(make_job(log, tmp_path / "poses.h5"))
+    result = run(make_job(log, tmp_path / "poses.h5"))
     assert len(result.poses) == len(read_poses(tmp_path / "poses.h5")) == 0
     assert summary(result)["position_std_median_mm"] is None
 
 
 def test_memory_ends_where_an_episode_starts(log, tmp_path, monkeypatch):
-    monkeypatch.setattr(tracker.logs.Log, "episode_starts", (0, 7, 290, 400))
-    track(make_job(log, tmp_path / "poses.h5"))
+    monkeypatch.setattr(tracker.logs.Log, "episode_starts", (0, 7, 40, 90))
+    run(make_job(log, tmp_path / "poses.h5"))
     poses = read_poses(tmp_path / "poses.h5")
     fresh = np.flatnonzero(
         (poses.filtered.position == poses.measured.position).all(axis=1) & poses.measured.has_pose
     )
-    assert set(fresh) <= {0, 7, 290, 400}
+    assert set(fresh) <= {0, 7, 40, 90}
     assert 7 in fresh or not poses.measured.has_pose[7]
 
 
 def test_the_summary_counts_what_is_there(log, tmp_path):
-    tracked = track(make_job(log, tmp_path / "poses.h5"))
+    tracked = run(make_job(log, tmp_path / "poses.h5"))
     numbers = summary(tracked)
     measured = float(np.mean(tracked.poses.measured.has_pose))
     assert numbers["frames"] == FRAMES
@@ -317,7 +307,7 @@ from pathlib import Path
 from tests.helpers.recording_stubs import make_job
 from tests.helpers import make_camera
 from tracker.calibration.rig import CameraRig
-from tracker.recordings import track
+from tracker.recordings import run
 folder, count = Path(sys.argv[1]), int(sys.argv[2])
 folder.mkdir()
 record = 8 + 3 * (13 + 270 * 270 + 8)
@@ -329,7 +319,7 @@ with (folder / "camera_data.dat").open("wb") as file:  # black, so that it needs
             file.seek(12 + k * record + 8 + camera * (record - 8) // 3)
             file.write(struct.pack("<iiiB", 270, 270, 0, 1))
 rig = CameraRig(tuple(make_camera(azimuth) for azimuth in (60, 180, 300)))
-track(make_job(folder / "camera_data.dat", folder / "poses.h5", rig=rig))
+run(make_job(folder / "camera_data.dat", folder / "poses.h5", rig=rig))
 print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)
 """
 

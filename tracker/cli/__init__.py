@@ -17,7 +17,7 @@ from typing import NoReturn
 import click
 
 from tracker.cli import calibrate, colors, detect, dice, track, view
-from tracker.errors import TrackerError
+from tracker.errors import TrackerError, reason
 from tracker.version import version
 
 
@@ -86,7 +86,7 @@ def _run(arguments: list[str]) -> int:
         return _fail(str(error))
     except OSError as error:
         _drop_output_that_cannot_be_written()
-        return _fail(f"{error.filename or 'output'}: {error.strerror or error}")
+        return _fail(reason(error))
     except Exception as error:
         last = traceback.extract_tb(error.__traceback__)[-1]
         where = f"{os.path.basename(last.filename)}:{last.lineno}"

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
-
-from tracker.errors import CalibrationError
 
 if TYPE_CHECKING:
     from tracker.calibration.rig import CameraRig
@@ -69,45 +66,21 @@ def load_rig(
     )
 
 
+def refuse_pattern_alone(calibration: Sequence[str], pattern: str | None) -> None:
+    """Refuse `--pattern` without `--calibration`."""
+    if pattern is not None and not calibration:
+        raise click.UsageError("--pattern says which files of --calibration to take, and that is missing")
+
+
 def rig_of(path: Path, log: Log, calibration: Sequence[str], pattern: str | None, correct: bool) -> CameraRig:
     """The rig that the options name, without `--calibration` the recording's own, in the order of its images.
 
     Raises:
         CalibrationError: there is none, or it does not fit the recording.
     """
+    from tracker.logs.cameras import fitted_to, own_rig
+
+    refuse_pattern_alone(calibration, pattern)
     if calibration:
-        rig = load_rig(calibration, pattern, correct)
-    elif pattern is not None:
-        raise click.UsageError("--pattern says which files of --calibration to take, and that is missing")
-    else:
-        inside = log.rig
-        if inside is None:
-            raise CalibrationError(f"{path}: found no calibration in or beside it, expected --calibration")
-        rig = inside
-        if correct:
-            cameras = tuple(one.with_halved_principal_point_corrected() for one in rig)
-            rig = dataclasses.replace(rig, cameras=cameras)
-    return fitted_to(path, log, rig)
-
-
-def fitted_to(path: Path, log: Log, rig: CameraRig) -> CameraRig:
-    """The rig in the order of a recording's images.
-
-    Raises:
-        CalibrationError: cameras or sizes of images are others.
-    """
-    if len(rig) != len(log.camera_names):
-        raise CalibrationError(
-            f"{path}: found images of {', '.join(log.camera_names)}, but a calibration of "
-            f"{', '.join(rig.names)}; expected the same cameras"
-        )
-    if set(rig.names) == set(log.camera_names):
-        cameras = tuple(rig[rig.names.index(name)] for name in log.camera_names)
-        rig = dataclasses.replace(rig, cameras=cameras)
-    for one, (width, height) in zip(rig, log.image_sizes or [(c.width, c.height) for c in rig], strict=True):
-        if (one.width, one.height) != (width, height):
-            raise CalibrationError(
-                f"{path}: found images of {width}×{height} px, but {one.name} is calibrated for "
-                f"{one.width}×{one.height}"
-            )
-    return rig
+        return fitted_to(path, log, load_rig(calibration, pattern, correct))
+    return own_rig(path, log, correct_halved_principal_point=correct)

@@ -10,8 +10,8 @@ import click
 
 from tracker.cli.calibration import optional_calibration_options, rig_of
 from tracker.cli.colors_file import check_colors_file, save_colors
+from tracker.cli.protect import refuse_overwriting
 from tracker.cli.table import listing, table
-from tracker.cli.track_outputs import refuse_overwriting
 from tracker.errors import ColorModelError
 
 if TYPE_CHECKING:
@@ -173,10 +173,7 @@ def described(output: Path, size: str | None, faces: str | None) -> CuboidModel:
 def _check_output(output: Path, recordings: tuple[Path, ...], inputs: Sequence[str | None]) -> None:
     """Refuse an output that cannot be written, or would overwrite an input."""
     check_colors_file(output)
-    refuse_overwriting({"-o": output}, recordings)
-    for name in inputs:
-        if name is not None and output.exists() and Path(name).exists() and output.samefile(name):
-            raise click.UsageError(f"-o {output}: that is an input")
+    refuse_overwriting({"-o": output}, recordings, inputs)
 
 
 def read_footage(

@@ -8,8 +8,8 @@ from contextlib import contextmanager
 
 
 @contextmanager
-def bar(label: str, total: int, quiet: bool) -> Iterator[Callable[[int], None]]:
-    """A function that is told how many more frames are done; a bar on stderr shows it, if that is a terminal.
+def bar(label: str, total: int, quiet: bool, unit: str = "frames") -> Iterator[Callable[[int], None]]:
+    """A function that is told how many more are done; a bar on stderr shows it, if that is a terminal.
 
     The bar is gone when the `with` block ends, however it ends, so that what is said next has its own line.
     """
@@ -21,7 +21,7 @@ def bar(label: str, total: int, quiet: bool) -> Iterator[Callable[[int], None]]:
     # Without the thread that would look after a bar which nobody moves.
     tqdm.monitor_interval = 0
     with tqdm(
-        total=total, desc=label, unit=" frames", leave=False, dynamic_ncols=True, file=sys.stderr
+        total=total, desc=label, unit=f" {unit}", leave=False, dynamic_ncols=True, file=sys.stderr
     ) as shown:
 
         def advance(count: int) -> None:

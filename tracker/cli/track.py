@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tracker.cli.calibration import optional_calibration_options, rig_of
+from tracker.cli.calibration import optional_calibration_options, refuse_pattern_alone
 from tracker.cli.progress import bar
+from tracker.cli.protect import check_suffix, refuse_other_content, refuse_overwriting
 from tracker.cli.table import listing
-from tracker.cli.track_outputs import Outputs, refuse_overwriting, write_film
-from tracker.errors import TrackerError
+from tracker.cli.track_outputs import Outputs, write_film
+from tracker.errors import TrackerError, reason
 
 if TYPE_CHECKING:
-    from tracker.calibration.rig import CameraRig
-    from tracker.recordings import Job, Workers
+    from tracker.recordings import Options, Recipe
 
 _FILE = click.Path(path_type=Path)
 
@@ -45,7 +45,7 @@ _FILE = click.Path(path_type=Path)
     metavar="N",
     type=click.IntRange(1),
     default=1,
-    help="Processes that share the work.  [default: 1]",
+    help="Processes that share the LOGs.  [default: 1]",
 )
 @click.option("--recover", is_flag=True, help="Leave out what is damaged of a recording.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object a recording.")
@@ -75,106 +75,114 @@ def track(
 
     LOG is a camera log of the platform (.dat, .h5), a job's folder, or a folder of images. The
     calibration is the one in or beside it, unless --calibration names another. Of several LOGs each gets
-    a file of poses in the folder that -o names.
+    a file of poses in the folder that -o names, under its own path; --jobs share them.
 
-    A run that was broken off goes on where it was when the same command is given again. Whatever --jobs
-    is, the poses are the same. docs/poses.md describes the files.
+    What is there already, whole and of the same recording, object, calibration and code, is not tracked
+    again. docs/poses.md describes the files.
     """
-    from tracker.objects.model import load_object
-    from tracker.recordings import Job, Workers
-    from tracker.segmentation.color_model import load_colors
+    from tracker.recordings import Options, Recipe
+    from tracker.recordings.names import outputs_of
 
     if last is not None and last <= first:
         raise click.UsageError(f"--from {first} --to {last}: expected --to beyond --from")
+    refuse_pattern_alone(calibration, pattern)
     outputs = Outputs(csv, tum, bop, camera, video, plot)
-    outputs.check()
     if len(logs) > 1 and outputs.files:
         raise click.UsageError(f"{', '.join(outputs.files)}: expected one LOG, found {len(logs)}")
-    targets = _targets(logs, output)
-    files = {"-o": targets[0], **outputs.files} if len(logs) == 1 else {}
-    refuse_overwriting(
-        files or {f"-o for {log}": path for log, path in zip(logs, targets, strict=True)}, logs
+    inside = len(logs) > 1 or output.is_dir()
+    targets = outputs_of(logs, output) if inside else [output]
+    files = {f"-o for {log}": path for log, path in zip(logs, targets, strict=True)}
+    if len(logs) == 1:
+        files = {"-o": targets[0], **outputs.files}
+    others = (object_name, colors_name, *calibration)
+    refuse_overwriting(files, logs, others, new_folders=inside)
+    outputs.check()
+    for target in targets:
+        check_suffix("-o", target, ".h5", ".hdf5")
+        refuse_other_content("-o", target)
+    options = Options(
+        *(object_name, colors_name, calibration, pattern, correct_halved_principal_point),
+        *(first, last, recover),
     )
-    model = load_object(object_name)
-    colors = load_colors(colors_name or model.colors)
-    cameras = (calibration, pattern, correct_halved_principal_point)
-    failed = False
-    with Workers(jobs) as workers:
-        for log, target in zip(logs, targets, strict=True):
-            try:
-                rig, frames = _look(log, recover, cameras)
-                outputs.check_camera(rig)
-                job = Job(log, target, model, rig, colors, first, last, recover)
-                _track_one(job, outputs, workers, frames, as_json, quiet)
-            except (TrackerError, OSError) as error:
-                if len(logs) == 1:
-                    raise
-                # The others may well be whole; the exit code tells.
-                failed = True
-                _say(str(error))
+    if len(logs) == 1:
+        _track_one(logs[0], targets[0], Recipe.of(options), outputs, as_json, quiet)
+        return
+    output.mkdir(exist_ok=True)
+    _track_all(logs, targets, options, jobs, as_json, quiet)
+
+
+def _track_one(log: Path, target: Path, recipe: Recipe, outputs: Outputs, as_json: bool, quiet: bool) -> None:
+    from tracker.logs import open_log
+    from tracker.recordings import Job, run
+    from tracker.recordings.track import chosen, rig_for
+    from tracker.recordings.work import described
+
+    job = Job(log, target, recipe)
+    with open_log(log, recover=recipe.recover) as opened:
+        outputs.check_camera(rig_for(job, opened))
+        first, last = chosen(opened, job)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    with bar(log.name, last - first, quiet) as progress:
+        tracked = run(job, progress)
+    result = described(job, tracked)
+    _warn(result)
+    outputs.write(tracked.poses)
+    if outputs.video is not None:
+        count = len(tracked.poses)
+        with open_log(log, recover=recipe.recover) as opened, bar("film", count, quiet) as progress:
+            write_film(outputs.video, opened, recipe.model, tracked.poses, progress)
+    _print(result, as_json, quiet)
+
+
+def _track_all(
+    logs: Sequence[Path], targets: Sequence[Path], options: Options, jobs: int, as_json: bool, quiet: bool
+) -> None:
+    """Track recordings side by side; what is said of them is in their order."""
+    from tracker.recordings import Recipe
+    from tracker.recordings.engine import engine
+    from tracker.recordings.work import Task, agreed, track_task
+
+    mark = agreed(Recipe.of(options))
+    tasks = [Task(str(log), str(path), options, mark) for log, path in zip(logs, targets, strict=True)]
+    number = {task.output: k for k, task in enumerate(tasks)}
+    results: dict[int, dict[str, Any] | Exception] = {}
+    failed, told = False, 0
+    with engine(min(jobs, len(tasks))) as workers, bar("recordings", len(tasks), quiet, "recordings") as done:
+        for task, result in workers.each(track_task, tasks):
+            results[number[task.output]] = result
+            done(1)
+            while told in results:
+                # Of those that failed the others may well be whole; the exit code tells.
+                failed |= not _tell(results.pop(told), as_json, quiet)
+                told += 1
     if failed:
         click.get_current_context().exit(2)
 
 
-def _track_one(job: Job, outputs: Outputs, workers: Workers, frames: int, as_json: bool, quiet: bool) -> None:
-    from tracker.logs import open_log
-    from tracker.recordings import track as track_recording
-    from tracker.recordings.summary import summary
+def _tell(result: dict[str, Any] | Exception, as_json: bool, quiet: bool) -> bool:
+    """Say what came of a recording; whether that is well."""
+    if isinstance(result, Exception):
+        if not isinstance(result, (TrackerError, OSError)):
+            raise result
+        _say(reason(result))
+        return False
+    _warn(result)
+    _print(result, as_json, quiet)
+    return True
 
-    label = job.about.source
-    with bar(label, frames if job.last is None else min(frames, job.last) - job.first, quiet) as progress:
-        tracked = track_recording(job, workers, progress)
-    poses = tracked.poses
-    if tracked.fault is not None:
-        ending = f", the last one is {poses.index[-1]}" if len(poses) else ""
-        _say(f"warning: {tracked.fault}; tracked {len(poses)} of {tracked.expected} frames{ending}")
-    outputs.write(poses)
-    if outputs.video is not None:
-        with open_log(job.log, recover=job.recover) as log, bar("film", len(poses), quiet) as progress:
-            write_film(outputs.video, log, job.model, poses, progress)
-    result = {
-        "log": str(job.log),
-        "output": str(job.output),
-        "object": job.model.name,
-        **summary(tracked),
-    }
+
+def _warn(result: dict[str, Any]) -> None:
+    """Say what is wrong with a recording of which some is tracked."""
+    if result["fault"] is not None:
+        ending = f", the last one is {result['last_frame']}" if result["frames"] else ""
+        _say(f"warning: {result['fault']}; tracked {result['frames']} of {result['expected']} frames{ending}")
+
+
+def _print(result: dict[str, Any], as_json: bool, quiet: bool) -> None:
     if as_json:
         click.echo(json.dumps(result, allow_nan=False))
     elif not quiet:
         click.echo(_text(result))
-
-
-def _targets(logs: Sequence[Path], output: Path) -> list[Path]:
-    """The file of poses of each recording; of several, they are named after what tells them apart."""
-    if len(logs) == 1:
-        return [output / _name(logs[0].resolve().parts[-1:]) if output.is_dir() else output]
-    output.mkdir(exist_ok=True)
-    paths = [log.resolve().parts for log in logs]
-    common = 0
-    while all(len(parts) > common + 1 and parts[common] == paths[0][common] for parts in paths):
-        common += 1
-    targets = [output / _name(parts[common:]) for parts in paths]
-    for number, target in enumerate(targets):
-        if target in targets[:number]:
-            raise click.UsageError(f"{logs[number]}: found a LOG of the same name, expected different ones")
-    return targets
-
-
-def _name(parts: Sequence[str]) -> str:
-    stem = Path(parts[-1]).name
-    for suffix in (".gz", ".dat", ".h5", ".hdf5", ".zarr"):
-        stem = stem.removesuffix(suffix)
-    return "_".join([*parts[:-1], stem]) + ".poses.h5"
-
-
-def _look(
-    path: Path, recover: bool, cameras: tuple[tuple[str, ...], str | None, bool]
-) -> tuple[CameraRig, int]:
-    """The calibration to be used, and the number of frames that the recording states."""
-    from tracker.logs import open_log
-
-    with open_log(path, recover=recover) as log:
-        return rig_of(path, log, *cameras), len(log)
 
 
 def _say(message: str) -> None:

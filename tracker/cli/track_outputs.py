@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -10,6 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+
+from tracker.cli.protect import check_suffix
 
 if TYPE_CHECKING:
     from tracker.calibration.rig import CameraRig
@@ -52,15 +53,17 @@ class Outputs:
         """
         if (self.bop is None) != (self.camera is None):
             raise click.UsageError("--bop and --camera belong together: BOP results are those of one camera")
-        for name, path, suffix, package in (
-            ("--video", self.video, ".mp4", "av"),
-            ("--plot", self.plot, ".png", "matplotlib"),
+        for name, path, suffixes, package in (
+            ("--csv", self.csv, (".csv",), None),
+            ("--tum", self.tum, (".tum", ".txt"), None),
+            ("--bop", self.bop, (".csv",), None),
+            ("--video", self.video, (".mp4",), "av"),
+            ("--plot", self.plot, (".png",), "matplotlib"),
         ):
             if path is None:
                 continue
-            if path.suffix.lower() != suffix:
-                raise click.UsageError(f"{name} {path}: found suffix {path.suffix!r}, expected {suffix}")
-            if find_spec(package) is None:
+            check_suffix(name, path, *suffixes)
+            if package is not None and find_spec(package) is None:
                 raise click.ClickException(f"{name} needs the package {package}: pip install {package}")
 
     def check_camera(self, rig: CameraRig) -> None:
@@ -88,22 +91,6 @@ class Outputs:
             write_bop(self.bop, poses, rig[rig.names.index(self.camera or "")], kind)
         if self.plot is not None:
             viz.write_trajectory_plot(self.plot, poses)
-
-
-def refuse_overwriting(files: dict[str, Path], logs: tuple[Path, ...]) -> None:
-    """Refuse outputs that are a recording, that are the same file, or whose folder is missing."""
-    recordings = [part for log in logs for part in (log, *(log.glob("camera_data*") if log.is_dir() else ()))]
-    seen: dict[str, str] = {}
-    for name, path in files.items():
-        if any(path.exists() and recording.exists() and path.samefile(recording) for recording in recordings):
-            raise click.UsageError(f"{name} {path}: that is the recording")
-        if path.is_dir():
-            raise click.UsageError(f"{name} {path}: found a folder, expected a file")
-        if not path.parent.is_dir():
-            raise click.UsageError(f"{name} {path}: there is no folder {path.parent}")
-        other = seen.setdefault(os.path.realpath(path), name)
-        if other != name:
-            raise click.UsageError(f"{name} {path}: found the same file as for {other}")
 
 
 def write_film(

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING
 
 import click
 
-from tracker.cli.calibration import fitted_to, optional_calibration_options, rig_of
+from tracker.cli.calibration import optional_calibration_options, rig_of
 from tracker.cli.progress import bar
-from tracker.cli.track_outputs import observation, refuse_overwriting
+from tracker.cli.protect import refuse_overwriting
+from tracker.cli.track_outputs import observation
 from tracker.errors import LogError
 
 if TYPE_CHECKING:
@@ -99,6 +100,7 @@ def view(
     The viewer is Rerun: pip install 'trifinger-object-tracker[viz]'. `rerun FILE.rrd` opens a file.
     """
     from tracker.logs import open_log
+    from tracker.logs.cameras import fitted_to
     from tracker.logs.poses_file import is_poses_file, read_poses
     from tracker.viz.view import require_rerun
 
@@ -107,7 +109,8 @@ def view(
         raise click.UsageError(f"--from {first} --to {last}: expected --to beyond --from")
     target = _target(source, output)
     if target is not None:
-        refuse_overwriting({"-o": target}, (source, *([log] if log else [])))
+        others = (*calibration, object_name, colors_name)
+        refuse_overwriting({"-o": target}, (source, *([log] if log else [])), others)
     chosen = _Chosen(first, last, every)
     if is_poses_file(source):
         if calibration or pattern or correct_halved_principal_point:

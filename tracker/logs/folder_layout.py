@@ -19,7 +19,9 @@ from tracker.conventions import FloatArray
 from tracker.errors import LogError
 from tracker.logs.name_stamps import counted_stamps, natural_key, stamps_of_names
 
-_SUFFIXES = (".png", ".jpg", ".jpeg")
+SUFFIXES = (".png", ".jpg", ".jpeg")
+"""Of pictures."""
+
 _CAMERA = re.compile(r"camera\w*")
 
 
@@ -65,7 +67,7 @@ def _visible(folder: Path) -> Iterator[Path]:
 
 
 def _pictures(folder: Path) -> list[Path]:
-    return sorted(item for item in _visible(folder) if item.suffix.lower() in _SUFFIXES)
+    return sorted(item for item in _visible(folder) if item.suffix.lower() in SUFFIXES)
 
 
 def _camera_files(pictures: list[Path]) -> dict[str, Path]:

@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 
 from tracker.errors import LogError
+from tracker.logs.files import JOB_LOGS, STORE_FILE
 from tracker.logs.log import Log
 from tracker.logs.source import Source, cannot_read
 
@@ -13,7 +14,6 @@ DEFAULT_RATE = 10.0
 """Frames per second [Hz] of the platform's cameras."""
 
 _HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
-_JOB_LOGS = ("camera_data.dat", "camera_data.dat.gz", "camera_data.h5", "camera_data.hdf5")
 
 
 def open_log(path: str | os.PathLike[str], *, recover: bool = False, rate: float = DEFAULT_RATE) -> Log:
@@ -46,7 +46,7 @@ def open_log(path: str | os.PathLike[str], *, recover: bool = False, rate: float
 
 
 def _source(path: Path, recover: bool, rate: float) -> Source:
-    if path.name == "data.mdb":
+    if path.name == STORE_FILE:
         path = path.parent
     if path.is_dir():
         return _source_of_folder(path, recover, rate)
@@ -66,11 +66,11 @@ def _source(path: Path, recover: bool, rate: float) -> Source:
 
 
 def _source_of_folder(path: Path, recover: bool, rate: float) -> Source:
-    if (path / "data.mdb").is_file():
+    if (path / STORE_FILE).is_file():
         from tracker.logs.datasets import DatasetSource
 
         return DatasetSource(path)
-    logs = [path / name for name in _JOB_LOGS if (path / name).is_file()]
+    logs = [path / name for name in JOB_LOGS if (path / name).is_file()]
     if len(logs) > 1:
         raise LogError(f"{path}: found {' and '.join(log.name for log in logs)}, expected one: name the file")
     if logs:

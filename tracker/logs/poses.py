@@ -40,9 +40,13 @@ class About:
     """Version of this package."""
     rig: CameraRig
     """The cameras, as they were calibrated."""
+    fingerprint: str = ""
+    """Digits that are others for another recording, object, calibration, choice or code; empty: unknown."""
+    fault: str = ""
+    """What is wrong with the recording, of which the poses are what could be recovered; empty: nothing."""
 
     def __post_init__(self) -> None:
-        for name in ("object_name", "source", "tracker_version"):
+        for name in ("object_name", "source", "tracker_version", "fingerprint", "fault"):
             value = getattr(self, name)
             if not isinstance(value, str) or "\0" in value or not _is_unicode(value):
                 raise LogError(

@@ -51,6 +51,9 @@ MAX_FRAMES = 2_000_000
 _ABOUT = {"object": "object_name", "source": "source", "tracker_version": "tracker_version"}
 """Field of About of each root attribute."""
 
+_MAY_BE_MISSING = ("fingerprint", "fault")
+"""Root attributes, and fields of About, that are there only where they are not empty."""
+
 _DATASETS = {"index": "frame", "timestamp": "timestamps"}
 """Where the fields of Poses are that have another name in the file."""
 
@@ -113,6 +116,15 @@ def is_poses_file(path: str | os.PathLike[str]) -> bool:
         return False  # what else it is, or what is wrong with it, says who opens it as such
 
 
+def read_fingerprint(path: str | os.PathLike[str]) -> str:
+    """What a file of poses says that it was made from; empty where it is none, or does not say."""
+    try:
+        with h5py.File(path, "r", locking=False) as file:
+            return hdf5.text(file, "fingerprint") if "fingerprint" in file.attrs else ""
+    except (LogError, OSError, KeyError, RuntimeError, ValueError, TypeError):
+        return ""
+
+
 def _content(poses: Poses) -> bytes:
     """The file's bytes, made in memory: an hour at 10 Hz has 40 MB before compression."""
     # The layout of HDF5 1.10 (2016) has checksums, and is a fifth of the older one's size in short files.
@@ -124,6 +136,9 @@ def _content(poses: Poses) -> bytes:
         file.attrs["format_version"] = VERSION
         for key, attribute in _ABOUT.items():
             file.attrs[key] = hdf5.encoded_text(getattr(poses.about, attribute))
+        for key in _MAY_BE_MISSING:
+            if value := getattr(poses.about, key):
+                file.attrs[key] = hdf5.encoded_text(value)
         _put(file, "frame", poses.index)
         _put(file, "timestamps", poses.timestamp)
         _put_texts(file, "status", poses.status)
@@ -148,6 +163,8 @@ def _put(group: Any, name: str, array: Array) -> None:
     dataset = group.create_dataset(name, data=array, track_times=False, **filters)
     if name in _UNITS:
         dataset.attrs["unit"] = hdf5.encoded_text(_UNITS[name])
+    # Else its place in the file is found when Python forgets it, which other threads may delay.
+    dataset.id.flush()
 
 
 def _put_texts(file: Any, name: str, texts: Array) -> None:
@@ -196,7 +213,9 @@ def _poses(file: Any) -> Poses:
             columns[kind] = KINDS[kind](has_pose=has_pose, **rows)
         except LogError as error:
             raise LogError(f"/{group}/{error}") from error
-    about = About(rig=_rig(file), **{attribute: hdf5.text(file, key) for key, attribute in _ABOUT.items()})
+    texts = {attribute: hdf5.text(file, key) for key, attribute in _ABOUT.items()}
+    texts |= {key: hdf5.text(file, key) for key in _MAY_BE_MISSING if key in file.attrs}
+    about = About(rig=_rig(file), **texts)
     # Files of older versions have none.
     cameras = _texts(file, "cameras", (count, len(about.rig))) if "cameras" in file else None
     try:

@@ -1,13 +1,12 @@
-"""Whole recordings: the object's pose in every frame, in several processes, and again after a break.
+"""Whole recordings: the object's pose in every frame of one, or of ten thousand.
 
-The tracker has a memory, so the frames of a recording are not independent. A recording is therefore cut
-into parts, always in the same way; each starts without memory, after a run-up of frames whose results are
-dropped. The poses are thus the same to the bit, however many processes share the work and however often
-it was broken off.
+The tracker has a memory, so the frames of a recording follow one another; recordings do not depend on each
+other, and are what processes and machines share. Each has one file of poses, which says what it was made
+from: what is there and whole is not made again.
 """
 
 from tracker.recordings.job import Job
-from tracker.recordings.pool import Workers
-from tracker.recordings.track import Tracked, track
+from tracker.recordings.recipe import Options, Recipe
+from tracker.recordings.track import Tracked, run, track
 
-__all__ = ["Job", "Tracked", "Workers", "track"]
+__all__ = ["Job", "Options", "Recipe", "Tracked", "run", "track"]

@@ -1,70 +1,66 @@
-"""What the poses of a part depend on, so that those of an earlier run are used only where they fit."""
+"""What the poses of a recording depend on, so that those of an earlier run are used only where they fit.
+
+Names, sizes and times of change of the recording's files and of the calibration beside it stand for their
+content, which would take as long to read as to track.
+"""
 
 from __future__ import annotations
 
-import dataclasses
+import functools
 import hashlib
 import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
+import cv2
+import numba
 import numpy as np
+import scipy
 
+import tracker
+from tracker.logs.files import calibration_files, recording_files
 from tracker.recordings.job import Job
-from tracker.recordings.parts import PART, RUN_UP
-from tracker.version import version
+
+_OTHER_ROOMS = ("cli", "viz", "learning", "tasks")
+"""Rooms of the package on which no pose depends."""
 
 
-def fingerprint(job: Job) -> dict[str, Any]:
-    """Plain values that differ where the poses might.
+def fingerprint(job: Job) -> str:
+    """Hexadecimal digits that differ where the poses might.
 
     Raises:
         OSError: the recording cannot be looked at.
     """
-    colors = [np.array(job.colors.normalise), job.colors.log_posterior]
-    return {
-        "version": version(),
-        "part": PART,
-        "run_up": RUN_UP,
-        "log": os.path.abspath(job.log),
-        "files": _digest(_files(job.log)),
-        "first": job.first,
-        "last": job.last,
-        "recover": job.recover,
-        "tracker": f"{job.make_tracker.__module__}.{job.make_tracker.__qualname__}",
-        "object": [job.model.name, job.model.size.tolist(), job.model.face_labels.tolist()],
-        "colors": _digest(array.tobytes() for array in colors),
-        "calibration": _digest(_fields(part) for part in (*job.rig, job.rig.arena)),
-    }
-
-
-def _files(log: Path) -> Iterator[bytes]:
-    """Name, size and time of change of the recording's files."""
-    if not log.is_dir():
-        yield _file(log, log)
-        return
-    for folder, folders, names in os.walk(log):
-        # Hidden are the parts themselves, and files that are being written.
-        folders[:] = sorted(name for name in folders if not name.startswith("."))
-        for name in sorted(names):
-            if not name.startswith("."):
-                yield _file(Path(folder) / name, log)
-
-
-def _file(path: Path, log: Path) -> bytes:
-    about = path.stat()
-    return os.fsencode(path.relative_to(log)) + f"\0{about.st_size}\0{about.st_mtime_ns}\0".encode()
-
-
-def _fields(part: Any) -> bytes:
-    values = [getattr(part, field.name) for field in dataclasses.fields(part)]
-    texts = [value.tobytes().hex() if isinstance(value, np.ndarray) else repr(value) for value in values]
-    return "\0".join(texts).encode()
-
-
-def _digest(contents: Iterator[bytes]) -> str:
-    digest = hashlib.sha256()
-    for content in contents:
-        digest.update(hashlib.sha256(content).digest())
+    recipe = job.recipe
+    digest = hashlib.sha256(f"{code()}\0{recipe.digest}\0".encode())
+    digest.update(os.fsencode(os.path.abspath(job.log)))
+    files = list(recording_files(job.log))
+    if recipe.rig is None:
+        files += calibration_files(job.log)
+    for path in files:
+        digest.update(_about(path, job.log))
     return digest.hexdigest()
+
+
+@functools.cache
+def code() -> str:
+    """Hash of what computes poses: this package's sources, and the versions of the libraries below it."""
+    versions = [module.__version__ for module in (np, scipy, cv2, numba)]
+    digest = hashlib.sha256(repr(versions).encode())
+    root = Path(tracker.__file__).parent
+    for path in sorted(_sources(root)):
+        digest.update(f"\0{path.relative_to(root)}\0".encode())
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+def _sources(root: Path) -> Iterator[Path]:
+    for path in root.rglob("*.py"):
+        if path.relative_to(root).parts[0] not in _OTHER_ROOMS:
+            yield path
+
+
+def _about(path: Path, log: Path) -> bytes:
+    about = path.stat()
+    name = os.fsencode(os.path.relpath(path, log))
+    return name + f"\0{about.st_size}\0{about.st_mtime_ns}\0".encode()

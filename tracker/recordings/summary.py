@@ -40,10 +40,11 @@ def summary(tracked: Tracked) -> dict[str, Any]:
     """Numbers for people and programs; None where there is nothing to count.
 
     Returns:
-        `frames`; `measured` and `filtered`, the shares of frames with such a pose; `statuses`, the share
-        of each status and, in `with_pose`, how many of its frames have a pose; `cameras`, of each camera
-        the share of frames in which its picture was not used, by `CameraUse`, of those that contradict the
-        others among the frames with a measured pose; medians over the frames of
+        `frames`, of which `new` were tracked now; `expected`, how many the recording should have had;
+        `last_frame`, the number of the last; `measured` and `filtered`, the shares of frames with such a
+        pose; `statuses`, the share of each status and, in `with_pose`, how many of its frames have a pose;
+        `cameras`, of each camera the share of frames in which its picture was not used, by `CameraUse`, of
+        those that contradict the others among the frames with a measured pose; medians over the frames of
         the standard deviations along x, y, z of the poses named by `kind`; `frames_per_second`;
         `recorded`, see `compare`, of the same poses; `fault`.
     """
@@ -55,6 +56,9 @@ def summary(tracked: Tracked) -> dict[str, Any]:
     rate = tracked.new / tracked.seconds if tracked.new and tracked.seconds > 0 else None
     return {
         "frames": count,
+        "expected": tracked.expected,
+        "new": tracked.new,
+        "last_frame": int(poses.index[-1]) if count else None,
         "measured": float(np.mean(poses.measured.has_pose)) if count else None,
         "filtered": float(np.mean(poses.filtered.has_pose)) if count else None,
         "statuses": {str(name): _status(poses, str(name)) for name in np.unique(poses.status)},

@@ -3,21 +3,31 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 import time
-from collections.abc import Sequence
+from bisect import bisect_right
+from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
-from tracker.errors import LogError
+from tracker.calibration.rig import CameraRig
+from tracker.errors import LogError, TrackerError
+from tracker.files import claimed
 from tracker.logs import Log, open_log
-from tracker.logs.poses import Poses, concatenate
+from tracker.logs.cameras import fitted_to, own_rig
+from tracker.logs.poses import About, Poses
 from tracker.logs.poses_builder import PosesBuilder
-from tracker.logs.poses_file import write_poses
+from tracker.logs.poses_file import read_fingerprint, read_poses, write_poses
+from tracker.objects.model import CuboidModel, load_object
 from tracker.recordings.fingerprint import fingerprint
 from tracker.recordings.job import Job
-from tracker.recordings.parts import Part, cut, runs
-from tracker.recordings.pool import Progress, Workers
-from tracker.recordings.store import PartStore
+from tracker.recordings.recipe import Recipe
+from tracker.segmentation.color_model import ColorModel, load_colors
+from tracker.version import version
 from tracker.warm_up import warm_up
+
+Progress = Callable[[int], None]
+"""Told now and then how many more frames are tracked."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,69 +41,163 @@ class Tracked:
     fault: str | None
     """What is wrong with the recording; None: nothing."""
     new: int
-    """Number of frames that were tracked now, not by an earlier run that was broken off."""
+    """Number of frames that were tracked now; 0 where an earlier run had made the file."""
     seconds: float
     """Time that these took [s]."""
 
 
-def track(job: Job, workers: Workers | None = None, progress: Progress | None = None) -> Tracked:
-    """Track a recording and write its file of poses, whole or not at all.
-
-    Finished parts are kept in a hidden folder beside the file until it is written; what an earlier call
-    left there is used, if it was for the same recording, object, colours, cameras and version.
+def track(
+    path: str | os.PathLike[str],
+    model: CuboidModel | str,
+    *,
+    output: str | os.PathLike[str] | None = None,
+    rig: CameraRig | None = None,
+    colors: ColorModel | str | None = None,
+    first: int = 0,
+    last: int | None = None,
+    recover: bool = False,
+    progress: Progress | None = None,
+) -> Tracked:
+    """The object's pose in every frame of a recording, as a loop of `ObjectTracker.update` finds it.
 
     Args:
-        job: what to do.
-        workers: who does it; None: this process.
-        progress: is told how many more frames are done, first of those that an earlier call did.
+        path: what `open_log` takes.
+        model: the object, or its name or TOML file.
+        output: the file of poses to write, or to take if it is there already, whole and of the same
+            recording, object, colours, cameras, frames and code; None: nothing is written.
+        rig: the cameras; None: those in or beside the recording.
+        colors: a colour model, or its name or file; None: the object's own.
+        first: number of the first frame wanted.
+        last: number of the first frame not wanted any more; None: all.
+        recover: leave out what is damaged of the recording.
+        progress: is told how many more frames are done.
 
     Raises:
-        LogError: the recording is damaged and not to be recovered, or something cannot be written.
-        TrackerError: the tracker does not take the images.
-        OSError: something cannot be read or written.
+        LogError: the recording is damaged and not to be recovered, it changed while it was read, or the
+            file cannot be written.
+        TrackerError: a name is unknown, a calibration is missing or does not fit.
+        OSError: something cannot be read or written; BlockingIOError: another run is writing the file.
     """
-    workers = workers or Workers()
-    progress = progress or (lambda _: None)
-    with open_log(job.log, recover=job.recover) as log:
-        first, last = chosen(log, job)
-        parts, sequential, fault = cut(first, last, log.episode_starts), not log.random_access, log.fault
-    job = dataclasses.replace(job, colors=dataclasses.replace(job.colors))  # without tables made from it
-    store = PartStore(job.parts_folder)
-    store.prepare(fingerprint(job))
-    missing = store.missing(parts)
-    new = sum(part.stop - part.start for part in missing)
-    progress(last - first - new)
-    began = time.perf_counter()
-    if missing:
-        warm_up()
-    workers.track(job, runs(missing, count=workers.count, sequential=sequential), progress)
-    seconds = time.perf_counter() - began
-    poses, later_fault = _joined(job, store, parts, sequential)
-    write_poses(job.output, poses)
-    store.remove()
-    return Tracked(poses, last - first, fault or later_fault, min(new, len(poses)), seconds)
+    found = load_object(model) if isinstance(model, str) else model
+    table = (
+        load_colors(found.colors if colors is None else colors)
+        if not isinstance(colors, ColorModel)
+        else colors
+    )
+    recipe = Recipe(found, table, rig, first=first, last=last, recover=recover)
+    if output is None:
+        return _tracked(Job(Path(path), Path(os.devnull), recipe), progress)
+    return run(Job(Path(path), Path(output), recipe), progress)
+
+
+def run(job: Job, progress: Progress | None = None) -> Tracked:
+    """Track a recording and write its file of poses, whole or not at all.
+
+    A file that is there already, whole and with the same fingerprint, is taken instead.
+
+    Raises:
+        LogError, TrackerError, OSError: see `track`.
+    """
+    with claimed(job.output):
+        kept = _kept(job, progress)
+        if kept is not None:
+            return kept
+        tracked = _tracked(job, progress)
+        write_poses(job.output, tracked.poses)
+        return tracked
+
+
+def is_whole(job: Job, mark: str) -> bool:
+    """Whether the file of poses is there with this fingerprint; not whether all of it can be read."""
+    return job.output.is_file() and read_fingerprint(job.output) == mark
 
 
 def chosen(log: Log, job: Job) -> tuple[int, int]:
     """Number of the first frame to track, and that after the last; LogError where there is none."""
-    count = len(log)
-    last = count if job.last is None else min(job.last, count)
-    if job.first and job.first >= count:
-        raise LogError(f"{job.log}: found {count} frames, expected the first one wanted, {job.first}, below")
-    if job.first > last:
-        raise LogError(f"{job.log}: found frames from {job.first} to {last} wanted, expected some")
-    return job.first, last
+    count, recipe = len(log), job.recipe
+    last = count if recipe.last is None else min(recipe.last, count)
+    if recipe.first and recipe.first >= count:
+        raise LogError(
+            f"{job.log}: found {count} frames, expected the first one wanted, {recipe.first}, below"
+        )
+    if recipe.first > last:
+        raise LogError(f"{job.log}: found frames from {recipe.first} to {last} wanted, expected some")
+    return recipe.first, last
 
 
-def _joined(job: Job, store: PartStore, parts: Sequence[Part], sequential: bool) -> tuple[Poses, str | None]:
-    """The poses of all parts, and what is wrong with the first faulty one."""
-    found: list[Poses] = []
-    fault: str | None = None
-    for part in parts:
-        poses, its_fault = store.read(part)
-        found.append(poses)
-        fault = fault or its_fault
-        if sequential and len(poses) < part.stop - part.start:
-            # Read in one go such a recording ends at its first fault; a worker that began later skipped it.
-            break
-    return concatenate(found) if found else PosesBuilder(job.about).build(), fault
+def rig_for(job: Job, log: Log) -> CameraRig:
+    """The cameras of a recording, in the order of its images.
+
+    Raises:
+        CalibrationError: there is no calibration, or it does not fit.
+    """
+    recipe = job.recipe
+    if recipe.rig is not None:
+        return fitted_to(job.log, log, recipe.rig)
+    return own_rig(job.log, log, correct_halved_principal_point=recipe.correct_halved_principal_point)
+
+
+def _kept(job: Job, progress: Progress | None) -> Tracked | None:
+    """What an earlier run has left, if it is of the same and whole."""
+    if not is_whole(job, fingerprint(job)):
+        return None
+    try:
+        poses = read_poses(job.output)
+    except LogError:
+        return None
+    with open_log(job.log, recover=job.recipe.recover) as log:
+        first, last = chosen(log, job)
+    if progress is not None:
+        progress(last - first)
+    return Tracked(poses, last - first, poses.about.fault or None, 0, 0.0)
+
+
+def _tracked(job: Job, progress: Progress | None) -> Tracked:
+    """The poses of the recording."""
+    recipe, before = job.recipe, fingerprint(job)
+    changed = f"{job.log}: changed while it was read, is it still being written?"
+    try:
+        with open_log(job.log, recover=recipe.recover) as log:
+            first, last = chosen(log, job)
+            rig = rig_for(job, log)
+            if first < last:
+                warm_up()
+            began = time.perf_counter()
+            poses = _follow(job, log[first:last], rig, progress)
+            seconds, fault = time.perf_counter() - began, log.fault
+    except LogError as error:
+        if fingerprint(job) != before:
+            raise LogError(f"{changed} {error}") from error
+        raise
+    if fingerprint(job) != before:
+        if not recipe.recover:
+            raise LogError(changed)
+        fault = changed
+    about = dataclasses.replace(poses.about, fingerprint=before, fault=_unicode(fault or ""))
+    return Tracked(dataclasses.replace(poses, about=about), last - first, fault, len(poses), seconds)
+
+
+def _follow(job: Job, log: Log, rig: CameraRig, progress: Progress | None) -> Poses:
+    """The answers of one tracker to all frames, one after the other."""
+    recipe = job.recipe
+    tracker = recipe.make_tracker(recipe.model, rig, recipe.colors)
+    name = _unicode(job.log.name or job.log.resolve().name)
+    builder = PosesBuilder(About(recipe.model.name, name, version(), rig))
+    episode = -1
+    for frame in log:
+        before, episode = episode, bisect_right(log.episode_starts, frame.index)
+        if before not in (-1, episode):
+            tracker.reset()
+        try:
+            answer = tracker.update(frame.images, frame.timestamp)
+        except TrackerError as error:
+            raise LogError(f"{job.log}: frame {frame.index}: {error}") from error
+        builder.append(frame.index, frame.timestamp, answer, frame.recorded_pose)
+        if progress is not None:
+            progress(1)
+    return builder.build()
+
+
+def _unicode(text: str) -> str:
+    """A text that a file of poses can hold: the names of files may be no Unicode."""
+    return os.fsencode(text).decode("utf-8", "replace")

@@ -1,0 +1,57 @@
+"""Which files a recording consists of, without opening it."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from tracker.logs.folder import TRUTH_FILE
+from tracker.logs.folder_layout import SUFFIXES
+
+JOB_LOGS = ("camera_data.dat", "camera_data.dat.gz", "camera_data.h5", "camera_data.hdf5")
+"""Names of a recording in a job's folder."""
+
+STORE_FILE = "data.mdb"
+"""What an image store consists of."""
+
+
+def recording_files(path: Path) -> list[Path]:
+    """All files that `open_log` may read frames from, in the same order each time.
+
+    Raises:
+        OSError: a folder cannot be read.
+    """
+    if not path.is_dir():
+        return [path]
+    found = [path / name for name in (*JOB_LOGS, STORE_FILE) if (path / name).is_file()]
+    return found or [file for file in _visible_files(path) if _is_of_folder(file)]
+
+
+def calibration_files(path: Path) -> list[Path]:
+    """The files beside the recording, or in its folder, that its own calibration may be read from."""
+    folders = [path, path.parent] if path.is_dir() else [path.parent]
+    return [
+        folder / name
+        for folder in folders
+        for name in sorted(entry.name for entry in os.scandir(folder) if _is_of_calibration(entry.name))
+    ]
+
+
+def _is_of_folder(file: Path) -> bool:
+    return file.suffix.lower() in SUFFIXES or file.name == TRUTH_FILE
+
+
+def _is_of_calibration(name: str) -> bool:
+    return (name.endswith((".yml", ".yaml")) and "camera" in name) or name == "arena.toml"
+
+
+def _visible_files(root: Path) -> list[Path]:
+    found = []
+    for folder, folders, names in os.walk(root, onerror=_refuse):
+        folders[:] = sorted(name for name in folders if not name.startswith("."))
+        found += [Path(folder) / name for name in sorted(names) if not name.startswith(".")]
+    return found
+
+
+def _refuse(error: OSError) -> None:
+    raise error

@@ -1,0 +1,148 @@
+"""What is looked for in recordings and how: the same for all of them."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import hashlib
+import os
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from tracker.calibration.rig import CameraRig
+from tracker.conventions import Image
+from tracker.logs.poses_builder import Answer
+from tracker.objects.model import CuboidModel, load_object
+from tracker.pipeline import ObjectTracker
+from tracker.segmentation.color_model import ColorModel, load_colors
+
+
+class MovingTracker(Protocol):
+    """What of ObjectTracker is needed here."""
+
+    def update(self, images: Sequence[Image | None], timestamp: float) -> Answer:
+        """The poses at a time [s], with memory of those before."""
+
+    def reset(self) -> None:
+        """Forget everything."""
+
+
+MakeTracker = Callable[[CuboidModel, CameraRig, ColorModel], Any]
+"""Makes a MovingTracker; can be pickled by its name."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """What a user asks for, in plain values that any process on any machine understands."""
+
+    object: str
+    """The object, or its TOML file."""
+    colors: str | None = None
+    """The colour model, or its file; None: the object's."""
+    calibration: tuple[str, ...] = ()
+    """A folder of calibration files, or a file for each camera; none: that of each recording."""
+    pattern: str | None = None
+    """Which files of the folder."""
+    correct_halved_principal_point: bool = False
+    """Whether the calibration was halved without the quarter pixel."""
+    first: int = 0
+    """Number of the first frame that is tracked."""
+    last: int | None = None
+    """Number after that of the last one; None: the recording's end."""
+    recover: bool = False
+    """Whether to leave out what is damaged of a recording."""
+    make_tracker: MakeTracker = ObjectTracker
+
+    def absolute(self) -> Options:
+        """The same where the working folder is another."""
+
+        def path(name: str) -> str:
+            return os.path.abspath(name) if os.path.exists(name) else name
+
+        return dataclasses.replace(
+            self,
+            object=path(self.object) if Path(self.object).is_file() else self.object,
+            colors=path(self.colors) if self.colors and Path(self.colors).is_file() else self.colors,
+            calibration=tuple(map(path, self.calibration)),
+        )
+
+    def plain(self) -> dict[str, Any]:
+        """For JSON; `Options(**plain)` is the same, but for the tracker."""
+        values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        del values["make_tracker"]
+        return {**values, "calibration": list(self.calibration)}
+
+    @classmethod
+    def of_plain(cls, values: dict[str, Any]) -> Options:
+        """What `plain` gave."""
+        return cls(**{**values, "calibration": tuple(values.get("calibration", ()))})
+
+
+@dataclass(frozen=True, eq=False)
+class Recipe:
+    """The same, loaded."""
+
+    model: CuboidModel
+    """The object."""
+    colors: ColorModel
+    """Its colours."""
+    rig: CameraRig | None = None
+    """The cameras; None: those of each recording."""
+    correct_halved_principal_point: bool = False
+    """Whether the calibration of recordings was halved without the quarter pixel."""
+    first: int = 0
+    """Number of the first frame that is tracked."""
+    last: int | None = None
+    """Number after that of the last one; None: the recording's end."""
+    recover: bool = False
+    """Whether to leave out what is damaged of a recording."""
+    make_tracker: MakeTracker = ObjectTracker
+
+    @classmethod
+    def of(cls, options: Options) -> Recipe:
+        """Load what the options name.
+
+        Raises:
+            TrackerError: something is unknown or malformed.
+        """
+        model = load_object(options.object)
+        rig, given = None, options.calibration
+        if given:
+            rig = CameraRig.load(
+                given[0] if len(given) == 1 else given,
+                pattern=options.pattern,
+                correct_halved_principal_point=options.correct_halved_principal_point,
+            )
+        return cls(
+            model,
+            load_colors(options.colors or model.colors),
+            rig,
+            options.correct_halved_principal_point,
+            options.first,
+            options.last,
+            options.recover,
+            options.make_tracker,
+        )
+
+    @functools.cached_property
+    def digest(self) -> str:
+        """Hash of all that the poses depend on."""
+        make = self.make_tracker
+        name = f"{make.__module__}.{getattr(make, '__qualname__', make)}"
+        plain = (self.correct_halved_principal_point, self.first, self.last, self.recover, name)
+        digest = hashlib.sha256(repr(plain).encode())
+        cameras = () if self.rig is None else (*self.rig, self.rig.arena)
+        for part in (self.model, self.colors, *cameras):
+            for content in _fields(part):
+                digest.update(hashlib.sha256(content).digest())
+        return digest.hexdigest()
+
+
+def _fields(part: Any) -> Iterator[bytes]:
+    for field in dataclasses.fields(part):
+        value = getattr(part, field.name)
+        yield value.tobytes() if isinstance(value, np.ndarray) else repr(value).encode()
