@@ -21,7 +21,7 @@ import tracker
 from tracker.logs.files import calibration_files, recording_files
 from tracker.recordings.job import Job
 
-_OTHER_ROOMS = ("cli", "viz", "learning", "tasks")
+_OTHER_ROOMS = ("cli", "viz", "learning", "upkeep", "live", "tasks")
 """Rooms of the package on which no pose depends."""
 
 
