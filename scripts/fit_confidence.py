@@ -30,7 +30,7 @@ from tracker.objects.model import load_object
 from tracker.pipeline import ObjectTracker
 from tracker.pose import judge
 from tracker.pose.fit import Fit
-from tracker.pose.judge import WEIGHTS, features, probably_near
+from tracker.pose.judge import WEIGHTS, features, fits, probably_near
 
 SEED = 101
 OBJECTS = ("cube_v2", "cuboid_2x2x8_v2")
@@ -99,7 +99,7 @@ class Cases:
     def add(self, fit: Fit, truth: Frame, faulty: bool) -> None:
         """One more answer."""
         self.rows.append(list(features(fit).values()))
-        self.near.append(probably_near(fit.covariance) / (1.0 + math.exp(-fit.lead)))
+        self.near.append(fits(fit) * probably_near(fit.covariance) / (1.0 + math.exp(-fit.lead)))
         self.right.append(_is_right(fit.position, fit.rotation, truth))
         self.faulty.append(faulty)
 

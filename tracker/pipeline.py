@@ -152,11 +152,15 @@ class ObjectTracker:
         if isinstance(outcome, Status):
             reason = outcome
         else:
-            belief, status = belief.see(outcome, expected)
+            agreement = memory.agreement.after(outcome, expected)
+            memory = memory._replace(agreement=agreement)
+            belief, status = belief.see(outcome, expected, agreement.fitting)
             uses = after(uses, outcome, held_back(memory.cameras, given))
-            pose = measured(outcome) if status is not Status.COASTING else None
+            pose = measured(outcome, agreement.fitting) if status is not Status.COASTING else None
             # It could be elsewhere: found, but not believed yet.
             reason = Status.AMBIGUOUS if pose is None else None
+            if pose is not None and agreement.contradicts:
+                status = Status.INCONSISTENT_VIEWS
         filtered = belief.estimate()
         if pose is None:
             status = Status.LOST if filtered is None else Status.COASTING

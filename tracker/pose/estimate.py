@@ -139,7 +139,7 @@ class PoseEstimator:
         """Fits of hypotheses, up to the first that settles the matter."""
         fits: list[Fit] = []
         for hypothesis in hypotheses:
-            fits.append(self.refine(sight, *hypothesis, lag=lag))
+            fits.append(self.refine(sight, *hypothesis, lag=lag, ask=True))
             if settled(fits[-1]):
                 break
         return fits
@@ -188,13 +188,15 @@ class PoseEstimator:
         position: FloatArray,
         start: Start,
         lag: Lag | None = None,
+        *,
+        ask: bool = False,
     ) -> Fit:
         """The fit nearest to a predicted pose (3, 3), (3,) [m]; a prediction off by a few pixels will do.
 
         `start`: what the unknowns beside the pose were a moment ago; `lag`: how far the pictures lag behind,
-        None where they were taken at once.
+        None where they were taken at once; `ask` as of `refine`.
         """
-        fit = self.refine(sight, rotation, position, FOLLOWING, start, lag)
+        fit = self.refine(sight, rotation, position, FOLLOWING, start, lag, ask=ask)
         if alone(fit):
             fit = max([fit, *self._reversed(sight, fit, start, lag)], key=rank)
         return fit
@@ -222,11 +224,14 @@ class PoseEstimator:
         schedule: Schedule = SCHEDULE,
         start: Start = LIKELY,
         lag: Lag | None = None,
+        *,
+        ask: bool = False,
     ) -> Fit:
-        """The fit nearest to a hypothesis (3, 3), (3,) [m]."""
+        """The fit nearest to a hypothesis (3, 3), (3,) [m]; `ask`: with what each camera by itself sees."""
         attempt = self.refiner.begin(sight.views, rotation, position, start, lag)
         self.refiner.advance(attempt, schedule)
-        return self._fit(sight, attempt)
+        own = self.refiner.alone(attempt) if ask else None
+        return replace(self._fit(sight, attempt), own=own)
 
     def _fit(self, sight: Sight, attempt: Attempt) -> Fit:
         """Where a refinement stands, with what the label maps say of it."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,6 +28,17 @@ SEEN = np.dtype(
     ]
 )
 """What one camera's picture says of a pose."""
+
+
+class OwnViews(NamedTuple):
+    """Where each camera by itself sees the object."""
+
+    information: FloatArray
+    """(C, 6, 6) on the pose that it sees [1/m², 1/rad²]; zero where it sees too little."""
+    moved: FloatArray
+    """(C, 6) that pose less the joint one [m, rad]."""
+    inliers: FloatArray
+    """(C,) weight of the pieces of edges that it rests on."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +65,10 @@ class Fit:
     """Log odds by which it leads over the best clearly different pose; infinite where none was tried."""
     left_out: tuple[int, ...] = ()
     """Cameras whose pictures were left out, since the others agree without them."""
+    own: OwnViews | None = None
+    """Where each camera by itself sees the object; None where it was not asked."""
+    disagreement: FloatArray | None = None
+    """(S,) log likelihoods of how far the calibration is off (`agreement.SCALES`); None: not judged."""
 
     def total(self, name: str) -> float:
         """Sum of a field of SEEN over the cameras."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from tracker.conventions import FloatArray
 from tracker.geometry.probability import probability_within
+from tracker.pose.agreement import probably_fits
 from tracker.pose.fit import Fit
 from tracker.pose.result import Status
 from tracker.pose.witness import MIN_VIEW, witnesses
@@ -159,8 +160,18 @@ def trust(fit: Fit) -> float:
     return 1.0 / (1.0 + math.exp(-log_odds(fit))) / (1.0 + math.exp(-fit.lead))
 
 
+def fits(fit: Fit) -> float:
+    """Probability that the calibration, as far as it was judged, leaves the pose within 5 mm."""
+    return 1.0 if fit.disagreement is None else probably_fits(fit.disagreement)
+
+
 @functools.lru_cache(maxsize=32)
-def confidence(fit: Fit) -> float:
-    """Probability that the pose is within 5 mm and 5° of the truth: equation (21) of docs/how-it-works.md."""
+def apparent(fit: Fit) -> float:
+    """The confidence of a fit if the calibration is right as far as its files state."""
     doubt = LONELY if witnesses(fit).lonely else 1.0
     return doubt * trust(fit) * probably_near(fit.covariance)
+
+
+def confidence(fit: Fit) -> float:
+    """Probability that the pose is within 5 mm and 5° of the truth: equation (21) of docs/how-it-works.md."""
+    return fits(fit) * apparent(fit)

@@ -21,7 +21,8 @@ class Status(enum.Enum):
     TOO_FEW_PIXELS = "too few pixels"
     """Face colours are in view, but too little of the object to fix a pose."""
     INCONSISTENT_VIEWS = "inconsistent views"
-    """Face colours are in view, but no pose above the table explains them in the cameras together."""
+    """Face colours are in view, but no pose above the table explains them in the cameras together. With a
+    pose, over time: the cameras contradict each other lastingly; the calibration is not to be trusted."""
     POOR_FIT = "poor fit"
     """A pose explains the colours, but the edges do not lie where it puts them."""
     AMBIGUOUS = "ambiguous"

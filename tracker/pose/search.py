@@ -10,6 +10,7 @@ import numpy as np
 from tracker.conventions import Image
 from tracker.pose.estimate import PoseEstimator
 from tracker.pose.evidence import EvidenceReader
+from tracker.pose.examine import examined
 from tracker.pose.fit import Fit
 from tracker.pose.judge import MIN_TRUST, alone, confidence, refusal, supporters, sure, trust, unanimous
 from tracker.pose.result import Status
@@ -38,7 +39,7 @@ def search(
     The light is judged by the scene's most frequent chromaticity; where that gives no sure answer, by the
     grey world as well. Where neither does, and a camera does not see the object there, each is left out in
     turn: one that is tinted, mirrored or of another moment spoils what the others see. The surest answer
-    counts.
+    counts, with a judgement of how far off the calibration is.
 
     Args:
         reader: of the pictures.
@@ -48,6 +49,24 @@ def search(
         thorough: whether to look a second time.
         lag: how far the pictures lag behind, None where they were taken at once.
     """
+    best, status, sight = _surest(reader, estimator, images, timing, thorough, lag)
+    if best is None or sight is None:
+        return status or Status.INCONSISTENT_VIEWS
+    lap = time.perf_counter()
+    best = examined(estimator, sight, best, lag)
+    timing["pose"] += 1e3 * (time.perf_counter() - lap)
+    return best
+
+
+def _surest(
+    reader: EvidenceReader,
+    estimator: PoseEstimator,
+    images: Sequence[Image | None],
+    timing: dict[str, float],
+    thorough: bool,
+    lag: Lag | None,
+) -> tuple[Fit | None, Status | None, Sight | None]:
+    """The surest pose, or why there is none, and what it was found in."""
     best: Fit | None = None
     status: Status | None = None
     clearest: Sight | None = None
@@ -67,12 +86,12 @@ def search(
             status = status or refused
         timing["pose"] = timing.get("pose", 0.0) + 1e3 * (time.perf_counter() - lap)
         if best is not None and confidence(best) > SURE:
-            return best
+            return best, None, clearest
     if thorough and clearest is not None and (best is None or not unanimous(best)):
         lap = time.perf_counter()
         best = _without_one(estimator, clearest, best, lag)
         timing["pose"] += 1e3 * (time.perf_counter() - lap)
-    return best or status or Status.INCONSISTENT_VIEWS
+    return best, status, clearest
 
 
 def _lights(

@@ -12,7 +12,7 @@ from tracker.conventions import FloatArray
 from tracker.errors import TrackerError
 from tracker.geometry import so3
 from tracker.pose.fit import Fit
-from tracker.pose.judge import VAGUE, alone, confidence, probably_near, trust
+from tracker.pose.judge import VAGUE, alone, apparent, fits, probably_near, trust
 from tracker.pose.result import MotionEstimate, PoseEstimate, Status
 from tracker.tracking.filter import MotionFilter, MotionState
 
@@ -61,7 +61,7 @@ class Belief(NamedTuple):
     unseen: bool = False
     """Whether there was no measurement of it in the last pictures."""
     trust: float = 0.0
-    """Probability that what was last seen is the object."""
+    """Probability that what was last seen is the object, and where the calibration has it."""
     pending: Pending | None = None
     """What nobody has confirmed yet."""
     step: float = 0.0
@@ -101,15 +101,18 @@ class Belief(NamedTuple):
             )
         )
 
-    def see(self, fit: Fit, expected: MotionState | None) -> tuple[Belief, Status]:
-        """What is believed after a measurement: TRACKING, FOUND, REFOUND, or COASTING if it is not yet."""
+    def see(self, fit: Fit, expected: MotionState | None, fitting: float = 1.0) -> tuple[Belief, Status]:
+        """What is believed after a measurement: TRACKING, FOUND, REFOUND, or COASTING if it is not yet.
+
+        fitting: probability that the calibration leaves the pose where it is, see `judge.fits`.
+        """
         assert self.timestamp is not None
         if alone(fit) and trust(fit) * probably_near(fit.covariance, VAGUE) < self.options.lonely:
             return self, Status.COASTING
         if self.motion is not None and expected is not None and self.plausible(expected, fit):
             motion = self.motion.updated(fit.position, fit.rotation, fit.covariance)
-            return self._believed(fit, motion), Status.TRACKING
-        sure = confidence(fit) >= self.options.sure
+            return self._believed(fit, motion, fitting), Status.TRACKING
+        sure = apparent(fit) >= self.options.sure
         # Nothing turns over on the spot so fast: poor colours mislead in one image after the other.
         if expected is None or not self._turned_over(expected, fit):
             sure = sure or self._confirmed(fit)
@@ -117,7 +120,9 @@ class Belief(NamedTuple):
             pending = Pending(self.timestamp, fit.position, fit.rotation)
             return self._replace(pending=pending), Status.COASTING
         motion = MotionFilter.start(fit.position, fit.rotation, fit.covariance)
-        return self._believed(fit, motion), Status.FOUND if self.last_pose is None else Status.REFOUND
+        return self._believed(
+            fit, motion, fitting
+        ), Status.FOUND if self.last_pose is None else Status.REFOUND
 
     @property
     def _seconds_unseen(self) -> float:
@@ -133,12 +138,12 @@ class Belief(NamedTuple):
         most = 3.0 * self.options.jump[1] + self.options.speed[1] * self._seconds_unseen
         return shift < self.options.jump[0] and turn > most
 
-    def _believed(self, fit: Fit, motion: MotionFilter) -> Belief:
+    def _believed(self, fit: Fit, motion: MotionFilter, fitting: float) -> Belief:
         return self._replace(
             motion=motion,
             seen=self.timestamp,
             pending=None,
-            trust=trust(fit),
+            trust=fitting * trust(fit),
             last_pose=(fit.rotation, fit.position),
         )
 
@@ -197,6 +202,7 @@ def _differences(fit: Fit, rotation: FloatArray, position: FloatArray) -> tuple[
     return shift, math.acos(min(1.0, max(-1.0, cosine)))
 
 
-def measured(fit: Fit) -> PoseEstimate:
-    """The pose of a fit."""
-    return PoseEstimate(fit.position, so3.quaternion(fit.rotation), fit.covariance, confidence(fit))
+def measured(fit: Fit, fitting: float | None = None) -> PoseEstimate:
+    """The pose of a fit; `fitting` as of `see`, None: what the fit itself says of it."""
+    confidence = (fits(fit) if fitting is None else fitting) * apparent(fit)
+    return PoseEstimate(fit.position, so3.quaternion(fit.rotation), fit.covariance, confidence)

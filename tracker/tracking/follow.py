@@ -10,6 +10,7 @@ import numpy as np
 from tracker.conventions import FloatArray, Image
 from tracker.pose.estimate import PoseEstimator
 from tracker.pose.evidence import EvidenceReader, View
+from tracker.pose.examine import examined
 from tracker.pose.fit import Fit
 from tracker.pose.judge import alone, confidence, features, log_odds, rank, refusal, supporters
 from tracker.pose.search import ENOUGH
@@ -55,7 +56,8 @@ class Follower:
         split = time.perf_counter()
         timing["segmentation"] = 1e3 * (split - lap)
         unused = held_back(memory.cameras, images)
-        fit = self._near(sight, unused, expected, memory.start, lag)
+        due = memory.agreement.due(expected)
+        fit = self._near(sight, unused, expected, memory.start, lag, ask=due)
         if not settled(fit):
             fit = self._without_one(sight, unused, expected, memory.start, lag, fit)
         memory = memory._replace(cameras=tuple(cameras), start=fit.end)
@@ -68,15 +70,24 @@ class Follower:
                 far = self._estimator.heard(sight, far, unused, lag)
             if far is not None and (refusal(fit) is not None or rank(far) > rank(fit)):
                 fit = far
+        if due:
+            fit = examined(self._estimator, sight, fit, lag)
         timing["pose"] = 1e3 * (time.perf_counter() - split)
         return (fit if refusal(fit) is None else None), memory
 
     def _near(
-        self, sight: Sight, left_out: Sequence[int], expected: MotionState, start: Start, lag: Lag | None
+        self,
+        sight: Sight,
+        left_out: Sequence[int],
+        expected: MotionState,
+        start: Start,
+        lag: Lag | None,
+        *,
+        ask: bool = False,
     ) -> Fit:
         """The fit nearest to the expected pose, made without some cameras, which are heard."""
         used = sight.without(*left_out) if left_out else sight
-        fit = self._estimator.follow(used, expected.rotation, expected.position, start, lag)
+        fit = self._estimator.follow(used, expected.rotation, expected.position, start, lag, ask=ask)
         return self._estimator.heard(sight, fit, left_out, lag) if left_out else fit
 
     def _without_one(

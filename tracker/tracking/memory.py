@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from tracker.pose.result import Observation
 from tracker.pose.start import LIKELY, Start
+from tracker.tracking.agreement import Agreement
 from tracker.tracking.belief import Belief, TrackingOptions
 from tracker.tracking.cameras import CameraMemory
 
@@ -18,6 +19,8 @@ class Memory(NamedTuple):
     cameras: tuple[CameraMemory, ...]
     start: Start = LIKELY
     """What the unknowns beside the pose were in the last pictures."""
+    agreement: Agreement = Agreement()
+    """Of how far the calibration is off."""
     latest: Observation | None = None
     """The last answer."""
 

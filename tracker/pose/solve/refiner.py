@@ -17,13 +17,14 @@ from tracker.geometry.lens import stack_lenses
 from tracker.objects.box import Box
 from tracker.pose.edges.lay import lay_strips
 from tracker.pose.evidence import View
-from tracker.pose.fit import SEEN
+from tracker.pose.fit import SEEN, OwnViews
 from tracker.pose.scale import relative_sizes
 from tracker.pose.solve.covariance import (
     PRIOR,
     offset_weights,
     with_model_errors,
 )
+from tracker.pose.solve.own_view import see_alone
 from tracker.pose.solve.refine import settle
 from tracker.pose.solve.schedule import SCHEDULE, TUNING, Schedule
 from tracker.pose.solve.state import Cameras, Unknowns, Workspace, workspace
@@ -149,6 +150,20 @@ class Refiner:
         work = self._local.space
         self._collect(attempt.views, attempt.cameras, attempt.unknowns, schedule, step, work)
         return work
+
+    def alone(self, attempt: Attempt) -> OwnViews:
+        """Where each camera by itself sees the object, by the offsets of the attempt's last step.
+
+        To be asked before another attempt is advanced in this thread.
+        """
+        work, count = self._local.space, len(self.lenses)
+        views = OwnViews(np.empty((count, 6, 6)), np.empty((count, 6)), np.zeros(count))
+        seen = np.zeros(count, SEEN)
+        see_alone(
+            attempt.cameras, attempt.unknowns, TUNING, PRIOR / self._units, work, seen, views.information,
+            views.moved,
+        )  # fmt: skip
+        return views._replace(inliers=seen["inliers"].copy())
 
     def end(self, attempt: Attempt) -> Refined:
         """Where an attempt stands."""
