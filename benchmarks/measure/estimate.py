@@ -22,7 +22,7 @@ from benchmarks.measure.motion import film_length as motion_length
 RENDER = {"scene": 1.1, "effect": 1.6, "rig": 1.0, "package": 2.5, "film": 1.1, "motion": 1.5, "dice": 1.6}
 """Processor time of one scene or frame, three cameras, on a core of a server [s]."""
 
-ANSWER, BOUND, LOCATE, SPEED, RECORDED = 0.012, 0.04, 0.5, 240.0, 120.0
+ANSWER, BOUND, LOCATE, SPEED, RECORDED = 0.012, 0.04, 0.5, 300.0, 120.0
 """Of a detection with what belongs to it, of its bound, of a scene of dice; of all of speed, and of all
 recorded pictures [s]."""
 

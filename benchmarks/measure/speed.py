@@ -15,11 +15,12 @@ from benchmarks.measure.processes import process_rows
 from benchmarks.measure.timed_scenes import (
     OBJECTS,
     TimedScene,
+    platform_film,
     platform_scenes,
     recorded_scene,
     sized_scenes,
 )
-from benchmarks.measure.timing import Timings, time_detections
+from benchmarks.measure.timing import Timings, time_detections, time_updates
 
 SIZES = (270, 540, 1080)
 """Heights of square pictures [px]."""
@@ -28,8 +29,11 @@ RENDERED = "rendered"
 RECORDED = "recorded"
 
 
-ROUNDS, RECORDED_ROUNDS = 10, 60
-"""Detections of each rendered scene, and of a recorded triplet."""
+ROUNDS, RECORDED_ROUNDS, FILM_ROUNDS = 10, 60, 5
+"""Detections of each rendered scene, and of a recorded triplet; how often a film is played."""
+
+LONGEST_FILM = 30
+"""Frames of a film that is timed, at most."""
 
 Rows = list[dict[str, Any]]
 
@@ -53,6 +57,7 @@ def measure_speed(plan: Plan, real: Path | None) -> Rows:
         rows += _whole(about, timings)
         rows += [{"part": "time, cameras", **about, **row} for row in _by_cameras(detector, scenes)]
         rows += [{"part": "time, faces", **about, **row} for row in by_faces(scenes, timings)]
+        rows.append({"part": "time, film", **about, **_film_row(name, min(LONGEST_FILM, 3 * count))})
         if name == OBJECTS[0]:
             rows += process_rows(name, rig, scenes[0], processes=min(7, count))
     for name in POSED if real is not None else ():
@@ -70,6 +75,12 @@ def _pictures(kind: str, size: int) -> str:
 def _whole(about: dict[str, Any], timings: Timings) -> Rows:
     stages = [{"part": "time, stages", **about, **row} for row in timings.stage_rows()]
     return [{"part": "time", **about, **timings.row()}, *stages]
+
+
+def _film_row(name: str, frames: int) -> dict[str, Any]:
+    """`update` from frame to frame."""
+    rig, film = platform_film(name, frames)
+    return time_updates(tracker.ObjectTracker(tracker.load_object(name), rig), film, FILM_ROUNDS).row()
 
 
 def _by_cameras(detector: tracker.ObjectTracker, scenes: Sequence[TimedScene]) -> Rows:

@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -37,6 +38,8 @@ class TimedScene:
     """(3, 3) world from object."""
     faces: int = 0
     """Faces in view, summed over the cameras: a face that two cameras see counts twice."""
+    timestamp: float = 0.0
+    """Of a film's frame [s]."""
 
     def seen_by(self, cameras: Iterable[int]) -> TimedScene:
         """The same scene with the images of these cameras only."""
@@ -45,14 +48,26 @@ class TimedScene:
         return dataclasses.replace(self, images=images)
 
 
-def platform_scenes(name: str, count: int, *, size: int = 270) -> tuple[tracker.CameraRig, list[TimedScene]]:
-    """Rig and scenes of the simulated platform with fingers and realistic cameras."""
-    rig = sized(standard_rig(), size)
+def platform_scenes(name: str, count: int, **more: Any) -> tuple[tracker.CameraRig, list[TimedScene]]:
+    """Rig and scenes of the simulated platform with fingers and realistic cameras.
+
+    Args:
+        name: of the object.
+        count: of scenes.
+        more: fields of `FrameOptions`.
+    """
+    rig = sized(standard_rig(), 270)
     scenes = []
-    for frame in frames(name, count, SEED, rig=rig, empty=0.0, size=size):
+    for frame in frames(name, count, SEED, rig=rig, empty=0.0, **more):
         (state,) = frame.objects
-        scenes.append(TimedScene(frame.images, state.position, state.rotation, _faces(frame.labels)))
+        faces = _faces(frame.labels)
+        scenes.append(TimedScene(frame.images, state.position, state.rotation, faces, frame.timestamp))
     return rig, scenes
+
+
+def platform_film(name: str, count: int) -> tuple[tracker.CameraRig, list[TimedScene]]:
+    """The same of a film at 10 Hz in which the fingers carry the object about."""
+    return platform_scenes(name, count, sequence=True, kind="carry", dropped=0.0)
 
 
 def sized_scenes(name: str, count: int, size: int) -> tuple[tracker.CameraRig, list[TimedScene]]:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -23,7 +24,7 @@ OTHER = "other"
 
 @dataclass(frozen=True, eq=False)
 class Timings:
-    """Wall-clock times of N detections [ms], and what they found."""
+    """Wall-clock times of N detections, or updates, [ms], and what they found."""
 
     detect: FloatArray
     """(N,) of the detections."""
@@ -81,27 +82,59 @@ def reference_work(images: Sequence[Image | None]) -> None:
 
 def time_detections(detector: tracker.ObjectTracker, scenes: Sequence[TimedScene], rounds: int) -> Timings:
     """Detect in every scene `rounds` times, in turn with the reference work, after once uncounted."""
-    detect, reference, right = [], [], []
-    stages: list[dict[str, float]] = []
+    rows = []
     with one_thread():
         for scene in scenes:
             detector.detect(scene.images)
             reference_work(scene.images)
-            for _ in range(rounds):
-                start = time.perf_counter()
-                observation = detector.detect(scene.images)
-                middle = time.perf_counter()
-                reference_work(scene.images)
-                reference.append(1e3 * (time.perf_counter() - middle))
-                detect.append(1e3 * (middle - start))
-                stages.append({k: v for k, v in observation.timing_ms.items() if k != "total"})
-                right.append(_right(observation.object_pose, scene))
-    return Timings(
-        np.array(detect), np.array(reference), _by_stage(stages, np.array(detect)), np.array(right)
-    )
+            work = functools.partial(detector.detect, scene.images)
+            rows += [_timed(work, scene) for _ in range(rounds)]
+    return _timings(rows)
 
 
-def _by_stage(rows: list[dict[str, float]], whole: FloatArray) -> dict[str, FloatArray]:
+def time_updates(follower: tracker.ObjectTracker, film: Sequence[TimedScene], rounds: int) -> Timings:
+    """Play a film from its start `rounds` times, in turn with the reference work, after once uncounted.
+
+    What counts are the frames in which the object is followed from the frame before.
+    """
+    rows = []
+    with one_thread():
+        for number in range(rounds + 1):
+            follower.reset()
+            played = [
+                _timed(functools.partial(follower.update, scene.images, scene.timestamp), scene)
+                for scene in film
+            ]
+            rows += [row for row in played if number and row.status is tracker.Status.TRACKING]
+    return _timings(rows)
+
+
+class _Row(NamedTuple):
+    detect: float
+    reference: float
+    stages: dict[str, float]
+    right: float
+    status: tracker.Status
+
+
+def _timed(work: Callable[[], tracker.Observation], scene: TimedScene) -> _Row:
+    start = time.perf_counter()
+    observation = work()
+    middle = time.perf_counter()
+    reference_work(scene.images)
+    end = time.perf_counter()
+    stages = {stage: spent for stage, spent in observation.timing_ms.items() if stage != "total"}
+    right = _right(observation.object_pose, scene)
+    return _Row(1e3 * (middle - start), 1e3 * (end - middle), stages, right, observation.status)
+
+
+def _timings(rows: Sequence[_Row]) -> Timings:
+    detect = np.array([row.detect for row in rows])
+    reference, right = (np.array([getattr(row, name) for row in rows]) for name in ("reference", "right"))
+    return Timings(detect, reference, _by_stage([row.stages for row in rows], detect), right)
+
+
+def _by_stage(rows: Sequence[dict[str, float]], whole: FloatArray) -> dict[str, FloatArray]:
     """A stage that a detection did not reach took no time there."""
     names = list(dict.fromkeys(name for row in rows for name in row))
     stages = {name: np.array([row.get(name, 0.0) for row in rows]) for name in names}

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import dataclasses
+
 import cv2
 import numpy as np
 import pytest
@@ -8,7 +10,7 @@ import tracker
 from benchmarks.measure import processes
 from benchmarks.measure.speed import by_faces
 from benchmarks.measure.timed_scenes import TimedScene, sized_scenes
-from benchmarks.measure.timing import OTHER, Timings, one_thread, time_detections
+from benchmarks.measure.timing import OTHER, Timings, one_thread, time_detections, time_updates
 from tests.helpers import run_python
 
 
@@ -48,6 +50,21 @@ def test_answers_are_judged_only_where_the_truth_is_known(timed):
     detector = tracker.ObjectTracker(tracker.load_object("cube_v2"), rig)
     unknown = time_detections(detector, [TimedScene(scenes[0].images)], 1)
     assert np.isnan(unknown.row()["right"])
+
+
+def test_updates_are_timed_while_the_object_is_followed(timed):
+    rig, scenes, _ = timed
+    still = [dataclasses.replace(scenes[0], timestamp=k / 10) for k in range(4)]
+    away = [dataclasses.replace(scenes[0], images=[None] * 3, timestamp=0.4 + k / 10) for k in range(2)]
+    follower = tracker.ObjectTracker(tracker.load_object("cube_v2"), rig)
+    timings = time_updates(follower, [*still, *away], 2)
+    # Neither the play that warms up, nor the frame that finds the object, nor those without it.
+    assert len(timings.detect) == len(timings.reference) == 2 * (len(still) - 1)
+    assert timings.row()["right"] == 100
+    assert timings.row()["ratio"] > 0
+    nothing = time_updates(follower, away, 1).row()
+    assert nothing["n"] == 0
+    assert np.isnan(nothing["ratio"])
 
 
 def test_one_thread_leaves_the_number_of_threads_as_it_was():
