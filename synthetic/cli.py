@@ -46,7 +46,11 @@ def commands() -> None:
 )
 @click.option("--sequence", is_flag=True, help="Motion: frames follow each other; else single scenes.")
 @click.option("--rate", type=click.FloatRange(0.1, 1000), default=10.0, help="Frames of a sequence [Hz].")
-@click.option("--bop", is_flag=True, help="Add the BOP layout (undistorted, millimetres) in the folder bop.")
+@click.option(
+    "--bop",
+    is_flag=True,
+    help="Add the BOP layout (undistorted, millimetres, true cameras) in the folder bop.",
+)
 @click.option("--raw", is_flag=True, help="Pictures are the cameras' RGGB mosaics; of size 540.")
 @click.option("--size", type=click.Choice(["270", "540"]), default="270", help="Height of the pictures [px].")
 @click.option(

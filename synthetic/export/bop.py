@@ -3,11 +3,14 @@
     bop/camera.json, dataset_info.json, models/{models_info.json, obj_000001.ply},
     bop/test/000001/{rgb, mask, mask_visib}_CAMERA/, {scene_camera, scene_gt, scene_gt_info}_CAMERA.json
 
-Pictures are the distorted ones, undistorted with the same camera matrix; masks come from the renderer.
+Pictures are the distorted ones, undistorted with the same camera matrix, mosaics after they were
+demosaicked; masks come from the renderer. Cameras are stated as they truly are, also where the calibration
+that is given to users is another, and each pose is that of its picture's own moment.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 from collections.abc import Sequence
@@ -17,6 +20,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from synthetic.camera.sensor import demosaicked
 from synthetic.frames import Frame
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray, Image
@@ -32,14 +36,15 @@ DICE, DIE_SIZE = "dice", 0.022
 _MM = 1000.0
 
 
-def write_bop_frame(root: Path, frame: Frame, rig: CameraRig) -> None:
+def write_bop_frame(root: Path, frame: Frame) -> None:
     """Write the undistorted pictures and the masks of a frame that was made with `pinhole`."""
     scene = root / SCENE_FOLDER
-    for camera, image, (labels, alone) in zip(rig, frame.images, frame.pinhole_labels, strict=True):
+    for camera, image, (labels, alone) in zip(frame.rig, frame.images, frame.pinhole_labels, strict=True):
         folders = {kind: scene / f"{kind}_{camera.name}" for kind in ("rgb", "mask", "mask_visib")}
         for folder in folders.values():
             folder.mkdir(parents=True, exist_ok=True)
-        _write(folders["rgb"] / f"{frame.index:06d}.png", undistorted(image, camera))
+        colored = demosaicked(image) if image.ndim == 2 else image
+        _write(folders["rgb"] / f"{frame.index:06d}.png", undistorted(colored, camera))
         for number in range(len(frame.objects)):
             name = f"{frame.index:06d}_{number:06d}.png"
             _write(folders["mask"] / name, _mask(alone, number, len(frame.objects)))
@@ -56,16 +61,26 @@ def undistorted(image: Image, camera: Camera) -> Image:
     return np.asarray(cv2.remap(image, *maps, cv2.INTER_CUBIC), dtype=np.uint8)
 
 
-def finish_bop(root: Path, rig: CameraRig, entries: Sequence[dict[str, Any]], object_name: str) -> None:
-    """Write the JSON files and the model, from the truth of all frames and the masks."""
+def finish_bop(
+    root: Path, rig: CameraRig, entries: Sequence[dict[str, Any]], object_name: str, *, raw: bool = False
+) -> None:
+    """Write the JSON files and the model, from the truth of all frames and the masks.
+
+    Args:
+        root: the layout's folder.
+        rig: the cameras, where a frame's truth does not say what they are.
+        entries: the frames' truth, see `Frame.truth`.
+        object_name: what lies there.
+        raw: whether the frames' pictures are mosaics.
+    """
     size = np.full(3, DIE_SIZE) if object_name == DICE else load_object(object_name).size
-    for camera in rig:
+    for usual in rig:
         poses: dict[str, Any] = {}
         infos: dict[str, Any] = {}
         cameras: dict[str, Any] = {}
         for entry in entries:
             key = str(int(entry["frame"]))
-            objects = _objects(entry)
+            camera, objects = _true_camera(entry, usual), _objects(entry, usual.name)
             poses[key] = [_in_camera(item, camera) for item in objects]
             infos[key] = [
                 _info(root, camera, int(entry["frame"]), n, size, objects) for n in range(len(objects))
@@ -77,7 +92,7 @@ def finish_bop(root: Path, rig: CameraRig, entries: Sequence[dict[str, Any]], ob
                 "cam_t_w2c": (_MM * camera.camera_from_world[:3, 3]).tolist(),
             }
         for name, content in (("camera", cameras), ("gt", poses), ("gt_info", infos)):
-            _write_json(root / SCENE_FOLDER / f"scene_{name}_{camera.name}.json", content)
+            _write_json(root / SCENE_FOLDER / f"scene_{name}_{usual.name}.json", content)
     _write_models(root / "models", size, object_name)
     first = rig[0]
     _write_json(
@@ -98,13 +113,30 @@ def finish_bop(root: Path, rig: CameraRig, entries: Sequence[dict[str, Any]], ob
         "objects": {str(OBJECT_ID): object_name},
         "synthetic": True,
         "distortion": "removed",
+        "mosaic": "removed" if raw else "none",
+        "calibration": "true; where users are given another one it is in the folder of its frame",
+        "moments": "each pose is that of its picture's moment; ground_truth.json has the stamps",
         "files_of_a_camera": "test/000001/*_CAMERA and scene_*_CAMERA.json",
     }
     _write_json(root / "dataset_info.json", about)
 
 
-def _objects(entry: dict[str, Any]) -> list[dict[str, Any]]:
-    found = entry["object"]
+def _of_camera(entry: dict[str, Any], name: str) -> dict[str, Any]:
+    found: dict[str, Any] = entry.get("cameras", {}).get(name, {})
+    return found
+
+
+def _true_camera(entry: dict[str, Any], usual: Camera) -> Camera:
+    """A frame's camera, told where it is not the usual one."""
+    told = _of_camera(entry, usual.name)
+    keys = ("matrix", "distortion", "camera_from_world")
+    changes: dict[str, Any] = {key: np.array(told[key]) for key in keys if key in told}
+    return dataclasses.replace(usual, **changes)
+
+
+def _objects(entry: dict[str, Any], name: str) -> list[dict[str, Any]]:
+    """What is there at the moment of a camera's picture."""
+    found = _of_camera(entry, name).get("object", entry["object"])
     return found if isinstance(found, list) else [] if found is None else [found]
 
 

@@ -48,13 +48,6 @@ class DatasetOptions:
     bop: bool = False
     """Add the data set in the BOP layout, in the folder `bop`."""
 
-    def __post_init__(self) -> None:
-        # Its pictures are undistorted by exact cameras, and all of a scene's are of one moment.
-        unlike = {"calibration", "timing"}.intersection(self.frames.effects)
-        if self.bop and (unlike or self.frames.raw):
-            found = ", ".join([*sorted(unlike), *["raw"] * self.frames.raw])
-            raise DatasetError(f"bop: found {found} as well, which the layout cannot tell; expected neither")
-
     def rig(self) -> CameraRig:
         """The cameras that the data set uses."""
         return sized(choose_rig(self.calibration, self.frames.seed), self.frames.size)
@@ -90,7 +83,7 @@ class _Maker:
         remaining = len(task.wanted)
         for frame in maker.chunk(task.chunk, frozenset(task.wanted)):
             if self._options.bop:
-                write_bop_frame(self._folder / "bop", frame, maker.rig)
+                write_bop_frame(self._folder / "bop", frame)
             write_frame(self._folder, frame, maker.rig.names)
             yield frame.truth(maker.rig.names)
             remaining -= 1
@@ -186,7 +179,8 @@ def make_dataset(
     finally:
         truth.save()
     if options.bop:
-        finish_bop(root / "bop", rig, truth.entries(), options.frames.object_name)
+        name, raw = options.frames.object_name, options.frames.raw
+        finish_bop(root / "bop", rig, truth.entries(), name, raw=raw)
     return made
 
 

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import io
 import json
 import shutil
@@ -12,6 +13,9 @@ import numpy as np
 import pytest
 
 from synthetic import cli
+from synthetic.camera.rigs import standard_rig
+from synthetic.export.dataset import DatasetOptions, make_dataset
+from synthetic.frames import FrameOptions
 from tests.helpers import ROOT, run_python
 from tests.helpers.synthetic_needs import skip_without_platform
 from tracker.calibration.rig import CameraRig
@@ -143,28 +147,34 @@ def test_the_bop_files_agree_with_the_truth(made):
                 assert poses[key] == []
                 continue
             (pose,), (info,) = poses[key], infos[key]
-            matrix = np.reshape(cameras[key]["cam_K"], (3, 3))
-            rotation, _ = cv2.Rodrigues(np.reshape(pose["cam_R_m2c"], (3, 3)))
-            bop, _ = cv2.projectPoints(
-                1000 * corners(size), rotation, np.array(pose["cam_t_m2c"]), matrix, np.zeros(5)
-            )
+            bop = seen_in_bop(cameras[key], pose, size)
             # The truth by another way: the camera's file, and scipy's quaternions.
             expected = project_truth(rig[name], entry["object"], corners(size))
-            assert np.abs(bop[:, 0] - expected).max() < 1e-6
-            outline = cv2.convexHull(bop[:, 0].astype(np.float32))
-            mask = cv2.imread(
-                str(scene / f"mask_{name}" / f"{int(key):06d}_000000.png"), cv2.IMREAD_UNCHANGED
-            )
+            assert np.abs(bop - expected).max() < 1e-6
+            mask = mask_within(scene, name, key, bop)
             visible = cv2.imread(
                 str(scene / f"mask_visib_{name}" / f"{int(key):06d}_000000.png"), cv2.IMREAD_UNCHANGED
             )
             assert not (visible[mask == 0]).any()
             assert info["px_count_all"] == np.count_nonzero(mask)
             assert info["px_count_visib"] == np.count_nonzero(visible)
-            for row, column in np.argwhere(mask > 0)[::7]:
-                inside = cv2.pointPolygonTest(outline, (float(column), float(row)), True)
-                assert inside > -1.0
-            assert np.count_nonzero(mask) == pytest.approx(cv2.contourArea(outline), rel=0.03)
+
+
+def seen_in_bop(camera, pose, size):
+    """Pixels (8, 2) of the corners of a box, by what the layout says of camera and pose."""
+    rotation, _ = cv2.Rodrigues(np.reshape(pose["cam_R_m2c"], (3, 3)))
+    matrix, shift = np.reshape(camera["cam_K"], (3, 3)), np.array(pose["cam_t_m2c"])
+    return cv2.projectPoints(1000 * corners(size), rotation, shift, matrix, np.zeros(5))[0][:, 0]
+
+
+def mask_within(scene, name, key, points):
+    """The mask of a frame, which fills the outline of these pixels."""
+    outline = cv2.convexHull(points.astype(np.float32))
+    mask = cv2.imread(str(scene / f"mask_{name}" / f"{int(key):06d}_000000.png"), cv2.IMREAD_UNCHANGED)
+    for row, column in np.argwhere(mask > 0)[::7]:
+        assert cv2.pointPolygonTest(outline, (float(column), float(row)), True) > -1.0
+    assert np.count_nonzero(mask) == pytest.approx(cv2.contourArea(outline), rel=0.03)
+    return mask
 
 
 def project_truth(camera, state, points):
@@ -176,3 +186,35 @@ def project_truth(camera, state, points):
         world, rotation, camera.camera_from_world[:3, 3], camera.matrix, np.zeros(5)
     )
     return pixels[:, 0]
+
+
+def test_the_bop_files_tell_true_cameras_each_picture_at_its_own_moment_and_colours_of_mosaics(tmp_path):
+    effects = ("calibration", "timing")
+    options = FrameOptions(
+        "cube_v1", 0, "fast", sequence=True, kind="drop", length=3, effects=effects, raw=True, path="old"
+    )
+    make_dataset(DatasetOptions(options, 2, bop=True), tmp_path / "set")
+    scene, size = tmp_path / "set" / "bop" / "test" / "000001", load_object("cube_v1").size
+    apart = []
+    for name, usual in zip(CAMERAS, standard_rig(), strict=True):
+        cameras, poses = (
+            json.loads((scene / f"scene_{kind}_{name}.json").read_text()) for kind in ("camera", "gt")
+        )
+        for entry in truth_of(tmp_path / "set")["frames"]:
+            key, told = str(int(entry["frame"])), entry["cameras"][name]
+            true = dataclasses.replace(
+                usual, matrix=np.array(told["matrix"]), camera_from_world=np.array(told["camera_from_world"])
+            )
+            (pose,) = poses[key]
+            bop = seen_in_bop(cameras[key], pose, size)
+            np.testing.assert_allclose(bop, project_truth(true, told["object"], corners(size)), atol=1e-6)
+            apart.append(np.abs(bop - project_truth(true, entry["object"], corners(size))).max())
+            mask_within(scene, name, key, bop)
+            colored = cv2.imread(str(scene / f"rgb_{name}" / f"{int(key):06d}.png"), cv2.IMREAD_UNCHANGED)
+            assert colored.shape == (270, 270, 3)
+            mosaic = cv2.imread(str(tmp_path / "set" / entry["frame"] / f"{name}.png"), cv2.IMREAD_UNCHANGED)
+            assert mosaic.shape == (270, 270)
+    # Somewhere the object had moved on by the frame's stamp.
+    assert max(apart) > 1.0
+    about = json.loads((tmp_path / "set" / "bop" / "dataset_info.json").read_text())
+    assert about["mosaic"] == "removed"

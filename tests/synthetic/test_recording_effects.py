@@ -16,7 +16,6 @@ from synthetic.camera.sensor import CameraSettings, Sensor, demosaicked, mosaick
 from synthetic.camera.shot import QUALITIES, shoot
 from synthetic.camera.timing import MOST, PERIOD, Timing
 from synthetic.camera.units import Unit
-from synthetic.export.dataset import DatasetOptions
 from synthetic.frames import DatasetError, FrameMaker, FrameOptions, frames
 from synthetic.render.interface import Layers
 from synthetic.scene import ObjectState
@@ -152,12 +151,6 @@ def test_small_pictures_are_no_mosaics_unless_mosaicked_again(found, message):
     with pytest.raises(DatasetError, match=message):
         FrameOptions("cube_v2", 1, raw=True, **found)
     FrameOptions("cube_v2", 1, raw=True, path="old")
-
-
-@pytest.mark.parametrize("name", ["calibration", "timing"])
-def test_the_bop_layout_refuses_what_it_cannot_tell(name):
-    with pytest.raises(DatasetError, match=f"bop: found {name} as well"):
-        DatasetOptions(FrameOptions("cube_v2", 1, effects=(name,)), 1, bop=True)
 
 
 @pytest.fixture(scope="module")
