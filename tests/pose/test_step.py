@@ -11,8 +11,10 @@ from tracker.pose.solve.step import (
     SHARES,
     SHARES_PRIOR,
     UNKNOWNS,
+    blank_step,
     calibration_share,
     marginal,
+    own_changes,
     solve_step,
 )
 
@@ -42,8 +44,8 @@ class Problem:
             root = rng.normal(size=(6, 6))
             self.prior[UNKNOWNS:, UNKNOWNS:] = root @ root.T + np.eye(6)
         self.pull = rng.normal(size=self.size)
-        self.known = np.zeros((self.size, self.size))
-        self.shared, self.changes = np.zeros(self.size), np.zeros((cameras, OWN))
+        self.step = blank_step(cameras, self.size)
+        self.known, self.shared, self.changes = self.step.known, self.step.shared, self.step.changes
 
     @property
     def arguments(self) -> tuple[np.ndarray, ...]:
@@ -63,12 +65,12 @@ class Problem:
         return np.concatenate([self.rows, -self.delays[:, None, None] * self.rows[..., :6]], axis=2)
 
     def solve(self, share: float = 1.0) -> float:
-        outputs = (self.known, self.shared, self.changes)
-        return solve_step(self.arguments, share, self.prior, self.pull, *outputs)
+        doubt = solve_step(self.arguments, share, self.prior, self.pull, self.step)
+        own_changes(self.step, self.delays)
+        return doubt
 
     def share(self) -> float:
-        outputs = (self.known, self.shared, self.changes)
-        return calibration_share(self.arguments, 0, self.prior, self.pull, *outputs)
+        return calibration_share(self.arguments, 0, self.prior, self.pull, self.step)
 
     def held(self, c: int, share: float) -> np.ndarray:
         """(OWN, OWN) root of the information on what camera c has of its own."""

@@ -15,11 +15,12 @@ from tracker.pose.solve.robust import spread
 from tracker.pose.solve.step import (
     EXPONENT,
     MOVING_SHARE,
-    OWN,
     RIM,
     UNKNOWNS,
+    blank_step,
     calibration_share,
     marginal,
+    own_changes,
     solve_step,
 )
 from tracker.pose.start import LIKELY
@@ -227,8 +228,7 @@ def settle(cameras, prior, radius, rim, schedule, tuning, step, unknowns, work, 
     Returns whether the last step was negligible, and the next step.
     """
     n = len(unknowns.shared)
-    joint, update, pull = np.zeros((n, n)), np.zeros(n), np.zeros(n)
-    changes, priors = np.zeros((len(cameras.used), OWN)), np.zeros((n, n))
+    priors, pull, found = np.zeros((n, n)), np.zeros(n), blank_step(len(cameras.used), n)
     for i in range(6):
         priors[i, i] = prior[i]
     priors[EXPONENT, EXPONENT], priors[RIM, RIM] = 1.0 / EXPONENT_STD**2, 1.0 / rim[1] ** 2
@@ -257,22 +257,23 @@ def settle(cameras, prior, radius, rim, schedule, tuning, step, unknowns, work, 
             if turn == 0 and doubtful and not rough:
                 # How far the cameras disagree is judged as if edges were where they should be.
                 _add_up(cameras, unknowns, tuning, schedule.tukey[step], scatter, tuning.own**2, work, seen)
-                share = calibration_share(equations, MOVING_SHARE, priors, pull, joint, update, changes)
+                share = calibration_share(equations, MOVING_SHARE, priors, pull, found)
             _add_up(cameras, unknowns, tuning, schedule.tukey[step], scatter, unknowns.own[0], work, seen)
             if late:
                 unknowns.own[0] = own_variance(work.edges, tuning.own**2)
-            if not np.isfinite(solve_step(equations, share, priors, pull, joint, update, changes)):
+            if not np.isfinite(solve_step(equations, share, priors, pull, found)):
                 return False, len(schedule.blur)
-            _move(cameras, unknowns, update, changes, tuning, radius, work)
+            own_changes(found, cameras.delays)
+            _move(cameras, unknowns, found.shared, found.changes, tuning, radius, work)
         whole = late and schedule.every[step] == 1
-        converged = whole and _length(before, unknowns, joint) < schedule.negligible[step]
+        converged = whole and _length(before, unknowns, found.known) < schedule.negligible[step]
         step += 1
         if converged and doubtful:
             _add_up(cameras, unknowns, tuning, schedule.tukey[step - 1], scatter, tuning.own**2, work, seen)
-            share = calibration_share(equations, 0, priors, pull, joint, update, changes)
+            share = calibration_share(equations, 0, priors, pull, found)
             _add_up(cameras, unknowns, tuning, schedule.tukey[step - 1], scatter, unknowns.own[0], work, seen)
-            solve_step(equations, share, priors, pull, joint, update, changes)
-        if not marginal(joint, covariance):
+            solve_step(equations, share, priors, pull, found)
+        if not marginal(found.known, covariance):
             return False, len(schedule.blur)
         if rough or (not converged and _astray(work, tuning.stray)):
             break

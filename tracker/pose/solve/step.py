@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from tracker.compiled import compiled
+from tracker.conventions import FloatArray
 from tracker.geometry.linear import factorise, substitute
 
 EXPONENT, RIM = 6, 7
@@ -20,6 +22,30 @@ MOVING = UNKNOWNS + 6
 OWN = 7
 """Of each camera: an offset of the pose (6), which its calibration error causes, and how much its exponent
 deviates from that of all. They act as the first seven of what is shared."""
+
+
+class Step(NamedTuple):
+    """What a step works out, n unknowns being shared; filled in place."""
+
+    known: FloatArray
+    """(n, n) information on what is shared, with all else marginalised."""
+    lower: FloatArray
+    """(n, n) its Cholesky factor."""
+    shared: FloatArray
+    """(n,) update of what is shared."""
+    reduced: FloatArray
+    """(C, OWN, UNKNOWNS) by which a camera's own changes less per unit of what is shared."""
+    changes: FloatArray
+    """(C, OWN) update of what is the cameras' own: where what is shared stays, until `own_changes`."""
+
+
+@compiled
+def blank_step(cameras, n):  # type: ignore[no-untyped-def]
+    """Room for the step of n unknowns that are shared."""
+    return Step(
+        np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), np.zeros((cameras, OWN, UNKNOWNS)),
+        np.zeros((cameras, OWN)),
+    )  # fmt: skip
 
 
 @compiled
@@ -75,8 +101,8 @@ def _add(delay, schur, right, known, vector):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def solve_step(equations, share, prior, pull, known, shared, changes):  # type: ignore[no-untyped-def]
-    """Solve for the pose, exponent, rim and what the cameras have of their own together.
+def solve_step(equations, share, prior, pull, step):  # type: ignore[no-untyped-def]
+    """Solve for the pose, exponent and rim, whatever the cameras have of their own.
 
     Returns minus twice the logarithm of the measurements' likelihood under this `share`, up to a constant;
     infinite, where the equations cannot be solved: equation (18) of docs/how-it-works.md. The step is
@@ -88,30 +114,31 @@ def solve_step(equations, share, prior, pull, known, shared, changes):  # type: 
     both, of offsets (C, 7), weights, and delays (C,) [s]. Minimised is
     Σ ‖r_c - J_c (δ - d_c ν + (dη_c, 0))‖² + (η_c + dη_c)ᵀ W_c / share (η_c + dη_c) + δᵀ P δ - 2 δᵀ q with
     prior P (n, n) and pull q (n,); n is UNKNOWNS, or MOVING where cameras lag behind and the change of
-    velocity ν is unknown, too. What is the cameras' own is eliminated (Schur). Filled: known (n, n), the
-    information on what is shared with that marginalised; shared (n,), its update; changes (C, 7).
+    velocity ν is unknown, too. What is the cameras' own is eliminated (Schur), until `own_changes`.
+    Filled: `step`.
     """
     information, gradient, offsets, delays = equations[0], equations[1], equations[2], equations[4]
+    known, lower, shared = step.known, step.lower, step.shared
     cameras, n = len(offsets), len(shared)
     vector, right = pull.copy(), np.empty(UNKNOWNS)
     own, factor, schur = np.empty((OWN, OWN)), np.empty((OWN, OWN)), np.empty((UNKNOWNS, UNKNOWNS))
-    force, reduced, lower = np.empty(OWN), np.empty((cameras, OWN, UNKNOWNS)), np.empty((n, n))
+    force = np.empty(OWN)
     doubt = 0.0
     for i in range(n):
         for k in range(n):
             known[i, k] = prior[i, k]
     for c in range(cameras):
-        doubt += _eliminate(equations, c, share, own, factor, force, changes[c], reduced[c])
+        doubt += _eliminate(equations, c, share, own, factor, force, step.changes[c], step.reduced[c])
         if not np.isfinite(doubt):
             return np.inf
         for i in range(UNKNOWNS):
             right[i] = gradient[c, i]
             for j in range(OWN):
-                right[i] -= reduced[c, j, i] * force[j]
+                right[i] -= step.reduced[c, j, i] * force[j]
             for k in range(i + 1):
                 schur[i, k] = information[c, i, k]
                 for j in range(OWN):
-                    schur[i, k] -= information[c, j, i] * reduced[c, j, k]
+                    schur[i, k] -= information[c, j, i] * step.reduced[c, j, k]
         _add(delays[c], schur, right, known, vector)
     for i in range(n):
         for k in range(i):
@@ -121,14 +148,20 @@ def solve_step(equations, share, prior, pull, known, shared, changes):  # type: 
     substitute(lower, vector, shared)
     for i in range(n):
         doubt += 2.0 * math.log(lower[i, i]) - vector[i] * shared[i]
-    for c in range(cameras):
-        for k in range(UNKNOWNS):
-            change = shared[k]
-            if k < 6 and n > UNKNOWNS:
-                change -= delays[c] * shared[UNKNOWNS + k]
-            for i in range(OWN):
-                changes[c, i] -= reduced[c, i, k] * change
     return doubt
+
+
+@compiled
+def own_changes(step, delays):  # type: ignore[no-untyped-def]
+    """Let what is the cameras' own follow the update of what is shared; delays (C,) [s]."""
+    n = len(step.shared)
+    for c in range(len(delays)):
+        for k in range(UNKNOWNS):
+            change = step.shared[k]
+            if k < 6 and n > UNKNOWNS:
+                change -= delays[c] * step.shared[UNKNOWNS + k]
+            for i in range(OWN):
+                step.changes[c, i] -= step.reduced[c, i, k] * change
 
 
 SHARES = np.array([100.0, 30.0, 10.0, 3.0, 1.0, 0.3, 0.1, 0.03, 0.01, 0.003, 0.001])
@@ -144,17 +177,17 @@ model would be taken for cameras that are off. How uncertain the pose is, may re
 
 
 @compiled
-def calibration_share(equations, first, prior, pull, known, shared, changes):  # type: ignore[no-untyped-def]
+def calibration_share(equations, first, prior, pull, step):  # type: ignore[no-untyped-def]
     """Mean share of the stated calibration variance that explains how well the cameras agree.
 
     See equation (18) of docs/how-it-works.md.
-    Arguments as of `solve_step`, whose outputs are work space here. The shares are weighted with their
+    Arguments as of `solve_step`; `step` is work space here. The shares are weighted with their
     marginal likelihood (empirical Bayes): a calibration is often better than its file fears, and with
     offsets held smaller the cameras' exact directions count more than their coarse depths.
     """
     doubts = np.full(len(SHARES), np.inf)
     for k in range(first, len(SHARES)):
-        doubts[k] = solve_step(equations, SHARES[k], prior, pull, known, shared, changes)
+        doubts[k] = solve_step(equations, SHARES[k], prior, pull, step)
     least = np.inf
     for k in range(first, len(SHARES)):
         least = min(least, doubts[k])
