@@ -43,6 +43,7 @@ class ObjectTracker:
         rig: the cameras; images come in their order.
         colors: a colour model; None takes the object's own.
         tracking: what `update` believes; None for what suits the platform.
+        support: whether it counts that an object often stands on the table, as well as `rig.arena` knows it.
     """
 
     def __init__(
@@ -51,11 +52,13 @@ class ObjectTracker:
         rig: CameraRig,
         colors: ColorModel | None = None,
         tracking: TrackingOptions | None = None,
+        *,
+        support: bool = True,
     ) -> None:
         warm_up()
         self.model, self.rig = model, rig
         self.colors = colors if colors is not None else load_colors(model.colors)
-        self._estimator = PoseEstimator(Box.of(model), rig, self.colors.label_table)
+        self._estimator = PoseEstimator(Box.of(model), rig, self.colors.label_table, support)
         self._reader = EvidenceReader(self.colors, self._estimator.factors)
         self._follow = Follower(self._reader, self._estimator)
         self._memory = Memory.empty(len(rig), tracking)

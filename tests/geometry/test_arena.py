@@ -25,7 +25,12 @@ FINITE = st.floats(allow_nan=False, allow_infinity=False)
 POSITIVE = st.floats(min_value=0, exclude_min=True, allow_infinity=False)
 NOT_NEGATIVE = st.floats(min_value=0, allow_infinity=False)
 ARENAS = st.builds(
-    Arena, st.tuples(FINITE, FINITE), POSITIVE, POSITIVE, FINITE, st.tuples(NOT_NEGATIVE, NOT_NEGATIVE)
+    Arena,
+    st.tuples(FINITE, FINITE),
+    POSITIVE,
+    POSITIVE,
+    st.none() | FINITE,
+    st.tuples(NOT_NEGATIVE, NOT_NEGATIVE),
 )
 
 
@@ -65,7 +70,7 @@ def test_numbers_of_any_kind_become_floats():
         ("height", 0.0, "more than 0"),
         ("height", (0.1,), "a finite number"),
         ("table", math.nan, "a finite number"),
-        ("table", None, "a finite number"),
+        ("table", "here", "a finite number"),
         ("table_std", (0.01, -0.01), "no negative deviation"),
         ("table_std", (0.01,), "two finite numbers"),
         ("table_std", (0.01, math.inf), "two finite numbers"),
@@ -75,6 +80,20 @@ def test_numbers_of_any_kind_become_floats():
 def test_an_impossible_value_is_named(key, value, valid):
     with pytest.raises(CalibrationError, match=rf"^arena: {key}: found .*, expected {valid}$"):
         Arena(**{key: value})
+
+
+def test_without_a_table_the_object_may_be_below_the_world_as_far_as_above():
+    arena = Arena(table=None, height=0.2, table_std=(0.0, 0.0))
+    for z, held in ((0.19, True), (0.21, False), (-0.15, True), (-0.19, False)):
+        assert arena.holds(np.array([0.0, 0.0, z]), z - 0.03) == held
+
+
+def test_a_height_that_is_uncertain_may_be_off_by_as_much():
+    arena = Arena(table_std=(0.003, 0.01))
+    place = np.array([0.0, 0.0, 0.02])
+    assert not arena.holds(place, -0.0065)
+    assert arena.holds(place, -0.0065, 0.002)
+    assert not arena.holds(place, -0.0075, 0.002)
 
 
 def test_a_rig_takes_no_other_arena():

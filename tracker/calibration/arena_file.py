@@ -3,7 +3,7 @@
     center = [0.0, 0.0]         # of the arena in the world, x and y [m]
     radius = 0.235              # within which the object's centre is [m]
     height = 0.185              # up to which it is, above the table [m]
-    table = 0.0                 # z of the table in the world [m]
+    table = 0.0                 # z of the table in the world [m], or "none"
     table_std = [0.008, 0.017]  # how well height [m] and tilt [rad] of the table are known
 
 A key that is left out has the value shown, which is that of `geometry.arena.Arena`.
@@ -26,6 +26,8 @@ else:
 
 FILE_NAME = "arena.toml"
 """Name of the file in the folder of the camera files."""
+
+NO_TABLE = "none"
 
 _KEYS = tuple(field.name for field in dataclasses.fields(Arena))
 _TITLE = "# Where the object may be and where the table is, in the cameras' world [m, rad].\n"
@@ -54,6 +56,8 @@ def read_arena(folder: Path) -> Arena:
         raise CalibrationError(
             f"{path}: found unknown key {unknown[0]!r}, expected some of {', '.join(_KEYS)}"
         )
+    if values.get("table") == NO_TABLE:
+        values["table"] = None
     try:
         return Arena(**values)
     except CalibrationError as error:
@@ -78,6 +82,8 @@ def write_arena(arena: Arena, folder: Path) -> None:
         raise CalibrationError(f"{path}: cannot be written: {error.strerror or error}") from error
 
 
-def _toml(value: float | tuple[float, ...]) -> str:
+def _toml(value: float | tuple[float, ...] | None) -> str:
+    if value is None:
+        return f'"{NO_TABLE}"'
     # Python's shortest text of a finite float is TOML's too, and reads back as the same number.
     return f"[{', '.join(map(repr, value))}]" if isinstance(value, tuple) else repr(value)

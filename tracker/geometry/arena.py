@@ -29,16 +29,16 @@ class Arena:
     radius: float = 0.235
     """Greatest horizontal distance of the object's centre from the axis [m]."""
     height: float = 0.185
-    """Greatest height of the object's centre above the table [m]."""
-    table: float = 0.0
-    """z of the table in the world, at the axis [m]."""
+    """Greatest height of the object's centre above the table [m]; without one, and least, of z."""
+    table: float | None = 0.0
+    """z of the table in the world, at the axis [m]; None: there is none, on which an object could stand."""
     table_std: tuple[float, float] = (0.008, 0.017)
     """Standard deviations of the table's height [m] and of its tilt about any level axis [rad]."""
 
     def __post_init__(self) -> None:
         for key in ("center", "table_std"):
             object.__setattr__(self, key, _pair(key, getattr(self, key)))
-        for key in ("radius", "height", "table"):
+        for key in ("radius", "height") if self.table is None else ("radius", "height", "table"):
             object.__setattr__(self, key, _number(key, getattr(self, key), "a finite number"))
         for key in ("radius", "height"):
             if getattr(self, key) <= 0:
@@ -47,16 +47,25 @@ class Arena:
             raise _error("table_std", self.table_std, "no negative deviation")
 
     @property
+    def ground(self) -> float:
+        """Z from which heights are counted: the table's, or the world's [m]."""
+        return 0.0 if self.table is None else self.table
+
+    @property
     def lowest(self) -> float:
         """Z below which nothing of the object is, as well as the table is known [m]."""
-        return self.table - SURE * self.table_std[0]
+        return -self.height if self.table is None else self.table - SURE * self.table_std[0]
 
-    def holds(self, position: FloatArray, lowest: float) -> bool:
-        """Whether an object may be at a position (3,) whose lowest corner is at z = `lowest` [m]."""
-        slack = SURE * self.table_std[0]
+    def holds(self, position: FloatArray, lowest: float, height_std: float = 0.0) -> bool:
+        """Whether an object may be at a position (3,) whose lowest corner is at z = `lowest` [m].
+
+        height_std: standard deviation of these heights [m].
+        """
+        slack = SURE * math.hypot(self.table_std[0], height_std)
         away = math.hypot(position[0] - self.center[0], position[1] - self.center[1])
-        high = position[2] <= self.table + self.height + slack
-        return bool(lowest >= self.lowest and high and away <= self.radius + slack)
+        high = position[2] <= self.ground + self.height + slack
+        low = lowest >= self.lowest + SURE * self.table_std[0] - slack
+        return bool(low and high and away <= self.radius + slack)
 
 
 def _error(key: str, found: object, valid: str) -> CalibrationError:

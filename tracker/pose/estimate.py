@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import chain
@@ -25,6 +26,7 @@ from tracker.pose.scale import label_camera, label_factors, window
 from tracker.pose.sight import Sight
 from tracker.pose.solve.refiner import Attempt, Refiner
 from tracker.pose.solve.schedule import FOLLOWING, SCHEDULE, Schedule
+from tracker.pose.solve.support import table_of
 from tracker.pose.start import LIKELY, Lag, Start
 
 ALIGN_REACHES = np.array([5, 4, 3])
@@ -61,7 +63,7 @@ Hypothesis = tuple[FloatArray, FloatArray]
 class PoseEstimator:
     """Finds one cuboid in the views of fixed cameras; any number of threads may use it at once."""
 
-    def __init__(self, box: Box, rig: CameraRig, label_table: Array) -> None:
+    def __init__(self, box: Box, rig: CameraRig, label_table: Array, support: bool = True) -> None:
         cameras = rig.cameras
         self.box, self.arena = box, rig.arena
         self.factors = label_factors(cameras, box, rig.arena)
@@ -69,7 +71,7 @@ class PoseEstimator:
         self.small = stack_lenses(small)
         self.positions = PositionSearch(self.small, box, rig.arena)
         self.rotations = RotationSearch(self.small, box)
-        self.refiner = Refiner(box, cameras, label_table)
+        self.refiner = Refiner(box, cameras, label_table, table_of(rig.arena, support))
         self._shape = (len(cameras), max(c.height for c in small), max(c.width for c in small))
 
     def sight(self, views: Sequence[View | None]) -> Sight:
@@ -238,10 +240,11 @@ class PoseEstimator:
         end = self.refiner.end(attempt)
         sight.hear(self.small, self.box, end.rotation, end.position, end.lags, end.cameras)
         lowest = float(end.position[2] - np.abs(end.rotation[2]) @ self.box.half)
-        inside = self.arena.holds(end.position, lowest)
+        height_std = math.sqrt(max(end.covariance[2, 2], 0.0)) if np.isfinite(end.covariance[2, 2]) else 0.0
+        inside = self.arena.holds(end.position, lowest, height_std)
         return Fit(
             end.position, end.rotation, end.covariance, end.cameras, end.converged, end.iterations, end.end,
-            inside,
+            inside, end.stands,
         )  # fmt: skip
 
     def _reversed(self, sight: Sight, fit: Fit, start: Start = LIKELY, lag: Lag | None = None) -> list[Fit]:

@@ -61,6 +61,8 @@ class Fit:
     """What the unknowns beside the pose turned out to be."""
     inside: bool = True
     """Whether the object is in the arena."""
+    stands: float = 0.0
+    """How well it stands on the table: log odds over an object that may be anywhere."""
     lead: float = math.inf
     """Log odds by which it leads over the best clearly different pose; infinite where none was tried."""
     left_out: tuple[int, ...] = ()

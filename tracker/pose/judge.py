@@ -136,13 +136,14 @@ EVIDENCE = 0.1
 
 
 def rank(fit: Fit) -> float:
-    """By how much a fit is to be preferred: its log odds, and how many pieces of edges it explains.
+    """By how much a fit is to be preferred: its log odds, explained pieces of edges, how well it stands.
 
     A pose that shares most of the object's outline with the right one, slid along an edge or turned by a
     quarter, has clean pieces too, but fewer of them; one that slid into a wrong optimum has rough ones.
     """
     pieces = fit.total("inliers")
-    return log_odds(fit) + EVIDENCE * pieces / (1.0 + max(features(fit)["rms"], 0.0))
+    explained = EVIDENCE * pieces / (1.0 + max(features(fit)["rms"], 0.0))
+    return log_odds(fit) + explained + fit.stands
 
 
 def probably_near(covariance: FloatArray, limits: tuple[float, float] = NEAR) -> float:

@@ -52,7 +52,7 @@ def label_factors(cameras: Sequence[Camera], box: Box, arena: Arena) -> tuple[in
 
     Chosen so that an object in the arena's middle has the size LABELS there.
     """
-    middle = np.array([*arena.center, arena.table + box.half.min()])
+    middle = np.array([*arena.center, arena.ground + box.half.min()])
     factors = []
     for camera in cameras:
         depth = float(camera.camera_from_world[2, :3] @ middle + camera.camera_from_world[2, 3])

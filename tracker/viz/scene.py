@@ -147,7 +147,7 @@ class Scene:
         turn = np.linspace(0, 2 * np.pi, 121)
         arena = self._rig.arena
         circle = arena.radius * np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)
-        circle += (*arena.center, arena.table)
+        circle += (*arena.center, arena.ground)
         line = rr.LineStrips3D([circle], colors=[(130, 130, 130)], radii=[6e-4])
         self._log(("world", "arena"), line, static=True)
         for camera in self._rig:

@@ -256,7 +256,7 @@ class PositionSearch:
         surface = 8 * (half[0] * half[1] + half[1] * half[2] + half[2] * half[0])
         self.area_share = float(surface / 4 / (4 * self.radius**2))
         self.face_mask = face_mask(box)
-        bottom, top = arena.lowest, arena.table + arena.height
+        bottom, top = arena.lowest, arena.ground + arena.height
         self._leaf = STEP * self.radius
         self._cells, self._size = _cells(arena, self._leaf, bottom, top)
         self._inside = np.array([*arena.center, arena.radius, bottom, top])

@@ -23,6 +23,7 @@ from tracker.pose.solve.step import (
     own_changes,
     solve_step,
 )
+from tracker.pose.solve.support import ROWS, lean, leaner
 from tracker.pose.start import LIKELY
 
 NOISE = 1.5
@@ -218,16 +219,19 @@ def _astray(work, limit):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def settle(cameras, prior, radius, rim, schedule, tuning, step, unknowns, work, covariance, seen):  # type: ignore[no-untyped-def]
+def settle(cameras, table, prior, box, radius, schedule, tuning, step, unknowns, work, covariance, seen):  # type: ignore[no-untyped-def]
     """Move a pose in place to where it fits the collected strips best, from a step of the schedule on.
 
-    Ends early where strips have to be collected anew. prior (6,): information on the pose given; radius: the
-    object's [m]; rim: of its edges, and its standard deviation [m].
+    Ends early where strips have to be collected anew. table: on which the object may stand; prior (6,):
+    information on the pose given; box: the object, and its radius [m].
     Filled: covariance (6, 6) of the pose; seen (C,) of SEEN.
 
-    Returns whether the last step was negligible, and the next step.
+    Returns whether the last step was negligible, the next step, and how well the pose stands on the table,
+    see `lean`.
     """
     n = len(unknowns.shared)
+    rim, stands = box.rim, 0.0
+    columns, less = np.empty((n, ROWS)), np.zeros((ROWS, ROWS))
     priors, pull, found = np.zeros((n, n)), np.zeros(n), blank_step(len(cameras.used), n)
     for i in range(6):
         priors[i, i] = prior[i]
@@ -244,7 +248,8 @@ def settle(cameras, prior, radius, rim, schedule, tuning, step, unknowns, work, 
         measure_all(cameras, unknowns, schedule, step, work)
         scatter = take_stock(cameras, unknowns, tuning, work, seen)
         rough = schedule.blur[step] > 0.0
-        # Only once the cameras have come to terms is what is left the edges' own.
+        # Only once the cameras have come to terms is what is left the edges' own, and does a table not keep
+        # the pose from where they see it.
         late = step > 0 and schedule.blur[step - 1] == 0.0
         for turn in range(tuning.rounds):
             pull[EXPONENT] = (LIKELY.exponent - unknowns.shared[EXPONENT]) / EXPONENT_STD**2
@@ -262,7 +267,9 @@ def settle(cameras, prior, radius, rim, schedule, tuning, step, unknowns, work, 
             if late:
                 unknowns.own[0] = own_variance(work.edges, tuning.own**2)
             if not np.isfinite(solve_step(equations, share, priors, pull, found)):
-                return False, len(schedule.blur)
+                return False, len(schedule.blur), 0.0
+            if table.known and late:
+                stands = lean(table, box.half, unknowns.rotation, unknowns.position, found, columns, less)
             own_changes(found, cameras.delays)
             _move(cameras, unknowns, found.shared, found.changes, tuning, radius, work)
         whole = late and schedule.every[step] == 1
@@ -273,8 +280,12 @@ def settle(cameras, prior, radius, rim, schedule, tuning, step, unknowns, work, 
             share = calibration_share(equations, 0, priors, pull, found)
             _add_up(cameras, unknowns, tuning, schedule.tukey[step - 1], scatter, unknowns.own[0], work, seen)
             solve_step(equations, share, priors, pull, found)
+            if table.known:
+                stands = lean(table, box.half, unknowns.rotation, unknowns.position, found, columns, less)
         if not marginal(found.known, covariance):
-            return False, len(schedule.blur)
+            return False, len(schedule.blur), 0.0
+        if table.known and late:
+            leaner(columns, less, covariance)
         if rough or (not converged and _astray(work, tuning.stray)):
             break
-    return converged, step
+    return converged, step, stands

@@ -29,6 +29,7 @@ from tracker.pose.solve.refine import settle
 from tracker.pose.solve.schedule import SCHEDULE, TUNING, Schedule
 from tracker.pose.solve.state import Cameras, Unknowns, Workspace, workspace
 from tracker.pose.solve.step import EXPONENT, MOVING, OWN, RIM, UNKNOWNS
+from tracker.pose.solve.support import NO_TABLE, Table
 from tracker.pose.start import LIKELY, Lag, Start
 from tracker.segmentation import mosaic
 
@@ -55,6 +56,8 @@ class Refined(NamedTuple):
     """What the unknowns beside the pose turned out to be."""
     lags: FloatArray
     """(C, 6) by which the cameras saw the object moved, since their pictures are older [m, rad]."""
+    stands: float
+    """How well it stands on the table: log odds over an object that may be anywhere."""
 
 
 @dataclass(eq=False)
@@ -70,6 +73,7 @@ class Attempt:
     """(C,) of SEEN."""
     step: int = 0
     converged: bool = False
+    stands: float = 0.0
 
 
 class _Local(threading.local):
@@ -87,8 +91,10 @@ class _Local(threading.local):
 class Refiner:
     """Refines poses of one cuboid in the pictures of fixed cameras; any number of threads may use it."""
 
-    def __init__(self, box: Box, cameras: Sequence[Camera], label_table: Array) -> None:
-        self.box, self.label_table = box, label_table
+    def __init__(
+        self, box: Box, cameras: Sequence[Camera], label_table: Array, table: Table = NO_TABLE
+    ) -> None:
+        self.box, self.label_table, self.table = box, label_table, table
         self.lenses = stack_lenses(cameras)
         calibration = np.array([calibration_covariance(camera) for camera in cameras])
         self._known = np.asarray(np.linalg.inv(calibration), dtype=np.float64)
@@ -140,8 +146,8 @@ class Refiner:
         work, part = self._local.space, Schedule(*(column[:until] for column in schedule))
         while attempt.step < len(part.blur) and not attempt.converged:
             self._collect(attempt.views, attempt.cameras, attempt.unknowns, part, attempt.step, work)
-            attempt.converged, attempt.step = settle(
-                attempt.cameras, PRIOR / self._units, self.box.radius, self.box.rim, part, TUNING,
+            attempt.converged, attempt.step, attempt.stands = settle(
+                attempt.cameras, self.table, PRIOR / self._units, self.box, self.box.radius, part, TUNING,
                 attempt.step, attempt.unknowns, work, attempt.marginal, attempt.seen,
             )  # fmt: skip
 
@@ -176,7 +182,7 @@ class Refiner:
             end = Start(blur, unknowns.shared[EXPONENT], unknowns.shared[RIM])
         return Refined(
             unknowns.rotation.copy(), unknowns.position.copy(), covariance, seen, attempt.converged,
-            attempt.step, end, cameras.lags,
+            attempt.step, end, cameras.lags, attempt.stands,
         )  # fmt: skip
 
     def _cameras(

@@ -1,0 +1,79 @@
+"""An object may lie on a table: what that adds where one camera sees it, and that it adds nothing untrue."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import tracker
+from synthetic.camera.sensor import Sensor
+from tests.helpers.stills import bare_scene, posed_scene, take
+from tracker.geometry import so3
+
+OBJECTS = ("cube_v2", "cuboid_2x2x8_v2")
+SCENES = 4
+KNOWN = tracker.Arena(table_std=(1e-4, 1e-3))
+
+
+def pictures(name, rig, k, lift=0.0, tilt=0.0):
+    """Pictures of an object on the table, lifted and tilted by so much, and its pose."""
+    model = tracker.load_object(name)
+    rng = np.random.default_rng([71, k])
+    (state,) = bare_scene(model, rng, kind="rest").objects
+    rotation = so3.exp(np.array([tilt, 0.0, 0.0])) @ state.rotation
+    height = np.abs(rotation[2]) @ np.asarray(model.size) / 2 + lift
+    position = np.array([*state.position[:2], height])
+    return take(posed_scene(model, (position, rotation), rng), rig.cameras, Sensor.realistic(), rng)
+
+
+def trackers(name, rig, arena=KNOWN):
+    """One that knows of the table, and one that does not."""
+    model, known = tracker.load_object(name), dataclasses.replace(rig, arena=arena)
+    return tracker.ObjectTracker(model, known), tracker.ObjectTracker(model, known, support=False)
+
+
+def errors(pose, truth):
+    return np.linalg.norm(pose.position - truth.position), so3.angle_between(pose.rotation, truth.rotation)
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+def test_one_camera_finds_an_object_at_rest_as_exactly_as_the_table_is_known(rig, name):
+    found = {True: [], False: []}
+    for k in range(SCENES):
+        truth = pictures(name, rig, k)
+        for one, supported in zip(trackers(name, rig), (True, False), strict=True):
+            pose = one.detect([truth.images[0], None, None]).object_pose
+            found[supported].append((1.0, 1.0) if pose is None else errors(pose, truth))
+    with_table, without = (np.median(found[key], axis=0) for key in (True, False))
+    assert with_table[0] < 3e-4
+    assert with_table[1] < np.radians(0.25)
+    assert with_table[0] < 0.5 * without[0]
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+@pytest.mark.parametrize(("lift", "tilt"), [(0.004, 0.0), (0.0, 0.06), (0.03, 0.0), (0.0, 0.7), (0.05, 0.5)])
+def test_what_does_not_rest_stays_where_three_cameras_see_it(rig, name, lift, tilt):
+    for k in (0, 2):
+        truth = pictures(name, rig, k, lift, tilt)
+        known, unknown = (one.detect(truth.images).object_pose for one in trackers(name, rig))
+        assert np.linalg.norm(known.position - unknown.position) < 3e-4
+        assert so3.angle_between(known.rotation, unknown.rotation) < np.radians(0.5)
+
+
+def test_an_arena_without_a_table_supports_nothing(rig):
+    truth = pictures("cube_v2", rig, 0)
+    nowhere = dataclasses.replace(rig, arena=tracker.Arena(table=None))
+    one = tracker.ObjectTracker(tracker.load_object("cube_v2"), nowhere).detect(truth.images).object_pose
+    other = trackers("cube_v2", rig, tracker.Arena())[1].detect(truth.images).object_pose
+    np.testing.assert_allclose(one.position, other.position, atol=3e-5)
+    np.testing.assert_allclose(np.diag(one.covariance), np.diag(other.covariance), rtol=0.2)
+
+
+def test_a_table_elsewhere_is_not_forced_on_what_three_cameras_see(rig):
+    """A calibration whose z = 0 lies beside the table by as much as it states."""
+    truth = pictures("cube_v2", rig, 1)
+    shifted = tracker.Arena(table=0.006)
+    known, unknown = (one.detect(truth.images).object_pose for one in trackers("cube_v2", rig, shifted))
+    assert np.linalg.norm(known.position - unknown.position) < 2e-5

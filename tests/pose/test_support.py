@@ -1,0 +1,174 @@
+"""What a table says of a pose: against the definition, integrated by brute force, and in pictures."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from tracker.geometry import so3
+from tracker.geometry.arena import Arena
+from tracker.pose.solve.step import UNKNOWNS, blank_step
+from tracker.pose.solve.support import EDGE, FLAT, FREE, ROWS, _contacts, lean, leaner, table_of
+
+HALF = np.array([0.02, 0.0325, 0.05])
+TABLE = table_of(Arena(center=(0.03, -0.02), table=0.01, table_std=(1e-3, 5e-3)))
+
+
+def standing(rng: np.random.Generator, gap: float, tilt: float) -> tuple[np.ndarray, np.ndarray]:
+    """Rotation and position of a box above TABLE by a gap [m], on the face -z, tilted by so much [rad]."""
+    turn = so3.exp(np.array([0.0, 0.0, rng.uniform(-3, 3)]))
+    angle = rng.uniform(0, 2 * math.pi)
+    rotation = so3.exp(tilt * np.array([math.cos(angle), math.sin(angle), 0.0])) @ turn
+    position = np.array([*rng.uniform(-0.1, 0.1, 2), TABLE.height + gap + HALF[2] * rotation[2, 2]])
+    return rotation, position
+
+
+def contacts(rotation: np.ndarray, position: np.ndarray) -> tuple[np.ndarray, ...]:
+    value, slope, plane = np.empty(ROWS), np.empty((ROWS, 6)), np.empty((ROWS, 3))
+    lower = _contacts(TABLE, HALF, rotation, position, value, slope, plane)
+    return value, slope, plane, lower
+
+
+def measured(rng: np.random.Generator, spread: float = 1.0) -> tuple:
+    """A step as pictures make one, [m] and [rad] of a few thousandths."""
+    step = blank_step(1, UNKNOWNS)
+    root = spread * 2e-3 * (np.eye(UNKNOWNS) + 0.3 * rng.normal(size=(UNKNOWNS, UNKNOWNS)))
+    covariance = root @ root.T
+    step.known[:] = np.linalg.inv(covariance)
+    step.lower[:] = np.linalg.cholesky(step.known)
+    step.shared[:] = spread * 1e-3 * rng.normal(size=UNKNOWNS)
+    return step, covariance
+
+
+def leaned(rotation: np.ndarray, position: np.ndarray, step) -> tuple[float, np.ndarray]:  # type: ignore[no-untyped-def]
+    """Log odds, and the pose's covariance afterwards; the step is moved in place."""
+    columns, less = np.empty((UNKNOWNS, ROWS)), np.empty((ROWS, ROWS))
+    covariance = np.linalg.inv(step.known)[:6, :6].copy()
+    odds = lean(TABLE, HALF, rotation, position, step, columns, less)
+    leaner(columns, less, covariance)
+    return odds, covariance
+
+
+def test_slopes_are_those_of_the_contacts(rng):
+    for _ in range(20):
+        rotation = so3.exp(rng.uniform(-2, 2, 3))
+        position = rng.uniform(-0.1, 0.1, 3)
+        slope = contacts(rotation, position)[1]
+        for k in range(6):
+            small = np.zeros(6)
+            small[k] = 1e-6
+            sides = [
+                contacts(so3.exp(sign * small[3:]) @ rotation, position + sign * small[:3])[0]
+                for sign in (1, -1)
+            ]
+            np.testing.assert_allclose((sides[0] - sides[1]) / 2e-6, slope[:, k], atol=1e-6)
+
+
+def test_a_tilted_table_is_seen_as_a_tilted_object(rng):
+    # Table and object tilted together by a small turn about the place where the table's height is known.
+    tilt = np.array([2e-4, -3e-4, 0.0])
+    centre = np.array([*TABLE.center, TABLE.height])
+    for lean_by in (0.0, 0.6):
+        rotation, position = standing(rng, 0.0, lean_by)
+        value, _, plane, _ = contacts(rotation, position)
+        turned = so3.exp(tilt)
+        moved = contacts(turned @ rotation, centre + turned @ (position - centre))[0]
+        # The table z = A x + B y rises by (-tilt_y, tilt_x).
+        slopes = np.array([0.0, -tilt[1], tilt[0]])
+        flat = slice(0, 3) if lean_by == 0.0 else slice(4, 5)
+        np.testing.assert_allclose((moved + plane @ slopes)[flat], value[flat], atol=2e-6)
+
+
+def density(value: np.ndarray, plane: np.ndarray, lower: np.ndarray) -> np.ndarray:
+    """Prior density of contacts (N, 5) by the definition, the table's errors integrated out."""
+
+    def normal(rows: slice, noise: list[float]) -> np.ndarray:
+        spread = plane[rows] * TABLE.variances @ plane[rows].T + np.diag(np.square(noise))
+        inverse = np.linalg.inv(spread)
+        off = value[:, rows]
+        return np.exp(-0.5 * np.einsum("ni,ij,nj->n", off, inverse, off)) / np.sqrt(
+            np.linalg.det(2 * math.pi * spread)
+        )
+
+    total = sum(
+        share / 6 * normal(slice(0, 3), [height, tilt, tilt]) * (2 * (value[:, 0] > 0) if row == 2 else 1)
+        for row, (share, height, tilt) in enumerate(FLAT)
+    )
+    total += EDGE[0] / (6 * math.pi) * normal(slice(3, 5), list(EDGE[1:]))
+    return np.asarray(total + FREE * (value[:, 3] - lower > 0))
+
+
+@pytest.mark.parametrize(("gap", "tilt"), [(5e-4, 0.002), (6e-3, 0.01), (0.02, 0.03), (0.005, 0.4)])
+def test_the_step_leads_to_the_mean_of_what_is_likely(rng, gap, tilt):
+    rotation, position = standing(rng, gap, tilt)
+    step, covariance = measured(rng)
+    value, slope, plane, lower = contacts(rotation, position)
+    drawn = rng.multivariate_normal(step.shared, covariance, size=400_000)
+    weights = density(value + drawn[:, :6] @ slope.T, plane, np.full(len(drawn), lower))
+    mean = weights @ drawn / weights.sum()
+    spread = (weights[:, None] * (drawn - mean)).T @ (drawn - mean) / weights.sum()
+    enough = weights.sum() ** 2 / (weights**2).sum()
+    odds, after = leaned(rotation, position, step)
+    error = 5 * np.sqrt(np.diag(covariance) / enough)
+    # A height that is never negative pulls upwards a little, which the step does without.
+    slack = 0.15 * np.sqrt(np.diag(covariance))
+    assert (np.abs(step.shared - mean) < error + slack).all()
+    scale = np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))[:6, :6]
+    assert (np.abs(after - spread[:6, :6]) < (0.25 + 8 / math.sqrt(enough)) * scale).all()
+    assert odds == pytest.approx(math.log(weights.mean() / FREE), abs=0.25)
+
+
+def test_an_object_at_rest_is_pulled_to_the_table_as_well_as_it_is_known(rng):
+    rotation, position = standing(rng, 1e-3, 0.004)
+    step, before = measured(rng)
+    odds, after = leaned(rotation, position, step)
+    value, slope, _, _ = contacts(rotation, position)
+    assert abs((value + slope @ step.shared[:6])[0]) < 1.5e-3
+    assert odds > 3
+    assert np.linalg.det(after) < 0.5 * np.linalg.det(before[:6, :6])
+    assert (np.linalg.eigvalsh(after) > 0).all()
+
+
+def test_what_is_high_above_or_known_well_enough_stays(rng):
+    for gap, tilt, spread in ((0.08, 0.5, 1.0), (0.004, 0.0, 0.02), (0.0005, 0.06, 0.02)):
+        rotation, position = standing(rng, gap, tilt)
+        step, covariance = measured(rng, spread)
+        before = step.shared.copy()
+        _, after = leaned(rotation, position, step)
+        limit = 0.35 * np.sqrt(np.diag(covariance))
+        assert (np.abs(step.shared - before) < limit).all()
+        assert (np.diag(after) < 1.5 * np.diag(covariance)[:6]).all()
+
+
+def test_below_the_table_is_nothing(rng):
+    rotation, position = standing(rng, -0.05, 0.5)
+    step, _ = measured(rng)
+    before = step.shared.copy()
+    odds, _ = leaned(rotation, position, step)
+    assert odds < -20
+    assert np.isfinite(step.shared).all()
+    assert np.linalg.norm(step.shared - before) < 0.1
+
+
+def test_the_world_may_be_turned_about_the_table(rng):
+    rotation, position = standing(rng, 2e-3, 0.02)
+    turn = so3.exp(np.array([0.0, 0.0, 1.1]))
+    whole = np.eye(UNKNOWNS)
+    whole[:3, :3] = whole[3:6, 3:6] = turn
+    step, covariance = measured(rng)
+    other = blank_step(1, UNKNOWNS)
+    other.known[:] = np.linalg.inv(whole @ covariance @ whole.T)
+    other.lower[:] = np.linalg.cholesky(other.known)
+    other.shared[:] = whole @ step.shared
+    centre = np.array([*TABLE.center, 0.0])
+    odds, after = leaned(rotation, position, step)
+    turned_odds, turned_after = leaned(turn @ rotation, centre + turn @ (position - centre), other)
+    assert turned_odds == pytest.approx(odds, abs=1e-6)
+    np.testing.assert_allclose(other.shared, whole @ step.shared, atol=1e-9)
+    np.testing.assert_allclose(turned_after, whole[:6, :6] @ after @ whole[:6, :6].T, atol=1e-9)
+
+
+def test_all_ways_to_be_somewhere_are_thought_of():
+    assert FLAT[:, 0].sum() + EDGE[0] + FREE * 4 * math.pi * 0.15 == pytest.approx(1)

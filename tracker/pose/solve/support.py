@@ -1,0 +1,230 @@
+"""What a table says of a pose: the object rests on it, nearly so, is held flat, is on an edge, or is free."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from tracker.compiled import compiled
+from tracker.conventions import FloatArray
+from tracker.geometry.arena import Arena
+from tracker.geometry.linear import factorise, substitute
+
+FLAT = np.array(
+    [
+        [0.2, 1e-4, math.radians(0.1)],  # at rest
+        [0.1, 3e-3, math.radians(3.0)],  # nearly: on something, or leaned against it
+        [0.25, 2e-2, math.radians(0.3)],  # held flat above the table
+    ]
+)
+"""Ways to lie on a face: probability, standard deviation of the face's height [m], of its tilt [rad]."""
+
+EDGE = 0.15, 1e-3, math.radians(3.0)
+"""The same of standing on an edge: of its height [m], and of how far it is from level [rad]."""
+
+FREE = 0.3 / (4 * math.pi * 0.15)
+"""Density of all else: any direction upwards, up to 0.15 m above the table [1/(m sr)]."""
+
+FACES, EDGES = 6.0, 6 * math.pi
+"""A face is one of six; an edge one of twelve, on each of which the object may lean by a quarter turn."""
+
+LIFTED = 2
+"""The row of FLAT whose height is never negative."""
+
+ROWS = 5
+"""Height and two tilts of the face that is nearly below; height and slope of the lowest edge."""
+
+
+class Table(NamedTuple):
+    """What is known of the table."""
+
+    known: bool
+    """Whether there is one that counts."""
+    center: FloatArray
+    """(2,) where its height is known [m]."""
+    height: float
+    """z [m]."""
+    variances: FloatArray
+    """(3,) of its height [m²] and of its slopes [rad²]."""
+
+
+def table_of(arena: Arena, support: bool = True) -> Table:
+    """The table of an arena, if there is one; support: whether it is to count."""
+    height, slope = arena.table_std
+    known = support and arena.table is not None
+    return Table(known, np.array(arena.center), arena.ground, np.array([height, slope, slope]) ** 2)
+
+
+NO_TABLE = table_of(Arena(), support=False)
+
+
+@compiled
+def _contacts(table, half, rotation, position, value, slope, plane):  # type: ignore[no-untyped-def]
+    """How the object stands to the table; returns by how much the lowest edge's end is below its middle [m].
+
+    Filled: value (5,) of ROWS [m, rad], slope (5, 6) by the pose, plane (5, 3) by the table's height and
+    slopes.
+    """
+    up = rotation[2]
+    x, y = position[0] - table.center[0], position[1] - table.center[1]
+    face = int(np.argmax(np.abs(up)))
+    along = int(np.argmin(np.abs(up)))
+    slope[:, :], plane[:, :] = 0.0, 0.0
+    for row, edge in ((0, False), (3, True)):
+        value[row] = position[2] - table.height
+        slope[row, 2] = 1.0
+        plane[row, 0], plane[row, 1], plane[row, 2] = -1.0, -x, -y
+        for k in range(3):
+            if (k != along) if edge else (k == face):
+                side = math.copysign(half[k], up[k])
+                value[row] -= side * up[k]
+                # Of R_2k, the height of axis k, by a turn (δθ × R_k)_z.
+                slope[row, 3] -= side * rotation[1, k]
+                slope[row, 4] += side * rotation[0, k]
+    sign = math.copysign(1.0, up[face])
+    nx, ny, nz = sign * rotation[0, face], sign * rotation[1, face], sign * up[face]
+    value[1], value[2], value[4] = nx, ny, up[along]
+    slope[1, 4], slope[1, 5] = nz, -ny
+    slope[2, 5], slope[2, 3] = nx, -nz
+    plane[1, 1], plane[2, 2] = 1.0, 1.0
+    slope[4, 3], slope[4, 4] = rotation[1, along], -rotation[0, along]
+    plane[4, 1], plane[4, 2] = -rotation[0, along], -rotation[1, along]
+    return half[along] * abs(up[along])
+
+
+@compiled
+def _above(mean, variance):  # type: ignore[no-untyped-def]
+    """Probability that a height is positive."""
+    return 0.5 * math.erfc(-mean / math.sqrt(2.0 * max(variance, 1e-18)))
+
+
+@compiled
+def _way(rows, spread, noise, value, weights, force):  # type: ignore[no-untyped-def]
+    """Logarithm of the density of some of the residuals value (5,), of covariance spread + diag(noise).
+
+    Filled: weights (5, 5), the covariance's inverse, and force (5,), weights · value. NaN: there is none.
+    """
+    n = rows[1] - rows[0]
+    matrix, lower, column = np.empty((n, n)), np.empty((n, n)), np.empty(n)
+    weights[:, :], force[:] = 0.0, 0.0
+    for i in range(n):
+        for k in range(n):
+            matrix[i, k] = spread[rows[0] + i, rows[0] + k]
+        matrix[i, i] += noise[i]
+    if not factorise(matrix, lower):
+        return np.nan
+    log = -0.5 * n * math.log(2 * math.pi)
+    for k in range(n):
+        log -= math.log(lower[k, k])
+        column[:] = 0.0
+        column[k] = 1.0
+        substitute(lower, column, column)
+        for i in range(n):
+            weights[rows[0] + i, rows[0] + k] = column[i]
+            force[rows[0] + i] += column[i] * value[rows[0] + k]
+    for i in range(n):
+        log -= 0.5 * value[rows[0] + i] * force[rows[0] + i]
+    return log
+
+
+@compiled
+def leaner(columns, less, covariance):  # type: ignore[no-untyped-def]
+    """Take off a pose's covariance (6, 6) what `lean` found to be known."""
+    for i in range(6):
+        for k in range(i + 1):
+            for row in range(ROWS):
+                for other in range(ROWS):
+                    covariance[i, k] -= columns[i, row] * less[row, other] * columns[k, other]
+            covariance[k, i] = covariance[i, k]
+
+
+@compiled
+def _ways(spread, value, lower_end, logs, forces, weights):  # type: ignore[no-untyped-def]
+    """Logarithms of the densities of all ways to be somewhere, with forces and weights as of `_way`.
+
+    spread (5, 5): covariance of value (5,). Filled: logs (6,), forces (6, 5), weights (6, 5, 5), of FLAT, on
+    an edge, and free.
+    """
+    edge, free = len(FLAT), len(FLAT) + 1
+    for way in range(len(FLAT)):
+        noise = np.array([FLAT[way, 1] ** 2, FLAT[way, 2] ** 2, FLAT[way, 2] ** 2])
+        logs[way] = _way((0, 3), spread, noise, value, weights[way], forces[way])
+        logs[way] += math.log(FLAT[way, 0] / FACES)
+        if way == LIFTED:
+            # Of what is left of the height once it was measured.
+            share = spread[0, 0] / (spread[0, 0] + noise[0])
+            logs[way] += math.log(2.0 * _above(value[0] * (1.0 - share), noise[0] * share) + 1e-300)
+    noise = np.array([EDGE[1] ** 2, EDGE[2] ** 2])
+    logs[edge] = _way((3, 5), spread, noise, value, weights[edge], forces[edge]) + math.log(EDGE[0] / EDGES)
+    logs[free] = math.log(FREE * _above(value[3] - lower_end, spread[3, 3]) + 1e-300)
+    forces[free, :], weights[free, :, :] = 0.0, 0.0
+    for way in range(len(logs)):
+        if not np.isfinite(logs[way]):
+            logs[way] = -np.inf
+            forces[way, :], weights[way, :, :] = 0.0, 0.0
+
+
+@compiled
+def _mix(logs, forces, weights, mean, less):  # type: ignore[no-untyped-def]
+    """Mean (5,) of the forces, each as likely as its way; less (5, 5), the weights' less the forces' spread.
+
+    Returns the logarithm of the densities' sum; logs (6,) become probabilities.
+    """
+    most, total = logs.max(), 0.0
+    for way in range(len(logs)):
+        logs[way] = math.exp(logs[way] - most)
+        total += logs[way]
+    mean[:], less[:, :] = 0.0, 0.0
+    for way in range(len(logs)):
+        logs[way] /= total
+        for i in range(ROWS):
+            mean[i] += logs[way] * forces[way, i]
+    for way in range(len(logs)):
+        for i in range(ROWS):
+            for k in range(ROWS):
+                apart = (forces[way, i] - mean[i]) * (forces[way, k] - mean[k])
+                less[i, k] += logs[way] * (weights[way, i, k] - apart)
+    return most + math.log(total)
+
+
+@compiled
+def lean(table, half, rotation, position, step, columns, less):  # type: ignore[no-untyped-def]
+    """Move a step's update of the pose to where it is expected, the table being where it is.
+
+    The pictures say that the pose is Gaussian, around where the step leads. Before they are asked it is one
+    of several Gaussians, or anywhere; so it is afterwards, each with a weight of its own. The step then leads
+    to the mean of these: equation (28) of docs/how-it-works.md.
+
+    Filled: columns (n, 5) and less (5, 5), so that columns · less · columnsᵀ is by how much less the pose's
+    covariance is. Returns how much likelier the pictures are than of an object that may be anywhere
+    (logarithm).
+    """
+    n = len(step.shared)
+    value, slope, plane = np.empty(ROWS), np.empty((ROWS, 6)), np.empty((ROWS, 3))
+    lower_end = _contacts(table, half, rotation, position, value, slope, plane)
+    spread, column, mean = np.empty((ROWS, ROWS)), np.empty(n), np.empty(ROWS)
+    for row in range(ROWS):
+        column[:] = 0.0
+        for i in range(6):
+            column[i] = slope[row, i]
+            value[row] += slope[row, i] * step.shared[i]
+        substitute(step.lower, column, column)
+        for i in range(n):
+            columns[i, row] = column[i]
+    for row in range(ROWS):
+        for other in range(ROWS):
+            spread[row, other] = 0.0
+            for i in range(6):
+                spread[row, other] += slope[row, i] * columns[i, other]
+            for i in range(3):
+                spread[row, other] += plane[row, i] * table.variances[i] * plane[other, i]
+    ways = len(FLAT) + 2
+    logs, forces, weights = np.empty(ways), np.empty((ways, ROWS)), np.empty((ways, ROWS, ROWS))
+    _ways(spread, value, lower_end, logs, forces, weights)
+    total = _mix(logs, forces, weights, mean, less)
+    for i in range(n):
+        for row in range(ROWS):
+            step.shared[i] -= columns[i, row] * mean[row]
+    return total - math.log(FREE)
