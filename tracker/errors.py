@@ -31,6 +31,10 @@ class LogError(TrackerError):
     """A recording or a file of poses is missing, malformed, truncated or damaged, or of an unknown kind."""
 
 
+class LiveError(TrackerError):
+    """A source of live images cannot be opened or goes no further, or poses cannot be handed on."""
+
+
 def reason(error: Exception) -> str:
     """What an error says, in one line."""
     text = str(error)

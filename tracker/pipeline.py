@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -103,7 +103,12 @@ class ObjectTracker:
         Raises:
             TrackerError: the stamp is not finite, or earlier than that of the last images.
         """
-        return self._memory.belief.predicted(timestamp).estimate()
+        return self.forecast()(timestamp)
+
+    def forecast(self) -> Callable[[float], MotionEstimate | None]:
+        """What `predict` answers now, as a function that goes on answering so while `update` goes on."""
+        belief = self._memory.belief
+        return lambda timestamp: belief.predicted(timestamp).estimate()
 
     def update(self, images: Sequence[Image | None], timestamp: float | Sequence[float]) -> Observation:
         """The object's pose in the next set of images, with the memory of those before.

@@ -21,6 +21,7 @@ EXAMPLE = ROOT / "examples" / "detect_cube.py"
 DICE_TASK = ROOT / "examples" / "dice_task.py"
 TRACK = ROOT / "examples" / "track_recording.py"
 TASK_ERRORS = ROOT / "examples" / "task_errors.py"
+LIVE = ROOT / "examples" / "follow_live.py"
 OWN_ARENA = ROOT / "examples" / "own_arena.py"
 STILL = ROOT / "examples" / "still.py"
 BGR = {"red": (40, 50, 190), "green": (60, 150, 70), "blue": (150, 60, 20)}
@@ -55,7 +56,7 @@ def working(demo: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_readme_shows_the_examples():
-    examples = (EXAMPLE, TRACK, OWN_ARENA, DICE_TASK, TASK_ERRORS)
+    examples = (EXAMPLE, TRACK, LIVE, OWN_ARENA, DICE_TASK, TASK_ERRORS)
     assert blocks("python") == [path.read_text(encoding="utf-8") for path in examples]
 
 
@@ -66,6 +67,11 @@ def test_the_example_with_an_arena_of_ones_own_runs(working, run_script):
 def test_the_example_tracks_a_recording(working, run_script):
     result = run_script(TRACK, folder=working)
     assert " s  found [" in result.stdout.splitlines()[0]
+
+
+def test_the_example_follows_a_recording_live(working, run_script):
+    result = run_script(LIVE, folder=working)
+    assert re.match(r"(refound|found|tracking), \d+ ms old, in 50 ms at \[", result.stdout.splitlines()[0])
 
 
 def test_the_dice_example_tells_which_dice_to_move(tmp_path, run_script):

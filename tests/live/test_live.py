@@ -1,0 +1,266 @@
+"""Live: what is found is what the tracker finds, and nothing old is given as new."""
+
+from __future__ import annotations
+
+import threading
+import time
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import tracker
+from tests.helpers.filmed import RIG, shots
+from tracker.errors import LiveError
+from tracker.live import Live, Pushed, Shot, SourceEnded
+from tracker.pose.result import CameraUse, Status
+
+SHAPE = (4, 6, 3)
+CAMERAS = [SimpleNamespace(name=f"camera{n}", height=4, width=6) for n in range(3)]
+
+
+class Cameras(list):
+    """As much of a rig as is asked for."""
+
+    @property
+    def names(self):
+        return tuple(camera.name for camera in self)
+
+
+class MeanTracker:
+    """Answers with the mean of each image; remembers the last stamp, as the forecast."""
+
+    rig = Cameras(CAMERAS)
+
+    def __init__(self):
+        self.last, self.resets, self.seen = None, 0, []
+        self.at_work, self.may_go_on = threading.Event(), threading.Event()
+        self.may_go_on.set()
+
+    def reset(self):
+        self.resets += 1
+        self.last = None
+
+    def update(self, images, stamps):
+        self.at_work.set()
+        assert self.may_go_on.wait(10)
+        stamp = max(stamps)
+        if self.last is not None and stamp < self.last:
+            raise tracker.TrackerError("earlier than before")
+        self.last = stamp
+        means = tuple(None if image is None else float(image.mean()) for image in images)
+        self.seen.append(means)
+        return SimpleNamespace(object_pose=means, filtered_object_pose=means, status=Status.FOUND, cameras=())
+
+    def forecast(self):
+        last = self.last
+        return lambda timestamp: None if timestamp > last + 1 else (last, timestamp)
+
+
+class Given:
+    """Gives shots, then ends, or raises; counts how often it was closed."""
+
+    def __init__(self, *given, error=None):
+        self.given, self.error, self.closed = list(given), error or SourceEnded("end"), 0
+
+    def next(self, timeout):
+        if not self.given:
+            raise self.error
+        return self.given.pop(0)
+
+    def close(self):
+        self.closed += 1
+
+
+def shot(value, stamp, **options):
+    return Shot(tuple(np.full(SHAPE, value, np.uint8) for _ in CAMERAS), (stamp,) * 3, **options)
+
+
+def drain(live):
+    """All moments of a source that ends, by a listener's list."""
+    while live.running:
+        live.wait(timeout=0.05)
+    live.close()
+
+
+def heard(*given, **options):
+    moments = []
+    mean = MeanTracker()
+    source = Given(*given, **options)
+    with Live(source, mean, listeners=[moments.append]) as live:
+        drain(live)
+    assert source.closed == 1
+    return live, mean, moments
+
+
+def test_every_set_is_answered_in_order_and_the_latest_stays():
+    live, _, moments = heard(*(shot(n, 10 + n) for n in range(5)))
+    assert [one.sequence for one in moments] == [0, 1, 2, 3, 4]
+    assert [one.timestamp for one in moments] == [10, 11, 12, 13, 14]
+    assert [one.object_pose[0] for one in moments] == [0, 1, 2, 3, 4]
+    assert live.latest().sequence == 4
+    assert live.wait(after=4) is None
+    assert not live.running
+
+
+def test_a_waiter_gets_what_is_newer_and_never_the_same_again():
+    pushed = Pushed()
+    with Live(pushed, MeanTracker()) as live:
+        assert live.latest() is None
+        assert live.wait(timeout=0.01) is None
+        pushed.push([np.full(SHAPE, 7, np.uint8)] * 3, 1.0)
+        first = live.wait(after=-1, timeout=5)
+        assert first.object_pose == (7, 7, 7)
+        assert live.wait(after=first, timeout=0.05) is None
+        assert live.latest().sequence == first.sequence
+        pushed.push([np.full(SHAPE, 8, np.uint8)] * 3, 1.0)  # the same stamp: the same set
+        assert live.wait(after=first, timeout=0.1) is None
+        threading.Timer(0.05, lambda: pushed.push([np.full(SHAPE, 9, np.uint8)] * 3, 2.0)).start()
+        assert live.wait(timeout=5).object_pose == (9, 9, 9)
+
+
+def test_of_sets_that_wait_only_the_newest_counts():
+    pushed, mean = Pushed(), MeanTracker()
+    mean.may_go_on.clear()
+    with Live(pushed, mean) as live:
+        pushed.push([np.full(SHAPE, 0, np.uint8)] * 3, 0.0)
+        assert mean.at_work.wait(10)
+        for value in range(1, 6):
+            pushed.push([np.full(SHAPE, value, np.uint8)] * 3, float(value))  # returns at once
+        pushed.finish()
+        mean.may_go_on.set()
+        drain(live)
+    assert mean.seen == [(0, 0, 0), (5, 5, 5)]
+    assert pushed.replaced == 4
+
+
+def test_at_tells_a_moment_to_come_from_all_that_was_seen_and_one_passed_from_what_was_known():
+    live, _, _ = heard(*(shot(n, 10 + n) for n in range(5)))
+    assert live.at(14.5) == (14, 14.5)
+    assert live.at(12.5) == (12, 12.5)
+    assert live.at(9.0) is None
+    assert live.at(16.0) is None  # too long after
+
+
+def test_only_the_newest_moment_keeps_its_images():
+    live, _, moments = heard(*(shot(n, n) for n in range(3)))
+    assert live.latest().shot.images[0] is not None
+    assert moments[0].shot.images[0] is not None  # whoever listens may keep them
+    assert next(known[0].shot.images for known in live._moments) == (None,) * 3
+
+
+def test_stamps_that_go_back_begin_anew_and_are_told():
+    live, mean, moments = heard(shot(1, 100.0), shot(2, 100.1), shot(3, 50.0), shot(4, 50.1))
+    assert mean.resets == 1
+    assert [one.timestamp for one in moments] == [100.0, 100.1, 50.0, 50.1]
+    assert "went back by 50.1" in live.faults[0]
+    assert live.at(100.2) is None
+
+
+def test_an_episode_that_begins_is_no_fault():
+    live, mean, _ = heard(shot(1, 0.0, fresh=True), shot(2, 0.1), shot(3, 0.2, fresh=True))
+    assert mean.resets == 2
+    assert live.faults == ()
+
+
+@pytest.mark.parametrize("off", [-5.0, 5.0])
+@pytest.mark.parametrize("cameras", [2, 3])
+def test_a_camera_whose_stamp_jumps_is_left_out_of_that_set(off, cameras):
+    image = np.full(SHAPE, 1, np.uint8)
+    images = (image, image, image if cameras == 3 else None)
+    jumped = Shot(images, (1.1, 1.1 + off, 1.1))
+    live, mean, moments = heard(Shot(images, (1.0,) * 3), jumped, Shot(images, (1.2,) * 3))
+    assert mean.seen[1] == (1, None, *mean.seen[0][2:])
+    assert [one.timestamp for one in moments] == [1.0, 1.1, 1.2]
+    assert "camera1: its stamp is" in live.faults[0]
+    assert moments[1].shot.faults[1] is not None
+
+
+def test_an_image_of_another_size_does_not_take_the_others_with_it():
+    images = (np.zeros(SHAPE, np.uint8), np.zeros((2, 2, 3), np.uint8), np.zeros(SHAPE))
+    live, mean, _ = heard(Shot(images, (1.0,) * 3))
+    assert mean.seen == [(0.0, None, None)]
+    assert "camera1: found uint8 of shape (2, 2, 3), expected uint8 of (4, 6, 3)" in live.faults
+    assert any(fault.startswith("camera2: found float64") for fault in live.faults)
+
+
+def test_a_source_that_breaks_says_so_to_whoever_waits():
+    live, _, moments = heard(shot(1, 1.0), error=LiveError("camera60: gone for good"))
+    assert len(moments) == 1
+    assert live.latest() is not None
+    with pytest.raises(LiveError, match="camera60: gone for good"):
+        live.wait(timeout=1)
+
+
+def test_images_of_another_count_end_it_with_the_names():
+    live, _, _ = heard(Shot((np.zeros(SHAPE, np.uint8),) * 2, (1.0,) * 2))
+    with pytest.raises(LiveError, match="found 2 images, expected one for each of camera0, camera1, camera2"):
+        live.wait()
+
+
+def test_a_listener_that_raises_is_not_called_again_and_harms_nobody():
+    calls, others = [], []
+
+    def broken(moment):
+        calls.append(moment)
+        raise RuntimeError("disk full")
+
+    with Live(Given(shot(1, 1.0), shot(2, 2.0)), MeanTracker(), listeners=[broken, others.append]) as live:
+        drain(live)
+    assert len(calls) == 1
+    assert len(others) == 2
+    assert "disk full" in live.faults[0]
+
+
+def test_closing_ends_a_thread_that_waits_for_images():
+    pushed = Pushed()
+    live = Live(pushed, MeanTracker())
+    start = time.monotonic()
+    live.close()
+    live.close()
+    assert time.monotonic() - start < 5
+    assert not live.running
+    assert live.wait() is None
+
+
+@pytest.mark.parametrize(
+    ("images", "stamps", "words"),
+    [
+        ((None,), (1.0, 2.0), "1 images and 2 stamps"),
+        ((None,), (float("nan"),), "finite"),
+        ((), (), "0 images"),
+    ],
+)
+def test_a_shot_that_is_none_is_refused(images, stamps, words):
+    with pytest.raises(LiveError, match=words):
+        Shot(images, stamps)
+
+
+def test_live_poses_are_those_of_the_tracker():
+    model, film = tracker.load_object("cube_v2"), shots("cube_v2", 2, seed=621)
+    sets = [film[0].images, film[0].images, [None, *film[0].images[1:]], film[1].images]
+    noise = np.random.default_rng(5)
+    sets = [
+        [None if im is None else im ^ noise.integers(0, 2, im.shape, np.uint8) for im in one] for one in sets
+    ]
+    alone = tracker.ObjectTracker(model, RIG)
+    expected = [alone.update(images, 0.1 * n) for n, images in enumerate(sets)]
+    moments = []
+    source = Given(*(Shot(tuple(images), (0.1 * n,) * 3) for n, images in enumerate(sets)))
+    with Live(source, tracker.ObjectTracker(model, RIG), listeners=[moments.append]) as live:
+        drain(live)
+    assert len(moments) == 4
+    for moment, other in zip(moments, expected, strict=True):
+        assert moment.status == other.status
+        for mine, its in (
+            (moment.object_pose, other.object_pose),
+            (moment.filtered_object_pose, other.filtered_object_pose),
+        ):
+            assert (mine is None) == (its is None)
+            if mine is not None:
+                assert np.array_equal(mine.position, its.position)
+                assert np.array_equal(mine.covariance, its.covariance)
+    assert moments[2].cameras[0] is CameraUse.NO_IMAGE
+    ahead, other = live.at(0.35), alone.predict(0.35)
+    assert np.array_equal(ahead.position, other.position)
+    assert moments[0].latency > 0

@@ -1,0 +1,136 @@
+"""Recordings replayed at their own pace."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from tracker.errors import LiveError, LogError
+from tracker.live import Replay, SourceEnded
+from tracker.logs.log import Log
+
+IMAGE = np.zeros((2, 2, 3), np.uint8)
+
+
+def frame(index, stamp, camera_stamps=None):
+    stamps = np.array(camera_stamps or [stamp, stamp], float)
+    images = tuple(None if np.isnan(one) else IMAGE for one in stamps)
+    return SimpleNamespace(index=index, timestamp=stamp, camera_timestamps=stamps, images=images, raw=None)
+
+
+class Frames(Log):
+    """A log of frames that are there already."""
+
+    def __init__(self, frames, starts=(), error=None):
+        self.frames, self.starts, self.error, self.closed = frames, starts, error, False
+
+    def __iter__(self):
+        yield from self.frames
+        if self.error is not None:
+            raise self.error
+
+    @property
+    def episode_starts(self):
+        return self.starts
+
+    def close(self):
+        self.closed = True
+
+
+class Clock:
+    """Time that passes only while somebody sleeps."""
+
+    def __init__(self):
+        self.now = 5000.0
+
+    def time(self):
+        return self.now
+
+    def sleep(self, seconds):
+        assert seconds >= 0
+        self.now += seconds
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    one = Clock()
+    monkeypatch.setattr("tracker.live.replay.time", one)
+    return one
+
+
+def all_of(replay, clock, pause=0.0):
+    """Shots, and when they came [s]."""
+    result = []
+    while True:
+        try:
+            shot = replay.next(0.5)
+        except SourceEnded:
+            return result
+        if shot is not None:
+            result.append((shot, clock.time()))
+        clock.sleep(pause)
+
+
+def test_frames_come_at_the_pace_of_their_stamps(clock):
+    stamps = [1000.0, 1000.05, 1002.0, 1002.05]
+    given = all_of(Replay(Frames([frame(n, stamp) for n, stamp in enumerate(stamps)])), clock)
+    assert [shot.timestamp for shot, _ in given] == pytest.approx([5000.0, 5000.05, 5002.0, 5002.05])
+    assert [came for _, came in given] == pytest.approx([shot.timestamp for shot, _ in given])
+    assert [shot.age for shot, _ in given] == pytest.approx([0.0] * 4, abs=1e-6)
+    assert [shot.fresh for shot, _ in given] == [True, False, False, False]
+
+
+def test_speed_makes_it_quicker(clock):
+    given = all_of(Replay(Frames([frame(n, float(n)) for n in range(4)]), speed=50.0), clock)
+    assert [came - 5000.0 for _, came in given] == pytest.approx([0.0, 0.02, 0.04, 0.06])
+
+
+def test_frames_that_nobody_fetched_in_time_are_left_out(clock):
+    replay = Replay(Frames([frame(n, 0.02 * n) for n in range(21)]))
+    given = all_of(replay, clock, pause=0.109)
+    assert [round((shot.timestamp - 5000.0) / 0.02) for shot, _ in given] == [0, 5, 10, 16, 20]
+    assert replay.skipped == 16
+    assert [shot.age for shot, _ in given[:4]] == pytest.approx([0.0, 0.009, 0.018, 0.007], abs=1e-6)
+
+
+def test_a_timeout_ends_before_a_frame_that_is_not_due(clock):
+    replay = Replay(Frames([frame(0, 0.0), frame(1, 0.4)]))
+    assert replay.next(0.5) is not None
+    assert replay.next(0.05) is None
+    assert clock.time() == pytest.approx(5000.05)
+    assert replay.next(2.0) is not None
+    assert clock.time() == pytest.approx(5000.4)
+
+
+def test_stamps_of_cameras_move_alike_and_a_missing_image_has_the_frames(clock):
+    given = all_of(
+        Replay(Frames([frame(0, 10.0, [9.99, 10.0]), frame(1, 10.1, [float("nan"), 10.09])])), clock
+    )
+    first, second = given[0][0], given[1][0]
+    assert first.stamps[1] - first.stamps[0] == pytest.approx(0.01)
+    assert second.images[0] is None
+    assert second.faults[0] == "no image in the recording"
+    assert second.stamps[1] - first.stamps[1] == pytest.approx(0.09)
+
+
+def test_episodes_follow_each_other_whatever_their_stamps(clock):
+    frames = [frame(0, 50.0), frame(1, 50.05), frame(2, 3.0), frame(3, 3.05)]
+    given = all_of(Replay(Frames(frames, starts=(0, 2))), clock)
+    stamps = [shot.timestamp for shot, _ in given]
+    assert stamps == sorted(stamps)
+    assert [shot.fresh for shot, _ in given] == [True, False, True, False]
+
+
+def test_damage_is_raised_after_the_frames_before_it(clock):
+    replay = Replay(Frames([frame(0, 0.0), frame(1, 0.01)], error=LogError("frame 2: torn")))
+    assert [replay.next(0.5) is not None for _ in range(2)] == [True, True]
+    with pytest.raises(LogError, match="torn"):
+        replay.next(0.5)
+
+
+@pytest.mark.parametrize("speed", [0.0, -1.0, float("nan")])
+def test_a_speed_that_is_none_is_refused(speed):
+    with pytest.raises(LiveError, match="speed"):
+        Replay(Frames([]), speed=speed)

@@ -1,0 +1,265 @@
+"""Live: a tracker in a thread of its own, and the newest of what it finds for whoever asks."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from types import TracebackType
+
+import numpy as np
+
+from tracker.errors import LiveError
+from tracker.live.shot import Shot, Source, SourceEnded
+from tracker.pipeline import ObjectTracker
+from tracker.pose.result import CameraUse, MotionEstimate, Observation, PoseEstimate, Status
+
+HISTORY = 256
+"""Moments that are kept: 25 s of cameras at 10 Hz. Only the newest keeps its images."""
+
+STAMPS_APART = 1.0
+"""Farthest that a camera's stamp may be from the others' [s]; one that is farther does not count."""
+
+_PATIENCE = 0.1
+"""How long the thread waits at a time [s], before it looks whether it has to end."""
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """What one set of images showed."""
+
+    sequence: int
+    """Counts sets of images, from 0."""
+    timestamp: float
+    """When the latest of them was taken [s], on the source's clock."""
+    observation: Observation
+    """The tracker's answer."""
+    shot: Shot
+    """The images. Of moments that have passed, without them."""
+    latency: float
+    """From the latest image to the answer [s]."""
+
+    @property
+    def object_pose(self) -> PoseEstimate | None:
+        """The pose measured in these images, or None."""
+        return self.observation.object_pose
+
+    @property
+    def filtered_object_pose(self) -> MotionEstimate | None:
+        """Prediction and measurement fused over time, or None where the object is lost."""
+        return self.observation.filtered_object_pose
+
+    @property
+    def status(self) -> Status:
+        """Why there is a pose, or none."""
+        return self.observation.status
+
+    @property
+    def cameras(self) -> tuple[CameraUse, ...]:
+        """What became of each camera's picture."""
+        return self.observation.cameras
+
+
+class Live:
+    """Tracks what a source shows, from the moment it is made until `close`; a context manager.
+
+    The tracker runs in a thread of its own and belongs to it: do not call its `update` or `reset`. A set of
+    images that came while the one before was worked on waits; of several, the newest. Nothing that is asked
+    here waits for the tracker, but `wait`.
+
+    Args:
+        source: where images come from. It is closed at the end.
+        tracker: finds the object.
+        listeners: are called in the tracking thread with each Moment, and must return quickly. One that
+            raises is not called again, and `faults` tells of it.
+        history: moments that are kept for `at`.
+    """
+
+    def __init__(
+        self,
+        source: Source,
+        tracker: ObjectTracker,
+        *,
+        listeners: Sequence[Callable[[Moment], None]] = (),
+        history: int = HISTORY,
+    ) -> None:
+        self._source, self._tracker = source, tracker
+        self._listeners = list(listeners)
+        self._changed = threading.Condition()
+        self._moments: deque[tuple[Moment, Callable[[float], MotionEstimate | None]]] = deque(maxlen=history)
+        self._faults: deque[str] = deque(maxlen=100)
+        self._error: Exception | None = None
+        self._stopping, self._running = threading.Event(), True
+        self._count = 0
+        self._last: float | None = None
+        self._thread = threading.Thread(target=self._run, name="tracker.live", daemon=True)
+        self._thread.start()
+
+    def __enter__(self) -> Live:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    @property
+    def running(self) -> bool:
+        """Whether more may come: neither closed, nor at the source's end, nor broken."""
+        return self._running
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        """What went wrong and was got over, the last hundred of it."""
+        with self._changed:
+            return tuple(self._faults)
+
+    def latest(self) -> Moment | None:
+        """The newest moment, None before the first; its timestamp tells how old it is."""
+        with self._changed:
+            return self._moments[-1][0] if self._moments else None
+
+    def wait(self, after: Moment | int | None = None, timeout: float | None = None) -> Moment | None:
+        """The newest moment after another, as soon as there is one.
+
+        Args:
+            after: the moment, or its sequence number; None: the newest one at the call.
+            timeout: how long to wait [s]; None: as long as it takes.
+
+        Returns:
+            None where none came in time, or none will come since the source has ended or this was closed.
+
+        Raises:
+            LiveError: the source or the tracker broke; the message says how.
+        """
+        with self._changed:
+            if after is None:
+                number = self._count - 1
+            else:
+                number = after.sequence if isinstance(after, Moment) else int(after)
+            self._changed.wait_for(lambda: self._count - 1 > number or not self._running, timeout)
+            if self._count - 1 > number:
+                return self._moments[-1][0]
+            if self._error is not None:
+                raise LiveError(f"live: {self._error}") from self._error
+            return None
+
+    def at(self, timestamp: float) -> MotionEstimate | None:
+        """The pose at a moment, on the clock of the source's stamps [s].
+
+        It is predicted from the last images taken before, so that for a moment to come it is the pose then:
+        images are late, and a control loop that acts at `timestamp` asks for the pose then. For one that has
+        passed it is what was known from the images until then.
+
+        Returns:
+            None where the object was lost then, was seen too long before, or nothing is remembered.
+        """
+        with self._changed:
+            known = next(
+                (known for known in reversed(self._moments) if known[0].timestamp <= timestamp), None
+            )
+        return None if known is None else known[1](timestamp)
+
+    def close(self) -> None:
+        """End the tracking, and close the source; called again it does nothing."""
+        self._stopping.set()
+        if self._thread is not threading.current_thread():
+            self._thread.join()
+
+    def _run(self) -> None:
+        try:
+            while not self._stopping.is_set():
+                shot = self._source.next(_PATIENCE)
+                if shot is not None:
+                    self._take_in(shot)
+        except SourceEnded:
+            pass
+        except Exception as error:
+            self._error = error
+        finally:
+            try:
+                self._source.close()
+            except Exception as error:
+                self._note(f"the source could not be closed: {error}")
+            with self._changed:
+                self._running = False
+                self._changed.notify_all()
+
+    def _take_in(self, shot: Shot) -> None:
+        start = time.perf_counter()
+        shot = self._checked(shot)
+        stamp, back = shot.timestamp, 0.0 if self._last is None else self._last - shot.timestamp
+        if back == 0 and self._last is not None and not shot.fresh:
+            return  # the same set again, which is no news
+        if back > 0 and not shot.fresh:
+            self._note(f"stamps went back by {back:.3f} s: what was before is forgotten")
+        if back > 0 or shot.fresh:
+            self._tracker.reset()
+        observation = self._tracker.update(shot.images, shot.stamps)
+        self._last = stamp
+        latency = shot.age + time.perf_counter() - start
+        moment = Moment(self._count, stamp, observation, shot, latency)
+        with self._changed:
+            if back > 0 or shot.fresh:
+                self._moments.clear()
+            if self._moments:
+                old, forecast = self._moments[-1]
+                self._moments[-1] = _without_images(old), forecast
+            self._moments.append((moment, self._tracker.forecast()))
+            self._count += 1
+            self._changed.notify_all()
+        for listener in tuple(self._listeners):
+            try:
+                listener(moment)
+            except Exception as error:
+                self._listeners.remove(listener)
+                self._note(f"a listener is not called any more: {error}")
+
+    def _checked(self, shot: Shot) -> Shot:
+        """The set without images that cannot be used, of which the others must not suffer."""
+        rig = self._tracker.rig
+        if len(shot.images) != len(rig):
+            names = ", ".join(rig.names)
+            raise LiveError(f"source: found {len(shot.images)} images, expected one for each of {names}")
+        faults = dict(enumerate(shot.faults))
+        middle = self._usual_stamp(shot)
+        for c, (image, camera) in enumerate(zip(shot.images, rig, strict=True)):
+            if image is None:
+                continue
+            shape = camera.height, camera.width, 3
+            if image.dtype != np.uint8 or image.shape != shape:
+                faults[c] = f"found {image.dtype} of shape {image.shape}, expected uint8 of {shape}"
+            elif abs(shot.stamps[c] - middle) > STAMPS_APART:
+                faults[c] = f"its stamp is {shot.stamps[c] - middle:+.3f} s from the others'"
+            else:
+                continue
+            self._note(f"{camera.name}: {faults[c]}")
+        unusable = {c for c, fault in faults.items() if fault != shot.faults[c]}
+        if not unusable:
+            return shot
+        return replace(
+            shot,
+            images=tuple(None if c in unusable else image for c, image in enumerate(shot.images)),
+            stamps=tuple(middle if c in unusable else stamp for c, stamp in enumerate(shot.stamps)),
+            faults=tuple(faults.values()),
+        )
+
+    def _usual_stamp(self, shot: Shot) -> float:
+        """The stamp that most agree with; of two that differ, the one that follows on what was before."""
+        given = [t for image, t in zip(shot.images, shot.stamps, strict=True) if image is not None]
+        if len(given) == 2 and self._last is not None:
+            last = self._last
+            return min(given, key=lambda stamp: abs(stamp - last))
+        return float(np.median(given or shot.stamps))
+
+    def _note(self, fault: str) -> None:
+        with self._changed:
+            self._faults.append(fault)
+
+
+def _without_images(moment: Moment) -> Moment:
+    """A moment that has passed: 256 sets of images would be gigabytes."""
+    shot = replace(moment.shot, images=(None,) * len(moment.shot.images), raw=None)
+    return replace(moment, shot=shot)

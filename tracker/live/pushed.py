@@ -1,0 +1,60 @@
+"""Images that the caller has."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Sequence
+
+from tracker.conventions import Image
+from tracker.live.shot import Shot, SourceEnded
+
+
+class Pushed:
+    """A source that gives what is pushed into it, from any thread; the newest replaces what waits."""
+
+    def __init__(self) -> None:
+        self._changed = threading.Condition()
+        self._waiting: Shot | None = None
+        self._ended = False
+        self.replaced = 0
+        """Sets that were replaced by a newer one before they were fetched."""
+
+    def push(self, images: Sequence[Image | None], timestamp: float | Sequence[float] | None = None) -> None:
+        """Hand over a set of images; returns at once.
+
+        Args:
+            images: one (H, W, 3) uint8 BGR image for each camera, None where there is none. They are not
+                copied: do not write to them afterwards.
+            timestamp: when they were taken [s], one or one for each camera; by default now, as `time.time`
+                tells it.
+
+        Raises:
+            LiveError: the counts differ, or a stamp is not finite.
+        """
+        stamp = time.time() if timestamp is None else timestamp
+        stamps = tuple(stamp) if isinstance(stamp, Sequence) else (stamp,) * len(images)
+        shot = Shot(tuple(images), stamps)
+        with self._changed:
+            self.replaced += self._waiting is not None
+            self._waiting = shot
+            self._changed.notify_all()
+
+    def finish(self) -> None:
+        """No more images will come."""
+        with self._changed:
+            self._ended = True
+            self._changed.notify_all()
+
+    def next(self, timeout: float) -> Shot | None:
+        """See `Source`."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._waiting is not None or self._ended, timeout)
+            shot, self._waiting = self._waiting, None
+            if shot is None and self._ended:
+                raise SourceEnded("pushed images: no more will come")
+            return shot
+
+    def close(self) -> None:
+        """See `Source`."""
+        self.finish()
