@@ -21,6 +21,7 @@ KINDS = {
     "package": "the platform's own simulation package, in an environment of its own",
     "viz": "the extra `viz`",
     "film": "the extra `film`",
+    "pylon": "the extra `pylon`",
     "datasets": "the extra `datasets`",
     "bench": "the extra `bench`",
     "zarr": "a zarr that writes the data sets' stores",

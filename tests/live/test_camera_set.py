@@ -1,0 +1,229 @@
+"""Cameras that are asked together, whatever becomes of one of them."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+import time
+
+import cv2
+import numpy as np
+import pytest
+
+from tracker.errors import LiveError
+from tracker.live.camera import CameraEnded, CameraLost, GrabFailed, Picture
+from tracker.live.camera_set import CameraSet
+from tracker.logs.pictures import from_bayer
+
+SIZE = (6, 4)
+IMAGE = np.full((4, 6, 3), 9, np.uint8)
+
+
+class Scripted:
+    """A camera that does one thing after another: gives an image, raises, or calls what waits."""
+
+    triggered = True
+
+    def __init__(self, *acts, then=IMAGE):
+        self.acts, self.then, self.opened, self.closed = list(acts), then, 0, 0
+
+    def open(self):
+        self.opened += 1
+        return self
+
+    def grab(self, timeout):
+        act = self.acts.pop(0) if self.acts else self.then
+        if callable(act):
+            act = act()
+        if isinstance(act, Exception):
+            raise act
+        return Picture(act, time.time())
+
+    def close(self):
+        self.closed += 1
+
+
+def set_of(*cameras, rate=10.0, sizes=None):
+    return CameraSet([camera.open for camera in cameras], sizes or [SIZE] * len(cameras), rate=rate)
+
+
+def shots(cameras, count):
+    """The next sets after all cameras have been opened."""
+    given = []
+    deadline = time.monotonic() + 20
+    while len(given) < count:
+        assert time.monotonic() < deadline
+        shot = cameras.next(0.5)
+        if shot is not None and (given or all(fault != "not opened yet" for fault in shot.faults)):
+            given.append(shot)
+    return given
+
+
+def test_a_set_has_a_picture_of_each_camera():
+    one, two = Scripted(then=IMAGE), Scripted(then=IMAGE + 1)
+    cameras = set_of(one, two)
+    given = shots(cameras, 3)
+    cameras.close()
+    for shot in given[1:]:
+        assert [int(image[0, 0, 0]) for image in shot.images] == [9, 10]
+        assert shot.faults == (None, None)
+        assert max(abs(shot.timestamp - stamp) for stamp in shot.stamps) < 1
+    stamps = [shot.timestamp for shot in given]
+    assert all(later > earlier for earlier, later in itertools.pairwise(stamps))
+    assert (one.opened, one.closed) == (1, 1)
+
+
+def test_a_picture_that_fails_is_missing_in_its_set_only():
+    bad = Scripted(IMAGE, GrabFailed("buffer torn"), IMAGE)
+    cameras = set_of(Scripted(), bad)
+    given = shots(cameras, 8)
+    cameras.close()
+    missing = [shot for shot in given if shot.images[1] is None]
+    assert [shot.faults for shot in missing] == [(None, "buffer torn")]
+    assert all(shot.images[0] is not None for shot in given)
+    assert bad.opened == 1
+
+
+def test_a_camera_that_is_lost_is_opened_again(monkeypatch):
+    monkeypatch.setattr("tracker.live.camera_set.LOOK_AGAIN", 0.03)
+    lost = Scripted(IMAGE, CameraLost("unplugged"))
+    tries = []
+
+    def open_again():
+        tries.append(1)
+        if 2 <= len(tries) <= 3:
+            raise LiveError("not there")
+        return lost.open()
+
+    cameras = CameraSet([Scripted().open, open_again], [SIZE] * 2, rate=10.0)
+    faults, given = set(), []
+    deadline = time.monotonic() + 20
+    while not (given and given[-1].images[1] is not None and "not there" in faults):
+        assert time.monotonic() < deadline
+        shot = cameras.next(0.5)
+        if shot is not None:
+            given.append(shot)
+            faults.add(shot.faults[1])
+    cameras.close()
+    assert len(tries) == 4
+    assert lost.closed == 2
+    assert all(shot.images[0] is not None for shot in given[2:])
+
+
+def test_a_camera_that_hangs_does_not_hold_up_the_others():
+    go_on = threading.Event()
+
+    def hang():
+        go_on.wait(20)
+        return IMAGE
+
+    hanging = Scripted(IMAGE, hang)
+    cameras = set_of(Scripted(), hanging)
+    given = shots(cameras, 6)
+    assert all(shot.images[0] is not None for shot in given)
+    assert given[-1].images[1] is None
+    assert given[-1].faults[1] == "no picture in time"
+    go_on.set()
+    again = shots(cameras, 12)
+    cameras.close()
+    assert again[-1].images[1] is not None
+
+
+def test_sets_go_on_when_all_cameras_are_gone():
+    gone = [Scripted(*[GrabFailed("dark")] * 1000) for _ in range(2)]
+    cameras = set_of(*gone)
+    given = shots(cameras, 4)
+    cameras.close()
+    for shot in given:
+        assert shot.images == (None, None)
+        assert set(shot.faults) <= {"dark", "no picture in time"}
+    assert given[-1].timestamp > given[0].timestamp
+
+
+def test_raw_pixels_are_kept_and_developed():
+    raw = np.random.default_rng(2).integers(0, 256, (8, 12), np.uint8)
+    cameras = set_of(Scripted(then=raw), sizes=[(12, 8)])
+    shot = shots(cameras, 2)[-1]
+    cameras.close()
+    assert np.array_equal(shot.raw[0], raw)
+    assert np.array_equal(shot.images[0], from_bayer(raw))
+
+
+def test_pictures_of_twice_the_size_are_halved():
+    image = np.random.default_rng(3).integers(0, 256, (8, 12, 3), np.uint8)
+    cameras = set_of(Scripted(then=image))
+    shot = shots(cameras, 2)[-1]
+    cameras.close()
+    expected = image.reshape(4, 2, 6, 2, 3).mean(axis=(1, 3))
+    assert np.abs(shot.images[0] - expected).max() <= 0.5
+    assert shot.raw is None
+
+
+def until_the_end(cameras):
+    """All sets of a source that ends."""
+    given, deadline = [], time.monotonic() + 20
+    while time.monotonic() < deadline:
+        try:
+            given.append(cameras.next(0.5))
+        except CameraEnded:
+            cameras.close()
+            return [shot for shot in given if shot is not None]
+    raise AssertionError("it goes on")
+
+
+def test_a_film_that_ends_ends_the_source():
+    given = until_the_end(set_of(Scripted(), Scripted(IMAGE, CameraEnded("over"))))
+    assert sum(shot.images[1] is not None for shot in given) <= 1
+
+
+def test_sets_come_at_their_rate_and_a_timeout_before_them():
+    cameras = set_of(Scripted(), rate=2.0)
+    assert cameras.next(0.3) is not None
+    start = time.monotonic()
+    assert cameras.next(0.05) is None
+    assert time.monotonic() - start >= 0.04
+    cameras.close()
+
+
+@pytest.mark.parametrize("rate", [0.0, -1.0, float("nan"), 2000.0])
+def test_a_rate_that_is_none_is_refused(rate):
+    with pytest.raises(LiveError, match="rate"):
+        CameraSet([], [], rate=rate)
+
+
+def test_films_are_read_by_opencv_picture_by_picture(tmp_path):
+    from tracker.calibration.rig import CameraRig
+    from tracker.geometry.camera import Camera
+    from tracker.live.opening import open_cameras
+
+    for name, level in (("a", 60), ("b", 160)):
+        film = cv2.VideoWriter(str(tmp_path / f"{name}.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 10, (64, 48))
+        if not film.isOpened():
+            pytest.fail("OpenCV writes no film")
+        for number in range(5):
+            film.write(np.full((48, 64, 3), level + 10 * number, np.uint8))
+        film.release()
+    matrix = np.array([[60.0, 0, 32], [0, 60, 24], [0, 0, 1]])
+    rig = CameraRig(tuple(Camera(n, 64, 48, matrix, np.zeros(5), np.eye(4)) for n in ("a", "b")))
+    cameras = open_cameras(f"opencv:{tmp_path / 'a.avi'},{tmp_path / 'b.avi'}", rig, rate=20.0)
+    whole = [shot for shot in until_the_end(cameras) if all(one is not None for one in shot.images)]
+    levels = [[round(float(image.mean()) / 10) for image in shot.images] for shot in whole]
+    assert levels
+    assert [one[0] for one in levels] == sorted(one[0] for one in levels)
+    assert {one[0] for one in levels} <= {6, 7, 8, 9, 10}
+
+
+@pytest.mark.parametrize(
+    ("source", "words"),
+    [
+        ("opencv:0", ["found 1 cameras", "camera60, camera180, camera300"]),
+        ("opencv", ["found 0 cameras"]),
+        ("webcam:0", ["webcam:0", "simulation"]),
+    ],
+)
+def test_a_source_that_is_none_is_refused(source, words, rig):
+    from tracker.live.opening import open_cameras
+
+    with pytest.raises(LiveError) as error:
+        open_cameras(source, rig)
+    assert all(word in str(error.value) for word in words)

@@ -1,0 +1,148 @@
+"""Basler cameras, by the emulator that their library brings along."""
+
+from __future__ import annotations
+
+import os
+import time
+from importlib.util import find_spec
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.helpers.needs import lack
+from tracker.errors import LiveError
+from tracker.live import Live, Moment
+from tracker.live.camera import GrabFailed
+from tracker.live.opening import open_cameras, settings_of
+
+if find_spec("pypylon") is None:
+    lack("pylon", "pypylon is not installed")
+os.environ.setdefault("PYLON_CAMEMU", "3")
+
+from tracker.live.pylon_camera import PylonCamera, pylon_serials
+
+SERIALS = ["0815-0000", "0815-0001", "0815-0002"]
+
+
+@pytest.fixture(scope="module")
+def pictures(tmp_path_factory):
+    folder, rng = tmp_path_factory.mktemp("pictures"), np.random.default_rng(3)
+    images = [rng.integers(0, 256, (540, 540), np.uint8) for _ in range(2)]
+    for number, image in enumerate(images):
+        cv2.imwrite(str(folder / f"{number}.png"), image)
+    return folder, images
+
+
+def settings(folder):
+    return {
+        "ImageFilename": str(folder),
+        "ImageFileMode": "On",
+        "TestImageSelector": "Off",
+        "PixelFormat": "BayerRG8",
+        "Width": 540,
+        "Height": 540,
+        "ExposureTime": 1500.0,
+    }
+
+
+@pytest.fixture
+def camera(pictures):
+    one = PylonCamera(SERIALS[0], settings(pictures[0]))
+    yield one
+    one.close()
+
+
+def test_pictures_are_the_cameras_to_the_bit_and_stamped_when_they_were_taken(camera, pictures):
+    before = time.time()
+    given = [camera.grab(2.0) for _ in range(2)]
+    assert np.array_equal(given[0].image, pictures[1][0])
+    assert np.array_equal(given[1].image, pictures[1][1])
+    assert before < given[0].stamp < given[1].stamp <= time.time() + 1e-3
+
+
+def test_settings_are_read_back(camera):
+    assert camera.read_back(["ExposureTime", "PixelFormat"]) == {
+        "ExposureTime": 1500.0,
+        "PixelFormat": "BayerRG8",
+    }
+
+
+def test_a_failed_buffer_is_one_picture_that_is_missing(camera):
+    camera.grab(2.0)
+    camera._camera.ForceFailedBufferCount.Value = 1
+    camera._camera.ForceFailedBuffer.Execute()
+    with pytest.raises(GrabFailed, match="0815-0000: The buffer was incompletely grabbed"):
+        camera.grab(2.0)
+    assert camera.grab(2.0).image.shape == (540, 540)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"ExposureTime": "long"}, "does not take ExposureTime = 'long'"),
+        ({"Nonsense": 1}, "does not take Nonsense = 1"),
+        ({"PixelFormat": "Mono8"}, "PixelFormat Mono8, expected one of BayerRG8"),
+    ],
+)
+def test_a_setting_that_is_not_taken_is_named(wrong, words):
+    with pytest.raises(LiveError, match=f"pylon: 0815-0001.* {words}"):
+        PylonCamera(SERIALS[1], wrong)
+
+
+def test_a_camera_that_is_not_there_is_named():
+    with pytest.raises(LiveError, match="pylon: 4711 cannot be opened"):
+        PylonCamera("4711")
+    with pytest.raises(LiveError, match=r"calls itself camera60; there are 0815-0000"):
+        pylon_serials(["camera60"])
+
+
+def test_three_cameras_are_a_source_for_live(pictures, rig, tmp_path):
+    text = "\n".join(f"{name} = {value!r}" for name, value in settings(pictures[0]).items())
+    (tmp_path / "cameras.toml").write_text(text + '\n["0815-0002"]\nExposureTime = 1400.0\n')
+    source = open_cameras(f"pylon:{','.join(SERIALS)}", rig, settings=tmp_path / "cameras.toml")
+
+    class Counter:
+        def __init__(self):
+            self.rig, self.sets = rig, []
+
+        def reset(self): ...
+
+        def update(self, images, stamps):
+            self.sets.append([None if image is None else image.shape for image in images])
+
+        def forecast(self):
+            return lambda timestamp: None
+
+    counter = Counter()
+    with Live(source, counter) as live:
+        deadline, moment = time.monotonic() + 30, live.wait(after=-1, timeout=10)
+        while any(image is None for image in moment.shot.images) and time.monotonic() < deadline:
+            moment = live.wait(after=moment, timeout=5)
+    assert isinstance(moment, Moment)
+    assert moment.shot.faults == (None, None, None)
+    assert counter.sets[-1] == [(270, 270, 3)] * 3  # halved for the rig
+    assert all(any(np.array_equal(raw, one) for one in pictures[1]) for raw in moment.shot.raw)
+    assert 0 <= moment.latency < 5
+
+
+def test_settings_of_one_camera_come_after_those_of_all(tmp_path):
+    path = tmp_path / "cameras.toml"
+    path.write_text('Gain = 0.0\nExposureTime = 1500.0\n["b"]\nExposureTime = 900.0\n')
+    found = settings_of(path, ["a", "b"])
+    assert found == {"a": {"Gain": 0.0, "ExposureTime": 1500.0}, "b": {"Gain": 0.0, "ExposureTime": 900.0}}
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("Gain = [1]", r"Gain: found \[1\]"),
+        ('["c"]\nGain = 1', "expected one of a, b"),
+        ("Gain", "cannot be read"),
+    ],
+)
+def test_settings_that_are_none_are_refused(text, words, tmp_path):
+    path = tmp_path / "cameras.toml"
+    path.write_text(text)
+    with pytest.raises(LiveError, match=words):
+        settings_of(path, ["a", "b"])

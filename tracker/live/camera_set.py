@@ -1,0 +1,202 @@
+"""Several cameras that are asked together: each in a thread of its own, so that none waits for another."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from tracker.conventions import Image
+from tracker.errors import LiveError
+from tracker.live.camera import Camera, CameraEnded, CameraLost, Picture
+from tracker.live.shot import Shot
+from tracker.logs.pictures import from_bayer
+
+RATE = 10.0
+"""Sets of pictures per second [Hz], as on the platform."""
+
+LOOK_AGAIN = 1.0
+"""How often a camera that is lost is looked for [s]."""
+
+_GRAB = 1.0
+"""Longest that a camera may take for a picture [s]; the set has gone on without it long before."""
+
+
+@dataclass
+class _Slot:
+    """What a camera's thread has for the others."""
+
+    answered: int = 0
+    """Number of the newest set that it was asked for and has answered."""
+    picture: Picture | None = None
+    """Its answer; None: it failed, and `fault` says why."""
+    fault: str | None = "not opened yet"
+    there: bool = False
+    """Whether the camera is open."""
+    ended: bool = False
+
+
+class CameraSet:
+    """A source of pictures that cameras take when they are asked together, at a steady rate.
+
+    A camera that fails once gives no image in that set; one that is lost is opened again as soon as it is
+    there. Sets go on at their rate whatever becomes of cameras, also when all of them are gone.
+
+    Args:
+        openers: for each camera what opens it; LiveError where it cannot.
+        sizes: width and height of each camera's images [px]; pictures of twice the size are halved.
+        rate: sets per second [Hz].
+    """
+
+    def __init__(
+        self,
+        openers: Sequence[Callable[[], Camera]],
+        sizes: Sequence[tuple[int, int]],
+        *,
+        rate: float = RATE,
+    ) -> None:
+        if not (np.isfinite(rate) and 0 < rate <= 1000):
+            raise LiveError(f"cameras: rate: found {rate:g}, expected above 0 and up to 1000 Hz")
+        self._sizes, self._period = list(sizes), 1 / rate
+        self._changed = threading.Condition()
+        self._slots = [_Slot() for _ in openers]
+        self._asked, self._deadline, self._closing = 0, 0.0, threading.Event()
+        self._waiting = False
+        self._tick = time.monotonic()
+        self._threads = [
+            threading.Thread(target=self._run, args=(slot, opener), name="tracker.camera", daemon=True)
+            for slot, opener in zip(self._slots, openers, strict=True)
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    def next(self, timeout: float) -> Shot | None:
+        """See `Source`."""
+        until = time.monotonic() + timeout
+        if not self._waiting:
+            if self._tick > until:
+                time.sleep(timeout)
+                return None
+            time.sleep(max(0.0, self._tick - time.monotonic()))
+            now = time.monotonic()
+            # Who comes late is not owed the sets in between.
+            self._tick = max(self._tick, now - self._period) + self._period
+            with self._changed:
+                self._asked += 1
+                self._deadline, self._waiting = now + max(0.9 * self._period, 0.02), True
+                self._changed.notify_all()
+        with self._changed:
+            self._changed.wait_for(self._complete, max(0.0, min(until, self._deadline) - time.monotonic()))
+            if not self._complete() and time.monotonic() < self._deadline:
+                return None
+            self._waiting = False
+            if any(slot.ended for slot in self._slots):
+                raise CameraEnded("cameras: a film has ended")
+            answers = [
+                (slot.picture, slot.fault) if slot.answered == self._asked else (None, slot.fault)
+                for slot in self._slots
+            ]
+        return self._shot(answers)
+
+    def close(self) -> None:
+        """See `Source`."""
+        self._closing.set()
+        with self._changed:
+            self._changed.notify_all()
+        for thread in self._threads:
+            thread.join(timeout=2 * _GRAB)
+
+    def _complete(self) -> bool:
+        """Whether all have answered who may be expected to: not who is gone, or still at an earlier set."""
+        return all(
+            slot.answered == self._asked or slot.ended or not slot.there or slot.answered < self._asked - 1
+            for slot in self._slots
+        )
+
+    def _shot(self, answers: Sequence[tuple[Picture | None, str | None]]) -> Shot:
+        now = time.time()
+        pictures = [picture for picture, _ in answers]
+        images = tuple(
+            None if one is None else _developed(one.image, size)
+            for one, size in zip(pictures, self._sizes, strict=True)
+        )
+        stamps = tuple(now if one is None else one.stamp for one in pictures)
+        taken = [one.stamp for one in pictures if one is not None]
+        raw = None
+        if taken and all(one is None or one.image.ndim == 2 for one in pictures):
+            raw = tuple(None if one is None else one.image for one in pictures)
+        return Shot(
+            images,
+            stamps,
+            tuple(None if one is not None else fault or "no picture in time" for one, fault in answers),
+            raw=raw,
+            age=max(0.0, now - max(taken)) if taken else 0.0,
+        )
+
+    def _run(self, slot: _Slot, opener: Callable[[], Camera]) -> None:
+        """A camera's thread."""
+        camera: Camera | None = None
+        while not self._closing.is_set():
+            if camera is None:
+                camera = self._opened(slot, opener)
+                continue
+            with self._changed:
+                if camera.triggered:
+                    self._changed.wait_for(lambda: slot.answered < self._asked or self._closing.is_set())
+                asked = self._asked
+            if self._closing.is_set():
+                break
+            try:
+                self._answer(slot, asked, camera.grab(_GRAB), None)
+            except CameraEnded:
+                with self._changed:
+                    slot.ended = True
+                    self._changed.notify_all()
+                break
+            except Exception as error:
+                gone = isinstance(error, CameraLost) or not isinstance(error, LiveError)
+                self._answer(slot, asked, None, " ".join(str(error).split()), there=not gone)
+                if gone:
+                    _close(camera)
+                    camera = None
+        if camera is not None:
+            _close(camera)
+
+    def _opened(self, slot: _Slot, opener: Callable[[], Camera]) -> Camera | None:
+        try:
+            camera = opener()
+        except Exception as error:
+            with self._changed:
+                slot.fault = " ".join(str(error).split())
+                self._changed.wait_for(self._closing.is_set, LOOK_AGAIN)
+            return None
+        with self._changed:
+            slot.answered, slot.fault, slot.there = self._asked - 1, None, True
+        return camera
+
+    def _answer(
+        self, slot: _Slot, asked: int, picture: Picture | None, fault: str | None, *, there: bool = True
+    ) -> None:
+        with self._changed:
+            slot.answered, slot.picture, slot.fault, slot.there = asked, picture, fault, there
+            self._changed.notify_all()
+
+
+def _close(camera: Camera) -> None:
+    try:
+        camera.close()
+    except Exception:
+        return  # it is gone already
+
+
+def _developed(image: Image, size: tuple[int, int]) -> Image:
+    """BGR (H, W, 3) of a picture, halved where the calibration is for half its size."""
+    image = from_bayer(image) if image.ndim == 2 else image
+    height, width = image.shape[:2]
+    if (width, height) == (2 * size[0], 2 * size[1]):
+        return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
+    return image

@@ -1,0 +1,50 @@
+"""Cameras, films and streams that OpenCV opens."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from tracker.errors import LiveError
+from tracker.live.camera import CameraEnded, CameraLost, Picture
+
+
+class OpenCvCamera:
+    """A camera by its number, a film by its file, or a stream by its address.
+
+    The stamp is the moment at which the picture arrived, since OpenCV tells no other. A film gives one
+    picture each time it is asked, and ends.
+
+    Args:
+        what: e.g. `0`, `film.avi`, `rtsp://…`.
+
+    Raises:
+        LiveError: it cannot be opened.
+    """
+
+    def __init__(self, what: str) -> None:
+        self._what = what
+        self.triggered = not what.isdigit() and Path(what).is_file()
+        self._capture = cv2.VideoCapture(int(what)) if what.isdigit() else cv2.VideoCapture(what)
+        if not self._capture.isOpened():
+            raise LiveError(f"opencv: {what} cannot be opened")
+        self._capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # only the newest counts
+
+    def grab(self, timeout: float) -> Picture:
+        """See `Camera`; OpenCV has a time limit of its own."""
+        there, image = self._capture.read()
+        stamp = time.time()
+        if not there:
+            if self.triggered:
+                raise CameraEnded(f"opencv: {self._what} has ended")
+            raise CameraLost(f"opencv: {self._what} gives no picture")
+        if image.ndim == 2:
+            image = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
+        return Picture(np.asarray(image, np.uint8), stamp)
+
+    def close(self) -> None:
+        """See `Camera`."""
+        self._capture.release()

@@ -1,0 +1,85 @@
+"""Sources by the words with which a command names them."""
+
+from __future__ import annotations
+
+import functools
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from tracker.calibration.rig import CameraRig
+from tracker.errors import LiveError
+from tracker.live.camera import Camera
+from tracker.live.camera_set import RATE, CameraSet
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+FORMS = "a recording's path, pylon, pylon:SERIAL,…, opencv:0,1,2 or simulation"
+
+
+def open_cameras(
+    source: str, rig: CameraRig, *, rate: float = RATE, settings: Path | None = None
+) -> CameraSet:
+    """The cameras that a text names, one for each of a rig's, in its order.
+
+    Args:
+        source: `pylon`, whose cameras call themselves as the rig's; `pylon:SERIAL,…`; or `opencv:…` with
+            numbers, films or addresses.
+        rig: says how large the images are.
+        rate: sets of pictures per second [Hz].
+        settings: a TOML file of what `pylon`'s cameras are set to: features by their GenICam names, those of
+            a table `["SERIAL"]` for one camera only.
+
+    Raises:
+        LiveError: the text names none or too few, a setting cannot be read, or a camera is not there.
+    """
+    kind, _, listed = source.partition(":")
+    which = [part.strip() for part in listed.split(",") if part.strip()]
+    openers: list[Callable[[], Camera]]
+    if kind == "pylon":
+        from tracker.live.pylon_camera import PylonCamera, pylon_serials
+
+        which = which or pylon_serials(rig.names)
+        chosen = settings_of(settings, which)
+        openers = [functools.partial(PylonCamera, serial, chosen[serial]) for serial in which]
+    elif kind == "opencv" and settings is None:
+        from tracker.live.opencv_camera import OpenCvCamera
+
+        openers = [functools.partial(OpenCvCamera, one) for one in which]
+    else:
+        found = f"settings for {kind}" if kind == "opencv" else repr(source)
+        raise LiveError(f"source: found {found}, expected {FORMS}")
+    if len(openers) != len(rig):
+        raise LiveError(
+            f"source {source}: found {len(openers)} cameras, expected one for each of {', '.join(rig.names)}"
+        )
+    return CameraSet(openers, [(camera.width, camera.height) for camera in rig], rate=rate)
+
+
+def settings_of(path: Path | None, serials: list[str]) -> dict[str, Mapping[str, Any]]:
+    """What each camera is set to, from a TOML file; nothing without one.
+
+    Raises:
+        LiveError: the file cannot be read, or a value is none that a feature takes.
+    """
+    if path is None:
+        return {serial: {} for serial in serials}
+    try:
+        values = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise LiveError(f"settings {path}: cannot be read: {error}") from error
+    common = {name: value for name, value in values.items() if not isinstance(value, dict)}
+    own = {name: value for name, value in values.items() if isinstance(value, dict)}
+    unknown = sorted(set(own) - set(serials))
+    if unknown:
+        raise LiveError(f"settings {path}: found [{unknown[0]}], expected one of {', '.join(serials)}")
+    for name, value in [*common.items(), *(item for one in own.values() for item in one.items())]:
+        if not isinstance(value, (str, int, float, bool)):
+            raise LiveError(
+                f"settings {path}: {name}: found {value!r}, expected a text, number, true or false"
+            )
+    return {serial: {**common, **own.get(serial, {})} for serial in serials}

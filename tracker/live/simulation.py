@@ -1,0 +1,71 @@
+"""The simulated platform as a source: a short film, drawn beforehand, that goes on to and fro."""
+
+from __future__ import annotations
+
+import time
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Any
+
+from tracker.calibration.rig import CameraRig
+from tracker.errors import LiveError
+from tracker.live.shot import Shot
+
+FRAMES = 40
+"""Of the film, four seconds; drawing takes some tenths of a second each."""
+
+
+class Simulation:
+    """A source that shows a film of the generator `synthetic`, at 10 Hz without end.
+
+    The generator is looked for when it is needed only: the tracker does not rest on it.
+
+    Args:
+        object_name: what is seen.
+        seed: of the film.
+        frames: its length.
+
+    Raises:
+        LiveError: what the generator needs is not installed.
+    """
+
+    def __init__(self, object_name: str, *, seed: int = 0, frames: int = FRAMES) -> None:
+        film = _film(object_name, seed, frames)
+        self.rig: CameraRig = film[0].given
+        self._sets = [tuple(frame.images) for frame in film]
+        self._period, self._start, self._number = 0.1, time.time(), -1
+
+    def next(self, timeout: float) -> Shot | None:
+        """See `Source`."""
+        due = self._start + (self._number + 1) * self._period
+        until = time.time() + timeout
+        if due > until:
+            time.sleep(timeout)
+            return None
+        time.sleep(max(0.0, due - time.time()))
+        self._number = int((time.time() - self._start) / self._period)
+        stamp = self._start + self._number * self._period
+        images = self._sets[_to_and_fro(self._number, len(self._sets))]
+        return Shot(images, (stamp,) * len(images), age=max(0.0, time.time() - stamp))
+
+    def close(self) -> None:
+        """See `Source`."""
+
+
+def _to_and_fro(number: int, length: int) -> int:
+    """Place in a film of the frames 0, 1, …, length - 1, length - 2, …, 1, 0, 1 and so on."""
+    if length == 1:
+        return 0
+    place = number % (2 * length - 2)
+    return min(place, 2 * length - 2 - place)
+
+
+def _film(object_name: str, seed: int, frames: int) -> list[Any]:
+    if find_spec("synthetic") is None or find_spec("pybullet") is None:
+        raise LiveError("simulation: found no generator: pip install 'trifinger-object-tracker[synthetic]'")
+    generator = import_module("synthetic.frames")
+    options = generator.FrameOptions(
+        object_name, seed, quality="fast", renderer="raster", sequence=True, dropped=0.0, length=frames
+    )
+    with generator.FrameMaker(options) as maker:
+        return list(maker.chunk(0))
