@@ -7,6 +7,7 @@ import click
 from tracker.cli.calibrate_board import board
 from tracker.cli.calibrate_extrinsics import extrinsics
 from tracker.cli.calibrate_intrinsics import intrinsics
+from tracker.cli.calibrate_refine import refine_command
 from tracker.cli.calibrate_table import table_command
 
 
@@ -22,4 +23,5 @@ def calibrate() -> None:
 calibrate.add_command(board)
 calibrate.add_command(intrinsics)
 calibrate.add_command(extrinsics)
+calibrate.add_command(refine_command)
 calibrate.add_command(table_command)

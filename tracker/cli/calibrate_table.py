@@ -58,10 +58,13 @@ def _text(found: FoundTable, output: Path) -> str:
     import numpy as np
 
     plane = found.plane
-    used, (height, tilt) = np.count_nonzero(plane.used > 0.5), plane.std
+    used, still, (height, tilt) = np.count_nonzero(plane.used > 0.5), len(plane.used), plane.std
     slopes = np.degrees(np.arctan(plane.slope))
     rows = [
-        ["at rest", f"in {used} places of {found.rests} where it was still; seen in {found.shots} frames"],
+        [
+            "at rest",
+            f"in {used} places of {still} where it was still; seen in {found.shots} frames",
+        ],
         [
             "height [mm]",
             f"{1e3 * plane.height:+.2f} ± {1e3 * height:.2f}, of the table in the old world",

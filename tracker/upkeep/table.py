@@ -36,8 +36,6 @@ class FoundTable:
     """The same cameras in that world, and its arena."""
     plane: TablePlane
     """The table in the world of before."""
-    rests: int
-    """Places in which the object was at rest, or held as still."""
     shots: int
     """Shots in which the object was surely seen."""
 
@@ -62,18 +60,38 @@ def find_table(
         CalibrationError: there is one camera only, or the object rested in too few places.
     """
     refuse_one_camera(rig)
-    arena = rig.arena
-    std = max(arena.table_std[0], BROAD[0]), max(arena.table_std[1], BROAD[1])
-    broad = dataclasses.replace(rig, arena=dataclasses.replace(arena, table_std=std))
-    tracker, edges = ObjectTracker(model, broad, colors), EdgeReader(model, broad, colors)
-    shots, lonely, rests = 0, 0, []
+    loose = broad(rig)
+    tracker, edges = ObjectTracker(model, loose, colors), EdgeReader(model, loose, colors)
+    seen: list[list[Sighting]] = []
     for one in footage:
-        seen: list[Sighting] = []
+        seen.append([])
         for sighting in sightings(tracker, one):
-            seen.append(sighting)
+            seen[-1].append(sighting)
             progress(1)
-        shots += len(seen)
-        still = resting(seen)
+    if not any(seen):
+        raise CalibrationError(f"table: found no picture in which {model.name} is surely seen")
+    plane = plane_of(model, edges, footage, seen)
+    return FoundTable(levelled(rig, plane), plane, sum(map(len, seen)))
+
+
+def broad(rig: CameraRig) -> CameraRig:
+    """The same cameras, of which it is hardly known where the table is."""
+    height, tilt = rig.arena.table_std
+    std = max(height, BROAD[0]), max(tilt, BROAD[1])
+    return dataclasses.replace(rig, arena=dataclasses.replace(rig.arena, table_std=std))
+
+
+def plane_of(
+    model: CuboidModel, edges: EdgeReader, footage: Sequence[Footage], seen: Sequence[Sequence[Sighting]]
+) -> TablePlane:
+    """The plane on which an object rests that was seen in footage, by the cameras of an edge reader.
+
+    Raises:
+        CalibrationError: it rested in too few places.
+    """
+    rests, lonely = [], 0
+    for one, part in zip(footage, seen, strict=True):
+        still = resting(part)
         for sighting, images in zip(still, one.images([s.number for s in still]), strict=True):
             rest = _rest(edges, sighting, edges.views(images), model.rim_std)
             if rest is not None:
@@ -86,10 +104,7 @@ def find_table(
             f"{len(rests)} in which others do, expected {LEAST} of these: one camera's depth is not the "
             "table's height"
         )
-    if not shots:
-        raise CalibrationError(f"table: found no picture in which {model.name} is surely seen")
-    plane = fit_table(rests, model.size, rig)
-    return FoundTable(levelled(rig, plane), plane, len(rests), shots)
+    return fit_table(rests, model.size, edges.rig)
 
 
 def refuse_one_camera(rig: CameraRig) -> None:

@@ -58,6 +58,8 @@ class Refined(NamedTuple):
     """(C, 6) by which the cameras saw the object moved, since their pictures are older [m, rad]."""
     stands: float
     """How well it stands on the table: log odds over an object that may be anywhere."""
+    offsets: FloatArray
+    """(C, 6) by which they saw it moved beside that, since they are not quite where their calibration says."""
 
 
 @dataclass(eq=False)
@@ -182,7 +184,7 @@ class Refiner:
             end = Start(blur, unknowns.shared[EXPONENT], unknowns.shared[RIM])
         return Refined(
             unknowns.rotation.copy(), unknowns.position.copy(), covariance, seen, attempt.converged,
-            attempt.step, end, cameras.lags, attempt.stands,
+            attempt.step, end, cameras.lags, attempt.stands, unknowns.offsets[:, :6].copy(),
         )  # fmt: skip
 
     def _cameras(

@@ -1,0 +1,53 @@
+"""Pictures of a cube all over the arena, and cameras that are not where they are said to be."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+
+import numpy as np
+
+from synthetic.camera.sensor import Sensor
+from tests.helpers.filmed import RIG
+from tests.helpers.stills import Still, posed_scene, take
+from tracker.calibration.rig import CameraRig
+from tracker.conventions import FloatArray
+from tracker.geometry import so3
+from tracker.objects.model import load_object
+
+COUNT = 27
+
+
+@functools.cache
+def carried() -> tuple[Still, ...]:
+    """Pictures of different poses in the air, drawn once."""
+    rng = np.random.default_rng(21)
+    model = load_object("cube_v2")
+    stills = []
+    for _ in range(COUNT):
+        angle, distance = rng.uniform(0, 2 * np.pi), 0.12 * np.sqrt(rng.random())
+        place = np.array([distance * np.cos(angle), distance * np.sin(angle), rng.uniform(0.06, 0.12)])
+        turn = so3.matrix_from_quaternion(rng.normal(size=4))
+        stills.append(take(posed_scene(model, (place, turn), rng), RIG.cameras, Sensor.realistic(), rng))
+    return tuple(stills)
+
+
+def knocked(rig: CameraRig, seed: int, move: float = 2e-3, turn: float = 0.3) -> CameraRig:
+    """The rig with cameras that are off by about `move` [m] and `turn` [degrees] along each axis."""
+    rng = np.random.default_rng(seed)
+    cameras = []
+    for camera in rig:
+        transform = camera.camera_from_world.copy()
+        transform[:3, :3] = so3.exp(np.radians(turn) * rng.normal(size=3)) @ transform[:3, :3]
+        transform[:3, 3] += move * rng.normal(size=3)
+        cameras.append(dataclasses.replace(camera, camera_from_world=transform))
+    return dataclasses.replace(rig, cameras=tuple(cameras))
+
+
+def relative_errors(found: CameraRig, true: CameraRig) -> FloatArray:
+    """(C, 6) by how much cameras are off against the mean of all [m, rad], along world axes."""
+    errors = []
+    for one, other in zip(found, true, strict=True):
+        moved = np.linalg.inv(one.camera_from_world) @ other.camera_from_world
+        errors.append([*moved[:3, 3], *so3.log(moved[:3, :3])])
+    return np.array(errors) - np.mean(errors, axis=0)

@@ -1,0 +1,100 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import tracker
+from tests.helpers.filmed import RIG
+from tests.helpers.moving_cube import carried, knocked, relative_errors
+from tests.helpers.resting_cube import rests
+from tracker.calibration.table_plane import moved
+from tracker.errors import CalibrationError
+from tracker.upkeep.footage import Shot, Stills
+from tracker.upkeep.refine import refine_cameras
+
+MODEL, COLORS = tracker.load_object("cube_v2"), tracker.load_colors("cube_v2")
+WRONG = knocked(RIG, seed=4)
+
+
+class Film:
+    """Pictures at 10 Hz, those of one frame up to `skew` [s] apart."""
+
+    def __init__(self, frames, skew=0.0):
+        self.frames, self.skew = frames, skew
+
+    def shots(self):
+        for k, images in enumerate(self.frames):
+            yield Shot(k, images, 0.1 * k + self.skew * np.arange(3) / 2, k == 0)
+
+    def images(self, numbers):
+        return (self.frames[number] for number in numbers)
+
+
+def stills():
+    return Stills([still.images for still in carried()])
+
+
+@pytest.fixture(scope="module")
+def found():
+    return refine_cameras(MODEL, [stills()], WRONG, COLORS)
+
+
+def test_cameras_come_to_stand_as_they_do(found):
+    before, after = relative_errors(WRONG, RIG), relative_errors(found.rig, RIG)
+    assert np.linalg.norm(before[:, :3], axis=1).max() > 1.5e-3
+    assert np.linalg.norm(after[:, :3], axis=1).max() < 0.3e-3
+    assert np.degrees(np.linalg.norm(after[:, 3:], axis=1).max()) < 0.05
+    assert found.after < 0.5 * found.before
+
+
+def test_what_is_stated_of_the_cameras_covers_their_errors(found):
+    error = relative_errors(found.rig, RIG)
+    assert (np.abs(error) < 4.0 * found.std).all()
+    assert all(camera.camera_from_world_std is not None for camera in found.rig)
+
+
+def test_the_world_stays_where_the_old_cameras_have_it(found):
+    assert found.plane is None
+    for axis in range(3):
+        before, after = (np.mean([camera.position[axis] for camera in rig]) for rig in (WRONG, found.rig))
+        assert abs(before - after) < 1.5e-3
+
+
+def test_rests_bring_the_world_to_the_table():
+    lifted = np.eye(4)
+    lifted[2, 3] = 0.004
+    world = moved(WRONG, lifted)
+    both = [stills(), Stills([still.images for still in rests()])]
+    found = refine_cameras(MODEL, both, world, COLORS)
+    assert found.plane is not None
+    assert found.rig.arena.table == 0.0
+    pose = tracker.ObjectTracker(MODEL, found.rig).detect(rests()[0].images).object_pose
+    assert abs(pose.position[2] - 0.0325) < 0.2e-3
+
+
+def test_a_calibration_that_cannot_be_bettered_is_left_alone():
+    with pytest.raises(CalibrationError, match=r"refused: edges in 9 frames held out.*as good as"):
+        refine_cameras(MODEL, [stills()], RIG, COLORS)
+
+
+def test_a_resting_film_is_refused():
+    images = rests()[0].images
+    with pytest.raises(CalibrationError, match=r"found cube_v2 in 1 different poses.*expected 18 or more"):
+        refine_cameras(MODEL, [Film([images] * 5)], WRONG, COLORS)
+
+
+def test_places_without_turns_are_refused():
+    near = [still.images for still in rests()]
+    with pytest.raises(CalibrationError, match="move and turn it"):
+        refine_cameras(MODEL, [Stills(near * 3)], WRONG, COLORS)
+
+
+def test_a_film_without_the_object_is_refused():
+    empty = [np.full_like(image, 110) for image in rests()[0].images]
+    with pytest.raises(CalibrationError, match="no frame in which cube_v2 is surely seen"):
+        refine_cameras(MODEL, [Film([empty] * 3)], WRONG, COLORS)
+
+
+def test_one_camera_is_refused():
+    with pytest.raises(CalibrationError, match="camera60 alone"):
+        refine_cameras(MODEL, [stills()], tracker.CameraRig((RIG[0],)), COLORS)
