@@ -25,6 +25,9 @@ from tracker.upkeep.sightings import Sighting, sightings
 from tracker.upkeep.table import broad, plane_of
 from tracker.upkeep.variety import different
 
+SURE = 0.15
+"""Least confidence of a pose that counts: a calibration that is off makes it low, and is to be mended."""
+
 JUDGED = 3
 """One in so many frames judges what the others teach."""
 
@@ -94,11 +97,11 @@ def refine_cameras(
             f"refine: found {rig.names[0]} alone, expected two cameras or more, which stand to each other"
         )
     wide = widened(broad(rig))
-    tracker, edges = ObjectTracker(model, wide, colors), EdgeReader(model, wide, colors)
+    tracker, edges = ObjectTracker(model, wide, colors, support=False), EdgeReader(model, wide, colors)
     seen: list[list[Sighting]] = []
     for one in footage:
         seen.append([])
-        for sighting in sightings(tracker, one):
+        for sighting in sightings(tracker, one, SURE):
             seen[-1].append(sighting)
             progress(1)
     frames = _frames(edges, footage, different(model.name, seen, most))

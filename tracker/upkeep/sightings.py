@@ -11,9 +11,6 @@ from tracker.conventions import FloatArray
 from tracker.pipeline import ObjectTracker
 from tracker.upkeep.footage import Footage, Shot
 
-SURE = 0.5
-"""Least confidence of a pose that counts."""
-
 
 @dataclass(frozen=True, eq=False)
 class Sighting:
@@ -33,8 +30,10 @@ class Sighting:
     """Whether no sighting before it belongs to the same film."""
 
 
-def sightings(tracker: ObjectTracker, footage: Footage) -> Iterator[Sighting]:
-    """The shots in which a tracker surely sees the object; the tracker forgets what it saw before.
+def sightings(tracker: ObjectTracker, footage: Footage, least: float) -> Iterator[Sighting]:
+    """The shots in which a tracker sees the object with a confidence of at least `least`.
+
+    The tracker forgets what it saw before.
 
     Raises:
         LogError: the recording is damaged.
@@ -44,13 +43,13 @@ def sightings(tracker: ObjectTracker, footage: Footage) -> Iterator[Sighting]:
     begins = True
     for shot in footage.shots():
         begins = begins or shot.begins
-        seen = _seen(tracker, shot, begins)
+        seen = _seen(tracker, shot, begins, least)
         if seen is not None:
             yield seen
             begins = False
 
 
-def _seen(tracker: ObjectTracker, shot: Shot, begins: bool) -> Sighting | None:
+def _seen(tracker: ObjectTracker, shot: Shot, begins: bool, least: float) -> Sighting | None:
     if all(image is None for image in shot.images):
         return None
     if shot.begins:
@@ -63,6 +62,6 @@ def _seen(tracker: ObjectTracker, shot: Shot, begins: bool) -> Sighting | None:
         filtered = found.filtered_object_pose
         velocity, skew = filtered.velocity if filtered is not None else None, float(np.ptp(given))
     pose = found.object_pose
-    if pose is None or pose.confidence < SURE or (shot.stamps is not None and velocity is None):
+    if pose is None or pose.confidence < least or (shot.stamps is not None and velocity is None):
         return None
     return Sighting(shot.number, pose.position, pose.rotation, velocity, skew, begins)

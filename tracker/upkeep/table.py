@@ -24,6 +24,9 @@ from tracker.upkeep.sightings import Sighting, sightings
 BROAD = 0.015, 0.05
 """Standard deviations of the table's height [m] and tilt [rad] before it is found."""
 
+SURE = 0.5
+"""Least confidence of a pose that counts."""
+
 PIECES = 8
 """Pieces of edges that a camera must show to have a say."""
 
@@ -61,11 +64,11 @@ def find_table(
     """
     refuse_one_camera(rig)
     loose = broad(rig)
-    tracker, edges = ObjectTracker(model, loose, colors), EdgeReader(model, loose, colors)
+    tracker, edges = ObjectTracker(model, loose, colors, support=False), EdgeReader(model, loose, colors)
     seen: list[list[Sighting]] = []
     for one in footage:
         seen.append([])
-        for sighting in sightings(tracker, one):
+        for sighting in sightings(tracker, one, SURE):
             seen[-1].append(sighting)
             progress(1)
     if not any(seen):

@@ -59,7 +59,7 @@ class Refined(NamedTuple):
     stands: float
     """How well it stands on the table: log odds over an object that may be anywhere."""
     offsets: FloatArray
-    """(C, 6) by which they saw it moved beside that, since they are not quite where their calibration says."""
+    """(C, 6) by which they saw it moved beside that, since their calibration is not quite right [m, rad]."""
 
 
 @dataclass(eq=False)
