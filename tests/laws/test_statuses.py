@@ -20,82 +20,86 @@ from tracker.pose.estimate import PoseEstimator
 MODEL = tracker.load_object("cube_v2")
 RIG = tracker.CameraRig(default_cameras())
 PLACE = np.array([-0.03, -0.05, 0.0325])
-LIGHT = 177
-"""Seed of colours and light: of those in which each case below ends as it says, the one in which most other
-draws of the noise leave it so."""
+LIGHTS = (1000, 1001, 1002)
+"""Seeds of colours, light and noise."""
 GREY = [np.full((270, 270, 3), 115, np.uint8)] * 3
 
 
-def shot(position, rotation):
+def shot(position, rotation, light=LIGHTS[0], cameras=RIG.cameras):
     """A cube in a pose (no rotation: none) as the cameras see it."""
     pose = None if rotation is None else (position, rotation)
-    scene = posed_scene(MODEL, pose, np.random.default_rng(LIGHT))
-    return take(scene, RIG.cameras, Sensor.realistic(), np.random.default_rng(31))
+    scene = posed_scene(MODEL, pose, np.random.default_rng(light))
+    return take(scene, cameras, Sensor.realistic(), np.random.default_rng(light))
+
+
+@pytest.fixture(scope="module", params=LIGHTS)
+def truth(request):
+    return shot(PLACE, so3.exp([0.0, 0.0, 0.4]), request.param)
 
 
 @pytest.fixture(scope="module")
-def truth():
-    return shot(PLACE, so3.exp([0.0, 0.0, 0.4]))
-
-
-@pytest.fixture(scope="module")
-def empty():
-    return shot(PLACE, None).images
+def empty(truth):
+    return take(truth.scene.emptied(), RIG.cameras, Sensor.realistic(), np.random.default_rng(30)).images
 
 
 def new(rig=RIG):
     return tracker.ObjectTracker(MODEL, rig)
 
 
-def patches(truth, empty, size):
-    """Pictures that show so many pixels of the object's height and width, and around it what is behind."""
+def patches(truth, size):
+    """Pictures that show so many pixels of the object's height and width, and grey around."""
     pictures = []
-    for image, behind, labels in zip(truth.images, empty, truth.labels, strict=True):
+    for image, grey, labels in zip(truth.images, GREY, truth.labels, strict=True):
         row, column = np.argwhere(labels).mean(axis=0).astype(int) - size // 2
         there = np.s_[row : row + size, column : column + size]
-        picture = behind.copy()
+        picture = grey.copy()
         picture[there] = image[there]
         pictures.append(picture)
     return pictures
 
 
-def face_on(c, height):
-    """What camera c alone sees of a cube that shows it one face and no other, so far above the centre [m]."""
-    towards = RIG[c].position / np.linalg.norm(RIG[c].position)
-    aside = np.cross([0.0, 0.0, 1.0], towards)
-    aside /= np.linalg.norm(aside)
-    truth = shot(height * towards, np.stack([aside, np.cross(towards, aside), towards], axis=1))
-    assert len(np.unique(truth.labels[c])) == 2
-    return [image if k == c else None for k, image in enumerate(truth.images)]
+def only(c, images):
+    """The images of camera c alone."""
+    return [image if k == c else None for k, image in enumerate(images)]
+
+
+def upside_down(images):
+    return [np.ascontiguousarray(image[::-1, ::-1]) for image in images]
+
+
+def wavy(image, reach=11.0, period=9.0):
+    """The image with every row and every column moved to and fro by `reach` pixels."""
+    y, x = np.indices(image.shape[:2]).astype(np.float32)
+    moved = (
+        base + np.float32(reach) * np.sin(2 * np.pi * other / period) for base, other in ((x, y), (y, x))
+    )
+    return cv2.remap(image, *moved, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+
+
+def out_of_focus(images):
+    return [cv2.GaussianBlur(image, (0, 0), 12) for image in images]
 
 
 @pytest.fixture(scope="module")
-def detected(truth, empty):
+def detected(truth):
     """What `detect` says of pictures, by what they show."""
     above = dataclasses.replace(RIG, arena=dataclasses.replace(RIG.arena, table=0.15))
+    small = tracker.ObjectTracker(dataclasses.replace(MODEL, size=0.7 * MODEL.size), RIG)
     return {
         "the cube": new().detect(truth.images),
         "nothing": new().detect(GREY),
-        "an empty arena": new().detect(empty),
-        "a corner of the cube": new().detect(patches(truth, empty, 8)),
+        "a corner of the cube": new().detect(patches(truth, 9)),
         "a cube below the table": new(above).detect(truth.images),
-        "cameras upside down": new().detect(
-            [np.ascontiguousarray(image[::-1, ::-1]) for image in truth.images]
-        ),
-        "one face to one camera": new().detect(face_on(0, 0.05)),
-        "a cube much out of focus": new().detect([cv2.GaussianBlur(i, (0, 0), 12) for i in truth.images]),
+        "a cube larger than its model": small.detect(truth.images),
     }
 
 
 DETECTED = {
     "the cube": Status.FOUND,
     "nothing": Status.NO_OBJECT_COLORS,
-    "an empty arena": Status.NO_OBJECT_COLORS,
     "a corner of the cube": Status.TOO_FEW_PIXELS,
     "a cube below the table": Status.INCONSISTENT_VIEWS,
-    "cameras upside down": Status.INCONSISTENT_VIEWS,
-    "one face to one camera": Status.AMBIGUOUS,
-    "a cube much out of focus": Status.POOR_FIT,
+    "a cube larger than its model": Status.INCONSISTENT_VIEWS,
 }
 
 
@@ -105,7 +109,40 @@ def test_the_status_says_why_there_is_a_pose_or_none(detected, shown, status):
     assert (detected[shown].object_pose is not None) == (status is Status.FOUND)
 
 
-@pytest.mark.xfail(reason="of the four turns at which a face fits, one alone may be aligned and refined")
+@pytest.mark.parametrize("spoilt", [upside_down, out_of_focus])
+def test_pictures_that_show_no_cube_as_it_is_give_no_pose_that_is_sure(truth, spoilt):
+    answer = new().detect(spoilt(truth.images))
+    assert answer.object_pose is None or answer.object_pose.confidence < 0.5
+
+
+def test_a_cube_behind_wavy_glass_fits_poorly_or_in_several_ways(truth):
+    answer = new().detect([wavy(image) for image in truth.images])
+    assert answer.status in (Status.POOR_FIT, Status.AMBIGUOUS)
+    assert answer.object_pose is None
+
+
+def test_an_empty_arena_gives_no_pose(empty):
+    answer = new().detect(empty)
+    # Here and there something has a colour of the object.
+    assert answer.status in (Status.NO_OBJECT_COLORS, *REFUSED)
+    assert answer.object_pose is None
+
+
+def face_on(c, height):
+    """What camera c alone sees of a cube that shows it one face and no other, so far above the centre [m]."""
+    towards = RIG[c].position / np.linalg.norm(RIG[c].position)
+    aside = np.cross([0.0, 0.0, 1.0], towards)
+    aside /= np.linalg.norm(aside)
+    rotation = np.stack([aside, np.cross(towards, aside), towards], axis=1)
+    truth = shot(height * towards, rotation, cameras=RIG.cameras[c : c + 1])
+    assert len(np.unique(truth.labels[0])) == 2
+    return only(c, truth.images * len(RIG))
+
+
+@pytest.mark.xfail(
+    reason="of the four turns at which a face fits, one alone may be aligned and refined: of 144 such "
+    "pictures, in 12 lights, 56 gave a pose that was sure, and 53 of these were wrong"
+)
 def test_one_face_to_one_camera_never_gives_a_pose_that_is_sure():
     answers = [new().detect(face_on(c, height)) for c in range(3) for height in (0.05, 0.06, 0.07, 0.08)]
     assert all(one.object_pose is None or one.object_pose.confidence < 0.5 for one in answers)
