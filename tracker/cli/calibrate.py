@@ -5,6 +5,7 @@ from __future__ import annotations
 import click
 
 from tracker.cli.calibrate_board import board
+from tracker.cli.calibrate_check import check
 from tracker.cli.calibrate_extrinsics import extrinsics
 from tracker.cli.calibrate_intrinsics import intrinsics
 from tracker.cli.calibrate_refine import refine_command
@@ -25,3 +26,4 @@ calibrate.add_command(intrinsics)
 calibrate.add_command(extrinsics)
 calibrate.add_command(refine_command)
 calibrate.add_command(table_command)
+calibrate.add_command(check)

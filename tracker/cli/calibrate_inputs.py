@@ -20,17 +20,21 @@ if TYPE_CHECKING:
 _PICTURES = (".png", ".jpg", ".jpeg")
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 
-_OPTIONS = (
+_INPUTS = (
     click.argument("inputs", nargs=-1, required=True, metavar="RECORDING|IMAGE..."),
     click.option("--object", "object_name", required=True, metavar="NAME", help="Object, or its TOML file."),
-    click.option(
-        "-o",
-        "--output",
-        required=True,
-        metavar="DIR",
-        type=click.Path(path_type=Path),
-        help="Folder of the calibration that is found, a new or an empty one.",
-    ),
+)
+
+_OUTPUT = click.option(
+    "-o",
+    "--output",
+    required=True,
+    metavar="DIR",
+    type=click.Path(path_type=Path),
+    help="Folder of the calibration that is found, a new or an empty one.",
+)
+
+_READING = (
     optional_calibration_options,
     click.option(
         "--colors", "colors_name", metavar="NAME", help="Colour model, or its file.  [default: the object's]"
@@ -46,8 +50,17 @@ _OPTIONS = (
 
 
 def mending_options(command: _Command) -> _Command:
-    """Add to a command the options that all of its kind have."""
-    for option in reversed(_OPTIONS):
+    """Add to a command the options that all have which mend a calibration."""
+    return _add(command, (*_INPUTS, _OUTPUT, *_READING))
+
+
+def looking_options(command: _Command) -> _Command:
+    """The same without the folder for what is found."""
+    return _add(command, (*_INPUTS, *_READING))
+
+
+def _add(command: _Command, options: Sequence[Callable[[_Command], _Command]]) -> _Command:
+    for option in reversed(options):
         command = option(command)
     return command
 
