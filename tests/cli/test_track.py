@@ -116,6 +116,7 @@ def film_length(path: Path) -> tuple[int, float]:
 
 
 def test_two_processes_change_nothing_and_tell_in_order(tmp_path, run_here):
+    pytest.importorskip("distributed", reason="cluster: no module distributed")
     logs = [write_log(tmp_path / name, frames) for name, frames in (("a", 30), ("b", 5), ("c", 5))]
     base = [*(log.relative_to(tmp_path) for log in logs), "--object", "cube_v2", "--json"]
     one = run_here(*base, "-o", "by1", folder=tmp_path)
@@ -328,6 +329,7 @@ def long(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_ctrl_c_is_one_line(jobs, long, tmp_path):
+    pytest.importorskip("distributed", reason="cluster: no module distributed")
     process = start_long(long[:jobs], tmp_path / ("poses.h5" if jobs == 1 else "all"), jobs)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does
     out, err = process.communicate(timeout=60)
@@ -336,6 +338,7 @@ def test_ctrl_c_is_one_line(jobs, long, tmp_path):
 
 
 def test_workers_end_with_a_killed_run(long, tmp_path):
+    pytest.importorskip("distributed", reason="cluster: no module distributed")
     process = start_long(long, tmp_path / "all", 2)
     process.kill()
     # The pipe closes when the last process that holds it has ended.

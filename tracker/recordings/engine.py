@@ -27,7 +27,7 @@ AHEAD = 2
 CONNECT_SECONDS = 20.0
 """For so long a scheduler may not answer [s]."""
 
-_ONE_THREAD = dict.fromkeys(
+ONE_THREAD = dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"
 )
 """Environment of a worker."""
@@ -92,7 +92,7 @@ class Cluster:
             return
         warm_up()  # once, not in each worker
         # What Dask says of workers that are killed is said here in other words.
-        quiet = {"logging.distributed": "critical", "distributed.nanny.pre-spawn-environ": _ONE_THREAD}
+        quiet = {"logging.distributed": "critical", "distributed.nanny.pre-spawn-environ": ONE_THREAD}
         with (
             dask.config.set(quiet),
             _environment({"DASK_LOGGING__DISTRIBUTED": "critical"}),

@@ -173,7 +173,7 @@ def _tracked(job: Job, progress: Progress | None) -> Tracked:
         if not recipe.recover:
             raise LogError(changed)
         fault = changed
-    about = dataclasses.replace(poses.about, fingerprint=before, fault=_unicode(fault or ""))
+    about = dataclasses.replace(poses.about, fingerprint=before, fault=unicode_text(fault or ""))
     return Tracked(dataclasses.replace(poses, about=about), last - first, fault, len(poses), seconds)
 
 
@@ -181,7 +181,7 @@ def _follow(job: Job, log: Log, rig: CameraRig, progress: Progress | None) -> Po
     """The answers of one tracker to all frames, one after the other."""
     recipe = job.recipe
     tracker = recipe.make_tracker(recipe.model, rig, recipe.colors)
-    name = _unicode(job.log.name or job.log.resolve().name)
+    name = unicode_text(job.log.name or job.log.resolve().name)
     builder = PosesBuilder(About(recipe.model.name, name, version(), rig))
     episode = -1
     for frame in log:
@@ -198,6 +198,6 @@ def _follow(job: Job, log: Log, rig: CameraRig, progress: Progress | None) -> Po
     return builder.build()
 
 
-def _unicode(text: str) -> str:
+def unicode_text(text: str) -> str:
     """A text that a file of poses can hold: the names of files may be no Unicode."""
     return os.fsencode(text).decode("utf-8", "replace")

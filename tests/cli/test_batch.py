@@ -1,0 +1,155 @@
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from contextlib import nullcontext
+from pathlib import Path
+
+import pytest
+
+from tests.helpers import ROOT
+from tests.helpers.command import assert_one_line_error
+from tests.helpers.recording_stubs import write_log
+from tracker.recordings import Options
+from tracker.recordings.batch import Batch, run_batch, write_batch
+from tracker.recordings.engine import Here
+from tracker.recordings.results import summary_file
+from tracker.recordings.tables import state, write_tables
+
+pytest.importorskip("distributed", reason="cluster: no module distributed")
+
+COUNT, FRAMES = 5, 40
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.fixture(scope="module")
+def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    root = tmp_path_factory.mktemp("in")
+    for number in range(COUNT):
+        write_log(root / f"{number:03d}", FRAMES + number)
+    return root
+
+
+@pytest.fixture(scope="module")
+def undisturbed(recordings, tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+    """What one process makes of the recordings in one go."""
+    one = Batch.of([f"{recordings}/*"], tmp_path_factory.mktemp("undisturbed"), Options("cube_v2"))
+    write_batch(one)
+    assert run_batch(one, lambda: nullcontext(Here()), lambda _: None) == 0
+    write_tables(one, state(one), as_csv=False)
+    return contents(one.folder)
+
+
+def start(recordings: Path, folder: Path) -> subprocess.Popen[bytes]:
+    """A run of two workers that is at work on recordings."""
+    command = ["-m", "tracker", "batch", f"{recordings}/*", "--object", "cube_v2", "-o", folder]
+    process = subprocess.Popen(
+        [sys.executable, *command, "--workers", "2"],
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stderr=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+    deadline = time.monotonic() + 120
+    # What a killed run has left is gone when there are workers.
+    while not (workers_of(process) and list(folder.rglob(".*.poses.h5.lock"))):
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    return process
+
+
+def workers_of(process: subprocess.Popen[bytes]) -> list[int]:
+    """Processes that the run has begun."""
+    listed = subprocess.run(
+        ["ps", "-wweo", "pid,ppid,args"], capture_output=True, text=True, check=True
+    ).stdout
+    rows = [line.split(None, 2) for line in listed.splitlines()[1:]]
+    return [int(pid) for pid, parent, what in rows if int(parent) == process.pid and "spawn_main" in what]
+
+
+@pytest.mark.slow
+def test_killed_workers_and_runs_lose_nothing_and_do_nothing_twice(recordings, undisturbed, tmp_path):
+    process = start(recordings, tmp_path)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.communicate(timeout=30)
+    done = {
+        path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.poses.h5") if summary_file(path).exists()
+    }
+    process = start(recordings, tmp_path)
+    os.kill(workers_of(process)[0], signal.SIGKILL)
+    try:
+        out, err = process.communicate(timeout=120)
+    finally:
+        process.kill()
+    assert (process.returncode, err) == (0, b"")
+    assert f"done        {COUNT}".encode() in out
+    assert contents(tmp_path) == undisturbed
+    assert {path: path.stat().st_mtime_ns for path in done} == done
+
+
+@pytest.mark.slow
+def test_ctrl_c_is_one_line_and_leaves_what_is_done(recordings, undisturbed, tmp_path):
+    process = start(recordings, tmp_path)
+    os.killpg(process.pid, signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert (process.returncode, out, err) == (130, b"", b"tracker: interrupted\n")
+    assert not list(tmp_path.rglob(".*"))
+
+
+def test_status_is_told_for_people_and_programs(recordings, tmp_path, run_here):
+    pairs = [(str(path), f"{path.name}.poses.h5") for path in sorted(recordings.iterdir())]
+    write_batch(Batch(tmp_path, Options("cube_v2"), tuple(pairs)))
+    (tmp_path / "001.failed.json").write_text('{"reason": "it is broken"}')
+    told = run_here("batch", "status", tmp_path)
+    assert told.returncode == 0, told.stderr
+    assert f"missing     {COUNT - 1}" in told.stdout
+    assert "it is broken" in told.stdout
+    numbers = json.loads(run_here("batch", "status", tmp_path, "--json", "--write").stdout)
+    assert (numbers["recordings"], numbers["done"], numbers["failed"], numbers["missing"]) == (COUNT, 0, 1, 4)
+    assert (tmp_path / "failures.json").is_file()
+    assert_one_line_error(run_here("batch", "status", recordings), "batch.json")
+
+
+@pytest.mark.parametrize(("scheduler", "word"), [("--htcondor", "queue number from"), ("--slurm", "#SBATCH")])
+def test_a_dry_run_prints_and_writes_nothing(scheduler, word, recordings, tmp_path, run_here):
+    base = ["batch", f"{recordings}/*", "--object", "cube_v2", "-o", tmp_path / "out", scheduler]
+    result = run_here(*base, "--dry-run")
+    assert result.returncode == 0, result.stderr
+    assert word in result.stdout
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--slurm", "--htcondor"], "one of them"),
+        (["--workers", "2", "--scheduler", "tcp://127.0.0.1:1"], "one of them"),
+        (["--dry-run"], "--htcondor or --slurm"),
+        (["--workers", "0"], "--workers"),
+        (["--object", "cube_v9"], "cube_v9"),
+        (["--colors", "none.npz"], "none.npz"),
+        (["--from", "3", "--to", "2"], "beyond"),
+        (["none/*"], "fits this pattern"),
+    ],
+)
+def test_wrong_usage_is_one_line_and_leaves_nothing(arguments, said, recordings, tmp_path, run_here):
+    given = [] if arguments[0] == "none/*" else [f"{recordings}/*"]
+    result = run_here("batch", *given, "--object", "cube_v2", "-o", "out", *arguments, folder=tmp_path)
+    assert_one_line_error(result, said)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_that_cannot_be_written_is_told(recordings, tmp_path, run_here):
+    (tmp_path / "out").write_text("a file")
+    result = run_here("batch", f"{recordings}/*", "--object", "cube_v2", "-o", tmp_path / "out")
+    assert_one_line_error(result, "out")

@@ -1,0 +1,339 @@
+from __future__ import annotations
+
+import csv
+import errno
+import itertools
+import json
+import os
+import subprocess
+from contextlib import nullcontext
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.helpers.recording_stubs import NoiseTracker, write_log
+from tracker.errors import LogError, TrackerError
+from tracker.files import claimed
+from tracker.logs.poses_file import read_poses
+from tracker.recordings import Options, Recipe, batch, results, schedulers, tables
+from tracker.recordings.batch import Batch, Pace, duration, only_run, read_batch, run_batch, write_batch
+from tracker.recordings.engine import Here
+from tracker.recordings.names import output_of, outputs_of
+from tracker.recordings.rows import COLUMNS, STEP, path_length, totals
+from tracker.recordings.work import agreed
+
+COUNT = 5
+OPTIONS = Options("cube_v2", make_tracker=NoiseTracker)
+
+
+@pytest.fixture
+def recordings(tmp_path) -> Path:
+    for number in range(COUNT):
+        write_log(tmp_path / "in" / f"{number:03d}", 10 + number)
+    return tmp_path / "in"
+
+
+def wanted(recordings: Path, name: str = "out", options: Options = OPTIONS) -> Batch:
+    return Batch.of([f"{recordings}/*"], recordings.parent / name, options)
+
+
+def do(one: Batch) -> tuple[list[dict], int]:
+    """What was told of the recordings that were tracked, and how many were done before."""
+    told = []
+    with only_run(one.folder):
+        write_batch(one)
+        run_batch(one, lambda: nullcontext(Here()), told.append)
+        tables.write_tables(one, tables.state(one), as_csv=True)
+    return [result for result in told if result is not None], told.count(None)
+
+
+def contents(folder: Path) -> dict[str, bytes | None]:
+    paths = sorted(folder.rglob("*"))
+    return {str(path.relative_to(folder)): path.read_bytes() if path.is_file() else None for path in paths}
+
+
+def test_names_mirror_paths_and_depend_on_nothing_else(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for given, expected in [
+        ("a/camera_data.dat", "a/camera_data.dat.poses.h5"),
+        ("./a//b/", "a/b.poses.h5"),
+        ("/data/x.h5", "data/x.h5.poses.h5"),
+        ("../a", f"{tmp_path.parent}/a.poses.h5".lstrip("/")),
+    ]:
+        assert output_of(Path(given), Path("out")) == Path("out") / expected
+    with pytest.raises(LogError, match="each recording once"):
+        outputs_of([Path("a/b"), Path("a/../a/b"), Path("./a/b")], Path())
+
+
+def test_every_recording_has_a_result_and_again_nothing_is_done(recordings):
+    one = wanted(recordings)
+    tracked, before = do(one)
+    assert (len(tracked), before) == (COUNT, 0)
+    assert [result["frames"] for result in tracked] == [10 + number for number in range(COUNT)]
+    first = contents(one.folder)
+    assert do(one) == ([], COUNT)
+    assert contents(one.folder) == first
+    assert read_batch(one.folder).pairs == one.pairs
+    assert not [name for name in first if Path(name).name.startswith(".")]
+
+
+def test_broken_changed_and_missing_results_are_done_again_and_no_other(recordings):
+    one = wanted(recordings)
+    do(one)
+    whole = contents(one.folder)
+    outputs = [one.folder / output for _, output in one.pairs]
+    outputs[0].unlink()
+    outputs[1].write_bytes(outputs[1].read_bytes()[:-50])
+    results.summary_file(outputs[2]).unlink()
+    tracked, before = do(one)
+    assert sorted(result["frames"] for result in tracked) == [0, 10, 11]
+    assert before == COUNT - 3
+    assert contents(one.folder) == whole
+    os.utime(recordings / "003" / "camera_data.dat", (0, 0))
+    os.utime(recordings / "004" / "camera60.yml", (0, 0))
+    tracked, before = do(one)
+    assert sorted(result["frames"] for result in tracked) == [13, 14]
+
+
+def test_other_options_are_other_results(recordings):
+    one = wanted(recordings)
+    do(one)
+    tracked, _ = do(wanted(recordings, options=Options("cube_v2", last=4, make_tracker=NoiseTracker)))
+    assert [result["frames"] for result in tracked] == [4] * COUNT
+
+
+@pytest.mark.parametrize("after", [0, 1, 3])
+def test_a_run_that_was_ended_loses_nothing_and_does_nothing_twice(after, recordings, monkeypatch):
+    undisturbed = wanted(recordings, "undisturbed")
+    do(undisturbed)
+    one, count = wanted(recordings), itertools.count()
+    real = NoiseTracker.update
+
+    def interrupted(self, *arguments):
+        if next(count) > after * 12:
+            raise KeyboardInterrupt
+        return real(self, *arguments)
+
+    monkeypatch.setattr(NoiseTracker, "update", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        do(one)
+    done = len(list(one.folder.rglob("*.poses.h5")))
+    monkeypatch.setattr(NoiseTracker, "update", real)
+    tracked, before = do(one)
+    assert (len(tracked), before) == (COUNT - done, done)
+    assert contents(one.folder) == contents(undisturbed.folder)
+
+
+def test_what_fails_is_told_with_its_reason_and_the_others_are_done(recordings, monkeypatch):
+    spoilt = recordings / "001" / "camera_data.dat"
+    content = spoilt.read_bytes()
+    spoilt.write_bytes(content[:-100])
+    (recordings / "notes.txt").write_text("no recording")
+    one = wanted(recordings)
+    tracked, _ = do(one)
+    assert sum(result["failure"] is not None for result in tracked) == 2
+    failures = {
+        Path(failure["recording"]).name: failure["reason"]
+        for failure in json.loads((one.folder / "failures.json").read_text())
+    }
+    assert failures.keys() == {"001", "notes.txt"}
+    assert "001/camera_data.dat: found" in failures["001"]
+    found = tables.state(one)
+    assert (len(found.lines), len(found.failures), found.missing) == (COUNT - 1, 2, 0)
+    spoilt.write_bytes(content)
+    (recordings / "notes.txt").unlink()
+    tracked, before = do(wanted(recordings))
+    assert (len(tracked), before) == (1, COUNT - 1)
+    assert not (one.folder / "failures.json").exists()
+
+
+def test_a_bug_and_a_full_disk_stop_nobody_else(recordings, monkeypatch):
+    real = results.run
+
+    def failing(job):
+        if "001" in str(job.log):
+            raise OSError(errno.ENOSPC, "No space left on device", str(job.output))
+        if "002" in str(job.log):
+            raise ZeroDivisionError
+        return real(job)
+
+    monkeypatch.setattr(results, "run", failing)
+    tracked, _ = do(wanted(recordings))
+    told = [result["failure"] for result in tracked]
+    assert told[0] is told[3] is told[4] is None
+    assert "No space left" in told[1]
+    assert "ZeroDivisionError" in told[2]
+
+
+def test_a_result_that_another_run_is_making_is_left_to_it(recordings):
+    one = wanted(recordings)
+    target = one.folder / one.pairs[1][1]
+    target.parent.mkdir(parents=True)
+    with claimed(target):
+        tracked, _ = do(one)
+    assert "another run" in tracked[1]["failure"]
+    assert not results.failure_file(target).exists()
+
+
+def test_two_runs_of_one_folder_cannot_be(tmp_path):
+    with only_run(tmp_path), pytest.raises(BlockingIOError, match="another run"), only_run(tmp_path):
+        pass
+
+
+def test_what_killed_runs_left_is_removed_and_nothing_else(tmp_path):
+    folder = tmp_path / "a"
+    folder.mkdir()
+    (folder / ".b.poses.h5.abc_1.tmp").mkdir()
+    (folder / ".b.poses.h5.abc_1.tmp" / "b.poses.h5").touch()
+    (folder / ".c.poses.h5.lock").touch()
+    (folder / ".d.poses.h5.abc_1.tmp").mkdir()
+    (folder / ".mine").touch()
+    with claimed(folder / "d.poses.h5"), only_run(tmp_path):
+        kept = {".d.poses.h5.abc_1.tmp", ".d.poses.h5.lock", ".mine"}
+        assert set(os.listdir(folder)) == kept
+
+
+def test_nobody_waits_for_results_that_are_there(tmp_path, monkeypatch):
+    recipe = Recipe.of(OPTIONS)
+    pairs = [(f"/none/{number}", f"{number}.poses.h5") for number in range(3000)]
+    tasks = Batch(tmp_path, OPTIONS, tuple(pairs)).tasks(agreed(recipe))
+    for task in tasks[:-1]:
+        results.summary_file(Path(task.output)).touch()
+    looked = []
+    monkeypatch.setattr(batch, "fingerprint", lambda job: looked.append(job) or "x")
+    missing = batch.unfinished(tasks, recipe, lambda: None)
+    assert next(missing) is tasks[-1]
+    assert not looked
+    assert next(missing) is tasks[0]
+    assert len(looked) == 1
+
+
+def test_the_table_says_what_is_in_the_files(recordings):
+    goal = {"difficulty": 1, "goal": {"position": [0.01, 0.01, 0.01], "orientation": [0, 0, 0, 1]}}
+    (recordings / "002" / "goal.json").write_text(json.dumps(goal))
+    (recordings / "003" / "goal.json").write_text("{}")
+    one = wanted(recordings)
+    do(one)
+    with (one.folder / "summary.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["recording"] for row in rows] == [log for log, _ in one.pairs]
+    poses = read_poses(one.folder / rows[2]["output"])
+    assert int(rows[2]["frames"]) == len(poses) == 12
+    assert float(rows[2]["share_found"]) == np.mean(poses.measured.has_pose)
+    assert float(rows[2]["height_max_m"]) == poses.filtered.position[:, 2].max()
+    assert float(rows[2]["position_std_median_mm"]) == pytest.approx(1.0)
+    assert (rows[2]["task"], rows[2]["level"]) == ("move_object", "1")
+    assert float(rows[2]["reward_mean"]) < 0
+    assert rows[1]["task"] == ""
+    assert "found no goal" in rows[3]["goal_fault"]
+    assert rows[0]["worst_camera"] in ("camera180", "")
+    parquet = pytest.importorskip("pyarrow.parquet", reason="cluster: no module pyarrow")
+    table = parquet.read_table(one.folder / "summary.parquet")
+    assert table.column_names == list(COLUMNS)
+    assert table["frames"].to_pylist() == [10, 11, 12, 13, 14]
+    assert table["reward_mean"].to_pylist()[2] == float(rows[2]["reward_mean"])
+
+
+def test_another_goal_is_another_line_of_the_same_poses(recordings):
+    one = wanted(recordings)
+    do(one)
+    goal = [[0, [0.0, 0.0, 0.05]], [500, [0.1, 0.0, 0.08]]]
+    (recordings / "002" / "goal.json").write_text(json.dumps(goal))
+    tracked, before = do(one)
+    assert ([result["frames"] for result in tracked], before) == ([0], COUNT - 1)
+    assert tables.state(one).lines[2]["task"] == "trajectory"
+
+
+def test_an_object_at_rest_has_no_path(rng):
+    still = rng.uniform(-1, 1, (500, 3)) * STEP / 4
+    assert path_length(still) == 0
+    way = np.linspace(0, 1, 101)[:, None] * [1.0, 0, 0]
+    assert path_length(way) == pytest.approx(1.0)
+
+
+def test_rewards_last_until_the_next_and_are_held_where_nothing_was_seen():
+    nan = float("nan")
+    found = totals(np.array([nan, -1.0, nan, -3.0]), np.array([0.0, 1.0, 3.0, 4.0]))
+    assert found == {"reward_total": -(1 + 2 + 1 + 3) * 1e3, "reward_mean": -7 / 5, "error_end": 3.0}
+    assert totals(np.array([nan]), np.array([0.0])) == {}
+
+
+def test_the_jobs_of_a_list_do_all_of_it_once(recordings):
+    here = wanted(recordings, "here", Options("cube_v2"))
+    do(here)
+    one = wanted(recordings, options=Options("cube_v2"))
+    recipe = Recipe.of(one.options)
+    description = schedulers.describe(one, one.tasks(agreed(recipe)), "slurm")
+    content = json.loads(description.list_text)
+    content["each"] = 2
+    description.write()
+    description.list_path.write_text(json.dumps(content))
+    for number in (0, 1, 2, 1):
+        assert schedulers.work(description.list_path, number) == 0
+    with pytest.raises(LogError, match="found 3 jobs"):
+        schedulers.work(description.list_path, 3)
+    found = {name: data for name, data in contents(one.folder).items() if not name.startswith(".jobs")}
+    for name in ("batch.json", "summary.csv", "summary.parquet"):
+        assert name not in found
+    assert found.items() <= contents(here.folder).items()
+    assert len([name for name in found if name.endswith(".poses.h5")]) == COUNT
+    content["agreed"] = "other"
+    description.list_path.write_text(json.dumps(content))
+    with pytest.raises(TrackerError, match="submit it again"):
+        schedulers.work(description.list_path, 0)
+
+
+def test_thousands_of_recordings_are_some_jobs(tmp_path):
+    pairs = tuple((f"/in/{number}", f"{number}.poses.h5") for number in range(10_500))
+    one = Batch(tmp_path, OPTIONS, pairs)
+    description = schedulers.describe(one, one.tasks("x"), "slurm")
+    assert "--array=0-954\n" in description.text
+    assert subprocess.run(["sh", "-n"], input=description.text, text=True, check=False).returncode == 0
+
+
+def test_the_description_is_one_of_htcondor(tmp_path):
+    htcondor = pytest.importorskip("htcondor2", reason="htcondor: no module htcondor2")
+    folder = tmp_path / 'it\'s a "folder"'
+    one = Batch(folder, OPTIONS, tuple((f"/in/{number}", f"{number}.poses.h5") for number in range(25)))
+    description = schedulers.describe(one, one.tasks("x"), "htcondor")
+    submit = htcondor.Submit(description.text)
+    assert [item["number"] for item in submit.itemdata()] == ["0", "1", "2"]
+    assert submit["max_materialize"] == "200"
+    assert submit["arguments"].count("'") % 2 == 0
+
+
+def test_the_pace_tells_how_long_the_others_will_take():
+    pace = Pace(10, began=100.0)
+    for _ in range(4):
+        pace.tell(None, 100.0)
+    assert str(pace) == "4 of 10 done"
+    pace.tell({"frames": 600, "failure": None}, 110.0)
+    pace.tell({"frames": 600, "failure": "x"}, 130.0)
+    assert str(pace) == "6 of 10 done, 40 frames/s, 1 min left, 1 failed"
+    assert [duration(s) for s in (0.2, 59.6, 3725, 90_000)] == ["0 s", "1 min", "1 h 2 min", "1 d 1 h"]
+
+
+def test_a_pattern_that_fits_nothing_is_told(tmp_path):
+    with pytest.raises(LogError, match="fits this pattern"):
+        Batch.of([f"{tmp_path}/*"], tmp_path, OPTIONS)
+
+
+@pytest.mark.parametrize(
+    "content", ["", "{}", "[]", '{"options": 3, "recordings": []}', '{"recordings": [[1]]}']
+)
+def test_a_folder_without_a_batch_is_told(content, tmp_path):
+    (tmp_path / "batch.json").write_text(content)
+    with pytest.raises(LogError, match="no batch"):
+        read_batch(tmp_path)
+
+
+def test_summaries_that_are_damaged_count_as_missing(recordings):
+    one = wanted(recordings)
+    do(one)
+    outputs = [one.folder / output for _, output in one.pairs]
+    for output, content in zip(outputs, ["", "[]", "{}", "[" * 100_000, "\x00"], strict=True):
+        results.summary_file(output).write_text(content)
+    assert tables.state(one).missing == COUNT
+    tracked, _ = do(one)
+    assert [result["frames"] for result in tracked] == [0] * COUNT

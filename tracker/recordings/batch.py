@@ -1,0 +1,231 @@
+"""Many recordings: which of them are done, and doing the others."""
+
+from __future__ import annotations
+
+import contextlib
+import glob
+import itertools
+import json
+import os
+import shutil
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tracker.errors import LogError, reason
+from tracker.files import claimed, write_whole
+from tracker.recordings.engine import Engine
+from tracker.recordings.fingerprint import fingerprint
+from tracker.recordings.job import Job
+from tracker.recordings.names import outputs_of
+from tracker.recordings.recipe import Options, Recipe
+from tracker.recordings.results import is_done, keep_failure, make_result, summary_file
+from tracker.recordings.work import Task, agreed
+
+FILE_NAME = "batch.json"
+"""In the folder of results: what was asked for."""
+
+Told = Callable[[dict[str, Any] | None], None]
+"""Told of each recording that is finished what `make_result` returns; None: it was done before."""
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Recordings, what is looked for in them, and the folder of the results."""
+
+    folder: Path
+    """Of the results."""
+    options: Options
+    """What is looked for and how."""
+    pairs: tuple[tuple[str, str], ...]
+    """Of each recording its path and that of its file of poses, which is relative to the folder."""
+
+    @classmethod
+    def of(cls, recordings: Sequence[str], folder: Path, options: Options) -> Batch:
+        """A batch of paths, and of patterns such as `episodes/*`.
+
+        Raises:
+            LogError: a recording is given twice, or a pattern fits nothing.
+        """
+        logs = [Path(path) for given in recordings for path in _expanded(given)]
+        outputs = outputs_of(logs, Path())
+        pairs = ((os.path.abspath(log), str(output)) for log, output in zip(logs, outputs, strict=True))
+        return cls(folder, options.absolute(), tuple(pairs))
+
+    def tasks(self, mark: str) -> list[Task]:
+        """One for each recording; mark: see `Task.agreed`."""
+        root = os.path.abspath(self.folder)
+        return [Task(log, os.path.join(root, output), self.options, mark) for log, output in self.pairs]
+
+
+def write_batch(batch: Batch) -> None:
+    """Keep what was asked for; folders are made.
+
+    Raises:
+        OSError: the folder cannot be written.
+    """
+    batch.folder.mkdir(parents=True, exist_ok=True)
+    content = {"options": batch.options.plain(), "recordings": batch.pairs}
+    write_whole(batch.folder / FILE_NAME, json.dumps(content, indent=0) + "\n")
+
+
+def read_batch(folder: Path) -> Batch:
+    """What was asked for.
+
+    Raises:
+        LogError: there is no such file in the folder, or it is malformed.
+    """
+    path = folder / FILE_NAME
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        pairs = tuple((str(log), str(output)) for log, output in content["recordings"])
+        return Batch(folder, Options.of_plain(content["options"]), pairs)
+    except OSError as error:
+        raise LogError(f"{path}: cannot be read, expected a folder of results: {error.strerror}") from error
+    except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
+        raise LogError(f"{path}: found no batch: {' '.join(str(error).split())}") from error
+
+
+@contextlib.contextmanager
+def only_run(folder: Path) -> Iterator[None]:
+    """Nobody else hands out the recordings of this folder until the `with` block ends.
+
+    What killed runs and workers have left is removed.
+
+    Raises:
+        BlockingIOError: another run is at work.
+        OSError: the folder cannot be written.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    with claimed(folder / FILE_NAME):
+        _remove_leftovers(folder)
+        try:
+            yield
+        finally:
+            _remove_leftovers(folder)
+
+
+def run_batch(batch: Batch, begin: Callable[[], AbstractContextManager[Engine]], told: Told) -> int:
+    """Do what is missing; the number of recordings that could not be done.
+
+    Args:
+        batch: what is wanted.
+        begin: makes the engine, if there is anything to do.
+        told: is told of each recording.
+
+    Raises:
+        TrackerError: an object, colours or a calibration that all recordings need is unknown or malformed.
+    """
+    recipe = Recipe.of(batch.options)
+    failed = 0
+    missing = unfinished(batch.tasks(agreed(recipe)), recipe, lambda: told(None))
+    first = next(missing, None)
+    if first is None:
+        return 0
+    with begin() as engine:
+        for task, result in engine.each(make_result, itertools.chain([first], missing)):
+            if isinstance(result, Exception):  # its worker is gone, and could not say so
+                keep_failure(task, reason(result))
+                result = {"recording": task.log, "frames": 0, "seconds": 0.0, "failure": reason(result)}
+            failed += result["failure"] is not None
+            told(result)
+    return failed
+
+
+def unfinished(tasks: Sequence[Task], recipe: Recipe, done: Callable[[], None]) -> Iterator[Task]:
+    """The tasks without a result that is whole and of the same; `done` is called for each of the others.
+
+    Those without any come first: nobody waits until ten thousand others have been looked at.
+    """
+    some = []
+    for task in tasks:
+        if summary_file(Path(task.output)).exists():
+            some.append(task)
+        else:
+            yield task
+    for task in some:
+        job = Job(Path(task.log), Path(task.output), recipe)
+        try:
+            whole = is_done(job, fingerprint(job))
+        except OSError:
+            whole = False
+        if whole:
+            done()
+        else:
+            yield task
+
+
+def _expanded(path: str) -> list[str]:
+    """The path itself, or what a pattern fits."""
+    if os.path.exists(path) or not glob.has_magic(path):
+        return [path]
+    found = sorted(glob.glob(path, recursive=True))
+    if not found:
+        raise LogError(f"{path}: found nothing that fits this pattern, expected recordings")
+    return found
+
+
+def _remove_leftovers(folder: Path) -> None:
+    """Remove what killed runs were writing; what others are still writing stays."""
+    for root, folders, names in os.walk(folder):
+        for name in [*folders, *names]:
+            if not name.startswith(".") or not name.endswith((".tmp", ".lock")):
+                continue
+            parts = 2 if name.endswith(".tmp") else 1
+            target = Path(root) / name[1:].rsplit(".", parts)[0]
+            with contextlib.suppress(OSError), claimed(target):
+                shutil.rmtree(Path(root) / name, ignore_errors=True)
+        folders[:] = [name for name in folders if not name.startswith(".")]
+
+
+@dataclass
+class Pace:
+    """How quickly recordings are done, and how long the others will take."""
+
+    total: int
+    """Recordings in all."""
+    done: int = 0
+    """Those that are finished, whoever did it."""
+    tracked: int = 0
+    """Those that this run has finished, …"""
+    frames: int = 0
+    """… and their frames."""
+    failed: int = 0
+    """Those that could not be done."""
+    began: float = 0.0
+    """When this run began [s], …"""
+    now: float = 0.0
+    """… and when it was last told of a recording."""
+
+    def tell(self, result: dict[str, Any] | None, now: float) -> None:
+        """Count a recording, see Told, at a time [s]."""
+        self.done += 1
+        if result is not None:
+            self.tracked += 1
+            self.frames += result["frames"]
+            self.failed += result["failure"] is not None
+        self.now = now
+
+    def __str__(self) -> str:
+        seconds = self.now - self.began
+        if not self.tracked or seconds <= 0:
+            return f"{self.done} of {self.total} done"
+        left = (self.total - self.done) * seconds / self.tracked
+        text = (
+            f"{self.done} of {self.total} done, {self.frames / seconds:.0f} frames/s, {duration(left)} left"
+        )
+        return f"{text}, {self.failed} failed" if self.failed else text
+
+
+def duration(seconds: float) -> str:
+    """`3 min 20 s`: the two largest units."""
+    units = (("d", 86400), ("h", 3600), ("min", 60), ("s", 1))
+    rest = round(seconds)
+    parts: list[str] = []
+    for name, size in units:
+        count, rest = divmod(rest, size)
+        if count or (name == "s" and not parts):
+            parts.append(f"{count} {name}")
+    return " ".join(parts[:2])

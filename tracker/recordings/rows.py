@@ -1,0 +1,176 @@
+"""One line about a recording in the table over all of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tracker.conventions import FloatArray
+from tracker.errors import TaskError
+from tracker.logs.comparison import compare
+from tracker.logs.poses import Poses
+from tracker.objects.model import CuboidModel
+from tracker.pose.result import CameraUse
+from tracker.recordings.job import Job
+from tracker.recordings.summary import best_kind
+from tracker.recordings.track import Tracked, unicode_text
+from tracker.tasks.job_goal import FILE_NAME, STEPS_PER_SECOND, read_job_goal
+
+STEP = 0.002
+"""Shortest movement [m] that counts in a path's length: less is how far poses of an object at rest differ."""
+
+FAST = 99.0
+"""Percentile of the speed that is told: a single frame says little."""
+
+COLUMNS: dict[str, type] = {
+    "recording": str,
+    "output": str,
+    "object": str,
+    "fault": str,
+    "frames": int,
+    "expected_frames": int,
+    "seconds": float,
+    "share_found": float,
+    "share_filtered": float,
+    "share_coasting": float,
+    "share_lost": float,
+    "confidence_median": float,
+    "position_std_median_mm": float,
+    "rotation_std_median_deg": float,
+    "worst_camera": str,
+    "worst_camera_contradicting": float,
+    "path_length_m": float,
+    "height_max_m": float,
+    "speed_p99_m_per_s": float,
+    "recorded_position_median_mm": float,
+    "recorded_position_p90_mm": float,
+    "recorded_angle_median_deg": float,
+    "recorded_angle_p90_deg": float,
+    "task": str,
+    "level": int,
+    "reward_total": float,
+    "reward_mean": float,
+    "error_end": float,
+    "goal_fault": str,
+}
+"""Columns of the table; docs/batch.md says what each of them is."""
+
+
+def row(job: Job, tracked: Tracked) -> dict[str, Any]:
+    """The line about a recording, under COLUMNS; None where there is nothing to tell."""
+    poses = tracked.poses
+    found: dict[str, Any] = {
+        "recording": unicode_text(str(job.log)),
+        "output": unicode_text(job.output.name),
+        "object": poses.about.object_name,
+        "fault": poses.about.fault or None,
+        "frames": len(poses),
+        "expected_frames": tracked.expected,
+    }
+    if len(poses):
+        found |= {**_shares(poses), **_sure(poses), **_worst(poses), **_motion(poses), **_recorded(poses)}
+        found |= _goal(job.log, poses, job.recipe.model)
+    return {name: found.get(name) for name in COLUMNS}
+
+
+def goal_file(log: Path) -> Path:
+    """Where the goal of a recording's job is, if there is one."""
+    return (log if log.is_dir() else log.parent) / FILE_NAME
+
+
+def path_length(positions: FloatArray) -> float:
+    """Length [m] of the way along positions (n, 3) [m], without steps shorter than STEP."""
+    length, last = 0.0, positions[0]
+    for position in positions[1:]:
+        step = float(np.linalg.norm(position - last))
+        if step > STEP:
+            length, last = length + step, position
+    return length
+
+
+def _shares(poses: Poses) -> dict[str, float]:
+    return {
+        "seconds": float(poses.timestamp[-1] - poses.timestamp[0]),
+        "share_found": float(np.mean(poses.measured.has_pose)),
+        "share_filtered": float(np.mean(poses.filtered.has_pose)),
+        "share_coasting": float(np.mean(poses.status == "coasting")),
+        "share_lost": float(np.mean(poses.status == "lost")),
+    }
+
+
+def _sure(poses: Poses) -> dict[str, float]:
+    columns = poses.filtered if best_kind(poses) == "filtered" else poses.measured
+    if not columns.has_pose.any():
+        return {}
+    some = columns.take(columns.has_pose)
+    std = np.sqrt(np.diagonal(some.covariance, axis1=1, axis2=2))
+    return {
+        "confidence_median": float(np.median(some.confidence)),
+        "position_std_median_mm": 1e3 * float(np.median(std[:, :3].max(axis=1))),
+        "rotation_std_median_deg": float(np.degrees(np.median(std[:, 3:].max(axis=1)))),
+    }
+
+
+def _worst(poses: Poses) -> dict[str, Any]:
+    """The camera that contradicts the others most, and in which share of the frames with a measured pose."""
+    if poses.cameras is None or not poses.measured.has_pose.any():
+        return {}
+    shares = np.mean(poses.cameras[poses.measured.has_pose] == CameraUse.CONTRADICTING.value, axis=0)
+    worst = int(np.argmax(shares))
+    name = poses.about.rig.names[worst] if shares[worst] else None
+    return {"worst_camera": name, "worst_camera_contradicting": float(shares[worst])}
+
+
+def _motion(poses: Poses) -> dict[str, float]:
+    columns = poses.columns(best_kind(poses))
+    positions = columns.position[columns.has_pose]
+    if not len(positions):
+        return {}
+    found = {"path_length_m": path_length(positions), "height_max_m": float(positions[:, 2].max())}
+    if poses.filtered.has_pose.any():
+        speed = np.linalg.norm(poses.filtered.velocity[poses.filtered.has_pose, :3], axis=1)
+        found["speed_p99_m_per_s"] = float(np.percentile(speed, FAST))
+    return found
+
+
+def _recorded(poses: Poses) -> dict[str, float | None]:
+    if poses.recorded is None:
+        return {}
+    numbers = compare(poses, best_kind(poses))
+    return {f"recorded_{name}": numbers[name] for name in numbers if name.startswith(("position", "angle"))}
+
+
+def _goal(log: Path, poses: Poses, model: CuboidModel) -> dict[str, Any]:
+    """Rewards of the goal in the recording's folder, if there is one of an object."""
+    path = goal_file(log)
+    if not path.is_file():
+        return {}
+    try:
+        goal = read_job_goal(path)
+        found: dict[str, Any] = {"task": goal.task, "level": goal.level}
+        if goal.task == "rearrange_dice":
+            return found
+        columns = poses.columns(best_kind(poses))
+        seconds = poses.timestamp - poses.timestamp[0]
+        rewards = goal.rewards(seconds, columns.position, columns.orientation, model)
+    except TaskError as error:
+        return {"goal_fault": str(error)}
+    return {**found, **totals(rewards, seconds)}
+
+
+def totals(rewards: FloatArray, seconds: FloatArray) -> dict[str, float]:
+    """Sum over control steps, mean and last of rewards (n,) at times (n,) [s]; each lasts until the next.
+
+    Where the object was not seen the reward before holds, at the beginning the first one.
+    """
+    known = np.flatnonzero(~np.isnan(rewards))
+    if not len(known):
+        return {}
+    held = rewards[known[np.maximum(np.searchsorted(known, np.arange(len(rewards)), side="right") - 1, 0)]]
+    steps = np.diff(seconds)
+    steps = STEPS_PER_SECOND * np.append(steps, np.median(steps) if len(steps) else 0.1)
+    total = float(np.sum(held * steps))
+    mean = total / float(steps.sum()) if steps.sum() > 0 else float(np.mean(held))
+    return {"reward_total": total, "reward_mean": mean, "error_end": 0.0 - float(held[-1])}

@@ -1,0 +1,121 @@
+"""The table over all recordings of a batch, and what failed."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from tracker.errors import LogError
+from tracker.files import whole_file, write_whole
+from tracker.recordings.batch import Batch
+from tracker.recordings.results import failure_file, read_failure, read_line, summary_file
+from tracker.recordings.rows import COLUMNS
+from tracker.recordings.track import unicode_text
+
+SUMMARY, FAILURES = "summary", "failures.json"
+"""Names of the files in the folder of results."""
+
+
+@dataclass(frozen=True)
+class State:
+    """How far a batch is."""
+
+    total: int
+    """Recordings that were asked for."""
+    lines: tuple[dict[str, Any], ...]
+    """About those that are done, in their order; whether they are of the same options is not looked at."""
+    failures: dict[str, str]
+    """Why others could not be done, by recording."""
+    running: int
+    """Files of poses that are being made right now, as far as can be seen."""
+    rate: float | None
+    """Recordings finished a second, over the last ten minutes of work [1/s]; None: unknown."""
+
+    @property
+    def missing(self) -> int:
+        """Recordings that are neither done nor have failed."""
+        return self.total - len(self.lines) - len(self.failures)
+
+
+RECENT = 600.0
+"""Time over which the pace is taken [s]."""
+
+
+def state(batch: Batch) -> State:
+    """What the folder of results says of a batch, whoever works on it."""
+    lines, failures, stamps, running = [], {}, [], 0
+    for log, relative in batch.pairs:
+        output = batch.folder / relative
+        line = read_line(output)
+        running += output.with_name(f".{output.name[:200]}.lock").exists()
+        if line is not None:
+            lines.append({**line, "output": unicode_text(relative)})
+            stamps.append(summary_file(output).stat().st_mtime)
+        elif failure_file(output).exists():
+            failures[log] = read_failure(output) or "unknown"
+    return State(len(batch.pairs), tuple(lines), failures, running, _rate(stamps))
+
+
+def _rate(stamps: list[float]) -> float | None:
+    recent = sorted(stamp for stamp in stamps if stamp > max(stamps) - RECENT)
+    if len(recent) < 2 or recent[-1] <= recent[0]:
+        return None
+    return (len(recent) - 1) / (recent[-1] - recent[0])
+
+
+def write_tables(batch: Batch, found: State, *, as_csv: bool) -> list[Path]:
+    """Write `summary.parquet` or `summary.csv`, and `failures.json`; what is of another time goes.
+
+    Without the package pyarrow the table is CSV.
+
+    Raises:
+        LogError: a file cannot be written.
+    """
+    rows = [{name: line[name] for name in COLUMNS} for line in found.lines]
+    written = []
+    try:
+        if find_spec("pyarrow") is not None:
+            written.append(batch.folder / f"{SUMMARY}.parquet")
+            write_parquet(written[-1], rows)
+        if as_csv or not written:
+            written.append(batch.folder / f"{SUMMARY}.csv")
+            write_whole(written[-1], _csv(rows))
+        failures = batch.folder / FAILURES
+        if found.failures:
+            content = [{"recording": log, "reason": why} for log, why in found.failures.items()]
+            write_whole(failures, json.dumps(content, indent=1) + "\n")
+            written.append(failures)
+        else:
+            failures.unlink(missing_ok=True)
+    except OSError as error:
+        raise LogError(f"{error.filename or batch.folder}: cannot be written: {error.strerror}") from error
+    return written
+
+
+def write_parquet(path: Path, rows: Iterable[dict[str, Any]]) -> None:
+    """Write lines under COLUMNS as a Parquet file, whole or not at all.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    kinds = {str: pa.string(), int: pa.int64(), float: pa.float64()}
+    schema = pa.schema([(name, kinds[kind]) for name, kind in COLUMNS.items()])
+    with whole_file(path) as temporary:
+        pq.write_table(pa.Table.from_pylist(list(rows), schema=schema), temporary, compression="zstd")
+
+
+def _csv(rows: Iterable[dict[str, Any]]) -> str:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    writer.writerows(["" if value is None else value for value in row.values()] for row in rows)
+    return text.getvalue()

@@ -1,0 +1,128 @@
+"""What a job was to do: `goal.json` in its folder, as the platform writes it.
+
+    {"difficulty": 4, "goal": {"position": [x, y, z], "orientation": [x, y, z, w]}}   a pose
+    [[0, [x, y, z]], [30000, [x, y, z]], …]                                           a trajectory
+    [[x, y, z], … 25 of them]                                                         dice
+
+The last two may also stand as `goal` in an object, as they do in a job's configuration.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from tracker.conventions import FloatArray
+from tracker.errors import TaskError
+from tracker.objects.model import CuboidModel
+from tracker.tasks import move_object
+from tracker.tasks.move_object.checks import numbers
+
+FILE_NAME = "goal.json"
+"""Name of the file in a job's folder."""
+
+STEPS_PER_SECOND = 1000.0
+"""Control steps of the platform, in which trajectories count time [1/s]."""
+
+MAX_FILE_SIZE = 1_000_000
+"""Largest file [bytes] that is parsed; a trajectory has 1 kB."""
+
+Task = Literal["move_object", "trajectory", "rearrange_dice"]
+
+
+@dataclass(frozen=True, eq=False)
+class JobGoal:
+    """The goal of a job."""
+
+    task: Task
+    """What was to be done."""
+    level: int | None = None
+    """Difficulty of moving an object, 1 to 4."""
+    position: FloatArray | None = None
+    """(3,) [m] where the object should go; (25, 3) where dice should be."""
+    orientation: FloatArray | None = None
+    """(4,) xyzw of the object, if that matters."""
+    trajectory: tuple[tuple[float, tuple[float, ...]], ...] = ()
+    """Pairs of the control step from which a goal is active, and its position [m]."""
+
+    def rewards(
+        self, seconds: FloatArray, position: FloatArray, orientation: FloatArray, model: CuboidModel
+    ) -> FloatArray:
+        """Rewards (n,) of one control step each of an object at times (n,) [s] since the job's beginning.
+
+        Args:
+            seconds: (n,).
+            position: (n, 3) [m]; NaN where the object was not seen, and so is the reward.
+            orientation: (n, 4) xyzw, likewise.
+            model: the object.
+
+        Raises:
+            TaskError: the task moves no object.
+        """
+        if self.task == "trajectory":
+            return move_object.trajectory_reward(self.trajectory, STEPS_PER_SECOND * seconds, position)
+        if self.task == "rearrange_dice" or self.position is None or self.level is None:
+            raise TaskError("goal: found one of dice, expected that of an object")
+        seen = ~np.isnan(position).any(axis=-1)
+        result = np.full(len(position), np.nan)
+        result[seen] = move_object.reward(
+            self.level, self.position, position[seen], self.orientation, orientation[seen], model=model
+        )
+        return result
+
+
+def read_job_goal(path: str | os.PathLike[str]) -> JobGoal:
+    """The goal in a job's file.
+
+    Raises:
+        TaskError: the file cannot be read, or holds no goal; the message names it.
+    """
+    try:
+        with Path(path).open("rb") as file:
+            content = file.read(MAX_FILE_SIZE + 1)
+        if len(content) > MAX_FILE_SIZE:
+            raise TaskError(f"found more than {MAX_FILE_SIZE} bytes, expected a goal")
+        return _goal(json.loads(content.decode("utf-8")))
+    except TaskError as error:
+        raise TaskError(f"{os.fspath(path)}: {error}") from error
+    except OSError as error:
+        raise TaskError(f"{os.fspath(path)}: cannot be read: {error.strerror or error}") from error
+    except (ValueError, RecursionError) as error:
+        raise TaskError(f"{os.fspath(path)}: found no JSON: {error}") from error
+
+
+def _goal(data: Any) -> JobGoal:
+    level = None
+    if isinstance(data, dict):
+        level = data.get("difficulty")
+        data = data.get("goal", data.get("_goal"))
+    if isinstance(data, dict):
+        return _pose(level, data)
+    if not isinstance(data, list) or not data or not all(isinstance(entry, list) for entry in data):
+        raise TaskError("found no goal, expected a pose, a trajectory or the positions of dice")
+    if all(len(entry) == 2 for entry in data):
+        pairs = tuple((float(numbers("time", time)), tuple(position)) for time, position in data)
+        move_object.active_goal(pairs, 0)  # which checks them
+        return JobGoal("trajectory", trajectory=pairs)
+    positions = numbers("goal", data, finite=True)
+    if positions.ndim != 2 or positions.shape[1] != 3:
+        raise TaskError(f"goal: found shape {positions.shape}, expected positions (N, 3)")
+    return JobGoal("rearrange_dice", position=positions)
+
+
+def _pose(level: Any, data: dict[str, Any]) -> JobGoal:
+    if isinstance(level, bool) or level not in move_object.LEVELS:
+        raise TaskError(f"difficulty: found {level!r:.40}, expected 1, 2, 3 or 4")
+    position = numbers("position", data.get("position"), finite=True)
+    orientation = data.get("orientation")
+    turned = None if orientation is None else numbers("orientation", orientation, finite=True)
+    if position.shape != (3,) or (turned is not None and turned.shape != (4,)):
+        raise TaskError("goal: expected a position of 3 and an orientation of 4 numbers")
+    if level == 4 and turned is None:
+        raise TaskError("goal: found no orientation, expected one at level 4")
+    return JobGoal("move_object", int(level), position, turned)
