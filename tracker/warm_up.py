@@ -7,6 +7,7 @@ processes that begin at once one compiles, and the others wait for it.
 from __future__ import annotations
 
 import contextlib
+import functools
 import logging
 import subprocess
 import sys
@@ -60,6 +61,14 @@ def warm_up() -> None:
             with contextlib.suppress(subprocess.TimeoutExpired):
                 other.wait(timeout=_SECONDS)
         PARTS["solve"]()
+
+
+@functools.cache
+def load() -> None:
+    """Load what is compiled into this process, so that its first images take no longer than later ones."""
+    warm_up()
+    for part in PARTS.values():
+        part()
 
 
 @contextlib.contextmanager

@@ -22,6 +22,7 @@ DICE_TASK = ROOT / "examples" / "dice_task.py"
 TRACK = ROOT / "examples" / "track_recording.py"
 TASK_ERRORS = ROOT / "examples" / "task_errors.py"
 LIVE = ROOT / "examples" / "follow_live.py"
+SUBSCRIBE = ROOT / "examples" / "subscribe.py"
 OWN_ARENA = ROOT / "examples" / "own_arena.py"
 STILL = ROOT / "examples" / "still.py"
 BGR = {"red": (40, 50, 190), "green": (60, 150, 70), "blue": (150, 60, 20)}
@@ -56,7 +57,7 @@ def working(demo: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_readme_shows_the_examples():
-    examples = (EXAMPLE, TRACK, LIVE, OWN_ARENA, DICE_TASK, TASK_ERRORS)
+    examples = (EXAMPLE, TRACK, LIVE, SUBSCRIBE, OWN_ARENA, DICE_TASK, TASK_ERRORS)
     assert blocks("python") == [path.read_text(encoding="utf-8") for path in examples]
 
 

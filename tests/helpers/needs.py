@@ -22,6 +22,7 @@ KINDS = {
     "viz": "the extra `viz`",
     "film": "the extra `film`",
     "pylon": "the extra `pylon`",
+    "live": "the extra `live`",
     "datasets": "the extra `datasets`",
     "cluster": "the extra `cluster`",
     "htcondor": "HTCondor's Python binding",

@@ -16,7 +16,7 @@ from typing import NoReturn
 
 import click
 
-from tracker.cli import batch, calibrate, colors, detect, dice, track, view
+from tracker.cli import batch, calibrate, colors, detect, dice, live, track, view
 from tracker.errors import TrackerError, reason
 from tracker.version import version
 
@@ -50,6 +50,7 @@ def commands() -> None:
 commands.add_command(detect.detect)
 commands.add_command(track.track)
 commands.add_command(batch.batch)
+commands.add_command(live.live)
 commands.add_command(view.view)
 commands.add_command(dice.dice)
 commands.add_command(calibrate.calibrate)

@@ -64,12 +64,7 @@ def _json(name: str, observation: Observation) -> str:
     pose = observation.object_pose
     result: dict[str, Any] = {"object": name, "status": observation.status.value, "pose": None}
     if pose is not None:
-        result["pose"] = {
-            "position": pose.position.tolist(),
-            "orientation": pose.orientation.tolist(),
-            "covariance": pose.covariance.tolist(),
-            "confidence": float(pose.confidence),
-        }
+        result["pose"] = pose.as_json()
     result["timing_ms"] = {stage: float(time) for stage, time in observation.timing_ms.items()}
     return json.dumps(result, allow_nan=False)
 

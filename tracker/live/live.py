@@ -15,6 +15,7 @@ from tracker.errors import LiveError
 from tracker.live.shot import Shot, Source, SourceEnded
 from tracker.pipeline import ObjectTracker
 from tracker.pose.result import CameraUse, MotionEstimate, Observation, PoseEstimate, Status
+from tracker.warm_up import load
 
 HISTORY = 256
 """Moments that are kept: 25 s of cameras at 10 Hz. Only the newest keeps its images."""
@@ -85,6 +86,8 @@ class Live:
         listeners: Sequence[Callable[[Moment], None]] = (),
         history: int = HISTORY,
     ) -> None:
+        if isinstance(tracker, ObjectTracker):
+            load()
         self._source, self._tracker = source, tracker
         self._listeners = list(listeners)
         self._changed = threading.Condition()
@@ -109,6 +112,11 @@ class Live:
     def running(self) -> bool:
         """Whether more may come: neither closed, nor at the source's end, nor broken."""
         return self._running
+
+    @property
+    def error(self) -> Exception | None:
+        """What broke the source or the tracker, None where nothing did."""
+        return self._error
 
     @property
     def faults(self) -> tuple[str, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -87,6 +88,15 @@ class PoseEstimate:
         transform[:3, :3] = self.rotation
         transform[:3, 3] = self.position
         return transform
+
+    def as_json(self) -> dict[str, Any]:
+        """Position, orientation, covariance and confidence as plain lists and numbers."""
+        return {
+            "position": self.position.tolist(),
+            "orientation": self.orientation.tolist(),
+            "covariance": self.covariance.tolist(),
+            "confidence": float(self.confidence),
+        }
 
 
 @dataclass(frozen=True, eq=False)

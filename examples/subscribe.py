@@ -1,0 +1,14 @@
+"""Print the poses that `tracker live … --publish tcp://127.0.0.1:5555` hands to other processes."""
+
+import json
+import sys
+
+import zmq
+
+socket = zmq.Context.instance().socket(zmq.SUB)
+socket.setsockopt(zmq.CONFLATE, 1)  # only the newest counts
+socket.setsockopt_string(zmq.SUBSCRIBE, "")
+socket.connect(sys.argv[1] if len(sys.argv) > 1 else "tcp://127.0.0.1:5555")
+while True:
+    message = json.loads(socket.recv())
+    print(message["status"], message["pose"] and message["pose"]["position"], flush=True)

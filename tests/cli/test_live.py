@@ -1,0 +1,89 @@
+"""`tracker live` on a recording: poses told, published as lines, recorded."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import tracker
+from tests.helpers.command import assert_one_line_error
+from tests.helpers.filmed import RIG, shots, write_recording
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    """Eight pictures of one scene, each with noise of its own."""
+    film, noise = shots("cube_v2", 1, seed=701), np.random.default_rng(1)
+    still = film[0]
+    many = []
+    for _ in range(8):
+        images = [image ^ noise.integers(0, 2, image.shape, np.uint8) for image in still.images]
+        many.append(type(still)(still.scene, images, still.labels, still.visible_fraction))
+    return write_recording(tmp_path_factory.mktemp("live") / "recording", many)
+
+
+def test_a_recording_is_replayed_told_and_recorded(recording, tmp_path, run_here):
+    target = tmp_path / "log.h5"
+    result = run_here("live", recording, "--object", "cube_v2", "--record", target)
+    assert result.returncode == 0, result.stderr
+    assert "sets of images" in result.stdout
+    assert "ms in the median" in result.stdout
+    with tracker.open_log(target) as log:
+        frames = list(log)
+        assert log.camera_names == RIG.names
+    assert 2 <= len(frames) <= 8
+    assert all(frame.recorded_pose is not None for frame in frames[1:])
+
+
+def test_each_line_of_json_is_a_message(recording, run_here):
+    result = run_here("live", recording, "--object", "cube_v2", "--json", "--speed", "0.5")
+    assert result.returncode == 0, result.stderr
+    messages = [json.loads(line) for line in result.stdout.splitlines()]
+    assert len(messages) >= 2
+    assert [one["sequence"] for one in messages] == list(range(len(messages)))
+    assert messages[-1]["status"] == "tracking"
+    assert len(messages[-1]["pose"]["position"]) == 3
+    stamps = np.diff([one["timestamp"] for one in messages])
+    assert stamps == pytest.approx(0.2 * np.round(stamps / 0.2), abs=1e-3)
+
+
+def test_it_ends_when_it_is_told_to(recording, run_here):
+    result = run_here("live", recording, "--object", "cube_v2", "--seconds", "0.05", "--speed", "0.1")
+    assert result.returncode == 0, result.stderr
+    assert "sets of images  1," in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--rate", "5"], ["--rate", "does nothing"]),
+        (["--settings", "x.toml"], ["--settings", "does nothing"]),
+        (["--public"], ["--public", "--publish"]),
+        (["--publish", "tcp://0.0.0.0:5555"], ["other machines could connect"]),
+        (["--record", "log.dat"], [".dat", ".h5"]),
+        (["--record", "nowhere/log.h5"], ["no folder nowhere"]),
+        (["--pattern", "x"], ["--pattern"]),
+    ],
+)
+def test_a_faulty_option_is_named(arguments, words, recording, tmp_path, run_here):
+    result = run_here("live", recording, "--object", "cube_v2", *arguments, folder=tmp_path)
+    assert_one_line_error(result, *words)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("source", "arguments", "words"),
+    [
+        ("nowhere", [], ["nowhere", "no such file"]),
+        ("opencv:0,1,2", [], ["opencv:0,1,2", "--calibration"]),
+        ("simulation", ["--calibration", "x"], ["--calibration", "its own"]),
+        ("simulation", ["--speed", "2"], ["--speed", "does nothing"]),
+    ],
+)
+def test_a_faulty_source_is_named(source, arguments, words, tmp_path, run_here):
+    assert_one_line_error(
+        run_here("live", source, "--object", "cube_v2", *arguments, folder=tmp_path), *words
+    )
+    assert not list(tmp_path.iterdir())

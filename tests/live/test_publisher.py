@@ -1,0 +1,124 @@
+"""Poses for other processes."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import threading
+import time
+from importlib.util import find_spec
+
+import numpy as np
+import pytest
+
+from tests.helpers import ROOT
+from tests.helpers.moments import estimate, moment
+from tests.helpers.needs import lack
+from tracker.errors import LiveError
+from tracker.live.message import message_of
+from tracker.live.publisher import Publisher
+
+if find_spec("zmq") is None:
+    lack("live", "pyzmq is not installed")
+import zmq
+
+
+def test_a_message_says_everything_in_plain_json():
+    content = json.loads(message_of(moment(7, pose=estimate(0.25))))
+    assert content["version"] == 1
+    assert content["sequence"] == 7
+    assert content["timestamp"] == pytest.approx(1000.7)
+    assert content["status"] == "tracking"
+    assert content["latency_ms"] == pytest.approx(12)
+    assert content["velocity"] == [0, 1, 2, 3, 4, 5]
+    assert content["pose"]["position"] == [0.25, -0.02, 0.0325]
+    assert content["pose"]["orientation"] == [0, 0, 0.6, 0.8]
+    assert np.array(content["pose"]["covariance"]).shape == (6, 6)
+    assert content["pose"]["confidence"] == 0.97
+
+
+def test_without_an_object_there_is_no_pose_but_a_status():
+    content = json.loads(message_of(moment(0)))
+    assert (content["pose"], content["velocity"], content["status"]) == (None, None, "lost")
+
+
+@pytest.fixture
+def publisher():
+    one = Publisher("tcp://127.0.0.1:*")
+    yield one
+    one.close()
+
+
+def subscriber(address):
+    """Ten lines are all that it takes."""
+    socket = zmq.Context.instance().socket(zmq.SUB)
+    socket.setsockopt(zmq.CONFLATE, 1)
+    socket.setsockopt(zmq.LINGER, 0)
+    socket.setsockopt_string(zmq.SUBSCRIBE, "")
+    socket.connect(address)
+    return socket
+
+
+def test_a_subscriber_gets_the_newest_only(publisher):
+    socket, sequence, deadline = subscriber(publisher.address), 0, time.monotonic() + 20
+    while not socket.poll(20):  # until it is connected
+        assert time.monotonic() < deadline
+        publisher(moment(sequence))
+        sequence += 1
+    for sequence in range(1000, 1100):
+        publisher(moment(sequence))
+    received = []
+    while not received or received[-1] < 1099:
+        assert time.monotonic() < deadline
+        if socket.poll(50):
+            received.append(json.loads(socket.recv())["sequence"])
+    assert received == sorted(received)
+    assert len(received) < 100
+    socket.close()
+
+
+def test_the_example_prints_what_is_published(publisher):
+    command = [sys.executable, str(ROOT / "examples" / "subscribe.py"), publisher.address]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        done = threading.Event()
+
+        def publish():
+            while not done.wait(0.02):
+                publisher(moment(0, pose=estimate(0.25)))
+
+        publishing = threading.Thread(target=publish)
+        publishing.start()
+        assert process.stdout.readline() == "tracking [0.25, -0.02, 0.0325]\n"
+        done.set()
+        publishing.join()
+        process.kill()
+
+
+def test_one_that_never_reads_holds_up_nobody(publisher):
+    socket = subscriber(publisher.address)
+    start = time.thread_time()
+    for sequence in range(5000):
+        publisher(moment(sequence))
+    assert time.thread_time() - start < 20
+    socket.close()
+
+
+@pytest.mark.parametrize(
+    "address",
+    ["tcp://0.0.0.0:5555", "tcp://*:5555", "tcp://192.168.1.2:5555", "tcp://127.evil.org:5555", "udp://x"],
+)
+def test_an_address_that_others_can_reach_is_refused_unless_that_is_meant(address):
+    with pytest.raises(LiveError, match="other machines could connect"):
+        Publisher(address)
+
+
+def test_a_public_address_is_bound_where_that_is_meant():
+    one = Publisher("tcp://0.0.0.0:*", public=True)
+    assert one.address.startswith("tcp://0.0.0.0:")
+    one.close()
+
+
+def test_an_address_in_use_is_named(publisher):
+    with pytest.raises(LiveError, match=rf"publish {publisher.address}: Address already in use"):
+        Publisher(publisher.address)

@@ -1,0 +1,207 @@
+"""`tracker live`: poses while cameras run."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from tracker.cli.calibration import load_rig, optional_calibration_options, refuse_pattern_alone, rig_of
+from tracker.cli.live_told import Told
+from tracker.errors import LiveError
+
+if TYPE_CHECKING:
+    from tracker.calibration.rig import CameraRig
+    from tracker.live import Live, Moment, Source
+
+_FILE = click.Path(path_type=Path)
+_CAMERAS = ("pylon", "opencv")
+
+
+@click.command()
+@click.argument("source", metavar="SOURCE")
+@click.option("--object", "object_name", required=True, metavar="NAME", help="Object, or its TOML file.")
+@optional_calibration_options
+@click.option(
+    "--colors", "colors_name", metavar="NAME", help="Colour model, or its file.  [default: the object's]"
+)
+@click.option("--publish", metavar="ADDRESS", help="Publish poses by ZeroMQ, e.g. tcp://127.0.0.1:5555.")
+@click.option("--public", is_flag=True, help="--publish to other machines, too.")
+@click.option("--record", metavar="FILE", type=_FILE, help="Record images and poses (.h5).")
+@click.option(
+    "--seconds",
+    metavar="S",
+    type=click.FloatRange(0, min_open=True),
+    help="End after so long.  [default: at the source's end, or with Ctrl-C]",
+)
+@click.option(
+    "--rate",
+    metavar="HZ",
+    type=click.FloatRange(0, 1000, min_open=True),
+    help="Sets of pictures per second, of cameras.  [default: 10]",
+)
+@click.option(
+    "--settings", metavar="FILE", type=_FILE, help="What pylon's cameras are set to (TOML, GenICam names)."
+)
+@click.option(
+    "--speed",
+    metavar="X",
+    type=click.FloatRange(0, min_open=True),
+    help="Replay a recording X times as fast.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print each message as it is published.")
+@click.option("-q", "--quiet", is_flag=True, help="Say nothing but errors.")
+def live(
+    source: str,
+    object_name: str,
+    calibration: tuple[str, ...],
+    pattern: str | None,
+    correct_halved_principal_point: bool,
+    colors_name: str | None,
+    publish: str | None,
+    public: bool,
+    record: Path | None,
+    seconds: float | None,
+    rate: float | None,
+    settings: Path | None,
+    speed: float | None,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Track an object while cameras run.
+
+    SOURCE is a recording's path, replayed at its own pace; `pylon`, Basler cameras that call themselves as
+    the calibration's, or `pylon:SERIAL,…` in its order; `opencv:0,1,2`, numbers, films or addresses; or
+    `simulation`.
+
+    Cameras that fail are looked for again, and the tracking goes on with the others. With --publish each
+    message is one JSON object: version, sequence, timestamp, status, pose as that of `detect --json` or
+    null, velocity or null, latency_ms; it is the filtered pose of the newest images.
+    """
+    from tracker.live import Live
+    from tracker.live.message import message_of
+    from tracker.objects.model import load_object
+    from tracker.pipeline import ObjectTracker
+    from tracker.segmentation.color_model import load_colors
+
+    kind = source.partition(":")[0]
+    _refuse_options_of_others(
+        kind, source, {"--rate": rate, "--settings": settings, "--speed": speed}, calibration
+    )
+    refuse_pattern_alone(calibration, pattern)
+    if public and publish is None:
+        raise click.UsageError("--public: expected with --publish")
+    model = load_object(object_name)
+    colors = None if colors_name is None else load_colors(colors_name)
+    cameras = (calibration, pattern, correct_halved_principal_point)
+    given, rig = _source(source, kind, object_name, cameras, rate or 10.0, settings, speed or 1.0)
+    told = Told(rig.names)
+    with contextlib.ExitStack() as stack:
+        stack.callback(given.close)  # where what follows fails; a second time it does nothing
+        listeners: list[Callable[[Moment], None]] = [told.hear]
+        recorder = _recorder(record, rig, stack)
+        listeners += [one for one in (recorder, _publisher(publish, public, stack)) if one is not None]
+        if as_json:
+            listeners.append(lambda moment: click.echo(message_of(moment).decode()))
+        follower = stack.enter_context(Live(given, ObjectTracker(model, rig, colors), listeners=listeners))
+        told.begin()
+        with _ended_by_signals():
+            _follow(follower, seconds, None if as_json or quiet else told)
+    error = follower.error
+    if error is not None:
+        raise LiveError(f"{source}: {error}") from error
+    if not (quiet or as_json):
+        left_out = getattr(given, "skipped", 0)
+        click.echo(told.summary(left_out, follower.faults, recorder))
+
+
+def _refuse_options_of_others(
+    kind: str, source: str, given: dict[str, Any], calibration: tuple[str, ...]
+) -> None:
+    """Refuse options that would do nothing with the source."""
+    recording = kind not in (*_CAMERAS, "simulation")
+    fitting = {"--rate": kind in _CAMERAS, "--settings": kind == "pylon", "--speed": recording}
+    for name, value in given.items():
+        if value is not None and not fitting[name]:
+            raise click.UsageError(f"{name}: does nothing with the source {source}")
+    if kind == "simulation" and calibration:
+        raise click.UsageError("--calibration: the simulation has its own")
+    if kind in _CAMERAS and not calibration:
+        raise click.UsageError(f"{source}: expected --calibration")
+
+
+def _source(
+    source: str,
+    kind: str,
+    object_name: str,
+    cameras: tuple[tuple[str, ...], str | None, bool],
+    rate: float,
+    settings: Path | None,
+    speed: float,
+) -> tuple[Source, CameraRig]:
+    from tracker import live
+    from tracker.logs import open_log
+
+    if kind == "simulation":
+        simulation = live.Simulation(object_name)
+        return simulation, simulation.rig
+    if kind in _CAMERAS:
+        rig = load_rig(*cameras)
+        return live.open_cameras(source, rig, rate=rate, settings=settings), rig
+    log = open_log(source)
+    rig = rig_of(Path(source), log, *cameras)
+    return live.Replay(log, speed=speed), rig
+
+
+def _recorder(path: Path | None, rig: CameraRig, stack: contextlib.ExitStack) -> Any:
+    if path is None:
+        return None
+    from tracker.live.recorder import Recorder
+
+    if path.suffix.lower() not in (".h5", ".hdf5"):
+        raise click.UsageError(f"--record {path}: found suffix {path.suffix!r}, expected .h5")
+    recorder = Recorder(path, rig)
+    stack.callback(recorder.close)
+    return recorder
+
+
+def _publisher(address: str | None, public: bool, stack: contextlib.ExitStack) -> Any:
+    if address is None:
+        return None
+    from tracker.live.publisher import Publisher
+
+    publisher = Publisher(address, public=public)
+    stack.callback(publisher.close)
+    return publisher
+
+
+def _follow(follower: Live, seconds: float | None, told: Told | None) -> None:
+    """Wait for the end, and tell of what is found once a second."""
+    end = None if seconds is None else time.monotonic() + seconds
+    with contextlib.suppress(KeyboardInterrupt):
+        while follower.running:
+            left = 1.0 if end is None else end - time.monotonic()
+            if left <= 0:
+                return
+            time.sleep(min(left, 0.1))
+            if told is not None and (line := told.due()):
+                click.echo(line)
+
+
+@contextlib.contextmanager
+def _ended_by_signals() -> Iterator[None]:
+    """Being asked to end is an end like any other, so that files are finished."""
+
+    def end(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)

@@ -1,0 +1,95 @@
+"""What `tracker live` tells of: a line each second, and a summary."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from tracker.cli.table import listing
+
+if TYPE_CHECKING:
+    from tracker.live import Moment
+
+_LATENCIES = 100_000
+"""Latencies that are kept for percentiles."""
+
+
+class Told:
+    """Counts moments, in the tracking thread, for what is told in another."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        self._names, self._lock = tuple(names), threading.Lock()
+        self._statuses: Counter[str] = Counter()
+        self._missing: Counter[str] = Counter()
+        self._faults: dict[str, str] = {}
+        self._latencies: deque[float] = deque(maxlen=_LATENCIES)
+        self._newest: Moment | None = None
+        self._told_count = 0
+        self.begin()
+
+    def begin(self) -> None:
+        """Count the time from now."""
+        self._told_at = self._begin = time.monotonic()
+
+    def hear(self, moment: Moment) -> None:
+        """A listener of `Live`."""
+        with self._lock:
+            self._statuses[moment.status.value] += 1
+            self._latencies.append(moment.latency)
+            self._newest = moment
+            for name, image, fault in zip(self._names, moment.shot.images, moment.shot.faults, strict=True):
+                if image is None:
+                    self._missing[name] += 1
+                    self._faults[name] = fault or "no image"
+
+    def due(self) -> str | None:
+        """A line about the last second, once it has passed."""
+        now = time.monotonic()
+        if now - self._told_at < 1.0:
+            return None
+        with self._lock:
+            count, moment = sum(self._statuses.values()), self._newest
+        rate = (count - self._told_count) / (now - self._told_at)
+        self._told_at, self._told_count = now, count
+        parts = [f"{now - self._begin:7.1f} s", f"{rate:5.1f} Hz"]
+        if moment is None:
+            return "  ".join([*parts, "no images yet"])
+        parts.append(f"{moment.status.value:10}")
+        pose = moment.filtered_object_pose
+        if pose is not None:
+            place = " ".join(f"{1000 * value:7.1f}" for value in pose.position)
+            parts.append(f"{place} mm  confidence {pose.confidence:.2f}")
+        parts.append(f"latency {1000 * moment.latency:.1f} ms")
+        gone = [
+            f"{name}: {fault or 'no image'}"
+            for name, image, fault in zip(self._names, moment.shot.images, moment.shot.faults, strict=True)
+            if image is None
+        ]
+        return "  ".join([*parts, *gone])
+
+    def summary(self, left_out: int, faults: Sequence[str], recorder: Any = None) -> str:
+        """What there was in all."""
+        import numpy as np
+
+        count = sum(self._statuses.values())
+        rows = [["sets of images", f"{count}, and {left_out} that came while others were worked on"]]
+        if count:
+            statuses = ", ".join(
+                f"{name} {100 * n / count:.1f} %" for name, n in self._statuses.most_common()
+            )
+            median, late = np.percentile(1e3 * np.array(self._latencies), [50, 99])
+            rows.append(["status", statuses])
+            rows.append(["latency", f"{median:.1f} ms in the median, {late:.1f} ms in the 99th percentile"])
+        for name, missing in sorted(self._missing.items()):
+            rows.append([name, f"no image in {missing} sets; last: {self._faults[name]}"])
+        if recorder is not None:
+            rows.append(["recorded", f"{recorder.recorded} sets in {recorder.path}"])
+            if recorder.left_out:
+                rows.append(["", f"{recorder.left_out} left out, which the disk did not take in time"])
+            if recorder.fault is not None:
+                rows.append(["", f"ended before its time: {recorder.fault}"])
+        rows += [["fault", fault] for fault in faults[-5:]]
+        return listing(rows)
