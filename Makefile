@@ -9,7 +9,7 @@ WORKERS ?= $(shell nproc 2>/dev/null || echo 1)
 LOWEST := build/lowest
 OLDEST_PYTHON ?= python3.10
 
-.PHONY: demo test lowest package lint format bench small gate colors clean
+.PHONY: demo test lowest package lint format docs bench small gate colors clean
 
 demo: $(STAMP)  ## film the simulated platform, find the object in every frame
 	$(BIN)/python examples/demo.py
@@ -38,6 +38,9 @@ format: $(STAMP)  ## format the code
 	$(BIN)/ruff check --fix $(CODE)
 	$(BIN)/ruff format $(CODE)
 
+docs: $(STAMP)  ## build the documentation's site: build/site/index.html
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
+
 bench: $(STAMP)  ## measure accuracy and speed: benchmarks/results.md, build/benchmarks/report.html
 	$(BIN)/python -m benchmarks all --publish --scenes $(SCENES)
 
@@ -60,7 +63,7 @@ clean:  ## remove everything that the other targets made
 $(STAMP): pyproject.toml
 	@echo "Setting up $(VENV) (about a minute and a half)"
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev,synthetic,film,viz]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev,docs,synthetic,film,viz]'
 	@touch $@
 
 # zarr: the last that writes the stores of the platform's data sets.

@@ -14,28 +14,41 @@ from tests.helpers.made_up_results import made_up_results
 
 
 def test_readmes_figures_are_those_of_the_committed_results():
-    text = readme.README.read_text(encoding="utf-8")
-    assert readme.block(text) == readme.figures(read_results(readme.PUBLISHED))
-
-
-def test_only_the_block_is_written(tmp_path):
-    path = tmp_path / "README.md"
-    path.write_text(f"before\n{readme.BEGIN}\nold\n{readme.END}\nafter\n", encoding="utf-8")
-    results = made_up_results(12)
-    readme.write_figures(results, path)
-    text = path.read_text(encoding="utf-8")
-    assert text.startswith("before\n")
-    assert text.endswith("\nafter\n")
-    assert readme.block(text) == readme.figures(results)
-    row = next(row for row in results.rows if row["part"] == "accuracy" and row["group"] == "hard light")
-    assert f"{row['median_mm']:.3f} mm" in text
-    path.write_text("no marks", encoding="utf-8")
-    with pytest.raises(ResultsError, match="no block"):
-        readme.write_figures(results, path)
+    results = read_results(readme.PUBLISHED)
+    assert readme.block(readme.README) == readme.brief(results) != ""
+    assert readme.block(readme.PAGE) == readme.figures(results)
 
 
 @pytest.fixture
-def published(tmp_path, monkeypatch):
+def pages(tmp_path, monkeypatch):
+    """README.md and the page of figures with empty blocks, in a folder of their own."""
+    for key in ("README", "PAGE"):
+        path = tmp_path / f"{key.lower()}.md"
+        path.write_text(f"before\n{readme.BEGIN}\nold\n{readme.END}\nafter\n", encoding="utf-8")
+        monkeypatch.setattr(readme, key, path)
+    return readme.README, readme.PAGE
+
+
+def test_only_the_blocks_are_written(pages):
+    results = made_up_results(12)
+    readme.write_figures(results)
+    for path in pages:
+        text = path.read_text(encoding="utf-8")
+        assert text.startswith("before\n")
+        assert text.endswith("\nafter\n")
+    assert readme.block(readme.README) == readme.brief(results)
+    assert readme.block(readme.PAGE) == readme.figures(results)
+    row = next(row for row in results.rows if row["part"] == "accuracy" and row["group"] == "hard light")
+    assert f"{row['median_mm']:.3f} mm" in readme.PAGE.read_text(encoding="utf-8")
+    before = readme.README.read_text(encoding="utf-8")
+    readme.PAGE.write_text("no marks", encoding="utf-8")
+    with pytest.raises(ResultsError, match="no block"):
+        readme.write_figures(made_up_results(3))
+    assert readme.README.read_text(encoding="utf-8") == before
+
+
+@pytest.fixture
+def published(tmp_path, monkeypatch, pages):
     """Runs `all --publish` on made-up parts, into a folder of its own."""
     tree = {"commit": "f" * 40, "clean": True, "code": "c", "kernels": "k", "processor": "one"}
     monkeypatch.setattr(commands, "origin", lambda: dict(tree))
@@ -51,8 +64,6 @@ def published(tmp_path, monkeypatch):
     monkeypatch.setattr(program, "PARTS", {"accuracy": rows})
     monkeypatch.setattr(program, "PUBLISHED", tmp_path / "results.md")
     monkeypatch.setattr(readme, "PUBLISHED", tmp_path / "published.json")
-    monkeypatch.setattr(readme, "README", tmp_path / "README.md")
-    (tmp_path / "README.md").write_text(f"{readme.BEGIN}\n{readme.END}\n", encoding="utf-8")
 
     def run(*more):
         arguments = ["all", "--publish", "--scenes", "4", "-o", str(tmp_path / "out"), *more]
@@ -71,7 +82,8 @@ def test_publishing_writes_document_rows_page_and_readme_of_release_scenes(publi
     assert len(found.frames) == 0
     assert found.worst == []
     assert "release scenes" in (folder / "results.md").read_text(encoding="utf-8")
-    assert readme.block((folder / "README.md").read_text(encoding="utf-8")) == readme.figures(found)
+    assert readme.block(readme.README) == readme.brief(found)
+    assert readme.block(readme.PAGE) == readme.figures(found)
     assert "The worst frames" not in (folder / "out" / "report.html").read_text(encoding="utf-8")
 
 

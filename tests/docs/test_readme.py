@@ -16,7 +16,17 @@ from tests.helpers import ROOT, run_python
 from tests.helpers.synthetic_needs import skip_without_platform
 from tracker.logs.poses_file import read_poses
 
-README = (ROOT / "README.md").read_text(encoding="utf-8")
+WRITTEN = (
+    "README",
+    "docs/first-steps",
+    "docs/answers",
+    "docs/control-loop",
+    "docs/retracking",
+    "docs/own-rig",
+)
+WRITTEN += ("docs/tasks", "docs/own-object", "docs/synthetic", "docs/measuring", "docs/limits", "docs/rooms")
+PAGES = {name: (ROOT / f"{name}.md").read_text(encoding="utf-8") for name in WRITTEN}
+README, TEXT = PAGES["README"], "\n".join(PAGES.values())
 EXAMPLE = ROOT / "examples" / "detect_cube.py"
 DICE_TASK = ROOT / "examples" / "dice_task.py"
 TRACK = ROOT / "examples" / "track_recording.py"
@@ -33,12 +43,13 @@ def blocks(language: str) -> list[str]:
 
 
 def commands() -> list[str]:
-    return [line for block in blocks("sh") for line in block.splitlines() if line.startswith("tracker ")]
+    lines = (line for block in blocks("sh") for line in block.splitlines() if line.startswith("tracker "))
+    return list(dict.fromkeys(lines))
 
 
 @pytest.fixture(scope="module")
 def working(demo: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with what the README speaks of: demo, my_images, my_recording, my_object.toml."""
+    """A folder with what the pages speak of: demo, my_images, my_recording, my_object.toml."""
     folder = tmp_path_factory.mktemp("readme")
     shutil.copytree(demo, folder / "demo")
     shutil.copytree(demo, folder / "my_recording")
@@ -56,7 +67,7 @@ def working(demo: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_the_readme_shows_the_examples():
+def test_the_pages_show_the_examples():
     examples = (EXAMPLE, TRACK, LIVE, SUBSCRIBE, OWN_ARENA, DICE_TASK, TASK_ERRORS)
     assert blocks("python") == [path.read_text(encoding="utf-8") for path in examples]
 
@@ -101,7 +112,7 @@ def test_the_example_finds_the_cube(working):
 
 
 @pytest.mark.slow
-def test_the_readmes_commands_run(working, run_here):
+def test_the_pages_commands_run(working, run_here):
     assert len(commands()) >= 6
     for command in commands():
         result = run_here(*shlex.split(command)[1:], folder=working)
@@ -111,13 +122,13 @@ def test_the_readmes_commands_run(working, run_here):
     assert len(read_poses(working / "poses.h5")) == 1
 
 
-def test_the_readmes_object_loads_with_its_colours(working):
+def test_the_pages_object_loads_with_its_colours(working):
     model = tracker.load_object(working / "my_object.toml")
     assert model.name == "my_object"
     assert model.colors == "my_object.npz" or Path(model.colors).parent == working
 
 
-def test_the_readmes_json_has_the_keys_of_the_real_one(working, run_here):
+def test_the_pages_json_has_the_keys_of_the_real_one(working, run_here):
     by_name = {command.split()[1]: command for command in reversed(commands())}
     pairs = []
     for name, block in zip(("detect", "dice"), blocks("json"), strict=True):
@@ -132,16 +143,25 @@ def test_the_readmes_json_has_the_keys_of_the_real_one(working, run_here):
         assert list(shown_dice[key][0]) == list(real_dice[key][0])
 
 
-def test_the_readme_explains_every_status():
-    explained = re.findall(r"^\| `([a-z ]+)` \|", README, flags=re.MULTILINE)
+def test_the_pages_explain_every_status():
+    explained = re.findall(r"^\| `([a-z ]+)` \|", PAGES["docs/answers"], flags=re.MULTILINE)
     assert explained == [status.value for status in tracker.Status]
 
 
-def test_every_link_of_the_readme_leads_somewhere():
-    targets = re.findall(r"\]\(([^)]+)\)", README)
-    assert "docs/overlay.png" in targets
-    for target in targets:
-        assert (ROOT / target).exists(), target
+def test_every_link_leads_somewhere():
+    assert "](docs/overlay.png)" in README
+    for page in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))):
+        for target in re.findall(r"\]\(([^)\s#]+)[^)]*\)", page.read_text(encoding="utf-8")):
+            assert "://" in target or (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+def test_the_readme_is_short():
+    assert len(README.split()) <= 900
+
+
+def test_every_page_is_in_the_sites_menu():
+    menu = re.findall(r"[\w-]+\.md", (ROOT / "mkdocs.yml").read_text(encoding="utf-8"))
+    assert sorted(menu) == sorted(path.name for path in (ROOT / "docs").glob("*.md"))
 
 
 def test_the_still_is_the_same_each_time_and_its_error_small(demo, tmp_path, run_script):

@@ -41,7 +41,7 @@ class Camera:
     height: int
     """Image height [px]."""
     matrix: FloatArray
-    """(3, 3) [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] [px]; pixel centres are at whole numbers."""
+    """(3, 3) `[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]` [px]; pixel centres are at whole numbers."""
     distortion: FloatArray
     """(5,) k1, k2, p1, p2, k3."""
     camera_from_world: FloatArray

@@ -24,7 +24,7 @@ _JSON, _PATTERN = ".json", ".txt"
 def read_goal(path: str | os.PathLike[str]) -> FloatArray:
     """The goal (25, 3) [m] in a file.
 
-    A file that starts with `[` or `{` is JSON: a list of 25 positions [x, y, z] [m], or an object with
+    A file that starts with `[` or `{` is JSON: a list of 25 positions `[x, y, z]` [m], or an object with
     such a list as `goal`, whose other keys are ignored. Any other file is a pattern, see `patterns`.
 
     Raises:
