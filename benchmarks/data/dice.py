@@ -11,7 +11,7 @@ import numpy as np
 
 from benchmarks.data.scenes import SIZE
 from benchmarks.data.seeds import stream
-from benchmarks.data.store import CACHE, Maker, Store, each
+from benchmarks.data.store import CACHE, Store, each
 from synthetic.frames import Frame, FrameMaker, FrameOptions
 from tracker.conventions import FloatArray, Image
 
@@ -47,12 +47,8 @@ def dice_store(kind: str, seed: int, workers: int = 2, cache: Path = CACHE) -> S
         cache: where scenes are kept.
     """
     own = stream(seed, "dice", kind)
-    make = functools.partial(_maker, kind, own)
+    make = functools.partial(each, _scenes, kind, own)
     return Store(f"dice, {kind}", DiceScene, make, (__name__,), own, workers=workers, cache=cache)
-
-
-def _maker(kind: str, seed: int) -> Maker[DiceScene]:
-    return each(_scenes(kind, seed))
 
 
 def _scenes(kind: str, seed: int) -> Callable[[int], DiceScene]:

@@ -16,7 +16,7 @@ import numpy as np
 from benchmarks.data.paths import Motion, random_motion
 from benchmarks.data.scenes import SIZE
 from benchmarks.data.seeds import stream
-from benchmarks.data.store import CACHE, Maker, Store, each
+from benchmarks.data.store import CACHE, Store, each
 from synthetic.camera.rigs import default_cameras
 from synthetic.camera.sensor import Sensor
 from synthetic.stills import posed_scene, take
@@ -87,7 +87,7 @@ def motion_store(object_name: str, seed: int, workers: int = 2, cache: Path = CA
         cache: where frames are kept.
     """
     own = stream(seed, "motion", object_name)
-    make = functools.partial(_maker, object_name, own)
+    make = functools.partial(each, _frames, object_name, own)
     name = f"motion, {object_name}"
     return Store(name, MotionFrame, make, (__name__,), own, workers=workers, cache=cache)
 
@@ -101,10 +101,6 @@ def delays(rng: np.random.Generator, cameras: int) -> FloatArray:
     """(cameras,) by which each camera's picture is older than the latest one, at most SKEW [s]."""
     result: FloatArray = rng.permutation(np.linspace(0.0, SKEW, cameras))
     return result
-
-
-def _maker(object_name: str, seed: int) -> Maker[MotionFrame]:
-    return each(_frames(object_name, seed))
 
 
 def _frames(object_name: str, seed: int) -> Callable[[int], MotionFrame]:

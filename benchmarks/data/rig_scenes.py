@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy as np
 from benchmarks.data.rig_cases import CASES, RigCase
 from benchmarks.data.scenes import Scene
 from benchmarks.data.seeds import stream
-from benchmarks.data.store import CACHE, Maker, Store, each
+from benchmarks.data.store import CACHE, Store, each
 from synthetic.camera.sensor import Sensor
 from synthetic.stills import bare_scene, scene_with_fingers, take
 from tracker.objects.model import CuboidModel
@@ -56,11 +57,11 @@ def rig_store(
         cache: where scenes are kept.
     """
     own = stream(seed, "rigs")
-    make = functools.partial(_maker, case_name, object_name, own)
+    make = functools.partial(each, _scenes, case_name, object_name, own)
     name = f"{object_name}, rig, {case_name}"
     return Store(name, Scene, make, (__name__,), own, workers=workers, cache=cache)
 
 
-def _maker(case_name: str, object_name: str, seed: int) -> Maker[Scene]:
+def _scenes(case_name: str, object_name: str, seed: int) -> Callable[[int], Scene]:
     case = CASES[case_name]
-    return each(functools.partial(rig_scene, case, case.model(object_name), seed))
+    return functools.partial(rig_scene, case, case.model(object_name), seed)

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.data.seeds import stream
-from benchmarks.data.store import CACHE, Maker, Store, each
+from benchmarks.data.store import CACHE, Store, each
 from synthetic.camera.rigs import sized, standard_rig
 from synthetic.camera.sensor import BLACK, RESPONSE_GAMMA, CameraSettings, Sensor
 from synthetic.camera.shot import QUALITIES, shoot
@@ -100,12 +100,8 @@ def scene_store(
     """
     # A sketch is of the very scene that it is a sketch of.
     own = stream(seed, "scenes", object_name, "more" if style == "sketch" else style)
-    make = functools.partial(_maker, object_name, style, own)
+    make = functools.partial(each, STYLES[style], object_name, own)
     return Store(f"{object_name}, {style}", Scene, make, (__name__,), own, workers=workers, cache=cache)
-
-
-def _maker(object_name: str, style: str, seed: int) -> Maker[Scene]:
-    return each(STYLES[style](object_name, seed))
 
 
 def _frames(

@@ -148,6 +148,7 @@ class _Factory:
         return work
 
 
-def each(make: Callable[[int], S]) -> Maker[S]:
-    """Of items that are made one by one."""
+def each(begin: Callable[..., Callable[[int], S]], *arguments: Any) -> Maker[S]:
+    """Of items that are made one by one, by what `begin` gives in the process that makes them."""
+    make = begin(*arguments)
     return lambda chunk, numbers: ((number, make(number)) for number in numbers)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +14,7 @@ import numpy as np
 from benchmarks.data.dice import KINDS, DiceScene, dice_store
 from benchmarks.data.scenes import rig as exact_rig
 from benchmarks.data.sets import Plan
-from benchmarks.measure.timing import one_thread, reference_work
+from benchmarks.measure.timing import in_turn, one_thread
 from benchmarks.score.dice import (
     Answer,
     View,
@@ -210,21 +209,17 @@ def speed_rows(rig: CameraRig, triplets: Sequence[Sequence[Image]], rounds: int)
         rounds: how often each scene is timed, after once uncounted.
     """
     rng = np.random.default_rng(GOAL_SEED)
-    times: dict[str, list[tuple[float, float]]] = {}
+    times: dict[str, list[list[float]]] = {}
     with one_thread():
         for images, (name, work) in itertools.chain.from_iterable(
             itertools.product([images], _works(rig, images, rearrange_dice.sample_goal(rng)).items())
             for images in triplets
         ):
             for count in range(rounds + 1):
-                start = time.perf_counter()
-                work()
-                middle = time.perf_counter()
-                reference_work(images)
-                end = time.perf_counter()
+                _, *spent = in_turn(work, images)
                 if count:
-                    times.setdefault(name, []).append((middle - start, end - middle))
-    return [_time_row(name, 1e3 * np.array(pairs)) for name, pairs in times.items()]
+                    times.setdefault(name, []).append(spent)
+    return [_time_row(name, np.array(pairs)) for name, pairs in times.items()]
 
 
 def _works(rig: CameraRig, images: Sequence[Image], goal: Any) -> dict[str, Callable[[], Any]]:

@@ -5,8 +5,8 @@ They are played whole, thinned, by single cameras, and with the object gone for 
 
 from __future__ import annotations
 
+import functools
 import itertools
-import time
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
@@ -17,7 +17,7 @@ import tracker
 from benchmarks.data.films import FilmFrame, FilmStore, vanishing_film, vanishing_frames
 from benchmarks.data.scenes import OBJECTS, rig
 from benchmarks.data.sets import Plan
-from benchmarks.measure.timing import one_thread, reference_work
+from benchmarks.measure.timing import in_turn, one_thread
 from benchmarks.score.errors import pose_errors
 from benchmarks.score.films import (
     at_rest,
@@ -128,19 +128,16 @@ def play(
         images = [
             image if camera is None or camera == number else None for number, image in enumerate(frame.images)
         ]
-        start = time.perf_counter()
-        said = object_tracker.update(images, frame.timestamp)
-        middle = time.perf_counter()
-        reference_work(images)
-        end = time.perf_counter()
+        update = functools.partial(object_tracker.update, images, frame.timestamp)
+        said, own_ms, reference_ms = in_turn(update, images)
         measured, filtered = said.object_pose, said.filtered_object_pose
         row = {
             "timestamp": frame.timestamp,
             "present": frame.position is not None,
             "status": said.status.name,
             "confidence": np.nan if filtered is None else filtered.confidence,
-            "update_ms": 1e3 * (middle - start),
-            "reference_ms": 1e3 * (end - middle),
+            "update_ms": own_ms,
+            "reference_ms": reference_ms,
         }
         row |= {f"visible_{k}": float(share) for k, share in enumerate(frame.visible_fraction)}
         for name, pose in (("measured", measured), ("filtered", filtered)):

@@ -8,7 +8,6 @@ too, unless the table says `exact labels`.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -18,6 +17,7 @@ import numpy as np
 
 import tracker
 from benchmarks.data.recorded import SEGMENTED, labelled_images
+from benchmarks.data.robots import real_folder
 from synthetic.frames import frames
 from tracker.conventions import Image
 from tracker.objects.labels import COLOR_NAMES
@@ -117,23 +117,15 @@ def likeness_table(real: Path, scenes: int, quality: str) -> str:
 
 
 @click.command()
-@click.option(
-    "--real",
-    type=click.Path(exists=True, file_okay=False, path_type=Path),
-    default=lambda: os.environ.get(
-        "TRACKER_REAL_DATA", Path(__file__).resolve().parents[3] / "shared" / "real"
-    ),
-    help="Folder of recorded data.",
-)
+@click.option("--real", type=click.Path(file_okay=False, path_type=Path), help="Folder of recorded data.")
 @click.option("--scenes", default=40, show_default=True, help="Synthetic scenes of each object.")
 @click.option("--quality", default="default", show_default=True, help="Of the synthetic pictures.")
-def main(real: Path, scenes: int, quality: str) -> None:
+def main(real: Path | None, scenes: int, quality: str) -> None:
     """Print how like real pictures the synthetic ones are."""
+    folder = real_folder(real)
+    if folder is None:
+        raise click.UsageError("--real: found no such folder, expected one of recorded data")
     click.echo(f"{scenes} scenes an object, three cameras, sizes as recorded, quality {quality}, seed {SEED}")
     least = 100 * MIN_FACE_OF_CUBES, 100 * MIN_FACE["cuboid_2x2x8_v2"]
     click.echo(f"synthetic faces of at least {least[0]:g} % (cuboid {least[1]:g} %) of the picture")
-    click.echo(likeness_table(Path(real), scenes, quality))
-
-
-if __name__ == "__main__":
-    main()
+    click.echo(likeness_table(folder, scenes, quality))

@@ -7,7 +7,7 @@ import functools
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import cv2
 import numpy as np
@@ -80,6 +80,18 @@ def reference_work(images: Sequence[Image | None]) -> None:
             cv2.cvtColor(cv2.medianBlur(image, 5), cv2.COLOR_BGR2HSV)
 
 
+T = TypeVar("T")
+
+
+def in_turn(work: Callable[[], T], images: Sequence[Image | None]) -> tuple[T, float, float]:
+    """What some work gives, its time, and that of the reference work on the same images after it [ms]."""
+    start = time.perf_counter()
+    result = work()
+    middle = time.perf_counter()
+    reference_work(images)
+    return result, 1e3 * (middle - start), 1e3 * (time.perf_counter() - middle)
+
+
 def time_detections(detector: tracker.ObjectTracker, scenes: Sequence[TimedScene], rounds: int) -> Timings:
     """Detect in every scene `rounds` times, in turn with the reference work, after once uncounted."""
     rows = []
@@ -118,14 +130,10 @@ class _Row(NamedTuple):
 
 
 def _timed(work: Callable[[], tracker.Observation], scene: TimedScene) -> _Row:
-    start = time.perf_counter()
-    observation = work()
-    middle = time.perf_counter()
-    reference_work(scene.images)
-    end = time.perf_counter()
+    observation, own, reference = in_turn(work, scene.images)
     stages = {stage: spent for stage, spent in observation.timing_ms.items() if stage != "total"}
     right = _right(observation.object_pose, scene)
-    return _Row(1e3 * (middle - start), 1e3 * (end - middle), stages, right, observation.status)
+    return _Row(own, reference, stages, right, observation.status)
 
 
 def _timings(rows: Sequence[_Row]) -> Timings:

@@ -7,7 +7,6 @@ their six faces have six colours.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Protocol
 
 import cv2
 import numpy as np
@@ -16,29 +15,11 @@ from tracker.conventions import Array, FloatArray
 from tracker.geometry import so3
 from tracker.geometry.camera import Camera
 from tracker.geometry.cuboid import corners
+from tracker.pose.result import PoseEstimate
 from tracker.tasks import move_object
 
 Pose = tuple[Array, Array]
 """Positions (N, 3) [m] and rotations (N, 3, 3)."""
-
-
-class StatedPose(Protocol):
-    """What the tracker says: `tracker.PoseEstimate`, or a predicted one."""
-
-    @property
-    def position(self) -> FloatArray:
-        """(3,) [m]."""
-        ...
-
-    @property
-    def orientation(self) -> FloatArray:
-        """(4,) unit quaternion x, y, z, w of world from object."""
-        ...
-
-    @property
-    def covariance(self) -> FloatArray:
-        """(6, 6) [m, rad]."""
-        ...
 
 
 GRID = 7
@@ -145,7 +126,7 @@ def nees(true: Pose, found: Pose, covariance: Array) -> FloatArray:
     return result
 
 
-def pose_errors(pose: StatedPose | None, true: Array) -> tuple[float, float, float]:
+def pose_errors(pose: PoseEstimate | None, true: Array) -> tuple[float, float, float]:
     """Distance [mm], angle [°] and NEES [1] of a pose from the true one (3, 4); nan where one is missing."""
     if pose is None or not np.isfinite(true).all():
         return np.nan, np.nan, np.nan

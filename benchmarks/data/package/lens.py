@@ -7,12 +7,10 @@ import functools
 import cv2
 import numpy as np
 
+from synthetic.camera.rays import rays_of
 from tracker.conventions import Array, FloatArray
 from tracker.errors import CalibrationError
 from tracker.geometry.camera import Camera
-
-_TOLERANCE_PX = 1e-6
-"""By which the lens and its inverse may disagree [px]."""
 
 
 @functools.lru_cache(maxsize=8)
@@ -25,24 +23,8 @@ def normalised(camera: Camera) -> FloatArray:
         CalibrationError: the lens has no inverse all over the image.
     """
     columns, rows = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
-    pixels = np.stack([columns, rows], axis=-1).reshape(-1, 1, 2).astype(np.float64)
-    criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 500, 1e-11)
-    if hasattr(cv2, "undistortPointsIter"):  # until OpenCV 5, undistortPoints takes no criteria
-        result = cv2.undistortPointsIter(
-            pixels, camera.matrix, camera.distortion, np.eye(3), np.eye(3), criteria
-        )
-    else:
-        result = cv2.undistortPoints(pixels, camera.matrix, camera.distortion, criteria=criteria)
-    points = np.asarray(result, dtype=np.float64).reshape(-1, 2)
-    back, _ = cv2.projectPoints(
-        np.insert(points, 2, 1.0, axis=1), np.zeros(3), np.zeros(3), camera.matrix, camera.distortion
-    )
-    error = float(np.abs(back - pixels).max())
-    if not error < _TOLERANCE_PX:
-        raise CalibrationError(
-            f"{camera.name}: the lens has no inverse all over the image: found a residual of {error:.2g} px, "
-            f"expected less than {_TOLERANCE_PX:g}"
-        )
+    pixels = np.stack([columns, rows], axis=-1).reshape(-1, 2).astype(np.float64)
+    points = rays_of(camera.name, pixels, camera.matrix, camera.distortion)
     points.flags.writeable = False
     return points.reshape(camera.height, camera.width, 2)
 
