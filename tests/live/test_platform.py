@@ -1,0 +1,170 @@
+"""The platform's names, over what `Live` gives."""
+
+from __future__ import annotations
+
+import time
+
+import cv2
+import numpy as np
+import pytest
+
+import tracker
+from tests.helpers.filmed import RIG, shots
+from tests.helpers.log_writers import make_content, write_native
+from tracker.errors import LiveError
+from tracker.live import Pushed, Shot
+from tracker.live.platform import Frontend, LogReader, convert_image
+from tracker.logs.pictures import from_bayer
+
+
+@pytest.fixture(scope="module")
+def film():
+    return shots("cube_v2", 1, seed=621)[0].images
+
+
+class Cube:
+    """A tracker that is sure of its cube, unless all images are missing."""
+
+    rig = RIG
+
+    def __init__(self):
+        self.count = -1
+
+    def reset(self): ...
+
+    def update(self, images, stamps):
+        from tests.helpers.moments import estimate
+        from tracker.pose.result import Observation, Status
+
+        self.count += 1
+        pose = None if all(image is None for image in images) else estimate(0.01 * self.count)
+        return Observation(pose, pose, Status.LOST if pose is None else Status.TRACKING)
+
+    def forecast(self):
+        return lambda timestamp: None
+
+
+def push(source, film, stamp):
+    source.push([image.copy() for image in film], [stamp, stamp + 0.001, stamp + 0.002])
+
+
+def loop(robot, steps):
+    """A control loop as the platform's users write it, of its names only."""
+    seen = []
+    for t in range(steps):
+        observation = robot.get_camera_observation(t)
+        for camera in observation.cameras:
+            assert camera.image.shape == (270, 270, 3)
+            assert camera.timestamp > 0
+        pose = observation.filtered_object_pose
+        if pose.confidence > 0.5:
+            seen.append((pose.position, pose.orientation, observation.object_pose.confidence))
+        robot.wait_until_timeindex(robot.get_current_timeindex())
+    return seen
+
+
+def test_a_control_loop_finds_the_cube_by_the_platforms_names(film):
+    source = Pushed()
+    with Frontend(source, tracker.ObjectTracker(tracker.load_object("cube_v2"), RIG)) as robot:
+        assert not robot.has_observations()
+        push(source, film, 10.0)
+        seen = loop(robot, 5)
+        assert robot.has_observations()
+        assert robot.get_current_timeindex() == robot.get_oldest_timeindex() == 0
+        assert robot.get_timestamp_ms(0) == pytest.approx(10002.0)
+        assert [camera.timestamp for camera in robot.get_observation(0).cameras] == [10.0, 10.001, 10.002]
+        assert robot.get_sensor_info() is RIG
+    expected = tracker.ObjectTracker(tracker.load_object("cube_v2"), RIG).update(film, [10.0, 10.001, 10.002])
+    assert len(seen) == 5
+    for position, orientation, confidence in seen:
+        assert np.array_equal(position, expected.filtered_object_pose.position)
+        assert np.array_equal(orientation, expected.filtered_object_pose.orientation)
+        assert confidence == expected.object_pose.confidence
+
+
+def test_time_indices_count_sets_and_old_ones_are_forgotten(film):
+    source = Pushed()
+    with Frontend(source, Cube(), history=3) as robot:
+        for n in range(6):
+            push(source, film, 10.0 + n)
+            robot.wait_until_timeindex(n)
+        assert robot.get_current_timeindex() == 5
+        assert robot.get_oldest_timeindex() == 3
+        assert robot.get_pose(4).position[0] == pytest.approx(0.04)
+        assert robot.get_current_pose().position[0] == pytest.approx(0.05)
+        with pytest.raises(LiveError, match="observation 2: not kept any more, the oldest is 3"):
+            robot.get_observation(2)
+
+
+def test_an_observation_to_come_is_waited_for_and_none_that_will_not(film):
+    source = Pushed()
+    robot = Frontend(source, Cube())
+    push(source, film, 10.0)
+    source.finish()
+    assert robot.get_observation(0).object_pose.confidence == 0.97
+    start = time.monotonic()
+    with pytest.raises(LiveError, match="observation 1: will not come: the source has ended"):
+        robot.get_observation(1)
+    assert time.monotonic() - start < 10
+    robot.shutdown()
+
+
+def test_where_no_object_is_found_nobody_can_compute_with_its_pose():
+    source = Pushed()
+    with Frontend(source, Cube()) as robot:
+        source.push([None] * 3, 5.0)
+        observation = robot.get_latest_observation()
+    for pose in (observation.object_pose, observation.filtered_object_pose):
+        assert pose.confidence == 0
+        assert np.isnan(pose.position).all()
+        assert np.isnan(pose.orientation).all()
+    assert [camera.image for camera in observation.cameras] == [None] * 3
+
+
+class Once:
+    """A source of one shot, that goes on without more."""
+
+    def __init__(self, shot):
+        self.shots = [shot]
+
+    def next(self, timeout):
+        if self.shots:
+            return self.shots.pop()
+        time.sleep(timeout)
+        return None
+
+    def close(self): ...
+
+
+def test_raw_pixels_are_handed_on_where_they_are_wanted():
+    raw = tuple(np.random.default_rng(c).integers(0, 256, (540, 540), np.uint8) for c in range(3))
+    images = tuple(cv2.resize(from_bayer(one), (270, 270)) for one in raw)
+    with Frontend(Once(Shot(images, (1.0,) * 3, raw=raw)), Cube(), raw=True) as robot:
+        observation = robot.get_camera_observation(123)
+    assert np.array_equal(observation.cameras[1].image, raw[1])
+    assert np.array_equal(convert_image(observation.cameras[1].image), from_bayer(raw[1]))
+    assert np.array_equal(convert_image(images[0]), images[0])
+
+
+def test_colours_are_refused_where_raw_pixels_are_wanted(film):
+    with (
+        Frontend(Once(Shot(tuple(film), (1.0,) * 3)), Cube(), raw=True) as robot,
+        pytest.raises(LiveError, match="found images in colour, expected raw Bayer pixels"),
+    ):
+        robot.get_latest_observation()
+
+
+def test_the_log_reader_has_data_and_timestamps(tmp_path):
+    path = write_native(tmp_path / "camera_data.dat", make_content(4))
+    reader = LogReader(path)
+    with tracker.open_log(path) as log:
+        frames = list(log)
+    assert len(reader.data) == len(reader.timestamps) == 4
+    for observation, stamp, frame in zip(reader.data, reader.timestamps, frames, strict=True):
+        assert stamp == pytest.approx(1e3 * frame.timestamp)
+        assert np.array_equal(observation.cameras[0].image, (frame.raw or frame.images)[0])
+        assert observation.cameras[2].timestamp == frame.camera_timestamps[2]
+        expected = frame.recorded_pose
+        assert observation.object_pose.confidence == (0 if expected is None else expected.confidence)
+    reader.read_file(path)
+    assert len(reader.data) == 4

@@ -1,0 +1,237 @@
+"""The platform's names, over any source: its control loops run unchanged against what is here.
+
+Names and meanings are those of the platform's observations, front ends and log reader. Two things differ,
+and both are said here only:
+
+- The platform has an object pose in every observation. Where the object was not found, there is none to
+  give: position and orientation are then NaN, so that nobody computes with them unnoticed, and the
+  confidence is 0.
+- A time index counts sets of images. The platform's robot counts its own steps at 1 kHz, and its
+  `get_camera_observation(t)` gives the newest observation at step t; here it gives the newest one there is.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections import deque
+from dataclasses import dataclass
+from types import TracebackType
+from typing import NamedTuple
+
+import numpy as np
+
+from tracker.calibration.rig import CameraRig
+from tracker.conventions import FloatArray, Image
+from tracker.errors import LiveError
+from tracker.live.live import Live, Moment
+from tracker.live.shot import Source
+from tracker.logs import open_log
+from tracker.logs.frame import RecordedPose
+from tracker.logs.pictures import from_bayer
+from tracker.pipeline import ObjectTracker
+from tracker.pose.result import PoseEstimate
+
+HISTORY = 30
+"""Observations that are kept, with their images: three seconds at 10 Hz."""
+
+_PATIENCE = 0.1
+
+
+class CameraObservation(NamedTuple):
+    """One camera's image."""
+
+    image: Image | None
+    """(H, W, 3) uint8 BGR; or raw Bayer pixels (H, W) where those are wanted; None: the camera gave none."""
+    timestamp: float
+    """When it was taken [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectPose:
+    """Where the object is."""
+
+    position: FloatArray
+    """(3,) [m]; NaN where it was not found."""
+    orientation: FloatArray
+    """(4,) quaternion x, y, z, w; NaN where it was not found."""
+    confidence: float
+    """Probability of being within 5 mm and 5° of the truth; 0 where it was not found."""
+
+    @classmethod
+    def of(cls, pose: PoseEstimate | RecordedPose | None) -> ObjectPose:
+        """The same in the platform's names."""
+        if pose is None:
+            return cls(np.full(3, np.nan), np.full(4, np.nan), 0.0)
+        return cls(pose.position, pose.orientation, float(pose.confidence))
+
+
+class CameraObjectObservation(NamedTuple):
+    """Images of all cameras, and the object's pose in them."""
+
+    cameras: tuple[CameraObservation, ...]
+    """In the order of the rig."""
+    object_pose: ObjectPose
+    """As measured in these images."""
+    filtered_object_pose: ObjectPose
+    """Fused with what was before."""
+
+
+class Frontend:
+    """Tracks what a source shows, and answers by the platform's names; a context manager.
+
+    Args:
+        source: where images come from. It is closed at the end.
+        tracker: finds the object.
+        raw: whether observations hold raw Bayer pixels, as the platform's newer versions do; only of
+            sources that have them.
+        history: observations that are kept.
+    """
+
+    def __init__(
+        self, source: Source, tracker: ObjectTracker, *, raw: bool = False, history: int = HISTORY
+    ) -> None:
+        self._rig, self._raw = tracker.rig, raw
+        self._changed = threading.Condition()
+        self._kept: deque[tuple[int, float, CameraObjectObservation]] = deque(maxlen=history)
+        self._fault: str | None = None
+        self._live = Live(source, tracker, listeners=[self._hear])
+
+    def __enter__(self) -> Frontend:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.shutdown()
+
+    @property
+    def live(self) -> Live:
+        """What it rests on, for what the platform has no name for, such as `at`."""
+        return self._live
+
+    def shutdown(self) -> None:
+        """End the tracking, and close the source."""
+        self._live.close()
+
+    def get_sensor_info(self) -> CameraRig:
+        """The cameras with their calibration."""
+        return self._rig
+
+    def has_observations(self) -> bool:
+        """Whether there is any observation yet."""
+        return bool(self._kept)
+
+    def get_current_timeindex(self) -> int:
+        """Time index of the newest observation, waited for if there is none yet.
+
+        Raises:
+            LiveError: none will come.
+        """
+        return self._newest()[0]
+
+    def get_oldest_timeindex(self) -> int:
+        """Time index of the oldest observation that is kept; LiveError where none will come."""
+        self._newest()
+        with self._changed:
+            return self._kept[0][0]
+
+    def wait_until_timeindex(self, t: int) -> None:
+        """Wait until there is an observation of time index t; LiveError where none will come."""
+        with self._changed:
+            while not (self._kept and self._kept[-1][0] >= t):
+                reason = self._fault or self._live.error
+                if reason is not None or not self._live.running:
+                    reason = reason or "the source has ended"
+                    raise LiveError(f"observation {t}: will not come: {reason}")
+                self._changed.wait(_PATIENCE)
+
+    def get_observation(self, t: int) -> CameraObjectObservation:
+        """The observation of time index t, waited for if it is to come.
+
+        Raises:
+            LiveError: it is not kept any more, or will not come.
+        """
+        return self._at(t)[2]
+
+    def get_timestamp_ms(self, t: int) -> float:
+        """When the latest image of time index t was taken [ms]; LiveError as for `get_observation`."""
+        return 1e3 * self._at(t)[1]
+
+    def get_latest_observation(self) -> CameraObjectObservation:
+        """The newest observation, waited for if there is none yet; LiveError where none will come."""
+        return self._newest()[2]
+
+    def get_camera_observation(self, t: int | None = None) -> CameraObjectObservation:
+        """The newest observation, whatever the robot's step t; LiveError where none will come."""
+        return self.get_latest_observation()
+
+    def get_pose(self, t: int) -> ObjectPose:
+        """The filtered pose of time index t; LiveError as for `get_observation`."""
+        return self.get_observation(t).filtered_object_pose
+
+    def get_current_pose(self) -> ObjectPose:
+        """The newest filtered pose; LiveError where none will come."""
+        return self.get_latest_observation().filtered_object_pose
+
+    def _hear(self, moment: Moment) -> None:
+        shot = moment.shot
+        images = shot.raw if self._raw else shot.images
+        if images is None:
+            images = (None,) * len(shot.images)
+            if any(image is not None for image in shot.images):
+                self._fault = "found images in colour, expected raw Bayer pixels"
+                return
+        cameras = tuple(map(CameraObservation, images, shot.stamps))
+        poses = map(ObjectPose.of, (moment.object_pose, moment.filtered_object_pose))
+        with self._changed:
+            self._kept.append((moment.sequence, moment.timestamp, CameraObjectObservation(cameras, *poses)))
+            self._changed.notify_all()
+
+    def _newest(self) -> tuple[int, float, CameraObjectObservation]:
+        self.wait_until_timeindex(0)
+        with self._changed:
+            return self._kept[-1]
+
+    def _at(self, t: int) -> tuple[int, float, CameraObjectObservation]:
+        self.wait_until_timeindex(t)
+        with self._changed:
+            found = next((kept for kept in self._kept if kept[0] == t), None)
+            oldest = self._kept[0][0]
+        if found is None:
+            raise LiveError(f"observation {t}: not kept any more, the oldest is {oldest}")
+        return found
+
+
+class LogReader:
+    """A recording, read at once; for long ones `tracker.open_log` holds one frame at a time.
+
+    Args:
+        path: the recording.
+
+    Raises:
+        LogError: it cannot be read.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.data: list[CameraObjectObservation] = []
+        """All observations, with the poses of the recorder."""
+        self.timestamps: list[float] = []
+        """Of the observations [ms]."""
+        self.read_file(path)
+
+    def read_file(self, path: str | os.PathLike[str]) -> None:
+        """Read another recording in place of this one; LogError where it cannot be read."""
+        self.data, self.timestamps = [], []
+        with open_log(path) as log:
+            for frame in log:
+                images = frame.raw or frame.images
+                cameras = tuple(map(CameraObservation, images, frame.camera_timestamps.tolist()))
+                poses = map(ObjectPose.of, (frame.recorded_pose, frame.recorded_filtered_pose))
+                self.data.append(CameraObjectObservation(cameras, *poses))
+                self.timestamps.append(1e3 * frame.timestamp)
+
+
+def convert_image(image: Image) -> Image:
+    """BGR (H, W, 3) of raw Bayer pixels (H, W), red at even rows and columns; colours as they are."""
+    return from_bayer(image) if image.ndim == 2 else image
