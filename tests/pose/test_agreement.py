@@ -6,11 +6,13 @@ from scipy.stats import chi2, multivariate_normal
 
 from tests.helpers import random_rotations
 from tracker.pose.agreement import (
+    _FITS,
     ACROSS,
     ALONG,
     NEAR,
     ROLL,
     SCALES,
+    SCALES_PRIOR,
     TILT,
     _within,
     disagreement,
@@ -100,7 +102,8 @@ def test_a_camera_that_tells_little_is_no_evidence():
 def test_no_cameras_view_leaves_what_was_believed_before():
     nothing = Cameras(np.zeros((3, 6)), np.zeros((3, 6, 6))).likelihoods()
     np.testing.assert_allclose(nothing, nothing[0])
-    assert 0.9 < probably_fits(nothing) < 1.0
+    np.testing.assert_allclose(probabilities(nothing), SCALES_PRIOR / SCALES_PRIOR.sum())
+    assert probably_fits(nothing) == pytest.approx(SCALES_PRIOR @ _FITS / SCALES_PRIOR.sum())
 
 
 def test_the_probability_of_being_near_falls_as_cameras_disagree():

@@ -148,6 +148,11 @@ def check_calibration(looks: Sequence[Look], cameras: Sequence[Camera]) -> Calib
     return CalibrationCheck(tuple(result), _median_miss(misses, cameras), len(looks), misses)
 
 
+def misses_of(looks: Sequence[Look], cameras: Sequence[Camera]) -> FloatArray:
+    """(looks, C, 2) by which each camera misses what the others see [px], right and down; NaN: not known."""
+    return _Problem(looks, cameras).misses() if looks else np.zeros((0, len(cameras), 2))
+
+
 def _median_miss(misses: FloatArray, cameras: Sequence[Camera]) -> float:
     """Median over the looks of the root mean square over the cameras [rad]."""
     focal = np.array([np.sqrt(camera.matrix[0, 0] * camera.matrix[1, 1]) for camera in cameras])

@@ -13,13 +13,16 @@ from tracker.cli.calibration import optional_calibration_options, refuse_pattern
 from tracker.cli.progress import bar
 from tracker.cli.protect import check_suffix, refuse_other_content, refuse_overwriting
 from tracker.cli.table import listing
-from tracker.cli.track_outputs import Outputs, write_film
+from tracker.cli.track_outputs import Outputs, write_film, write_health_page
 from tracker.errors import TrackerError, reason
 
 if TYPE_CHECKING:
     from tracker.recordings import Options, Recipe
 
 _FILE = click.Path(path_type=Path)
+
+CONTRADICTED = 0.02
+"""Share of the frames with a pose that cameras contradict, from which the calibration is named."""
 
 
 @click.command()
@@ -40,6 +43,9 @@ _FILE = click.Path(path_type=Path)
 @click.option("--camera", metavar="NAME", help="Camera of the BOP results, e.g. camera60.")
 @click.option("--video", metavar="FILE", type=_FILE, help="Film the frames with the pose drawn in (.mp4).")
 @click.option("--plot", metavar="FILE", type=_FILE, help="Plot the poses over time (.png).")
+@click.option(
+    "--health", metavar="FILE", type=_FILE, help="Write a page on cameras, light and calibration (.html)."
+)
 @click.option(
     "--jobs",
     metavar="N",
@@ -66,6 +72,7 @@ def track(
     camera: str | None,
     video: Path | None,
     plot: Path | None,
+    health: Path | None,
     jobs: int,
     recover: bool,
     as_json: bool,
@@ -86,7 +93,7 @@ def track(
     if last is not None and last <= first:
         raise click.UsageError(f"--from {first} --to {last}: expected --to beyond --from")
     refuse_pattern_alone(calibration, pattern)
-    outputs = Outputs(csv, tum, bop, camera, video, plot)
+    outputs = Outputs(csv, tum, bop, camera, video, plot, health)
     if len(logs) > 1 and outputs.files:
         raise click.UsageError(f"{', '.join(outputs.files)}: expected one LOG, found {len(logs)}")
     inside = len(logs) > 1 or output.is_dir()
@@ -131,6 +138,10 @@ def _track_one(log: Path, target: Path, recipe: Recipe, outputs: Outputs, as_jso
         count = len(tracked.poses)
         with open_log(log, recover=recipe.recover) as opened, bar("film", count, quiet) as progress:
             write_film(outputs.video, opened, recipe.model, tracked.poses, progress)
+    if outputs.health is not None:
+        count = min(len(tracked.poses), 200)
+        with open_log(log, recover=recipe.recover) as opened, bar("health", count, quiet) as progress:
+            result["health"] = write_health_page(outputs.health, opened, recipe, tracked.poses, progress)
     _print(result, as_json, quiet)
 
 
@@ -211,6 +222,23 @@ def _camera_rows(cameras: dict[str, dict[str, float | None]] | None) -> list[lis
     return rows
 
 
+def _calibration_rows(statuses: dict[str, dict[str, float]]) -> list[list[str]]:
+    """What is to be said of a calibration that the cameras contradict."""
+    from tracker.pose.result import Status
+
+    numbers = statuses.get(Status.INCONSISTENT_VIEWS.value, {"share": 0.0, "with_pose": 0.0})
+    share = numbers["share"] * numbers["with_pose"]
+    if share < CONTRADICTED:
+        return []
+    return [
+        [
+            "calibration",
+            f"in {share:.1%} of the frames cameras contradict each other lastingly: it does not fit;",
+        ],
+        ["", "  is it that of these cameras? tracker calibrate check says which one moved"],
+    ]
+
+
 def _text(result: dict[str, Any]) -> str:
     rows = [["log", result["log"]], ["poses", result["output"]], ["frames", str(result["frames"])]]
     if result["frames"]:
@@ -227,7 +255,8 @@ def _text(result: dict[str, Any]) -> str:
         for label, key, unit in (("to the recorded", "position", "mm"), ("", "angle", "deg")):
             median, p90 = recorded[f"{key}_median_{unit}"], recorded[f"{key}_p90_{unit}"]
             rows.append([label, f"median {median:.2f} {unit}, 90th percentile {p90:.2f} {unit}"])
-    rows += _camera_rows(result["cameras"])
+    rows += _camera_rows(result["cameras"]) + _calibration_rows(result["statuses"])
+    rows += [["" if number else "health", line] for number, line in enumerate(result.get("health", []))]
     if result["frames_per_second"] is not None:
         rows.append(["speed", f"{result['frames_per_second']:.0f} triplets/s"])
     return listing(rows)

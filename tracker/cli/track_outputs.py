@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from tracker.logs.poses import Poses
     from tracker.objects.model import CuboidModel
     from tracker.pose.result import Observation
+    from tracker.recordings import Recipe
 
 MIN_RATE, MAX_RATE = 0.5, 60.0
 """Slowest and fastest film [frames per second]."""
@@ -36,11 +37,12 @@ class Outputs:
     """Whose BOP results."""
     video: Path | None = None
     plot: Path | None = None
+    health: Path | None = None
 
     @property
     def files(self) -> dict[str, Path]:
         """The files wanted, by option."""
-        options = ("csv", "tum", "bop", "video", "plot")
+        options = ("csv", "tum", "bop", "video", "plot", "health")
         named = {f"--{name}": getattr(self, name) for name in options}
         return {name: path for name, path in named.items() if path is not None}
 
@@ -59,6 +61,7 @@ class Outputs:
             ("--bop", self.bop, (".csv",), None),
             ("--video", self.video, (".mp4",), "av"),
             ("--plot", self.plot, (".png",), "matplotlib"),
+            ("--health", self.health, (".html",), "matplotlib"),
         ):
             if path is None:
                 continue
@@ -104,6 +107,23 @@ def write_film(
     from tracker import viz
 
     viz.write_film(path, _pictures(log, model, poses, progress), _rate(poses))
+
+
+def write_health_page(
+    path: Path, log: Log, recipe: Recipe, poses: Poses, progress: Callable[[int], None]
+) -> list[str]:
+    """Write a page on the rig's health over the frames that have been tracked; what is not well.
+
+    Raises:
+        TrackerError: a frame cannot be read, or the page not be written.
+    """
+    from tracker.pipeline import ObjectTracker
+    from tracker.upkeep.health import health
+    from tracker.viz.health_page import write_health
+
+    found = health(ObjectTracker(recipe.model, poses.about.rig, recipe.colors), log, poses, progress)
+    write_health(path, found, " · ".join(filter(None, (poses.about.object_name, poses.about.source))))
+    return found.complaints()
 
 
 def _rate(poses: Poses) -> float:

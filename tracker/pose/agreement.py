@@ -33,7 +33,7 @@ TILT, ROLL = 8e-3, 3e-3
 SHARED_SHARE = 0.8
 """Error of the pose over the standard deviation of the cameras' errors, where these are independent."""
 
-OTHERS = 3e-3
+OTHERS = 2e-3
 """Standard deviation [m] from which on errors are not those of a camera that moved, but of another
 platform's calibration, whose world is elsewhere, too."""
 
