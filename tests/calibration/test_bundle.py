@@ -62,9 +62,9 @@ class World:
         return Posed(position, contours)
 
 
-def adjusted(world, start, *, focal=False, steps=6):
+def adjusted(world, start, *, focal=False, steps=6, rim=RIM):
     """Unknowns after some steps, and the last of these."""
-    now, prior = Unknowns.of(start.cameras, RIM[0]), Prior.of(start.cameras, RIM, focal=focal)
+    now, prior = Unknowns.of(start.cameras, rim[0]), Prior.of(start.cameras, rim, focal=focal)
     poses = list(zip(world.rotations, world.positions, strict=True))
     for _ in range(steps):
         step = solve([world.view(f, now.cameras, *pose) for f, pose in enumerate(poses)], now, prior)
@@ -111,12 +111,36 @@ def test_lenses_are_found_where_they_may_be_wrong(rng):
 def test_the_covariance_covers_the_errors():
     values = []
     for seed in range(12):
-        now, step = adjusted(World(np.random.default_rng([3, seed]), 20, noise=1.0), TRUE, steps=2)
+        world = World(np.random.default_rng([3, seed]), 20, noise=1.0)
+        now, step = adjusted(world, TRUE, steps=2, rim=(0.1e-3, 1e-5))
         covariances = relative_covariance(step.covariance)
         for error, covariance in zip(relative_errors(CameraRig(now.cameras), TRUE), covariances, strict=True):
             values.append(error @ np.linalg.solve(covariance, error))
     # Six unknowns of each camera.
     assert 4.0 < np.mean(values) < 8.0
+
+
+def test_edges_that_are_off_as_a_whole_make_the_cameras_less_certain(rng):
+    world = World(rng, 20, noise=1.0)
+    known = (0.1e-3, 1e-5)
+    _, sharp = adjusted(world, TRUE, steps=3, rim=known)
+    common = rng.normal(0, 0.2, (*world.edges.shape[:2], 9))
+    world.noise = world.noise + np.take_along_axis(common, world.edges, axis=2)
+    _, worn = adjusted(world, TRUE, steps=3, rim=known)
+    assert worn.own == pytest.approx(0.2**2 + OWN**2, rel=0.3)
+    assert sharp.own == pytest.approx(OWN**2, rel=0.5)
+    assert np.trace(relative_covariance(worn.covariance)[0]) > np.trace(
+        relative_covariance(sharp.covariance)[0]
+    )
+
+
+def test_a_rim_that_is_not_known_leaves_the_distances_open(rng):
+    world = World(rng, 20, noise=1.0)
+    stds = []
+    for rim_std in (1e-5, 3e-4):
+        _, step = adjusted(world, TRUE, steps=1, rim=(0.1e-3, rim_std))
+        stds.append(np.sqrt([np.trace(one[:3, :3]) for one in relative_covariance(step.covariance)]))
+    assert (stds[1] > 1.1 * stds[0]).all()
 
 
 def test_eliminating_the_poses_changes_nothing(rng):
@@ -138,7 +162,7 @@ def test_eliminating_the_poses_changes_nothing(rng):
             rows[:, -1] = contour.rim
             left = contour.offset - contour.rim * now.rim
             weight = np.clip(1.0 - (left / max(0.4, 4.685 * step.residual)) ** 2, 0.0, None) ** 2
-            found = contour.information(np.column_stack([rows, left]), weight, OWN**2)
+            found = contour.information(np.column_stack([rows, left]), weight, step.own)
             matrix += found[:-1, :-1]
             right += found[:-1, -1]
         held = slice(6 * f, 6 * f + 6)

@@ -43,8 +43,9 @@ LIKELY_EXPONENT = 0.3
 """Exponent of response (less 1) that is expected."""
 
 EDGES_STD = 4e-5
-"""What edges of all frames are off by together, as a rim's width [m]: shade and shadows move them a little,
-which no number of frames averages away, and which looks like cameras that are all farther away or nearer."""
+"""What edges of all frames are off by together, as a rim's width [m], at least: shade and shadows move them.
+No number of frames averages that away, nor by how much the rim is not known, since worn edges look otherwise
+than sharp ones; it looks like cameras that are all farther away or nearer."""
 
 TUKEY, LEAST_LIMIT = 4.685, 0.4
 """Residual at which a piece's weight reaches zero [robust standard deviations], and the least such [px]."""
@@ -123,6 +124,8 @@ class Step:
     """(C, 10, C, 10) of what is unknown of the cameras."""
     residual: float
     """Robust standard deviation of the offsets before it [px]."""
+    own: float
+    """Variance of what the pieces of an edge have in common [px²]."""
 
 
 def solve(views: Sequence[Posed], now: Unknowns, prior: Prior) -> Step:
@@ -133,9 +136,10 @@ def solve(views: Sequence[Posed], now: Unknowns, prior: Prior) -> Step:
     scatter = 1.4826 * float(np.median(np.abs(np.concatenate(known))))
     limit = max(LEAST_LIMIT, TUKEY * scatter)
     rest, right = _prior(now, prior)
+    own = _own_variance(views, left, limit)
     poses = []
     for view, offsets in zip(views, left, strict=True):
-        held, joint, force = _frame(view, offsets, limit, rest, right)
+        held, joint, force = _frame(view, offsets, limit, own, rest, right)
         solved = np.linalg.solve(held, np.column_stack([joint, force]))
         rest -= joint.T @ solved[:, :-1]
         right -= joint.T @ solved[:, -1]
@@ -146,13 +150,15 @@ def solve(views: Sequence[Posed], now: Unknowns, prior: Prior) -> Step:
     found = covariance @ right
     changes = np.array([np.linalg.solve(held, force - joint @ found) for held, joint, force in poses])
     pulled = np.linalg.solve(rest[:-1, :-1], rest[:-1, -1])
-    errors = covariance[:-1, :-1] + EDGES_STD**2 * np.outer(pulled, pulled)
+    alike = max(EDGES_STD, prior.rim[1])
+    errors = covariance[:-1, :-1] + alike**2 * np.outer(pulled, pulled)
     return Step(
         changes,
         found[:-1].reshape(count, 10),
         now.rim + float(found[-1]),
         errors.reshape(count, 10, count, 10),
         scatter,
+        own,
     )
 
 
@@ -160,6 +166,7 @@ def _frame(
     view: Posed,
     offsets: Sequence[FloatArray | None],
     limit: float,
+    own: float,
     rest: FloatArray,
     right: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -170,7 +177,7 @@ def _frame(
     for c, (contour, left) in enumerate(zip(view.contours, offsets, strict=True)):
         if contour is None or left is None:
             continue
-        found = _products(contour, motion, left, limit)
+        found = _products(contour, motion, left, limit, own)
         its = [*range(10 * c, 10 * c + 10), size - 1]
         held += found[:6, :6]
         joint[:, its] += found[:6, 6:-1]
@@ -200,7 +207,7 @@ def _left(contour: Contour, now: Unknowns, c: int) -> FloatArray:
     return result
 
 
-def _products(contour: Contour, motion: FloatArray, left: FloatArray, limit: float) -> FloatArray:
+def _products(contour: Contour, motion: FloatArray, left: FloatArray, limit: float, own: float) -> FloatArray:
     """(18, 18) of the columns pose, camera, rim and residual."""
     lens = np.column_stack([np.einsum("ni,ni->n", contour.normal, contour.pixel), contour.normal])
     columns = np.column_stack(
@@ -213,8 +220,29 @@ def _products(contour: Contour, motion: FloatArray, left: FloatArray, limit: flo
             left,
         ]
     )
-    weight = np.clip(1.0 - (left / limit) ** 2, 0.0, None) ** 2
-    return contour.information(columns, weight, OWN**2)
+    return contour.information(columns, _weights(left, limit), own)
+
+
+def _weights(left: FloatArray, limit: float) -> FloatArray:
+    """(N,) Tukey's."""
+    result: FloatArray = np.clip(1.0 - (left / limit) ** 2, 0.0, None) ** 2
+    return result
+
+
+def _own_variance(views: Sequence[Posed], left: Sequence[Sequence[FloatArray | None]], limit: float) -> float:
+    """Variance [px²] of what the pieces of an edge have in common: what their means vary more than noise."""
+    total, count = 0.0, -6.0 * len(views)  # the poses take up as many
+    for view, offsets in zip(views, left, strict=True):
+        for contour, its in zip(view.contours, offsets, strict=True):
+            if contour is None or its is None:
+                continue
+            weights = _weights(its, limit) / contour.variance
+            known = np.bincount(contour.edge, weights, 12)
+            seen = known > 0.0
+            means = np.bincount(contour.edge, weights * its, 12)[seen] / known[seen]
+            total += float((means**2 - 1.0 / known[seen]).sum())
+            count += len(means)
+    return max(OWN**2, total / max(count, 1.0))
 
 
 def _prior(now: Unknowns, prior: Prior) -> tuple[FloatArray, FloatArray]:

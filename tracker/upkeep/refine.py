@@ -37,7 +37,7 @@ MISSED = 2.0
 GAIN = 0.05
 """Share by which the held-out offsets must shrink."""
 
-FLOOR = 0.1e-3, np.radians(0.01)
+FLOOR = 0.15e-3, np.radians(0.04)
 """Standard deviations that are always stated: what a model of lenses and edges does not know [m, rad]."""
 
 
