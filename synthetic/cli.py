@@ -15,7 +15,7 @@ from typing import NoReturn
 
 import click
 
-from tracker.errors import TrackerError
+from tracker.errors import TrackerError, install
 
 OBJECTS = ("cube_v1", "cube_v2", "cube_v3", "cuboid_2x2x8_v2", "dice")
 QUALITY_NAMES = ("fast", "default", "best")
@@ -185,9 +185,7 @@ def _run(arguments: list[str]) -> int:
     except TrackerError as error:
         return _fail(str(error))
     except ImportError as error:
-        return _fail(
-            f"{error}: install the extra `synthetic` (pip install 'trifinger-object-tracker[synthetic]')"
-        )
+        return _fail(f"{error}: {install('synthetic')}")
     except OSError as error:
         return _fail(f"{error.filename or 'output'}: {error.strerror or error}")
     except Exception as error:

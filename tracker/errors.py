@@ -35,6 +35,11 @@ class LiveError(TrackerError):
     """A source of live images cannot be opened or goes no further, or poses cannot be handed on."""
 
 
+def install(extra: str) -> str:
+    """How to get the packages of one of this package's extras, in one line; no index has this package."""
+    return f"python3 -m pip install '.[{extra}]' in a checkout of it"
+
+
 def reason(error: Exception) -> str:
     """What an error says, in one line."""
     text = str(error)

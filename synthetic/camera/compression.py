@@ -12,6 +12,7 @@ import numpy as np
 from synthetic.camera.sensor import demosaicked, mosaicked
 from synthetic.errors import EffectError
 from tracker.conventions import Image
+from tracker.errors import install
 
 GROUP = 10
 """Pictures of a film from one that is coded by itself to the next."""
@@ -84,10 +85,7 @@ def _filmed(pictures: Sequence[Image], crf: int) -> Image:
     try:
         import av
     except ImportError as error:
-        raise EffectError(
-            "compression: H.264 needs PyAV: install the extra `film` (pip install "
-            "'trifinger-object-tracker[film]')"
-        ) from error
+        raise EffectError(f"compression: H.264 needs PyAV: {install('film')}") from error
     height, width = pictures[0].shape[:2]
     coder = av.CodecContext.create("libx264", "w")
     coder.width, coder.height, coder.pix_fmt, coder.time_base = width, height, "yuv420p", Fraction(1, 10)

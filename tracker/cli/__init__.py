@@ -16,7 +16,7 @@ from typing import NoReturn
 
 import click
 
-from tracker.cli import batch, calibrate, colors, detect, dice, live, track, view
+from tracker.cli import batch, calibrate, colors, detect, dice, doctor, live, track, view
 from tracker.errors import TrackerError, reason
 from tracker.version import version
 
@@ -55,6 +55,7 @@ commands.add_command(view.view)
 commands.add_command(dice.dice)
 commands.add_command(calibrate.calibrate)
 commands.add_command(colors.colors)
+commands.add_command(doctor.doctor)
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:

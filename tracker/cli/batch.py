@@ -81,7 +81,7 @@ def batch(
 
     The same command again does what is missing, changed or damaged, and nothing else, whatever ended the run
     before. `tracker batch status DIR` tells how far it is, also of what HTCondor or Slurm are doing. The work
-    is shared by Dask: pip install 'trifinger-object-tracker[cluster]'. docs/batch.md tells more.
+    is shared by Dask: python3 -m pip install '.[cluster]'. docs/batch.md tells more.
     """
     from tracker.recordings import Options
     from tracker.recordings.batch import Batch

@@ -6,7 +6,7 @@ import re
 from importlib.util import find_spec
 from typing import Any
 
-from tracker.errors import LiveError
+from tracker.errors import LiveError, install
 from tracker.live.live import Moment
 from tracker.live.message import message_of
 
@@ -29,7 +29,7 @@ class Publisher:
 
     def __init__(self, address: str, *, public: bool = False) -> None:
         if find_spec("zmq") is None:
-            raise LiveError("publish: pyzmq is not installed: pip install 'trifinger-object-tracker[live]'")
+            raise LiveError(f"publish: pyzmq is not installed: {install('live')}")
         if not (public or _LOCAL.fullmatch(address)):
             raise LiveError(
                 f"publish {address}: other machines could connect to it; expected tcp://127.0.0.1:PORT, "

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from tracker.errors import LiveError
+from tracker.errors import LiveError, install
 from tracker.live.camera import CameraLost, GrabFailed, Picture
 
 Settings = Mapping[str, str | int | float | bool]
@@ -143,7 +143,7 @@ def pylon_serials(names: Sequence[str]) -> list[str]:
 
 def _pylon() -> Any:
     if find_spec("pypylon") is None:
-        raise LiveError("pylon: pypylon is not installed: pip install 'trifinger-object-tracker[pylon]'")
+        raise LiveError(f"pylon: pypylon is not installed: {install('pylon')}")
     # While it is imported it warns of types of its own, and crashes where warnings are errors.
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

@@ -8,7 +8,7 @@ from importlib.util import find_spec
 from typing import Any
 
 from tracker.calibration.rig import CameraRig
-from tracker.errors import LiveError
+from tracker.errors import LiveError, install
 from tracker.live.shot import Shot
 
 FRAMES = 40
@@ -62,7 +62,7 @@ def _to_and_fro(number: int, length: int) -> int:
 
 def _film(object_name: str, seed: int, frames: int) -> list[Any]:
     if find_spec("synthetic") is None or find_spec("pybullet") is None:
-        raise LiveError("simulation: found no generator: pip install 'trifinger-object-tracker[synthetic]'")
+        raise LiveError(f"simulation: found no generator: {install('synthetic')}")
     generator = import_module("synthetic.frames")
     options = generator.FrameOptions(
         object_name, seed, quality="fast", renderer="raster", sequence=True, dropped=0.0, length=frames

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tracker.conventions import Array
-from tracker.errors import LogError
+from tracker.errors import LogError, install
 from tracker.logs.source import cannot_read
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ def open_store(folder: Path) -> lmdb.Environment:
     except ImportError as error:
         raise LogError(
             f"{folder}: reading image stores needs the optional packages of the extra 'datasets': "
-            f"pip install 'trifinger-object-tracker[datasets]' ({error})"
+            f"{install('datasets')} ({error})"
         ) from error
     _check_length(folder / "data.mdb")
     try:

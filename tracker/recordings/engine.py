@@ -15,7 +15,7 @@ from typing import Any, Protocol, TypeVar
 
 import cv2
 
-from tracker.errors import TrackerError
+from tracker.errors import TrackerError, install
 from tracker.warm_up import warm_up
 
 _Task = TypeVar("_Task")
@@ -80,8 +80,9 @@ class Cluster:
             dask: Any = import_module("dask")
             distributed: Any = import_module("distributed")
         except ImportError as error:
-            install = "pip install 'trifinger-object-tracker[cluster]'"
-            raise TrackerError(f"several processes need the package distributed: {install}") from error
+            raise TrackerError(
+                f"several processes need the package distributed: {install('cluster')}"
+            ) from error
         self._distributed: Any = distributed
         self._local: Any = None
         if scheduler is not None:

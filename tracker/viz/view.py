@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tracker.calibration.rig import CameraRig
-from tracker.errors import ImageError, TrackerError
+from tracker.errors import ImageError, TrackerError, install
 from tracker.files import whole_file
 from tracker.objects.model import CuboidModel
 
@@ -32,9 +32,7 @@ def require_rerun() -> None:
         TrackerError: it is.
     """
     if find_spec("rerun") is None:
-        raise TrackerError(
-            "the view needs the package rerun-sdk: pip install 'trifinger-object-tracker[viz]'"
-        )
+        raise TrackerError(f"the view needs the package rerun-sdk: {install('viz')}")
 
 
 @contextmanager
