@@ -111,9 +111,7 @@ def _cache() -> Finding:
     if folder is None or not os.access(folder, os.W_OK):
         remedy = "every process compiles for half a minute: set NUMBA_CACHE_DIR to a folder of your own"
         return Finding("cache", False, f"{folder or 'no folder'} cannot be written", remedy)
-    compiled = (
-        "compiled" if kernels_are_cached() else "not compiled yet: the first tracker takes half a minute"
-    )
+    compiled = "compiled" if kernels_are_cached() else "not compiled yet, which will take half a minute"
     return Finding("cache", True, f"{folder}: {compiled}")
 
 
@@ -130,8 +128,8 @@ def _speed() -> Finding:
             cv2.cvtColor(cv2.medianBlur(noise, 5), cv2.COLOR_BGR2HSV)
         times.append(time.perf_counter() - start)
     took = 1e3 * sorted(times)[len(times) // 2]
-    said = f"{os.cpu_count()} cores; reference work {took:.1f} ms, so a detection about {DETECTION * took:.1f} ms"
-    return Finding("speed", True, said)
+    said = f"reference work {took:.1f} ms, so a detection about {DETECTION * took:.1f} ms"
+    return Finding("speed", True, f"{os.cpu_count()} cores; {said}")
 
 
 def _extras() -> dict[str, list[str]]:
