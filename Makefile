@@ -63,7 +63,7 @@ clean:  ## remove everything that the other targets made
 $(STAMP): pyproject.toml
 	@echo "Setting up $(VENV) (about a minute and a half)"
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev,docs,synthetic,film,viz]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev,docs,synthetic,film,viz,live,pylon]'
 	@touch $@
 
 # zarr: the last that writes the stores of the platform's data sets.
