@@ -87,3 +87,26 @@ def test_a_faulty_source_is_named(source, arguments, words, tmp_path, run_here):
         run_here("live", source, "--object", "cube_v2", *arguments, folder=tmp_path), *words
     )
     assert not list(tmp_path.iterdir())
+
+
+def test_a_check_tells_of_the_cameras_and_nothing_is_wrong_with_them(recording, run_here):
+    result = run_here("live", recording, "--object", "cube_v2", "--check", "--speed", "5")
+    assert result.returncode == 0, result.stderr
+    assert "nothing is wrong with the cameras" in result.stdout
+    assert all(name in result.stdout for name in RIG.names)
+
+
+def test_a_check_of_dark_cameras_exits_with_1(tmp_path, run_here):
+    film = shots("cube_v2", 2, seed=702)
+    for shot in film:
+        shot.images[1] = shot.images[1] // 10
+    path = write_recording(tmp_path / "dark", film)
+    result = run_here("live", path, "--object", "cube_v2", "--check", "--seconds", "5")
+    assert result.returncode == 1
+    assert f"{RIG.names[1]}: dark" in result.stdout
+    assert f"{RIG.names[0]}: " not in result.stdout
+
+
+def test_a_check_has_nothing_to_record(recording, tmp_path, run_here):
+    arguments = ("--object", "cube_v2", "--check", "--record", tmp_path / "log.h5")
+    assert_one_line_error(run_here("live", recording, *arguments), "--check", "tracks nothing")

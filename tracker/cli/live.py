@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tracker.cli.calibration import load_rig, optional_calibration_options, refuse_pattern_alone, rig_of
+from tracker.cli.live_check import check_cameras
 from tracker.cli.live_told import Told
 from tracker.errors import LiveError
 
@@ -54,6 +55,9 @@ _CAMERAS = ("pylon", "opencv")
     type=click.FloatRange(0, min_open=True),
     help="Replay a recording X times as fast.",
 )
+@click.option(
+    "--check", is_flag=True, help="Look at the cameras for ten seconds, and say what is wrong with them."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print each message as it is published.")
 @click.option("-q", "--quiet", is_flag=True, help="Say nothing but errors.")
 def live(
@@ -70,6 +74,7 @@ def live(
     rate: float | None,
     settings: Path | None,
     speed: float | None,
+    check: bool,
     as_json: bool,
     quiet: bool,
 ) -> None:
@@ -82,6 +87,9 @@ def live(
     Cameras that fail are looked for again, and the tracking goes on with the others. With --publish each
     message is one JSON object: version, sequence, timestamp, status, pose as that of `detect --json` or
     null, velocity or null, latency_ms; it is the filtered pose of the newest images.
+
+    --check tracks nothing: it tells of missing and late pictures, brightness, clipping and blur, and exits
+    with 1 where anything is wrong.
     """
     from tracker.live import Live
     from tracker.live.message import message_of
@@ -96,10 +104,16 @@ def live(
     refuse_pattern_alone(calibration, pattern)
     if public and publish is None:
         raise click.UsageError("--public: expected with --publish")
+    if check and (publish is not None or record is not None or as_json or quiet):
+        raise click.UsageError("--check: tracks nothing, so there is nothing to publish, record or leave out")
     model = load_object(object_name)
     colors = None if colors_name is None else load_colors(colors_name)
     cameras = (calibration, pattern, correct_halved_principal_point)
     given, rig = _source(source, kind, object_name, cameras, rate or 10.0, settings, speed or 1.0)
+    if check:
+        with contextlib.closing(given):
+            check_cameras(given, rig, seconds)
+        return
     told = Told(rig.names)
     with contextlib.ExitStack() as stack:
         stack.callback(given.close)  # where what follows fails; a second time it does nothing

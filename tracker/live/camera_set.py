@@ -22,8 +22,13 @@ RATE = 10.0
 LOOK_AGAIN = 1.0
 """How often a camera that is lost is looked for [s]."""
 
+OPENING = 5.0
+"""How long the first set waits for cameras that are being opened [s]."""
+
 _GRAB = 1.0
 """Longest that a camera may take for a picture [s]; the set has gone on without it long before."""
+
+_UNTRIED = "not opened yet"
 
 
 @dataclass
@@ -34,7 +39,7 @@ class _Slot:
     """Number of the newest set that it was asked for and has answered."""
     picture: Picture | None = None
     """Its answer; None: it failed, and `fault` says why."""
-    fault: str | None = "not opened yet"
+    fault: str | None = _UNTRIED
     there: bool = False
     """Whether the camera is open."""
     ended: bool = False
@@ -67,6 +72,7 @@ class CameraSet:
         self._asked, self._deadline, self._closing = 0, 0.0, threading.Event()
         self._waiting = False
         self._tick = time.monotonic()
+        self._begun_by = self._tick + OPENING
         self._threads = [
             threading.Thread(target=self._run, args=(slot, opener), name="tracker.camera", daemon=True)
             for slot, opener in zip(self._slots, openers, strict=True)
@@ -77,6 +83,11 @@ class CameraSet:
     def next(self, timeout: float) -> Shot | None:
         """See `Source`."""
         until = time.monotonic() + timeout
+        with self._changed:
+            # All are given the time to be opened once, so that the first sets are whole.
+            opening = max(0.0, min(until, self._begun_by) - time.monotonic())
+            if not self._changed.wait_for(self._tried, opening) and time.monotonic() < self._begun_by:
+                return None
         if not self._waiting:
             if self._tick > until:
                 time.sleep(timeout)
@@ -110,12 +121,17 @@ class CameraSet:
         for thread in self._threads:
             thread.join(timeout=2 * _GRAB)
 
+    def _tried(self) -> bool:
+        return all(slot.fault is not _UNTRIED for slot in self._slots)
+
     def _complete(self) -> bool:
-        """Whether all have answered who may be expected to: not who is gone, or still at an earlier set."""
-        return all(
-            slot.answered == self._asked or slot.ended or not slot.there or slot.answered < self._asked - 1
-            for slot in self._slots
-        )
+        """Whether all have answered who may be expected to: not who is gone, or hangs since two sets."""
+        answered = [slot.answered == self._asked for slot in self._slots]
+        gone = [slot.ended or not slot.there for slot in self._slots]
+        hangs = [slot.answered < self._asked - 2 for slot in self._slots]
+        if not any(answered):
+            return all(gone)  # if all are late, they are waited for
+        return all(any(state) for state in zip(answered, gone, hangs, strict=True))
 
     def _shot(self, answers: Sequence[tuple[Picture | None, str | None]]) -> Shot:
         now = time.time()
@@ -172,10 +188,12 @@ class CameraSet:
         except Exception as error:
             with self._changed:
                 slot.fault = " ".join(str(error).split())
+                self._changed.notify_all()
                 self._changed.wait_for(self._closing.is_set, LOOK_AGAIN)
             return None
         with self._changed:
             slot.answered, slot.fault, slot.there = self._asked - 1, None, True
+            self._changed.notify_all()
         return camera
 
     def _answer(

@@ -1,0 +1,97 @@
+"""What is wrong with cameras is named; what is right is not."""
+
+from __future__ import annotations
+
+import time
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.helpers.filmed import RIG, shots
+from tracker.calibration.rig import CameraRig
+from tracker.live import Shot, SourceEnded
+from tracker.live.camera_check import CameraLooks, look_at
+
+SIZE = (270, 270)
+
+
+@pytest.fixture(scope="module")
+def image():
+    return shots("cube_v2", 1, seed=621)[0].images[0]
+
+
+def noisy(image, rng):
+    return np.clip(image.astype(int) + rng.integers(-2, 3, image.shape), 0, 255).astype(np.uint8)
+
+
+def faults(change, image, count=20, skew=0.0):
+    """Of a camera whose pictures are changed; `change` takes and gives a picture, or None."""
+    rng, looks = np.random.default_rng(4), CameraLooks("camera60", SIZE)
+    for number in range(count):
+        looks.see(change(noisy(image, rng), number), "buffer torn", skew)
+    return looks.faults()
+
+
+def test_nothing_is_wrong_with_a_good_camera(image):
+    assert faults(lambda one, _: one, image) == []
+    assert faults(lambda one, _: one, image, skew=0.01) == []
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda one, n: None if n % 5 == 0 else one, "4 of 20 pictures are missing; 4 ×: buffer torn"),
+        (lambda one, n: None, "20 of 20 pictures are missing"),
+        (lambda one, n: one // 8, "dark, median grey level"),
+        (lambda one, n: np.minimum(one.astype(int) * 6, 255).astype(np.uint8), "over-exposed"),
+        (lambda one, n: cv2.GaussianBlur(one, (0, 0), 4), "blurred by"),
+        (lambda one, n: cv2.blur(one, (15, 1)), "blurred by"),
+        (lambda one, n: one[:240], "20 pictures have 270x240 px, but the calibration is of 270x270"),
+    ],
+)
+def test_what_is_wrong_is_named(change, words, image):
+    found = faults(change, image)
+    assert len(found) == 1
+    assert words in found[0]
+
+
+def test_a_camera_that_hangs_is_named(image):
+    assert faults(lambda one, n: image, image) == ["19 of 20 pictures are the same as before: it hangs"]
+
+
+def test_a_camera_that_is_late_is_named(image):
+    (fault,) = faults(lambda one, _: one, image, skew=0.05)
+    assert fault.startswith("its pictures are 50 ms older")
+
+
+class Sets:
+    """A source of sets, then of nothing more."""
+
+    def __init__(self, given):
+        self.given = list(given)
+
+    def next(self, timeout):
+        if not self.given:
+            raise SourceEnded("end")
+        return self.given.pop(0)
+
+
+def test_sets_are_looked_at_until_the_source_ends(image):
+    rng = np.random.default_rng(5)
+    rig = CameraRig(tuple(RIG)[:2])
+    given = [Shot((noisy(image, rng), None), (1.0 + n, 1.0 + n), age=0.2) for n in range(4)]
+    looks = look_at(Sets(given), rig, 30.0)
+    assert looks.sets == 4
+    assert [camera.pictures for camera in looks.cameras] == [4, 0]
+    assert looks.faults() == [
+        f"{rig.names[1]}: 4 of 4 pictures are missing; 4 ×: no image",
+        "pictures are 200 ms old when they arrive",
+    ]
+
+
+def test_a_source_that_gives_nothing_is_told():
+    source = SimpleNamespace(next=time.sleep)
+    looks = look_at(source, RIG, 0.05)
+    assert looks.faults() == ["no pictures came at all"]
