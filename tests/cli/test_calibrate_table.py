@@ -54,8 +54,8 @@ def test_pictures_may_be_named_moment_by_moment(recording, tmp_path, run_here):
     ("arguments", "words"),
     [
         (["{recording}", "-o", "{used}"], ["in use", "new or an empty folder"]),
-        (["{recording}", "-o", "new"], ["found the object at rest in 0 places"]),
-        (["{recording}/000000", "-o", "new"], ["found the object at rest in 1 places", "expected 5"]),
+        (["{recording}", "-o", "new"], ["found 0 of the 5 places"]),
+        (["{recording}/000000", "-o", "new"], ["found 1 of the 5 places", "must rest"]),
         (["{recording}/000000/camera60.png", "-o", "new"], ["no calibration", "--calibration"]),
         (["nowhere", "-o", "new"], ["nowhere"]),
         (["{recording}"], ["-o"]),

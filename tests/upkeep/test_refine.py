@@ -79,7 +79,7 @@ def test_a_calibration_that_cannot_be_bettered_is_left_alone():
 
 def test_a_resting_film_is_refused():
     images = rests()[0].images
-    with pytest.raises(CalibrationError, match=r"found cube_v2 in 1 different poses.*expected 18 or more"):
+    with pytest.raises(CalibrationError, match="found 1 of the 18 different poses"):
         refine_cameras(MODEL, [Film([images] * 5)], WRONG, COLORS)
 
 

@@ -39,5 +39,5 @@ def test_pictures_that_cameras_took_one_after_the_other_do_not_count_while_it_mo
 
 
 def test_too_few_are_refused(rng):
-    with pytest.raises(CalibrationError, match="found cube in 10 different poses"):
+    with pytest.raises(CalibrationError, match="found 10 of the 18 different poses or more in which cube"):
         different("cube", [sightings(10, rng)], 100)

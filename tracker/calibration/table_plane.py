@@ -97,8 +97,8 @@ def fit_table(rests: Sequence[Rest], size: FloatArray, rig: CameraRig) -> TableP
     center = rig.arena.center
     if len(rests) < LEAST:
         raise CalibrationError(
-            f"table: found the object at rest in {len(rests)} places, expected {LEAST} or more, spread over "
-            "the table"
+            f"table: found {len(rests)} of the {LEAST} places or more, spread over the table, in which the "
+            "object must rest"
         )
     rows = [_equations(rest, size, center) for rest in rests]
     values, designs, moves = (np.array(part) for part in zip(*rows, strict=True))

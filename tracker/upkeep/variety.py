@@ -46,9 +46,10 @@ def different(name: str, seen: Sequence[Sequence[Sighting]], most: int) -> list[
     spread = float(np.sqrt(places.var(axis=0).sum()))
     if len(chosen) < LEAST or spread < SPREAD or turn < TURNED:
         raise CalibrationError(
-            f"refine: found {name} in {len(chosen)} different poses, within {1e3 * spread:.0f} mm of "
-            f"each other and turned by up to {np.degrees(turn):.0f}°, expected {LEAST} or more, "
-            f"{1e3 * SPREAD:.0f} mm and {np.degrees(TURNED):.0f}°: move and turn it all over the arena"
+            f"refine: found {len(chosen)} of the {LEAST} different poses or more in which {name} must be "
+            f"seen; they spread by {1e3 * spread:.0f} mm (expected {1e3 * SPREAD:.0f}) and turn by up to "
+            f"{np.degrees(turn):.0f}° (expected {np.degrees(TURNED):.0f}): move and turn it all over the "
+            "arena"
         )
     picks = np.unique(np.linspace(0, len(chosen) - 1, min(most, len(chosen))).round().astype(int))
     return [chosen[k] for k in picks]
