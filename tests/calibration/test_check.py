@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from tests.helpers import make_camera
-from tracker.calibration.check import LIMIT, OFTEN, Look, check_calibration
+from tracker.calibration.check import LIMIT, check_calibration
+from tracker.calibration.looks import OFTEN, Look
 from tracker.errors import CalibrationError
 from tracker.geometry import so3
 

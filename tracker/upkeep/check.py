@@ -6,7 +6,8 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from tracker.calibration.check import CalibrationCheck, Look, check_calibration
+from tracker.calibration.check import CalibrationCheck, check_calibration
+from tracker.calibration.looks import Look
 from tracker.calibration.rig import CameraRig
 from tracker.objects.model import CuboidModel
 from tracker.pipeline import ObjectTracker

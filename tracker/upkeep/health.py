@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tracker.calibration.check import LIMIT, CalibrationCheck, Look, check_calibration, misses_of
+from tracker.calibration.check import LIMIT, CalibrationCheck, check_calibration, misses_of
+from tracker.calibration.looks import Look
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray, Image
 from tracker.logs import Log
