@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import threading
+import time
 
 import numpy as np
 import pytest
 
 import tracker
+from tests.helpers import ROOT
 from tests.helpers.filmed import RIG
 from tests.helpers.moments import estimate, moment
 from tracker.errors import LiveError, LogError
@@ -92,6 +96,41 @@ def test_what_the_disk_does_not_take_in_time_is_left_out_and_counted(tmp_path, m
     go_on.set()
     recorder.close()
     assert recorder.recorded + recorder.left_out == WAITING + 5
+
+
+RECORD = """
+import itertools, sys, time
+from pathlib import Path
+import numpy as np
+from tests.helpers.filmed import RIG
+from tests.helpers.moments import moment
+from tracker.live.recorder import Recorder
+
+recorder, image = Recorder(Path(sys.argv[1]), RIG), np.zeros((270, 270, 3), np.uint8)
+for number in itertools.count():
+    recorder(moment(number, (image,) * 3))
+    print(number, flush=True)
+    time.sleep(0.05)
+"""
+
+
+@pytest.mark.slow
+def test_of_a_process_that_is_killed_no_more_than_a_second_is_lost(tmp_path):
+    command = [sys.executable, "-c", RECORD, str(tmp_path / "log.h5")]
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as process:
+        given = []  # when each set was handed over
+        for line in process.stdout:
+            given.append(time.monotonic())
+            if int(line) >= 50:
+                break
+        process.kill()
+    with tracker.open_log(tmp_path / "log.h5", recover=True) as log:
+        frames = list(log)
+    # A second between flushes, and as much for a machine that is busy.
+    assert given[-1] - given[len(frames) - 1] < 2.0
+    assert [frame.timestamp for frame in frames] == pytest.approx(
+        [1000 + 0.1 * n for n in range(len(frames))]
+    )
 
 
 def test_a_file_that_is_there_is_not_overwritten(tmp_path):
