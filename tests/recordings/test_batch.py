@@ -16,9 +16,10 @@ from tests.helpers.recording_stubs import NoiseTracker, write_log
 from tracker.errors import LogError, TrackerError
 from tracker.files import claimed
 from tracker.logs.poses_file import read_poses
-from tracker.recordings import Options, Recipe, batch, results, schedulers, tables
+from tracker.recordings import Job, Options, Recipe, batch, results, schedulers, tables
 from tracker.recordings.batch import Batch, Pace, duration, only_run, read_batch, run_batch, write_batch
 from tracker.recordings.engine import Here
+from tracker.recordings.fingerprint import fingerprint
 from tracker.recordings.names import output_of, outputs_of
 from tracker.recordings.rows import COLUMNS, STEP, path_length, totals
 from tracker.recordings.work import agreed
@@ -337,3 +338,14 @@ def test_summaries_that_are_damaged_count_as_missing(recordings):
     assert tables.state(one).missing == COUNT
     tracked, _ = do(one)
     assert [result["frames"] for result in tracked] == [0] * COUNT
+
+
+def test_to_look_at_a_recording_takes_no_longer_among_many(tmp_path, monkeypatch):
+    log = write_log(tmp_path / "in" / "000", 3)
+    recipe = Recipe.of(OPTIONS)
+    entries = []
+    real = os.scandir
+    monkeypatch.setattr(os, "scandir", lambda path: entries.append(path) or real(path))
+    for given in (log, log.parent):
+        fingerprint(Job(given, tmp_path / "out.h5", recipe))
+    assert set(entries) == {log.parent}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 from pathlib import Path
 
@@ -29,12 +30,18 @@ def recording_files(path: Path) -> list[Path]:
 
 def calibration_files(path: Path) -> list[Path]:
     """The files beside the recording, or in its folder, that its own calibration may be read from."""
-    folders = [path, path.parent] if path.is_dir() else [path.parent]
-    return [
-        folder / name
-        for folder in folders
-        for name in sorted(entry.name for entry in os.scandir(folder) if _is_of_calibration(entry.name))
-    ]
+    folders = [path.parent]
+    if path.is_dir():
+        of_job = any((path / name).is_file() for name in JOB_LOGS)
+        folders = [path] if of_job else [path, path.parent]
+    return [Path(file) for folder in folders for file in _calibration_in(folder, folder.stat().st_mtime_ns)]
+
+
+@functools.lru_cache(maxsize=64)
+def _calibration_in(folder: Path, _: int) -> list[str]:
+    """Paths of the calibration files in a folder, as it was at a time: many recordings may share it."""
+    names = sorted(entry.name for entry in os.scandir(folder) if _is_of_calibration(entry.name))
+    return [os.path.join(folder, name) for name in names]
 
 
 def _is_of_folder(file: Path) -> bool:
