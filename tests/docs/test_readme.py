@@ -51,6 +51,8 @@ def working(demo: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("readme")
     shutil.copytree(demo, folder / "demo")
     shutil.copytree(demo, folder / "my_recording")
+    goal = '{"difficulty": 1, "goal": {"position": [0, 0, 0.0325], "orientation": [0, 0, 0, 1]}}'
+    (folder / "my_recording" / "goal.json").write_text(goal)
     shutil.copytree(ROOT / "examples" / "dice", folder / "examples" / "dice")
     (folder / "my_images").mkdir()
     for number in range(2):

@@ -16,7 +16,7 @@ from typing import NoReturn
 
 import click
 
-from tracker.cli import batch, calibrate, colors, detect, dice, doctor, live, track, view
+from tracker.cli import batch, calibrate, colors, convert, detect, dice, doctor, export, info, live, score, track, view
 from tracker.errors import TrackerError, reason
 from tracker.version import version
 
@@ -51,6 +51,10 @@ commands.add_command(detect.detect)
 commands.add_command(track.track)
 commands.add_command(batch.batch)
 commands.add_command(live.live)
+commands.add_command(info.info)
+commands.add_command(export.export)
+commands.add_command(convert.convert)
+commands.add_command(score.score)
 commands.add_command(view.view)
 commands.add_command(dice.dice)
 commands.add_command(calibrate.calibrate)

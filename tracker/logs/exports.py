@@ -50,21 +50,11 @@ def write_csv(path: str | os.PathLike[str], poses: Poses) -> None:
     Raises:
         LogError: the file cannot be written.
     """
-    recorded = PoseColumns.nothing(len(poses)) if poses.recorded is None else poses.recorded
-    numbers = np.concatenate(
-        [
-            *_pose_and_std(poses.measured),
-            *_pose_and_std(poses.filtered),
-            poses.filtered.velocity,
-            _std(poses.filtered.velocity_covariance),
-            *_pose(recorded),
-        ],
-        axis=1,
-    )
+    numbers = numbers_of(poses)
     heads = zip(poses.index.tolist(), poses.timestamp.tolist(), poses.status.tolist(), strict=True)
     rows = (
         [*head, *("" if value != value else value for value in values), uses]  # only NaN differs from itself
-        for head, values, uses in zip(heads, numbers.tolist(), _camera_cells(poses), strict=True)
+        for head, values, uses in zip(heads, numbers.tolist(), camera_cells(poses), strict=True)
     )
     write_file(path, _table(CSV_HEADER, rows))
 
@@ -139,7 +129,23 @@ def camera_from_object(columns: PoseColumns, camera: Camera) -> tuple[FloatArray
     return rotation, translation
 
 
-def _camera_cells(poses: Poses) -> list[str]:
+def numbers_of(poses: Poses) -> FloatArray:
+    """(n, k) the columns of numbers under CSV_HEADER, after the status; NaN where there is none."""
+    recorded = PoseColumns.nothing(len(poses)) if poses.recorded is None else poses.recorded
+    return np.concatenate(
+        [
+            *_pose_and_std(poses.measured),
+            *_pose_and_std(poses.filtered),
+            poses.filtered.velocity,
+            _std(poses.filtered.velocity_covariance),
+            *_pose(recorded),
+        ],
+        axis=1,
+    )
+
+
+def camera_cells(poses: Poses) -> list[str]:
+    """What became of each frame's pictures, as one text."""
     if poses.cameras is None:
         return [""] * len(poses)
     return [CAMERA_SEPARATOR.join(uses) if any(uses) else "" for uses in poses.cameras.tolist()]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -131,6 +131,26 @@ class Poses:
             about=self.about,
             cameras=None if self.cameras is None else self.cameras[rows],
         )
+
+    def to_dataframe(self) -> Any:
+        """A pandas DataFrame, one row a frame, with the columns of the CSV file; see docs/poses.md.
+
+        Raises:
+            TrackerError: the package pandas is missing.
+        """
+        from tracker.logs.frames_table import to_dataframe
+
+        return to_dataframe(self)
+
+    def to_xarray(self) -> Any:
+        """An xarray Dataset along `frame`, with whole vectors and covariances.
+
+        Raises:
+            TrackerError: the package xarray is missing.
+        """
+        from tracker.logs.frames_table import to_xarray
+
+        return to_xarray(self)
 
     def columns(self, kind: Kind) -> PoseColumns:
         """The poses of a kind.

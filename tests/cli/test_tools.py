@@ -1,0 +1,226 @@
+"""`tracker info`, `export`, `convert` and `score`."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import tracker
+from tests.helpers.command import assert_one_line_error
+from tests.helpers.log_writers import make_content, write_hdf5, write_native
+from tests.helpers.pose_logs import make_rig, random_poses
+from tests.helpers.recording_stubs import tiny_rig, write_log
+from tracker.logs.exports import CSV_HEADER, write_bop, write_csv, write_tum
+from tracker.logs.poses_file import write_poses
+from tracker.tasks import move_object, rearrange_dice
+from tracker.tasks.job_goal import JobGoal, read_job_goal
+
+FRAMES = 8
+
+
+@pytest.fixture
+def poses(rng, tmp_path):
+    poses = random_poses(rng, 20)
+    write_poses(tmp_path / "poses.h5", poses)
+    return poses
+
+
+def test_info_tells_what_is_in_a_recording(tmp_path, run_here):
+    write_log(tmp_path / "log", FRAMES)
+    found = json.loads(run_here("info", tmp_path / "log", "--json").stdout)
+    assert found["format"] == "native camera log, with poses"
+    assert (found["frames"], found["readable"], found["recorded_poses"]) == (FRAMES, FRAMES, FRAMES - 1)
+    assert found["cameras"] == found["calibration"] == ["camera60", "camera180", "camera300"]
+    assert (found["sizes"], found["rate_hz"], found["gaps"]) == (["28×24"] * 3, 10.0, 0)
+    assert found["seconds"] == pytest.approx(0.1 * (FRAMES - 1))
+    assert found["calibration_fault"] is found["fault"] is None
+    shown = run_here("info", tmp_path / "log").stdout
+    assert "rate hz" in shown
+
+
+def test_info_tells_gaps_damage_and_a_calibration_that_does_not_fit(tmp_path, run_here):
+    content = make_content(FRAMES)
+    content.stamps[5:] += 2.0
+    content.camera_stamps[5:] += 2.0
+    log = write_native(tmp_path / "camera_data.dat", content)
+    tracker.CameraRig(tuple(camera.resized(56, 48) for camera in tiny_rig())).save(tmp_path)
+    log.write_bytes(log.read_bytes()[:-100])
+    assert_one_line_error(run_here("info", log), "camera_data.dat")
+    found = json.loads(run_here("info", log, "--recover", "--json").stdout)
+    assert (found["gaps"], found["longest_gap_s"]) == (1, pytest.approx(2.1))
+    assert found["readable"] == FRAMES - 1
+    assert found["fault"]
+    assert "56×48" in found["calibration_fault"]
+
+
+def test_info_tells_what_is_in_a_file_of_poses(poses, tmp_path, run_here):
+    found = json.loads(run_here("info", tmp_path / "poses.h5", "--json").stdout)
+    assert (found["format"], found["object"], found["frames"]) == ("file of poses", "cube_v2", 20)
+    assert found["measured"] == poses.measured.has_pose.sum()
+    assert sum(found["statuses"].values()) == 20
+    assert "tracking" in run_here("info", tmp_path / "poses.h5").stdout
+
+
+def test_exports_are_those_of_tracking(poses, tmp_path, run_here):
+    files = ["--csv", "a.csv", "--tum", "a.tum", "--bop", "b.csv", "--camera", "camera180"]
+    run_here("export", "poses.h5", *files, folder=tmp_path).check_returncode()
+    write_csv(tmp_path / "a2.csv", poses)
+    write_tum(tmp_path / "a2.tum", poses)
+    write_bop(tmp_path / "b2.csv", poses, make_rig()[1])
+    for one, two in (("a.csv", "a2.csv"), ("a.tum", "a2.tum"), ("b.csv", "b2.csv")):
+        assert (tmp_path / one).read_bytes() == (tmp_path / two).read_bytes()
+
+
+def test_parquet_and_data_frames_hold_the_bits_of_the_csv(poses, tmp_path, run_here):
+    pandas = pytest.importorskip("pandas", reason="bench: no module pandas")
+    pytest.importorskip("pyarrow", reason="cluster: no module pyarrow")
+    run_here("export", "poses.h5", "--parquet", "a.parquet", "--csv", "a.csv", folder=tmp_path)
+    table = pandas.read_parquet(tmp_path / "a.parquet")
+    text = pandas.read_csv(tmp_path / "a.csv", float_precision="round_trip", keep_default_na=True)
+    assert list(table.columns) == list(CSV_HEADER)
+    frame = poses.to_dataframe()
+    for name in CSV_HEADER[3:-1]:
+        np.testing.assert_array_equal(table[name].to_numpy(), text[name].to_numpy())
+        np.testing.assert_array_equal(frame[name].to_numpy(), text[name].to_numpy())
+    assert frame.index.tolist() == poses.index.tolist()
+    assert frame["status"].tolist() == table["status"].tolist() == poses.status.tolist()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ([], "--csv"),
+        (["--csv", "poses.h5"], "that is the recording"),
+        (["--csv", "a.txt"], ".csv"),
+        (["--parquet", "a.csv"], ".parquet"),
+        (["--bop", "a.csv"], "--camera"),
+        (["--video", "a.mp4"], "--log"),
+        (["--csv", "no/a.csv"], "no folder"),
+    ],
+)
+def test_wrong_exports_are_one_line(arguments, said, poses, tmp_path, run_here):
+    assert_one_line_error(run_here("export", "poses.h5", *arguments, folder=tmp_path), said)
+
+
+@pytest.mark.parametrize("kind", ["native", "hdf5"])
+def test_a_log_becomes_hdf5_with_all_its_bits(kind, tmp_path, run_here):
+    content = make_content(FRAMES)
+    if kind == "native":
+        log = write_log(tmp_path / "log", FRAMES)
+    else:
+        log = write_hdf5(tmp_path / "log.h5", content, poses=True, wide_confidence=True)
+    run_here("convert", log, "-o", tmp_path / "new.h5").check_returncode()
+    with tracker.open_log(log) as one, tracker.open_log(tmp_path / "new.h5") as two:
+        assert two.format == "HDF5 camera log, version 2.1, with poses"
+        assert (len(one), one.camera_names) == (len(two), two.camera_names)
+        for old, new in zip(one, two, strict=True):
+            assert (np.array(old.raw) == np.array(new.raw)).all()
+            assert old.timestamp == pytest.approx(new.timestamp, abs=1e-6)
+            assert (old.camera_timestamps == new.camera_timestamps).all()
+            assert (old.recorded_pose is None) == (new.recorded_pose is None)
+            if old.recorded_pose is not None:
+                assert (old.recorded_pose.position == new.recorded_pose.position).all()
+        for old, new in zip(one.rig, two.rig, strict=True):
+            np.testing.assert_allclose(old.camera_from_world, new.camera_from_world, atol=1e-12)
+
+
+def test_a_log_becomes_a_folder_and_a_part_of_one(tmp_path, run_here):
+    log = write_log(tmp_path / "log", FRAMES)
+    run_here("convert", log, "-o", tmp_path / "new", "--from", 2, "--to", 6).check_returncode()
+    with tracker.open_log(log) as one, tracker.open_log(tmp_path / "new") as two:
+        assert len(two) == 4
+        assert two.rig is not None
+        for old, new in zip(one[2:6], two, strict=True):
+            assert (np.array(old.images) == np.array(new.images)).all()
+            np.testing.assert_allclose(old.camera_timestamps, new.camera_timestamps, atol=1e-6)
+    assert_one_line_error(run_here("convert", log, "-o", tmp_path / "new"), "found a folder")
+    assert_one_line_error(run_here("convert", log, "-o", tmp_path / "new.zip"), ".zip")
+    assert_one_line_error(run_here("convert", log, "-o", log), "that is the recording")
+    broken = tmp_path / "log" / "camera_data.dat"
+    broken.write_bytes(broken.read_bytes()[:-100])
+    assert_one_line_error(run_here("convert", log, "-o", tmp_path / "other.h5"), "camera_data.dat")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["log", "new"]
+
+
+def test_a_log_becomes_a_film(tmp_path, run_here):
+    av = pytest.importorskip("av", reason="film: no module av")
+    log = write_log(tmp_path / "log", FRAMES)
+    run_here("convert", log, "-o", tmp_path / "new.mp4").check_returncode()
+    with av.open(str(tmp_path / "new.mp4")) as film:
+        pictures = [frame.to_ndarray(format="bgr24") for frame in film.decode(video=0)]
+    assert [picture.shape for picture in pictures] == [(24, 84, 3)] * FRAMES
+
+
+def test_the_score_is_the_sum_of_the_rewards(poses, tmp_path, run_here):
+    goal = {"difficulty": 4, "goal": {"position": [0.1, 0, 0.05], "orientation": [0, 0, 0, 1]}}
+    (tmp_path / "goal.json").write_text(json.dumps(goal))
+    found = json.loads(run_here("score", tmp_path, "--poses", tmp_path / "poses.h5", "--json").stdout)
+    seen = poses.filtered.has_pose
+    expected = move_object.reward(
+        4, [0.1, 0, 0.05], poses.filtered.position[seen], [0, 0, 0, 1], poses.filtered.orientation[seen]
+    )
+    assert [value for value in found["rewards"] if value is not None] == pytest.approx(expected.tolist())
+    assert found["scored_frames"] == seen.sum()
+    assert found["reward_mean"] * 1000 * 2.0 == pytest.approx(found["reward_total"], rel=1e-5)
+    assert "move_object" in run_here("score", tmp_path, "--poses", tmp_path / "poses.h5").stdout
+    assert_one_line_error(run_here("score", tmp_path), "--object")
+
+
+def test_dice_are_scored_over_a_whole_recording(tmp_path, run_here):
+    log = write_log(tmp_path / "job", 3)
+    (tmp_path / "job" / "goal.json").write_text(json.dumps([[0.0, 0.0, 0.011]] * 25))
+    found = json.loads(run_here("score", tmp_path / "job", "--json").stdout)
+    masks = rearrange_dice.goal_masks(tiny_rig(), np.tile([0.0, 0.0, 0.011], (25, 1)))
+    with tracker.open_log(log) as opened:
+        expected = [
+            -rearrange_dice.error(masks, [rearrange_dice.segment_dice(image) for image in frame.images])
+            for frame in opened
+        ]
+    assert found["task"] == "rearrange_dice"
+    assert found["rewards"] == expected
+    assert found["error_end"] == -expected[-1]
+
+
+@pytest.mark.parametrize(
+    ("content", "task"),
+    [
+        ([[0, [0, 0, 0.05]], [30000, [0.1, 0, 0.08]]], "trajectory"),
+        ({"_goal": [[0, [0, 0, 0.05]]]}, "trajectory"),
+        ({"goal": [[0, 0, 0.011]] * 25}, "rearrange_dice"),
+        ({"difficulty": 1, "goal": {"position": [0, 0, 0.03], "orientation": [0, 0, 0, 1]}}, "move_object"),
+    ],
+)
+def test_goals_of_every_task_are_read(content, task, tmp_path):
+    path = tmp_path / "goal.json"
+    path.write_text(json.dumps(content))
+    goal = read_job_goal(path)
+    assert isinstance(goal, JobGoal)
+    assert goal.task == task
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        *[
+            "",
+            "3",
+            "{}",
+            "[]",
+            "[[1]]",
+            '[["a", [0, 0, 0]]]',
+            "[[5, [0, 0, 0]]]",
+            '{"goal": {"position": 3}}',
+        ],
+        '{"difficulty": 4, "goal": {"position": [0, 0, 0]}}',
+        '{"difficulty": 7, "goal": {"position": [0, 0, 0]}}',
+        "[" * 100_000,
+        "[[0, [NaN, 0, 0]]]",
+    ],
+)
+def test_what_is_no_goal_is_refused(content, tmp_path):
+    path = tmp_path / "goal.json"
+    path.write_text(content)
+    with pytest.raises(tracker.TrackerError, match=r"goal\.json: "):
+        read_job_goal(path)

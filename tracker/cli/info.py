@@ -1,0 +1,129 @@
+"""`tracker info`: what is in a recording or in a file of poses."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from tracker.cli.table import listing
+
+if TYPE_CHECKING:
+    from tracker.conventions import FloatArray
+    from tracker.logs import Log
+    from tracker.logs.poses import Poses
+
+_GAP = 1.5
+"""Share of the usual time between two frames from which more is a gap."""
+
+
+@click.command()
+@click.argument("source", metavar="LOG|POSES", type=click.Path(path_type=Path))
+@click.option("--recover", is_flag=True, help="Leave out what is damaged of a recording, and tell of it.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+def info(source: Path, recover: bool, as_json: bool) -> None:
+    """Tell what is in a recording or in a file of poses.
+
+    All of it is read: format, frames, cameras and sizes, stamps and gaps, pictures that are missing, poses,
+    and whether the calibration in or beside a recording is of its cameras and sizes.
+    """
+    from tracker.logs import open_log
+    from tracker.logs.poses_file import is_poses_file, read_poses
+
+    if is_poses_file(source):
+        found = _of_poses(read_poses(source))
+    else:
+        with open_log(source, recover=recover) as log:
+            found = _of_log(source, log)
+    if as_json:
+        click.echo(json.dumps({"path": str(source), **found}, allow_nan=False))
+    else:
+        click.echo(listing([[name.replace("_", " "), _shown(value)] for name, value in found.items()]))
+
+
+def _of_log(path: Path, log: Log) -> dict[str, Any]:
+    import numpy as np
+
+    stamps: list[float] = []
+    without = dict.fromkeys(log.camera_names, 0)
+    poses = 0
+    for frame in log:
+        stamps.append(frame.timestamp)
+        poses += frame.recorded_pose is not None
+        for name, image in zip(log.camera_names, frame.images, strict=True):
+            without[name] += image is None
+    return {
+        "format": log.format,
+        "frames": len(log),
+        "readable": len(stamps),
+        "cameras": list(log.camera_names),
+        "sizes": [f"{width}×{height}" for width, height in log.image_sizes],
+        **_times(np.array(stamps)),
+        "without_image": {name: count for name, count in without.items() if count},
+        "recorded_poses": poses,
+        "episodes": len(log.episode_starts),
+        **_calibration(path, log),
+        "fault": log.fault,
+    }
+
+
+def _calibration(path: Path, log: Log) -> dict[str, Any]:
+    """The cameras that are calibrated, and what keeps the calibration from fitting; None: nothing."""
+    from tracker.errors import TrackerError
+    from tracker.logs.cameras import own_rig
+
+    try:
+        return {"calibration": list(own_rig(path, log).names), "calibration_fault": None}
+    except TrackerError as error:
+        return {"calibration": None, "calibration_fault": str(error)}
+
+
+def _of_poses(poses: Poses) -> dict[str, Any]:
+    import numpy as np
+
+    names, counts = np.unique(poses.status, return_counts=True)
+    recorded = poses.recorded
+    return {
+        "format": "file of poses",
+        "object": poses.about.object_name,
+        "source": poses.about.source,
+        "tracker_version": poses.about.tracker_version,
+        "fingerprint": poses.about.fingerprint or None,
+        "frames": len(poses),
+        "first_frame": int(poses.index[0]) if len(poses) else None,
+        "missing_frames": int(poses.index[-1] - poses.index[0]) + 1 - len(poses) if len(poses) else 0,
+        **_times(poses.timestamp),
+        "measured": int(poses.measured.has_pose.sum()),
+        "filtered": int(poses.filtered.has_pose.sum()),
+        "recorded_poses": 0 if recorded is None else int(recorded.has_pose.sum()),
+        "statuses": dict(zip(names.tolist(), counts.tolist(), strict=True)),
+        "cameras": list(poses.about.rig.names),
+        "sizes": [f"{camera.width}×{camera.height}" for camera in poses.about.rig],
+        "fault": poses.about.fault or None,
+    }
+
+
+def _times(stamps: FloatArray) -> dict[str, Any]:
+    """First and last stamp [s], usual rate [Hz], gaps, and frames that repeat the stamp before."""
+    import numpy as np
+
+    steps = np.diff(stamps)
+    usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else None
+    return {
+        "first_stamp_s": float(stamps[0]) if len(stamps) else None,
+        "seconds": float(stamps[-1] - stamps[0]) if len(stamps) else None,
+        "rate_hz": None if usual is None else round(1 / usual, 3),
+        "gaps": 0 if usual is None else int((steps > _GAP * usual).sum()),
+        "longest_gap_s": float(steps.max()) if len(steps) else None,
+        "repeated_stamps": int((steps == 0).sum()),
+    }
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, list):
+        return ", ".join(map(str, value))
+    if isinstance(value, dict):
+        return ", ".join(f"{name} {count}" for name, count in value.items()) or "none"
+    return "none" if value is None else str(value)

@@ -1,0 +1,130 @@
+"""`tracker score`: what a job has earned."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from tracker.cli.calibration import optional_calibration_options, refuse_pattern_alone, rig_of
+from tracker.cli.progress import bar
+from tracker.cli.table import listing
+
+if TYPE_CHECKING:
+    from tracker.conventions import FloatArray
+    from tracker.tasks.job_goal import JobGoal
+
+_FILE = click.Path(path_type=Path)
+
+_Cameras = tuple[tuple[str, ...], "str | None", bool]
+
+
+@click.command()
+@click.argument("job", metavar="JOB", type=_FILE)
+@click.option("--goal", "goal_path", metavar="FILE", type=_FILE, help="Goal.  [default: JOB/goal.json]")
+@click.option("--poses", "poses_path", metavar="POSES", type=_FILE, help="Poses that were tracked before.")
+@click.option("--object", "object_name", metavar="NAME", help="Object to track, where there are no --poses.")
+@optional_calibration_options
+@click.option(
+    "--every", metavar="N", type=click.IntRange(1), default=1, help="Look for dice in each Nth frame."
+)
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object, with the reward of each frame.")
+@click.option("-q", "--quiet", is_flag=True, help="No progress bar.")
+def score(
+    job: Path,
+    goal_path: Path | None,
+    poses_path: Path | None,
+    object_name: str | None,
+    calibration: tuple[str, ...],
+    pattern: str | None,
+    correct_halved_principal_point: bool,
+    every: int,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Tell the rewards of a job's folder for its task: move an object, along a trajectory, or arrange dice.
+
+    Time counts from the recording's first frame. A reward holds until the next frame; where the object was
+    not seen the one before holds.
+    """
+    from tracker.recordings.rows import goal_file, totals
+    from tracker.tasks.job_goal import read_job_goal
+
+    refuse_pattern_alone(calibration, pattern)
+    cameras = (calibration, pattern, correct_halved_principal_point)
+    goal = read_job_goal(goal_path or goal_file(job))
+    if goal.task == "rearrange_dice":
+        seconds, rewards = _of_dice(job, goal, cameras, every, quiet)
+    else:
+        seconds, rewards = _of_object(job, goal, cameras, poses_path, object_name, quiet)
+    found: dict[str, Any] = {"task": goal.task, "level": goal.level, "frames": len(rewards)}
+    known = [float(value) for value in rewards if value == value]
+    found |= {"scored_frames": len(known), **totals(rewards, seconds)}
+    if as_json:
+        listed = [None if value != value else float(value) for value in rewards]
+        click.echo(json.dumps({**found, "seconds": seconds.tolist(), "rewards": listed}, allow_nan=False))
+        return
+    rows = [
+        [name.replace("_", " "), "none" if value is None else f"{value:.6g}"]
+        for name, value in found.items()
+        if not isinstance(value, str)
+    ]
+    click.echo(listing([["task", goal.task], *rows]))
+
+
+def _of_object(
+    job: Path,
+    goal: JobGoal,
+    cameras: _Cameras,
+    poses_path: Path | None,
+    object_name: str | None,
+    quiet: bool,
+) -> tuple[FloatArray, FloatArray]:
+    """Times (n,) [s] and rewards (n,) of the poses of all frames."""
+    from tracker.logs import open_log
+    from tracker.logs.poses_file import read_poses
+    from tracker.objects.model import load_object
+    from tracker.recordings import track
+    from tracker.recordings.summary import best_kind
+
+    if poses_path is not None:
+        poses = read_poses(poses_path)
+    elif object_name is None:
+        raise click.UsageError("expected --poses of this recording, or --object to track it")
+    else:
+        with open_log(job) as log:
+            count, rig = len(log), rig_of(job, log, *cameras)
+        with bar(job.name, count, quiet) as progress:
+            poses = track(job, object_name, rig=rig, progress=progress).poses
+    model = load_object(object_name or poses.about.object_name)
+    columns = poses.columns(best_kind(poses))
+    seconds = poses.timestamp - poses.timestamp[:1]
+    return seconds, goal.rewards(seconds, columns.position, columns.orientation, model)
+
+
+def _of_dice(
+    job: Path, goal: JobGoal, cameras: _Cameras, every: int, quiet: bool
+) -> tuple[FloatArray, FloatArray]:
+    """The same of dice: minus the number of pixels, over all images, that show dice outside the goal."""
+    import numpy as np
+
+    from tracker.logs import open_log
+    from tracker.tasks import rearrange_dice
+
+    assert goal.position is not None
+    stamps, rewards = [], []
+    with open_log(job) as log, bar(job.name, -(-len(log) // every), quiet) as progress:
+        masks = rearrange_dice.goal_masks(rig_of(job, log, *cameras), goal.position)
+        for frame in log[::every]:
+            seen = [
+                (mask, image) for mask, image in zip(masks, frame.images, strict=True) if image is not None
+            ]
+            stamps.append(frame.timestamp)
+            found = [rearrange_dice.segment_dice(image) for _, image in seen]
+            wanted = [mask for mask, _ in seen]
+            rewards.append(float(-rearrange_dice.error(wanted, found)) if seen else float("nan"))
+            progress(1)
+    seconds = np.array(stamps) - stamps[0] if stamps else np.zeros(0)
+    return seconds, np.array(rewards)

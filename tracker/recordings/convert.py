@@ -1,0 +1,76 @@
+"""Recordings in other formats than they came in."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+
+from tracker.calibration.rig import CameraRig
+from tracker.conventions import Image
+from tracker.errors import LogError
+from tracker.files import whole_file
+from tracker.logs import Log
+from tracker.logs.hdf5_writer import Hdf5LogWriter
+
+Progress = Callable[[int], None]
+"""Told how many more frames are done."""
+
+
+def write_hdf5(path: Path, log: Log, rig: CameraRig, progress: Progress) -> None:
+    """Write frames as one of the platform's HDF5 logs, whole or not at all; what is raw stays so.
+
+    Raises:
+        LogError: a frame cannot be read, or the file not be written.
+    """
+    has_poses = any(frame.recorded_pose is not None for frame in log)
+    try:
+        with (
+            whole_file(path) as temporary,
+            Hdf5LogWriter(temporary, rig, poses=has_poses, flush_every=0) as writer,
+        ):
+            for frame in log:
+                images = frame.images if frame.raw is None else frame.raw
+                writer.append(images, frame.timestamp, frame.camera_timestamps, frame.recorded_pose)
+                progress(1)
+    except OSError as error:
+        raise LogError(f"{path}: cannot be written: {error.strerror or error}") from error
+
+
+def write_folder(path: Path, log: Log, rig: CameraRig, progress: Progress) -> None:
+    """Write frames as a folder of PNG files for each camera, named by their stamps, with the calibration.
+
+    The folder appears when all is written. A picture that a recorder repeated is there once.
+
+    Raises:
+        LogError: a frame cannot be read, pictures differ but not their stamps, or a file cannot be written.
+    """
+    try:
+        temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}.", suffix=".tmp", dir=path.parent))
+        try:
+            inside = temporary / path.name
+            for name in rig.names:
+                (inside / name).mkdir(parents=True)
+            rig.save(inside)
+            for frame in log:
+                for name, image, stamp in zip(rig.names, frame.images, frame.camera_timestamps, strict=True):
+                    if image is not None:
+                        _write_png(inside / name / f"{stamp:.9f}.png", image)
+                progress(1)
+            os.rename(inside, path)
+        finally:
+            shutil.rmtree(temporary, ignore_errors=True)
+    except OSError as error:
+        raise LogError(f"{path}: cannot be written: {error.strerror or error}") from error
+
+
+def _write_png(path: Path, image: Image) -> None:
+    content = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 3])[1].tobytes()
+    if not path.exists():
+        path.write_bytes(content)
+    elif path.read_bytes() != content:
+        raise LogError(f"{path}: found two pictures of one stamp, expected each at its own time")
