@@ -16,7 +16,21 @@ from typing import NoReturn
 
 import click
 
-from tracker.cli import batch, calibrate, colors, convert, detect, dice, doctor, export, info, live, score, track, view
+from tracker.cli import (
+    batch,
+    calibrate,
+    colors,
+    convert,
+    detect,
+    dice,
+    doctor,
+    export,
+    info,
+    live,
+    score,
+    track,
+    view,
+)
 from tracker.errors import TrackerError, reason
 from tracker.version import version
 
