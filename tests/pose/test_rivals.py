@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tracker.geometry import so3
-from tracker.pose.hypotheses.rivals import MOST, reversed_in_depth
+from tracker.pose.hypotheses.rivals import MOST, reversed_in_depth, turned_about_face
 
 CAMERA = np.array([0.1, -0.3, 0.6])
 POSITION = np.array([0.05, 0.02, 0.03])
@@ -59,3 +59,23 @@ def test_what_is_the_same_from_the_other_side_or_looks_different_is_no_rival(deg
     rotation = facing(degrees)
     mirrored = 2 * np.cos(np.radians(degrees)) * SIGHT - rotation[:, 2]
     assert not any(np.allclose(turned[:, 2], mirrored) for turned, _ in rivals(rotation))
+
+
+@pytest.mark.parametrize("half", [(0.03, 0.03, 0.03), (0.01, 0.01, 0.04), (0.02, 0.03, 0.04)])
+@pytest.mark.parametrize("face", range(3))
+def test_turns_about_the_one_face_in_view_look_the_same(half, face):
+    half = np.array(half)
+    camera = np.zeros(3)
+    camera[face] = 0.5
+    turned = list(turned_about_face(np.eye(3), np.zeros(3), half, camera))
+    others = [half[k] for k in range(3) if k != face]
+    assert len(turned) == (3 if others[0] == others[1] else 1)
+    for rotation, position in turned:
+        np.testing.assert_allclose(rotation[:, face], np.eye(3)[face], atol=1e-12)
+        np.testing.assert_allclose(np.abs(rotation) @ half, half, atol=1e-12)
+        np.testing.assert_array_equal(position, 0)
+        assert so3.angle_between(rotation, np.eye(3)) > 1
+
+
+def test_two_faces_in_view_leave_one_turn_only():
+    assert not list(turned_about_face(np.eye(3), np.zeros(3), np.full(3, 0.03), np.array([0.4, 0.3, 0.0])))

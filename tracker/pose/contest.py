@@ -98,3 +98,21 @@ def contest(
                 left.append(attempts[k])
         attempts = left
     return [advance(attempt, None) for attempt in attempts]
+
+
+def lead(best: Fit, fits: Sequence[Fit], radius: float) -> float:
+    """Log odds of the best fit over all clearly different ones together; infinite where there are none.
+
+    fits: best first; radius: of the object [m].
+    """
+    different = [best]
+    for fit in fits:
+        if all(
+            apart(fit.rotation, fit.position, other.rotation, other.position, radius) for other in different
+        ):
+            different.append(fit)
+    if len(different) == 1:
+        return math.inf
+    behind = [rank(best) - rank(rival) for rival in different[1:]]
+    least = min(behind)
+    return least - math.log(sum(math.exp(least - one) for one in behind))

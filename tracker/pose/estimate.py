@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import chain
 
@@ -13,12 +13,12 @@ from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray
 from tracker.geometry.lens import stack_lenses
 from tracker.objects.box import Box
-from tracker.pose.contest import FROM_AFAR, REVERSED, Stage, apart, contest
+from tracker.pose.contest import FROM_AFAR, REVERSED, Stage, apart, contest, lead
 from tracker.pose.evidence import View
 from tracker.pose.fit import Fit
 from tracker.pose.hypotheses import align
 from tracker.pose.hypotheses.positions import PositionSearch
-from tracker.pose.hypotheses.rivals import reversed_in_depth
+from tracker.pose.hypotheses.rivals import reversed_in_depth, turned_about_face
 from tracker.pose.hypotheses.rotations import RotationSearch
 from tracker.pose.judge import alone, possible, rank, settled, sure
 from tracker.pose.result import Status
@@ -126,16 +126,11 @@ class PoseEstimator:
             return Status.INCONSISTENT_VIEWS
         best = max(fits, key=rank)
         if alone(best):
-            fits.extend(self._reversed(sight, best, lag=lag))
+            fits.extend(self._rivals(sight, best, LIKELY, lag, reversed_in_depth, turned_about_face))
         fits.sort(key=rank, reverse=True)
         # A pose beyond the arena is none, but what looks like one more than like the best is doubtful.
         best = next(filter(possible, fits), fits[0])
-        rivals = [
-            fit
-            for fit in fits
-            if apart(fit.rotation, fit.position, best.rotation, best.position, self.box.radius)
-        ]
-        return replace(best, lead=rank(best) - rank(rivals[0])) if rivals else best
+        return replace(best, lead=lead(best, fits, self.box.radius))
 
     def _refined(self, sight: Sight, hypotheses: Iterable[Hypothesis], lag: Lag | None) -> list[Fit]:
         """Fits of hypotheses, up to the first that settles the matter."""
@@ -200,7 +195,7 @@ class PoseEstimator:
         """
         fit = self.refine(sight, rotation, position, FOLLOWING, start, lag, ask=ask)
         if alone(fit):
-            fit = max([fit, *self._reversed(sight, fit, start, lag)], key=rank)
+            fit = max([fit, *self._rivals(sight, fit, start, lag, reversed_in_depth)], key=rank)
         return fit
 
     def follow_far(
@@ -247,10 +242,19 @@ class PoseEstimator:
             inside, end.stands,
         )  # fmt: skip
 
-    def _reversed(self, sight: Sight, fit: Fit, start: Start = LIKELY, lag: Lag | None = None) -> list[Fit]:
+    def _rivals(
+        self,
+        sight: Sight,
+        fit: Fit,
+        start: Start,
+        lag: Lag | None,
+        *kinds: Callable[..., Iterator[Hypothesis]],
+    ) -> list[Fit]:
         """What else the one camera that sees the object may see; `start` and `lag` as of `refine`."""
         camera = self.small["position"][int(np.argmax(fit.cameras["inliers"]))]
-        rivals = reversed_in_depth(fit.rotation, fit.position, self.box.half, camera)
+        rivals = [
+            rival for kind in kinds for rival in kind(fit.rotation, fit.position, self.box.half, camera)
+        ]
         return self._contest(sight, rivals, FOLLOWING, REVERSED, start, lag, fit)
 
     def _align(

@@ -64,7 +64,7 @@ class Fit:
     stands: float = 0.0
     """How well it stands on the table: log odds over an object that may be anywhere."""
     lead: float = math.inf
-    """Log odds by which it leads over the best clearly different pose; infinite where none was tried."""
+    """Log odds by which it leads over all clearly different poses together; infinite where none was tried."""
     left_out: tuple[int, ...] = ()
     """Cameras whose pictures were left out, since the others agree without them."""
     own: OwnViews | None = None

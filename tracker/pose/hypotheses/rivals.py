@@ -1,4 +1,4 @@
-"""Poses that look much the same to one camera: reversed in depth.
+"""Poses that look much the same to one camera: reversed in depth, or turned about the one face that it sees.
 
 From afar a face looks the same when it is turned away to the other side (Oberkampf, DeMenthon and Davis,
 "Iterative pose estimation using coplanar feature points", CVIU 63(3), 1996), and so does a long object
@@ -18,6 +18,13 @@ from tracker.geometry import so3
 LEAST, MOST = np.radians((1.0, 35.0))
 """Angles between an axis of the object and the line of sight, or the plane across it, for which the reversed
 pose is worth a try [rad]: less is the same pose, more looks different."""
+
+
+ONE_FACE = 0.5
+"""Area of all other faces, of that of one as the camera sees it, up to which that one may be all it knows."""
+
+SQUARE = 0.02
+"""Relative difference of two edges up to which a face of them is a square."""
 
 
 def reversed_in_depth(
@@ -46,6 +53,27 @@ def reversed_in_depth(
             yield turned, position + side * (along - turned[:, axis])
         elif LEAST < np.pi / 2 - angle < MOST:
             yield so3.exp(-2.0 * (np.pi / 2 - angle) * np.sign(toward) * across / sine) @ rotation, position
+
+
+def turned_about_face(
+    rotation: FloatArray, position: FloatArray, half: FloatArray, camera: FloatArray
+) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Where a camera at `camera` (3,) sees little but one face: the other turns at which that fits.
+
+    Arguments and what is given as of `reversed_in_depth`.
+    """
+    sight = rotation.T @ (camera - position)
+    sight /= np.linalg.norm(sight)
+    area = np.abs(sight) * half.prod() / half
+    face = int(np.argmax(area))
+    if area.sum() - area[face] > ONE_FACE * area[face]:
+        return
+    one, other = (half[k] for k in range(3) if k != face)
+    square = abs(one - other) < SQUARE * max(one, other)
+    axis = np.zeros(3)
+    axis[face] = 1.0
+    for quarters in (1, 2, 3) if square else (2,):
+        yield rotation @ so3.exp(quarters * 0.5 * math.pi * axis), position
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:

@@ -1,0 +1,38 @@
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from tests.helpers.fits import made_fit
+from tracker.geometry import so3
+from tracker.pose import contest
+from tracker.pose.contest import lead
+
+RADIUS = 0.05
+
+
+def turned(quarters: int, rank: float):
+    """A fit at a turn by quarters, and how it ranks."""
+    rotation = so3.exp(np.array([0.0, 0.0, quarters * math.pi / 2]))
+    return dataclasses.replace(made_fit(), rotation=rotation, stands=rank)
+
+
+@pytest.fixture
+def ranked(monkeypatch):
+    monkeypatch.setattr(contest, "rank", lambda fit: fit.stands)
+
+
+def test_a_lead_is_over_all_other_poses_together(ranked):
+    best, *others = fits = [turned(0, 5.0), turned(1, 4.0), turned(2, 4.0), turned(3, 3.0)]
+    odds = math.exp(5.0) / sum(math.exp(fit.stands) for fit in others)
+    assert lead(best, fits, RADIUS) == pytest.approx(math.log(odds))
+    assert lead(best, fits[:2], RADIUS) == pytest.approx(1.0)
+
+
+def test_the_same_pose_counts_once(ranked):
+    fits = [turned(0, 5.0), turned(0, 4.9), turned(1, 4.0), turned(1, 4.0)]
+    assert lead(fits[0], fits, RADIUS) == pytest.approx(1.0)
+    assert lead(fits[0], fits[:2], RADIUS) == math.inf
