@@ -21,6 +21,7 @@ from tracker.cli import (
     calibrate,
     colors,
     convert,
+    demo,
     detect,
     dice,
     doctor,
@@ -61,6 +62,7 @@ def commands() -> None:
     """
 
 
+commands.add_command(demo.demo)
 commands.add_command(detect.detect)
 commands.add_command(track.track)
 commands.add_command(batch.batch)

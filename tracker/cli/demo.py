@@ -1,0 +1,86 @@
+"""`tracker demo`: a short recording that comes with the package, tracked and compared with its truth."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from tracker.cli.table import listing
+from tracker.errors import TrackerError
+
+if TYPE_CHECKING:
+    from tracker.conventions import FloatArray
+
+DATA = Path(__file__).parents[1] / "demo"
+
+
+@click.command()
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    default="tracker-demo",
+    show_default=True,
+    metavar="DIR",
+    help="Folder for the recording and the picture.",
+)
+def demo(output: Path) -> None:
+    """Find a cube in a recording that comes with the package, and compare with the truth.
+
+    Two seconds of the simulated platform, three cameras at 10 Hz. DIR is made: it holds the recording, its
+    calibration, and overlay.png, the first pictures with the pose drawn in.
+    """
+    import numpy as np
+
+    from tracker import viz
+    from tracker.logs import open_log
+    from tracker.objects.model import load_object
+    from tracker.pipeline import ObjectTracker
+
+    if output.exists():
+        raise TrackerError(f"{output}: exists; expected a new folder, as by --output")
+    shutil.copytree(DATA, output)
+    told = json.loads((output / "truth.json").read_text(encoding="utf-8"))
+    model = load_object(told["object"])
+    with open_log(output) as log:
+        if log.rig is None:
+            raise TrackerError(f"{output}: found no calibration in the recording")
+        tracker = ObjectTracker(model, log.rig)
+        errors, times = [], []
+        for frame, truth in zip(log, told["poses"], strict=True):
+            if not errors:
+                still = tracker.detect(frame.images)
+                viz.write_image(output / "overlay.png", viz.overlay(frame.images, log.rig, model, still))
+            observation = tracker.update(frame.images, frame.timestamp)
+            pose = observation.filtered_object_pose
+            errors.append([np.nan] * 2 if pose is None else _error(pose.world_from_object, truth))
+            times.append(observation.timing_ms["total"])
+    found = np.array(errors)
+    millimetres, degrees = np.nanmedian(found, axis=0)
+    rows = [
+        ("recording", f"{output}: {len(found)} frames of {len(log.camera_names)} cameras, simulated"),
+        ("found in", f"{int(np.isfinite(found[:, 0]).sum())} frames"),
+        ("median error", f"{millimetres:.2f} mm, {degrees:.2f} degrees from the truth"),
+        ("median time", f"{np.median(times):.1f} ms a frame"),
+        ("picture", str(output / "overlay.png")),
+    ]
+    click.echo(listing(rows))
+    first = " ".join(str(output / "000000" / f"{name}.jpg") for name in log.camera_names)
+    click.echo("\nnext:")
+    click.echo(f"  tracker detect --object {model.name} --calibration {output} {first}")
+    click.echo(f"  tracker track {output} --object {model.name} -o poses.h5 --csv poses.csv")
+
+
+def _error(found: FloatArray, truth: dict[str, list[float]]) -> list[float]:
+    """Distance [mm] and angle [deg] from the truth."""
+    import numpy as np
+
+    from tracker.geometry import so3
+
+    rotation = so3.matrix_from_quaternion(np.array(truth["orientation"]))
+    angle = so3.angle_between(found[:3, :3], rotation)
+    return [float(1e3 * np.linalg.norm(found[:3, 3] - truth["position"])), float(np.degrees(angle))]
