@@ -50,7 +50,8 @@ def demo(output: Path) -> None:
         if log.rig is None:
             raise TrackerError(f"{output}: found no calibration in the recording")
         tracker = ObjectTracker(model, log.rig)
-        errors, times = [], []
+        errors: list[list[float]] = []
+        times: list[float] = []
         for frame, truth in zip(log, told["poses"], strict=True):
             if not errors:
                 still = tracker.detect(frame.images)
