@@ -19,6 +19,8 @@ from tracker.errors import LiveError
 if TYPE_CHECKING:
     from tracker.calibration.rig import CameraRig
     from tracker.live import Live, Moment, Source
+    from tracker.live.watcher import Watcher
+    from tracker.objects.model import CuboidModel
 
 _FILE = click.Path(path_type=Path)
 _CAMERAS = ("pylon", "opencv")
@@ -34,6 +36,8 @@ _CAMERAS = ("pylon", "opencv")
 @click.option("--publish", metavar="ADDRESS", help="Publish poses by ZeroMQ, e.g. tcp://127.0.0.1:5555.")
 @click.option("--public", is_flag=True, help="--publish to other machines, too.")
 @click.option("--record", metavar="FILE", type=_FILE, help="Record images and poses (.h5).")
+@click.option("--view", is_flag=True, help="Show images and poses in the viewer Rerun.")
+@click.option("--rrd", metavar="FILE", type=_FILE, help="Write what --view shows into a file (.rrd).")
 @click.option(
     "--seconds",
     metavar="S",
@@ -70,6 +74,8 @@ def live(
     publish: str | None,
     public: bool,
     record: Path | None,
+    view: bool,
+    rrd: Path | None,
     seconds: float | None,
     rate: float | None,
     settings: Path | None,
@@ -104,8 +110,10 @@ def live(
     refuse_pattern_alone(calibration, pattern)
     if public and publish is None:
         raise click.UsageError("--public: expected with --publish")
-    if check and (publish is not None or record is not None or as_json or quiet):
-        raise click.UsageError("--check: tracks nothing, so there is nothing to publish, record or leave out")
+    if check and (publish or record or view or rrd or as_json or quiet):
+        raise click.UsageError("--check: tracks nothing, so there is nothing to publish, record or show")
+    if view and rrd:
+        raise click.UsageError("--view: found with --rrd, expected one or the other")
     model = load_object(object_name)
     colors = None if colors_name is None else load_colors(colors_name)
     cameras = (calibration, pattern, correct_halved_principal_point)
@@ -120,6 +128,8 @@ def live(
         listeners: list[Callable[[Moment], None]] = [told.hear]
         recorder = _recorder(record, rig, stack)
         listeners += [one for one in (recorder, _publisher(publish, public, stack)) if one is not None]
+        watcher = _watcher(rrd, rig, model, stack) if view or rrd else None
+        listeners += [] if watcher is None else [watcher]
         if as_json:
             listeners.append(lambda moment: click.echo(message_of(moment).decode()))
         follower = stack.enter_context(Live(given, ObjectTracker(model, rig, colors), listeners=listeners))
@@ -131,7 +141,10 @@ def live(
         raise LiveError(f"{source}: {error}") from error
     if not (quiet or as_json):
         left_out = getattr(given, "skipped", 0)
-        click.echo(told.summary(left_out, follower.faults, recorder))
+        faults = list(follower.faults)
+        if watcher is not None and watcher.fault is not None:
+            faults.append(f"the view has ended: {watcher.fault}")
+        click.echo(told.summary(left_out, faults, recorder))
 
 
 def _refuse_options_of_others(
@@ -192,6 +205,14 @@ def _publisher(address: str | None, public: bool, stack: contextlib.ExitStack) -
     publisher = Publisher(address, public=public)
     stack.callback(publisher.close)
     return publisher
+
+
+def _watcher(rrd: Path | None, rig: CameraRig, model: CuboidModel, stack: contextlib.ExitStack) -> Watcher:
+    from tracker.live.watcher import Watcher
+
+    watcher = Watcher(rrd, rig, model)
+    stack.callback(watcher.close)
+    return watcher
 
 
 def _follow(follower: Live, seconds: float | None, told: Told | None) -> None:
