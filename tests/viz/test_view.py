@@ -47,7 +47,9 @@ def test_a_recording_is_tracked_on_the_way(tmp_path):
     write_log(tmp_path / "log", 6)
     result = run("log", "--object", "cube_v2", "-o", "view.rrd", "--every", 2, "-q", folder=tmp_path)
     assert result.returncode == 0, result.stderr
-    assert {"/world/cameras/camera180/image", "/status"} <= entities(tmp_path / "view.rrd")
+    found = entities(tmp_path / "view.rrd")
+    assert {"/world/cameras/camera180/image", "/status"} <= found
+    assert {"/health/brightness/camera180", "/health/clipping/camera60"} <= found
 
 
 @needs_rerun

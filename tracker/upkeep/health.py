@@ -139,7 +139,7 @@ def health(
     for n, frame in enumerate(frame for frame in log if frame.index in wanted):
         for c, image in enumerate(frame.images):
             if image is not None:
-                for key, value in _of_picture(image).items():
+                for key, value in of_picture(image).items():
                     values[key][n, c] = value
         if any(image is not None for image in frame.images):
             fit = tracker.fit(frame.images)
@@ -160,7 +160,7 @@ def health(
     return Health(poses.index[rows], poses.timestamp[rows] - start, tuple(rig.names), values, height, check)
 
 
-def _of_picture(image: Image) -> dict[str, float]:
+def of_picture(image: Image) -> dict[str, float]:
     """Brightness, clipping and white balance of a picture (H, W, 3)."""
     light = find_light(image)
     balance = 100.0 * (light.gains[0] / light.gains[2] - 1.0) if light.share > 0.0 else float("nan")

@@ -31,6 +31,7 @@ from tracker.geometry.camera import Camera
 from tracker.objects.labels import DISPLAY_COLORS_BGR
 from tracker.objects.model import CuboidModel
 from tracker.pose.result import Observation, PoseEstimate, Status
+from tracker.upkeep.health import QUANTITIES, of_picture
 from tracker.viz.overlays import visible_edges
 
 SIGMAS = 2.0
@@ -47,6 +48,9 @@ _FACE_ALPHA = 190  # the ellipsoid inside shows through
 _JPEG_QUALITY = 90
 _PLANE_DISTANCE = 0.12  # of the images in space from their camera [m]
 _BAD = {Status.LOST, Status.NO_OBJECT_COLORS, Status.TOO_FEW_PIXELS, Status.INCONSISTENT_VIEWS}
+
+PICTURED = ("brightness", "clipping", "white balance")
+"""Of `upkeep.health.QUANTITIES`, what the pictures alone tell."""
 
 FLUSH_SECONDS = 30.0
 """A writer that has failed may not answer at all: so long it is waited for [s]."""
@@ -95,6 +99,8 @@ class Scene:
         self._stream.set_time(TIME, duration=timestamp - self._start)
         for camera, image in zip(self._rig, images or [None] * len(self._rig), strict=True):
             self._put(_image_path(camera), None if image is None else _jpeg(camera, image))
+            for key, value in ({} if image is None else of_picture(image)).items():
+                self._put(("health", key, camera.name), rr.Scalars([value]) if np.isfinite(value) else None)
         poses = {"measured": observation.object_pose, "filtered": observation.filtered_object_pose}
         for kind, pose in poses.items():
             self._show_pose(kind, pose)
@@ -152,6 +158,8 @@ class Scene:
         self._log(("world", "arena"), line, static=True)
         for camera in self._rig:
             self._log(_image_path(camera)[:-1], *_pinhole(camera), static=True)
+            for key in PICTURED:
+                self._log(("health", key, camera.name), rr.SeriesLines(names=[camera.name]), static=True)
         for kind, color in KINDS.items():
             self._log(("confidence", kind), rr.SeriesLines(names=[kind], colors=[color]), static=True)
             for path in ("std_mm", "std_deg"):
@@ -188,6 +196,10 @@ def layout(rig: CameraRig) -> rrb.Blueprint:
     curves = [
         rrb.TimeSeriesView(origin=path, name=name)
         for path, name in (("confidence", "confidence"), ("std_mm", "std [mm]"), ("std_deg", "std [°]"))
+    ]
+    curves += [
+        rrb.TimeSeriesView(origin=rr.new_entity_path(["health", key]), name=f"{key} [{QUANTITIES[key].unit}]")
+        for key in PICTURED
     ]
     status = rrb.TextLogView(origin="status", name="status")
     left = rrb.Vertical(space, rrb.Horizontal(*views), row_shares=[2, 1])
