@@ -318,6 +318,8 @@ with (folder / "camera_data.dat").open("wb") as file:  # black, so that it needs
         for camera in range(3):
             file.seek(12 + k * record + 8 + camera * (record - 8) // 3)
             file.write(struct.pack("<iiiB", 270, 270, 0, 1))
+            file.seek(270 * 270, 1)
+            file.write(struct.pack("<d", 1.0))
 rig = CameraRig(tuple(make_camera(azimuth) for azimuth in (60, 180, 300)))
 run(make_job(folder / "camera_data.dat", folder / "poses.h5", rig=rig))
 print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)

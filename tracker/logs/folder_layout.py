@@ -48,12 +48,13 @@ def find_shots(root: Path, rate: float) -> tuple[tuple[str, ...], list[Shot]]:
     folders = sorted((item for item in _visible(root) if item.is_dir()), key=lambda f: natural_key(f.name))
     cameras = {folder.name: folder for folder in folders if _CAMERA.fullmatch(folder.name)}
     streams = {name: _streams_files(folder) for name, folder in cameras.items()}
-    if _camera_files(here):
-        return _of_frames([(root.name, _camera_files(here))], rate)
     if any(streams.values()):
         return _of_streams({name: files for name, files in streams.items() if files}, rate)
     frames = [(folder.name, _camera_files(_pictures(folder))) for folder in folders]
     frames = [(name, files) for name, files in frames if files]
+    # A loose picture beside folders of them is no recording, but for instance an overlay.
+    if not frames and _camera_files(here):
+        return _of_frames([(root.name, _camera_files(here))], rate)
     if not frames:
         raise LogError(
             f"{root}: found no pictures of cameras, expected folders like 000000 with camera60.png, "

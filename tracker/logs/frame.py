@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,7 +45,8 @@ class LogFrame:
     index: int
     """Number of the frame in its recording, from 0."""
     timestamp: float
-    """Stamp of the frame [s]; since the epoch in recordings of the platform."""
+    """Stamp of the frame [s]; since the epoch in recordings of the platform. Of a frame that a driver's error
+    left empty: between its neighbours', or NaN where these were not looked at."""
     camera_timestamps: FloatArray
     """(C,) stamps of the cameras' images [s]; NaN where a camera gave none."""
     images: tuple[Image | None, ...]
@@ -56,6 +58,16 @@ class LogFrame:
     raw: tuple[Image, ...] | None = None
     """(H, W) uint8 raw Bayer pixels of each camera, red at even rows and columns; None where the recording
     holds colours."""
+
+
+def is_empty(camera_stamps: Array, images: Sequence[Array]) -> bool:
+    """Whether this is what the platform's recorder appends after a driver's error, before it goes on."""
+    return not np.any(camera_stamps) and not any(image.any() for image in images)
+
+
+def empty_frame(index: int, cameras: int) -> LogFrame:
+    """A frame without images; its stamp is not known, NaN."""
+    return LogFrame(index, np.nan, np.full(cameras, np.nan), (None,) * cameras, None, None)
 
 
 def pose_from_record(values: Array, *, what: str) -> RecordedPose | None:

@@ -11,7 +11,7 @@ import numpy as np
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Image
 from tracker.errors import LogError
-from tracker.logs.frame import LogFrame, RecordedPose, pose_from_record
+from tracker.logs.frame import LogFrame, RecordedPose, empty_frame, is_empty, pose_from_record
 from tracker.logs.hdf5_end import check_stated_end
 from tracker.logs.hdf5_fields import Rows, faults_as_log_errors, find_field
 from tracker.logs.hdf5_images import StoredImages
@@ -89,12 +89,14 @@ class Hdf5Source(Source):
         stamps = self._camera_stamps[index].copy()
         for number, value in enumerate(stamps, start=1):
             checked_stamp(value, what=f"{where}, camera number {number}")
+        raw = self._images.read(index, where)
+        if is_empty(stamps, [raw]):
+            return empty_frame(index, len(stamps))
         if self._frame_stamps is None:
             stamp = float(np.mean(stamps))
         else:
             stamp = checked_stamp(self._frame_stamps[index][0] / 1000, what=where)
         pose = self._pose(index, where)
-        raw = self._images.read(index, where)
         images: tuple[Image, ...] = tuple(from_bayer(camera) for camera in raw)
         return LogFrame(index, stamp, stamps, images, pose, None, tuple(raw))
 

@@ -10,7 +10,7 @@ from tracker.calibration.rig import CameraRig
 from tracker.errors import LogError
 from tracker.logs.frame import LogFrame
 from tracker.logs.source import Source
-from tracker.logs.stamps import StampOrder
+from tracker.logs.stamps import StampOrder, with_stamps
 
 
 class Log:
@@ -45,6 +45,9 @@ class Log:
         return len(self._indices)
 
     def __iter__(self) -> Iterator[LogFrame]:
+        return with_stamps(self._frames())
+
+    def _frames(self) -> Iterator[LogFrame]:
         order = StampOrder(gaps=self._source.gaps)
         starts = frozenset(self._source.episode_starts)
         for index in self._indices:

@@ -9,7 +9,7 @@ import numpy as np
 
 from tracker.conventions import Image
 from tracker.errors import LogError
-from tracker.logs.frame import LogFrame, RecordedPose, pose_from_record
+from tracker.logs.frame import LogFrame, RecordedPose, empty_frame, is_empty, pose_from_record
 from tracker.logs.native_layout import CAMERA_HEADER, Layout, camera_shape, find_layout
 from tracker.logs.native_stream import open_stream
 from tracker.logs.pictures import from_bayer
@@ -105,6 +105,8 @@ def read_record(data: bytes, layout: Layout, index: int, where: str) -> LogFrame
         (stamp,) = struct.unpack_from("<d", data, offset)
         stamps.append(checked_stamp(stamp, what=what))
         offset += 8
+    if is_empty(np.array(stamps), [image for image in images if image is not None]):
+        return empty_frame(index, len(images))
     if layout.stamped:
         stamp = checked_stamp(struct.unpack_from("<d", data)[0] / 1000, what=where)
     else:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Iterable, Iterator, Sequence
+
 import numpy as np
 
 from tracker.conventions import FloatArray
@@ -10,6 +13,8 @@ from tracker.logs.frame import LogFrame
 
 MAX_STAMP = 1e11
 """Largest stamp [s] that is believed: the year 5138."""
+
+_APART = 1e-3  # s between frames without a stamp at the beginning and the end of a recording
 
 MAX_GAP = 3600.0
 """Longest time [s] between two frames of one recording; a job of the platform lasts minutes."""
@@ -51,3 +56,26 @@ class StampOrder:
         # A camera without an image yet: any stamp may follow.
         self._last = stamps
         self._index = frame.index
+
+
+def with_stamps(frames: Iterable[LogFrame]) -> Iterator[LogFrame]:
+    """The frames, those without a stamp with one that lies between their neighbours'."""
+    waiting: list[LogFrame] = []
+    last: float | None = None
+    for frame in frames:
+        if np.isnan(frame.timestamp):
+            waiting.append(frame)
+            continue
+        yield from _between(waiting, last, frame.timestamp)
+        waiting, last = [], frame.timestamp
+        yield frame
+    yield from _between(waiting, last, None)
+
+
+def _between(frames: Sequence[LogFrame], before: float | None, after: float | None) -> Iterator[LogFrame]:
+    count = len(frames) + 1
+    if before is None:
+        before = count * _APART if after is None else after - count * _APART
+    step = _APART if after is None else (after - before) / count
+    for number, frame in enumerate(frames, start=1):
+        yield dataclasses.replace(frame, timestamp=before + number * step)
