@@ -212,6 +212,19 @@ def test_a_listener_that_raises_is_not_called_again_and_harms_nobody():
     assert "disk full" in live.faults[0]
 
 
+def test_a_source_can_be_named(tmp_path):
+    from tests.helpers.log_writers import make_content, write_native
+
+    path, mean = write_native(tmp_path / "camera_data.dat", make_content(3, size=24)), MeanTracker()
+    mean.rig = Cameras(SimpleNamespace(name=one.name, height=24, width=24) for one in CAMERAS)
+    with Live(path, mean) as live:
+        drain(live)
+    assert live.error is None
+    assert len(mean.seen) >= 1
+    with pytest.raises(tracker.TrackerError, match="no such file"):
+        Live("nowhere", mean)
+
+
 def test_closing_ends_a_thread_that_waits_for_images():
     pushed = Pushed()
     live = Live(pushed, MeanTracker())

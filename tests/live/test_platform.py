@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -11,8 +12,9 @@ import pytest
 import tracker
 from tests.helpers.filmed import RIG, shots
 from tests.helpers.log_writers import make_content, write_native
+from tests.live.test_replay import Frames
 from tracker.errors import LiveError
-from tracker.live import Pushed, Shot
+from tracker.live import Pushed, Replay, Shot
 from tracker.live.platform import Frontend, LogReader, convert_image
 from tracker.logs.pictures import from_bayer
 
@@ -54,7 +56,7 @@ def loop(robot, steps):
     for t in range(steps):
         observation = robot.get_camera_observation(t)
         for camera in observation.cameras:
-            assert camera.image.shape == (270, 270, 3)
+            assert camera.image is None or camera.image.shape == (270, 270, 3)
             assert camera.timestamp > 0
         pose = observation.filtered_object_pose
         if pose.confidence > 0.5:
@@ -80,6 +82,23 @@ def test_a_control_loop_finds_the_cube_by_the_platforms_names(film):
         assert np.array_equal(position, expected.filtered_object_pose.position)
         assert np.array_equal(orientation, expected.filtered_object_pose.orientation)
         assert confidence == expected.object_pose.confidence
+
+
+def test_the_same_loop_runs_against_a_recording(film):
+    frames = [
+        SimpleNamespace(
+            index=n,
+            timestamp=0.05 * n,
+            camera_timestamps=np.full(3, 0.05 * n),
+            images=tuple(film),
+            raw=None,
+        )
+        for n in range(10)
+    ]
+    with Frontend(Replay(Frames(frames)), Cube()) as robot:
+        seen = loop(robot, 5)
+        robot.wait_until_timeindex(2)
+    assert len(seen) == 5
 
 
 def test_time_indices_count_sets_and_old_ones_are_forgotten(film):

@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 
 from tests.helpers.needs import lack
+from tests.live.test_platform import Cube, loop
 from tracker.errors import LiveError
 from tracker.live import Live, Moment
 from tracker.live.camera import GrabFailed
 from tracker.live.opening import open_cameras, settings_of
+from tracker.live.platform import Frontend
 
 if find_spec("pypylon") is None:
     lack("pylon", "pypylon is not installed")
@@ -124,6 +126,16 @@ def test_three_cameras_are_a_source_for_live(pictures, rig, tmp_path):
     assert counter.sets[-1] == [(270, 270, 3)] * 3  # halved for the rig
     assert all(any(np.array_equal(raw, one) for one in pictures[1]) for raw in moment.shot.raw)
     assert 0 <= moment.latency < 5
+
+
+def test_the_platforms_loop_runs_against_cameras(pictures, tmp_path):
+    text = "\n".join(f"{name} = {value!r}" for name, value in settings(pictures[0]).items())
+    (tmp_path / "cameras.toml").write_text(text)
+    source = open_cameras(f"pylon:{','.join(SERIALS)}", Cube.rig, settings=tmp_path / "cameras.toml")
+    with Frontend(source, Cube()) as robot:
+        robot.wait_until_timeindex(1)
+        assert loop(robot, 3)
+        assert time.time() - robot.get_timestamp_ms(robot.get_current_timeindex()) / 1e3 < 30
 
 
 def test_settings_of_one_camera_come_after_those_of_all(tmp_path):

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from tracker.objects.model import CuboidModel
 
 _FILE = click.Path(path_type=Path)
-_CAMERAS = ("pylon", "opencv")
+_CAMERAS = ("pylon", "opencv")  # as tracker.live.opening has them, which is not imported for --help
 
 
 @click.command()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 import time
 from collections import deque
@@ -12,6 +13,7 @@ from types import TracebackType
 import numpy as np
 
 from tracker.errors import LiveError
+from tracker.live.opening import open_source
 from tracker.live.shot import Shot, Source, SourceEnded
 from tracker.pipeline import ObjectTracker
 from tracker.pose.result import CameraUse, MotionEstimate, Observation, PoseEstimate, Status
@@ -71,7 +73,8 @@ class Live:
     here waits for the tracker, but `wait`.
 
     Args:
-        source: where images come from. It is closed at the end.
+        source: where images come from, which is closed at the end; or what `open_source` takes: a recording's
+            path, `pylon`, `opencv:0,1,2`, `simulation`.
         tracker: finds the object.
         listeners: are called in the tracking thread with each Moment, and must return quickly. One that
             raises is not called again, and `faults` tells of it.
@@ -80,7 +83,7 @@ class Live:
 
     def __init__(
         self,
-        source: Source,
+        source: Source | str | os.PathLike[str],
         tracker: ObjectTracker,
         *,
         listeners: Sequence[Callable[[Moment], None]] = (),
@@ -88,7 +91,10 @@ class Live:
     ) -> None:
         if isinstance(tracker, ObjectTracker):
             load()
-        self._source, self._tracker = source, tracker
+        if isinstance(source, (str, os.PathLike)):
+            source = open_source(source, tracker)
+        self._source = source
+        self._tracker = tracker
         self._listeners = list(listeners)
         self._changed = threading.Condition()
         self._moments: deque[tuple[Moment, Callable[[float], MotionEstimate | None]]] = deque(maxlen=history)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import os
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -12,13 +13,33 @@ from tracker.calibration.rig import CameraRig
 from tracker.errors import LiveError
 from tracker.live.camera import Camera
 from tracker.live.camera_set import RATE, CameraSet
+from tracker.live.replay import Replay
+from tracker.live.shot import Source
+from tracker.live.simulation import Simulation
+from tracker.pipeline import ObjectTracker
 
 if sys.version_info >= (3, 11):
     import tomllib
 else:
     import tomli as tomllib
 
+CAMERAS, SIMULATION = ("pylon", "opencv"), "simulation"
 FORMS = "a recording's path, pylon, pylon:SERIAL,…, opencv:0,1,2 or simulation"
+
+
+def open_source(source: str | os.PathLike[str], tracker: ObjectTracker) -> Source:
+    """The source that a text names, for the tracker's cameras: see FORMS.
+
+    Raises:
+        TrackerError: it cannot be opened.
+    """
+    text = os.fspath(source)
+    kind = text.partition(":")[0]
+    if kind in CAMERAS:
+        return open_cameras(text, tracker.rig)
+    if text == SIMULATION:
+        return Simulation(tracker.model.name)
+    return Replay(text)
 
 
 def open_cameras(
