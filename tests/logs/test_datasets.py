@@ -124,7 +124,7 @@ def test_a_missing_extra_is_named(tmp_path, monkeypatch):
         return really(name, *rest)
 
     monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(LogError, match=r"trifinger-object-tracker\[datasets\]"):
+    with pytest.raises(LogError, match=r"pip install .*\[datasets\]"):
         tracker.open_log(folder)
 
 
