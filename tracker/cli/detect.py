@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tracker.cli.calibration import calibration_options, load_rig
+from tracker.cli.calibration import optional_calibration_options
+from tracker.cli.pictures import frame_option
 from tracker.cli.table import listing
 
 if TYPE_CHECKING:
@@ -17,7 +18,8 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("images", nargs=-1, required=True, metavar="IMAGE...")
 @click.option("--object", "object_name", required=True, metavar="NAME", help="Object, or its TOML file.")
-@calibration_options
+@optional_calibration_options
+@frame_option
 @click.option(
     "--colors", "colors_name", metavar="NAME", help="Colour model, or its file.  [default: the object's]"
 )
@@ -31,27 +33,32 @@ def detect(
     calibration: tuple[str, ...],
     pattern: str | None,
     correct_halved_principal_point: bool,
+    frame: int | None,
     colors_name: str | None,
     as_json: bool,
     overlay_path: str | None,
 ) -> None:
     """Find an object's pose in one IMAGE of each camera.
 
-    IMAGEs come in the order of the cameras: in a folder of calibrations that of the numbers in their
-    names, else that of the files given. 'none' in place of an IMAGE says that the camera gave none.
+    IMAGE is a picture file of each camera; or one recording, or one folder of pictures, of which --frame
+    is taken, with its own calibration unless one is given. Files that are named after the cameras go to
+    these; others come in the order of the cameras: in a folder of calibrations that of the numbers in
+    their names, else that of the files given. 'none' in place of an IMAGE: that camera gave none.
+
+    Objects of the platform: cube_v1, cube_v2, cube_v3, cuboid_2x2x8_v2. Colour models: those, simulation,
+    dice.
 
     The exit code is 0 also when the object is not found: then there is no pose, and the status says why.
     """
     from tracker import viz
-    from tracker.cli.files import read_images
+    from tracker.cli.pictures import one_set
     from tracker.objects.model import load_object
     from tracker.pipeline import ObjectTracker
     from tracker.segmentation.color_model import load_colors
 
     model = load_object(object_name)
     colors = None if colors_name is None else load_colors(colors_name)
-    rig = load_rig(calibration, pattern, correct_halved_principal_point)
-    pictures = read_images(images, rig)
+    rig, pictures = one_set(images, calibration, pattern, correct_halved_principal_point, frame)
     tracker = ObjectTracker(model, rig, colors)
     tracker.detect(pictures)  # loads the compiled code: the times printed are those of a running tracker
     observation = tracker.detect(pictures)

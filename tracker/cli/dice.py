@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tracker.cli.calibration import calibration_options, load_rig
+from tracker.cli.calibration import optional_calibration_options
 from tracker.cli.files import NO_IMAGE
+from tracker.cli.pictures import frame_option
 from tracker.cli.table import listing, table
 
 if TYPE_CHECKING:
@@ -44,7 +45,8 @@ class _State:
 
 @click.command()
 @click.argument("images", nargs=-1, required=True, metavar="IMAGE...")
-@calibration_options
+@optional_calibration_options
+@frame_option
 @click.option(
     "--goal", "goal_path", metavar="FILE", help="The goal: JSON, or a pattern of 17 rows of characters."
 )
@@ -64,6 +66,7 @@ def dice(
     calibration: tuple[str, ...],
     pattern: str | None,
     correct_halved_principal_point: bool,
+    frame: int | None,
     goal_path: str | None,
     exact: bool,
     as_json: bool,
@@ -75,17 +78,18 @@ def dice(
     The error is the number of pixels, over all cameras, that show dice where the goal has none. Without a
     goal there is none.
 
-    IMAGEs come in the order of the cameras: in a folder of calibrations that of the numbers in their
-    names, else that of the files given. 'none' in place of an IMAGE says that the camera gave none; it
-    then counts for nothing.
+    IMAGE is a picture file of each camera; or one recording, or one folder of pictures, of which --frame
+    is taken, with its own calibration unless one is given. Files that are named after the cameras go to
+    these; others come in the order of the cameras: in a folder of calibrations that of the numbers in
+    their names, else that of the files given. 'none' in place of an IMAGE says that the camera gave none;
+    it then counts for nothing.
     """
     from tracker import viz
-    from tracker.cli.files import read_images
+    from tracker.cli.pictures import one_set
     from tracker.tasks.rearrange_dice import read_goal
 
     goal = None if goal_path is None else read_goal(goal_path)
-    rig = load_rig(calibration, pattern, correct_halved_principal_point)
-    pictures = read_images(images, rig)
+    rig, pictures = one_set(images, calibration, pattern, correct_halved_principal_point, frame)
     _evaluate(
         rig, pictures, goal, exact
     )  # loads compiled code: the times printed are those of a running loop

@@ -1,0 +1,72 @@
+"""One set of pictures: files in any order, a frame of a folder, and what is said where names disagree."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from tests.helpers import ROOT
+from tests.helpers.command import assert_one_line_error
+
+DEMO = ROOT / "tracker" / "demo"
+NAMES = ("camera60", "camera180", "camera300")
+
+
+@pytest.fixture
+def detect(run_here, tmp_path):
+    """Answers of `tracker detect --json` on the recording that comes with the package."""
+
+    def found(*arguments: object):
+        result = run_here("detect", "--object", "cube_v2", "--json", *arguments, folder=tmp_path)
+        return result, json.loads(result.stdout) if result.returncode == 0 else None
+
+    return found
+
+
+def files(folder: Path, *names: str) -> list[Path]:
+    return [folder / f"{name}.jpg" for name in names]
+
+
+def test_a_folders_frame_is_that_of_its_files(detect):
+    _, of_files = detect("--calibration", DEMO, *files(DEMO / "000003", *NAMES))
+    _, of_folder = detect(DEMO, "--frame", "3")
+    assert of_folder["pose"] == of_files["pose"]
+    assert detect(DEMO)[1]["pose"] != of_folder["pose"]
+
+
+def test_files_named_after_cameras_come_in_any_order(detect):
+    straight, mixed = (
+        detect("--calibration", DEMO, *files(DEMO / "000003", *names)) for names in (NAMES, sorted(NAMES))
+    )
+    assert mixed[1]["pose"] == straight[1]["pose"]
+    assert mixed[0].stderr == ""
+
+
+def test_a_name_that_disagrees_is_told(detect):
+    one = DEMO / "000003" / "camera60.jpg"
+    result, _ = detect("--calibration", DEMO, one, one, DEMO / "000003" / "camera300.jpg")
+    assert result.returncode == 0
+    assert result.stderr.splitlines() == [
+        f"tracker: {one}: taken for the picture of camera180, not of camera60"
+    ]
+
+
+def test_files_without_names_come_in_the_cameras_order(detect, tmp_path):
+    for name, letter in zip(NAMES, "abc", strict=True):
+        shutil.copy(DEMO / "000003" / f"{name}.jpg", tmp_path / f"{letter}.jpg")
+    named, unnamed = (
+        detect("--calibration", DEMO, *given)
+        for given in (files(DEMO / "000003", *NAMES), files(tmp_path, *"abc"))
+    )
+    assert unnamed[1]["pose"] == named[1]["pose"]
+    assert unnamed[0].stderr == ""
+
+
+def test_what_is_missing_is_said(detect):
+    assert_one_line_error(detect(*files(DEMO / "000003", *NAMES))[0], "--calibration")
+    assert_one_line_error(detect(DEMO, "--frame", "20")[0], "no frame 20", "from 0 to 19")
+    pictures = files(DEMO / "000003", *NAMES)
+    assert_one_line_error(detect("--calibration", DEMO, "--frame", "1", *pictures)[0], "--frame")
