@@ -160,7 +160,7 @@ class ObjectTracker:
         if isinstance(outcome, Status):
             reason = outcome
         else:
-            agreement = memory.agreement.after(outcome, expected)
+            agreement = memory.agreement.after(outcome, expected, lagging=lag is not None)
             memory = memory._replace(agreement=agreement)
             belief, status = belief.see(outcome, expected, agreement.fitting)
             uses = after(uses, outcome, held_back(memory.cameras, given))

@@ -30,6 +30,10 @@ STILL = 0.005, math.radians(5)
 """Speeds up to which an object is still [m/s, rad/s]: cameras that are grabbed one after the other see one
 that moves in different places."""
 
+RESTS = 0.9
+"""Probability that an object rests from which pictures that were taken one after another count: of one whose
+velocity is not known yet they show the motion."""
+
 
 class Agreement(NamedTuple):
     """What is remembered of how far the calibration is off."""
@@ -46,13 +50,16 @@ class Agreement(NamedTuple):
         """Whether the cameras are to be asked again, about an object that is expected there."""
         return self.age + 1 >= EVERY and still(expected)
 
-    def after(self, fit: Fit, expected: MotionState | None) -> Agreement:
-        """What is remembered after a pose of an object expected there; one that moves teaches nothing."""
+    def after(self, fit: Fit, expected: MotionState | None, *, lagging: bool = False) -> Agreement:
+        """What is remembered after a pose of an object expected there; one that moves teaches nothing.
+
+        lagging: whether the pictures were taken one after another.
+        """
         if fit.disagreement is None:
             return self._replace(age=self.age + 1)
-        if expected is None or not still(expected):
-            # It is all that is known of a first picture.
-            fitting = fits(fit) if self.disagreement is None else self.fitting
+        if expected is None or not still(expected) or (lagging and expected.at_rest < RESTS):
+            # It is all that is known of a first picture, unless what moved in between looks like it.
+            fitting = fits(fit) if self.disagreement is None and not lagging else self.fitting
             return self._replace(fitting=fitting, age=self.age + 1)
         looked = fit.disagreement - fit.disagreement.max()
         before = looked if self.disagreement is None else self.disagreement
