@@ -1,4 +1,4 @@
-"""Find a cube in one image of each camera; the images are those that `examples/demo.py` makes."""
+"""Find a cube in one image of each camera; the images are those that `tracker demo -o demo` leaves."""
 
 import cv2
 import numpy as np
@@ -7,7 +7,7 @@ import tracker
 
 rig = tracker.CameraRig.load("demo")  # a folder with one calibration file per camera
 model = tracker.load_object("cube_v2")
-images = [cv2.imread(f"demo/{name}.png") for name in rig.names]
+images = [cv2.imread(f"demo/000000/{name}.jpg") for name in rig.names]
 
 observation = tracker.ObjectTracker(model, rig).detect(images)
 pose = observation.object_pose

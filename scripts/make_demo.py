@@ -19,7 +19,7 @@ from synthetic.frames import frames
 from tracker.geometry import so3
 
 FOLDER = Path(__file__).parents[1] / "tracker" / "demo"
-OBJECT, COUNT, SEED, QUALITY = "cube_v2", 20, 3, 95
+OBJECT, COUNT, SEED, QUALITY = "cube_v2", 20, 5, 95
 
 
 def main() -> None:

@@ -37,7 +37,7 @@ class LiveError(TrackerError):
 
 def install(extra: str) -> str:
     """How to get the packages of one of this package's extras, in one line; no index has this package."""
-    return f"python3 -m pip install '.[{extra}]' in a checkout of it"
+    return f"python3 -m pip install '.[{extra}]' in a checkout of the tracker"
 
 
 def reason(error: Exception) -> str:

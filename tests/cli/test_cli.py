@@ -153,7 +153,6 @@ def test_a_faulty_image_is_named_in_one_line(image, said, demo, tmp_path, run_he
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ([], ["Missing command", "--help"]),
         (["find"], ["No such command", "find"]),
         (["colors"], ["Missing command", "colors --help"]),
         (["detect"], ["IMAGE", "detect --help"]),

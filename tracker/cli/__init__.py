@@ -90,6 +90,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
 def _run(arguments: list[str]) -> int:
     """Exit code of one run."""
     try:
+        arguments = arguments or ["--help"]  # who asks nothing wants to know what can be asked
         with commands.make_context("tracker", arguments) as context:
             commands.invoke(context)
         return 0

@@ -110,8 +110,11 @@ def _text(found: CalibrationCheck) -> str:
 
 
 def _verdict(found: CalibrationCheck) -> str:
+    from tracker.calibration.check import LIMIT
+
     if found.fits:
-        return "the calibration fits"
+        miss = f"{1e3 * found.miss:.1f} of at most {1e3 * LIMIT:.1f} mrad in the median"
+        return f"the calibration fits: cameras miss each other's views by {miss}"
     moved = [one.name for one in found.cameras if one.moved]
     lost = [one.name for one in found.cameras if found.is_lost(one) and not one.moved]
     if len(moved) > 1:

@@ -18,7 +18,7 @@ from tracker.pipeline import ObjectTracker
 from tracker.pose.fit import Fit
 from tracker.pose.judge import apparent
 from tracker.segmentation.light import find_light
-from tracker.upkeep.check import SLOW, SURE, look_of
+from tracker.upkeep.check import APART, SLOW, SURE, look_of
 
 MOST = 200
 """Frames that are looked at."""
@@ -136,6 +136,7 @@ def health(
     height = np.full(len(rows), np.nan)
     looks: list[Look] = []
     looked: list[int] = []
+    last = -APART
     for n, frame in enumerate(frame for frame in log if frame.index in wanted):
         for c, image in enumerate(frame.images):
             if image is not None:
@@ -147,7 +148,9 @@ def health(
                 _of_fit(fit, rig, n, values)
                 if _still(poses, wanted[frame.index]):
                     height[n] = _height(fit, tracker)
-                    if fit.own is not None:
+                    # Pictures of one place say the same again, and nothing more.
+                    if fit.own is not None and frame.index >= last + APART:
+                        last = frame.index
                         looks.append(look_of(fit))
                         looked.append(n)
         progress(1)
