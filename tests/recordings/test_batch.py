@@ -5,10 +5,12 @@ import errno
 import itertools
 import json
 import os
+import shlex
 import subprocess
 from contextlib import nullcontext
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -270,8 +272,12 @@ def test_the_jobs_of_a_list_do_all_of_it_once(recordings):
     content["each"] = 2
     description.write()
     description.list_path.write_text(json.dumps(content))
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(2)
     for number in (0, 1, 2, 1):
         assert schedulers.work(description.list_path, number) == 0
+    assert cv2.getNumThreads() == 1
+    cv2.setNumThreads(threads)
     with pytest.raises(LogError, match="found 3 jobs"):
         schedulers.work(description.list_path, 3)
     found = {name: data for name, data in contents(one.folder).items() if not name.startswith(".jobs")}
@@ -291,6 +297,16 @@ def test_thousands_of_recordings_are_some_jobs(tmp_path):
     description = schedulers.describe(one, one.tasks("x"), "slurm")
     assert "--array=0-954\n" in description.text
     assert subprocess.run(["sh", "-n"], input=description.text, text=True, check=False).returncode == 0
+
+
+def test_slurm_finds_the_folder_of_logs_whatever_its_name(tmp_path):
+    folder = tmp_path / 'it\'s %a "folder"'
+    one = Batch(folder, OPTIONS, (("/in/0", "0.poses.h5"),))
+    description = schedulers.describe(one, one.tasks("x"), "slurm")
+    (line,) = [line for line in description.text.splitlines() if line.startswith("#SBATCH --output=")]
+    (path,) = shlex.split(line.removeprefix("#SBATCH --output="))
+    logs = description.path.parent / "logs"
+    assert path == f"{logs}/{description.path.stem}-".replace("%", "%%") + "%a.out"
 
 
 def test_the_description_is_one_of_htcondor(tmp_path):

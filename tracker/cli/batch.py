@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tracker.cli.calibration import optional_calibration_options, refuse_pattern_alone
+from tracker.cli.signals import ended_by_signals
 from tracker.cli.table import listing
 
 if TYPE_CHECKING:
@@ -188,7 +189,8 @@ def work(list_path: Path, number: int) -> None:
     """Do the Nth job of a LIST; what jobs of HTCondor and Slurm run."""
     from tracker.recordings.schedulers import work as do
 
-    failed = do(list_path, number)
+    with ended_by_signals():
+        failed = do(list_path, number)
     if failed:
         click.echo(f"tracker: {failed} recordings failed", err=True)
         click.get_current_context().exit(2)

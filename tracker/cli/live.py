@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +13,7 @@ import click
 from tracker.cli.calibration import load_rig, optional_calibration_options, refuse_pattern_alone, rig_of
 from tracker.cli.live_check import check_cameras
 from tracker.cli.live_told import Told
+from tracker.cli.signals import ended_by_signals
 from tracker.errors import LiveError
 
 if TYPE_CHECKING:
@@ -134,7 +134,7 @@ def live(
             listeners.append(lambda moment: click.echo(message_of(moment).decode()))
         follower = stack.enter_context(Live(given, ObjectTracker(model, rig, colors), listeners=listeners))
         told.begin()
-        with _ended_by_signals():
+        with ended_by_signals():
             _follow(follower, seconds, None if as_json or quiet else told)
     error = follower.error
     if error is not None:
@@ -226,17 +226,3 @@ def _follow(follower: Live, seconds: float | None, told: Told | None) -> None:
             time.sleep(min(left, 0.1))
             if told is not None and (line := told.due()):
                 click.echo(line)
-
-
-@contextlib.contextmanager
-def _ended_by_signals() -> Iterator[None]:
-    """Being asked to end is an end like any other, so that files are finished."""
-
-    def end(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGTERM, end)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)

@@ -132,7 +132,7 @@ class Cluster:
         def hand_out() -> None:
             wanted = AHEAD * max(1, sum(self._client.nthreads().values())) - len(handed)
             for task in itertools.islice(todo, max(0, wanted)):
-                future = self._client.submit(_alone, function, task, pure=False)
+                future = self._client.submit(alone, function, task, pure=False)
                 handed[future.key] = task
                 finished.add(future)
 
@@ -167,7 +167,8 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _alone(function: Callable[[_Task], _Result], task: _Task) -> _Result:
+def alone(function: Callable[[_Task], _Result], task: _Task) -> _Result:
+    """Apply a function to a task, with one thread for OpenCV, which no variable tells."""
     cv2.setNumThreads(1)  # the workers share the cores, more threads would only wait for each other
     return function(task)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import json
 import os
@@ -16,7 +17,7 @@ from typing import Any, Literal
 from tracker.errors import LogError, TrackerError
 from tracker.files import write_whole
 from tracker.recordings.batch import Batch
-from tracker.recordings.engine import ONE_THREAD, Here
+from tracker.recordings.engine import ONE_THREAD, Here, alone
 from tracker.recordings.fingerprint import fingerprint
 from tracker.recordings.job import Job
 from tracker.recordings.recipe import Options, Recipe
@@ -141,7 +142,7 @@ def work(list_path: Path, number: int) -> int:
         raise TrackerError(f"{list_path}: found a list of another version or other files, submit it again")
     tasks = [Task(log, output, options, mark) for log, output in share]
     missing = [task for task in tasks if not _is_done(task, recipe)]
-    results = [result for _, result in Here().each(make_result, missing)]
+    results = [result for _, result in Here().each(functools.partial(alone, make_result), missing)]
     return sum(isinstance(result, Exception) or result["failure"] is not None for result in results)
 
 
@@ -200,7 +201,7 @@ def _slurm(folder: Path, list_path: Path, count: int) -> str:
 #SBATCH --mem={MEMORY_MB}M
 #SBATCH --requeue
 #SBATCH --open-mode=append
-#SBATCH --output="{folder}/logs/{list_path.stem}-%a.out"
+#SBATCH --output={_slurm_quoted(f"{folder}/logs/{list_path.stem}-")}%a.out
 {variables}
 {command} "$SLURM_ARRAY_TASK_ID"
 code=$?
@@ -210,6 +211,11 @@ if [ $code -ne 0 ] && [ $code -ne 2 ] && [ "${{SLURM_RESTART_COUNT:-0}}" -lt {RE
 fi
 exit $code
 """
+
+
+def _slurm_quoted(path: str) -> str:
+    """As a directive wants a path, in which % begins a pattern."""
+    return '"' + path.replace("%", "%%").replace('"', '\\"') + '"'
 
 
 def _condor_quoted(text: str) -> str:
