@@ -28,13 +28,13 @@ class Publisher:
     """
 
     def __init__(self, address: str, *, public: bool = False) -> None:
-        if find_spec("zmq") is None:
-            raise LiveError(f"publish: pyzmq is not installed: {install('live')}")
         if not (public or _LOCAL.fullmatch(address)):
             raise LiveError(
                 f"publish {address}: other machines could connect to it; expected tcp://127.0.0.1:PORT, "
                 "ipc://PATH, or to be told that it is meant to be public"
             )
+        if find_spec("zmq") is None:
+            raise LiveError(f"publish: pyzmq is not installed: {install('live')}")
         import zmq
 
         self._zmq = zmq
