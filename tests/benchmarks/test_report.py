@@ -168,7 +168,9 @@ def test_page_and_markdown_hold_the_same_tables(folder, text):
         assert shown in document
         assert shown.removeprefix("## ") in page
     assert "nan" not in document
-    assert "nan" not in re.sub(r"<svg.*?</svg>|<style.*?</style>", "", page, flags=re.DOTALL)
+    # Pictures are letters, too.
+    words = re.sub(r"<svg.*?</svg>|<style.*?</style>|base64,[\w+/=]+", "", page, flags=re.DOTALL)
+    assert "nan" not in words
 
 
 def test_every_table_that_is_specified_is_of_a_part_and_has_cells_for_its_heads():

@@ -34,7 +34,8 @@ class TrueLens:
     @property
     def arrays(self) -> tuple[FloatArray, FloatArray]:
         fx, fy, cx, cy = self.matrix
-        return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]), np.array(self.distortion)
+        matrix = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]], dtype=np.float64)
+        return matrix, np.array(self.distortion)
 
 
 LENS = TrueLens()

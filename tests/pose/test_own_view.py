@@ -54,7 +54,7 @@ def across(rig, fit):
 
 def test_each_camera_by_itself_sees_the_object_where_all_do(rig, stills):
     for fit in fits(rig, stills):
-        assert np.abs(across(rig, fit)).max() < 0.3e-3
+        assert np.abs(across(rig, fit)).max() < 0.4e-3
         assert (fit.own.inliers > 15).all()
         assert size(fit.disagreement) < 0.5e-3
 
@@ -68,7 +68,7 @@ def test_a_camera_that_was_moved_sees_the_object_moved(rig, stills, c):
         # The pose moves, too: what the camera sees is where the true pose and the wrong camera have it.
         rotation = given[c].camera_from_world[:3, :3]
         seen = rotation @ (new.position + new.own.moved[c, :3] - old.position - old.own.moved[c, :3])
-        np.testing.assert_allclose(seen[:2], -shift[:2], atol=0.3e-3)
+        np.testing.assert_allclose(seen[:2], -shift[:2], atol=0.4e-3)
         assert size(new.disagreement) > size(old.disagreement)
 
 
