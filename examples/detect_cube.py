@@ -1,13 +1,13 @@
-"""Find a cube in one image of each camera; the images are those that `tracker demo -o demo` leaves."""
+"""Find a cube in one image of each camera; the images are those that `tracker demo` leaves."""
 
 import cv2
 import numpy as np
 
 import tracker
 
-rig = tracker.CameraRig.load("demo")  # a folder with one calibration file per camera
+rig = tracker.CameraRig.load("tracker-demo")  # a folder with one calibration file per camera
 model = tracker.load_object("cube_v2")
-images = [cv2.imread(f"demo/000000/{name}.jpg") for name in rig.names]
+images = [cv2.imread(f"tracker-demo/000000/{name}.jpg") for name in rig.names]
 
 observation = tracker.ObjectTracker(model, rig).detect(images)
 pose = observation.object_pose

@@ -5,7 +5,7 @@ import time
 import tracker
 
 source = tracker.live.Replay("my_recording")  # or Pushed(): images are pushed into it from any thread
-rig = source.log.rig or tracker.CameraRig.load("demo")
+rig = source.log.rig or tracker.CameraRig.load("tracker-demo")
 follower = tracker.ObjectTracker(tracker.load_object("cube_v2"), rig)
 with tracker.live.Live(source, follower) as live:
     moment = live.wait(after=-1)

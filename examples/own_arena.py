@@ -4,6 +4,6 @@ import dataclasses
 
 import tracker
 
-rig = tracker.CameraRig.load("demo")
+rig = tracker.CameraRig.load("tracker-demo")
 arena = tracker.Arena(center=(0.0, 0.0), radius=0.2, height=0.15, table=0.0)  # [m]
 rig = dataclasses.replace(rig, arena=arena)

@@ -4,7 +4,7 @@ import tracker
 
 with tracker.open_log("my_recording") as log:
     follower = tracker.ObjectTracker(
-        tracker.load_object("cube_v2"), log.rig or tracker.CameraRig.load("demo")
+        tracker.load_object("cube_v2"), log.rig or tracker.CameraRig.load("tracker-demo")
     )
     for frame in log:
         observation = follower.update(frame.images, frame.timestamp)

@@ -48,9 +48,9 @@ def commands() -> list[str]:
 
 @pytest.fixture(scope="module")
 def working(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with what the pages speak of: demo, my_images, my_recording, my_object.toml."""
+    """A folder with what the pages speak of: tracker-demo, my_images, my_recording, my_object.toml."""
     folder = tmp_path_factory.mktemp("readme")
-    shutil.copytree(DEMO, folder / "demo")
+    shutil.copytree(DEMO, folder / "tracker-demo")
     shutil.copytree(DEMO, folder / "my_recording", ignore=shutil.ignore_patterns("0000[01][3-9]", "00001*"))
     goal = '{"difficulty": 1, "goal": {"position": [0, 0, 0.0325], "orientation": [0, 0, 0, 1]}}'
     (folder / "my_recording" / "goal.json").write_text(goal)
