@@ -192,9 +192,9 @@ def _still(poses: Poses, row: int) -> bool:
 
 
 def _height(fit: Fit, tracker: ObjectTracker) -> float:
-    """Height of an object's lowest point over the table [mm]; NaN unless a face is level."""
-    down = np.abs(fit.rotation[2])
-    if down.max() < LEVEL:
+    """Height of a lowest point over the table [mm]; NaN without a table, or unless a face is level."""
+    down, table = np.abs(fit.rotation[2]), tracker.rig.arena.table
+    if table is None or down.max() < LEVEL:
         return float("nan")
     lowest = fit.position[2] - down @ (np.asarray(tracker.model.size) / 2)
-    return float(1e3 * (lowest - tracker.rig.arena.table))
+    return float(1e3 * (lowest - table))

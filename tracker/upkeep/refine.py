@@ -21,7 +21,7 @@ from tracker.segmentation.color_model import ColorModel
 from tracker.upkeep.adjust import Adjusted, Frame, adjust, exact, widened
 from tracker.upkeep.edges import EdgeReader
 from tracker.upkeep.footage import Footage
-from tracker.upkeep.sightings import Sighting, sightings
+from tracker.upkeep.sightings import Sighting, all_sightings
 from tracker.upkeep.table import broad, plane_of
 from tracker.upkeep.variety import different
 
@@ -98,12 +98,7 @@ def refine_cameras(
         )
     wide = widened(broad(rig))
     tracker, edges = ObjectTracker(model, wide, colors, support=False), EdgeReader(model, wide, colors)
-    seen: list[list[Sighting]] = []
-    for one in footage:
-        seen.append([])
-        for sighting in sightings(tracker, one, SURE):
-            seen[-1].append(sighting)
-            progress(1)
+    seen = all_sightings(tracker, footage, SURE, progress)
     frames = _frames(edges, footage, different(model.name, seen, most))
     rim = model.rim, model.rim_std
     taught = [frame for k, frame in enumerate(frames) if k % JUDGED]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,6 +47,19 @@ def sightings(tracker: ObjectTracker, footage: Footage, least: float) -> Iterato
         if seen is not None:
             yield seen
             begins = False
+
+
+def all_sightings(
+    tracker: ObjectTracker, footage: Sequence[Footage], least: float, progress: Callable[[int], None]
+) -> list[list[Sighting]]:
+    """Those of each footage; arguments and errors as of `sightings`, `progress` is told of each."""
+    seen: list[list[Sighting]] = []
+    for one in footage:
+        seen.append([])
+        for sighting in sightings(tracker, one, least):
+            seen[-1].append(sighting)
+            progress(1)
+    return seen
 
 
 def _seen(tracker: ObjectTracker, shot: Shot, begins: bool, least: float) -> Sighting | None:

@@ -19,7 +19,7 @@ from tracker.segmentation.color_model import ColorModel
 from tracker.upkeep.edges import EdgeReader
 from tracker.upkeep.footage import Footage
 from tracker.upkeep.rests import resting
-from tracker.upkeep.sightings import Sighting, sightings
+from tracker.upkeep.sightings import Sighting, all_sightings
 
 BROAD = 0.015, 0.05
 """Standard deviations of the table's height [m] and tilt [rad] before it is found."""
@@ -65,12 +65,7 @@ def find_table(
     refuse_one_camera(rig)
     loose = broad(rig)
     tracker, edges = ObjectTracker(model, loose, colors, support=False), EdgeReader(model, loose, colors)
-    seen: list[list[Sighting]] = []
-    for one in footage:
-        seen.append([])
-        for sighting in sightings(tracker, one, SURE):
-            seen[-1].append(sighting)
-            progress(1)
+    seen = all_sightings(tracker, footage, SURE, progress)
     if not any(seen):
         raise CalibrationError(f"table: found no picture in which {model.name} is surely seen")
     plane = plane_of(model, edges, footage, seen)
