@@ -32,6 +32,9 @@ ONE_THREAD = dict.fromkeys(
 )
 """Environment of a worker."""
 
+QUIET = {"logging.distributed": "critical"}
+"""What Dask says of workers that are killed is said here in other words."""
+
 
 class WorkerError(TrackerError):
     """A worker process was ended from outside, and another one too that took its task."""
@@ -78,7 +81,8 @@ class Cluster:
     def __init__(self, workers: int, scheduler: str | None = None) -> None:
         try:
             dask: Any = import_module("dask")
-            distributed: Any = import_module("distributed")
+            with dask.config.set(QUIET):  # kept from the import on: threads may tell of the end after it
+                distributed: Any = import_module("distributed")
         except ImportError as error:
             raise TrackerError(
                 f"several processes need the package distributed: {install('cluster')}"
@@ -92,10 +96,8 @@ class Cluster:
                 raise TrackerError(f"scheduler {scheduler}: does not answer: {error}") from error
             return
         warm_up()  # once, not in each worker
-        # What Dask says of workers that are killed is said here in other words.
-        quiet = {"logging.distributed": "critical", "distributed.nanny.pre-spawn-environ": ONE_THREAD}
         with (
-            dask.config.set(quiet),
+            dask.config.set(QUIET | {"distributed.nanny.pre-spawn-environ": ONE_THREAD}),
             _environment({"DASK_LOGGING__DISTRIBUTED": "critical"}),
             _no_interrupts(),
         ):
