@@ -14,7 +14,7 @@ _TOLERANCE_PX = 1e-6
 def rays_of(name: str, pixels: Array, matrix: Array, distortion: Array) -> FloatArray:
     """Normalised coordinates (N, 2) that the camera `name` shows at pixels (N, 2), iterated to convergence.
 
-    matrix (3, 3) and distortion (5,) as of `Camera`.
+    matrix (3, 3) and distortion (5,) to (14,) as of `Camera`.
 
     Raises:
         CalibrationError: the lens has no inverse at some of them.
@@ -36,6 +36,10 @@ def rays_of(name: str, pixels: Array, matrix: Array, distortion: Array) -> Float
 
 def seen_at(rays: Array, matrix: Array, distortion: Array) -> FloatArray:
     """Pixels (N, 2) of rays (N, 2): OpenCV's model, without the derivatives that `projectPoints` adds."""
+    if len(distortion) > 5:  # rare enough for them
+        ahead = np.insert(rays, 2, 1.0, axis=1)
+        pixels, _ = cv2.projectPoints(ahead, np.zeros(3), np.zeros(3), matrix, distortion)
+        return np.asarray(pixels.reshape(-1, 2), np.float64)
     x, y = rays[:, 0], rays[:, 1]
     k1, k2, p1, p2, k3 = distortion
     squared = x * x + y * y

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import dataclasses
 import os
 import stat
 from pathlib import Path
@@ -9,8 +10,9 @@ import numpy as np
 import pytest
 import yaml
 
-from tests.helpers import make_camera
+from tests.helpers import LENSES, make_camera
 from tracker.calibration import platform_files
+from tracker.calibration.calibrated import read_calibrated
 from tracker.calibration.platform_files import read_camera, write_camera
 from tracker.errors import CalibrationError
 from tracker.geometry.camera import Camera
@@ -68,9 +70,43 @@ def test_opencv_reads_what_is_written(tmp_path):
     storage.release()
 
 
+@pytest.mark.parametrize("coefficients", LENSES.values(), ids=map(str, LENSES))
+def test_lenses_of_every_length_are_kept_to_the_bit(coefficients, tmp_path):
+    camera = dataclasses.replace(make_camera(), distortion=np.array(coefficients))
+    file, _ = written(tmp_path, camera)
+    assert_same_bits(read_camera(file), camera)
+
+
+ROS = """image_width: 270
+image_height: 270
+camera_name: camera60
+camera_matrix: {rows: 3, cols: 3, data: [294.4, 0, 135.9, 0, 296.4, 141.5, 0, 0, 1]}
+distortion_model: rational_polynomial
+distortion_coefficients: {rows: 1, cols: 8, data: [0.31, -0.12, -0.00136, 0.0007, 0.021, 0.55, -0.06, 0.011]}
+rectification_matrix: {rows: 3, cols: 3, data: [1, 0, 0, 0, 1, 0, 0, 0, 1]}
+projection_matrix: {rows: 3, cols: 4, data: [294.4, 0, 135.9, 0, 0, 296.4, 141.5, 0, 0, 0, 1, 0]}
+"""
+
+
+def test_the_camera_info_of_ros_is_a_lens_that_has_to_be_placed(tmp_path):
+    file = rewritten(tmp_path / "camera60.yaml", ROS)
+    with pytest.raises(CalibrationError, match=r"a lens alone; `tracker calibrate extrinsics`.*add that key"):
+        read_camera(file)
+    lens = read_calibrated(file)
+    assert not lens.placed
+    np.testing.assert_array_equal(lens.camera.distortion, LENSES[8])
+    transform = make_camera().camera_from_world
+    placed = f"{ROS}tf_world_to_camera: {{rows: 4, cols: 4, data: {transform.ravel().tolist()}}}\n"
+    expected = dataclasses.replace(make_camera(), distortion=np.array(LENSES[8]), camera_from_world_std=None)
+    assert_same_bits(read_camera(rewritten(file, placed)), expected)
+    with pytest.raises(CalibrationError, match=r"distortion_model: found 'equidistant', expected plumb_bob"):
+        read_camera(rewritten(file, placed.replace("rational_polynomial", "equidistant")))
+
+
 @pytest.mark.parametrize("suffix", ["yml", "yaml"])
-def test_what_opencv_writes_is_read(suffix, tmp_path):
-    camera = make_camera()
+@pytest.mark.parametrize("coefficients", LENSES.values(), ids=map(str, LENSES))
+def test_what_opencv_writes_is_read(suffix, coefficients, tmp_path):
+    camera = dataclasses.replace(make_camera(), distortion=np.array(coefficients))
     file = tmp_path / f"camera60.{suffix}"
     storage = cv2.FileStorage(str(file), cv2.FILE_STORAGE_WRITE)
     storage.write("camera_name", camera.name)

@@ -63,6 +63,15 @@ def look_at(position: Array, target: Array = (0.0, 0.0, 0.0), up: Array = (0.0, 
     return out
 
 
+LENSES = {
+    5: (-0.2358, 0.1142, -0.00136, -5.2e-05, -0.0506),
+    8: (0.31, -0.12, -0.00136, 0.0007, 0.021, 0.55, -0.06, 0.011),
+    12: (-0.21, 0.09, 0.0011, -0.0004, -0.03, 0.02, -0.01, 0.004, 0.003, -0.001, -0.002, 0.0015),
+    14: (-0.21, 0.09, 0.0011, -0.0004, -0.03, 0.02, -0.01, 0.004, 0.003, -0.001, -0.002, 0.0015, 0.03, -0.05),
+}
+"""Coefficients of distortion by their number, each of a size that lenses have."""
+
+
 def make_camera(azimuth_degrees: float = 60.0, name: str | None = None) -> Camera:
     """A camera like those of the platform, 270×270, half a metre from the arena's centre."""
     azimuth = np.deg2rad(azimuth_degrees)

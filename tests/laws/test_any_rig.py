@@ -8,6 +8,7 @@ import pytest
 
 import tracker
 from synthetic.camera.sensor import Sensor
+from tests.helpers import LENSES
 from tests.helpers.colored_light import overlap, ramp
 from tests.helpers.stills import bare_scene, take
 from tracker.geometry import so3
@@ -277,3 +278,15 @@ def test_labels_and_poses_are_read_in_the_same_light(rig, scenes):
             coarse = cv2.resize(found, size, interpolation=cv2.INTER_NEAREST)
             both = (coarse > 0) & (seen.labels > 0)
             assert np.mean(coarse[both] == seen.labels[both]) > 0.95
+
+
+@pytest.mark.parametrize("count", [8, 14])
+@pytest.mark.parametrize("name", OBJECTS)
+def test_lenses_of_more_coefficients_are_as_good(rig, references, name, count):
+    bent = tracker.CameraRig(
+        tuple(dataclasses.replace(camera, distortion=np.array(LENSES[count])) for camera in rig), rig.arena
+    )
+    fit = new(name, bent).fit(rendered(name, 0, bent.cameras).images)
+    shift, angle = apart(fit, references[name][0])
+    assert shift < 3e-4
+    assert angle < np.deg2rad(0.5)

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.helpers import make_camera
+from tests.helpers import LENSES, make_camera
 from tests.helpers.pose_logs import arrays_of, assert_same, make_about, random_poses
 from tracker.calibration.rig import CameraRig
 from tracker.errors import LogError, TrackerError
@@ -53,13 +53,15 @@ def test_a_file_gives_back_what_was_written_to_the_bit(
 
 
 def test_cameras_come_back_with_and_without_deviations(path, rng):
-    cameras = (make_camera(300), dataclasses.replace(make_camera(60, "links ä"), camera_from_world_std=None))
+    other = dataclasses.replace(make_camera(60, "links ä"), distortion=np.array(LENSES[14]))
+    cameras = (make_camera(300), dataclasses.replace(other, camera_from_world_std=None))
     poses = random_poses(rng, 2, cameras=False)
     poses = dataclasses.replace(poses, about=make_about(rig=CameraRig(cameras)))
     write_poses(path, poses)
     rig = read_poses(path).about.rig
     assert rig.names == ("camera300", "links ä")
     assert rig[1].camera_from_world_std is None
+    np.testing.assert_array_equal(rig[1].distortion, LENSES[14])
     assert poses.about.agrees_with(read_poses(path).about)
 
 

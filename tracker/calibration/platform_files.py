@@ -4,7 +4,8 @@ Keys: camera_name, image_width, image_height and the matrices {rows, cols, data}
 distortion_coefficients, tf_world_to_camera and tf_world_to_camera_std. Variants that are read too:
 files of early 2020 say projection_matrix for tf_world_to_camera; the deviations may be missing;
 matrices may carry `dt: d` and the tag `!!opencv-matrix`; a header may be there or not, in YAML's way
-or in OpenCV's (`%YAML:1.0`).
+or in OpenCV's (`%YAML:1.0`); distortions have 4, 5, 8, 12 or 14 coefficients in OpenCV's order. Files of
+ROS (camera_info) are of a lens alone, unless tf_world_to_camera is added to them.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from tracker.errors import CalibrationError
 from tracker.files import write_whole
 from tracker.geometry import so3
 from tracker.geometry.camera import MAX_SIZE, ROTATION_TOLERANCE, Camera, rotation_deviation
+from tracker.geometry.distortion import COUNTS
 
 MAX_FILE_SIZE = 100_000
 """Largest file [bytes] that is parsed; real ones have 2 kB, and PyYAML takes seconds for a megabyte."""
@@ -32,6 +34,10 @@ MAX_ROTATION_DEVIATION = 1e-2
 
 TRANSFORM_KEYS = ("tf_world_to_camera", "projection_matrix")
 """What files call camera_from_world, today and in early 2020."""
+
+
+_ROS_KEY = "distortion_model"
+_ROS_MODELS = ("plumb_bob", "rational_polynomial")
 
 
 class _Loader(yaml.SafeLoader):
@@ -155,6 +161,12 @@ def read_mapping(path: Path) -> dict[Any, Any]:
         raise CalibrationError(f"{path}: not plain YAML: {reason}") from error
     if not isinstance(data, dict):
         raise CalibrationError(f"{path}: found {_shown(data)}, expected a mapping with the key camera_matrix")
+    if _ROS_KEY in data:
+        if data[_ROS_KEY] not in _ROS_MODELS:
+            valid = " or ".join(_ROS_MODELS)
+            raise CalibrationError(f"{path}: {_ROS_KEY}: found {_shown(data[_ROS_KEY])}, expected {valid}")
+        # What ROS calls so is the lens of rectified images, 3×4.
+        data.pop("projection_matrix", None)
     return data
 
 
@@ -167,7 +179,7 @@ def camera_of(data: dict[Any, Any]) -> Camera:
         found = ", ".join(sorted(map(str, data)))[:200]
         raise CalibrationError(
             f"key {TRANSFORM_KEYS[0]} is missing; found {found}: a lens alone; "
-            "`tracker calibrate extrinsics` finds where its camera is"
+            "`tracker calibrate extrinsics` finds where its camera is; or add that key, a 4×4 matrix"
         )
     transform_key = next((key for key in TRANSFORM_KEYS if key in data), TRANSFORM_KEYS[0])
     transform = matrix_of(data, transform_key, (4, 4))
@@ -205,10 +217,10 @@ def _whole(data: dict[Any, Any], key: str) -> int:
 
 
 def _distortion(data: dict[Any, Any]) -> FloatArray:
-    coefficients = np.zeros(5)
-    found = matrix_of(data, "distortion_coefficients", (1, 5), (5, 1), (1, 4), (4, 1)).ravel()
-    coefficients[: len(found)] = found  # with four coefficients OpenCV takes k3 = 0
-    return coefficients
+    counts = (4, *COUNTS)
+    shapes = [shape for count in counts for shape in ((1, count), (count, 1))]
+    found = matrix_of(data, "distortion_coefficients", *shapes).ravel()
+    return np.append(found, 0.0) if len(found) == counts[0] else found  # OpenCV takes k3 = 0 then
 
 
 def matrix_of(data: dict[Any, Any], key: str, *shapes: tuple[int, int]) -> FloatArray:

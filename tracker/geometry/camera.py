@@ -1,9 +1,7 @@
-"""The pinhole camera with the platform's five distortion coefficients.
+"""The pinhole camera with a lens that bends rays.
 
-The model is OpenCV's: p_camera = camera_from_world · p_world, x = X/Z, y = Y/Z, r² = x² + y²,
-    x' = x (1 + k1 r² + k2 r⁴ + k3 r⁶) + 2 p1 x y + p2 (r² + 2 x²)
-    y' = y (1 + k1 r² + k2 r⁴ + k3 r⁶) + p1 (r² + 2 y²) + 2 p2 x y
-    u = fx x' + cx, v = fy y' + cy.
+The model is OpenCV's: p_camera = camera_from_world · p_world, x = X/Z, y = Y/Z, (x', y') by
+`geometry.distortion`, u = fx x' + cx, v = fy y' + cy.
 """
 
 from __future__ import annotations
@@ -15,15 +13,13 @@ import numpy.typing as npt
 
 from tracker.conventions import Array, FloatArray
 from tracker.errors import CalibrationError
+from tracker.geometry.distortion import COUNTS, distort, undistort
 
 ROTATION_TOLERANCE = 1e-6
 """Largest |R Rᵀ - I| of a camera's rotation R."""
 
 MAX_SIZE = 32767
 """Largest width and height [px]: OpenCV's remapping stores coordinates in 16 bits."""
-
-_NEWTON_ITERATIONS = 30
-_NEWTON_TOLERANCE = 1e-12
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -43,7 +39,7 @@ class Camera:
     matrix: FloatArray
     """(3, 3) `[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]` [px]; pixel centres are at whole numbers."""
     distortion: FloatArray
-    """(5,) k1, k2, p1, p2, k3."""
+    """(5,) k1, k2, p1, p2, k3; or (8,), (12,), (14,) with k4 … k6, s1 … s4, τx and τy after them."""
     camera_from_world: FloatArray
     """(4, 4) rigid transform, p_camera = camera_from_world · p_world [m]."""
     camera_from_world_std: FloatArray | None = None
@@ -54,8 +50,10 @@ class Camera:
             raise CalibrationError(f"camera name: found {self.name!r}, expected a text that is not empty")
         for key in ("width", "height"):
             object.__setattr__(self, key, self._size(key, getattr(self, key)))
-        for key, shape in (("matrix", (3, 3)), ("distortion", (5,)), ("camera_from_world", (4, 4))):
+        for key, shape in (("matrix", (3, 3)), ("camera_from_world", (4, 4))):
             object.__setattr__(self, key, self._array(key, getattr(self, key), shape))
+        lens = [(count,) for count in COUNTS]
+        object.__setattr__(self, "distortion", self._array("distortion", self.distortion, *lens))
         if self.camera_from_world_std is not None:
             std = self._array("camera_from_world_std", self.camera_from_world_std, (4, 4))
             if std.min() < 0:
@@ -73,13 +71,14 @@ class Camera:
             raise self._error(key, repr(value)[:40], f"a whole number of pixels from 1 to {MAX_SIZE}")
         return int(value)
 
-    def _array(self, key: str, value: object, shape: tuple[int, ...]) -> FloatArray:
+    def _array(self, key: str, value: object, *shapes: tuple[int, ...]) -> FloatArray:
+        valid = " or ".join(map(str, shapes))
         try:
             array = np.array(value, dtype=np.float64)
         except (TypeError, ValueError) as error:
-            raise self._error(key, type(value).__name__, f"numbers of shape {shape}") from error
-        if array.shape != shape:
-            raise self._error(key, f"shape {array.shape}", f"shape {shape}")
+            raise self._error(key, type(value).__name__, f"numbers of shape {valid}") from error
+        if array.shape not in shapes:
+            raise self._error(key, f"shape {array.shape}", f"shape {valid}")
         if not np.isfinite(array).all():
             raise self._error(key, "values that are not finite", "finite numbers")
         array.flags.writeable = False
@@ -124,14 +123,14 @@ class Camera:
         with the platform's lenses): limit points to the field of view before trusting their pixels.
         """
         in_camera = self._in_camera(points_world)
-        distorted, _ = _distort(in_camera[:, :2] / in_camera[:, 2:], self.distortion, jacobian=False)
+        distorted, _ = distort(in_camera[:, :2] / in_camera[:, 2:], self.distortion, jacobian=False)
         return self._pixels(distorted)
 
     def project_with_jacobian(self, points_world: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Pixels (N, 2) of world points (N, 3) [m] and their derivatives (N, 2, 3) [px/m]; NaN as above."""
         in_camera = self._in_camera(points_world)
         normalized = in_camera[:, :2] / in_camera[:, 2:]
-        distorted, lens = _distort(normalized, self.distortion, jacobian=True)
+        distorted, lens = distort(normalized, self.distortion, jacobian=True)
         perspective = np.zeros((len(in_camera), 2, 3))
         perspective[:, 0, 0] = perspective[:, 1, 1] = 1
         perspective[:, :, 2] = -normalized
@@ -148,7 +147,7 @@ class Camera:
         """
         focal, center = self.matrix[(0, 1), (0, 1)], self.matrix[:2, 2]
         target = (np.asarray(pixels, dtype=np.float64).reshape(-1, 2) - center) / focal
-        return _undistort(target, self.distortion)
+        return undistort(target, self.distortion)
 
     def rays(self, pixels: npt.ArrayLike) -> FloatArray:
         """Unit directions (N, 3) in the world of the rays through pixels (N, 2), away from the camera."""
@@ -202,41 +201,3 @@ def rotation_deviation(matrix: Array) -> float:
         deviation = float(np.abs(matrix @ matrix.T - np.eye(3)).max())
         mirrored = bool(np.dot(np.cross(matrix[0], matrix[1]), matrix[2]) <= 0)
     return float("inf") if mirrored or not np.isfinite(deviation) else deviation
-
-
-def _distort(
-    normalized: FloatArray, distortion: FloatArray, *, jacobian: bool
-) -> tuple[FloatArray, FloatArray]:
-    """Distorted coordinates (N, 2) of normalised ones (N, 2), and their derivatives (N, 2, 2) if wanted."""
-    k1, k2, p1, p2, k3 = distortion
-    x, y = normalized[:, 0], normalized[:, 1]
-    r2 = x * x + y * y
-    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    distorted = np.empty_like(normalized)
-    distorted[:, 0] = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
-    distorted[:, 1] = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
-    derivative = np.empty((len(normalized) if jacobian else 0, 2, 2))
-    if jacobian:
-        slope = 2 * (k1 + r2 * (2 * k2 + r2 * 3 * k3))  # d radial/dx = x · slope
-        derivative[:, 0, 0] = radial + x * x * slope + 2 * p1 * y + 6 * p2 * x
-        derivative[:, 1, 1] = radial + y * y * slope + 6 * p1 * y + 2 * p2 * x
-        derivative[:, 0, 1] = derivative[:, 1, 0] = x * y * slope + 2 * p1 * x + 2 * p2 * y
-    return distorted, derivative
-
-
-def _undistort(target: FloatArray, distortion: FloatArray) -> FloatArray:
-    """Inverse of `_distort` by Newton's method; NaN where it does not converge before the fold."""
-    solution = target.copy()
-    with np.errstate(all="ignore"):  # a diverging row becomes NaN, and is reported as such
-        for _ in range(_NEWTON_ITERATIONS):
-            value, slope = _distort(solution, distortion, jacobian=True)
-            error = value - target
-            (a, b), (c, d) = slope[:, 0].T, slope[:, 1].T
-            determinant = a * d - b * c
-            solution[:, 0] -= (d * error[:, 0] - b * error[:, 1]) / determinant
-            solution[:, 1] -= (a * error[:, 1] - c * error[:, 0]) / determinant
-            if np.abs(error).max(initial=0) < _NEWTON_TOLERANCE:
-                break
-        good = (np.abs(error).max(axis=1) < 100 * _NEWTON_TOLERANCE) & (determinant > 0) & (a + d > 0)
-    solution[~good] = np.nan
-    return solution

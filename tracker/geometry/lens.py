@@ -10,6 +10,7 @@ import numpy as np
 from tracker.compiled import compiled
 from tracker.conventions import Array
 from tracker.geometry.camera import Camera
+from tracker.geometry.distortion import COUNTS, padded, tilt
 from tracker.geometry.field_of_view import MARGIN, largest_tangent
 
 LENS = np.dtype(
@@ -19,7 +20,9 @@ LENS = np.dtype(
         ("position", np.float64, (3,)),  # the camera's centre in the world [m]
         ("focal", np.float64, (2,)),  # fx, fy [px]
         ("center", np.float64, (2,)),  # cx, cy [px]
-        ("distortion", np.float64, (5,)),  # k1, k2, p1, p2, k3
+        ("distortion", np.float64, (14,)),  # all coefficients, those that are not told 0
+        ("tilt", np.float64, (3, 3)),  # homography of the tilted sensor
+        ("plain", np.bool_),  # whether only the first five coefficients are there
         ("limit", np.float64),  # squared tangent beyond which the distortion may fold back into the picture
         ("width", np.int64),  # [px]
         ("height", np.int64),  # [px]
@@ -37,10 +40,35 @@ def stack_lenses(cameras: Sequence[Camera]) -> Array:
         lens["position"] = camera.position
         lens["focal"] = camera.matrix[0, 0], camera.matrix[1, 1]
         lens["center"] = camera.matrix[0, 2], camera.matrix[1, 2]
-        lens["distortion"] = camera.distortion
+        lens["distortion"] = padded(camera.distortion)
+        lens["tilt"] = tilt(camera.distortion)
+        lens["plain"] = len(camera.distortion) == COUNTS[0]
         lens["limit"] = (MARGIN * largest_tangent(camera)) ** 2
         lens["width"], lens["height"] = camera.width, camera.height
     return lenses
+
+
+@compiled
+def bent(k, tilt, a, b):  # type: ignore[no-untyped-def]
+    """Where a lens of all 14 coefficients puts (a, b), and the derivatives: (u, v, ua, ub, va, vb)."""
+    s = a * a + b * b
+    below = 1.0 + s * (k[5] + s * (k[6] + s * k[7]))
+    radial = (1.0 + s * (k[0] + s * (k[1] + s * k[4]))) / below
+    slope = k[0] + s * (2.0 * k[1] + s * 3.0 * k[4])
+    slope = (slope - radial * (k[5] + s * (2.0 * k[6] + s * 3.0 * k[7]))) / below
+    x = a * radial + 2.0 * k[2] * a * b + k[3] * (s + 2.0 * a * a) + s * (k[8] + s * k[9])
+    y = b * radial + k[2] * (s + 2.0 * b * b) + 2.0 * k[3] * a * b + s * (k[10] + s * k[11])
+    mixed = 2.0 * (a * b * slope + k[2] * a + k[3] * b)
+    prism_x, prism_y = 2.0 * (k[8] + 2.0 * s * k[9]), 2.0 * (k[10] + 2.0 * s * k[11])
+    xa = radial + 2.0 * a * a * slope + 2.0 * k[2] * b + 6.0 * k[3] * a + prism_x * a
+    xb, ya = mixed + prism_x * b, mixed + prism_y * a
+    yb = radial + 2.0 * b * b * slope + 6.0 * k[2] * b + 2.0 * k[3] * a + prism_y * b
+    w = 1.0 / (tilt[2, 0] * x + tilt[2, 1] * y + tilt[2, 2])
+    u = (tilt[0, 0] * x + tilt[0, 1] * y + tilt[0, 2]) * w
+    v = (tilt[1, 0] * x + tilt[1, 1] * y + tilt[1, 2]) * w
+    ux, uy = (tilt[0, 0] - u * tilt[2, 0]) * w, (tilt[0, 1] - u * tilt[2, 1]) * w
+    vx, vy = (tilt[1, 0] - v * tilt[2, 0]) * w, (tilt[1, 1] - v * tilt[2, 1]) * w
+    return u, v, ux * xa + uy * ya, ux * xb + uy * yb, vx * xa + vy * ya, vx * xb + vy * yb
 
 
 @compiled
@@ -54,9 +82,12 @@ def project(lenses, c, x, y, z):  # type: ignore[no-untyped-def]
     s = a * a + b * b
     if s > lenses[c].limit:
         zc = -1.0
-    radial = 1.0 + s * (k[0] + s * (k[1] + s * k[4]))
-    u = a * radial + 2.0 * k[2] * a * b + k[3] * (s + 2.0 * a * a)
-    v = b * radial + k[2] * (s + 2.0 * b * b) + 2.0 * k[3] * a * b
+    if lenses[c].plain:
+        radial = 1.0 + s * (k[0] + s * (k[1] + s * k[4]))
+        u = a * radial + 2.0 * k[2] * a * b + k[3] * (s + 2.0 * a * a)
+        v = b * radial + k[2] * (s + 2.0 * b * b) + 2.0 * k[3] * a * b
+    else:
+        u, v, _, _, _, _ = bent(k, lenses[c].tilt, a, b)
     return (
         lenses[c].focal[0] * u + lenses[c].center[0],
         lenses[c].focal[1] * v + lenses[c].center[1],
@@ -73,14 +104,17 @@ def project_with_jacobian(lenses, c, x, y, z, jacobian):  # type: ignore[no-unty
     a = (r[0, 0] * x + r[0, 1] * y + r[0, 2] * z + t[0]) * inverse
     b = (r[1, 0] * x + r[1, 1] * y + r[1, 2] * z + t[1]) * inverse
     s = a * a + b * b
-    radial = 1.0 + s * (k[0] + s * (k[1] + s * k[4]))
-    slope = k[0] + s * (2.0 * k[1] + s * 3.0 * k[4])
-    u = a * radial + 2.0 * k[2] * a * b + k[3] * (s + 2.0 * a * a)
-    v = b * radial + k[2] * (s + 2.0 * b * b) + 2.0 * k[3] * a * b
-    ua = radial + 2.0 * a * a * slope + 2.0 * k[2] * b + 6.0 * k[3] * a
-    ub = 2.0 * a * b * slope + 2.0 * k[2] * a + 2.0 * k[3] * b
-    va = ub
-    vb = radial + 2.0 * b * b * slope + 6.0 * k[2] * b + 2.0 * k[3] * a
+    if lenses[c].plain:
+        radial = 1.0 + s * (k[0] + s * (k[1] + s * k[4]))
+        slope = k[0] + s * (2.0 * k[1] + s * 3.0 * k[4])
+        u = a * radial + 2.0 * k[2] * a * b + k[3] * (s + 2.0 * a * a)
+        v = b * radial + k[2] * (s + 2.0 * b * b) + 2.0 * k[3] * a * b
+        ua = radial + 2.0 * a * a * slope + 2.0 * k[2] * b + 6.0 * k[3] * a
+        ub = 2.0 * a * b * slope + 2.0 * k[2] * a + 2.0 * k[3] * b
+        va = ub
+        vb = radial + 2.0 * b * b * slope + 6.0 * k[2] * b + 2.0 * k[3] * a
+    else:
+        u, v, ua, ub, va, vb = bent(k, lenses[c].tilt, a, b)
     fx, fy = lenses[c].focal[0], lenses[c].focal[1]
     for i in range(3):
         da = (r[0, i] - a * r[2, i]) * inverse

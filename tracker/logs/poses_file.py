@@ -20,6 +20,7 @@ from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array
 from tracker.errors import CalibrationError, LogError
 from tracker.geometry.camera import Camera
+from tracker.geometry.distortion import COUNTS
 from tracker.logs import checked_hdf5 as hdf5
 from tracker.logs.poses import KINDS, About, Kind, Poses
 from tracker.logs.whole_file import write_file
@@ -39,11 +40,14 @@ GROUPS: dict[Kind, str] = {
 
 CAMERA_DATASETS = {
     "camera_matrix": ("matrix", (3, 3)),
-    "distortion_coefficients": ("distortion", (1, 5)),
+    "distortion_coefficients": ("distortion", (1, -1)),
     "tf_world_to_camera": ("camera_from_world", (4, 4)),
     "tf_world_to_camera_std": ("camera_from_world_std", (4, 4)),
 }
-"""Attribute of a Camera, and shape in the file, of each dataset in a camera's group."""
+"""Attribute of a Camera, and shape in the file, of each dataset in a camera's group; -1: of its lens."""
+
+_LENSES = tuple((1, count) for count in COUNTS)
+"""Shapes of distortion coefficients."""
 
 MAX_FRAMES = 2_000_000
 """Longest file that is read, two days at 10 Hz: a damaged length must not fill the memory."""
@@ -264,8 +268,12 @@ def _camera(file: Any, name: str) -> Camera:
     for dataset, (attribute, shape) in CAMERA_DATASETS.items():
         if attribute == "camera_from_world_std" and dataset not in group:
             continue
+        is_lens = attribute == "distortion"
+        if is_lens:
+            stored = hdf5.dataset(file, f"{path}/{dataset}").shape
+            shape = stored if stored in _LENSES else _LENSES[0]
         array = hdf5.array(file, f"{path}/{dataset}", shape, "f")
-        arrays[attribute] = array.ravel() if attribute == "distortion" else array
+        arrays[attribute] = array.ravel() if is_lens else array
     try:
         width, height = (int(hdf5.attribute(group, f"image_{key}", "iu", ())) for key in ("width", "height"))
     except LogError as error:

@@ -1,0 +1,99 @@
+"""How a lens bends rays: OpenCV's model of 5, 8, 12 or 14 coefficients.
+
+From normalised coordinates x = X/Z, y = Y/Z with r² = x² + y²:
+    radial = (1 + k1 r² + k2 r⁴ + k3 r⁶) / (1 + k4 r² + k5 r⁴ + k6 r⁶)
+    x' = x radial + 2 p1 x y + p2 (r² + 2 x²) + s1 r² + s2 r⁴
+    y' = y radial + p1 (r² + 2 y²) + 2 p2 x y + s3 r² + s4 r⁴
+and, where the sensor is tilted by τx, τy, the homography of `tilt` on (x', y').
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tracker.conventions import FloatArray
+
+COUNTS = (5, 8, 12, 14)
+"""Numbers of coefficients: k1 k2 p1 p2 k3, k4 k5 k6, s1 s2 s3 s4, τx τy."""
+
+_NEWTON_ITERATIONS = 30
+_NEWTON_TOLERANCE = 1e-12
+
+
+def padded(coefficients: FloatArray) -> FloatArray:
+    """The same as all 14 coefficients: those that are not told are 0."""
+    result = np.zeros(COUNTS[-1])
+    result[: len(coefficients)] = coefficients
+    return result
+
+
+def tilt(coefficients: FloatArray) -> FloatArray:
+    """(3, 3) homography of the tilted sensor on the bent coordinates; the identity without a tilt."""
+    (sx, sy), (cx, cy) = np.sin(padded(coefficients)[12:]), np.cos(padded(coefficients)[12:])
+    about_x = np.array([[1, 0, 0], [0, cx, sx], [0, -sx, cx]])
+    about_y = np.array([[cy, 0, -sy], [0, 1, 0], [sy, 0, cy]])
+    turned = about_y @ about_x
+    (_, _, a), (_, _, b), (_, _, c) = turned
+    result: FloatArray = np.array([[c, 0, -a], [0, c, -b], [0, 0, 1]]) @ turned
+    return result
+
+
+def distort(
+    normalized: FloatArray, coefficients: FloatArray, *, jacobian: bool
+) -> tuple[FloatArray, FloatArray]:
+    """Bent coordinates (N, 2) of normalised ones (N, 2), and their derivatives (N, 2, 2) if wanted."""
+    k1, k2, p1, p2, k3 = coefficients[:5]
+    x, y = normalized[:, 0], normalized[:, 1]
+    r2 = x * x + y * y
+    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    slope = 2 * (k1 + r2 * (2 * k2 + r2 * 3 * k3))  # d radial/dx = x · slope
+    if len(coefficients) > 5:
+        k4, k5, k6 = coefficients[5:8]
+        below = 1 + r2 * (k4 + r2 * (k5 + r2 * k6))
+        radial = radial / below
+        slope = (slope - radial * 2 * (k4 + r2 * (2 * k5 + r2 * 3 * k6))) / below
+    bent = np.empty_like(normalized)
+    bent[:, 0] = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+    bent[:, 1] = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+    derivative = np.empty((len(normalized) if jacobian else 0, 2, 2))
+    if jacobian:
+        derivative[:, 0, 0] = radial + x * x * slope + 2 * p1 * y + 6 * p2 * x
+        derivative[:, 1, 1] = radial + y * y * slope + 6 * p1 * y + 2 * p2 * x
+        derivative[:, 0, 1] = derivative[:, 1, 0] = x * y * slope + 2 * p1 * x + 2 * p2 * y
+    if len(coefficients) > 8:
+        s1, s2, s3, s4 = coefficients[8:12]
+        bent += np.stack([r2 * (s1 + r2 * s2), r2 * (s3 + r2 * s4)], axis=1)
+        if jacobian:
+            along = 2 * np.stack([s1 + 2 * r2 * s2, s3 + 2 * r2 * s4], axis=1)
+            derivative += along[:, :, None] * normalized[:, None, :]
+    return _tilted(bent, derivative, coefficients) if len(coefficients) > 12 else (bent, derivative)
+
+
+def _tilted(
+    bent: FloatArray, derivative: FloatArray, coefficients: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    homography = tilt(coefficients)
+    seen = bent @ homography[:, :2].T + homography[:, 2]
+    result = seen[:, :2] / seen[:, 2:]
+    if len(derivative):
+        rows = homography[:2, :2] - result[:, :, None] * homography[2, :2]
+        derivative = (rows / seen[:, 2, None, None]) @ derivative
+    return result, derivative
+
+
+def undistort(target: FloatArray, coefficients: FloatArray) -> FloatArray:
+    """Inverse of `distort` by Newton's method; NaN where it does not converge before the fold."""
+    solution = target.copy()
+    with np.errstate(all="ignore"):  # a diverging row becomes NaN, and is reported as such
+        for _ in range(_NEWTON_ITERATIONS):
+            value, slope = distort(solution, coefficients, jacobian=True)
+            error = value - target
+            (a, b), (c, d) = slope[:, 0].T, slope[:, 1].T
+            determinant = a * d - b * c
+            solution[:, 0] -= (d * error[:, 0] - b * error[:, 1]) / determinant
+            solution[:, 1] -= (a * error[:, 1] - c * error[:, 0]) / determinant
+            if np.abs(error).max(initial=0) < _NEWTON_TOLERANCE:
+                break
+        good = (np.abs(error).max(axis=1) < 100 * _NEWTON_TOLERANCE) & (determinant > 0) & (a + d > 0)
+    solution[~good] = np.nan
+    return solution
