@@ -7,7 +7,7 @@ import errno
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 try:
@@ -17,6 +17,16 @@ except ImportError:  # not on this operating system: nothing is locked
 
 _NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EROFS)
 """What file systems say that have no locks, as some network drives."""
+
+
+@contextlib.contextmanager
+def told_as(fault: Callable[[str], Exception], what: str | os.PathLike[str]) -> Iterator[None]:
+    """What the operating system refuses while `what` is written is raised as `fault`, in one line."""
+    try:
+        yield
+    except (OSError, ValueError) as error:  # ValueError: a null byte in the path
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else error
+        raise fault(f"{os.fspath(what)}: cannot be written: {' '.join(str(reason).split())}") from error
 
 
 def write_whole(path: str | os.PathLike[str], content: bytes | str) -> None:

@@ -20,8 +20,7 @@ from tracker.calibration.rig import CameraRig
 from tracker.errors import LogError
 from tracker.geometry import so3
 from tracker.logs.columns import FilteredColumns, MeasuredColumns, PoseColumns
-from tracker.logs.comparison import compare
-from tracker.logs.poses import concatenate
+from tracker.logs.poses import compare, concatenate
 from tracker.logs.poses_builder import PosesBuilder
 from tracker.pose.result import CameraUse, Observation, PoseEstimate, Status
 

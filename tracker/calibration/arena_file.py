@@ -16,7 +16,7 @@ import sys
 from pathlib import Path
 
 from tracker.errors import CalibrationError
-from tracker.files import write_whole
+from tracker.files import told_as, write_whole
 from tracker.geometry.arena import Arena
 
 if sys.version_info >= (3, 11):
@@ -73,13 +73,11 @@ def write_arena(arena: Arena, folder: Path) -> None:
     path = folder / FILE_NAME
     values = dataclasses.asdict(arena)
     text = _TITLE + "".join(f"{key} = {_toml(value)}\n" for key, value in values.items())
-    try:
+    with told_as(CalibrationError, path):
         if arena == Arena():
             path.unlink(missing_ok=True)
         else:
             write_whole(path, text)
-    except OSError as error:
-        raise CalibrationError(f"{path}: cannot be written: {error.strerror or error}") from error
 
 
 def _toml(value: float | tuple[float, ...] | None) -> str:

@@ -59,7 +59,7 @@ def export(
     outputs.check_camera(poses.about.rig)
     outputs.write(poses)
     if parquet is not None:
-        from tracker.logs.frames_table import write_parquet
+        from tracker.logs.exports import write_parquet
 
         write_parquet(parquet, poses)
     if video is not None and log is not None:

@@ -1,4 +1,4 @@
-"""Poses in the text formats of others: spreadsheets, trajectory tools, and the BOP challenge."""
+"""Poses in the formats of others: spreadsheets, pandas, xarray, Parquet, trajectory tools, BOP."""
 
 from __future__ import annotations
 
@@ -6,16 +6,18 @@ import csv
 import io
 import os
 from collections.abc import Iterable, Sequence
+from importlib import import_module
+from typing import Any
 
 import numpy as np
 
 from tracker.conventions import Array, FloatArray
-from tracker.errors import LogError
+from tracker.errors import LogError, TrackerError
+from tracker.files import told_as, whole_file, write_whole
 from tracker.geometry import so3
 from tracker.geometry.camera import Camera
 from tracker.logs.columns import MeasuredColumns, PoseColumns
 from tracker.logs.poses import Kind, Poses
-from tracker.logs.whole_file import write_file
 
 BOP_HEADER = ("scene_id", "im_id", "obj_id", "score", "R", "t", "time")
 """First line of a file of BOP results."""
@@ -56,7 +58,8 @@ def write_csv(path: str | os.PathLike[str], poses: Poses) -> None:
         [*head, *("" if value != value else value for value in values), uses]  # only NaN differs from itself
         for head, values, uses in zip(heads, numbers.tolist(), camera_cells(poses), strict=True)
     )
-    write_file(path, _table(CSV_HEADER, rows))
+    with told_as(LogError, path):
+        write_whole(path, _table(CSV_HEADER, rows))
 
 
 def write_tum(path: str | os.PathLike[str], poses: Poses, kind: Kind = "filtered") -> None:
@@ -71,7 +74,8 @@ def write_tum(path: str | os.PathLike[str], poses: Poses, kind: Kind = "filtered
     columns = poses.columns(kind)
     table = np.column_stack([poses.timestamp, columns.position, columns.orientation])[columns.has_pose]
     lines = ["# timestamp tx ty tz qx qy qz qw", *(" ".join(map(repr, row)) for row in table.tolist())]
-    write_file(path, "\n".join(lines) + "\n")
+    with told_as(LogError, path):
+        write_whole(path, "\n".join(lines) + "\n")
 
 
 def write_bop(
@@ -118,7 +122,66 @@ def write_bop(
             strict=True,
         )
     )
-    write_file(path, _table(BOP_HEADER, rows))
+    with told_as(LogError, path):
+        write_whole(path, _table(BOP_HEADER, rows))
+
+
+def columns_of(poses: Poses) -> dict[str, Array]:
+    """(n,) columns under CSV_HEADER: numbers with NaN where there is none, and texts."""
+    numbers = numbers_of(poses)
+    heads: list[Array] = [poses.index, poses.timestamp, poses.status]
+    tail: Array = np.array(camera_cells(poses), dtype=np.str_)
+    arrays = [*heads, *numbers.T, tail]
+    return dict(zip(CSV_HEADER, arrays, strict=True))
+
+
+def to_dataframe(poses: Poses) -> Any:
+    """A pandas DataFrame with the columns of the CSV file; the index is the frame's number.
+
+    Raises:
+        TrackerError: the package pandas is missing.
+    """
+    frame: Any = _package("pandas").DataFrame(columns_of(poses))
+    return frame.set_index("frame")
+
+
+def to_xarray(poses: Poses) -> Any:
+    """An xarray Dataset along `frame`, with whole vectors and covariances, e.g. `filtered_position`.
+
+    Raises:
+        TrackerError: the package xarray is missing.
+    """
+    names = {3: "axis", 4: "xyzw", 6: "twist"}
+    variables: dict[str, Any] = {"timestamp": ("frame", poses.timestamp), "status": ("frame", poses.status)}
+    if poses.cameras is not None:
+        variables["cameras"] = (("frame", "camera"), poses.cameras)
+    for kind in ("measured", "filtered", "recorded"):
+        columns = getattr(poses, kind)
+        for name, array in columns.arrays().items() if columns is not None else ():
+            sizes = array.shape[1:]
+            axes = [names[size] + ("_too" if k else "") for k, size in enumerate(sizes)]
+            variables[f"{kind}_{name}"] = (("frame", *axes), array)
+    coordinates = {
+        "frame": poses.index,
+        "axis": list("xyz"),
+        "xyzw": list("xyzw"),
+        "camera": list(poses.about.rig.names),
+    }
+    about = {name: getattr(poses.about, name) for name in ("object_name", "source", "tracker_version")}
+    return _package("xarray").Dataset(variables, coords=coordinates, attrs=about)
+
+
+def write_parquet(path: str | os.PathLike[str], poses: Poses) -> None:
+    """Write the columns of the CSV file as Parquet, whole or not at all; NaN becomes null.
+
+    Raises:
+        LogError: the file cannot be written.
+        TrackerError: the package pyarrow is missing.
+    """
+    pa, pq = _package("pyarrow"), _package("pyarrow.parquet")
+    table = pa.table({name: pa.array(column, from_pandas=True) for name, column in columns_of(poses).items()})
+    with told_as(LogError, path), whole_file(path) as temporary:
+        pq.write_table(table, temporary, compression="zstd")
 
 
 def camera_from_object(columns: PoseColumns, camera: Camera) -> tuple[FloatArray, FloatArray]:
@@ -174,3 +237,11 @@ def _table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     writer.writerow(header)
     writer.writerows(rows)
     return text.getvalue()
+
+
+def _package(name: str) -> Any:
+    try:
+        return import_module(name)
+    except ImportError as error:
+        package = name.partition(".")[0]
+        raise TrackerError(f"this needs the package {package}: pip install {package}") from error

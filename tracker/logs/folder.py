@@ -12,10 +12,9 @@ from tracker.calibration.rig import CameraRig
 from tracker.conventions import Image
 from tracker.errors import LogError
 from tracker.logs.folder_layout import find_shots
-from tracker.logs.frame import LogFrame
+from tracker.logs.frame import LogFrame, checked_stamp
 from tracker.logs.pictures import decode, encoded_size
 from tracker.logs.source import MAX_SIDE, Source, cannot_read, rig_beside
-from tracker.logs.stamps import checked_stamp
 
 TRUTH_FILE = "ground_truth.json"
 """What `python -m synthetic dataset` writes beside the pictures; stamps are taken from it."""

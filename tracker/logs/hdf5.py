@@ -11,7 +11,7 @@ import numpy as np
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Image
 from tracker.errors import LogError
-from tracker.logs.frame import LogFrame, RecordedPose, empty_frame, is_empty, pose_from_record
+from tracker.logs.frame import LogFrame, RecordedPose, checked_stamp, empty_frame, is_empty, pose_from_record
 from tracker.logs.hdf5_end import check_stated_end
 from tracker.logs.hdf5_fields import Rows, faults_as_log_errors, find_field
 from tracker.logs.hdf5_images import StoredImages
@@ -19,7 +19,6 @@ from tracker.logs.hdf5_names import read_names
 from tracker.logs.hdf5_rig import read_rig
 from tracker.logs.pictures import from_bayer
 from tracker.logs.source import DEFAULT_NAMES, Source
-from tracker.logs.stamps import checked_stamp
 
 MAGIC = 0x3CDA7A00
 VERSIONS = (1, 2)

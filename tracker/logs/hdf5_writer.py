@@ -13,9 +13,9 @@ import numpy as np
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import LogError
+from tracker.logs.frame import checked_stamp
 from tracker.logs.hdf5 import MAGIC
 from tracker.logs.pictures import to_bayer
-from tracker.logs.stamps import checked_stamp
 
 VERSION = (2, 1)
 """Attributes `format_version` and `format_version_minor`."""

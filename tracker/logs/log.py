@@ -8,9 +8,8 @@ from typing import overload
 
 from tracker.calibration.rig import CameraRig
 from tracker.errors import LogError
-from tracker.logs.frame import LogFrame
+from tracker.logs.frame import LogFrame, StampOrder, with_stamps
 from tracker.logs.source import Source
-from tracker.logs.stamps import StampOrder, with_stamps
 
 
 class Log:

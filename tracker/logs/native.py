@@ -1,73 +1,103 @@
-"""The platform's native camera logs, `camera_data.dat`, plain or gzipped."""
+"""The platform's native camera logs, `camera_data.dat`, plain or gzipped.
+
+    u32 version = 1 | u64 n | n × record
+    record = f64 stamp [ms] | 3 × camera | no pose, one, or the measured and the filtered one
+    camera = i32 rows | i32 cols | i32 type | u8 continuous | pixels | f64 stamp [s]
+    pose   = px py pz qx qy qz qw confidence, in autumn 2020 after a ninth number
+
+The oldest files have neither version nor record stamps. Nothing says which variant a file is, so every
+possible one is compared with where the camera's header of the second record is. Numbers are checked
+before anything is sized by them.
+"""
 
 from __future__ import annotations
 
+import gzip
+import os
 import struct
+import zlib
 from pathlib import Path
+from typing import Any, BinaryIO
 
 import numpy as np
 
 from tracker.conventions import Image
 from tracker.errors import LogError
-from tracker.logs.frame import LogFrame, RecordedPose, empty_frame, is_empty, pose_from_record
-from tracker.logs.native_layout import CAMERA_HEADER, Layout, camera_shape, find_layout
-from tracker.logs.native_stream import open_stream
+from tracker.logs.frame import LogFrame, checked_stamp, empty_frame, is_empty, pose_from_record
 from tracker.logs.pictures import from_bayer
-from tracker.logs.source import Source
-from tracker.logs.stamps import checked_stamp
+from tracker.logs.source import MAX_SIDE, MIN_SIDE, Source, cannot_read
 
+_CAMERAS = 3
 _EMPTY = (b"", struct.pack("<IQ", 1, 0), struct.pack("<Q", 0))
+_GZIP_MAGIC = b"\x1f\x8b"
+_MAX_RATIO = 1032  # deflate packs at most this many bytes into one
+
+_HEADER = np.dtype([("rows", "<i4"), ("columns", "<i4"), ("type", "<i4"), ("continuous", "u1")])
+_CHANNELS = {0: 1, 16: 3}  # by OpenCV's type: Bayer pixels, or BGR
+_POSES = ((0, 0), (1, 8), (2, 8), (1, 9), (2, 9))  # how many poses, of how many numbers each
+_STAMPS = {True: (12, 20), False: (8, 8)}
+"""Offsets of the first record and of its first camera, from whether records are stamped."""
 
 
 class NativeSource(Source):
-    """A native log; of a plain one each record is found by its number."""
+    """A native log; of a plain one each record is found by its number.
+
+    Records are read, not mapped to memory: a gzipped log has them too, and what fails while it is read is
+    an error then, not the end of the process.
+    """
 
     def __init__(self, path: Path, *, recover: bool) -> None:
         super().__init__(path)
-        self._stream = open_stream(path)
-        self.sequential = self._stream.gzipped
         try:
+            self._raw: BinaryIO = path.open("rb")
+            self.sequential = self._raw.read(len(_GZIP_MAGIC)) == _GZIP_MAGIC
+        except OSError as error:
+            raise cannot_read(path, error) from error
+        try:
+            # What a gzip file states of its content is modulo 2³², and stands at its very end.
+            size = os.fstat(self._raw.fileno()).st_size
+            self._largest = size * _MAX_RATIO if self.sequential else size
+            self._rewind()
             self._open(recover)
         except BaseException:
-            self._stream.close()
+            self.close()
             raise
 
     def _open(self, recover: bool) -> None:
         self.format = "native camera log"
         self.count = 0
-        head = self._stream.read_at(0, 13)
+        head = self._read_at(0, 13)
         if not head:
             raise LogError(f"{self.path}: found nothing in it, expected a camera log")
         self._end = len(head)
         if head in _EMPTY:
             return
-        self._layout, stated = find_layout(self._stream, self.path)
-        layout = self._layout
-        self.image_sizes = tuple((shape.columns, shape.rows) for shape in layout.cameras)
-        self.format += "" if layout.stamped else " of the oldest kind"
-        self.format += {0: "", 1: ", with poses", 2: ", with poses and filtered poses"}[layout.poses]
-        self.format += ", gzipped" if self._stream.gzipped else ""
-        fitting, left = divmod(self._stream.largest - layout.start, layout.record)
-        wrong = stated > fitting if self._stream.gzipped else (fitting, left) != (stated, 0)
-        if wrong:
+        stated = self._find_layout()
+        self.image_sizes = tuple((columns, rows) for rows, columns, *_ in self._headers)
+        self.format += "" if self._stamped else " of the oldest kind"
+        poses = self._record["poses"].shape[0]
+        self.format += {0: "", 1: ", with poses", 2: ", with poses and filtered poses"}[poses]
+        self.format += ", gzipped" if self.sequential else ""
+        size = self._record.itemsize
+        fitting, left = divmod(self._largest - self._start, size)
+        if stated > fitting if self.sequential else (fitting, left) != (stated, 0):
             text = (
-                f"{self.path}: found {'at most ' * self._stream.gzipped}{self._stream.largest} bytes, "
-                f"that is {fitting} records of {layout.record} bytes and {left} bytes, "
-                f"expected {stated} records"
+                f"{self.path}: found {'at most ' * self.sequential}{self._largest} bytes, that is "
+                f"{fitting} records of {size} bytes and {left} bytes, expected {stated} records"
             )
             if not recover:
                 raise LogError(text)
             self.opening_fault = text
         self.count = min(stated, fitting)
-        self._end = layout.start + self.count * layout.record
+        self._end = self._start + self.count * size
 
     def read(self, index: int) -> LogFrame:
         """See Source."""
-        layout = self._layout
-        data = self._stream.read_at(layout.start + index * layout.record, layout.record)
-        if len(data) < layout.record:
-            raise self.error(index, f"found {len(data)} bytes, expected a record of {layout.record}")
-        return read_record(data, layout, index, self.where(index))
+        size = self._record.itemsize
+        data = self._read_at(self._start + index * size, size)
+        if len(data) < size:
+            raise self.error(index, f"found {len(data)} bytes, expected a record of {size}")
+        return self._frame(np.frombuffer(data, self._record)[0], index, self.where(index))
 
     def where(self, index: int) -> str:
         """See Source."""
@@ -75,54 +105,150 @@ class NativeSource(Source):
 
     def check_end(self) -> None:
         """See Source; reading on to the end is also what makes gzip compare its checksum."""
-        if self._stream.read_at(self._end, 1) and self.opening_fault is None:
+        if self._read_at(self._end, 1) and self.opening_fault is None:
             raise LogError(f"{self.path}: found bytes after record {self.count - 1}, expected the file's end")
 
     def close(self) -> None:
         """See Source."""
-        self._stream.close()
+        self._raw.close()
+
+    def _frame(self, record: Any, index: int, where: str) -> LogFrame:
+        """The frame in a record; LogError if it is not laid out as the first, or impossible."""
+        images: list[Image | None] = []
+        raw: list[Image] = []
+        stamps = []
+        for number, (camera, expected) in enumerate(zip(record["cameras"], self._headers, strict=True), 1):
+            what = f"{where}, camera number {number}"
+            header = _checked_header(camera["header"], what)
+            if header[:3] != expected[:3]:
+                raise LogError(f"{what}: found {_shown(header)}, expected {_shown(expected)} as in record 0")
+            # A copy, so that an image does not keep the record's bytes.
+            pixels = camera["pixels"].copy()
+            if pixels.ndim == 2:
+                raw.append(pixels)
+            images.append(from_bayer(pixels) if pixels.ndim == 2 else pixels)
+            stamps.append(checked_stamp(camera["stamp"], what=what))
+        if is_empty(np.array(stamps), [image for image in images if image is not None]):
+            return empty_frame(index, len(images))
+        stamp = checked_stamp(record["stamp"] / 1000, what=where) if self._stamped else float(np.mean(stamps))
+        poses = [
+            pose_from_record(numbers[-8:], what=f"{where}, {what}")
+            for numbers, what in zip(record["poses"], ("pose", "filtered pose"), strict=False)
+        ]
+        measured, filtered = [*poses, None, None][:2]
+        mosaics = tuple(raw) if len(raw) == len(images) else None
+        return LogFrame(index, stamp, np.array(stamps), tuple(images), measured, filtered, mosaics)
+
+    def _find_layout(self) -> int:
+        """Find where everything is in a record, from the first and the second; their stated number."""
+        count = self._read_head()
+        start, offset = _STAMPS[self._stamped]
+        headers = []
+        for number in range(1, _CAMERAS + 1):
+            what = f"{self.path}: record 0, camera number {number}"
+            headers.append(_header(self._read_at(offset, _HEADER.itemsize), what))
+            offset += _camera(headers[-1]).itemsize
+        self._start, self._headers = start, headers
+        variants = [_record(self._stamped, headers, *poses) for poses in _POSES]
+        # One read past the first record's cameras, as far as the longest variant's next camera.
+        tail = self._read_at(offset, 8 * 18 + 8 + _HEADER.itemsize)
+        for self._record in variants:
+            poses = self._record["poses"].itemsize
+            if self._continues(tail[poses:]) or (count == 1 and len(tail) == poses):
+                return count
+        for self._record in variants:  # where the second record's header is damaged
+            if not self.sequential and self._largest == start + count * self._record.itemsize:
+                return count
+        size = "gzipped data" if self.sequential else f"{self._largest} bytes"
+        raise LogError(
+            f"{self.path}: after the images of record 0 found neither poses and the next record nor the end "
+            f"of the log of {count} records: {size}, expected a native camera log that is whole"
+        )
+
+    def _read_head(self) -> int:
+        """Find whether records are stamped; how many are stated."""
+        head = self._read_at(0, 20 + _HEADER.itemsize)
+        for self._stamped, (_, offset) in _STAMPS.items():
+            try:
+                _header(head[offset:], "")
+            except LogError:
+                continue
+            numbers = struct.unpack_from("<IQ" if self._stamped else "<Q", head)
+            if self._stamped and numbers[0] != 1:
+                raise LogError(f"{self.path}: found version {numbers[0]}, expected 1")
+            if not numbers[-1]:
+                raise LogError(f"{self.path}: found 0 records stated and some there, expected their number")
+            return int(numbers[-1])
+        raise LogError(
+            f"{self.path}: found {len(head)} bytes that start with {head[:12].hex(' ')}, "
+            "expected a camera log: native, gzipped or not, or HDF5"
+        )
+
+    def _continues(self, tail: bytes) -> bool:
+        """Whether the next record's first camera is where it should be."""
+        try:
+            return _header(tail[8 * self._stamped :], "")[:3] == self._headers[0][:3]
+        except LogError:
+            return False
+
+    def _read_at(self, offset: int, size: int) -> bytes:
+        """Up to `size` bytes of the content, fewer only at its end; LogError where it is damaged.
+
+        Of gzipped data what is skipped is unpacked, and reading backwards starts again.
+        """
+        try:
+            self._file.seek(offset)
+            return self._file.read(size)
+        except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+            self._rewind()
+            where = f"before byte {offset + size} of the content"
+            text = f"{self.path}: the gzipped data are damaged or truncated {where}"
+            raise LogError(f"{text}: {' '.join(str(error).split())}") from error
+        except OSError as error:
+            raise cannot_read(self.path, error) from error
+
+    def _rewind(self) -> None:
+        # A new reader of gzipped data: what the old one thinks after an error is not defined.
+        self._raw.seek(0)
+        self._file = gzip.GzipFile(fileobj=self._raw) if self.sequential else self._raw
 
 
-def read_record(data: bytes, layout: Layout, index: int, where: str) -> LogFrame:
-    """The frame in a record's bytes; LogError if they are not as the layout says, or impossible."""
-    offset = layout.before_cameras
-    images: list[Image | None] = []
-    raw: list[Image] = []
-    stamps = []
-    for number, expected in enumerate(layout.cameras, start=1):
-        what = f"{where}, camera number {number}"
-        found = camera_shape(data, offset, what=what)
-        if found != expected:
-            raise LogError(f"{what}: found {found}, expected {expected} as in record 0")
-        offset += CAMERA_HEADER.size
-        pixels = np.frombuffer(data, np.uint8, expected.pixel_bytes, offset)
-        pixels = pixels.reshape(expected.rows, expected.columns, -1)
-        # A copy, so that an image does not keep the record's bytes.
-        if expected.type == 0:
-            raw.append(pixels[:, :, 0].copy())
-        images.append(from_bayer(raw[-1]) if expected.type == 0 else pixels.copy())
-        offset += expected.pixel_bytes
-        (stamp,) = struct.unpack_from("<d", data, offset)
-        stamps.append(checked_stamp(stamp, what=what))
-        offset += 8
-    if is_empty(np.array(stamps), [image for image in images if image is not None]):
-        return empty_frame(index, len(images))
-    if layout.stamped:
-        stamp = checked_stamp(struct.unpack_from("<d", data)[0] / 1000, what=where)
-    else:
-        stamp = float(np.mean(stamps))
-    poses = _poses(data, offset, layout, where)
-    mosaics = tuple(raw) if len(raw) == len(images) else None
-    return LogFrame(index, stamp, np.array(stamps), tuple(images), *poses, mosaics)
+_Header = tuple[int, int, int, int]
+"""Rows, columns, type, continuous."""
 
 
-def _poses(
-    data: bytes, offset: int, layout: Layout, where: str
-) -> tuple[RecordedPose | None, RecordedPose | None]:
-    """The measured and the filtered pose; None for one that is not recorded."""
-    poses: list[RecordedPose | None] = [None, None]
-    numbers = np.frombuffer(data, "<f8", layout.poses * layout.pose_numbers, offset)
-    for k, values in enumerate(numbers.reshape(layout.poses, layout.pose_numbers)):
-        what = f"{where}, {('pose', 'filtered pose')[k]}"
-        poses[k] = pose_from_record(values[-8:], what=what)
-    return poses[0], poses[1]
+def _header(data: bytes, what: str) -> _Header:
+    """The header at the beginning of these bytes; LogError if it cannot be one."""
+    if len(data) < _HEADER.itemsize:
+        raise LogError(f"{what}: found the end of the file, expected a camera's header")
+    return _checked_header(np.frombuffer(data, _HEADER, 1)[0], what)
+
+
+def _checked_header(stored: Any, what: str) -> _Header:
+    rows, columns, kind, continuous = stored.item()
+    sides = MIN_SIDE <= rows <= MAX_SIDE and MIN_SIDE <= columns <= MAX_SIDE
+    if not sides or kind not in _CHANNELS or continuous not in (0, 1):
+        raise LogError(
+            f"{what}: found {rows} rows, {columns} columns, type {kind}, continuous {continuous}, "
+            f"expected {MIN_SIDE} to {MAX_SIDE} rows and columns, type 0 or 16, continuous 0 or 1"
+        )
+    return rows, columns, kind, continuous
+
+
+def _camera(header: _Header) -> np.dtype[Any]:
+    """What a camera has in a record."""
+    rows, columns, kind, _ = header
+    shape = (rows, columns) if _CHANNELS[kind] == 1 else (rows, columns, _CHANNELS[kind])
+    return np.dtype([("header", _HEADER), ("pixels", "u1", shape), ("stamp", "<f8")])
+
+
+def _record(stamped: bool, headers: list[_Header], poses: int, numbers: int) -> np.dtype[Any]:
+    """What a record holds."""
+    cameras = np.dtype([(f"camera {number}", _camera(header)) for number, header in enumerate(headers)])
+    stamp = [("stamp", "<f8")] if stamped else []
+    return np.dtype([*stamp, ("cameras", cameras), ("poses", "<f8", (poses, numbers))])
+
+
+def _shown(header: _Header) -> str:
+    rows, columns, kind, _ = header
+    return f"{columns}×{rows} px of type {kind}"

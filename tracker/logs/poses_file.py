@@ -19,11 +19,11 @@ import numpy as np
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array
 from tracker.errors import CalibrationError, LogError
+from tracker.files import told_as, write_whole
 from tracker.geometry.camera import Camera
 from tracker.geometry.distortion import COUNTS
 from tracker.logs import checked_hdf5 as hdf5
 from tracker.logs.poses import KINDS, About, Kind, Poses
-from tracker.logs.whole_file import write_file
 
 FORMAT = "trifinger-object-tracker poses"
 """Root attribute `format` of every such file."""
@@ -86,7 +86,8 @@ def write_poses(path: str | os.PathLike[str], poses: Poses) -> None:
         content = _content(poses)
     except (LogError, UnicodeEncodeError) as error:
         raise LogError(f"{os.fspath(path)}: {error}") from error
-    write_file(path, content)
+    with told_as(LogError, path):
+        write_whole(path, content)
 
 
 def read_poses(path: str | os.PathLike[str]) -> Poses:

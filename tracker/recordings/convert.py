@@ -13,7 +13,7 @@ import cv2
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Image
 from tracker.errors import LogError
-from tracker.files import whole_file
+from tracker.files import told_as, whole_file
 from tracker.logs import Log
 from tracker.logs.hdf5_writer import Hdf5LogWriter
 
@@ -28,17 +28,15 @@ def write_hdf5(path: Path, log: Log, rig: CameraRig, progress: Progress) -> None
         LogError: a frame cannot be read, or the file not be written.
     """
     has_poses = any(frame.recorded_pose is not None for frame in log)
-    try:
-        with (
-            whole_file(path) as temporary,
-            Hdf5LogWriter(temporary, rig, poses=has_poses, flush_every=0) as writer,
-        ):
-            for frame in log:
-                images = frame.images if frame.raw is None else frame.raw
-                writer.append(images, frame.timestamp, frame.camera_timestamps, frame.recorded_pose)
-                progress(1)
-    except OSError as error:
-        raise LogError(f"{path}: cannot be written: {error.strerror or error}") from error
+    with (
+        told_as(LogError, path),
+        whole_file(path) as temporary,
+        Hdf5LogWriter(temporary, rig, poses=has_poses, flush_every=0) as writer,
+    ):
+        for frame in log:
+            images = frame.images if frame.raw is None else frame.raw
+            writer.append(images, frame.timestamp, frame.camera_timestamps, frame.recorded_pose)
+            progress(1)
 
 
 def write_folder(path: Path, log: Log, rig: CameraRig, progress: Progress) -> None:

@@ -9,8 +9,7 @@ import numpy as np
 
 from tracker.conventions import FloatArray
 from tracker.errors import TaskError
-from tracker.logs.comparison import compare
-from tracker.logs.poses import Poses
+from tracker.logs.poses import Poses, compare
 from tracker.objects.model import CuboidModel
 from tracker.pose.result import CameraUse
 from tracker.recordings.job import Job

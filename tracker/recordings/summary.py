@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from tracker.conventions import Array
-from tracker.logs.comparison import compare
-from tracker.logs.poses import Kind, Poses
+from tracker.logs.poses import Kind, Poses, compare
 from tracker.pose.result import CameraUse
 from tracker.recordings.track import Tracked
 

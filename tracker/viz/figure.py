@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tracker.errors import ImageError, TrackerError
-from tracker.files import write_whole
+from tracker.files import told_as, write_whole
 from tracker.viz import paint
 from tracker.viz.plots import rgb
 
@@ -45,8 +45,5 @@ def write_figure(path: str | os.PathLike[str], figure: Figure) -> None:
     """
     content = io.BytesIO()
     figure.savefig(content, format="png", facecolor=figure.get_facecolor())
-    try:
+    with told_as(ImageError, f"plot {Path(path)}"):
         write_whole(Path(path), content.getvalue())
-    except (OSError, ValueError) as error:  # ValueError: a null byte in the path
-        reason = error.strerror if isinstance(error, OSError) else error
-        raise ImageError(f"plot {Path(path)}: cannot be written: {reason}") from error

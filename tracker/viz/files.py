@@ -9,7 +9,7 @@ import cv2
 
 from tracker.conventions import Image
 from tracker.errors import ImageError
-from tracker.files import write_whole
+from tracker.files import told_as, write_whole
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
 """Formats of `write_image`."""
@@ -28,8 +28,5 @@ def write_image(path: str | os.PathLike[str], image: Image) -> None:
         raise ImageError(f"image {target}: found {found}, expected one of {', '.join(IMAGE_SUFFIXES)}")
     options = [cv2.IMWRITE_PNG_COMPRESSION, 5] if suffix == ".png" else [cv2.IMWRITE_JPEG_QUALITY, 95]
     content = cv2.imencode(suffix, image, options)[1].tobytes()
-    try:
+    with told_as(ImageError, f"image {target}"):
         write_whole(target, content)
-    except (OSError, ValueError) as error:  # ValueError: a null byte in the path
-        reason = error.strerror if isinstance(error, OSError) else error
-        raise ImageError(f"image {target}: cannot be written: {reason}") from error

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from tracker.conventions import FloatArray
 from tracker.errors import TaskError
-from tracker.files import write_whole
+from tracker.files import told_as, write_whole
 from tracker.tasks.rearrange_dice.goals import validate_goal
 from tracker.tasks.rearrange_dice.patterns import parse_pattern, pattern
 
@@ -55,11 +55,8 @@ def write_goal(path: str | os.PathLike[str], goal: npt.ArrayLike) -> None:
     else:
         found = f"suffix {target.suffix!r}" if target.suffix else "no suffix"
         raise TaskError(f"{target}: found {found}, expected {_JSON}, or {_PATTERN} for a pattern")
-    try:
+    with told_as(TaskError, target):
         write_whole(target, text)
-    except (OSError, ValueError) as error:  # ValueError: a null byte in the path
-        reason = error.strerror if isinstance(error, OSError) else error
-        raise TaskError(f"{target}: cannot be written: {reason}") from error
 
 
 def _read_text(path: Path) -> str:
