@@ -62,6 +62,7 @@ def test_it_ends_when_it_is_told_to(recording, run_here):
         (["--settings", "x.toml"], ["--settings", "does nothing"]),
         (["--public"], ["--public", "--publish"]),
         (["--publish", "tcp://0.0.0.0:5555"], ["other machines could connect"]),
+        (["--page", "70000"], ["--page", "70000", "65535"]),
         (["--view", "--rrd", "a.rrd"], ["--view", "--rrd"]),
         (["--record", "log.dat"], [".dat", ".h5"]),
         (["--record", "nowhere/log.h5"], ["no folder nowhere"]),

@@ -19,8 +19,10 @@ from tracker.errors import LiveError
 if TYPE_CHECKING:
     from tracker.calibration.rig import CameraRig
     from tracker.live import Live, Moment, Source
+    from tracker.live.page import Page
     from tracker.live.watcher import Watcher
     from tracker.objects.model import CuboidModel
+    from tracker.pipeline import ObjectTracker
 
 _FILE = click.Path(path_type=Path)
 _CAMERAS = ("pylon", "opencv")  # as tracker.live.opening has them, which is not imported for --help
@@ -38,6 +40,12 @@ _CAMERAS = ("pylon", "opencv")  # as tracker.live.opening has them, which is not
 @click.option("--record", metavar="FILE", type=_FILE, help="Record images and poses (.h5).")
 @click.option("--view", is_flag=True, help="Show images and poses in the viewer Rerun.")
 @click.option("--rrd", metavar="FILE", type=_FILE, help="Write what --view shows into a file (.rrd).")
+@click.option(
+    "--page",
+    metavar="PORT",
+    type=click.IntRange(0, 65535),
+    help="Show images, pose and cameras in the browser of this machine, http://127.0.0.1:PORT.",
+)
 @click.option(
     "--seconds",
     metavar="S",
@@ -76,6 +84,7 @@ def live(
     record: Path | None,
     view: bool,
     rrd: Path | None,
+    page: int | None,
     seconds: float | None,
     rate: float | None,
     settings: Path | None,
@@ -110,7 +119,7 @@ def live(
     refuse_pattern_alone(calibration, pattern)
     if public and publish is None:
         raise click.UsageError("--public: expected with --publish")
-    if check and (publish or record or view or rrd or as_json or quiet):
+    if check and (publish or record or view or rrd or page is not None or as_json or quiet):
         raise click.UsageError("--check: tracks nothing, so there is nothing to publish, record or show")
     if view and rrd:
         raise click.UsageError("--view: found with --rrd, expected one or the other")
@@ -130,9 +139,13 @@ def live(
         listeners += [one for one in (recorder, _publisher(publish, public, stack)) if one is not None]
         watcher = _watcher(rrd, rig, model, stack) if view or rrd else None
         listeners += [] if watcher is None else [watcher]
+        shown = None if page is None else _page(page, ObjectTracker(model, rig, colors), stack)
+        listeners += [] if shown is None else [shown]
         if as_json:
             listeners.append(lambda moment: click.echo(message_of(moment).decode()))
         follower = stack.enter_context(Live(given, ObjectTracker(model, rig, colors), listeners=listeners))
+        if shown is not None:
+            shown.faults = lambda: follower.faults
         told.begin()
         with ended_by_signals():
             _follow(follower, seconds, None if as_json or quiet else told)
@@ -213,6 +226,15 @@ def _watcher(rrd: Path | None, rig: CameraRig, model: CuboidModel, stack: contex
     watcher = Watcher(rrd, rig, model)
     stack.callback(watcher.close)
     return watcher
+
+
+def _page(port: int, tracker: ObjectTracker, stack: contextlib.ExitStack) -> Page:
+    from tracker.live.page import Page
+
+    page = Page(port, tracker)
+    stack.callback(page.close)
+    click.echo(f"page: {page.address}", err=True)
+    return page
 
 
 def _follow(follower: Live, seconds: float | None, told: Told | None) -> None:

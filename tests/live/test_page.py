@@ -1,0 +1,134 @@
+"""The page in the browser: what it is told, who may see it, and that it holds up nobody."""
+
+from __future__ import annotations
+
+import contextlib
+import http.client
+import json
+import shutil
+import socket
+import subprocess
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+import tracker
+from tests.helpers.filmed import RIG, shots
+from tests.helpers.moments import estimate, moment
+from tracker.errors import LiveError
+from tracker.live.page import Page
+from tracker.pose.result import CameraUse
+
+FOLLOWER = tracker.ObjectTracker(tracker.load_object("cube_v2"), RIG)
+IMAGES = tuple(np.full((270, 270, 3), 60 + c, np.uint8) for c in range(3))
+
+
+@pytest.fixture
+def page():
+    one = Page(0, FOLLOWER)
+    yield one
+    one.close()
+
+
+def connection(page: Page) -> http.client.HTTPConnection:
+    return http.client.HTTPConnection("127.0.0.1", page.port, timeout=60)
+
+
+def got(page: Page, path: str, **headers: str) -> tuple[int, bytes]:
+    with contextlib.closing(connection(page)) as asked:
+        asked.request("GET", path, headers=headers)
+        answer = asked.getresponse()
+        return answer.status, answer.read()
+
+
+def next_event(page: Page, one) -> dict:
+    """The first message after a moment, by a browser that has been listening before."""
+    with contextlib.closing(connection(page)) as asked:
+        asked.request("GET", "/events")
+        with asked.getresponse() as answer:
+            page(one)
+            while not (line := answer.readline()).startswith(b"data: "):
+                assert line
+            return json.loads(line.removeprefix(b"data: "))
+
+
+def test_the_page_shows_pose_and_cameras_as_they_are(page):
+    film = shots("cube_v2", 1, seed=701)[0]
+    observation = FOLLOWER.detect(film.images)
+    images = (film.images[0], None, film.images[2])
+    one = moment(7, images, pose=estimate(0.05))
+    uses = (CameraUse.USED, CameraUse.NO_IMAGE, CameraUse.USED)
+    one = replace(
+        one,
+        observation=replace(one.observation, cameras=uses),
+        shot=replace(one.shot, faults=(None, "its plug is out", None)),
+    )
+    assert observation.object_pose is not None
+    page.faults = lambda: ["something"]
+    told = next_event(page, one)
+    assert told["sequence"] == 7
+    assert told["position"] == pytest.approx([50.0, -20.0, 32.5])
+    assert told["latency_ms"] == pytest.approx([12.0] * 4)
+    assert told["faults"] == ["something"]
+    first, gone, last = told["cameras"]
+    assert (gone["use"], gone["fault"], gone["missing"]) == ("no image", "its plug is out", 100.0)
+    assert gone["level"] is None
+    assert gone["beyond"] == ["missing"]
+    assert first["level"] == pytest.approx(np.median(cv2.cvtColor(images[0], cv2.COLOR_BGR2GRAY)), abs=1)
+    assert 0.0 < first["residual"] < 0.5
+    assert last["skew"] == pytest.approx(2.0)
+
+
+def test_the_picture_has_every_camera(page):
+    next_event(page, moment(0, IMAGES))
+    status, content = got(page, "/picture?0")
+    assert status == 200
+    image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR)
+    for c in range(3):
+        middle = image[300, 540 * c + 276]
+        assert middle == pytest.approx([60 + c] * 3, abs=2)
+
+
+def test_only_this_machine_can_connect(page):
+    port = page.port
+    if shutil.which("ss"):
+        command = ["ss", "-Hltn", f"sport = :{port}"]
+        lines = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
+        assert [line.split()[3] for line in lines] == [f"127.0.0.1:{port}"]
+    addresses = {entry[4][0] for entry in socket.getaddrinfo(socket.gethostname(), port, socket.AF_INET)}
+    for address in addresses:
+        if not address.startswith("127."):
+            with pytest.raises(OSError, match="refused"):
+                socket.create_connection((address, port), timeout=60)
+
+
+def test_a_site_elsewhere_that_has_the_browser_ask_is_refused(page):
+    assert got(page, "/")[0] == 200
+    for path in ("/", "/events", "/picture"):
+        assert got(page, path, Host="elsewhere.example")[0] == 403
+
+
+def test_a_browser_that_reads_nothing_holds_up_nobody(page):
+    with contextlib.closing(connection(page)) as hanging:
+        hanging.request("GET", "/events")
+        for number in range(300):
+            page(moment(number, IMAGES))  # returns at once
+        while next_event(page, moment(300, IMAGES))["sequence"] < 300:
+            pass
+
+
+def test_the_page_ends_with_who_watches_it():
+    one = Page(0, FOLLOWER)
+    with contextlib.closing(connection(one)) as watching:
+        watching.request("GET", "/events")
+        with watching.getresponse():
+            one.close()
+    with pytest.raises(OSError, match="refused"):
+        got(one, "/")
+
+
+def test_a_port_in_use_is_named(page):
+    with pytest.raises(LiveError, match=f"page {page.port}: the port cannot be used"):
+        Page(page.port, FOLLOWER)
