@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from tracker.calibration.rig import CameraRig
-from tracker.conventions import Image
+from tracker.conventions import Array, Image
 from tracker.errors import ImageError
 from tracker.objects.box import Box
 from tracker.objects.model import CuboidModel
@@ -64,7 +64,7 @@ class ObjectTracker:
         self._memory = Memory.empty(len(rig), tracking)
         self._gate = Gate()
 
-    def detect(self, images: Sequence[Image | None]) -> Observation:
+    def detect(self, images: Sequence[Array | None]) -> Observation:
         """The object's pose in one set of images, without memory: same images, same answer to the bit.
 
         Args:
@@ -110,7 +110,7 @@ class ObjectTracker:
         belief = self._memory.belief
         return lambda timestamp: belief.predicted(timestamp).estimate()
 
-    def update(self, images: Sequence[Image | None], timestamp: float | Sequence[float]) -> Observation:
+    def update(self, images: Sequence[Array | None], timestamp: float | Sequence[float]) -> Observation:
         """The object's pose in the next set of images, with the memory of those before.
 
         The object is looked for where its motion so far lets it be expected, and everywhere if it is not
@@ -137,7 +137,7 @@ class ObjectTracker:
         with self._gate:
             return self._update(images, timestamp)
 
-    def _update(self, images: Sequence[Image | None], timestamp: float | Sequence[float]) -> Observation:
+    def _update(self, images: Sequence[Array | None], timestamp: float | Sequence[float]) -> Observation:
         start = time.perf_counter()
         checked = self._check(images, least=0)
         stamps = check_stamps(timestamp, [image is not None for image in checked])
@@ -205,19 +205,19 @@ class ObjectTracker:
         lead = 0.0 if memory.belief.plausible(expected, found) else JUMP_LEAD
         return found if rank(found) > rank(near) + lead else near, memory
 
-    def fit(self, images: Sequence[Image | None], timing: dict[str, float] | None = None) -> Fit | Status:
+    def fit(self, images: Sequence[Array | None], timing: dict[str, float] | None = None) -> Fit | Status:
         """As `detect`, with all that supports the pose; `timing` gains the milliseconds of each stage."""
         return self._search(images, {} if timing is None else timing)[0]
 
     def _search(
-        self, images: Sequence[Image | None], timing: dict[str, float]
+        self, images: Sequence[Array | None], timing: dict[str, float]
     ) -> tuple[Fit | Status, tuple[CameraUse, ...]]:
         """The object anywhere, without memory, and what the pictures themselves are good for."""
         nothing = Memory.empty(len(self.rig)).cameras
         _, given, uses = usable(nothing, self._check(images))
         return search(self._reader, self._estimator, given, timing), tuple(uses)
 
-    def _check(self, images: Sequence[Image | None], least: int = 1) -> list[Image | None]:
+    def _check(self, images: Sequence[Array | None], least: int = 1) -> list[Image | None]:
         given: object = images
         if isinstance(given, np.ndarray) and given.ndim == 3:
             raise ImageError(

@@ -81,7 +81,7 @@ def in_even_light(image: Image, colors: ColorModel) -> tuple[Image, Light]:
     return evened(image, light), light
 
 
-def segment(image: Image, colors: ColorModel) -> Image:
+def segment(image: Array, colors: ColorModel) -> Image:
     """Labels (H, W) uint8 of an image (H, W, 3) uint8 BGR: 0 background, 1 red … 6 yellow.
 
     Pixels are labelled by colour; then specks go, and of the things that are left in face colours

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import cv2
 
-from tracker.conventions import Image
+from tracker.conventions import Array
 from tracker.errors import ImageError
 from tracker.files import told_as, write_whole
 
@@ -15,7 +15,7 @@ IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
 """Formats of `write_image`."""
 
 
-def write_image(path: str | os.PathLike[str], image: Image) -> None:
+def write_image(path: str | os.PathLike[str], image: Array) -> None:
     """Write a PNG or JPEG file, whole or not at all.
 
     Raises:

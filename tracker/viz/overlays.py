@@ -26,7 +26,7 @@ _TINT = 0.15
 
 
 def overlay(
-    images: Sequence[Image | None],
+    images: Sequence[Array | None],
     rig: CameraRig,
     model: CuboidModel,
     observation: Observation,

@@ -90,7 +90,7 @@ def _grow(image, near, sums, ratio, edge, pale, mask, light):  # type: ignore[no
                 light[j, i] = 255
 
 
-def segment_dice(image: Image, colors: ColorModel | None = None) -> Image:
+def segment_dice(image: Array, colors: ColorModel | None = None) -> Image:
     """The dice in an image: (H, W) uint8, 255 where a pixel shows one, else 0.
 
     Pips, shaded sides and the dice's edges are included; fingers in front of the dice are not.

@@ -53,7 +53,7 @@ class Die:
 def locate(
     rig: CameraRig,
     masks: Sequence[Array | None],
-    images: Sequence[Image | None] | None = None,
+    images: Sequence[Array | None] | None = None,
     *,
     most: int = NUM_DICE,
 ) -> tuple[Die, ...]:
@@ -75,7 +75,7 @@ def locate(
         TaskError: a mask is malformed, or there are not as many as cameras.
         ImageError: an image is malformed, or there are not as many as cameras.
     """
-    given: Sequence[Image | None] = [None] * len(rig) if images is None else images
+    given: Sequence[Array | None] = [None] * len(rig) if images is None else images
     _check(rig, masks, given)
     found, gains = _finder(rig).find(masks, given)
     dice = []
@@ -88,7 +88,7 @@ def locate(
     return tuple(dice)
 
 
-def _check(rig: CameraRig, masks: Sequence[Array | None], images: Sequence[Image | None]) -> None:
+def _check(rig: CameraRig, masks: Sequence[Array | None], images: Sequence[Array | None]) -> None:
     names = ", ".join(rig.names)
     if len(masks) != len(rig):
         raise TaskError(f"masks of dice: found {len(masks)}, expected one of each of {names}")
