@@ -9,7 +9,7 @@ WORKERS ?= $(shell nproc 2>/dev/null || echo 1)
 LOWEST := build/lowest
 OLDEST_PYTHON ?= python3.10
 
-.PHONY: demo test lowest package lint format docs bench small gate colors clean
+.PHONY: demo test lowest release package lint format docs bench small gate colors clean
 
 demo: $(STAMP)  ## film the simulated platform, find the object in every frame
 	$(BIN)/python examples/demo.py
@@ -24,6 +24,9 @@ test: $(STAMP)  ## run the tests, or those of TESTS=
 # Old versions use what newer ones of others warn of.
 lowest: $(LOWEST)/.installed  ## run the tests with the lowest versions that pyproject.toml allows
 	$(LOWEST)/bin/python $(call RUN_TESTS,$(LOWEST)/bin) -W ignore::DeprecationWarning $(TESTS)
+
+release: $(STAMP)  ## build sdist and wheel, try the wheel alone with each Python of PYTHONS=
+	$(BIN)/python scripts/try_release.py $(PYTHONS)
 
 package: $(STAMP)  ## set up the platform's own simulation package, with which some tests compare
 	$(BIN)/python -c 'from benchmarks.data.package.environment import interpreter; print(interpreter())'
@@ -63,14 +66,14 @@ clean:  ## remove everything that the other targets made
 $(STAMP): pyproject.toml
 	@echo "Setting up $(VENV) (about a minute and a half)"
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev,docs,synthetic,film,viz,live,pylon]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev,docs,synthetic]'
 	@touch $@
 
 # zarr: the last that writes the stores of the platform's data sets.
 $(LOWEST)/.installed: pyproject.toml scripts/lowest_versions.py
 	$(OLDEST_PYTHON) -m venv --clear $(LOWEST)
 	$(LOWEST)/bin/python -m pip install --quiet --disable-pip-version-check packaging tomli
-	$(LOWEST)/bin/python scripts/lowest_versions.py synthetic film datasets bench cluster > $(LOWEST)/requirements.txt
+	$(LOWEST)/bin/python scripts/lowest_versions.py synthetic video datasets bench cluster > $(LOWEST)/requirements.txt
 	$(LOWEST)/bin/python -m pip install --quiet --disable-pip-version-check \
 		-r $(LOWEST)/requirements.txt 'zarr<2.17'
 	$(LOWEST)/bin/python -m pip install --quiet --disable-pip-version-check --no-deps -e .

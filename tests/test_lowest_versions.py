@@ -4,7 +4,7 @@ import re
 
 from tests.helpers import ROOT, run_python
 
-EXTRAS = ("synthetic", "bench", "datasets", "viz", "film")
+EXTRAS = ("synthetic", "bench", "datasets", "rerun", "video")
 
 
 def test_every_requirement_of_those_who_use_it_states_a_lowest_version():

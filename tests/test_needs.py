@@ -9,10 +9,10 @@ from tests.helpers.needs import VARIABLE, pytest_configure
 pytest_plugins = ["pytester"]
 
 BODIES = {
-    "in the test": "def test_a(): lack('viz', 'there is none')",
-    "in a fixture": "@pytest.fixture\ndef a(): lack('viz', 'there is none')\ndef test_a(a): pass",
-    "by a mark": "@pytest.mark.skipif(True, reason='viz: there is none')\ndef test_a(): pass",
-    "of a module": "pytest.importorskip('no_such_module', reason='viz: there is none')\ndef test_a(): pass",
+    "in the test": "def test_a(): lack('rerun', 'there is none')",
+    "in a fixture": "@pytest.fixture\ndef a(): lack('rerun', 'there is none')\ndef test_a(a): pass",
+    "by a mark": "@pytest.mark.skipif(True, reason='rerun: there is none')\ndef test_a(): pass",
+    "of a module": "pytest.importorskip('no_such_module', reason='rerun: there is none')\ndef test_a(): pass",
 }
 
 
@@ -34,19 +34,19 @@ def outcomes(pytester, monkeypatch):
 
 @pytest.mark.parametrize("body", BODIES.values(), ids=BODIES)
 def test_a_need_that_is_asked_for_is_a_failure_where_it_is_missing(outcomes, body):
-    counts, printed = outcomes(body, "real,film")
+    counts, printed = outcomes(body, "real,plot")
     assert set(counts) == {"skipped"}
-    assert "viz: there is none" in printed
-    counts, printed = outcomes(body, "real, viz")
+    assert "rerun: there is none" in printed
+    counts, printed = outcomes(body, "real, rerun")
     assert "skipped" not in counts
     assert counts.get("failed", 0) + counts.get("errors", 0) == 1
-    assert "REQUIRE asks for viz" in printed
+    assert "REQUIRE asks for rerun" in printed
 
 
-@pytest.mark.parametrize("reason", ["", "no reason", "vizier: none", "viz"])
+@pytest.mark.parametrize("reason", ["", "no reason", "reruns: none", "rerun"])
 def test_a_skip_without_a_kind_is_a_failure(outcomes, reason):
     counts, printed = outcomes(f"def test_a(): pytest.skip({reason!r})", "")
-    if reason == "viz":
+    if reason == "rerun":
         assert counts == {"skipped": 1}
     else:
         assert counts == {"failed": 1}
@@ -55,10 +55,10 @@ def test_a_skip_without_a_kind_is_a_failure(outcomes, reason):
 
 def test_what_passes_fails_or_is_expected_to_fail_stays_so(outcomes):
     body = "def test_a(): pass\ndef test_b(): assert 0\n@pytest.mark.xfail\ndef test_c(): assert 0"
-    assert outcomes(body, "viz")[0] == {"passed": 1, "failed": 1, "xfailed": 1}
+    assert outcomes(body, "rerun")[0] == {"passed": 1, "failed": 1, "xfailed": 1}
 
 
 def test_a_kind_that_there_is_not_is_named(monkeypatch):
-    monkeypatch.setenv(VARIABLE, "viz,vizz")
-    with pytest.raises(pytest.UsageError, match="REQUIRE: no kind vizz; there are real, "):
+    monkeypatch.setenv(VARIABLE, "rerun,viz")
+    with pytest.raises(pytest.UsageError, match="REQUIRE: no kind viz; there are real, "):
         pytest_configure()

@@ -48,7 +48,7 @@ class Compression:
                 tells each from the one before.
 
         Raises:
-            EffectError: PyAV, the extra `film`, is missing.
+            EffectError: PyAV, the extra `video`, is missing.
         """
         if self.kind == "h264":
             return _filmed(pictures, self.crf)
@@ -85,7 +85,7 @@ def _filmed(pictures: Sequence[Image], crf: int) -> Image:
     try:
         import av
     except ImportError as error:
-        raise EffectError(f"compression: H.264 needs PyAV: {install('film')}") from error
+        raise EffectError(f"compression: H.264 needs PyAV: {install('video')}") from error
     height, width = pictures[0].shape[:2]
     coder = av.CodecContext.create("libx264", "w")
     coder.width, coder.height, coder.pix_fmt, coder.time_base = width, height, "yuv420p", Fraction(1, 10)

@@ -26,7 +26,7 @@ def test_a_machine_that_has_all_is_well():
     for what in ("tracker", "Python", "numpy", "scipy", "OpenCV", "numba", "h5py", "cache", "speed"):
         assert line_of(text, what).startswith("ok")
     assert "reference work" in line_of(text, "speed")
-    for extra in ("film", "synthetic", "viz"):
+    for extra in ("plot", "synthetic", "rerun", "video"):
         assert line_of(text, extra)
 
 
@@ -41,7 +41,7 @@ def test_what_is_missing_has_its_remedy(monkeypatch):
     assert line_of(text, "scipy").startswith("!!")
     assert "pip install scipy" in text
     assert line_of(text, "synthetic").startswith("--")
-    assert "pip install '.[synthetic]'" in text
+    assert "pip install -e '.[synthetic]'" in text
     assert "libegl1" in text
 
 

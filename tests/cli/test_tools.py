@@ -145,7 +145,7 @@ def test_a_log_becomes_a_folder_and_a_part_of_one(tmp_path, run_here):
 
 
 def test_a_log_becomes_a_film(tmp_path, run_here):
-    av = pytest.importorskip("av", reason="film: no module av")
+    av = pytest.importorskip("av", reason="video: no module av")
     log = write_log(tmp_path / "log", FRAMES)
     run_here("convert", log, "-o", tmp_path / "new.mp4").check_returncode()
     with av.open(str(tmp_path / "new.mp4")) as film:

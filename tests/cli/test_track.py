@@ -76,8 +76,8 @@ def run(*arguments: object, folder: Path = ROOT) -> subprocess.CompletedProcess[
 
 
 def test_a_recording_is_tracked_and_written_in_every_format(filmed, tmp_path, run_here):
-    for package in ("av", "matplotlib"):
-        pytest.importorskip(package, reason=f"film: no module {package}")
+    pytest.importorskip("av", reason="video: no module av")
+    pytest.importorskip("matplotlib", reason="plot: no module matplotlib")
     result = run_here(
         *[filmed, "--object", "cube_v2", "-o", "poses.h5", "--json", "--csv", "poses.csv"],
         *["--tum", "poses.tum", "--bop", "poses_bop.csv", "--camera", "camera180"],

@@ -103,7 +103,7 @@ def test_every_picture_exists_and_is_small_and_shown():
 
 
 def test_the_script_draws_every_picture(tmp_path, run_script):
-    pytest.importorskip("matplotlib", reason="film: no module matplotlib")
+    pytest.importorskip("matplotlib", reason="plot: no module matplotlib")
     skip_without_platform()
     script = ROOT / "scripts" / "draw_how_it_works.py"
     run_script(script, "--quick", "--output", tmp_path, folder=tmp_path)

@@ -181,8 +181,8 @@ def test_another_seed_shows_another_scene(demo, tmp_path, run_script):
 
 
 def test_the_demo_films_what_it_finds(tmp_path, run_script, monkeypatch):
-    for package in ("av", "matplotlib"):
-        pytest.importorskip(package, reason=f"film: no module {package}")
+    pytest.importorskip("av", reason="video: no module av")
+    pytest.importorskip("matplotlib", reason="plot: no module matplotlib")
     skip_without_platform()
     monkeypatch.setitem(QUALITIES, "default", QUALITIES["fast"])
     result = run_script(ROOT / "examples" / "demo.py", "--frames", 3, "--output", "demo", folder=tmp_path)

@@ -17,7 +17,7 @@ from tracker.live import watcher
 from tracker.live.watcher import Watcher
 
 if importlib.util.find_spec("rerun") is None:
-    lack("viz", "no module rerun")
+    lack("rerun", "no module rerun")
 
 MODEL = tracker.load_object("cube_v2")
 
@@ -48,7 +48,7 @@ def test_images_and_poses_are_in_the_file(tmp_path):
     one(moment(0, images, pose=estimate(0.05)))
     one.close()
     assert one.fault is None
-    chunk = pytest.importorskip("rerun.chunk", reason="viz: no module rerun.chunk")
+    chunk = pytest.importorskip("rerun.chunk", reason="rerun: no module rerun.chunk")
     found = {part.entity_path for part in chunk.RrdReader(tmp_path / "live.rrd").stream().to_chunks()}
     assert {"/world/measured", "/confidence/filtered", "/world/cameras/camera60/image"} <= found
 

@@ -98,7 +98,7 @@ def test_an_exact_calibration_is_the_rig_itself():
 @pytest.mark.parametrize("path", ["new", "old"])
 def test_compression_repeats_to_the_bit_and_stays_near_the_picture(kind, path):
     if kind == "h264":
-        pytest.importorskip("av", reason="film: no module av")
+        pytest.importorskip("av", reason="video: no module av")
     image = picture(path=path)
     coded = [Compression(kind, 90, 20).applied([image]) for _ in range(2)]
     assert np.array_equal(*coded)
@@ -107,7 +107,7 @@ def test_compression_repeats_to_the_bit_and_stays_near_the_picture(kind, path):
 
 
 def test_better_quality_is_nearer_to_the_picture():
-    pytest.importorskip("av", reason="film: no module av")
+    pytest.importorskip("av", reason="video: no module av")
     image = picture().astype(float)
     for kind, settings in (("jpeg", ((98, 0), (80, 0))), ("h264", ((0, 15), (0, 35)))):
         fine, coarse = (Compression(kind, *pair).applied([image.astype(np.uint8)]) for pair in settings)
@@ -120,7 +120,7 @@ def test_a_coded_mosaic_is_a_mosaic_still():
 
 
 def test_a_film_depends_on_the_pictures_before_and_on_none_after():
-    pytest.importorskip("av", reason="film: no module av")
+    pytest.importorskip("av", reason="video: no module av")
     film = [picture(seed=seed) for seed in (3, 4, 5)]
     own = Compression("h264", 0, 26)
     alone, after = own.applied(film[1:2]), own.applied(film[:2])
@@ -226,7 +226,7 @@ def test_a_picture_of_an_open_shutter_is_the_mean_of_its_scenes_and_labels_are_t
 
 
 def test_a_film_that_is_continued_is_the_film(platform):
-    pytest.importorskip("av", reason="film: no module av")
+    pytest.importorskip("av", reason="video: no module av")
     options = FrameOptions(
         "cube_v1", 3, quality="fast", sequence=True, length=3, kind="push", effects=("compression",)
     )

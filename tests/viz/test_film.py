@@ -6,7 +6,7 @@ import pytest
 from tracker.errors import ImageError
 from tracker.viz import write_film
 
-av = pytest.importorskip("av", reason="film: no module av")
+av = pytest.importorskip("av", reason="video: no module av")
 
 
 def pictures(count=12, shape=(60, 81)):

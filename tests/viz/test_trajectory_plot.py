@@ -27,7 +27,7 @@ from tracker.viz import paint, write_trajectory_plot
 from tracker.viz.plots import STATUS_COLORS
 from tracker.viz.trajectory import angle_std, angles
 
-pytest.importorskip("matplotlib", reason="film: no module matplotlib")
+pytest.importorskip("matplotlib", reason="plot: no module matplotlib")
 
 
 @pytest.fixture
@@ -131,7 +131,7 @@ def test_a_missing_package_is_said(path, rng, monkeypatch):
         return original(name, *arguments, **options)
 
     monkeypatch.setattr(builtins, "__import__", refusing)
-    with pytest.raises(TrackerError, match="pip install matplotlib"):
+    with pytest.raises(TrackerError, match=r"pip install .*\[plot\]"):
         write_trajectory_plot(path, random_poses(rng, 1))
     assert not path.exists()
 

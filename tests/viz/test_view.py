@@ -14,7 +14,7 @@ from tests.helpers.recording_stubs import write_log
 from tracker.logs.poses_file import write_poses
 from tracker.viz import view
 
-needs_rerun = pytest.mark.skipif(importlib.util.find_spec("rerun") is None, reason="viz: no module rerun")
+needs_rerun = pytest.mark.skipif(importlib.util.find_spec("rerun") is None, reason="rerun: no module rerun")
 
 
 def run(*arguments: object, folder: Path = ROOT) -> subprocess.CompletedProcess[str]:
@@ -24,7 +24,7 @@ def run(*arguments: object, folder: Path = ROOT) -> subprocess.CompletedProcess[
 def entities(path: Path) -> set[str]:
     """Names of what is in the file, which is whole."""
     assert path.read_bytes()[:3] == b"RRF"
-    chunk = pytest.importorskip("rerun.chunk", reason="viz: no module rerun.chunk")
+    chunk = pytest.importorskip("rerun.chunk", reason="rerun: no module rerun.chunk")
     return {one.entity_path for one in chunk.RrdReader(path).stream().to_chunks()}
 
 

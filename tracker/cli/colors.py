@@ -14,7 +14,7 @@ from tracker.cli.color_report import print_report
 from tracker.cli.colors_file import check_colors_file, save_colors
 from tracker.cli.files import silent_libraries
 from tracker.cli.table import table
-from tracker.errors import ImageError
+from tracker.errors import ImageError, install
 
 if TYPE_CHECKING:
     from tracker.conventions import Image
@@ -146,7 +146,7 @@ def _plot_target(plot: str | None, folders: Sequence[str]) -> Path | None:
     if target.suffix.lower() != ".png":
         raise click.UsageError(f"--plot {target}: found suffix {target.suffix!r}, expected .png")
     if find_spec("matplotlib") is None:
-        raise click.ClickException("--plot needs the package matplotlib: pip install matplotlib")
+        raise click.ClickException(f"--plot needs the package matplotlib: {install('plot')}")
     if not target.parent.is_dir():
         raise click.UsageError(f"--plot {target}: there is no folder {target.parent}")
     if any(Path(folder).is_dir() and target.parent.samefile(folder) for folder in folders):

@@ -141,6 +141,6 @@ def _extras() -> dict[str, list[str]]:
         return {}
     for requirement in requirements:
         package, extra = _PACKAGE.match(requirement), _EXTRA.search(requirement)
-        if package and extra and extra["extra"] not in ("dev", "docs") and package[0] != NAME:
+        if package and extra and extra["extra"] not in ("all", "dev", "docs") and package[0] != NAME:
             extras.setdefault(extra["extra"], []).append(package[0])
     return extras

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tracker.cli.protect import check_suffix
+from tracker.errors import install
 
 if TYPE_CHECKING:
     from tracker.calibration.rig import CameraRig
@@ -21,6 +22,9 @@ if TYPE_CHECKING:
     from tracker.objects.model import CuboidModel
     from tracker.pose.result import Observation
     from tracker.recordings import Recipe
+
+_PACKAGES = {"plot": "matplotlib", "video": "av"}
+"""By extra, what it brings."""
 
 MIN_RATE, MAX_RATE = 0.5, 60.0
 """Slowest and fastest film [frames per second]."""
@@ -55,19 +59,19 @@ class Outputs:
         """
         if (self.bop is None) != (self.camera is None):
             raise click.UsageError("--bop and --camera belong together: BOP results are those of one camera")
-        for name, path, suffixes, package in (
+        for name, path, suffixes, extra in (
             ("--csv", self.csv, (".csv",), None),
             ("--tum", self.tum, (".tum", ".txt"), None),
             ("--bop", self.bop, (".csv",), None),
-            ("--video", self.video, (".mp4",), "av"),
-            ("--plot", self.plot, (".png",), "matplotlib"),
-            ("--health", self.health, (".html",), "matplotlib"),
+            ("--video", self.video, (".mp4",), "video"),
+            ("--plot", self.plot, (".png",), "plot"),
+            ("--health", self.health, (".html",), "plot"),
         ):
             if path is None:
                 continue
             check_suffix(name, path, *suffixes)
-            if package is not None and find_spec(package) is None:
-                raise click.ClickException(f"{name} needs the package {package}: pip install {package}")
+            if extra is not None and find_spec(_PACKAGES[extra]) is None:
+                raise click.ClickException(f"{name} needs the package {_PACKAGES[extra]}: {install(extra)}")
 
     def check_camera(self, rig: CameraRig) -> None:
         """Refuse a camera that the rig has not."""

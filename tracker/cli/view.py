@@ -97,7 +97,7 @@ def view(
     POSES is a file that `tracker track` wrote; with --log the images of its recording are shown, too. A LOG
     alone is tracked on the way, which needs --object.
 
-    The viewer is Rerun: python3 -m pip install '.[viz]'. `rerun FILE.rrd` opens a file.
+    The viewer is Rerun: python3 -m pip install '.[rerun]'. `rerun FILE.rrd` opens a file.
     """
     from tracker.logs import open_log
     from tracker.logs.cameras import fitted_to

@@ -61,7 +61,9 @@ def _to_and_fro(number: int, length: int) -> int:
 
 
 def _film(object_name: str, seed: int, frames: int) -> list[Any]:
-    if find_spec("synthetic") is None or find_spec("pybullet") is None:
+    # Its name is not its own: another package may have it.
+    found = find_spec("synthetic") is not None and find_spec("synthetic.frames") is not None
+    if not found or find_spec("pybullet") is None:
         raise LiveError(f"simulation: found no generator: {install('synthetic')}")
     generator = import_module("synthetic.frames")
     options = generator.FrameOptions(

@@ -1,4 +1,4 @@
-"""Shows what is tracked in the viewer Rerun (the extra `viz`), without ever holding up the tracking."""
+"""Shows what is tracked in the viewer Rerun (the extra `rerun`), without ever holding up the tracking."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tracker.errors import ImageError, TrackerError
+from tracker.errors import ImageError, TrackerError, install
 from tracker.files import told_as, write_whole
 from tracker.viz import paint
 from tracker.viz.plots import rgb
@@ -32,7 +32,7 @@ def figure_for(path: str | os.PathLike[str], size: tuple[float, float]) -> Figur
     try:
         from matplotlib.figure import Figure
     except ImportError as error:
-        raise TrackerError("plots need the package matplotlib: pip install matplotlib") from error
+        raise TrackerError(f"plots need the package matplotlib: {install('plot')}") from error
     # Not of pyplot: no window system, and no figure that stays in memory.
     return Figure(figsize=size, dpi=DPI, facecolor=rgb(paint.BACKGROUND), layout="constrained")
 

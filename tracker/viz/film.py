@@ -8,7 +8,7 @@ from fractions import Fraction
 from pathlib import Path
 
 from tracker.conventions import Image
-from tracker.errors import ImageError, TrackerError
+from tracker.errors import ImageError, TrackerError, install
 from tracker.files import whole_file
 
 
@@ -35,7 +35,7 @@ def write_film(path: str | os.PathLike[str], pictures: Iterable[Image], rate: fl
     try:
         import av
     except ImportError as error:
-        raise TrackerError("films need the package av: pip install av") from error
+        raise TrackerError(f"films need the package av: {install('video')}") from error
     count = 0
     try:
         with whole_file(target) as temporary, av.open(str(temporary), "w", format="mp4") as film:

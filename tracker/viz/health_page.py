@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tracker.conventions import FloatArray
-from tracker.errors import TrackerError
+from tracker.errors import TrackerError, install
 from tracker.files import write_whole
 from tracker.upkeep.health import HEIGHT, OFTEN, QUANTITIES, Health, Quantity
 from tracker.viz import paint
@@ -116,5 +116,5 @@ def _figure() -> Figure:
     try:
         from matplotlib.figure import Figure
     except ImportError as error:
-        raise TrackerError("plots need the package matplotlib: pip install matplotlib") from error
+        raise TrackerError(f"plots need the package matplotlib: {install('plot')}") from error
     return Figure(figsize=(11.0, 2.2), dpi=110, facecolor=rgb(paint.BACKGROUND), layout="constrained")

@@ -32,7 +32,7 @@ def require_rerun() -> None:
         TrackerError: it is.
     """
     if find_spec("rerun") is None:
-        raise TrackerError(f"the view needs the package rerun-sdk: {install('viz')}")
+        raise TrackerError(f"the view needs the package rerun-sdk: {install('rerun')}")
 
 
 @contextmanager
