@@ -84,4 +84,4 @@ def test_a_missing_package_is_named_with_its_extra(monkeypatch, capfd):
         cli.main(["view", "poses.h5"])
     printed = capfd.readouterr()
     result = subprocess.CompletedProcess([], int(stop.value.code or 0), printed.out, printed.err)
-    assert_one_line_error(result, ".[viz]")
+    assert_one_line_error(result, ".[rerun]")
