@@ -1,11 +1,13 @@
 from __future__ import annotations
 
+import dataclasses
+
 import h5py
 import numpy as np
 import pytest
 
 import tracker
-from tests.helpers import ROOT, run_python
+from tests.helpers import LENSES, ROOT, run_python
 from tests.helpers.log_writers import CAMERAS, make_content
 from tests.helpers.recording_stubs import tiny_rig
 from tests.logs.test_native import assert_same
@@ -131,3 +133,36 @@ def test_a_file_that_is_there_is_not_written_over(tmp_path):
     assert (tmp_path / "log.h5").read_text() == "mine"
     with pytest.raises(LogError, match="cannot be written"):
         Hdf5LogWriter(tmp_path / "no" / "log.h5", tiny_rig())
+
+
+@pytest.mark.parametrize("count", [8, 12, 14])
+def test_a_lens_of_any_number_of_coefficients_comes_back(tmp_path, count):
+    cameras = tuple(dataclasses.replace(camera, distortion=LENSES[count]) for camera in tiny_rig())
+    with Hdf5LogWriter(tmp_path / "log.h5", tracker.CameraRig(cameras)) as writer:
+        writer.append([None] * 3, 1.0)
+    with tracker.open_log(tmp_path / "log.h5") as log:
+        assert log.rig[2].distortion.tolist() == list(LENSES[count])
+
+
+def test_all_that_a_log_of_the_platform_has_is_there_in_its_type_and_shape(real, tmp_path):
+    recorded = real / "logs" / "tricamera_log_with_pose.h5"
+    with tracker.open_log(recorded) as log, Hdf5LogWriter(tmp_path / "log.h5", log.rig, poses=True) as writer:
+        for frame in log:
+            writer.append(frame.raw, frame.timestamp, frame.camera_timestamps, frame.recorded_pose)
+    compared = []
+    with h5py.File(tmp_path / "log.h5") as ours, h5py.File(recorded) as theirs:
+        assert {**ours.attrs} == {**theirs.attrs}
+
+        def compare(name, item):
+            if isinstance(item, h5py.Dataset):
+                compared.append(name)
+                assert (ours[name].shape, ours[name].compression) == (item.shape, item.compression), name
+                if name == "camera_names":  # there of variable length
+                    assert [bytes(text) for text in ours[name]] == [bytes(text) for text in item]
+                else:
+                    assert ours[name].dtype == item.dtype, name
+                    mended = 1e-4 if name.endswith("tf_world_to_camera") else 1e-6  # means of rotations
+                    np.testing.assert_allclose(ours[name][()], item[()], atol=mended, err_msg=name)
+
+        theirs.visititems(compare)
+    assert len(compared) == 4 + 3 * 3 + 4

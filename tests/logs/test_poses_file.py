@@ -287,6 +287,65 @@ def test_a_length_that_would_fill_the_memory_is_refused(written):
         read_poses(written)
 
 
+def elsewhere(how):
+    """Stamps that are not in the file, or not in it as themselves."""
+
+    def change(file):
+        del file["timestamps"]
+        if how == "external link":
+            file["timestamps"] = h5py.ExternalLink("other.h5", "/stamps")
+        elif how == "soft link":
+            file["timestamps"] = h5py.SoftLink("/object_pose/confidence")
+        elif how == "external storage":
+            file.create_dataset("timestamps", (5,), float, external=[("other.h5", 0, 40)])
+        elif how == "virtual":
+            layout = h5py.VirtualLayout((5,), float)
+            layout[:] = h5py.VirtualSource("other.h5", "stamps", (5,))
+            file.create_virtual_dataset("timestamps", layout)
+        elif how == "link to a group":
+            file["timestamps"] = np.zeros(5)
+            file.move("object_pose", "really")
+            file["object_pose"] = h5py.SoftLink("/really")
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("how", "message"),
+    [
+        ("external link", "/timestamps: found a link, expected the data themselves"),
+        ("soft link", "/timestamps: found a link"),
+        ("external storage", "/timestamps: found data outside the file"),
+        ("virtual", "/timestamps: found data outside the file"),
+        ("link to a group", "/object_pose/has_pose: found a link"),
+    ],
+)
+def test_what_other_files_hold_is_never_read(written, how, message):
+    with h5py.File(written.parent / "other.h5", "w") as other:
+        other["stamps"] = np.arange(5.0)
+    with h5py.File(written, "r+") as file:
+        elsewhere(how)(file)
+    with pytest.raises(LogError, match=message):
+        read_poses(written)
+
+
+def test_what_could_not_have_been_packed_into_so_few_bytes_is_refused(written):
+    count = poses_file.MAX_FRAMES
+    with h5py.File(written, "r+") as file:
+        del file["frame"]
+        file.create_dataset("frame", (count,), np.int64, chunks=(1000,), compression="gzip")
+    with pytest.raises(LogError, match=f"/frame: found 0 bytes stored, expected enough for {8 * count}"):
+        read_poses(written)
+
+
+def test_a_text_that_would_fill_the_memory_is_refused(path, rng):
+    write_poses(path, random_poses(rng, 2))
+    with h5py.File(path, "r+", libver=("v110", "v110")) as file:
+        file.attrs.create("source", np.bytes_(b"x" * (2 << 20)))
+    with pytest.raises(LogError, match=r"source: found .*expected at most 1048576 bytes"):
+        read_poses(path)
+
+
 def test_a_log_of_the_platform_is_told_from_poses(tmp_path):
     with h5py.File(tmp_path / "log.h5", "w") as file:
         file.attrs["magic"] = 0x3CDA7A00

@@ -69,8 +69,7 @@ def refuse_other_content(name: str, path: Path) -> None:
     Raises:
         click.UsageError: it is something else.
     """
-    import h5py
-
+    from tracker.logs.checked_hdf5 import open_file
     from tracker.logs.poses_file import is_poses_file
 
     if not path.is_file() or path.stat().st_size == 0 or is_poses_file(path):
@@ -78,7 +77,7 @@ def refuse_other_content(name: str, path: Path) -> None:
     with path.open("rb") as file:
         ours = file.read(len(_HDF5)) == _HDF5
     if ours:
-        with suppress(OSError, RuntimeError), h5py.File(path, "r", locking=False):
+        with suppress(OSError, RuntimeError), open_file(path):
             ours = False
     if not ours:
         raise click.UsageError(f"{name} {path}: found a file that holds no poses, expected another name")

@@ -1,21 +1,34 @@
-"""Access to HDF5 files in which nothing is believed without a look.
+"""Access to HDF5 files in which nothing is believed without a look; all that are read are read with it.
 
-Type and shape are compared before anything is read, and texts are of fixed length: those of variable
-length lie in a heap without a checksum, and damage to it can make the HDF5 library search without end.
+Only data that are in the file itself are read, unpacked with filters that come with the HDF5 library: no
+links to other files, no external or virtual storage, no plug-ins, no objects. Type, shape and the bytes
+that are stored are compared before anything is read. Texts are of fixed length: those of variable length
+lie in a heap without a checksum, and damage to it can make the library search without end.
 """
 
 from __future__ import annotations
 
+import contextlib
+import math
+import os
+import struct
+from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 
-from tracker.conventions import Array
+from tracker.conventions import Array, FloatArray
 from tracker.errors import LogError
+from tracker.logs.source import cannot_read
+
+MAX_CHUNK = 1 << 28
+"""Largest block [bytes] that a field may be stored in."""
 
 TYPES = {
     "f": "floating-point numbers",
+    "fiu": "numbers",
     "iu": "whole numbers",
     "u": "unsigned numbers",
     "b": "bool",
@@ -23,21 +36,95 @@ TYPES = {
 }
 """NumPy's letters of types, and what they are in messages."""
 
+_FILTERS = {
+    h5py.h5z.FILTER_DEFLATE: "gzip",
+    h5py.h5z.FILTER_SHUFFLE: "shuffle",
+    h5py.h5z.FILTER_FLETCHER32: "fletcher32",
+}
+_MAX_RATIO = 1032  # deflate packs at most this many bytes into one
+_MAX_ATTRIBUTE = 1 << 20  # bytes
+_SMALL = 1 << 20  # bytes that may be taken for a field that has none stored
+_ROWS = 512  # rows of a small field that are read at once
+_END_OFFSET = {0: 40, 1: 44, 2: 28, 3: 28}
+"""Where the file's length stands, by the version of the file's head."""
 
-def dataset(file: Any, name: str) -> Any:
-    """The dataset of that name, with nothing read yet.
+
+@contextlib.contextmanager
+def faults_as_log_errors(what: str) -> Iterator[None]:
+    """Turn what h5py raises on damaged files into a LogError that starts with `what`."""
+    try:
+        yield
+    except LogError as error:
+        raise error if str(error).startswith(what) else LogError(f"{what}: {error}") from error
+    # h5py passes on whatever stage of the library's work fails, each with a Python type of its own.
+    except (OSError, RuntimeError, ValueError, LookupError, TypeError, ArithmeticError, MemoryError) as error:
+        raise LogError(f"{what}: {' '.join(str(error).split()) or type(error).__name__}") from error
+
+
+def open_file(path: str | os.PathLike[str]) -> h5py.File:
+    """The file, for reading; OSError or what else h5py raises where it is none."""
+    # No lock is needed to read files that are replaced whole; network drives often cannot give one.
+    return h5py.File(path, "r", locking=False)
+
+
+def check_stated_end(path: Path) -> None:
+    """LogError if the file is not as long as its head says; the library sees only if it is too short."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(64)
+        size = path.stat().st_size
+    except OSError as error:
+        raise cannot_read(path, error) from error
+    if len(head) < 64:
+        raise LogError(f"{path}: found {size} bytes, expected an HDF5 file")
+    offset = _END_OFFSET.get(head[8])
+    if offset is None:  # a later version than this program knows; the library decides
+        return
+    (stated,) = struct.unpack_from("<Q", head, offset)
+    if stated != size:
+        raise LogError(f"{path}: found {size} bytes, expected the {stated} that the file states")
+
+
+def find(file: Any, name: str, where: str) -> h5py.Dataset | None:
+    """The dataset at a path such as `object_pose/position`, with nothing read yet, or None.
+
+    Args:
+        file: file or group.
+        name: the path.
+        where: what stands before the path in errors.
 
     Raises:
-        LogError: there is none.
+        LogError: it cannot be trusted, or is none.
     """
-    found = file.get(name)
-    if not isinstance(found, h5py.Dataset):
-        what = "nothing" if found is None else f"a {type(found).__name__.lower()}"
-        raise LogError(f"/{name}: found {what}, expected a dataset")
+    what = f"{where}{name}"
+    item = _item(file, name, what)
+    if item is None:
+        return None
+    if not isinstance(item, h5py.Dataset):
+        raise LogError(f"{what}: found a {type(item).__name__.lower()}, expected a dataset")
+    with faults_as_log_errors(what):
+        if item.is_virtual or item.external:
+            raise LogError(f"{what}: found data outside the file, expected them inside")
+        _check_filters(item, what)
+        if item.chunks:
+            _check_blocks(item, what)
+    return item
+
+
+def has_group(file: Any, name: str, where: str) -> bool:
+    """Whether there is a group at this path."""
+    return isinstance(_item(file, name, f"{where}{name}"), h5py.Group)
+
+
+def dataset(file: Any, name: str, where: str = "/") -> h5py.Dataset:
+    """As `find`; LogError where there is none."""
+    found = find(file, name, where)
+    if found is None:
+        raise LogError(f"{where}{name}: found nothing, expected a dataset")
     return found
 
 
-def array(file: Any, name: str, shape: tuple[int, ...], kinds: str) -> Array:
+def array(file: Any, name: str, shape: tuple[int, ...], kinds: str, where: str = "/") -> Array:
     """The values of a dataset.
 
     Args:
@@ -45,15 +132,20 @@ def array(file: Any, name: str, shape: tuple[int, ...], kinds: str) -> Array:
         name: of the dataset.
         shape: the only valid one.
         kinds: of valid types, a key of TYPES.
+        where: what stands before the name in errors.
 
     Raises:
-        LogError: there is no such dataset, or it is of another type or shape.
+        LogError: there is no such dataset, it is of another type or shape, or fewer bytes are stored than
+            it can have been packed into.
     """
-    stored = dataset(file, name)
+    stored = dataset(file, name, where)
     if stored.dtype.kind not in kinds or stored.shape != shape:
-        found = f"{stored.dtype} of shape {stored.shape}"
-        raise LogError(f"/{name}: found {found}, expected {TYPES[kinds]} of shape {shape}")
-    return np.asarray(stored[()])
+        raise LogError(f"{where}{name}: found {shown(stored)}, expected {TYPES[kinds]} of shape {shape}")
+    with faults_as_log_errors(f"{where}{name}"):
+        size, there = math.prod(shape) * stored.dtype.itemsize, int(stored.id.get_storage_size())
+        if size > max(_SMALL, _MAX_RATIO * there):
+            raise LogError(f"found {there} bytes stored, expected enough for {size}")
+        return np.asarray(stored[()])
 
 
 def attribute(item: Any, name: str, kinds: str, shape: tuple[int, ...] | None) -> Array:
@@ -66,14 +158,17 @@ def attribute(item: Any, name: str, kinds: str, shape: tuple[int, ...] | None) -
         shape: the only valid one; None: a list of any length.
 
     Raises:
-        LogError: there is no such attribute, or it is of another type or shape.
+        LogError: there is no such attribute, or it is of another type, shape or size.
     """
     wanted = TYPES[kinds] + ("" if shape == () else ", a list of them")
     if name not in item.attrs:
         raise LogError(f"{name}: found no such attribute, expected {wanted}")
     stored = item.attrs.get_id(name)
+    # Before it is read: the library does not survive damaged texts.
     if stored.dtype.kind not in kinds or (len(stored.shape) != 1 if shape is None else stored.shape != shape):
-        raise LogError(f"{name}: found {stored.dtype} of shape {stored.shape}, expected {wanted}")
+        raise LogError(f"{name}: found {shown(stored)}, expected {wanted}")
+    if math.prod(stored.shape) * stored.dtype.itemsize > _MAX_ATTRIBUTE:
+        raise LogError(f"{name}: found {shown(stored)}, expected at most {_MAX_ATTRIBUTE} bytes")
     return np.asarray(item.attrs[name])
 
 
@@ -96,3 +191,72 @@ def encoded_text(text: str) -> Array:
 def decoded(texts: Array) -> list[str]:
     """The texts in an array of UTF-8; UnicodeDecodeError where it is none."""
     return [bytes(text).decode("utf-8") for text in texts.ravel().tolist()]
+
+
+def shown(stored: Any) -> str:
+    """Type and shape of a dataset or an attribute in words, for messages."""
+    return f"{stored.dtype} of shape {stored.shape}"
+
+
+class Rows:
+    """A field with a few numbers for each frame; a block of rows at a time is in memory."""
+
+    def __init__(self, field: h5py.Dataset, width: int, what: str) -> None:
+        """Args: a field of shape (n, width), or (n,) where width is 1; LogError if it is another."""
+        shape = field.shape or ()
+        if not shape or math.prod(shape[1:]) != width or field.dtype not in (np.float64, np.bool_, np.uint8):
+            raise LogError(f"{what}: found {shown(field)}, expected {width} numbers for each frame")
+        self._field, self._width, self._what = field, width, what
+        self._start = 0
+        self._block: FloatArray = np.empty((0, width))
+
+    def __len__(self) -> int:
+        return int(self._field.shape[0])
+
+    def __getitem__(self, index: int) -> FloatArray:
+        """(width,) numbers of a frame."""
+        if not self._start <= index < self._start + len(self._block):
+            start = index - index % _ROWS
+            with faults_as_log_errors(self._what):
+                rows: Array = self._field[start : start + _ROWS]
+                self._block = np.asarray(rows, dtype=np.float64).reshape(-1, self._width)
+            self._start = start
+        result: FloatArray = self._block[index - self._start]
+        return result
+
+
+def _item(file: Any, name: str, what: str) -> Any:
+    """What stands at a path that no link leads along, or None."""
+    with faults_as_log_errors(what):
+        item: Any = file
+        for part in name.split("/"):
+            # The link is looked at before it is followed, and without asking whether it leads anywhere.
+            if not isinstance(item, h5py.Group) or not item.id.links.exists(part.encode("utf-8")):
+                return None
+            if not isinstance(item.get(part, getlink=True), h5py.HardLink):
+                raise LogError(f"{what}: found a link, expected the data themselves")
+            item = item[part]
+        return item
+
+
+def _check_filters(dataset: h5py.Dataset, what: str) -> None:
+    properties = dataset.id.get_create_plist()
+    for number in range(properties.get_nfilters()):
+        code, _, settings, _ = properties.get_filter(number)
+        if code not in _FILTERS:
+            known = ", ".join(_FILTERS.values())
+            raise LogError(f"{what}: found data packed with filter {code}, expected {known} or none")
+        # Checksums are of what is packed, not of how: a damaged setting would scramble the pixels unnoticed.
+        size = dataset.dtype.itemsize
+        if code == h5py.h5z.FILTER_SHUFFLE and settings != (size,):
+            raise LogError(f"{what}: found bytes shuffled by {settings}, expected {(size,)}")
+
+
+def _check_blocks(dataset: h5py.Dataset, what: str) -> None:
+    block = math.prod(dataset.chunks) * max(1, int(dataset.dtype.itemsize))
+    if not 0 < block <= MAX_CHUNK:
+        raise LogError(f"{what}: found blocks of {dataset.chunks}, expected at most {MAX_CHUNK} bytes")
+    stored = int(dataset.id.get_storage_size())
+    # Where damage hides that blocks are packed, the library takes them for whole and reads beyond their end.
+    if not dataset.id.get_create_plist().get_nfilters() and stored % block:
+        raise LogError(f"{what}: found {stored} bytes stored, expected blocks of {block}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from contextlib import suppress
 from pathlib import Path
 
@@ -11,17 +12,24 @@ import numpy as np
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Image
 from tracker.errors import LogError
+from tracker.logs.checked_hdf5 import (
+    MAX_CHUNK,
+    Rows,
+    check_stated_end,
+    faults_as_log_errors,
+    find,
+    open_file,
+    shown,
+)
 from tracker.logs.frame import LogFrame, RecordedPose, checked_stamp, empty_frame, is_empty, pose_from_record
-from tracker.logs.hdf5_end import check_stated_end
-from tracker.logs.hdf5_fields import Rows, faults_as_log_errors, find_field
-from tracker.logs.hdf5_images import StoredImages
 from tracker.logs.hdf5_names import read_names
 from tracker.logs.hdf5_rig import read_rig
 from tracker.logs.pictures import from_bayer
-from tracker.logs.source import DEFAULT_NAMES, Source
+from tracker.logs.source import DEFAULT_NAMES, MAX_SIDE, MIN_SIDE, Source
 
 MAGIC = 0x3CDA7A00
 VERSIONS = (1, 2)
+MAX_CAMERAS = 16
 
 
 class Hdf5Source(Source):
@@ -36,8 +44,7 @@ class Hdf5Source(Source):
                 raise
             self.opening_fault = str(error)
         with faults_as_log_errors(str(path)):
-            # Read only, so no lock is needed; network drives often cannot give one.
-            self._file = h5py.File(path, "r", locking=False)
+            self._file = open_file(path)
         try:
             # Every property of a damaged field may raise.
             with faults_as_log_errors(str(path)):
@@ -49,7 +56,7 @@ class Hdf5Source(Source):
     def _open(self, recover: bool) -> None:
         where = str(self.path)
         self._check_head()
-        field = find_field(self._file, "images", where)
+        field = find(self._file, "images", f"{where}: ")
         if field is None:
             raise LogError(f"{where}: images is missing, expected a camera log")
         self._images = images = StoredImages(field, where)
@@ -102,7 +109,7 @@ class Hdf5Source(Source):
     def rig(self) -> CameraRig | None:
         """See Source."""
         with faults_as_log_errors(str(self.path)):
-            inside = read_rig(self._file, self.camera_names, self.image_sizes[0], str(self.path))
+            inside = read_rig(self._file, self.camera_names, self.image_sizes[0], f"{self.path}: ")
         return inside or super().rig()
 
     def close(self) -> None:
@@ -119,7 +126,7 @@ class Hdf5Source(Source):
         return pose_from_record(np.concatenate(parts), what=f"{where}, object_pose")
 
     def _rows(self, name: str, width: int) -> Rows | None:
-        field = find_field(self._file, name, str(self.path))
+        field = find(self._file, name, f"{self.path}: ")
         return None if field is None else Rows(field, width, f"{self.path}: {name}")
 
     def _attribute(self, name: str) -> int | None:
@@ -131,7 +138,7 @@ class Hdf5Source(Source):
             # Before it is read: the library does not survive damaged texts.
             whole = isinstance(attribute.get_type(), h5py.h5t.TypeIntegerID)
             if not whole or attribute.shape not in ((), (1,)) or attribute.dtype.itemsize > 8:
-                raise LogError(f"found {attribute.dtype} of shape {attribute.shape}, expected a whole number")
+                raise LogError(f"found {shown(attribute)}, expected a whole number")
             return int(np.asarray(self._file.attrs[name]).reshape(()))
 
     def _check_head(self) -> None:
@@ -156,7 +163,58 @@ class Hdf5Source(Source):
     def _names(self) -> tuple[str, ...]:
         count = self._images.cameras
         default = DEFAULT_NAMES if count == 3 else tuple(f"camera{number}" for number in range(count))
-        field = find_field(self._file, "camera_names", str(self.path))
+        field = find(self._file, "camera_names", f"{self.path}: ")
         if field is None:
             return default
         return read_names(field, count, self.path)
+
+
+class StoredImages:
+    """The field `images`, (n, C, H, W) uint8."""
+
+    def __init__(self, field: h5py.Dataset, where: str) -> None:
+        """LogError if the field cannot be images."""
+        shape: tuple[int, ...] = field.shape or ()
+        sides = len(shape) == 4 and all(MIN_SIDE <= side <= MAX_SIDE for side in shape[2:])
+        if not sides or not 1 <= shape[1] <= MAX_CAMERAS or field.dtype != np.uint8:
+            raise LogError(
+                f"{where}: images: found {field.dtype} of shape {shape}, expected uint8 of (frames, 1 to "
+                f"{MAX_CAMERAS} cameras, {MIN_SIDE} to {MAX_SIDE} rows, as many columns)"
+            )
+        self._field = field
+        self.count, self.cameras, self.rows, self.columns = (int(side) for side in shape)
+        frame_bytes = self.cameras * self.rows * self.columns
+        stored = int(field.chunks[0]) if field.chunks else 1
+        # Frames that are packed together are unpacked together, else each would unpack them all again.
+        self._together = stored if 1 < stored <= self.count and stored * frame_bytes <= MAX_CHUNK else 1
+        self._start = 0
+        self._block: Image = np.empty((0, 0, 0, 0), np.uint8)
+
+    def read(self, index: int, what: str) -> Image:
+        """(C, H, W) raw pixels of a frame; LogError where they are damaged or were never written."""
+        if not self._start <= index < self._start + len(self._block):
+            start = index - index % self._together
+            with faults_as_log_errors(f"{what}: images"):
+                if self._field.chunks:
+                    self._check_chunks(start)
+                block: Image = self._field[start : start + self._together]
+            self._block, self._start = block, start
+        result: Image = self._block[index - self._start]
+        return result
+
+    def _check_chunks(self, start: int) -> None:
+        """Refuse what the library passes silently: blocks that are missing, or cut off and not packed."""
+        chunks = self._field.chunks
+        whole = math.prod(chunks)
+        packed = self._field.id.get_create_plist().get_nfilters() > 0
+        for corner in np.ndindex(
+            *(-(-side // chunk) for side, chunk in zip(self._field.shape[1:], chunks[1:], strict=True))
+        ):
+            offset = (
+                start - start % chunks[0],
+                *(int(c) * k for c, k in zip(corner, chunks[1:], strict=True)),
+            )
+            # The same search as reading does; it raises where there is no block.
+            skipped, stored = self._field.id.read_direct_chunk(offset)
+            if (skipped or not packed) and len(stored) < whole:
+                raise LogError(f"images at {offset}: found {len(stored)} bytes, expected {whole}")

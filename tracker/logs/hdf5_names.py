@@ -12,7 +12,7 @@ from pathlib import Path
 import h5py
 
 from tracker.errors import LogError
-from tracker.logs.hdf5_fields import faults_as_log_errors
+from tracker.logs.checked_hdf5 import faults_as_log_errors
 from tracker.logs.source import cannot_read
 
 _MAX_NAME = 64

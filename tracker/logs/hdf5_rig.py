@@ -1,23 +1,37 @@
-"""The calibration inside an HDF5 log, `/camera_info`."""
+"""The cameras' calibration inside an HDF5 file, `/camera_info`, of the platform's logs and of poses."""
 
 from __future__ import annotations
 
-import h5py
+from typing import Any
+
 import numpy as np
 
 from tracker.calibration.platform_files import MAX_ROTATION_DEVIATION
 from tracker.calibration.rig import CameraRig
+from tracker.conventions import FloatArray
 from tracker.errors import CalibrationError, LogError
 from tracker.geometry import so3
 from tracker.geometry.camera import ROTATION_TOLERANCE, Camera, rotation_deviation
-from tracker.logs.hdf5_fields import has_group, read_small
+from tracker.geometry.distortion import COUNTS
+from tracker.logs import checked_hdf5 as hdf5
+
+CAMERA_DATASETS = {
+    "camera_matrix": ("matrix", (3, 3)),
+    "distortion_coefficients": ("distortion", (1, -1)),
+    "tf_world_to_camera": ("camera_from_world", (4, 4)),
+    "tf_world_to_camera_std": ("camera_from_world_std", (4, 4)),
+}
+"""Attribute of a Camera, and shape in the file, of each dataset in a camera's group; -1: of its lens."""
+
+_MAY_BE_MISSING = "tf_world_to_camera_std"
+_LENSES = tuple((1, count) for count in COUNTS)
 
 
-def read_rig(file: h5py.File, names: tuple[str, ...], size: tuple[int, int], where: str) -> CameraRig | None:
+def read_rig(file: Any, names: tuple[str, ...], size: tuple[int, int], where: str) -> CameraRig | None:
     """The cameras' calibration, or None where the file has none.
 
     Args:
-        file: the open log.
+        file: the open file.
         names: of the cameras, in order.
         size: (width, height) [px] of the images.
         where: names the file in errors.
@@ -25,35 +39,42 @@ def read_rig(file: h5py.File, names: tuple[str, ...], size: tuple[int, int], whe
     Raises:
         LogError: the calibration is incomplete, damaged or impossible.
     """
-    if not has_group(file, "camera_info", where):
+    if not hdf5.has_group(file, "camera_info", where):
         return None
-    return CameraRig(tuple(_camera(file, name, size, where) for name in names))
+    try:
+        return CameraRig(tuple(read_camera(file, name, size, where) for name in names))
+    except CalibrationError as error:
+        raise LogError(f"{where}camera_info: {error}") from error
 
 
-def _camera(file: h5py.File, name: str, size: tuple[int, int], where: str) -> Camera:
-    parts = {}
-    for key, count in (("camera_matrix", 9), ("distortion_coefficients", 5), ("tf_world_to_camera", 16)):
-        values = read_small(file, f"camera_info/{name}/{key}", count, where)
-        if values is None:
-            raise LogError(f"{where}: camera_info/{name}/{key} is missing")
-        parts[key] = values
-    transform = parts["tf_world_to_camera"].reshape(4, 4)
+def read_camera(file: Any, name: str, size: tuple[int, int], where: str) -> Camera:
+    """One camera; see `read_rig`.
+
+    Raises:
+        LogError: something is missing or damaged.
+        CalibrationError: it cannot be a camera.
+    """
+    group = f"camera_info/{name}"
+    arrays: dict[str, Any] = {}
+    for key, (attribute, shape) in CAMERA_DATASETS.items():
+        stored = hdf5.find(file, f"{group}/{key}", where)
+        if stored is None and key == _MAY_BE_MISSING:
+            continue
+        if stored is not None and attribute == "distortion":
+            shape = stored.shape if stored.shape in _LENSES else _LENSES[0]
+        values = hdf5.array(file, f"{group}/{key}", shape, "fiu", where).astype(np.float64)
+        arrays[attribute] = values.ravel() if attribute == "distortion" else values
+    _mend(arrays["camera_from_world"], f"{where}{group}/tf_world_to_camera")
+    return Camera(name=name, width=size[0], height=size[1], **arrays)
+
+
+def _mend(transform: FloatArray, what: str) -> None:
+    """Make the 3×3 part a rotation; LogError where it is far from one."""
     deviation = rotation_deviation(transform[:3, :3])
     if deviation > MAX_ROTATION_DEVIATION:
         raise LogError(
-            f"{where}: camera_info/{name}/tf_world_to_camera: found a 3×3 part that deviates from a "
-            f"rotation by {deviation:.2g}, expected at most {MAX_ROTATION_DEVIATION:g}"
+            f"{what}: found a 3×3 part that deviates from a rotation by {deviation:.2g}, expected at most "
+            f"{MAX_ROTATION_DEVIATION:g}"
         )
     if deviation > ROTATION_TOLERANCE:  # the platform stores element-wise means of rotations
         transform[:3, :3] = so3.nearest_rotation(transform[:3, :3])
-    try:
-        return Camera(
-            name=name,
-            width=size[0],
-            height=size[1],
-            matrix=np.reshape(parts["camera_matrix"], (3, 3)),
-            distortion=parts["distortion_coefficients"],
-            camera_from_world=transform,
-        )
-    except CalibrationError as error:
-        raise LogError(f"{where}: camera_info: {error}") from error

@@ -21,8 +21,8 @@ from tracker.conventions import Array
 from tracker.errors import CalibrationError, LogError
 from tracker.files import told_as, write_whole
 from tracker.geometry.camera import Camera
-from tracker.geometry.distortion import COUNTS
 from tracker.logs import checked_hdf5 as hdf5
+from tracker.logs.hdf5_rig import CAMERA_DATASETS, read_camera
 from tracker.logs.poses import KINDS, About, Kind, Poses
 
 FORMAT = "trifinger-object-tracker poses"
@@ -37,17 +37,6 @@ GROUPS: dict[Kind, str] = {
     "recorded": "recorded_object_pose",
 }
 """Where the poses of each kind are."""
-
-CAMERA_DATASETS = {
-    "camera_matrix": ("matrix", (3, 3)),
-    "distortion_coefficients": ("distortion", (1, -1)),
-    "tf_world_to_camera": ("camera_from_world", (4, 4)),
-    "tf_world_to_camera_std": ("camera_from_world_std", (4, 4)),
-}
-"""Attribute of a Camera, and shape in the file, of each dataset in a camera's group; -1: of its lens."""
-
-_LENSES = tuple((1, count) for count in COUNTS)
-"""Shapes of distortion coefficients."""
 
 MAX_FRAMES = 2_000_000
 """Longest file that is read, two days at 10 Hz: a damaged length must not fill the memory."""
@@ -101,8 +90,7 @@ def read_poses(path: str | os.PathLike[str]) -> Poses:
     try:
         if not Path(path).is_file():
             raise LogError("found no such file, expected a file of poses")
-        # Files are replaced whole, so no lock is needed; some network drives have none.
-        with h5py.File(path, "r", locking=False) as file:
+        with hdf5.open_file(path) as file:
             return _poses(file)
     except (LogError, CalibrationError) as error:
         raise LogError(f"{name}: {error}") from error
@@ -115,7 +103,7 @@ def read_poses(path: str | os.PathLike[str]) -> Poses:
 def is_poses_file(path: str | os.PathLike[str]) -> bool:
     """Whether a file says that it is one of poses, whether or not it is whole."""
     try:
-        with h5py.File(path, "r", locking=False) as file:
+        with hdf5.open_file(path) as file:
             return hdf5.text(file, "format") == FORMAT
     except (LogError, OSError, KeyError, RuntimeError, ValueError, TypeError):
         return False  # what else it is, or what is wrong with it, says who opens it as such
@@ -124,7 +112,7 @@ def is_poses_file(path: str | os.PathLike[str]) -> bool:
 def read_fingerprint(path: str | os.PathLike[str]) -> str:
     """What a file of poses says that it was made from; empty where it is none, or does not say."""
     try:
-        with h5py.File(path, "r", locking=False) as file:
+        with hdf5.open_file(path) as file:
             return hdf5.text(file, "fingerprint") if "fingerprint" in file.attrs else ""
     except (LogError, OSError, KeyError, RuntimeError, ValueError, TypeError):
         return ""
@@ -206,7 +194,7 @@ def _poses(file: Any) -> Poses:
     status = _texts(file, "status", (count,))
     columns: dict[Kind, Any] = {}
     for kind, group in GROUPS.items():
-        if kind == "recorded" and group not in file:
+        if kind == "recorded" and not hdf5.has_group(file, group, "/"):
             columns[kind] = None
             continue
         has_pose = hdf5.array(file, f"{group}/has_pose", (count,), "b")
@@ -222,7 +210,11 @@ def _poses(file: Any) -> Poses:
     texts |= {key: hdf5.text(file, key) for key in _MAY_BE_MISSING if key in file.attrs}
     about = About(rig=_rig(file), **texts)
     # Files of older versions have none.
-    cameras = _texts(file, "cameras", (count, len(about.rig))) if "cameras" in file else None
+    cameras = (
+        _texts(file, "cameras", (count, len(about.rig)))
+        if hdf5.find(file, "cameras", "/") is not None
+        else None
+    )
     try:
         return Poses(index, timestamp, status, **columns, about=about, cameras=cameras)
     except LogError as error:
@@ -255,28 +247,19 @@ def _texts(file: Any, name: str, shape: tuple[int, ...]) -> Array:
 def _rig(file: Any) -> CameraRig:
     dataset = hdf5.dataset(file, "camera_names")
     if dataset.ndim != 1 or dataset.dtype.kind != "S" or dataset.shape[0] > _MAX_CAMERAS:
-        found = f"{dataset.dtype} of shape {dataset.shape}"
+        found = hdf5.shown(dataset)
         raise LogError(f"/camera_names: found {found}, expected up to {_MAX_CAMERAS} {hdf5.TYPES['S']}")
     return CameraRig(tuple(_camera(file, name) for name in hdf5.decoded(np.asarray(dataset[()]))))
 
 
 def _camera(file: Any, name: str) -> Camera:
     path = f"camera_info/{name}"
-    group = file.get(path)
-    if not isinstance(group, h5py.Group):
+    if not hdf5.has_group(file, path, "/"):
         raise LogError(f"/{path}: found none, expected a group for each of /camera_names")
-    arrays: dict[str, Any] = {}
-    for dataset, (attribute, shape) in CAMERA_DATASETS.items():
-        if attribute == "camera_from_world_std" and dataset not in group:
-            continue
-        is_lens = attribute == "distortion"
-        if is_lens:
-            stored = hdf5.dataset(file, f"{path}/{dataset}").shape
-            shape = stored if stored in _LENSES else _LENSES[0]
-        array = hdf5.array(file, f"{path}/{dataset}", shape, "f")
-        arrays[attribute] = array.ravel() if is_lens else array
     try:
-        width, height = (int(hdf5.attribute(group, f"image_{key}", "iu", ())) for key in ("width", "height"))
+        width, height = (
+            int(hdf5.attribute(file[path], f"image_{key}", "iu", ())) for key in ("width", "height")
+        )
     except LogError as error:
         raise LogError(f"/{path}: {error}") from error
-    return Camera(name=name, width=width, height=height, **arrays)
+    return read_camera(file, name, (width, height), "/")
