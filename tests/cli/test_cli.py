@@ -52,6 +52,31 @@ def test_every_command_explains_itself(command, run_here):
     assert result.stdout.startswith(f"Usage: tracker {command}".rstrip())
 
 
+def test_help_names_what_can_be_named(run_here):
+    said = " ".join(run_here("detect", "--help").stdout.split())
+    assert "cube_v1, cube_v2, cube_v3, cuboid_2x2x8_v2, or a TOML file" in said
+    assert "dice, simulation, or a file (.npz)" in said
+    assert "recording (.dat, .h5)" in said
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ("ca", "plain,calibrate"),
+        ("detect --object cuboid", "plain,cuboid_2x2x8_v2"),
+        ("track --colors si", "plain,simulation"),
+        ("detect --object my_", "file,my_"),
+    ],
+)
+def test_a_shell_completes_commands_objects_and_colours(words, expected, monkeypatch):
+    monkeypatch.setenv("_TRACKER_COMPLETE", "bash_complete")
+    monkeypatch.setenv("COMP_WORDS", f"tracker {words}")
+    monkeypatch.setenv("COMP_CWORD", str(len(words.split())))
+    result = run()
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.split() == [expected]
+
+
 def test_the_version_is_said():
     result = run("--version")
     assert result.returncode == 0
@@ -120,7 +145,10 @@ def test_nothing_found_is_an_answer_and_no_error(demo, tmp_path, run_here):
     assert found["pose"] is None
     assert found["status"] == "no object colours"
     assert (tmp_path / "out.jpg").is_file()
-    assert "no object colours" in run_here(*detect_arguments(demo, **grey)).stdout
+    told = run_here(*detect_arguments(demo, **grey), "--exit-code")
+    assert "no object colours" in told.stdout
+    assert told.returncode == 1
+    assert run_here(*detect_arguments(demo), "--exit-code").returncode == 0
 
 
 def faulty_images(folder: Path, demo: Path) -> None:

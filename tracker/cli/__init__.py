@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from typing import NoReturn
 
 import click
+from click.shell_completion import shell_complete
 
 from tracker.cli import (
     batch,
@@ -35,6 +36,9 @@ from tracker.cli import (
 from tracker.errors import TrackerError, reason
 from tracker.version import version
 
+_COMPLETE = "_TRACKER_COMPLETE"
+"""Environment variable of click's shell completion."""
+
 
 def _print_version(context: click.Context, _: click.Parameter, wanted: bool) -> None:
     if not wanted or context.resilient_parsing:
@@ -43,7 +47,15 @@ def _print_version(context: click.Context, _: click.Parameter, wanted: bool) -> 
     context.exit()
 
 
+class _InTheirOrder(click.Group):
+    """Lists its commands in the order in which one comes to need them."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(self.commands)
+
+
 @click.group(
+    cls=_InTheirOrder,
     no_args_is_help=False,  # that would be an error of many lines
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
@@ -58,21 +70,21 @@ def _print_version(context: click.Context, _: click.Parameter, wanted: bool) -> 
 def commands() -> None:
     """Find the pose of coloured objects in the images of calibrated cameras.
 
-    Errors go to stderr in one line, with exit code 2.
+    Begin with `tracker demo`. Errors go to stderr in one line, with exit code 2.
     """
 
 
 commands.add_command(demo.demo)
 commands.add_command(detect.detect)
 commands.add_command(track.track)
-commands.add_command(batch.batch)
+commands.add_command(view.view)
 commands.add_command(live.live)
+commands.add_command(batch.batch)
 commands.add_command(info.info)
 commands.add_command(export.export)
 commands.add_command(convert.convert)
-commands.add_command(score.score)
-commands.add_command(view.view)
 commands.add_command(dice.dice)
+commands.add_command(score.score)
 commands.add_command(calibrate.calibrate)
 commands.add_command(colors.colors)
 commands.add_command(doctor.doctor)
@@ -84,6 +96,9 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         warnings.simplefilter("ignore")
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a file's name may not fit the terminal's encoding
+    asked = os.environ.get(_COMPLETE)
+    if asked:  # by a shell, for the words that may come next
+        sys.exit(shell_complete(commands, {}, "tracker", _COMPLETE, asked))
     sys.exit(_run(sys.argv[1:] if arguments is None else list(arguments)))
 
 

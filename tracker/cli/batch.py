@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tracker.cli.calibration import optional_calibration_options, refuse_pattern_alone
+from tracker.cli.names import colors_option, object_option
 from tracker.cli.signals import ended_by_signals
 from tracker.cli.table import listing
 
@@ -37,12 +38,10 @@ class _WithParts(click.Command):
 
 @click.command(cls=_WithParts)
 @click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...")
-@click.option("--object", "object_name", required=True, metavar="NAME", help="Object, or its TOML file.")
+@object_option()
 @click.option("-o", "--output", required=True, metavar="DIR", type=_FOLDER, help="Folder of the results.")
 @optional_calibration_options
-@click.option(
-    "--colors", "colors_name", metavar="NAME", help="Colour model, or its file.  [default: the object's]"
-)
+@colors_option()
 @click.option("--from", "first", metavar="N", type=click.IntRange(0), default=0, help="First frame wanted.")
 @click.option("--to", "last", metavar="N", type=click.IntRange(1), help="First frame not wanted any more.")
 @click.option("--recover", is_flag=True, help="Leave out what is damaged of a recording.")

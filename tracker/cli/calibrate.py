@@ -12,7 +12,7 @@ from tracker.cli.calibrate_refine import refine_command
 from tracker.cli.calibrate_table import table_command
 
 
-@click.group(no_args_is_help=False)
+@click.group(no_args_is_help=False, short_help="Calibrate cameras; check and mend calibrations.")
 def calibrate() -> None:
     """Make the calibration of cameras from photos of a board, or mend one by recordings of a known object.
 

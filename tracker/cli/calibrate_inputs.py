@@ -11,6 +11,7 @@ import click
 
 from tracker.cli.calibration import load_rig, optional_calibration_options, rig_of
 from tracker.cli.files import NO_IMAGE, read_images
+from tracker.cli.names import colors_option, object_option
 from tracker.errors import CalibrationError, ImageError
 
 if TYPE_CHECKING:
@@ -22,7 +23,7 @@ _Command = TypeVar("_Command", bound=Callable[..., Any])
 
 _INPUTS = (
     click.argument("inputs", nargs=-1, required=True, metavar="RECORDING|IMAGE..."),
-    click.option("--object", "object_name", required=True, metavar="NAME", help="Object, or its TOML file."),
+    object_option(),
 )
 
 _OUTPUT = click.option(
@@ -36,9 +37,7 @@ _OUTPUT = click.option(
 
 _READING = (
     optional_calibration_options,
-    click.option(
-        "--colors", "colors_name", metavar="NAME", help="Colour model, or its file.  [default: the object's]"
-    ),
+    colors_option(),
     click.option(
         "--stills",
         is_flag=True,

@@ -38,7 +38,7 @@ _seed = click.option(
 )
 
 
-@click.group(no_args_is_help=False)
+@click.group(no_args_is_help=False, short_help="Fit, learn and check the colours of objects.")
 def colors() -> None:
     """Fit a colour model to labelled images, and measure one.
 

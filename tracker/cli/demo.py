@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 DATA = Path(__file__).parents[1] / "demo"
 
 
-@click.command()
+@click.command(short_help="Find a cube in a recording that comes with the package.")
 @click.option(
     "-o",
     "--output",

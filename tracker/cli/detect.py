@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tracker.cli.calibration import optional_calibration_options
+from tracker.cli.names import colors_option, object_option
 from tracker.cli.pictures import frame_option
 from tracker.cli.table import listing
 
@@ -17,16 +18,15 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("images", nargs=-1, required=True, metavar="IMAGE...")
-@click.option("--object", "object_name", required=True, metavar="NAME", help="Object, or its TOML file.")
+@object_option()
 @optional_calibration_options
 @frame_option
-@click.option(
-    "--colors", "colors_name", metavar="NAME", help="Colour model, or its file.  [default: the object's]"
-)
+@colors_option()
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 @click.option(
     "--overlay", "overlay_path", metavar="FILE", help="Write the images with the pose drawn in (.png, .jpg)."
 )
+@click.option("--exit-code", "tell", is_flag=True, help="Exit with 1 where the object is not found.")
 def detect(
     images: tuple[str, ...],
     object_name: str,
@@ -37,18 +37,18 @@ def detect(
     colors_name: str | None,
     as_json: bool,
     overlay_path: str | None,
+    tell: bool,
 ) -> None:
     """Find an object's pose in one IMAGE of each camera.
 
-    IMAGE is a picture file of each camera; or one recording, or one folder of pictures, of which --frame
-    is taken, with its own calibration unless one is given. Files that are named after the cameras go to
-    these; others come in the order of the cameras: in a folder of calibrations that of the numbers in
-    their names, else that of the files given. 'none' in place of an IMAGE: that camera gave none.
-
-    Objects of the platform: cube_v1, cube_v2, cube_v3, cuboid_2x2x8_v2. Colour models: those, simulation,
-    dice.
+    IMAGE is a picture file (.png, .jpg) of each camera; or one recording (.dat, .h5), or one folder of
+    pictures, of which --frame is taken, with its own calibration unless one is given. Files that are named
+    after the cameras go to these; others come in the order of the cameras: in a folder of calibrations that
+    of the numbers in their names, else that of the files given. 'none' in place of an IMAGE: that camera
+    gave none.
 
     The exit code is 0 also when the object is not found: then there is no pose, and the status says why.
+    With --exit-code it is 1.
     """
     from tracker import viz
     from tracker.cli.pictures import one_set
@@ -65,6 +65,8 @@ def detect(
     if overlay_path is not None:
         viz.write_image(overlay_path, viz.overlay(pictures, rig, model, observation))
     click.echo(_json(model.name, observation) if as_json else _text(model.name, observation))
+    if tell and observation.object_pose is None:
+        raise click.exceptions.Exit(1)
 
 
 def _json(name: str, observation: Observation) -> str:

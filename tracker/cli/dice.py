@@ -43,7 +43,7 @@ class _State:
         return None if self.errors is None else sum(value for value in self.errors if value is not None)
 
 
-@click.command()
+@click.command(short_help="Find the dice in one IMAGE of each camera, and the error.")
 @click.argument("images", nargs=-1, required=True, metavar="IMAGE...")
 @optional_calibration_options
 @frame_option

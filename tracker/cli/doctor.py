@@ -36,7 +36,7 @@ class Finding(NamedTuple):
     remedy: str = ""
 
 
-@click.command()
+@click.command(short_help="Tell what of this machine is amiss, and the remedy.")
 def doctor() -> None:
     """Look at this machine: versions, compiled code, OpenGL, extras, speed; what is amiss has its remedy.
 
@@ -97,7 +97,7 @@ def _opencv() -> Finding:
     if not found:
         return Finding("OpenCV", False, "not installed", "python3 -m pip install opencv-python-headless")
     if len(found) > 1:
-        remedy = f"python3 -m pip uninstall {' '.join(found)}; then install one of them again"
+        remedy = f"python3 -m pip uninstall {' '.join(found)}; python3 -m pip install opencv-python-headless"
         return Finding("OpenCV", False, f"{len(found)} in one folder: {said}", remedy)
     return Finding("OpenCV", True, said)
 

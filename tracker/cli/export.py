@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from tracker.cli.names import object_option
 from tracker.cli.progress import bar
 from tracker.cli.protect import check_suffix, refuse_overwriting
 from tracker.cli.track_outputs import Outputs, write_film
@@ -25,7 +26,7 @@ _FILE = click.Path(path_type=Path)
     "--video", metavar="FILE", type=_FILE, help="A film with the pose drawn in (.mp4); needs --log."
 )
 @click.option("--log", metavar="LOG", type=_FILE, help="The recording of the POSES, for its images.")
-@click.option("--object", "object_name", metavar="NAME", help="Object of the film.  [default: the POSES']")
+@object_option("that of the POSES")
 @click.option("-q", "--quiet", is_flag=True, help="No progress bar.")
 def export(
     source: Path,

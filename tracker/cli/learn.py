@@ -10,6 +10,7 @@ import click
 
 from tracker.cli.calibration import optional_calibration_options, rig_of
 from tracker.cli.colors_file import check_colors_file, save_colors
+from tracker.cli.names import colors_option, object_option
 from tracker.cli.protect import refuse_overwriting
 from tracker.cli.table import listing, table
 from tracker.errors import ColorModelError
@@ -55,13 +56,8 @@ def _learning_options(command: _Command) -> _Command:
 
 @click.command()
 @_learning_options
-@click.option("--object", "object_name", required=True, metavar="NAME", help="Object, or its TOML file.")
-@click.option(
-    "--colors",
-    "colors_name",
-    metavar="NAME",
-    help="Colour model to begin with, or its file.  [default: the shipped one that explains most]",
-)
+@object_option()
+@colors_option("the one of these that explains most, to begin with")
 def adapt(
     recordings: tuple[Path, ...],
     output: Path,

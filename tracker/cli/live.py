@@ -13,6 +13,7 @@ import click
 from tracker.cli.calibration import load_rig, optional_calibration_options, refuse_pattern_alone, rig_of
 from tracker.cli.live_check import check_cameras
 from tracker.cli.live_told import Told
+from tracker.cli.names import colors_option, object_option
 from tracker.cli.signals import ended_by_signals
 from tracker.errors import LiveError
 
@@ -30,11 +31,9 @@ _CAMERAS = ("pylon", "opencv")  # as tracker.live.opening has them, which is not
 
 @click.command()
 @click.argument("source", metavar="SOURCE")
-@click.option("--object", "object_name", required=True, metavar="NAME", help="Object, or its TOML file.")
+@object_option()
 @optional_calibration_options
-@click.option(
-    "--colors", "colors_name", metavar="NAME", help="Colour model, or its file.  [default: the object's]"
-)
+@colors_option()
 @click.option("--publish", metavar="ADDRESS", help="Publish poses by ZeroMQ, e.g. tcp://127.0.0.1:5555.")
 @click.option("--public", is_flag=True, help="--publish to other machines, too.")
 @click.option("--record", metavar="FILE", type=_FILE, help="Record images and poses (.h5).")

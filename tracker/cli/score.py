@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tracker.cli.calibration import optional_calibration_options, refuse_pattern_alone, rig_of
+from tracker.cli.names import object_option
 from tracker.cli.progress import bar
 from tracker.cli.table import listing
 
@@ -25,7 +26,7 @@ _Cameras = tuple[tuple[str, ...], "str | None", bool]
 @click.argument("job", metavar="JOB", type=_FILE)
 @click.option("--goal", "goal_path", metavar="FILE", type=_FILE, help="Goal.  [default: JOB/goal.json]")
 @click.option("--poses", "poses_path", metavar="POSES", type=_FILE, help="Poses that were tracked before.")
-@click.option("--object", "object_name", metavar="NAME", help="Object to track, where there are no --poses.")
+@object_option("that of the --poses")
 @optional_calibration_options
 @click.option(
     "--every", metavar="N", type=click.IntRange(1), default=1, help="Look for dice in each Nth frame."

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tracker.cli.calibration import optional_calibration_options, refuse_pattern_alone
+from tracker.cli.names import colors_option, object_option
 from tracker.cli.progress import bar
 from tracker.cli.protect import check_suffix, refuse_other_content, refuse_overwriting
 from tracker.cli.table import listing
@@ -27,14 +28,12 @@ CONTRADICTED = 0.02
 
 @click.command()
 @click.argument("logs", nargs=-1, required=True, metavar="LOG...", type=_FILE)
-@click.option("--object", "object_name", required=True, metavar="NAME", help="Object, or its TOML file.")
+@object_option()
 @click.option(
     "-o", "--output", required=True, metavar="FILE", type=_FILE, help="File of poses (.h5), or a folder."
 )
 @optional_calibration_options
-@click.option(
-    "--colors", "colors_name", metavar="NAME", help="Colour model, or its file.  [default: the object's]"
-)
+@colors_option()
 @click.option("--from", "first", metavar="N", type=click.IntRange(0), default=0, help="First frame wanted.")
 @click.option("--to", "last", metavar="N", type=click.IntRange(1), help="First frame not wanted any more.")
 @click.option("--csv", metavar="FILE", type=_FILE, help="Write the poses as a table, too.")

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tracker.cli.calibration import optional_calibration_options, rig_of
+from tracker.cli.names import colors_option, object_option
 from tracker.cli.progress import bar
 from tracker.cli.protect import refuse_overwriting
 from tracker.cli.track_outputs import observation
@@ -55,12 +56,10 @@ _Frames = Iterator[tuple[int, float, "Observation", Sequence["Image | None"]]]
 """What `Scene.show` takes of each frame."""
 
 
-@click.command()
+@click.command(short_help="Show a recording in time and space.")
 @click.argument("source", metavar="LOG|POSES", type=_FILE)
 @click.option("--log", metavar="LOG", type=_FILE, help="The recording of the POSES, for its images.")
-@click.option(
-    "--object", "object_name", metavar="NAME", help="Object, or its TOML file.  [default: that of the POSES]"
-)
+@object_option("that of the POSES")
 @optional_calibration_options
 @click.option(
     "-o",
@@ -69,7 +68,7 @@ _Frames = Iterator[tuple[int, float, "Observation", Sequence["Image | None"]]]
     type=_FILE,
     help="Write a file for the viewer (.rrd).  [default: open the viewer; without a screen, a file here]",
 )
-@click.option("--colors", "colors_name", metavar="NAME", help="To track a LOG with.  [default: the object's]")
+@colors_option()
 @click.option("--recover", is_flag=True, help="Leave out what is damaged of a recording.")
 @click.option("--from", "first", metavar="N", type=click.IntRange(0), default=0, help="First frame wanted.")
 @click.option("--to", "last", metavar="N", type=click.IntRange(1), help="First frame not wanted any more.")
