@@ -6,6 +6,8 @@ import json
 import shutil
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 from tests.helpers import ROOT
@@ -63,6 +65,25 @@ def test_files_without_names_come_in_the_cameras_order(detect, tmp_path):
     )
     assert unnamed[1]["pose"] == named[1]["pose"]
     assert unnamed[0].stderr == ""
+
+
+def test_a_calibration_of_another_size_is_scaled_where_that_is_asked_for(detect, tmp_path):
+    for name in NAMES:
+        whole = cv2.imread(str(DEMO / "000003" / f"{name}.jpg"))
+        cv2.imwrite(
+            str(tmp_path / f"{name}.png"), cv2.resize(whole, (540, 540), interpolation=cv2.INTER_CUBIC)
+        )
+        cv2.imwrite(str(tmp_path / f"{name}_part.png"), whole[:, 20:220])
+    _, small = detect("--calibration", DEMO, *files(DEMO / "000003", *NAMES))
+    pictures = [tmp_path / f"{name}.png" for name in NAMES]
+    refused, _ = detect("--calibration", DEMO, *pictures)
+    assert_one_line_error(refused, "images of 540×540 px", "calibrated for 270×270", "--resize-calibration")
+    _, large = detect("--calibration", DEMO, "--resize-calibration", *pictures)
+    # A principal point that is off by the quarter pixel is off by 0.4 mm.
+    np.testing.assert_allclose(large["pose"]["position"], small["pose"]["position"], atol=2e-4)
+    parts = [tmp_path / f"{name}_part.png" for name in NAMES]
+    cropped, _ = detect("--calibration", DEMO, "--resize-calibration", *parts)
+    assert_one_line_error(cropped, "200×270", "another shape")
 
 
 def test_what_is_missing_is_said(detect):

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tracker.cli.calibration import optional_calibration_options, refuse_pattern_alone
+from tracker.cli.calibration import Cameras, optional_calibration_options
 from tracker.cli.names import colors_option, object_option
 from tracker.cli.signals import ended_by_signals
 from tracker.cli.table import listing
@@ -58,9 +58,7 @@ def batch(
     recordings: tuple[str, ...],
     object_name: str,
     output: Path,
-    calibration: tuple[str, ...],
-    pattern: str | None,
-    correct_halved_principal_point: bool,
+    cameras: Cameras,
     colors_name: str | None,
     first: int,
     last: int | None,
@@ -88,7 +86,7 @@ def batch(
 
     if last is not None and last <= first:
         raise click.UsageError(f"--from {first} --to {last}: expected --to beyond --from")
-    refuse_pattern_alone(calibration, pattern)
+    cameras.refuse_pattern_alone()
     engines = {"--workers": workers, "--scheduler": scheduler, "--htcondor": htcondor, "--slurm": slurm}
     chosen = [name for name, value in engines.items() if value]
     if len(chosen) > 1:
@@ -98,7 +96,7 @@ def batch(
             "--dry-run prints what --htcondor or --slurm would submit, expected one of them"
         )
     options = Options(
-        *(object_name, colors_name, calibration, pattern, correct_halved_principal_point),
+        *(object_name, colors_name, *cameras),
         *(first, last, recover),
     )
     wanted = Batch.of(recordings, output, options)

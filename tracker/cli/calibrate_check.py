@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tracker.cli.calibrate_inputs import looking_options, opened
+from tracker.cli.calibration import Cameras
 from tracker.cli.progress import bar
 from tracker.cli.table import listing, table
 
@@ -30,9 +31,7 @@ if TYPE_CHECKING:
 def check(
     inputs: tuple[str, ...],
     object_name: str,
-    calibration: tuple[str, ...],
-    pattern: str | None,
-    correct_halved_principal_point: bool,
+    cameras: Cameras,
     colors_name: str | None,
     stills: bool,
     recover: bool,
@@ -54,7 +53,6 @@ def check(
 
     model = load_object(object_name)
     colors = load_colors(colors_name or model.colors)
-    cameras = (calibration, pattern, correct_halved_principal_point)
     with (
         opened(inputs, cameras, stills, recover) as (rig, footage, frames),
         bar("frames", frames, quiet) as progress,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from tracker.cli.calibration import load_rig, optional_calibration_options, rig_of
+from tracker.cli.calibration import Cameras, load_rig, optional_calibration_options, rig_of
 from tracker.cli.files import NO_IMAGE, read_images
 from tracker.cli.names import colors_option, object_option
 from tracker.errors import CalibrationError, ImageError
@@ -73,7 +73,7 @@ def check_output(output: Path) -> None:
 @contextmanager
 def opened(
     inputs: Sequence[str],
-    cameras: tuple[tuple[str, ...], str | None, bool],
+    cameras: Cameras,
     stills: bool,
     recover: bool,
 ) -> Iterator[tuple[CameraRig, list[Footage], int]]:
@@ -92,7 +92,7 @@ def opened(
     from tracker.upkeep.footage import Film, Stills
 
     pictures = [path for path in inputs if path == NO_IMAGE or Path(path).suffix.lower() in _PICTURES]
-    rig = load_rig(*cameras) if cameras[0] else None
+    rig = load_rig(cameras) if cameras.calibration else None
     footage: list[Footage] = []
     frames = 0
     with ExitStack() as stack:
@@ -100,7 +100,7 @@ def opened(
             if path in pictures:
                 continue
             log = stack.enter_context(open_log(path, recover=recover))
-            its = rig_of(Path(path), log, *cameras)
+            its = rig_of(Path(path), log, cameras)
             _refuse_other(path, its, rig if rig is not None and footage else its)
             rig = its
             footage.append(Film(log, stills=stills))
@@ -108,21 +108,25 @@ def opened(
         if rig is None:
             raise CalibrationError("images: found no calibration, expected --calibration")
         if pictures:
-            sets = _sets(pictures, rig)
+            rig, sets = _sets(pictures, rig, resize=cameras.resize_calibration and not footage)
             footage.append(Stills(sets))
             frames += len(sets)
         yield rig, footage, frames
 
 
-def _sets(pictures: Sequence[str], rig: CameraRig) -> list[Any]:
-    """Pictures of one moment each."""
+def _sets(pictures: Sequence[str], rig: CameraRig, *, resize: bool) -> tuple[CameraRig, list[Any]]:
+    """The rig of the pictures' size, and pictures of one moment each."""
     count = len(rig)
     if len(pictures) % count:
         raise ImageError(
             f"images: found {len(pictures)}, expected a multiple of {count}: one for each of "
             f"{', '.join(rig.names)} ('{NO_IMAGE}' where a camera gave none), moment by moment"
         )
-    return [read_images(pictures[k : k + count], rig) for k in range(0, len(pictures), count)]
+    sets = []
+    for first in range(0, len(pictures), count):
+        rig, images = read_images(pictures[first : first + count], rig, resize=resize and not first)
+        sets.append(images)
+    return rig, sets
 
 
 def _refuse_other(path: str, its: CameraRig, rig: CameraRig) -> None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tracker.cli.calibrate_inputs import check_output, mending_options, opened
+from tracker.cli.calibration import Cameras
 from tracker.cli.progress import bar
 from tracker.cli.table import listing, table
 
@@ -31,9 +32,7 @@ def refine_command(
     inputs: tuple[str, ...],
     object_name: str,
     output: Path,
-    calibration: tuple[str, ...],
-    pattern: str | None,
-    correct_halved_principal_point: bool,
+    cameras: Cameras,
     colors_name: str | None,
     stills: bool,
     recover: bool,
@@ -57,7 +56,6 @@ def refine_command(
     check_output(output)
     model = load_object(object_name)
     colors = load_colors(colors_name or model.colors)
-    cameras = (calibration, pattern, correct_halved_principal_point)
     given = opened(inputs, cameras, stills, recover)
     with given as (rig, footage, frames), bar("frames", frames, quiet) as progress:
         found = refine_cameras(model, footage, rig, colors, focal=focal, most=most, progress=progress)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tracker.cli.calibrate_inputs import check_output, mending_options, opened
+from tracker.cli.calibration import Cameras
 from tracker.cli.progress import bar
 from tracker.cli.table import listing
 
@@ -21,9 +22,7 @@ def table_command(
     inputs: tuple[str, ...],
     object_name: str,
     output: Path,
-    calibration: tuple[str, ...],
-    pattern: str | None,
-    correct_halved_principal_point: bool,
+    cameras: Cameras,
     colors_name: str | None,
     stills: bool,
     recover: bool,
@@ -44,7 +43,6 @@ def table_command(
     check_output(output)
     model = load_object(object_name)
     colors = load_colors(colors_name or model.colors)
-    cameras = (calibration, pattern, correct_halved_principal_point)
     with opened(inputs, cameras, stills, recover) as (rig, footage, frames):
         refuse_one_camera(rig)
         with bar("frames", frames, quiet) as progress:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from tracker.cli.calibration import optional_calibration_options, refuse_pattern_alone, rig_of
+from tracker.cli.calibration import Cameras, optional_calibration_options, rig_of
 from tracker.cli.progress import bar
 from tracker.cli.protect import refuse_overwriting
 
@@ -29,9 +29,7 @@ from tracker.cli.protect import refuse_overwriting
 def convert(
     source: Path,
     output: Path,
-    calibration: tuple[str, ...],
-    pattern: str | None,
-    correct_halved_principal_point: bool,
+    cameras: Cameras,
     first: int,
     last: int | None,
     recover: bool,
@@ -47,8 +45,8 @@ def convert(
     from tracker.recordings.convert import write_folder, write_hdf5
     from tracker.viz.log_film import write_log_film
 
-    refuse_pattern_alone(calibration, pattern)
-    refuse_overwriting({"-o": output}, (source,), calibration, new_folders=not output.suffix)
+    cameras.refuse_pattern_alone()
+    refuse_overwriting({"-o": output}, (source,), cameras.calibration, new_folders=not output.suffix)
     suffix = output.suffix.lower()
     if suffix not in (".h5", ".hdf5", ".mp4", ""):
         raise click.UsageError(
@@ -62,7 +60,7 @@ def convert(
             if suffix == ".mp4":
                 write_log_film(output, part, progress)
             else:
-                rig = rig_of(source, log, calibration, pattern, correct_halved_principal_point)
+                rig = rig_of(source, log, cameras)
                 write = write_folder if not suffix else write_hdf5
                 write(output, part, rig, progress)
         fault = log.fault

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tracker.cli.calibration import optional_calibration_options
+from tracker.cli.calibration import Cameras, optional_calibration_options
 from tracker.cli.names import colors_option, object_option
 from tracker.cli.pictures import frame_option
 from tracker.cli.table import listing
@@ -30,9 +30,7 @@ if TYPE_CHECKING:
 def detect(
     images: tuple[str, ...],
     object_name: str,
-    calibration: tuple[str, ...],
-    pattern: str | None,
-    correct_halved_principal_point: bool,
+    cameras: Cameras,
     frame: int | None,
     colors_name: str | None,
     as_json: bool,
@@ -58,7 +56,7 @@ def detect(
 
     model = load_object(object_name)
     colors = None if colors_name is None else load_colors(colors_name)
-    rig, pictures = one_set(images, calibration, pattern, correct_halved_principal_point, frame)
+    rig, pictures = one_set(images, cameras, frame)
     tracker = ObjectTracker(model, rig, colors)
     tracker.detect(pictures)  # loads the compiled code: the times printed are those of a running tracker
     observation = tracker.detect(pictures)

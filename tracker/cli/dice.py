@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tracker.cli.calibration import optional_calibration_options
+from tracker.cli.calibration import Cameras, optional_calibration_options
 from tracker.cli.files import NO_IMAGE
 from tracker.cli.pictures import frame_option
 from tracker.cli.table import listing, table
@@ -63,9 +63,7 @@ class _State:
 @click.option("--masks", "masks_path", metavar="DIR", help="Write the masks of dice and goal (.png).")
 def dice(
     images: tuple[str, ...],
-    calibration: tuple[str, ...],
-    pattern: str | None,
-    correct_halved_principal_point: bool,
+    cameras: Cameras,
     frame: int | None,
     goal_path: str | None,
     exact: bool,
@@ -89,7 +87,7 @@ def dice(
     from tracker.tasks.rearrange_dice import read_goal
 
     goal = None if goal_path is None else read_goal(goal_path)
-    rig, pictures = one_set(images, calibration, pattern, correct_halved_principal_point, frame)
+    rig, pictures = one_set(images, cameras, frame)
     _evaluate(
         rig, pictures, goal, exact
     )  # loads compiled code: the times printed are those of a running loop

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import os
 import sys
 from collections.abc import Iterator, Sequence
@@ -19,12 +20,16 @@ NO_IMAGE = "none"
 """Given in place of an image: its camera gave none."""
 
 
-def read_images(paths: Sequence[str], rig: CameraRig) -> list[Image | None]:
-    """The images in the rig's order, None where the path is NO_IMAGE.
+def read_images(
+    paths: Sequence[str], rig: CameraRig, *, resize: bool = False
+) -> tuple[CameraRig, list[Image | None]]:
+    """The rig of the images' sizes, and the images in its order, None where the path is NO_IMAGE.
 
     Raises:
-        ImageError: an image cannot be read, is not of its camera's size, or their count is wrong.
+        ImageError: an image cannot be read, or their count is wrong.
+        CalibrationError: an image is not of its camera's size; with `resize`: not of its shape.
     """
+    from tracker.logs.cameras import sized_for
     from tracker.segmentation.labelled import read_image
 
     if len(paths) != len(rig):
@@ -35,19 +40,18 @@ def read_images(paths: Sequence[str], rig: CameraRig) -> list[Image | None]:
     if all(path == NO_IMAGE for path in paths):
         raise ImageError(f"images: found only '{NO_IMAGE}', expected at least one file")
     images: list[Image | None] = []
+    cameras = []
     for path, camera in zip(paths, rig, strict=True):
         if path == NO_IMAGE:
             images.append(None)
+            cameras.append(camera)
             continue
         with silent_libraries():
             image = read_image(Path(path))
-        if image.shape[:2] != (camera.height, camera.width):
-            raise ImageError(
-                f"image {path}: found {image.shape[1]}×{image.shape[0]} px, expected the "
-                f"{camera.width}×{camera.height} px for which {camera.name} is calibrated"
-            )
+        size = image.shape[1], image.shape[0]
+        cameras.append(sized_for(size, camera, f"image {path}", resize=resize))
         images.append(image)
-    return images
+    return dataclasses.replace(rig, cameras=tuple(cameras)), images
 
 
 @contextlib.contextmanager

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from tracker.cli.calibration import optional_calibration_options, rig_of
+from tracker.cli.calibration import Cameras, optional_calibration_options, rig_of
 from tracker.cli.colors_file import check_colors_file, save_colors
 from tracker.cli.names import colors_option, object_option
 from tracker.cli.protect import refuse_overwriting
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
 _FILE = click.Path(path_type=Path)
 _Command = TypeVar("_Command", bound=Callable[..., Any])
-_Calibration = tuple[tuple[str, ...], "str | None", bool]
 
 _OPTIONS = (
     click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...", type=_FILE),
@@ -61,9 +60,7 @@ def _learning_options(command: _Command) -> _Command:
 def adapt(
     recordings: tuple[Path, ...],
     output: Path,
-    calibration: tuple[str, ...],
-    pattern: str | None,
-    correct_halved_principal_point: bool,
+    cameras: Cameras,
     frames: int,
     rounds: int,
     seed: int,
@@ -86,7 +83,6 @@ def adapt(
     _check_output(output, recordings, [object_name, colors_name])
     model = load_object(object_name)
     start = load_colors(colors_name) if colors_name is not None else None
-    cameras = (calibration, pattern, correct_halved_principal_point)
     footage = read_footage(recordings, cameras, frames, recover)
     learned = learn(model, footage, start or nearest(model, footage), output, rounds, seed, quiet)
     write_colors(learned, output, quiet)
@@ -100,9 +96,7 @@ def adapt(
 def new(
     recordings: tuple[Path, ...],
     output: Path,
-    calibration: tuple[str, ...],
-    pattern: str | None,
-    correct_halved_principal_point: bool,
+    cameras: Cameras,
     frames: int,
     rounds: int,
     seed: int,
@@ -129,7 +123,6 @@ def new(
     if object_name is None and description.exists():
         raise click.UsageError(f"{description}: found already, and not to be overwritten; expected --object")
     model = load_object(object_name) if object_name is not None else described(output, size, faces)
-    cameras = (calibration, pattern, correct_halved_principal_point)
     footage = read_footage(recordings, cameras, frames, recover)
     learned = learn(model, footage, from_names(seed), output, rounds, seed, quiet)
     write_colors(learned, output, quiet)
@@ -172,9 +165,7 @@ def _check_output(output: Path, recordings: tuple[Path, ...], inputs: Sequence[s
     refuse_overwriting({"-o": output}, recordings, inputs)
 
 
-def read_footage(
-    recordings: Sequence[Path], cameras: _Calibration, frames: int, recover: bool
-) -> list[Footage]:
+def read_footage(recordings: Sequence[Path], cameras: Cameras, frames: int, recover: bool) -> list[Footage]:
     """Frames of the recordings, about `frames` in all.
 
     Raises:
@@ -190,7 +181,7 @@ def read_footage(
     result = []
     for path, count in zip(recordings, shares(lengths, frames), strict=True):
         with open_log(path, recover=recover) as log:
-            result.append(footage(log, rig_of(path, log, *cameras), count))
+            result.append(footage(log, rig_of(path, log, cameras), count))
     found = sum(len(one.learned) + len(one.held_out) for one in result)
     if found < LEAST:
         raise ColorModelError(f"recordings: found {found} frames with images, expected at least {LEAST}")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tracker.cli.calibration import load_rig, optional_calibration_options, refuse_pattern_alone, rig_of
+from tracker.cli.calibration import Cameras, load_rig, optional_calibration_options, rig_of
 from tracker.cli.live_check import check_cameras
 from tracker.cli.live_told import Told
 from tracker.cli.names import colors_option, object_option
@@ -74,9 +74,7 @@ _CAMERAS = ("pylon", "opencv")  # as tracker.live.opening has them, which is not
 def live(
     source: str,
     object_name: str,
-    calibration: tuple[str, ...],
-    pattern: str | None,
-    correct_halved_principal_point: bool,
+    cameras: Cameras,
     colors_name: str | None,
     publish: str | None,
     public: bool,
@@ -113,9 +111,9 @@ def live(
 
     kind = source.partition(":")[0]
     _refuse_options_of_others(
-        kind, source, {"--rate": rate, "--settings": settings, "--speed": speed}, calibration
+        kind, source, {"--rate": rate, "--settings": settings, "--speed": speed}, cameras
     )
-    refuse_pattern_alone(calibration, pattern)
+    cameras.refuse_pattern_alone()
     if public and publish is None:
         raise click.UsageError("--public: expected with --publish")
     if check and (publish or record or view or rrd or page is not None or as_json or quiet):
@@ -124,7 +122,6 @@ def live(
         raise click.UsageError("--view: found with --rrd, expected one or the other")
     model = load_object(object_name)
     colors = None if colors_name is None else load_colors(colors_name)
-    cameras = (calibration, pattern, correct_halved_principal_point)
     given, rig = _source(source, kind, object_name, cameras, rate or 10.0, settings, speed or 1.0)
     if check:
         with contextlib.closing(given):
@@ -159,26 +156,28 @@ def live(
         click.echo(told.summary(left_out, faults, recorder))
 
 
-def _refuse_options_of_others(
-    kind: str, source: str, given: dict[str, Any], calibration: tuple[str, ...]
-) -> None:
+def _refuse_options_of_others(kind: str, source: str, given: dict[str, Any], cameras: Cameras) -> None:
     """Refuse options that would do nothing with the source."""
     recording = kind not in (*_CAMERAS, "simulation")
     fitting = {"--rate": kind in _CAMERAS, "--settings": kind == "pylon", "--speed": recording}
     for name, value in given.items():
         if value is not None and not fitting[name]:
             raise click.UsageError(f"{name}: does nothing with the source {source}")
-    if kind == "simulation" and calibration:
+    if kind == "simulation" and cameras.calibration:
         raise click.UsageError("--calibration: the simulation has its own")
-    if kind in _CAMERAS and not calibration:
+    if kind in _CAMERAS and not cameras.calibration:
         raise click.UsageError(f"{source}: expected --calibration")
+    if kind in _CAMERAS and cameras.resize_calibration:
+        raise click.UsageError(
+            f"--resize-calibration: found the cameras of {source}, whose pictures have the calibration's size"
+        )
 
 
 def _source(
     source: str,
     kind: str,
     object_name: str,
-    cameras: tuple[tuple[str, ...], str | None, bool],
+    cameras: Cameras,
     rate: float,
     settings: Path | None,
     speed: float,
@@ -190,10 +189,10 @@ def _source(
         simulation = live.Simulation(object_name)
         return simulation, simulation.rig
     if kind in _CAMERAS:
-        rig = load_rig(*cameras)
+        rig = load_rig(cameras)
         return live.open_cameras(source, rig, rate=rate, settings=settings), rig
     log = open_log(source)
-    rig = rig_of(Path(source), log, *cameras)
+    rig = rig_of(Path(source), log, cameras)
     return live.Replay(log, speed=speed), rig
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from tracker.cli.calibration import load_rig, refuse_pattern_alone, rig_of
+from tracker.cli.calibration import Cameras, load_rig, rig_of
 from tracker.cli.files import NO_IMAGE, read_images
 
 if TYPE_CHECKING:
@@ -29,11 +29,7 @@ frame_option = click.option(
 
 
 def one_set(
-    images: Sequence[str],
-    calibration: Sequence[str],
-    pattern: str | None,
-    correct: bool,
-    frame: int | None,
+    images: Sequence[str], cameras: Cameras, frame: int | None
 ) -> tuple[CameraRig, list[Image | None]]:
     """The cameras, and a picture of each in their order; None where it gave none.
 
@@ -44,24 +40,22 @@ def one_set(
         TrackerError: pictures, calibration or recording cannot be read, or do not belong together.
     """
     if len(images) == 1 and images[0] != NO_IMAGE and Path(images[0]).suffix.lower() not in PICTURES:
-        return _frame_of(Path(images[0]), calibration, pattern, correct, frame or 0)
+        return _frame_of(Path(images[0]), cameras, frame or 0)
     if frame is not None:
         raise click.UsageError("--frame is one of a recording's or a folder's; found picture files")
-    refuse_pattern_alone(calibration, pattern)
-    if not calibration:
+    cameras.refuse_pattern_alone()
+    if not cameras.calibration:
         raise click.UsageError("Missing option '--calibration'.")
-    rig = load_rig(calibration, pattern, correct)
-    return rig, read_images(_in_order(images, rig.names), rig)
+    rig = load_rig(cameras)
+    return read_images(_in_order(images, rig.names), rig, resize=cameras.resize_calibration)
 
 
-def _frame_of(
-    path: Path, calibration: Sequence[str], pattern: str | None, correct: bool, number: int
-) -> tuple[CameraRig, list[Image | None]]:
+def _frame_of(path: Path, cameras: Cameras, number: int) -> tuple[CameraRig, list[Image | None]]:
     from tracker.errors import LogError
     from tracker.logs import open_log
 
     with open_log(path) as log:
-        rig = rig_of(path, log, calibration, pattern, correct)
+        rig = rig_of(path, log, cameras)
         if number >= len(log):
             raise LogError(f"{path}: found no frame {number}, expected one from 0 to {len(log) - 1}")
         return rig, list(log[number].images)

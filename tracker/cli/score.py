@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tracker.cli.calibration import optional_calibration_options, refuse_pattern_alone, rig_of
+from tracker.cli.calibration import Cameras, optional_calibration_options, rig_of
 from tracker.cli.names import object_option
 from tracker.cli.progress import bar
 from tracker.cli.table import listing
@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from tracker.tasks.job_goal import JobGoal
 
 _FILE = click.Path(path_type=Path)
-
-_Cameras = tuple[tuple[str, ...], "str | None", bool]
 
 
 @click.command()
@@ -38,9 +36,7 @@ def score(
     goal_path: Path | None,
     poses_path: Path | None,
     object_name: str | None,
-    calibration: tuple[str, ...],
-    pattern: str | None,
-    correct_halved_principal_point: bool,
+    cameras: Cameras,
     every: int,
     as_json: bool,
     quiet: bool,
@@ -53,8 +49,7 @@ def score(
     from tracker.recordings.rows import goal_file, totals
     from tracker.tasks.job_goal import read_job_goal
 
-    refuse_pattern_alone(calibration, pattern)
-    cameras = (calibration, pattern, correct_halved_principal_point)
+    cameras.refuse_pattern_alone()
     goal = read_job_goal(goal_path or goal_file(job))
     if goal.task == "rearrange_dice":
         seconds, rewards = _of_dice(job, goal, cameras, every, quiet)
@@ -78,7 +73,7 @@ def score(
 def _of_object(
     job: Path,
     goal: JobGoal,
-    cameras: _Cameras,
+    cameras: Cameras,
     poses_path: Path | None,
     object_name: str | None,
     quiet: bool,
@@ -96,7 +91,7 @@ def _of_object(
         raise click.UsageError("expected --poses of this recording, or --object to track it")
     else:
         with open_log(job) as log:
-            count, rig = len(log), rig_of(job, log, *cameras)
+            count, rig = len(log), rig_of(job, log, cameras)
         with bar(job.name, count, quiet) as progress:
             poses = track(job, object_name, rig=rig, progress=progress).poses
     model = load_object(object_name or poses.about.object_name)
@@ -106,7 +101,7 @@ def _of_object(
 
 
 def _of_dice(
-    job: Path, goal: JobGoal, cameras: _Cameras, every: int, quiet: bool
+    job: Path, goal: JobGoal, cameras: Cameras, every: int, quiet: bool
 ) -> tuple[FloatArray, FloatArray]:
     """The same of dice: minus the number of pixels, over all images, that show dice outside the goal."""
     import numpy as np
@@ -117,7 +112,7 @@ def _of_dice(
     assert goal.position is not None
     stamps, rewards = [], []
     with open_log(job) as log, bar(job.name, -(-len(log) // every), quiet) as progress:
-        masks = rearrange_dice.goal_masks(rig_of(job, log, *cameras), goal.position)
+        masks = rearrange_dice.goal_masks(rig_of(job, log, cameras), goal.position)
         for frame in log[::every]:
             seen = [
                 (mask, image) for mask, image in zip(masks, frame.images, strict=True) if image is not None

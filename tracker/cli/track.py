@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tracker.cli.calibration import optional_calibration_options, refuse_pattern_alone
+from tracker.cli.calibration import Cameras, optional_calibration_options
 from tracker.cli.names import colors_option, object_option
 from tracker.cli.progress import bar
 from tracker.cli.protect import check_suffix, refuse_other_content, refuse_overwriting
@@ -59,9 +59,7 @@ def track(
     logs: tuple[Path, ...],
     object_name: str,
     output: Path,
-    calibration: tuple[str, ...],
-    pattern: str | None,
-    correct_halved_principal_point: bool,
+    cameras: Cameras,
     colors_name: str | None,
     first: int,
     last: int | None,
@@ -91,7 +89,7 @@ def track(
 
     if last is not None and last <= first:
         raise click.UsageError(f"--from {first} --to {last}: expected --to beyond --from")
-    refuse_pattern_alone(calibration, pattern)
+    cameras.refuse_pattern_alone()
     outputs = Outputs(csv, tum, bop, camera, video, plot, health)
     if len(logs) > 1 and outputs.files:
         raise click.UsageError(f"{', '.join(outputs.files)}: expected one LOG, found {len(logs)}")
@@ -100,14 +98,14 @@ def track(
     files = {f"-o for {log}": path for log, path in zip(logs, targets, strict=True)}
     if len(logs) == 1:
         files = {"-o": targets[0], **outputs.files}
-    others = (object_name, colors_name, *calibration)
+    others = (object_name, colors_name, *cameras.calibration)
     refuse_overwriting(files, logs, others, new_folders=inside)
     outputs.check()
     for target in targets:
         check_suffix("-o", target, ".h5", ".hdf5")
         refuse_other_content("-o", target)
     options = Options(
-        *(object_name, colors_name, calibration, pattern, correct_halved_principal_point),
+        *(object_name, colors_name, *cameras),
         *(first, last, recover),
     )
     if len(logs) == 1:

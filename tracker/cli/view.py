@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from tracker.cli.calibration import optional_calibration_options, rig_of
+from tracker.cli.calibration import Cameras, optional_calibration_options, rig_of
 from tracker.cli.names import colors_option, object_option
 from tracker.cli.progress import bar
 from tracker.cli.protect import refuse_overwriting
@@ -80,9 +80,7 @@ def view(
     source: Path,
     log: Path | None,
     object_name: str | None,
-    calibration: tuple[str, ...],
-    pattern: str | None,
-    correct_halved_principal_point: bool,
+    cameras: Cameras,
     output: Path | None,
     colors_name: str | None,
     recover: bool,
@@ -108,11 +106,11 @@ def view(
         raise click.UsageError(f"--from {first} --to {last}: expected --to beyond --from")
     target = _target(source, output)
     if target is not None:
-        others = (*calibration, object_name, colors_name)
+        others = (*cameras.calibration, object_name, colors_name)
         refuse_overwriting({"-o": target}, (source, *([log] if log else [])), others)
     chosen = _Chosen(first, last, every)
     if is_poses_file(source):
-        if calibration or pattern or correct_halved_principal_point:
+        if any(cameras):
             raise click.UsageError(f"{source}: the calibration is in this file of poses, expected no other")
         if colors_name is not None:
             raise click.UsageError(f"--colors {colors_name}: {source} holds poses, nothing is tracked")
@@ -138,7 +136,7 @@ def view(
 
         model = load_object(object_name)
         colors = load_colors(colors_name or model.colors)
-        rig = rig_of(source, opened, calibration, pattern, correct_halved_principal_point)
+        rig = rig_of(source, opened, cameras)
         chosen.refuse_none(source, len(opened))
         part = range(len(opened))[first:last]
         _show(

@@ -7,13 +7,18 @@ import os
 
 from tracker.calibration.rig import CameraRig
 from tracker.errors import CalibrationError
+from tracker.geometry.camera import Camera
 from tracker.logs.log import Log
 
 
 def own_rig(
-    path: str | os.PathLike[str], log: Log, *, correct_halved_principal_point: bool = False
+    path: str | os.PathLike[str],
+    log: Log,
+    *,
+    correct_halved_principal_point: bool = False,
+    resize: bool = False,
 ) -> CameraRig:
-    """The calibration in or beside a recording, in the order of its images.
+    """The calibration in or beside a recording, in the order of its images; `resize`: see `fitted_to`.
 
     Raises:
         CalibrationError: there is none, or it does not fit the recording.
@@ -26,13 +31,19 @@ def own_rig(
     if correct_halved_principal_point:
         cameras = tuple(camera.with_halved_principal_point_corrected() for camera in rig)
         rig = dataclasses.replace(rig, cameras=cameras)
-    return fitted_to(path, log, rig)
+    return fitted_to(path, log, rig, resize=resize)
 
 
-def fitted_to(path: str | os.PathLike[str], log: Log, rig: CameraRig) -> CameraRig:
+def fitted_to(path: str | os.PathLike[str], log: Log, rig: CameraRig, *, resize: bool = False) -> CameraRig:
     """The rig in the order of a recording's images.
 
     Cameras are matched by their names. Only where none of the names is known are they taken in their order.
+
+    Args:
+        path: names the recording in errors.
+        log: the recording.
+        rig: the cameras.
+        resize: scale the calibration to images of another size, but of the same shape.
 
     Raises:
         CalibrationError: cameras or sizes of images are others.
@@ -40,17 +51,38 @@ def fitted_to(path: str | os.PathLike[str], log: Log, rig: CameraRig) -> CameraR
     where, names = os.fspath(path), log.camera_names
     known = set(rig.names) & set(names)
     if len(rig) != len(names) or (known and set(rig.names) != set(names)):
+        lacking = [name for name in names if name not in rig.names] if known else []
+        valid = f"that of {', '.join(lacking)}, too" if lacking else "the same cameras"
         raise CalibrationError(
             f"{where}: found images of {', '.join(names)}, but a calibration of {', '.join(rig.names)}; "
-            "expected the same cameras"
+            f"expected {valid}"
         )
     if known:
         cameras = tuple(rig[rig.names.index(name)] for name in names)
         rig = dataclasses.replace(rig, cameras=cameras)
-    for one, (width, height) in zip(rig, log.image_sizes or [(c.width, c.height) for c in rig], strict=True):
-        if (one.width, one.height) != (width, height):
-            raise CalibrationError(
-                f"{where}: found images of {width}×{height} px, but {one.name} is calibrated for "
-                f"{one.width}×{one.height}"
-            )
-    return rig
+    if not log.image_sizes:
+        return rig
+    sized = [
+        sized_for(size, one, where, resize=resize) for one, size in zip(rig, log.image_sizes, strict=True)
+    ]
+    return dataclasses.replace(rig, cameras=tuple(sized))
+
+
+def sized_for(size: tuple[int, int], camera: Camera, where: str, *, resize: bool) -> Camera:
+    """The camera of images of a size (width, height) [px]; with `resize` its calibration is scaled to it.
+
+    Raises:
+        CalibrationError: the size is another one, or, with `resize`, of another shape: images were cropped.
+    """
+    width, height = size
+    if (camera.width, camera.height) == size:
+        return camera
+    told = (
+        f"{where}: found images of {width}×{height} px, but {camera.name} is calibrated for "
+        f"{camera.width}×{camera.height}"
+    )
+    if abs(width * camera.height / camera.width - height) >= 1:
+        raise CalibrationError(f"{told}, which is of another shape: expected the calibration of this part")
+    if not resize:
+        raise CalibrationError(f"{told}; where they are the same images scaled, --resize-calibration fits it")
+    return camera.resized(width, height)

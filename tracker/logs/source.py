@@ -63,24 +63,31 @@ class Source(ABC):
 
 
 def rig_beside(folder: Path, names: tuple[str, ...]) -> CameraRig | None:
-    """The calibration in the folder, one file per camera, or None where one is missing.
+    """The calibration in the folder, one file per camera, or None where there is none.
 
     A camera's file is camera60.yml, or camera_calib_60.yml.
 
     Raises:
-        TrackerError: a file is malformed, or of another camera.
+        TrackerError: a file is malformed or of another camera, or only some of the cameras have one.
     """
-    files = []
+    files, missing = [], []
     for name in names:
         number = name.removeprefix("camera").lstrip("_")
         stems = (name, f"camera_calib_{number}")
         options = [folder / f"{stem}{suffix}" for stem in stems for suffix in (".yml", ".yaml")]
         found = next((file for file in options if file.is_file()), None)
         if found is None:
-            return None
-        files.append(found)
+            missing.append(name)
+        else:
+            files.append(found)
     if not files:
         return None
+    if missing:
+        there = ", ".join(file.name for file in files)
+        raise LogError(
+            f"{folder}: found {there}, but no calibration of {', '.join(missing)}; "
+            f"expected {missing[0]}.yml, too"
+        )
     rig = CameraRig.load(files)
     for file, name, camera in zip(files, names, rig, strict=True):
         if camera.name != name:

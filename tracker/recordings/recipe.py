@@ -49,6 +49,8 @@ class Options:
     """Which files of the folder."""
     correct_halved_principal_point: bool = False
     """Whether the calibration was halved without the quarter pixel."""
+    resize_calibration: bool = False
+    """Whether a calibration of another size is scaled to the images'."""
     first: int = 0
     """Number of the first frame that is tracked."""
     last: int | None = None
@@ -94,6 +96,8 @@ class Recipe:
     """The cameras; None: those of each recording."""
     correct_halved_principal_point: bool = False
     """Whether the calibration of recordings was halved without the quarter pixel."""
+    resize_calibration: bool = False
+    """Whether a calibration of another size is scaled to the images'."""
     first: int = 0
     """Number of the first frame that is tracked."""
     last: int | None = None
@@ -122,6 +126,7 @@ class Recipe:
             load_colors(options.colors or model.colors),
             rig,
             options.correct_halved_principal_point,
+            options.resize_calibration,
             options.first,
             options.last,
             options.recover,
@@ -133,7 +138,8 @@ class Recipe:
         """Hash of all that the poses depend on."""
         make = self.make_tracker
         name = f"{make.__module__}.{getattr(make, '__qualname__', make)}"
-        plain = (self.correct_halved_principal_point, self.first, self.last, self.recover, name)
+        reading = (self.correct_halved_principal_point, self.resize_calibration, self.recover)
+        plain = (*reading, self.first, self.last, name)
         digest = hashlib.sha256(repr(plain).encode())
         cameras = () if self.rig is None else (*self.rig, self.rig.arena)
         for part in (self.model, self.colors, *cameras):

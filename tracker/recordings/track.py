@@ -133,8 +133,9 @@ def rig_for(job: Job, log: Log) -> CameraRig:
     """
     recipe = job.recipe
     if recipe.rig is not None:
-        return fitted_to(job.log, log, recipe.rig)
-    return own_rig(job.log, log, correct_halved_principal_point=recipe.correct_halved_principal_point)
+        return fitted_to(job.log, log, recipe.rig, resize=recipe.resize_calibration)
+    correct = recipe.correct_halved_principal_point
+    return own_rig(job.log, log, correct_halved_principal_point=correct, resize=recipe.resize_calibration)
 
 
 def _kept(job: Job, progress: Progress | None) -> Tracked | None:

@@ -1,0 +1,79 @@
+"""Which calibration belongs to a recording: by names, sizes and shapes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tracker
+from tests.helpers import make_camera
+from tests.helpers.log_writers import CAMERAS, write_picture
+from tracker.errors import CalibrationError, LogError
+from tracker.logs.cameras import fitted_to, own_rig
+
+
+@pytest.fixture
+def folder(tmp_path) -> Path:
+    for name in CAMERAS:
+        write_picture(tmp_path / "images" / name / "000000.png", np.zeros((20, 30, 3), np.uint8))
+    return tmp_path / "images"
+
+
+def rig_of(*names: str, size: tuple[int, int] = (30, 20)) -> tracker.CameraRig:
+    return tracker.CameraRig(tuple(make_camera(60 + k, name).resized(*size) for k, name in enumerate(names)))
+
+
+def fitted(folder: Path, rig: tracker.CameraRig, **options: bool) -> tracker.CameraRig:
+    with tracker.open_log(folder) as log:
+        return fitted_to(folder, log, rig, **options)
+
+
+def test_cameras_are_matched_by_their_names(folder):
+    assert fitted(folder, rig_of("camera300", "camera60", "camera180")).names == CAMERAS
+
+
+def test_cameras_are_taken_in_their_order_only_where_no_name_is_known(folder):
+    names = ("left", "right", "above")
+    assert fitted(folder, rig_of(*names)).names == names
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        (
+            ("camera60", "camera300", "camera240"),
+            r"camera60, camera300, camera240; expected that of camera180",
+        ),
+        (("camera60", "camera180"), r"camera60, camera180; expected that of camera300, too"),
+        (("left", "right"), r"left, right; expected the same cameras"),
+        ((*CAMERAS, "camera240"), r"expected the same cameras"),
+    ],
+)
+def test_other_cameras_are_refused(folder, names, message):
+    with pytest.raises(CalibrationError, match=message):
+        fitted(folder, rig_of(*names))
+
+
+def test_another_size_is_scaled_only_where_that_is_asked_for(folder):
+    large = rig_of(*CAMERAS, size=(120, 80))
+    with pytest.raises(CalibrationError, match=r"30×20 px.*calibrated for 120×80; .*--resize-calibration"):
+        fitted(folder, large)
+    for scaled, camera in zip(fitted(folder, large, resize=True), large, strict=True):
+        np.testing.assert_array_equal(scaled.matrix, camera.resized(30, 20).matrix)
+    with pytest.raises(CalibrationError, match=r"30×20 px.*90×80, which is of another shape"):
+        fitted(folder, rig_of(*CAMERAS, size=(90, 80)), resize=True)
+
+
+def test_a_calibration_beside_that_lacks_a_camera_names_it(folder):
+    rig = rig_of(*CAMERAS)
+    rig.save(folder)
+    with tracker.open_log(folder) as log:
+        assert own_rig(folder, log).names == CAMERAS
+    (folder / "camera180.yml").unlink()
+    with (
+        tracker.open_log(folder) as log,
+        pytest.raises(LogError, match=r"no calibration of camera180; expected"),
+    ):
+        own_rig(folder, log)
