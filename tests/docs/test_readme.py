@@ -12,7 +12,7 @@ import pytest
 
 import tracker
 from synthetic.camera.shot import QUALITIES
-from tests.helpers import ROOT, run_python
+from tests.helpers import ROOT
 from tests.helpers.synthetic_needs import skip_without_platform
 from tracker.logs.poses_file import read_poses
 
@@ -101,9 +101,8 @@ def test_the_example_of_errors_prints_them(tmp_path, run_script):
     assert float(result.stdout.split()[-1]) == -67000
 
 
-def test_the_example_finds_the_cube(working):
-    result = run_python([EXAMPLE], working)
-    assert result.returncode == 0, result.stderr
+def test_the_example_finds_the_cube(working, run_script):
+    result = run_script(EXAMPLE, folder=working)
     assert [line[:16].strip() for line in result.stdout.splitlines()] == [
         "position [mm]",
         "orientation xyzw",

@@ -22,6 +22,7 @@ KINDS = {
     "rerun": "the extra `rerun`",
     "plot": "the extra `plot`",
     "video": "the extra `video`",
+    "gymnasium": "the package `gymnasium`",
     "pylon": "the extra `pylon`",
     "live": "the extra `live`",
     "datasets": "the extra `datasets`",

@@ -1,0 +1,22 @@
+"""A control loop: images in, where the object will be out; here a recording stands for the cameras."""
+
+import numpy as np
+
+import tracker
+
+DELAY = 0.09  # from the exposure until the fingers act [s]
+SURE = 0.9
+
+with tracker.open_log("tracker-demo") as log:
+    rig = log.rig or tracker.CameraRig.load("tracker-demo")
+    follower = tracker.ObjectTracker(tracker.load_object("cube_v2"), rig)
+    for frame in log:  # in place of this: the newest image of each camera, None where it gave none
+        observation = follower.update(frame.images, frame.timestamp)
+        seen, expected = observation.object_pose, follower.predict(frame.timestamp + DELAY)
+        if expected is None:
+            print(f"stop: {observation.status.value}")  # not seen for half a second
+        elif seen is None or seen.confidence < SURE:
+            print(f"wait: {observation.status.value}")  # the next images may show more
+        else:
+            std = 1e3 * np.sqrt(np.diag(expected.covariance)[:3])
+            print("act at", expected.position, f"m, known to {std.max():.1f} mm")

@@ -1,0 +1,94 @@
+"""Examples that the page of examples shows run, and are what it shows."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.helpers import ROOT
+from tests.helpers.synthetic_needs import skip_without_platform
+
+EXAMPLES = ROOT / "examples"
+PAGE = (ROOT / "docs" / "examples.md").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def working(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with short recordings `tracker-demo` and `my_recording`."""
+    folder = tmp_path_factory.mktemp("examples")
+    few = shutil.ignore_patterns("00000[4-9]", "00001*")
+    for name in ("tracker-demo", "my_recording"):
+        shutil.copytree(ROOT / "tracker" / "demo", folder / name, ignore=few)
+    return folder
+
+
+def test_the_page_shows_the_examples_and_names_every_one():
+    shown = re.findall(r"^```python\n(.*?)^```$", PAGE, re.DOTALL | re.MULTILINE)
+    names = re.findall(r"^\| .*?\| \[`(\w+\.py)`\]\(#", PAGE, re.MULTILINE)
+    assert shown == [(EXAMPLES / name).read_text(encoding="utf-8") for name in names]
+    made = {"demo.py", "dice_scene.py"}  # of `make demo`, and of the pictures that another one reads
+    assert set(re.findall(r"`(\w+\.py)`", PAGE)) == {path.name for path in EXAMPLES.glob("*.py")} - made
+
+
+def test_a_loop_is_told_where_to_act(working, run_script):
+    lines = run_script(EXAMPLES / "control_loop.py", folder=working).stdout.splitlines()
+    assert len(lines) == 4
+    assert lines[-1].startswith("act at [0.11")
+
+
+def test_rewards_come_from_images(working, run_script):
+    said = run_script(EXAMPLES / "reward_from_images.py", folder=working).stdout
+    assert re.fullmatch(r"reward -0\.\d+ of 4 frames, 0 of them unknown\n", said)
+
+
+def test_what_was_tracked_is_plotted_and_not_tracked_again(working, run_script):
+    pytest.importorskip("matplotlib", reason="plot: no module matplotlib")
+    said = run_script(EXAMPLES / "retrack.py", folder=working).stdout
+    assert said.count("100 % of them sure, 4 tracked now") == 2
+    assert run_script(EXAMPLES / "retrack.py", folder=working).stdout.count(", 0 tracked now") == 2
+    (working / "tracker-demo.h5").rename(working / "poses.h5")
+    run_script(EXAMPLES / "plot_poses.py", folder=working)
+    assert (working / "height.png").stat().st_size > 10_000
+
+
+def test_a_rig_of_ones_own_is_saved_and_loaded(tmp_path, run_script):
+    said = run_script(EXAMPLES / "own_rig.py", folder=tmp_path).stdout
+    assert [line.split()[0] for line in said.splitlines()] == ["left", "right"]
+    assert (tmp_path / "my_rig" / "arena.toml").is_file()
+
+
+def test_an_object_of_ones_own_is_found(tmp_path, run_script):
+    skip_without_platform()
+    said = run_script(EXAMPLES / "own_object.py", folder=tmp_path).stdout
+    off = [float(line.split()[0]) for line in said.splitlines()]
+    assert len(off) == 3
+    assert max(off) < 0.5
+
+
+def test_an_environment_sees_what_its_fingers_do(tmp_path, run_script, monkeypatch):
+    pytest.importorskip("gymnasium", reason="gymnasium: no module gymnasium")
+    skip_without_platform()
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    from gym_environment import MoveCube
+
+    environment = MoveCube(width=135)
+    try:
+        first, about = environment.reset(seed=3)
+        assert environment.observation_space.contains(first)
+        assert np.linalg.norm(first["position"] - about["truth"]) < 1e-3
+        action = np.ones(9, np.float32)
+        after, reward, ended, cut, _ = environment.step(action)
+        assert environment.observation_space.contains(after)
+        assert np.abs(after["joints"] - first["joints"]).max() > 0.02
+        expected = -np.linalg.norm((after["position"] - environment.goal_position)[:2]) / 0.78
+        assert reward == pytest.approx(expected, abs=0.01)
+        assert not ended
+        assert not cut
+        again, _ = environment.reset(seed=3)
+        assert all(np.array_equal(first[key], again[key]) for key in first)
+    finally:
+        environment.close()
