@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import builtins
+import json
 import tracemalloc
 import warnings
 from pathlib import Path
@@ -13,6 +14,7 @@ import tracker
 from tests.helpers.log_writers import CAMERAS, make_content, write_store
 from tests.helpers.needs import lack
 from tracker.errors import LogError
+from tracker.logs.lmdb_file import LmdbFile
 
 pytest.importorskip("lmdb", reason="datasets: no module lmdb")
 pytest.importorskip("numcodecs", reason="datasets: no module numcodecs")
@@ -89,7 +91,7 @@ def edit(folder: Path, key: str, change) -> None:
             "28×24 px, expected 30×24",
         ),
         ("images/1", lambda data: None, 3, "block 1 is missing"),
-        ("images/1", lambda data: data[:-9], 3, "its end within item 3"),
+        ("images/1", lambda data: data[:-9], 3, "images: block 1: found items that are damaged"),
         ("images/1", lambda data: b"\xff\xff\xff\xff" + data[4:], 3, "items stated"),
         ("images/1", lambda data: data[:150] + bytes([data[150] ^ 1]) + data[151:], 4, "checksum"),
     ],
@@ -103,6 +105,82 @@ def test_damage_is_named(tmp_path, key, change, frames, message):
         with tracker.open_log(folder, recover=True) as log:
             assert len(list(log)) == frames
             assert log.fault
+
+
+def with_json(**entries):
+    """Change entries of an array's head."""
+
+    def change(data):
+        return json.dumps({**json.loads(data), **entries}).encode()
+
+    return change
+
+
+ZEROS = 50_000_000 * b"\0"
+BOMBS = [
+    ({"id": "zstd", "level": 1}, "a size of 50000000 bytes stated"),
+    ({"id": "lz4"}, "a size of 50000000 bytes stated"),
+    ({"id": "blosc", "cname": "zlib", "clevel": 9, "shuffle": 0}, "a size of 50000000 bytes stated"),
+    ({"id": "zlib", "level": 9}, "33 bytes before its end"),
+    ({"id": "gzip", "level": 9}, "33 bytes before its end"),
+    ({"id": "bz2", "level": 9}, "33 bytes before its end"),
+]
+
+
+@pytest.mark.parametrize(("compressor", "message"), BOMBS, ids=[str(c["id"]) for c, _ in BOMBS])
+def test_no_more_is_unpacked_than_a_block_holds(tmp_path, compressor, message):
+    import numcodecs
+
+    folder = write_store(tmp_path / "x.zarr", make_content(2), shown=range(6), compressor=compressor)
+    with tracker.open_log(folder) as log:
+        assert len(list(log)) == 2
+    packed = numcodecs.get_codec(compressor).encode(ZEROS)
+    edit(folder, "obs_to_image_index/0", lambda data: bytes(packed))
+    tracemalloc.start()
+    with pytest.raises(LogError, match=f"obs_to_image_index: block 0: cannot be unpacked: .*{message}"):
+        tracker.open_log(folder)
+    assert tracemalloc.get_traced_memory()[1] < 5_000_000
+    tracemalloc.stop()
+
+
+@pytest.mark.parametrize(
+    ("key", "change", "message"),
+    [
+        ("images/.zarray", with_json(shape=[10**12]), "images: found 1000000000000 items stated"),
+        ("obs_to_image_index/.zarray", with_json(shape=[10**12]), "found 1000000000000 items stated"),
+        ("obs_to_image_index/.zarray", with_json(shape=[10**8], chunks=[1]), "100000000 blocks stated"),
+        ("obs_to_image_index/.zarray", with_json(chunks=[0.5]), "expected zarr 2"),
+        ("obs_to_image_index/.zarray", with_json(dtype="<f8"), "found float64, expected whole numbers"),
+        ("obs_to_image_index/.zarray", with_json(shape=[40], fill_value=1e300), "fill_value: found 1e"),
+        ("images/.zarray", lambda data: data[:-1] + b" " * (1 << 20) + b"}", "expected at most 1048576"),
+    ],
+)
+def test_what_would_take_memory_or_time_without_end_is_refused(tmp_path, key, change, message):
+    folder = write_store(tmp_path / "x.zarr", make_content(2), shown=[0, 1, 2, 3, 4, 5, 5, 5])
+    edit(folder, key, change)
+    with pytest.raises(LogError, match=message):
+        tracker.open_log(folder)
+
+
+@pytest.mark.parametrize("count", [0, 1, 300])
+def test_all_that_an_lmdb_database_holds_is_found(tmp_path, rng, count):
+    import lmdb
+
+    values = {f"images/{k}": rng.bytes(int(rng.integers(0, 6000))) for k in rng.permutation(count)}
+    with lmdb.open(str(tmp_path), map_size=1 << 24) as environment:
+        for _ in range(2):  # twice, so that pages are freed and used again
+            with environment.begin(write=True) as transaction:
+                for key, value in values.items():
+                    transaction.put(key.encode(), value)
+                transaction.delete(b"images/0")
+    values.pop("images/0", None)
+    store = LmdbFile(tmp_path / "data.mdb")
+    assert store.entries == len(values)
+    for key, value in values.items():
+        assert store.get(key, 1 << 20) == value
+    for key in ("", "images/0", "images/00", "zzz"):
+        assert store.get(key, 1 << 20) is None
+    store.close()
 
 
 def test_a_truncated_store_is_noticed_before_it_is_mapped(tmp_path):
@@ -119,8 +197,8 @@ def test_a_missing_extra_is_named(tmp_path, monkeypatch):
     really = builtins.__import__
 
     def without(name, *rest):
-        if name == "lmdb":
-            raise ImportError("No module named 'lmdb'")
+        if name == "numcodecs":
+            raise ImportError("No module named 'numcodecs'")
         return really(name, *rest)
 
     monkeypatch.setattr(builtins, "__import__", without)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tracker.conventions import Array, FloatArray, Image
+from tracker.conventions import FloatArray, Image
 from tracker.errors import LogError
 from tracker.logs.datasets_store import StoredArray, open_store
 from tracker.logs.frame import LogFrame
@@ -110,25 +110,34 @@ class DatasetSource(Source):
         shown = StoredArray.find(self._store, "obs_to_image_index", str(self.path))
         if shown is None:
             return None
-        seen: dict[int, int] = {}
-        step, last = 0, 0
+        known, steps, last = [], [], 0
         for number in range(shown.blocks):
-            for image in np.asarray(shown.block(number)).tolist():
-                if not last <= image < len(self._images):
-                    raise LogError(
-                        f"{self.path}: obs_to_image_index: step {step}: found {image}, expected {last} to "
-                        f"{len(self._images) - 1}"
-                    )
-                seen.setdefault(image // cameras, step)
-                last, step = image, step + 1
-        if not seen:
+            images = np.asarray(shown.block(number))
+            if images.dtype.kind not in "iu":
+                raise LogError(
+                    f"{self.path}: obs_to_image_index: found {images.dtype}, expected whole numbers"
+                )
+            images = images.astype(np.int64)
+            before = np.concatenate([[last], images[:-1]])
+            bad = (images < before) | (images >= len(self._images))
+            if bad.any():
+                k = int(np.argmax(bad))
+                raise LogError(
+                    f"{self.path}: obs_to_image_index: step {number * shown.chunk + k}: found {images[k]}, "
+                    f"expected {before[k]} to {len(self._images) - 1}"
+                )
+            frames, first = np.unique(images // cameras, return_index=True)
+            known.append(frames)
+            steps.append(number * shown.chunk + first)
+            last = int(images[-1])
+        if not known:
             return None
-        known: Array = np.array(list(seen))
-        steps: FloatArray = np.array(list(seen.values()), dtype=np.float64)
+        seen, where = np.unique(np.concatenate(known), return_index=True)
+        at: FloatArray = np.concatenate(steps)[where].astype(np.float64)
         numbers = np.arange(self.count)
         period = CONTROL_RATE / CAMERA_RATE
-        result: FloatArray = np.interp(numbers, known, steps)
-        result += period * np.minimum(numbers - known[0], 0) + period * np.maximum(numbers - known[-1], 0)
+        result: FloatArray = np.interp(numbers, seen, at)
+        result += period * np.minimum(numbers - seen[0], 0) + period * np.maximum(numbers - seen[-1], 0)
         return result - min(0.0, float(result[0]) if len(result) else 0.0)
 
     def _starts(self, steps: FloatArray) -> tuple[int, ...]:

@@ -1,79 +1,59 @@
 """Zarr 2 arrays in an LMDB store, read block by block.
 
-Only lists of byte strings and of plain numbers are decoded here; a block's packing is undone by numcodecs.
-Codecs that could run code (pickle) are refused.
+Only lists of byte strings and of plain numbers are decoded here; codecs that could run code (pickle) are
+refused. What a block unpacks to is bounded before it is unpacked.
 """
 
 from __future__ import annotations
 
+import bz2
 import json
-import struct
+import lzma
+import zlib
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from tracker.conventions import Array
 from tracker.errors import LogError, install
-from tracker.logs.source import cannot_read
-
-if TYPE_CHECKING:
-    import lmdb
+from tracker.logs.lmdb_file import LmdbFile
 
 MAX_BLOCK = 1 << 29
-"""Largest block [bytes], unpacked."""
+"""Largest block [bytes], packed and unpacked."""
 
-_PACKERS = ("blosc", "zlib", "gzip", "zstd", "lz4", "bz2", "lzma")
+MAX_NUMBERS = 1 << 27
+"""Longest array of numbers; as control steps at 50 Hz, a month."""
+
+_MAX_JSON = 1 << 20  # bytes
+_MAX_LEFT_OUT = 1 << 16  # blocks; those that hold nothing but the fill value may be left out
 _RAGGED = ("vlen-bytes", "vlen-array")
-_PAGE_MAGIC = 0xBEEFC0DE
+_UNPACKERS: dict[str, Any] = {
+    "zlib": lambda: zlib.decompressobj(zlib.MAX_WBITS),
+    "gzip": lambda: zlib.decompressobj(16 + zlib.MAX_WBITS),
+    "bz2": bz2.BZ2Decompressor,
+    "lzma": lambda: lzma.LZMADecompressor(memlimit=MAX_BLOCK),
+}
+_STATING = ("blosc", "lz4", "zstd")
+"""Packers whose blocks state what they unpack to."""
 
 
-def open_store(folder: Path) -> lmdb.Environment:
-    """The store in `folder`/data.mdb, for reading; LogError if it is damaged or lmdb is missing."""
+def open_store(folder: Path) -> LmdbFile:
+    """The store in `folder`/data.mdb, for reading; LogError if it is damaged or numcodecs is missing."""
     try:
-        import lmdb
         import numcodecs  # noqa: F401 - so that it is missed here, not at the first image
     except ImportError as error:
         raise LogError(
             f"{folder}: reading image stores needs the optional packages of the extra 'datasets': "
             f"{install('datasets')} ({error})"
         ) from error
-    _check_length(folder / "data.mdb")
-    try:
-        # Without lock file, so that the folder may be read-only.
-        return lmdb.open(str(folder), readonly=True, lock=False, create=False, readahead=False)
-    except (lmdb.Error, OSError) as error:
-        raise LogError(f"{folder}: cannot be opened as an LMDB store: {error}") from error
-
-
-def _check_length(file: Path) -> None:
-    """LMDB maps the file to memory: a page that is missing at its end would end the whole process."""
-    try:
-        with file.open("rb") as opened:
-            pages = [opened.read(4096)]
-            size = file.stat().st_size
-            page_size = struct.unpack_from("<I", pages[0], 16 + 24)[0] if len(pages[0]) >= 200 else 0
-            if not 512 <= page_size <= 65536:
-                raise LogError(f"{file}: found {size} bytes that do not start as an LMDB store does")
-            opened.seek(page_size)
-            pages.append(opened.read(200))
-    except OSError as error:
-        raise cannot_read(file, error) from error
-    for page in pages:
-        if len(page) < 200 or struct.unpack_from("<I", page, 16)[0] != _PAGE_MAGIC:
-            raise LogError(f"{file}: found no head of an LMDB store")
-    # The newer of the two heads counts; after the head's two tables stand the last page and the transaction.
-    last, _ = max((struct.unpack_from("<QQ", page, 16 + 120) for page in pages), key=lambda pair: pair[1])
-    if (last + 1) * page_size > size:
-        raise LogError(
-            f"{file}: found {size} bytes, expected at least {(last + 1) * page_size}: it is truncated"
-        )
+    return LmdbFile(folder / "data.mdb")
 
 
 class StoredArray:
     """A one-dimensional array; one block is in memory."""
 
-    def __init__(self, store: lmdb.Environment, name: str, where: str) -> None:
+    def __init__(self, store: LmdbFile, name: str, where: str) -> None:
         self._store, self._name, self._where = store, name, f"{where}: {name}"
         self.attributes = self._json(".zattrs") or {}
         meta = self._json(".zarray")
@@ -87,11 +67,9 @@ class StoredArray:
         self._block: list[bytes] | Array = []
 
     @classmethod
-    def find(cls, store: lmdb.Environment, name: str, where: str) -> StoredArray | None:
+    def find(cls, store: LmdbFile, name: str, where: str) -> StoredArray | None:
         """The array, or None where there is none of this name; LogError if it is malformed."""
-        with store.begin(write=False) as transaction:
-            there = transaction.get(f"{name}/.zarray".encode("ascii")) is not None
-        return cls(store, name, where) if there else None
+        return cls(store, name, where) if store.get(f"{name}/.zarray", _MAX_JSON) is not None else None
 
     def __len__(self) -> int:
         return self._length
@@ -110,6 +88,11 @@ class StoredArray:
         return -(-self._length // self._chunk)
 
     @property
+    def chunk(self) -> int:
+        """Number of items in a block."""
+        return self._chunk
+
+    @property
     def ragged(self) -> bool:
         """Whether the items are byte strings."""
         return self._dtype is None
@@ -118,12 +101,16 @@ class StoredArray:
         """Items of a block; LogError if they are missing or damaged."""
         what = f"{self._where}: block {number}"
         expected = min(self._chunk, self._length - number * self._chunk)
-        data = self._get(str(number))
+        data = self._store.get(f"{self._name}/{number}", MAX_BLOCK)
         if data is None and self._fill is not None and self._dtype is not None:
-            return np.full(expected, self._fill, self._dtype)  # what zarr leaves out
+            try:
+                return np.full(expected, self._dtype.type(self._fill), self._dtype)  # what zarr leaves out
+            except (OverflowError, ValueError) as error:
+                raise LogError(f"{what}: fill_value: found {self._fill}, expected {self._dtype}") from error
         if data is None:
             raise LogError(f"{what} is missing")
-        data = self._unpacked(data, what)
+        width = 0 if self._dtype is None else self._dtype.itemsize
+        data = self._unpacked(data, width * self._chunk or MAX_BLOCK, what)
         items: list[bytes] | Array
         if self._dtype is None:
             items = _split(data, what)
@@ -137,9 +124,17 @@ class StoredArray:
 
     def _take(self, meta: dict[str, Any]) -> None:
         (length,), (chunk,) = meta["shape"], meta["chunks"]
-        if meta["zarr_format"] != 2 or not 0 <= length < 1 << 40 or not 0 < chunk <= 1 << 24:
+        whole = isinstance(length, int) and isinstance(chunk, int)
+        if meta["zarr_format"] != 2 or not whole or length < 0 or not 0 < chunk <= 1 << 24:
             raise ValueError
+        # Of numbers those that are left out are not stored; of pictures each has some bytes.
+        most = self._store.size if meta["dtype"] == "|O" else MAX_NUMBERS
+        if length > most:
+            raise LogError(f"{self._where}: found {length} items stated, expected at most {most}")
         self._length, self._chunk = int(length), int(chunk)
+        most = max(self._store.entries, _MAX_LEFT_OUT)
+        if self.blocks > most:
+            raise LogError(f"{self._where}: found {self.blocks} blocks stated, expected at most {most}")
         filters = [entry["id"] for entry in meta["filters"] or ()]
         self._dtype: np.dtype[Any] | None = None
         if meta["dtype"] != "|O":
@@ -151,39 +146,34 @@ class StoredArray:
         fill = meta["fill_value"]
         self._fill = fill if isinstance(fill, (int, float)) else None
         self._packer = meta["compressor"]
-        if self._packer is not None and self._packer["id"] not in _PACKERS:
+        known = (*_STATING, *_UNPACKERS)
+        if self._packer is not None and self._packer["id"] not in known:
             found = str(self._packer["id"])[:40]
-            raise LogError(f"{self._where}: found blocks packed by {found!r}, expected {', '.join(_PACKERS)}")
+            raise LogError(f"{self._where}: found blocks packed by {found!r}, expected {', '.join(known)}")
 
-    def _unpacked(self, data: bytes, what: str) -> bytes:
+    def _unpacked(self, data: bytes, largest: int, what: str) -> bytes:
         if self._packer is None:
             return data
-        import numcodecs
-
-        if self._packer["id"] == "blosc" and (
-            len(data) < 16
-            or int.from_bytes(data[4:8], "little") > MAX_BLOCK
-            or int.from_bytes(data[12:16], "little") != len(data)
-        ):
-            raise LogError(f"{what}: found {len(data)} bytes, expected a block of blosc that is whole")
+        kind = self._packer["id"]
         try:
+            if kind in _UNPACKERS:
+                unpacker = _UNPACKERS[kind]()
+                content = bytes(unpacker.decompress(data, largest + 1))
+                if not unpacker.eof:
+                    raise LogError(f"{len(content)} bytes before its end, expected at most {largest}")
+                return content
+            stated = _stated_size(kind, data)
+            if stated is None or stated > largest:
+                raise LogError(f"a size of {stated} bytes stated, expected at most {largest}")
+            import numcodecs
+
             return bytes(numcodecs.get_codec(self._packer).decode(data))
         # Every codec raises errors of its own for damaged data.
         except Exception as error:
             raise LogError(f"{what}: cannot be unpacked: {' '.join(str(error).split())}") from error
 
-    def _get(self, key: str) -> bytes | None:
-        import lmdb
-
-        try:
-            with self._store.begin(write=False) as transaction:
-                value: bytes | None = transaction.get(f"{self._name}/{key}".encode("ascii"))
-                return value
-        except lmdb.Error as error:
-            raise LogError(f"{self._where}/{key}: cannot be read: {error}") from error
-
     def _json(self, key: str) -> dict[str, Any] | None:
-        data = self._get(key)
+        data = self._store.get(f"{self._name}/{key}", _MAX_JSON)
         if data is None:
             return None
         try:
@@ -195,21 +185,32 @@ class StoredArray:
         return value
 
 
+def _stated_size(kind: str, data: bytes) -> int | None:
+    """What a block says that it unpacks to [bytes]; None where it does not, or is not whole."""
+    if kind == "lz4":
+        return int.from_bytes(data[:4], "little") if len(data) > 4 else None
+    if kind == "blosc":
+        whole = len(data) >= 16 and int.from_bytes(data[12:16], "little") == len(data)
+        return int.from_bytes(data[4:8], "little") if whole else None
+    # Zstandard, RFC 8878: magic number, description, perhaps a window's and a dictionary's, size.
+    if len(data) < 18 or data[:4] != b"\x28\xb5\x2f\xfd":
+        return None
+    about = data[4]
+    single = about >> 5 & 1
+    at = 5 + (1 - single) + (0, 1, 2, 4)[about & 3]
+    width = (single, 2, 4, 8)[about >> 6]
+    size = int.from_bytes(data[at : at + width], "little")
+    return size + 256 * (width == 2) if width else None
+
+
 def _split(data: bytes, what: str) -> list[bytes]:
-    """The byte strings of a ragged block: u32 count, then for each u32 length and bytes."""
-    if len(data) < 4:
-        raise LogError(f"{what}: found {len(data)} bytes, expected a count of items")
-    (count,) = struct.unpack_from("<I", data)
-    if count > len(data) // 4:
-        raise LogError(f"{what}: found {count} items stated in {len(data)} bytes")
-    items: list[bytes] = []
-    at = 4
-    for _ in range(count):
-        if at + 4 > len(data):
-            raise LogError(f"{what}: found its end after {len(items)} items, expected {count}")
-        (length,) = struct.unpack_from("<I", data, at)
-        at += 4 + length
-        if at > len(data):
-            raise LogError(f"{what}: found its end within item {len(items)}")
-        items.append(data[at - length : at])
-    return items
+    """The byte strings of a ragged block, which starts with their number."""
+    import numcodecs
+
+    count = int.from_bytes(data[:4], "little")
+    try:
+        if count > len(data) // 4:  # before a list of that length is made
+            raise LogError(f"{count} items stated in {len(data)} bytes")
+        return list(numcodecs.VLenBytes().decode(data))
+    except (LogError, ValueError, SystemError) as error:
+        raise LogError(f"{what}: found items that are damaged: {error}") from error
