@@ -6,11 +6,15 @@ import functools
 import os
 from pathlib import Path
 
+from tracker.logs import films, recording_file
 from tracker.logs.folder import TRUTH_FILE
 from tracker.logs.folder_layout import SUFFIXES
 
 JOB_LOGS = ("camera_data.dat", "camera_data.dat.gz", "camera_data.h5", "camera_data.hdf5")
 """Names of a recording in a job's folder."""
+
+_BESIDE = (TRUTH_FILE, recording_file.FILE_NAME, recording_file.STAMPS_NAME)
+"""Files of a folder that tell of its pictures."""
 
 STORE_FILE = "data.mdb"
 """What an image store consists of."""
@@ -45,7 +49,7 @@ def _calibration_in(folder: Path, _: int) -> list[str]:
 
 
 def _is_of_folder(file: Path) -> bool:
-    return file.suffix.lower() in SUFFIXES or file.name == TRUTH_FILE
+    return file.suffix.lower() in (*SUFFIXES, *films.SUFFIXES) or file.name in _BESIDE
 
 
 def _is_of_calibration(name: str) -> bool:

@@ -1,4 +1,4 @@
-"""Folders of PNG or JPEG pictures."""
+"""Folders of PNG or JPEG pictures, or of films."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ import numpy as np
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Image
 from tracker.errors import LogError
-from tracker.logs.folder_layout import find_shots
+from tracker.logs.films import FilmPicture
+from tracker.logs.folder_layout import Picture, find_shots
 from tracker.logs.frame import LogFrame, checked_stamp
 from tracker.logs.pictures import decode, encoded_size
 from tracker.logs.source import MAX_SIDE, Source, cannot_read, rig_beside
@@ -34,6 +35,10 @@ class FolderSource(Source):
         self.camera_names, self._shots = find_shots(path, rate)
         self.count = len(self._shots)
         self.format = "folder of images"
+        pictures = (file for shot in self._shots for file in shot.files)
+        self._films = {file.film for file in pictures if isinstance(file, FilmPicture)}
+        if self._films:
+            self.format = "films"
         self._truth: dict[str, float] | None = None
         if (path / TRUTH_FILE).is_file():
             self._read_truth(path / TRUTH_FILE)
@@ -66,7 +71,14 @@ class FolderSource(Source):
         """See Source."""
         return f"{self.path}: frame {index} ({self._shots[index].name})"
 
-    def _picture(self, file: Path, size: tuple[int, int]) -> Image:
+    def close(self) -> None:
+        """See Source."""
+        for film in self._films:
+            film.close()
+
+    def _picture(self, file: Picture, size: tuple[int, int]) -> Image:
+        if isinstance(file, FilmPicture):
+            return file.film.picture(file.number)
         try:
             image = decode(_content(file))
         except LogError as error:
@@ -82,6 +94,8 @@ class FolderSource(Source):
         """(width, height) [px] of the camera's first picture that states it, or None."""
         for shot in self._shots:
             file = shot.files[camera]
+            if isinstance(file, FilmPicture):
+                return file.film.size
             if file is not None:
                 try:
                     return encoded_size(_content(file))

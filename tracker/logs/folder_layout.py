@@ -3,7 +3,11 @@
     ROOT/camera60.png, camera180.png …              one frame
     ROOT/camera60/000000.png, camera180/000000.png  a folder for each camera
     ROOT/000000/camera60.png, camera180.png …       a folder for each frame
-Pictures of one moment have the same name in the cameras' folders, or names that are stamps close together.
+    ROOT/camera60.mp4, camera180.mp4 …              a film of each camera
+    ROOT/recording.toml                             which says so, see `recording_file`
+Folders of cameras and films may have other names, where the pictures' are numbers; a folder of nothing but
+numbers is one camera. Pictures of one moment have the same name in the cameras' folders, or names that are
+stamps close together.
 """
 
 from __future__ import annotations
@@ -17,12 +21,21 @@ import numpy as np
 
 from tracker.conventions import FloatArray
 from tracker.errors import LogError
+from tracker.logs import films
+from tracker.logs.films import Film, FilmPicture
 from tracker.logs.name_stamps import counted_stamps, natural_key, stamps_of_names
+from tracker.logs.recording_file import RecordingFile, read_recording_file
 
 SUFFIXES = (".png", ".jpg", ".jpeg")
 """Of pictures."""
 
 _CAMERA = re.compile(r"camera\w*")
+_NUMBER = re.compile(r"\d{1,20}(\.\d{1,12})?")
+
+Picture = Path | FilmPicture
+"""A file, or a picture of a film."""
+_Streams = dict[str, dict[str, Picture]]
+"""Of each camera its pictures by name."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +44,7 @@ class Shot:
 
     name: str
     """Name of the frame's folder, or of its first file without suffix."""
-    files: tuple[Path | None, ...]
+    files: tuple[Picture | None, ...]
     """The picture of each camera, None where it has none."""
     stamps: tuple[float, ...]
     """Stamp of each camera's picture [s]."""
@@ -41,13 +54,18 @@ def find_shots(root: Path, rate: float) -> tuple[tuple[str, ...], list[Shot]]:
     """Names of the cameras, and the frames in order; LogError if there is none.
 
     Args:
-        root: the folder.
+        root: the folder, or a film of a single camera.
         rate: frames per second [Hz] where names are not stamps.
     """
+    if root.is_file():
+        return _of_streams({root.stem: _film(root)}, rate)
+    told = read_recording_file(root)
+    if told is not None:
+        return _of_told(root, told, rate)
     here = _pictures(root)
     folders = sorted((item for item in _visible(root) if item.is_dir()), key=lambda f: natural_key(f.name))
     cameras = {folder.name: folder for folder in folders if _CAMERA.fullmatch(folder.name)}
-    streams = {name: _streams_files(folder) for name, folder in cameras.items()}
+    streams: _Streams = {name: _streams_files(folder) for name, folder in cameras.items()}
     if any(streams.values()):
         return _of_streams({name: files for name, files in streams.items() if files}, rate)
     frames = [(folder.name, _camera_files(_pictures(folder))) for folder in folders]
@@ -56,9 +74,13 @@ def find_shots(root: Path, rate: float) -> tuple[tuple[str, ...], list[Shot]]:
     if not frames and _camera_files(here):
         return _of_frames([(root.name, _camera_files(here))], rate)
     if not frames:
+        streams = _of_films(root) or _without_names(root, folders, here)
+        if streams:
+            return _of_streams(streams, rate)
         raise LogError(
             f"{root}: found no pictures of cameras, expected folders like 000000 with camera60.png, "
-            "or folders like camera60 with 000000.png, or a recording such as camera_data.dat"
+            "or folders like camera60 with 000000.png, or films like camera60.mp4, or recording.toml, "
+            "or a recording such as camera_data.dat"
         )
     return _of_frames(frames, rate)
 
@@ -84,14 +106,76 @@ def _camera_files(pictures: list[Path]) -> dict[str, Path]:
     return result
 
 
-def _streams_files(folder: Path) -> dict[str, Path]:
+def _streams_files(folder: Path) -> dict[str, Picture]:
     """The pictures in a camera's folder by name, in order."""
     result: dict[str, Path] = {}
     for file in sorted(_pictures(folder), key=lambda file: natural_key(file.stem)):
         if file.stem in result:
             raise LogError(f"{file}: found {result[file.stem].name} too, expected one picture of a name")
         result[file.stem] = file
-    return result
+    return dict(result)
+
+
+def _of_films(root: Path) -> _Streams:
+    """The films in a folder; those that are named after cameras, if there are any."""
+    found = {file.stem: file for file in sorted(_visible(root)) if file.suffix.lower() in films.SUFFIXES}
+    named = {name: file for name, file in found.items() if _CAMERA.fullmatch(name)}
+    return {name: _film(file) for name, file in (named or found).items()}
+
+
+def _film(file: Path, *, counted: bool = False) -> dict[str, Picture]:
+    """Pictures of a film by their stamps, or by their numbers."""
+    film = Film(file)
+    names = [f"{k:06d}" if counted else f"{stamp:.9f}" for k, stamp in enumerate(film.stamps)]
+    return {name: FilmPicture(film, k) for k, name in enumerate(names)}
+
+
+def _without_names(root: Path, folders: list[Path], here: list[Path]) -> _Streams:
+    """Folders of cameras with other names, or one camera's folder: nothing but numbers are its pictures."""
+    if here and all(_NUMBER.fullmatch(file.stem) for file in here):
+        return {root.resolve().name: _streams_files(root)}
+    found: _Streams = {}
+    for folder in folders:
+        files = _streams_files(folder)
+        if files and not _NUMBER.fullmatch(folder.name) and all(map(_NUMBER.fullmatch, files)):
+            found[folder.name] = files
+    return found
+
+
+def _of_told(root: Path, told: RecordingFile, rate: float) -> tuple[tuple[str, ...], list[Shot]]:
+    """The frames of a folder that says which files are whose."""
+    counted = told.stamps is not None or told.rate is not None
+    streams: _Streams = {}
+    for name, files in told.cameras.items():
+        some = list(files.values())
+        if some[0].suffix.lower() not in films.SUFFIXES:
+            streams[name] = {key: files[key] for key in sorted(files, key=natural_key)}
+        elif len(some) == 1:
+            streams[name] = _film(some[0], counted=counted)
+        else:
+            raise LogError(f"{root}: {name}: found {len(some)} films, expected one of each camera")
+    keys = [key for files in streams.values() for key in files]
+    if len(streams) > 1 and len(set(keys)) == len(keys) and stamps_of_names(keys) is None:
+        streams = {
+            name: {f"{k:06d}": picture for k, picture in enumerate(files.values())}
+            for name, files in streams.items()
+        }
+    names, shots = _of_streams(streams, told.rate or rate)
+    order = [names.index(name) for name in streams]
+    shots = [
+        Shot(shot.name, tuple(shot.files[c] for c in order), tuple(shot.stamps[c] for c in order))
+        for shot in shots
+    ]
+    return tuple(streams), shots if told.stamps is None else _stamped(root, shots, told.stamps)
+
+
+def _stamped(root: Path, shots: list[Shot], stamps: FloatArray) -> list[Shot]:
+    if len(shots) != len(stamps):
+        raise LogError(
+            f"{root}: stamps.csv: found {len(stamps)} lines, expected one for each of {len(shots)} frames"
+        )
+    rows = np.broadcast_to(stamps, (len(shots), len(shots[0].files)))
+    return [Shot(shot.name, shot.files, tuple(row.tolist())) for shot, row in zip(shots, rows, strict=True)]
 
 
 def _of_frames(frames: list[tuple[str, dict[str, Path]]], rate: float) -> tuple[tuple[str, ...], list[Shot]]:
@@ -105,7 +189,7 @@ def _of_frames(frames: list[tuple[str, dict[str, Path]]], rate: float) -> tuple[
     return names, shots
 
 
-def _of_streams(streams: dict[str, dict[str, Path]], rate: float) -> tuple[tuple[str, ...], list[Shot]]:
+def _of_streams(streams: _Streams, rate: float) -> tuple[tuple[str, ...], list[Shot]]:
     names = tuple(sorted(streams, key=natural_key))
     keys = sorted({key for files in streams.values() for key in files}, key=natural_key)
     stamps = stamps_of_names(keys)
@@ -120,7 +204,9 @@ def _of_streams(streams: dict[str, dict[str, Path]], rate: float) -> tuple[tuple
     return names, list(_close_together([streams[name] for name in names], times, rate))
 
 
-def _close_together(streams: list[dict[str, Path]], times: dict[str, float], rate: float) -> Iterator[Shot]:
+def _close_together(
+    streams: list[dict[str, Picture]], times: dict[str, float], rate: float
+) -> Iterator[Shot]:
     """Pictures whose stamps differ by less than half the cameras' period make a frame."""
     reach = 0.5 * _period(streams, times, rate)
     ordered = sorted((times[key], camera, key) for camera, files in enumerate(streams) for key in files)
@@ -136,14 +222,14 @@ def _close_together(streams: list[dict[str, Path]], times: dict[str, float], rat
     yield _shot(group, streams)
 
 
-def _period(streams: list[dict[str, Path]], times: dict[str, float], rate: float) -> float:
+def _period(streams: list[dict[str, Picture]], times: dict[str, float], rate: float) -> float:
     steps: list[FloatArray] = [np.diff([times[key] for key in files]) for files in streams]
     found = np.concatenate(steps)
     found = found[found > 0]
     return float(np.median(found)) if found.size else 1 / rate
 
 
-def _shot(group: dict[int, tuple[float, str]], streams: list[dict[str, Path]]) -> Shot:
+def _shot(group: dict[int, tuple[float, str]], streams: list[dict[str, Picture]]) -> Shot:
     cameras = range(len(streams))
     return Shot(
         name=next(iter(group.values()))[1],

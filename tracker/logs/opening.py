@@ -7,6 +7,7 @@ from pathlib import Path
 
 from tracker.errors import LogError
 from tracker.logs.files import JOB_LOGS, STORE_FILE
+from tracker.logs.films import SUFFIXES as FILM_SUFFIXES
 from tracker.logs.log import Log
 from tracker.logs.source import Source, cannot_read
 
@@ -20,8 +21,8 @@ def open_log(path: str | os.PathLike[str], *, recover: bool = False, rate: float
     """Open a recording of the platform's cameras.
 
     What can be read: native logs (`camera_data.dat`, gzipped or not), HDF5 logs, a job's folder that
-    holds one of these, folders of images, and image stores of trifinger_rl_datasets (`NAME.zarr`).
-    The content decides, not the name. Frames are read when they are asked for.
+    holds one of these, folders of images or of films, films, and image stores of trifinger_rl_datasets
+    (`NAME.zarr`). But for films the content decides, not the name. Frames are read when they are asked for.
 
     Args:
         path: the file or folder.
@@ -54,6 +55,10 @@ def _source(path: Path, recover: bool, rate: float) -> Source:
         raise LogError(f"{path}: no such file or folder")
     if not path.is_file():
         raise LogError(f"{path}: found something else, expected a file or a folder")
+    if path.suffix.lower() in FILM_SUFFIXES:
+        from tracker.logs.folder import FolderSource
+
+        return FolderSource(path, rate=rate)
     with path.open("rb") as file:
         is_hdf5 = file.read(len(_HDF5_MAGIC)) == _HDF5_MAGIC
     if is_hdf5:
