@@ -2,8 +2,8 @@
 
     python scripts/fit_dice_probability.py [SCENES]
 
-Prints the weights that tracker/tasks/rearrange_dice/where.py holds, with images and with masks alone, and how
-reliable they are on every third scene, which is left out of the fit.
+Prints the weights that tracker/tasks/rearrange_dice/finder.py holds, with images and with masks alone, and
+how reliable they are on every third scene, which is left out of the fit.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from benchmarks.data.dice import KINDS, dice_store
 from benchmarks.score.dice import judge_positions
 from synthetic.camera.rigs import sized, standard_rig
 from tracker.conventions import Array, FloatArray
-from tracker.tasks.rearrange_dice import segment_dice, where
+from tracker.tasks.rearrange_dice import finder, segment_dice
 
 SEED = 71_000
 """Of the scenes; the benchmarks take another."""
@@ -33,7 +33,7 @@ def gains_and_truth(scenes: int, *, shaded: bool) -> tuple[FloatArray, Array, Ar
     for kind in KINDS:
         for scene in dice_store(kind, SEED).scenes(range(scenes)):
             masks = [segment_dice(image) for image in scene.images]
-            dice = where.locate(rig, masks, scene.images if shaded else None)
+            dice = finder.locate(rig, masks, scene.images if shaded else None)
             right = judge_positions(scene.positions, dice).right
             pairs = zip(dice, right, strict=True)
             rows += [(np.log(max(die.gain, 1.0)), ok, scene.index % 3 == 2) for die, ok in pairs]
@@ -55,7 +55,7 @@ def fit(gains: FloatArray, right: Array) -> FloatArray:
 
 def main(scenes: int = 150) -> None:
     """Fit both models and print them."""
-    where.LEAST = 0.0
+    finder.LEAST = 0.0
     for shaded in (True, False):
         gains, right, held = gains_and_truth(scenes, shaded=shaded)
         weights = fit(gains[~held], right[~held])

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from tracker.cli.files import silent_libraries
+from tracker.cli.read_images import silent_libraries
 from tracker.errors import CalibrationError
 
 if TYPE_CHECKING:

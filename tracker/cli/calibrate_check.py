@@ -60,7 +60,7 @@ def check(
         found = look(model, footage, rig, colors, progress)
     if output is not None:
         from tracker.viz.check_picture import check_picture
-        from tracker.viz.files import write_image
+        from tracker.viz.image_files import write_image
 
         write_image(output, check_picture(found, rig))
     if as_json:

@@ -178,7 +178,7 @@ def _partly_seen(sightings: dict[Photo, Sighting], board: Board) -> list[list[st
 
 def _draw(placed: Placed, folder: Path) -> None:
     from tracker.viz.board_residuals import residual_picture
-    from tracker.viz.files import write_image
+    from tracker.viz.image_files import write_image
 
     folder.mkdir(parents=True, exist_ok=True)
     for number, one in enumerate(placed.cameras):

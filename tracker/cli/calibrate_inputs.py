@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from tracker.cli.calibration import Cameras, load_rig, optional_calibration_options, rig_of
-from tracker.cli.files import NO_IMAGE, read_images
 from tracker.cli.names import colors_option, object_option
+from tracker.cli.read_images import NO_IMAGE, read_images
 from tracker.errors import CalibrationError, ImageError
 
 if TYPE_CHECKING:

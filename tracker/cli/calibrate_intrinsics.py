@@ -114,7 +114,7 @@ def _found(lens: Lens) -> list[list[str]]:
 
 def _draw(lens: Lens, picture: Path) -> None:
     from tracker.viz.board_residuals import residual_picture
-    from tracker.viz.files import write_image
+    from tracker.viz.image_files import write_image
 
     camera = lens.calibrated.camera
     photos = [(one.sighting.pixels, one.residuals, one.fault is None) for one in lens.photos]

@@ -12,7 +12,7 @@ import click
 from tracker.cli import learn
 from tracker.cli.color_report import print_report
 from tracker.cli.colors_file import check_colors_file, save_colors
-from tracker.cli.files import silent_libraries
+from tracker.cli.read_images import silent_libraries
 from tracker.cli.table import table
 from tracker.errors import ImageError, install
 

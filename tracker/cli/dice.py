@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tracker.cli.calibration import Cameras, optional_calibration_options
-from tracker.cli.files import NO_IMAGE
 from tracker.cli.pictures import frame_option
+from tracker.cli.read_images import NO_IMAGE
 from tracker.cli.table import listing, table
 
 if TYPE_CHECKING:

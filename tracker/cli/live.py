@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from tracker.calibration.rig import CameraRig
     from tracker.live import Live, Moment, Source
     from tracker.live.page import Page
-    from tracker.live.watcher import Watcher
+    from tracker.live.rerun_view import RerunView
     from tracker.objects.model import CuboidModel
     from tracker.pipeline import ObjectTracker
 
@@ -133,8 +133,8 @@ def live(
         listeners: list[Callable[[Moment], None]] = [told.hear]
         recorder = _recorder(record, rig, stack)
         listeners += [one for one in (recorder, _publisher(publish, public, stack)) if one is not None]
-        watcher = _watcher(rrd, rig, model, stack) if view or rrd else None
-        listeners += [] if watcher is None else [watcher]
+        rerun_view = _rerun_view(rrd, rig, model, stack) if view or rrd else None
+        listeners += [] if rerun_view is None else [rerun_view]
         shown = None if page is None else _page(page, ObjectTracker(model, rig, colors), stack)
         listeners += [] if shown is None else [shown]
         if as_json:
@@ -151,8 +151,8 @@ def live(
     if not (quiet or as_json):
         left_out = getattr(given, "skipped", 0)
         faults = list(follower.faults)
-        if watcher is not None and watcher.fault is not None:
-            faults.append(f"the view has ended: {watcher.fault}")
+        if rerun_view is not None and rerun_view.fault is not None:
+            faults.append(f"the view has ended: {rerun_view.fault}")
         click.echo(told.summary(left_out, faults, recorder))
 
 
@@ -218,12 +218,14 @@ def _publisher(address: str | None, public: bool, stack: contextlib.ExitStack) -
     return publisher
 
 
-def _watcher(rrd: Path | None, rig: CameraRig, model: CuboidModel, stack: contextlib.ExitStack) -> Watcher:
-    from tracker.live.watcher import Watcher
+def _rerun_view(
+    rrd: Path | None, rig: CameraRig, model: CuboidModel, stack: contextlib.ExitStack
+) -> RerunView:
+    from tracker.live.rerun_view import RerunView
 
-    watcher = Watcher(rrd, rig, model)
-    stack.callback(watcher.close)
-    return watcher
+    rerun_view = RerunView(rrd, rig, model)
+    stack.callback(rerun_view.close)
+    return rerun_view
 
 
 def _page(port: int, tracker: ObjectTracker, stack: contextlib.ExitStack) -> Page:

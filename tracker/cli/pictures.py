@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from tracker.cli.calibration import Cameras, load_rig, rig_of
-from tracker.cli.files import NO_IMAGE, read_images
+from tracker.cli.read_images import NO_IMAGE, read_images
 
 if TYPE_CHECKING:
     from tracker.calibration.rig import CameraRig

@@ -99,7 +99,7 @@ def view(
     from tracker.logs import open_log
     from tracker.logs.cameras import fitted_to
     from tracker.logs.poses_file import is_poses_file, read_poses
-    from tracker.viz.view import require_rerun
+    from tracker.viz.rerun_viewer import require_rerun
 
     require_rerun()
     if last is not None and last <= first:
@@ -159,7 +159,7 @@ def _show(
     count: int,
     quiet: bool,
 ) -> None:
-    from tracker.viz.view import open_scene
+    from tracker.viz.rerun_viewer import open_scene
 
     with open_scene(target, rig, model) as scene, bar(source.name, count, quiet) as progress:
         for frame in frames:

@@ -6,9 +6,9 @@ import os
 from pathlib import Path
 
 from tracker.errors import LogError
-from tracker.logs.files import JOB_LOGS, STORE_FILE
 from tracker.logs.films import SUFFIXES as FILM_SUFFIXES
 from tracker.logs.log import Log
+from tracker.logs.recording_files import JOB_LOGS, STORE_FILE
 from tracker.logs.source import Source, cannot_read
 
 DEFAULT_RATE = 10.0

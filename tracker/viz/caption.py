@@ -1,4 +1,4 @@
-"""An observation in numbers, for the strip below the views."""
+"""An observation in numbers, for the footer below the views."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from tracker.conventions import Array
 from tracker.pose.result import Observation, PoseEstimate
-from tracker.viz.strip import DOUBTFUL, GOOD, Block
+from tracker.viz.footer import DOUBTFUL, GOOD, Block
 
 
 def caption(name: str, observation: Observation, title: str) -> Iterable[Block]:

@@ -17,8 +17,8 @@ from tracker.tasks.rearrange_dice.assign import Assignment
 from tracker.tasks.rearrange_dice.goals import TOLERANCE, finite_positions
 from tracker.tasks.rearrange_dice.score import error_per_camera
 from tracker.viz import paint
+from tracker.viz.footer import DOUBTFUL, GOOD, Block, footer
 from tracker.viz.panels import panels
-from tracker.viz.strip import DOUBTFUL, GOOD, Block, strip
 
 INSIDE: paint.Color = (150, 235, 110)
 OUTSIDE: paint.Color = (20, 125, 255)
@@ -70,7 +70,7 @@ def dice_overlay(
 
     row = panels(images, rig, draw)
     blocks = [*_pixel_blocks(rig.names, errors, dice_masks, title), *_dice_blocks(centers, assignment)]
-    return np.concatenate([row, strip(row.shape[1], blocks)])
+    return np.concatenate([row, footer(row.shape[1], blocks)])
 
 
 def _check(what: str, masks: Sequence[Array | None], rig: CameraRig) -> None:

@@ -16,8 +16,8 @@ from tracker.objects.model import CuboidModel
 from tracker.pose.result import Observation, PoseEstimate
 from tracker.viz import paint
 from tracker.viz.caption import caption
+from tracker.viz.footer import footer
 from tracker.viz.panels import panels
-from tracker.viz.strip import strip
 
 SAMPLES = 17
 """Points per edge: the lens bends edges, so each is drawn as this many short lines."""
@@ -57,7 +57,7 @@ def overlay(
             _draw_object(panel, view, model, pose)
 
     row = panels(images, rig, draw)
-    return np.concatenate([row, strip(row.shape[1], caption(model.name, observation, title))])
+    return np.concatenate([row, footer(row.shape[1], caption(model.name, observation, title))])
 
 
 def visible_edges(view: Camera, model: CuboidModel, pose: PoseEstimate) -> list[FloatArray]:

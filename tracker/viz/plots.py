@@ -9,7 +9,7 @@ import numpy as np
 
 from tracker.conventions import Array, FloatArray
 from tracker.viz import paint
-from tracker.viz.strip import DOUBTFUL, GOOD
+from tracker.viz.footer import DOUBTFUL, GOOD
 
 STATUS_COLORS: dict[str, paint.Color] = {
     "found": GOOD,

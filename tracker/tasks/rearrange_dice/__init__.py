@@ -7,6 +7,7 @@ camera; the error is the number of pixels that are in the first and not in the s
 """
 
 from tracker.tasks.rearrange_dice.assign import Assignment, assign
+from tracker.tasks.rearrange_dice.finder import Die, locate
 from tracker.tasks.rearrange_dice.goal_files import read_goal, write_goal
 from tracker.tasks.rearrange_dice.goals import (
     ARENA_RADIUS,
@@ -21,7 +22,6 @@ from tracker.tasks.rearrange_dice.goals import (
 from tracker.tasks.rearrange_dice.patterns import empty_pattern, parse_pattern, pattern
 from tracker.tasks.rearrange_dice.score import error, error_per_camera, goal_masks, reward
 from tracker.tasks.rearrange_dice.segment import segment_dice
-from tracker.tasks.rearrange_dice.where import Die, locate
 
 __all__ = [
     "ARENA_RADIUS",

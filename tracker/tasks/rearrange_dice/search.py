@@ -1,7 +1,7 @@
 """The search for the set of dice that explains all views together best.
 
-Squares of a die's size are looked for in the plane of the dice's tops, seen from above (`above`). The set
-of dice is then improved in the views themselves (`explain`): each die moves to where it explains most; dice
+Squares of a die's size are looked for in the plane of the dice's tops, seen `from_above`. The set
+of dice is then improved in the views themselves (`set_score`): each die moves to where it explains most; dice
 that explain too little go; what is left unexplained proposes further ones; and dice that other ways of
 filling a crowd propose take the places of those that they overlap, if all together then explain more.
 """
@@ -14,13 +14,15 @@ import cv2
 import numpy as np
 
 from tracker.conventions import Array, FloatArray
-from tracker.tasks.rearrange_dice import explain
-from tracker.tasks.rearrange_dice.above import STYLES, Plan
-from tracker.tasks.rearrange_dice.boxes import Views, overlap
+from tracker.tasks.rearrange_dice import set_score
+from tracker.tasks.rearrange_dice.drawn_dice import Views, overlap
 from tracker.tasks.rearrange_dice.evidence import DICE, UNKNOWN, Evidence, tops
+from tracker.tasks.rearrange_dice.from_above import STYLES, Plan
 from tracker.tasks.rearrange_dice.goals import DIE_WIDTH
 
-TERMS = explain.Terms(edge=DIE_WIDTH, table=0.0, hidden=50.0, price=60.0, push=4e4, level=40.0, hovering=5e5)
+TERMS = set_score.Terms(
+    edge=DIE_WIDTH, table=0.0, hidden=50.0, price=60.0, push=4e4, level=40.0, hovering=5e5
+)
 
 RADIUS = 0.19
 """Radius within which the centres of dice lie [m]."""
@@ -56,7 +58,7 @@ TABLE_OFF = 0.002
 class Search:
     """One search in the evidence of all views."""
 
-    def __init__(self, views: Views, seen: Sequence[Evidence], plan: Plan, canvas: explain.Canvas) -> None:
+    def __init__(self, views: Views, seen: Sequence[Evidence], plan: Plan, canvas: set_score.Canvas) -> None:
         self._views, self._seen, self._plan, self._canvas = views, seen, plan, canvas
         self._terms = TERMS
         self._known = sum(bool((view.mask != UNKNOWN).any()) for view in seen)
@@ -94,10 +96,10 @@ class Search:
         return float(np.median(feet)) if feet else 0.0
 
     def _total(self, dice: FloatArray) -> float:
-        return float(explain.total(self._views, dice, self._terms, self._canvas))
+        return float(set_score.total(self._views, dice, self._terms, self._canvas))
 
     def _settle(self, dice: FloatArray, k: int, steps: FloatArray) -> float:
-        return float(explain.settle(self._views, dice, k, steps, RADIUS, self._terms, self._canvas))
+        return float(set_score.settle(self._views, dice, k, steps, RADIUS, self._terms, self._canvas))
 
     def _gain(self, dice: FloatArray, k: int) -> float:
         return self._settle(dice, k, STEPS[:0])

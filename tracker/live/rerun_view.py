@@ -10,10 +10,10 @@ from tracker.calibration.rig import CameraRig
 from tracker.errors import TrackerError
 from tracker.live.live import Moment
 from tracker.objects.model import CuboidModel
-from tracker.viz.view import open_scene
+from tracker.viz.rerun_viewer import open_scene
 
 
-class Watcher:
+class RerunView:
     """Shows moments in a thread of its own, the newest; a listener of `Live`.
 
     A viewer that is too slow misses moments; one that is closed ends the showing, and the tracking goes on.
@@ -35,7 +35,7 @@ class Watcher:
         self._closing = False
         self.fault: str | None = None
         """Why nothing is shown any more."""
-        self._thread = threading.Thread(target=self._run, name="tracker.watcher", daemon=True)
+        self._thread = threading.Thread(target=self._run, name="tracker.rerun_view", daemon=True)
         self._thread.start()
 
     def __call__(self, moment: Moment) -> None:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tracker.compiled import compiled
-from tracker.tasks.rearrange_dice.boxes import NONE, bounds, draw, frame, look, overlap
+from tracker.tasks.rearrange_dice.drawn_dice import NONE, bounds, draw, frame, look, overlap
 
 
 class Terms(NamedTuple):

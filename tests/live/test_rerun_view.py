@@ -13,8 +13,8 @@ from tests.helpers.filmed import RIG
 from tests.helpers.moments import estimate, moment
 from tests.helpers.needs import lack
 from tracker.errors import ImageError
-from tracker.live import watcher
-from tracker.live.watcher import Watcher
+from tracker.live import rerun_view
+from tracker.live.rerun_view import RerunView
 
 if importlib.util.find_spec("rerun") is None:
     lack("rerun", "no module rerun")
@@ -43,7 +43,7 @@ class Shown:
 
 
 def test_images_and_poses_are_in_the_file(tmp_path):
-    one = Watcher(tmp_path / "live.rrd", RIG, MODEL)
+    one = RerunView(tmp_path / "live.rrd", RIG, MODEL)
     images = tuple(np.full((270, 270, 3), 60 + c, np.uint8) for c in range(3))
     one(moment(0, images, pose=estimate(0.05)))
     one.close()
@@ -55,8 +55,8 @@ def test_images_and_poses_are_in_the_file(tmp_path):
 
 def test_a_slow_viewer_is_shown_the_newest_and_holds_up_nobody(monkeypatch):
     shown = Shown()
-    monkeypatch.setattr(watcher, "open_scene", lambda *_: shown)
-    one = Watcher(None, RIG, MODEL)
+    monkeypatch.setattr(rerun_view, "open_scene", lambda *_: shown)
+    one = RerunView(None, RIG, MODEL)
     one(moment(0))
     assert shown.at_work.wait(20)
     for number in range(1, 50):
@@ -69,8 +69,8 @@ def test_a_slow_viewer_is_shown_the_newest_and_holds_up_nobody(monkeypatch):
 def test_a_viewer_that_is_closed_ends_the_showing_and_nothing_else(monkeypatch):
     shown = Shown(RuntimeError("the connection is gone"))
     shown.may_go_on.set()
-    monkeypatch.setattr(watcher, "open_scene", lambda *_: shown)
-    one = Watcher(None, RIG, MODEL)
+    monkeypatch.setattr(rerun_view, "open_scene", lambda *_: shown)
+    one = RerunView(None, RIG, MODEL)
     one(moment(0))
     one.close()
     assert one.fault == "the connection is gone"
@@ -79,4 +79,4 @@ def test_a_viewer_that_is_closed_ends_the_showing_and_nothing_else(monkeypatch):
 
 def test_a_file_that_cannot_be_is_refused_at_once(tmp_path):
     with pytest.raises(ImageError, match=r"expected \.rrd"):
-        Watcher(tmp_path / "live.txt", RIG, MODEL)
+        RerunView(tmp_path / "live.txt", RIG, MODEL)

@@ -16,13 +16,13 @@ from tracker.errors import ImageError, TaskError
 from tracker.geometry.camera import Camera
 from tracker.geometry.lens import stack_lenses
 from tracker.segmentation.labels import check_image
-from tracker.tasks.rearrange_dice.above import Plan
-from tracker.tasks.rearrange_dice.boxes import Views
+from tracker.tasks.rearrange_dice.drawn_dice import Views
 from tracker.tasks.rearrange_dice.evidence import DICE, evidence, stack
-from tracker.tasks.rearrange_dice.explain import Canvas
+from tracker.tasks.rearrange_dice.from_above import Plan
 from tracker.tasks.rearrange_dice.goals import DIE_WIDTH, NUM_DICE
 from tracker.tasks.rearrange_dice.masks import as_mask
 from tracker.tasks.rearrange_dice.search import Search
+from tracker.tasks.rearrange_dice.set_score import Canvas
 
 SIZE = 270
 """Shorter side of the views in which dice are looked for [px]."""

@@ -1,4 +1,4 @@
-"""The strip of small tables below the views."""
+"""The footer: small tables below the views."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Block:
                 x += width + _COLUMN * scale
 
 
-def strip(width: int, blocks: Iterable[Block]) -> Image:
+def footer(width: int, blocks: Iterable[Block]) -> Image:
     """A strip `width` [px] wide of blocks side by side, which wrap where it is narrow."""
     scale = float(np.clip(width / _WIDTH, 1.0, _MOST))
     margin, line, left, top = _MARGIN * scale, _LINE * scale, _MARGIN * scale, _MARGIN * scale

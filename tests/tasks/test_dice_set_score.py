@@ -9,32 +9,32 @@ from hypothesis import strategies as st
 
 from tests.helpers.dice_scenes import EDGE, RIG, dice_at, painted
 from tracker.geometry import so3
-from tracker.tasks.rearrange_dice import boxes, explain, search
+from tracker.tasks.rearrange_dice import drawn_dice, search, set_score
 from tracker.tasks.rearrange_dice.evidence import DICE, UNKNOWN, evidence, stack
-from tracker.tasks.rearrange_dice.where import Finder
+from tracker.tasks.rearrange_dice.finder import Finder
 
 DICE_POSES = dice_at([(0.0, 0.01), (-0.09, 0.05), (0.06, 0.08), (0.02, -0.09)], 0.37)
 FINDER = Finder(RIG)
 
 
-def views_of(masks, images=(None, None, None)) -> boxes.Views:
+def views_of(masks, images=(None, None, None)) -> drawn_dice.Views:
     seen = [evidence(m if m is None else m // 255, i, (270, 270)) for m, i in zip(masks, images, strict=True)]
-    return boxes.Views(FINDER._slopes, FINDER._lenses, *stack(seen))
+    return drawn_dice.Views(FINDER._slopes, FINDER._lenses, *stack(seen))
 
 
-def canvas() -> explain.Canvas:
-    return explain.Canvas(*(np.zeros((3, 270, 270), kind) for kind in (np.float32, np.int8, np.int16)))
+def canvas() -> set_score.Canvas:
+    return set_score.Canvas(*(np.zeros((3, 270, 270), kind) for kind in (np.float32, np.int8, np.int16)))
 
 
 @pytest.fixture(scope="module")
-def views() -> boxes.Views:
+def views() -> drawn_dice.Views:
     return views_of([painted(camera, DICE_POSES)[1] for camera in RIG])
 
 
-def drawn(views: boxes.Views, dice: np.ndarray, c: int) -> tuple[np.ndarray, np.ndarray]:
+def drawn(views: drawn_dice.Views, dice: np.ndarray, c: int) -> tuple[np.ndarray, np.ndarray]:
     """Classes and owners in one view."""
     room, window = canvas(), np.array([0, 0, 270, 270])
-    boxes.draw(views, c, dice, -1, EDGE, window, room.heights[c], room.classes[c], room.owners[c])
+    drawn_dice.draw(views, c, dice, -1, EDGE, window, room.heights[c], room.classes[c], room.owners[c])
     return room.classes[c], room.owners[c]
 
 
@@ -56,9 +56,9 @@ def test_a_pixel_shows_a_top_where_its_ray_meets_the_upper_face(views, c):
         place = so3.exp([0, 0, -die[3]]) @ (RIG[c].position + sink * ray - die[:3])
         reach = np.abs(place[:2]).max()
         if abs(reach - EDGE / 2) > 1e-5:
-            assert (kind in (boxes.TOP, boxes.TOP_RIM)) == (reach < EDGE / 2)
-        if kind in (boxes.TOP, boxes.TOP_RIM) and abs(reach - boxes.PIPS * EDGE / 2) > 1e-5:
-            assert (kind == boxes.TOP) == (reach < boxes.PIPS * EDGE / 2)
+            assert (kind in (drawn_dice.TOP, drawn_dice.TOP_RIM)) == (reach < EDGE / 2)
+        if kind in (drawn_dice.TOP, drawn_dice.TOP_RIM) and abs(reach - drawn_dice.PIPS * EDGE / 2) > 1e-5:
+            assert (kind == drawn_dice.TOP) == (reach < drawn_dice.PIPS * EDGE / 2)
 
 
 def test_the_nearer_of_two_dice_hides_the_other(views):
@@ -79,12 +79,12 @@ poses = st.tuples(
 
 @given(poses, poses)
 def test_overlap_is_symmetric_and_a_push_apart_ends_it(first, second):
-    reach = boxes.overlap(first, second, EDGE)
-    assert reach == pytest.approx(boxes.overlap(second, first, EDGE), abs=1e-12)
+    reach = drawn_dice.overlap(first, second, EDGE)
+    assert reach == pytest.approx(drawn_dice.overlap(second, first, EDGE), abs=1e-12)
     assert 0 <= reach <= 2 * EDGE
     lifted = second.copy()
     lifted[2] = first[2] + EDGE
-    assert boxes.overlap(first, lifted, EDGE) == 0
+    assert drawn_dice.overlap(first, lifted, EDGE) == 0
 
 
 @given(poses, poses)
@@ -97,7 +97,7 @@ def test_dice_overlap_where_their_squares_do(first, second):
         points = one[:2] + grid @ so3.exp([0, 0, one[3]])[:2, :2].T
         local = (points - other[:2]) @ so3.exp([0, 0, other[3]])[:2, :2]
         inside.append((np.abs(local) < EDGE / 2 - 1e-9).all(axis=1).any())
-    reach = boxes.overlap(first, second, EDGE)
+    reach = drawn_dice.overlap(first, second, EDGE)
     if any(inside):
         assert reach > 0
     if reach > 2e-3:
@@ -107,9 +107,9 @@ def test_dice_overlap_where_their_squares_do(first, second):
 def test_what_a_die_gains_is_what_the_whole_loses_without_it(views):
     room = canvas()
     for k in range(len(DICE_POSES)):
-        gain = explain.settle(views, DICE_POSES.copy(), k, np.empty(0), 0.19, search.TERMS, room)
-        whole = explain.total(views, DICE_POSES, search.TERMS, room)
-        without = explain.total(views, np.delete(DICE_POSES, k, axis=0), search.TERMS, room)
+        gain = set_score.settle(views, DICE_POSES.copy(), k, np.empty(0), 0.19, search.TERMS, room)
+        whole = set_score.total(views, DICE_POSES, search.TERMS, room)
+        without = set_score.total(views, np.delete(DICE_POSES, k, axis=0), search.TERMS, room)
         assert gain == pytest.approx(whole - without, rel=1e-4)
 
 
@@ -119,28 +119,28 @@ def test_a_die_that_was_pushed_away_settles_where_it_was(views):
     ):
         dice = DICE_POSES.copy()
         dice[k] += offset
-        explain.settle(views, dice, k, search.STEPS, 0.19, search.TERMS, canvas())
+        set_score.settle(views, dice, k, search.STEPS, 0.19, search.TERMS, canvas())
         assert np.linalg.norm(dice[k, :2] - DICE_POSES[k, :2]) < 1.5e-3
 
 
 def test_the_true_dice_explain_more_than_any_others(views):
     rng = np.random.default_rng(3)
     room = canvas()
-    best = explain.total(views, DICE_POSES, search.TERMS, room)
+    best = set_score.total(views, DICE_POSES, search.TERMS, room)
     for _ in range(30):
         others = DICE_POSES + rng.normal(0, [0.004, 0.004, 0, 0.3], DICE_POSES.shape)
-        assert explain.total(views, others, search.TERMS, room) < best
-    assert explain.total(views, DICE_POSES[:0], search.TERMS, room) == 0
+        assert set_score.total(views, others, search.TERMS, room) < best
+    assert set_score.total(views, DICE_POSES[:0], search.TERMS, room) == 0
 
 
 def test_what_one_view_has_against_a_die_is_limited():
     masks = [painted(camera, DICE_POSES)[1] for camera in RIG]
     room = canvas()
-    seen = explain.total(views_of(masks), DICE_POSES, search.TERMS, room)
+    seen = set_score.total(views_of(masks), DICE_POSES, search.TERMS, room)
     masks[1] = np.zeros_like(masks[1])
-    hidden = explain.total(views_of(masks), DICE_POSES, search.TERMS, room)
+    hidden = set_score.total(views_of(masks), DICE_POSES, search.TERMS, room)
     masks[1] = None
-    unknown = explain.total(views_of(masks), DICE_POSES, search.TERMS, room)
+    unknown = set_score.total(views_of(masks), DICE_POSES, search.TERMS, room)
     assert hidden < unknown < seen
     assert unknown - hidden <= len(DICE_POSES) * search.TERMS.hidden
 
@@ -149,12 +149,12 @@ def test_evidence_tells_tops_from_sides_and_pips_from_blue():
     image, mask = painted(RIG[0], DICE_POSES)
     view = evidence(mask // 255, image, mask.shape)
     classes, _ = drawn(views_of([mask] * 3), DICE_POSES, 0)
-    inner = (view.mask == DICE) & (view.scores[boxes.TOP] > 0)
-    tops = inner & ((classes == boxes.TOP) | (classes == boxes.TOP_RIM))
-    sides = inner & ((classes == boxes.SIDE) | (classes == boxes.SIDE_RIM))
+    inner = (view.mask == DICE) & (view.scores[drawn_dice.TOP] > 0)
+    tops = inner & ((classes == drawn_dice.TOP) | (classes == drawn_dice.TOP_RIM))
+    sides = inner & ((classes == drawn_dice.SIDE) | (classes == drawn_dice.SIDE_RIM))
     assert view.shade[tops].mean() > 0.4
     assert view.shade[sides].mean() < -0.2
-    assert (view.scores[boxes.TOP] >= view.scores[boxes.TOP_RIM]).all()
+    assert (view.scores[drawn_dice.TOP] >= view.scores[drawn_dice.TOP_RIM]).all()
     unknown = evidence(None, None, (270, 270))
     assert (unknown.mask == UNKNOWN).all()
     assert not unknown.scores.any()

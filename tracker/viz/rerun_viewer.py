@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import rerun as rr
     import rerun.blueprint as rrb
 
-    from tracker.viz.scene import Scene
+    from tracker.viz.rerun_scene import Scene
 
 APPLICATION = "trifinger-object-tracker"
 """Under this name the viewer remembers how its windows are arranged."""
@@ -56,7 +56,7 @@ def open_scene(path: str | os.PathLike[str] | None, rig: CameraRig, model: Cuboi
     with _silent():
         import rerun as rr
 
-        from tracker.viz.scene import FLUSH_SECONDS, Scene, layout
+        from tracker.viz.rerun_scene import FLUSH_SECONDS, Scene, layout
 
     stream = rr.RecordingStream(APPLICATION)
     if target is not None:

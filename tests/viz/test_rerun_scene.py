@@ -12,7 +12,7 @@ from tests.helpers.command import assert_one_line_error
 from tests.helpers.pose_logs import random_poses
 from tests.helpers.recording_stubs import write_log
 from tracker.logs.poses_file import write_poses
-from tracker.viz import view
+from tracker.viz import rerun_viewer
 
 needs_rerun = pytest.mark.skipif(importlib.util.find_spec("rerun") is None, reason="rerun: no module rerun")
 
@@ -79,7 +79,7 @@ def test_wrong_usage_is_one_line_and_leaves_nothing(arguments, said, tmp_path, r
 def test_a_missing_package_is_named_with_its_extra(monkeypatch, capfd):
     from tracker import cli
 
-    monkeypatch.setattr(view, "find_spec", lambda _: None)
+    monkeypatch.setattr(rerun_viewer, "find_spec", lambda _: None)
     with pytest.raises(SystemExit) as stop:
         cli.main(["view", "poses.h5"])
     printed = capfd.readouterr()
