@@ -16,7 +16,7 @@ import sys
 from pathlib import Path
 
 from tracker.errors import CalibrationError
-from tracker.files import told_as, write_whole
+from tracker.files import read_bounded, told_as, write_whole
 from tracker.geometry.arena import Arena
 
 if sys.version_info >= (3, 11):
@@ -26,6 +26,9 @@ else:
 
 FILE_NAME = "arena.toml"
 """Name of the file in the folder of the camera files."""
+
+MAX_FILE_SIZE = 100_000
+"""Largest such file [bytes]; one has about 200."""
 
 NO_TABLE = "none"
 
@@ -41,7 +44,7 @@ def read_arena(folder: Path) -> Arena:
     """
     path = folder / FILE_NAME
     try:
-        content = path.read_bytes()
+        content = read_bounded(path, MAX_FILE_SIZE)
     except FileNotFoundError:
         return Arena()
     except OSError as error:

@@ -21,7 +21,7 @@ import yaml
 
 from tracker.conventions import FloatArray
 from tracker.errors import CalibrationError
-from tracker.files import write_whole
+from tracker.files import read_bounded, write_whole
 from tracker.geometry import so3
 from tracker.geometry.camera import MAX_SIZE, ROTATION_TOLERANCE, Camera, rotation_deviation
 from tracker.geometry.distortion import COUNTS
@@ -140,15 +140,10 @@ def matrix_entry(matrix: FloatArray) -> dict[str, Any]:
 def read_mapping(path: Path) -> dict[Any, Any]:
     """The keys of a calibration file; CalibrationError where it is not plain YAML of keys."""
     try:
-        with path.open("rb") as file:
-            content = file.read(MAX_FILE_SIZE + 1)
+        content = read_bounded(path, MAX_FILE_SIZE)
     except (OSError, ValueError) as error:  # ValueError: a null byte in the path
         reason = error.strerror if isinstance(error, OSError) else error
-        raise CalibrationError(f"{path}: cannot be read: {reason}") from error
-    if len(content) > MAX_FILE_SIZE:
-        raise CalibrationError(
-            f"{path}: more than {MAX_FILE_SIZE} bytes, expected a calibration of about 2 kB"
-        )
+        raise CalibrationError(f"{path}: cannot be read: {reason}, expected a calibration") from error
     try:
         # OpenCV's header is not valid YAML; without it the document is.
         text = re.sub(r"\A%YAML:1\.\d[^\n]*\n", "", content.decode("utf-8-sig"))

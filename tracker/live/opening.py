@@ -11,6 +11,7 @@ from typing import Any
 
 from tracker.calibration.rig import CameraRig
 from tracker.errors import LiveError
+from tracker.files import read_bounded
 from tracker.live.camera import Camera
 from tracker.live.camera_set import RATE, CameraSet
 from tracker.live.replay import Replay
@@ -24,6 +25,9 @@ else:
     import tomli as tomllib
 
 CAMERAS, SIMULATION = ("pylon", "opencv"), "simulation"
+MAX_SETTINGS = 100_000
+"""Largest file of settings [bytes]."""
+
 FORMS = "a recording's path, pylon, pylon:SERIAL,…, opencv:0,1,2 or simulation"
 
 
@@ -90,8 +94,8 @@ def settings_of(path: Path | None, serials: list[str]) -> dict[str, Mapping[str,
     if path is None:
         return {serial: {} for serial in serials}
     try:
-        values = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+        values = tomllib.loads(read_bounded(path, MAX_SETTINGS).decode("utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
         raise LiveError(f"settings {path}: cannot be read: {error}") from error
     common = {name: value for name, value in values.items() if not isinstance(value, dict)}
     own = {name: value for name, value in values.items() if isinstance(value, dict)}

@@ -12,12 +12,9 @@ import cv2
 import numpy as np
 
 from tracker.conventions import Image
+from tracker.encoded import JPEG, PNG, stated_size
 from tracker.errors import LogError
 from tracker.logs.source import MAX_SIDE, MIN_SIDE
-
-_PNG = b"\x89PNG\r\n\x1a\n"
-_JPEG = b"\xff\xd8"
-_START_OF_FRAME = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 
 
 def from_bayer(raw: Image) -> Image:
@@ -50,12 +47,12 @@ def from_quadrants(quadrants: Image) -> Image:
 
 def encoded_size(data: bytes) -> tuple[int, int]:
     """(width, height) [px] that a PNG or JPEG states; LogError if it is none or states an absurd size."""
-    if data.startswith(_PNG) and len(data) >= 24:
-        width, height = struct.unpack_from(">II", data, 16)
-    elif data.startswith(_JPEG):
-        width, height = _jpeg_size(data)
-    else:
+    size = stated_size(data)
+    if size is None and data.startswith(JPEG):
+        raise LogError("found a JPEG that does not state its size")
+    if size is None:
         raise LogError(f"found {len(data)} bytes that start with {data[:4]!r}, expected a PNG or JPEG")
+    width, height = size
     if not (MIN_SIDE <= width <= MAX_SIDE and MIN_SIDE <= height <= MAX_SIDE):
         raise LogError(f"found {width}×{height} px, expected {MIN_SIDE} to {MAX_SIDE}")
     return width, height
@@ -64,7 +61,7 @@ def encoded_size(data: bytes) -> tuple[int, int]:
 def decode(data: bytes, *, color: bool = True) -> Image:
     """Pixels of a PNG or JPEG: (H, W, 3) BGR, or as they are stored; LogError if it is damaged."""
     encoded_size(data)
-    if data.startswith(_PNG):
+    if data.startswith(PNG):
         _check_png(data)
     elif b"\xff\xd9" not in data[-64:]:  # some writers pad
         raise LogError("found a JPEG without an end, it is truncated")
@@ -81,7 +78,7 @@ def decode(data: bytes, *, color: bool = True) -> Image:
 
 def _check_png(data: bytes) -> None:
     """Every chunk's checksum, and that the last is there."""
-    at = len(_PNG)
+    at = len(PNG)
     while at + 12 <= len(data):
         (length,) = struct.unpack_from(">I", data, at)
         end = at + 12 + length
@@ -95,17 +92,3 @@ def _check_png(data: bytes) -> None:
             return
         at = end
     raise LogError("found a PNG without an end, it is truncated")
-
-
-def _jpeg_size(data: bytes) -> tuple[int, int]:
-    at = 2
-    while at + 9 <= len(data) and data[at] == 0xFF:
-        marker = data[at + 1]
-        if marker == 0xFF:  # padding
-            at += 1
-            continue
-        if marker in _START_OF_FRAME:
-            height, width = struct.unpack_from(">HH", data, at + 5)
-            return width, height
-        at += 2 + int(struct.unpack_from(">H", data, at + 2)[0])
-    raise LogError("found a JPEG that does not state its size")

@@ -31,6 +31,7 @@ import numpy as np
 
 from tracker.conventions import Array, FloatArray
 from tracker.errors import ObjectModelError
+from tracker.files import read_bounded
 from tracker.geometry.cuboid import FACE_NAMES
 from tracker.objects.labels import COLOR_NAMES
 
@@ -43,6 +44,9 @@ MIN_SIZE, MAX_SIZE = 0.005, 0.5
 """Shortest and longest edge [m] that a model may have."""
 
 _KEYS = ("name", "size", "faces", "colors", "rim", "rim_std")
+
+MAX_FILE_SIZE = 100_000
+"""Largest file of an object [bytes]; one has about 300."""
 
 RIM_STD = 0.0003
 """Standard deviation of an unknown rim, which covers those of real objects [m]."""
@@ -131,7 +135,7 @@ def load_object(name_or_path: str | os.PathLike[str]) -> CuboidModel:
         valid = ", ".join(object_names())
         raise ObjectModelError(f"unknown object {text!r}; valid are {valid}, or the path of a .toml file")
     try:
-        content = path.read_bytes()
+        content = read_bounded(path, MAX_FILE_SIZE)
     except OSError as error:
         raise ObjectModelError(f"object file {text}: {error.strerror or error}") from error
     return _parse(content, text, folder=path.parent)

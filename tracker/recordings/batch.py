@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from tracker.errors import LogError, reason
-from tracker.files import claimed, write_whole
+from tracker.files import claimed, read_bounded, write_whole
 from tracker.recordings.engine import Engine
 from tracker.recordings.fingerprint import fingerprint
 from tracker.recordings.job import Job
@@ -23,6 +23,9 @@ from tracker.recordings.names import outputs_of
 from tracker.recordings.recipe import Options, Recipe
 from tracker.recordings.results import is_done, keep_failure, make_result, summary_file
 from tracker.recordings.work import Task, agreed
+
+MAX_LIST = 1 << 28
+"""Largest list of recordings [bytes]."""
 
 FILE_NAME = "batch.json"
 """In the folder of results: what was asked for."""
@@ -79,7 +82,7 @@ def read_batch(folder: Path) -> Batch:
     """
     path = folder / FILE_NAME
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(read_bounded(path, MAX_LIST))
         pairs = tuple((str(log), str(output)) for log, output in content["recordings"])
         return Batch(folder, Options.of_plain(content["options"]), pairs)
     except OSError as error:

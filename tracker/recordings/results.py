@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from tracker.errors import reason
-from tracker.files import write_whole
+from tracker.files import read_bounded, write_whole
 from tracker.recordings.job import Job
 from tracker.recordings.names import SUFFIX
 from tracker.recordings.rows import COLUMNS, goal_file, row
@@ -110,8 +110,7 @@ def _goal_is_newer(job: Job) -> bool:
 
 def _read(path: Path) -> dict[str, Any] | None:
     try:
-        with path.open("rb") as file:
-            content = json.loads(file.read(MAX_FILE_SIZE))
+        content = json.loads(read_bounded(path, MAX_FILE_SIZE))
     except (OSError, ValueError, RecursionError):
         return None
     return content if isinstance(content, dict) else None

@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 from tracker.errors import LogError, TrackerError
-from tracker.files import write_whole
-from tracker.recordings.batch import Batch
+from tracker.files import read_bounded, write_whole
+from tracker.recordings.batch import MAX_LIST, Batch
 from tracker.recordings.engine import ONE_THREAD, Here, alone
 from tracker.recordings.fingerprint import fingerprint
 from tracker.recordings.job import Job
@@ -127,7 +127,7 @@ def work(list_path: Path, number: int) -> int:
         TrackerError: an object, colours or a calibration is unknown or malformed.
     """
     try:
-        content = json.loads(list_path.read_text(encoding="utf-8"))
+        content = json.loads(read_bounded(list_path, MAX_LIST))
         options, mark = Options.of_plain(content["options"]), str(content["agreed"])
         each, pairs = int(content["each"]), [(str(log), str(output)) for log, output in content["tasks"]]
     except OSError as error:

@@ -16,8 +16,16 @@ import cv2
 import numpy as np
 
 from tracker.conventions import Image
+from tracker.encoded import stated_size
 from tracker.errors import ImageError
+from tracker.files import read_bounded
 from tracker.objects.labels import COLOR_NAMES
+
+MAX_PIXELS = 1 << 26
+"""Most pixels of a picture that is read: eight thousand by eight thousand."""
+
+MAX_FILE_SIZE = 4 * MAX_PIXELS
+"""Largest file of a picture [bytes]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,9 +41,15 @@ def read_image(path: Path) -> Image:
     """An 8-bit BGR image; ImageError names the file where that fails."""
     if not path.is_file():
         raise ImageError(f"image {path}: no such file")
-    data = np.frombuffer(path.read_bytes(), np.uint8)
     try:
-        image = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
+        content = read_bounded(path, MAX_FILE_SIZE)
+    except OSError as error:
+        raise ImageError(f"image {path}: cannot be read: {error.strerror or error}") from error
+    width, height = stated_size(content) or (0, 0)
+    if width * height > MAX_PIXELS:
+        raise ImageError(f"image {path}: found {width}×{height} px, expected at most {MAX_PIXELS} in all")
+    try:
+        image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR) if content else None
     except cv2.error:  # more pixels than OpenCV reads
         image = None
     if image is None:

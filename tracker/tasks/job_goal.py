@@ -12,13 +12,13 @@ from __future__ import annotations
 import json
 import os
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
 from tracker.conventions import FloatArray
 from tracker.errors import TaskError
+from tracker.files import read_bounded
 from tracker.objects.model import CuboidModel
 from tracker.tasks import move_object
 from tracker.tasks.move_object.checks import numbers
@@ -83,11 +83,7 @@ def read_job_goal(path: str | os.PathLike[str]) -> JobGoal:
         TaskError: the file cannot be read, or holds no goal; the message names it.
     """
     try:
-        with Path(path).open("rb") as file:
-            content = file.read(MAX_FILE_SIZE + 1)
-        if len(content) > MAX_FILE_SIZE:
-            raise TaskError(f"found more than {MAX_FILE_SIZE} bytes, expected a goal")
-        return _goal(json.loads(content.decode("utf-8")))
+        return _goal(json.loads(read_bounded(path, MAX_FILE_SIZE).decode("utf-8")))
     except TaskError as error:
         raise TaskError(f"{os.fspath(path)}: {error}") from error
     except OSError as error:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from tracker.conventions import FloatArray
 from tracker.errors import TaskError
-from tracker.files import told_as, write_whole
+from tracker.files import read_bounded, told_as, write_whole
 from tracker.tasks.rearrange_dice.goals import validate_goal
 from tracker.tasks.rearrange_dice.patterns import parse_pattern, pattern
 
@@ -61,13 +61,10 @@ def write_goal(path: str | os.PathLike[str], goal: npt.ArrayLike) -> None:
 
 def _read_text(path: Path) -> str:
     try:
-        with path.open("rb") as file:
-            content = file.read(MAX_FILE_SIZE + 1)
+        content = read_bounded(path, MAX_FILE_SIZE)
     except (OSError, ValueError) as error:  # ValueError: a null byte in the path
         reason = error.strerror if isinstance(error, OSError) else error
         raise TaskError(f"cannot be read: {reason}") from error
-    if len(content) > MAX_FILE_SIZE:
-        raise TaskError(f"found more than {MAX_FILE_SIZE} bytes, expected a goal of about 2000")
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
