@@ -1,8 +1,7 @@
-"""Damaged recordings: an error that is a LogError, fewer frames, or the same frames.
+"""Damaged files of every kind: an error in one line, fewer frames, or the same frames.
 
-Each of the recorded samples is damaged in 200 ways from a seed: cut off, bits flipped anywhere or in the
-first bytes (where the lengths stand), numbers overwritten, pieces doubled or left out. Readers run in
-processes of their own, with limited memory and time, so that a crash of a compiled library is seen as one.
+Files are damaged from a seed: cut off, bits flipped anywhere or where lengths stand, numbers overwritten,
+pieces doubled or left out, texts with what parsers stumble over. FUZZ_VARIANTS=200 reads more of them.
 
 What no reader can notice, and these tests therefore allow:
 - In a plain native log nothing protects pixels; a flipped bit there gives another image. Nor small changes
@@ -14,151 +13,131 @@ What no reader can notice, and these tests therefore allow:
 
 from __future__ import annotations
 
-import contextlib
-import multiprocessing
-import resource
-import signal
-import zlib
-from collections.abc import Iterator
-from multiprocessing.connection import wait
+import json
+import os
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
-import tracker
+from tests.helpers.fuzz import Answer, Sample, answers_to, frames_of
+from tests.helpers.log_writers import make_content, native_bytes, write_hdf5, write_native, write_store
+from tests.helpers.pose_logs import random_poses
+from tests.helpers.recording_stubs import tiny_rig
 from tests.logs.test_hdf5 import SAMPLES as HDF5
 from tests.logs.test_native import SAMPLES as NATIVE
+from tracker.logs.poses_file import write_poses
+from tracker.objects.model import load_object, to_toml
 
-VARIANTS = 200
-SECONDS = 10
-BYTES = 3 << 30
-HEAD = {"camera_data": 33, "tricamera_log": 6000}
-"""The first bytes, in which lengths stand."""
+VARIANTS = int(os.environ.get("FUZZ_VARIANTS", "24"))
+"""Of each file; whole multiples of 8 have every kind of damage as often."""
+
+MADE = (
+    *("native", "gzipped", "hdf5", "poses", "lmdb", "zarr", "png", "jpeg", "png of a log", "jpeg of a log"),
+    *("object.toml", "arena.toml", "goal.json", "dice.json", "ground_truth.json", "camera60.yml"),
+)
 
 
-def damaged(data: bytes, head: int, seed: int) -> bytes:
-    """One of many kinds of damage, always the same for a seed."""
-    rng = np.random.default_rng(seed)
-    result = bytearray(data)
-    kind = ("cut", "flip", "flip head", "overwrite", "overwrite head", "double", "leave out", "zeros")[
-        seed % 8
+def recorded(real: Path, folder: Path) -> list[Sample]:
+    """The samples of the platform."""
+    samples = []
+    for name in (*NATIVE, *HDF5):
+        heads = ((0, 33 if name in NATIVE else 6000),)
+        samples.append(Sample(name, (real / "logs" / name).read_bytes(), "log", folder / name, heads))
+    return samples
+
+
+def made(folder: Path) -> list[Sample]:
+    """A small file of each kind."""
+    content, rng = make_content(4), np.random.default_rng(0)
+    places = {name: folder / name.replace(" ", "_") for name in MADE}
+    for place in places.values():
+        place.mkdir()
+
+    def sample(name: str, content: bytes | Path, reader: str, file: str, **options: object) -> Sample:
+        data = content.read_bytes() if isinstance(content, Path) else content
+        return Sample(name, data, reader, places[name] / file, **options)
+
+    store = write_store(folder / "x.zarr", content, shown=range(12), ends=[5])
+    data = (store / "data.mdb").read_bytes()
+    pages = tuple((at, at + 200) for at in range(0, len(data), 4096))
+    # Where each array's heads and the lengths of its items are.
+    marks = [
+        data.rindex(mark) for mark in (b"images/.zarray", b"images/.zattrs", b"images/0", b"image_index/.z")
     ]
-    reach = min(head, len(data)) if "head" in kind else len(data)
-    at = int(rng.integers(reach))
-    if kind == "cut":
-        return data[:at]
-    if kind.startswith("flip"):
-        for place in (at, *rng.integers(reach, size=int(rng.integers(4)))):
-            result[int(place)] ^= 1 << int(rng.integers(8))
-    elif kind.startswith("overwrite"):
-        value = (0, 1, 2**31 - 1, 2**32 - 1, 2**63 - 1, 2**64 - 1)[int(rng.integers(6))]
-        size = int(rng.choice([1, 2, 4, 8]))
-        result[at : at + size] = value.to_bytes(8, "little")[:size]
-    elif kind == "double":
-        result[at:at] = data[at : at + int(rng.integers(1, 5000))]
-    elif kind == "leave out":
-        del result[at : at + int(rng.integers(1, 5000))]
-    else:
-        result[at : at + 512] = bytes(len(result[at : at + 512]))
-    return bytes(result)
-
-
-def frames_of(path: str, recover: bool) -> tuple[str | None, list[tuple[int, list[int]]]]:
-    """What is said to be wrong, and of each frame number and checksums of the images."""
-    frames = []
-    fault = None
-    try:
-        with tracker.open_log(path, recover=recover) as log:
-            for frame in log:
-                frames.append((frame.index, [zlib.crc32(image) for image in frame.images]))
-                for pose in (frame.recorded_pose, frame.recorded_filtered_pose):
-                    assert pose is None or np.isfinite([*pose.position, *pose.orientation]).all()
-            fault = log.fault
-            with contextlib.suppress(tracker.TrackerError):
-                _ = log.rig
-    except tracker.TrackerError as error:
-        fault = str(error)
-    assert fault is None or "\n" not in fault
-    return fault, frames
-
-
-def in_process(paths: list[str], answers) -> None:
-    """Read files as they come, telling before each which it is."""
-    resource.setrlimit(resource.RLIMIT_AS, (BYTES, BYTES))
-    signal.signal(signal.SIGALRM, signal.SIG_DFL)  # ends the process
-    for path in paths:
-        answers.send(("reads", path, None))
-        signal.alarm(SECONDS)
-        try:
-            answers.send(("read", path, [frames_of(path, recover) for recover in (False, True)]))
-        except BaseException as error:
-            answers.send(("raised", path, repr(error)))
-    signal.alarm(0)
-    answers.close()
-
-
-def read_all(paths: list[str]) -> Iterator[tuple[str, str, object]]:
-    """Answers of two processes that share the files; one that dies is an answer too."""
-    context = multiprocessing.get_context("spawn")
-    running, at = {}, {}
-    for part in (paths[::2], paths[1::2]):
-        receiver, sender = context.Pipe(duplex=False)
-        process = context.Process(target=in_process, args=(part, sender))
-        process.start()
-        sender.close()
-        running[receiver] = process
-    while running:
-        # Whichever has something to say: one that waits to be heard runs out of its time.
-        for receiver in wait(list(running)):
-            try:
-                kind, at[receiver], answer = receiver.recv()
-                if kind != "reads":
-                    yield kind, at[receiver], answer
-            except EOFError:
-                process = running.pop(receiver)
-                process.join()
-                if process.exitcode:
-                    yield f"died with {process.exitcode}", at[receiver], None
+    tiny_rig().save(folder / "rig")
+    yaml = next((folder / "rig").glob("*.yml"))
+    pictures = {suffix: cv2.imencode(suffix, content.bgr(0, 0))[1].tobytes() for suffix in (".png", ".jpg")}
+    for suffix, name in ((".png", "png of a log"), (".jpg", "jpeg of a log")):
+        for camera in ("camera180", "camera300"):
+            (places[name] / "0").mkdir(exist_ok=True)
+            (places[name] / "0" / f"{camera}{suffix}").write_bytes(pictures[suffix])
+    truth = places["ground_truth.json"]
+    (truth / "000000").mkdir()
+    (truth / "000000" / "camera60.png").write_bytes(pictures[".png"])
+    frames = {"frames": [{"frame": "000000", "timestamp": 1.5}], "settings": {"rate": 10.0, "sequence": True}}
+    goal = {"difficulty": 4, "goal": json.dumps({"position": [0, 0, 0.03], "orientation": [0, 0, 0, 1]})}
+    dice = {"goal": (0.022 * np.mgrid[-2:3, -2:3, :1].reshape(3, -1).T + [0, 0, 0.011]).tolist()}
+    write_poses(folder / "poses.h5", random_poses(rng, 6))
+    text = {"text": True}
+    return [
+        sample("native", native_bytes(content, poses=1), "log", "log", heads=((0, 60),)),
+        sample("gzipped", write_native(folder / "gz", content, packed=True), "log", "log"),
+        sample("hdf5", write_hdf5(folder / "h5", content, poses=True), "log", "log", heads=((0, 9000),)),
+        sample("poses", folder / "poses.h5", "poses", "poses.h5", heads=((0, 3000),)),
+        sample("lmdb", data, "log around", "data.mdb", heads=pages),
+        sample("zarr", data, "log around", "data.mdb", heads=tuple((at, at + 220) for at in marks)),
+        sample("png", pictures[".png"], "picture", "a.png", heads=((8, 33),)),
+        sample("jpeg", pictures[".jpg"], "picture", "a.jpg", heads=((0, 200),)),
+        sample("png of a log", pictures[".png"], "log of frames", "0/camera60.png", heads=((8, 33),)),
+        sample("jpeg of a log", pictures[".jpg"], "log of frames", "0/camera60.jpg", heads=((0, 200),)),
+        sample("object.toml", to_toml(load_object("cube_v2")).encode(), "object", "object.toml", **text),
+        sample("arena.toml", b"radius = 0.2\ntable_std = [0.008, 0.017]\n", "arena", "arena.toml", **text),
+        sample("goal.json", json.dumps(goal).encode(), "job goal", "goal.json", **text),
+        sample("dice.json", json.dumps(dice).encode(), "dice goal", "goal.json", **text),
+        sample("ground_truth.json", json.dumps(frames).encode(), "log around", "ground_truth.json", **text),
+        sample("camera60.yml", yaml, "calibration", "camera60.yml", **text),
+    ]
 
 
 @pytest.fixture(scope="module")
-def answers(real: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[tuple[str, str, object]]]:
+def answers(real: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[Answer]]:
     """What became of each damaged file, by the sample that it was."""
     folder = tmp_path_factory.mktemp("damaged")
-    paths = []
-    for name in (*NATIVE, *HDF5):
-        data = (real / "logs" / name).read_bytes()
-        head = next(size for prefix, size in HEAD.items() if name.startswith(prefix))
-        (folder / name).mkdir()
-        for seed in range(VARIANTS):
-            path = folder / name / f"{seed}"
-            path.write_bytes(damaged(data, head, seed))
-            paths.append(str(path))
-    found: dict[str, list[tuple[str, str, object]]] = {name: [] for name in (*NATIVE, *HDF5)}
-    for answer in read_all(paths):
-        found[Path(answer[1]).parent.name].append(answer)
-    return found
+    return answers_to([*recorded(real, folder), *made(folder)], VARIANTS)
+
+
+def all_read(answers: list[Answer]) -> list[Answer]:
+    assert len(answers) == VARIANTS
+    for answer in answers:
+        assert answer.kind == "read", answer
+    return answers
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_a_damaged_file_of_any_kind_gives_an_error_in_one_line_or_what_it_says(answers, name):
+    told = [answer.told for answer in all_read(answers[name])]
+    faults = [one[0][0] if isinstance(one, list) else one for one in told]
+    assert sum(isinstance(fault, str) for fault in faults) > 0.2 * VARIANTS
 
 
 @pytest.mark.parametrize("name", [*NATIVE, *HDF5])
 def test_damage_gives_errors_or_frames_that_are_whole(real: Path, answers, name):
-    _, whole = frames_of(str(real / "logs" / name), recover=False)
-    answered, noticed, recovered = 0, 0, 0
-    for kind, path, answer in answers[name]:
-        assert kind == "read", f"{path}: {kind} {answer}"
-        answered += 1
-        (fault, frames), (said, given) = answer
-        assert (fault is None) <= (said is None), path
+    _, whole = frames_of(real / "logs" / name, recover=False)
+    noticed, recovered = 0, 0
+    for answer in all_read(answers[name]):
+        (fault, frames), (said, given) = answer.told
+        assert (fault is None) <= (said is None), answer.seed
         if name != NATIVE[0] and name != NATIVE[1] and fault is None:
             # Checksums: without notice images are those of the whole recording.
-            assert frames == whole, path
-        assert fault is not None or [number for number, _ in frames] == [number for number, _ in whole], path
-        assert len(given) >= len(frames), path
+            assert frames == whole, answer.seed
+        same = [number for number, _ in frames] == [number for number, _ in whole]
+        assert fault is not None or same, answer.seed
+        assert len(given) >= len(frames), answer.seed
         if name in HDF5:
-            assert all(frame in whole for frame in given), path
+            assert all(frame in whole for frame in given), answer.seed
         noticed += fault is not None
         recovered += bool(given) and said is not None
-    assert answered == VARIANTS
     assert noticed > 0.4 * VARIANTS
     assert recovered > 0.05 * VARIANTS

@@ -282,16 +282,17 @@ def test_an_image_that_cannot_be_read_is_named(content, tmp_path):
 
 
 def test_an_image_that_claims_to_be_huge_is_named(tmp_path):
-    (tmp_path / "image.png").write_bytes(png_of_size(100_000, 100_000))
-    with pytest.raises(ImageError, match=r"image\.png"):
+    (tmp_path / "image.png").write_bytes(png_of_size(8193, 8192))
+    with pytest.raises(ImageError, match=r"image\.png: found 8193×8192 px, expected at most 67108864"):
         read_image(tmp_path / "image.png")
 
 
 def png_of_size(width: int, height: int) -> bytes:
-    """The beginning of a PNG file that says so."""
+    """A PNG file that says so, with a few of its pixels."""
     chunks = (
         b"IHDR" + struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0),
         b"IDAT" + zlib.compress(bytes(99)),
+        b"IEND",
     )
     framed = (struct.pack(">I", len(c) - 4) + c + struct.pack(">I", zlib.crc32(c)) for c in chunks)
     return b"\x89PNG\r\n\x1a\n" + b"".join(framed)

@@ -5,14 +5,11 @@ OpenCV fills what is missing of a damaged picture with grey and says so on stder
 
 from __future__ import annotations
 
-import struct
-import zlib
-
 import cv2
 import numpy as np
 
 from tracker.conventions import Image
-from tracker.encoded import JPEG, PNG, stated_size
+from tracker.encoded import JPEG, PNG, fault_of_png, stated_size
 from tracker.errors import LogError
 from tracker.logs.source import MAX_SIDE, MIN_SIDE
 
@@ -61,10 +58,11 @@ def encoded_size(data: bytes) -> tuple[int, int]:
 def decode(data: bytes, *, color: bool = True) -> Image:
     """Pixels of a PNG or JPEG: (H, W, 3) BGR, or as they are stored; LogError if it is damaged."""
     encoded_size(data)
-    if data.startswith(PNG):
-        _check_png(data)
-    elif b"\xff\xd9" not in data[-64:]:  # some writers pad
-        raise LogError("found a JPEG without an end, it is truncated")
+    fault = fault_of_png(data) if data.startswith(PNG) else None
+    if data.startswith(JPEG) and b"\xff\xd9" not in data[-64:]:  # some writers pad
+        fault = "found a JPEG without an end, it is truncated"
+    if fault:
+        raise LogError(fault)
     # Cameras do not turn; the marks of a photo's orientation are not for these pictures.
     how = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION if color else cv2.IMREAD_UNCHANGED
     try:
@@ -74,21 +72,3 @@ def decode(data: bytes, *, color: bool = True) -> Image:
     if image is None or image.dtype != np.uint8:
         raise LogError("found a picture that cannot be decoded to 8 bits")
     return np.asarray(image, dtype=np.uint8)
-
-
-def _check_png(data: bytes) -> None:
-    """Every chunk's checksum, and that the last is there."""
-    at = len(PNG)
-    while at + 12 <= len(data):
-        (length,) = struct.unpack_from(">I", data, at)
-        end = at + 12 + length
-        if end > len(data):
-            break
-        kind = data[at + 4 : at + 8]
-        (stated,) = struct.unpack_from(">I", data, end - 4)
-        if zlib.crc32(data[at + 4 : end - 4]) != stated:
-            raise LogError(f"found a PNG whose part {kind!r} does not agree with its checksum")
-        if kind == b"IEND":
-            return
-        at = end
-    raise LogError("found a PNG without an end, it is truncated")

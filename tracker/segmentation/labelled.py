@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 
 from tracker.conventions import Image
-from tracker.encoded import stated_size
+from tracker.encoded import PNG, fault_of_png, stated_size
 from tracker.errors import ImageError
 from tracker.files import read_bounded
 from tracker.objects.labels import COLOR_NAMES
@@ -45,6 +45,9 @@ def read_image(path: Path) -> Image:
         content = read_bounded(path, MAX_FILE_SIZE)
     except OSError as error:
         raise ImageError(f"image {path}: cannot be read: {error.strerror or error}") from error
+    # Before pixels are made of them: OpenCV fills what is missing with grey, slowly where sizes are damaged.
+    if content.startswith(PNG) and (fault := fault_of_png(content)):
+        raise ImageError(f"image {path}: {fault}")
     width, height = stated_size(content) or (0, 0)
     if width * height > MAX_PIXELS:
         raise ImageError(f"image {path}: found {width}×{height} px, expected at most {MAX_PIXELS} in all")

@@ -1,0 +1,235 @@
+"""Files damaged at random from a seed, read in a process with limits of memory and time.
+
+A crash of a compiled library, a loop without end and a memory that fills are seen as answers; the process
+is begun anew after each.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import resource
+import signal
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import tracker
+
+SECONDS = 10
+"""Of the processor, for one file."""
+
+BYTES = 3 << 30
+"""Address space of the process, of which its libraries take a third."""
+
+HOSTILE = (
+    *(
+        b"1e999",
+        b"-1",
+        b"nan",
+        b".inf",
+        b"99999999999999999999",
+        b"9" * 5000,
+        b"0x7fffffff",
+        b"true",
+        b"null",
+    ),
+    *(
+        b"[" * 5000,
+        b"{" * 3000,
+        b'"' * 3,
+        b"a: &a [*a, *a]\n",
+        b"!!python/object/apply:os.getcwd []",
+        b"<<: *b",
+    ),
+    *(b"\xff\xfe", b"\0", b"\\ud800", b"\xed\xa0\x80", b"2001-99-99", b"!!bool 2", b"- " * 2000, b"a = " * 9),
+)
+"""Pieces of text that parsers stumble over."""
+
+
+@dataclass(frozen=True)
+class Sample:
+    """A file that is whole, and how it is read."""
+
+    name: str
+    content: bytes
+    reader: str
+    """A key of READERS."""
+    path: Path
+    """Where it is read from; there may be other files beside it that are not damaged."""
+    heads: tuple[tuple[int, int], ...] = field(default=())
+    """Parts [start, end) in which lengths and kinds stand."""
+    text: bool = False
+    """Whether it is text."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What became of a damaged file."""
+
+    seed: int
+    kind: str
+    """`read`, whether or not with an error of the tracker; `raised` another one; `died`."""
+    told: Any
+    """What the reader returned, or what was raised, or the signal."""
+
+
+def damaged(sample: Sample, seed: int) -> bytes:
+    """One of many kinds of damage, always the same for a seed."""
+    rng = np.random.default_rng(seed)
+    data, result = sample.content, bytearray(sample.content)
+    heads = sample.heads or ((0, len(data)),)
+    kinds = ("cut", "flip", "flip head", "overwrite", "overwrite head", "double", "leave out", "zeros")
+    kind = kinds[seed % 8]
+    if sample.text and seed % 2:
+        at, cut = int(rng.integers(len(data))), int(rng.integers(9))
+        return data[:at] + HOSTILE[int(rng.integers(len(HOSTILE)))] + data[at + cut :]
+    start, end = heads[int(rng.integers(len(heads)))] if "head" in kind else (0, len(data))
+    at = int(rng.integers(start, end))
+    if kind == "cut":
+        return data[:at]
+    if kind.startswith("flip"):
+        for place in (at, *rng.integers(start, end, size=int(rng.integers(4)))):
+            result[int(place)] ^= 1 << int(rng.integers(8))
+    elif kind.startswith("overwrite"):
+        value = (0, 1, 2**31 - 1, 2**32 - 1, 2**63 - 1, 2**64 - 1)[int(rng.integers(6))]
+        size = int(rng.choice([1, 2, 4, 8]))
+        result[at : at + size] = value.to_bytes(8, "little")[:size]
+    elif kind == "double":
+        result[at:at] = data[at : at + int(rng.integers(1, 5000))]
+    elif kind == "leave out":
+        del result[at : at + int(rng.integers(1, 5000))]
+    else:
+        result[at : at + 512] = bytes(len(result[at : at + 512]))
+    return bytes(result)
+
+
+def frames_of(path: Path, recover: bool) -> tuple[str | None, list[tuple[int, list[int]]]]:
+    """What is said to be wrong, and of each frame number and checksums of the images."""
+    frames, fault = [], None
+    try:
+        with tracker.open_log(path, recover=recover) as log:
+            for frame in log:
+                images = [zlib.crc32(image) for image in frame.images if image is not None]
+                frames.append((frame.index, images))
+                for pose in (frame.recorded_pose, frame.recorded_filtered_pose):
+                    assert pose is None or np.isfinite([*pose.position, *pose.orientation]).all()
+            fault = log.fault
+            with contextlib.suppress(tracker.TrackerError):
+                _ = log.rig
+    except tracker.TrackerError as error:
+        fault = _one_line(error)
+    return fault, frames
+
+
+def _log(path: Path) -> Any:
+    return [frames_of(path, recover) for recover in (False, True)]
+
+
+def _log_around(path: Path) -> Any:
+    return _log(path.parent)
+
+
+def _log_of_frames(path: Path) -> Any:
+    return _log(path.parent.parent)
+
+
+def _poses(path: Path) -> None:
+    from tracker.logs.poses_file import is_poses_file, read_fingerprint, read_poses
+
+    is_poses_file(path)
+    read_fingerprint(path)
+    read_poses(path)
+
+
+def _picture(path: Path) -> None:
+    from tracker.segmentation.labelled import read_image
+
+    read_image(path)
+
+
+def _arena(path: Path) -> None:
+    from tracker.calibration.arena_file import read_arena
+
+    read_arena(path.parent)
+
+
+def _job_goal(path: Path) -> None:
+    from tracker.tasks.job_goal import read_job_goal
+
+    read_job_goal(path)
+
+
+def _dice_goal(path: Path) -> None:
+    from tracker.tasks.rearrange_dice import read_goal
+
+    read_goal(path)
+
+
+READERS = {
+    "log": _log,
+    "log around": _log_around,
+    "log of frames": _log_of_frames,
+    "poses": _poses,
+    "picture": _picture,
+    "object": tracker.load_object,
+    "arena": _arena,
+    "job goal": _job_goal,
+    "dice goal": _dice_goal,
+    "calibration": lambda path: tracker.CameraRig.load([path]),
+}
+"""What reads a sample; a TrackerError is an answer, too."""
+
+
+def answers_to(samples: Sequence[Sample], variants: int) -> dict[str, list[Answer]]:
+    """What became of each sample in each of its variants."""
+    found: dict[str, list[Answer]] = {sample.name: [] for sample in samples}
+    todo = [(k, seed) for k in range(len(samples)) for seed in range(variants)]
+    context = multiprocessing.get_context("spawn")
+    while todo:
+        receiver, sender = context.Pipe(duplex=False)
+        process = context.Process(target=_read_all, args=(samples, todo, sender))
+        process.start()
+        sender.close()
+        with contextlib.suppress(EOFError):
+            while todo:
+                answer = receiver.recv()
+                found[samples[todo.pop(0)[0]].name].append(answer)
+        process.join()
+        if todo:
+            k, seed = todo.pop(0)
+            found[samples[k].name].append(Answer(seed, "died", process.exitcode))
+    return found
+
+
+def _read_all(samples: Sequence[Sample], todo: Sequence[tuple[int, int]], answers: Any) -> None:
+    resource.setrlimit(resource.RLIMIT_AS, (BYTES, BYTES))
+    signal.signal(signal.SIGPROF, signal.SIG_DFL)  # ends the process
+    for k, seed in todo:
+        sample = samples[k]
+        sample.path.write_bytes(damaged(sample, seed))
+        signal.setitimer(signal.ITIMER_PROF, SECONDS)
+        try:
+            answer = Answer(seed, "read", _read(sample))
+        except BaseException as error:
+            answer = Answer(seed, "raised", repr(error))
+        answers.send(answer)
+    signal.setitimer(signal.ITIMER_PROF, 0)
+    answers.close()
+
+
+def _read(sample: Sample) -> Any:
+    reader = READERS[sample.reader]
+    try:
+        return reader(sample.path) if "log" in sample.reader else bool(reader(sample.path))
+    except tracker.TrackerError as error:
+        return _one_line(error)
+
+
+def _one_line(error: Exception) -> str:
+    assert "\n" not in str(error), f"several lines: {error}"
+    return str(error)
