@@ -67,6 +67,25 @@ def test_files_without_names_come_in_the_cameras_order(detect, tmp_path):
     assert unnamed[0].stderr == ""
 
 
+def test_swapped_pictures_are_told_and_taken_as_they_are(detect, tmp_path, run_here):
+    for number in range(4):
+        (tmp_path / "log" / f"{number:06d}").mkdir(parents=True)
+        for name, other in zip(NAMES, ("camera180", "camera60", "camera300"), strict=True):
+            shutil.copy(
+                DEMO / f"{number:06d}" / f"{other}.jpg", tmp_path / "log" / f"{number:06d}" / f"{name}.jpg"
+            )
+    result, found = detect("--calibration", DEMO, tmp_path / "log")
+    said = "the images of camera60 and camera180 look swapped"
+    assert result.stderr.splitlines() == [f"tracker: warning: {said}"]
+    assert found["pose"] is None or found["pose"]["confidence"] < 0.5
+    tracked = run_here(
+        *("track", tmp_path / "log", "--object", "cube_v2", "--calibration", DEMO, "--quiet"),
+        *("-o", tmp_path / "poses.h5"),
+        folder=tmp_path,
+    )
+    assert tracked.stderr.splitlines() == [f"tracker: warning: {tmp_path / 'log'}: {said}"]
+
+
 def test_a_calibration_of_another_size_is_scaled_where_that_is_asked_for(detect, tmp_path):
     for name in NAMES:
         whole = cv2.imread(str(DEMO / "000003" / f"{name}.jpg"))

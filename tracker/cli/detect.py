@@ -10,6 +10,7 @@ import click
 from tracker.cli.calibration import Cameras, optional_calibration_options
 from tracker.cli.names import colors_option, object_option
 from tracker.cli.pictures import frame_option
+from tracker.cli.swapped import warn_of_pictures
 from tracker.cli.table import listing
 
 if TYPE_CHECKING:
@@ -45,6 +46,8 @@ def detect(
     of the numbers in their names, else that of the files given. 'none' in place of an IMAGE: that camera
     gave none.
 
+    Pictures that fit only in another order of the cameras are told of; they are taken as they are given.
+
     The exit code is 0 also when the object is not found: then there is no pose, and the status says why.
     With --exit-code it is 1.
     """
@@ -63,6 +66,7 @@ def detect(
     if overlay_path is not None:
         viz.write_image(overlay_path, viz.overlay(pictures, rig, model, observation))
     click.echo(_json(model.name, observation) if as_json else _text(model.name, observation))
+    warn_of_pictures(tracker, pictures, observation, rig.names)
     if tell and observation.object_pose is None:
         raise click.exceptions.Exit(1)
 

@@ -13,6 +13,7 @@ from tracker.cli.calibration import Cameras, optional_calibration_options
 from tracker.cli.names import colors_option, object_option
 from tracker.cli.progress import bar
 from tracker.cli.protect import check_suffix, refuse_other_content, refuse_overwriting
+from tracker.cli.swapped import warn_of_recording
 from tracker.cli.table import listing
 from tracker.cli.track_outputs import Outputs, write_film, write_health_page
 from tracker.errors import TrackerError, reason
@@ -129,7 +130,7 @@ def _track_one(log: Path, target: Path, recipe: Recipe, outputs: Outputs, as_jso
     with bar(log.name, last - first, quiet) as progress:
         tracked = run(job, progress)
     result = described(job, tracked)
-    _warn(result)
+    _warn(result, recipe)
     outputs.write(tracked.poses)
     if outputs.video is not None:
         count = len(tracked.poses)
@@ -150,7 +151,8 @@ def _track_all(
     from tracker.recordings.engine import engine
     from tracker.recordings.work import Task, agreed, track_task
 
-    mark = agreed(Recipe.of(options))
+    recipe = Recipe.of(options)
+    mark = agreed(recipe)
     tasks = [Task(str(log), str(path), options, mark) for log, path in zip(logs, targets, strict=True)]
     number = {task.output: k for k, task in enumerate(tasks)}
     results: dict[int, dict[str, Any] | Exception] = {}
@@ -161,29 +163,30 @@ def _track_all(
             done(1)
             while told in results:
                 # Of those that failed the others may well be whole; the exit code tells.
-                failed |= not _tell(results.pop(told), as_json, quiet)
+                failed |= not _tell(results.pop(told), recipe, as_json, quiet)
                 told += 1
     if failed:
         click.get_current_context().exit(2)
 
 
-def _tell(result: dict[str, Any] | Exception, as_json: bool, quiet: bool) -> bool:
+def _tell(result: dict[str, Any] | Exception, recipe: Recipe, as_json: bool, quiet: bool) -> bool:
     """Say what came of a recording; whether that is well."""
     if isinstance(result, Exception):
         if not isinstance(result, (TrackerError, OSError)):
             raise result
         _say(reason(result))
         return False
-    _warn(result)
+    _warn(result, recipe)
     _print(result, as_json, quiet)
     return True
 
 
-def _warn(result: dict[str, Any]) -> None:
+def _warn(result: dict[str, Any], recipe: Recipe) -> None:
     """Say what is wrong with a recording of which some is tracked."""
     if result["fault"] is not None:
         ending = f", the last one is {result['last_frame']}" if result["frames"] else ""
         _say(f"warning: {result['fault']}; tracked {result['frames']} of {result['expected']} frames{ending}")
+    warn_of_recording(result, recipe)
 
 
 def _print(result: dict[str, Any], as_json: bool, quiet: bool) -> None:

@@ -1,0 +1,71 @@
+"""Pictures given to the wrong cameras are told from pictures that are wrong."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+
+import cv2
+import numpy as np
+import pytest
+
+import tracker
+from synthetic.camera.sensor import Sensor
+from tests.helpers import ROOT, look_at
+from tests.helpers.stills import bare_scene, take
+from tracker.upkeep.swapped import lastingly_swapped, swapped, told
+
+STRAIGHT = (0, 1, 2)
+NAMES = ("camera60", "camera180", "camera300")
+
+
+@pytest.fixture(scope="module")
+def demo():
+    """A tracker, and four sets of pictures that come with the package."""
+    with tracker.open_log(ROOT / "tracker" / "demo") as log:
+        return tracker.ObjectTracker(tracker.load_object("cube_v2"), log.rig), [
+            list(log[k].images) for k in (0, 5, 11, 17)
+        ]
+
+
+@pytest.mark.parametrize("order", [order for order in itertools.permutations(STRAIGHT) if order != STRAIGHT])
+def test_the_order_that_fits_is_found(demo, order):
+    one, sets = demo
+    given = [[images[k] for k in order] for images in sets]
+    found = swapped(one, given[0])
+    assert found is not None
+    assert [order[k] for k in found] == list(STRAIGHT)
+    assert lastingly_swapped(one, given) == found
+
+
+def test_nothing_is_said_of_pictures_that_fit_or_that_are_wrong(demo):
+    one, sets = demo
+    assert lastingly_swapped(one, sets) is None
+    for images, other in itertools.pairwise(sets):
+        mirrored = [images[0], np.ascontiguousarray(images[1][:, ::-1]), images[2]]
+        empty = [cv2.GaussianBlur(image, (0, 0), 40) for image in images]
+        for wrong in (images, mirrored, empty, [images[0], None, None], [images[0], images[1], other[2]]):
+            assert swapped(one, wrong) is None
+
+
+def test_a_rig_that_looks_the_same_from_each_camera_cannot_tell(rig):
+    cameras = tuple(
+        dataclasses.replace(
+            rig[0], name=name, camera_from_world=look_at(np.array([0.4 * np.cos(a), 0.4 * np.sin(a), 0.4]))
+        )
+        for name, a in zip(NAMES, np.radians([60.0, 180.0, 300.0]), strict=True)
+    )
+    even, model = tracker.CameraRig(cameras), tracker.load_object("cube_v2")
+    rng = np.random.default_rng(3)
+    images = take(bare_scene(model, rng), cameras, Sensor.realistic(), rng).images
+    one = tracker.ObjectTracker(model, even)
+    for order in ((1, 2, 0), (1, 0, 2)):
+        assert swapped(one, [images[k] for k in order]) is None
+
+
+def test_what_is_said_names_the_cameras():
+    assert told((1, 0, 2), NAMES) == "the images of camera60 and camera180 look swapped"
+    assert told((2, 0, 1), NAMES) == (
+        "the images of camera60, camera180 and camera300 look swapped: camera300's fits as that of camera60, "
+        "camera60's fits as that of camera180, camera180's fits as that of camera300"
+    )
