@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import tracker
+from scripts.site_links import on_page_markdown
 from synthetic.camera.shot import QUALITIES
 from tests.helpers import ROOT
 from tests.helpers.synthetic_needs import skip_without_platform
@@ -155,13 +156,22 @@ def test_every_link_leads_somewhere():
             assert "://" in target or (page.parent / target).exists(), f"{page.name}: {target}"
 
 
+def test_no_link_of_the_site_leads_out_of_it():
+    for page in (ROOT / "docs").glob("*.md"):
+        shown = on_page_markdown(page.read_text(encoding="utf-8"))
+        assert "](../" not in shown, page.name
+    assert on_page_markdown("[all](../benchmarks/results.md)") == "[all](results.md)"
+    assert on_page_markdown("[`a`](../tracker/a.py)") == '<span title="tracker/a.py"><code>a</code></span>'
+
+
 def test_the_readme_is_short():
     assert len(README.split()) <= 900
 
 
 def test_every_page_is_in_the_sites_menu():
     menu = re.findall(r"[\w-]+\.md", (ROOT / "mkdocs.yml").read_text(encoding="utf-8"))
-    assert sorted(menu) == sorted(path.name for path in (ROOT / "docs").glob("*.md"))
+    pages = [path.name for path in (ROOT / "docs").glob("*.md")]
+    assert sorted(menu) == sorted([*pages, "results.md"])  # the report of the benchmarks is one, too
 
 
 def test_the_still_is_the_same_each_time_and_its_error_small(demo, tmp_path, run_script):

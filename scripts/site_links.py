@@ -1,0 +1,33 @@
+"""A hook of MkDocs: the report of the measurements is a page, and names of code, of which the site has no
+pages, are no links there."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+REPORT = Path("benchmarks/results.md")
+OUTSIDE = re.compile(r"\[([^\]]+)\]\(\.\./([^)#]+)[^)]*\)")
+
+
+def _link(found: re.Match[str]) -> str:
+    """A link to a file of the repository that is no page: its words alone, the path when pointed at."""
+    if found[2] == REPORT.as_posix():
+        return f"[{found[1]}]({REPORT.name})"
+    words = re.sub(r"`([^`]+)`", r"<code>\1</code>", found[1])
+    return f'<span title="{found[2]}">{words}</span>'
+
+
+def on_files(files: Any, *, config: Any, **_: Any) -> Any:
+    """The pages, and the report."""
+    from mkdocs.structure.files import File
+
+    root = Path(config["config_file_path"]).parent
+    files.append(File.generated(config, REPORT.name, abs_src_path=str(root / REPORT)))
+    return files
+
+
+def on_page_markdown(markdown: str, **_: Any) -> str:
+    """The page's text with links that lead to a page of the site."""
+    return OUTSIDE.sub(_link, markdown)
