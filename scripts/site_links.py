@@ -1,5 +1,4 @@
-"""A hook of MkDocs: the report of the measurements is a page, and names of code, of which the site has no
-pages, are no links there."""
+"""A hook of MkDocs: the report of the measurements is a page, and names of code are no links."""
 
 from __future__ import annotations
 
