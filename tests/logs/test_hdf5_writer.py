@@ -1,6 +1,9 @@
 from __future__ import annotations
 
 import dataclasses
+import errno
+import os
+import resource
 
 import h5py
 import numpy as np
@@ -13,6 +16,7 @@ from tests.helpers.recording_stubs import tiny_rig
 from tests.logs.test_native import assert_same
 from tracker.errors import LogError
 from tracker.logs.frame import RecordedPose
+from tracker.logs.hdf5_disk import Disk
 from tracker.logs.hdf5_writer import Hdf5LogWriter
 from tracker.logs.pictures import from_bayer, to_bayer
 
@@ -166,3 +170,58 @@ def test_all_that_a_log_of_the_platform_has_is_there_in_its_type_and_shape(real,
 
         theirs.visititems(compare)
     assert len(compared) == 4 + 3 * 3 + 4
+
+
+FULL = """
+import resource, sys
+from tests.helpers.log_writers import make_content
+from tests.helpers.recording_stubs import tiny_rig
+from tracker.errors import LogError
+from tracker.logs.hdf5_writer import Hdf5LogWriter
+content = make_content(25)
+for size in sys.argv[2:]:
+    resource.setrlimit(resource.RLIMIT_FSIZE, (int(size), -1))  # no file may be longer
+    done = 0
+    try:
+        with Hdf5LogWriter(f"{sys.argv[1]}/{size}.h5", tiny_rig(), flush_every=5, name="there.h5") as writer:
+            for raw, stamp in zip(content.raw, content.stamps):
+                writer.append(list(raw), stamp)
+                done += 1
+    except LogError as error:
+        print(size, done, error)
+"""
+
+
+def test_a_full_disk_is_told_and_what_was_flushed_before_stays(tmp_path):
+    """In a process of its own: the HDF5 library ends it where a disk refuses something."""
+    result = run_python(["-c", FULL, tmp_path, 0, 3000, 40_000, 50_000, 60_000], check=True)
+    assert result.stderr == ""
+    flushed = []
+    for line in result.stdout.splitlines():
+        size, done, told = line.split(" ", 2)
+        assert told == "there.h5: cannot be written: File too large"
+        flushed.append(int(done) - int(done) % 5)
+        if flushed[-1]:
+            with tracker.open_log(tmp_path / f"{size}.h5", recover=True) as log:
+                assert [frame.index for frame in log] == list(range(flushed[-1]))
+    assert flushed[:2] == [0, 0]
+    assert flushed[-1] >= 10
+
+
+def test_what_the_disk_refuses_can_be_read_back_from_memory(tmp_path, rng):
+    limits, mirror = resource.getrlimit(resource.RLIMIT_FSIZE), bytearray()
+    with Disk(tmp_path / "file") as disk:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
+        try:
+            for size in rng.integers(1, 500, 60).tolist():
+                at, data = int(rng.integers(len(mirror) + 1)), rng.bytes(size)
+                mirror[at : at + size] = data
+                disk.seek(at)
+                assert disk.write(data) == size
+                back, place = bytearray(700), int(rng.integers(len(mirror)))
+                disk.seek(place)
+                assert back[: disk.readinto(back)] == mirror[place : place + 700]
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        assert disk.seek(0, os.SEEK_END) == len(mirror) > 1000
+        assert disk.fault.errno == errno.EFBIG

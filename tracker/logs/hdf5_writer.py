@@ -15,6 +15,7 @@ from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import LogError
 from tracker.logs.frame import checked_stamp
 from tracker.logs.hdf5 import MAGIC
+from tracker.logs.hdf5_disk import Disk
 from tracker.logs.pictures import to_bayer
 
 VERSION = (2, 1)
@@ -35,6 +36,7 @@ class Hdf5LogWriter:
         frame_rate: of the cameras [Hz], if it is known.
         poses: whether the object's poses are recorded.
         flush_every: frames after which what is there is handed to the operating system; 0: at the end only.
+        name: what the file is called in errors; None: its path.
 
     Raises:
         LogError: there is a file of this name, it cannot be written, or the cameras differ in size.
@@ -48,24 +50,32 @@ class Hdf5LogWriter:
         frame_rate: float | None = None,
         poses: bool = False,
         flush_every: int = 10,
+        name: str | os.PathLike[str] | None = None,
     ) -> None:
+        self._path = os.fspath(path if name is None else name)
         sizes = {(camera.width, camera.height) for camera in rig}
         if len(sizes) != 1:
             found = ", ".join(f"{camera.width}×{camera.height}" for camera in rig)
-            raise LogError(f"{os.fspath(path)}: found cameras of {found} px, expected images of one size")
-        self._path, self._rig, self._flush_every = os.fspath(path), rig, flush_every
+            raise LogError(f"{self._path}: found cameras of {found} px, expected images of one size")
+        self._rig, self._flush_every = rig, flush_every
         self._size = sizes.pop()
         self._count = 0
         try:
-            self._file = h5py.File(self._path, "x")
+            self._disk = Disk(path)
         except FileExistsError:
             raise LogError(f"{self._path}: there is such a file, expected a new one") from None
         except (OSError, ValueError) as error:
             raise self._fault(error) from error
         try:
-            self._begin(frame_rate, poses)
+            self._file = h5py.File(self._disk, "w")
+            try:
+                self._begin(frame_rate, poses)
+                self._check_disk()
+            except BaseException:
+                self._file.close()
+                raise
         except BaseException:
-            self._file.close()
+            self._disk.close()
             raise
 
     def __enter__(self) -> Hdf5LogWriter:
@@ -127,10 +137,8 @@ class Hdf5LogWriter:
         Raises:
             LogError: it cannot take them.
         """
-        try:
-            self._file.flush()
-        except (OSError, RuntimeError) as error:
-            raise self._fault(error) from error
+        self._file.flush()
+        self._check_disk()
 
     def close(self) -> None:
         """Finish the file.
@@ -138,10 +146,10 @@ class Hdf5LogWriter:
         Raises:
             LogError: it cannot be written.
         """
-        try:
+        if self._file:
             self._file.close()
-        except (OSError, RuntimeError) as error:
-            raise self._fault(error) from error
+            self._disk.close()
+            self._check_disk()
 
     def _begin(self, frame_rate: float | None, poses: bool) -> None:
         file, count, (width, height) = self._file, len(self._rig), self._size
@@ -187,11 +195,16 @@ class Hdf5LogWriter:
                 field[self._count] = row
             if self._flush_every and (self._count + 1) % self._flush_every == 0:
                 self._file.flush()
-        except (OSError, RuntimeError, ValueError, TypeError) as error:
+            self._check_disk()
+        except (RuntimeError, ValueError, TypeError, LogError) as error:
             for name in rows:
                 self._file[name].resize(self._count, axis=0)
-            raise self._fault(error) from error
+            raise error if isinstance(error, LogError) else self._fault(error) from error
         self._count += 1
+
+    def _check_disk(self) -> None:
+        if self._disk.fault is not None:
+            raise self._fault(self._disk.fault)
 
     def _raw(self, images: Sequence[Image | None], where: str) -> Array:
         """(C, H, W) raw pixels."""

@@ -31,7 +31,7 @@ def write_hdf5(path: Path, log: Log, rig: CameraRig, progress: Progress) -> None
     with (
         told_as(LogError, path),
         whole_file(path) as temporary,
-        Hdf5LogWriter(temporary, rig, poses=has_poses, flush_every=0) as writer,
+        Hdf5LogWriter(temporary, rig, poses=has_poses, flush_every=0, name=path) as writer,
     ):
         for frame in log:
             images = frame.images if frame.raw is None else frame.raw
