@@ -1,0 +1,117 @@
+"""Places that really take nothing (files may not grow, folders not be written), and inputs that grow."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import resource
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.helpers.log_writers import make_content, write_native
+from tests.helpers.pose_logs import random_poses
+from tests.helpers.recording_stubs import NoiseTracker, tiny_rig, write_log
+from tracker.errors import TrackerError
+from tracker.logs import open_log
+from tracker.logs.exports import write_csv, write_parquet, write_tum
+from tracker.logs.poses_file import read_poses, write_poses
+from tracker.recordings import Options
+from tracker.recordings.batch import Batch, run_batch
+from tracker.recordings.convert import write_folder, write_hdf5
+from tracker.recordings.engine import Here
+from tracker.recordings.tables import state
+
+
+@contextlib.contextmanager
+def no_file_longer_than(size: int) -> Iterator[None]:
+    """As on a disk that is full: a write beyond is refused."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, limits[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+
+
+@pytest.fixture
+def read_only(tmp_path) -> Path:
+    folder = tmp_path / "read_only"
+    folder.mkdir(mode=0o555)
+    # Who may do everything needs a folder of the kernel's own.
+    return Path("/sys") if os.access(folder, os.W_OK) else folder
+
+
+def test_what_the_disk_has_no_room_for_is_told_and_all_else_is_done(tmp_path):
+    for name, frames in (("a", 5), ("b", 300), ("c", 6)):
+        write_log(tmp_path / "in" / name, frames)
+    options = Options("cube_v2", make_tracker=NoiseTracker)
+    one, told = Batch.of([f"{tmp_path}/in/*"], tmp_path / "out", options), []
+    with no_file_longer_than(30_000):
+        run_batch(one, lambda: contextlib.nullcontext(Here()), told.append)
+    assert [result["failure"] and result["failure"].split(": ", 1)[1] for result in told] == [
+        None,
+        "cannot be written: File too large",
+        None,
+    ]
+    found = state(one)
+    assert (len(found.lines), len(found.failures)) == (2, 1)
+    assert len(read_poses(one.folder / one.pairs[2][1])) == 6
+    assert not list((tmp_path / "out").rglob("*.tmp"))
+    told.clear()
+    run_batch(one, lambda: contextlib.nullcontext(Here()), told.append)
+    assert [result and result["failure"] for result in told] == [None] * 3
+    assert len(state(one).lines) == 3
+
+
+WRITERS = {
+    "poses.h5": lambda path, poses, log: write_poses(path, poses),
+    "poses.csv": lambda path, poses, log: write_csv(path, poses),
+    "poses.tum": lambda path, poses, log: write_tum(path, poses),
+    "poses.parquet": lambda path, poses, log: write_parquet(path, poses),
+    "log.h5": lambda path, poses, log: write_hdf5(path, log, tiny_rig(), lambda count: None),
+    "folder": lambda path, poses, log: write_folder(path, log, tiny_rig(), lambda count: None),
+}
+
+
+@pytest.fixture
+def whole(tmp_path, name) -> tuple:
+    if name == "poses.parquet":
+        pytest.importorskip("pyarrow", reason="Parquet: no module pyarrow")
+    log = open_log(write_native(tmp_path / "log", make_content(4)))
+    yield random_poses(np.random.default_rng(0), 400), log
+    log.close()
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_read_only_folder_is_told_in_one_line(name, read_only, whole):
+    with pytest.raises(TrackerError) as raised:
+        WRITERS[name](read_only / name, *whole)
+    assert str(raised.value).startswith(f"{read_only / name}: cannot be written: ")
+    assert "\n" not in str(raised.value)
+    assert not (read_only / name).exists()
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_full_disk_is_told_in_one_line_and_leaves_nothing(name, tmp_path, whole):
+    (tmp_path / "out").mkdir()
+    target = tmp_path / "out" / name
+    with no_file_longer_than(700), pytest.raises(TrackerError) as raised:
+        WRITERS[name](target, *whole)
+    assert "cannot be written" in str(raised.value)
+    assert "File too large" in str(raised.value)
+    assert "\n" not in str(raised.value)
+    assert os.listdir(target.parent) == []
+
+
+@pytest.mark.parametrize("name", ["log.h5", "folder"])
+def test_a_recording_that_grows_while_it_is_converted_is_told(name, tmp_path, whole):
+    poses, log = whole
+    with (tmp_path / "log").open("ab") as file:
+        file.write(b"more")
+    (tmp_path / "out").mkdir()
+    with pytest.raises(TrackerError, match="found bytes after record 3"):
+        WRITERS[name](tmp_path / "out" / name, poses, log)
+    assert os.listdir(tmp_path / "out") == []
