@@ -7,7 +7,7 @@ import numpy as np
 from tracker.compiled import compiled
 from tracker.geometry.linear import factorise, substitute
 from tracker.pose.solve.covariance import DEVIATION_STD
-from tracker.pose.solve.normal import accumulate, residual
+from tracker.pose.solve.normal import EDGE, accumulate, integrate_out, residual
 from tracker.pose.solve.robust import spread
 from tracker.pose.solve.step import EXPONENT, RIM, UNKNOWNS
 
@@ -66,7 +66,7 @@ def see_alone(cameras, unknowns, tuning, prior, work, seen, information, moved):
     matrix, vector = np.empty((UNKNOWNS, UNKNOWNS)), np.empty(UNKNOWNS)
     full, lower = np.empty((UNKNOWNS, UNKNOWNS)), np.empty((UNKNOWNS, UNKNOWNS))
     hold, step, change, since = np.empty(UNKNOWNS), np.empty(UNKNOWNS), np.empty(UNKNOWNS), np.empty(6)
-    edges = np.empty((12, 2))
+    edges = np.empty((12, EDGE))
     hold[:6] = prior
     hold[EXPONENT], hold[RIM] = 1.0 / DEVIATION_STD**2, 1.0 / RIM_STD**2
     for c in range(len(cameras.used)):
@@ -93,13 +93,12 @@ def see_alone(cameras, unknowns, tuning, prior, work, seen, information, moved):
             seen[c].inliers = 0.0
             accumulate(
                 work.strips[c], work.found[c], count, since, here, border, limit,
-                (max(tuning.floor, 0.7 * scatter) * scale) ** 2, trust * unknowns.own[0] * scale**2,
-                matrix, vector, seen[c], edges,
+                (max(tuning.floor, 0.7 * scatter) * scale) ** 2, trust, matrix, vector, seen[c], edges,
             )  # fmt: skip
+            integrate_out(edges, unknowns.own[0] * scale**2, matrix, vector)
             for i in range(UNKNOWNS):
-                vector[i] = trust * vector[i] - hold[i] * step[i]
+                vector[i] -= hold[i] * step[i]
                 for k in range(UNKNOWNS):
-                    matrix[i, k] *= trust
                     full[i, k] = matrix[i, k]
                 full[i, i] += hold[i]
             solved = factorise(full, lower)

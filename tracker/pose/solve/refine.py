@@ -12,13 +12,12 @@ from tracker.geometry.linear import median
 from tracker.pose.edges.offset import Palette, measure
 from tracker.pose.solve.normal import accumulate, residual
 from tracker.pose.solve.robust import spread
+from tracker.pose.solve.sizes import sizes, with_edges
 from tracker.pose.solve.step import (
     EXPONENT,
-    MOVING_SHARE,
     RIM,
     UNKNOWNS,
     blank_step,
-    calibration_share,
     marginal,
     own_changes,
     solve_step,
@@ -34,15 +33,6 @@ MIN_WIDTHS = 4
 
 EXPONENT_STD = 0.5
 """Standard deviation of the response's exponent."""
-
-EXPECTED = 5
-"""Edges' worth of what is expected of the size of their own offsets."""
-
-TAKEN = 12
-"""Edges' worth of these offsets that what is solved for takes up."""
-
-KNOWN = 0.05
-"""Standard deviation of an edge's offset [px] up to which it tells much of how large such offsets are."""
 
 STATED = 1e11
 """Inverse variance of a position from which on a calibration states no errors that it could have a share of
@@ -116,47 +106,22 @@ def trust_of(parts, blur, scale, tuning):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _add_up(cameras, unknowns, tuning, least, scatter, own, work, seen):  # type: ignore[no-untyped-def]
-    """The normal equations of every camera; own: variance of what the pieces of an edge have in common."""
+def _add_up(cameras, unknowns, tuning, least, scatter, work, seen):  # type: ignore[no-untyped-def]
+    """The sums over every camera's strips."""
     limit = max(least, tuning.tukey * scatter)
     for c in range(len(cameras.used)):
-        work.information[c, :, :], work.gradient[c, :], work.edges[c, :, :] = 0.0, 0.0, 0.0
+        work.whole[c, :, :], work.force[c, :], work.edges[c, :, :] = 0.0, 0.0, 0.0
         seen[c].inliers, seen[c].squares = 0.0, 0.0
         if not cameras.used[c]:
             continue
         scale = cameras.scales[c]
-        trust = trust_of(cameras.parts[c], unknowns.blurs[c], scale, tuning)
         accumulate(
             work.strips[c], work.found[c], work.counts[c], work.since[c],
             unknowns.shared[EXPONENT] + unknowns.offsets[c, EXPONENT], unknowns.shared[RIM],
             min(limit * scale, work.reaches[c]), (max(tuning.floor, 0.7 * scatter) * scale) ** 2,
-            trust * own * scale**2, work.information[c], work.gradient[c], seen[c], work.edges[c],
+            trust_of(cameras.parts[c], unknowns.blurs[c], scale, tuning),
+            work.whole[c], work.force[c], seen[c], work.edges[c],
         )  # fmt: skip
-        work.information[c] *= trust
-        work.gradient[c] *= trust
-        for e in range(work.edges.shape[1]):
-            work.edges[c, e, 0] *= trust * scale**2
-            work.edges[c, e, 1] *= trust * scale
-
-
-@compiled
-def own_variance(edges, expected):  # type: ignore[no-untyped-def]
-    """Variance of what the pieces of an edge have in common: what the edges' offsets vary more than noise.
-
-    edges (C, 12, 2): information on the offset of each edge in each camera, and its pull; expected: the
-    variance that counts as that of EXPECTED more edges.
-    """
-    count, total = float(EXPECTED), EXPECTED * expected
-    for c in range(edges.shape[0]):
-        for e in range(edges.shape[1]):
-            if edges[c, e, 0] > 0.0:
-                noise = 1.0 / edges[c, e, 0]
-                # Edges that are known no better than that say little.
-                weight = 1.0 / (1.0 + noise / KNOWN**2) ** 2
-                total += weight * ((edges[c, e, 1] * noise) ** 2 - noise)
-                count += weight
-    # What is solved for takes up some of it.
-    return max(total, 0.25 * EXPECTED * expected) / max(count - TAKEN, 0.5 * count)
 
 
 @compiled
@@ -242,14 +207,13 @@ def settle(cameras, table, prior, box, radius, schedule, tuning, step, unknowns,
     doubtful = False
     for c in range(len(cameras.used)):
         doubtful |= cameras.weights[c, 0, 0] < STATED
-    share, converged = 1.0, False
+    share, stated, converged = 1.0, 1.0, False
     while step < len(schedule.blur) and not converged:
         before = unknowns.rotation.copy(), unknowns.position.copy()
         measure_all(cameras, unknowns, schedule, step, work)
         scatter = take_stock(cameras, unknowns, tuning, work, seen)
         rough = schedule.blur[step] > 0.0
-        # Only once the cameras have come to terms is what is left the edges' own, and does a table not keep
-        # the pose from where they see it.
+        # Only once the cameras have come to terms does a table not keep the pose from where they see it.
         late = step > 0 and schedule.blur[step - 1] == 0.0
         for turn in range(tuning.rounds):
             pull[EXPONENT] = (LIKELY.exponent - unknowns.shared[EXPONENT]) / EXPONENT_STD**2
@@ -259,13 +223,14 @@ def settle(cameras, table, prior, box, radius, schedule, tuning, step, unknowns,
                 for k in range(UNKNOWNS, n):
                     pull[i] -= priors[i, k] * unknowns.shared[k]
             equations = (work.information, work.gradient, unknowns.offsets, cameras.weights, cameras.delays)
-            if turn == 0 and doubtful and not rough:
-                # How far the cameras disagree is judged as if edges were where they should be.
-                _add_up(cameras, unknowns, tuning, schedule.tukey[step], scatter, tuning.own**2, work, seen)
-                share = calibration_share(equations, MOVING_SHARE, priors, pull, found)
-            _add_up(cameras, unknowns, tuning, schedule.tukey[step], scatter, unknowns.own[0], work, seen)
-            if late:
-                unknowns.own[0] = own_variance(work.edges, tuning.own**2)
+            _add_up(cameras, unknowns, tuning, schedule.tukey[step], scatter, work, seen)
+            if turn == 0 and not rough:
+                # Only once the cameras have come to terms is what is left the edges' own.
+                own = 0.0 if late else unknowns.own[0]
+                share, stated, unknowns.own[0] = sizes(
+                    cameras, equations, doubtful, own, priors, pull, work, found
+                )
+            with_edges(cameras, work, unknowns.own[0])
             if not np.isfinite(solve_step(equations, share, priors, pull, found)):
                 return False, len(schedule.blur), 0.0
             if table.known and late:
@@ -275,11 +240,10 @@ def settle(cameras, table, prior, box, radius, schedule, tuning, step, unknowns,
         whole = late and schedule.every[step] == 1
         converged = whole and _length(before, unknowns, found.known) < schedule.negligible[step]
         step += 1
-        if converged and doubtful:
-            _add_up(cameras, unknowns, tuning, schedule.tukey[step - 1], scatter, tuning.own**2, work, seen)
-            share = calibration_share(equations, 0, priors, pull, found)
-            _add_up(cameras, unknowns, tuning, schedule.tukey[step - 1], scatter, unknowns.own[0], work, seen)
-            solve_step(equations, share, priors, pull, found)
+        if converged:
+            _add_up(cameras, unknowns, tuning, schedule.tukey[step - 1], scatter, work, seen)
+            with_edges(cameras, work, unknowns.own[0])
+            solve_step(equations, stated, priors, pull, found)
             if table.known:
                 stands = lean(table, box.half, unknowns.rotation, unknowns.position, found, columns, less)
         if not marginal(found.known, covariance):

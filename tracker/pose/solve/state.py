@@ -9,6 +9,7 @@ import numpy as np
 from tracker.conventions import Array, FloatArray
 from tracker.pose.edges.offset import OFFSET, scratch
 from tracker.pose.edges.strips import MAX_STRIPS, STRIP
+from tracker.pose.solve.normal import EDGE
 from tracker.pose.solve.step import UNKNOWNS
 
 PIXELS = 1 << 14
@@ -83,7 +84,11 @@ class Workspace(NamedTuple):
     gradient: FloatArray
     """(C, UNKNOWNS) … their right side."""
     edges: FloatArray
-    """(C, 12, 2) information on each edge's own offset [1/px² at reference size], and its pull."""
+    """(C, 12, EDGE) sums over each edge's strips."""
+    whole: FloatArray
+    """(C, UNKNOWNS, UNKNOWNS) normal equations where edges have no offsets of their own, and …"""
+    force: FloatArray
+    """(C, UNKNOWNS) … their right side."""
     scratch: Array
     """(1,) of `offset.SCRATCH`."""
 
@@ -103,6 +108,8 @@ def workspace(cameras: int) -> Workspace:
         np.empty(MAX_STRIPS),
         np.zeros((cameras, UNKNOWNS, UNKNOWNS)),
         np.zeros((cameras, UNKNOWNS)),
-        np.zeros((cameras, 12, 2)),
+        np.zeros((cameras, 12, EDGE)),
+        np.zeros((cameras, UNKNOWNS, UNKNOWNS)),
+        np.zeros((cameras, UNKNOWNS)),
         scratch(),
     )

@@ -164,43 +164,6 @@ def own_changes(step, delays):  # type: ignore[no-untyped-def]
                 step.changes[c, i] -= step.reduced[c, i, k] * change
 
 
-SHARES = np.array([100.0, 30.0, 10.0, 3.0, 1.0, 0.3, 0.1, 0.03, 0.01, 0.003, 0.001])
-"""Shares of the stated calibration variance that the cameras' agreement is asked about; above 1 the cameras
-disagree more than their files state."""
-
-SHARES_PRIOR = np.array([0.02, 0.03, 0.04, 0.05, 0.26, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1])
-"""Probability of each before the cameras are asked."""
-
-MOVING_SHARE = 3
-"""Number of the largest share under which a pose moves: with looser cameras an object that is not quite its
-model would be taken for cameras that are off. How uncertain the pose is, may rest on larger ones."""
-
-
-@compiled
-def calibration_share(equations, first, prior, pull, step):  # type: ignore[no-untyped-def]
-    """Mean share of the stated calibration variance that explains how well the cameras agree.
-
-    See equation (18) of docs/how-it-works.md.
-    Arguments as of `solve_step`; `step` is work space here. The shares are weighted with their
-    marginal likelihood (empirical Bayes): a calibration is often better than its file fears, and with
-    offsets held smaller the cameras' exact directions count more than their coarse depths.
-    """
-    doubts = np.full(len(SHARES), np.inf)
-    for k in range(first, len(SHARES)):
-        doubts[k] = solve_step(equations, SHARES[k], prior, pull, step)
-    least = np.inf
-    for k in range(first, len(SHARES)):
-        least = min(least, doubts[k])
-    if not np.isfinite(least):
-        return 1.0
-    total, mean = 0.0, 0.0
-    for k in range(first, len(SHARES)):
-        weight = SHARES_PRIOR[k] * math.exp(-0.5 * (doubts[k] - least))
-        total += weight
-        mean += weight * SHARES[k]
-    return mean / total
-
-
 @compiled
 def marginal(known, covariance):  # type: ignore[no-untyped-def]
     """Covariance (6, 6) of the pose where all else is unknown; known (n, n). False where there is none.

@@ -1,0 +1,148 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tracker.pose.solve.normal import EDGE, KNOWN, PULL, ROW, integrate_out, unlikely
+from tracker.pose.solve.sizes import (
+    MOVING_SHARE,
+    SHARED,
+    SHARES,
+    SHARES_PRIOR,
+    WEAR,
+    WEAR_PRIOR,
+    sizes,
+)
+from tracker.pose.solve.state import Cameras, workspace
+from tracker.pose.solve.step import EXPONENT, OWN, UNKNOWNS, blank_step
+
+CAMERAS, EDGES, PIECES = 3, 9, 6
+
+
+class Problem:
+    """Measurements as they come about: unknowns from their prior, offsets of cameras and edges, noise."""
+
+    NOISE = 0.05
+    """[px]"""
+
+    def __init__(
+        self, rng: np.random.Generator, share: float, wear: float = 0.0, cameras: int = CAMERAS
+    ) -> None:
+        self.count = cameras
+        self.rows = 3.0 * self.NOISE * rng.normal(size=(cameras, EDGES * PIECES, UNKNOWNS))
+        self.roots = np.zeros((cameras, OWN, OWN))
+        self.roots[:, :6, :6] = 0.7 * rng.normal(size=(cameras, 6, 6)) + np.eye(6)
+        self.roots[:, EXPONENT, EXPONENT] = rng.uniform(0.5, 2.0, cameras)
+        self.prior = np.diag(rng.uniform(0.5, 2.0, UNKNOWNS))
+        self.prior[:6] *= 1e-2  # hardly known before, next to cameras that are known well
+        unknown = rng.normal(size=UNKNOWNS) / np.sqrt(np.diag(self.prior))
+        self.residuals = np.zeros((cameras, EDGES * PIECES))
+        for c in range(cameras):
+            moved = unknown.copy()
+            held = self.roots[c] / np.sqrt([[share]] * 6 + [[1.0]])
+            moved[:OWN] += np.linalg.solve(held, rng.normal(size=OWN))
+            own = np.sqrt(wear) * rng.normal(size=EDGES).repeat(PIECES)
+            self.residuals[c] = self.rows[c] @ moved + own + self.NOISE * rng.normal(size=EDGES * PIECES)
+
+    def sizes(self, own: float = 0.0, *, doubtful: bool = True) -> tuple[float, float, float]:
+        n, weight = self.count, 1.0 / self.NOISE**2
+        work = workspace(n)
+        work.whole[:] = weight * np.einsum("cri,crj->cij", self.rows, self.rows)
+        work.force[:] = weight * np.einsum("cri,cr->ci", self.rows, self.residuals)
+        for c in range(n):
+            work.edges[c] = sums(self.rows[c], self.residuals[c], weight)
+        weights = np.einsum("cki,ckj->cij", self.roots, self.roots)
+        cameras = Cameras(
+            np.ones(n, bool), np.ones(n), np.ones(n, np.int64), np.zeros((n, 3, 256), np.int32),
+            np.zeros((1, 1), np.float32), weights, 0.9, np.zeros((n, 6)), np.zeros(n), np.zeros((6, 6)),
+        )  # fmt: skip
+        equations = (work.information, work.gradient, np.zeros((n, OWN)), weights, cameras.delays)
+        return sizes(
+            cameras, equations, doubtful, own, self.prior, np.zeros(UNKNOWNS), work, blank_step(n, UNKNOWNS)
+        )
+
+
+def sums(rows: np.ndarray, residuals: np.ndarray, weight: float) -> np.ndarray:
+    """(12, EDGE) of pieces that follow each other edge by edge."""
+    edges = np.zeros((12, EDGE))
+    for e in range(EDGES):
+        of = slice(e * PIECES, (e + 1) * PIECES)
+        edges[e, KNOWN], edges[e, PULL] = weight * PIECES, weight * residuals[of].sum()
+        edges[e, ROW:] = weight * rows[of].sum(axis=0)
+    return edges
+
+
+@pytest.mark.parametrize("own", [1e-4, 0.01, 4.0])
+def test_edges_offsets_are_integrated_out_as_if_their_pieces_were_correlated(rng, own):
+    rows, residuals = rng.normal(size=(EDGES * PIECES, UNKNOWNS)), rng.normal(size=EDGES * PIECES)
+    weight = 2.5
+    matrix, vector = weight * rows.T @ rows, weight * rows.T @ residuals
+    edges = sums(rows, residuals, weight)
+    integrate_out(edges, own, matrix, vector)
+    spread = np.kron(np.eye(EDGES), np.full((PIECES, PIECES), own)) + np.eye(EDGES * PIECES) / weight
+    np.testing.assert_allclose(matrix, rows.T @ np.linalg.solve(spread, rows), rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(vector, rows.T @ np.linalg.solve(spread, residuals), rtol=1e-9, atol=1e-9)
+    expected = np.linalg.slogdet(weight * spread)[1] + residuals @ np.linalg.solve(spread, residuals)
+    assert unlikely(edges, own) == pytest.approx(expected - weight * residuals @ residuals)
+
+
+def test_share_is_high_where_cameras_disagree_and_low_where_they_agree(rng):
+    disagreeing = [Problem(rng, 1.0).sizes()[1] for _ in range(60)]
+    agreeing = [Problem(rng, 0.001).sizes()[1] for _ in range(60)]
+    assert np.median(disagreeing) > 0.8
+    assert np.median(agreeing) < 0.02
+    assert np.quantile(agreeing, 0.95) < np.quantile(disagreeing, 0.05)
+
+
+@pytest.mark.parametrize("share", [0.001, 1.0])
+def test_worn_edges_are_told_from_cameras_that_are_off(rng, share):
+    sharp = [Problem(rng, share).sizes() for _ in range(60)]
+    worn = [Problem(rng, share, 0.2**2).sizes() for _ in range(60)]
+    own = np.array([found[2] for found in worn]) / SHARED
+    assert np.median(own) == pytest.approx(0.2**2, rel=0.4)
+    assert np.quantile([found[2] for found in sharp], 0.95) < np.quantile(SHARED * own, 0.05)
+    low, high = np.quantile([found[1] for found in worn], [0.25, 0.75])
+    assert low / 10 < share < 10 * high
+
+
+def test_sizes_are_unbiased_over_their_prior(rng):
+    # The mean of a posterior: no function of it tells on average which way the truth deviates.
+    shares = rng.choice(SHARES, p=SHARES_PRIOR, size=1500)
+    wears = rng.choice(WEAR, p=WEAR_PRIOR, size=1500)
+    found = np.array([Problem(rng, *truth).sizes() for truth in zip(shares, wears, strict=True)])
+    assert ((found[:, 1] >= SHARES.min()) & (found[:, 1] <= SHARES.max())).all()
+    for truth, mean in ((shares, found[:, 1]), (wears, found[:, 2] / SHARED)):
+        for test in (np.ones_like(mean), mean, np.log(mean)):
+            off = (truth - mean) * test
+            assert abs(off.mean()) < 3 * off.std() / np.sqrt(len(off))
+
+
+def test_a_pose_moves_under_no_share_that_is_larger_than_that(rng):
+    for share in (100.0, 1.0, 0.001):
+        moving, mean, _ = Problem(rng, share).sizes()
+        assert SHARES.min() <= moving <= min(SHARES[MOVING_SHARE], mean + 1e-12)
+
+
+def test_one_camera_does_not_tell_its_share(rng):
+    moving, mean, _ = Problem(rng, 0.01, cameras=1).sizes()
+    assert mean == pytest.approx(SHARES @ SHARES_PRIOR)
+    assert moving == pytest.approx(np.average(SHARES[MOVING_SHARE:], weights=SHARES_PRIOR[MOVING_SHARE:]))
+
+
+def test_what_is_known_of_the_edges_is_kept(rng):
+    assert Problem(rng, 1.0, 0.2**2).sizes(own=0.03**2)[2] == pytest.approx(0.03**2)
+
+
+def test_equations_that_cannot_be_solved_say_nothing(rng):
+    problem = Problem(rng, 1.0)
+    problem.rows[:], problem.roots[1] = 0, 0
+    assert problem.sizes() == (1.0, 1.0, WEAR[0])
+
+
+def test_probabilities_sum_to_one():
+    assert SHARES_PRIOR.sum() == pytest.approx(1)
+    assert WEAR_PRIOR.sum() == pytest.approx(1)
+    assert len(SHARES) == len(SHARES_PRIOR)
+    assert len(WEAR) == len(WEAR_PRIOR)
+    assert (np.diff(SHARES) < 0).all()
+    assert (np.diff(WEAR) > 0).all()
