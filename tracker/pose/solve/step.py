@@ -67,8 +67,10 @@ def _eliminate(equations, c, share, own, factor, force, change, reduced):  # typ
     if not factorise(own, factor):
         return np.inf
     substitute(factor, force, change)
+    blind = True
     for i in range(OWN):
         doubt += 2.0 * math.log(factor[i, i]) - force[i] * change[i]
+        blind = blind and information[c, i, i] == 0.0
     column = np.empty(OWN)
     for k in range(UNKNOWNS):
         for i in range(OWN):
@@ -76,7 +78,7 @@ def _eliminate(equations, c, share, own, factor, force, change, reduced):  # typ
         substitute(factor, column, column)
         for i in range(OWN):
             reduced[i, k] = column[i]
-    return doubt
+    return 0.0 if blind else doubt  # else rounding would have it say something
 
 
 @compiled
