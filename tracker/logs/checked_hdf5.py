@@ -67,8 +67,12 @@ def open_file(path: str | os.PathLike[str]) -> h5py.File:
     return h5py.File(path, "r", locking=False)
 
 
+class TooLong(LogError):
+    """There is more than the file's head says."""
+
+
 def check_stated_end(path: Path) -> None:
-    """LogError if the file is not as long as its head says; the library sees only if it is too short."""
+    """LogError if the file is shorter than its head says, TooLong if it is longer."""
     try:
         with path.open("rb") as file:
             head = file.read(64)
@@ -82,7 +86,8 @@ def check_stated_end(path: Path) -> None:
         return
     (stated,) = struct.unpack_from("<Q", head, offset)
     if stated != size:
-        raise LogError(f"{path}: found {size} bytes, expected the {stated} that the file states")
+        text = f"{path}: found {size} bytes, expected the {stated} that the file states"
+        raise TooLong(text) if size > stated else LogError(text)
 
 
 def find(file: Any, name: str, where: str) -> h5py.Dataset | None:

@@ -15,6 +15,7 @@ from tracker.errors import LogError
 from tracker.logs.checked_hdf5 import (
     MAX_CHUNK,
     Rows,
+    TooLong,
     check_stated_end,
     faults_as_log_errors,
     find,
@@ -31,14 +32,21 @@ MAGIC = 0x3CDA7A00
 VERSIONS = (1, 2)
 MAX_CAMERAS = 16
 
+FLUSHED = "frames_flushed"
+"""Attribute of a log of this project that is still written, or whose writer was killed: how many frames were
+handed over as a whole. What comes after them is left out."""
+
 
 class Hdf5Source(Source):
     """An HDF5 log; of each field a block at a time is in memory."""
 
     def __init__(self, path: Path, *, recover: bool) -> None:
         super().__init__(path)
+        end_fault: LogError | None = None
         try:
             check_stated_end(path)
+        except TooLong as error:  # as a killed writer leaves it, if it is one's
+            end_fault = error
         except LogError as error:
             if not recover:
                 raise
@@ -48,6 +56,11 @@ class Hdf5Source(Source):
         try:
             # Every property of a damaged field may raise.
             with faults_as_log_errors(str(path)):
+                self._flushed = self._attribute(FLUSHED)
+                if end_fault is not None:
+                    if self._flushed is None and not recover:
+                        raise end_fault
+                    self.opening_fault = str(end_fault)
                 self._open(recover)
         except BaseException:
             self.close()
@@ -83,6 +96,10 @@ class Hdf5Source(Source):
         counts = {len(field) for field in [*fields, self._confidence, self._has_pose] if field is not None}
         counts.add(self._images.count)
         self.count = min(counts)
+        if self._flushed is not None and self._flushed <= self.count:
+            self.count = self._flushed
+            self.opening_fault = f"{self.path}: its writer was ended before it had finished the file"
+            return
         if len(counts) > 1:
             text = f"{self.path}: found fields of {sorted(counts)} frames, expected one number"
             if not recover:

@@ -14,7 +14,7 @@ from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import LogError
 from tracker.logs.frame import checked_stamp
-from tracker.logs.hdf5 import MAGIC
+from tracker.logs.hdf5 import FLUSHED, MAGIC
 from tracker.logs.hdf5_disk import Disk
 from tracker.logs.pictures import to_bayer
 
@@ -28,7 +28,8 @@ _GZIP = 1  # raw pixels are mostly noise: higher levels save one per cent and ta
 class Hdf5LogWriter:
     """A log that grows by one frame at a time; a context manager.
 
-    Frames that have been flushed can be read even if the process is killed afterwards.
+    Frames that have been flushed can be read even if the process is killed afterwards: the attribute
+    FLUSHED says how many they are, as long as the file is not finished.
 
     Args:
         path: a file that does not exist yet.
@@ -137,7 +138,7 @@ class Hdf5LogWriter:
         Raises:
             LogError: it cannot take them.
         """
-        self._file.flush()
+        self._flush()
         self._check_disk()
 
     def close(self) -> None:
@@ -147,9 +148,14 @@ class Hdf5LogWriter:
             LogError: it cannot be written.
         """
         if self._file:
+            del self._file.attrs[FLUSHED]
             self._file.close()
             self._disk.close()
             self._check_disk()
+
+    def _flush(self) -> None:
+        self._file.attrs.modify(FLUSHED, np.uint64(self._count))
+        self._file.flush()
 
     def _begin(self, frame_rate: float | None, poses: bool) -> None:
         file, count, (width, height) = self._file, len(self._rig), self._size
@@ -159,6 +165,7 @@ class Hdf5LogWriter:
             ("num_cameras", count), ("image_width", width), ("image_height", height),
         ):  # fmt: skip
             file.attrs.create(name, value, dtype=np.uint32)
+        file.attrs.create(FLUSHED, 0, dtype=np.uint64)
         shape = (count, height, width)
         file.create_dataset(
             "images", (0, *shape), np.uint8, maxshape=(None, *shape), chunks=(1, *shape),
@@ -193,14 +200,18 @@ class Hdf5LogWriter:
                 field = self._file[name]
                 field.resize(self._count + 1, axis=0)
                 field[self._count] = row
-            if self._flush_every and (self._count + 1) % self._flush_every == 0:
-                self._file.flush()
-            self._check_disk()
+            self._count += 1
+            try:
+                if self._flush_every and self._count % self._flush_every == 0:
+                    self._flush()
+                self._check_disk()
+            except BaseException:
+                self._count -= 1
+                raise
         except (RuntimeError, ValueError, TypeError, LogError) as error:
             for name in rows:
                 self._file[name].resize(self._count, axis=0)
             raise error if isinstance(error, LogError) else self._fault(error) from error
-        self._count += 1
 
     def _check_disk(self) -> None:
         if self._disk.fault is not None:
