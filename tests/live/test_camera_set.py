@@ -39,6 +39,9 @@ class Scripted:
             raise act
         return Picture(act, time.time())
 
+    def settings(self):
+        return {"Gain": float(self.opened)}
+
     def close(self):
         self.closed += 1
 
@@ -227,3 +230,10 @@ def test_a_source_that_is_none_is_refused(source, words, rig):
     with pytest.raises(LiveError) as error:
         open_cameras(source, rig)
     assert all(word in str(error.value) for word in words)
+
+
+def test_what_cameras_are_set_to_is_known_once_they_are_open():
+    cameras = set_of(Scripted(), Scripted())
+    shots(cameras, 1)
+    assert cameras.settings == ({"Gain": 1.0}, {"Gain": 1.0})
+    cameras.close()

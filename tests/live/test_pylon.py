@@ -70,6 +70,12 @@ def test_settings_are_read_back(camera):
     }
 
 
+def test_what_a_camera_is_set_to_is_told(camera):
+    told = camera.settings()
+    assert (told["ExposureTime"], told["PixelFormat"]) == (1500.0, "BayerRG8")
+    assert "Gain" in told
+
+
 def test_a_failed_buffer_is_one_picture_that_is_missing(camera):
     camera.grab(2.0)
     camera._camera.ForceFailedBufferCount.Value = 1

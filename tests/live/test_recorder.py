@@ -7,6 +7,7 @@ import sys
 import threading
 import time
 
+import h5py
 import numpy as np
 import pytest
 
@@ -63,6 +64,27 @@ def test_colours_are_kept_as_such_a_sensor_measures_them_and_poses_go_with_them(
     assert first.recorded_pose.position[0] == 0.05
     assert second.recorded_pose is None
     assert not second.raw[0].any()
+
+
+def test_what_cameras_were_set_to_is_kept(tmp_path, run_here):
+    settings = ({"ExposureTime": 1500.0, "Gain": 0}, {"BalanceWhiteAuto": "Off", "Gamma": float("nan")}, {})
+    recorder = Recorder(tmp_path / "log.h5", RIG, lambda: settings)
+    recorder(moment(0, images(1)))
+    recorder.close()
+    with tracker.open_log(tmp_path / "log.h5") as log:
+        assert log.settings == {"camera60": settings[0], "camera180": {"BalanceWhiteAuto": "Off"}}
+    told = run_here("info", tmp_path / "log.h5").stdout
+    assert "camera60 ExposureTime 1500.0, Gain 0" in told
+
+
+def test_settings_that_are_damaged_are_refused(tmp_path):
+    record(tmp_path / "log.h5", [moment(0, images(1))])
+    for content in (b"[1]", b'{"Gain": NaN}', b"{", b'{"Gain": {}}'):
+        with h5py.File(tmp_path / "log.h5", "a") as file:
+            file.pop("camera_info/camera60/settings", None)
+            file["camera_info/camera60/settings"] = np.frombuffer(content, np.uint8)
+        with tracker.open_log(tmp_path / "log.h5") as log, pytest.raises(LogError, match="camera60/settings"):
+            _ = log.settings
 
 
 def test_nothing_is_written_before_there_is_a_picture(tmp_path):

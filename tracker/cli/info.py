@@ -65,6 +65,7 @@ def _of_log(path: Path, log: Log) -> dict[str, Any]:
         "recorded_poses": poses,
         "episodes": len(log.episode_starts),
         **_calibration(path, log),
+        "settings": {name: dict(values) for name, values in log.settings.items()},
         "fault": log.fault,
     }
 
@@ -125,5 +126,5 @@ def _shown(value: Any) -> str:
     if isinstance(value, list):
         return ", ".join(map(str, value))
     if isinstance(value, dict):
-        return ", ".join(f"{name} {count}" for name, count in value.items()) or "none"
+        return ", ".join(f"{name} {_shown(one)}" for name, one in value.items()) or "none"
     return "none" if value is None else str(value)

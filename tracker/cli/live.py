@@ -131,7 +131,7 @@ def live(
     with contextlib.ExitStack() as stack:
         stack.callback(given.close)  # where what follows fails; a second time it does nothing
         listeners: list[Callable[[Moment], None]] = [told.hear]
-        recorder = _recorder(record, rig, stack)
+        recorder = _recorder(record, rig, given, stack)
         listeners += [one for one in (recorder, _publisher(publish, public, stack)) if one is not None]
         rerun_view = _rerun_view(rrd, rig, model, stack) if view or rrd else None
         listeners += [] if rerun_view is None else [rerun_view]
@@ -196,14 +196,14 @@ def _source(
     return live.Replay(log, speed=speed), rig
 
 
-def _recorder(path: Path | None, rig: CameraRig, stack: contextlib.ExitStack) -> Any:
+def _recorder(path: Path | None, rig: CameraRig, source: Source, stack: contextlib.ExitStack) -> Any:
     if path is None:
         return None
     from tracker.live.recorder import Recorder
 
     if path.suffix.lower() not in (".h5", ".hdf5"):
         raise click.UsageError(f"--record {path}: found suffix {path.suffix!r}, expected .h5")
-    recorder = Recorder(path, rig)
+    recorder = Recorder(path, rig, lambda: getattr(source, "settings", ()))
     stack.callback(recorder.close)
     return recorder
 

@@ -8,6 +8,7 @@ from typing import Protocol
 from tracker.conventions import Image
 from tracker.errors import LiveError
 from tracker.live.shot import SourceEnded
+from tracker.logs.source import Settings as Settings
 
 
 class CameraLost(LiveError):
@@ -46,6 +47,9 @@ class Camera(Protocol):
             CameraLost: there will be none.
             CameraEnded: there are no more.
         """
+
+    def settings(self) -> Settings:
+        """What it is set to now: exposure, gain, white balance, as far as it tells them."""
 
     def close(self) -> None:
         """Free it."""

@@ -5,14 +5,14 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
 
 from tracker.conventions import Image
 from tracker.errors import LiveError
-from tracker.live.camera import Camera, CameraEnded, CameraLost, Picture
+from tracker.live.camera import Camera, CameraEnded, CameraLost, Picture, Settings
 from tracker.live.shot import Shot
 from tracker.logs.pictures import from_bayer
 
@@ -43,6 +43,8 @@ class _Slot:
     there: bool = False
     """Whether the camera is open."""
     ended: bool = False
+    settings: Settings = field(default_factory=dict)
+    """What it was set to when it was opened last."""
 
 
 class CameraSet:
@@ -112,6 +114,12 @@ class CameraSet:
                 for slot in self._slots
             ]
         return self._shot(answers)
+
+    @property
+    def settings(self) -> tuple[Settings, ...]:
+        """What each camera was set to when it was opened last; empty of one that never was."""
+        with self._changed:
+            return tuple(slot.settings for slot in self._slots)
 
     def close(self) -> None:
         """See `Source`."""
@@ -185,6 +193,7 @@ class CameraSet:
     def _opened(self, slot: _Slot, opener: Callable[[], Camera]) -> Camera | None:
         try:
             camera = opener()
+            settings = camera.settings()
         except Exception as error:
             with self._changed:
                 slot.fault = " ".join(str(error).split())
@@ -193,6 +202,7 @@ class CameraSet:
             return None
         with self._changed:
             slot.answered, slot.fault, slot.there = self._asked - 1, None, True
+            slot.settings = settings
             self._changed.notify_all()
         return camera
 

@@ -11,6 +11,15 @@ import numpy as np
 from tracker.errors import LiveError
 from tracker.live.camera import CameraEnded, CameraLost, Picture
 
+_KEPT = {
+    "exposure": cv2.CAP_PROP_EXPOSURE,
+    "auto_exposure": cv2.CAP_PROP_AUTO_EXPOSURE,
+    "gain": cv2.CAP_PROP_GAIN,
+    "gamma": cv2.CAP_PROP_GAMMA,
+    "auto_white_balance": cv2.CAP_PROP_AUTO_WB,
+    "white_balance_temperature": cv2.CAP_PROP_WB_TEMPERATURE,
+}
+
 
 class OpenCvCamera:
     """A camera by its number, a film by its file, or a stream by its address.
@@ -44,6 +53,10 @@ class OpenCvCamera:
         if image.ndim == 2:
             image = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
         return Picture(np.asarray(image, np.uint8), stamp)
+
+    def settings(self) -> dict[str, str | int | float | bool]:
+        """See `Camera`; what OpenCV tells of it, in the units of its driver."""
+        return {name: self._capture.get(number) for name, number in _KEPT.items()}
 
     def close(self) -> None:
         """See `Camera`."""

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
 
 from tracker.errors import LiveError, install
-from tracker.live.camera import CameraLost, GrabFailed, Picture
+from tracker.live.camera import CameraLost, GrabFailed, Picture, Settings
 
-Settings = Mapping[str, str | int | float | bool]
-"""Values of a camera's features by their GenICam names, e.g. {"ExposureTime": 1500.0, "Gain": 0.0}."""
+KEPT = (
+    "DeviceSerialNumber", "PixelFormat", "ExposureTime", "ExposureAuto", "Gain", "GainAuto", "Gamma",
+    "BlackLevel", "BalanceWhiteAuto",
+)  # fmt: skip
+"""Features that are told of every camera that has them; white balance has a ratio for each colour besides."""
 
+_RATIOS = ("Red", "Green", "Blue")
 _AS_THEY_ARE, _TURNED = slice(None), slice(None, None, -1)
 _COLORS = {
     "BayerRG8": None,
@@ -45,6 +50,7 @@ class PylonCamera:
     def __init__(self, serial: str, settings: Settings | None = None) -> None:
         pylon = _pylon()
         self._pylon, self.serial = pylon, serial
+        self._names = tuple(settings or {})
         info = pylon.DeviceInfo()
         info.SetSerialNumber(serial)
         try:
@@ -95,6 +101,18 @@ class PylonCamera:
             result.Release()
         order = _COLORS[self.format]
         return Picture(array if order is None else np.ascontiguousarray(array[:, :, order]), stamp)
+
+    def settings(self) -> dict[str, str | int | float | bool]:
+        """See `Camera`; of KEPT and all that it was set to, by GenICam names."""
+        found: dict[str, str | int | float | bool] = {}
+        for name in dict.fromkeys((*KEPT, *self._names)):
+            with contextlib.suppress(Exception):  # it has no such feature, or does not tell it
+                found[name] = getattr(self._camera, name).Value
+        for color in _RATIOS:
+            with contextlib.suppress(Exception):
+                self._camera.BalanceRatioSelector.Value = color
+                found[f"BalanceRatio[{color}]"] = self._camera.BalanceRatio.Value
+        return found
 
     def read_back(self, names: Sequence[str]) -> dict[str, Any]:
         """What features of the camera are set to."""

@@ -5,10 +5,12 @@ from __future__ import annotations
 import queue
 import threading
 import time
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from tracker.calibration.rig import CameraRig
 from tracker.errors import LiveError, TrackerError
+from tracker.live.camera import Settings
 from tracker.live.live import Moment
 from tracker.logs.hdf5_writer import Hdf5LogWriter
 
@@ -30,17 +32,20 @@ class Recorder:
     Args:
         path: a file that does not exist yet.
         rig: the cameras.
+        settings: tells what each camera is set to when the recording begins, which is kept with it.
 
     Raises:
         LiveError: there is such a file, or no folder for it.
     """
 
-    def __init__(self, path: Path, rig: CameraRig) -> None:
+    def __init__(
+        self, path: Path, rig: CameraRig, settings: Callable[[], Sequence[Settings]] | None = None
+    ) -> None:
         if path.exists():
             raise LiveError(f"record {path}: there is such a file, expected a new one")
         if not path.parent.is_dir():
             raise LiveError(f"record {path}: there is no folder {path.parent}")
-        self.path, self._rig = path, rig
+        self.path, self._rig, self._settings = path, rig, settings
         self._queue: queue.Queue[Moment | None] = queue.Queue(WAITING)
         self.recorded, self.left_out = 0, 0
         self.fault: str | None = None
@@ -95,7 +100,8 @@ class Recorder:
         rig = self._rig
         if any((camera.width, camera.height) != (width, height) for camera in rig):
             rig = rig.resized(width, height)
-        return Hdf5LogWriter(self.path, rig, poses=True, flush_every=0)
+        settings = () if self._settings is None else self._settings()
+        return Hdf5LogWriter(self.path, rig, poses=True, flush_every=0, settings=settings)
 
     def _write(self, writer: Hdf5LogWriter, moment: Moment) -> None:
         shot = moment.shot

@@ -25,8 +25,9 @@ from tracker.logs.checked_hdf5 import (
 from tracker.logs.frame import LogFrame, RecordedPose, checked_stamp, empty_frame, is_empty, pose_from_record
 from tracker.logs.hdf5_names import read_names
 from tracker.logs.hdf5_rig import read_rig
+from tracker.logs.hdf5_settings import read_settings
 from tracker.logs.pictures import from_bayer
-from tracker.logs.source import DEFAULT_NAMES, MAX_SIDE, MIN_SIDE, Source
+from tracker.logs.source import DEFAULT_NAMES, MAX_SIDE, MIN_SIDE, Settings, Source
 
 MAGIC = 0x3CDA7A00
 VERSIONS = (1, 2)
@@ -128,6 +129,10 @@ class Hdf5Source(Source):
         with faults_as_log_errors(str(self.path)):
             inside = read_rig(self._file, self.camera_names, self.image_sizes[0], f"{self.path}: ")
         return inside or super().rig()
+
+    def settings(self) -> dict[str, Settings]:
+        """See Source."""
+        return read_settings(self._file, self.camera_names, str(self.path))
 
     def close(self) -> None:
         """See Source."""

@@ -16,7 +16,9 @@ from tracker.errors import LogError
 from tracker.logs.frame import checked_stamp
 from tracker.logs.hdf5 import FLUSHED, MAGIC
 from tracker.logs.hdf5_disk import Disk
+from tracker.logs.hdf5_settings import write_settings
 from tracker.logs.pictures import to_bayer
+from tracker.logs.source import Settings
 
 VERSION = (2, 1)
 """Attributes `format_version` and `format_version_minor`."""
@@ -38,6 +40,7 @@ class Hdf5LogWriter:
         poses: whether the object's poses are recorded.
         flush_every: frames after which what is there is handed to the operating system; 0: at the end only.
         name: what the file is called in errors; None: its path.
+        settings: of each camera, what it was set to, as exposure and gain; empty: nobody knows.
 
     Raises:
         LogError: there is a file of this name, it cannot be written, or the cameras differ in size.
@@ -52,6 +55,7 @@ class Hdf5LogWriter:
         poses: bool = False,
         flush_every: int = 10,
         name: str | os.PathLike[str] | None = None,
+        settings: Sequence[Settings] = (),
     ) -> None:
         self._path = os.fspath(path if name is None else name)
         sizes = {(camera.width, camera.height) for camera in rig}
@@ -71,6 +75,7 @@ class Hdf5LogWriter:
             self._file = h5py.File(self._disk, "w")
             try:
                 self._begin(frame_rate, poses)
+                write_settings(self._file, rig.names, settings)
                 self._check_disk()
             except BaseException:
                 self._file.close()

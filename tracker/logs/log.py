@@ -9,7 +9,7 @@ from typing import overload
 from tracker.calibration.rig import CameraRig
 from tracker.errors import LogError
 from tracker.logs.frame import LogFrame, StampOrder, with_stamps
-from tracker.logs.source import Source
+from tracker.logs.source import Settings, Source
 
 
 class Log:
@@ -123,6 +123,16 @@ class Log:
         """
         self._refuse_closed()
         return self._source.rig()
+
+    @property
+    def settings(self) -> dict[str, Settings]:
+        """What cameras were set to (exposure, gain, white balance …), by their names, where that is recorded.
+
+        Raises:
+            LogError: it is malformed.
+        """
+        self._refuse_closed()
+        return self._source.settings()
 
     @property
     def random_access(self) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from pathlib import Path
 
 from tracker.calibration.rig import CameraRig
@@ -15,6 +16,10 @@ DEFAULT_NAMES = ("camera60", "camera180", "camera300")
 
 MIN_SIDE, MAX_SIDE = 8, 4096
 """Least and largest width and height [px] of an image that is believed."""
+
+
+Settings = Mapping[str, str | int | float | bool]
+"""Values of exposure, gain, white balance and others, by the names that the camera's maker gives them."""
 
 
 class Source(ABC):
@@ -49,6 +54,10 @@ class Source(ABC):
     def rig(self) -> CameraRig | None:
         """The cameras' calibration, or None where the recording has none; TrackerError if it is malformed."""
         return rig_beside(self.path.parent, self.camera_names)
+
+    def settings(self) -> dict[str, Settings]:
+        """What cameras were set to, by their names, where the recording tells it; LogError if malformed."""
+        return {}
 
     def close(self) -> None:  # noqa: B027 - folders have nothing open
         """Free what is open."""
