@@ -11,9 +11,6 @@ from tracker.errors import LogError
 from tracker.logs.columns import FilteredColumns, MeasuredColumns, PoseColumns, float_array
 from tracker.logs.poses import KINDS, About, Kind, Poses
 
-RECORDED_UNIT_TOLERANCE = 1e-2
-"""Largest deviation of a recorded quaternion's length from 1 that is mended, not taken for no pose."""
-
 
 class Answer(Protocol):
     """What `ObjectTracker.update` returns, as far as it is needed here."""
@@ -60,9 +57,8 @@ class PosesBuilder:
             index: the frame's number in the recording.
             timestamp: the frame's time [s].
             answer: the tracker's.
-            recorded: the recording's own pose, with position, orientation and confidence, or None. What
-                cannot be a pose, such as the zeros that the platform wrote before the first one, counts
-                as None; a quaternion that is slightly off is brought to length 1.
+            recorded: the recording's own pose, with position, orientation and perhaps confidence, or None,
+                as `LogFrame` gives it; what it says has been judged there.
 
         Raises:
             LogError: a pose lacks something, or has it in another shape; or the answer is not about as
@@ -72,7 +68,7 @@ class PosesBuilder:
         rows: dict[Kind, dict[str, Array] | None] = {
             "measured": _row("measured", answer.object_pose, MeasuredColumns),
             "filtered": _row("filtered", answer.filtered_object_pose, FilteredColumns),
-            "recorded": _mended(_row("recorded", recorded, PoseColumns)),
+            "recorded": _row("recorded", recorded, PoseColumns),
         }
         self._index.append(int(index))
         self._timestamp.append(float(timestamp))
@@ -139,15 +135,3 @@ def _row(kind: Kind, pose: Any, columns: type[PoseColumns]) -> dict[str, Array] 
             raise LogError(f"{kind} pose: {name}: found none, expected numbers of shape {shape}")
         row[name] = float_array(f"{kind} pose: {name}", value, shape)
     return row
-
-
-def _mended(row: dict[str, Array] | None) -> dict[str, Array] | None:
-    """A recorded pose with a quaternion of length 1; None where it cannot be a pose."""
-    if row is None:
-        return None
-    length = np.linalg.norm(row["orientation"])
-    # Negated, so that NaN is refused too.
-    if not (np.isfinite(row["position"]).all() and abs(length - 1) <= RECORDED_UNIT_TOLERANCE):
-        return None
-    confidence = row["confidence"] if np.isfinite(row["confidence"]) else np.array(np.nan)
-    return {**row, "orientation": row["orientation"] / length, "confidence": confidence}
