@@ -29,13 +29,24 @@ from tests.logs.test_hdf5 import SAMPLES as HDF5
 from tests.logs.test_native import SAMPLES as NATIVE
 from tracker.logs.poses_file import write_poses
 from tracker.objects.model import load_object, to_toml
+from tracker.viz import write_film
 
 VARIANTS = int(os.environ.get("FUZZ_VARIANTS", "24"))
 """Of each file; whole multiples of 8 have every kind of damage as often."""
 
 MADE = (
     *("native", "gzipped", "hdf5", "poses", "lmdb", "zarr", "png", "jpeg", "png of a log", "jpeg of a log"),
-    *("object.toml", "arena.toml", "goal.json", "dice.json", "ground_truth.json", "camera60.yml"),
+    *(
+        "recording.toml",
+        "stamps.csv",
+        "film",
+        "object.toml",
+        "arena.toml",
+        "goal.json",
+        "dice.json",
+        "ground_truth.json",
+        "camera60.yml",
+    ),
 )
 
 
@@ -73,6 +84,14 @@ def made(folder: Path) -> list[Sample]:
         for camera in ("camera180", "camera300"):
             (places[name] / "0").mkdir(exist_ok=True)
             (places[name] / "0" / f"{camera}{suffix}").write_bytes(pictures[suffix])
+    told = b'[cameras]\nleft = "left/*.png"\nright = "r*.png"\n'
+    for name in ("recording.toml", "stamps.csv"):
+        (places[name] / "left").mkdir()
+        (places[name] / "recording.toml").write_bytes(told)
+        for file in ("left/1.png", "left/2.png", "r1.png", "r2.png"):
+            (places[name] / file).write_bytes(pictures[".png"])
+    larger = [content.bgr(k, 0).repeat(4, axis=0).repeat(4, axis=1) for k in range(4)]
+    write_film(folder / "film.mp4", larger, rate=10)
     truth = places["ground_truth.json"]
     (truth / "000000").mkdir()
     (truth / "000000" / "camera60.png").write_bytes(pictures[".png"])
@@ -92,6 +111,9 @@ def made(folder: Path) -> list[Sample]:
         sample("jpeg", pictures[".jpg"], "picture", "a.jpg", heads=((0, 200),)),
         sample("png of a log", pictures[".png"], "log of frames", "0/camera60.png", heads=((8, 33),)),
         sample("jpeg of a log", pictures[".jpg"], "log of frames", "0/camera60.jpg", heads=((0, 200),)),
+        sample("recording.toml", told, "log around", "recording.toml", **text),
+        sample("stamps.csv", b"1.5,1.501\n1.6,1.601\n", "log around", "stamps.csv", **text),
+        sample("film", folder / "film.mp4", "log around", "camera60.mp4"),
         sample("object.toml", to_toml(load_object("cube_v2")).encode(), "object", "object.toml", **text),
         sample("arena.toml", b"radius = 0.2\ntable_std = [0.008, 0.017]\n", "arena", "arena.toml", **text),
         sample("goal.json", json.dumps(goal).encode(), "job goal", "goal.json", **text),

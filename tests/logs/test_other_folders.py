@@ -162,6 +162,8 @@ def test_pictures_without_common_names_are_counted(tmp_path):
         ("[cameras", "not a TOML file"),
         ("", "expected a table of 1 to 16 patterns"),
         ("cameras = 3", "expected a table"),
+        ("[cameras]\n'../a' = 'a.png'", "found the name '../a', expected one of up to 64 letters"),
+        ("[cameras]\n" + 300 * "a" + " = 'a.png'", "found the name 'a"),
         ("[cameras]\na = 3", "a: found 3, expected a pattern"),
         ("[cameras]\na = '../*.png'", "inside of the folder"),
         ("[cameras]\na = '/etc/*'", "inside of the folder"),

@@ -55,6 +55,8 @@ class Film:
         if not self._film.streams.video:
             raise LogError(f"{self.path}: found no pictures, expected a film")
         stream = self._film.streams.video[0]
+        if stream.codec_context is None:
+            raise LogError(f"{self.path}: found pictures in an unknown code, expected a film")
         if not (MIN_SIDE <= stream.width <= MAX_SIDE and MIN_SIDE <= stream.height <= MAX_SIDE):
             raise LogError(
                 f"{self.path}: found {stream.width}×{stream.height} px, expected {MIN_SIDE} to {MAX_SIDE}"
@@ -88,6 +90,9 @@ class Film:
                 self._seek(wanted)
             for frame in self._next:
                 self._ahead = frame.pts if frame.pts is not None else frame.dts
+                if (frame.width, frame.height) != self.size:
+                    found = f"{frame.width}×{frame.height} px, expected {self.size[0]}×{self.size[1]}"
+                    raise LogError(f"{self.path}: picture {number}: found {found} as before it")
                 if self._ahead == wanted:
                     return np.asarray(frame.to_ndarray(format="bgr24"), np.uint8)
                 if self._ahead is not None and self._ahead > wanted:

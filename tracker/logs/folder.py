@@ -11,6 +11,7 @@ import numpy as np
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Image
 from tracker.errors import LogError
+from tracker.files import read_bounded
 from tracker.logs.films import FilmPicture
 from tracker.logs.folder_layout import Picture, find_shots
 from tracker.logs.frame import LogFrame, checked_stamp
@@ -23,6 +24,7 @@ TRUTH_FILE = "ground_truth.json"
 _PAUSE = 8  # frames; dropped pictures of a sequence are single ones, between motions there are 10 or more
 
 _MAX_FILE = 4 * MAX_SIDE * MAX_SIDE  # more bytes than the largest picture, uncompressed
+_MAX_TRUTH = 1 << 28  # bytes; a frame has about 1000
 
 
 class FolderSource(Source):
@@ -105,7 +107,7 @@ class FolderSource(Source):
 
     def _read_truth(self, file: Path) -> None:
         try:
-            content = json.loads(file.read_text(encoding="utf-8"))
+            content = json.loads(read_bounded(file, _MAX_TRUTH).decode("utf-8"))
             self._truth = {str(item["frame"]): float(item["timestamp"]) for item in content["frames"]}
             settings = {"rate": 10.0, "sequence": True, **content.get("settings", {})}
             settings["rate"] = max(1e-3, float(settings["rate"]))
@@ -126,8 +128,6 @@ class FolderSource(Source):
 
 def _content(file: Path) -> bytes:
     try:
-        if file.stat().st_size > _MAX_FILE:
-            raise LogError(f"found {file.stat().st_size} bytes, expected at most {_MAX_FILE}")
-        return file.read_bytes()
+        return read_bounded(file, _MAX_FILE)
     except OSError as error:
         raise cannot_read(file, error) from error

@@ -24,6 +24,7 @@ import numpy as np
 
 from tracker.conventions import FloatArray
 from tracker.errors import LogError
+from tracker.files import read_bounded
 from tracker.logs.source import cannot_read
 
 if sys.version_info >= (3, 11):
@@ -35,6 +36,7 @@ FILE_NAME, STAMPS_NAME = "recording.toml", "stamps.csv"
 
 _MAX_BYTES = {FILE_NAME: 100_000, STAMPS_NAME: 100_000_000}
 _MAX_CAMERAS = 16
+_MAX_NAME = 64
 _MAX_RATE = 1e6
 
 
@@ -69,6 +71,11 @@ def read_recording_file(folder: Path) -> RecordingFile | None:
     patterns = values.get("cameras")
     if not isinstance(patterns, dict) or not 0 < len(patterns) <= _MAX_CAMERAS:
         raise LogError(f"{path}: cameras: expected a table of 1 to {_MAX_CAMERAS} patterns by cameras' names")
+    for name in patterns:
+        # The name of a calibration's file is made of it.
+        if not 0 < len(name) <= _MAX_NAME or not name.isprintable() or set(name) & set("/\\"):
+            valid = f"one of up to {_MAX_NAME} letters without slashes"
+            raise LogError(f"{path}: cameras: found the name {name!r:.60}, expected {valid}")
     cameras = {name: _files(path, name, pattern) for name, pattern in patterns.items()}
     return RecordingFile(cameras, _rate(path, values.get("rate")), _stamps(folder, len(cameras)))
 
@@ -121,15 +128,9 @@ def _stamps(folder: Path, cameras: int) -> FloatArray | None:
 
 
 def _content(path: Path) -> str:
-    limit = _MAX_BYTES[path.name]
     try:
-        with path.open("rb") as file:
-            content = file.read(limit + 1)
+        return read_bounded(path, _MAX_BYTES[path.name]).decode("utf-8-sig")
     except OSError as error:
         raise cannot_read(path, error) from error
-    if len(content) > limit:
-        raise LogError(f"{path}: found more than {limit} bytes, expected fewer")
-    try:
-        return content.decode("utf-8-sig")
     except ValueError as error:
         raise LogError(f"{path}: found no text of UTF-8") from error

@@ -18,9 +18,8 @@ from tracker.errors import LogError, reason
 from tracker.files import claimed, read_bounded, write_whole
 from tracker.recordings.engine import Engine
 from tracker.recordings.fingerprint import fingerprint
-from tracker.recordings.job import Job
 from tracker.recordings.names import outputs_of
-from tracker.recordings.recipe import Options, Recipe
+from tracker.recordings.recipe import Job, Options, Recipe
 from tracker.recordings.results import is_done, keep_failure, make_result, summary_file
 from tracker.recordings.work import Task, agreed
 

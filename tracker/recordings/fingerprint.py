@@ -19,7 +19,7 @@ import scipy
 
 import tracker
 from tracker.logs.recording_files import calibration_files, recording_files
-from tracker.recordings.job import Job
+from tracker.recordings.recipe import Job
 
 _OTHER_ROOMS = ("cli", "viz", "learning", "upkeep", "live", "tasks")
 """Rooms of the package on which no pose depends."""

@@ -1,4 +1,4 @@
-"""What is looked for in recordings and how: the same for all of them."""
+"""What is looked for in recordings and how, the same for all of them; and one of them to be done."""
 
 from __future__ import annotations
 
@@ -152,3 +152,15 @@ def _fields(part: Any) -> Iterator[bytes]:
     for field in dataclasses.fields(part):
         value = getattr(part, field.name)
         yield value.tobytes() if isinstance(value, np.ndarray) else repr(value).encode()
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """A recording, what to look for in it, and where the poses go."""
+
+    log: Path
+    """The recording."""
+    output: Path
+    """The file of poses."""
+    recipe: Recipe
+    """What is looked for and how."""

@@ -16,8 +16,8 @@ from typing import Any
 
 from tracker.errors import reason
 from tracker.files import read_bounded, write_whole
-from tracker.recordings.job import Job
 from tracker.recordings.names import SUFFIX
+from tracker.recordings.recipe import Job
 from tracker.recordings.rows import COLUMNS, goal_file, row
 from tracker.recordings.track import run
 from tracker.recordings.work import Task

@@ -12,7 +12,7 @@ from tracker.errors import TaskError
 from tracker.logs.poses import Poses, compare
 from tracker.objects.model import CuboidModel
 from tracker.pose.result import CameraUse
-from tracker.recordings.job import Job
+from tracker.recordings.recipe import Job
 from tracker.recordings.summary import best_kind
 from tracker.recordings.track import Tracked, unicode_text
 from tracker.tasks.job_goal import FILE_NAME, STEPS_PER_SECOND, read_job_goal

@@ -19,8 +19,7 @@ from tracker.files import read_bounded, write_whole
 from tracker.recordings.batch import MAX_LIST, Batch
 from tracker.recordings.engine import ONE_THREAD, Here, alone
 from tracker.recordings.fingerprint import fingerprint
-from tracker.recordings.job import Job
-from tracker.recordings.recipe import Options, Recipe
+from tracker.recordings.recipe import Job, Options, Recipe
 from tracker.recordings.results import is_done, make_result
 from tracker.recordings.work import Task, agreed
 

@@ -20,8 +20,7 @@ from tracker.logs.poses_builder import PosesBuilder
 from tracker.logs.poses_file import read_fingerprint, read_poses, write_poses
 from tracker.objects.model import CuboidModel, load_object
 from tracker.recordings.fingerprint import fingerprint
-from tracker.recordings.job import Job
-from tracker.recordings.recipe import Recipe
+from tracker.recordings.recipe import Job, Recipe
 from tracker.segmentation.color_model import ColorModel, load_colors
 from tracker.version import version
 from tracker.warm_up import warm_up

@@ -9,8 +9,7 @@ from typing import Any
 
 from tracker.errors import TrackerError
 from tracker.recordings.fingerprint import code
-from tracker.recordings.job import Job
-from tracker.recordings.recipe import Options, Recipe
+from tracker.recordings.recipe import Job, Options, Recipe
 from tracker.recordings.summary import summary
 from tracker.recordings.track import Tracked, run
 
