@@ -6,17 +6,20 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from contextlib import nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from tests.helpers import ROOT
 from tests.helpers.command import assert_one_line_error
 from tests.helpers.recording_stubs import write_log
+from tracker.errors import TrackerError
 from tracker.recordings import Options
 from tracker.recordings.batch import Batch, run_batch, write_batch
-from tracker.recordings.engine import Here
+from tracker.recordings.engine import Here, _begun
 from tracker.recordings.results import summary_file
 from tracker.recordings.tables import state, write_tables
 
@@ -95,6 +98,73 @@ def test_killed_workers_and_runs_lose_nothing_and_do_nothing_twice(recordings, u
     assert f"done        {COUNT}".encode() in out
     assert contents(tmp_path) == undisturbed
     assert {path: path.stat().st_mtime_ns for path in done} == done
+
+
+def test_workers_that_are_killed_while_they_begin_are_begun_again(monkeypatch):
+    made: list[int] = []
+
+    class Cluster:
+        def __init__(self, n_workers: int, **_: object) -> None:
+            made.append(n_workers)
+            if len(made) < 3:
+                raise RuntimeError("Nanny failed to start.")
+
+    monkeypatch.setattr("tracker.recordings.engine.BEGINNINGS", 3)
+    assert isinstance(_begun(SimpleNamespace(LocalCluster=Cluster), 2), Cluster)
+    assert made == [2, 2, 2]
+    monkeypatch.setattr("tracker.recordings.engine.BEGINNINGS", 1)
+    made.clear()
+    with pytest.raises(TrackerError, match="workers cannot be begun: Nanny failed to start"):
+        _begun(SimpleNamespace(LocalCluster=Cluster), 2)
+
+
+@pytest.fixture
+def scheduler(tmp_path) -> Iterator[str]:
+    """The address of a scheduler that others have begun, with one worker."""
+    told = tmp_path / "scheduler.json"
+    begin = "from distributed.cli import dask_{0}; dask_{0}.main()"
+    common = ["--scheduler-file", told, "--host", "127.0.0.1"]
+    commands = [
+        ["-c", begin.format("scheduler"), *common, "--port", "0", "--no-dashboard"],
+        ["-c", begin.format("worker"), *common, "--nthreads", "1", "--no-dashboard", "--no-nanny"],
+    ]
+    processes = [
+        subprocess.Popen(
+            [sys.executable, *map(str, command)],
+            cwd=tmp_path,
+            env={**os.environ, "PYTHONPATH": str(ROOT)},
+            stderr=subprocess.DEVNULL,
+        )
+        for command in commands
+    ]
+    deadline = time.monotonic() + 120
+    try:
+        while not (told.exists() and told.read_text().rstrip().endswith("}")):
+            assert processes[0].poll() is None
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+        yield json.loads(told.read_text())["address"]
+    finally:
+        for process in reversed(processes):
+            process.terminate()
+        for process in processes:
+            process.wait(timeout=60)
+
+
+@pytest.mark.slow
+def test_workers_of_another_scheduler_give_the_same(recordings, undisturbed, scheduler, tmp_path, run_here):
+    folder = tmp_path / "results"
+    base = ["batch", f"{recordings}/*", "--object", "cube_v2", "-o", folder, "--scheduler", scheduler]
+    result = run_here(*base, folder=ROOT)
+    assert (result.returncode, result.stderr) == (0, "")
+    assert contents(folder) == undisturbed
+
+
+def test_a_scheduler_that_does_not_answer_is_told(recordings, tmp_path, run_here, monkeypatch):
+    monkeypatch.setattr("tracker.recordings.engine.CONNECT_SECONDS", 0.5)
+    base = ["batch", f"{recordings}/*", "--object", "cube_v2", "-o", tmp_path / "out"]
+    result = run_here(*base, "--scheduler", "tcp://127.0.0.1:9")
+    assert_one_line_error(result, "scheduler tcp://127.0.0.1:9: does not answer")
 
 
 @pytest.mark.slow

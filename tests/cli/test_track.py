@@ -197,6 +197,7 @@ def test_frames_can_be_chosen_and_the_calibration_be_given(filmed, tmp_path, run
         (["-o", "poses.h5", "--csv", "mine.csv", "--object", "mine.toml"], "that is an input"),
         (["-o", "poses.h5", "--plot", "imgs/camera60/000000.png", "imgs"], "that is the recording"),
         (["-o", "poses.h5", "--plot", "imgs/camera60_overlay.png", "imgs"], "folder of images"),
+        (["-o", "poses.h5", "--video", "imgs/camera60.mp4", "imgs"], "folder of images"),
         (["-o", "poses.h5", "--video", "film.avi"], ".mp4"),
         (["-o", "poses.h5", "--plot", "plot.pdf"], ".png"),
         (["-o", "poses.h5", "--bop", "bop.csv"], "--camera"),

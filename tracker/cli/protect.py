@@ -9,7 +9,7 @@ from pathlib import Path
 
 import click
 
-_PICTURES = (".png", ".jpg", ".jpeg")
+_PICTURES = (".png", ".jpg", ".jpeg", ".mp4")
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 
 
@@ -106,7 +106,7 @@ def _inputs(recordings: Sequence[Path], others: Iterable[str | Path | None]) -> 
 
 
 def _refuse_pictures(files: Mapping[str, Path], recordings: Sequence[Path]) -> None:
-    """Refuse pictures in a folder of pictures, of which they would be some the next time."""
+    """Refuse pictures and films in a folder of such, of which they would be some the next time."""
     from tracker.logs.recording_files import JOB_LOGS
 
     folders = {

@@ -24,6 +24,9 @@ _Result = TypeVar("_Result")
 AHEAD = 2
 """Tasks handed out for each thread of a worker: none waits, and the scheduler stays small."""
 
+BEGINNINGS = 3
+"""How often workers are begun of which one was ended from outside before it was ready."""
+
 CONNECT_SECONDS = 20.0
 """For so long a scheduler may not answer [s]."""
 
@@ -75,7 +78,7 @@ class Cluster:
         scheduler: address of another scheduler, e.g. tcp://10.0.0.1:8786.
 
     Raises:
-        TrackerError: the package distributed is missing, or the scheduler does not answer.
+        TrackerError: the package distributed is missing, the scheduler does not answer, or no worker begins.
     """
 
     def __init__(self, workers: int, scheduler: str | None = None) -> None:
@@ -101,14 +104,7 @@ class Cluster:
             _environment({"DASK_LOGGING__DISTRIBUTED": "critical"}),
             _no_interrupts(),
         ):
-            self._local = distributed.LocalCluster(
-                n_workers=workers,
-                threads_per_worker=1,
-                host="127.0.0.1",
-                dashboard_address=None,
-                memory_limit=None,
-                silence_logs=logging.CRITICAL,
-            )
+            self._local = _begun(distributed, workers)
             self._client = distributed.Client(self._local, set_as_default=False)
 
     def __enter__(self) -> Cluster:
@@ -155,6 +151,24 @@ class Cluster:
             if nanny.pid is not None:
                 with contextlib.suppress(OSError):
                     os.kill(nanny.pid, signal.SIGTERM if os.name == "nt" else signal.SIGKILL)
+
+
+def _begun(distributed: Any, workers: int) -> Any:
+    """Workers on this machine; TrackerError where they are ended from outside again and again."""
+    failure: RuntimeError | None = None
+    for _ in range(BEGINNINGS):
+        try:
+            return distributed.LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,
+                host="127.0.0.1",
+                dashboard_address=None,
+                memory_limit=None,
+                silence_logs=logging.CRITICAL,
+            )
+        except RuntimeError as error:  # Dask has closed all of it
+            failure = error
+    raise TrackerError(f"workers cannot be begun: {failure}") from failure
 
 
 def engine(workers: int, scheduler: str | None = None) -> contextlib.AbstractContextManager[Engine]:
