@@ -23,8 +23,7 @@ from tracker.logs.checked_hdf5 import (
     shown,
 )
 from tracker.logs.frame import LogFrame, RecordedPose, checked_stamp, empty_frame, is_empty, pose_from_record
-from tracker.logs.hdf5_names import read_names
-from tracker.logs.hdf5_rig import read_rig
+from tracker.logs.hdf5_cameras import read_names, read_rig
 from tracker.logs.hdf5_settings import read_settings
 from tracker.logs.pictures import from_bayer
 from tracker.logs.source import DEFAULT_NAMES, MAX_SIDE, MIN_SIDE, Settings, Source

@@ -22,7 +22,7 @@ from tracker.errors import CalibrationError, LogError
 from tracker.files import told_as, write_whole
 from tracker.geometry.camera import Camera
 from tracker.logs import checked_hdf5 as hdf5
-from tracker.logs.hdf5_rig import CAMERA_DATASETS, read_camera
+from tracker.logs.hdf5_cameras import CAMERA_DATASETS, read_camera
 from tracker.logs.poses import KINDS, About, Kind, Poses
 
 FORMAT = "trifinger-object-tracker poses"
