@@ -34,6 +34,21 @@ def ratios(a, b):
     return ratio(a, b)
 
 
+@compiled
+def times(value, count):
+    return value * count
+
+
+@compiled
+def times_three_and_four(value):
+    return times(value, 3) + times(value, 4)
+
+
+def test_numbers_that_callers_write_out_share_one_compilation():
+    assert times_three_and_four(1.5) == 10.5
+    assert len(times.signatures) == 1
+
+
 def test_a_compiled_function_gives_what_python_gives():
     values = np.arange(5.0)
     assert halves(values) == halves.py_func(values) == 5.0

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numba
+from numba.core import types
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
 
 _KERNEL = re.compile(r"^ *@_?compiled\b", re.MULTILINE)
@@ -35,11 +36,25 @@ def compiled(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     """
     if function is None:
         return lambda function: compiled(function, **options)
-    dispatcher = numba.njit(**{"nogil": True, "error_model": "numpy", **options})(function)
+    # Nobody takes kernels as functions of C, whose wrappers cost as much again as those of Python.
+    usual = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+    dispatcher = numba.njit(**{**usual, **options})(function)
+    _take_any_number(dispatcher)
     # Without a place for its cache numba raises RuntimeError.
     with contextlib.suppress(RuntimeError, OSError):
         dispatcher._cache = _Cache(function)  # type: ignore[no-untyped-call]
     return dispatcher
+
+
+def _take_any_number(dispatcher: Any) -> None:
+    """Compile for numbers of a type where a caller has written out one, not for each of these anew."""
+    template = dispatcher.get_call_template
+
+    def get_call_template(arguments: Any, keywords: dict[str, Any]) -> Any:
+        named = {name: types.unliteral(kind) for name, kind in keywords.items()}
+        return template(tuple(map(types.unliteral, arguments)), named)
+
+    dispatcher.get_call_template = get_call_template
 
 
 def is_cached(function: Any) -> bool:
