@@ -51,8 +51,8 @@ def _take_any_number(dispatcher: Any) -> None:
     template = dispatcher.get_call_template
 
     def get_call_template(arguments: Any, keywords: dict[str, Any]) -> Any:
-        named = {name: types.unliteral(kind) for name, kind in keywords.items()}
-        return template(tuple(map(types.unliteral, arguments)), named)
+        plain: Callable[[Any], Any] = types.unliteral
+        return template(tuple(map(plain, arguments)), {name: plain(kind) for name, kind in keywords.items()})
 
     dispatcher.get_call_template = get_call_template
 

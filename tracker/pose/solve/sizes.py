@@ -40,7 +40,10 @@ and on all edges of a worn face."""
 def with_edges(cameras, work, own):  # type: ignore[no-untyped-def]
     """Fill the normal equations for edges' own offsets of a variance [px² of an object of reference size]."""
     for c in range(len(cameras.used)):
-        work.information[c, :, :], work.gradient[c, :] = work.whole[c], work.force[c]
+        for i in range(work.force.shape[1]):
+            work.gradient[c, i] = work.force[c, i]
+            for k in range(work.force.shape[1]):
+                work.information[c, i, k] = work.whole[c, i, k]
         if cameras.used[c]:
             integrate_out(work.edges[c], own * cameras.scales[c] ** 2, work.information[c], work.gradient[c])
 
