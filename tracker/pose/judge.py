@@ -117,7 +117,7 @@ def log_odds(fit: Fit) -> float:
     return BIAS + sum(WEIGHTS[key] * value for key, value in features(fit).items())
 
 
-SURE = 2.2
+SURE = 3.0
 """Log odds of a fit at which no other hypothesis is tried."""
 
 

@@ -25,10 +25,10 @@ MOVING_SHARE = 3
 """Number of the largest share under which a pose moves: with looser cameras an object that is not quite its
 model would be taken for cameras that are off. How uncertain the pose is, may rest on larger ones."""
 
-WEAR = np.array([0.025, 0.05, 0.1, 0.2, 0.4]) ** 2
+WEAR = np.array([0.0125, 0.03, 0.08, 0.18, 0.4]) ** 2
 """Variances of edges' own offsets that the edges are asked about [px² of an object of reference size]."""
 
-WEAR_PRIOR = np.array([0.4, 0.2, 0.2, 0.15, 0.05])
+WEAR_PRIOR = np.array([0.35, 0.25, 0.2, 0.15, 0.05])
 """Probability of each before the edges are asked."""
 
 SHARED = 2.5
