@@ -17,8 +17,9 @@ from tracker.logs.hdf5_writer import Hdf5LogWriter
 WAITING = 30
 """Sets of images that may wait for the disk: three seconds of cameras at 10 Hz."""
 
-FLUSH = 1.0
-"""How often what was recorded is handed to the operating system [s]."""
+FLUSH = 0.7
+"""How often what was recorded is handed to the operating system [s]; with the time that it takes, and until
+the next set comes, a second."""
 
 
 class Recorder:
