@@ -70,9 +70,8 @@ def demo(output: Path) -> None:
         ("picture", str(output / "overlay.png")),
     ]
     click.echo(listing(rows))
-    first = " ".join(str(output / "000000" / f"{name}.jpg") for name in log.camera_names)
     click.echo("\nnext:")
-    click.echo(f"  tracker detect --object {model.name} --calibration {output} {first}")
+    click.echo(f"  tracker detect --object {model.name} {output} --frame 7")
     click.echo(f"  tracker track {output} --object {model.name} -o poses.h5 --csv poses.csv")
 
 
