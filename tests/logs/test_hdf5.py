@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import itertools
 import tracemalloc
+import zlib
 from pathlib import Path
 
 import h5py
@@ -137,6 +138,31 @@ def test_a_damaged_block_costs_its_frame_only(tmp_path):
     with pytest.raises(LogError, match="frame 2"), tracker.open_log(path) as log:
         given.extend(log)
     assert len(given) == 2
+
+
+@pytest.mark.parametrize("chunk", [1, 2, 3, 7])
+def test_images_packed_together_are_those_packed_alone_and_the_user_s_own(tmp_path, chunk):
+    content = make_content(7)
+    with tracker.open_log(write_hdf5(tmp_path / "log.h5", content, chunk=chunk)) as log:
+        for k in (6, 0, 3):
+            raw = np.array(log[k].raw)
+            np.testing.assert_array_equal(raw, content.raw[k])
+        log[0].raw[0][:] = 0
+
+
+@pytest.mark.parametrize("name", ["images", "timestamps"])
+def test_a_block_that_unpacks_to_more_than_it_should_is_refused_before(tmp_path, name):
+    path = write_hdf5(tmp_path / "log.h5", make_content(3))
+    with h5py.File(path, "r+") as file:
+        shape, dtype = file[name].shape, file[name].dtype
+        del file[name]
+        field = file.create_dataset(name, shape, dtype, chunks=shape, compression="gzip")
+        field.id.write_direct_chunk((0,) * len(shape), zlib.compress(bytes(50_000_000), 1))
+    tracemalloc.start()
+    with pytest.raises(LogError, match=f"{name}.*unpacks to"), tracker.open_log(path) as log:
+        list(log)
+    assert tracemalloc.get_traced_memory()[1] < 5_000_000
+    tracemalloc.stop()
 
 
 def test_images_that_were_never_written_are_no_black_images(tmp_path):

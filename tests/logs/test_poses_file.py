@@ -4,6 +4,7 @@ import dataclasses
 import os
 import shutil
 import time
+import zlib
 
 import h5py
 import numpy as np
@@ -335,6 +336,17 @@ def test_what_could_not_have_been_packed_into_so_few_bytes_is_refused(written):
         del file["frame"]
         file.create_dataset("frame", (count,), np.int64, chunks=(1000,), compression="gzip")
     with pytest.raises(LogError, match=f"/frame: found 0 bytes stored, expected enough for {8 * count}"):
+        read_poses(written)
+
+
+@pytest.mark.parametrize("sums", [True, False])
+def test_a_block_that_unpacks_to_more_than_it_should_is_refused_before(written, sums):
+    with h5py.File(written, "r+") as file:
+        del file["timestamps"]
+        options = {"chunks": (5,), "compression": "gzip", "fletcher32": sums}
+        field = file.create_dataset("timestamps", (5,), float, **options)
+        field.id.write_direct_chunk((0,), zlib.compress(bytes(50_000_000), 1) + 4 * sums * b"x")
+    with pytest.raises(LogError, match=r"/timestamps: .*unpacks to"):
         read_poses(written)
 
 

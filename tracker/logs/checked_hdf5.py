@@ -12,6 +12,7 @@ import contextlib
 import math
 import os
 import struct
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -150,6 +151,7 @@ def array(file: Any, name: str, shape: tuple[int, ...], kinds: str, where: str =
         size, there = math.prod(shape) * stored.dtype.itemsize, int(stored.id.get_storage_size())
         if size > max(_SMALL, _MAX_RATIO * there):
             raise LogError(f"found {there} bytes stored, expected enough for {size}")
+        _check_unpacked(stored)
         return np.asarray(stored[()])
 
 
@@ -198,6 +200,27 @@ def decoded(texts: Array) -> list[str]:
     return [bytes(text).decode("utf-8") for text in texts.ravel().tolist()]
 
 
+def filters_of(dataset: h5py.Dataset) -> tuple[int, ...]:
+    """Codes of the filters that blocks are packed with, in the order of packing."""
+    properties = dataset.id.get_create_plist()
+    return tuple(properties.get_filter(number)[0] for number in range(properties.get_nfilters()))
+
+
+def inflated(packed: bytes, largest: int) -> bytes:
+    """What gzip's data unpack to; LogError if that is more than `largest` bytes, or they are damaged.
+
+    The HDF5 library takes memory for whatever they unpack to, a thousand times their size.
+    """
+    unpacker = zlib.decompressobj()
+    try:
+        content = unpacker.decompress(packed, largest + 1)
+    except zlib.error as error:
+        raise LogError(f"found a block that cannot be unpacked: {error}") from error
+    if len(content) > largest or not unpacker.eof:
+        raise LogError(f"found a block that unpacks to {len(content)} bytes or more, expected {largest}")
+    return content
+
+
 def shown(stored: Any) -> str:
     """Type and shape of a dataset or an attribute in words, for messages."""
     return f"{stored.dtype} of shape {stored.shape}"
@@ -211,6 +234,8 @@ class Rows:
         shape = field.shape or ()
         if not shape or math.prod(shape[1:]) != width or field.dtype not in (np.float64, np.bool_, np.uint8):
             raise LogError(f"{what}: found {shown(field)}, expected {width} numbers for each frame")
+        with faults_as_log_errors(what):
+            _check_unpacked(field)
         self._field, self._width, self._what = field, width, what
         self._start = 0
         self._block: FloatArray = np.empty((0, width))
@@ -242,6 +267,20 @@ def _item(file: Any, name: str, what: str) -> Any:
                 raise LogError(f"{what}: found a link, expected the data themselves")
             item = item[part]
         return item
+
+
+def _check_unpacked(dataset: h5py.Dataset) -> None:
+    """LogError if a block unpacks to more than it should."""
+    filters = filters_of(dataset) if dataset.chunks else ()
+    if h5py.h5z.FILTER_DEFLATE not in filters:
+        return
+    place = filters.index(h5py.h5z.FILTER_DEFLATE)
+    sums = [filters[k] == h5py.h5z.FILTER_FLETCHER32 for k in range(len(filters))]
+    block = math.prod(dataset.chunks) * dataset.dtype.itemsize + 4 * sum(sums[:place])
+    for number in range(dataset.id.get_num_chunks()):
+        skipped, packed = dataset.id.read_direct_chunk(dataset.id.get_chunk_info(number).chunk_offset)
+        if not skipped >> place & 1:
+            inflated(packed[: len(packed) - 4 * sum(sums[place:])], block)
 
 
 def _check_filters(dataset: h5py.Dataset, what: str) -> None:

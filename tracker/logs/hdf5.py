@@ -18,7 +18,9 @@ from tracker.logs.checked_hdf5 import (
     TooLong,
     check_stated_end,
     faults_as_log_errors,
+    filters_of,
     find,
+    inflated,
     open_file,
     shown,
 )
@@ -208,6 +210,10 @@ class StoredImages:
         stored = int(field.chunks[0]) if field.chunks else 1
         # Frames that are packed together are unpacked together, else each would unpack them all again.
         self._together = stored if 1 < stored <= self.count and stored * frame_bytes <= MAX_CHUNK else 1
+        # To shuffle the bytes of numbers of one byte does nothing.
+        filters = [code for code in filters_of(field) if code != h5py.h5z.FILTER_SHUFFLE]
+        gzipped = filters == [h5py.h5z.FILTER_DEFLATE]
+        self._whole_frames = gzipped and bool(field.chunks) and field.chunks[1:] == shape[1:]
         self._start = 0
         self._block: Image = np.empty((0, 0, 0, 0), np.uint8)
 
@@ -216,12 +222,31 @@ class StoredImages:
         if not self._start <= index < self._start + len(self._block):
             start = index - index % self._together
             with faults_as_log_errors(f"{what}: images"):
-                if self._field.chunks:
-                    self._check_chunks(start)
-                block: Image = self._field[start : start + self._together]
+                block = self._unpacked(start) if self._whole_frames else self._read_by_library(start)
             self._block, self._start = block, start
         result: Image = self._block[index - self._start]
         return result
+
+    def _read_by_library(self, start: int) -> Image:
+        if self._field.chunks:
+            self._check_chunks(start)
+        block: Image = self._field[start : start + self._together]
+        return block
+
+    def _unpacked(self, start: int) -> Image:
+        """What a block unpacks to, without trusting it to be no more than it should."""
+        chunks = self._field.chunks
+        first = start - start % chunks[0]
+        skipped, packed = self._field.id.read_direct_chunk((first, 0, 0, 0))
+        whole = math.prod(chunks)
+        gzip = filters_of(self._field).index(h5py.h5z.FILTER_DEFLATE)
+        content = packed if skipped >> gzip & 1 else inflated(packed, whole)
+        if len(content) != whole:
+            raise LogError(f"images at {first}: found {len(content)} bytes, expected {whole}")
+        frames = np.frombuffer(content, np.uint8).reshape(chunks)
+        last = min(start - first + self._together, self.count - first)
+        block: Image = frames[start - first : last].copy()  # the user's own, to change
+        return block
 
     def _check_chunks(self, start: int) -> None:
         """Refuse what the library passes silently: blocks that are missing, or cut off and not packed."""
