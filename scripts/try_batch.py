@@ -21,6 +21,8 @@ import tempfile
 import time
 from pathlib import Path
 
+from tracker.warm_up import warm_up
+
 RESULTS = ("*.poses.h5", "*.summary.json", "summary.parquet", "failures.json")
 
 
@@ -125,6 +127,7 @@ def main() -> int:
     parser.add_argument("--times", type=int, default=5)
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
+    warm_up()  # else the first run would compile, and the moments be those of a run that does
     with tempfile.TemporaryDirectory() as folder:
         root = Path(folder)
         inputs = copies_of(given.recording, given.copies, root / "in")

@@ -84,7 +84,7 @@ def workers_of(process: subprocess.Popen[bytes]) -> list[int]:
 def test_killed_workers_and_runs_lose_nothing_and_do_nothing_twice(recordings, undisturbed, tmp_path):
     process = start(recordings, tmp_path)
     os.killpg(process.pid, signal.SIGKILL)
-    process.communicate(timeout=30)
+    process.communicate(timeout=120)
     done = {
         path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.poses.h5") if summary_file(path).exists()
     }

@@ -88,6 +88,21 @@ def test_parquet_and_data_frames_hold_the_bits_of_the_csv(poses, tmp_path, run_h
     assert frame["status"].tolist() == table["status"].tolist() == poses.status.tolist()
 
 
+def test_an_xarray_holds_whole_arrays_along_the_frames(poses):
+    pytest.importorskip("xarray", reason="xarray: no module xarray")
+    found = poses.to_xarray()
+    assert found["filtered_covariance"].dims == ("frame", "twist", "twist_too")
+    assert found["frame"].values.tolist() == poses.index.tolist()
+    for kind, columns in (("measured", poses.measured), ("filtered", poses.filtered)):
+        for name, array in columns.arrays().items():
+            np.testing.assert_array_equal(found[f"{kind}_{name}"].values, array)
+    heights = found["filtered_position"].sel(axis="z").values
+    np.testing.assert_array_equal(heights, poses.filtered.position[:, 2])
+    used = found["cameras"].sel(camera="camera180").values
+    assert used.tolist() == poses.cameras[:, poses.about.rig.names.index("camera180")].tolist()
+    assert found.attrs["object_name"] == poses.about.object_name
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

@@ -303,7 +303,7 @@ def test_pictures_of_a_film_have_one_height():
 
 
 def start_long(logs: list[Path], output: Path, jobs: int) -> subprocess.Popen[bytes]:
-    """A run that takes long enough to be ended; it is at work on a recording."""
+    """A run that takes long enough to be ended; all its processes are at work, each on a recording."""
     process = subprocess.Popen(
         [sys.executable, *COMMAND, *logs, "--object", "cube_v2", "-o", output, "--jobs", str(jobs)],
         cwd=ROOT,
@@ -314,8 +314,8 @@ def start_long(logs: list[Path], output: Path, jobs: int) -> subprocess.Popen[by
         # A test run in the background hands on that Ctrl-C is ignored; a terminal's command does not.
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
-    deadline = time.monotonic() + 60
-    while not list(output.parent.rglob(".*.lock")):
+    deadline = time.monotonic() + 120
+    while len(list(output.parent.rglob(".*.lock"))) < jobs:
         assert process.poll() is None
         assert time.monotonic() < deadline
         time.sleep(0.01)
@@ -343,7 +343,7 @@ def test_workers_end_with_a_killed_run(long, tmp_path):
     process = start_long(long, tmp_path / "all", 2)
     process.kill()
     # The pipe closes when the last process that holds it has ended.
-    process.communicate(timeout=30)
+    process.communicate(timeout=120)
 
 
 def test_a_bar_is_shown_on_a_terminal_and_gone_before_an_error(tmp_path):

@@ -30,6 +30,7 @@ KINDS = {
     "htcondor": "HTCondor's Python binding",
     "slurm": "a Slurm of one machine",
     "bench": "the extra `bench`",
+    "xarray": "the package `xarray`",
     "zarr": "a zarr that writes the data sets' stores",
     "lint": "what checks the code",
     "browser": "a browser that runs without a screen",
