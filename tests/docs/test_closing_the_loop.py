@@ -1,0 +1,54 @@
+"""The example of a loop that closes: fingers that know where the cube is bring it to the goal."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+
+import numpy as np
+import pytest
+
+from synthetic.world.platform import Platform
+from tests.helpers import ROOT
+from tests.helpers.synthetic_needs import skip_without_platform
+
+skip_without_platform()
+sys.path.insert(0, str(ROOT / "examples"))
+close_the_loop = importlib.import_module("close_the_loop")
+cube_pusher = importlib.import_module("cube_pusher")
+STEP, Pushing = cube_pusher.STEP, cube_pusher.Pushing
+
+
+@pytest.fixture(scope="module")
+def platform():
+    with Platform("cube_v2") as one:
+        yield one
+
+
+def test_fingers_that_know_the_cube_bring_it_to_the_goal(platform):
+    goal = -0.04, -0.02
+    with Pushing(platform, np.zeros(2), 0.3) as pushing:
+        for _ in range(round(3.0 / STEP)):
+            pushing.step(pushing.truth, np.array(goal))
+        assert np.linalg.norm(pushing.truth[0][:2] - goal) < 0.006
+        assert pushing.truth[0][2] == pytest.approx(0.0325, abs=0.001)
+
+
+def test_fingers_that_know_nothing_wait(platform):
+    with Pushing(platform, np.zeros(2), 0.3) as pushing:
+        for _ in range(round(0.5 / STEP)):
+            pushing.step(None, np.array([0.04, 0.03]))
+        assert np.linalg.norm(pushing.truth[0][:2]) < 0.001
+
+
+def test_poses_from_late_pictures_are_those_of_the_moment_of_acting(platform):
+    known = close_the_loop.Predicted(platform, 3)
+    with Pushing(platform, np.zeros(2), 0.3) as pushing, known:
+        poses = []
+        for number in range(round(0.3 / STEP)):
+            poses.append(known.pose(number * STEP, pushing))
+            pushing.step(None, np.zeros(2))
+        late = round(close_the_loop.DELAY / STEP)
+        assert all(pose is None for pose in poses[: late - 1])
+        truth = pushing.truth
+        assert all(np.linalg.norm(pose[0] - truth[0]) < 1e-3 for pose in poses[late + 1 :])
