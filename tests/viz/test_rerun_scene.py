@@ -7,11 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import tracker
 from tests.helpers import ROOT, run_python
 from tests.helpers.command import assert_one_line_error
+from tests.helpers.filmed import RIG
 from tests.helpers.pose_logs import random_poses
 from tests.helpers.recording_stubs import write_log
 from tracker.logs.poses_file import write_poses
+from tracker.pose.result import Observation, Status
+from tracker.upkeep.health import QUANTITIES, Sample
 from tracker.viz import rerun_viewer
 
 needs_rerun = pytest.mark.skipif(importlib.util.find_spec("rerun") is None, reason="rerun: no module rerun")
@@ -49,7 +53,18 @@ def test_a_recording_is_tracked_on_the_way(tmp_path):
     assert result.returncode == 0, result.stderr
     found = entities(tmp_path / "view.rrd")
     assert {"/world/cameras/camera180/image", "/status"} <= found
-    assert {"/health/brightness/camera180", "/health/clipping/camera60"} <= found
+    assert {"/health/brightness/camera180", "/health/residual/camera60"} <= found
+
+
+@needs_rerun
+@pytest.mark.parametrize("height", [1.5, float("nan")])
+def test_what_a_frame_tells_of_the_rig_is_drawn_where_there_is_something(height, tmp_path):
+    from tracker.viz.rerun_viewer import open_scene
+
+    values = {key: np.full(3, 0.2) for key in QUANTITIES if key != "disagreement"}
+    with open_scene(tmp_path / "view.rrd", RIG, tracker.load_object("cube_v2")) as scene:
+        scene.show(0, 0.0, Observation(None, None, Status.LOST), (), Sample(values, height, None))
+    assert ("/health/table" in entities(tmp_path / "view.rrd")) == np.isfinite(height)
 
 
 @needs_rerun

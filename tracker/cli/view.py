@@ -24,8 +24,10 @@ if TYPE_CHECKING:
     from tracker.logs import Log
     from tracker.logs.poses import Poses
     from tracker.objects.model import CuboidModel
+    from tracker.pipeline import ObjectTracker
     from tracker.pose.result import Observation
     from tracker.segmentation.color_model import ColorModel
+    from tracker.upkeep.health import Sample
 
 _FILE = click.Path(path_type=Path)
 
@@ -52,7 +54,7 @@ class _Chosen:
         return in_range and (index - self.first) % self.every == 0
 
 
-_Frames = Iterator[tuple[int, float, "Observation", Sequence["Image | None"]]]
+_Frames = Iterator[tuple[int, float, "Observation", Sequence["Image | None"], "Sample | None"]]
 """What `Scene.show` takes of each frame."""
 
 
@@ -89,7 +91,7 @@ def view(
     every: int,
     quiet: bool,
 ) -> None:
-    """Show a recording in time and space: cameras, images, poses, uncertainty, status.
+    """Show a recording in time and space: cameras, images, poses, uncertainty, status, and how the rig fares.
 
     POSES is a file that `tracker track` wrote; with --log the images of its recording are shown, too. A LOG
     alone is tracked on the way, which needs --object.
@@ -99,6 +101,7 @@ def view(
     from tracker.logs import open_log
     from tracker.logs.cameras import fitted_to
     from tracker.logs.poses_file import is_poses_file, read_poses
+    from tracker.pipeline import ObjectTracker
     from tracker.viz.rerun_viewer import require_rerun
 
     require_rerun()
@@ -123,7 +126,8 @@ def view(
             return
         with open_log(log, recover=recover) as opened:
             rig = fitted_to(log, opened, poses.about.rig)
-            frames = _with_images(log, opened, poses, rows, every)
+            tracker = ObjectTracker(model, rig)
+            frames = _with_images(log, opened, tracker, poses, rows, every)
             _show(source, target, rig, model, frames, len(rows), quiet)
         return
     if log is not None:
@@ -196,10 +200,12 @@ def _model_of(poses: Poses, object_name: str | None) -> CuboidModel:
 
 def _from_poses(poses: Poses, rows: Sequence[int]) -> _Frames:
     for row in rows:
-        yield int(poses.index[row]), float(poses.timestamp[row]), observation(poses, row), ()
+        yield int(poses.index[row]), float(poses.timestamp[row]), observation(poses, row), (), None
 
 
-def _with_images(path: Path, log: Log, poses: Poses, rows: Sequence[int], every: int) -> _Frames:
+def _with_images(
+    path: Path, log: Log, tracker: ObjectTracker, poses: Poses, rows: Sequence[int], every: int
+) -> _Frames:
     """The poses with the images of their frames; LogError where the recording is another."""
     if not rows:
         return
@@ -217,7 +223,8 @@ def _with_images(path: Path, log: Log, poses: Poses, rows: Sequence[int], every:
                 f"{path}: frame {frame.index}: found the stamp {frame.timestamp:.6f} s, expected "
                 f"{stamp:.6f} s: the poses are those of another recording"
             )
-        yield frame.index, stamp, observation(poses, row), frame.images
+        answer = observation(poses, row)
+        yield frame.index, stamp, answer, frame.images, _health(tracker, frame.images, answer)
 
 
 def _tracked(log: Log, rig: CameraRig, model: CuboidModel, colors: ColorModel, chosen: _Chosen) -> _Frames:
@@ -231,4 +238,12 @@ def _tracked(log: Log, rig: CameraRig, model: CuboidModel, colors: ColorModel, c
             tracker.reset()
         answer = tracker.update(frame.images, frame.timestamp)
         if frame.index in chosen:
-            yield frame.index, frame.timestamp, answer, frame.images
+            yield frame.index, frame.timestamp, answer, frame.images, _health(tracker, frame.images, answer)
+
+
+def _health(tracker: ObjectTracker, images: Sequence[Image | None], answer: Observation) -> Sample:
+    """What a frame tells of the rig."""
+    from tracker.upkeep.health import sample, slow
+
+    motion = answer.filtered_object_pose
+    return sample(tracker, images, still=motion is not None and slow(motion.velocity))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -138,29 +138,67 @@ def health(
     looked: list[int] = []
     last = -APART
     for n, frame in enumerate(frame for frame in log if frame.index in wanted):
-        for c, image in enumerate(frame.images):
-            if image is not None:
-                for key, value in of_picture(image).items():
-                    values[key][n, c] = value
-        if any(image is not None for image in frame.images):
-            fit = tracker.fit(frame.images)
-            if isinstance(fit, Fit) and apparent(fit) >= SURE:
-                _of_fit(fit, rig, n, values)
-                if _still(poses, wanted[frame.index]):
-                    height[n] = _height(fit, tracker)
-                    # Pictures of one place say the same again, and nothing more.
-                    if fit.own is not None and frame.index >= last + APART:
-                        last = frame.index
-                        looks.append(look_of(fit))
-                        looked.append(n)
+        found = sample(tracker, frame.images, still=_still(poses, wanted[frame.index]))
+        for key, value in found.values.items():
+            values[key][n] = value
+        height[n] = found.height
+        # Pictures of one place say the same again, and nothing more.
+        if found.look is not None and frame.index >= last + APART:
+            last = frame.index
+            looks.append(found.look)
+            looked.append(n)
         progress(1)
     check = None
     if looks and count > 1:
-        angles = [camera.matrix[[0, 1], [0, 1]] for camera in rig]
-        values["disagreement"][looked] = 1e3 * np.linalg.norm(misses_of(looks, rig.cameras) / angles, axis=2)
+        values["disagreement"][looked] = disagreement(looks, rig)
         check = check_calibration(looks, rig.cameras)
     start = poses.timestamp[0] if len(poses) else 0.0
     return Health(poses.index[rows], poses.timestamp[rows] - start, tuple(rig.names), values, height, check)
+
+
+class Sample(NamedTuple):
+    """What the pictures of one moment tell; NaN where there is nothing."""
+
+    values: Mapping[str, FloatArray]
+    """(C,) of each of QUANTITIES but the disagreement."""
+    height: float
+    """As of HEIGHT."""
+    look: Look | None
+    """Where each camera sees an object at rest, if it is seen by one or more."""
+
+
+def sample(tracker: ObjectTracker, images: Sequence[Image | None], *, still: bool) -> Sample:
+    """Measure the pictures of one moment.
+
+    Args:
+        tracker: of the object and cameras; nothing of its memory is used or changed.
+        images: one of each camera (H, W, 3) uint8 BGR, None where there is none.
+        still: whether the object does not move: else nothing is said of table and disagreement.
+
+    Raises:
+        ImageError: a picture is not what the tracker's cameras give.
+    """
+    values = {key: np.full(len(tracker.rig), np.nan) for key in QUANTITIES if key != "disagreement"}
+    height, look = float("nan"), None
+    for c, image in enumerate(images):
+        if image is not None:
+            for key, value in of_picture(image).items():
+                values[key][c] = value
+    if any(image is not None for image in images):
+        fit = tracker.fit(images)
+        if isinstance(fit, Fit) and apparent(fit) >= SURE:
+            _of_fit(fit, tracker.rig, values)
+            if still:
+                height = _height(fit, tracker)
+                look = None if fit.own is None else look_of(fit)
+    return Sample(values, height, look)
+
+
+def disagreement(looks: Sequence[Look], rig: CameraRig) -> FloatArray:
+    """(looks, C) by which each camera misses what the others see [mrad]; NaN: not known."""
+    angles = [camera.matrix[[0, 1], [0, 1]] for camera in rig]
+    misses: FloatArray = 1e3 * np.linalg.norm(misses_of(looks, rig.cameras) / angles, axis=2)
+    return misses
 
 
 def of_picture(image: Image) -> dict[str, float]:
@@ -174,21 +212,23 @@ def of_picture(image: Image) -> dict[str, float]:
     }
 
 
-def _of_fit(fit: Fit, rig: CameraRig, n: int, values: Mapping[str, FloatArray]) -> None:
+def _of_fit(fit: Fit, rig: CameraRig, values: Mapping[str, FloatArray]) -> None:
     """Residual and blur of each camera that sees the object."""
     for c, (camera, seen) in enumerate(zip(rig, fit.cameras, strict=True)):
         if seen["inliers"] >= 1.0:
-            values["residual"][n, c] = np.sqrt(seen["squares"] / seen["inliers"])
-            values["blur"][n, c] = 100.0 * seen["blur"] / camera.width
+            values["residual"][c] = np.sqrt(seen["squares"] / seen["inliers"])
+            values["blur"][c] = 100.0 * seen["blur"] / camera.width
 
 
 def _still(poses: Poses, row: int) -> bool:
     """Whether the object did not move in a frame."""
     columns = poses.filtered
-    if not columns.has_pose[row]:
-        return len(poses) == 1
-    speeds = np.linalg.norm(columns.velocity[row].reshape(2, 3), axis=1)
-    return bool((speeds < SLOW).all())
+    return slow(columns.velocity[row]) if columns.has_pose[row] else len(poses) == 1
+
+
+def slow(velocity: FloatArray) -> bool:
+    """Whether an object with a velocity (6,) [m/s, rad/s] is at rest."""
+    return bool((np.linalg.norm(velocity.reshape(2, 3), axis=1) < SLOW).all())
 
 
 def _height(fit: Fit, tracker: ObjectTracker) -> float:

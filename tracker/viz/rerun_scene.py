@@ -9,6 +9,7 @@
       uncertainty/KIND         ellipsoid of the position, two standard deviations
       trajectory/KIND          one piece a frame; the view shows all pieces so far
     confidence/KIND, std_mm/KIND, std_deg/KIND, status
+    health/QUANTITY/CAMERA     see `upkeep.health`; health/table: height over the arena's table
 
 What is not there in a frame is cleared: there is never a stale pose.
 """
@@ -31,7 +32,7 @@ from tracker.geometry.camera import Camera
 from tracker.objects.labels import DISPLAY_COLORS_BGR
 from tracker.objects.model import CuboidModel
 from tracker.pose.result import Observation, PoseEstimate, Status
-from tracker.upkeep.health import QUANTITIES, of_picture
+from tracker.upkeep.health import HEIGHT, QUANTITIES, Sample, disagreement, of_picture
 from tracker.viz.overlays import visible_edges
 
 SIGMAS = 2.0
@@ -49,8 +50,7 @@ _JPEG_QUALITY = 90
 _PLANE_DISTANCE = 0.12  # of the images in space from their camera [m]
 _BAD = {Status.LOST, Status.NO_OBJECT_COLORS, Status.TOO_FEW_PIXELS, Status.INCONSISTENT_VIEWS}
 
-PICTURED = ("brightness", "clipping", "white balance")
-"""Of `upkeep.health.QUANTITIES`, what the pictures alone tell."""
+_TABLE = ("health", "table")
 
 FLUSH_SECONDS = 30.0
 """A writer that has failed may not answer at all: so long it is waited for [s]."""
@@ -79,7 +79,12 @@ class Scene:
         self._set_up()
 
     def show(
-        self, index: int, timestamp: float, observation: Observation, images: Sequence[Image | None] = ()
+        self,
+        index: int,
+        timestamp: float,
+        observation: Observation,
+        images: Sequence[Image | None] = (),
+        health: Sample | None = None,
     ) -> None:
         """Add a frame.
 
@@ -88,6 +93,7 @@ class Scene:
             timestamp: its time [s]; the first one shown counts as 0.
             observation: what the tracker found.
             images: (H, W, 3) uint8 BGR of each camera, None where there is none; empty: no images at all.
+            health: what the images tell of the rig; None: what each tells by itself is worked out.
 
         Raises:
             ImageError: an image does not fit the rig.
@@ -99,8 +105,7 @@ class Scene:
         self._stream.set_time(TIME, duration=timestamp - self._start)
         for camera, image in zip(self._rig, images or [None] * len(self._rig), strict=True):
             self._put(_image_path(camera), None if image is None else _jpeg(camera, image))
-            for key, value in ({} if image is None else of_picture(image)).items():
-                self._put(("health", key, camera.name), rr.Scalars([value]) if np.isfinite(value) else None)
+        self._show_health(images or [None] * len(self._rig), health)
         poses = {"measured": observation.object_pose, "filtered": observation.filtered_object_pose}
         for kind, pose in poses.items():
             self._show_pose(kind, pose)
@@ -108,6 +113,21 @@ class Scene:
         self._count += 1
         if self._count % _FLUSH_FRAMES == 0:
             self._stream.flush(timeout_sec=FLUSH_SECONDS)
+
+    def _show_health(self, images: Sequence[Image | None], health: Sample | None) -> None:
+        values: dict[str, FloatArray] = {key: np.full(len(self._rig), np.nan) for key in QUANTITIES}
+        if health is not None:
+            values |= health.values
+            if health.look is not None and len(self._rig) > 1:
+                values["disagreement"] = disagreement([health.look], self._rig)[0]
+        else:
+            for c, image in enumerate(images):
+                for key, value in ({} if image is None else of_picture(image)).items():
+                    values[key][c] = value
+        for key, column in values.items():
+            for camera, value in zip(self._rig, column.tolist(), strict=True):
+                self._put(("health", key, camera.name), _scalar(value))
+        self._put(_TABLE, _scalar(float("nan") if health is None else health.height))
 
     def _show_pose(self, kind: str, pose: PoseEstimate | None) -> None:
         self._show_object(kind, pose)
@@ -158,7 +178,7 @@ class Scene:
         self._log(("world", "arena"), line, static=True)
         for camera in self._rig:
             self._log(_image_path(camera)[:-1], *_pinhole(camera), static=True)
-            for key in PICTURED:
+            for key in QUANTITIES:
                 self._log(("health", key, camera.name), rr.SeriesLines(names=[camera.name]), static=True)
         for kind, color in KINDS.items():
             self._log(("confidence", kind), rr.SeriesLines(names=[kind], colors=[color]), static=True)
@@ -197,16 +217,26 @@ def layout(rig: CameraRig) -> rrb.Blueprint:
         rrb.TimeSeriesView(origin=path, name=name)
         for path, name in (("confidence", "confidence"), ("std_mm", "std [mm]"), ("std_deg", "std [°]"))
     ]
-    curves += [
-        rrb.TimeSeriesView(origin=rr.new_entity_path(["health", key]), name=f"{key} [{QUANTITIES[key].unit}]")
-        for key in PICTURED
+    health = [
+        rrb.TimeSeriesView(origin=rr.new_entity_path(["health", key]), name=f"{key} [{quantity.unit}]")
+        for key, quantity in QUANTITIES.items()
     ]
+    health.append(rrb.TimeSeriesView(origin=rr.new_entity_path(list(_TABLE)), name=f"table [{HEIGHT.unit}]"))
     status = rrb.TextLogView(origin="status", name="status")
     left = rrb.Vertical(space, rrb.Horizontal(*views), row_shares=[2, 1])
-    right = rrb.Vertical(*curves, status)
+    right = rrb.Vertical(
+        rrb.Tabs(rrb.Vertical(*curves, name="poses"), rrb.Vertical(*health, name="rig")),
+        status,
+        row_shares=[4, 1],
+    )
     return rrb.Blueprint(
         rrb.Horizontal(left, right, column_shares=[2, 1]), rrb.TimePanel(timeline=TIME), collapse_panels=True
     )
+
+
+def _scalar(value: float) -> Any:
+    """None where there is none."""
+    return rr.Scalars([value]) if np.isfinite(value) else None
 
 
 def _image_path(camera: Camera) -> tuple[str, ...]:
