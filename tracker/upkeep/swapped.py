@@ -9,7 +9,7 @@ from tracker.conventions import Image
 from tracker.pipeline import ObjectTracker
 from tracker.pose.result import CameraUse, Observation, Status
 
-SURE, UNSURE = 0.9, 0.5
+SURE, UNSURE = 0.9, 0.75
 """Confidence from which pictures fit, and up to which they do not."""
 
 _MOST_CAMERAS = 4  # for whose pictures all orders are tried, 24; with more only pairs are
