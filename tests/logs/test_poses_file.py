@@ -345,7 +345,7 @@ def test_a_block_that_unpacks_to_more_than_it_should_is_refused_before(written, 
         del file["timestamps"]
         options = {"chunks": (5,), "compression": "gzip", "fletcher32": sums}
         field = file.create_dataset("timestamps", (5,), float, **options)
-        field.id.write_direct_chunk((0,), zlib.compress(bytes(50_000_000), 1) + 4 * sums * b"x")
+        field.id.write_direct_chunk((0,), zlib.compress(bytes(50_000_000), 9) + 4 * sums * b"x")
     with pytest.raises(LogError, match=r"/timestamps: .*unpacks to"):
         read_poses(written)
 

@@ -62,6 +62,7 @@ class Film:
                 f"{self.path}: found {stream.width}×{stream.height} px, expected {MIN_SIDE} to {MAX_SIDE}"
             )
         stream.thread_type = "NONE"  # cores are shared by recordings
+        stream.codec_context.options = {"err_detect": "explode"}  # else what is damaged is made up
         return stream
 
     def _read_times(self) -> list[int]:

@@ -117,7 +117,7 @@ def log_odds(fit: Fit) -> float:
     return BIAS + sum(WEIGHTS[key] * value for key, value in features(fit).items())
 
 
-SURE = 3.0
+SURE = 2.2
 """Log odds of a fit at which no other hypothesis is tried."""
 
 
@@ -126,9 +126,14 @@ def sure(fit: Fit) -> bool:
     return log_odds(fit) > SURE and fit.converged and possible(fit)
 
 
+MOST_UNUSABLE = 0.5
+"""Share of the edges' pieces that show nothing they could be measured by, up to which a fit settles the matter:
+one that is turned the wrong way round has edges where there are none."""
+
+
 def settled(fit: Fit) -> bool:
     """Whether no other hypothesis needs to be tried: one camera alone never settles the matter."""
-    return sure(fit) and not alone(fit)
+    return sure(fit) and not alone(fit) and features(fit)["unusable"] <= MOST_UNUSABLE
 
 
 EVIDENCE = 0.1
