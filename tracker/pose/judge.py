@@ -127,8 +127,8 @@ def sure(fit: Fit) -> bool:
 
 
 MOST_UNUSABLE = 0.5
-"""Share of the edges' pieces that show nothing they could be measured by, up to which a fit settles the matter:
-one that is turned the wrong way round has edges where there are none."""
+"""Share of the edges' pieces that show nothing they could be measured by, up to which a fit settles the
+matter: one that is turned the wrong way round has edges where there are none."""
 
 
 def settled(fit: Fit) -> bool:
