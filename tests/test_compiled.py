@@ -9,6 +9,7 @@ import sys
 
 import numpy as np
 import pytest
+from numba.core import types
 
 from tests.helpers import ROOT, run_python
 from tracker.compiled import compiled
@@ -46,6 +47,8 @@ def times_three_and_four(value):
 
 def test_numbers_that_callers_write_out_share_one_compilation():
     assert times_three_and_four(1.5) == 10.5
+    for number in (3, 4):  # as a caller asks that is not on disk yet
+        times.get_call_template((types.float64, types.literal(number)), {})
     assert len(times.signatures) == 1
 
 
