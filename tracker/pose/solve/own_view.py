@@ -8,6 +8,7 @@ from tracker.compiled import compiled
 from tracker.geometry.linear import factorise, substitute
 from tracker.pose.solve.covariance import DEVIATION_STD
 from tracker.pose.solve.normal import EDGE, accumulate, integrate_out, residual
+from tracker.pose.solve.refine import trust_of
 from tracker.pose.solve.robust import spread
 from tracker.pose.solve.step import EXPONENT, RIM, UNKNOWNS
 
@@ -74,9 +75,7 @@ def see_alone(cameras, unknowns, tuning, prior, work, seen, information, moved):
         if not cameras.used[c]:
             continue
         scale, count = cameras.scales[c], work.counts[c]
-        trust = (1.0 if cameras.parts[c] > 1 else 1.0 / tuning.correlation**2) / (
-            1.0 + (unknowns.blurs[c] / (tuning.smear * scale)) ** 4
-        )
+        trust = trust_of(cameras.parts[c], unknowns.blurs[c], scale, tuning)
         exponent, rim = unknowns.shared[EXPONENT] + unknowns.offsets[c, EXPONENT], unknowns.shared[RIM]
         step[:], solved = 0.0, True
         for turn in range(ROUNDS):
