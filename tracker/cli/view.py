@@ -101,7 +101,6 @@ def view(
     from tracker.logs import open_log
     from tracker.logs.cameras import fitted_to
     from tracker.logs.poses_file import is_poses_file, read_poses
-    from tracker.pipeline import ObjectTracker
     from tracker.viz.rerun_viewer import require_rerun
 
     require_rerun()
@@ -126,8 +125,7 @@ def view(
             return
         with open_log(log, recover=recover) as opened:
             rig = fitted_to(log, opened, poses.about.rig)
-            tracker = ObjectTracker(model, rig)
-            frames = _with_images(log, opened, tracker, poses, rows, every)
+            frames = _with_images(log, opened, rig, model, poses, rows, every)
             _show(source, target, rig, model, frames, len(rows), quiet)
         return
     if log is not None:
@@ -204,11 +202,20 @@ def _from_poses(poses: Poses, rows: Sequence[int]) -> _Frames:
 
 
 def _with_images(
-    path: Path, log: Log, tracker: ObjectTracker, poses: Poses, rows: Sequence[int], every: int
+    path: Path,
+    log: Log,
+    rig: CameraRig,
+    model: CuboidModel,
+    poses: Poses,
+    rows: Sequence[int],
+    every: int,
 ) -> _Frames:
     """The poses with the images of their frames; LogError where the recording is another."""
     if not rows:
         return
+    from tracker.pipeline import ObjectTracker
+
+    tracker = ObjectTracker(model, rig)
     row_of = {int(poses.index[row]): row for row in rows}
     first, last = min(row_of), max(row_of)
     if last >= len(log):
