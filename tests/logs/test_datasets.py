@@ -14,7 +14,6 @@ import tracker
 from tests.helpers.log_writers import CAMERAS, make_content, write_store
 from tests.helpers.needs import lack
 from tracker.errors import LogError
-from tracker.logs.lmdb_file import LmdbFile
 
 pytest.importorskip("lmdb", reason="datasets: no module lmdb")
 pytest.importorskip("numcodecs", reason="datasets: no module numcodecs")
@@ -160,27 +159,6 @@ def test_what_would_take_memory_or_time_without_end_is_refused(tmp_path, key, ch
     edit(folder, key, change)
     with pytest.raises(LogError, match=message):
         tracker.open_log(folder)
-
-
-@pytest.mark.parametrize("count", [0, 1, 300])
-def test_all_that_an_lmdb_database_holds_is_found(tmp_path, rng, count):
-    import lmdb
-
-    values = {f"images/{k}": rng.bytes(int(rng.integers(0, 6000))) for k in rng.permutation(count)}
-    with lmdb.open(str(tmp_path), map_size=1 << 24) as environment:
-        for _ in range(2):  # twice, so that pages are freed and used again
-            with environment.begin(write=True) as transaction:
-                for key, value in values.items():
-                    transaction.put(key.encode(), value)
-                transaction.delete(b"images/0")
-    values.pop("images/0", None)
-    store = LmdbFile(tmp_path / "data.mdb")
-    assert store.entries == len(values)
-    for key, value in values.items():
-        assert store.get(key, 1 << 20) == value
-    for key in ("", "images/0", "images/00", "zzz"):
-        assert store.get(key, 1 << 20) is None
-    store.close()
 
 
 def test_a_truncated_store_is_noticed_before_it_is_mapped(tmp_path):

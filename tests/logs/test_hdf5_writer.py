@@ -1,9 +1,6 @@
 from __future__ import annotations
 
 import dataclasses
-import errno
-import os
-import resource
 
 import h5py
 import numpy as np
@@ -16,7 +13,6 @@ from tests.helpers.recording_stubs import tiny_rig
 from tests.logs.test_native import assert_same
 from tracker.errors import LogError
 from tracker.logs.frame import RecordedPose
-from tracker.logs.hdf5_disk import Disk
 from tracker.logs.hdf5_writer import Hdf5LogWriter
 from tracker.logs.pictures import from_bayer, to_bayer
 
@@ -206,22 +202,3 @@ def test_a_full_disk_is_told_and_what_was_flushed_before_stays(tmp_path):
                 assert [frame.index for frame in log] == list(range(flushed[-1]))
     assert flushed[:2] == [0, 0]
     assert flushed[-1] >= 10
-
-
-def test_what_the_disk_refuses_can_be_read_back_from_memory(tmp_path, rng):
-    limits, mirror = resource.getrlimit(resource.RLIMIT_FSIZE), bytearray()
-    with Disk(tmp_path / "file") as disk:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
-        try:
-            for size in rng.integers(1, 500, 60).tolist():
-                at, data = int(rng.integers(len(mirror) + 1)), rng.bytes(size)
-                mirror[at : at + size] = data
-                disk.seek(at)
-                assert disk.write(data) == size
-                back, place = bytearray(700), int(rng.integers(len(mirror)))
-                disk.seek(place)
-                assert back[: disk.readinto(back)] == mirror[place : place + 700]
-        finally:
-            resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-        assert disk.seek(0, os.SEEK_END) == len(mirror) > 1000
-        assert disk.fault.errno == errno.EFBIG

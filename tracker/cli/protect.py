@@ -69,7 +69,7 @@ def refuse_other_content(name: str, path: Path) -> None:
     Raises:
         click.UsageError: it is something else.
     """
-    from tracker.logs.checked_hdf5 import open_file
+    from tracker.files.hdf5 import open_file
     from tracker.logs.poses_file import is_poses_file
 
     if not path.is_file() or path.stat().st_size == 0 or is_poses_file(path):

@@ -8,7 +8,7 @@ import numpy as np
 
 from tracker.conventions import FloatArray, Image
 from tracker.errors import LogError
-from tracker.logs.datasets_store import StoredArray, open_store
+from tracker.files.zarr import StoredArray, open_store
 from tracker.logs.frame import LogFrame
 from tracker.logs.pictures import decode, from_bayer, from_quadrants
 from tracker.logs.source import DEFAULT_NAMES, MAX_SIDE, MIN_SIDE, Source

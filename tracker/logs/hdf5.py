@@ -12,7 +12,7 @@ import numpy as np
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Image
 from tracker.errors import LogError
-from tracker.logs.checked_hdf5 import (
+from tracker.files.hdf5 import (
     MAX_CHUNK,
     Rows,
     TooLong,

@@ -13,11 +13,10 @@ from tracker.calibration.platform_files import MAX_ROTATION_DEVIATION
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray
 from tracker.errors import CalibrationError, LogError
+from tracker.files import cannot_read, hdf5
 from tracker.geometry import so3
 from tracker.geometry.camera import ROTATION_TOLERANCE, Camera, rotation_deviation
 from tracker.geometry.distortion import COUNTS
-from tracker.logs import checked_hdf5 as hdf5
-from tracker.logs.source import cannot_read
 
 CAMERA_DATASETS = {
     "camera_matrix": ("matrix", (3, 3)),

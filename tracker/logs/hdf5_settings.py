@@ -15,7 +15,7 @@ import h5py
 import numpy as np
 
 from tracker.errors import LogError
-from tracker.logs.checked_hdf5 import faults_as_log_errors, find
+from tracker.files.hdf5 import faults_as_log_errors, find
 from tracker.logs.source import Settings
 
 LARGEST = 1 << 16

@@ -13,9 +13,9 @@ import numpy as np
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import LogError
+from tracker.files.hdf5_disk import Disk
 from tracker.logs.frame import checked_stamp
 from tracker.logs.hdf5 import FLUSHED, MAGIC
-from tracker.logs.hdf5_disk import Disk
 from tracker.logs.hdf5_settings import write_settings
 from tracker.logs.pictures import to_bayer
 from tracker.logs.source import Settings

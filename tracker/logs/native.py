@@ -23,9 +23,10 @@ import numpy as np
 
 from tracker.conventions import Image
 from tracker.errors import LogError
+from tracker.files import cannot_read
 from tracker.logs.frame import LogFrame, checked_stamp, empty_frame, is_empty, pose_from_record
 from tracker.logs.pictures import from_bayer
-from tracker.logs.source import MAX_SIDE, MIN_SIDE, Source, cannot_read
+from tracker.logs.source import MAX_SIDE, MIN_SIDE, Source
 
 _CAMERAS = 3
 _EMPTY = (b"", struct.pack("<IQ", 1, 0), struct.pack("<Q", 0))

@@ -6,10 +6,11 @@ import os
 from pathlib import Path
 
 from tracker.errors import LogError
+from tracker.files import cannot_read
 from tracker.logs.films import SUFFIXES as FILM_SUFFIXES
 from tracker.logs.log import Log
 from tracker.logs.recording_files import JOB_LOGS, STORE_FILE
-from tracker.logs.source import Source, cannot_read
+from tracker.logs.source import Source
 
 DEFAULT_RATE = 10.0
 """Frames per second [Hz] of the platform's cameras."""

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 
 from tracker.conventions import Image
-from tracker.encoded import JPEG, PNG, fault_of_png, stated_size
 from tracker.errors import LogError
+from tracker.files.encoded import JPEG, PNG, fault_of_png, stated_size
 from tracker.logs.source import MAX_SIDE, MIN_SIDE
 
 

@@ -19,9 +19,8 @@ import numpy as np
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array
 from tracker.errors import CalibrationError, LogError
-from tracker.files import told_as, write_whole
+from tracker.files import hdf5, told_as, write_whole
 from tracker.geometry.camera import Camera
-from tracker.logs import checked_hdf5 as hdf5
 from tracker.logs.hdf5_cameras import CAMERA_DATASETS, read_camera
 from tracker.logs.poses import KINDS, About, Kind, Poses
 

@@ -24,8 +24,7 @@ import numpy as np
 
 from tracker.conventions import FloatArray
 from tracker.errors import LogError
-from tracker.files import read_bounded
-from tracker.logs.source import cannot_read
+from tracker.files import cannot_read, read_bounded
 
 if sys.version_info >= (3, 11):
     import tomllib

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from pathlib import Path
@@ -102,8 +101,3 @@ def rig_beside(folder: Path, names: tuple[str, ...]) -> CameraRig | None:
         if camera.name != name:
             raise LogError(f"{file}: camera_name: found {camera.name}, expected {name}")
     return rig
-
-
-def cannot_read(path: str | os.PathLike[str], error: OSError) -> LogError:
-    """What the operating system says, in one line."""
-    return LogError(f"{os.fspath(path)}: cannot be read: {error.strerror or error}")

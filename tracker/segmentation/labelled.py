@@ -16,9 +16,9 @@ import cv2
 import numpy as np
 
 from tracker.conventions import Image
-from tracker.encoded import PNG, fault_of_png, stated_size
 from tracker.errors import ImageError
 from tracker.files import read_bounded
+from tracker.files.encoded import PNG, fault_of_png, stated_size
 from tracker.objects.labels import COLOR_NAMES
 
 MAX_PIXELS = 1 << 26

@@ -22,7 +22,7 @@ import numpy as np
 
 from tracker.conventions import Array, FloatArray
 from tracker.errors import LogError
-from tracker.logs.source import cannot_read
+from tracker.files.reading import cannot_read
 
 MAX_CHUNK = 1 << 28
 """Largest block [bytes] that a field may be stored in."""

@@ -29,19 +29,6 @@ def told_as(fault: Callable[[str], Exception], what: str | os.PathLike[str]) -> 
         raise fault(f"{os.fspath(what)}: cannot be written: {' '.join(str(reason).split())}") from error
 
 
-def read_bounded(path: str | os.PathLike[str], largest: int) -> bytes:
-    """The content of a file that has at most `largest` bytes; no more are read of one that has more.
-
-    Raises:
-        OSError: the file cannot be read, or is larger.
-    """
-    with open(path, "rb") as file:
-        content = file.read(largest + 1)
-    if len(content) > largest:
-        raise OSError(errno.EFBIG, f"found more than {largest} bytes", os.fspath(path))
-    return content
-
-
 def write_whole(path: str | os.PathLike[str], content: bytes | str) -> None:
     """Write a file under a temporary name beside its own, then rename it; text is written as UTF-8.
 

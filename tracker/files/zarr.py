@@ -17,7 +17,7 @@ import numpy as np
 
 from tracker.conventions import Array
 from tracker.errors import LogError, install
-from tracker.logs.lmdb_file import LmdbFile
+from tracker.files.lmdb import LmdbFile
 
 MAX_BLOCK = 1 << 29
 """Largest block [bytes], packed and unpacked."""

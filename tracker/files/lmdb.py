@@ -16,7 +16,7 @@ from bisect import bisect_left, bisect_right
 from pathlib import Path
 
 from tracker.errors import LogError
-from tracker.logs.source import cannot_read
+from tracker.files.reading import cannot_read
 
 _PAGE_HEAD = 16
 _MAGIC, _VERSION = 0xBEEFC0DE, 1
