@@ -20,7 +20,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from tracker.conventions import Array, FloatArray
+from tracker.conventions import Array
 from tracker.errors import LogError
 from tracker.files.reading import cannot_read
 
@@ -45,7 +45,6 @@ _FILTERS = {
 _MAX_RATIO = 1032  # deflate packs at most this many bytes into one
 _MAX_ATTRIBUTE = 1 << 20  # bytes
 _SMALL = 1 << 20  # bytes that may be taken for a field that has none stored
-_ROWS = 512  # rows of a small field that are read at once
 _END_OFFSET = {0: 40, 1: 44, 2: 28, 3: 28}
 """Where the file's length stands, by the version of the file's head."""
 
@@ -151,7 +150,7 @@ def array(file: Any, name: str, shape: tuple[int, ...], kinds: str, where: str =
         size, there = math.prod(shape) * stored.dtype.itemsize, int(stored.id.get_storage_size())
         if size > max(_SMALL, _MAX_RATIO * there):
             raise LogError(f"found {there} bytes stored, expected enough for {size}")
-        _check_unpacked(stored)
+        check_unpacked(stored)
         return np.asarray(stored[()])
 
 
@@ -221,38 +220,23 @@ def inflated(packed: bytes, largest: int) -> bytes:
     return content
 
 
+def check_unpacked(dataset: h5py.Dataset) -> None:
+    """LogError if a block unpacks to more than it should."""
+    filters = filters_of(dataset) if dataset.chunks else ()
+    if h5py.h5z.FILTER_DEFLATE not in filters:
+        return
+    place = filters.index(h5py.h5z.FILTER_DEFLATE)
+    sums = [filters[k] == h5py.h5z.FILTER_FLETCHER32 for k in range(len(filters))]
+    block = math.prod(dataset.chunks) * dataset.dtype.itemsize + 4 * sum(sums[:place])
+    for number in range(dataset.id.get_num_chunks()):
+        skipped, packed = dataset.id.read_direct_chunk(dataset.id.get_chunk_info(number).chunk_offset)
+        if not skipped >> place & 1:
+            inflated(packed[: len(packed) - 4 * sum(sums[place:])], block)
+
+
 def shown(stored: Any) -> str:
     """Type and shape of a dataset or an attribute in words, for messages."""
     return f"{stored.dtype} of shape {stored.shape}"
-
-
-class Rows:
-    """A field with a few numbers for each frame; a block of rows at a time is in memory."""
-
-    def __init__(self, field: h5py.Dataset, width: int, what: str) -> None:
-        """Args: a field of shape (n, width), or (n,) where width is 1; LogError if it is another."""
-        shape = field.shape or ()
-        if not shape or math.prod(shape[1:]) != width or field.dtype not in (np.float64, np.bool_, np.uint8):
-            raise LogError(f"{what}: found {shown(field)}, expected {width} numbers for each frame")
-        with faults_as_log_errors(what):
-            _check_unpacked(field)
-        self._field, self._width, self._what = field, width, what
-        self._start = 0
-        self._block: FloatArray = np.empty((0, width))
-
-    def __len__(self) -> int:
-        return int(self._field.shape[0])
-
-    def __getitem__(self, index: int) -> FloatArray:
-        """(width,) numbers of a frame."""
-        if not self._start <= index < self._start + len(self._block):
-            start = index - index % _ROWS
-            with faults_as_log_errors(self._what):
-                rows: Array = self._field[start : start + _ROWS]
-                self._block = np.asarray(rows, dtype=np.float64).reshape(-1, self._width)
-            self._start = start
-        result: FloatArray = self._block[index - self._start]
-        return result
 
 
 def _item(file: Any, name: str, what: str) -> Any:
@@ -267,20 +251,6 @@ def _item(file: Any, name: str, what: str) -> Any:
                 raise LogError(f"{what}: found a link, expected the data themselves")
             item = item[part]
         return item
-
-
-def _check_unpacked(dataset: h5py.Dataset) -> None:
-    """LogError if a block unpacks to more than it should."""
-    filters = filters_of(dataset) if dataset.chunks else ()
-    if h5py.h5z.FILTER_DEFLATE not in filters:
-        return
-    place = filters.index(h5py.h5z.FILTER_DEFLATE)
-    sums = [filters[k] == h5py.h5z.FILTER_FLETCHER32 for k in range(len(filters))]
-    block = math.prod(dataset.chunks) * dataset.dtype.itemsize + 4 * sum(sums[:place])
-    for number in range(dataset.id.get_num_chunks()):
-        skipped, packed = dataset.id.read_direct_chunk(dataset.id.get_chunk_info(number).chunk_offset)
-        if not skipped >> place & 1:
-            inflated(packed[: len(packed) - 4 * sum(sums[place:])], block)
 
 
 def _check_filters(dataset: h5py.Dataset, what: str) -> None:

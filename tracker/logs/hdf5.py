@@ -2,37 +2,24 @@
 
 from __future__ import annotations
 
-import math
 from contextlib import suppress
 from pathlib import Path
 
 import h5py
 import numpy as np
 
+from tracker.calibration.camera_info import read_rig
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Image
 from tracker.errors import LogError
-from tracker.files.hdf5 import (
-    MAX_CHUNK,
-    Rows,
-    TooLong,
-    check_stated_end,
-    faults_as_log_errors,
-    filters_of,
-    find,
-    inflated,
-    open_file,
-    shown,
-)
+from tracker.files.hdf5 import TooLong, check_stated_end, faults_as_log_errors, find, open_file, shown
 from tracker.logs.frame import LogFrame, RecordedPose, checked_stamp, empty_frame, is_empty, pose_from_record
-from tracker.logs.hdf5_cameras import read_names, read_rig
-from tracker.logs.hdf5_settings import read_settings
+from tracker.logs.hdf5_fields import Rows, StoredImages, read_names, read_settings
 from tracker.logs.pictures import from_bayer
-from tracker.logs.source import DEFAULT_NAMES, MAX_SIDE, MIN_SIDE, Settings, Source
+from tracker.logs.source import DEFAULT_NAMES, Settings, Source
 
 MAGIC = 0x3CDA7A00
 VERSIONS = (1, 2)
-MAX_CAMERAS = 16
 
 FLUSHED = "frames_flushed"
 """Attribute of a log of this project that is still written, or whose writer was killed: how many frames were
@@ -190,77 +177,3 @@ class Hdf5Source(Source):
         if field is None:
             return default
         return read_names(field, count, self.path)
-
-
-class StoredImages:
-    """The field `images`, (n, C, H, W) uint8."""
-
-    def __init__(self, field: h5py.Dataset, where: str) -> None:
-        """LogError if the field cannot be images."""
-        shape: tuple[int, ...] = field.shape or ()
-        sides = len(shape) == 4 and all(MIN_SIDE <= side <= MAX_SIDE for side in shape[2:])
-        if not sides or not 1 <= shape[1] <= MAX_CAMERAS or field.dtype != np.uint8:
-            raise LogError(
-                f"{where}: images: found {field.dtype} of shape {shape}, expected uint8 of (frames, 1 to "
-                f"{MAX_CAMERAS} cameras, {MIN_SIDE} to {MAX_SIDE} rows, as many columns)"
-            )
-        self._field = field
-        self.count, self.cameras, self.rows, self.columns = (int(side) for side in shape)
-        frame_bytes = self.cameras * self.rows * self.columns
-        stored = int(field.chunks[0]) if field.chunks else 1
-        # Frames that are packed together are unpacked together, else each would unpack them all again.
-        self._together = stored if 1 < stored <= self.count and stored * frame_bytes <= MAX_CHUNK else 1
-        # To shuffle the bytes of numbers of one byte does nothing.
-        filters = [code for code in filters_of(field) if code != h5py.h5z.FILTER_SHUFFLE]
-        gzipped = filters == [h5py.h5z.FILTER_DEFLATE]
-        self._whole_frames = gzipped and bool(field.chunks) and field.chunks[1:] == shape[1:]
-        self._start = 0
-        self._block: Image = np.empty((0, 0, 0, 0), np.uint8)
-
-    def read(self, index: int, what: str) -> Image:
-        """(C, H, W) raw pixels of a frame; LogError where they are damaged or were never written."""
-        if not self._start <= index < self._start + len(self._block):
-            start = index - index % self._together
-            with faults_as_log_errors(f"{what}: images"):
-                block = self._unpacked(start) if self._whole_frames else self._read_by_library(start)
-            self._block, self._start = block, start
-        result: Image = self._block[index - self._start]
-        return result
-
-    def _read_by_library(self, start: int) -> Image:
-        if self._field.chunks:
-            self._check_chunks(start)
-        block: Image = self._field[start : start + self._together]
-        return block
-
-    def _unpacked(self, start: int) -> Image:
-        """What a block unpacks to, without trusting it to be no more than it should."""
-        chunks = self._field.chunks
-        first = start - start % chunks[0]
-        skipped, packed = self._field.id.read_direct_chunk((first, 0, 0, 0))
-        whole = math.prod(chunks)
-        gzip = filters_of(self._field).index(h5py.h5z.FILTER_DEFLATE)
-        content = packed if skipped >> gzip & 1 else inflated(packed, whole)
-        if len(content) != whole:
-            raise LogError(f"images at {first}: found {len(content)} bytes, expected {whole}")
-        frames = np.frombuffer(content, np.uint8).reshape(chunks)
-        last = min(start - first + self._together, self.count - first)
-        block: Image = frames[start - first : last].copy()  # the user's own, to change
-        return block
-
-    def _check_chunks(self, start: int) -> None:
-        """Refuse what the library passes silently: blocks that are missing, or cut off and not packed."""
-        chunks = self._field.chunks
-        whole = math.prod(chunks)
-        packed = self._field.id.get_create_plist().get_nfilters() > 0
-        for corner in np.ndindex(
-            *(-(-side // chunk) for side, chunk in zip(self._field.shape[1:], chunks[1:], strict=True))
-        ):
-            offset = (
-                start - start % chunks[0],
-                *(int(c) * k for c, k in zip(corner, chunks[1:], strict=True)),
-            )
-            # The same search as reading does; it raises where there is no block.
-            skipped, stored = self._field.id.read_direct_chunk(offset)
-            if (skipped or not packed) and len(stored) < whole:
-                raise LogError(f"images at {offset}: found {len(stored)} bytes, expected {whole}")

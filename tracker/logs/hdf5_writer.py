@@ -16,7 +16,7 @@ from tracker.errors import LogError
 from tracker.files.hdf5_disk import Disk
 from tracker.logs.frame import checked_stamp
 from tracker.logs.hdf5 import FLUSHED, MAGIC
-from tracker.logs.hdf5_settings import write_settings
+from tracker.logs.hdf5_fields import write_settings
 from tracker.logs.pictures import to_bayer
 from tracker.logs.source import Settings
 

@@ -16,12 +16,12 @@ from typing import Any
 import h5py
 import numpy as np
 
+from tracker.calibration.camera_info import CAMERA_DATASETS, read_camera
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array
 from tracker.errors import CalibrationError, LogError
 from tracker.files import hdf5, told_as, write_whole
 from tracker.geometry.camera import Camera
-from tracker.logs.hdf5_cameras import CAMERA_DATASETS, read_camera
 from tracker.logs.poses import KINDS, About, Kind, Poses
 
 FORMAT = "trifinger-object-tracker poses"

@@ -1,0 +1,80 @@
+"""Calibrations inside HDF5 files, of logs and of poses: `/camera_info` has a group for each camera."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from tracker.calibration.platform_files import MAX_ROTATION_DEVIATION
+from tracker.calibration.rig import CameraRig
+from tracker.conventions import FloatArray
+from tracker.errors import CalibrationError, LogError
+from tracker.files import hdf5
+from tracker.geometry import so3
+from tracker.geometry.camera import ROTATION_TOLERANCE, Camera, rotation_deviation
+from tracker.geometry.distortion import COUNTS
+
+CAMERA_DATASETS = {
+    "camera_matrix": ("matrix", (3, 3)),
+    "distortion_coefficients": ("distortion", (1, -1)),
+    "tf_world_to_camera": ("camera_from_world", (4, 4)),
+    "tf_world_to_camera_std": ("camera_from_world_std", (4, 4)),
+}
+"""Attribute of a Camera, and shape in the file, of each dataset in a camera's group; -1: of its lens."""
+
+_MAY_BE_MISSING = "tf_world_to_camera_std"
+_LENSES = tuple((1, count) for count in COUNTS)
+
+
+def read_rig(file: Any, names: tuple[str, ...], size: tuple[int, int], where: str) -> CameraRig | None:
+    """The cameras' calibration, or None where the file has none.
+
+    Args:
+        file: the open file.
+        names: of the cameras, in order.
+        size: (width, height) [px] of the images.
+        where: names the file in errors.
+
+    Raises:
+        LogError: the calibration is incomplete, damaged or impossible.
+    """
+    if not hdf5.has_group(file, "camera_info", where):
+        return None
+    try:
+        return CameraRig(tuple(read_camera(file, name, size, where) for name in names))
+    except CalibrationError as error:
+        raise LogError(f"{where}camera_info: {error}") from error
+
+
+def read_camera(file: Any, name: str, size: tuple[int, int], where: str) -> Camera:
+    """One camera; see `read_rig`.
+
+    Raises:
+        LogError: something is missing or damaged.
+        CalibrationError: it cannot be a camera.
+    """
+    group = f"camera_info/{name}"
+    arrays: dict[str, Any] = {}
+    for key, (attribute, shape) in CAMERA_DATASETS.items():
+        stored = hdf5.find(file, f"{group}/{key}", where)
+        if stored is None and key == _MAY_BE_MISSING:
+            continue
+        if stored is not None and attribute == "distortion":
+            shape = stored.shape if stored.shape in _LENSES else _LENSES[0]
+        values = hdf5.array(file, f"{group}/{key}", shape, "fiu", where).astype(np.float64)
+        arrays[attribute] = values.ravel() if attribute == "distortion" else values
+    _mend(arrays["camera_from_world"], f"{where}{group}/tf_world_to_camera")
+    return Camera(name=name, width=size[0], height=size[1], **arrays)
+
+
+def _mend(transform: FloatArray, what: str) -> None:
+    """Make the 3×3 part a rotation; LogError where it is far from one."""
+    deviation = rotation_deviation(transform[:3, :3])
+    if deviation > MAX_ROTATION_DEVIATION:
+        raise LogError(
+            f"{what}: found a 3×3 part that deviates from a rotation by {deviation:.2g}, expected at most "
+            f"{MAX_ROTATION_DEVIATION:g}"
+        )
+    if deviation > ROTATION_TOLERANCE:  # the platform stores element-wise means of rotations
+        transform[:3, :3] = so3.nearest_rotation(transform[:3, :3])
