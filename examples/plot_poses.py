@@ -6,7 +6,7 @@ matplotlib.use("Agg")  # no window
 import matplotlib.pyplot as plt
 import numpy as np
 
-from tracker.logs.poses_file import read_poses
+from tracker.poses.file import read_poses
 
 poses = read_poses("poses.h5")
 time = poses.timestamp - poses.timestamp[0]  # [s]

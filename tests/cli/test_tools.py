@@ -12,8 +12,8 @@ from tests.helpers.command import assert_one_line_error
 from tests.helpers.log_writers import make_content, write_hdf5, write_native
 from tests.helpers.pose_logs import make_rig, random_poses
 from tests.helpers.recording_stubs import tiny_rig, write_log
-from tracker.logs.exports import CSV_HEADER, write_bop, write_csv, write_tum
-from tracker.logs.poses_file import write_poses
+from tracker.poses.exports import CSV_HEADER, write_bop, write_csv, write_tum
+from tracker.poses.file import write_poses
 from tracker.tasks import move_object, rearrange_dice
 from tracker.tasks.job_goal import JobGoal, read_job_goal
 

@@ -32,9 +32,9 @@ from tests.helpers.stills import posed_scene, take
 from tracker.cli.track_outputs import _of_height, observation
 from tracker.files import claimed
 from tracker.geometry import so3
-from tracker.logs.poses_file import read_poses
 from tracker.objects.model import to_toml
 from tracker.pose.result import CameraUse
+from tracker.poses.file import read_poses
 from tracker.viz import write_image
 
 FRAMES = 6

@@ -15,7 +15,7 @@ from scripts.site_links import on_page_markdown
 from synthetic.camera.shot import QUALITIES
 from tests.helpers import ROOT
 from tests.helpers.synthetic_needs import skip_without_platform
-from tracker.logs.poses_file import read_poses
+from tracker.poses.file import read_poses
 
 WRITTEN = ("README", "docs/first-steps", "docs/answers", "docs/control-loop", "docs/retracking")
 WRITTEN += ("docs/own-rig", "docs/tasks", "docs/own-object", "docs/synthetic")

@@ -139,7 +139,7 @@ def _log_of_frames(path: Path) -> Any:
 
 
 def _poses(path: Path) -> None:
-    from tracker.logs.poses_file import is_poses_file, read_fingerprint, read_poses
+    from tracker.poses.file import is_poses_file, read_fingerprint, read_poses
 
     is_poses_file(path)
     read_fingerprint(path)

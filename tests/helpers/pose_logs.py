@@ -12,9 +12,9 @@ from tests.helpers import make_camera
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray
 from tracker.geometry import so3
-from tracker.logs.poses import About, Poses
-from tracker.logs.poses_builder import PosesBuilder
 from tracker.pose.result import CameraUse
+from tracker.poses.builder import PosesBuilder
+from tracker.poses.poses import About, Poses
 
 START = 1.6e9 + 0.125
 """Time of the first frame [s]."""

@@ -27,8 +27,8 @@ from tests.helpers.pose_logs import random_poses
 from tests.helpers.recording_stubs import tiny_rig
 from tests.logs.test_hdf5 import SAMPLES as HDF5
 from tests.logs.test_native import SAMPLES as NATIVE
-from tracker.logs.poses_file import write_poses
 from tracker.objects.model import load_object, to_toml
+from tracker.poses.file import write_poses
 from tracker.viz import write_film
 
 VARIANTS = int(os.environ.get("FUZZ_VARIANTS", "24"))

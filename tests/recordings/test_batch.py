@@ -17,7 +17,7 @@ import pytest
 from tests.helpers.recording_stubs import NoiseTracker, write_log
 from tracker.errors import LogError, TrackerError
 from tracker.files import claimed
-from tracker.logs.poses_file import read_poses
+from tracker.poses.file import read_poses
 from tracker.recordings import Job, Options, Recipe, batch, results, schedulers, tables
 from tracker.recordings.batch import Batch, Pace, duration, only_run, read_batch, run_batch, write_batch
 from tracker.recordings.engine import Here

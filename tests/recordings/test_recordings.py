@@ -15,8 +15,8 @@ from tests.helpers.pose_logs import assert_same, random_poses
 from tests.helpers.recording_stubs import NoiseTracker, make_job, write_log
 from tracker.errors import LogError
 from tracker.files import claimed
-from tracker.logs.poses_file import read_poses
 from tracker.pose.result import CameraUse
+from tracker.poses.file import read_poses
 from tracker.recordings import Tracked, run, track
 from tracker.recordings.fingerprint import fingerprint
 from tracker.recordings.summary import summary, to_look_at

@@ -22,7 +22,7 @@ from tests.helpers.pose_logs import (
 )
 from tracker.errors import ImageError, TrackerError
 from tracker.geometry import so3
-from tracker.logs.poses_builder import PosesBuilder
+from tracker.poses.builder import PosesBuilder
 from tracker.viz import paint, write_trajectory_plot
 from tracker.viz.plots import STATUS_COLORS
 from tracker.viz.trajectory import angle_std, angles

@@ -42,7 +42,7 @@ def export(
     quiet: bool,
 ) -> None:
     """Write the poses of a file that `tracker track` made in other formats. Nothing is tracked."""
-    from tracker.logs.poses_file import read_poses
+    from tracker.poses.file import read_poses
 
     outputs = Outputs(csv, tum, bop, camera, video, plot)
     files = {**outputs.files, **({"--parquet": parquet} if parquet else {})}
@@ -60,7 +60,7 @@ def export(
     outputs.check_camera(poses.about.rig)
     outputs.write(poses)
     if parquet is not None:
-        from tracker.logs.exports import write_parquet
+        from tracker.poses.exports import write_parquet
 
         write_parquet(parquet, poses)
     if video is not None and log is not None:

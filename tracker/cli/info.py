@@ -13,7 +13,7 @@ from tracker.cli.table import listing
 if TYPE_CHECKING:
     from tracker.conventions import FloatArray
     from tracker.logs import Log
-    from tracker.logs.poses import Poses
+    from tracker.poses.poses import Poses
 
 _GAP = 1.5
 """Share of the usual time between two frames from which more is a gap."""
@@ -30,7 +30,7 @@ def info(source: Path, recover: bool, as_json: bool) -> None:
     and whether the calibration in or beside a recording is of its cameras and sizes.
     """
     from tracker.logs import open_log
-    from tracker.logs.poses_file import is_poses_file, read_poses
+    from tracker.poses.file import is_poses_file, read_poses
 
     if is_poses_file(source):
         found = _of_poses(read_poses(source))

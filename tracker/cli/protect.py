@@ -70,7 +70,7 @@ def refuse_other_content(name: str, path: Path) -> None:
         click.UsageError: it is something else.
     """
     from tracker.files.hdf5 import open_file
-    from tracker.logs.poses_file import is_poses_file
+    from tracker.poses.file import is_poses_file
 
     if not path.is_file() or path.stat().st_size == 0 or is_poses_file(path):
         return

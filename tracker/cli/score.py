@@ -80,8 +80,8 @@ def _of_object(
 ) -> tuple[FloatArray, FloatArray]:
     """Times (n,) [s] and rewards (n,) of the poses of all frames."""
     from tracker.logs import open_log
-    from tracker.logs.poses_file import read_poses
     from tracker.objects.model import load_object
+    from tracker.poses.file import read_poses
     from tracker.recordings import track
     from tracker.recordings.summary import best_kind
 

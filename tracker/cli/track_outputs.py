@@ -17,10 +17,10 @@ if TYPE_CHECKING:
     from tracker.calibration.rig import CameraRig
     from tracker.conventions import FloatArray, Image
     from tracker.logs import Log
-    from tracker.logs.columns import MeasuredColumns
-    from tracker.logs.poses import Poses
     from tracker.objects.model import CuboidModel
     from tracker.pose.result import Observation
+    from tracker.poses.columns import MeasuredColumns
+    from tracker.poses.poses import Poses
     from tracker.recordings import Recipe
 
 _PACKAGES = {"plot": "matplotlib", "video": "av"}
@@ -85,7 +85,7 @@ class Outputs:
             TrackerError: a file cannot be written.
         """
         from tracker import viz
-        from tracker.logs.exports import write_bop, write_csv, write_tum
+        from tracker.poses.exports import write_bop, write_csv, write_tum
         from tracker.recordings.summary import best_kind
 
         kind = best_kind(poses)

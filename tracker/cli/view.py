@@ -22,10 +22,10 @@ if TYPE_CHECKING:
     from tracker.calibration.rig import CameraRig
     from tracker.conventions import Image
     from tracker.logs import Log
-    from tracker.logs.poses import Poses
     from tracker.objects.model import CuboidModel
     from tracker.pipeline import ObjectTracker
     from tracker.pose.result import Observation
+    from tracker.poses.poses import Poses
     from tracker.segmentation.color_model import ColorModel
     from tracker.upkeep.health import Sample
 
@@ -100,7 +100,7 @@ def view(
     """
     from tracker.logs import open_log
     from tracker.logs.cameras import fitted_to
-    from tracker.logs.poses_file import is_poses_file, read_poses
+    from tracker.poses.file import is_poses_file, read_poses
     from tracker.viz.rerun_viewer import require_rerun
 
     require_rerun()

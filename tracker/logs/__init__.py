@@ -1,4 +1,4 @@
-"""Recordings of the platform's cameras, read frame by frame, and the poses that were found in them."""
+"""Recordings of the platform's cameras, read frame by frame, and written."""
 
 from tracker.logs.frame import LogFrame, RecordedPose
 from tracker.logs.log import Log

@@ -15,9 +15,9 @@ import numpy as np
 
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Image
-from tracker.logs.poses_builder import Answer
 from tracker.objects.model import CuboidModel, load_object
 from tracker.pipeline import ObjectTracker
+from tracker.poses.builder import Answer
 from tracker.segmentation.color_model import ColorModel, load_colors
 
 

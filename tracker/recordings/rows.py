@@ -9,9 +9,9 @@ import numpy as np
 
 from tracker.conventions import FloatArray
 from tracker.errors import TaskError
-from tracker.logs.poses import Poses, compare
 from tracker.objects.model import CuboidModel
 from tracker.pose.result import CameraUse
+from tracker.poses.poses import Poses, compare
 from tracker.recordings.recipe import Job
 from tracker.recordings.summary import best_kind
 from tracker.recordings.track import Tracked, unicode_text

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from tracker.conventions import Array
-from tracker.logs.poses import Kind, Poses, compare
 from tracker.pose.result import CameraUse
+from tracker.poses.poses import Kind, Poses, compare
 from tracker.recordings.track import Tracked
 
 TOLERABLE = {

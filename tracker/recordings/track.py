@@ -15,10 +15,10 @@ from tracker.errors import LogError, TrackerError
 from tracker.files import claimed
 from tracker.logs import Log, open_log
 from tracker.logs.cameras import fitted_to, own_rig
-from tracker.logs.poses import About, Poses
-from tracker.logs.poses_builder import PosesBuilder
-from tracker.logs.poses_file import read_fingerprint, read_poses, write_poses
 from tracker.objects.model import CuboidModel, load_object
+from tracker.poses.builder import PosesBuilder
+from tracker.poses.file import read_fingerprint, read_poses, write_poses
+from tracker.poses.poses import About, Poses
 from tracker.recordings.fingerprint import fingerprint
 from tracker.recordings.recipe import Job, Recipe
 from tracker.segmentation.color_model import ColorModel, load_colors

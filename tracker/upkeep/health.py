@@ -13,10 +13,10 @@ from tracker.calibration.looks import Look
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray, Image
 from tracker.logs import Log
-from tracker.logs.poses import Poses
 from tracker.pipeline import ObjectTracker
 from tracker.pose.fit import Fit
 from tracker.pose.judge import apparent
+from tracker.poses.poses import Poses
 from tracker.segmentation.light import find_light
 from tracker.upkeep.check import APART, SLOW, SURE, look_of
 

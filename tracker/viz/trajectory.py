@@ -11,8 +11,8 @@ import numpy as np
 
 from tracker.conventions import FloatArray
 from tracker.geometry import so3
-from tracker.logs.columns import MeasuredColumns, PoseColumns
-from tracker.logs.poses import Poses
+from tracker.poses.columns import MeasuredColumns, PoseColumns
+from tracker.poses.poses import Poses
 from tracker.viz import paint
 from tracker.viz.figure import figure_for, write_figure
 from tracker.viz.plots import Series, draw_legend, draw_panel, draw_status, mark, patch, rgb, style

@@ -8,8 +8,8 @@ import numpy as np
 
 from tracker.conventions import Array
 from tracker.errors import LogError
-from tracker.logs.columns import FilteredColumns, MeasuredColumns, PoseColumns, float_array
-from tracker.logs.poses import KINDS, About, Kind, Poses
+from tracker.poses.columns import FilteredColumns, MeasuredColumns, PoseColumns, float_array
+from tracker.poses.poses import KINDS, About, Kind, Poses
 
 
 class Answer(Protocol):

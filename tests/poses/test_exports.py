@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from tests.helpers.pose_logs import START, answer, make_about, random_pose, random_poses
 from tracker.errors import LogError
 from tracker.geometry import so3
-from tracker.logs.exports import CSV_HEADER, write_bop, write_csv, write_tum
-from tracker.logs.poses_builder import PosesBuilder
+from tracker.poses.builder import PosesBuilder
+from tracker.poses.exports import CSV_HEADER, write_bop, write_csv, write_tum
 
 
 def read_csv(path) -> list[dict[str, str]]:

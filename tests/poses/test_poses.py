@@ -19,10 +19,10 @@ from tests.helpers.pose_logs import (
 from tracker.calibration.rig import CameraRig
 from tracker.errors import LogError
 from tracker.geometry import so3
-from tracker.logs.columns import FilteredColumns, MeasuredColumns, PoseColumns
-from tracker.logs.poses import compare, concatenate
-from tracker.logs.poses_builder import PosesBuilder
 from tracker.pose.result import CameraUse, Observation, PoseEstimate, Status
+from tracker.poses.builder import PosesBuilder
+from tracker.poses.columns import FilteredColumns, MeasuredColumns, PoseColumns
+from tracker.poses.poses import compare, concatenate
 
 
 def test_columns_hold_what_was_appended(rng):

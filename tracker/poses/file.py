@@ -22,7 +22,7 @@ from tracker.conventions import Array
 from tracker.errors import CalibrationError, LogError
 from tracker.files import hdf5, told_as, write_whole
 from tracker.geometry.camera import Camera
-from tracker.logs.poses import KINDS, About, Kind, Poses
+from tracker.poses.poses import KINDS, About, Kind, Poses
 
 FORMAT = "trifinger-object-tracker poses"
 """Root attribute `format` of every such file."""

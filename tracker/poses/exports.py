@@ -16,8 +16,8 @@ from tracker.errors import LogError, TrackerError
 from tracker.files import told_as, whole_file, write_whole
 from tracker.geometry import so3
 from tracker.geometry.camera import Camera
-from tracker.logs.columns import MeasuredColumns, PoseColumns
-from tracker.logs.poses import Kind, Poses
+from tracker.poses.columns import MeasuredColumns, PoseColumns
+from tracker.poses.poses import Kind, Poses
 
 BOP_HEADER = ("scene_id", "im_id", "obj_id", "score", "R", "t", "time")
 """First line of a file of BOP results."""

@@ -16,9 +16,9 @@ from tests.helpers import LENSES, make_camera
 from tests.helpers.pose_logs import arrays_of, assert_same, make_about, random_poses
 from tracker.calibration.rig import CameraRig
 from tracker.errors import LogError, TrackerError
-from tracker.logs import poses_file
-from tracker.logs.poses import KINDS, concatenate
-from tracker.logs.poses_file import FORMAT, GROUPS, read_poses, write_poses
+from tracker.poses import file as poses_file
+from tracker.poses.file import FORMAT, GROUPS, read_poses, write_poses
+from tracker.poses.poses import KINDS, concatenate
 
 
 @pytest.fixture

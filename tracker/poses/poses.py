@@ -12,7 +12,14 @@ from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray
 from tracker.errors import LogError
 from tracker.geometry import so3
-from tracker.logs.columns import FilteredColumns, MeasuredColumns, PoseColumns, described, float_array, refuse
+from tracker.poses.columns import (
+    FilteredColumns,
+    MeasuredColumns,
+    PoseColumns,
+    described,
+    float_array,
+    refuse,
+)
 
 Kind = Literal["measured", "filtered", "recorded"]
 """Which of a frame's poses."""
@@ -139,7 +146,7 @@ class Poses:
         Raises:
             TrackerError: the package pandas is missing.
         """
-        from tracker.logs.exports import to_dataframe
+        from tracker.poses.exports import to_dataframe
 
         return to_dataframe(self)
 
@@ -149,7 +156,7 @@ class Poses:
         Raises:
             TrackerError: the package xarray is missing.
         """
-        from tracker.logs.exports import to_xarray
+        from tracker.poses.exports import to_xarray
 
         return to_xarray(self)
 
