@@ -11,7 +11,8 @@ from tracker.conventions import FloatArray
 from tracker.errors import TaskError
 from tracker.objects.model import CuboidModel
 from tracker.pose.result import CameraUse
-from tracker.poses.poses import Poses, compare
+from tracker.poses.comparison import compare
+from tracker.poses.poses import Poses
 from tracker.recordings.recipe import Job
 from tracker.recordings.summary import best_kind
 from tracker.recordings.track import Tracked, unicode_text

@@ -8,7 +8,8 @@ import numpy as np
 
 from tracker.conventions import Array
 from tracker.pose.result import CameraUse
-from tracker.poses.poses import Kind, Poses, compare
+from tracker.poses.comparison import compare
+from tracker.poses.poses import Kind, Poses
 from tracker.recordings.track import Tracked
 
 TOLERABLE = {

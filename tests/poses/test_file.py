@@ -1,0 +1,212 @@
+from __future__ import annotations
+
+import dataclasses
+import os
+import shutil
+import time
+
+import h5py
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.helpers import LENSES, make_camera
+from tests.helpers.pose_logs import assert_same, make_about, random_poses
+from tracker.calibration.rig import CameraRig
+from tracker.errors import LogError
+from tracker.poses import file as poses_file
+from tracker.poses.file import FORMAT, GROUPS, read_poses, write_poses
+from tracker.poses.poses import KINDS
+
+
+@given(
+    count=st.integers(0, 12),
+    share=st.sampled_from([0.0, 0.5, 1.0]),
+    recorded=st.booleans(),
+    cameras=st.booleans(),
+    first=st.integers(0, 2**40),
+    seed=st.integers(0, 2**32 - 1),
+)
+def test_a_file_gives_back_what_was_written_to_the_bit(
+    tmp_path_factory, count, share, recorded, cameras, first, seed
+):
+    path = tmp_path_factory.mktemp("poses") / "poses.h5"
+    rng = np.random.default_rng(seed)
+    poses = random_poses(rng, count, share=share, recorded=recorded, first=first, cameras=cameras)
+    write_poses(path, poses)
+    assert_same(read_poses(path), poses)
+
+
+def test_cameras_come_back_with_and_without_deviations(path, rng):
+    other = dataclasses.replace(make_camera(60, "links ä"), distortion=np.array(LENSES[14]))
+    cameras = (make_camera(300), dataclasses.replace(other, camera_from_world_std=None))
+    poses = random_poses(rng, 2, cameras=False)
+    poses = dataclasses.replace(poses, about=make_about(rig=CameraRig(cameras)))
+    write_poses(path, poses)
+    rig = read_poses(path).about.rig
+    assert rig.names == ("camera300", "links ä")
+    assert rig[1].camera_from_world_std is None
+    np.testing.assert_array_equal(rig[1].distortion, LENSES[14])
+    assert poses.about.agrees_with(read_poses(path).about)
+
+
+@pytest.mark.parametrize("source", ["", "ä 物体", "x" * 5000])
+def test_texts_come_back(path, rng, source):
+    poses = dataclasses.replace(random_poses(rng, 2), about=make_about(source=source))
+    write_poses(path, dataclasses.replace(poses, status=np.array(["", "größer"])))
+    assert read_poses(path).about.source == source
+    assert read_poses(path).status.tolist() == ["", "größer"]
+
+
+def test_the_names_are_those_of_the_platforms_logs(written):
+    with h5py.File(written) as file:
+        assert "magic" not in file.attrs  # it is no log
+        assert file["object_pose/has_pose"].dtype == np.bool_
+        assert file["object_pose/position"].shape == (5, 3)
+        assert file["object_pose/orientation"].shape == (5, 4)
+        assert file["object_pose/confidence"].shape == (5,)
+        for number, name in enumerate(("camera60", "camera180", "camera300")):
+            group = file["camera_info"][name]
+            assert group["camera_matrix"].shape == (3, 3)
+            assert group["distortion_coefficients"].shape == (1, 5)
+            assert group["tf_world_to_camera"].shape == (4, 4)
+            assert file["camera_names"][number] == name.encode()
+        names = file["status"].attrs["names"]
+        assert [names[code] for code in file["status"]] == [b"tracking"] * 2 + [b"lost"] + [b"tracking"] * 2
+
+
+def test_the_names_fit_the_platforms_own_log(written, real):
+    """Datasets that both files have are of the same type and row."""
+    shared = []
+    with h5py.File(written) as ours, h5py.File(real / "logs" / "tricamera_log_with_pose.h5") as theirs:
+
+        def compare(name, item):
+            if isinstance(item, h5py.Dataset) and name in ours and name != "timestamps":
+                shared.append(name)
+                if name != "camera_names":  # texts: there of variable length
+                    assert ours[name].dtype == item.dtype, name
+                per_frame = name.startswith("object_pose")
+                assert ours[name].shape[per_frame:] == item.shape[per_frame:], name
+
+        theirs.visititems(compare)
+    assert len(shared) == 4 + 3 * 3 + 1
+
+
+def test_the_same_poses_give_the_same_bytes(tmp_path):
+    for name in ("a.h5", "b.h5"):
+        write_poses(tmp_path / name, random_poses(np.random.default_rng(3), 4))
+        time.sleep(1.01)  # what a file says of its time is in seconds
+    assert (tmp_path / "a.h5").read_bytes() == (tmp_path / "b.h5").read_bytes()
+
+
+def test_unknown_datasets_and_attributes_are_passed_over(written):
+    before = read_poses(written)
+    with h5py.File(written, "r+") as file:
+        file["object_pose/temperature"] = np.zeros(5)
+        file["more"] = "text"
+        file.attrs["remark"] = "later versions may add things"
+    assert_same(read_poses(written), before)
+
+
+def test_a_file_of_an_older_version_has_no_word_on_the_cameras(written):
+    before = read_poses(written)
+    with h5py.File(written, "r+") as file:
+        del file["cameras"]
+    after = read_poses(written)
+    assert after.cameras is None
+    assert_same(after, dataclasses.replace(before, cameras=None))
+
+
+def test_each_camera_has_a_code_in_each_frame(written):
+    with h5py.File(written) as file:
+        codes, names = file["cameras"], file["cameras"].attrs["names"]
+        assert codes.dtype == np.uint8
+        texts = [[names[code].decode() for code in row] for row in codes]
+    assert texts == read_poses(written).cameras.tolist()
+    assert texts[2] == [""] * 3
+
+
+def test_an_error_while_the_content_is_made_leaves_the_old_file(written, rng, monkeypatch):
+    before = written.read_bytes()
+    put = poses_file._put
+    calls = []
+
+    def breaks(group, name, array):
+        calls.append(name)
+        if name == "velocity":
+            raise RuntimeError("interrupted")
+        put(group, name, array)
+
+    monkeypatch.setattr(poses_file, "_put", breaks)
+    with pytest.raises(RuntimeError, match="interrupted"):
+        write_poses(written, random_poses(rng, 3))
+    assert len(calls) > 8
+    assert written.read_bytes() == before
+    assert os.listdir(written.parent) == [written.name]
+
+
+def test_an_error_while_the_file_is_put_in_place_leaves_the_old_one(written, rng, monkeypatch):
+    before = written.read_bytes()
+
+    def fail(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", fail)
+    with pytest.raises(LogError, match=r"poses\.h5: cannot be written: No space left"):
+        write_poses(written, random_poses(rng, 3))
+    assert written.read_bytes() == before
+    assert os.listdir(written.parent) == [written.name]
+
+
+@pytest.mark.parametrize("name", ["no/poses.h5", "nul\0.h5"])
+def test_a_place_that_cannot_be_written_is_an_error(tmp_path, rng, name):
+    with pytest.raises(LogError, match="cannot be written"):
+        write_poses(tmp_path / name, random_poses(rng, 1))
+
+
+@pytest.mark.parametrize("name", ["a/b", ".", "a\0b", "\udcff"])
+def test_a_camera_that_cannot_name_a_group_is_refused(path, rng, name):
+    about = make_about(rig=CameraRig((make_camera(60, name),)))
+    with pytest.raises(LogError, match=r"poses\.h5: "):
+        write_poses(path, dataclasses.replace(random_poses(rng, 1), about=about))
+    assert not path.exists()
+
+
+def test_more_statuses_than_codes_are_refused(path, rng):
+    poses = random_poses(rng, 257)
+    poses = dataclasses.replace(poses, status=np.array([f"status {k}" for k in range(257)]))
+    with pytest.raises(LogError, match="found 257 different ones"):
+        write_poses(path, poses)
+    write_poses(path, poses[:256])
+    assert read_poses(path).status.tolist() == poses.status[:256].tolist()
+
+
+def test_every_dataset_and_attribute_stands_on_the_format_page(written, request):
+    page = (request.config.rootpath / "docs" / "poses.md").read_text(encoding="utf-8")
+    assert FORMAT in page
+    with h5py.File(written) as file:
+        names = [*file, *file.attrs, *file["camera_info/camera60"], *file["camera_info/camera60"].attrs]
+    for name in (*names, *GROUPS.values(), *KINDS["filtered"].ROW_SHAPES):
+        assert f"`{name}`" in page or f"`/{name}`" in page, name
+
+
+def test_a_file_survives_a_copy_under_another_name(written, tmp_path):
+    other = tmp_path / "ä poses"
+    shutil.copy(written, other)
+    assert_same(read_poses(other), read_poses(written))
+
+
+def test_when_python_forgets_what_it_wrote_does_not_show(rng, tmp_path, monkeypatch):
+    poses = random_poses(rng, 5)
+    write_poses(tmp_path / "one.h5", poses)
+    kept, create = [], h5py.Group.create_dataset
+
+    def keeping(self, *arguments, **options):
+        dataset = create(self, *arguments, **options)
+        kept.append(dataset)
+        return dataset
+
+    monkeypatch.setattr(h5py.Group, "create_dataset", keeping)
+    write_poses(tmp_path / "two.h5", poses)
+    assert (tmp_path / "one.h5").read_bytes() == (tmp_path / "two.h5").read_bytes()
