@@ -12,7 +12,7 @@ from tests.helpers import make_camera
 from tests.helpers.log_writers import CAMERAS, write_picture
 from tests.helpers.synthetic_needs import skip_without_platform
 from tracker.errors import LogError
-from tracker.logs.name_stamps import stamps_of_names
+from tracker.logs.folders.name_stamps import stamps_of_names
 
 
 def picture(frame: int, camera: int) -> np.ndarray:

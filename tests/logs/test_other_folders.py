@@ -11,7 +11,7 @@ import pytest
 import tracker
 from tests.helpers.log_writers import CAMERAS, write_picture
 from tracker.errors import LogError, TrackerError
-from tracker.logs.recording_files import recording_files
+from tracker.logs.opening import recording_files
 
 
 def _grey(camera: int, k: int) -> int:

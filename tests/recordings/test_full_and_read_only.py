@@ -16,11 +16,11 @@ from tests.helpers.pose_logs import random_poses
 from tests.helpers.recording_stubs import NoiseTracker, tiny_rig, write_log
 from tracker.errors import TrackerError
 from tracker.logs import open_log
+from tracker.logs.convert import write_folder, write_hdf5
 from tracker.poses.exports import write_csv, write_parquet, write_tum
 from tracker.poses.file import read_poses, write_poses
 from tracker.recordings import Options
 from tracker.recordings.batch import Batch, run_batch
-from tracker.recordings.convert import write_folder, write_hdf5
 from tracker.recordings.engine import Here
 from tracker.recordings.tables import state
 

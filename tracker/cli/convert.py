@@ -42,7 +42,7 @@ def convert(
     A folder of images (one for each camera, PNG) has the stamps as names, and the calibration in it.
     """
     from tracker.logs import open_log
-    from tracker.recordings.convert import write_folder, write_hdf5
+    from tracker.logs.convert import write_folder, write_hdf5
     from tracker.viz.log_film import write_log_film
 
     cameras.refuse_pattern_alone()

@@ -85,7 +85,7 @@ def refuse_other_content(name: str, path: Path) -> None:
 
 def _inputs(recordings: Sequence[Path], others: Iterable[str | Path | None]) -> Iterator[tuple[str, Path]]:
     """All files that are read, and what they are."""
-    from tracker.logs.recording_files import calibration_files, recording_files
+    from tracker.logs.opening import calibration_files, recording_files
 
     for recording in recordings:
         with suppress(OSError):  # what cannot be read is told when it is opened
@@ -107,7 +107,7 @@ def _inputs(recordings: Sequence[Path], others: Iterable[str | Path | None]) -> 
 
 def _refuse_pictures(files: Mapping[str, Path], recordings: Sequence[Path]) -> None:
     """Refuse pictures and films in a folder of such, of which they would be some the next time."""
-    from tracker.logs.recording_files import JOB_LOGS
+    from tracker.logs.opening import JOB_LOGS
 
     folders = {
         os.path.realpath(recording)

@@ -1,19 +1,31 @@
-"""Finds out what kind of recording a path is."""
+"""Finds out what kind of recording a path is, and which files it consists of."""
 
 from __future__ import annotations
 
+import functools
 import os
 from pathlib import Path
 
 from tracker.errors import LogError
 from tracker.files import cannot_read
-from tracker.logs.films import SUFFIXES as FILM_SUFFIXES
+from tracker.logs.folders.films import SUFFIXES as FILM_SUFFIXES
+from tracker.logs.folders.layout import SUFFIXES as PICTURE_SUFFIXES
+from tracker.logs.folders.recording_file import FILE_NAME, STAMPS_NAME
+from tracker.logs.folders.source import TRUTH_FILE, FolderSource
 from tracker.logs.log import Log
-from tracker.logs.recording_files import JOB_LOGS, STORE_FILE
 from tracker.logs.source import Source
 
 DEFAULT_RATE = 10.0
 """Frames per second [Hz] of the platform's cameras."""
+
+JOB_LOGS = ("camera_data.dat", "camera_data.dat.gz", "camera_data.h5", "camera_data.hdf5")
+"""Names of a recording in a job's folder."""
+
+STORE_FILE = "data.mdb"
+"""What an image store consists of."""
+
+_BESIDE = (TRUTH_FILE, FILE_NAME, STAMPS_NAME)
+"""Files of a folder that tell of its pictures."""
 
 _HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 
@@ -47,6 +59,27 @@ def open_log(path: str | os.PathLike[str], *, recover: bool = False, rate: float
         raise
 
 
+def recording_files(path: Path) -> list[Path]:
+    """All files that `open_log` may read frames from, in the same order each time.
+
+    Raises:
+        OSError: a folder cannot be read.
+    """
+    if not path.is_dir():
+        return [path]
+    found = [path / name for name in (*JOB_LOGS, STORE_FILE) if (path / name).is_file()]
+    return found or [file for file in _visible_files(path) if _is_of_folder(file)]
+
+
+def calibration_files(path: Path) -> list[Path]:
+    """The files beside the recording, or in its folder, that its own calibration may be read from."""
+    folders = [path.parent]
+    if path.is_dir():
+        of_job = any((path / name).is_file() for name in JOB_LOGS)
+        folders = [path] if of_job else [path, path.parent]
+    return [Path(file) for folder in folders for file in _calibration_in(folder, folder.stat().st_mtime_ns)]
+
+
 def _source(path: Path, recover: bool, rate: float) -> Source:
     if path.name == STORE_FILE:
         path = path.parent
@@ -57,8 +90,6 @@ def _source(path: Path, recover: bool, rate: float) -> Source:
     if not path.is_file():
         raise LogError(f"{path}: found something else, expected a file or a folder")
     if path.suffix.lower() in FILM_SUFFIXES:
-        from tracker.logs.folder import FolderSource
-
         return FolderSource(path, rate=rate)
     with path.open("rb") as file:
         is_hdf5 = file.read(len(_HDF5_MAGIC)) == _HDF5_MAGIC
@@ -81,6 +112,31 @@ def _source_of_folder(path: Path, recover: bool, rate: float) -> Source:
         raise LogError(f"{path}: found {' and '.join(log.name for log in logs)}, expected one: name the file")
     if logs:
         return _source(logs[0], recover, rate)
-    from tracker.logs.folder import FolderSource
-
     return FolderSource(path, rate=rate)
+
+
+@functools.lru_cache(maxsize=64)
+def _calibration_in(folder: Path, _: int) -> list[str]:
+    """Paths of the calibration files in a folder, as it was at a time: many recordings may share it."""
+    names = sorted(entry.name for entry in os.scandir(folder) if _is_of_calibration(entry.name))
+    return [os.path.join(folder, name) for name in names]
+
+
+def _is_of_folder(file: Path) -> bool:
+    return file.suffix.lower() in (*PICTURE_SUFFIXES, *FILM_SUFFIXES) or file.name in _BESIDE
+
+
+def _is_of_calibration(name: str) -> bool:
+    return (name.endswith((".yml", ".yaml")) and "camera" in name) or name == "arena.toml"
+
+
+def _visible_files(root: Path) -> list[Path]:
+    found = []
+    for folder, folders, names in os.walk(root, onerror=_refuse):
+        folders[:] = sorted(name for name in folders if not name.startswith("."))
+        found += [Path(folder) / name for name in sorted(names) if not name.startswith(".")]
+    return found
+
+
+def _refuse(error: OSError) -> None:
+    raise error

@@ -18,7 +18,7 @@ import numpy as np
 import scipy
 
 import tracker
-from tracker.logs.recording_files import calibration_files, recording_files
+from tracker.logs.opening import calibration_files, recording_files
 from tracker.recordings.recipe import Job
 
 _OTHER_ROOMS = ("cli", "viz", "learning", "upkeep", "live", "tasks")

@@ -21,10 +21,10 @@ import numpy as np
 
 from tracker.conventions import FloatArray
 from tracker.errors import LogError
-from tracker.logs import films
-from tracker.logs.films import Film, FilmPicture
-from tracker.logs.name_stamps import counted_stamps, natural_key, stamps_of_names
-from tracker.logs.recording_file import RecordingFile, read_recording_file
+from tracker.logs.folders import films
+from tracker.logs.folders.films import Film, FilmPicture
+from tracker.logs.folders.name_stamps import counted_stamps, natural_key, stamps_of_names
+from tracker.logs.folders.recording_file import RecordingFile, read_recording_file
 
 SUFFIXES = (".png", ".jpg", ".jpeg")
 """Of pictures."""

@@ -14,8 +14,8 @@ from tracker.calibration.rig import CameraRig
 from tracker.conventions import Image
 from tracker.errors import LogError
 from tracker.files import told_as, whole_file
-from tracker.logs import Log
 from tracker.logs.hdf5_writer import Hdf5LogWriter
+from tracker.logs.log import Log
 
 Progress = Callable[[int], None]
 """Told how many more frames are done."""

@@ -12,8 +12,8 @@ from tracker.calibration.rig import CameraRig
 from tracker.conventions import Image
 from tracker.errors import LogError
 from tracker.files import cannot_read, read_bounded
-from tracker.logs.films import FilmPicture
-from tracker.logs.folder_layout import Picture, find_shots
+from tracker.logs.folders.films import FilmPicture
+from tracker.logs.folders.layout import Picture, find_shots
 from tracker.logs.frame import LogFrame, checked_stamp
 from tracker.logs.pictures import decode, encoded_size
 from tracker.logs.source import MAX_SIDE, Source, rig_beside
