@@ -18,10 +18,10 @@ from tests.helpers.command import assert_one_line_error
 from tests.helpers.recording_stubs import write_log
 from tracker.errors import TrackerError
 from tracker.recordings import Options
-from tracker.recordings.batch import Batch, run_batch, write_batch
-from tracker.recordings.engine import Here, _begun
-from tracker.recordings.results import summary_file
-from tracker.recordings.tables import state, write_tables
+from tracker.recordings.many.batch import Batch, run_batch, write_batch
+from tracker.recordings.many.engine import Here, _begun
+from tracker.recordings.many.results import summary_file
+from tracker.recordings.many.tables import state, write_tables
 
 pytest.importorskip("distributed", reason="cluster: no module distributed")
 
@@ -109,10 +109,10 @@ def test_workers_that_are_killed_while_they_begin_are_begun_again(monkeypatch):
             if len(made) < 3:
                 raise RuntimeError("Nanny failed to start.")
 
-    monkeypatch.setattr("tracker.recordings.engine.BEGINNINGS", 3)
+    monkeypatch.setattr("tracker.recordings.many.engine.BEGINNINGS", 3)
     assert isinstance(_begun(SimpleNamespace(LocalCluster=Cluster), 2), Cluster)
     assert made == [2, 2, 2]
-    monkeypatch.setattr("tracker.recordings.engine.BEGINNINGS", 1)
+    monkeypatch.setattr("tracker.recordings.many.engine.BEGINNINGS", 1)
     made.clear()
     with pytest.raises(TrackerError, match="workers cannot be begun: Nanny failed to start"):
         _begun(SimpleNamespace(LocalCluster=Cluster), 2)
@@ -161,7 +161,7 @@ def test_workers_of_another_scheduler_give_the_same(recordings, undisturbed, sch
 
 
 def test_a_scheduler_that_does_not_answer_is_told(recordings, tmp_path, run_here, monkeypatch):
-    monkeypatch.setattr("tracker.recordings.engine.CONNECT_SECONDS", 0.5)
+    monkeypatch.setattr("tracker.recordings.many.engine.CONNECT_SECONDS", 0.5)
     base = ["batch", f"{recordings}/*", "--object", "cube_v2", "-o", tmp_path / "out"]
     result = run_here(*base, "--scheduler", "tcp://127.0.0.1:9")
     assert_one_line_error(result, "scheduler tcp://127.0.0.1:9: does not answer")

@@ -18,13 +18,14 @@ from tests.helpers.recording_stubs import NoiseTracker, write_log
 from tracker.errors import LogError, TrackerError
 from tracker.files import claimed
 from tracker.poses.file import read_poses
-from tracker.recordings import Job, Options, Recipe, batch, results, schedulers, tables
-from tracker.recordings.batch import Batch, Pace, duration, only_run, read_batch, run_batch, write_batch
-from tracker.recordings.engine import Here
+from tracker.recordings import Job, Options, Recipe
 from tracker.recordings.fingerprint import fingerprint
-from tracker.recordings.names import output_of, outputs_of
-from tracker.recordings.rows import COLUMNS, STEP, path_length, totals
-from tracker.recordings.work import agreed
+from tracker.recordings.many import batch, results, schedulers, tables, work
+from tracker.recordings.many.batch import Batch, Pace, duration, only_run, read_batch, run_batch, write_batch
+from tracker.recordings.many.engine import Here
+from tracker.recordings.many.results import output_of, outputs_of
+from tracker.recordings.many.rows import COLUMNS, STEP, path_length, totals
+from tracker.recordings.many.work import agreed
 
 COUNT = 5
 OPTIONS = Options("cube_v2", make_tracker=NoiseTracker)
@@ -152,7 +153,7 @@ def test_what_fails_is_told_with_its_reason_and_the_others_are_done(recordings, 
 
 
 def test_a_bug_and_a_full_disk_stop_nobody_else(recordings, monkeypatch):
-    real = results.run
+    real = work.run
 
     def failing(job):
         if "001" in str(job.log):
@@ -161,7 +162,7 @@ def test_a_bug_and_a_full_disk_stop_nobody_else(recordings, monkeypatch):
             raise ZeroDivisionError
         return real(job)
 
-    monkeypatch.setattr(results, "run", failing)
+    monkeypatch.setattr(work, "run", failing)
     tracked, _ = do(wanted(recordings))
     told = [result["failure"] for result in tracked]
     assert told[0] is told[3] is told[4] is None

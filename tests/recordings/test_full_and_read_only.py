@@ -20,9 +20,9 @@ from tracker.logs.convert import write_folder, write_hdf5
 from tracker.poses.exports import write_csv, write_parquet, write_tum
 from tracker.poses.file import read_poses, write_poses
 from tracker.recordings import Options
-from tracker.recordings.batch import Batch, run_batch
-from tracker.recordings.engine import Here
-from tracker.recordings.tables import state
+from tracker.recordings.many.batch import Batch, run_batch
+from tracker.recordings.many.engine import Here
+from tracker.recordings.many.tables import state
 
 
 @contextlib.contextmanager

@@ -17,10 +17,10 @@ from numba.core.caching import _CacheLocator
 from tests.helpers import ROOT
 from tests.helpers.slurm import Slurm, single_node, until
 from tracker.recordings import Options
-from tracker.recordings.batch import Batch, run_batch
-from tracker.recordings.engine import Here
-from tracker.recordings.results import summary_file
-from tracker.recordings.schedulers import FOLDER, RECORDINGS_A_JOB
+from tracker.recordings.many.batch import Batch, run_batch
+from tracker.recordings.many.engine import Here
+from tracker.recordings.many.results import summary_file
+from tracker.recordings.many.schedulers import FOLDER, RECORDINGS_A_JOB
 
 pytestmark = pytest.mark.slow
 

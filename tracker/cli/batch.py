@@ -18,8 +18,8 @@ from tracker.cli.signals import ended_by_signals
 from tracker.cli.table import listing
 
 if TYPE_CHECKING:
-    from tracker.recordings.batch import Batch, Told
-    from tracker.recordings.tables import State
+    from tracker.recordings.many.batch import Batch, Told
+    from tracker.recordings.many.tables import State
 
 _FOLDER = click.Path(path_type=Path)
 
@@ -82,7 +82,7 @@ def batch(
     is shared by Dask: python3 -m pip install '.[cluster]'. docs/batch.md tells more.
     """
     from tracker.recordings import Options
-    from tracker.recordings.batch import Batch
+    from tracker.recordings.many.batch import Batch
 
     if last is not None and last <= first:
         raise click.UsageError(f"--from {first} --to {last}: expected --to beyond --from")
@@ -108,9 +108,9 @@ def batch(
 
 def _run(wanted: Batch, workers: int | None, scheduler: str | None, as_csv: bool, quiet: bool) -> None:
     from tracker.recordings import Recipe
-    from tracker.recordings.batch import only_run, run_batch, write_batch
-    from tracker.recordings.engine import Cluster, cores
-    from tracker.recordings.tables import FAILURES, state, write_tables
+    from tracker.recordings.many.batch import only_run, run_batch, write_batch
+    from tracker.recordings.many.engine import Cluster, cores
+    from tracker.recordings.many.tables import FAILURES, state, write_tables
 
     Recipe.of(wanted.options)  # what is wrong with it is told before anything begins
     count = min(workers or cores(), len(wanted.pairs))
@@ -132,9 +132,9 @@ def _run(wanted: Batch, workers: int | None, scheduler: str | None, as_csv: bool
 
 def _submit(wanted: Batch, scheduler: Any, dry_run: bool, quiet: bool) -> None:
     from tracker.recordings import Recipe
-    from tracker.recordings.batch import only_run, unfinished, write_batch
-    from tracker.recordings.schedulers import compile_kernels, describe
-    from tracker.recordings.work import agreed
+    from tracker.recordings.many.batch import only_run, unfinished, write_batch
+    from tracker.recordings.many.schedulers import compile_kernels, describe
+    from tracker.recordings.many.work import agreed
 
     recipe = Recipe.of(wanted.options)
     tasks = list(unfinished(wanted.tasks(agreed(recipe)), recipe, lambda: None))
@@ -164,8 +164,8 @@ def _submit(wanted: Batch, scheduler: Any, dry_run: bool, quiet: bool) -> None:
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def status(folder: Path, write: bool, as_csv: bool, as_json: bool) -> None:
     """Tell how far the recordings of a folder of results are, whoever works on them."""
-    from tracker.recordings.batch import read_batch
-    from tracker.recordings.tables import state, write_tables
+    from tracker.recordings.many.batch import read_batch
+    from tracker.recordings.many.tables import state, write_tables
 
     wanted = read_batch(folder)
     found = state(wanted)
@@ -184,7 +184,7 @@ def status(folder: Path, write: bool, as_csv: bool, as_json: bool) -> None:
 @click.argument("number", metavar="N", type=int)
 def work(list_path: Path, number: int) -> None:
     """Do the Nth job of a LIST; what jobs of HTCondor and Slurm run."""
-    from tracker.recordings.schedulers import work as do
+    from tracker.recordings.many.schedulers import work as do
 
     with ended_by_signals():
         failed = do(list_path, number)
@@ -199,7 +199,7 @@ _PARTS = {"status": status, "work": work}
 @contextmanager
 def _progress(total: int, quiet: bool) -> Iterator[Told]:
     """To be told of recordings; a line on stderr shows how far they are, if that is a terminal."""
-    from tracker.recordings.batch import Pace
+    from tracker.recordings.many.batch import Pace
 
     pace = Pace(total, began=time.monotonic())
     if quiet or sys.stderr is None or not sys.stderr.isatty():
@@ -220,7 +220,7 @@ def _progress(total: int, quiet: bool) -> Iterator[Told]:
 
 
 def _text(found: State) -> str:
-    from tracker.recordings.batch import duration
+    from tracker.recordings.many.batch import duration
 
     rows = [
         ["recordings", str(found.total)],

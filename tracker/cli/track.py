@@ -86,7 +86,7 @@ def track(
     again. docs/poses.md describes the files.
     """
     from tracker.recordings import Options, Recipe
-    from tracker.recordings.names import outputs_of
+    from tracker.recordings.many.results import outputs_of
 
     if last is not None and last <= first:
         raise click.UsageError(f"--from {first} --to {last}: expected --to beyond --from")
@@ -119,8 +119,8 @@ def track(
 def _track_one(log: Path, target: Path, recipe: Recipe, outputs: Outputs, as_json: bool, quiet: bool) -> None:
     from tracker.logs import open_log
     from tracker.recordings import Job, run
+    from tracker.recordings.many.work import described
     from tracker.recordings.track import chosen, rig_for
-    from tracker.recordings.work import described
 
     job = Job(log, target, recipe)
     with open_log(log, recover=recipe.recover) as opened:
@@ -148,8 +148,8 @@ def _track_all(
 ) -> None:
     """Track recordings side by side; what is said of them is in their order."""
     from tracker.recordings import Recipe
-    from tracker.recordings.engine import engine
-    from tracker.recordings.work import Task, agreed, track_task
+    from tracker.recordings.many.engine import engine
+    from tracker.recordings.many.work import Task, agreed, track_task
 
     recipe = Recipe.of(options)
     mark = agreed(recipe)

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import functools
+import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tracker.errors import TrackerError
+from tracker.errors import TrackerError, reason
+from tracker.files import write_whole
 from tracker.recordings.fingerprint import code
+from tracker.recordings.many.results import failure_file, summary_file
+from tracker.recordings.many.rows import row
 from tracker.recordings.recipe import Job, Options, Recipe
 from tracker.recordings.summary import summary
 from tracker.recordings.track import Tracked, run
@@ -57,6 +61,44 @@ def described(job: Job, tracked: Tracked) -> dict[str, Any]:
     """`log`, `output`, `object`, and what `summary` tells."""
     about = {"log": str(job.log), "output": str(job.output), "object": job.recipe.model.name}
     return {**about, **summary(tracked)}
+
+
+def make_result(task: Task) -> dict[str, Any]:
+    """Track a recording, and write the line about it or why it could not be; for a worker.
+
+    Returns:
+        `recording`, `frames` that were tracked now, `seconds` that took, `failure`: the reason or None.
+    """
+    output = Path(task.output)
+    told: dict[str, Any] = {"recording": task.log, "frames": 0, "seconds": 0.0, "failure": None}
+    try:
+        output.parent.mkdir(parents=True, exist_ok=True)
+        job = task.job
+        tracked = run(job)
+        about = output.stat()
+        line = {"fingerprint": tracked.poses.about.fingerprint, "bytes": about.st_size, **row(job, tracked)}
+        write_whole(summary_file(output), json.dumps(line, indent=1, allow_nan=False) + "\n")
+        failure_file(output).unlink(missing_ok=True)
+    except BlockingIOError as error:
+        told["failure"] = reason(error)  # the other run will say how it went
+    except Exception as error:  # whatever it is, the other recordings are to be done
+        told["failure"] = reason(error) if str(error) else repr(error)
+        keep_failure(task, told["failure"])
+    else:
+        told |= {"frames": tracked.new, "seconds": tracked.seconds}
+    return told
+
+
+def keep_failure(task: Task, why: str) -> None:
+    """Write why there are no poses of a recording, if that can be written."""
+    output = Path(task.output)
+    try:
+        output.parent.mkdir(parents=True, exist_ok=True)
+        summary_file(output).unlink(missing_ok=True)
+        content = {"recording": task.log, "reason": why}
+        write_whole(failure_file(output), json.dumps(content, indent=1) + "\n")
+    except OSError:
+        pass  # a full disk, for instance; it is told anyway
 
 
 @functools.lru_cache(maxsize=2)

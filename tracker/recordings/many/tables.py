@@ -13,9 +13,9 @@ from typing import Any
 
 from tracker.errors import LogError
 from tracker.files import whole_file, write_whole
-from tracker.recordings.batch import Batch
-from tracker.recordings.results import failure_file, read_failure, read_line, summary_file
-from tracker.recordings.rows import COLUMNS
+from tracker.recordings.many.batch import Batch
+from tracker.recordings.many.results import failure_file, read_failure, read_line, summary_file
+from tracker.recordings.many.rows import COLUMNS
 from tracker.recordings.track import unicode_text
 
 SUMMARY, FAILURES = "summary", "failures.json"

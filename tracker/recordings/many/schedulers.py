@@ -16,12 +16,12 @@ from typing import Any, Literal
 
 from tracker.errors import LogError, TrackerError
 from tracker.files import read_bounded, write_whole
-from tracker.recordings.batch import MAX_LIST, Batch
-from tracker.recordings.engine import ONE_THREAD, Here, alone
 from tracker.recordings.fingerprint import fingerprint
+from tracker.recordings.many.batch import MAX_LIST, Batch
+from tracker.recordings.many.engine import ONE_THREAD, Here, alone
+from tracker.recordings.many.results import is_done
+from tracker.recordings.many.work import Task, agreed, make_result
 from tracker.recordings.recipe import Job, Options, Recipe
-from tracker.recordings.results import is_done, make_result
-from tracker.recordings.work import Task, agreed
 
 Scheduler = Literal["htcondor", "slurm"]
 

@@ -16,12 +16,11 @@ from typing import Any
 
 from tracker.errors import LogError, reason
 from tracker.files import claimed, read_bounded, write_whole
-from tracker.recordings.engine import Engine
 from tracker.recordings.fingerprint import fingerprint
-from tracker.recordings.names import outputs_of
+from tracker.recordings.many.engine import Engine
+from tracker.recordings.many.results import is_done, outputs_of, summary_file
+from tracker.recordings.many.work import Task, agreed, keep_failure, make_result
 from tracker.recordings.recipe import Job, Options, Recipe
-from tracker.recordings.results import is_done, keep_failure, make_result, summary_file
-from tracker.recordings.work import Task, agreed
 
 MAX_LIST = 1 << 28
 """Largest list of recordings [bytes]."""

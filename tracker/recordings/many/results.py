@@ -11,19 +11,49 @@ They hold no times and no names of machines: the same recordings give the same b
 from __future__ import annotations
 
 import json
+import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from tracker.errors import reason
-from tracker.files import read_bounded, write_whole
-from tracker.recordings.names import SUFFIX
+from tracker.errors import LogError
+from tracker.files import read_bounded
+from tracker.recordings.many.rows import COLUMNS, goal_file
 from tracker.recordings.recipe import Job
-from tracker.recordings.rows import COLUMNS, goal_file, row
-from tracker.recordings.track import run
-from tracker.recordings.work import Task
+
+SUFFIX = ".poses.h5"
+"""What the file of poses is called after its recording's name."""
 
 MAX_FILE_SIZE = 100_000
 """Largest file [bytes] that is read; they have 2 kB."""
+
+
+def output_of(log: Path, folder: Path) -> Path:
+    """The file of poses of a recording in a folder: `folder/a/b.dat.poses.h5` of `a/b.dat`.
+
+    It depends on this recording alone, so that more of them can be added later. Relative paths are mirrored
+    as they are given, others from the file system's root on.
+    """
+    path = Path(os.path.normpath(log))
+    if path.is_absolute() or ".." in path.parts or not path.parts:
+        path = Path(os.path.abspath(log))
+        path = path.relative_to(path.anchor)
+    return folder / path.parent / f"{path.name}{SUFFIX}"
+
+
+def outputs_of(logs: Sequence[Path], folder: Path) -> list[Path]:
+    """The file of poses of each recording.
+
+    Raises:
+        LogError: a recording is given twice.
+    """
+    outputs: dict[Path, Path] = {}
+    for log in logs:
+        output = output_of(log, folder)
+        if output in outputs:
+            raise LogError(f"{log}: found {outputs[output]} too, expected each recording once")
+        outputs[output] = log
+    return list(outputs)
 
 
 def summary_file(output: Path) -> Path:
@@ -34,44 +64,6 @@ def summary_file(output: Path) -> Path:
 def failure_file(output: Path) -> Path:
     """Where the reason is why there is no file of poses."""
     return output.with_name(output.name.removesuffix(SUFFIX) + ".failed.json")
-
-
-def make_result(task: Task) -> dict[str, Any]:
-    """Track a recording, and write the line about it or why it could not be; for a worker.
-
-    Returns:
-        `recording`, `frames` that were tracked now, `seconds` that took, `failure`: the reason or None.
-    """
-    output = Path(task.output)
-    told: dict[str, Any] = {"recording": task.log, "frames": 0, "seconds": 0.0, "failure": None}
-    try:
-        output.parent.mkdir(parents=True, exist_ok=True)
-        job = task.job
-        tracked = run(job)
-        about = output.stat()
-        line = {"fingerprint": tracked.poses.about.fingerprint, "bytes": about.st_size, **row(job, tracked)}
-        write_whole(summary_file(output), json.dumps(line, indent=1, allow_nan=False) + "\n")
-        failure_file(output).unlink(missing_ok=True)
-    except BlockingIOError as error:
-        told["failure"] = reason(error)  # the other run will say how it went
-    except Exception as error:  # whatever it is, the other recordings are to be done
-        told["failure"] = reason(error) if str(error) else repr(error)
-        keep_failure(task, told["failure"])
-    else:
-        told |= {"frames": tracked.new, "seconds": tracked.seconds}
-    return told
-
-
-def keep_failure(task: Task, why: str) -> None:
-    """Write why there are no poses of a recording, if that can be written."""
-    output = Path(task.output)
-    try:
-        output.parent.mkdir(parents=True, exist_ok=True)
-        summary_file(output).unlink(missing_ok=True)
-        content = {"recording": task.log, "reason": why}
-        write_whole(failure_file(output), json.dumps(content, indent=1) + "\n")
-    except OSError:
-        pass  # a full disk, for instance; it is told anyway
 
 
 def read_line(output: Path) -> dict[str, Any] | None:

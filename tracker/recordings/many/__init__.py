@@ -1,0 +1,1 @@
+"""Many recordings: shared by processes and machines, each done once, in one table."""
