@@ -18,15 +18,23 @@ import numpy as np
 
 from tracker.calibration.rig import CameraRig
 from tracker.compiled import is_cached
+from tracker.conventions import Image
+from tracker.geometry import so3
 from tracker.geometry.camera import Camera
+from tracker.geometry.lens import apply_update
 from tracker.geometry.probability import probability_within
 from tracker.objects.box import Box
 from tracker.objects.model import load_object
+from tracker.pose.agreement import disagreement
 from tracker.pose.estimate import PoseEstimator
-from tracker.pose.evidence import EvidenceReader
+from tracker.pose.evidence import EvidenceReader, View
+from tracker.pose.fit import OwnViews
 from tracker.pose.hypotheses import align
 from tracker.pose.sight import Sight
-from tracker.pose.solve.refine import settle
+from tracker.pose.solve.refine import measure_all, settle
+from tracker.pose.solve.refiner import Attempt
+from tracker.pose.solve.schedule import SCHEDULE
+from tracker.pose.solve.state import workspace
 from tracker.segmentation.color_model import load_colors
 from tracker.tracking.filter import MotionFilter
 
@@ -37,6 +45,7 @@ except ImportError:  # not on this operating system: every process compiles for 
 
 _LOG = logging.getLogger(__name__)
 _SIZE = 64
+_POSITION = np.array([0.0, 0.0, 0.0325])
 _SECONDS = 300
 
 
@@ -55,12 +64,11 @@ def warm_up() -> None:
         if kernels_are_cached():
             return
         other = _begin("solve")
-        for part in ("search", "filter"):
-            PARTS[part]()
-        if other is not None:
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                other.wait(timeout=_SECONDS)
-        PARTS["solve"]()
+        for name, part in PARTS.items():
+            if name == "solve" and other is not None:
+                with contextlib.suppress(subprocess.TimeoutExpired):
+                    other.wait(timeout=_SECONDS)
+            part()
 
 
 @functools.cache
@@ -102,38 +110,70 @@ def _begin(part: str) -> subprocess.Popen[bytes] | None:
         return None
 
 
-def _estimator() -> tuple[PoseEstimator, Sight]:
-    """An estimator, and noise for it to look at."""
+def _estimator() -> PoseEstimator:
+    """An estimator of one camera."""
     transform = np.eye(4)
     transform[:3, :3] = np.diag([1.0, -1.0, -1.0])
     transform[2, 3] = 0.5
     matrix = np.array([[70.0, 0.0, 31.5], [0.0, 70.0, 31.5], [0.0, 0.0, 1.0]])
     camera = Camera("above", _SIZE, _SIZE, matrix, np.zeros(5), transform)
     model = load_object("cube_v2")
-    colors = load_colors(model.colors)
-    estimator = PoseEstimator(Box.of(model), CameraRig((camera,)), colors.label_table)
-    reader = EvidenceReader(colors, estimator.factors)
+    return PoseEstimator(Box.of(model), CameraRig((camera,)), load_colors(model.colors).label_table)
+
+
+def _sight(estimator: PoseEstimator) -> Sight:
+    """Labels at random for it to look at; to make them, nothing is compiled that reads pictures."""
+    image: Image = np.zeros((_SIZE, _SIZE, 3), np.uint8)
+    shape = (_SIZE // estimator.factors[0],) * 2
+    labels = np.random.default_rng(0).integers(0, 7, shape).astype(np.uint8)
+    return estimator.sight([View(image, labels, np.zeros((3, 256), np.int32), np.zeros((2, 2)))])
+
+
+def _see() -> None:
+    estimator = _estimator()
+    reader = EvidenceReader(load_colors("cube_v2"), estimator.factors)
     image = np.random.default_rng(0).integers(0, 255, (_SIZE, _SIZE, 3)).astype(np.uint8)
     view = reader.read(reader.see(0, image), False)
     window = (1, 1, view.labels.shape[1], view.labels.shape[0])
-    return estimator, estimator.sight([reader.glance(0, image, reader.lighting(image), window)])
+    reader.glance(0, image, reader.lighting(image), window)
 
 
 def _search() -> None:
-    estimator, sight = _estimator()
+    estimator = _estimator()
+    sight = _sight(estimator)
     integrals, _ = estimator.positions.integrals(sight.labels, sight.used)
     next(estimator.positions.positions(sight.labels, integrals, sight.used, 1), None)
-    position = np.array([0.0, 0.0, 0.03])
-    rotations, _ = estimator.rotations(sight.labels, sight.used, position, 2)
+    estimator.window(0, _POSITION)
+    apply_update(np.eye(3), _POSITION.copy(), np.zeros(6))
+    rotations, _ = estimator.rotations(sight.labels, sight.used, _POSITION, 2)
     align.try_hypotheses(
         estimator.small, sight.labels, sight.used, estimator.box.half, estimator.box.face_labels,
-        rotations, np.repeat(position[None], 2, axis=0), np.array([3, 2]), np.empty(2),
+        rotations, np.repeat(_POSITION[None], 2, axis=0), np.array([3, 2]), np.empty(2),
     )  # fmt: skip
 
 
+def _begun(estimator: PoseEstimator) -> Attempt:
+    return estimator.refiner.begin(_sight(estimator).views, np.eye(3), _POSITION)
+
+
+def _measure() -> None:
+    attempt = _begun(_estimator())
+    measure_all(attempt.cameras, attempt.unknowns, SCHEDULE, 0, workspace(1))
+
+
 def _solve() -> None:
-    estimator, sight = _estimator()
-    estimator.refine(sight, np.eye(3), np.array([0.0, 0.0, 0.0325]))
+    estimator = _estimator()
+    refiner, attempt = estimator.refiner, _begun(estimator)
+    refiner.laid(attempt, SCHEDULE, 0)
+    refiner.alone(attempt)
+    # By now another process has compiled what `_measure` needs.
+    estimator.refine(_sight(estimator), np.eye(3), _POSITION)
+
+
+def _judge() -> None:
+    lenses = _estimator().small
+    nothing = OwnViews(np.zeros((1, 6, 6)), np.zeros((1, 6)), np.zeros(1))
+    disagreement(nothing, lenses["rotation"], lenses["position"], _POSITION, 0.05)
 
 
 def _filter() -> None:
@@ -141,9 +181,13 @@ def _filter() -> None:
     motion = MotionFilter.start(np.zeros(3), np.eye(3), covariance).predicted(0.1)
     _ = motion.updated(np.zeros(3), np.eye(3), covariance).state
     probability_within(np.eye(6), 1.0, 1.0)
+    so3.quaternion(np.eye(3))
 
 
-PARTS: dict[str, Callable[[], None]] = {"search": _search, "solve": _solve, "filter": _filter}
+PARTS: dict[str, Callable[[], None]] = {
+    "measure": _measure, "see": _see, "search": _search, "judge": _judge, "filter": _filter, "solve": _solve,
+}  # fmt: skip
+"""What needs compiled code, by name: "solve" takes about as long to compile as the others together."""
 
 if __name__ == "__main__":
     PARTS[sys.argv[1]]()

@@ -117,6 +117,8 @@ def disagreement(
     distances = np.sqrt(((positions - position) ** 2).sum(axis=1))
     prior = np.array([3.0 / radius**2] * 3 + [10.0] * 3)
     out = np.empty(len(SCALES))
+    # Of one camera alone they are in one piece, of several that are fields of records they are not.
+    rotations = np.ascontiguousarray(rotations)
     log_likelihoods(views.information, views.moved, rotations, distances, prior, out)
     return out
 

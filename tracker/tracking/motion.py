@@ -141,14 +141,16 @@ def predict(dt, motions, p, r, v, covariance):  # type: ignore[no-untyped-def]
         else:
             so3.exp_into(dt * v[k, 3:], turn)
             product(turn, r[k], turned)
-            r[k] = turned
             for i in range(3):
                 p[k, i] += dt * v[k, i]
                 for j in range(3):
+                    r[k, i, j] = turned[i, j]
                     step[3 + i, 3 + j] = turn[i, j]
             for i in range(6):
                 step[i, 6 + i] = dt
-            before[:] = covariance[k]
+            for i in range(STATE):
+                for j in range(STATE):
+                    before[i, j] = covariance[k, i, j]
             covariance[k] = 0.0
             congruence(step, before, covariance[k])
         for i in range(6):

@@ -68,7 +68,8 @@ def see_alone(cameras, unknowns, tuning, prior, work, seen, information, moved):
     full, lower = np.empty((UNKNOWNS, UNKNOWNS)), np.empty((UNKNOWNS, UNKNOWNS))
     hold, step, change, since = np.empty(UNKNOWNS), np.empty(UNKNOWNS), np.empty(UNKNOWNS), np.empty(6)
     edges = np.empty((12, EDGE))
-    hold[:6] = prior
+    for i in range(6):
+        hold[i] = prior[i]
     hold[EXPONENT], hold[RIM] = 1.0 / DEVIATION_STD**2, 1.0 / RIM_STD**2
     for c in range(len(cameras.used)):
         information[c, :, :], moved[c, :] = 0.0, 0.0

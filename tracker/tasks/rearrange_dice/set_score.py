@@ -135,15 +135,17 @@ def settle(views, dice, k, steps, radius, terms, canvas):  # type: ignore[no-unt
                 # A turn moves the corners as far as the step; heights are known best.
                 size = step if axis < 2 else 0.5 * step if axis == 2 else step / (0.7 * terms.edge)
                 for sign in (-1.0, 1.0):
-                    trial[:] = die
+                    for i in range(4):
+                        trial[i] = die[i]
                     trial[axis] += sign * size
                     if trial[0] ** 2 + trial[1] ** 2 > radius * radius:
                         continue
                     value = _gain(views, dice, k, trial, terms, canvas)
                     if value > best + 1e-6:
                         best = value
-                        die[:] = trial
+                        die[axis] = trial[axis]
             if best <= before:
                 break
-    dice[k] = die
+    for i in range(4):
+        dice[k, i] = die[i]
     return best

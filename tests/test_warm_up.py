@@ -1,0 +1,45 @@
+from __future__ import annotations
+
+from tests.helpers import run_python
+
+SCRIPT = """
+import gc
+import numpy as np
+from numba.core.dispatcher import Dispatcher
+import tracker
+from tracker import warm_up
+from tracker.cli.demo import DATA
+
+def known():
+    kernels = [one for one in gc.get_objects() if isinstance(one, Dispatcher)]
+    return {(one.py_func.__qualname__, signature) for one in kernels for signature in one.signatures
+            if one.py_func.__module__.startswith("tracker.")}
+
+warm_up.load()
+before = known()
+with tracker.open_log(DATA) as log:
+    frames, rig = list(log), log.rig
+one = tracker.CameraRig([rig[0]], arena=rig.arena)
+dark = [0 * image for image in frames[0].images]
+for name in ("cube_v2", "cuboid_2x2x8_v2"):
+    for cameras in (rig, one):
+        follower = tracker.ObjectTracker(tracker.load_object(name), cameras)
+        n = len(cameras)
+        found = follower.detect(frames[0].images[:n]).object_pose
+        for frame in frames[:3]:
+            follower.update(frame.images[:n], frame.timestamp)
+        last = frames[2].timestamp
+        follower.update(frames[3].images[:n], [last + 0.1 + 0.005 * c for c in range(n)])
+        follower.update([None, *frames[4].images[1:n]], last + 0.2)
+        follower.update(dark[:n], last + 0.3)
+        follower.predict(last + 0.4)
+        print(name, n, found is not None)
+print(sorted(what for what, _ in known() - before))
+"""
+
+
+def test_once_loaded_no_picture_has_anything_compiled():
+    result = run_python(["-c", SCRIPT], check=True)
+    *found, later = result.stdout.splitlines()
+    assert found[0] == "cube_v2 3 True"
+    assert later == "[]"
