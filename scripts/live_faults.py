@@ -27,8 +27,8 @@ import tracker
 from tracker.errors import LiveError
 from tracker.live import CameraSet, Live, Moment, Simulation
 from tracker.live.camera import CameraLost, GrabFailed, Picture
-from tracker.live.publisher import Publisher
 from tracker.live.recorder import Recorder
+from tracker.live.zmq_publisher import ZmqPublisher
 from tracker.logs.hdf5_writer import Hdf5LogWriter
 
 parser = argparse.ArgumentParser(description="Break things while something is tracked.")
@@ -122,7 +122,7 @@ class Run:
 
 def hanging(film: Simulation, times: int) -> None:
     """A subscriber that connects and reads nothing."""
-    publisher = Publisher("tcp://127.0.0.1:*")
+    publisher = ZmqPublisher("tcp://127.0.0.1:*")
     host, port = publisher.address.removeprefix("tcp://").split(":")
     run = Run(film, [publisher])
     hung = [socket.create_connection((host, int(port))) for _ in range(times)]

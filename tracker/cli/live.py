@@ -211,9 +211,9 @@ def _recorder(path: Path | None, rig: CameraRig, source: Source, stack: contextl
 def _publisher(address: str | None, public: bool, stack: contextlib.ExitStack) -> Any:
     if address is None:
         return None
-    from tracker.live.publisher import Publisher
+    from tracker.live.zmq_publisher import ZmqPublisher
 
-    publisher = Publisher(address, public=public)
+    publisher = ZmqPublisher(address, public=public)
     stack.callback(publisher.close)
     return publisher
 

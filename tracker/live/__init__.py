@@ -10,7 +10,7 @@ A source gives sets of images, one for each camera: a recording replayed (`Repla
 
 from tracker.live.camera_set import CameraSet as CameraSet
 from tracker.live.live import Live as Live
-from tracker.live.live import Moment as Moment
+from tracker.live.moment import Moment as Moment
 from tracker.live.opening import open_cameras as open_cameras
 from tracker.live.pushed import Pushed as Pushed
 from tracker.live.replay import Replay as Replay

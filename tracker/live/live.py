@@ -7,16 +7,17 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from types import TracebackType
 
 import numpy as np
 
 from tracker.errors import LiveError
+from tracker.live.moment import Moment, without_images
 from tracker.live.opening import open_source
 from tracker.live.shot import Shot, Source, SourceEnded
 from tracker.pipeline import ObjectTracker
-from tracker.pose.result import CameraUse, MotionEstimate, Observation, PoseEstimate, Status
+from tracker.pose.result import MotionEstimate
 from tracker.warm_up import load
 
 HISTORY = 256
@@ -27,42 +28,6 @@ STAMPS_APART = 1.0
 
 _PATIENCE = 0.1
 """How long the thread waits at a time [s], before it looks whether it has to end."""
-
-
-@dataclass(frozen=True, eq=False)
-class Moment:
-    """What one set of images showed."""
-
-    sequence: int
-    """Counts sets of images, from 0."""
-    timestamp: float
-    """When the latest of them was taken [s], on the source's clock."""
-    observation: Observation
-    """The tracker's answer."""
-    shot: Shot
-    """The images. Of moments that have passed, without them."""
-    latency: float
-    """From the latest image to the answer [s]."""
-
-    @property
-    def object_pose(self) -> PoseEstimate | None:
-        """The pose measured in these images, or None."""
-        return self.observation.object_pose
-
-    @property
-    def filtered_object_pose(self) -> MotionEstimate | None:
-        """Prediction and measurement fused over time, or None where the object is lost."""
-        return self.observation.filtered_object_pose
-
-    @property
-    def status(self) -> Status:
-        """Why there is a pose, or none."""
-        return self.observation.status
-
-    @property
-    def cameras(self) -> tuple[CameraUse, ...]:
-        """What became of each camera's picture."""
-        return self.observation.cameras
 
 
 class Live:
@@ -220,7 +185,7 @@ class Live:
                 self._moments.clear()
             if self._moments:
                 old, forecast = self._moments[-1]
-                self._moments[-1] = _without_images(old), forecast
+                self._moments[-1] = without_images(old), forecast
             self._moments.append((moment, self._tracker.forecast()))
             self._count += 1
             self._changed.notify_all()
@@ -271,9 +236,3 @@ class Live:
     def _note(self, fault: str) -> None:
         with self._changed:
             self._faults.append(fault)
-
-
-def _without_images(moment: Moment) -> Moment:
-    """A moment that has passed: 256 sets of images would be gigabytes."""
-    shot = replace(moment.shot, images=(None,) * len(moment.shot.images), raw=None)
-    return replace(moment, shot=shot)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from tracker.live.live import Moment
+from tracker.live.moment import Moment
 
 VERSION = 1
 """Of the message; it grows when a field changes its meaning or goes, not when one is added."""

@@ -13,7 +13,7 @@ from typing import Any
 import cv2
 
 from tracker.errors import LiveError
-from tracker.live.live import Moment
+from tracker.live.moment import Moment
 from tracker.live.page_state import LIMITS, PERCENTILES, PageState
 from tracker.pipeline import ObjectTracker
 from tracker.viz.overlays import overlay

@@ -15,7 +15,7 @@ from tracker.calibration.board_absence import photo_blur
 from tracker.calibration.check import LIMIT, misses_of
 from tracker.conventions import Image
 from tracker.live.camera_check import BRIGHT, DARK, MOST_BLUR, MOST_CLIPPED, MOST_MISSING, MOST_SKEW
-from tracker.live.live import Moment
+from tracker.live.moment import Moment
 from tracker.pipeline import ObjectTracker
 from tracker.pose.fit import Fit
 from tracker.pose.judge import apparent

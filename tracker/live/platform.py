@@ -24,7 +24,8 @@ import numpy as np
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray, Image
 from tracker.errors import LiveError
-from tracker.live.live import Live, Moment
+from tracker.live.live import Live
+from tracker.live.moment import Moment
 from tracker.live.shot import Source
 from tracker.logs import open_log
 from tracker.logs.frame import RecordedPose

@@ -11,7 +11,7 @@ from pathlib import Path
 from tracker.calibration.rig import CameraRig
 from tracker.errors import LiveError, TrackerError
 from tracker.live.camera import Settings
-from tracker.live.live import Moment
+from tracker.live.moment import Moment
 from tracker.logs.hdf5_writer import Hdf5LogWriter
 
 WAITING = 30

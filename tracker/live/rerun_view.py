@@ -8,7 +8,7 @@ from pathlib import Path
 
 from tracker.calibration.rig import CameraRig
 from tracker.errors import TrackerError
-from tracker.live.live import Moment
+from tracker.live.moment import Moment
 from tracker.objects.model import CuboidModel
 from tracker.viz.rerun_viewer import open_scene
 

@@ -17,7 +17,7 @@ from tests.helpers.moments import estimate, moment
 from tests.helpers.needs import lack
 from tracker.errors import LiveError
 from tracker.live.message import message_of
-from tracker.live.publisher import Publisher
+from tracker.live.zmq_publisher import ZmqPublisher
 
 if find_spec("zmq") is None:
     lack("live", "pyzmq is not installed")
@@ -45,7 +45,7 @@ def test_without_an_object_there_is_no_pose_but_a_status():
 
 @pytest.fixture
 def publisher():
-    one = Publisher("tcp://127.0.0.1:*")
+    one = ZmqPublisher("tcp://127.0.0.1:*")
     yield one
     one.close()
 
@@ -110,15 +110,15 @@ def test_one_that_never_reads_holds_up_nobody(publisher):
 )
 def test_an_address_that_others_can_reach_is_refused_unless_that_is_meant(address):
     with pytest.raises(LiveError, match="other machines could connect"):
-        Publisher(address)
+        ZmqPublisher(address)
 
 
 def test_a_public_address_is_bound_where_that_is_meant():
-    one = Publisher("tcp://0.0.0.0:*", public=True)
+    one = ZmqPublisher("tcp://0.0.0.0:*", public=True)
     assert one.address.startswith("tcp://0.0.0.0:")
     one.close()
 
 
 def test_an_address_in_use_is_named(publisher):
     with pytest.raises(LiveError, match=rf"publish {publisher.address}: Address already in use"):
-        Publisher(publisher.address)
+        ZmqPublisher(publisher.address)

@@ -7,13 +7,13 @@ from importlib.util import find_spec
 from typing import Any
 
 from tracker.errors import LiveError, install
-from tracker.live.live import Moment
 from tracker.live.message import message_of
+from tracker.live.moment import Moment
 
 _LOCAL = re.compile(r"tcp://(127(\.\d{1,3}){3}|localhost|\[::1\]):(\d{1,5}|\*)|(ipc|inproc)://.+")
 
 
-class Publisher:
+class ZmqPublisher:
     """Publishes each moment; a listener of `Live`.
 
     A subscriber gets the newest message only: what it does not fetch is replaced, and one that hangs holds

@@ -1,0 +1,50 @@
+"""What one set of images showed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from tracker.live.shot import Shot
+from tracker.pose.result import CameraUse, MotionEstimate, Observation, PoseEstimate, Status
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """What one set of images showed."""
+
+    sequence: int
+    """Counts sets of images, from 0."""
+    timestamp: float
+    """When the latest of them was taken [s], on the source's clock."""
+    observation: Observation
+    """The tracker's answer."""
+    shot: Shot
+    """The images. Of moments that have passed, without them."""
+    latency: float
+    """From the latest image to the answer [s]."""
+
+    @property
+    def object_pose(self) -> PoseEstimate | None:
+        """The pose measured in these images, or None."""
+        return self.observation.object_pose
+
+    @property
+    def filtered_object_pose(self) -> MotionEstimate | None:
+        """Prediction and measurement fused over time, or None where the object is lost."""
+        return self.observation.filtered_object_pose
+
+    @property
+    def status(self) -> Status:
+        """Why there is a pose, or none."""
+        return self.observation.status
+
+    @property
+    def cameras(self) -> tuple[CameraUse, ...]:
+        """What became of each camera's picture."""
+        return self.observation.cameras
+
+
+def without_images(moment: Moment) -> Moment:
+    """A moment that has passed: 256 sets of images would be gigabytes."""
+    shot = replace(moment.shot, images=(None,) * len(moment.shot.images), raw=None)
+    return replace(moment, shot=shot)
