@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
@@ -14,6 +13,7 @@ from tracker.calibration.rig import CameraRig
 from tracker.errors import ImageError, TrackerError, install
 from tracker.files import whole_file
 from tracker.objects.model import CuboidModel
+from tracker.viz.viewer_process import viewer_address
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -63,13 +63,10 @@ def open_scene(path: str | os.PathLike[str] | None, rig: CameraRig, model: Cuboi
         with _file(stream, target, layout(rig)):
             yield Scene(stream, rig, model)
         return
-    # The viewer comes with the package, beside the interpreter, which need not be on the path.
-    scripts = str(Path(sys.executable).parent)
-    os.environ["PATH"] = os.pathsep.join(filter(None, [os.environ.get("PATH", ""), scripts]))
     try:
-        stream.spawn(default_blueprint=layout(rig))
-    except (OSError, RuntimeError) as error:
-        raise TrackerError(f"the viewer cannot be opened: {error}; -o FILE writes a file") from error
+        stream.connect_grpc(viewer_address(), default_blueprint=layout(rig))
+    except RuntimeError as error:
+        raise TrackerError(f"the viewer cannot be reached: {error}") from error
     try:
         yield Scene(stream, rig, model)
         stream.flush(timeout_sec=FLUSH_SECONDS)

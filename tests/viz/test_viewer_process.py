@@ -1,0 +1,71 @@
+"""The viewer of others' making is open to this machine only."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+
+import pytest
+
+import tracker
+from tests.helpers.filmed import RIG
+from tests.helpers.needs import lack
+from tracker.pose.result import Observation, Status
+from tracker.viz import viewer_process
+from tracker.viz.rerun_viewer import open_scene
+
+if importlib.util.find_spec("rerun") is None:
+    lack("rerun", "no module rerun")
+
+COMMAND = viewer_process._command
+
+
+@pytest.fixture(autouse=True)
+def port(monkeypatch):
+    """A port of its own, and no viewer left behind."""
+    with socket.create_server(("127.0.0.1", 0)) as one:
+        free = one.getsockname()[1]
+    monkeypatch.setattr(viewer_process, "PORT", free)
+    monkeypatch.setattr(viewer_process, "_open", [])
+    yield free
+    for process in viewer_process._open:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGTERM)
+            process.wait()
+
+
+def test_nobody_but_this_machine_can_connect_to_the_viewer(port, monkeypatch):
+    if not shutil.which("ss"):
+        lack("system", "no ss, which tells who listens where")
+    # What shows nothing, but listens as the viewer does: there is no screen.
+    monkeypatch.setattr(viewer_process, "_command", lambda: [*COMMAND(), "--serve-grpc"])
+    with open_scene(None, RIG, tracker.load_object("cube_v2")) as scene:
+        scene.show(0, 0.0, Observation(None, None, Status.LOST), ())
+        command = ["ss", "-Hltn", f"sport = :{port}"]
+        lines = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
+        assert [line.split()[3] for line in lines] == [f"127.0.0.1:{port}"]
+
+
+def test_a_viewer_that_is_open_is_used(port, monkeypatch):
+    monkeypatch.setattr(viewer_process, "_command", lambda: pytest.fail("another was started"))
+    with socket.create_server(("127.0.0.1", port)):
+        assert viewer_process.viewer_address() == f"rerun+http://127.0.0.1:{port}/proxy"
+
+
+@pytest.mark.parametrize("seconds", [0.0, 0.2])
+def test_a_viewer_that_ends_is_told_with_its_reason(seconds, port, monkeypatch):
+    """Before it listens, and after."""
+    program = (
+        "import socket, sys, time\n"
+        f"one = socket.create_server(('127.0.0.1', {port})) if {seconds} else None\n"
+        f"time.sleep({seconds})\n"
+        "sys.exit('Error: the loop: no screen is there.')"
+    )
+    monkeypatch.setattr(viewer_process, "_command", lambda: [sys.executable, "-c", program])
+    with pytest.raises(tracker.TrackerError, match="cannot be opened: no screen is there; a file"):
+        viewer_process.viewer_address()

@@ -1,0 +1,76 @@
+"""Starts Rerun's viewer so that nobody but this machine can connect to it."""
+
+from __future__ import annotations
+
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+
+from tracker.errors import TrackerError
+
+HOST, PORT = "127.0.0.1", 9876
+"""Where the viewer listens; the port is Rerun's own, so that one that is open already is used."""
+
+_STARTING = 30.0
+"""How long the viewer may take until it listens [s]."""
+
+_SETTLING = 0.5
+"""How long it is watched after that [s]: without a screen it listens first, and ends then."""
+
+_open: list[subprocess.Popen[bytes]] = []
+"""Viewers that were started: Python complains of a process that goes on and that nobody holds."""
+
+
+def viewer_address() -> str:
+    """Where a viewer listens, in Rerun's words; one is started where there is none.
+
+    Rerun's own `spawn` has it listen on every interface of the machine, for anybody to send pictures to.
+
+    Raises:
+        TrackerError: it cannot be started.
+    """
+    if not _answers():
+        _start()
+    return f"rerun+http://{HOST}:{PORT}/proxy"
+
+
+def _command() -> list[str]:
+    listening = [f"--bind={HOST}", f"--port={PORT}"]
+    return [sys.executable, "-m", "rerun_cli", *listening, "--memory-limit=75%", "--expect-data-soon"]
+
+
+def _start() -> None:
+    """Start the viewer, which stays open after this process."""
+    with tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as said:
+        try:
+            process = subprocess.Popen(
+                _command(),
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=said,
+                start_new_session=True,  # Ctrl-C is for the tracking
+            )
+        except OSError as error:
+            raise TrackerError(f"the viewer cannot be opened: {error}") from error
+        _open.append(process)
+        end = time.monotonic() + _STARTING
+        while process.poll() is None and time.monotonic() < end:
+            if _answers():
+                try:
+                    process.wait(_SETTLING)
+                except subprocess.TimeoutExpired:
+                    return
+            time.sleep(0.05)
+        said.seek(0)
+        reason = (said.read().strip() or "it does not listen").splitlines()[-1].split(": ")[-1].rstrip(".")
+    raise TrackerError(f"the viewer cannot be opened: {reason}; a file (.rrd) can be written instead")
+
+
+def _answers() -> bool:
+    try:
+        socket.create_connection((HOST, PORT), timeout=1.0).close()
+    except OSError:
+        return False
+    return True
