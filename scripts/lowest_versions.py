@@ -35,9 +35,11 @@ def requirements(*extras: str) -> Iterator[Requirement]:
     project = tomllib.loads(PROJECT.read_text(encoding="utf-8"))["project"]
     lists = [project["dependencies"], *(project["optional-dependencies"][extra] for extra in extras)]
     for requirement in map(Requirement, [one for some in lists for one in some]):
+        if requirement.marker is not None and not requirement.marker.evaluate():
+            continue
         if requirement.name == project["name"]:
             yield from requirements(*sorted(requirement.extras))
-        elif requirement.marker is None or requirement.marker.evaluate():
+        else:
             yield requirement
 
 

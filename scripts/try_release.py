@@ -39,6 +39,7 @@ MISSED = {
     "rerun": ["view", "poses.h5", "-o", "view.rrd"],
     "cluster": ["batch", "tracker-demo", "--object", "cube_v2", "-o", "results"],
     "live": ["live", "tracker-demo", *ONE_SET, "--publish", "tcp://127.0.0.1:5555"],
+    "lcm": ["live", "tracker-demo", *ONE_SET, "--publish", "lcm://"],
     "pylon": ["live", "pylon", *ONE_SET],
     "synthetic": ["live", "simulation", "--object", "cube_v2"],
 }

@@ -49,6 +49,18 @@ def test_each_line_of_json_is_a_message(recording, run_here):
     assert stamps == pytest.approx(0.2 * np.round(stamps / 0.2), abs=1e-3)
 
 
+def test_poses_are_published_by_several_ways_at_once(recording, tmp_path, run_here):
+    lcm = pytest.importorskip("lcm", reason="lcm: no module lcm")
+    pytest.importorskip("zmq", reason="live: pyzmq is not installed")
+    ways = ("--publish", "tcp://127.0.0.1:*", "--publish", "file://poses.lcm", "--body", "box")
+    result = run_here("live", recording, "--object", "cube_v2", "--json", *ways, folder=tmp_path)
+    assert result.returncode == 0, result.stderr
+    posed = [one for one in map(json.loads, result.stdout.splitlines()) if one["pose"] is not None]
+    events = list(lcm.EventLog(str(tmp_path / "poses.lcm")))
+    assert len(events) == len(posed) >= 2
+    assert {event.channel for event in events} == {"BOX_STATE"}
+
+
 def test_it_ends_when_it_is_told_to(recording, run_here):
     result = run_here("live", recording, "--object", "cube_v2", "--seconds", "0.05", "--speed", "0.1")
     assert result.returncode == 0, result.stderr
@@ -62,6 +74,8 @@ def test_it_ends_when_it_is_told_to(recording, run_here):
         (["--settings", "x.toml"], ["--settings", "does nothing"]),
         (["--public"], ["--public", "--publish"]),
         (["--publish", "tcp://0.0.0.0:5555"], ["other machines could connect"]),
+        (["--publish", "udpm://239.255.76.67:7667?ttl=1"], ["other machines could receive it"]),
+        (["--publish", "tcp://127.0.0.1:5555", "--body", "box"], ["--body", "lcm://"]),
         (["--page", "70000"], ["--page", "70000", "65535"]),
         (["--view", "--rrd", "a.rrd"], ["--view", "--rrd"]),
         (["--record", "log.dat"], [".dat", ".h5"]),

@@ -25,6 +25,7 @@ KINDS = {
     "gymnasium": "the package `gymnasium`",
     "pylon": "the extra `pylon`",
     "live": "the extra `live`",
+    "lcm": "the extra `lcm`",
     "datasets": "the extra `datasets`",
     "cluster": "the extra `cluster`",
     "htcondor": "HTCondor's Python binding",
@@ -33,6 +34,7 @@ KINDS = {
     "xarray": "the package `xarray`",
     "zarr": "a zarr that writes the data sets' stores",
     "lint": "what checks the code",
+    "multicast": "a network that carries multicast",
     "browser": "a browser that runs without a screen",
     "system": "files and figures that only some operating systems have",
 }

@@ -20,8 +20,10 @@ from tracker.errors import LiveError
 if TYPE_CHECKING:
     from tracker.calibration.rig import CameraRig
     from tracker.live import Live, Moment, Source
+    from tracker.live.lcm_publisher import LcmPublisher
     from tracker.live.page import Page
     from tracker.live.rerun_view import RerunView
+    from tracker.live.zmq_publisher import ZmqPublisher
     from tracker.objects.model import CuboidModel
     from tracker.pipeline import ObjectTracker
 
@@ -34,8 +36,19 @@ _CAMERAS = ("pylon", "opencv")  # as tracker.live.opening has them, which is not
 @object_option()
 @optional_calibration_options
 @colors_option()
-@click.option("--publish", metavar="ADDRESS", help="Publish poses by ZeroMQ, e.g. tcp://127.0.0.1:5555.")
+@click.option(
+    "--publish",
+    "addresses",
+    metavar="ADDRESS",
+    multiple=True,
+    help="Publish poses: tcp://127.0.0.1:5555 by ZeroMQ, lcm:// by LCM. May be given several times.",
+)
 @click.option("--public", is_flag=True, help="--publish to other machines, too.")
+@click.option(
+    "--body",
+    metavar="NAME",
+    help="What LCM's messages call the object.  [default: cube, of another shape cuboid]",
+)
 @click.option("--record", metavar="FILE", type=_FILE, help="Record images and poses (.h5).")
 @click.option("--view", is_flag=True, help="Show images and poses in the viewer Rerun.")
 @click.option("--rrd", metavar="FILE", type=_FILE, help="Write what --view shows into a file (.rrd).")
@@ -76,8 +89,9 @@ def live(
     object_name: str,
     cameras: Cameras,
     colors_name: str | None,
-    publish: str | None,
+    addresses: tuple[str, ...],
     public: bool,
+    body: str | None,
     record: Path | None,
     view: bool,
     rrd: Path | None,
@@ -96,15 +110,18 @@ def live(
     the calibration's, or `pylon:SERIAL,…` in its order; `opencv:0,1,2`, numbers, films or addresses; or
     `simulation`.
 
-    Cameras that fail are looked for again, and the tracking goes on with the others. With --publish each
-    message is one JSON object: version, sequence, timestamp, status, pose as that of `detect --json` or
-    null, velocity or null, latency_ms; it is the filtered pose of the newest images.
+    Cameras that fail are looked for again, and the tracking goes on with the others. Published is the
+    filtered pose of the newest images. By ZeroMQ each message is one JSON object: version, sequence,
+    timestamp, status, pose as that of `detect --json` or null, velocity or null, latency_ms, faults of
+    cameras and stamps. By LCM (lcm://, udpm://ADDRESS:PORT?ttl=0, file://PATH) it is dairlib's
+    lcmt_object_state, on the channel CUBE_STATE, and none where the object is lost.
 
     --check tracks nothing: it tells of missing and late pictures, brightness, clipping and blur, and exits
     with 1 where anything is wrong.
     """
     from tracker.live import Live
     from tracker.live.message import message_of
+    from tracker.live.publishing import is_lcm
     from tracker.objects.model import load_object
     from tracker.pipeline import ObjectTracker
     from tracker.segmentation.color_model import load_colors
@@ -114,9 +131,11 @@ def live(
         kind, source, {"--rate": rate, "--settings": settings, "--speed": speed}, cameras
     )
     cameras.refuse_pattern_alone()
-    if public and publish is None:
+    if public and not addresses:
         raise click.UsageError("--public: expected with --publish")
-    if check and (publish or record or view or rrd or page is not None or as_json or quiet):
+    if body is not None and not any(map(is_lcm, addresses)):
+        raise click.UsageError("--body: expected with --publish lcm://")
+    if check and (addresses or record or view or rrd or page is not None or as_json or quiet):
         raise click.UsageError("--check: tracks nothing, so there is nothing to publish, record or show")
     if view and rrd:
         raise click.UsageError("--view: found with --rrd, expected one or the other")
@@ -132,7 +151,9 @@ def live(
         stack.callback(given.close)  # where what follows fails; a second time it does nothing
         listeners: list[Callable[[Moment], None]] = [told.hear]
         recorder = _recorder(record, rig, given, stack)
-        listeners += [one for one in (recorder, _publisher(publish, public, stack)) if one is not None]
+        listeners += [] if recorder is None else [recorder]
+        publishers = [_publisher(address, model, body, public, stack) for address in addresses]
+        listeners += publishers
         rerun_view = _rerun_view(rrd, rig, model, stack) if view or rrd else None
         listeners += [] if rerun_view is None else [rerun_view]
         shown = None if page is None else _page(page, ObjectTracker(model, rig, colors), stack)
@@ -208,12 +229,12 @@ def _recorder(path: Path | None, rig: CameraRig, source: Source, stack: contextl
     return recorder
 
 
-def _publisher(address: str | None, public: bool, stack: contextlib.ExitStack) -> Any:
-    if address is None:
-        return None
-    from tracker.live.zmq_publisher import ZmqPublisher
+def _publisher(
+    address: str, model: CuboidModel, body: str | None, public: bool, stack: contextlib.ExitStack
+) -> ZmqPublisher | LcmPublisher:
+    from tracker.live.publishing import open_publisher
 
-    publisher = ZmqPublisher(address, public=public)
+    publisher = open_publisher(address, model, body=body, public=public)
     stack.callback(publisher.close)
     return publisher
 

@@ -1,0 +1,240 @@
+"""Poses by LCM: the type that the platform's users have, to the byte."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import re
+import socket
+import struct
+import subprocess
+import sys
+from urllib.parse import urlsplit
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import tracker
+from tests.helpers import ROOT
+from tests.helpers.moments import estimate, moment
+from tests.helpers.needs import lack
+from tracker.errors import LiveError
+from tracker.live import lcm_publisher
+from tracker.live.lcm_message import FINGERPRINT, body_of, channel_of, lcm_message_of
+from tracker.live.lcm_publisher import LcmPublisher
+
+needs_lcm = pytest.mark.skipif(importlib.util.find_spec("lcm") is None, reason="lcm: no module lcm")
+
+CUBE, CUBOID = tracker.load_object("cube_v2"), tracker.load_object("cuboid_2x2x8_v2")
+TYPE = re.search(r"package dairlib;.*?\n}\n", (ROOT / "docs" / "control-loop.md").read_text(), re.DOTALL)[0]
+"""The type as the documentation has it."""
+FIELDS = re.findall(r"(\w+) (\w+)(?:\[(\w+)\])?;", TYPE)[1:]
+"""Type, name and dimension of each field; the first match is the package."""
+
+
+def lcm_hash(fields):
+    """By LCM's rule, over names, types that are built in, and dimensions; shifts keep the sign."""
+    value = 0x12345678
+
+    def take(byte):
+        nonlocal value
+        signed = value - (value >> 63 << 64)
+        value = (((signed << 8) ^ (signed >> 55)) + byte) & ((1 << 64) - 1)
+
+    def take_text(text):
+        for byte in (len(text), *text.encode()):
+            take(byte)
+
+    for kind, name, dimension in fields:
+        take_text(name)
+        take_text(kind)
+        take(bool(dimension))
+        if dimension:
+            take(1)  # of variable length
+            take_text(dimension)
+    return value
+
+
+def decoded(content):
+    """Fields by their names, read as the type lays them out."""
+    place, found = 8, {}
+
+    def read(form):
+        nonlocal place
+        (value,) = struct.unpack_from(f">{form}", content, place)
+        place += struct.calcsize(form)
+        return value
+
+    def read_text():
+        length = read("I")
+        text = read(f"{length}s")
+        assert text.endswith(b"\0")
+        return text[:-1].decode()
+
+    readers = {
+        "int64_t": lambda: read("q"),
+        "int32_t": lambda: read("i"),
+        "double": lambda: read("d"),
+        "string": read_text,
+    }
+    for kind, name, dimension in FIELDS:
+        read_one = readers[kind]
+        found[name] = [read_one() for _ in range(found[dimension])] if dimension else read_one()
+    assert place == len(content)
+    return found
+
+
+def content_of(one, body="cube"):
+    return lcm_message_of(one, "cube_v2", body)
+
+
+def test_the_fingerprint_is_that_of_the_documented_type():
+    value = lcm_hash(FIELDS)
+    assert value == 0x16A0F83D49307B4A  # as generated code has it
+    assert (value << 1 | value >> 63) & ((1 << 64) - 1) == FINGERPRINT
+    assert content_of(moment(0, pose=estimate())).startswith(FINGERPRINT.to_bytes(8, "big"))
+
+
+def test_a_message_has_the_pose_with_w_first_and_the_rotation_before_the_centre():
+    pose = estimate(0.25)
+    found = decoded(content_of(moment(7, pose=pose)))
+    assert found["utime"] == 1_000_700_000
+    assert found["object_name"] == "cube_v2"
+    assert found["position_names"] == [f"cube_{n}" for n in ("qw", "qx", "qy", "qz", "x", "y", "z")]
+    assert found["velocity_names"] == [f"cube_{n}" for n in ("wx", "wy", "wz", "vx", "vy", "vz")]
+    assert found["position"][4:] == pose.position.tolist()
+    w, *xyz = found["position"][:4]
+    assert np.allclose(Rotation.from_quat([*xyz, w]).as_matrix(), pose.rotation, atol=1e-12)
+    assert found["velocity"] == [3, 4, 5, 0, 1, 2]
+
+
+def test_where_the_object_is_lost_there_is_no_message():
+    assert content_of(moment(0)) is None
+
+
+def test_bodies_are_called_after_their_shape_or_as_is_wanted():
+    assert [body_of(CUBE), body_of(CUBOID), body_of(CUBOID, "box_2")] == ["cube", "cuboid", "box_2"]
+    assert [channel_of("cube"), channel_of("box_2")] == ["CUBE_STATE", "BOX_2_STATE"]
+    assert decoded(content_of(moment(0, pose=estimate()), "box_2"))["velocity_names"][0] == "box_2_wx"
+    for name in ("", "2box", "a b", "käse", "a" * 41):
+        with pytest.raises(LiveError, match="body: found"):
+            body_of(CUBE, name)
+
+
+@needs_lcm
+def test_code_that_lcm_generates_from_the_documented_type_reads_a_log_of_messages(tmp_path, monkeypatch):
+    import lcm
+
+    publisher = LcmPublisher(f"file://{tmp_path / 'poses.lcm'}", CUBE)
+    poses = [estimate(0.01 * n) for n in range(5)]
+    for number, pose in enumerate(poses):
+        publisher(moment(number, pose=pose))
+        publisher(moment(number))  # lost
+    publisher.close()
+    (tmp_path / "state.lcm").write_text(TYPE)
+    generator = os.path.join(lcm.LCM_BIN_DIR, "lcm-gen")
+    subprocess.run([generator, "--python", "--ppath", tmp_path, tmp_path / "state.lcm"], check=True)
+    monkeypatch.syspath_prepend(tmp_path)
+    from dairlib import lcmt_object_state
+
+    events = list(lcm.EventLog(str(tmp_path / "poses.lcm")))
+    assert [event.channel for event in events] == ["CUBE_STATE"] * 5
+    for number, (pose, event) in enumerate(zip(poses, events, strict=True)):
+        state = lcmt_object_state.decode(event.data)
+        assert state.encode() == event.data
+        assert state.utime == 1_000_000_000 + 100_000 * number
+        assert state.position[4:] == tuple(pose.position)
+    sys.modules.pop("dairlib")
+
+
+@pytest.fixture
+def group():
+    """An address of a group on a port that nobody else has."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
+        one.bind(("127.0.0.1", 0))
+        return f"udpm://239.255.76.68:{one.getsockname()[1]}?ttl=0"
+
+
+@needs_lcm
+def test_a_subscriber_gets_what_is_published(group):
+    import lcm
+
+    try:
+        receiver = lcm.LCM(group)
+        publisher = LcmPublisher(group, CUBOID)
+        received = []
+        receiver.subscribe("CUBOID_STATE", lambda *arguments: received.append(arguments))
+    except (RuntimeError, LiveError) as error:
+        lack("multicast", str(error))
+    publisher(moment(3, pose=estimate(0.25)))
+    assert receiver.handle_timeout(60_000)
+    ((channel, content),) = received
+    assert channel == publisher.channel
+    assert decoded(content)["object_name"] == "cuboid_2x2x8_v2"
+    publisher.close()
+
+
+@needs_lcm
+def test_nothing_listens_where_poses_are_published(group):
+    try:
+        publisher = LcmPublisher(group, CUBE)
+        publisher(moment(0, pose=estimate()))
+    except LiveError as error:
+        lack("multicast", str(error))
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
+        one.bind(("", urlsplit(group).port))  # nobody else has it
+    publisher.close()
+
+
+@needs_lcm
+def test_a_network_that_is_gone_ends_nothing(tmp_path):
+    class Gone:
+        def publish(self, channel, message):
+            raise OSError("Network is unreachable")
+
+    publisher = LcmPublisher(f"file://{tmp_path / 'poses.lcm'}", CUBE)
+    publisher._lcm = Gone()
+    for number in range(3):
+        publisher(moment(number, pose=estimate()))
+    assert (publisher.unsent, publisher.fault) == (3, "Network is unreachable")
+
+
+@pytest.mark.parametrize(
+    ("address", "words"),
+    [
+        ("udpm://239.255.76.67:7667?ttl=1", "other machines could receive it"),
+        ("udpm://239.255.76.67:7667?ttl=0&ttl=1", "expected lcm://"),
+        ("udpm://239.255.76.67:7667?ttl=-1", "a ttl from 0 to 255"),
+        ("udpm://239.255.76.67:7667?ttl=0&transmit_only=1", "expected lcm://"),
+        ("udpm://192.0.2.1:7667?ttl=0", "the address of a group"),
+        ("udpm://somewhere:7667?ttl=0", "somewhere"),
+        ("udpm://239.255.76.67:70000?ttl=0", "range"),
+        ("udpm://239.255.76.67:0?ttl=0", "a port"),
+        ("udpm://239.255.76.67:7667?ttl", "bad query field"),
+        ("udpm://239.255.76.67:7667/more?ttl=0", "expected lcm://"),
+        ("lcm://somewhere", "expected lcm://"),
+        ("file://", "expected lcm://"),
+        ("file://no/poses.lcm", "a new file"),
+        (f"file://{__file__}", "a new file"),
+        (f"file://{__file__}.lcm?mode=a", "expected lcm://"),
+    ],
+)
+def test_an_address_that_is_none_or_reaches_others_is_refused(address, words):
+    with pytest.raises(LiveError, match=re.escape(words)):
+        LcmPublisher(address, CUBE)
+
+
+def test_what_lcm_is_told_is_what_was_looked_at(monkeypatch):
+    url = lcm_publisher._url
+    monkeypatch.delenv("LCM_DEFAULT_URL", raising=False)
+    assert url("lcm://", False) == "udpm://239.255.76.67:7667?ttl=0"
+    assert url("udpm://239.1.2.3?recv_buf_size=99", False) == "udpm://239.1.2.3:7667?ttl=0"
+    assert url("udpm://239.1.2.3:7000?ttl=2", True) == "udpm://239.1.2.3:7000?ttl=2"
+    monkeypatch.setenv("LCM_DEFAULT_URL", "udpm://239.255.76.67:7667?ttl=1")
+    assert url("lcm://", True).endswith("ttl=1")
+    with pytest.raises(LiveError, match="other machines could receive it"):
+        url("lcm://", False)
+    monkeypatch.setenv("LCM_DEFAULT_URL", "lcm://")
+    with pytest.raises(LiveError, match="LCM_DEFAULT_URL: found lcm://"):
+        url("lcm://", False)
