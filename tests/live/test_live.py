@@ -13,6 +13,7 @@ import tracker
 from tests.helpers.filmed import RIG, shots
 from tracker.errors import LiveError
 from tracker.live import Live, Pushed, Shot, SourceEnded
+from tracker.live.moment import camera_faults
 from tracker.pose.result import CameraUse, Status
 
 SHAPE = (4, 6, 3)
@@ -154,7 +155,23 @@ def test_stamps_that_go_back_begin_anew_and_are_told():
     assert mean.resets == 1
     assert [one.timestamp for one in moments] == [100.0, 100.1, 50.0, 50.1]
     assert "went back by 50.1" in live.faults[0]
+    assert [list(one.faults) for one in moments] == [[], [], ["stamps"], []]
     assert live.at(100.2) is None
+
+
+def test_stamps_that_run_ahead_of_time_are_told_and_go_on():
+    live, mean, moments = heard(shot(1, 100.0), shot(2, 100.1), shot(3, 107.1), shot(4, 107.2))
+    assert mean.resets == 0
+    assert [list(one.faults) for one in moments] == [[], [], ["stamps"], []]
+    assert moments[2].faults["stamps"].startswith("went on by 7.000 s within 0.0")
+    assert live.faults == (f"stamps {moments[2].faults['stamps']}",)
+
+
+def test_a_picture_that_cannot_be_used_is_told_with_its_camera():
+    images = (np.zeros(SHAPE, np.uint8), None, np.zeros(SHAPE, np.uint8))
+    uses = (CameraUse.FROZEN, CameraUse.NO_IMAGE, CameraUse.CONTRADICTING)
+    told = camera_faults(("a", "b", "c"), Shot(images, (1.0,) * 3, (None, "the buffer failed", None)), uses)
+    assert told == {"a": "frozen", "b": "the buffer failed"}
 
 
 def test_an_episode_that_begins_is_no_fault():
@@ -174,6 +191,9 @@ def test_a_camera_whose_stamp_jumps_is_left_out_of_that_set(off, cameras):
     assert [one.timestamp for one in moments] == [1.0, 1.1, 1.2]
     assert "camera1: its stamp is" in live.faults[0]
     assert moments[1].shot.faults[1] is not None
+    assert moments[1].faults == {"camera1": f"its stamp is {off:+.3f} s from the others'"} | (
+        {} if cameras == 3 else {"camera2": "no image"}
+    )
 
 
 def test_an_image_of_another_size_does_not_take_the_others_with_it():

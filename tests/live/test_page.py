@@ -19,6 +19,7 @@ from tests.helpers.filmed import RIG, shots
 from tests.helpers.moments import estimate, moment
 from tracker.errors import LiveError
 from tracker.live.page import Page
+from tracker.live.page_state import PageState
 from tracker.pose.result import CameraUse
 
 FOLLOWER = tracker.ObjectTracker(tracker.load_object("cube_v2"), RIG)
@@ -63,7 +64,7 @@ def test_the_page_shows_pose_and_cameras_as_they_are(page):
     one = replace(
         one,
         observation=replace(one.observation, cameras=uses),
-        shot=replace(one.shot, faults=(None, "its plug is out", None)),
+        faults={"camera180": "its plug is out"},
     )
     assert observation.object_pose is not None
     page.faults = lambda: ["something"]
@@ -74,11 +75,30 @@ def test_the_page_shows_pose_and_cameras_as_they_are(page):
     assert told["faults"] == ["something"]
     first, gone, last = told["cameras"]
     assert (gone["use"], gone["fault"], gone["missing"]) == ("no image", "its plug is out", 100.0)
+    assert (gone["last_fault"], gone["last_fault_age"]) == ("its plug is out", 0.0)
+    assert first["last_fault"] is None
     assert gone["level"] is None
     assert gone["beyond"] == ["missing"]
     assert first["level"] == pytest.approx(np.median(cv2.cvtColor(images[0], cv2.COLOR_BGR2GRAY)), abs=1)
     assert 0.0 < first["residual"] < 0.5
     assert last["skew"] == pytest.approx(2.0)
+
+
+def test_a_fault_that_has_passed_is_told_for_some_seconds(monkeypatch):
+    now = 100.0
+    monkeypatch.setattr("tracker.live.page_state.time.monotonic", lambda: now)
+    state, last = PageState(FOLLOWER), []
+    for number, seconds in enumerate((0.0, 4.0, 7.0)):
+        now += seconds
+        one = replace(moment(number, IMAGES), faults={} if number else {"camera60": "the buffer failed"})
+        state.see(one)
+        first = state.message(one, ())["cameras"][0]
+        last.append((first["fault"], first["last_fault"], first["last_fault_age"]))
+    assert last == [
+        ("the buffer failed", "the buffer failed", 0.0),
+        (None, "the buffer failed", 4.0),
+        (None, None, None),
+    ]
 
 
 def test_the_picture_has_every_camera(page):

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import time
+from dataclasses import replace
 from importlib.util import find_spec
 
 import numpy as np
@@ -25,12 +26,14 @@ import zmq
 
 
 def test_a_message_says_everything_in_plain_json():
-    content = json.loads(message_of(moment(7, pose=estimate(0.25))))
+    one = replace(moment(7, pose=estimate(0.25)), faults={"camera60": "the buffer failed"})
+    content = json.loads(message_of(one))
     assert content["version"] == 1
     assert content["sequence"] == 7
     assert content["timestamp"] == pytest.approx(1000.7)
     assert content["status"] == "tracking"
     assert content["latency_ms"] == pytest.approx(12)
+    assert content["faults"] == {"camera60": "the buffer failed"}
     assert content["velocity"] == [0, 1, 2, 3, 4, 5]
     assert content["pose"]["position"] == [0.25, -0.02, 0.0325]
     assert content["pose"]["orientation"] == [0, 0, 0.6, 0.8]

@@ -146,7 +146,7 @@ def live(
         with contextlib.closing(given):
             check_cameras(given, rig, seconds)
         return
-    told = Told(rig.names)
+    told = Told()
     with contextlib.ExitStack() as stack:
         stack.callback(given.close)  # where what follows fails; a second time it does nothing
         listeners: list[Callable[[Moment], None]] = [told.hear]
@@ -174,6 +174,7 @@ def live(
         faults = list(follower.faults)
         if rerun_view is not None and rerun_view.fault is not None:
             faults.append(f"the view has ended: {rerun_view.fault}")
+        faults += [one.fault for one in publishers if one.fault is not None]
         click.echo(told.summary(left_out, faults, recorder))
 
 

@@ -20,11 +20,12 @@ _LATENCIES = 100_000
 class Told:
     """Counts moments, in the tracking thread, for what is told in another."""
 
-    def __init__(self, names: Sequence[str]) -> None:
-        self._names, self._lock = tuple(names), threading.Lock()
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
         self._statuses: Counter[str] = Counter()
-        self._missing: Counter[str] = Counter()
-        self._faults: dict[str, str] = {}
+        self._faults: Counter[str] = Counter()
+        self._lately: Counter[str] = Counter()
+        self._reasons: dict[str, str] = {}
         self._latencies: deque[float] = deque(maxlen=_LATENCIES)
         self._newest: Moment | None = None
         self._told_count = 0
@@ -40,10 +41,9 @@ class Told:
             self._statuses[moment.status.value] += 1
             self._latencies.append(moment.latency)
             self._newest = moment
-            for name, image, fault in zip(self._names, moment.shot.images, moment.shot.faults, strict=True):
-                if image is None:
-                    self._missing[name] += 1
-                    self._faults[name] = fault or "no image"
+            self._faults.update(moment.faults.keys())
+            self._lately.update(moment.faults.keys())
+            self._reasons.update(moment.faults)
 
     def due(self) -> str | None:
         """A line about the last second, once it has passed."""
@@ -52,7 +52,10 @@ class Told:
             return None
         with self._lock:
             count, moment = sum(self._statuses.values()), self._newest
-        rate = (count - self._told_count) / (now - self._told_at)
+            lately, self._lately = self._lately, Counter()
+            reasons = dict(self._reasons)
+        sets = count - self._told_count
+        rate = sets / (now - self._told_at)
         self._told_at, self._told_count = now, count
         parts = [f"{now - self._begin:7.1f} s", f"{rate:5.1f} Hz"]
         if moment is None:
@@ -63,12 +66,8 @@ class Told:
             place = " ".join(f"{1000 * value:7.1f}" for value in pose.position)
             parts.append(f"{place} mm  confidence {pose.confidence:.2f}")
         parts.append(f"latency {1000 * moment.latency:.1f} ms")
-        gone = [
-            f"{name}: {fault or 'no image'}"
-            for name, image, fault in zip(self._names, moment.shot.images, moment.shot.faults, strict=True)
-            if image is None
-        ]
-        return "  ".join([*parts, *gone])
+        faults = [f"{name}: {reasons[name]} ({times} of {sets} sets)" for name, times in lately.items()]
+        return "  ".join([*parts, *faults])
 
     def summary(self, left_out: int, faults: Sequence[str], recorder: Any = None) -> str:
         """What there was in all."""
@@ -83,8 +82,8 @@ class Told:
             median, late = np.percentile(1e3 * np.array(self._latencies), [50, 99])
             rows.append(["status", statuses])
             rows.append(["latency", f"{median:.1f} ms in the median, {late:.1f} ms in the 99th percentile"])
-        for name, missing in sorted(self._missing.items()):
-            rows.append([name, f"no image in {missing} sets; last: {self._faults[name]}"])
+        for name, times in sorted(self._faults.items()):
+            rows.append([name, f"amiss in {times} of {count} sets; last: {self._reasons[name]}"])
         if recorder is not None:
             rows.append(["recorded", f"{recorder.recorded} sets in {recorder.path}"])
             if recorder.left_out:

@@ -50,10 +50,9 @@ class LcmPublisher:
         """In LCM's words."""
         self._name, self._body = model.name, body_of(model, body)
         self.channel = channel_of(self._body)
-        self.unsent = 0
-        """Messages that the network did not take."""
         self.fault: str | None = None
-        """Why it did not take the last of them."""
+        """How many messages the network did not take, and why not the last of them."""
+        self._unsent = 0
         if find_spec("lcm") is None:
             raise LiveError(f"publish: lcm is not installed: {install('lcm')}")
         import lcm
@@ -74,7 +73,8 @@ class LcmPublisher:
         try:
             self._lcm.publish(self.channel, message)
         except OSError as error:  # of this moment; a network comes back
-            self.unsent, self.fault = self.unsent + 1, str(error)
+            self._unsent += 1
+            self.fault = f"publish {self.address}: {self._unsent} messages were not sent; last: {error}"
 
     def close(self) -> None:
         """Free the address; nobody may be in a call."""

@@ -13,7 +13,7 @@ from types import TracebackType
 import numpy as np
 
 from tracker.errors import LiveError
-from tracker.live.moment import Moment, without_images
+from tracker.live.moment import STAMPS, Moment, camera_faults, without_images
 from tracker.live.opening import open_source
 from tracker.live.shot import Shot, Source, SourceEnded
 from tracker.pipeline import ObjectTracker
@@ -68,6 +68,7 @@ class Live:
         self._stopping, self._running = threading.Event(), True
         self._count = 0
         self._last: float | None = None
+        self._begun = 0.0
         self._thread = threading.Thread(target=self._run, name="tracker.live", daemon=True)
         self._thread.start()
 
@@ -169,19 +170,22 @@ class Live:
     def _take_in(self, shot: Shot) -> None:
         start = time.perf_counter()
         shot = self._checked(shot)
-        stamp, back = shot.timestamp, 0.0 if self._last is None else self._last - shot.timestamp
-        if back == 0 and self._last is not None and not shot.fresh:
+        if shot.timestamp == self._last and not shot.fresh:
             return  # the same set again, which is no news
-        if back > 0 and not shot.fresh:
-            self._note(f"stamps went back by {back:.3f} s: what was before is forgotten")
-        if back > 0 or shot.fresh:
+        jump = self._jump(shot, start)
+        anew = shot.fresh or (self._last is not None and shot.timestamp < self._last)
+        if anew:
             self._tracker.reset()
         observation = self._tracker.update(shot.images, shot.stamps)
-        self._last = stamp
+        self._last, self._begun = shot.timestamp, start
+        faults = camera_faults(self._tracker.rig.names, shot, observation.cameras)
+        if jump is not None:
+            self._note(f"{STAMPS} {jump}")
+            faults[STAMPS] = jump
         latency = shot.age + time.perf_counter() - start
-        moment = Moment(self._count, stamp, observation, shot, latency)
+        moment = Moment(self._count, shot.timestamp, observation, shot, latency, faults)
         with self._changed:
-            if back > 0 or shot.fresh:
+            if anew:
                 self._moments.clear()
             if self._moments:
                 old, forecast = self._moments[-1]
@@ -195,6 +199,17 @@ class Live:
             except Exception as error:
                 self._listeners.remove(listener)
                 self._note(f"a listener is not called any more: {error}")
+
+    def _jump(self, shot: Shot, now: float) -> str | None:
+        """How stamps jumped since the last set, which came at `_begun`; None: they went on as time does."""
+        if self._last is None or shot.fresh:
+            return None
+        step, passed = shot.timestamp - self._last, now - self._begun
+        if step < 0:
+            return f"went back by {-step:.3f} s: what was before is forgotten"
+        if step - passed > STAMPS_APART:
+            return f"went on by {step:.3f} s within {passed:.3f} s"
+        return None
 
     def _checked(self, shot: Shot) -> Shot:
         """The set without images that cannot be used, of which the others must not suffer."""

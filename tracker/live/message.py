@@ -17,7 +17,7 @@ def message_of(moment: Moment) -> bytes:
     Fields: `version`; `sequence`, of the set of images; `timestamp`, of its latest image [s]; `status`;
     `pose`, with `position` (3) [m], `orientation` (4) xyzw, `covariance` (6, 6) of (δp, δθ) along world
     axes [m, rad] and `confidence`, or null; `velocity` (6) [m/s, rad/s] or null; `latency_ms`, from the
-    latest image to the pose.
+    latest image to the pose; `faults`, what was wrong with this set, texts by the camera's name or `stamps`.
     """
     pose = moment.filtered_object_pose
     content: dict[str, Any] = {
@@ -28,5 +28,6 @@ def message_of(moment: Moment) -> bytes:
         "pose": None if pose is None else pose.as_json(),
         "velocity": None if pose is None else pose.velocity.tolist(),
         "latency_ms": 1e3 * moment.latency,
+        "faults": dict(moment.faults),
     }
     return json.dumps(content, allow_nan=False).encode()

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 from tracker.live.shot import Shot
 from tracker.pose.result import CameraUse, MotionEstimate, Observation, PoseEstimate, Status
+
+STAMPS = "stamps"
+"""Of `Moment.faults`, what concerns the stamps of all cameras."""
+
+_UNFIT = (CameraUse.FROZEN, CameraUse.BLACK)
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,6 +28,9 @@ class Moment:
     """The images. Of moments that have passed, without them."""
     latency: float
     """From the latest image to the answer [s]."""
+    faults: Mapping[str, str] = field(default_factory=dict)
+    """What was wrong with this set, by the camera's name: no picture and why, one that was refused, one that
+    is frozen or black; by STAMPS: stamps that jumped."""
 
     @property
     def object_pose(self) -> PoseEstimate | None:
@@ -42,6 +51,23 @@ class Moment:
     def cameras(self) -> tuple[CameraUse, ...]:
         """What became of each camera's picture."""
         return self.observation.cameras
+
+
+def camera_faults(names: Sequence[str], shot: Shot, uses: Sequence[CameraUse]) -> dict[str, str]:
+    """What was wrong with each camera, by its name; those that were well are left out.
+
+    Args:
+        names: of the cameras.
+        shot: the images.
+        uses: what became of them; empty where nobody knows.
+    """
+    faults = {}
+    for c, (name, image, fault) in enumerate(zip(names, shot.images, shot.faults, strict=True)):
+        if image is None:
+            faults[name] = fault or CameraUse.NO_IMAGE.value
+        elif uses and uses[c] in _UNFIT:
+            faults[name] = uses[c].value
+    return faults
 
 
 def without_images(moment: Moment) -> Moment:

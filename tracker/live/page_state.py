@@ -54,6 +54,7 @@ class PageState:
         self._tracker, self._names = tracker, tracker.rig.names
         self._latencies: deque[float] = deque(maxlen=LATENCIES)
         self._seen: deque[tuple[float, tuple[float | None, ...]]] = deque()
+        self._faults: dict[str, tuple[float, str]] = {}
         self._looks: list[dict[str, float]] = [{} for _ in self._names]
 
     def see(self, moment: Moment) -> None:
@@ -65,6 +66,7 @@ class PageState:
             for image, stamp in zip(shot.images, shot.stamps, strict=True)
         )
         self._seen.append((now, skews))
+        self._faults.update((name, (now, fault)) for name, fault in moment.faults.items())
         while self._seen[0][0] < now - SPAN:
             self._seen.popleft()
 
@@ -98,9 +100,10 @@ class PageState:
 
         Fields: `sequence`; `time` [s]; `status`; `position` [mm], `std_mm` and `std_deg` (3), and
         `confidence` of the filtered pose; `measured`, whether these images show it; `latency` [ms] and
-        `latency_ms`, its percentiles `PERCENTILES`; `cameras`, of each its `name`, `use`, `fault`, `rate`
-        [Hz], `missing` [%], `skew` [ms], median grey `level`, `clipped` [%], `blur` [px], `residual` [px],
-        `disagreement` [mrad], and `beyond`, which of them are beyond `LIMITS`; `faults`, the last of them.
+        `latency_ms`, its percentiles `PERCENTILES`; `cameras`, of each its `name`, `use`, `fault`,
+        `last_fault` of the last SPAN and how long ago that was, `last_fault_age` [s], `rate` [Hz], `missing`
+        [%], `skew` [ms], median grey `level`, `clipped` [%], `blur` [px], `residual` [px], `disagreement`
+        [mrad], and `beyond`, which of them are beyond `LIMITS`; `faults`, the last of them.
         """
         pose = moment.filtered_object_pose
         std = None if pose is None else np.sqrt(np.diag(pose.covariance))
@@ -131,11 +134,15 @@ class PageState:
         values |= {key: self._looks[c].get(key) for key in LIMITS if key not in values}
         known = {key: value for key, value in values.items() if value is not None and math.isfinite(value)}
         beyond = [k for k, (low, high) in LIMITS.items() if k in known and not low <= known[k] <= high]
-        uses = moment.cameras
+        name, uses = self._names[c], moment.cameras
+        when, last = self._faults.get(name, (-math.inf, None))
+        age = self._seen[-1][0] - when
         return {
-            "name": self._names[c],
+            "name": name,
             "use": uses[c].value if uses else None,
-            "fault": moment.shot.faults[c],
+            "fault": moment.faults.get(name),
+            "last_fault": last if age <= SPAN else None,
+            "last_fault_age": age if age <= SPAN else None,
             **{key: known.get(key) for key in values},
             "beyond": beyond,
         }

@@ -48,6 +48,8 @@ class ZmqPublisher:
             raise LiveError(f"publish {address}: {error}") from error
         self.address: str = self._socket.getsockopt_string(zmq.LAST_ENDPOINT)
         """Where subscribers connect; with the port that was chosen for `*`."""
+        self.fault: str | None = None
+        """As `LcmPublisher` has it; nothing is left unsent here but what nobody fetched."""
 
     def __call__(self, moment: Moment) -> None:
         """Publish a moment."""

@@ -1,0 +1,27 @@
+"""What `tracker live` tells of."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from tests.helpers.moments import estimate, moment
+from tracker.cli.live_told import Told
+
+FAILED = {"camera60": "the buffer failed"}
+
+
+def test_a_fault_of_one_set_is_in_the_next_line_and_in_the_summary(monkeypatch):
+    now = 100.0
+    monkeypatch.setattr("tracker.cli.live_told.time.monotonic", lambda: now)
+    told = Told()
+    for number in range(10):
+        told.hear(replace(moment(number, pose=estimate()), faults=FAILED if number == 3 else {}))
+    assert told.due() is None
+    now += 1.1
+    line = told.due()
+    assert "tracking" in line
+    assert line.endswith("camera60: the buffer failed (1 of 10 sets)")
+    told.hear(moment(10, pose=estimate()))
+    now += 1.1
+    assert "buffer" not in told.due()
+    assert "camera60        amiss in 1 of 11 sets; last: the buffer failed" in told.summary(0, ())
