@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +11,7 @@ import click
 
 from tracker.cli.calibration import Cameras, load_rig, optional_calibration_options, rig_of
 from tracker.cli.live_check import check_cameras
+from tracker.cli.live_outputs import Outputs, Wanted, refuse_what_publishes_nothing
 from tracker.cli.live_told import Told
 from tracker.cli.names import colors_option, object_option
 from tracker.cli.signals import ended_by_signals
@@ -19,13 +19,7 @@ from tracker.errors import LiveError
 
 if TYPE_CHECKING:
     from tracker.calibration.rig import CameraRig
-    from tracker.live import Live, Moment, Source
-    from tracker.live.lcm_publisher import LcmPublisher
-    from tracker.live.page import Page
-    from tracker.live.rerun_view import RerunView
-    from tracker.live.zmq_publisher import ZmqPublisher
-    from tracker.objects.model import CuboidModel
-    from tracker.pipeline import ObjectTracker
+    from tracker.live import Live, Source
 
 _FILE = click.Path(path_type=Path)
 _CAMERAS = ("pylon", "opencv")  # as tracker.live.opening has them, which is not imported for --help
@@ -120,8 +114,6 @@ def live(
     with 1 where anything is wrong.
     """
     from tracker.live import Live
-    from tracker.live.message import message_of
-    from tracker.live.publishing import is_lcm
     from tracker.objects.model import load_object
     from tracker.pipeline import ObjectTracker
     from tracker.segmentation.color_model import load_colors
@@ -131,10 +123,7 @@ def live(
         kind, source, {"--rate": rate, "--settings": settings, "--speed": speed}, cameras
     )
     cameras.refuse_pattern_alone()
-    if public and not addresses:
-        raise click.UsageError("--public: expected with --publish")
-    if body is not None and not any(map(is_lcm, addresses)):
-        raise click.UsageError("--body: expected with --publish lcm://")
+    refuse_what_publishes_nothing(addresses, public, body)
     if check and (addresses or record or view or rrd or page is not None or as_json or quiet):
         raise click.UsageError("--check: tracks nothing, so there is nothing to publish, record or show")
     if view and rrd:
@@ -147,22 +136,13 @@ def live(
             check_cameras(given, rig, seconds)
         return
     told = Told()
+    wanted = Wanted(addresses, public, body, record, view, rrd, page, as_json)
     with contextlib.ExitStack() as stack:
         stack.callback(given.close)  # where what follows fails; a second time it does nothing
-        listeners: list[Callable[[Moment], None]] = [told.hear]
-        recorder = _recorder(record, rig, given, stack)
-        listeners += [] if recorder is None else [recorder]
-        publishers = [_publisher(address, model, body, public, stack) for address in addresses]
-        listeners += publishers
-        rerun_view = _rerun_view(rrd, rig, model, stack) if view or rrd else None
-        listeners += [] if rerun_view is None else [rerun_view]
-        shown = None if page is None else _page(page, ObjectTracker(model, rig, colors), stack)
-        listeners += [] if shown is None else [shown]
-        if as_json:
-            listeners.append(lambda moment: click.echo(message_of(moment).decode()))
+        outputs = Outputs(wanted, given, rig, model, colors, stack)
+        listeners = [told.hear, *outputs.listeners]
         follower = stack.enter_context(Live(given, ObjectTracker(model, rig, colors), listeners=listeners))
-        if shown is not None:
-            shown.faults = lambda: follower.faults
+        outputs.know(follower)
         told.begin()
         with ended_by_signals():
             _follow(follower, seconds, None if as_json or quiet else told)
@@ -171,11 +151,7 @@ def live(
         raise LiveError(f"{source}: {error}") from error
     if not (quiet or as_json):
         left_out = getattr(given, "skipped", 0)
-        faults = list(follower.faults)
-        if rerun_view is not None and rerun_view.fault is not None:
-            faults.append(f"the view has ended: {rerun_view.fault}")
-        faults += [one.fault for one in publishers if one.fault is not None]
-        click.echo(told.summary(left_out, faults, recorder))
+        click.echo(told.summary(left_out, [*follower.faults, *outputs.faults()], outputs.recorder))
 
 
 def _refuse_options_of_others(kind: str, source: str, given: dict[str, Any], cameras: Cameras) -> None:
@@ -216,47 +192,6 @@ def _source(
     log = open_log(source)
     rig = rig_of(Path(source), log, cameras)
     return live.Replay(log, speed=speed), rig
-
-
-def _recorder(path: Path | None, rig: CameraRig, source: Source, stack: contextlib.ExitStack) -> Any:
-    if path is None:
-        return None
-    from tracker.live.recorder import Recorder
-
-    if path.suffix.lower() not in (".h5", ".hdf5"):
-        raise click.UsageError(f"--record {path}: found suffix {path.suffix!r}, expected .h5")
-    recorder = Recorder(path, rig, lambda: getattr(source, "settings", ()))
-    stack.callback(recorder.close)
-    return recorder
-
-
-def _publisher(
-    address: str, model: CuboidModel, body: str | None, public: bool, stack: contextlib.ExitStack
-) -> ZmqPublisher | LcmPublisher:
-    from tracker.live.publishing import open_publisher
-
-    publisher = open_publisher(address, model, body=body, public=public)
-    stack.callback(publisher.close)
-    return publisher
-
-
-def _rerun_view(
-    rrd: Path | None, rig: CameraRig, model: CuboidModel, stack: contextlib.ExitStack
-) -> RerunView:
-    from tracker.live.rerun_view import RerunView
-
-    rerun_view = RerunView(rrd, rig, model)
-    stack.callback(rerun_view.close)
-    return rerun_view
-
-
-def _page(port: int, tracker: ObjectTracker, stack: contextlib.ExitStack) -> Page:
-    from tracker.live.page import Page
-
-    page = Page(port, tracker)
-    stack.callback(page.close)
-    click.echo(f"page: {page.address}", err=True)
-    return page
 
 
 def _follow(follower: Live, seconds: float | None, told: Told | None) -> None:

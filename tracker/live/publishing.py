@@ -6,6 +6,8 @@ from tracker.live.lcm_publisher import SCHEMES, LcmPublisher
 from tracker.live.zmq_publisher import ZmqPublisher
 from tracker.objects.model import CuboidModel
 
+Publisher = ZmqPublisher | LcmPublisher
+
 
 def is_lcm(address: str) -> bool:
     """Whether LCM is to publish there, not ZeroMQ."""
@@ -14,7 +16,7 @@ def is_lcm(address: str) -> bool:
 
 def open_publisher(
     address: str, model: CuboidModel, *, body: str | None = None, public: bool = False
-) -> ZmqPublisher | LcmPublisher:
+) -> Publisher:
     """What publishes at an address: see `LcmPublisher` and `ZmqPublisher`.
 
     Args:
