@@ -5,14 +5,16 @@ from __future__ import annotations
 import time
 from collections import Counter
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 
 from tracker.calibration.board_absence import photo_blur
 from tracker.calibration.rig import CameraRig
-from tracker.conventions import FloatArray, Image
+from tracker.conventions import Image
 from tracker.live.shot import Shot, Source, SourceEnded
+from tracker.segmentation.light import CLIPPED
 
 MOST_MISSING = 0.01
 """Share of the pictures that may be missing."""
@@ -27,7 +29,7 @@ DARK, BRIGHT = 20.0, 235.0
 """Median grey levels between which a picture should be."""
 
 MOST_CLIPPED = 0.15
-"""Share of pixels with a channel of 250 or more; in recordings of the platform 0 to 0.06."""
+"""Share of pixels with a clipped channel; in recordings of the platform 0 to 0.06."""
 
 MOST_BLUR = 2.5
 """Standard deviation of the sharpest edges' blur [px]."""
@@ -38,7 +40,23 @@ MOST_FROZEN = 0.02
 LOOK_EVERY = 0.5
 """How often brightness, clipping and blur are looked at [s]; it takes longer than the next picture."""
 
-_CLIPPED = 250
+
+class PictureLook(NamedTuple):
+    """How a picture looks, whatever it shows."""
+
+    level: float
+    """Median grey level."""
+    clipped: float
+    """Share of pixels with a clipped channel."""
+    blur: float
+    """Of its strongest edges [px]; NaN where it shows none."""
+
+    @classmethod
+    def of(cls, image: Image) -> PictureLook:
+        """Look at a picture (H, W, 3), which takes some milliseconds."""
+        grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
+        clipped = float((image.max(axis=2) >= CLIPPED).mean())
+        return cls(float(np.median(grey)), clipped, photo_blur(grey))
 
 
 @dataclass
@@ -54,8 +72,8 @@ class CameraLooks:
     frozen: int = 0
     skews: list[float] = field(default_factory=list)
     """How much older each picture was than the latest of its set [s]."""
-    looks: list[FloatArray] = field(default_factory=list)
-    """Of some pictures the median grey level, share of clipped pixels, and blur [px]."""
+    looks: list[PictureLook] = field(default_factory=list)
+    """Of some of the pictures."""
     other_sizes: Counter[tuple[int, int]] = field(default_factory=Counter)
     _before: Image | None = None
     _next_look: float = 0.0
@@ -76,14 +94,12 @@ class CameraLooks:
         if now < self._next_look:
             return
         self._next_look = now + LOOK_EVERY
-        grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
-        clipped = float((image.max(axis=2) >= _CLIPPED).mean())
-        self.looks.append(np.array([np.median(grey), clipped, photo_blur(grey)]))
+        self.looks.append(PictureLook.of(image))
 
     @property
-    def look(self) -> FloatArray:
-        """(3,) medians of grey level, share of clipped pixels, and blur [px]; NaN without a picture."""
-        return np.nanmedian(self.looks, axis=0) if self.looks else np.full(3, np.nan)
+    def look(self) -> PictureLook:
+        """Medians of the looks; NaN without a picture."""
+        return PictureLook(*(np.nanmedian(self.looks, axis=0) if self.looks else np.full(3, np.nan)))
 
     @property
     def skew(self) -> float:

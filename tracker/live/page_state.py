@@ -8,19 +8,24 @@ from collections import deque
 from collections.abc import Sequence
 from typing import Any
 
-import cv2
 import numpy as np
 
-from tracker.calibration.board_absence import photo_blur
 from tracker.calibration.check import LIMIT, misses_of
-from tracker.conventions import Image
-from tracker.live.camera_check import BRIGHT, DARK, MOST_BLUR, MOST_CLIPPED, MOST_MISSING, MOST_SKEW
+from tracker.live.camera_check import (
+    BRIGHT,
+    DARK,
+    MOST_BLUR,
+    MOST_CLIPPED,
+    MOST_MISSING,
+    MOST_SKEW,
+    PictureLook,
+)
 from tracker.live.moment import Moment
 from tracker.pipeline import ObjectTracker
 from tracker.pose.fit import Fit
 from tracker.pose.judge import apparent
 from tracker.upkeep.check import SLOW, SURE, look_of
-from tracker.upkeep.health import QUANTITIES, of_picture
+from tracker.upkeep.health import QUANTITIES
 
 SPAN = 10.0
 """Over which rates, skews and missing pictures are counted [s]."""
@@ -74,7 +79,7 @@ class PageState:
         """Look at the pictures themselves, which takes some tens of milliseconds."""
         images = moment.shot.images
         before = self._looks
-        self._looks = [{} if image is None else _of_image(image) for image in images]
+        self._looks = [{} if image is None else _told(PictureLook.of(image)) for image in images]
         for image, look, old in zip(images, self._looks, before, strict=True):
             if image is not None and "disagreement" in old:  # known at rest only, and then for long
                 look["disagreement"] = old["disagreement"]
@@ -148,10 +153,5 @@ class PageState:
         }
 
 
-def _of_image(image: Image) -> dict[str, float]:
-    gray = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
-    return {
-        "level": float(np.median(gray)),
-        "clipped": of_picture(image)["clipping"],
-        "blur": photo_blur(gray),
-    }
+def _told(look: PictureLook) -> dict[str, float]:
+    return {"level": look.level, "clipped": 100 * look.clipped, "blur": look.blur}

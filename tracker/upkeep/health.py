@@ -17,14 +17,11 @@ from tracker.pipeline import ObjectTracker
 from tracker.pose.fit import Fit
 from tracker.pose.judge import apparent
 from tracker.poses.poses import Poses
-from tracker.segmentation.light import find_light
+from tracker.segmentation.light import CLIPPED, find_light
 from tracker.upkeep.check import APART, SLOW, SURE, look_of
 
 MOST = 200
 """Frames that are looked at."""
-
-CLIPPED = 250
-"""Level from which a channel is clipped."""
 
 LEVEL = float(np.cos(np.radians(3.0)))
 """Of the angle between a face and z = 0, up to which an object rests on it."""
