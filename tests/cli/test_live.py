@@ -96,6 +96,7 @@ def test_a_faulty_option_is_named(arguments, words, recording, tmp_path, run_her
         ("opencv:0,1,2", [], ["opencv:0,1,2", "--calibration"]),
         ("simulation", ["--calibration", "x"], ["--calibration", "its own"]),
         ("simulation", ["--speed", "2"], ["--speed", "does nothing"]),
+        ("simulation:2", [], ["simulation:2", "there is one"]),
     ],
 )
 def test_a_faulty_source_is_named(source, arguments, words, tmp_path, run_here):

@@ -297,3 +297,14 @@ def test_live_poses_are_those_of_the_tracker():
     ahead, other = live.at(0.35), alone.predict(0.35)
     assert np.array_equal(ahead.position, other.position)
     assert moments[0].latency > 0
+
+
+@pytest.mark.parametrize("kind", [list, tuple, np.array])
+def test_stamps_are_pushed_as_whatever_holds_them(kind):
+    pushed = Pushed()
+    pushed.push([None] * 3, kind([1.0, 2.0, 3.0]))
+    assert pushed.next(0.0).stamps == (1.0, 2.0, 3.0)
+    pushed.push([None] * 3, np.float64(4.0))
+    assert pushed.next(0.0).stamps == (4.0,) * 3
+    with pytest.raises(LiveError, match="3 images and 2 stamps"):
+        pushed.push([None] * 3, kind([1.0, 2.0]))

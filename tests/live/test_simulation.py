@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import pytest
 
+import tracker
+from tests.helpers.filmed import RIG
 from tests.helpers.synthetic_needs import skip_without_platform
 from tracker.errors import LiveError
+from tracker.live.opening import open_source
 from tracker.live.simulation import Simulation, _to_and_fro
 
 
@@ -23,6 +28,18 @@ def test_the_simulated_platform_gives_pictures_of_its_rig():
         sizes = [image.shape for image in shot.images]
         assert sizes == [(camera.height, camera.width, 3) for camera in source.rig]
     assert given[1].timestamp - given[0].timestamp >= 0.1 - 1e-6
+
+
+def test_a_tracker_of_other_cameras_is_refused(monkeypatch):
+    def film(*_, **__):
+        return [SimpleNamespace(given=RIG, images=())]
+
+    monkeypatch.setattr("tracker.live.simulation._film", film)
+    model = tracker.load_object("cube_v2")
+    assert open_source("simulation", tracker.ObjectTracker(model, RIG)).rig is RIG
+    other = tracker.CameraRig((RIG.cameras[1], RIG.cameras[0], *RIG.cameras[2:]), arena=RIG.arena)
+    with pytest.raises(LiveError, match="a tracker of other cameras"):
+        open_source("simulation", tracker.ObjectTracker(model, other))
 
 
 def test_without_the_generator_it_says_what_to_install(monkeypatch):

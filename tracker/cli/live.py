@@ -161,6 +161,8 @@ def _refuse_options_of_others(kind: str, source: str, given: dict[str, Any], cam
     for name, value in given.items():
         if value is not None and not fitting[name]:
             raise click.UsageError(f"{name}: does nothing with the source {source}")
+    if kind == "simulation" != source:
+        raise click.UsageError(f"{source}: expected simulation, of which there is one")
     if kind == "simulation" and cameras.calibration:
         raise click.UsageError("--calibration: the simulation has its own")
     if kind in _CAMERAS and not cameras.calibration:

@@ -9,6 +9,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from tracker.calibration.rig import CameraRig
 from tracker.errors import LiveError
 from tracker.files import read_bounded
@@ -42,7 +44,13 @@ def open_source(source: str | os.PathLike[str], tracker: ObjectTracker) -> Sourc
     if kind in CAMERAS:
         return open_cameras(text, tracker.rig)
     if text == SIMULATION:
-        return Simulation(tracker.model.name)
+        simulation = Simulation(tracker.model.name)
+        if not _same(simulation.rig, tracker.rig):
+            raise LiveError(
+                "simulation: found a tracker of other cameras; expected a tracker.live.Simulation in "
+                "place of the word, and a tracker of its rig"
+            )
+        return simulation
     return Replay(text)
 
 
@@ -83,6 +91,15 @@ def open_cameras(
             f"source {source}: found {len(openers)} cameras, expected one for each of {', '.join(rig.names)}"
         )
     return CameraSet(openers, [(camera.width, camera.height) for camera in rig], rate=rate)
+
+
+def _same(one: CameraRig, other: CameraRig) -> bool:
+    """Whether two rigs have the same cameras in the same places."""
+
+    def numbers(rig: CameraRig) -> list[list[float]]:
+        return [[*camera.matrix.ravel(), *camera.camera_from_world.ravel()] for camera in rig]
+
+    return len(one) == len(other) and np.allclose(numbers(one), numbers(other))
 
 
 def settings_of(path: Path | None, serials: list[str]) -> dict[str, Mapping[str, Any]]:

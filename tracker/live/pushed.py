@@ -6,7 +6,9 @@ import threading
 import time
 from collections.abc import Sequence
 
-from tracker.conventions import Image
+import numpy as np
+
+from tracker.conventions import FloatArray, Image
 from tracker.live.shot import Shot, SourceEnded
 
 
@@ -20,7 +22,11 @@ class Pushed:
         self.replaced = 0
         """Sets that were replaced by a newer one before they were fetched."""
 
-    def push(self, images: Sequence[Image | None], timestamp: float | Sequence[float] | None = None) -> None:
+    def push(
+        self,
+        images: Sequence[Image | None],
+        timestamp: float | Sequence[float] | FloatArray | None = None,
+    ) -> None:
         """Hand over a set of images; returns at once.
 
         Args:
@@ -33,8 +39,9 @@ class Pushed:
             LiveError: the counts differ, or a stamp is not finite.
         """
         stamp = time.time() if timestamp is None else timestamp
-        stamps = tuple(stamp) if isinstance(stamp, Sequence) else (stamp,) * len(images)
-        shot = Shot(tuple(images), stamps)
+        given = np.asarray(stamp, dtype=np.float64).ravel().tolist()
+        stamps = given * len(images) if np.ndim(stamp) == 0 else given
+        shot = Shot(tuple(images), tuple(stamps))
         with self._changed:
             self.replaced += self._waiting is not None
             self._waiting = shot
