@@ -98,7 +98,7 @@ class Run:
         self, name: str, times: int, seconds: float, state: str = "", off: float = 0.0, cameras: int = 1
     ) -> None:
         """Have a fault, and tell what became of it."""
-        needed, said = [], set[str]()
+        needed, said, faults = [], set[str](), dict[str, str]()
         for _ in range(times):
             before = len(self.moments)
             for camera in range(cameras):
@@ -110,6 +110,8 @@ class Run:
             said |= {
                 f"{m.status.value} ({', '.join(sorted(u.value for u in m.cameras))})" for m in during[1:]
             }
+            for moment in during:
+                faults.update(moment.faults)
             self.faults.state.clear()
             self.faults.off.clear()
             after = len(self.moments)
@@ -117,7 +119,10 @@ class Run:
             clear = [m for m in self.moments[after:] if all(image is not None for image in m.shot.images)]
             needed.append(next((n for n, m in enumerate(clear, 1) if m.object_pose is not None), None))
         going = "goes on" if self.live.running else f"has ended: {self.live.error}"
-        print(f"{name}: {going}; posed in set {needed} of a clear view; said {sorted(said)}", flush=True)
+        print(
+            f"{name}: {going}; posed in set {needed} of a clear view; said {sorted(said)}, {faults}",
+            flush=True,
+        )
 
 
 def hanging(film: Simulation, times: int) -> None:

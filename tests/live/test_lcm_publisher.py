@@ -122,6 +122,13 @@ def test_bodies_are_called_after_their_shape_or_as_is_wanted():
             body_of(CUBE, name)
 
 
+def test_what_is_missing_is_named_with_its_extra(tmp_path, monkeypatch):
+    monkeypatch.setattr(lcm_publisher, "find_spec", lambda _: None)
+    with pytest.raises(LiveError, match=r"pip install .*\[lcm\]"):
+        LcmPublisher(f"file://{tmp_path / 'poses.lcm'}", CUBE)
+    assert not list(tmp_path.iterdir())
+
+
 @needs_lcm
 def test_code_that_lcm_generates_from_the_documented_type_reads_a_log_of_messages(tmp_path, monkeypatch):
     import lcm

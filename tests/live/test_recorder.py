@@ -143,7 +143,7 @@ def test_of_a_process_that_is_killed_no_more_than_a_second_is_lost(tmp_path):
         given = []  # when each set was handed over
         for line in process.stdout:
             given.append(time.monotonic())
-            if int(line) >= 50:
+            if int(line) >= 30:
                 break
         process.kill()
     with tracker.open_log(tmp_path / "log.h5") as log:
