@@ -114,10 +114,6 @@ class PylonCamera:
                 found[f"BalanceRatio[{color}]"] = self._camera.BalanceRatio.Value
         return found
 
-    def read_back(self, names: Sequence[str]) -> dict[str, Any]:
-        """What features of the camera are set to."""
-        return {name: getattr(self._camera, name).Value for name in names}
-
     def close(self) -> None:
         """See `Camera`."""
         self._camera.Close()
