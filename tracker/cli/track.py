@@ -13,7 +13,6 @@ from tracker.cli.calibration import Cameras, optional_calibration_options
 from tracker.cli.names import colors_option, object_option
 from tracker.cli.progress import bar
 from tracker.cli.protect import check_suffix, refuse_other_content, refuse_overwriting
-from tracker.cli.swapped import warn_of_recording
 from tracker.cli.table import listing
 from tracker.cli.track_outputs import Outputs, write_film, write_health_page
 from tracker.errors import TrackerError, reason
@@ -130,7 +129,7 @@ def _track_one(log: Path, target: Path, recipe: Recipe, outputs: Outputs, as_jso
     with bar(log.name, last - first, quiet) as progress:
         tracked = run(job, progress)
     result = described(job, tracked)
-    _warn(result, recipe)
+    _warn(result)
     outputs.write(tracked.poses)
     if outputs.video is not None:
         count = len(tracked.poses)
@@ -163,30 +162,31 @@ def _track_all(
             done(1)
             while told in results:
                 # Of those that failed the others may well be whole; the exit code tells.
-                failed |= not _tell(results.pop(told), recipe, as_json, quiet)
+                failed |= not _tell(results.pop(told), as_json, quiet)
                 told += 1
     if failed:
         click.get_current_context().exit(2)
 
 
-def _tell(result: dict[str, Any] | Exception, recipe: Recipe, as_json: bool, quiet: bool) -> bool:
+def _tell(result: dict[str, Any] | Exception, as_json: bool, quiet: bool) -> bool:
     """Say what came of a recording; whether that is well."""
     if isinstance(result, Exception):
         if not isinstance(result, (TrackerError, OSError)):
             raise result
         _say(reason(result))
         return False
-    _warn(result, recipe)
+    _warn(result)
     _print(result, as_json, quiet)
     return True
 
 
-def _warn(result: dict[str, Any], recipe: Recipe) -> None:
+def _warn(result: dict[str, Any]) -> None:
     """Say what is wrong with a recording of which some is tracked."""
     if result["fault"] is not None:
         ending = f", the last one is {result['last_frame']}" if result["frames"] else ""
         _say(f"warning: {result['fault']}; tracked {result['frames']} of {result['expected']} frames{ending}")
-    warn_of_recording(result, recipe)
+    if result["swapped"] is not None:
+        _say(f"warning: {result['log']}: {result['swapped']}")
 
 
 def _print(result: dict[str, Any], as_json: bool, quiet: bool) -> None:

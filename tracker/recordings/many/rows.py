@@ -15,6 +15,7 @@ from tracker.poses.comparison import compare
 from tracker.poses.poses import Poses
 from tracker.recordings.recipe import Job
 from tracker.recordings.summary import best_kind
+from tracker.recordings.swapped import told_of_recording
 from tracker.recordings.track import Tracked, unicode_text
 from tracker.tasks.job_goal import FILE_NAME, STEPS_PER_SECOND, read_job_goal
 
@@ -41,6 +42,7 @@ COLUMNS: dict[str, type] = {
     "rotation_std_median_deg": float,
     "worst_camera": str,
     "worst_camera_contradicting": float,
+    "swapped": str,
     "path_length_m": float,
     "height_max_m": float,
     "speed_p99_m_per_s": float,
@@ -71,7 +73,7 @@ def row(job: Job, tracked: Tracked) -> dict[str, Any]:
     }
     if len(poses):
         found |= {**_shares(poses), **_sure(poses), **_worst(poses), **_motion(poses), **_recorded(poses)}
-        found |= _goal(job.log, poses, job.recipe.model)
+        found |= {"swapped": told_of_recording(job, poses), **_goal(job.log, poses, job.recipe.model)}
     return {name: found.get(name) for name in COLUMNS}
 
 

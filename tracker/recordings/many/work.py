@@ -15,6 +15,7 @@ from tracker.recordings.many.results import failure_file, summary_file
 from tracker.recordings.many.rows import row
 from tracker.recordings.recipe import Job, Options, Recipe
 from tracker.recordings.summary import summary
+from tracker.recordings.swapped import told_of_recording
 from tracker.recordings.track import Tracked, run
 
 
@@ -58,9 +59,9 @@ def track_task(task: Task) -> dict[str, Any]:
 
 
 def described(job: Job, tracked: Tracked) -> dict[str, Any]:
-    """`log`, `output`, `object`, and what `summary` tells."""
+    """`log`, `output`, `object`, what `summary` tells, and `swapped`, see `told_of_recording`."""
     about = {"log": str(job.log), "output": str(job.output), "object": job.recipe.model.name}
-    return {**about, **summary(tracked)}
+    return {**about, **summary(tracked), "swapped": told_of_recording(job, tracked.poses)}
 
 
 def make_result(task: Task) -> dict[str, Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import shutil
 
 import cv2
 import numpy as np
@@ -13,8 +14,12 @@ import tracker
 from synthetic.camera.sensor import Sensor
 from tests.helpers import ROOT, look_at
 from tests.helpers.stills import bare_scene, take
-from tracker.upkeep.swapped import lastingly_swapped, swapped, told
+from tracker.recordings.many.rows import row
+from tracker.recordings.recipe import Job, Options, Recipe
+from tracker.recordings.swapped import lastingly_swapped, swapped, told
+from tracker.recordings.track import run
 
+DEMO = ROOT / "tracker" / "demo"
 STRAIGHT = (0, 1, 2)
 NAMES = ("camera60", "camera180", "camera300")
 
@@ -22,7 +27,7 @@ NAMES = ("camera60", "camera180", "camera300")
 @pytest.fixture(scope="module")
 def demo():
     """A tracker, and four sets of pictures that come with the package."""
-    with tracker.open_log(ROOT / "tracker" / "demo") as log:
+    with tracker.open_log(DEMO) as log:
         return tracker.ObjectTracker(tracker.load_object("cube_v2"), log.rig), [
             list(log[k].images) for k in (0, 5, 11, 17)
         ]
@@ -61,6 +66,20 @@ def test_a_rig_that_looks_the_same_from_each_camera_cannot_tell(rig):
     one = tracker.ObjectTracker(model, even)
     for order in ((1, 2, 0), (1, 0, 2)):
         assert swapped(one, [images[k] for k in order]) is None
+
+
+def test_a_recording_is_told_of_in_its_line_if_little_came_of_it(tmp_path):
+    for order, said in (
+        ((1, 0, 2), "the images of camera60 and camera180 look swapped"),
+        (STRAIGHT, None),
+    ):
+        log = tmp_path / "".join(map(str, order))
+        shutil.copytree(DEMO, log)
+        for folder in log.glob("0*"):
+            for k, name in zip(order, NAMES, strict=True):
+                shutil.copy(DEMO / folder.name / f"{NAMES[k]}.jpg", folder / f"{name}.jpg")
+        job = Job(log, tmp_path / "poses.h5", Recipe.of(Options("cube_v2", last=8)))
+        assert row(job, run(job))["swapped"] == said
 
 
 def test_what_is_said_names_the_cameras():

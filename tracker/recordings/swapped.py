@@ -5,9 +5,15 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Sequence
 
+import numpy as np
+
 from tracker.conventions import Image
+from tracker.logs import open_log
 from tracker.pipeline import ObjectTracker
 from tracker.pose.result import CameraUse, Observation, Status
+from tracker.poses.poses import Poses
+from tracker.recordings.recipe import Job
+from tracker.recordings.track import chosen, rig_for
 
 SURE, UNSURE = 0.9, 0.75
 """Confidence from which pictures fit, and up to which they do not."""
@@ -16,6 +22,9 @@ _MOST_CAMERAS = 4  # for whose pictures all orders are tried, 24; with more only
 
 _MOST_SETS = 7  # a motion that blurs them, or a finger, may spoil some
 _AGREE = 2
+
+_MEASURED, _CONTRADICTED = 0.8, 0.1
+"""Share of the frames below which, or above which, a recording is looked at again."""
 
 
 def swapped(
@@ -68,6 +77,24 @@ def lastingly_swapped(
     return orders[0] if len(orders) == _AGREE and len(set(orders)) == 1 else None
 
 
+def told_of_recording(job: Job, poses: Poses) -> str | None:
+    """What is to be said of a tracked recording's cameras, see `told`; looked at only if little came of it.
+
+    Raises:
+        LogError, TrackerError, OSError: the recording cannot be read any more.
+    """
+    if not len(poses) or not _is_odd(poses):
+        return None
+    with open_log(job.log, recover=True) as log:
+        rig = rig_for(job, log)
+        first, last = chosen(log, job)
+        # Of a recording that has to be read through, the first frames.
+        step = max(1, (last - first) // _MOST_SETS) if log.random_access else 1
+        sets = (frame.images for frame in log[first:last:step])
+        order = lastingly_swapped(ObjectTracker(job.recipe.model, rig, job.recipe.colors), sets)
+    return None if order is None else told(order, rig.names)
+
+
 def told(order: Sequence[int], names: Sequence[str]) -> str:
     """What is to be said of it, in one line."""
     moved = [name for k, name in enumerate(names) if order[k] != k]
@@ -77,6 +104,14 @@ def told(order: Sequence[int], names: Sequence[str]) -> str:
     return f"{text}: " + ", ".join(
         f"{names[k]}'s fits as that of {names[c]}" for c, k in enumerate(order) if c != k
     )
+
+
+def _is_odd(poses: Poses) -> bool:
+    measured = poses.measured.has_pose
+    if np.mean(measured) < _MEASURED or poses.cameras is None:
+        return True
+    contradicts = poses.cameras[measured] == CameraUse.CONTRADICTING.value
+    return bool(np.mean(contradicts, axis=0).max(initial=0.0) > _CONTRADICTED)
 
 
 def _orders(count: int) -> Iterable[tuple[int, ...]]:
