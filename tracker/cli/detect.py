@@ -51,7 +51,6 @@ def detect(
     The exit code is 0 also when the object is not found: then there is no pose, and the status says why.
     With --exit-code it is 1.
     """
-    from tracker import viz
     from tracker.cli.pictures import one_set
     from tracker.objects.model import load_object
     from tracker.pipeline import ObjectTracker
@@ -64,6 +63,8 @@ def detect(
     tracker.detect(pictures)  # loads the compiled code: the times printed are those of a running tracker
     observation = tracker.detect(pictures)
     if overlay_path is not None:
+        from tracker import viz
+
         viz.write_image(overlay_path, viz.overlay(pictures, rig, model, observation))
     click.echo(_json(model.name, observation) if as_json else _text(model.name, observation))
     warn_of_pictures(tracker, pictures, observation, rig.names)

@@ -42,8 +42,8 @@ def _pose_blocks(pose: PoseEstimate) -> Iterable[Block]:
             ["std", *_numbers(np.degrees(std[3:]), 2), "deg"],
         )
     )
-    yield Block((["confidence"], [f"{pose.confidence:.3f}"], ["within 5 mm, 5 deg"]))
+    yield Block((["confidence"], [f"{pose.confidence:.3f}"], ["within 5 mm, 5°"]))
 
 
 def _numbers(values: Array, digits: int) -> list[str]:
-    return [f"{value:.{digits}f}" for value in values]
+    return [f"{value:.{digits}f}".replace("-", "−") for value in values]

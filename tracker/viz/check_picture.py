@@ -40,7 +40,7 @@ def check_picture(found: CalibrationCheck, rig: CameraRig) -> Image:
 def verdict(found: CalibrationCheck, one: CameraCheck) -> str:
     """What is said of a camera, in a line."""
     if one.moved:
-        return f"moved: {1e3 * one.shift:.1f} mm, {np.degrees(one.turn):.2f} degrees"
+        return f"moved: {1e3 * one.shift:.1f} mm, {np.degrees(one.turn):.2f}°"
     if found.is_lost(one):
         return "should see the object, and cannot use what it shows"
     return "not asked" if np.isnan(one.miss_px) else f"misses the others by {one.miss_px:.2f} px"
