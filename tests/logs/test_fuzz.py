@@ -17,7 +17,6 @@ import json
 import os
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
@@ -25,6 +24,7 @@ from tests.helpers.fuzz import Answer, Sample, answers_to, frames_of
 from tests.helpers.log_writers import make_content, native_bytes, write_hdf5, write_native, write_store
 from tests.helpers.pose_logs import random_poses
 from tests.helpers.recording_stubs import tiny_rig
+from tests.helpers.stated_sizes import encoded
 from tests.logs.test_hdf5 import SAMPLES as HDF5
 from tests.logs.test_native import SAMPLES as NATIVE
 from tracker.objects.model import load_object, to_toml
@@ -34,7 +34,11 @@ from tracker.viz import write_film
 VARIANTS = int(os.environ.get("FUZZ_VARIANTS", "24"))
 """Of each file; whole multiples of 8 have every kind of damage as often."""
 
+OF_USERS = ("bmp", "tiff", "webp")
+"""Formats of pictures that no recording has."""
+
 MADE = (
+    *OF_USERS,
     *("native", "gzipped", "hdf5", "poses", "lmdb", "zarr", "png", "jpeg", "png of a log", "jpeg of a log"),
     *(
         "recording.toml",
@@ -79,7 +83,8 @@ def made(folder: Path) -> list[Sample]:
     ]
     tiny_rig().save(folder / "rig")
     yaml = next((folder / "rig").glob("*.yml"))
-    pictures = {suffix: cv2.imencode(suffix, content.bgr(0, 0))[1].tobytes() for suffix in (".png", ".jpg")}
+    picture = content.bgr(0, 0)
+    pictures = {f".{kind}": encoded(kind, picture) for kind in ("png", "jpg")}
     for suffix, name in ((".png", "png of a log"), (".jpg", "jpeg of a log")):
         for camera in ("camera180", "camera300"):
             (places[name] / "0").mkdir(exist_ok=True)
@@ -109,6 +114,10 @@ def made(folder: Path) -> list[Sample]:
         sample("zarr", data, "log around", "data.mdb", heads=tuple((at, at + 220) for at in marks)),
         sample("png", pictures[".png"], "picture", "a.png", heads=((8, 33),)),
         sample("jpeg", pictures[".jpg"], "picture", "a.jpg", heads=((0, 200),)),
+        *(
+            sample(kind, encoded(kind, content.bgr(0, 0)), "picture", f"a.{kind}", heads=((0, 60),))
+            for kind in OF_USERS
+        ),
         sample("png of a log", pictures[".png"], "log of frames", "0/camera60.png", heads=((8, 33),)),
         sample("jpeg of a log", pictures[".jpg"], "log of frames", "0/camera60.jpg", heads=((0, 200),)),
         sample("recording.toml", told, "log around", "recording.toml", **text),

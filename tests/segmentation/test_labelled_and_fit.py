@@ -1,14 +1,13 @@
 from __future__ import annotations
 
 import io
-import struct
 import zipfile
-import zlib
 
 import cv2
 import numpy as np
 import pytest
 
+from tests.helpers.stated_sizes import OF_SIZE, encoded
 from tracker.errors import ColorModelError, ImageError
 from tracker.objects.labels import COLOR_NAMES
 from tracker.segmentation import load_colors, segment
@@ -281,21 +280,26 @@ def test_an_image_that_cannot_be_read_is_named(content, tmp_path):
         read_image(tmp_path / "image.png")
 
 
-def test_an_image_that_claims_to_be_huge_is_named(tmp_path):
-    (tmp_path / "image.png").write_bytes(png_of_size(8193, 8192))
-    with pytest.raises(ImageError, match=r"image\.png: found 8193×8192 px, expected at most 67108864"):
-        read_image(tmp_path / "image.png")
+@pytest.mark.parametrize("kind", OF_SIZE)
+def test_an_image_that_claims_to_be_huge_is_named(kind, tmp_path):
+    (tmp_path / f"image.{kind}").write_bytes(OF_SIZE[kind](8193, 8192))
+    with pytest.raises(ImageError, match=rf"image\.{kind}: found 8193×8192 px, expected at most 67108864"):
+        read_image(tmp_path / f"image.{kind}")
 
 
-def png_of_size(width: int, height: int) -> bytes:
-    """A PNG file that says so, with a few of its pixels."""
-    chunks = (
-        b"IHDR" + struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0),
-        b"IDAT" + zlib.compress(bytes(99)),
-        b"IEND",
-    )
-    framed = (struct.pack(">I", len(c) - 4) + c + struct.pack(">I", zlib.crc32(c)) for c in chunks)
-    return b"\x89PNG\r\n\x1a\n" + b"".join(framed)
+@pytest.mark.parametrize("kind", OF_SIZE)
+def test_an_image_of_any_format_is_read_whole_or_named(kind, tmp_path, rng):
+    image = rng.integers(0, 256, (30, 40, 3), dtype=np.uint8)
+    whole = encoded(kind, image)
+    path = tmp_path / f"image.{kind}"
+    path.write_bytes(whole)
+    if kind != "jpg":
+        np.testing.assert_array_equal(read_image(path), image)
+    assert read_image(path).shape == image.shape
+    for share in (0.3, 0.7):
+        path.write_bytes(whole[: int(share * len(whole))])
+        with pytest.raises(ImageError, match=rf"image\.{kind}"):
+            read_image(path)
 
 
 def test_masks_that_leave_no_background_are_refused():

@@ -1,51 +1,62 @@
-"""What encoded pictures state of themselves, looked at before memory is taken for their pixels."""
+"""What encoded pictures state of themselves, looked at before memory is taken for their pixels.
+
+Pillow reads the heads. Its `verify` finds all damage to a PNG, but only 7 of 150 JPEGs that were cut short:
+of these the end is looked for.
+"""
 
 from __future__ import annotations
 
-import struct
-import zlib
+from importlib import import_module
+from io import BytesIO
+from typing import TYPE_CHECKING
 
-PNG = b"\x89PNG\r\n\x1a\n"
-JPEG = b"\xff\xd8"
+if TYPE_CHECKING:
+    from PIL.ImageFile import ImageFile
 
-_START_OF_FRAME = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+RECORDED = ("PNG", "JPEG")
+READ = (*RECORDED, "BMP", "TIFF", "WebP")
+"""Formats of recordings, and of pictures that a user hands over."""
 
-
-def stated_size(data: bytes) -> tuple[int, int] | None:
-    """(width, height) [px] that a PNG or JPEG states; None where it is neither, or states none."""
-    if data.startswith(PNG) and len(data) >= 24:
-        width, height = struct.unpack_from(">II", data, 16)
-        return width, height
-    return _jpeg_size(data) if data.startswith(JPEG) else None
-
-
-def fault_of_png(data: bytes) -> str | None:
-    """What is wrong with a PNG: a part that does not agree with its checksum, or its end that is missing."""
-    at = len(PNG)
-    while at + 12 <= len(data):
-        (length,) = struct.unpack_from(">I", data, at)
-        end = at + 12 + length
-        if end > len(data):
-            break
-        kind = data[at + 4 : at + 8]
-        (stated,) = struct.unpack_from(">I", data, end - 4)
-        if zlib.crc32(data[at + 4 : end - 4]) != stated:
-            return f"found a PNG whose part {kind!r} does not agree with its checksum"
-        if kind == b"IEND":
-            return None
-        at = end
-    return "found a PNG without an end, it is truncated"
+_READERS = {
+    b"\x89PNG\r\n\x1a\n": ("PNG", "Png"),
+    b"\xff\xd8": ("JPEG", "Jpeg"),
+    b"BM": ("BMP", "Bmp"),
+    b"II*\0": ("TIFF", "Tiff"),
+    b"MM\0*": ("TIFF", "Tiff"),
+    b"RIFF": ("WebP", "WebP"),
+}
+"""First bytes, format and Pillow's name of it."""
 
 
-def _jpeg_size(data: bytes) -> tuple[int, int] | None:
-    at = 2
-    while at + 9 <= len(data) and data[at] == 0xFF:
-        marker = data[at + 1]
-        if marker == 0xFF:  # padding
-            at += 1
-            continue
-        if marker in _START_OF_FRAME:
-            height, width = struct.unpack_from(">HH", data, at + 5)
-            return width, height
-        at += 2 + int(struct.unpack_from(">H", data, at + 2)[0])
-    return None
+def stated_size(data: bytes, formats: tuple[str, ...] = RECORDED) -> tuple[int, int]:
+    """(width, height) [px] that a picture states, of any size; ValueError says what was found instead."""
+    return _opened(data, formats)[1].size
+
+
+def check(data: bytes, formats: tuple[str, ...] = RECORDED) -> None:
+    """Look at a picture's integrity, as far as its format has means for it.
+
+    Raises:
+        ValueError: a part of a PNG does not agree with its checksum, or the end of a PNG or JPEG is missing.
+    """
+    name, picture = _opened(data, formats)
+    if name == "JPEG" and b"\xff\xd9" not in data[-64:]:  # some writers pad
+        raise ValueError("found a JPEG without an end, it is truncated")
+    if name == "PNG":
+        try:
+            picture.verify()
+        except Exception as error:  # whatever Pillow stumbles over
+            raise ValueError(f"found a damaged or truncated PNG: {error}") from error
+
+
+def _opened(data: bytes, formats: tuple[str, ...]) -> tuple[str, ImageFile]:
+    """The format, and the picture with its head read; `Image.open` would warn of sizes that are refused."""
+    for start, (name, reader) in _READERS.items():
+        if name in formats and data.startswith(start):
+            module = import_module(f"PIL.{reader}ImagePlugin")
+            try:
+                return name, getattr(module, f"{reader}ImageFile")(BytesIO(data))
+            except Exception as error:  # whatever Pillow stumbles over
+                raise ValueError(f"found a {name} whose head cannot be read: {error}") from error
+    expected = f"{', '.join(formats[:-1])} or {formats[-1]}"
+    raise ValueError(f"found {len(data)} bytes that start with {data[:4]!r}, expected {expected}")

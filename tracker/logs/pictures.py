@@ -10,7 +10,7 @@ import numpy as np
 
 from tracker.conventions import Image
 from tracker.errors import LogError
-from tracker.files.encoded import JPEG, PNG, fault_of_png, stated_size
+from tracker.files.encoded import check, stated_size
 from tracker.logs.source import MAX_SIDE, MIN_SIDE
 
 
@@ -44,12 +44,10 @@ def from_quadrants(quadrants: Image) -> Image:
 
 def encoded_size(data: bytes) -> tuple[int, int]:
     """(width, height) [px] that a PNG or JPEG states; LogError if it is none or states an absurd size."""
-    size = stated_size(data)
-    if size is None and data.startswith(JPEG):
-        raise LogError("found a JPEG that does not state its size")
-    if size is None:
-        raise LogError(f"found {len(data)} bytes that start with {data[:4]!r}, expected a PNG or JPEG")
-    width, height = size
+    try:
+        width, height = stated_size(data)
+    except ValueError as error:
+        raise LogError(str(error)) from error
     if not (MIN_SIDE <= width <= MAX_SIDE and MIN_SIDE <= height <= MAX_SIDE):
         raise LogError(f"found {width}×{height} px, expected {MIN_SIDE} to {MAX_SIDE}")
     return width, height
@@ -58,11 +56,10 @@ def encoded_size(data: bytes) -> tuple[int, int]:
 def decode(data: bytes, *, color: bool = True) -> Image:
     """Pixels of a PNG or JPEG: (H, W, 3) BGR, or as they are stored; LogError if it is damaged."""
     encoded_size(data)
-    fault = fault_of_png(data) if data.startswith(PNG) else None
-    if data.startswith(JPEG) and b"\xff\xd9" not in data[-64:]:  # some writers pad
-        fault = "found a JPEG without an end, it is truncated"
-    if fault:
-        raise LogError(fault)
+    try:
+        check(data)
+    except ValueError as error:
+        raise LogError(str(error)) from error
     # Cameras do not turn; the marks of a photo's orientation are not for these pictures.
     how = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION if color else cv2.IMREAD_UNCHANGED
     try:

@@ -18,7 +18,7 @@ import numpy as np
 from tracker.conventions import Image
 from tracker.errors import ImageError
 from tracker.files import read_bounded
-from tracker.files.encoded import PNG, fault_of_png, stated_size
+from tracker.files.encoded import READ, check, stated_size
 from tracker.objects.labels import COLOR_NAMES
 
 MAX_PIXELS = 1 << 26
@@ -46,17 +46,19 @@ def read_image(path: Path) -> Image:
     except OSError as error:
         raise ImageError(f"image {path}: cannot be read: {error.strerror or error}") from error
     # Before pixels are made of them: OpenCV fills what is missing with grey, slowly where sizes are damaged.
-    if content.startswith(PNG) and (fault := fault_of_png(content)):
-        raise ImageError(f"image {path}: {fault}")
-    width, height = stated_size(content) or (0, 0)
-    if width * height > MAX_PIXELS:
-        raise ImageError(f"image {path}: found {width}×{height} px, expected at most {MAX_PIXELS} in all")
     try:
-        image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR) if content else None
+        width, height = stated_size(content, READ)
+        if width * height > MAX_PIXELS:
+            raise ValueError(f"found {width}×{height} px, expected at most {MAX_PIXELS} in all")
+        check(content, READ)
+    except ValueError as error:
+        raise ImageError(f"image {path}: {error}") from error
+    try:
+        image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR)
     except cv2.error:  # more pixels than OpenCV reads
         image = None
     if image is None:
-        raise ImageError(f"image {path}: not an image that can be read, or truncated; PNG or JPEG is needed")
+        raise ImageError(f"image {path}: not an image that can be read, or truncated")
     return np.asarray(image, dtype=np.uint8)
 
 
