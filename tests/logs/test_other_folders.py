@@ -148,6 +148,17 @@ def test_films_and_pictures_go_together_and_stamps_may_be_told(tmp_path):
         tracker.open_log(tmp_path)
 
 
+def test_a_films_first_picture_belongs_to_the_lowest_number_beside_it(tmp_path):
+    write_film(tmp_path / "some.mp4", pictures(0, 4))
+    for k, image in enumerate(pictures(1, 4)):
+        if k != 2:
+            write_picture(tmp_path / f"r{k + 1}.png", image)
+    (tmp_path / "recording.toml").write_text("rate = 50\n" + PATTERNS.format("some.mp4", "r*.png"))
+    wanted = expected(4, 2)
+    wanted[2][1] = None
+    assert shades(tmp_path)[:2] == (wanted, [0.0, 0.02, 0.04, 0.06])
+
+
 def test_pictures_without_common_names_are_counted(tmp_path):
     write_numbers(tmp_path / "a", 0, 3, "shot{}.png")
     write_numbers(tmp_path / "b", 1, 3, "{:03d}0.png")

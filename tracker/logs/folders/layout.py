@@ -154,6 +154,8 @@ def _of_told(root: Path, told: RecordingFile, rate: float) -> tuple[tuple[str, .
             streams[name] = _film(some[0], counted=counted)
         else:
             raise LogError(f"{root}: {name}: found {len(some)} films, expected one of each camera")
+    if counted and any(_is_film(files) for files in streams.values()):
+        streams = _numbered_as_films(streams)
     keys = [key for files in streams.values() for key in files]
     if len(streams) > 1 and len(set(keys)) == len(keys) and stamps_of_names(keys) is None:
         streams = {
@@ -167,6 +169,26 @@ def _of_told(root: Path, told: RecordingFile, rate: float) -> tuple[tuple[str, .
         for shot in shots
     ]
     return tuple(streams), shots if told.stamps is None else _stamped(root, shots, told.stamps)
+
+
+def _is_film(files: dict[str, Picture]) -> bool:
+    return isinstance(next(iter(files.values())), FilmPicture)
+
+
+def _numbered_as_films(streams: _Streams) -> _Streams:
+    """The same with pictures whose names are numbers called as those of films are, from 000000 on."""
+    named = {name: files for name, files in streams.items() if not _is_film(files)}
+    keys = [key for files in named.values() for key in files]
+    if not keys or not all(key.isdecimal() for key in keys) or stamps_of_names(keys) is not None:
+        return streams
+    first = min(map(int, keys))
+    renamed = {
+        name: {f"{int(key) - first:06d}": file for key, file in files.items()}
+        for name, files in named.items()
+    }
+    if any(len(renamed[name]) < len(named[name]) for name in named):  # 1.png beside 01.png
+        return streams
+    return streams | renamed
 
 
 def _stamped(root: Path, shots: list[Shot], stamps: FloatArray) -> list[Shot]:
