@@ -1,26 +1,19 @@
 from __future__ import annotations
 
-import json
 import re
-import shlex
-import shutil
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
 import tracker
 from scripts.site_links import on_page_markdown
 from synthetic.camera.shot import QUALITIES
+from tests.docs.samples import PAGES
 from tests.helpers import ROOT
 from tests.helpers.synthetic_needs import skip_without_platform
-from tracker.poses.file import read_poses
 
-WRITTEN = ("README", "docs/first-steps", "docs/answers", "docs/control-loop", "docs/retracking")
-WRITTEN += ("docs/own-rig", "docs/tasks", "docs/own-object", "docs/synthetic")
-PAGES = {name: (ROOT / f"{name}.md").read_text(encoding="utf-8") for name in WRITTEN}
-README, TEXT = PAGES["README"], "\n".join(PAGES.values())
+README = PAGES["README"]
 EXAMPLE = ROOT / "examples" / "detect_cube.py"
 DEMO = ROOT / "tracker" / "demo"
 DICE_TASK = ROOT / "examples" / "dice_task.py"
@@ -30,48 +23,6 @@ LIVE = ROOT / "examples" / "follow_live.py"
 SUBSCRIBE = ROOT / "examples" / "subscribe.py"
 OWN_ARENA = ROOT / "examples" / "own_arena.py"
 STILL = ROOT / "examples" / "still.py"
-BGR = {"red": (40, 50, 190), "green": (60, 150, 70), "blue": (150, 60, 20)}
-
-
-OBJECT = re.compile("^size = ", re.MULTILINE)
-
-
-def blocks(language: str) -> list[str]:
-    """Each once, in the pages' order."""
-    found = re.findall(rf"^```{language}\n(.*?)^```$", TEXT, flags=re.DOTALL | re.MULTILINE)
-    return list(dict.fromkeys(found))
-
-
-def commands() -> list[str]:
-    lines = (line for block in blocks("sh") for line in block.splitlines() if line.startswith("tracker "))
-    return list(dict.fromkeys(lines))
-
-
-@pytest.fixture(scope="module")
-def working(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with what the pages speak of: tracker-demo, my_images, my_recording, my_object.toml."""
-    folder = tmp_path_factory.mktemp("readme")
-    shutil.copytree(DEMO, folder / "tracker-demo")
-    shutil.copytree(DEMO, folder / "my_recording", ignore=shutil.ignore_patterns("0000[01][3-9]", "00001*"))
-    goal = '{"difficulty": 1, "goal": {"position": [0, 0, 0.0325], "orientation": [0, 0, 0, 1]}}'
-    (folder / "my_recording" / "goal.json").write_text(goal)
-    shutil.copytree(ROOT / "examples" / "dice", folder / "examples" / "dice")
-    (folder / "my_images").mkdir()
-    for number in range(2):
-        image = np.random.default_rng(number).normal(110, 4, (90, 120, 3))
-        for index, (color, bgr) in enumerate(BGR.items()):
-            mask = np.zeros((90, 120), np.uint8)
-            mask[20 + 9 * number :, 10 + 40 * index :][:30, :30] = 255
-            image[mask > 0] = bgr
-            cv2.imwrite(str(folder / "my_images" / f"0{number}_mask_{color}.png"), mask)
-        cv2.imwrite(str(folder / "my_images" / f"0{number}_image.png"), np.rint(image).astype(np.uint8))
-    (folder / "my_object.toml").write_text(next(filter(OBJECT.search, blocks("toml"))), encoding="utf-8")
-    return folder
-
-
-def test_the_pages_show_the_examples():
-    examples = (EXAMPLE, TRACK, LIVE, SUBSCRIBE, OWN_ARENA, DICE_TASK, TASK_ERRORS)
-    assert blocks("python") == [path.read_text(encoding="utf-8") for path in examples]
 
 
 def test_the_example_with_an_arena_of_ones_own_runs(working, run_script):
@@ -112,36 +63,10 @@ def test_the_example_finds_the_cube(working, run_script):
     assert float(result.stdout.split()[-1]) > 0.5
 
 
-@pytest.mark.slow
-def test_the_pages_commands_run(working, run_here):
-    assert len(commands()) >= 6
-    for command in commands():
-        result = run_here(*shlex.split(command)[1:], folder=working)
-        assert result.returncode == 0, f"{command}: {result.stderr}"
-        assert result.stderr == ""
-    assert (working / "my_object.npz").is_file()
-    assert len(read_poses(working / "poses.h5")) == 3
-
-
 def test_the_pages_object_loads_with_its_colours(working):
     model = tracker.load_object(working / "my_object.toml")
     assert model.name == "my_object"
     assert model.colors == "my_object.npz" or Path(model.colors).parent == working
-
-
-def test_the_pages_json_has_the_keys_of_the_real_one(working, run_here):
-    by_name = {command.split()[1]: command for command in reversed(commands())}
-    pairs = []
-    for name, block in zip(("detect", "dice"), blocks("json"), strict=True):
-        arguments = [word for word in shlex.split(by_name[name])[1:] if word != "--json"]
-        result = run_here(*arguments, "--json", folder=working)
-        pairs.append((json.loads(block), json.loads(result.stdout)))
-        assert list(pairs[-1][0]) == list(pairs[-1][1])
-    (shown, real), (shown_dice, real_dice) = pairs
-    assert list(shown["pose"]) == list(real["pose"])
-    assert shown_dice["error_per_camera"].keys() == real_dice["error_per_camera"].keys()
-    for key in ("dice", "assignment"):
-        assert list(shown_dice[key][0]) == list(real_dice[key][0])
 
 
 def test_the_pages_explain_every_status():

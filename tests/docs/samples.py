@@ -1,0 +1,34 @@
+"""Samples of the README and the pages: fenced blocks, and the commands in them."""
+
+from __future__ import annotations
+
+import re
+
+from tests.helpers import ROOT
+
+PAGES = {
+    path.relative_to(ROOT).with_suffix("").as_posix(): path.read_text(encoding="utf-8")
+    for path in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
+}
+"""Their texts by name: `README`, `docs/poses`, …"""
+
+_FENCED = re.compile(r"^```(\w*)\n(.*?)^```$", flags=re.DOTALL | re.MULTILINE)
+
+
+def languages() -> dict[str, set[str]]:
+    """Of each page the languages of its blocks."""
+    return {name: {language for language, _ in _FENCED.findall(text)} for name, text in PAGES.items()}
+
+
+def blocks(language: str, *pages: str) -> list[str]:
+    """Blocks of some pages, or of all: each once, in the pages' order."""
+    texts = [PAGES[name] for name in pages or PAGES]
+    found = [block for text in texts for kind, block in _FENCED.findall(text) if kind == language]
+    return list(dict.fromkeys(found))
+
+
+def commands() -> list[str]:
+    """What a shell is told on all pages, without remarks."""
+    lines = (line for block in blocks("sh") for line in block.replace("\\\n", " ").splitlines())
+    told = (re.sub(r"\s+", " ", line.partition(" # ")[0]).strip() for line in lines)
+    return list(dict.fromkeys(filter(None, told)))

@@ -1,0 +1,197 @@
+"""No sample of README and pages that is not run: here, by a test of its own, or it stands in NOT_RUN."""
+
+from __future__ import annotations
+
+import glob
+import json
+import re
+import shlex
+from pathlib import Path
+
+import click
+import cv2
+import numpy as np
+import pytest
+
+import tracker
+from benchmarks.__main__ import main as benchmark_commands
+from synthetic.cli import commands as synthetic_commands
+from tests.calibration.test_extrinsics import PLACES, TRUE
+from tests.docs.samples import blocks, commands, languages
+from tests.helpers import ROOT
+from tests.helpers.boards import LENS, photo, pose_towards
+from tests.helpers.log_writers import make_content, write_native
+from tests.helpers.pose_logs import random_poses
+from tracker import cli
+from tracker.calibration.rig import CameraRig
+from tracker.geometry.camera import Camera
+from tracker.poses.file import read_poses, write_poses
+from tracker.viz import write_film
+
+NOT_RUN = {
+    "python3 -m pip install .": "asks a registry; scripts/try_release.py installs the wheel",
+    "python3 -m pip install '.[cluster]'": "asks a registry; the tests are run with all extras",
+    "tracker live simulation --object": "20 s of fingers; tests/live/test_simulation.py takes fewer",
+    "tracker live pylon --object": "cameras by Basler; tests/live/test_pylon.py has the emulated ones",
+    "tracker live opencv:0,1,2 --object": "cameras",
+    "python -m synthetic": "renders for minutes; tests/synthetic/test_dataset.py makes a few scenes",
+    "python -m benchmarks": "minutes to hours; tests/benchmarks/test_run.py measures two scenes",
+}
+"""Beginnings of commands, and why they are only parsed."""
+
+PROGRAMS: dict[str, click.Command] = {
+    "tracker": cli.commands,
+    "python -m synthetic": synthetic_commands,
+    "python -m benchmarks": benchmark_commands,
+}
+
+RUN_HERE = ("docs/poses", "docs/recordings", "docs/batch")
+"""Pages whose Python is no example but run in this file."""
+
+
+def beginning(command: str) -> str | None:
+    """The key of NOT_RUN that a command has."""
+    return next((start for start in NOT_RUN if command.startswith(start)), None)
+
+
+def test_every_block_says_in_which_language_it_is():
+    known = {"python", "sh", "toml", "json", "text", "math"}
+    assert {name: found - known for name, found in languages().items() if found - known} == {}
+
+
+def test_every_python_sample_is_an_example_or_run_here():
+    examples = {path.read_text(encoding="utf-8") for path in (ROOT / "examples").glob("*.py")}
+    here = [block for page in RUN_HERE for block in blocks("python", page)]
+    assert len(here) == len(RUN_HERE)
+    assert [block for block in blocks("python") if block not in examples and block not in here] == []
+
+
+def test_every_command_is_run_or_says_why_not():
+    assert {beginning(command) for command in commands()} - {None} == set(NOT_RUN)
+    run = [command for command in commands() if beginning(command) is None]
+    assert [command for command in run if not command.startswith("tracker ")] == []
+
+
+def test_commands_that_are_not_run_are_understood(tmp_path, monkeypatch):
+    for name in ("DIR", "A", "B"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "cameras.toml").touch()
+    monkeypatch.chdir(tmp_path)
+    understood = []
+    monkeypatch.setattr(click.Command, "invoke", lambda self, _: understood.append(self.name))
+    for command in filter(beginning, commands()):
+        for start, program in PROGRAMS.items():
+            if command.startswith(f"{start} "):
+                program.main(shlex.split(command.removeprefix(start)), standalone_mode=False)
+    assert understood.count("live") == 3
+    assert understood.count("dataset") == 2
+    assert {"accuracy", "films", "compare", "gate"} < set(understood)
+
+
+@pytest.fixture(scope="module")
+def boards(working: Path) -> Path:
+    """Photos of a board: of one camera, and of three with lenses that are known, in two places."""
+    rng = np.random.default_rng(93)
+    matrix, distortion = LENS.arrays
+    names = ("camera60", "camera180", "camera300")
+    cameras = [Camera(name, LENS.width, LENS.height, matrix, distortion, np.eye(4)) for name in names]
+    CameraRig(tuple(cameras)).save(working / "lenses")
+    for folder in ("photos", "board_on_table", "board_elsewhere"):
+        (working / folder).mkdir()
+    for number in range(8):
+        cv2.imwrite(str(working / "photos" / f"{number}.png"), photo(pose_towards(rng), rng))
+    for place, folder in zip(PLACES, ("board_on_table", "board_elsewhere"), strict=False):
+        for name, true in zip(names, TRUE, strict=True):
+            cv2.imwrite(str(working / folder / f"{name}.png"), photo(true @ place, rng))
+    return working
+
+
+@pytest.mark.slow
+def test_the_pages_commands_run_and_print_what_is_shown(working, boards, run_here):
+    for module, extra in (("distributed", "cluster"), ("matplotlib", "plot"), ("pandas", "bench")):
+        pytest.importorskip(module, reason=f"{extra}: no module {module}")
+    printed = []
+    for command in commands():
+        if beginning(command) is not None:
+            continue
+        words = [found for word in shlex.split(command)[1:] for found in expanded(word, working)]
+        result = run_here(*words, folder=working)
+        assert result.returncode == 0, f"{command}: {result.stderr}"
+        assert result.stderr == "" or command.startswith("tracker batch"), f"{command}: {result.stderr}"
+        printed += [json.loads(result.stdout)] if command.endswith(" --json") and words[0] != "track" else []
+    assert (working / "my_object.npz").is_file()
+    assert (working / "board.pdf").is_file()
+    assert len(CameraRig.load(working / "calibration")) == 3
+    assert len(read_poses(working / "poses.h5")) == 3
+    assert list(run_block(*blocks("python", "docs/batch"))["table"].frames) == [3, 3]
+    shown = [json.loads(block) for block in blocks("json")]
+    assert [keys(one) for one in shown] == [keys(one) for one in printed]
+
+
+def keys(value: object) -> object:
+    """The names in JSON, of lists those in the first item; what depends on the computer is left out."""
+    if isinstance(value, dict):
+        return {key: keys(item) for key, item in value.items() if key != "timing_ms"}
+    return keys(value[0]) if isinstance(value, list) and value else None
+
+
+def expanded(word: str, folder: Path) -> list[str]:
+    """What a shell makes of a word."""
+    return sorted(glob.glob(word, root_dir=folder)) or [word]
+
+
+def run_block(block: str) -> dict[str, object]:
+    """The names that a block of Python leaves."""
+    names: dict[str, object] = {}
+    exec(compile(block, "sample", "exec"), names)
+    return names
+
+
+def test_the_sample_of_poses_gives_what_its_remarks_say(tmp_path, monkeypatch, rng):
+    monkeypatch.chdir(tmp_path)
+    write_poses(tmp_path / "poses.h5", random_poses(rng, 6))
+    (block,) = blocks("python", "docs/poses")
+    names = run_block(block)
+    poses = names["poses"]
+    assert len(poses) == 6
+    sizes = {"n": 6, "C": 3, "3": 3}
+    told = re.findall(r"^(.+?) +# \(([\w, ]+?),?\)", block, re.MULTILINE)
+    assert len(told) == 3
+    for expression, shape in told:
+        assert eval(expression, names).shape == tuple(sizes[size] for size in shape.split(", ")), expression
+
+
+def test_the_sample_of_recordings_reads_one(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    write_native(tmp_path / "camera_data.dat", make_content(3), poses=1)
+    (block,) = blocks("python", "docs/recordings")
+    run_block(block)
+    first, *frames = capsys.readouterr().out.splitlines()
+    assert "3" in first.split()
+    assert [line.split()[0] for line in frames] == ["0", "1", "2"]
+
+
+def test_the_sample_of_a_folder_with_names_of_its_own_is_read(tmp_path, rng):
+    pytest.importorskip("av", reason="video: no module av")
+    told = [block for block in blocks("toml", "docs/recordings") if "[cameras]" in block]
+    (tmp_path / "recording.toml").write_text(told[0], encoding="utf-8")
+    images = list(rng.integers(0, 256, (3, 48, 64, 3), np.uint8))
+    (tmp_path / "left").mkdir()
+    for number, image in enumerate(images):
+        cv2.imwrite(str(tmp_path / "left" / f"{number}.png"), image)
+        cv2.imwrite(str(tmp_path / f"right_{number}.jpg"), image)
+    write_film(tmp_path / "above.mp4", images, rate=30)
+    with tracker.open_log(tmp_path) as log:
+        assert log.camera_names == ("camera60", "camera180", "camera300")
+        assert [frame.index for frame in log] == [0, 1, 2]
+        assert log[2].timestamp - log[1].timestamp == pytest.approx(1 / 30)
+        np.testing.assert_array_equal(log[1].images[0], images[1])
+
+
+def test_the_sample_of_what_is_printed_has_the_real_ones_lines_and_numbers(run_here, working):
+    (block,) = blocks("text", "docs/first-steps")
+    printed = run_here("detect", "--object", "cube_v2", "tracker-demo", folder=working).stdout
+    shown, real = (text.splitlines() for text in (block, printed))
+    assert [line[:22] for line in shown] == [line[:22] for line in real]
+    row = next(number for number, line in enumerate(shown) if line.startswith("position [mm]"))
+    np.testing.assert_allclose(*(np.array(text[row][22:].split(), float) for text in (shown, real)), atol=0.1)
