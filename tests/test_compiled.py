@@ -229,6 +229,24 @@ def test_kept_machine_code_that_is_damaged_is_made_anew(toy):
     assert anew(toy, TOY) == [7.0, 1]
 
 
+def test_machine_code_of_others_is_read_where_none_can_be_kept(toy):
+    read_only = """
+from numba.core import caching
+
+def refuse(self):
+    raise OSError(30, "Read-only file system")
+
+caching._CacheLocator.ensure_cache_path = refuse
+"""
+    assert anew(toy, read_only + TOY) == [7.0, 0]
+    assert kept(toy) == set()
+    assert anew(toy, TOY) == [7.0, 0]
+    assert anew(toy, read_only + TOY) == [7.0, 1]
+    edit(toy, "inner.py", "1.0", "2.0")
+    assert anew(toy, read_only + TOY) == [8.0, 0]
+    assert len(kept(toy)) == 1
+
+
 def test_machine_code_that_cannot_be_kept_any_more_stops_nobody(toy):
     gone = """
 import pathlib, shutil

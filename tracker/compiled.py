@@ -32,7 +32,7 @@ def compiled(function: Callable[..., Any] | None = None, **options: Any) -> Any:
 
     A division by zero gives what NumPy gives: to check for it would cost time, and more of it to compile. So
     does an assignment of one array to another, whose error message is compiled as well: loops do without.
-    Where no folder can be written, the function is compiled anew by each process.
+    Where no folder can be written and none has it from before, each process compiles the function anew.
     """
     if function is None:
         return lambda function: compiled(function, **options)
@@ -140,7 +140,35 @@ class _Locator(_CacheLocator):
         return str(self._found.get_disambiguator())
 
 
+def _left_by_others(kind: Any) -> Any:
+    """A place of numba's that need not be writable where it holds machine code of the present sources.
+
+    A container's image may have it: there nothing can be kept, but what was made with the image be read.
+    """
+
+    class Left(kind):  # type: ignore[misc]
+        @classmethod
+        def from_function(cls, function: Callable[..., Any], file: str) -> Any:
+            found, package = cls(function, file), function.__module__.partition(".")[0]
+            folder = Path(found.get_cache_path())
+            # Without NUMBA_CACHE_DIR the place of this name is relative, and in nobody's hands.
+            if not folder.is_absolute() or not hasattr(sys.modules[package], "__path__"):
+                return None
+            return found if (folder / f"{_FOLDER}{fingerprint(package)}").is_dir() else None
+
+    return Left
+
+
+# The first two are NUMBA_CACHE_DIR and the source's own folder.
+_PLACES = [
+    *CompileResultCacheImpl._locator_classes,
+    *map(_left_by_others, CompileResultCacheImpl._locator_classes[:2]),
+]
+
+
 class _Implementation(CompileResultCacheImpl):
+    _locator_classes = _PLACES
+
     def __init__(self, function: Callable[..., Any]) -> None:
         self._function = function
         super().__init__(function)  # type: ignore[no-untyped-call]

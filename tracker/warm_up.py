@@ -54,12 +54,19 @@ def kernels_are_cached() -> bool:
     return is_cached(settle)
 
 
+def _folder() -> str | None:
+    """Where compiled kernels are kept; None where there is no place for them."""
+    path: str | None = getattr(settle.stats, "cache_path", None)
+    return path
+
+
 def warm_up() -> None:
     """Compile the kernels unless they lie on disk, and say so before; later calls return at once."""
     if kernels_are_cached():
         return
     # A warning reaches standard error without any set-up of logging.
-    _LOG.warning("compiling kernels, once per machine (about half a minute) ...")
+    often = "once per machine" if _folder() else "which no folder can keep, see `tracker doctor`"
+    _LOG.warning("compiling kernels, %s (about half a minute) ...", often)
     with _alone():
         if kernels_are_cached():
             return
@@ -82,7 +89,7 @@ def load() -> None:
 @contextlib.contextmanager
 def _alone() -> Iterator[None]:
     """Wait until no other process is here; nothing is waited for where there is no place for machine code."""
-    folder = getattr(settle.stats, "cache_path", None)
+    folder = _folder()
     if folder is None or fcntl is None:
         yield
         return
@@ -99,7 +106,7 @@ def _alone() -> Iterator[None]:
 
 def _begin(part: str) -> subprocess.Popen[bytes] | None:
     """A process that compiles a part; None where it cannot be had, or could not hand on what it made."""
-    if getattr(settle.stats, "cache_path", None) is None or not sys.executable:
+    if _folder() is None or not sys.executable:
         return None
     quiet = subprocess.DEVNULL
     try:
