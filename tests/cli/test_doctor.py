@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 from importlib import metadata
 from types import SimpleNamespace
 
 import pytest
 from click.testing import CliRunner
 
+from tracker import warm_up
 from tracker.cli import doctor
 
 
@@ -23,7 +25,18 @@ def line_of(text: str, what: str) -> str:
 def test_a_machine_that_has_all_is_well():
     code, text = report()
     assert code == 0, text
-    for what in ("tracker", "Python", "numpy", "scipy", "OpenCV", "numba", "h5py", "cache", "speed"):
+    for what in (
+        "tracker",
+        "Python",
+        "numpy",
+        "scipy",
+        "OpenCV",
+        "numba",
+        "h5py",
+        "Pillow",
+        "cache",
+        "speed",
+    ):
         assert line_of(text, what).startswith("ok")
     assert "reference work" in line_of(text, "speed")
     for extra in ("plot", "synthetic", "rerun", "video"):
@@ -36,8 +49,10 @@ def test_what_is_missing_has_its_remedy(monkeypatch):
         doctor, "_version", lambda name: None if name in ("scipy", "pyrender") else found(name)
     )
     monkeypatch.setattr(doctor.ctypes.util, "find_library", lambda name: None)
+    monkeypatch.setattr(doctor, "_fault_of_module", lambda name: "gone" if name == "scipy" else None)
     code, text = report()
     assert code == 1
+    assert "speed" not in text  # without SciPy nothing is there to be looked at
     assert line_of(text, "scipy").startswith("!!")
     assert "pip install scipy" in text
     assert line_of(text, "synthetic").startswith("--")
@@ -52,14 +67,51 @@ def test_two_opencvs_are_one_too_many(monkeypatch):
     code, text = report()
     assert code == 1
     assert "2 in one folder" in line_of(text, "OpenCV")
-    assert "uninstall opencv-python opencv-python-headless" in text
+    assert "uninstall -y opencv-python opencv-python-headless" in text
 
 
-def test_a_cache_that_cannot_be_written_is_told(monkeypatch):
+def test_an_opencv_of_which_another_ones_removal_left_the_folder_is_told(monkeypatch, tmp_path):
+    (tmp_path / "cv2").mkdir()
+    installed = [SimpleNamespace(metadata={"Name": doctor.OPENCV})]
+    monkeypatch.setattr(doctor.metadata, "distributions", lambda: installed)
+    monkeypatch.setattr(sys, "path", [str(tmp_path)])
+    monkeypatch.delitem(sys.modules, "cv2")
+    doctor._fault_of_module.cache_clear()
+    try:
+        assert doctor._fault_of_module("cv2") == "only the folder is left"
+        finding = doctor._opencv()
+    finally:
+        doctor._fault_of_module.cache_clear()
+    assert not finding.good
+    assert "does not load" in finding.found
+    assert "uninstall -y" in finding.remedy
+
+
+@pytest.mark.parametrize("asked", [None, "/some/where"])
+def test_a_place_for_compiled_code_is_told(monkeypatch, asked):
     monkeypatch.setattr(doctor.os, "access", lambda *_: False)
+    monkeypatch.setattr(warm_up, "kernels_are_cached", lambda: True)
+    code, text = report()
+    assert code == 0
+    assert line_of(text, "cache").endswith("which can only be read: compiled")
+    monkeypatch.setattr(warm_up, "kernels_are_cached", lambda: False)
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    if asked:
+        monkeypatch.setenv("NUMBA_CACHE_DIR", asked)
     code, text = report()
     assert code == 1
-    assert "NUMBA_CACHE_DIR" in text
+    assert "every process compiles" in line_of(text, "cache")
+    assert (asked or "the folder of the tracker") in line_of(text, "cache")
+    assert "export NUMBA_CACHE_DIR=DIR" in text
+
+
+def test_libraries_that_are_there_and_do_not_load_are_told(monkeypatch, tmp_path):
+    (tmp_path / "empty.so").touch()
+    monkeypatch.setattr(doctor.ctypes.util, "find_library", lambda _: str(tmp_path / "empty.so"))
+    finding = doctor._opengl()
+    assert not finding.good
+    assert finding.found.count("does not load") == 2
+    assert "--reinstall" in finding.remedy
 
 
 @pytest.mark.parametrize("requirement", ['zmq>=1; extra == "live"', "zmq>=1 ; extra == 'live'"])

@@ -129,7 +129,8 @@ def _run(arguments: list[str]) -> int:
     except Exception as error:
         last = traceback.extract_tb(error.__traceback__)[-1]
         where = f"{os.path.basename(last.filename)}:{last.lineno}"
-        return _fail(f"internal error, please report it: {type(error).__name__} in {where}: {error}")
+        what = f"{type(error).__name__} in {where}: {error}"
+        return _fail(f"internal error, please report it if `tracker doctor` finds nothing amiss: {what}")
 
 
 def _fail(message: str, code: int = 2) -> int:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import ctypes
 import ctypes.util
+import functools
+import importlib
 import os
 import platform
 import re
@@ -18,7 +21,19 @@ from tracker.errors import install
 from tracker.version import version
 
 NAME = "trifinger-object-tracker"
-CORE = ("numpy", "scipy", "opencv-python-headless", "numba", "h5py")
+OPENCV = "opencv-python-headless"
+CORE = {
+    "numpy": "numpy",
+    "scipy": "scipy",
+    OPENCV: "cv2",
+    "numba": "numba",
+    "h5py": "h5py",
+    "Pillow": "PIL.Image",
+    "PyYAML": "yaml",
+    "tqdm": "tqdm",
+}
+"""Packages, and what is imported of them."""
+
 REFERENCE_ROUNDS = 20
 DETECTION = 1.5
 """Time of a detection over that of the reference work, about."""
@@ -59,27 +74,61 @@ def doctor() -> None:
 def _needed() -> Iterator[Finding]:
     yield Finding("tracker", True, f"{version()}, {Path(__file__).parents[1]}")
     yield Finding("Python", True, f"{platform.python_version()}, {platform.platform(terse=True)}")
-    for name in CORE:
-        found = _version(name)
-        if name.startswith("opencv"):
-            yield _opencv()
-        elif found is None:
-            yield Finding(name, False, "not installed", f"python3 -m pip install {name}")
-        else:
-            yield Finding(name, True, found)
-    yield _cache()
-    yield _speed()
+    for name, module in CORE.items():
+        yield _opencv() if name == OPENCV else _package(name, module)
+    if all(_fault_of_module(module) is None for module in CORE.values()):
+        yield _cache()
+        yield _speed()
 
 
 def _optional() -> Iterator[Finding]:
-    libraries = [name for name in ("EGL", "GL") if ctypes.util.find_library(name) is None]
-    remedy = "apt-get install libegl1 libgl1; without it synthetic pictures are drawn by a slower renderer"
-    found = f"no lib{', lib'.join(libraries)}" if libraries else "libEGL, libGL"
-    yield Finding("OpenGL", not libraries, found, remedy if libraries else "")
+    yield _opengl()
     for extra, packages in sorted(_extras().items()):
         missing = [name for name in packages if _version(name) is None]
         found = f"without {', '.join(missing)}" if missing else ", ".join(packages)
         yield Finding(extra, not missing, found, install(extra) if missing else "")
+
+
+def _opengl() -> Finding:
+    """Libraries that are found may still not load: of another machine's kind, or empty in a container."""
+    faults = [fault for fault in map(_fault_of_library, ("EGL", "GL")) if fault]
+    if not faults:
+        return Finding("OpenGL", True, "libEGL, libGL")
+    again = "--reinstall " if any("load" in fault for fault in faults) else ""
+    remedy = f"apt-get install {again}libegl1 libgl1; without it a slower renderer draws synthetic pictures"
+    return Finding("OpenGL", False, "; ".join(faults), remedy)
+
+
+def _fault_of_library(name: str) -> str | None:
+    found = ctypes.util.find_library(name)
+    if found is None:
+        return f"no lib{name}"
+    try:
+        ctypes.CDLL(found)
+    except OSError as error:
+        return f"lib{name} does not load: {error}"
+    return None
+
+
+def _package(name: str, module: str) -> Finding:
+    found, fault = _version(name), _fault_of_module(module)
+    if found is None:
+        return Finding(name, False, "not installed", f"python3 -m pip install {name}")
+    if fault is not None:
+        remedy = f"python3 -m pip install --force-reinstall --no-deps {name}"
+        return Finding(name, False, f"{found} does not load: {fault}", remedy)
+    return Finding(name, True, found)
+
+
+@functools.cache
+def _fault_of_module(name: str) -> str | None:
+    """Why a module cannot be imported; a broken one may raise anything."""
+    try:
+        module = importlib.import_module(name)
+    except Exception as error:
+        return " ".join(str(error).split())
+    # What one of two packages leaves of a folder they shared is imported without a word.
+    return None if module.__file__ else "only the folder is left"
 
 
 def _version(name: str) -> str | None:
@@ -93,12 +142,15 @@ def _opencv() -> Finding:
     """Two OpenCVs write into one folder: whichever came last is imported, in part."""
     names = {(dist.metadata["Name"] or "").lower() for dist in metadata.distributions()}
     found = sorted(name for name in names if re.fullmatch(r"opencv[-_](contrib[-_])?python.*", name))
-    said = ", ".join(f"{name} {_version(name)}" for name in found)
-    if not found:
-        return Finding("OpenCV", False, "not installed", "python3 -m pip install opencv-python-headless")
+    said, fault = ", ".join(f"{name} {_version(name)}" for name in found), _fault_of_module("cv2")
+    anew = f"python3 -m pip install {OPENCV}"
+    if found:
+        anew = f"python3 -m pip uninstall -y {' '.join(found)}; {anew}"
+    if fault is not None or not found:
+        does_not = f" does not load: {fault}" if found else "not installed"
+        return Finding("OpenCV", False, f"{said}{does_not}", anew)
     if len(found) > 1:
-        remedy = f"python3 -m pip uninstall {' '.join(found)}; python3 -m pip install opencv-python-headless"
-        return Finding("OpenCV", False, f"{len(found)} in one folder: {said}", remedy)
+        return Finding("OpenCV", False, f"{len(found)} in one folder: {said}", anew)
     return Finding("OpenCV", True, said)
 
 
@@ -107,12 +159,16 @@ def _cache() -> Finding:
     from tracker.pose.solve.refine import settle
     from tracker.warm_up import kernels_are_cached
 
-    folder = getattr(settle.stats, "cache_path", None)
-    if folder is None or not os.access(folder, os.W_OK):
-        remedy = "every process compiles for half a minute: set NUMBA_CACHE_DIR to a folder of your own"
-        return Finding("cache", False, f"{folder or 'no folder'} cannot be written", remedy)
-    compiled = "compiled" if kernels_are_cached() else "not compiled yet, which will take half a minute"
-    return Finding("cache", True, f"{folder}: {compiled}")
+    folder, cached = getattr(settle.stats, "cache_path", None), kernels_are_cached()
+    asked = os.environ.get("NUMBA_CACHE_DIR")
+    if folder is None or not (cached or os.access(folder, os.W_OK)):
+        places = f"neither NUMBA_CACHE_DIR={asked}" if asked else "neither the folder of the tracker"
+        remedy = "export NUMBA_CACHE_DIR=DIR, a folder that you can write to and that stays"
+        said = f"{places} nor ~/.cache/numba can be written: every process compiles for half a minute"
+        return Finding("cache", False, said, remedy)
+    compiled = "compiled" if cached else "not compiled yet, which will take half a minute"
+    only = "" if os.access(folder, os.W_OK) else ", which can only be read"
+    return Finding("cache", True, f"{folder}{only}: {compiled}")
 
 
 def _speed() -> Finding:
