@@ -55,7 +55,7 @@ def beginning(command: str) -> str | None:
 
 
 def test_every_block_says_in_which_language_it_is():
-    known = {"python", "sh", "toml", "json", "text", "math"}
+    known = {"python", "sh", "toml", "json", "text", "math", "c"}
     assert {name: found - known for name, found in languages().items() if found - known} == {}
 
 
