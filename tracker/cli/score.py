@@ -46,7 +46,7 @@ def score(
     Time counts from the recording's first frame. A reward holds until the next frame; where the object was
     not seen the one before holds.
     """
-    from tracker.recordings.many.rows import goal_file, totals
+    from tracker.recordings.rewards import goal_file, totals
     from tracker.tasks.job_goal import read_job_goal
 
     cameras.refuse_pattern_alone()

@@ -24,8 +24,9 @@ from tracker.recordings.many import batch, results, schedulers, tables, work
 from tracker.recordings.many.batch import Batch, Pace, duration, only_run, read_batch, run_batch, write_batch
 from tracker.recordings.many.engine import Here
 from tracker.recordings.many.results import output_of, outputs_of
-from tracker.recordings.many.rows import COLUMNS, STEP, path_length, totals
+from tracker.recordings.many.rows import COLUMNS, STEP, path_length
 from tracker.recordings.many.work import agreed
+from tracker.recordings.rewards import totals
 
 COUNT = 5
 OPTIONS = Options("cube_v2", make_tracker=NoiseTracker)

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from tracker.conventions import FloatArray
-from tracker.errors import TaskError
-from tracker.objects.model import CuboidModel
 from tracker.pose.result import CameraUse
 from tracker.poses.comparison import compare
 from tracker.poses.poses import Poses
 from tracker.recordings.recipe import Job
+from tracker.recordings.rewards import goal_columns
 from tracker.recordings.summary import best_kind
 from tracker.recordings.swapped import told_of_recording
 from tracker.recordings.track import Tracked, unicode_text
-from tracker.tasks.job_goal import FILE_NAME, STEPS_PER_SECOND, read_job_goal
 
 STEP = 0.002
 """Shortest movement [m] that counts in a path's length: less is how far poses of an object at rest differ."""
@@ -73,13 +70,8 @@ def row(job: Job, tracked: Tracked) -> dict[str, Any]:
     }
     if len(poses):
         found |= {**_shares(poses), **_sure(poses), **_worst(poses), **_motion(poses), **_recorded(poses)}
-        found |= {"swapped": told_of_recording(job, poses), **_goal(job.log, poses, job.recipe.model)}
+        found |= {"swapped": told_of_recording(job, poses), **goal_columns(job.log, poses, job.recipe.model)}
     return {name: found.get(name) for name in COLUMNS}
-
-
-def goal_file(log: Path) -> Path:
-    """Where the goal of a recording's job is, if there is one."""
-    return (log if log.is_dir() else log.parent) / FILE_NAME
 
 
 def path_length(positions: FloatArray) -> float:
@@ -142,37 +134,3 @@ def _recorded(poses: Poses) -> dict[str, float | None]:
         return {}
     numbers = compare(poses, best_kind(poses))
     return {f"recorded_{name}": numbers[name] for name in numbers if name.startswith(("position", "angle"))}
-
-
-def _goal(log: Path, poses: Poses, model: CuboidModel) -> dict[str, Any]:
-    """Rewards of the goal in the recording's folder, if there is one of an object."""
-    path = goal_file(log)
-    if not path.is_file():
-        return {}
-    try:
-        goal = read_job_goal(path)
-        found: dict[str, Any] = {"task": goal.task, "level": goal.level}
-        if goal.task == "rearrange_dice":
-            return found
-        columns = poses.columns(best_kind(poses))
-        seconds = poses.timestamp - poses.timestamp[0]
-        rewards = goal.rewards(seconds, columns.position, columns.orientation, model)
-    except TaskError as error:
-        return {"goal_fault": str(error)}
-    return {**found, **totals(rewards, seconds)}
-
-
-def totals(rewards: FloatArray, seconds: FloatArray) -> dict[str, float]:
-    """Sum over control steps, mean and last of rewards (n,) at times (n,) [s]; each lasts until the next.
-
-    Where the object was not seen the reward before holds, at the beginning the first one.
-    """
-    known = np.flatnonzero(~np.isnan(rewards))
-    if not len(known):
-        return {}
-    held = rewards[known[np.maximum(np.searchsorted(known, np.arange(len(rewards)), side="right") - 1, 0)]]
-    steps = np.diff(seconds)
-    steps = STEPS_PER_SECOND * np.append(steps, np.median(steps) if len(steps) else 0.1)
-    total = float(np.sum(held * steps))
-    mean = total / float(steps.sum()) if steps.sum() > 0 else float(np.mean(held))
-    return {"reward_total": total, "reward_mean": mean, "error_end": 0.0 - float(held[-1])}
