@@ -31,6 +31,7 @@ from tracker.viz import write_film
 NOT_RUN = {
     "python3 -m pip install .": "asks a registry; scripts/try_release.py installs the wheel",
     "python3 -m pip install '.[cluster]'": "asks a registry; the tests are run with all extras",
+    "tracker demo": "makes the folder that the others read; tests/cli/test_demo.py",
     "tracker live simulation --object": "20 s of fingers; tests/live/test_simulation.py takes fewer",
     "tracker live pylon --object": "cameras by Basler; tests/live/test_pylon.py has the emulated ones",
     "tracker live opencv:0,1,2 --object": "cameras",
@@ -55,7 +56,7 @@ def beginning(command: str) -> str | None:
 
 
 def test_every_block_says_in_which_language_it_is():
-    known = {"python", "sh", "toml", "json", "text", "math", "c"}
+    known = {"python", "sh", "toml", "json", "text", "math", "c", "bibtex"}
     assert {name: found - known for name, found in languages().items() if found - known} == {}
 
 

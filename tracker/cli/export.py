@@ -14,7 +14,7 @@ from tracker.cli.track_outputs import Outputs, write_film
 _FILE = click.Path(path_type=Path)
 
 
-@click.command()
+@click.command(short_help="Write poses as CSV, Parquet, TUM, BOP, film or plot.")
 @click.argument("source", metavar="POSES", type=_FILE)
 @click.option("--csv", metavar="FILE", type=_FILE, help="A table, one line a frame.")
 @click.option("--parquet", metavar="FILE", type=_FILE, help="The same in Parquet.")

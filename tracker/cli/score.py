@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 _FILE = click.Path(path_type=Path)
 
 
-@click.command()
+@click.command(short_help="Tell the rewards of a job's folder for its task.")
 @click.argument("job", metavar="JOB", type=_FILE)
 @click.option("--goal", "goal_path", metavar="FILE", type=_FILE, help="Goal.  [default: JOB/goal.json]")
 @click.option("--poses", "poses_path", metavar="POSES", type=_FILE, help="Poses that were tracked before.")
