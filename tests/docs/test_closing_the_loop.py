@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import sys
 
@@ -14,7 +15,7 @@ from tests.helpers.synthetic_needs import skip_without_platform
 
 skip_without_platform()
 sys.path.insert(0, str(ROOT / "examples"))
-close_the_loop = importlib.import_module("close_the_loop")
+late_poses = importlib.import_module("late_poses")
 cube_pusher = importlib.import_module("cube_pusher")
 STEP, Pushing = cube_pusher.STEP, cube_pusher.Pushing
 
@@ -42,13 +43,13 @@ def test_fingers_that_know_nothing_wait(platform):
 
 
 def test_poses_from_late_pictures_are_those_of_the_moment_of_acting(platform):
-    known = close_the_loop.Predicted(platform, 3)
-    with Pushing(platform, np.zeros(2), 0.3) as pushing, known:
+    known = late_poses.Predicted(platform, 3)
+    with Pushing(platform, np.zeros(2), 0.3) as pushing, contextlib.closing(known):
         poses = []
         for number in range(round(0.3 / STEP)):
             poses.append(known.pose(number * STEP, pushing))
             pushing.step(None, np.zeros(2))
-        late = round(close_the_loop.DELAY / STEP)
+        late = round(late_poses.DELAY / STEP)
         assert all(pose is None for pose in poses[: late - 1])
         truth = pushing.truth
         assert all(np.linalg.norm(pose[0] - truth[0]) < 1e-3 for pose in poses[late + 1 :])
