@@ -18,7 +18,7 @@ def test_help_is_given_without_the_libraries_that_take_long_to_load():
     assert result.stdout.startswith("Usage: tracker")
     modules = {line.rpartition("|")[2].strip().partition(".")[0] for line in result.stderr.splitlines()}
     assert {"click", "tracker"} <= modules
-    assert not {"numba", "cv2", "scipy", "numpy", "h5py", "yaml"} & modules
+    assert not {"numba", "cv2", "scipy", "numpy", "h5py", "yaml", "PIL"} & modules
 
 
 def test_a_room_is_there_by_its_own_name():

@@ -100,10 +100,8 @@ def _draw_masks(panel: Image, goal: Array | None, dice: Array | None) -> None:
 
 def _tint(panel: Image, mask: Array, color: paint.Color, opacity: float) -> None:
     """Blend a colour into the pixels of a mask of any size, with soft borders."""
-    size = (panel.shape[1], panel.shape[0])
-    coverage = cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_LINEAR)
-    weight = coverage[:, :, None] * opacity
-    panel[:] = np.rint(panel * (1 - weight) + np.asarray(color) * weight)
+    coverage = cv2.resize(255 * mask.astype(np.float32), panel.shape[1::-1], interpolation=cv2.INTER_LINEAR)
+    paint.blend(panel, coverage, color, opacity)
 
 
 def _outlines(mask: Array, width: int, height: int) -> list[FloatArray]:

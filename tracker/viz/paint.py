@@ -6,10 +6,9 @@ are off by 0.02 px (RMS), Pillow's, which has whole pixels only, by 0.17 px.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -40,22 +39,14 @@ _EM = 1.15
 
 def fill(image: Image, polygon: FloatArray, color: Sequence[int], opacity: float) -> None:
     """Blend a polygon (N, 2) [px] into the image."""
-
-    def paint(mask: Image, shapes: list[Array]) -> None:
-        cv2.fillPoly(mask, shapes, 255, cv2.LINE_8, _SHIFT)
-
-    _draw(image, [polygon], color, opacity, 1.0, paint)
+    _draw(image, [polygon], color, None, opacity)
 
 
 def stroke(
     image: Image, lines: Sequence[FloatArray], color: Sequence[int], width: float, opacity: float = 1.0
 ) -> None:
     """Blend open lines (N, 2) [px] of a width [px] into the image, as one: crossings are not darker."""
-
-    def paint(mask: Image, shapes: list[Array]) -> None:
-        cv2.polylines(mask, shapes, False, 255, max(1, round(width * _FINE)), cv2.LINE_8, _SHIFT)
-
-    _draw(image, lines, color, opacity, width, paint)
+    _draw(image, lines, color, width, opacity)
 
 
 def circle(center: FloatArray, radius: float) -> FloatArray:
@@ -79,12 +70,16 @@ def put_text(
     align: float = 0.0,
 ) -> None:
     """Write a line of text on the baseline through `at` [px], its left (align 0) … right (1) end there."""
-    font = _font(size)
-    left, top, right, bottom = (round(side) for side in font.getbbox(text, anchor="ls"))
-    mask = Pillow.new("L", (right - left + 2, bottom - top + 2))
-    ImageDraw.Draw(mask).text((1 - left, 1 - top), text, fill=255, font=font, anchor="ls")
-    start = round(at[0] - align * font.getlength(text)) + left - 1, round(at[1]) + top - 1
-    _blend(image, np.asarray(mask), start, color, 1.0)
+    left, base = round(at[0] - align * text_width(text, size)), round(at[1])
+    top = max(base - round(2 * size), 0)
+    # Only the rows that it can reach: Pillow draws into a copy. What it takes for red is blue, and so is the
+    # colour's.
+    rows = image[top : max(base + round(size), 0)]
+    if not rows.size:
+        return
+    canvas = Pillow.fromarray(rows)
+    ImageDraw.Draw(canvas).text((left, base - top), text, color, _font(size), anchor="ls")
+    rows[:] = np.asarray(canvas)
 
 
 @lru_cache
@@ -94,34 +89,27 @@ def _font(size: float) -> ImageFont.FreeTypeFont:
 
 
 def _draw(
-    image: Image,
-    shapes: Sequence[FloatArray],
-    color: Sequence[int],
-    opacity: float,
-    margin: float,
-    paint: Callable[[Image, list[Array]], Any],
+    image: Image, shapes: Sequence[FloatArray], color: Sequence[int], width: float | None, opacity: float
 ) -> None:
-    """Blend what `paint` draws, on a finer grid of the part of the image that holds the shapes."""
+    """Blend lines of a width, or filled polygons without one, drawn on a finer grid of their surroundings."""
     if not shapes:
         return
-    points = np.concatenate(shapes)
+    points, margin = np.concatenate(shapes), width or 1.0
     low = np.maximum(np.floor(points.min(axis=0) - margin - 1), 0).astype(int)
     high = np.minimum(np.ceil(points.max(axis=0) + margin + 2), image.shape[1::-1]).astype(int)
     if (low >= high).any():
         return
-    width, height = high - low
-    mask = np.zeros((height * _FINE, width * _FINE), np.uint8)
-    paint(mask, [np.rint(((s - low + 0.5) * _FINE - 0.5) * 2**_SHIFT).astype(np.int32) for s in shapes])
-    coverage = np.asarray(cv2.resize(mask, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
-    _blend(image, coverage, (low[0], low[1]), color, opacity)
+    part = image[low[1] : high[1], low[0] : high[0]]
+    mask = np.zeros((part.shape[0] * _FINE, part.shape[1] * _FINE), np.uint8)
+    fine = [np.rint(((s - low + 0.5) * _FINE - 0.5) * 2**_SHIFT).astype(np.int32) for s in shapes]
+    if width is None:
+        cv2.fillPoly(mask, fine, 255, cv2.LINE_8, _SHIFT)
+    else:
+        cv2.polylines(mask, fine, False, 255, max(1, round(width * _FINE)), cv2.LINE_8, _SHIFT)
+    blend(part, cv2.resize(mask, part.shape[1::-1], interpolation=cv2.INTER_AREA), color, opacity)
 
 
-def _blend(
-    image: Image, coverage: Image, start: tuple[int, int], color: Sequence[int], opacity: float
-) -> None:
-    """Blend a colour into the image, whose pixel `start` (column, row) is the coverage's (H, W) first."""
-    (left, top), (height, width) = start, coverage.shape
-    part = image[max(top, 0) : max(top + height, 0), max(left, 0) : max(left + width, 0)]
-    inside = coverage[max(-top, 0) :, max(-left, 0) :][: part.shape[0], : part.shape[1]]
-    weight = inside[:, :, None] * (opacity / 255)
-    part[:] = np.rint(part * (1 - weight) + np.asarray(color) * weight)
+def blend(image: Image, coverage: Array, color: Sequence[int], opacity: float) -> None:
+    """Blend a colour into the image where the coverage (H, W), 0 … 255, has it."""
+    weight = coverage[:, :, None] * (opacity / 255)
+    image[:] = np.rint(image * (1 - weight) + np.asarray(color) * weight)
