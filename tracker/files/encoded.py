@@ -33,20 +33,28 @@ def stated_size(data: bytes, formats: tuple[str, ...] = RECORDED) -> tuple[int, 
     return _opened(data, formats)[1].size
 
 
-def check(data: bytes, formats: tuple[str, ...] = RECORDED) -> None:
+def check(data: bytes, formats: tuple[str, ...] = RECORDED, *, appended: bool = False) -> None:
     """Look at a picture's integrity, as far as its format has means for it.
+
+    Args:
+        data: the file.
+        formats: those that it may have.
+        appended: a JPEG may have something behind its end, as telephones append to photos; it is decoded then.
 
     Raises:
         ValueError: a part of a PNG does not agree with its checksum, or the end of a PNG or JPEG is missing.
     """
     name, picture = _opened(data, formats)
-    if name == "JPEG" and b"\xff\xd9" not in data[-64:]:  # some writers pad
+    endless = name == "JPEG" and b"\xff\xd9" not in data[-64:]  # some writers pad
+    if endless and not appended:
         raise ValueError("found a JPEG without an end, it is truncated")
-    if name == "PNG":
-        try:
+    try:
+        if endless:
+            picture.load()
+        if name == "PNG":
             picture.verify()
-        except Exception as error:  # whatever Pillow stumbles over
-            raise ValueError(f"found a damaged or truncated PNG: {error}") from error
+    except Exception as error:  # whatever Pillow stumbles over
+        raise ValueError(f"found a damaged or truncated {name}: {error}") from error
 
 
 def _opened(data: bytes, formats: tuple[str, ...]) -> tuple[str, ImageFile]:

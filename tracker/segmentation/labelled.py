@@ -50,7 +50,7 @@ def read_image(path: Path) -> Image:
         width, height = stated_size(content, READ)
         if width * height > MAX_PIXELS:
             raise ValueError(f"found {width}×{height} px, expected at most {MAX_PIXELS} in all")
-        check(content, READ)
+        check(content, READ, appended=True)
     except ValueError as error:
         raise ImageError(f"image {path}: {error}") from error
     try:
