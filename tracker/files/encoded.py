@@ -39,7 +39,7 @@ def check(data: bytes, formats: tuple[str, ...] = RECORDED, *, appended: bool = 
     Args:
         data: the file.
         formats: those that it may have.
-        appended: a JPEG may have something behind its end, as telephones append to photos; it is decoded then.
+        appended: a JPEG may have something behind its end, as photos of telephones; it is decoded then.
 
     Raises:
         ValueError: a part of a PNG does not agree with its checksum, or the end of a PNG or JPEG is missing.
