@@ -29,6 +29,7 @@ from tracker.poses.file import read_poses, write_poses
 from tracker.viz import write_film
 
 NOT_RUN = {
+    "python3 -m venv venv && . venv/bin/activate": "is that of the tests here",
     "python3 -m pip install .": "asks a registry; scripts/try_release.py installs the wheel",
     "python3 -m pip install '.[cluster]'": "asks a registry; the tests are run with all extras",
     "tracker demo": "makes the folder that the others read; tests/cli/test_demo.py",
