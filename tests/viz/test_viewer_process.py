@@ -32,6 +32,7 @@ def port(monkeypatch):
         free = one.getsockname()[1]
     monkeypatch.setattr(viewer_process, "PORT", free)
     monkeypatch.setattr(viewer_process, "_open", [])
+    monkeypatch.setattr(viewer_process, "_STARTING", 120.0)  # others may need the processor
     yield free
     for process in viewer_process._open:
         if process.poll() is None:
@@ -67,5 +68,16 @@ def test_a_viewer_that_ends_is_told_with_its_reason(seconds, port, monkeypatch):
         "sys.exit('Error: the loop: no screen is there.')"
     )
     monkeypatch.setattr(viewer_process, "_command", lambda: [sys.executable, "-c", program])
+    monkeypatch.setattr(viewer_process, "_SETTLING", 120.0)
     with pytest.raises(tracker.TrackerError, match="cannot be opened: no screen is there; a file"):
         viewer_process.viewer_address()
+
+
+def test_a_viewer_that_never_listens_is_ended(monkeypatch):
+    hanging = [sys.executable, "-c", "import time; time.sleep(600)"]
+    monkeypatch.setattr(viewer_process, "_command", lambda: hanging)
+    monkeypatch.setattr(viewer_process, "_STARTING", 0.1)
+    with pytest.raises(tracker.TrackerError, match="it does not listen"):
+        viewer_process.viewer_address()
+    (process,) = viewer_process._open
+    assert process.poll() is not None

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import socket
 import subprocess
 import sys
@@ -63,6 +65,9 @@ def _start() -> None:
                 except subprocess.TimeoutExpired:
                     return
             time.sleep(0.05)
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)  # what was started starts the viewer itself
+            process.wait()
         said.seek(0)
         reason = (said.read().strip() or "it does not listen").splitlines()[-1].split(": ")[-1].rstrip(".")
     raise TrackerError(f"the viewer cannot be opened: {reason}; a file (.rrd) can be written instead")
