@@ -22,7 +22,7 @@ from tests.helpers.needs import lack
 from tracker.errors import LiveError
 from tracker.live import lcm_publisher
 from tracker.live.lcm_message import FINGERPRINT, body_of, channel_of, lcm_message_of
-from tracker.live.lcm_publisher import LcmPublisher
+from tracker.live.lcm_publisher import DEFAULT, LcmPublisher
 
 needs_lcm = pytest.mark.skipif(importlib.util.find_spec("lcm") is None, reason="lcm: no module lcm")
 
@@ -192,6 +192,18 @@ def test_nothing_listens_where_poses_are_published(group):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
         one.bind(("", urlsplit(group).port))  # nobody else has it
     publisher.close()
+
+
+@needs_lcm
+def test_a_log_that_cannot_be_written_is_told_without_words_on_networks(monkeypatch, tmp_path):
+    def refuse(_):
+        raise RuntimeError
+
+    monkeypatch.setattr("lcm.LCM", refuse)
+    with pytest.raises(LiveError, match=r"cannot be set up for file://[^;]*$"):
+        LcmPublisher(f"file://{tmp_path / 'poses.lcm'}", CUBE)
+    with pytest.raises(LiveError, match="ip route add"):
+        LcmPublisher(DEFAULT, CUBE)
 
 
 @needs_lcm

@@ -23,6 +23,7 @@ DEFAULT = "udpm://239.255.76.67:7667?ttl=0"
 _VARIABLE = "LCM_DEFAULT_URL"
 _FORMS = "lcm://, udpm://ADDRESS:PORT?ttl=0 or file://PATH"
 _PORT = 7667
+_ROUTE = "ip link set lo multicast on; ip route add 224.0.0.0/4 dev lo"
 
 
 class LcmPublisher:
@@ -60,9 +61,10 @@ class LcmPublisher:
         try:
             self._lcm: Any = lcm.LCM(self.address)
         except RuntimeError as error:
+            route = f"; without a network it needs a route: {_ROUTE}"
             raise LiveError(
-                f"publish {address}: LCM cannot be set up for {self.address}; without a network it needs a "
-                "route: ip link set lo multicast on; ip route add 224.0.0.0/4 dev lo"
+                f"publish {address}: LCM cannot be set up for {self.address}"
+                + ("" if self.address.startswith("file:") else route)
             ) from error
 
     def __call__(self, moment: Moment) -> None:
