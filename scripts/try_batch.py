@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import os
 import random
+import resource
 import shutil
 import signal
 import subprocess
@@ -106,13 +107,27 @@ def kill(inputs: Path, root: Path, name: str, times: int, rng: random.Random) ->
 
 
 def scale(inputs: Path, root: Path, name: str) -> None:
-    """Compare one worker with two, in turn, so that what else the machine does meets both."""
+    """Compare one worker with two, in turn, so that what else the machine does meets both.
+
+    Where two need more processor time than one, the machine's cores are not two whole ones.
+    """
     for turn in range(2):
-        times = [whole(inputs, root / f"{turn}{workers}", name, workers) for workers in (1, 2)]
-        load, gain = os.getloadavg()[0], times[0] / times[1]
+        times, spent = [], []
+        for workers in (1, 2):
+            before = _processor_time()
+            times.append(whole(inputs, root / f"{turn}{workers}", name, workers))
+            spent.append(_processor_time() - before)
         print(
-            f"one worker {times[0]:.1f} s, two {times[1]:.1f} s: × {gain:.2f} (load {load:.1f})", flush=True
+            f"one worker {times[0]:.1f} s ({spent[0]:.1f} s of processor time), two {times[1]:.1f} s "
+            f"({spent[1]:.1f} s): × {times[0] / times[1]:.2f} (load {os.getloadavg()[0]:.1f})",
+            flush=True,
         )
+
+
+def _processor_time() -> float:
+    """Of all runs that have ended, with their workers [s]."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 def main() -> int:
