@@ -111,14 +111,14 @@ def test_a_waiter_gets_what_is_newer_and_never_the_same_again():
         assert live.latest() is None
         assert live.wait(timeout=0.01) is None
         pushed.push([np.full(SHAPE, 7, np.uint8)] * 3, 1.0)
-        first = live.wait(after=-1, timeout=5)
+        first = live.wait(after=-1, timeout=60)
         assert first.object_pose == (7, 7, 7)
         assert live.wait(after=first, timeout=0.05) is None
         assert live.latest().sequence == first.sequence
         pushed.push([np.full(SHAPE, 8, np.uint8)] * 3, 1.0)  # the same stamp: the same set
         assert live.wait(after=first, timeout=0.1) is None
-        threading.Timer(0.05, lambda: pushed.push([np.full(SHAPE, 9, np.uint8)] * 3, 2.0)).start()
-        assert live.wait(timeout=5).object_pose == (9, 9, 9)
+        threading.Timer(0.3, lambda: pushed.push([np.full(SHAPE, 9, np.uint8)] * 3, 2.0)).start()
+        assert live.wait(timeout=60).object_pose == (9, 9, 9)
 
 
 def test_of_sets_that_wait_only_the_newest_counts():

@@ -64,7 +64,7 @@ def subscriber(address):
 
 
 def test_a_subscriber_gets_the_newest_only(publisher):
-    socket, sequence, deadline = subscriber(publisher.address), 0, time.monotonic() + 20
+    socket, sequence, deadline = subscriber(publisher.address), 0, time.monotonic() + 120
     while not socket.poll(20):  # until it is connected
         assert time.monotonic() < deadline
         publisher(moment(sequence))
