@@ -17,7 +17,13 @@ import zipfile
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-SHIPPED = ("py.typed", "demo/truth.json", "objects/data/cube_v2.toml", "segmentation/data/cube_v2.npz")
+SHIPPED = (
+    "py.typed",
+    "demo/truth.json",
+    "objects/data/cube_v2.toml",
+    "segmentation/data/cube_v2.npz",
+    "viz/fonts/LICENSE",
+)
 IMAGES = [f"tracker-demo/000000/camera{angle}.jpg" for angle in (60, 180, 300)]
 DICE = ROOT / "examples" / "dice"
 ONE_SET = ["--object", "cube_v2", "--calibration", "tracker-demo"]
