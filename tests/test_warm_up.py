@@ -1,6 +1,7 @@
 from __future__ import annotations
 
-from tests.helpers import run_python
+from tests.helpers import ROOT, run_python
+from tracker import warm_up
 
 SCRIPT = """
 import gc
@@ -43,3 +44,13 @@ def test_once_loaded_no_picture_has_anything_compiled():
     *found, later = result.stdout.splitlines()
     assert found[0] == "cube_v2 3 True"
     assert later == "[]"
+
+
+def test_what_compiles_beside_runs_nothing_of_the_present_folder(tmp_path, monkeypatch):
+    (tmp_path / "tracker.py").write_text("open('ran', 'w').close()")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(warm_up.sys, "path", [str(ROOT), *filter(None, warm_up.sys.path)])
+    process = warm_up._begin("filter")
+    assert process is not None
+    assert process.wait() == 0
+    assert not (tmp_path / "ran").exists()

@@ -1,4 +1,4 @@
-"""Compile what detection and tracking need, once per machine: `python -m tracker.warm_up PART`.
+"""Compile what detection and tracking need, once per machine.
 
 Half of the kernels are compiled by a process of their own, so that two cores take half the time. Of several
 processes that begin at once one compiles, and the others wait for it.
@@ -108,11 +108,12 @@ def _begin(part: str) -> subprocess.Popen[bytes] | None:
     """A process that compiles a part; None where it cannot be had, or could not hand on what it made."""
     if _folder() is None or not sys.executable:
         return None
+    # By itself it would import what lies in the present folder, too.
+    path = f"import sys; sys.path[:] = {list(map(str, sys.path))}"
+    command = [sys.executable, "-c", f"{path}; from tracker.warm_up import PARTS; PARTS[{part!r}]()"]
     quiet = subprocess.DEVNULL
     try:
-        return subprocess.Popen(
-            [sys.executable, "-m", "tracker.warm_up", part], stdin=quiet, stdout=quiet, stderr=quiet
-        )
+        return subprocess.Popen(command, stdin=quiet, stdout=quiet, stderr=quiet)
     except OSError:
         return None
 
@@ -195,6 +196,3 @@ PARTS: dict[str, Callable[[], None]] = {
     "measure": _measure, "see": _see, "search": _search, "judge": _judge, "filter": _filter, "solve": _solve,
 }  # fmt: skip
 """What needs compiled code, by name: "solve" takes about as long to compile as the others together."""
-
-if __name__ == "__main__":
-    PARTS[sys.argv[1]]()
