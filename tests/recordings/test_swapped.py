@@ -79,7 +79,10 @@ def test_a_recording_is_told_of_in_its_line_if_little_came_of_it(tmp_path):
             for k, name in zip(order, NAMES, strict=True):
                 shutil.copy(DEMO / folder.name / f"{NAMES[k]}.jpg", folder / f"{name}.jpg")
         job = Job(log, tmp_path / "poses.h5", Recipe.of(Options("cube_v2", last=8)))
-        assert row(job, run(job))["swapped"] == said
+        tracked = run(job)
+        assert row(job, tracked)["swapped"] == said
+        shutil.rmtree(log)
+        assert row(job, tracked)["swapped"] is None
 
 
 def test_what_is_said_names_the_cameras():

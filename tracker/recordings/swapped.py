@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from tracker.conventions import Image
+from tracker.errors import TrackerError
 from tracker.logs import open_log
 from tracker.pipeline import ObjectTracker
 from tracker.pose.result import CameraUse, Observation, Status
@@ -80,18 +81,20 @@ def lastingly_swapped(
 def told_of_recording(job: Job, poses: Poses) -> str | None:
     """What is to be said of a tracked recording's cameras, see `told`; looked at only if little came of it.
 
-    Raises:
-        LogError, TrackerError, OSError: the recording cannot be read any more.
+    A remark: where the recording cannot be read any more nothing is said, and its poses are what they are.
     """
     if not len(poses) or not _is_odd(poses):
         return None
-    with open_log(job.log, recover=True) as log:
-        rig = rig_for(job, log)
-        first, last = chosen(log, job)
-        # Of a recording that has to be read through, the first frames.
-        step = max(1, (last - first) // _MOST_SETS) if log.random_access else 1
-        sets = (frame.images for frame in log[first:last:step])
-        order = lastingly_swapped(ObjectTracker(job.recipe.model, rig, job.recipe.colors), sets)
+    try:
+        with open_log(job.log, recover=True) as log:
+            rig = rig_for(job, log)
+            first, last = chosen(log, job)
+            # Of a recording that has to be read through, the first frames.
+            step = max(1, (last - first) // _MOST_SETS) if log.random_access else 1
+            sets = (frame.images for frame in log[first:last:step])
+            order = lastingly_swapped(ObjectTracker(job.recipe.model, rig, job.recipe.colors), sets)
+    except (TrackerError, OSError):
+        return None
     return None if order is None else told(order, rig.names)
 
 
