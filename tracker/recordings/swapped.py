@@ -92,7 +92,8 @@ def told_of_recording(job: Job, poses: Poses) -> str | None:
             # Of a recording that has to be read through, the first frames.
             step = max(1, (last - first) // _MOST_SETS) if log.random_access else 1
             sets = (frame.images for frame in log[first:last:step])
-            order = lastingly_swapped(ObjectTracker(job.recipe.model, rig, job.recipe.colors), sets)
+            tracker = job.recipe.make_tracker(job.recipe.model, rig, job.recipe.colors)
+            order = lastingly_swapped(tracker, sets)
     except (TrackerError, OSError):
         return None
     return None if order is None else told(order, rig.names)
