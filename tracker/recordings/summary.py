@@ -36,6 +36,16 @@ def to_look_at(cameras: dict[str, dict[str, float | None]]) -> dict[str, dict[Ca
     return {name: shares for name, shares in found.items() if shares}
 
 
+def camera_shares(poses: Poses) -> dict[str, dict[str, float | None]] | None:
+    """`summary`'s `cameras`; None where the poses do not say what became of pictures."""
+    if poses.cameras is None:
+        return None
+    return {
+        name: {use.value: _share(its, use, poses.measured.has_pose) for use in TOLERABLE}
+        for name, its in zip(poses.about.rig.names, poses.cameras.T, strict=True)
+    }
+
+
 def summary(tracked: Tracked) -> dict[str, Any]:
     """Numbers for people and programs; None where there is nothing to count.
 
@@ -62,20 +72,13 @@ def summary(tracked: Tracked) -> dict[str, Any]:
         "measured": float(np.mean(poses.measured.has_pose)) if count else None,
         "filtered": float(np.mean(poses.filtered.has_pose)) if count else None,
         "statuses": {str(name): _status(poses, str(name)) for name in np.unique(poses.status)},
-        "cameras": None if poses.cameras is None else _cameras(poses, poses.cameras),
+        "cameras": camera_shares(poses),
         "kind": kind,
         "position_std_median_mm": None if std is None else (1e3 * std[:3]).tolist(),
         "rotation_std_median_deg": None if std is None else np.degrees(std[3:]).tolist(),
         "frames_per_second": rate,
         "recorded": None if poses.recorded is None else compare(poses, kind),
         "fault": tracked.fault,
-    }
-
-
-def _cameras(poses: Poses, uses: Array) -> dict[str, dict[str, float | None]]:
-    return {
-        name: {use.value: _share(its, use, poses.measured.has_pose) for use in TOLERABLE}
-        for name, its in zip(poses.about.rig.names, uses.T, strict=True)
     }
 
 

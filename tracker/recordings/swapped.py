@@ -14,6 +14,7 @@ from tracker.pipeline import ObjectTracker
 from tracker.pose.result import CameraUse, Observation, Status
 from tracker.poses.poses import Poses
 from tracker.recordings.recipe import Job
+from tracker.recordings.summary import camera_shares, to_look_at
 from tracker.recordings.track import chosen, rig_for
 
 SURE, UNSURE = 0.9, 0.75
@@ -24,8 +25,8 @@ _MOST_CAMERAS = 4  # for whose pictures all orders are tried, 24; with more only
 _MOST_SETS = 7  # a motion that blurs them, or a finger, may spoil some
 _AGREE = 2
 
-_MEASURED, _CONTRADICTED = 0.8, 0.1
-"""Share of the frames below which, or above which, a recording is looked at again."""
+_MEASURED = 0.8
+"""Share of the frames with a measured pose below which a recording is looked at again."""
 
 
 def swapped(
@@ -111,11 +112,10 @@ def told(order: Sequence[int], names: Sequence[str]) -> str:
 
 
 def _is_odd(poses: Poses) -> bool:
-    measured = poses.measured.has_pose
-    if np.mean(measured) < _MEASURED or poses.cameras is None:
+    if np.mean(poses.measured.has_pose) < _MEASURED:
         return True
-    contradicts = poses.cameras[measured] == CameraUse.CONTRADICTING.value
-    return bool(np.mean(contradicts, axis=0).max(initial=0.0) > _CONTRADICTED)
+    cameras = to_look_at(camera_shares(poses) or {})
+    return any(CameraUse.CONTRADICTING in uses for uses in cameras.values())
 
 
 def _orders(count: int) -> Iterable[tuple[int, ...]]:
