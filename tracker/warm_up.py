@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import gc
 import logging
 import subprocess
 import sys
@@ -47,6 +48,8 @@ _LOG = logging.getLogger(__name__)
 _SIZE = 64
 _POSITION = np.array([0.0, 0.0, 0.0325])
 _SECONDS = 300
+_THRESHOLDS = (100_000, 50, 100)
+"""Of Python's garbage collection; without any, each process would need 200 MB more."""
 
 
 def kernels_are_cached() -> bool:
@@ -67,7 +70,7 @@ def warm_up() -> None:
     # A warning reaches standard error without any set-up of logging.
     often = "once per machine" if _folder() else "which no folder can keep, see `tracker doctor`"
     _LOG.warning("compiling kernels, %s (about half a minute) ...", often)
-    with _alone():
+    with _alone(), _few_collections():
         if kernels_are_cached():
             return
         other = _begin("solve")
@@ -104,12 +107,23 @@ def _alone() -> Iterator[None]:
         yield
 
 
+@contextlib.contextmanager
+def _few_collections() -> Iterator[None]:
+    """Seldom look for cycles of garbage: a compiler makes much that stays, and each look goes through it."""
+    before = gc.get_threshold()
+    gc.set_threshold(*_THRESHOLDS)
+    try:
+        yield
+    finally:
+        gc.set_threshold(*before)
+
+
 def _begin(part: str) -> subprocess.Popen[bytes] | None:
     """A process that compiles a part; None where it cannot be had, or could not hand on what it made."""
     if _folder() is None or not sys.executable:
         return None
     # By itself it would import what lies in the present folder, too.
-    path = f"import sys; sys.path[:] = {list(map(str, sys.path))}"
+    path = f"import gc, sys; gc.set_threshold{_THRESHOLDS}; sys.path[:] = {list(map(str, sys.path))}"
     command = [sys.executable, "-c", f"{path}; from tracker.warm_up import PARTS; PARTS[{part!r}]()"]
     quiet = subprocess.DEVNULL
     try:
