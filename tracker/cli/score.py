@@ -46,7 +46,7 @@ def score(
     Time counts from the recording's first frame. A reward holds until the next frame; where the object was
     not seen the one before holds.
     """
-    from tracker.recordings.rewards import goal_file, totals
+    from tracker.recordings.outcome.rewards import goal_file, totals
     from tracker.tasks.job_goal import read_job_goal
 
     cameras.refuse_pattern_alone()
@@ -83,7 +83,7 @@ def _of_object(
     from tracker.objects.model import load_object
     from tracker.poses.file import read_poses
     from tracker.recordings import track
-    from tracker.recordings.summary import best_kind
+    from tracker.recordings.outcome.summary import best_kind
 
     if poses_path is not None:
         poses = read_poses(poses_path)

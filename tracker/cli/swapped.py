@@ -17,7 +17,7 @@ def warn_of_pictures(
     tracker: ObjectTracker, images: Sequence[Image | None], answer: Observation, names: Sequence[str]
 ) -> None:
     """Say so of one set of pictures, with what was found in it."""
-    from tracker.recordings.swapped import swapped, told
+    from tracker.recordings.outcome.swapped import swapped, told
 
     order = swapped(tracker, images, answer)
     if order is not None:

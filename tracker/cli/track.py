@@ -203,7 +203,7 @@ def _say(message: str) -> None:
 def _camera_rows(cameras: dict[str, dict[str, float | None]] | None) -> list[list[str]]:
     """What is to be said of cameras that were not used for long, and where to look."""
     from tracker.pose.result import CameraUse
-    from tracker.recordings.summary import to_look_at
+    from tracker.recordings.outcome.summary import to_look_at
 
     said = {
         CameraUse.CONTRADICTING: (

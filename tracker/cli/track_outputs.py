@@ -86,7 +86,7 @@ class Outputs:
         """
         from tracker import viz
         from tracker.poses.exports import write_bop, write_csv, write_tum
-        from tracker.recordings.summary import best_kind
+        from tracker.recordings.outcome.summary import best_kind
 
         kind = best_kind(poses)
         if self.csv is not None:

@@ -24,9 +24,8 @@ from tracker.recordings.many import batch, results, schedulers, tables, work
 from tracker.recordings.many.batch import Batch, Pace, duration, only_run, read_batch, run_batch, write_batch
 from tracker.recordings.many.engine import Here
 from tracker.recordings.many.results import output_of, outputs_of
-from tracker.recordings.many.rows import COLUMNS, STEP, path_length
 from tracker.recordings.many.work import agreed
-from tracker.recordings.rewards import totals
+from tracker.recordings.outcome.row import COLUMNS
 
 COUNT = 5
 OPTIONS = Options("cube_v2", make_tracker=NoiseTracker)
@@ -248,20 +247,6 @@ def test_another_goal_is_another_line_of_the_same_poses(recordings):
     tracked, before = do(one)
     assert ([result["frames"] for result in tracked], before) == ([0], COUNT - 1)
     assert tables.state(one).lines[2]["task"] == "trajectory"
-
-
-def test_an_object_at_rest_has_no_path(rng):
-    still = rng.uniform(-1, 1, (500, 3)) * STEP / 4
-    assert path_length(still) == 0
-    way = np.linspace(0, 1, 101)[:, None] * [1.0, 0, 0]
-    assert path_length(way) == pytest.approx(1.0)
-
-
-def test_rewards_last_until_the_next_and_are_held_where_nothing_was_seen():
-    nan = float("nan")
-    found = totals(np.array([nan, -1.0, nan, -3.0]), np.array([0.0, 1.0, 3.0, 4.0]))
-    assert found == {"reward_total": -(1 + 2 + 1 + 3) * 1e3, "reward_mean": -7 / 5, "error_end": 3.0}
-    assert totals(np.array([nan]), np.array([0.0])) == {}
 
 
 def test_the_jobs_of_a_list_do_all_of_it_once(recordings):

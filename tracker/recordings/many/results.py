@@ -18,9 +18,9 @@ from typing import Any
 
 from tracker.errors import LogError
 from tracker.files import read_bounded
-from tracker.recordings.many.rows import COLUMNS
+from tracker.recordings.outcome.rewards import goal_file
+from tracker.recordings.outcome.row import COLUMNS
 from tracker.recordings.recipe import Job
-from tracker.recordings.rewards import goal_file
 
 SUFFIX = ".poses.h5"
 """What the file of poses is called after its recording's name."""

@@ -15,7 +15,7 @@ from tracker.errors import LogError
 from tracker.files import whole_file, write_whole
 from tracker.recordings.many.batch import Batch
 from tracker.recordings.many.results import failure_file, read_failure, read_line, summary_file
-from tracker.recordings.many.rows import COLUMNS
+from tracker.recordings.outcome.row import COLUMNS
 from tracker.recordings.track import unicode_text
 
 SUMMARY, FAILURES = "summary", "failures.json"

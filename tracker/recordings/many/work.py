@@ -12,10 +12,10 @@ from tracker.errors import TrackerError, reason
 from tracker.files import write_whole
 from tracker.recordings.fingerprint import code
 from tracker.recordings.many.results import failure_file, summary_file
-from tracker.recordings.many.rows import row
+from tracker.recordings.outcome.row import row
+from tracker.recordings.outcome.summary import summary
+from tracker.recordings.outcome.swapped import told_of_recording
 from tracker.recordings.recipe import Job, Options, Recipe
-from tracker.recordings.summary import summary
-from tracker.recordings.swapped import told_of_recording
 from tracker.recordings.track import Tracked, run
 
 

@@ -13,8 +13,8 @@ from tracker.logs import open_log
 from tracker.pipeline import ObjectTracker
 from tracker.pose.result import CameraUse, Observation, Status
 from tracker.poses.poses import Poses
+from tracker.recordings.outcome.summary import camera_shares, to_look_at
 from tracker.recordings.recipe import Job
-from tracker.recordings.summary import camera_shares, to_look_at
 from tracker.recordings.track import chosen, rig_for
 
 SURE, UNSURE = 0.9, 0.75

@@ -10,10 +10,10 @@ from tracker.conventions import FloatArray
 from tracker.pose.result import CameraUse
 from tracker.poses.comparison import compare
 from tracker.poses.poses import Poses
+from tracker.recordings.outcome.rewards import goal_columns
+from tracker.recordings.outcome.summary import best_kind
+from tracker.recordings.outcome.swapped import told_of_recording
 from tracker.recordings.recipe import Job
-from tracker.recordings.rewards import goal_columns
-from tracker.recordings.summary import best_kind
-from tracker.recordings.swapped import told_of_recording
 from tracker.recordings.track import Tracked, unicode_text
 
 STEP = 0.002

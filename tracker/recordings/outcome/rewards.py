@@ -11,7 +11,7 @@ from tracker.conventions import FloatArray
 from tracker.errors import TaskError
 from tracker.objects.model import CuboidModel
 from tracker.poses.poses import Poses
-from tracker.recordings.summary import best_kind
+from tracker.recordings.outcome.summary import best_kind
 from tracker.tasks.job_goal import FILE_NAME, STEPS_PER_SECOND, read_job_goal
 
 

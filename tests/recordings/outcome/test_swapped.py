@@ -14,9 +14,9 @@ import tracker
 from synthetic.camera.sensor import Sensor
 from tests.helpers import ROOT, look_at
 from tests.helpers.stills import bare_scene, take
-from tracker.recordings.many.rows import row
+from tracker.recordings.outcome.row import row
+from tracker.recordings.outcome.swapped import lastingly_swapped, swapped, told
 from tracker.recordings.recipe import Job, Options, Recipe
-from tracker.recordings.swapped import lastingly_swapped, swapped, told
 from tracker.recordings.track import run
 
 DEMO = ROOT / "tracker" / "demo"
