@@ -3,30 +3,54 @@
 from __future__ import annotations
 
 import re
+from itertools import zip_longest
 from typing import Any
 
 from latex2mathml.converter import convert
 
-BLOCK = re.compile(r"^```math\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 INLINE = re.compile(r"(`[^`\n]*`)|\$([^$\n]+)\$")
+FENCED = re.compile(r"\\[bB]ig([lr])(?![a-z])")
+NAMED = re.compile(r"(<mi>[a-z]{2,}</mi>)(?!<mo)")
+NEXT = re.compile(r"(?<=,)\s*\\q?quad\s")
 NUMBER = re.compile(r"\\tag\{(\d+)\}")
 
 
-def _block(found: re.Match[str]) -> str:
-    formula, number = found[1].strip(), NUMBER.search(found[1])
-    math = convert(NUMBER.sub("", formula), display="block")
+def mathml(formula: str, display: str = "inline") -> str:
+    """The formula as browsers draw it.
+
+    Fences of a fixed size become such that grow: an exponent then belongs to what they hold rather than to
+    the last of them. A function's name stands a little apart from what follows.
+
+    Raises:
+        ValueError: a command that the converter does not know.
+    """
+    grown = FENCED.sub(lambda found: {"l": r"\left", "r": r"\right"}[found[1]], formula)
+    found = convert(grown, display=display)
+    if unknown := re.findall(r"\\\w+", found):
+        raise ValueError(f"the formula {formula!r}: {', '.join(unknown)} is not known to latex2mathml")
+    return NAMED.sub(r'\1<mspace width="0.17em"/>', found)
+
+
+def _block(language: str, text: str) -> str:
+    if language != "math":
+        return f"```{language}\n{text}```"
+    formula, number = text.strip(), NUMBER.search(text)
+    # What stands side by side goes below each other where a screen is narrow.
+    math = "".join(mathml(part, "block") for part in NEXT.split(NUMBER.sub("", formula)))
     label = f"<span>({number[1]})</span>" if number else ""
-    return f'<div class="equation" id="equation-{number[1] if number else ""}">{math}{label}</div>'
+    return f'<div class="equation" id="equation-{number[1] if number else ""}"><div>{math}</div>{label}</div>'
 
 
 def _inline(found: re.Match[str]) -> str:
     # A bar would end the cell of a table.
-    return found[1] or convert(found[2]).replace("|", "&#124;")
+    return found[1] or mathml(found[2]).replace("|", "&#124;")
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
     """The page's text with formulas as GitHub has them, `$…$` and fences of `math`, made MathML."""
-    code = re.split(r"(^```(?!math\n).*?^```$)", markdown, flags=re.DOTALL | re.MULTILINE)
-    for k in range(0, len(code), 2):
-        code[k] = INLINE.sub(_inline, BLOCK.sub(_block, code[k]))
-    return "".join(code)
+    # Between two fences: words, then the next one's language and text.
+    parts = FENCE.split(markdown)
+    words = (INLINE.sub(_inline, part) for part in parts[::3])
+    blocks = (_block(*fence) for fence in zip(parts[1::3], parts[2::3], strict=True))
+    return "".join(part for pair in zip_longest(words, blocks, fillvalue="") for part in pair)

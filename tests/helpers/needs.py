@@ -33,6 +33,7 @@ KINDS = {
     "bench": "the extra `bench`",
     "xarray": "the package `xarray`",
     "zarr": "a zarr that writes the data sets' stores",
+    "docs": "the extra `docs`",
     "lint": "what checks the code",
     "multicast": "a network that carries multicast",
     "browser": "a browser that runs without a screen",
