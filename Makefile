@@ -42,7 +42,7 @@ format: $(STAMP)  ## format the code
 	$(BIN)/ruff format $(CODE)
 
 docs: $(STAMP)  ## build the documentation's site: build/site/index.html
-	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
 
 bench: $(STAMP)  ## measure accuracy and speed: benchmarks/results.md, build/benchmarks/report.html
 	$(BIN)/python -m benchmarks all --publish --scenes $(SCENES)

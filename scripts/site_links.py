@@ -9,6 +9,8 @@ from typing import Any
 REPORT = Path("benchmarks/results.md")
 OUTSIDE = re.compile(r"\[([^\]]+)\]\(\.\./([^)#]+)[^)]*\)")
 
+BESIDE = re.compile(r"\]\((\w[\w-]*\.md)\)")
+
 
 def _link(found: re.Match[str]) -> str:
     """A link to a file of the repository that is no page: its words alone, the path when pointed at."""
@@ -27,6 +29,9 @@ def on_files(files: Any, *, config: Any, **_: Any) -> Any:
     return files
 
 
-def on_page_markdown(markdown: str, **_: Any) -> str:
+def on_page_markdown(markdown: str, *, page: Any = None, **_: Any) -> str:
     """The page's text with links that lead to a page of the site."""
+    if page is not None and page.file.src_uri == REPORT.name:
+        # In the repository it is elsewhere than the other pages.
+        markdown = BESIDE.sub(rf"](../{REPORT.parent}/\1)", markdown)
     return OUTSIDE.sub(_link, markdown)
