@@ -21,6 +21,17 @@ def test_help_is_given_without_the_libraries_that_take_long_to_load():
     assert not {"numba", "cv2", "scipy", "numpy", "h5py", "yaml", "PIL"} & modules
 
 
+def test_a_first_pose_does_without_the_rooms_of_scipy_that_take_long_to_load():
+    script = (
+        "import sys; from tracker.cli import main\n"
+        "try: main(['detect', 'tracker/demo/000000', '--object', 'cube_v2'])\n"
+        "except SystemExit: print({'scipy.ndimage', 'scipy.optimize', 'scipy.special'} & set(sys.modules))"
+    )
+    printed = run_python(["-c", script], check=True).stdout
+    assert "confidence" in printed
+    assert printed.endswith("set()\n")
+
+
 def test_a_room_is_there_by_its_own_name():
     script = "import tracker; print(tracker.geometry.so3.exp([0.0, 0.0, 0.0])[0, 0], tracker.viz.__name__)"
     assert run_python(["-c", script], check=True).stdout.split() == ["1.0", "tracker.viz"]
