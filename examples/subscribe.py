@@ -9,6 +9,11 @@ socket = zmq.Context.instance().socket(zmq.SUB)
 socket.setsockopt(zmq.CONFLATE, 1)  # only the newest counts
 socket.setsockopt_string(zmq.SUBSCRIBE, "")
 socket.connect(sys.argv[1] if len(sys.argv) > 1 else "tcp://127.0.0.1:5555")
+counts: dict[str, int] = {}
 while True:
     message = json.loads(socket.recv())
     print(message["status"], message["pose"] and message["pose"]["position"], flush=True)
+    for camera, count in message["fault_counts"].items():
+        if count > counts.setdefault(camera, count):  # of sets that were never fetched, too
+            print(f"{camera}: {count - counts[camera]} faults", message["faults"].get(camera, "have passed"))
+    counts = message["fault_counts"]

@@ -112,6 +112,8 @@ class Run:
             }
             for moment in during:
                 faults.update(moment.faults)
+                if moment.jump is not None:
+                    faults["stamps"] = moment.jump
             self.faults.state.clear()
             self.faults.off.clear()
             after = len(self.moments)

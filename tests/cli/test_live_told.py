@@ -10,6 +10,15 @@ from tracker.cli.live_told import Told
 FAILED = {"camera60": "the buffer failed"}
 
 
+def test_a_jump_is_not_taken_for_a_fault_of_a_camera_that_is_called_stamps():
+    told = Told()
+    told.hear(replace(moment(0), faults={"stamps": "the buffer failed"}))
+    told.hear(replace(moment(1), jump="went back by 3.000 s"))
+    summary = told.summary(0, ())
+    assert "amiss in 1 of 2 sets; last: the buffer failed" in summary
+    assert "amiss in 1 of 2 sets; last: went back by 3.000 s" in summary
+
+
 def test_a_fault_of_one_set_is_in_the_next_line_and_in_the_summary(monkeypatch):
     now = 100.0
     monkeypatch.setattr("tracker.cli.live_told.time.monotonic", lambda: now)

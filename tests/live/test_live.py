@@ -156,16 +156,28 @@ def test_stamps_that_go_back_begin_anew_and_are_told():
     assert mean.resets == 1
     assert [one.timestamp for one in moments] == [100.0, 100.1, 50.0, 50.1]
     assert "went back by 50.1" in live.faults[0]
-    assert [list(one.faults) for one in moments] == [[], [], ["stamps"], []]
+    assert [one.jump is None for one in moments] == [True, True, False, True]
+    assert [one.jump_count for one in moments] == [0, 0, 1, 1]
+    assert not any(one.faults for one in moments)
     assert live.at(100.2) is None
 
 
 def test_stamps_that_run_ahead_of_time_are_told_and_go_on():
     live, mean, moments = heard(shot(1, 100.0), shot(2, 100.1), shot(3, 107.1), shot(4, 107.2))
     assert mean.resets == 0
-    assert [list(one.faults) for one in moments] == [[], [], ["stamps"], []]
-    assert re.fullmatch(r"went on by 7\.000 s within [\d.]+ s", moments[2].faults["stamps"])
-    assert live.faults == (f"stamps {moments[2].faults['stamps']}",)
+    assert [one.jump is None for one in moments] == [True, True, False, True]
+    assert re.fullmatch(r"went on by 7\.000 s within [\d.]+ s", moments[2].jump)
+    assert live.faults == (f"stamps {moments[2].jump}",)
+
+
+def test_each_moment_tells_in_how_many_sets_a_camera_failed_until_then():
+    image = np.zeros(SHAPE, np.uint8)
+    whole, gone = (image,) * 3, (image, None, image)
+    sets = [Shot(images, (float(n),) * 3) for n, images in enumerate([whole, gone, whole, gone, whole])]
+    _, _, moments = heard(*sets)
+    assert [dict(one.fault_counts) for one in moments] == [
+        {"camera0": 0, "camera1": n, "camera2": 0} for n in (0, 1, 1, 2, 2)
+    ]
 
 
 def test_a_picture_that_cannot_be_used_is_told_with_its_camera():

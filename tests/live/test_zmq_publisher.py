@@ -26,14 +26,22 @@ import zmq
 
 
 def test_a_message_says_everything_in_plain_json():
-    one = replace(moment(7, pose=estimate(0.25)), faults={"camera60": "the buffer failed"})
+    one = replace(
+        moment(7, pose=estimate(0.25)),
+        faults={"stamps": "the buffer failed"},  # a camera may be called so
+        jump="went back by 3.000 s",
+        fault_counts={"stamps": 4, "camera60": 0},
+        jump_count=2,
+    )
     content = json.loads(message_of(one))
-    assert content["version"] == 1
+    assert content["version"] == 2
     assert content["sequence"] == 7
     assert content["timestamp"] == pytest.approx(1000.7)
     assert content["status"] == "tracking"
     assert content["latency_ms"] == pytest.approx(12)
-    assert content["faults"] == {"camera60": "the buffer failed"}
+    assert content["faults"] == {"stamps": "the buffer failed"}
+    assert content["jump"] == "went back by 3.000 s"
+    assert (content["fault_counts"], content["jump_count"]) == ({"stamps": 4, "camera60": 0}, 2)
     assert content["velocity"] == [0, 1, 2, 3, 4, 5]
     assert content["pose"]["position"] == [0.25, -0.02, 0.0325]
     assert content["pose"]["orientation"] == [0, 0, 0.6, 0.8]
@@ -88,11 +96,15 @@ def test_the_example_prints_what_is_published(publisher):
 
         def publish():
             while not done.wait(0.02):
-                publisher(moment(0, pose=estimate(0.25)))
+                publisher(replace(moment(0, pose=estimate(0.25)), fault_counts={"camera60": count}))
 
+        count = 5  # before anybody listened
         publishing = threading.Thread(target=publish)
         publishing.start()
-        assert process.stdout.readline() == "tracking [0.25, -0.02, 0.0325]\n"
+        lines = [process.stdout.readline(), process.stdout.readline()]
+        assert lines == ["tracking [0.25, -0.02, 0.0325]\n"] * 2
+        count = 7
+        assert next(line for line in process.stdout if line != lines[0]) == "camera60: 2 faults have passed\n"
         done.set()
         publishing.join()
         process.kill()

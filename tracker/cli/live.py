@@ -107,8 +107,9 @@ def live(
     Cameras that fail are looked for again, and the tracking goes on with the others. Published is the
     filtered pose of the newest images. By ZeroMQ each message is one JSON object: version, sequence,
     timestamp, status, pose as that of `detect --json` or null, velocity or null, latency_ms, faults of
-    cameras and stamps. By LCM (lcm://, udpm://ADDRESS:PORT?ttl=0, file://PATH) it is dairlib's
-    lcmt_object_state, on the channel CUBE_STATE, and none where the object is lost.
+    cameras, a jump of stamps, and counts of both until then. By LCM (lcm://, udpm://ADDRESS:PORT?ttl=0,
+    file://PATH) it is dairlib's lcmt_object_state, on the channel CUBE_STATE, and none where the object is
+    lost.
 
     --check tracks nothing: it tells of missing and late pictures, brightness, clipping and blur, and exits
     with 1 where anything is wrong.

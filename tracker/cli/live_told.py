@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 _LATENCIES = 100_000
 """Latencies that are kept for percentiles."""
 
+_STAMPS = ""
+"""Stands for the stamps of all cameras where faults stand by cameras' names, none of which is empty."""
+
 
 class Told:
     """Counts moments, in the tracking thread, for what is told in another."""
@@ -41,9 +44,12 @@ class Told:
             self._statuses[moment.status.value] += 1
             self._latencies.append(moment.latency)
             self._newest = moment
-            self._faults.update(moment.faults.keys())
-            self._lately.update(moment.faults.keys())
-            self._reasons.update(moment.faults)
+            faults = dict(moment.faults)
+            if moment.jump is not None:
+                faults[_STAMPS] = moment.jump
+            self._faults.update(faults.keys())
+            self._lately.update(faults.keys())
+            self._reasons.update(faults)
 
     def due(self) -> str | None:
         """A line about the last second, once it has passed."""
@@ -66,7 +72,7 @@ class Told:
             place = " ".join(f"{1000 * value:7.1f}" for value in pose.position)
             parts.append(f"{place} mm  confidence {pose.confidence:.2f}")
         parts.append(f"latency {1000 * moment.latency:.1f} ms")
-        faults = [f"{name}: {reasons[name]} ({times} of {sets} sets)" for name, times in lately.items()]
+        faults = [f"{name or 'stamps'}: {reasons[name]} ({n} of {sets} sets)" for name, n in lately.items()]
         return "  ".join([*parts, *faults])
 
     def summary(self, left_out: int, faults: Sequence[str], recorder: Any = None) -> str:
@@ -83,7 +89,7 @@ class Told:
             rows.append(["status", statuses])
             rows.append(["latency", f"{median:.1f} ms in the median, {late:.1f} ms in the 99th percentile"])
         for name, times in sorted(self._faults.items()):
-            rows.append([name, f"amiss in {times} of {count} sets; last: {self._reasons[name]}"])
+            rows.append([name or "stamps", f"amiss in {times} of {count} sets; last: {self._reasons[name]}"])
         if recorder is not None:
             rows.append(["recorded", f"{recorder.recorded} sets in {recorder.path}"])
             if recorder.left_out:

@@ -13,7 +13,7 @@ from types import TracebackType
 import numpy as np
 
 from tracker.errors import LiveError
-from tracker.live.moment import STAMPS, Moment, camera_faults, without_images
+from tracker.live.moment import Moment, camera_faults, without_images
 from tracker.live.opening import open_source
 from tracker.live.shot import Shot, Source, SourceEnded
 from tracker.pipeline import ObjectTracker
@@ -67,6 +67,8 @@ class Live:
         self._error: Exception | None = None
         self._stopping, self._running = threading.Event(), True
         self._count = 0
+        self._fault_counts = dict.fromkeys(tracker.rig.names, 0)
+        self._jump_count = 0
         self._last: float | None = None
         self._begun = 0.0
         self._thread = threading.Thread(target=self._run, name="tracker.live", daemon=True)
@@ -180,10 +182,14 @@ class Live:
         self._last, self._begun = shot.timestamp, start
         faults = camera_faults(self._tracker.rig.names, shot, observation.cameras)
         if jump is not None:
-            self._note(f"{STAMPS} {jump}")
-            faults[STAMPS] = jump
+            self._note(f"stamps {jump}")
+        self._jump_count += jump is not None
+        self._fault_counts = {name: n + (name in faults) for name, n in self._fault_counts.items()}
         latency = shot.age + time.perf_counter() - start
-        moment = Moment(self._count, shot.timestamp, observation, shot, latency, faults)
+        moment = Moment(
+            self._count, shot.timestamp, observation, shot, latency,
+            faults, jump, self._fault_counts, self._jump_count,
+        )  # fmt: skip
         with self._changed:
             if anew:
                 self._moments.clear()

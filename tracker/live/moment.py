@@ -8,9 +8,6 @@ from dataclasses import dataclass, field, replace
 from tracker.live.shot import Shot
 from tracker.pose.result import CameraUse, MotionEstimate, Observation, PoseEstimate, Status
 
-STAMPS = "stamps"
-"""Of `Moment.faults`, what concerns the stamps of all cameras."""
-
 _UNFIT = (CameraUse.FROZEN, CameraUse.BLACK)
 
 
@@ -30,7 +27,14 @@ class Moment:
     """From the latest image to the answer [s]."""
     faults: Mapping[str, str] = field(default_factory=dict)
     """What was wrong with this set, by the camera's name: no picture and why, one that was refused, one that
-    is frozen or black; by STAMPS: stamps that jumped."""
+    is frozen or black."""
+    jump: str | None = None
+    """How the stamps of all cameras jumped since the set before; None: they went on as time does."""
+    fault_counts: Mapping[str, int] = field(default_factory=dict)
+    """In how many sets until this one something was wrong, by each camera's name: who looks at some moments
+    only sees by them what the others had."""
+    jump_count: int = 0
+    """How often stamps have jumped until now."""
 
     @property
     def object_pose(self) -> PoseEstimate | None:
