@@ -36,6 +36,7 @@ from tracker.pose.solve.refine import measure_all, settle
 from tracker.pose.solve.refiner import Attempt
 from tracker.pose.solve.schedule import SCHEDULE
 from tracker.pose.solve.state import workspace
+from tracker.processes import python_command
 from tracker.segmentation.color_model import load_colors
 from tracker.tracking.filter import MotionFilter
 
@@ -122,9 +123,8 @@ def _begin(part: str) -> subprocess.Popen[bytes] | None:
     """A process that compiles a part; None where it cannot be had, or could not hand on what it made."""
     if _folder() is None or not sys.executable:
         return None
-    # By itself it would import what lies in the present folder, too.
-    path = f"import gc, sys; gc.set_threshold{_THRESHOLDS}; sys.path[:] = {list(map(str, sys.path))}"
-    command = [sys.executable, "-c", f"{path}; from tracker.warm_up import PARTS; PARTS[{part!r}]()"]
+    run = f"from tracker.warm_up import PARTS; PARTS[{part!r}]()"
+    command = python_command(f"import gc; gc.set_threshold{_THRESHOLDS}; {run}")
     quiet = subprocess.DEVNULL
     try:
         return subprocess.Popen(command, stdin=quiet, stdout=quiet, stderr=quiet)

@@ -9,6 +9,7 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 
 import pytest
 
@@ -52,10 +53,35 @@ def test_nobody_but_this_machine_can_connect_to_the_viewer(port, monkeypatch):
         assert [line.split()[3] for line in lines] == [f"127.0.0.1:{port}"]
 
 
-def test_a_viewer_that_is_open_is_used(port, monkeypatch):
+def test_a_viewer_that_is_open_is_used_and_that_is_said(port, monkeypatch, caplog):
+    viewer = subprocess.Popen([*COMMAND(), "--serve-grpc"], stderr=subprocess.DEVNULL, start_new_session=True)
+    viewer_process._open.append(viewer)
+    deadline = time.monotonic() + 120
+    while not viewer_process._answers():
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
     monkeypatch.setattr(viewer_process, "_command", lambda: pytest.fail("another was started"))
-    with socket.create_server(("127.0.0.1", port)):
-        assert viewer_process.viewer_address() == f"rerun+http://127.0.0.1:{port}/proxy"
+    assert viewer_process.viewer_address() == f"rerun+http://127.0.0.1:{port}/proxy"
+    assert caplog.messages == [f"shown in the viewer that is open already, at 127.0.0.1:{port}"]
+
+
+def test_what_is_no_viewer_is_not_sent_pictures(port, monkeypatch):
+    monkeypatch.setattr(viewer_process, "_command", lambda: pytest.fail("another was started"))
+    monkeypatch.setattr(viewer_process, "_ANSWERING", 0.1)
+    with (
+        socket.create_server(("127.0.0.1", port)),
+        pytest.raises(tracker.TrackerError, match=rf"127\.0\.0\.1:{port} in use by something that is no"),
+    ):
+        viewer_process.viewer_address()
+
+
+def test_a_file_of_the_present_folder_is_not_taken_for_the_viewer(tmp_path, monkeypatch):
+    (tmp_path / "rerun_cli.py").write_text("raise SystemExit('of the present folder')")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [path for path in sys.path if path])
+    done = subprocess.run([*COMMAND(), "--version"], capture_output=True, text=True, check=False)
+    assert "present folder" not in done.stderr
+    assert done.stdout.startswith("rerun")
 
 
 @pytest.mark.parametrize("seconds", [0.0, 0.2])

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import signal
 import socket
 import subprocess
-import sys
 import tempfile
 import time
 
 from tracker.errors import TrackerError
+from tracker.processes import python_command
+
+_LOG = logging.getLogger(__name__)
 
 HOST, PORT = "127.0.0.1", 9876
 """Where the viewer listens; the port is Rerun's own, so that one that is open already is used."""
@@ -21,6 +24,13 @@ _STARTING = 30.0
 _SETTLING = 0.5
 """How long it is watched after that [s]: without a screen it listens first, and ends then."""
 
+_ANSWERING = 5.0
+"""How long one that is open already may take to answer [s]."""
+
+_SETTINGS = b"\x04"
+"""Kind of the frame with which both sides of HTTP/2 begin (RFC 9113, 3.4 and 6.5); without a setting: …"""
+_HTTP2 = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + b"\0\0\0" + _SETTINGS + b"\0\0\0\0\0"
+
 _open: list[subprocess.Popen[bytes]] = []
 """Viewers that were started: Python complains of a process that goes on and that nobody holds."""
 
@@ -28,19 +38,28 @@ _open: list[subprocess.Popen[bytes]] = []
 def viewer_address() -> str:
     """Where a viewer listens, in Rerun's words; one is started where there is none.
 
-    Rerun's own `spawn` has it listen on every interface of the machine, for anybody to send pictures to.
+    One that is open already is used, whoever opened it, and a warning says so. Rerun's own `spawn` has it
+    listen on every interface of the machine, for anybody to send pictures to.
 
     Raises:
-        TrackerError: it cannot be started.
+        TrackerError: it cannot be started, or what listens there is no viewer.
     """
     if not _answers():
         _start()
+    elif _speaks_http2():
+        _LOG.warning("shown in the viewer that is open already, at %s:%d", HOST, PORT)
+    else:
+        raise TrackerError(
+            f"the viewer cannot be opened: found {HOST}:{PORT} in use by something that is no viewer; "
+            "a file (.rrd) can be written instead"
+        )
     return f"rerun+http://{HOST}:{PORT}/proxy"
 
 
 def _command() -> list[str]:
     listening = [f"--bind={HOST}", f"--port={PORT}"]
-    return [sys.executable, "-m", "rerun_cli", *listening, "--memory-limit=75%", "--expect-data-soon"]
+    more = ("--memory-limit=75%", "--expect-data-soon")
+    return python_command("from rerun_cli.__main__ import main; sys.exit(main())", *listening, *more)
 
 
 def _start() -> None:
@@ -79,3 +98,14 @@ def _answers() -> bool:
     except OSError:
         return False
     return True
+
+
+def _speaks_http2() -> bool:
+    """Whether what listens answers as every server of Rerun does; Rerun itself would wait for it in vain."""
+    try:
+        with socket.create_connection((HOST, PORT), timeout=_ANSWERING) as one:
+            one.settimeout(_ANSWERING)
+            one.sendall(_HTTP2)
+            return one.recv(9)[3:4] == _SETTINGS
+    except OSError:
+        return False

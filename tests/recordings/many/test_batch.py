@@ -296,6 +296,17 @@ def test_slurm_finds_the_folder_of_logs_whatever_its_name(tmp_path):
     assert path == f"{logs}/{description.path.stem}-".replace("%", "%%") + "%a.out"
 
 
+def test_jobs_of_slurm_run_where_no_file_of_the_user_is_taken_for_a_module(tmp_path, monkeypatch):
+    (tmp_path / "python").write_text("#!/bin/sh\npwd\n")
+    (tmp_path / "python").chmod(0o700)
+    monkeypatch.setattr(schedulers.sys, "executable", str(tmp_path / "python"))
+    one = Batch(tmp_path / "it's", OPTIONS, (("/in/0", "0.poses.h5"),))
+    description = schedulers.describe(one, one.tasks("x"), "slurm")
+    description.write()
+    done = subprocess.run(["sh", description.path], capture_output=True, text=True, check=False)
+    assert done.stdout == f"{description.path.parent}\n"
+
+
 def test_the_description_is_one_of_htcondor(tmp_path):
     htcondor = pytest.importorskip("htcondor2", reason="htcondor: no module htcondor2")
     folder = tmp_path / 'it\'s a "folder"'

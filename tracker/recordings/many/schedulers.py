@@ -16,6 +16,7 @@ from typing import Any, Literal
 
 from tracker.errors import LogError, TrackerError
 from tracker.files import read_bounded, write_whole
+from tracker.processes import python_command
 from tracker.recordings.fingerprint import fingerprint
 from tracker.recordings.many.batch import MAX_LIST, Batch
 from tracker.recordings.many.engine import ONE_THREAD, Here, alone
@@ -111,7 +112,7 @@ def compile_kernels(folder: Path) -> None:
     Raises:
         TrackerError: that fails.
     """
-    command = [sys.executable, "-c", "from tracker.warm_up import warm_up; warm_up()"]
+    command = python_command("from tracker.warm_up import warm_up; warm_up()")
     environment = {**os.environ, **_environment(Path(os.path.abspath(folder)) / FOLDER)}
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     if done.returncode:
@@ -202,6 +203,8 @@ def _slurm(folder: Path, list_path: Path, count: int) -> str:
 #SBATCH --open-mode=append
 #SBATCH --output={_slurm_quoted(f"{folder}/logs/{list_path.stem}-")}%a.out
 {variables}
+# Python looks for modules in the present folder first: this one is nobody's but the batch's.
+cd {shlex.quote(str(folder))} || exit 1
 {command} "$SLURM_ARRAY_TASK_ID"
 code=$?
 # 2: a recording could not be done, which another attempt would not mend.
