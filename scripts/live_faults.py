@@ -85,6 +85,7 @@ class Run:
 
     def __init__(self, film: Simulation, listeners: list[Callable[[Moment], None]]) -> None:
         self.faults, self.moments = Faults(), list[Moment]()
+        film.draw()
         sets = film._sets
         openers = [
             lambda c=c: Pretended(c, [images[c] for images in sets], self.faults) for c in range(len(NAMES))

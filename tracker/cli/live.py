@@ -134,6 +134,7 @@ def live(
     given, rig = _source(source, kind, object_name, cameras, rate or 10.0, settings, speed or 1.0)
     if check:
         with contextlib.closing(given):
+            _draw(given, quiet)
             check_cameras(given, rig, seconds)
         return
     told = Told()
@@ -141,6 +142,7 @@ def live(
     with contextlib.ExitStack() as stack:
         stack.callback(given.close)  # where what follows fails; a second time it does nothing
         outputs = Outputs(wanted, given, rig, model, colors, stack)
+        _draw(given, quiet or as_json)
         listeners = [told.hear, *outputs.listeners]
         follower = stack.enter_context(Live(given, ObjectTracker(model, rig, colors), listeners=listeners))
         outputs.know(follower)
@@ -195,6 +197,16 @@ def _source(
     log = open_log(source)
     rig = rig_of(Path(source), log, cameras)
     return live.Replay(log, speed=speed), rig
+
+
+def _draw(source: Source, quiet: bool) -> None:
+    """Have the simulation drawn, once all else is right; its time is not that of --seconds."""
+    from tracker.live import Simulation
+
+    if isinstance(source, Simulation):
+        if not quiet:
+            click.echo("drawing a film of the simulation, about ten seconds", err=True)
+        source.draw()
 
 
 def _follow(follower: Live, seconds: float | None, told: Told | None) -> None:

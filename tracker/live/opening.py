@@ -46,6 +46,7 @@ def open_source(source: str | os.PathLike[str], tracker: ObjectTracker) -> Sourc
     if text == SIMULATION:
         simulation = Simulation(tracker.model.name)
         if not _same(simulation.rig, tracker.rig):
+            simulation.close()
             raise LiveError(
                 "simulation: found a tracker of other cameras; expected a tracker.live.Simulation in "
                 "place of the word, and a tracker of its rig"

@@ -1,13 +1,15 @@
-"""The simulated platform as a source: a short film, drawn beforehand, that goes on to and fro."""
+"""The simulated platform as a source: a short film, drawn before it is shown, that goes on to and fro."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from importlib import import_module
 from importlib.util import find_spec
 from typing import Any
 
 from tracker.calibration.rig import CameraRig
+from tracker.conventions import Image
 from tracker.errors import LiveError, install
 from tracker.live.shot import Shot
 
@@ -18,7 +20,8 @@ FRAMES = 40
 class Simulation:
     """A source that shows a film of the generator `synthetic`, at 10 Hz without end.
 
-    The generator is looked for when it is needed only: the tracker does not rest on it.
+    The generator is looked for when it is needed only: the tracker does not rest on it. What is wrong is told
+    at once; the film is drawn by `draw`, or when the first pictures are asked for, which then come late.
 
     Args:
         object_name: what is seen.
@@ -27,20 +30,39 @@ class Simulation:
 
     Raises:
         LiveError: what the generator needs is not installed.
+        TrackerError: it knows no such object.
     """
 
     def __init__(self, object_name: str, *, seed: int = 0, frames: int = FRAMES) -> None:
-        film = _film(object_name, seed, frames)
-        self.rig: CameraRig = film[0].given
-        self._sets = [tuple(frame.images) for frame in film]
-        self._period, self._start, self._number = 0.1, time.time(), -1
+        self._maker = _maker(object_name, seed, frames)
+        self._undrawn: Iterator[Any] = self._maker.chunk(0)
+        self._sets: list[tuple[Image | None, ...]] = []
+        self._drawn = False
+        self.rig: CameraRig = self._maker.rig
+        self._period, self._start, self._number = 0.1, float("nan"), -1
+
+    def draw(self, seconds: float = float("inf")) -> bool:
+        """Draw what is not drawn yet of the film, for so long at most [s]; whether all of it is."""
+        until = time.monotonic() + seconds
+        while not self._drawn and time.monotonic() < until:
+            frame = next(self._undrawn, None)
+            if frame is None:
+                self._drawn = True
+                self._maker.close()
+            else:
+                self._sets.append(tuple(frame.images))
+        return self._drawn
 
     def next(self, timeout: float) -> Shot | None:
         """See `Source`."""
-        due = self._start + (self._number + 1) * self._period
         until = time.time() + timeout
+        if not self.draw(timeout):
+            return None
+        if self._number < 0:
+            self._start = time.time()
+        due = self._start + (self._number + 1) * self._period
         if due > until:
-            time.sleep(timeout)
+            time.sleep(max(0.0, until - time.time()))
             return None
         time.sleep(max(0.0, due - time.time()))
         self._number = int((time.time() - self._start) / self._period)
@@ -50,6 +72,7 @@ class Simulation:
 
     def close(self) -> None:
         """See `Source`."""
+        self._maker.close()
 
 
 def _to_and_fro(number: int, length: int) -> int:
@@ -60,7 +83,7 @@ def _to_and_fro(number: int, length: int) -> int:
     return min(place, 2 * length - 2 - place)
 
 
-def _film(object_name: str, seed: int, frames: int) -> list[Any]:
+def _maker(object_name: str, seed: int, frames: int) -> Any:
     # Its name is not its own: another package may have it.
     found = find_spec("synthetic") is not None and find_spec("synthetic.frames") is not None
     if not found or find_spec("pybullet") is None:
@@ -69,5 +92,4 @@ def _film(object_name: str, seed: int, frames: int) -> list[Any]:
     options = generator.FrameOptions(
         object_name, seed, quality="fast", renderer="raster", sequence=True, dropped=0.0, length=frames
     )
-    with generator.FrameMaker(options) as maker:
-        return list(maker.chunk(0))
+    return generator.FrameMaker(options)
