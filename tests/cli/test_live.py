@@ -127,3 +127,16 @@ def test_a_check_of_dark_cameras_exits_with_1(tmp_path, run_here):
 def test_a_check_has_nothing_to_record(recording, tmp_path, run_here):
     arguments = ("--object", "cube_v2", "--check", "--record", tmp_path / "log.h5")
     assert_one_line_error(run_here("live", recording, *arguments), "--check", "tracks nothing")
+
+
+def test_a_recording_that_ends_is_told_even_to_who_wants_to_hear_of_errors_only(
+    recording, tmp_path, run_here, monkeypatch
+):
+    def refuse(*_):
+        raise tracker.errors.LogError("no space is left")
+
+    monkeypatch.setattr("tracker.logs.hdf5_writer.Hdf5LogWriter.append", refuse)
+    arguments = ("--record", tmp_path / "log.h5", "--quiet")
+    result = run_here("live", recording, "--object", "cube_v2", *arguments)
+    assert result.returncode == 0
+    assert (result.stdout, result.stderr) == ("", "the recording has ended: no space is left\n")

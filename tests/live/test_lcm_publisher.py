@@ -9,6 +9,7 @@ import socket
 import struct
 import subprocess
 import sys
+from types import SimpleNamespace
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -204,6 +205,25 @@ def test_a_log_that_cannot_be_written_is_told_without_words_on_networks(monkeypa
         LcmPublisher(f"file://{tmp_path / 'poses.lcm'}", CUBE)
     with pytest.raises(LiveError, match="ip route add"):
         LcmPublisher(DEFAULT, CUBE)
+
+
+@needs_lcm
+def test_a_log_that_is_written_whole_is_no_fault_and_one_that_lacks_something_is(tmp_path):
+    whole = LcmPublisher(f"file://{tmp_path / 'whole.lcm'}", CUBE)
+    full = LcmPublisher(f"file://{tmp_path / 'full.lcm'}", CUBE)
+    full._lcm = SimpleNamespace(publish=lambda *_: None)  # LCM tells nothing of a disk that is full
+    for number in range(100):
+        whole(moment(number, pose=estimate()))
+        full(moment(number, pose=estimate()))
+        assert whole.fault is None
+    assert re.search(r"the log lacks \d+ bytes, is the disk full", full.fault)
+    whole.close()
+    assert whole.fault is None
+    few = LcmPublisher(f"file://{tmp_path / 'few.lcm'}", CUBE)
+    few._lcm = full._lcm
+    few(moment(0, pose=estimate()))
+    few.close()
+    assert "the log lacks" in few.fault
 
 
 @needs_lcm

@@ -148,7 +148,8 @@ def live(
         outputs.know(follower)
         told.begin()
         with ended_by_signals():
-            _follow(follower, seconds, None if as_json or quiet else told)
+            _follow(follower, seconds, outputs, None if as_json or quiet else told)
+    outputs.tell()
     error = follower.error
     if error is not None:
         raise LiveError(f"{source}: {error}") from error
@@ -209,8 +210,8 @@ def _draw(source: Source, quiet: bool) -> None:
         source.draw()
 
 
-def _follow(follower: Live, seconds: float | None, told: Told | None) -> None:
-    """Wait for the end, and tell of what is found once a second."""
+def _follow(follower: Live, seconds: float | None, outputs: Outputs, told: Told | None) -> None:
+    """Wait for the end, and tell of what is found once a second, and of what fails at once."""
     end = None if seconds is None else time.monotonic() + seconds
     with contextlib.suppress(KeyboardInterrupt):
         while follower.running:
@@ -218,5 +219,6 @@ def _follow(follower: Live, seconds: float | None, told: Told | None) -> None:
             if left <= 0:
                 return
             time.sleep(min(left, 0.1))
+            outputs.tell()
             if told is not None and (line := told.due()):
                 click.echo(line)

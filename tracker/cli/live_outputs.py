@@ -62,22 +62,25 @@ class Outputs:
     ) -> None:
         self.recorder: Recorder | None = None
         self.listeners: list[Callable[[Moment], None]] = []
-        self._view: RerunView | None = None
         self._page: Page | None = None
+        self._fallible: dict[Recorder | Publisher | RerunView, str] = {}
+        self._told: set[Recorder | Publisher | RerunView] = set()
         if wanted.record is not None:
             self.recorder = _recorder(wanted.record, rig, source)
             self._add(self.recorder, stack)
-        self._publishers = []
+            self._fallible[self.recorder] = "the recording has ended: "
         for address in wanted.addresses:
             from tracker.live.publishing import open_publisher
 
-            self._publishers.append(open_publisher(address, model, body=wanted.body, public=wanted.public))
-            self._add(self._publishers[-1], stack)
+            publisher = open_publisher(address, model, body=wanted.body, public=wanted.public)
+            self._add(publisher, stack)
+            self._fallible[publisher] = ""
         if wanted.view or wanted.rrd:
             from tracker.live.rerun_view import RerunView
 
-            self._view = RerunView(wanted.rrd, rig, model)
-            self._add(self._view, stack)
+            shown = RerunView(wanted.rrd, rig, model)
+            self._add(shown, stack)
+            self._fallible[shown] = "the view has ended: "
         if wanted.page is not None:
             from tracker.live.page import Page
             from tracker.pipeline import ObjectTracker
@@ -94,11 +97,16 @@ class Outputs:
             self._page.faults = lambda: follower.faults
 
     def faults(self) -> list[str]:
-        """What became of those that ended or failed."""
-        found = [one.fault for one in self._publishers if one.fault is not None]
-        if self._view is not None and self._view.fault is not None:
-            found.append(f"the view has ended: {self._view.fault}")
-        return found
+        """What became of those that ended or failed, but for the recorder."""
+        failed = self._fallible.items()
+        return [f"{what}{one.fault}" for one, what in failed if one.fault and one is not self.recorder]
+
+    def tell(self) -> None:
+        """Say on stderr what has ended or failed, of each once, when it happens."""
+        for one, what in self._fallible.items():
+            if one.fault and one not in self._told:
+                self._told.add(one)
+                click.echo(f"{what}{one.fault}", err=True)
 
     def _add(self, output: Recorder | Publisher | RerunView | Page, stack: ExitStack) -> None:
         stack.callback(output.close)

@@ -22,7 +22,10 @@ DEFAULT = "udpm://239.255.76.67:7667?ttl=0"
 
 _VARIABLE = "LCM_DEFAULT_URL"
 _FORMS = "lcm://, udpm://ADDRESS:PORT?ttl=0 or file://PATH"
+_NEW = "?mode=w"
 _PORT = 7667
+_HEADER = 28
+"""Of each event of a log, before channel and message [bytes]."""
 _ROUTE = "ip link set lo multicast on; ip route add 224.0.0.0/4 dev lo"
 
 
@@ -52,8 +55,11 @@ class LcmPublisher:
         self._name, self._body = model.name, body_of(model, body)
         self.channel = channel_of(self._body)
         self.fault: str | None = None
-        """How many messages the network did not take, and why not the last of them."""
+        """How many messages the network did not take, and why not the last of them; or what a log lacks."""
         self._unsent = 0
+        kind, _, rest = self.address.partition("://")
+        self._log = Path(rest.removesuffix(_NEW)) if kind == "file" else None
+        self._logged = 0
         if find_spec("lcm") is None:
             raise LiveError(f"publish: lcm is not installed: {install('lcm')}")
         import lcm
@@ -77,10 +83,28 @@ class LcmPublisher:
         except OSError as error:  # of this moment; a network comes back
             self._unsent += 1
             self.fault = f"publish {self.address}: {self._unsent} messages were not sent; last: {error}"
+        self._logged += _HEADER + len(self.channel) + len(message)
+        self._look_at_log(closed=False)
 
     def close(self) -> None:
         """Free the address; nobody may be in a call."""
         self._lcm = None
+        self._look_at_log(closed=True)
+
+    def _look_at_log(self, *, closed: bool) -> None:
+        """Whether the log has what it was given: LCM says nothing of a disk that is full."""
+        if self._log is None:
+            return
+        try:
+            found = self._log.stat()
+        except OSError as error:
+            self.fault = f"publish {self.address}: the log is gone: {error.strerror}"
+            return
+        # Before it is closed, the last of it waits in memory.
+        waiting = 0 if closed else 2 * found.st_blksize
+        if found.st_size < self._logged - waiting:
+            lacks = self._logged - found.st_size
+            self.fault = f"publish {self.address}: the log lacks {lacks} bytes, is the disk full?"
 
 
 def _url(address: str, public: bool) -> str:
@@ -97,7 +121,7 @@ def _url(address: str, public: bool) -> str:
         path = Path(rest)
         if path.exists() or not path.parent.is_dir():
             raise LiveError(f"publish {address}: expected a new file, in a folder that there is")
-        return f"file://{rest}?mode=w"
+        return f"file://{rest}{_NEW}"
     raise LiveError(f"publish: found {address}, expected {_FORMS}")
 
 
