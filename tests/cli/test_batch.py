@@ -13,7 +13,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from tests.helpers import ROOT
+from tests.helpers import ROOT, run_python
 from tests.helpers.command import assert_one_line_error
 from tests.helpers.recording_stubs import write_log
 from tracker.errors import TrackerError
@@ -116,6 +116,22 @@ def test_workers_that_are_killed_while_they_begin_are_begun_again(monkeypatch):
     made.clear()
     with pytest.raises(TrackerError, match="workers cannot be begun: Nanny failed to start"):
         _begun(SimpleNamespace(LocalCluster=Cluster), 2)
+
+
+BEGINNING = """
+import multiprocessing
+from tracker.recordings.many.engine import _no_interrupts
+tell = "import signal; print(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ()))"
+with _no_interrupts():
+    begun = multiprocessing.get_context("spawn").Process(target=exec, args=(tell,))
+    begun.start()
+begun.join()
+"""
+
+
+@pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="system: no masks of signals")
+def test_a_worker_never_sees_ctrl_c_even_while_it_begins():
+    assert run_python(["-c", BEGINNING], check=True).stdout == "True\n"
 
 
 @pytest.fixture
