@@ -183,6 +183,18 @@ def test_the_score_is_the_sum_of_the_rewards(poses, tmp_path, run_here):
     assert_one_line_error(run_here("score", tmp_path), "--object")
 
 
+def test_poses_that_are_not_of_the_job_are_refused(poses, tmp_path, run_here):
+    job = tmp_path / "job"
+    write_log(job, FRAMES)
+    goal, dice = [[0, [0.1, 0, 0.05]]], [[0.0, 0.0, 0.011]] * 25
+    (job / "goal.json").write_text(json.dumps(goal))
+    (tmp_path / "dice.json").write_text(json.dumps(dice))
+    base = ["score", job, "--poses", tmp_path / "poses.h5"]
+    assert_one_line_error(run_here(*base), "poses of another recording")
+    assert_one_line_error(run_here(*base, "--object", "cuboid_2x2x8_v2"), "poses of cube_v2")
+    assert_one_line_error(run_here(*base, "--goal", tmp_path / "dice.json"), "a goal of dice")
+
+
 def test_dice_are_scored_over_a_whole_recording(tmp_path, run_here):
     log = write_log(tmp_path / "job", 3)
     (tmp_path / "job" / "goal.json").write_text(json.dumps([[0.0, 0.0, 0.011]] * 25))

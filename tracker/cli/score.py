@@ -12,9 +12,11 @@ from tracker.cli.calibration import Cameras, optional_calibration_options, rig_o
 from tracker.cli.names import object_option
 from tracker.cli.progress import bar
 from tracker.cli.table import listing
+from tracker.errors import LogError
 
 if TYPE_CHECKING:
     from tracker.conventions import FloatArray
+    from tracker.poses.poses import Poses
     from tracker.tasks.job_goal import JobGoal
 
 _FILE = click.Path(path_type=Path)
@@ -52,6 +54,8 @@ def score(
     cameras.refuse_pattern_alone()
     goal = read_job_goal(goal_path or goal_file(job))
     if goal.task == "rearrange_dice":
+        if poses_path is not None or object_name is not None:
+            raise click.UsageError("--poses, --object: found a goal of dice, which are looked for in images")
         seconds, rewards = _of_dice(job, goal, cameras, every, quiet)
     else:
         seconds, rewards = _of_object(job, goal, cameras, poses_path, object_name, quiet)
@@ -83,10 +87,12 @@ def _of_object(
     from tracker.objects.model import load_object
     from tracker.poses.file import read_poses
     from tracker.recordings import track
+    from tracker.recordings.outcome.rewards import seconds_since_beginning
     from tracker.recordings.outcome.summary import best_kind
 
     if poses_path is not None:
         poses = read_poses(poses_path)
+        _refuse_others(poses_path, poses, job, object_name)
     elif object_name is None:
         raise click.UsageError("expected --poses of this recording, or --object to track it")
     else:
@@ -96,8 +102,26 @@ def _of_object(
             poses = track(job, object_name, rig=rig, progress=progress).poses
     model = load_object(object_name or poses.about.object_name)
     columns = poses.columns(best_kind(poses))
-    seconds = poses.timestamp - poses.timestamp[:1]
+    seconds = seconds_since_beginning(job, poses)
     return seconds, goal.rewards(seconds, columns.position, columns.orientation, model)
+
+
+def _refuse_others(path: Path, poses: Poses, job: Path, object_name: str | None) -> None:
+    """Refuse poses of another recording, where it is there, or of another object."""
+    from tracker.logs import open_log
+    from tracker.objects.model import load_object
+    from tracker.recordings.outcome.rewards import are_of
+
+    about = poses.about
+    if object_name is not None and load_object(object_name).name != about.object_name:
+        raise click.UsageError(f"--object {object_name}: found poses of {about.object_name} in {path}")
+    try:
+        with open_log(job, recover=True) as log:
+            same = are_of(log, poses)
+    except LogError:
+        return  # often the poses and the goal are all that is kept of a job
+    if not same:
+        raise LogError(f"{path}: found poses of another recording ({about.source}), expected those of {job}")
 
 
 def _of_dice(
