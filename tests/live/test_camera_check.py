@@ -12,7 +12,9 @@ import pytest
 from tests.helpers.filmed import RIG, shots
 from tracker.calibration.rig import CameraRig
 from tracker.live import Shot, SourceEnded
-from tracker.live.camera_check import CameraLooks, look_at
+from tracker.live.camera_check import CameraLooks, PictureLook, look_at
+from tracker.live.page_state import LIMITS
+from tracker.upkeep.health import QUANTITIES, of_picture
 
 SIZE = (270, 270)
 
@@ -55,6 +57,15 @@ def test_what_is_wrong_is_named(change, words, image):
     found = faults(change, image)
     assert len(found) == 1
     assert words in found[0]
+
+
+def test_a_picture_is_as_bright_live_as_in_the_health_of_a_recording(image):
+    lamp = image.copy()
+    lamp[:100] = 255
+    for one in (image, lamp):
+        look, told = PictureLook.of(one), of_picture(one)
+        assert (told["brightness"], told["clipping"]) == (look.level, 100 * look.clipped)
+    assert LIMITS["level"] == QUANTITIES["brightness"].limits
 
 
 def test_a_camera_that_hangs_is_named(image):

@@ -14,7 +14,7 @@ from tracker.calibration.board_absence import photo_blur
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Image
 from tracker.live.shot import Shot, Source, SourceEnded
-from tracker.segmentation.light import CLIPPED
+from tracker.upkeep.picture import LEVELS, brightness, clipped_share
 
 MOST_MISSING = 0.01
 """Share of the pictures that may be missing."""
@@ -24,9 +24,6 @@ MOST_SKEW = 0.02
 
 MOST_AGE = 0.1
 """How old the latest picture of a set may be when it is handed over [s]."""
-
-DARK, BRIGHT = 20.0, 235.0
-"""Median grey levels between which a picture should be."""
 
 MOST_CLIPPED = 0.15
 """Share of pixels with a clipped channel; in recordings of the platform 0 to 0.06."""
@@ -55,8 +52,7 @@ class PictureLook(NamedTuple):
     def of(cls, image: Image) -> PictureLook:
         """Look at a picture (H, W, 3), which takes some milliseconds."""
         grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
-        clipped = float((image.max(axis=2) >= CLIPPED).mean())
-        return cls(float(np.median(grey)), clipped, photo_blur(grey))
+        return cls(brightness(image), clipped_share(image), photo_blur(grey))
 
 
 @dataclass
@@ -125,10 +121,13 @@ class CameraLooks:
         if self.skew > MOST_SKEW:
             found.append(f"its pictures are {1e3 * self.skew:.0f} ms older than the latest: trigger together")
         level, clipped, blur = self.look
-        if level < DARK:
+        if level < LEVELS[0]:
             found.append(f"dark, median grey level {level:.0f}: expose longer, or is the lens covered?")
-        if level > BRIGHT or clipped > MOST_CLIPPED:
-            found.append(f"over-exposed, {clipped:.0%} of its pixels are clipped: expose for less long")
+        if level > LEVELS[1] or clipped > MOST_CLIPPED:
+            found.append(
+                f"over-exposed, median grey level {level:.0f}, {clipped:.0%} of its pixels are clipped: "
+                "expose for less long"
+            )
         if blur > MOST_BLUR:
             found.append(f"blurred by {blur:.1f} px: focus, or does the camera shake?")
         return found

@@ -12,8 +12,6 @@ import numpy as np
 
 from tracker.calibration.check import LIMIT, misses_of
 from tracker.live.camera_check import (
-    BRIGHT,
-    DARK,
     MOST_BLUR,
     MOST_CLIPPED,
     MOST_MISSING,
@@ -26,6 +24,7 @@ from tracker.pose.fit import Fit
 from tracker.pose.judge import apparent
 from tracker.upkeep.check import SLOW, SURE, look_of
 from tracker.upkeep.health import QUANTITIES
+from tracker.upkeep.picture import LEVELS
 
 SPAN = 10.0
 """Over which rates, skews and missing pictures are counted [s]."""
@@ -38,7 +37,7 @@ PERCENTILES = (50, 90, 99, 100)
 LIMITS = {
     "missing": (0.0, 100 * MOST_MISSING),
     "skew": (0.0, 1e3 * MOST_SKEW),
-    "level": (DARK, BRIGHT),
+    "level": LEVELS,
     "clipped": (0.0, 100 * MOST_CLIPPED),
     "blur": (0.0, MOST_BLUR),
     "residual": QUANTITIES["residual"].limits,

@@ -17,8 +17,9 @@ from tracker.pipeline import ObjectTracker
 from tracker.pose.fit import Fit
 from tracker.pose.judge import apparent
 from tracker.poses.poses import Poses
-from tracker.segmentation.light import CLIPPED, find_light
+from tracker.segmentation.light import find_light
 from tracker.upkeep.check import APART, SLOW, SURE, look_of
+from tracker.upkeep.picture import LEVELS, brightness, clipped_share
 
 MOST = 200
 """Frames that are looked at."""
@@ -51,7 +52,7 @@ QUANTITIES: Mapping[str, Quantity] = {
         (0.0, 1e3 * LIMIT), "tracker calibrate check names the camera that moved",
     ),
     "brightness": Quantity(
-        "Brightness of the picture, mean", "levels", (30.0, 200.0), "exposure, the lights of the arena"
+        "Brightness of the picture, median grey level", "levels", LEVELS, "exposure, the lights of the arena"
     ),
     "clipping": Quantity("Clipped pixels", "%", (0.0, 3.0), "exposure, reflections, a lamp in view"),
     "blur": Quantity(
@@ -203,8 +204,8 @@ def of_picture(image: Image) -> dict[str, float]:
     light = find_light(image)
     balance = 100.0 * (light.gains[0] / light.gains[2] - 1.0) if light.share > 0.0 else float("nan")
     return {
-        "brightness": float(image.mean()),
-        "clipping": 100.0 * float((image.max(axis=2) >= CLIPPED).mean()),
+        "brightness": brightness(image),
+        "clipping": 100.0 * clipped_share(image),
         "white balance": float(balance),
     }
 
