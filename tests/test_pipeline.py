@@ -206,13 +206,23 @@ GOOD = np.zeros((270, 270, 3), np.uint8)
         ([GOOD, GOOD.astype(float), GOOD], "camera180.*float64; uint8"),
         ([GOOD, GOOD, np.zeros((540, 540, 3), np.uint8)], "camera300.*540×540.*270×270"),
         ([GOOD, "image.png", GOOD], "camera180.*str given"),
-        ([None, None, None], "all are None"),
+        ([None, None, None], r"all are None.*cv2\.imread"),
         ([GOOD[:, :, [0, 1, 2, 2]], GOOD, GOOD], "camera60.*shape"),
     ],
 )
 def test_bad_images_are_named(trackers, images, says):
     with pytest.raises(ImageError, match=says):
         trackers["cube_v2"].detect(images)
+
+
+@pytest.mark.parametrize(
+    ("name", "needed"), [("model", "CuboidModel"), ("rig", "CameraRig"), ("colors", "ColorModel")]
+)
+def test_a_name_in_place_of_what_it_names_is_refused(trackers, name, needed):
+    one = trackers["cube_v2"]
+    parts = {"model": one.model, "rig": one.rig, "colors": one.colors}
+    with pytest.raises(tracker.TrackerError, match=f"{name}: str given; a {needed} is needed: tracker[.]"):
+        tracker.ObjectTracker(**{**parts, name: "cube_v2"})
 
 
 def test_views_of_an_array_are_as_good_as_copies(trackers, scenes):

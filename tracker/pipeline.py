@@ -9,7 +9,7 @@ import numpy as np
 
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, Image
-from tracker.errors import ImageError
+from tracker.errors import ImageError, TrackerError
 from tracker.objects.box import Box
 from tracker.objects.model import CuboidModel
 from tracker.pose.estimate import PoseEstimator
@@ -35,6 +35,11 @@ JUMP_LEAD = 3.0
 """Log odds by which a fit that takes a jump must lead over one where the object was expected."""
 
 
+def _check(value: object, name: str, kind: type, whence: str) -> None:
+    if not isinstance(value, kind):
+        raise TrackerError(f"{name}: {type(value).__name__} given; a {kind.__name__} is needed: {whence}")
+
+
 class ObjectTracker:
     """Finds one object in the images of a rig of calibrated cameras.
 
@@ -44,6 +49,9 @@ class ObjectTracker:
         colors: a colour model; None takes the object's own.
         tracking: what `update` believes; None for what suits the platform.
         support: whether it counts that an object often stands on the table, as well as `rig.arena` knows it.
+
+    Raises:
+        TrackerError: one of them is something else, as a name.
     """
 
     def __init__(
@@ -55,6 +63,10 @@ class ObjectTracker:
         *,
         support: bool = True,
     ) -> None:
+        _check(model, "model", CuboidModel, "tracker.load_object gives one")
+        _check(rig, "rig", CameraRig, "tracker.CameraRig.load gives one")
+        if colors is not None:
+            _check(colors, "colors", ColorModel, "tracker.load_colors gives one")
         warm_up()
         self.model, self.rig = model, rig
         self.colors = colors if colors is not None else load_colors(model.colors)
@@ -243,5 +255,8 @@ class ObjectTracker:
             # Compiled code for arrays that cannot be written would be compiled once more.
             checked.append(image if image.flags.writeable else image.copy())
         if least and all(image is None for image in checked):
-            raise ImageError(f"images: all are None; at least one of {', '.join(self.rig.names)} is needed")
+            raise ImageError(
+                f"images: all are None; at least one of {', '.join(self.rig.names)} is needed "
+                "(cv2.imread gives None for a file that it cannot read)"
+            )
         return checked

@@ -9,10 +9,10 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 
-from benchmarks.__main__ import main
 from benchmarks.judge import ci
 from benchmarks.judge.compare import compare
 from benchmarks.judge.results import Results, ResultsError, read_results, write_results
+from benchmarks.program import main
 from benchmarks.score.records import FrameRecord, frame_of
 
 CUBE, CUBOID = "cube_v2", "cuboid_2x2x8_v2"

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from benchmarks.__main__ import main
 from benchmarks.data.dice import DiceScene
 from benchmarks.data.scenes import SIZE, rig
 from benchmarks.data.store import packed, unpacked
@@ -24,6 +23,7 @@ from benchmarks.measure.dice import (
     recorded_row,
     speed_rows,
 )
+from benchmarks.program import main
 from benchmarks.report.dice_worst import FILE, HIDDEN, INVENTED, MISSED, from_above
 from benchmarks.score.dice import (
     RIGHT,

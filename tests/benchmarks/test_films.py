@@ -8,11 +8,11 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 
-from benchmarks.__main__ import main
 from benchmarks.data.films import ABSENT, FilmFrame, FilmStore, vanishing_film, vanishing_frames
 from benchmarks.data.store import packed, unpacked
 from benchmarks.judge.results import read_results
 from benchmarks.measure import films
+from benchmarks.program import main
 from benchmarks.report.film_plot import FILE, write_film_plot
 from benchmarks.score.films import (
     COLUMNS,

@@ -8,7 +8,6 @@ import pytest
 from click.testing import CliRunner
 
 from benchmarks import commands
-from benchmarks.__main__ import main
 from benchmarks.commands import Run, measure
 from benchmarks.data.sets import Plan
 from benchmarks.judge import gate, origin
@@ -20,6 +19,7 @@ from benchmarks.judge.results import (
     write_results,
 )
 from benchmarks.judge.targets import evaluate
+from benchmarks.program import main
 from benchmarks.score.records import frame_of
 from benchmarks.score.summary import accuracy_rows
 from tests.benchmarks.test_metrics import record

@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 from click.testing import CliRunner
 
-import benchmarks.__main__ as program
-from benchmarks import commands
+from benchmarks import commands, program
 from benchmarks.data.seeds import release
 from benchmarks.judge.results import Results, ResultsError, read_results
 from benchmarks.report import readme

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from benchmarks.__main__ import main
 from benchmarks.data.rig_cases import CASES, Placement, RigCase
 from benchmarks.data.rig_scenes import rig_scene, rig_store
 from benchmarks.data.scenes import Scene
 from benchmarks.data.store import packed, unpacked
 from benchmarks.judge.results import read_results
+from benchmarks.program import main
 from benchmarks.score.errors import projected
 from tests.helpers.stills import bare_scene
 from tracker.geometry.cuboid import FACE_NORMALS, corners

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-import benchmarks.__main__ as program
+from benchmarks import program
 from benchmarks.judge.results import contradictions, read_results
 from tests.helpers.synthetic_needs import skip_without_platform
 
@@ -46,10 +46,18 @@ def test_a_smoke_run_measures_and_says_so(tmp_path, monkeypatch):
 def test_an_error_is_one_line(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["benchmarks", "report", "-o", str(tmp_path / "nowhere")])
     with pytest.raises(SystemExit) as stop:
-        runpy.run_path(program.__file__, run_name="__main__")
+        runpy.run_module("benchmarks", run_name="__main__")
     assert stop.value.code == 2
     out, err = capsys.readouterr()
     assert out == ""
     (line,) = err.splitlines()
     assert line.startswith("benchmarks: ")
     assert "nowhere" in line
+
+
+def test_who_lacks_a_package_is_told_what_to_install(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "benchmarks.program", None)
+    with pytest.raises(SystemExit) as stop:
+        runpy.run_module("benchmarks", run_name="__main__")
+    assert stop.value.code == 2
+    assert capsys.readouterr().err.rstrip().endswith("-e '.[bench,synthetic]'")

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import tracker
-from benchmarks.__main__ import main as benchmark_commands
+from benchmarks.program import main as benchmark_commands
 from synthetic.cli import commands as synthetic_commands
 from tests.calibration.test_extrinsics import PLACES, TRUE
 from tests.docs.samples import blocks, commands, languages

@@ -132,7 +132,7 @@ def test_no_other_bytes_are_a_goal(tmp_path_factory, data):
     [
         ("goal.yaml", r"found suffix '\.yaml', expected \.json, or \.txt"),
         ("goal", "found no suffix"),
-        ("nowhere/goal.json", "cannot be written"),
+        ("nowhere/goal.json", "cannot be written: there is no folder .*nowhere"),
         ("taken.json", "cannot be written"),
         ("a\0.json", "cannot be written"),
     ],

@@ -71,7 +71,8 @@ def page_of(board: Board) -> Page:
                 return Page(board, *page)
     if max(across, down) > _LARGEST:
         raise CalibrationError(
-            f"board: found {across:g}x{down:g} mm, expected at most {_LARGEST:g} mm to print"
+            f"board: found {across:g}x{down:g} mm, expected at most {_LARGEST:g} mm to print; "
+            "lengths are given in metres"
         )
     return Page(board, across + 20, down + 20)
 

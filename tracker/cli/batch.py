@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tracker.cli.calibration import Cameras, optional_calibration_options
+from tracker.cli.calibration import Cameras, calibration_options
 from tracker.cli.names import colors_option, object_option
 from tracker.cli.signals import ended_by_signals
 from tracker.cli.table import listing
@@ -40,7 +40,7 @@ class _WithParts(click.Command):
 @click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...")
 @object_option()
 @click.option("-o", "--output", required=True, metavar="DIR", type=_FOLDER, help="Folder of the results.")
-@optional_calibration_options
+@calibration_options
 @colors_option()
 @click.option("--from", "first", metavar="N", type=click.IntRange(0), default=0, help="First frame wanted.")
 @click.option("--to", "last", metavar="N", type=click.IntRange(1), help="First frame not wanted any more.")

@@ -90,7 +90,10 @@ def sightings_of(
         found.append(one)
     if all(one is None for one in found):
         told = "; ".join(f"{why} ({count} ×)" for why, count in Counter(faults.values()).most_common(3))
-        raise CalibrationError(f"board: found in none of {len(photos)} photos: {told}")
+        raise CalibrationError(
+            f"board: found in none of {len(photos)} photos: {told}; expected photos of the board that "
+            "--dictionary, --squares, --square and --marker say"
+        )
     clearest = max(range(len(found)), key=lambda n: len(found[n] or ()))
     require_size(photos[clearest], images[clearest], board)
     return board, found, faults

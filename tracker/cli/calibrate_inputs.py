@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from tracker.cli.calibration import Cameras, load_rig, optional_calibration_options, rig_of
+from tracker.cli.calibration import Cameras, calibration_options, load_rig, rig_of
 from tracker.cli.names import colors_option, object_option
 from tracker.cli.read_images import NO_IMAGE, read_images
 from tracker.errors import CalibrationError, ImageError
@@ -36,7 +36,7 @@ _OUTPUT = click.option(
 )
 
 _READING = (
-    optional_calibration_options,
+    calibration_options,
     colors_option(),
     click.option(
         "--stills",

@@ -34,13 +34,14 @@ class Cameras(NamedTuple):
             raise click.UsageError("--pattern says which files of --calibration to take, and that is missing")
 
 
-_CALIBRATION_HELP = (
-    "Folder of calibration files; or a file, once for each camera, in the order of the images."
-)
-
-_MANY: dict[str, Any] = {"multiple": True, "metavar": "PATH"}
-
 _OPTIONS = (
+    click.option(
+        "--calibration",
+        multiple=True,
+        metavar="PATH",
+        help="Folder of calibration files; or a file, once for each camera, in the order of the images.  "
+        "[default: that of the recording]",
+    ),
     click.option(
         "--pattern", metavar="GLOB", help="Which files of the folder to take, e.g. '*_cropped.yml'."
     ),
@@ -59,23 +60,14 @@ _OPTIONS = (
 
 def calibration_options(command: _Command) -> _Command:
     """Add the options to a command; it is called with their values as `cameras`, see Cameras."""
-    return _add(command, click.option("--calibration", required=True, **_MANY, help=_CALIBRATION_HELP))
 
-
-def optional_calibration_options(command: _Command) -> _Command:
-    """The same for a command that can do without `--calibration`, which is empty then."""
-    text = f"{_CALIBRATION_HELP}  [default: that of the recording]"
-    return _add(command, click.option("--calibration", **_MANY, help=text))
-
-
-def _add(command: _Command, calibration: Callable[[_Command], _Command]) -> _Command:
     @functools.wraps(command)
     def gathered(**values: Any) -> Any:
         cameras = Cameras(*(values.pop(name) for name in Cameras._fields))
         return command(cameras=cameras, **values)
 
     result = cast("_Command", gathered)
-    for option in reversed((calibration, *_OPTIONS)):
+    for option in reversed(_OPTIONS):
         result = option(result)
     return result
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from tracker.cli.calibration import Cameras, optional_calibration_options, rig_of
+from tracker.cli.calibration import Cameras, calibration_options, rig_of
 from tracker.cli.progress import bar
 from tracker.cli.protect import refuse_overwriting
 
@@ -21,7 +21,7 @@ from tracker.cli.protect import refuse_overwriting
     type=click.Path(path_type=Path),
     help="An HDF5 log (.h5), a film of all cameras side by side (.mp4), or a new folder of images.",
 )
-@optional_calibration_options
+@calibration_options
 @click.option("--from", "first", metavar="N", type=click.IntRange(0), default=0, help="First frame wanted.")
 @click.option("--to", "last", metavar="N", type=click.IntRange(1), help="First frame not wanted any more.")
 @click.option("--recover", is_flag=True, help="Leave out what is damaged of the recording.")

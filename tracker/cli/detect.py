@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tracker.cli.calibration import Cameras, optional_calibration_options
+from tracker.cli.calibration import Cameras, calibration_options
 from tracker.cli.names import colors_option, object_option
 from tracker.cli.pictures import frame_option
 from tracker.cli.swapped import warn_of_pictures
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("images", nargs=-1, required=True, metavar="IMAGE...")
 @object_option()
-@optional_calibration_options
+@calibration_options
 @frame_option
 @colors_option()
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tracker.cli.calibration import Cameras, optional_calibration_options
+from tracker.cli.calibration import Cameras, calibration_options
 from tracker.cli.pictures import frame_option
 from tracker.cli.read_images import NO_IMAGE
 from tracker.cli.table import listing, table
@@ -45,7 +45,7 @@ class _State:
 
 @click.command(short_help="Find the dice in one IMAGE of each camera, and the error.")
 @click.argument("images", nargs=-1, required=True, metavar="IMAGE...")
-@optional_calibration_options
+@calibration_options
 @frame_option
 @click.option(
     "--goal", "goal_path", metavar="FILE", help="The goal: JSON, or a pattern of 17 rows of characters."

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from tracker.cli.calibration import Cameras, optional_calibration_options, rig_of
+from tracker.cli.calibration import Cameras, calibration_options, rig_of
 from tracker.cli.colors_file import check_colors_file, save_colors
 from tracker.cli.names import colors_option, object_option
 from tracker.cli.protect import refuse_overwriting
@@ -27,7 +27,7 @@ _Command = TypeVar("_Command", bound=Callable[..., Any])
 _OPTIONS = (
     click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...", type=_FILE),
     click.option("-o", "--output", required=True, metavar="FILE", type=_FILE, help="Colour model (.npz)."),
-    optional_calibration_options,
+    calibration_options,
     click.option(
         "--frames",
         metavar="N",

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tracker.cli.calibration import Cameras, load_rig, optional_calibration_options, rig_of
+from tracker.cli.calibration import Cameras, calibration_options, load_rig, rig_of
 from tracker.cli.live_check import check_cameras
 from tracker.cli.live_outputs import Outputs, Wanted, refuse_what_publishes_nothing
 from tracker.cli.live_told import Told
@@ -28,7 +28,7 @@ _CAMERAS = ("pylon", "opencv")  # as tracker.live.opening has them, which is not
 @click.command()
 @click.argument("source", metavar="SOURCE")
 @object_option()
-@optional_calibration_options
+@calibration_options
 @colors_option()
 @click.option(
     "--publish",

@@ -45,7 +45,9 @@ def one_set(
         raise click.UsageError("--frame is one of a recording's or a folder's; found picture files")
     cameras.refuse_pattern_alone()
     if not cameras.calibration:
-        raise click.UsageError("Missing option '--calibration'.")
+        raise click.UsageError(
+            "Missing option '--calibration': the folder with a file of each camera, like camera60.yml"
+        )
     rig = load_rig(cameras)
     return read_images(_in_order(images, rig.names), rig, resize=cameras.resize_calibration)
 

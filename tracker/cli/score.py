@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tracker.cli.calibration import Cameras, optional_calibration_options, rig_of
+from tracker.cli.calibration import Cameras, calibration_options, rig_of
 from tracker.cli.names import object_option
 from tracker.cli.progress import bar
 from tracker.cli.table import listing
@@ -27,7 +27,7 @@ _FILE = click.Path(path_type=Path)
 @click.option("--goal", "goal_path", metavar="FILE", type=_FILE, help="Goal.  [default: JOB/goal.json]")
 @click.option("--poses", "poses_path", metavar="POSES", type=_FILE, help="Poses that were tracked before.")
 @object_option("that of the --poses")
-@optional_calibration_options
+@calibration_options
 @click.option(
     "--every", metavar="N", type=click.IntRange(1), default=1, help="Look for dice in each Nth frame."
 )
@@ -48,10 +48,13 @@ def score(
     Time counts from the recording's first frame. A reward holds until the next frame; where the object was
     not seen the one before holds.
     """
+    from tracker.errors import TaskError
     from tracker.recordings.outcome.rewards import goal_file, totals
     from tracker.tasks.job_goal import read_job_goal
 
     cameras.refuse_pattern_alone()
+    if goal_path is None and not goal_file(job).is_file():
+        raise TaskError(f"{job}: found no {goal_file(job).name} in it, expected one there or --goal")
     goal = read_job_goal(goal_path or goal_file(job))
     if goal.task == "rearrange_dice":
         if poses_path is not None or object_name is not None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tracker.cli.calibration import Cameras, optional_calibration_options
+from tracker.cli.calibration import Cameras, calibration_options
 from tracker.cli.names import colors_option, object_option
 from tracker.cli.progress import bar
 from tracker.cli.protect import check_suffix, refuse_other_content, refuse_overwriting
@@ -32,7 +32,7 @@ CONTRADICTED = 0.02
 @click.option(
     "-o", "--output", required=True, metavar="FILE", type=_FILE, help="File of poses (.h5), or a folder."
 )
-@optional_calibration_options
+@calibration_options
 @colors_option()
 @click.option("--from", "first", metavar="N", type=click.IntRange(0), default=0, help="First frame wanted.")
 @click.option("--to", "last", metavar="N", type=click.IntRange(1), help="First frame not wanted any more.")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from tracker.cli.calibration import Cameras, optional_calibration_options, rig_of
+from tracker.cli.calibration import Cameras, calibration_options, rig_of
 from tracker.cli.names import colors_option, object_option
 from tracker.cli.progress import bar
 from tracker.cli.protect import refuse_overwriting
@@ -62,7 +62,7 @@ _Frames = Iterator[tuple[int, float, "Observation", Sequence["Image | None"], "S
 @click.argument("source", metavar="LOG|POSES", type=_FILE)
 @click.option("--log", metavar="LOG", type=_FILE, help="The recording of the POSES, for its images.")
 @object_option("that of the POSES")
-@optional_calibration_options
+@calibration_options
 @click.option(
     "-o",
     "--output",

@@ -26,7 +26,8 @@ def own_rig(
     rig = log.rig
     if rig is None:
         raise CalibrationError(
-            f"{os.fspath(path)}: found no calibration in or beside it, expected --calibration"
+            f"{os.fspath(path)}: found no calibration in or beside it, expected --calibration, the "
+            "folder with a file of each camera, like camera60.yml"
         )
     if correct_halved_principal_point:
         cameras = tuple(camera.with_halved_principal_point_corrected() for camera in rig)
@@ -82,7 +83,9 @@ def sized_for(size: tuple[int, int], camera: Camera, where: str, *, resize: bool
         f"{camera.width}×{camera.height}"
     )
     if abs(width * camera.height / camera.width - height) >= 1:
-        raise CalibrationError(f"{told}, which is of another shape: expected the calibration of this part")
+        raise CalibrationError(
+            f"{told}, which is of another shape: expected whole images, or a calibration of what they show"
+        )
     if not resize:
         raise CalibrationError(f"{told}; where they are the same images scaled, --resize-calibration fits it")
     return camera.resized(width, height)
