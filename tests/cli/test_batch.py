@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import errno
 import json
 import os
 import signal
@@ -17,8 +18,9 @@ from tests.helpers import ROOT, run_python
 from tests.helpers.command import assert_one_line_error
 from tests.helpers.recording_stubs import write_log
 from tracker.errors import TrackerError
-from tracker.recordings import Options
-from tracker.recordings.many.batch import Batch, run_batch, write_batch
+from tracker.files import write_whole
+from tracker.recordings import Job, Options, Tracked, run
+from tracker.recordings.many.batch import Batch, read_batch, run_batch, write_batch
 from tracker.recordings.many.engine import Here, _begun
 from tracker.recordings.many.results import summary_file
 from tracker.recordings.many.tables import state, write_tables
@@ -190,6 +192,37 @@ def test_ctrl_c_is_one_line_and_leaves_what_is_done(recordings, undisturbed, tmp
     out, err = process.communicate(timeout=60)
     assert (process.returncode, out, err) == (130, b"", b"tracker: interrupted\n")
     assert not list(tmp_path.rglob(".*"))
+
+
+def test_a_full_disk_is_told_with_what_is_done_and_what_to_do(recordings, tmp_path, run_here, monkeypatch):
+    def full(path: Path, *_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device", str(path))
+
+    def full_for_one(job: Job) -> Tracked:
+        if "001" in job.log.name:
+            full(job.output)
+        return run(job)
+
+    monkeypatch.setattr("tracker.recordings.many.engine.Cluster", lambda *_: nullcontext(Here()))
+    base = ["batch", f"{recordings}/00[01]", "--object", "cube_v2", "-o", tmp_path, "--to", 4]
+    with monkeypatch.context() as disk:
+        disk.setattr("tracker.recordings.many.work.run", full_for_one)
+        for name in ("work.write_whole", "tables.write_whole", "tables.write_parquet"):
+            disk.setattr(f"tracker.recordings.many.{name}", full)
+        nothing = run_here(*base)
+        disk.setattr("tracker.recordings.many.work.write_whole", write_whole)
+        some = run_here(*base, "-q")
+    assert (nothing.returncode, some.returncode) == (2, 2)
+    assert "failed      2" in nothing.stdout
+    assert "001.poses.h5: No space left on device" in nothing.stdout
+    failed, table = some.stderr.splitlines()
+    assert failed.startswith("tracker: 1 of 2 recordings failed, the first: ")
+    assert "failures.json: cannot be written: No space left on device. The results of 1 of 2" in table
+    assert f"`tracker batch status {tmp_path} --write`" in table
+    written = {path.name for path in tmp_path.rglob("*") if path.is_file()}
+    assert written == {"batch.json", "000.poses.h5", "000.summary.json", "001.failed.json"}
+    assert run_here(*base, "-q").returncode == 0
+    assert len(state(read_batch(tmp_path)).lines) == 2
 
 
 def test_status_is_told_for_people_and_programs(recordings, tmp_path, run_here):

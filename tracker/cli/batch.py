@@ -6,7 +6,7 @@ import json
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +16,7 @@ from tracker.cli.calibration import Cameras, calibration_options
 from tracker.cli.names import colors_option, object_option
 from tracker.cli.signals import ended_by_signals
 from tracker.cli.table import listing
+from tracker.errors import LogError
 
 if TYPE_CHECKING:
     from tracker.recordings.many.batch import Batch, Told
@@ -114,19 +115,31 @@ def _run(wanted: Batch, workers: int | None, scheduler: str | None, as_csv: bool
 
     Recipe.of(wanted.options)  # what is wrong with it is told before anything begins
     count = min(workers or cores(), len(wanted.pairs))
+    failures: dict[str, str] = {}
+    fault = None
     with only_run(wanted.folder):
         write_batch(wanted)
         try:
-            with _progress(len(wanted.pairs), quiet) as told:
-                failed = run_batch(wanted, lambda: Cluster(count, scheduler), told)
-        finally:
-            found = state(wanted)
+            with _progress(len(wanted.pairs), quiet, failures) as told:
+                run_batch(wanted, lambda: Cluster(count, scheduler), told)
+        except BaseException:
+            with suppress(LogError):  # what ended the run is what is told
+                write_tables(wanted, state(wanted, failures), as_csv=as_csv)
+            raise
+        found = state(wanted, failures)
+        try:
             write_tables(wanted, found, as_csv=as_csv)
+        except LogError as error:
+            fault = error
     if not quiet:
         click.echo(_text(found))
-    if failed:
-        where = wanted.folder / FAILURES
-        click.echo(f"tracker: {failed} of {len(wanted.pairs)} recordings failed, see {where}", err=True)
+    if failures:
+        first = f"the first: {next(iter(failures.values()))}"
+        where = first if fault else f"see {wanted.folder / FAILURES}"
+        click.echo(f"tracker: {len(failures)} of {len(wanted.pairs)} recordings failed, {where}", err=True)
+    if fault is not None:
+        raise fault
+    if failures:
         click.get_current_context().exit(2)
 
 
@@ -197,13 +210,22 @@ _PARTS = {"status": status, "work": work}
 
 
 @contextmanager
-def _progress(total: int, quiet: bool) -> Iterator[Told]:
-    """To be told of recordings; a line on stderr shows how far they are, if that is a terminal."""
+def _progress(total: int, quiet: bool, failures: dict[str, str]) -> Iterator[Told]:
+    """To be told of recordings, and keep why they failed; a line on stderr shows how far they are.
+
+    That line is there if stderr is a terminal.
+    """
     from tracker.recordings.many.batch import Pace
 
     pace = Pace(total, began=time.monotonic())
+
+    def count(result: dict[str, Any] | None) -> None:
+        pace.tell(result, time.monotonic())
+        if result is not None and result["failure"] is not None:
+            failures[result["recording"]] = result["failure"]
+
     if quiet or sys.stderr is None or not sys.stderr.isatty():
-        yield lambda result: pace.tell(result, time.monotonic())
+        yield count
         return
     from tqdm import tqdm
 
@@ -212,7 +234,7 @@ def _progress(total: int, quiet: bool) -> Iterator[Told]:
     with tqdm(total=total, bar_format=line, leave=False, dynamic_ncols=True, file=sys.stderr) as shown:
 
         def told(result: dict[str, Any] | None) -> None:
-            pace.tell(result, time.monotonic())
+            count(result)
             shown.set_description_str(str(pace), refresh=False)
             shown.update(1)
 

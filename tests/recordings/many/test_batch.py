@@ -170,6 +170,17 @@ def test_a_bug_and_a_full_disk_stop_nobody_else(recordings, monkeypatch):
     assert "ZeroDivisionError" in told[2]
 
 
+def test_a_reason_that_could_not_be_kept_is_told_by_who_saw_it(recordings):
+    one = wanted(recordings)
+    do(one)
+    logs = [log for log, _ in one.pairs]
+    for name in ("000.poses.h5", "001.poses.h5"):
+        next(one.folder.rglob(name)).unlink()
+    assert tables.state(one).failures == {}
+    found = tables.state(one, {logs[1]: "no space", logs[2]: "done since"})
+    assert (found.failures, found.missing, len(found.lines)) == ({logs[1]: "no space"}, 1, COUNT - 2)
+
+
 def test_a_result_that_another_run_is_making_is_left_to_it(recordings):
     one = wanted(recordings)
     target = one.folder / one.pairs[1][1]

@@ -5,13 +5,15 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Iterable
+import os
+import shlex
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from tracker.errors import LogError
+from tracker.errors import LogError, reason
 from tracker.files import whole_file, write_whole
 from tracker.recordings.many.batch import Batch
 from tracker.recordings.many.results import failure_file, read_failure, read_line, summary_file
@@ -47,8 +49,13 @@ RECENT = 600.0
 """Time over which the pace is taken [s]."""
 
 
-def state(batch: Batch) -> State:
-    """What the folder of results says of a batch, whoever works on it."""
+def state(batch: Batch, told: Mapping[str, str] | None = None) -> State:
+    """What the folder of results says of a batch, whoever works on it.
+
+    Args:
+        batch: what is wanted.
+        told: reasons, by recording, of which there may be no file: of those that have failed just now.
+    """
     lines, failures, stamps, running = [], {}, [], 0
     for log, relative in batch.pairs:
         output = batch.folder / relative
@@ -59,6 +66,8 @@ def state(batch: Batch) -> State:
             stamps.append(summary_file(output).stat().st_mtime)
         elif failure_file(output).exists():
             failures[log] = read_failure(output) or "unknown"
+        elif told is not None and log in told:
+            failures[log] = told[log]
     return State(len(batch.pairs), tuple(lines), failures, running, _rate(stamps))
 
 
@@ -75,27 +84,38 @@ def write_tables(batch: Batch, found: State, *, as_csv: bool) -> list[Path]:
     Without the package pyarrow the table is CSV.
 
     Raises:
-        LogError: a file cannot be written.
+        LogError: a file cannot be written; the others are. It says what is done, and what to do.
     """
     rows = [{name: line[name] for name in COLUMNS} for line in found.lines]
-    written = []
-    try:
-        if find_spec("pyarrow") is not None:
-            written.append(batch.folder / f"{SUMMARY}.parquet")
-            write_parquet(written[-1], rows)
-        if as_csv or not written:
-            written.append(batch.folder / f"{SUMMARY}.csv")
-            write_whole(written[-1], _csv(rows))
-        failures = batch.folder / FAILURES
-        if found.failures:
-            content = [{"recording": log, "reason": why} for log, why in found.failures.items()]
-            write_whole(failures, json.dumps(content, indent=1) + "\n")
-            written.append(failures)
-        else:
-            failures.unlink(missing_ok=True)
-    except OSError as error:
-        raise LogError(f"{error.filename or batch.folder}: cannot be written: {error.strerror}") from error
-    return written
+    why = [{"recording": log, "reason": why} for log, why in found.failures.items()]
+    writers: dict[str, Callable[[Path], object]] = {}
+    if find_spec("pyarrow") is not None:
+        writers[f"{SUMMARY}.parquet"] = lambda path: write_parquet(path, rows)
+    if as_csv or not writers:
+        writers[f"{SUMMARY}.csv"] = lambda path: write_whole(path, _csv(rows))
+    writers[FAILURES] = lambda path: (
+        write_whole(path, json.dumps(why, indent=1) + "\n") if why else path.unlink(missing_ok=True)
+    )
+    refused = {}
+    for name, write in writers.items():
+        try:
+            write(batch.folder / name)
+        except OSError as error:
+            refused[name] = os.strerror(error.errno) if error.errno else reason(error)
+    if refused:
+        raise LogError(_told_of_refused(batch.folder, refused, found, as_csv=as_csv))
+    return [path for name in writers if (path := batch.folder / name).exists()]
+
+
+def _told_of_refused(folder: Path, refused: dict[str, str], found: State, *, as_csv: bool) -> str:
+    old = " (what is there is older)" if any((folder / name).exists() for name in refused) else ""
+    names = ", ".join(str(folder / name) for name in refused)
+    command = f"`tracker batch status {shlex.quote(str(folder))} --write{' --csv' * as_csv}`"
+    return (
+        f"{names}: cannot be written{old}: {'; '.join(dict.fromkeys(refused.values()))}. The results of "
+        f"{len(found.lines)} of {found.total} recordings are whole; when it can be, {command} writes this, "
+        "and the same `tracker batch` again does what is missing"
+    )
 
 
 def write_parquet(path: Path, rows: Iterable[dict[str, Any]]) -> None:
