@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 from tests.helpers.moments import estimate, moment
 from tracker.cli.live_told import Told
@@ -17,6 +18,19 @@ def test_a_jump_is_not_taken_for_a_fault_of_a_camera_that_is_called_stamps():
     summary = told.summary(0, ())
     assert "amiss in 1 of 2 sets; last: the buffer failed" in summary
     assert "amiss in 1 of 2 sets; last: went back by 3.000 s" in summary
+
+
+def test_the_summary_names_cameras_in_their_order_and_a_fault_once(tmp_path):
+    told, counts = Told(), {"camera60": 0, "camera180": 3}
+    for number in range(3):
+        faults = {"camera180": "too small", "camera60": "frozen"}
+        told.hear(replace(moment(number), faults=faults, fault_counts=counts))
+    recorder = SimpleNamespace(recorded=0, path=tmp_path / "log.h5", left_out=0, fault=None)
+    lines = told.summary(0, ["camera180: too small"] * 5 + ["a listener"] * 2, recorder).splitlines()
+    begins = ["sets", "status", "latency", "camera60", "camera180", "recorded", "fault"]
+    assert [line.split()[0] for line in lines] == begins
+    assert lines[-2].split() == ["recorded", "nothing"]
+    assert lines[-1].endswith("a listener")
 
 
 def test_a_fault_of_one_set_is_in_the_next_line_and_in_the_summary(monkeypatch):

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tracker.errors import LiveError
-from tracker.live.camera import CameraEnded, CameraLost, GrabFailed, Picture
+from tracker.live.camera import CameraEnded, CameraLost, CameraUnfit, GrabFailed, Picture
 from tracker.live.camera_set import CameraSet
 from tracker.logs.pictures import from_bayer
 
@@ -111,6 +111,28 @@ def test_a_camera_that_is_lost_is_opened_again(monkeypatch):
     assert len(tries) == 4
     assert lost.closed == 2
     assert all(shot.images[0] is not None for shot in given[2:])
+
+
+def test_a_camera_that_cannot_be_used_as_it_is_set_ends_the_source_unless_it_once_could(monkeypatch):
+    monkeypatch.setattr("tracker.live.camera_set.LOOK_AGAIN", 0.03)
+    unfit = CameraUnfit("does not take Gain = 99")
+
+    def refuse():
+        raise unfit
+
+    cameras = CameraSet([Scripted().open, refuse], [SIZE] * 2)
+    with pytest.raises(CameraUnfit, match="Gain"):
+        shots(cameras, 10_000)
+    cameras.close()
+    deadline = time.monotonic() + 120
+    openers = iter([Scripted(IMAGE, CameraLost("unplugged")).open, refuse, Scripted(then=IMAGE).open])
+    cameras = CameraSet([lambda: next(openers)()], [SIZE])
+    while "does not take" not in str((shot := shots(cameras, 1)[0]).faults):
+        assert time.monotonic() < deadline
+    while shot.images[0] is None:
+        assert time.monotonic() < deadline
+        shot = shots(cameras, 1)[0]
+    cameras.close()
 
 
 def test_a_camera_that_hangs_does_not_hold_up_the_others():

@@ -14,7 +14,7 @@ from tests.helpers.needs import lack
 from tests.live.test_platform import Cube, loop
 from tracker.errors import LiveError
 from tracker.live import Live, Moment
-from tracker.live.camera import GrabFailed
+from tracker.live.camera import CameraUnfit, GrabFailed
 from tracker.live.opening import open_cameras, settings_of
 from tracker.live.platform import Frontend
 from tracker.pose.result import Observation, Status
@@ -88,7 +88,7 @@ def test_a_failed_buffer_is_one_picture_that_is_missing(camera):
     ],
 )
 def test_a_setting_that_is_not_taken_is_named(wrong, words):
-    with pytest.raises(LiveError, match=f"pylon: 0815-0001.* {words}"):
+    with pytest.raises(CameraUnfit, match=f"pylon: 0815-0001.* {words}"):
         PylonCamera(SERIALS[1], wrong)
 
 

@@ -29,6 +29,7 @@ class Told:
         self._faults: Counter[str] = Counter()
         self._lately: Counter[str] = Counter()
         self._reasons: dict[str, str] = {}
+        self._order: dict[str, None] = {}
         self._latencies: deque[float] = deque(maxlen=_LATENCIES)
         self._newest: Moment | None = None
         self._told_count = 0
@@ -47,6 +48,7 @@ class Told:
             faults = dict(moment.faults)
             if moment.jump is not None:
                 faults[_STAMPS] = moment.jump
+            self._order |= dict.fromkeys([_STAMPS, *moment.fault_counts, *faults])
             self._faults.update(faults.keys())
             self._lately.update(faults.keys())
             self._reasons.update(faults)
@@ -88,13 +90,17 @@ class Told:
             median, late = np.percentile(1e3 * np.array(self._latencies), [50, 99])
             rows.append(["status", statuses])
             rows.append(["latency", f"{median:.1f} ms in the median, {late:.1f} ms in the 99th percentile"])
-        for name, times in sorted(self._faults.items()):
-            rows.append([name or "stamps", f"amiss in {times} of {count} sets; last: {self._reasons[name]}"])
+        for name in filter(self._faults.__contains__, self._order):
+            times, reason = self._faults[name], self._reasons[name]
+            rows.append([name or "stamps", f"amiss in {times} of {count} sets; last: {reason}"])
         if recorder is not None:
-            rows.append(["recorded", f"{recorder.recorded} sets in {recorder.path}"])
+            recorded = f"{recorder.recorded} sets in {recorder.path}" if recorder.recorded else "nothing"
+            rows.append(["recorded", recorded])
             if recorder.left_out:
                 rows.append(["", f"{recorder.left_out} left out, which the disk did not take in time"])
             if recorder.fault is not None:
                 rows.append(["", f"ended before its time: {recorder.fault}"])
-        rows += [["fault", fault] for fault in faults[-5:]]
+        known = {f"{name}: {last}" if name else f"stamps {last}" for name, last in self._reasons.items()}
+        more = [fault for fault in dict.fromkeys(faults) if fault not in known]
+        rows += [["fault", fault] for fault in more[-5:]]
         return listing(rows)

@@ -15,6 +15,10 @@ class CameraLost(LiveError):
     """The camera does not answer any more; it is to be closed and looked for again."""
 
 
+class CameraUnfit(LiveError):
+    """The camera is there, but cannot be used as it is set: to look for it again mends nothing."""
+
+
 class CameraEnded(SourceEnded):
     """The camera has no more pictures, as was to be expected: a film's end."""
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from tracker.conventions import Image
 from tracker.errors import LiveError
-from tracker.live.camera import Camera, CameraEnded, CameraLost, Picture, Settings
+from tracker.live.camera import Camera, CameraEnded, CameraLost, CameraUnfit, Picture, Settings
 from tracker.live.shot import Shot
 from tracker.logs.pictures import from_bayer
 
@@ -42,7 +42,11 @@ class _Slot:
     fault: str | None = _UNTRIED
     there: bool = False
     """Whether the camera is open."""
+    opened: bool = False
+    """Whether it ever was."""
     ended: bool = False
+    unfit: CameraUnfit | None = None
+    """Why it could not be used when it was opened first."""
     settings: Settings = field(default_factory=dict)
     """What it was set to when it was opened last."""
 
@@ -50,8 +54,9 @@ class _Slot:
 class CameraSet:
     """A source of pictures that cameras take when they are asked together, at a steady rate.
 
-    A camera that fails once gives no image in that set; one that is lost is opened again as soon as it is
-    there. Sets go on at their rate whatever becomes of cameras, also when all of them are gone.
+    A camera that fails once gives no image in that set; one that is lost, or not there yet, is opened as soon
+    as it is there. Sets go on at their rate whatever becomes of cameras, also when all of them are gone. Only
+    one that from the beginning cannot be used as it is set ends the source: `next` raises CameraUnfit.
 
     Args:
         openers: for each camera what opens it; LiveError where it cannot.
@@ -103,6 +108,9 @@ class CameraSet:
                 self._deadline, self._waiting = now + max(0.9 * self._period, 0.02), True
                 self._changed.notify_all()
         with self._changed:
+            for slot in self._slots:
+                if slot.unfit is not None:
+                    raise slot.unfit
             self._changed.wait_for(self._complete, max(0.0, min(until, self._deadline) - time.monotonic()))
             if not self._complete() and time.monotonic() < self._deadline:
                 return None
@@ -197,11 +205,13 @@ class CameraSet:
         except Exception as error:
             with self._changed:
                 slot.fault = " ".join(str(error).split())
+                if isinstance(error, CameraUnfit) and not slot.opened:
+                    slot.unfit = error
                 self._changed.notify_all()
                 self._changed.wait_for(self._closing.is_set, LOOK_AGAIN)
             return None
         with self._changed:
-            slot.answered, slot.fault, slot.there = self._asked - 1, None, True
+            slot.answered, slot.fault, slot.there, slot.opened = self._asked - 1, None, True, True
             slot.settings = settings
             self._changed.notify_all()
         return camera

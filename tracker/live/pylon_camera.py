@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from tracker.errors import LiveError, install
-from tracker.live.camera import CameraLost, GrabFailed, Picture, Settings
+from tracker.live.camera import CameraLost, CameraUnfit, GrabFailed, Picture, Settings
 
 KEPT = (
     "DeviceSerialNumber", "PixelFormat", "ExposureTime", "ExposureAuto", "Gain", "GainAuto", "Gamma",
@@ -42,7 +42,8 @@ class PylonCamera:
         settings: features that are set, in their order, before it begins; each is read back.
 
     Raises:
-        LiveError: there is no such camera, it is in use, or does not take a setting.
+        LiveError: there is no such camera, or it is in use.
+        CameraUnfit: it does not take a setting, or its pictures cannot be read.
     """
 
     triggered = True
@@ -66,7 +67,7 @@ class PylonCamera:
             self._set("TriggerSource", "Software")
             self.format = str(self._camera.PixelFormat.Value)
             if self.format not in _COLORS:
-                raise LiveError(
+                raise CameraUnfit(
                     f"pylon: {serial}: found the PixelFormat {self.format}, expected one of "
                     f"{', '.join(_COLORS)}: give it in the settings"
                 )
@@ -124,11 +125,14 @@ class PylonCamera:
             feature.Value = value
             found = feature.Value
         except Exception as error:
-            raise self._fault(f"does not take {name} = {value!r}", error) from error
+            what = f"does not take {name} = {value!r}"
+            if self._camera.IsCameraDeviceRemoved():
+                raise self._fault(what, error) from error
+            raise CameraUnfit(str(self._fault(what, error))) from error
         # Cameras round times and gains to steps of theirs.
         near = isinstance(value, float) and abs(found - value) <= 0.02 * abs(value) + 1e-3
         if found != value and not near:
-            raise LiveError(f"pylon: {self.serial}: {name}: found {found!r} after setting {value!r}")
+            raise CameraUnfit(f"pylon: {self.serial}: {name}: found {found!r} after setting {value!r}")
 
     def _fault(self, what: str, error: Exception) -> LiveError:
         return LiveError(f"pylon: {self.serial} {what}: {_told(error)}")

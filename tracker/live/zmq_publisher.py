@@ -10,6 +10,10 @@ from tracker.errors import LiveError, install
 from tracker.live.message import message_of
 from tracker.live.moment import Moment
 
+_FORMS = "tcp://127.0.0.1:PORT, ipc://PATH"
+_ADDRESS = re.compile(r"tcp://.+:(\d{1,5}|\*)|(ipc|inproc)://.+")
+_PORT = re.compile(r"(?<=:)\d+$")
+"""ZeroMQ takes one that is too large for another that is not."""
 _LOCAL = re.compile(r"tcp://(127(\.\d{1,3}){3}|localhost|\[::1\]):(\d{1,5}|\*)|(ipc|inproc)://.+")
 
 
@@ -28,10 +32,12 @@ class ZmqPublisher:
     """
 
     def __init__(self, address: str, *, public: bool = False) -> None:
+        if not _ADDRESS.fullmatch(address) or int((_PORT.search(address) or "0")[0]) > 65535:
+            raise LiveError(f"publish: found {address}, expected {_FORMS}, lcm://, udpm:// or file://")
         if not (public or _LOCAL.fullmatch(address)):
             raise LiveError(
-                f"publish {address}: other machines could connect to it; expected tcp://127.0.0.1:PORT, "
-                "ipc://PATH, or to be told that it is meant to be public"
+                f"publish {address}: other machines could connect to it; expected {_FORMS}, or to be told "
+                "that it is meant to be public"
             )
         if find_spec("zmq") is None:
             raise LiveError(f"publish: pyzmq is not installed: {install('live')}")
