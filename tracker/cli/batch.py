@@ -111,7 +111,8 @@ def _run(wanted: Batch, workers: int | None, scheduler: str | None, as_csv: bool
     from tracker.recordings import Recipe
     from tracker.recordings.many.batch import only_run, run_batch, write_batch
     from tracker.recordings.many.engine import Cluster, cores
-    from tracker.recordings.many.tables import FAILURES, state, write_tables
+    from tracker.recordings.many.results import FAILURES
+    from tracker.recordings.many.tables import state, write_tables
 
     Recipe.of(wanted.options)  # what is wrong with it is told before anything begins
     count = min(workers or cores(), len(wanted.pairs))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import glob
 import itertools
 import json
 import os
@@ -18,15 +17,13 @@ from tracker.errors import LogError, reason
 from tracker.files import claimed, read_bounded, write_whole
 from tracker.recordings.fingerprint import fingerprint
 from tracker.recordings.many.engine import Engine
-from tracker.recordings.many.results import is_done, outputs_of, summary_file
+from tracker.recordings.many.patterns import recordings_of
+from tracker.recordings.many.results import ASKED, is_done, outputs_of, summary_file
 from tracker.recordings.many.work import Task, agreed, keep_failure, make_result
 from tracker.recordings.recipe import Job, Options, Recipe
 
 MAX_LIST = 1 << 28
 """Largest list of recordings [bytes]."""
-
-FILE_NAME = "batch.json"
-"""In the folder of results: what was asked for."""
 
 Told = Callable[[dict[str, Any] | None], None]
 """Told of each recording that is finished what `make_result` returns; None: it was done before."""
@@ -50,7 +47,7 @@ class Batch:
         Raises:
             LogError: a recording is given twice, or a pattern fits nothing.
         """
-        logs = [Path(path) for given in recordings for path in _expanded(given)]
+        logs = recordings_of(recordings, folder)
         outputs = outputs_of(logs, Path())
         pairs = ((os.path.abspath(log), str(output)) for log, output in zip(logs, outputs, strict=True))
         return cls(folder, options.absolute(), tuple(pairs))
@@ -69,7 +66,7 @@ def write_batch(batch: Batch) -> None:
     """
     batch.folder.mkdir(parents=True, exist_ok=True)
     content = {"options": batch.options.plain(), "recordings": batch.pairs}
-    write_whole(batch.folder / FILE_NAME, json.dumps(content, indent=0) + "\n")
+    write_whole(batch.folder / ASKED, json.dumps(content, indent=0) + "\n")
 
 
 def read_batch(folder: Path) -> Batch:
@@ -78,7 +75,7 @@ def read_batch(folder: Path) -> Batch:
     Raises:
         LogError: there is no such file in the folder, or it is malformed.
     """
-    path = folder / FILE_NAME
+    path = folder / ASKED
     try:
         content = json.loads(read_bounded(path, MAX_LIST))
         pairs = tuple((str(log), str(output)) for log, output in content["recordings"])
@@ -100,7 +97,7 @@ def only_run(folder: Path) -> Iterator[None]:
         OSError: the folder cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    with claimed(folder / FILE_NAME):
+    with claimed(folder / ASKED):
         _remove_leftovers(folder)
         try:
             yield
@@ -156,16 +153,6 @@ def unfinished(tasks: Sequence[Task], recipe: Recipe, done: Callable[[], None]) 
             done()
         else:
             yield task
-
-
-def _expanded(path: str) -> list[str]:
-    """The path itself, or what a pattern fits."""
-    if os.path.exists(path) or not glob.has_magic(path):
-        return [path]
-    found = sorted(glob.glob(path, recursive=True))
-    if not found:
-        raise LogError(f"{path}: found nothing that fits this pattern, expected recordings")
-    return found
 
 
 def _remove_leftovers(folder: Path) -> None:

@@ -4,8 +4,10 @@
     a/b.dat.summary.json   the line about them, and what they were made from
     a/b.dat.failed.json    instead of these: why there are none
 
-These files are all that a batch remembers, so that any number of processes on any machines can add to it.
-They hold no times and no names of machines: the same recordings give the same bytes.
+The folder has those of all of them: what was asked for, the table, and what failed.
+
+The small files are all that a batch remembers, so that any number of processes on any machines can add to
+it. They hold no times and no names of machines: the same recordings give the same bytes.
 """
 
 from __future__ import annotations
@@ -24,6 +26,13 @@ from tracker.recordings.recipe import Job
 
 SUFFIX = ".poses.h5"
 """What the file of poses is called after its recording's name."""
+
+_LINE, _REASON = ".summary.json", ".failed.json"
+
+ASKED, TABLE, FAILURES = "batch.json", "summary", "failures.json"
+"""In the folder of results: what was asked for, the table without its suffix, and what failed."""
+
+_OF_ALL = (ASKED, f"{TABLE}.parquet", f"{TABLE}.csv", FAILURES)
 
 MAX_FILE_SIZE = 100_000
 """Largest file [bytes] that is read; they have 2 kB."""
@@ -46,25 +55,42 @@ def outputs_of(logs: Sequence[Path], folder: Path) -> list[Path]:
     """The file of poses of each recording.
 
     Raises:
-        LogError: a recording is given twice.
+        LogError: a recording is given twice, or two would have the same file.
     """
+    given: dict[str, Path] = {}
     outputs: dict[Path, Path] = {}
     for log in logs:
-        output = output_of(log, folder)
-        if output in outputs:
-            raise LogError(f"{log}: found {outputs[output]} too, expected each recording once")
-        outputs[output] = log
+        other = given.setdefault(os.path.abspath(log), log)
+        if other is not log:
+            raise LogError(f"{log}: found {other} too, expected each recording once")
+        other = outputs.setdefault(output_of(log, folder), log)
+        if other is not log:
+            raise LogError(
+                f"{log}: found {other} too, whose result has this name: give both as absolute paths"
+            )
     return list(outputs)
 
 
 def summary_file(output: Path) -> Path:
     """Where the line about a file of poses is."""
-    return output.with_name(output.name.removesuffix(SUFFIX) + ".summary.json")
+    return output.with_name(output.name.removesuffix(SUFFIX) + _LINE)
 
 
 def failure_file(output: Path) -> Path:
     """Where the reason is why there is no file of poses."""
-    return output.with_name(output.name.removesuffix(SUFFIX) + ".failed.json")
+    return output.with_name(output.name.removesuffix(SUFFIX) + _REASON)
+
+
+def is_result(path: Path, folder: Path) -> bool:
+    """Whether this is a file that batches write to their folder of results, or a folder of nothing else.
+
+    Raises:
+        OSError: a folder cannot be read.
+    """
+    if path.is_dir() and not path.is_symlink():
+        inside = [entry for entry in path.iterdir() if not entry.name.startswith(".")]
+        return bool(inside) and all(is_result(entry, folder) for entry in inside)
+    return path.name.endswith((SUFFIX, _LINE, _REASON)) or (path.parent == folder and path.name in _OF_ALL)
 
 
 def read_line(output: Path) -> dict[str, Any] | None:

@@ -16,12 +16,16 @@ from typing import Any
 from tracker.errors import LogError, reason
 from tracker.files import whole_file, write_whole
 from tracker.recordings.many.batch import Batch
-from tracker.recordings.many.results import failure_file, read_failure, read_line, summary_file
+from tracker.recordings.many.results import (
+    FAILURES,
+    TABLE,
+    failure_file,
+    read_failure,
+    read_line,
+    summary_file,
+)
 from tracker.recordings.outcome.row import COLUMNS
 from tracker.recordings.track import unicode_text
-
-SUMMARY, FAILURES = "summary", "failures.json"
-"""Names of the files in the folder of results."""
 
 
 @dataclass(frozen=True)
@@ -90,9 +94,9 @@ def write_tables(batch: Batch, found: State, *, as_csv: bool) -> list[Path]:
     why = [{"recording": log, "reason": why} for log, why in found.failures.items()]
     writers: dict[str, Callable[[Path], object]] = {}
     if find_spec("pyarrow") is not None:
-        writers[f"{SUMMARY}.parquet"] = lambda path: write_parquet(path, rows)
+        writers[f"{TABLE}.parquet"] = lambda path: write_parquet(path, rows)
     if as_csv or not writers:
-        writers[f"{SUMMARY}.csv"] = lambda path: write_whole(path, _csv(rows))
+        writers[f"{TABLE}.csv"] = lambda path: write_whole(path, _csv(rows))
     writers[FAILURES] = lambda path: (
         write_whole(path, json.dumps(why, indent=1) + "\n") if why else path.unlink(missing_ok=True)
     )
