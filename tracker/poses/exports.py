@@ -1,4 +1,4 @@
-"""Poses in the formats of others: spreadsheets, pandas, xarray, Parquet, trajectory tools, BOP."""
+"""Poses in the formats of others: spreadsheets, Parquet, trajectory tools, BOP."""
 
 from __future__ import annotations
 
@@ -6,41 +6,22 @@ import csv
 import io
 import os
 from collections.abc import Iterable, Sequence
-from importlib import import_module
-from typing import Any
 
 import numpy as np
 
 from tracker.conventions import Array, FloatArray
-from tracker.errors import LogError, TrackerError
+from tracker.errors import LogError
 from tracker.files import told_as, whole_file, write_whole
 from tracker.geometry import so3
 from tracker.geometry.camera import Camera
-from tracker.poses.columns import MeasuredColumns, PoseColumns
+from tracker.poses.columns import PoseColumns
 from tracker.poses.poses import Kind, Poses
+from tracker.poses.table import CSV_HEADER, package
 
 BOP_HEADER = ("scene_id", "im_id", "obj_id", "score", "R", "t", "time")
 """First line of a file of BOP results."""
 
 _MM = 1000.0
-_POSE = ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw", "confidence")
-_STD = ("std_x_m", "std_y_m", "std_z_m", "std_rx_rad", "std_ry_rad", "std_rz_rad")
-_VELOCITY = ("vx_m_per_s", "vy_m_per_s", "vz_m_per_s", "wx_rad_per_s", "wy_rad_per_s", "wz_rad_per_s")
-_VELOCITY_STD = tuple(f"std_{name}" for name in _VELOCITY)
-
-CSV_HEADER = (
-    "frame",
-    "timestamp_s",
-    "status",
-    *(f"measured_{name}" for name in (*_POSE, *_STD)),
-    *(f"filtered_{name}" for name in (*_POSE, *_STD, *_VELOCITY, *_VELOCITY_STD)),
-    *(f"recorded_{name}" for name in _POSE),
-    "cameras",
-)
-"""Columns of the CSV file: always the same, with their units."""
-
-CAMERA_SEPARATOR = "|"
-"""Between what became of each camera's picture, in the column `cameras`."""
 
 
 def write_csv(path: str | os.PathLike[str], poses: Poses) -> None:
@@ -52,11 +33,9 @@ def write_csv(path: str | os.PathLike[str], poses: Poses) -> None:
     Raises:
         LogError: the file cannot be written.
     """
-    numbers = numbers_of(poses)
-    heads = zip(poses.index.tolist(), poses.timestamp.tolist(), poses.status.tolist(), strict=True)
     rows = (
-        [*head, *("" if value != value else value for value in values), uses]  # only NaN differs from itself
-        for head, values, uses in zip(heads, numbers.tolist(), camera_cells(poses), strict=True)
+        ["" if value != value else value for value in row]  # only NaN differs from itself
+        for row in zip(*(column.tolist() for column in poses.table().values()), strict=True)
     )
     with told_as(LogError, path):
         write_whole(path, _table(CSV_HEADER, rows))
@@ -126,51 +105,6 @@ def write_bop(
         write_whole(path, _table(BOP_HEADER, rows))
 
 
-def columns_of(poses: Poses) -> dict[str, Array]:
-    """(n,) columns under CSV_HEADER: numbers with NaN where there is none, and texts."""
-    numbers = numbers_of(poses)
-    heads: list[Array] = [poses.index, poses.timestamp, poses.status]
-    tail: Array = np.array(camera_cells(poses), dtype=np.str_)
-    arrays = [*heads, *numbers.T, tail]
-    return dict(zip(CSV_HEADER, arrays, strict=True))
-
-
-def to_dataframe(poses: Poses) -> Any:
-    """A pandas DataFrame with the columns of the CSV file; the index is the frame's number.
-
-    Raises:
-        TrackerError: the package pandas is missing.
-    """
-    frame: Any = _package("pandas").DataFrame(columns_of(poses))
-    return frame.set_index("frame")
-
-
-def to_xarray(poses: Poses) -> Any:
-    """An xarray Dataset along `frame`, with whole vectors and covariances, e.g. `filtered_position`.
-
-    Raises:
-        TrackerError: the package xarray is missing.
-    """
-    names = {3: "axis", 4: "xyzw", 6: "twist"}
-    variables: dict[str, Any] = {"timestamp": ("frame", poses.timestamp), "status": ("frame", poses.status)}
-    if poses.cameras is not None:
-        variables["cameras"] = (("frame", "camera"), poses.cameras)
-    for kind in ("measured", "filtered", "recorded"):
-        columns = getattr(poses, kind)
-        for name, array in columns.arrays().items() if columns is not None else ():
-            sizes = array.shape[1:]
-            axes = [names[size] + ("_too" if k else "") for k, size in enumerate(sizes)]
-            variables[f"{kind}_{name}"] = (("frame", *axes), array)
-    coordinates = {
-        "frame": poses.index,
-        "axis": list("xyz"),
-        "xyzw": list("xyzw"),
-        "camera": list(poses.about.rig.names),
-    }
-    about = {name: getattr(poses.about, name) for name in ("object_name", "source", "tracker_version")}
-    return _package("xarray").Dataset(variables, coords=coordinates, attrs=about)
-
-
 def write_parquet(path: str | os.PathLike[str], poses: Poses) -> None:
     """Write the columns of the CSV file as Parquet, whole or not at all; NaN becomes null.
 
@@ -178,8 +112,8 @@ def write_parquet(path: str | os.PathLike[str], poses: Poses) -> None:
         LogError: the file cannot be written.
         TrackerError: the package pyarrow is missing.
     """
-    pa, pq = _package("pyarrow"), _package("pyarrow.parquet")
-    table = pa.table({name: pa.array(column, from_pandas=True) for name, column in columns_of(poses).items()})
+    pa, pq = package("pyarrow"), package("pyarrow.parquet")
+    table = pa.table({name: pa.array(column, from_pandas=True) for name, column in poses.table().items()})
     with told_as(LogError, path), whole_file(path) as temporary:
         pq.write_table(table, temporary, compression="zstd")
 
@@ -192,41 +126,6 @@ def camera_from_object(columns: PoseColumns, camera: Camera) -> tuple[FloatArray
     return rotation, translation
 
 
-def numbers_of(poses: Poses) -> FloatArray:
-    """(n, k) the columns of numbers under CSV_HEADER, after the status; NaN where there is none."""
-    recorded = PoseColumns.nothing(len(poses)) if poses.recorded is None else poses.recorded
-    return np.concatenate(
-        [
-            *_pose_and_std(poses.measured),
-            *_pose_and_std(poses.filtered),
-            poses.filtered.velocity,
-            _std(poses.filtered.velocity_covariance),
-            *_pose(recorded),
-        ],
-        axis=1,
-    )
-
-
-def camera_cells(poses: Poses) -> list[str]:
-    """What became of each frame's pictures, as one text."""
-    if poses.cameras is None:
-        return [""] * len(poses)
-    return [CAMERA_SEPARATOR.join(uses) if any(uses) else "" for uses in poses.cameras.tolist()]
-
-
-def _pose(columns: PoseColumns) -> list[FloatArray]:
-    return [columns.position, columns.orientation, columns.confidence[:, None]]
-
-
-def _pose_and_std(columns: MeasuredColumns) -> list[FloatArray]:
-    return [*_pose(columns), _std(columns.covariance)]
-
-
-def _std(covariance: FloatArray) -> FloatArray:
-    result: FloatArray = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-    return result
-
-
 def _spaced(values: Array) -> str:
     return " ".join(map(repr, values.ravel().tolist()))
 
@@ -237,11 +136,3 @@ def _table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     writer.writerow(header)
     writer.writerows(rows)
     return text.getvalue()
-
-
-def _package(name: str) -> Any:
-    try:
-        return import_module(name)
-    except ImportError as error:
-        package = name.partition(".")[0]
-        raise TrackerError(f"this needs the package {package}: pip install {package}") from error

@@ -19,6 +19,7 @@ from tracker.poses.columns import (
     float_array,
     refuse,
 )
+from tracker.poses.table import CSV_HEADER, along_frames, camera_cells, numbers_of, package
 
 Kind = Literal["measured", "filtered", "recorded"]
 """Which of a frame's poses."""
@@ -139,25 +140,39 @@ class Poses:
             cameras=None if self.cameras is None else self.cameras[rows],
         )
 
+    def table(self) -> dict[str, Array]:
+        """(n,) columns under the CSV file's header: numbers with NaN where there is none, and texts."""
+        cells = camera_cells(_cameras(self))
+        numbers = numbers_of(self.measured, self.filtered, self.recorded)
+        columns = [self.index, self.timestamp, self.status, *numbers.T, cells]
+        return dict(zip(CSV_HEADER, columns, strict=True))
+
     def to_dataframe(self) -> Any:
         """A pandas DataFrame, one row a frame, with the columns of the CSV file; see docs/poses.md.
 
         Raises:
             TrackerError: the package pandas is missing.
         """
-        from tracker.poses.exports import to_dataframe
-
-        return to_dataframe(self)
+        return package("pandas").DataFrame(self.table()).set_index("frame")
 
     def to_xarray(self) -> Any:
-        """An xarray Dataset along `frame`, with whole vectors and covariances.
+        """An xarray Dataset along `frame`, with whole vectors and covariances, e.g. `filtered_position`.
 
         Raises:
             TrackerError: the package xarray is missing.
         """
-        from tracker.poses.exports import to_xarray
-
-        return to_xarray(self)
+        variables: dict[str, Any] = {"timestamp": ("frame", self.timestamp), "status": ("frame", self.status)}
+        if self.cameras is not None:
+            variables["cameras"] = (("frame", "camera"), self.cameras)
+        variables |= along_frames({kind: getattr(self, kind) for kind in KINDS})
+        coordinates = {
+            "frame": self.index,
+            "axis": list("xyz"),
+            "xyzw": list("xyzw"),
+            "camera": list(self.about.rig.names),
+        }
+        about = {name: getattr(self.about, name) for name in ("object_name", "source", "tracker_version")}
+        return package("xarray").Dataset(variables, coords=coordinates, attrs=about)
 
     def columns(self, kind: Kind) -> PoseColumns:
         """The poses of a kind.
