@@ -54,7 +54,7 @@ def report(pose: tracker.PoseEstimate, truth: Still) -> None:
         ("position [mm]", 1e3 * pose.position),
         ("  truth", 1e3 * truth.position),
         ("  std", 1e3 * std[:3]),
-        ("rotation [deg]", np.degrees(so3.log(pose.rotation))),
+        ("rotation [°]", np.degrees(so3.log(pose.rotation))),
         ("  truth", np.degrees(so3.log(truth.rotation))),
         ("  std", np.degrees(std[3:])),
     ):

@@ -86,7 +86,7 @@ def test_the_version_is_said():
 def test_detect_prints_the_pose_for_people(demo):
     result = run(*detect_arguments(demo))
     assert result.returncode == 0, result.stderr
-    rows = {line[:23].strip(): line[23:].split() for line in result.stdout.splitlines()}
+    rows = {line[:21].strip(): line[21:].split() for line in result.stdout.splitlines()}
     assert rows["object"] == ["cube_v2"]
     assert rows["status"] == ["found"]
     assert len(rows["position [mm]"]) == len(rows["std [mm]"]) == 3

@@ -99,7 +99,7 @@ def _text(found: CalibrationCheck) -> str:
     """The result for people."""
     import math
 
-    rows = [["camera", "looks", "cannot use", "miss px", "moved mm", "turned degrees"]]
+    rows = [["camera", "looks", "cannot use", "miss [px]", "moved [mm]", "turned [°]"]]
     for one in found.cameras:
         miss = "" if math.isnan(one.miss_px) else f"{one.miss_px:.2f}"
         moved = [f"{1e3 * one.shift:.1f}", f"{math.degrees(one.turn):.2f}"] if one.moved else []

@@ -144,7 +144,7 @@ def _place(center: tuple[float, float], height: float, yaw: float) -> FloatArray
 def _photo_table(placed: Placed, faults: dict[str, str]) -> str:
     from tracker.calibration.board_pose import rms
 
-    rows = [["photo", "corners", "blur px", "RMS px"]]
+    rows = [["photo", "corners", "blur [px]", "RMS [px]"]]
     for at, residuals in placed.residuals.items():
         one = placed.sightings[at]
         rows.append([one.photo, str(len(one)), f"{one.blur:.2f}", f"{rms([residuals]):.2f}"])
@@ -155,7 +155,7 @@ def _photo_table(placed: Placed, faults: dict[str, str]) -> str:
 def _camera_table(placed: Placed) -> str:
     import numpy as np
 
-    rows = [["camera", "x", "y", "z mm", "± mm", "± degrees", "RMS px"]]
+    rows = [["camera", "x", "y", "z [mm]", "± [mm]", "± [°]", "RMS [px]"]]
     for number, one in enumerate(placed.cameras):
         camera, std = one.camera, one.camera.camera_from_world_std
         assert std is not None

@@ -75,7 +75,7 @@ def intrinsics(
 def _photo_table(lens: Lens, faults: dict[str, str]) -> str:
     from tracker.calibration.board_pose import rms
 
-    rows = [["photo", "corners", "dropped", "blur px", "RMS px", "left out px"]]
+    rows = [["photo", "corners", "dropped", "blur [px]", "RMS [px]", "left out [px]"]]
     for one in lens.photos:
         numbers = [len(one.sighting), one.dropped]
         sizes = [one.sighting.blur, rms([one.residuals]), one.left_out]

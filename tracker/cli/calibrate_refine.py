@@ -67,7 +67,7 @@ def refine_command(
 def _text(found: Refined, focal: bool, output: Path) -> str:
     import numpy as np
 
-    rows = [["against the mean", "moved [mm]", "±", "turned [deg]", "±", *(["focal", "center [px]"] * focal)]]
+    rows = [["against the mean", "moved [mm]", "±", "turned [°]", "±", *(["focal", "center [px]"] * focal)]]
     for camera, moved, std, lens in zip(found.rig, found.moved, found.std, found.lenses, strict=True):
         shift, turn = 1e3 * np.linalg.norm(moved[:3]), np.degrees(np.linalg.norm(moved[3:]))
         spread = 1e3 * np.sqrt(np.square(std[:3]).mean()), np.degrees(np.sqrt(np.square(std[3:]).mean()))

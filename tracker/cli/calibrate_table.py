@@ -67,7 +67,7 @@ def _text(found: FoundTable, output: Path) -> str:
             "height [mm]",
             f"{1e3 * plane.height:+.2f} ± {1e3 * height:.2f}, of the table in the old world",
         ],
-        ["tilt [deg]", f"{slopes[0]:+.2f} along x, {slopes[1]:+.2f} along y, ± {np.degrees(tilt):.2f}"],
+        ["tilt [°]", f"{slopes[0]:+.2f} along x, {slopes[1]:+.2f} along y, ± {np.degrees(tilt):.2f}"],
         ["scatter [mm]", f"{1e3 * plane.scatter:.2f}, of objects at rest over the table"],
         ["calibration", str(output)],
     ]

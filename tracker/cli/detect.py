@@ -101,8 +101,8 @@ def _pose_rows(pose: PoseEstimate) -> list[list[str]]:
         ("position [mm]", 1e3 * pose.position, 3),
         ("  std [mm]", 1e3 * std[:3], 3),
         ("orientation", pose.orientation, 6),
-        ("rotation vector [deg]", np.degrees(so3.log(pose.rotation)), 3),
-        ("  std [deg]", np.degrees(std[3:]), 3),
+        ("rotation vector [°]", np.degrees(so3.log(pose.rotation)), 3),
+        ("  std [°]", np.degrees(std[3:]), 3),
     ):
         rows.append([label, "".join(f"{value:11.{digits}f}" for value in values)])
-    return [*rows, ["confidence", f"{pose.confidence:.4f}, of being within 5 mm and 5 deg"]]
+    return [*rows, ["confidence", f"{pose.confidence:.4f}, of being within 5 mm and 5°"]]

@@ -185,7 +185,7 @@ def _text(rig: CameraRig, state: _State) -> str:
 
 
 def _dice_rows(state: _State) -> list[list[str]]:
-    rows = [["die", "x [mm]", "y [mm]", "z [mm]", "yaw [deg]", "probability"]]
+    rows = [["die", "x [mm]", "y [mm]", "z [mm]", "yaw [°]", "probability"]]
     for index, die in enumerate(state.dice):
         x, y, z = (f"{1e3 * value:.1f}" for value in die.position)
         yaw = f"{math.degrees(die.yaw):.1f}"

@@ -32,7 +32,7 @@ def check_cameras(source: Source, rig: CameraRig, seconds: float | None) -> None
 
 
 def _table(looks: SetLooks) -> str:
-    rows = [["camera", "pictures", "missing", "late ms", "grey level", "clipped %", "blur px"]]
+    rows = [["camera", "pictures", "missing", "late [ms]", "grey level", "clipped [%]", "blur [px]"]]
     for one in looks.cameras:
         level, clipped, blur = one.look
         numbers = [f"{1e3 * one.skew:.1f}", f"{level:.0f}", f"{100 * clipped:.1f}", f"{blur:.2f}"]

@@ -246,15 +246,15 @@ def _text(result: dict[str, Any]) -> str:
         for name, numbers in sorted(result["statuses"].items(), key=lambda item: -item[1]["share"]):
             share = f"{numbers['share']:.1%} of the frames"
             rows.append([f"  {name}", f"{share}, of which {numbers['with_pose']:.1%} have a pose"])
-    for label, key in (("std x y z [mm]", "position_std_median_mm"), ("  [deg]", "rotation_std_median_deg")):
+    for label, key in (("std x y z [mm]", "position_std_median_mm"), ("  [°]", "rotation_std_median_deg")):
         if result[key] is not None:
             values = "  ".join(f"{value:.3f}" for value in result[key])
             rows.append([label, f"{values}  (median of the {result['kind']} poses)"])
     recorded = result["recorded"]
     if recorded is not None and recorded["position_median_mm"] is not None:
-        for label, key, unit in (("to the recorded", "position", "mm"), ("", "angle", "deg")):
-            median, p90 = recorded[f"{key}_median_{unit}"], recorded[f"{key}_p90_{unit}"]
-            rows.append([label, f"median {median:.2f} {unit}, 90th percentile {p90:.2f} {unit}"])
+        for label, key, unit in (("to the recorded", "position_{}_mm", " mm"), ("", "angle_{}_deg", "°")):
+            median, p90 = (recorded[key.format(name)] for name in ("median", "p90"))
+            rows.append([label, f"median {median:.2f}{unit}, 90th percentile {p90:.2f}{unit}"])
     rows += _camera_rows(result["cameras"]) + _calibration_rows(result["statuses"])
     rows += [["" if number else "health", line] for number, line in enumerate(result.get("health", []))]
     if result["frames_per_second"] is not None:

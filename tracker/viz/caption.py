@@ -39,7 +39,7 @@ def _pose_blocks(pose: PoseEstimate) -> Iterable[Block]:
         (
             ["orientation", "x", "y", "z", "w"],
             ["", *_numbers(pose.orientation, 4)],
-            ["std", *_numbers(np.degrees(std[3:]), 2), "deg"],
+            ["std", *(f"{value}°" for value in _numbers(np.degrees(std[3:]), 2)), ""],
         )
     )
     yield Block((["confidence"], [f"{pose.confidence:.3f}"], ["within 5 mm, 5°"]))
