@@ -227,12 +227,13 @@ def test_a_full_disk_is_told_with_what_is_done_and_what_to_do(recordings, tmp_pa
 
 def test_status_is_told_for_people_and_programs(recordings, tmp_path, run_here):
     pairs = [(str(path), f"{path.name}.poses.h5") for path in sorted(recordings.iterdir())]
+    pairs[1] = ("/in/first\nsecond", pairs[1][1])
     write_batch(Batch(tmp_path, Options("cube_v2"), tuple(pairs)))
     (tmp_path / "001.failed.json").write_text('{"reason": "it is broken"}')
     told = run_here("batch", "status", tmp_path)
     assert told.returncode == 0, told.stderr
     assert f"missing     {COUNT - 1}" in told.stdout
-    assert "it is broken" in told.stdout
+    assert "  /in/first second: it is broken\n" in told.stdout
     numbers = json.loads(run_here("batch", "status", tmp_path, "--json", "--write").stdout)
     assert (numbers["recordings"], numbers["done"], numbers["failed"], numbers["missing"]) == (COUNT, 0, 1, 4)
     assert (tmp_path / "failures.json").is_file()

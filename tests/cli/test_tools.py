@@ -168,6 +168,17 @@ def test_a_log_becomes_a_film(tmp_path, run_here):
     assert [picture.shape for picture in pictures] == [(24, 84, 3)] * FRAMES
 
 
+def test_poses_for_a_recording_and_a_recording_for_poses_are_told(poses, tmp_path, run_here):
+    result = run_here("convert", tmp_path / "poses.h5", "-o", tmp_path / "log.h5")
+    assert_one_line_error(
+        result, "poses.h5: found a file of 'trifinger-object-tracker poses', expected a camera"
+    )
+    write_log(tmp_path / "job", 2)
+    for name, found in (("job", "a folder"), ("none", "no such file")):
+        result = run_here("export", tmp_path / name, "--csv", tmp_path / "x.csv")
+        assert_one_line_error(result, f"{name}: found {found}, expected a file of poses")
+
+
 def test_the_score_is_the_sum_of_the_rewards(poses, tmp_path, run_here):
     goal = {"difficulty": 4, "goal": {"position": [0.1, 0, 0.05], "orientation": [0, 0, 0, 1]}}
     (tmp_path / "goal.json").write_text(json.dumps(goal))

@@ -258,5 +258,5 @@ def _text(found: State) -> str:
         if found.missing:
             rows.append(["time left", duration(found.missing / found.rate)])
     for recording, why in list(found.failures.items())[:5]:
-        rows.append(["", f"{recording}: {why}"])
+        rows.append(["", why if recording in why else f"{recording}: {why}"])
     return listing(rows)

@@ -20,4 +20,5 @@ def table(rows: Sequence[Sequence[str]], gap: int = 2) -> str:
 def listing(rows: Sequence[Sequence[str]]) -> str:
     """Lines of a label and a value, the values flush left below each other."""
     widest = max(len(label) for label, _ in rows)
-    return "\n".join(f"{label:{widest}}  {value}" for label, value in rows)
+    # A file's name may have several lines, which would be read as other labels.
+    return "\n".join(f"{label:{widest}}  {' '.join(value.splitlines())}" for label, value in rows)

@@ -12,7 +12,7 @@ from tracker.calibration.camera_info import read_rig
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Image
 from tracker.errors import LogError
-from tracker.files.hdf5 import TooLong, check_stated_end, faults_as_log_errors, find, open_file, shown
+from tracker.files.hdf5 import TooLong, check_stated_end, faults_as_log_errors, find, open_file, shown, text
 from tracker.logs.frame import LogFrame, RecordedPose, checked_stamp, empty_frame, is_empty, pose_from_record
 from tracker.logs.hdf5_fields import Rows, StoredImages, read_names, read_settings
 from tracker.logs.pictures import from_bayer
@@ -154,6 +154,8 @@ class Hdf5Source(Source):
     def _check_head(self) -> None:
         # Written from a C++ int, or from Python as int64.
         magic = self._attribute("magic")
+        if magic is None and (said := self._said_format()):
+            raise LogError(f"{self.path}: found a file of {said!r:.60}, expected a camera log in HDF5")
         if magic != MAGIC:
             found = "none" if magic is None else f"{magic:#x}"
             raise LogError(f"{self.path}: magic: found {found}, expected {MAGIC:#x} of a camera log in HDF5")
@@ -161,6 +163,13 @@ class Hdf5Source(Source):
         if version not in VERSIONS:
             raise LogError(f"{self.path}: format_version: found {version}, expected 1 or 2")
         self.format = f"HDF5 camera log, version {version}.{minor or 0}"
+
+    def _said_format(self) -> str | None:
+        """What other files say that they are, files of poses for instance."""
+        try:
+            return text(self._file, "format")
+        except (LogError, OSError, KeyError, RuntimeError, ValueError, TypeError):
+            return None
 
     def _check_sizes(self) -> None:
         images = self._images

@@ -88,7 +88,8 @@ def read_poses(path: str | os.PathLike[str]) -> Poses:
     name = os.fspath(path)
     try:
         if not Path(path).is_file():
-            raise LogError("found no such file, expected a file of poses")
+            found = "a folder" if Path(path).is_dir() else "no such file"
+            raise LogError(f"found {found}, expected a file of poses, as tracker track makes it")
         with hdf5.open_file(path) as file:
             return _poses(file)
     except (LogError, CalibrationError) as error:
