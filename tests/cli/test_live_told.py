@@ -27,7 +27,7 @@ def test_the_summary_names_cameras_in_their_order_and_a_fault_once(tmp_path):
         told.hear(replace(moment(number), faults=faults, fault_counts=counts))
     recorder = SimpleNamespace(recorded=0, path=tmp_path / "log.h5", left_out=0, fault=None)
     lines = told.summary(0, ["camera180: too small"] * 5 + ["a listener"] * 2, recorder).splitlines()
-    begins = ["sets", "status", "latency", "camera60", "camera180", "recorded", "fault"]
+    begins = ["sets", "status", "never", "latency", "camera60", "camera180", "recorded", "fault"]
     assert [line.split()[0] for line in lines] == begins
     assert lines[-2].split() == ["recorded", "nothing"]
     assert lines[-1].endswith("a listener")
@@ -47,4 +47,5 @@ def test_a_fault_of_one_set_is_in_the_next_line_and_in_the_summary(monkeypatch):
     told.hear(moment(10, pose=estimate()))
     now += 1.1
     assert "buffer" not in told.due()
+    assert "never found" not in told.summary(0, ())
     assert "camera60        amiss in 1 of 11 sets; last: the buffer failed" in told.summary(0, ())

@@ -15,6 +15,7 @@ from tracker.cli.live_outputs import Outputs, Wanted, refuse_what_publishes_noth
 from tracker.cli.live_told import Told
 from tracker.cli.names import colors_option, object_option
 from tracker.cli.signals import ended_by_signals
+from tracker.cli.swapped import Lookout
 from tracker.errors import LiveError
 
 if TYPE_CHECKING:
@@ -148,7 +149,8 @@ def live(
         outputs.know(follower)
         told.begin()
         with ended_by_signals():
-            _follow(follower, seconds, outputs, None if as_json or quiet else told)
+            lookout = Lookout(lambda: ObjectTracker(model, rig, colors), rig.names)
+            _follow(follower, seconds, outputs, lookout, None if as_json or quiet else told)
     outputs.tell()
     error = follower.error
     if error is not None:
@@ -210,7 +212,9 @@ def _draw(source: Source, quiet: bool) -> None:
         source.draw()
 
 
-def _follow(follower: Live, seconds: float | None, outputs: Outputs, told: Told | None) -> None:
+def _follow(
+    follower: Live, seconds: float | None, outputs: Outputs, lookout: Lookout, told: Told | None
+) -> None:
     """Wait for the end, and tell of what is found once a second, and of what fails at once."""
     end = None if seconds is None else time.monotonic() + seconds
     with contextlib.suppress(KeyboardInterrupt):
@@ -220,5 +224,7 @@ def _follow(follower: Live, seconds: float | None, outputs: Outputs, told: Told 
                 return
             time.sleep(min(left, 0.1))
             outputs.tell()
+            if (swapped := lookout.look(follower.latest())) is not None:
+                click.echo(f"tracker: warning: {swapped}", err=True)
             if told is not None and (line := told.due()):
                 click.echo(line)

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 _LATENCIES = 100_000
 """Latencies that are kept for percentiles."""
 
+_NEVER = "never found: is it this object, these colours, this calibration? --check looks at the cameras"
+
 _STAMPS = ""
 """Stands for the stamps of all cameras where faults stand by cameras' names, none of which is empty."""
 
@@ -29,6 +31,7 @@ class Told:
         self._faults: Counter[str] = Counter()
         self._lately: Counter[str] = Counter()
         self._reasons: dict[str, str] = {}
+        self._posed = False
         self._order: dict[str, None] = {}
         self._latencies: deque[float] = deque(maxlen=_LATENCIES)
         self._newest: Moment | None = None
@@ -45,6 +48,7 @@ class Told:
             self._statuses[moment.status.value] += 1
             self._latencies.append(moment.latency)
             self._newest = moment
+            self._posed |= moment.object_pose is not None
             faults = dict(moment.faults)
             if moment.jump is not None:
                 faults[_STAMPS] = moment.jump
@@ -89,6 +93,8 @@ class Told:
             )
             median, late = np.percentile(1e3 * np.array(self._latencies), [50, 99])
             rows.append(["status", statuses])
+            if not self._posed:
+                rows.append(["", _NEVER])
             rows.append(["latency", f"{median:.1f} ms in the median, {late:.1f} ms in the 99th percentile"])
         for name in filter(self._faults.__contains__, self._order):
             times, reason = self._faults[name], self._reasons[name]
