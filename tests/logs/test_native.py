@@ -77,6 +77,20 @@ def test_frames_and_parts_are_those_of_the_whole(tmp_path, packed):
         log.frame(0)
 
 
+@pytest.mark.parametrize("bgr", [False, True])
+def test_pixels_of_a_frame_are_its_own(tmp_path, bgr):
+    content = make_content(3)
+    with tracker.open_log(write_native(tmp_path / "camera_data.dat", content, bgr=bgr)) as log:
+        frames = list(log)
+        for pixels in (*frames[1].images, *(frames[1].raw or ())):
+            pixels[:] = 0
+        for k, frame in ((0, frames[0]), (1, log.frame(1)), (2, frames[2])):
+            for camera, image in enumerate(frame.images):
+                np.testing.assert_array_equal(image, content.bgr(k, camera))
+            assert (frame.raw is None) == bgr
+            np.testing.assert_array_equal(frame.raw or content.raw[k], content.raw[k])
+
+
 def test_repeated_observations_stay(tmp_path):
     content = make_content(4)
     content.stamps[2], content.camera_stamps[2] = content.stamps[1], content.camera_stamps[1]

@@ -17,7 +17,7 @@ import os
 import struct
 import zlib
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 
@@ -43,14 +43,15 @@ _STAMPS = {True: (12, 20), False: (8, 8)}
 class NativeSource(Source):
     """A native log; of a plain one each record is found by its number.
 
-    Records are read, not mapped to memory: a gzipped log has them too, and what fails while it is read is
-    an error then, not the end of the process.
+    Records are read, not mapped to memory: a mapped file that shrinks meanwhile, or whose disk fails, ends
+    the process by a signal, where reading makes an error of it; a gzipped log has no records to map; and
+    pixels that are kept are copied once either way.
     """
 
     def __init__(self, path: Path, *, recover: bool) -> None:
         super().__init__(path)
         try:
-            self._raw: BinaryIO = path.open("rb")
+            self._raw = path.open("rb")
             self.sequential = self._raw.read(len(_GZIP_MAGIC)) == _GZIP_MAGIC
         except OSError as error:
             raise cannot_read(path, error) from error
@@ -95,10 +96,11 @@ class NativeSource(Source):
     def read(self, index: int) -> LogFrame:
         """See Source."""
         size = self._record.itemsize
-        data = self._read_at(self._start + index * size, size)
-        if len(data) < size:
-            raise self.error(index, f"found {len(data)} bytes, expected a record of {size}")
-        return self._frame(np.frombuffer(data, self._record)[0], index, self.where(index))
+        record = np.empty(1, self._record)  # of its own, so that a frame's raw pixels need no copy
+        count = self._read_into(record.view(np.uint8).data, self._start + index * size)
+        if count < size:
+            raise self.error(index, f"found {count} bytes, expected a record of {size}")
+        return self._frame(record[0], index, self.where(index))
 
     def where(self, index: int) -> str:
         """See Source."""
@@ -123,11 +125,11 @@ class NativeSource(Source):
             header = _checked_header(camera["header"], what)
             if header[:3] != expected[:3]:
                 raise LogError(f"{what}: found {_shown(header)}, expected {_shown(expected)} as in record 0")
-            # A copy, so that an image does not keep the record's bytes.
-            pixels = camera["pixels"].copy()
+            pixels = camera["pixels"]
             if pixels.ndim == 2:
                 raw.append(pixels)
-            images.append(from_bayer(pixels) if pixels.ndim == 2 else pixels)
+            # A copy of colours, so that an image that is kept keeps no record.
+            images.append(from_bayer(pixels) if pixels.ndim == 2 else pixels.copy())
             stamps.append(checked_stamp(camera["stamp"], what=what))
         if is_empty(np.array(stamps), [image for image in images if image is not None]):
             return empty_frame(index, len(images))
@@ -193,16 +195,24 @@ class NativeSource(Source):
             return False
 
     def _read_at(self, offset: int, size: int) -> bytes:
-        """Up to `size` bytes of the content, fewer only at its end; LogError where it is damaged.
+        """Up to `size` bytes of the content, fewer only at its end; LogError where it is damaged."""
+        data = bytearray(size)
+        return bytes(data[: self._read_into(memoryview(data), offset)])
+
+    def _read_into(self, data: memoryview, offset: int) -> int:
+        """Fill `data` with the content from a byte on, as far as there is any; the number of bytes.
 
         Of gzipped data what is skipped is unpacked, and reading backwards starts again.
+
+        Raises:
+            LogError: it is damaged.
         """
         try:
             self._file.seek(offset)
-            return self._file.read(size)
+            return self._file.readinto(data)
         except (EOFError, zlib.error, gzip.BadGzipFile) as error:
             self._rewind()
-            where = f"before byte {offset + size} of the content"
+            where = f"before byte {offset + len(data)} of the content"
             text = f"{self.path}: the gzipped data are damaged or truncated {where}"
             raise LogError(f"{text}: {' '.join(str(error).split())}") from error
         except OSError as error:
