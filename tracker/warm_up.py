@@ -132,8 +132,9 @@ def _begin(part: str) -> subprocess.Popen[bytes] | None:
         return None
 
 
+@functools.cache
 def _estimator() -> PoseEstimator:
-    """An estimator of one camera."""
+    """An estimator of one camera, the same for every part that asks for one."""
     transform = np.eye(4)
     transform[:3, :3] = np.diag([1.0, -1.0, -1.0])
     transform[2, 3] = 0.5
