@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from tracker.errors import LiveError
+from tracker.live import opencv_camera
 from tracker.live.camera import CameraEnded, CameraLost, CameraUnfit, GrabFailed, Picture
 from tracker.live.camera_set import CameraSet
 from tracker.logs.pictures import from_bayer
@@ -236,6 +237,27 @@ def test_films_are_read_by_opencv_picture_by_picture(tmp_path):
     assert levels
     assert [one[0] for one in levels] == sorted(one[0] for one in levels)
     assert {one[0] for one in levels} <= {6, 7, 8, 9, 10}
+
+
+def test_a_camera_by_its_number_is_asked_for_pictures_of_the_calibrations_size(monkeypatch):
+    asked = {}
+
+    class Capture:
+        def __init__(self, number):
+            self.number = number
+
+        def isOpened(self):
+            return True
+
+        def set(self, name, value):
+            asked[self.number, name] = value
+
+    monkeypatch.setattr(opencv_camera.cv2, "VideoCapture", Capture)
+    opencv_camera.OpenCvCamera("2", (1280, 720))
+    assert asked[2, cv2.CAP_PROP_FRAME_WIDTH] == 1280
+    assert asked[2, cv2.CAP_PROP_FRAME_HEIGHT] == 720
+    opencv_camera.OpenCvCamera("rtsp://somewhere", (1280, 720))
+    assert ("rtsp://somewhere", cv2.CAP_PROP_FRAME_WIDTH) not in asked
 
 
 @pytest.mark.parametrize(

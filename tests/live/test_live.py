@@ -213,7 +213,7 @@ def test_an_image_of_another_size_does_not_take_the_others_with_it():
     images = (np.zeros(SHAPE, np.uint8), np.zeros((2, 2, 3), np.uint8), np.zeros(SHAPE))
     live, mean, _ = heard(Shot(images, (1.0,) * 3))
     assert mean.seen == [(0.0, None, None)]
-    assert "camera1: found uint8 of shape (2, 2, 3), expected uint8 of (4, 6, 3)" in live.faults
+    assert "camera1: found 2x2 px, expected 6x4 as it is calibrated" in live.faults
     assert any(fault.startswith("camera2: found float64") for fault in live.faults)
 
 

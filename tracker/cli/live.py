@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -195,11 +196,20 @@ def _source(
         simulation = live.Simulation(object_name)
         return simulation, simulation.rig
     if kind in _CAMERAS:
+        _hush_opencv()
         rig = load_rig(cameras)
         return live.open_cameras(source, rig, rate=rate, settings=settings), rig
     log = open_log(source)
     rig = rig_of(Path(source), log, cameras)
     return live.Replay(log, speed=speed), rig
+
+
+def _hush_opencv() -> None:
+    """Have OpenCV say nothing, unless that is asked for, each second of a camera that it cannot open."""
+    import cv2
+
+    if "OPENCV_LOG_LEVEL" not in os.environ:
+        cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
 
 
 def _draw(source: Source, quiet: bool) -> None:

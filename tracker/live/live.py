@@ -229,8 +229,11 @@ class Live:
             if image is None:
                 continue
             shape = camera.height, camera.width, 3
-            if image.dtype != np.uint8 or image.shape != shape:
+            if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
                 faults[c] = f"found {image.dtype} of shape {image.shape}, expected uint8 of {shape}"
+            elif image.shape != shape:
+                found = f"{image.shape[1]}x{image.shape[0]}"
+                faults[c] = f"found {found} px, expected {camera.width}x{camera.height} as it is calibrated"
             elif abs(shot.stamps[c] - middle) > STAMPS_APART:
                 faults[c] = f"its stamp is {shot.stamps[c] - middle:+.3f} s from the others'"
             else:

@@ -29,18 +29,23 @@ class OpenCvCamera:
 
     Args:
         what: e.g. `0`, `film.avi`, `rtsp://…`.
+        size: width and height that a camera by its number is asked for [px], which gives what it can.
 
     Raises:
         LiveError: it cannot be opened.
     """
 
-    def __init__(self, what: str) -> None:
+    def __init__(self, what: str, size: tuple[int, int] | None = None) -> None:
         self._what = what
         self.triggered = not what.isdigit() and Path(what).is_file()
         self._capture = cv2.VideoCapture(int(what)) if what.isdigit() else cv2.VideoCapture(what)
         if not self._capture.isOpened():
             raise LiveError(f"opencv: {what} cannot be opened")
         self._capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # only the newest counts
+        if what.isdigit() and size is not None:
+            # By themselves many give 640x480, whatever they could.
+            self._capture.set(cv2.CAP_PROP_FRAME_WIDTH, size[0])
+            self._capture.set(cv2.CAP_PROP_FRAME_HEIGHT, size[1])
 
     def grab(self, timeout: float) -> Picture:
         """See `Camera`; OpenCV has a time limit of its own."""

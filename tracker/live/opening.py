@@ -73,6 +73,7 @@ def open_cameras(
     """
     kind, _, listed = source.partition(":")
     which = [part.strip() for part in listed.split(",") if part.strip()]
+    sizes = [(camera.width, camera.height) for camera in rig]
     openers: list[Callable[[], Camera]]
     if kind == "pylon":
         from tracker.live.pylon_camera import PylonCamera, pylon_serials
@@ -83,15 +84,17 @@ def open_cameras(
     elif kind == "opencv" and settings is None:
         from tracker.live.opencv_camera import OpenCvCamera
 
-        openers = [functools.partial(OpenCvCamera, one) for one in which]
+        openers = [
+            functools.partial(OpenCvCamera, one, size) for one, size in zip(which, sizes, strict=False)
+        ]
     else:
         found = f"settings for {kind}" if kind == "opencv" else repr(source)
         raise LiveError(f"source: found {found}, expected {FORMS}")
-    if len(openers) != len(rig):
+    if len(which) != len(rig):
         raise LiveError(
-            f"source {source}: found {len(openers)} cameras, expected one for each of {', '.join(rig.names)}"
+            f"source {source}: found {len(which)} cameras, expected one for each of {', '.join(rig.names)}"
         )
-    return CameraSet(openers, [(camera.width, camera.height) for camera in rig], rate=rate)
+    return CameraSet(openers, sizes, rate=rate)
 
 
 def _same(one: CameraRig, other: CameraRig) -> bool:
