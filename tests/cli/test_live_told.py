@@ -26,7 +26,7 @@ def test_the_summary_names_cameras_in_their_order_and_a_fault_once(tmp_path):
         faults = {"camera180": "too small", "camera60": "frozen"}
         told.hear(replace(moment(number), faults=faults, fault_counts=counts))
     recorder = SimpleNamespace(recorded=0, path=tmp_path / "log.h5", left_out=0, fault=None)
-    lines = told.summary(0, ["camera180: too small"] * 5 + ["a listener"] * 2, recorder).splitlines()
+    lines = told.summary(0, ["camera180: too small", "a listener"], recorder).splitlines()
     begins = ["sets", "status", "never", "latency", "camera60", "camera180", "recorded", "fault"]
     assert [line.split()[0] for line in lines] == begins
     assert lines[-2].split() == ["recorded", "nothing"]

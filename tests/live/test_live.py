@@ -321,3 +321,19 @@ def test_stamps_are_pushed_as_whatever_holds_them(kind):
     assert pushed.next(0.0).stamps == (4.0,) * 3
     with pytest.raises(LiveError, match="3 images and 2 stamps"):
         pushed.push([None] * 3, kind([1.0, 2.0]))
+
+
+def test_a_fault_of_every_set_does_not_drive_out_another(monkeypatch):
+    monkeypatch.setattr("tracker.live.live.STAMPS_APART", float("inf"))
+    image = np.zeros(SHAPE, np.uint8)
+    small = [Shot((image, image[:2], image), (float(n),) * 3) for n in range(120)]
+    jump = Shot((image,) * 3, (-1.0,) * 3)
+    live, _, _ = heard(Shot((image,) * 3, (0.0,) * 3), jump, *small)
+    assert len(live.faults) == 2
+    assert "went back" in live.faults[0]
+    assert live.faults[1].startswith("camera1: found 6x2 px")
+
+
+def test_what_is_no_source_is_refused_at_once():
+    with pytest.raises(LiveError, match=r"source: found list, expected .*Replay .* or a recording's path"):
+        Live([], MeanTracker())

@@ -107,6 +107,6 @@ class Told:
             if recorder.fault is not None:
                 rows.append(["", f"ended before its time: {recorder.fault}"])
         known = {f"{name}: {last}" if name else f"stamps {last}" for name, last in self._reasons.items()}
-        more = [fault for fault in dict.fromkeys(faults) if fault not in known]
+        more = [fault for fault in faults if fault not in known]
         rows += [["fault", fault] for fault in more[-5:]]
         return listing(rows)

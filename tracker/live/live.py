@@ -14,7 +14,7 @@ import numpy as np
 
 from tracker.errors import LiveError
 from tracker.live.moment import Moment, camera_faults, without_images
-from tracker.live.opening import open_source
+from tracker.live.opening import FORMS, open_source
 from tracker.live.shot import Shot, Source, SourceEnded
 from tracker.pipeline import ObjectTracker
 from tracker.pose.result import MotionEstimate
@@ -44,6 +44,9 @@ class Live:
         listeners: are called in the tracking thread with each Moment, and must return quickly. One that
             raises is not called again, and `faults` tells of it.
         history: moments that are kept for `at`.
+
+    Raises:
+        TrackerError: the source cannot be opened, or is none.
     """
 
     def __init__(
@@ -58,6 +61,11 @@ class Live:
             load()
         if isinstance(source, (str, os.PathLike)):
             source = open_source(source, tracker)
+        if not callable(getattr(source, "next", None)):
+            raise LiveError(
+                f"source: found {type(source).__name__}, expected one as those of tracker.live, Replay of "
+                f"a recording among them, or {FORMS}"
+            )
         self._source = source
         self._tracker = tracker
         self._listeners = list(listeners)
@@ -94,7 +102,7 @@ class Live:
 
     @property
     def faults(self) -> tuple[str, ...]:
-        """What went wrong and was got over, the last hundred of it."""
+        """What went wrong and was got over, each once, the last hundred of it."""
         with self._changed:
             return tuple(self._faults)
 
@@ -259,4 +267,6 @@ class Live:
 
     def _note(self, fault: str) -> None:
         with self._changed:
+            if fault in self._faults:  # each second ten of a camera's would drive out all others
+                self._faults.remove(fault)
             self._faults.append(fault)
