@@ -23,6 +23,7 @@ from tests.helpers.boards import LENS, photo, pose_towards
 from tests.helpers.log_writers import make_content, write_native
 from tests.helpers.pose_logs import random_poses
 from tracker import cli
+from tracker.calibration.arena_file import read_arena
 from tracker.calibration.rig import CameraRig
 from tracker.geometry.camera import Camera
 from tracker.poses.file import read_poses, write_poses
@@ -188,6 +189,14 @@ def test_the_sample_of_a_folder_with_names_of_its_own_is_read(tmp_path, rng):
         assert [frame.index for frame in log] == [0, 1, 2]
         assert log[2].timestamp - log[1].timestamp == pytest.approx(1 / 30)
         np.testing.assert_array_equal(log[1].images[0], images[1])
+
+
+def test_the_sample_of_an_arena_is_that_of_the_sample_in_python(tmp_path, working, monkeypatch):
+    monkeypatch.chdir(working)
+    (told,) = blocks("toml", "docs/own-rig")
+    (tmp_path / "arena.toml").write_text(told, encoding="utf-8")
+    (same,) = blocks("python", "docs/own-rig")
+    assert read_arena(tmp_path) == run_block(same)["arena"]
 
 
 def test_the_sample_of_what_is_printed_has_the_real_ones_lines_and_numbers(run_here, working):

@@ -241,7 +241,7 @@ def test_a_faulty_file_is_named(fault, tmp_path):
 def test_an_unknown_name_lists_those_that_are_known():
     with pytest.raises(ColorModelError, match=r"'pink'.*cube_v1.*simulation"):
         load_colors("pink")
-    with pytest.raises(ColorModelError, match=r"missing\.npz"):
+    with pytest.raises(ColorModelError, match=r"missing\.npz: no such file"):
         load_colors("missing.npz")
 
 

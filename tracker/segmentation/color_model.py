@@ -159,8 +159,13 @@ def load_colors(name_or_path: str | Path) -> ColorModel:
     if name in color_model_names():
         return _shipped(name)
     path = Path(name_or_path)
-    if path.suffix == ".npz" or path.exists():
+    if path.exists():
         return _read(path, path.stem)
+    if path.suffix == ".npz":
+        raise ColorModelError(
+            f"colour model {path}: no such file; `tracker colors new`, `adapt` or `fit` writes one, or name "
+            f"one of {', '.join(color_model_names())}"
+        )
     raise ColorModelError(
         f"unknown colour model {name!r}; known are {', '.join(color_model_names())}, "
         "or the path of an .npz file"
