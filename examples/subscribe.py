@@ -15,5 +15,6 @@ while True:
     print(message["status"], message["pose"] and message["pose"]["position"], flush=True)
     for camera, count in message["fault_counts"].items():
         if count > counts.setdefault(camera, count):  # of sets that were never fetched, too
-            print(f"{camera}: {count - counts[camera]} faults", message["faults"].get(camera, "have passed"))
+            reason = message["faults"].get(camera, "well again")
+            print(f"{camera}: amiss in {count - counts[camera]} sets: {reason}")
     counts = message["fault_counts"]
