@@ -168,6 +168,23 @@ def test_a_log_becomes_a_film(tmp_path, run_here):
     assert [picture.shape for picture in pictures] == [(24, 84, 3)] * FRAMES
 
 
+def test_a_part_that_is_none_is_not_converted(tmp_path, run_here):
+    write_log(tmp_path / "job", FRAMES)
+    base = ["convert", tmp_path / "job", "-o", tmp_path / "new.h5", "--from"]
+    assert_one_line_error(
+        run_here(*base, FRAMES), f"found {FRAMES} frames, expected the first one wanted, {FRAMES}, below"
+    )
+    assert_one_line_error(run_here(*base, 2, "--to", 2), "expected --to beyond --from")
+    assert not (tmp_path / "new.h5").exists()
+
+
+def test_a_file_for_a_folder_of_results_is_refused(tmp_path, run_here):
+    (tmp_path / "file").write_text("")
+    for command in (["track", "a", "b"], ["batch", "a"]):
+        result = run_here(*command, "--object", "cube_v2", "-o", tmp_path / "file")
+        assert_one_line_error(result, "-o", "found a file, expected a folder")
+
+
 def test_poses_for_a_recording_and_a_recording_for_poses_are_told(poses, tmp_path, run_here):
     result = run_here("convert", tmp_path / "poses.h5", "-o", tmp_path / "log.h5")
     assert_one_line_error(

@@ -1,6 +1,7 @@
 """The command line: parse, call, print.
 
-Errors are one line on stderr that starts with `tracker: `, and exit code 2; an interrupt exits with 130.
+Errors are one line on stderr that starts with `tracker: `, and exit code 2; an interrupt, and
+being asked to end, with 130.
 Commands import what they need when they run, so that `--help` answers at once.
 """
 
@@ -33,6 +34,7 @@ from tracker.cli import (
     track,
     view,
 )
+from tracker.cli.signals import ended_by_signals
 from tracker.errors import TrackerError, reason
 from tracker.version import version
 
@@ -106,7 +108,7 @@ def _run(arguments: list[str]) -> int:
     """Exit code of one run."""
     try:
         arguments = arguments or ["--help"]  # who asks nothing wants to know what can be asked
-        with commands.make_context("tracker", arguments) as context:
+        with ended_by_signals(), commands.make_context("tracker", arguments) as context:
             commands.invoke(context)
         return 0
     except click.exceptions.Exit as stop:

@@ -14,7 +14,7 @@ import click
 
 from tracker.cli.calibration import Cameras, calibration_options
 from tracker.cli.names import colors_option, object_option
-from tracker.cli.signals import ended_by_signals
+from tracker.cli.protect import refuse_file
 from tracker.cli.table import listing
 from tracker.errors import LogError
 
@@ -88,6 +88,7 @@ def batch(
     if last is not None and last <= first:
         raise click.UsageError(f"--from {first} --to {last}: expected --to beyond --from")
     cameras.refuse_pattern_alone()
+    refuse_file("-o", output)
     engines = {"--workers": workers, "--scheduler": scheduler, "--htcondor": htcondor, "--slurm": slurm}
     chosen = [name for name, value in engines.items() if value]
     if len(chosen) > 1:
@@ -200,8 +201,7 @@ def work(list_path: Path, number: int) -> None:
     """Do the Nth job of a LIST; what jobs of HTCondor and Slurm run."""
     from tracker.recordings.many.schedulers import work as do
 
-    with ended_by_signals():
-        failed = do(list_path, number)
+    failed = do(list_path, number)
     if failed:
         click.echo(f"tracker: {failed} recordings failed", err=True)
         click.get_current_context().exit(2)

@@ -9,6 +9,7 @@ import click
 from tracker.cli.calibration import Cameras, calibration_options, rig_of
 from tracker.cli.progress import bar
 from tracker.cli.protect import refuse_overwriting
+from tracker.errors import LogError
 
 
 @click.command()
@@ -45,6 +46,8 @@ def convert(
     from tracker.logs.convert import write_folder, write_hdf5
     from tracker.viz.log_film import write_log_film
 
+    if last is not None and last <= first:
+        raise click.UsageError(f"--from {first} --to {last}: expected --to beyond --from")
     cameras.refuse_pattern_alone()
     refuse_overwriting({"-o": output}, (source,), cameras.calibration, new_folders=not output.suffix)
     suffix = output.suffix.lower()
@@ -55,6 +58,10 @@ def convert(
     if output.exists():
         raise click.UsageError(f"-o {output}: there is one already, expected a new one")
     with open_log(source, recover=recover) as log:
+        if first and first >= len(log):
+            raise LogError(
+                f"{source}: found {len(log)} frames, expected the first one wanted, {first}, below"
+            )
         part = log[first:last]
         with bar(source.name, len(part), quiet) as progress:
             if suffix == ".mp4":

@@ -63,6 +63,16 @@ def check_suffix(name: str, path: Path, *suffixes: str) -> None:
         raise click.UsageError(f"{name} {path}: found {found}, expected {' or '.join(suffixes)}")
 
 
+def refuse_file(name: str, path: Path) -> None:
+    """Refuse a folder of outputs that is a file.
+
+    Raises:
+        click.UsageError: it is one.
+    """
+    if path.exists() and not path.is_dir():
+        raise click.UsageError(f"{name} {path}: found a file, expected a folder")
+
+
 def refuse_other_content(name: str, path: Path) -> None:
     """Refuse to replace a file that is no file of poses; one that is damaged may be replaced.
 

@@ -12,7 +12,7 @@ import click
 from tracker.cli.calibration import Cameras, calibration_options
 from tracker.cli.names import colors_option, object_option
 from tracker.cli.progress import bar
-from tracker.cli.protect import check_suffix, refuse_other_content, refuse_overwriting
+from tracker.cli.protect import check_suffix, refuse_file, refuse_other_content, refuse_overwriting
 from tracker.cli.table import listing
 from tracker.cli.track_outputs import Outputs, write_film, write_health_page
 from tracker.errors import TrackerError, reason
@@ -94,6 +94,8 @@ def track(
     if len(logs) > 1 and outputs.files:
         raise click.UsageError(f"{', '.join(outputs.files)}: expected one LOG, found {len(logs)}")
     inside = len(logs) > 1 or output.is_dir()
+    if inside:
+        refuse_file("-o", output)
     targets = outputs_of(logs, output) if inside else [output]
     files = {f"-o for {log}": path for log, path in zip(logs, targets, strict=True)}
     if len(logs) == 1:
