@@ -106,11 +106,15 @@ def plot(result: FloatArray, path: Path) -> None:
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
+    from matplotlib.ticker import LogLocator
 
     figure, axes = plt.subplots(3, 1, figsize=(9, 6), sharex=True, layout="constrained")
     time = result[:, 0]
     for axis, column, label in ((axes[0], 2, "position error [mm]"), (axes[1], 3, "rotation error [°]")):
         axis.semilogy(time, result[:, column], ".-", color="#3366aa", linewidth=1)
+        axis.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axis.yaxis.set_major_formatter("{x:g}")
+        axis.yaxis.set_minor_formatter("")
         axis.set_ylabel(label)
     axes[2].plot(time, result[:, 1], color="#888888", label="visible fraction")
     axes[2].plot(time, result[:, 4], color="#cc5533", label="confidence")
