@@ -323,6 +323,13 @@ def test_stamps_are_pushed_as_whatever_holds_them(kind):
         pushed.push([None] * 3, kind([1.0, 2.0]))
 
 
+def test_raw_pixels_of_a_picture_that_cannot_be_used_are_left_out_with_it():
+    image, raw = np.zeros(SHAPE, np.uint8), np.zeros(SHAPE[:2], np.uint8)
+    one = Shot((image, image[:2], image), (0.0,) * 3, raw=(raw, raw[:2], raw))
+    _, _, moments = heard(one)
+    assert [found is None for found in moments[0].shot.raw] == [False, True, False]
+
+
 def test_a_fault_of_every_set_does_not_drive_out_another(monkeypatch):
     monkeypatch.setattr("tracker.live.live.STAMPS_APART", float("inf"))
     image = np.zeros(SHAPE, np.uint8)

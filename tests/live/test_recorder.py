@@ -55,6 +55,13 @@ def test_raw_pixels_are_read_back_to_the_bit_with_the_calibration_of_their_size(
             assert mine.matrix == pytest.approx(its.matrix)
 
 
+def test_cameras_of_different_sizes_are_refused_before_there_is_a_file(tmp_path):
+    rig = tracker.CameraRig((RIG.resized(540, 540)[0], *RIG.cameras[1:]))
+    with pytest.raises(LiveError, match=rf"found {RIG.names[0]} 540×540.* expected cameras of one size"):
+        Recorder(tmp_path / "log.h5", rig)
+    assert not list(tmp_path.iterdir())
+
+
 def test_colours_are_kept_as_such_a_sensor_measures_them_and_poses_go_with_them(tmp_path):
     given = images(1)
     record(tmp_path / "log.h5", [moment(0, given, pose=estimate(0.05)), moment(1, (None, *given[1:]))])

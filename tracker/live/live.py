@@ -12,6 +12,7 @@ from types import TracebackType
 
 import numpy as np
 
+from tracker.conventions import Image
 from tracker.errors import LiveError
 from tracker.live.moment import Moment, camera_faults, without_images
 from tracker.live.opening import FORMS, open_source
@@ -250,9 +251,14 @@ class Live:
         unusable = {c for c, fault in faults.items() if fault != shot.faults[c]}
         if not unusable:
             return shot
+
+        def usable(images: Sequence[Image | None]) -> tuple[Image | None, ...]:
+            return tuple(None if c in unusable else image for c, image in enumerate(images))
+
         return replace(
             shot,
-            images=tuple(None if c in unusable else image for c, image in enumerate(shot.images)),
+            images=usable(shot.images),
+            raw=None if shot.raw is None else usable(shot.raw),  # one of another size would end a recording
             stamps=tuple(middle if c in unusable else stamp for c, stamp in enumerate(shot.stamps)),
             faults=tuple(faults.values()),
         )

@@ -36,7 +36,8 @@ class Recorder:
         settings: tells what each camera is set to when the recording begins, which is kept with it.
 
     Raises:
-        LiveError: there is such a file, or no folder for it.
+        LiveError: there is such a file, no folder for it, or the cameras differ in size, for which the
+            format has no place.
     """
 
     def __init__(
@@ -46,6 +47,9 @@ class Recorder:
             raise LiveError(f"record {path}: there is such a file, expected a new one")
         if not path.parent.is_dir():
             raise LiveError(f"record {path}: there is no folder {path.parent}")
+        if len({(camera.width, camera.height) for camera in rig}) > 1:
+            found = ", ".join(f"{camera.name} {camera.width}×{camera.height}" for camera in rig)
+            raise LiveError(f"record {path}: found {found} px, expected cameras of one size")
         self.path, self._rig, self._settings = path, rig, settings
         self._queue: queue.Queue[Moment | None] = queue.Queue(WAITING)
         self.recorded, self.left_out = 0, 0
