@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 
 import numpy as np
@@ -11,9 +12,10 @@ import tracker
 from tests.helpers.command import assert_one_line_error
 from tests.helpers.log_writers import make_content, write_hdf5, write_native
 from tests.helpers.pose_logs import make_rig, random_poses
-from tests.helpers.recording_stubs import tiny_rig, write_log
+from tests.helpers.recording_stubs import make_job, tiny_rig, write_log
 from tracker.poses.exports import CSV_HEADER, write_bop, write_csv, write_tum
 from tracker.poses.file import write_poses
+from tracker.recordings import run
 from tracker.tasks import move_object, rearrange_dice
 from tracker.tasks.job_goal import JobGoal, read_job_goal
 
@@ -221,6 +223,17 @@ def test_poses_that_are_not_of_the_job_are_refused(poses, tmp_path, run_here):
     assert_one_line_error(run_here(*base), "poses of another recording")
     assert_one_line_error(run_here(*base, "--object", "cuboid_2x2x8_v2"), "poses of cube_v2")
     assert_one_line_error(run_here(*base, "--goal", tmp_path / "dice.json"), "a goal of dice")
+
+
+def test_a_film_of_another_recording_is_refused(tmp_path, run_here):
+    pytest.importorskip("av", reason="video: no module av")
+    log = write_log(tmp_path / "job", FRAMES)
+    own = run(make_job(log, tmp_path / "own.h5")).poses
+    write_poses(tmp_path / "other.h5", dataclasses.replace(own, timestamp=own.timestamp + 1.0))
+    film = ["--video", tmp_path / "film.mp4", "--log", log]
+    assert_one_line_error(run_here("export", tmp_path / "other.h5", *film), "poses of another recording")
+    assert not (tmp_path / "film.mp4").exists()
+    run_here("export", tmp_path / "own.h5", *film).check_returncode()
 
 
 def test_dice_are_scored_over_a_whole_recording(tmp_path, run_here):

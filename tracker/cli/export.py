@@ -67,8 +67,10 @@ def export(
         from tracker.logs import open_log
         from tracker.logs.cameras import fitted_to
         from tracker.objects.model import load_object
+        from tracker.recordings.outcome.origin import refuse_others
 
         model = load_object(object_name or poses.about.object_name)
         with open_log(log, recover=True) as opened, bar("film", len(poses), quiet) as progress:
             fitted_to(log, opened, poses.about.rig)
+            refuse_others(source, poses, log, opened)
             write_film(video, opened, model, poses, progress)

@@ -90,7 +90,7 @@ def _of_object(
     from tracker.objects.model import load_object
     from tracker.poses.file import read_poses
     from tracker.recordings import track
-    from tracker.recordings.outcome.rewards import seconds_since_beginning
+    from tracker.recordings.outcome.origin import seconds_since_beginning
     from tracker.recordings.outcome.summary import best_kind
 
     if poses_path is not None:
@@ -113,18 +113,17 @@ def _refuse_others(path: Path, poses: Poses, job: Path, object_name: str | None)
     """Refuse poses of another recording, where it is there, or of another object."""
     from tracker.logs import open_log
     from tracker.objects.model import load_object
-    from tracker.recordings.outcome.rewards import are_of
+    from tracker.recordings.outcome.origin import refuse_others
 
-    about = poses.about
-    if object_name is not None and load_object(object_name).name != about.object_name:
-        raise click.UsageError(f"--object {object_name}: found poses of {about.object_name} in {path}")
+    found = poses.about.object_name
+    if object_name is not None and load_object(object_name).name != found:
+        raise click.UsageError(f"--object {object_name}: found poses of {found} in {path}")
     try:
-        with open_log(job, recover=True) as log:
-            same = are_of(log, poses)
+        log = open_log(job, recover=True)
     except LogError:
         return  # often the poses and the goal are all that is kept of a job
-    if not same:
-        raise LogError(f"{path}: found poses of another recording ({about.source}), expected those of {job}")
+    with log:
+        refuse_others(path, poses, job, log)
 
 
 def _of_dice(

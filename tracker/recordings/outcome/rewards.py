@@ -9,49 +9,16 @@ import numpy as np
 
 from tracker.conventions import FloatArray
 from tracker.errors import LogError, TaskError, reason
-from tracker.logs import Log, open_log
 from tracker.objects.model import CuboidModel
 from tracker.poses.poses import Poses
+from tracker.recordings.outcome.origin import seconds_since_beginning
 from tracker.recordings.outcome.summary import best_kind
 from tracker.tasks.job_goal import FILE_NAME, STEPS_PER_SECOND, read_job_goal
-
-SAME = 1e-3
-"""Time [s] by which stamps of one frame may differ: formats round them."""
 
 
 def goal_file(log: Path) -> Path:
     """Where the goal of a recording's job is, if there is one."""
     return (log if log.is_dir() else log.parent) / FILE_NAME
-
-
-def are_of(log: Log, poses: Poses) -> bool:
-    """Whether poses may be of this recording: as far as the number and the stamp of their first frame tell.
-
-    Raises:
-        LogError: that frame is damaged.
-    """
-    if not len(poses):
-        return True
-    number = int(poses.index[0])
-    if max(number, int(poses.index[-1])) >= len(log):
-        return False
-    stamp = log.frame(number).timestamp
-    return np.isnan(stamp) or bool(abs(stamp - poses.timestamp[0]) <= SAME)
-
-
-def seconds_since_beginning(log: Path, poses: Poses) -> FloatArray:
-    """Times (n,) [s] of poses since the first frame of their recording, from which goals count.
-
-    Raises:
-        LogError, OSError: the poses begin later, and the recording cannot be read.
-    """
-    if not len(poses) or poses.index[0] == 0:
-        return poses.timestamp - poses.timestamp[:1]
-    with open_log(log, recover=True) as opened:
-        first = next(iter(opened), None)
-    if first is None:
-        raise LogError(f"{log}: found no frame that can be read, expected the first one")
-    return poses.timestamp - first.timestamp
 
 
 def goal_columns(log: Path, poses: Poses, model: CuboidModel) -> dict[str, Any]:
