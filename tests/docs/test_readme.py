@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -86,6 +87,9 @@ def test_no_link_of_the_site_leads_out_of_it():
         shown = on_page_markdown(page.read_text(encoding="utf-8"))
         assert "](../" not in shown, page.name
     assert on_page_markdown("[all](../benchmarks/results.md)") == "[all](results.md)"
+    report = SimpleNamespace(file=SimpleNamespace(src_uri="results.md"))
+    beside = on_page_markdown("[more](development.md)", page=report)
+    assert beside == '<span title="benchmarks/development.md">more</span>'
     assert on_page_markdown("[`a`](../tracker/a.py)") == '<span title="tracker/a.py"><code>a</code></span>'
 
 
