@@ -93,6 +93,7 @@ def test_a_faulty_option_is_named(arguments, words, recording, tmp_path, run_her
     ("source", "arguments", "words"),
     [
         ("nowhere", [], ["nowhere", "no such file"]),
+        ("webcam:0", [], ["webcam:0", "opencv:0,1,2"]),
         ("opencv:0,1,2", [], ["opencv:0,1,2", "--calibration"]),
         ("simulation", ["--calibration", "x"], ["--calibration", "its own"]),
         ("simulation", ["--speed", "2"], ["--speed", "does nothing"]),
@@ -138,5 +139,5 @@ def test_a_recording_that_ends_is_told_even_to_who_wants_to_hear_of_errors_only(
     monkeypatch.setattr("tracker.logs.hdf5_writer.Hdf5LogWriter.append", refuse)
     arguments = ("--record", tmp_path / "log.h5", "--quiet")
     result = run_here("live", recording, "--object", "cube_v2", *arguments)
-    assert result.returncode == 0
+    assert result.returncode == 1
     assert (result.stdout, result.stderr) == ("", "the recording has ended: no space is left\n")

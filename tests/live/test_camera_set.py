@@ -233,6 +233,7 @@ def test_films_are_read_by_opencv_picture_by_picture(tmp_path):
     rig = CameraRig(tuple(Camera(n, 64, 48, matrix, np.zeros(5), np.eye(4)) for n in ("a", "b")))
     cameras = open_cameras(f"opencv:{tmp_path / 'a.avi'},{tmp_path / 'b.avi'}", rig, rate=20.0)
     whole = [shot for shot in until_the_end(cameras) if all(one is not None for one in shot.images)]
+    assert cameras.settings == ({}, {})  # a film has none
     levels = [[round(float(image.mean()) / 10) for image in shot.images] for shot in whole]
     assert levels
     assert [one[0] for one in levels] == sorted(one[0] for one in levels)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -159,6 +160,8 @@ def live(
     if not (quiet or as_json):
         left_out = getattr(given, "skipped", 0)
         click.echo(told.summary(left_out, [*follower.faults, *outputs.faults()], outputs.recorder))
+    if outputs.recorder is not None and outputs.recorder.fault is not None:
+        sys.exit(1)
 
 
 def _refuse_options_of_others(kind: str, source: str, given: dict[str, Any], cameras: Cameras) -> None:
@@ -190,6 +193,7 @@ def _source(
     speed: float,
 ) -> tuple[Source, CameraRig]:
     from tracker import live
+    from tracker.live.opening import FORMS
     from tracker.logs import open_log
 
     if kind == "simulation":
@@ -199,6 +203,8 @@ def _source(
         _hush_opencv()
         rig = load_rig(cameras)
         return live.open_cameras(source, rig, rate=rate, settings=settings), rig
+    if not Path(source).exists():
+        raise LiveError(f"{source}: no such file or folder, expected {FORMS}")
     log = open_log(source)
     rig = rig_of(Path(source), log, cameras)
     return live.Replay(log, speed=speed), rig

@@ -60,7 +60,9 @@ class OpenCvCamera:
         return Picture(np.asarray(image, np.uint8), stamp)
 
     def settings(self) -> dict[str, str | int | float | bool]:
-        """See `Camera`; what OpenCV tells of it, in the units of its driver."""
+        """See `Camera`; what OpenCV tells of it, in the units of its driver. A film has none."""
+        if self.triggered:
+            return {}
         return {name: self._capture.get(number) for name, number in _KEPT.items()}
 
     def close(self) -> None:
