@@ -203,7 +203,7 @@ def test_a_written_png_is_read_back_to_the_bit(tmp_path, rng):
     [
         ("a.gif", "'.gif', expected one of .png"),
         ("a", "no suffix"),
-        ("nowhere/a.png", "cannot be written"),
+        ("nowhere/a.png", "cannot be written: there is no folder /.*nowhere"),
         ("taken.png", "cannot be written"),
         ("a\0.png", "cannot be written"),
     ],

@@ -26,9 +26,9 @@ def told_as(fault: Callable[[str], Exception], what: str | os.PathLike[str]) -> 
         yield
     except (OSError, ValueError) as error:  # ValueError: a null byte in the path
         reason = error.strerror if isinstance(error, OSError) and error.strerror else error
-        parent = os.path.dirname(os.fspath(what))
-        if isinstance(error, FileNotFoundError) and parent and not os.path.isdir(parent):
-            reason = f"there is no folder {parent}"
+        if isinstance(error, FileNotFoundError) and isinstance(error.filename, str):
+            folder = os.path.dirname(error.filename)
+            reason = f"there is no folder {folder}" if folder and not os.path.isdir(folder) else reason
         raise fault(f"{os.fspath(what)}: cannot be written: {' '.join(str(reason).split())}") from error
 
 
