@@ -16,7 +16,6 @@ from tracker.cli.live_check import check_cameras
 from tracker.cli.live_outputs import Outputs, Wanted, refuse_what_publishes_nothing
 from tracker.cli.live_told import Told
 from tracker.cli.names import colors_option, object_option
-from tracker.cli.signals import ended_by_signals
 from tracker.cli.swapped import Lookout
 from tracker.errors import LiveError
 
@@ -150,9 +149,8 @@ def live(
         follower = stack.enter_context(Live(given, ObjectTracker(model, rig, colors), listeners=listeners))
         outputs.know(follower)
         told.begin()
-        with ended_by_signals():
-            lookout = Lookout(lambda: ObjectTracker(model, rig, colors), rig.names)
-            _follow(follower, seconds, outputs, lookout, None if as_json or quiet else told)
+        lookout = Lookout(lambda: ObjectTracker(model, rig, colors), rig.names)
+        _follow(follower, seconds, outputs, lookout, None if as_json or quiet else told)
     outputs.tell()
     error = follower.error
     if error is not None:
