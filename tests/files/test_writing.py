@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.helpers import ROOT
-from tracker.files import claimed, whole_file, write_whole
+from tracker.files import claimed, lock_of, whole_file, write_whole
 
 
 def test_content_arrives_and_nothing_else_stays(tmp_path):
@@ -72,6 +72,14 @@ def test_content_is_on_the_disk_before_it_has_its_name(tmp_path, monkeypatch):
     monkeypatch.setattr(os, "replace", lambda old, new: (done.append("named"), replace(old, new)))
     write_whole(tmp_path / "a.txt", "x")
     assert [Path(one).name for one in done] == ["a.txt", "named", tmp_path.name]
+
+
+@pytest.mark.parametrize("name", ["a" * 255, "é" * 127, "录" * 85, "\udcff" * 255])
+def test_a_name_may_be_as_long_as_file_systems_allow(name, tmp_path):
+    with claimed(tmp_path / name):
+        write_whole(tmp_path / name, "content")
+        assert os.path.exists(lock_of(tmp_path / name))
+    assert os.listdir(tmp_path) == [name]
 
 
 def test_two_writers_do_not_share_a_temporary_file(tmp_path):

@@ -18,6 +18,9 @@ except ImportError:  # not on this operating system: nothing is locked
 _NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EROFS)
 """What file systems say that have no locks, as some network drives."""
 
+_MOST_BYTES = 200
+"""Of a name, in one that is made from it."""
+
 
 @contextlib.contextmanager
 def told_as(fault: Callable[[str], Exception], what: str | os.PathLike[str]) -> Iterator[None]:
@@ -57,7 +60,7 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
     target = Path(os.path.realpath(path))
     try:
         # A folder of its own, so that the file gets the permissions that it would get without us.
-        folder = tempfile.mkdtemp(prefix=f".{target.name[:100]}.", suffix=".tmp", dir=target.parent)
+        folder = tempfile.mkdtemp(prefix=f".{_beginning(target.name)}.", suffix=".tmp", dir=target.parent)
     except OSError as error:
         raise _about(error, path) from error
     try:
@@ -83,8 +86,7 @@ def claimed(path: str | os.PathLike[str]) -> Iterator[None]:
         BlockingIOError: another run has claimed it.
         OSError: the folder is missing or cannot be written.
     """
-    target = Path(os.path.realpath(path))
-    lock = target.with_name(f".{target.name[:200]}.lock")
+    lock = lock_of(path)
     try:
         descriptor = _locked(lock)
     except BlockingIOError as error:
@@ -97,6 +99,18 @@ def claimed(path: str | os.PathLike[str]) -> Iterator[None]:
         # While it is still locked: whoever opened it before sees that it has gone, and makes a new one.
         lock.unlink(missing_ok=True)
         os.close(descriptor)
+
+
+def lock_of(path: str | os.PathLike[str]) -> Path:
+    """The hidden file beside a file, which is there while somebody has claimed that."""
+    target = Path(os.path.realpath(path))
+    return target.with_name(f".{_beginning(target.name)}.lock")
+
+
+def _beginning(name: str) -> str:
+    """So much of a name that something can be added: file systems count bytes, and allow for 255."""
+    encoded = os.fsencode(name)
+    return name if len(encoded) <= _MOST_BYTES else encoded[:_MOST_BYTES].decode("utf-8", "ignore")
 
 
 def _locked(lock: Path) -> int:

@@ -170,6 +170,17 @@ def test_a_bug_and_a_full_disk_stop_nobody_else(recordings, monkeypatch):
     assert "ZeroDivisionError" in told[2]
 
 
+def test_a_name_that_is_too_long_stops_nobody_else(recordings):
+    for name in ("b" * 243, "c" * 250):
+        write_log(recordings / name, 3)
+    one = wanted(recordings)
+    tracked, _ = do(one)
+    failures = {result["recording"]: result["failure"] for result in tracked if result["failure"]}
+    assert [why.split(": ")[-1] for why in failures.values()] == ["File name too long"] * 2
+    found = tables.state(one, failures)
+    assert (len(found.lines), len(found.failures), found.missing) == (COUNT, 2, 0)
+
+
 def test_a_reason_that_could_not_be_kept_is_told_by_who_saw_it(recordings):
     one = wanted(recordings)
     do(one)

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from tracker.errors import LogError, reason
-from tracker.files import whole_file, write_whole
+from tracker.files import lock_of, whole_file, write_whole
 from tracker.recordings.many.batch import Batch
 from tracker.recordings.many.results import (
     FAILURES,
@@ -64,11 +64,11 @@ def state(batch: Batch, told: Mapping[str, str] | None = None) -> State:
     for log, relative in batch.pairs:
         output = batch.folder / relative
         line = read_line(output)
-        running += output.with_name(f".{output.name[:200]}.lock").exists()
+        running += os.path.exists(lock_of(output))
         if line is not None:
             lines.append({**line, "output": unicode_text(relative)})
             stamps.append(summary_file(output).stat().st_mtime)
-        elif failure_file(output).exists():
+        elif os.path.exists(failure_file(output)):  # unlike Path's, of names too long, too
             failures[log] = read_failure(output) or "unknown"
         elif told is not None and log in told:
             failures[log] = told[log]
