@@ -272,9 +272,9 @@ def test_another_goal_is_another_line_of_the_same_poses(recordings):
 
 
 def test_the_jobs_of_a_list_do_all_of_it_once(recordings):
-    here = wanted(recordings, "here", Options("cube_v2"))
+    here = wanted(recordings, "here", Options("cube_v2", last=2))
     do(here)
-    one = wanted(recordings, options=Options("cube_v2"))
+    one = wanted(recordings, options=Options("cube_v2", last=2))
     recipe = Recipe.of(one.options)
     description = schedulers.describe(one, one.tasks(agreed(recipe)), "slurm")
     content = json.loads(description.list_text)
