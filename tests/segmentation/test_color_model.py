@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 from scipy.ndimage import zoom
 
+import tracker
+from tracker.errors import ColorModelError
 from tracker.segmentation.color_model import color_model_names, load_colors
+from tracker.tasks.rearrange_dice.segment import segment_dice
 
 
 @pytest.mark.parametrize("name", color_model_names())
@@ -19,3 +22,9 @@ def test_dense_tables_are_those_of_scipys_linear_interpolation(name):
     np.testing.assert_allclose(
         model.margin_table / 16, blue_fastest["margin"].clip(0, 255 / 16), atol=1 / 32 + 1e-9
     )
+
+
+@pytest.mark.parametrize("use", [tracker.segment, segment_dice])
+def test_a_name_in_place_of_a_colour_model_is_told(use):
+    with pytest.raises(ColorModelError, match=r"str given; a ColorModel is needed: tracker\.load_colors"):
+        use(np.zeros((270, 270, 3), np.uint8), "cube_v2")

@@ -150,6 +150,15 @@ def _shipped(name: str) -> ColorModel:
         return _read(path, name)
 
 
+def check_colors(colors: object) -> ColorModel:
+    """The colour model itself, if it is one; ColorModelError says what it is otherwise."""
+    if not isinstance(colors, ColorModel):
+        raise ColorModelError(
+            f"colors: {type(colors).__name__} given; a ColorModel is needed: tracker.load_colors gives one"
+        )
+    return colors
+
+
 def load_colors(name_or_path: str | Path) -> ColorModel:
     """A colour model by its name, or from a file that `tracker colors fit` wrote.
 

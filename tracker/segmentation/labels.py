@@ -8,7 +8,7 @@ import numpy as np
 from tracker.compiled import compiled
 from tracker.conventions import Array, Image
 from tracker.errors import ImageError
-from tracker.segmentation.color_model import ColorModel
+from tracker.segmentation.color_model import ColorModel, check_colors
 from tracker.segmentation.light import AS_IT_IS, CLIPPED, Light, evened, find_light
 
 REFERENCE_SIZE = 270
@@ -86,9 +86,13 @@ def segment(image: Array, colors: ColorModel) -> Image:
 
     Pixels are labelled by colour; then specks go, and of the things that are left in face colours
     only those that compare with the strongest stay, so that copper coils and coloured fringes at
-    edges do not count as faces. Raises ImageError for anything but an (H, W, 3) uint8 array.
+    edges do not count as faces.
+
+    Raises:
+        ImageError: the image is anything but an (H, W, 3) uint8 array.
+        ColorModelError: the colours are anything but a colour model.
     """
-    image, light, labels = labels_by_color(check_image(image), colors)
+    image, light, labels = labels_by_color(check_image(image), check_colors(colors))
     margin = np.empty(image.shape[:2], np.uint8)
     look_up(image, colors.channel_tables(light.gains), colors.margin_table, light.gains, margin)
     return keep_strongest(labels, np.minimum(margin, 64), min(image.shape[:2]) / REFERENCE_SIZE)

@@ -13,7 +13,7 @@ import numpy as np
 
 from tracker.compiled import compiled
 from tracker.conventions import Array, Image
-from tracker.segmentation.color_model import ColorModel, load_colors
+from tracker.segmentation.color_model import ColorModel, check_colors, load_colors
 from tracker.segmentation.labels import FINE, REFERENCE_SIZE, check_image
 from tracker.segmentation.light import TARGET_GREY, evened, find_light
 from tracker.segmentation.noise import calmed
@@ -101,9 +101,10 @@ def segment_dice(image: Array, colors: ColorModel | None = None) -> Image:
 
     Raises:
         ImageError: the image is of another shape or type.
+        ColorModelError: the colours are anything but a colour model.
     """
     image = check_image(image)
-    colors = load_colors("dice") if colors is None else colors
+    colors = load_colors("dice") if colors is None else check_colors(colors)
     scale = min(image.shape[:2]) / REFERENCE_SIZE
     # Demosaicing leaves single wrong pixels at the finer resolution.
     image = np.asarray(cv2.medianBlur(image, 3), dtype=np.uint8) if scale > FINE else calmed(image)
