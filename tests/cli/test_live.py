@@ -107,6 +107,14 @@ def test_a_faulty_source_is_named(source, arguments, words, tmp_path, run_here):
     assert not list(tmp_path.iterdir())
 
 
+def test_cameras_that_never_give_an_image_make_the_exit_code_1(recording, tmp_path, run_here):
+    absent = ",".join(f"{tmp_path}/absent{number}.mp4" for number in range(3))
+    arguments = ("--object", "cube_v2", "--calibration", recording, "--seconds", "0.5")
+    result = run_here("live", f"opencv:{absent}", *arguments)
+    assert result.returncode == 1
+    assert "no camera ever gave an image" in result.stdout
+
+
 def test_a_check_tells_of_the_cameras_and_nothing_is_wrong_with_them(recording, run_here):
     result = run_here("live", recording, "--object", "cube_v2", "--check", "--speed", "5")
     assert result.returncode == 0, result.stderr

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
+
 from tests.helpers.moments import estimate, moment
 from tracker.cli.live_told import Told
 
@@ -22,14 +24,19 @@ def test_a_jump_is_not_taken_for_a_fault_of_a_camera_that_is_called_stamps():
 
 def test_the_summary_names_cameras_in_their_order_and_a_fault_once(tmp_path):
     told, counts = Told(), {"camera60": 0, "camera180": 3}
+    assert not told.only_faults
     for number in range(3):
         faults = {"camera180": "too small", "camera60": "frozen"}
         told.hear(replace(moment(number), faults=faults, fault_counts=counts))
     recorder = SimpleNamespace(recorded=0, path=tmp_path / "log.h5", left_out=0, fault=None)
     lines = told.summary(0, ["camera180: too small", "a listener"], recorder).splitlines()
-    begins = ["sets", "status", "never", "latency", "camera60", "camera180", "recorded", "fault"]
+    begins = ["sets", "status", "no", "latency", "camera60", "camera180", "recorded", "fault"]
     assert [line.split()[0] for line in lines] == begins
     assert lines[-2].split() == ["recorded", "nothing"]
+    assert told.only_faults
+    told.hear(moment(3, (np.zeros((16, 16, 3), np.uint8),)))
+    assert not told.only_faults
+    assert "never found" in told.summary(0, ())
     assert lines[-1].endswith("a listener")
 
 

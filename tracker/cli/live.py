@@ -158,7 +158,8 @@ def live(
     if not (quiet or as_json):
         left_out = getattr(given, "skipped", 0)
         click.echo(told.summary(left_out, [*follower.faults, *outputs.faults()], outputs.recorder))
-    if outputs.recorder is not None and outputs.recorder.fault is not None:
+    failed = outputs.recorder is not None and outputs.recorder.fault is not None
+    if failed or told.only_faults:
         sys.exit(1)
 
 

@@ -17,6 +17,7 @@ _LATENCIES = 100_000
 """Latencies that are kept for percentiles."""
 
 _NEVER = "never found: is it this object, these colours, this calibration? --check looks at the cameras"
+_NO_IMAGE = "no camera ever gave an image"
 
 _STAMPS = ""
 """Stands for the stamps of all cameras where faults stand by cameras' names, none of which is empty."""
@@ -31,7 +32,7 @@ class Told:
         self._faults: Counter[str] = Counter()
         self._lately: Counter[str] = Counter()
         self._reasons: dict[str, str] = {}
-        self._posed = False
+        self._posed = self._seen = False
         self._order: dict[str, None] = {}
         self._latencies: deque[float] = deque(maxlen=_LATENCIES)
         self._newest: Moment | None = None
@@ -49,6 +50,7 @@ class Told:
             self._latencies.append(moment.latency)
             self._newest = moment
             self._posed |= moment.object_pose is not None
+            self._seen |= any(image is not None for image in moment.shot.images)
             faults = dict(moment.faults)
             if moment.jump is not None:
                 faults[_STAMPS] = moment.jump
@@ -56,6 +58,11 @@ class Told:
             self._faults.update(faults.keys())
             self._lately.update(faults.keys())
             self._reasons.update(faults)
+
+    @property
+    def only_faults(self) -> bool:
+        """Whether there were sets of images, and not one image in them."""
+        return bool(self._statuses) and not self._seen
 
     def due(self) -> str | None:
         """A line about the last second, once it has passed."""
@@ -94,7 +101,7 @@ class Told:
             median, late = np.percentile(1e3 * np.array(self._latencies), [50, 99])
             rows.append(["status", statuses])
             if not self._posed:
-                rows.append(["", _NEVER])
+                rows.append(["", _NEVER if self._seen else _NO_IMAGE])
             rows.append(["latency", f"{median:.1f} ms in the median, {late:.1f} ms in the 99th percentile"])
         for name in filter(self._faults.__contains__, self._order):
             times, reason = self._faults[name], self._reasons[name]
