@@ -163,8 +163,9 @@ def scheduler(tmp_path) -> Iterator[str]:
             time.sleep(0.02)
         yield json.loads(told.read_text())["address"]
     finally:
-        for process in reversed(processes):
-            process.terminate()
+        # Asked to end together, each of them may wait for the other's word.
+        for process in processes:
+            process.kill()
         for process in processes:
             process.wait(timeout=60)
 
