@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from tracker.live import Live, Source
 
 _FILE = click.Path(path_type=Path)
+_ERRORS = 2  # OpenCV's LOG_LEVEL_ERROR
 _CAMERAS = ("pylon", "opencv")  # as tracker.live.opening has them, which is not imported for --help
 
 
@@ -214,7 +215,7 @@ def _hush_opencv() -> None:
     import cv2
 
     if "OPENCV_LOG_LEVEL" not in os.environ:
-        cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
+        getattr(cv2.utils, "logging", cv2).setLogLevel(_ERRORS)  # in cv2 itself until OpenCV 5
 
 
 def _draw(source: Source, quiet: bool) -> None:
