@@ -19,7 +19,7 @@ from tracker.pose.judge import rank
 from tracker.pose.result import CameraUse, MotionEstimate, Observation, Status
 from tracker.pose.search import search
 from tracker.pose.start import Lag
-from tracker.segmentation.color_model import ColorModel, load_colors
+from tracker.segmentation.color_model import ColorModel, check_colors, load_colors
 from tracker.segmentation.labels import check_image
 from tracker.tracking.belief import TrackingOptions, measured
 from tracker.tracking.cameras import usable
@@ -66,7 +66,7 @@ class ObjectTracker:
         _check(model, "model", CuboidModel, "tracker.load_object gives one")
         _check(rig, "rig", CameraRig, "tracker.CameraRig.load gives one")
         if colors is not None:
-            _check(colors, "colors", ColorModel, "tracker.load_colors gives one")
+            check_colors(colors)
         warm_up()
         self.model, self.rig = model, rig
         self.colors = colors if colors is not None else load_colors(model.colors)

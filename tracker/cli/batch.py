@@ -14,6 +14,7 @@ import click
 
 from tracker.cli.calibration import Cameras, calibration_options
 from tracker.cli.names import colors_option, object_option
+from tracker.cli.part import part_options, refuse_no_part
 from tracker.cli.protect import refuse_file
 from tracker.cli.table import listing
 from tracker.errors import LogError
@@ -43,8 +44,7 @@ class _WithParts(click.Command):
 @click.option("-o", "--output", required=True, metavar="DIR", type=_FOLDER, help="Folder of the results.")
 @calibration_options
 @colors_option()
-@click.option("--from", "first", metavar="N", type=click.IntRange(0), default=0, help="First frame wanted.")
-@click.option("--to", "last", metavar="N", type=click.IntRange(1), help="First frame not wanted any more.")
+@part_options
 @click.option("--recover", is_flag=True, help="Leave out what is damaged of a recording.")
 @click.option(
     "--workers", metavar="N", type=click.IntRange(1), help="Processes here.  [default: one for each core]"
@@ -85,8 +85,7 @@ def batch(
     from tracker.recordings import Options
     from tracker.recordings.many.batch import Batch
 
-    if last is not None and last <= first:
-        raise click.UsageError(f"--from {first} --to {last}: expected --to beyond --from")
+    refuse_no_part(first, last)
     cameras.refuse_pattern_alone()
     refuse_file("-o", output)
     engines = {"--workers": workers, "--scheduler": scheduler, "--htcondor": htcondor, "--slurm": slurm}

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from tracker.cli.calibration import Cameras, calibration_options, rig_of
+from tracker.cli.part import part_options, refuse_no_part
 from tracker.cli.progress import bar
 from tracker.cli.protect import refuse_overwriting
 from tracker.errors import LogError
@@ -23,8 +24,7 @@ from tracker.errors import LogError
     help="An HDF5 log (.h5), a film of all cameras side by side (.mp4), or a new folder of images.",
 )
 @calibration_options
-@click.option("--from", "first", metavar="N", type=click.IntRange(0), default=0, help="First frame wanted.")
-@click.option("--to", "last", metavar="N", type=click.IntRange(1), help="First frame not wanted any more.")
+@part_options
 @click.option("--recover", is_flag=True, help="Leave out what is damaged of the recording.")
 @click.option("-q", "--quiet", is_flag=True, help="No progress bar.")
 def convert(
@@ -46,8 +46,7 @@ def convert(
     from tracker.logs.convert import write_folder, write_hdf5
     from tracker.viz.log_film import write_log_film
 
-    if last is not None and last <= first:
-        raise click.UsageError(f"--from {first} --to {last}: expected --to beyond --from")
+    refuse_no_part(first, last)
     cameras.refuse_pattern_alone()
     refuse_overwriting({"-o": output}, (source,), cameras.calibration, new_folders=not output.suffix)
     suffix = output.suffix.lower()

@@ -11,6 +11,7 @@ import click
 
 from tracker.cli.calibration import Cameras, calibration_options
 from tracker.cli.names import colors_option, object_option
+from tracker.cli.part import part_options, refuse_no_part
 from tracker.cli.progress import bar
 from tracker.cli.protect import check_suffix, refuse_file, refuse_other_content, refuse_overwriting
 from tracker.cli.table import listing
@@ -34,8 +35,7 @@ CONTRADICTED = 0.02
 )
 @calibration_options
 @colors_option()
-@click.option("--from", "first", metavar="N", type=click.IntRange(0), default=0, help="First frame wanted.")
-@click.option("--to", "last", metavar="N", type=click.IntRange(1), help="First frame not wanted any more.")
+@part_options
 @click.option("--csv", metavar="FILE", type=_FILE, help="Write the poses as a table, too.")
 @click.option("--tum", metavar="FILE", type=_FILE, help="Write them as a trajectory in the TUM format.")
 @click.option("--bop", metavar="FILE", type=_FILE, help="Write them as BOP results of the --camera.")
@@ -87,8 +87,7 @@ def track(
     from tracker.recordings import Options, Recipe
     from tracker.recordings.many.results import outputs_of
 
-    if last is not None and last <= first:
-        raise click.UsageError(f"--from {first} --to {last}: expected --to beyond --from")
+    refuse_no_part(first, last)
     cameras.refuse_pattern_alone()
     outputs = Outputs(csv, tum, bop, camera, video, plot, health)
     if len(logs) > 1 and outputs.files:

@@ -13,6 +13,7 @@ import click
 
 from tracker.cli.calibration import Cameras, calibration_options, rig_of
 from tracker.cli.names import colors_option, object_option
+from tracker.cli.part import part_options, refuse_no_part
 from tracker.cli.progress import bar
 from tracker.cli.protect import refuse_overwriting
 from tracker.cli.track_outputs import observation
@@ -72,8 +73,7 @@ _Frames = Iterator[tuple[int, float, "Observation", Sequence["Image | None"], "S
 )
 @colors_option()
 @click.option("--recover", is_flag=True, help="Leave out what is damaged of a recording.")
-@click.option("--from", "first", metavar="N", type=click.IntRange(0), default=0, help="First frame wanted.")
-@click.option("--to", "last", metavar="N", type=click.IntRange(1), help="First frame not wanted any more.")
+@part_options
 @click.option(
     "--every", metavar="N", type=click.IntRange(1), default=1, help="Show each Nth frame.  [default: 1]"
 )
@@ -104,8 +104,7 @@ def view(
     from tracker.viz.rerun_viewer import require_rerun
 
     require_rerun()
-    if last is not None and last <= first:
-        raise click.UsageError(f"--from {first} --to {last}: expected --to beyond --from")
+    refuse_no_part(first, last)
     target = _target(source, output)
     if target is not None:
         others = (*cameras.calibration, object_name, colors_name)
