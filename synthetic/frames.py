@@ -24,7 +24,6 @@ from synthetic.camera.timing import STILL, motion_px
 from synthetic.effects import Effects
 from synthetic.frame import Frame as Frame
 from synthetic.render.choose import choose_renderer
-from synthetic.render.interface import Renderer
 from synthetic.scene import PlatformScene, SceneAt
 from synthetic.world.effects import with_effects
 from synthetic.world.platform import Platform
@@ -60,8 +59,6 @@ class FrameOptions:
     """Of everything random."""
     quality: str = "default"
     """`fast`, `default` or `best`."""
-    renderer: str = "auto"
-    """`auto`, `pyrender` or `raster`."""
     sequence: bool = False
     """Frames follow each other in time; else every frame is a scene of its own."""
     size: int = 270
@@ -126,7 +123,7 @@ class FrameMaker:
         if options.shadows is not None:
             self._quality = dataclasses.replace(self._quality, shadows=options.shadows)
         self._stack = ExitStack()
-        self.renderer: Renderer = choose_renderer(options.renderer)
+        self.renderer = choose_renderer()
         self._platform = self._stack.enter_context(Platform(options.object_name))
 
     def __enter__(self) -> FrameMaker:
@@ -279,7 +276,6 @@ def frames(
     *,
     rig: CameraRig | None = None,
     quality: str = "default",
-    renderer: str = "auto",
     sequence: bool = False,
     size: int = 270,
     first: int = 0,
@@ -293,16 +289,15 @@ def frames(
         seed: of everything random.
         rig: the cameras, scaled to `size`; by default those of the simulated platform.
         quality: `fast`, `default` or `best`.
-        renderer: `auto`, `pyrender` or `raster`.
         sequence: a motion, instead of single scenes.
         size: height of the pictures [px].
         first: number of the first frame.
         more: other fields of `FrameOptions`.
 
     Raises:
-        TrackerError: an option is not valid, or robot meshes or renderer cannot be had.
+        TrackerError: an option is not valid, or robot meshes cannot be had.
     """
-    options = FrameOptions(object_name, seed, quality, renderer, sequence, size, **more)
+    options = FrameOptions(object_name, seed, quality, sequence, size, **more)
     with FrameMaker(options, rig) as maker:
         numbers = range(first, first + count)
         for chunk in range(first // options.chunk, -(-(first + count) // options.chunk)):

@@ -11,7 +11,8 @@ import numpy as np
 from synthetic.camera.lens import Lens
 from synthetic.camera.sensor import Sensor
 from synthetic.camera.units import Unit
-from synthetic.render.interface import Layers, PinholeView, Renderer
+from synthetic.render.choose import Renderer
+from synthetic.render.interface import Layers, PinholeView
 from synthetic.scene import PlatformScene
 from tracker.conventions import Array, Image
 from tracker.geometry.camera import Camera
