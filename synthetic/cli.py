@@ -68,6 +68,12 @@ def commands() -> None:
     metavar="none|world|NAMES",
     help="What the real world adds: all of it, or names between commas, see synthetic.effects.",
 )
+@click.option(
+    "--look-alike",
+    default=None,
+    metavar="KIND",
+    help="What is not the object in its place, see synthetic.world.look_alikes.KINDS; no pose is told.",
+)
 def dataset(
     object_name: str,
     count: int,
@@ -83,6 +89,7 @@ def dataset(
     calibration: str,
     shadows: bool | None,
     effects: str,
+    look_alike: str | None,
 ) -> None:
     """Write pictures, labels, calibration and truth of FRAMES frames to a folder.
 
@@ -107,6 +114,7 @@ def dataset(
             rate=rate,
             shadows=shadows,
             effects=Effects.of(effects).names,
+            look_alike=look_alike,
             raw=raw,
         ),
         count,
