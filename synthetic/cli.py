@@ -19,7 +19,6 @@ from tracker.errors import TrackerError, install
 
 OBJECTS = ("cube_v1", "cube_v2", "cube_v3", "cuboid_2x2x8_v2", "dice")
 QUALITY_NAMES = ("fast", "default", "best")
-RENDERER_NAMES = ("auto", "pyrender", "raster")
 
 
 @click.group(
@@ -61,9 +60,6 @@ def commands() -> None:
     "recorded data, or the files of a folder.",
 )
 @click.option(
-    "--renderer", type=click.Choice(RENDERER_NAMES), default="auto", help="auto: pyrender if it runs."
-)
-@click.option(
     "--shadows/--no-shadows", default=None, show_default=False, help="Default: as the quality says."
 )
 @click.option(
@@ -71,6 +67,12 @@ def commands() -> None:
     default="none",
     metavar="none|world|NAMES",
     help="What the real world adds: all of it, or names between commas, see synthetic.effects.",
+)
+@click.option(
+    "--look-alike",
+    default=None,
+    metavar="KIND",
+    help="What is not the object in its place, see synthetic.world.look_alikes.KINDS; no pose is told.",
 )
 def dataset(
     object_name: str,
@@ -85,9 +87,9 @@ def dataset(
     raw: bool,
     size: str,
     calibration: str,
-    renderer: str,
     shadows: bool | None,
     effects: str,
+    look_alike: str | None,
 ) -> None:
     """Write pictures, labels, calibration and truth of FRAMES frames to a folder.
 
@@ -107,12 +109,12 @@ def dataset(
             object_name,
             seed,
             quality,
-            renderer,
             sequence,
             size=int(size),
             rate=rate,
             shadows=shadows,
             effects=Effects.of(effects).names,
+            look_alike=look_alike,
             raw=raw,
         ),
         count,
@@ -134,15 +136,12 @@ def dataset(
 @click.option(
     "--quality", type=click.Choice(QUALITY_NAMES), default="default", help="Work put into a picture."
 )
-@click.option(
-    "--renderer", type=click.Choice(RENDERER_NAMES), default="auto", help="auto: pyrender if it runs."
-)
-def sheet(output: Path, seed: int, quality: str, renderer: str) -> None:
+def sheet(output: Path, seed: int, quality: str) -> None:
     """A contact sheet: every kind of scene of every object, one row each."""
     from synthetic.export.dataset import write_png
     from synthetic.export.sheet import contact_sheet
 
-    picture, titles = contact_sheet(seed, quality, renderer)
+    picture, titles = contact_sheet(seed, quality)
     write_png(output, picture)
     for row, title in enumerate(titles):
         click.echo(f"{row:2d}  {title}")
@@ -150,13 +149,12 @@ def sheet(output: Path, seed: int, quality: str, renderer: str) -> None:
 
 @commands.command()
 @click.option("--seconds", type=click.FloatRange(0.5), default=10.0, help="Time for each measurement [s].")
-@click.option("--workers", type=click.IntRange(1, 256), default=2, help="Processes.")
-def speed(seconds: float, workers: int) -> None:
-    """Triplets per second of each quality and renderer that works here."""
+def speed(seconds: float) -> None:
+    """Triplets per second of each quality, by one process."""
     from synthetic.export.speed import measure
 
-    click.echo(f"triplets per second, {workers} processes, single scenes of cube_v2, 270×270")
-    for line in measure(seconds, workers):
+    click.echo("triplets per second, one process, single scenes of cube_v2, 270×270")
+    for line in measure(seconds):
         click.echo(line)
 
 

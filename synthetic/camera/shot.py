@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Sequence
 
 import cv2
@@ -11,7 +12,8 @@ import numpy as np
 from synthetic.camera.lens import Lens
 from synthetic.camera.sensor import Sensor
 from synthetic.camera.units import Unit
-from synthetic.render.interface import Layers, PinholeView, Renderer
+from synthetic.render.choose import Renderer
+from synthetic.render.interface import Layers, PinholeView
 from synthetic.scene import PlatformScene
 from tracker.conventions import Array, Image
 from tracker.geometry.camera import Camera
@@ -104,12 +106,16 @@ def shoot(
     middle = views[len(views) // 2]
     # The lattice of the fine camera's points is that of the camera itself: the view is the same.
     coarse = Lens(camera, points * factor)
+    pattern = unit.fixed_pattern
     return CameraShot(
         image=unit.sensor.expose(
             light if len(views) == 1 else light / len(views),
             noise,
             unit.settings,
             halved=halved,
+            pattern=None
+            if pattern is None
+            else functools.partial(pattern.applied, binned=unit.sensor.binned),
             finish=None if unit.sharpening is None else unit.sharpening.applied,
         ),
         labels=np.asarray(coarse.to_camera(middle.labels, "label"), dtype=np.uint8),
@@ -121,9 +127,9 @@ def shoot(
 def _light(layers: Layers, lens: Lens, unit: Unit) -> Array:
     """Light (H, W, 3) on the sensor's grid, as far as the lens decides it."""
     light = lens.to_camera(layers.color, "mean", None if unit.fringes is None else unit.fringes.stretch)
-    if unit.focus is None:
-        return light
-    return unit.focus.blurred(light, lens.to_camera(layers.nearness, "mean"))
+    if unit.focus is not None:
+        light = unit.focus.blurred(light, lens.to_camera(layers.nearness, "mean"))
+    return light if unit.skewed_psf is None else unit.skewed_psf.applied(light)
 
 
 def _undistorted_labels(layers: Layers, view: PinholeView, camera: Camera) -> tuple[Image, Image]:

@@ -16,6 +16,9 @@ PERIOD = 0.010
 EXPOSURES = 0.0015, 0.010
 """Least and greatest time of exposure [s]; the platform's is 1.5 ms."""
 
+IN_ROOM_LIGHT = 0.004, 0.015
+"""Least and greatest time of exposure of a camera without the platform's lamps [s]."""
+
 STEP, MOST = 1.0, 6
 """Motion [px] between two of an exposure's scenes, which the lens blurs away, and most of such scenes."""
 
@@ -42,6 +45,11 @@ class Timing:
         """Exposure by whatever light there is; clocks as quartzes are."""
         exposure = np.exp(rng.uniform(*np.log(EXPOSURES)))
         return cls(float(exposure), rng.uniform(0.0, 1.0, cameras), rng.normal(0.0, 1e-4, cameras))
+
+    @classmethod
+    def together(cls, rng: np.random.Generator, cameras: int) -> Timing:
+        """Exposure alone: all cameras at once."""
+        return cls(float(np.exp(rng.uniform(*np.log(IN_ROOM_LIGHT)))), np.zeros(cameras), np.zeros(cameras))
 
     def stamps(self, time: float) -> FloatArray:
         """(cameras,) the middle of each camera's exposure [s]; the latest is `time`."""

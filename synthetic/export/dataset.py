@@ -23,6 +23,7 @@ from synthetic.camera.rigs import KNOWN, choose_rig, sized
 from synthetic.export.bop import finish_bop, write_bop_frame
 from synthetic.export.workers import run_tasks
 from synthetic.frames import DatasetError, Frame, FrameMaker, FrameOptions
+from synthetic.render.choose import Renderer
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Image
 
@@ -52,12 +53,11 @@ class DatasetOptions:
         """The cameras that the data set uses."""
         return sized(choose_rig(self.calibration, self.frames.seed), self.frames.size)
 
-    def settings(self, renderer: str) -> dict[str, Any]:
-        """What must be the same where a run continues another one; `renderer` is the one in use."""
+    def settings(self) -> dict[str, Any]:
+        """What must be the same where a run continues another one."""
         result = asdict(self.frames)
         for key in ("seed", "object_name"):  # they stand in the truth already
             del result[key]
-        result["renderer"] = renderer
         result["effects"] = list(self.frames.effects)  # as JSON gives it back
         named = self.calibration in KNOWN
         return {**result, "calibration": self.calibration if named else "folder", "bop": self.bop}
@@ -205,14 +205,11 @@ class _Truth:
     @classmethod
     def open(cls, root: Path, options: DatasetOptions) -> _Truth:
         """That of a new folder, or of one made with the same options."""
-        from synthetic.render.choose import choose_renderer
-
-        renderer = choose_renderer(options.frames.renderer).name
         head: dict[str, Any] = {
             "seed": options.frames.seed,
             "object": options.frames.object_name,
-            "renderer": renderer,
-            "settings": options.settings(renderer),
+            "renderer": Renderer.name,
+            "settings": options.settings(),
         }
         path = root / TRUTH_FILE
         if not path.exists():

@@ -21,17 +21,17 @@ _MOMENTS = (0, 15, 30)
 """Frames of a motion that are shown, each by another camera."""
 
 
-def contact_sheet(seed: int, quality: str, renderer: str) -> tuple[Image, list[str]]:
+def contact_sheet(seed: int, quality: str) -> tuple[Image, list[str]]:
     """A picture with three cameras a cell, two cells a row, and the title of each cell, row by row."""
     cells, titles = [], []
     for name in SINGLE:
-        with FrameMaker(FrameOptions(name, seed, quality, renderer)) as maker:
+        with FrameMaker(FrameOptions(name, seed, quality)) as maker:
             for number, (title, scene) in enumerate(_single_scenes(name, seed)):
                 frame = maker.of_scene(number, scene)
                 cells.append(np.hstack(frame.images))
-                titles.append(f"{name}: {title} ({frame.renderer})")
+                titles.append(f"{name}: {title}")
     for kind in MOTIONS:
-        options = FrameOptions(_MOTION_OBJECT, seed, quality, renderer, sequence=True, kind=kind)
+        options = FrameOptions(_MOTION_OBJECT, seed, quality, sequence=True, kind=kind)
         with FrameMaker(options) as maker:
             steps = list(itertools.islice(maker.chunk(0, frozenset(_MOMENTS)), len(_MOMENTS)))
         cells.append(np.hstack([frame.images[camera] for camera, frame in enumerate(steps)]))

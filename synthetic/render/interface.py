@@ -1,20 +1,13 @@
-"""What a renderer is: a scene and a pinhole view in, linear light and exact labels out."""
+"""What goes into a renderer beside a scene, and what comes out."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from synthetic.scene import PlatformScene
 from tracker.conventions import FloatArray, Image
-from tracker.errors import TrackerError
-
-
-class RendererError(TrackerError):
-    """A renderer cannot be had on this machine, or cannot render what it was given."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,18 +45,3 @@ class Layers:
     """(h, w) uint8 labels if there were nothing but the objects, as the base of visible fractions."""
     nearness: npt.NDArray[np.float32]
     """(h, w) 1 / depth along the view's axis [1/m]; 0 where nothing is."""
-
-
-class Renderer(Protocol):
-    """Renders scenes; same scene and view, same bits."""
-
-    name: str
-    """Stands in the ground truth: `pyrender` or `raster`."""
-
-    def render(self, scene: PlatformScene, view: PinholeView, *, shadows: bool = True) -> Layers:
-        """What `view` shows of `scene`; without `shadows` light passes through everything, and it is fast."""
-        ...
-
-    def close(self) -> None:
-        """Give back what the renderer holds outside of Python; it cannot render afterwards."""
-        ...

@@ -146,7 +146,9 @@ class Platform:
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = state.rotation, state.position
         gloss = float(look.gloss[1])
-        return Body(state.name, self._object_mesh, pose, colors, labels, gloss, look.dirt)
+        return Body(
+            state.name, self._object_mesh, pose, colors, labels, gloss, look.dirt, self.model is not None
+        )
 
     def _surroundings(self, look: Look) -> list[Body]:
         nothing = np.zeros(1, dtype=np.uint8)

@@ -6,7 +6,6 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.helpers.needs import lack
 from tests.helpers.synthetic_needs import skip_without_platform
 
 
@@ -102,17 +101,8 @@ def test_dice_have_their_numbers():
     assert seen <= set(range(1, 26))
 
 
-@pytest.mark.parametrize("renderer", ["pyrender", "raster"])
-def test_pips_are_no_holes_in_the_labels_of_dice(renderer):
-    from synthetic.render.choose import choose_renderer
-    from synthetic.render.interface import RendererError
-
-    try:
-        choose_renderer(renderer)
-    except RendererError as error:
-        lack("platform", str(error))
-    (frame,) = make(1, name="dice", empty=0.0, renderer=renderer)
-    assert frame.renderer == renderer
+def test_pips_are_no_holes_in_the_labels_of_dice():
+    (frame,) = make(1, name="dice", empty=0.0)
     for labels in frame.labels:
         for number in set(np.unique(labels).tolist()) - {0}:
             mask = (labels == number).astype(np.uint8)
@@ -141,7 +131,6 @@ def test_default_quality_halves_and_540_does_not():
         ({"quality": "splendid"}, "quality: found 'splendid', expected one of fast, default, best"),
         ({"size": 300}, "size: found 300, expected one of 270, 540"),
         ({"seed": -1}, "seed: found -1"),
-        ({"renderer": "crayon"}, "renderer: found 'crayon'"),
     ],
 )
 def test_an_impossible_option_is_named(change, message):

@@ -12,8 +12,7 @@ from synthetic.camera.lens import Lens
 from synthetic.camera.rigs import default_cameras
 from synthetic.camera.sensor import Sensor
 from synthetic.look.face_colors import reflectances
-from synthetic.render.code_renderer import CodeRenderer
-from synthetic.render.raster_codes import RasterPainter
+from synthetic.render.choose import choose_renderer
 from synthetic.scene import ObjectState, PlatformScene
 from synthetic.stills import Still
 from tests.helpers.stills import bare_scene, posed_scene, scene_with_fingers, take
@@ -24,7 +23,6 @@ from tracker.geometry.cuboid import FACE_CORNERS, FACE_NORMALS, corners
 from tracker.objects.model import CuboidModel, load_object
 
 CAMERAS = default_cameras()
-RASTER = CodeRenderer("raster", RasterPainter())
 MODELS = (load_object("cube_v1"), load_object("cube_v2"), load_object("cuboid_2x2x8_v2"))
 
 
@@ -38,7 +36,7 @@ def coverages(scene: PlatformScene, cameras: tuple[Camera, ...]) -> list[Array]:
     for camera in cameras:
         lens = Lens(camera, points)
         view = dataclasses.replace(lens.view, block=points)
-        result.append(lens.to_camera(RASTER.render(scene, view, shadows=False).labels > 0, "mean"))
+        result.append(lens.to_camera(choose_renderer().render(scene, view, shadows=False).labels > 0, "mean"))
     return result
 
 
@@ -187,7 +185,8 @@ def test_empty_arena_has_no_labels() -> None:
 def test_pixels_that_share_a_look_have_the_same_labels_and_almost_the_same_light() -> None:
     scene, lens = scene_with_fingers(MODELS[1], rng(3)), Lens(CAMERAS[0], 3)
     each, some = (
-        RASTER.render(scene, dataclasses.replace(lens.view, block=block), shadows=True) for block in (1, 3)
+        choose_renderer().render(scene, dataclasses.replace(lens.view, block=block), shadows=True)
+        for block in (1, 3)
     )
     assert np.array_equal(each.labels, some.labels)
     assert np.array_equal(each.alone, some.alone)

@@ -1,10 +1,12 @@
-"""Which triangle each pixel shows, by a rasteriser with a depth buffer that needs no library of its own.
+"""Which triangle each pixel shows: a rasteriser with a depth buffer.
 
 In a picture without distortion 1 / depth changes evenly over a triangle: each pixel keeps the triangle whose
 1 / depth is greatest at its centre.
 """
 
 from __future__ import annotations
+
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -18,24 +20,21 @@ _NEAR_M = 0.02
 """What is nearer to the camera's plane is not drawn [m]."""
 
 
-class RasterPainter:
-    """Holds nothing: every picture is drawn anew."""
+def paint(view: PinholeView, bodies: Iterable[tuple[int, Mesh, FloatArray]]) -> tuple[Array, Array]:
+    """Codes (h, w) uint32 of bodies, each with its number, mesh and world_from_body (4, 4), and 1 / depth.
 
-    def close(self) -> None:
-        """Do nothing."""
-
-    def paint(self, view: PinholeView, bodies: list[tuple[int, Mesh, FloatArray]]) -> Array:
-        """Codes (h, w) uint32 of bodies, each with its number, mesh and world_from_body (4, 4)."""
-        codes = np.zeros((view.height, view.width), np.uint32)
-        nearness = np.zeros(codes.shape, np.float32)
-        lens = np.array([view.fx, view.fy, view.cx, view.cy])
-        for number, mesh, world_from_body in bodies:
-            camera_from_body = view.camera_from_world @ world_from_body
-            vertices = np.asarray(mesh.vertices) @ camera_from_body[:3, :3].T + camera_from_body[:3, 3]
-            # Always copied: the kernel is compiled for arrays that can be written to.
-            triangles = np.asarray(mesh.triangles).astype(np.int32)
-            _draw(vertices, triangles, lens, (number + 1) << BODY_SHIFT, nearness, codes)
-        return codes
+    The latter is (h, w) float32 [1/m], 0 where nothing is.
+    """
+    codes = np.zeros((view.height, view.width), np.uint32)
+    nearness = np.zeros(codes.shape, np.float32)
+    lens = np.array([view.fx, view.fy, view.cx, view.cy])
+    for number, mesh, world_from_body in bodies:
+        camera_from_body = view.camera_from_world @ world_from_body
+        vertices = np.asarray(mesh.vertices) @ camera_from_body[:3, :3].T + camera_from_body[:3, 3]
+        # Always copied: the kernel is compiled for arrays that can be written to.
+        triangles = np.asarray(mesh.triangles).astype(np.int32)
+        _draw(vertices, triangles, lens, (number + 1) << BODY_SHIFT, nearness, codes)
+    return codes, nearness
 
 
 @compiled
