@@ -22,7 +22,7 @@ from benchmarks.score.tables import BY_NAME
 
 BASELINE = Path(__file__).with_name("gate.json")
 
-SHARES = {"realistic": 1.0, "world": 0.75, "absent": 0.2, LOOK_ALIKE: 0.1}
+SHARES = {"realistic": 1.0, "world": 0.5, "absent": 0.1, LOOK_ALIKE: 0.1}
 
 SCENES = 16
 """Realistic ones of each object."""

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,9 @@ import pandas as pd
 import tracker
 from benchmarks.data.package.environment import PackageError
 from benchmarks.data.recorded import another, robots
+from benchmarks.data.scenes import Scene
 from benchmarks.data.sets import Plan, SceneSet, scene_set
+from benchmarks.data.store import Store, prepare
 from benchmarks.data.workloads import BY_NAME, Case, Workload, case
 from benchmarks.measure.timing import in_turn, one_thread
 from benchmarks.score.errors import UNITS, longest_axis, pose_errors, roll_error, true_pose
@@ -49,10 +52,10 @@ def measure_accuracy(
     """
     answers: list[dict[str, Any]] = []
     skipped: dict[str, str] = {}
-    sets = dict.fromkeys((name, workload.base) for workload in workloads for name in workload.objects)
+    pairs = ((name, workload.base) for workload in workloads for name in workload.objects)
+    sets = dict.fromkeys((name, base) for name, base in pairs if objects is None or name in objects)
+    prepare(_wanted(sets, plan), plan.workers)
     for name, base in sets:
-        if objects is not None and name not in objects:
-            continue
         own = [workload for workload in workloads if workload.base == base and name in workload.objects]
         made = keep(f"{name}, {base}", functools.partial(_of_set, plan, name, base, own, rounds))
         answers += made[0]
@@ -61,6 +64,14 @@ def measure_accuracy(
     names = list(dict.fromkeys(answer["object"] for answer in answers))
     answers.sort(key=lambda row: (places[row["group"]], names.index(row["object"]), row["index"]))
     return pd.DataFrame(answers), skipped
+
+
+def _wanted(sets: Iterable[tuple[str, str]], plan: Plan) -> Iterator[tuple[Store[Scene], Sequence[int]]]:
+    for name, base in sets:
+        # What the package cannot draw is told where it is measured.
+        with contextlib.suppress(PackageError):
+            scenes = scene_set(name, base, plan)
+            yield scenes.store, scenes.numbers
 
 
 def _of_set(plan: Plan, name: str, base: str, workloads: Sequence[Workload], rounds: int) -> Made:
