@@ -65,7 +65,7 @@ class Plan:
     def count(self, base: str) -> int:
         """Number of scenes of a set, or of frames of a film."""
         kind = base if base in self.shares else base[: base.index(": ") + 2]
-        return max(min(self.scenes, 2), round(self.shares[kind] * self.scenes))
+        return max(1, round(self.shares[kind] * self.scenes))
 
 
 @dataclass(frozen=True, eq=False)

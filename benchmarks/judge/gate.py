@@ -22,9 +22,9 @@ from benchmarks.score.tables import BY_NAME
 
 BASELINE = Path(__file__).with_name("gate.json")
 
-SHARES = {"realistic": 1.0, "world": 0.5, "absent": 0.1, LOOK_ALIKE: 0.1}
+SHARES = {"realistic": 1.0, "world": 0.5, "absent": 0.07, LOOK_ALIKE: 0.07}
 
-SCENES = 16
+SCENES = 14
 """Realistic ones of each object."""
 
 ROUNDS = 3

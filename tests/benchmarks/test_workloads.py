@@ -132,7 +132,7 @@ def test_every_effect_and_every_look_alike_is_a_workload():
 def test_every_set_of_scenes_has_a_share():
     plan = Plan(FULL)
     for workload in workloads.WORKLOADS:
-        assert 2 <= plan.count(workload.base) <= FULL
+        assert 4 <= plan.count(workload.base) <= FULL
     assert plan.count("realistic") == plan.count("world") == FULL >= 200
     assert all(Plan(1).count(base) == 1 for base in ("realistic", "world", "rig: platform"))
     assert set(SHARES) >= {"film", "motion", "thrown", "laid"}
