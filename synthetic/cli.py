@@ -130,34 +130,6 @@ def dataset(
     click.echo(f"{folder}: {made} frames made, {count - made} were there")
 
 
-@commands.command()
-@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="Picture to write.")
-@click.option("--seed", type=click.IntRange(0), default=1, help="Of everything random.")
-@click.option(
-    "--quality", type=click.Choice(QUALITY_NAMES), default="default", help="Work put into a picture."
-)
-def sheet(output: Path, seed: int, quality: str) -> None:
-    """A contact sheet: every kind of scene of every object, one row each."""
-    from synthetic.export.dataset import write_png
-    from synthetic.export.sheet import contact_sheet
-
-    picture, titles = contact_sheet(seed, quality)
-    write_png(output, picture)
-    for row, title in enumerate(titles):
-        click.echo(f"{row:2d}  {title}")
-
-
-@commands.command()
-@click.option("--seconds", type=click.FloatRange(0.5), default=10.0, help="Time for each measurement [s].")
-def speed(seconds: float) -> None:
-    """Triplets per second of each quality, by one process."""
-    from synthetic.export.speed import measure
-
-    click.echo("triplets per second, one process, single scenes of cube_v2, 270×270")
-    for line in measure(seconds):
-        click.echo(line)
-
-
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run the command line with `arguments` (by default those of the process), and exit."""
     if not sys.warnoptions:

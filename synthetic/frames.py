@@ -119,10 +119,9 @@ class FrameOptions:
 class FrameMaker:
     """Makes the frames of one set of options; holds simulation and renderer. A context manager."""
 
-    def __init__(self, options: FrameOptions, rig: CameraRig | None = None, *, pinhole: bool = False) -> None:
+    def __init__(self, options: FrameOptions, rig: CameraRig | None = None) -> None:
         self.options = options
         self.rig = sized(rig or standard_rig(), options.size)
-        self._pinhole = pinhole
         self._effects = Effects.of(options.effects)
         self._quality: Quality = QUALITIES[options.quality]
         if options.shadows is not None:
@@ -235,7 +234,7 @@ class FrameMaker:
         scene = scene_at(timestamp)
         stamps, shutters = self._exposures(timestamp, scene, scene_at, crew)
         shots: list[CameraShot] = [
-            shoot(self.renderer, scenes, unit.at(stamp), self._quality, noise, pinhole=self._pinhole)
+            shoot(self.renderer, scenes, unit.at(stamp), self._quality, noise)
             for scenes, unit, stamp in zip(shutters, crew.units, stamps.tolist(), strict=True)
         ]
         visible = np.array([np.count_nonzero(shot.labels) for shot in shots])
@@ -252,7 +251,7 @@ class FrameMaker:
             calibrated=crew.calibrated,
             stamps=stamps,
             scenes=tuple(scene if stamp == timestamp else scene_at(stamp) for stamp in stamps.tolist()),
-            pinhole_labels=tuple(shot.pinhole for shot in shots if shot.pinhole is not None),
+            alone=tuple(shot.alone for shot in shots),
         )
 
     def _exposures(
