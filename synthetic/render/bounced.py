@@ -6,6 +6,8 @@ irradiance E cos θ cos θ' A / (π d² + A), exact far away and at most E close
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from synthetic.render.hits import Hits
@@ -18,45 +20,32 @@ _REACH_M = 0.06
 """Farther from all patches than this their light is not looked at."""
 
 
+class _Lights(NamedTuple):
+    """Patches as the kernel takes them."""
+
+    owners: Array
+    """(N,) int64 numbers of bodies."""
+    places: Array
+    facing: Array
+    areas: Array
+    light: Array
+
+
 def add_bounced(color: Array, scene: PlatformScene, patches: Patches, hits: Hits, surfaces: Surfaces) -> None:
     """Add to `color` (h, w, 3) what the scene's patches give to other bodies than their own."""
     numbers = {body.name: number for number, body in enumerate(scene.bodies)}
     owners = np.array([numbers[name] for name in patches.owners], dtype=np.int64)
     middle = patches.places.mean(axis=0)
     reach = float(np.linalg.norm(patches.places - middle, axis=1).max()) + _REACH_M
-    _add(
-        color,
-        hits.body,
-        hits.row,
-        hits.points,
-        hits.normals,
-        surfaces.colors,
-        middle,
-        reach * reach,
-        owners,
-        np.ascontiguousarray(patches.places),
-        np.ascontiguousarray(patches.normals),
-        np.ascontiguousarray(patches.areas),
-        np.ascontiguousarray(patches.light),
-    )
+    parts = patches.places, patches.normals, patches.areas, patches.light
+    lights = _Lights(owners, *(np.ascontiguousarray(part) for part in parts))
+    _add(color, hits, surfaces.colors, middle, reach * reach, lights)
 
 
 @compiled
-def _add(
-    color: Array,
-    body: Array,
-    row: Array,
-    points: Array,
-    normals: Array,
-    reflectance: Array,
-    middle: Array,
-    reach2: float,
-    owners: Array,
-    places: Array,
-    facing: Array,
-    areas: Array,
-    light: Array,
-) -> None:
+def _add(color: Array, hits: Hits, reflectance: Array, middle: Array, reach2: float, lights: _Lights) -> None:
+    body, row, points, normals = hits.body, hits.row, hits.points, hits.normals
+    owners, places, facing, areas, light = lights
     for j in range(body.shape[0]):
         for i in range(body.shape[1]):
             if body[j, i] < 0:

@@ -36,6 +36,12 @@ _TABLE, _WALL, _CEILING = 0.04, 0.25, 1.1
 _WALL_TOP = 0.45
 """Sine of the height up to which the wall stands around the arena."""
 
+Vector = tuple[float, float, float]
+"""In the world, or blue, green and red."""
+
+Light = tuple[Array, Array, Array]
+"""Ambient light (3,), directions to the lamps (N, 3) and their colours (N, 3)."""
+
 
 def shade(hits: Hits, view: PinholeView, surfaces: Surfaces, lighting: Lighting, reach: Array) -> Array:
     """Linear BGR light (h, w, 3) float32; black where nothing is hit.
@@ -48,11 +54,13 @@ def shade(hits: Hits, view: PinholeView, surfaces: Surfaces, lighting: Lighting,
         return color
     rotation = view.camera_from_world[:3, :3]
     eye = -rotation.T @ view.camera_from_world[:3, 3]
-    directions = np.array([lamp.direction for lamp in lighting.lamps], np.float64).reshape(-1, 3)
-    lamps = np.array([lamp.color for lamp in lighting.lamps], np.float64).reshape(-1, 3)
-    ambient = np.array(lighting.ambient, np.float64)
+    light = (
+        np.array(lighting.ambient, np.float64),
+        np.array([lamp.direction for lamp in lighting.lamps], np.float64).reshape(-1, 3),
+        np.array([lamp.color for lamp in lighting.lamps], np.float64).reshape(-1, 3),
+    )
     angle = view.block / max(view.fx, view.fy)
-    _shade(hits, eye, angle, _lattice(), surfaces, ambient, directions, lamps, reach, color)
+    _shade(hits, eye, angle, _lattice(), surfaces, light, reach, color)
     return color
 
 
@@ -63,12 +71,11 @@ def _shade(
     pixel_angle: float,
     cells: Array,
     surfaces: Surfaces,
-    ambient: Array,
-    directions: Array,
-    lamps: Array,
+    light: Light,
     reach: Array,
     out: Array,
 ) -> None:
+    ambient, directions, lamps = light
     bodies, rows, points, normals = hits.body, hits.row, hits.points, hits.normals
     reflectance, gloss, texture, coats = surfaces.colors, surfaces.gloss, surfaces.texture, surfaces.coats
     shadows = reach.shape[0] > 0
@@ -86,15 +93,12 @@ def _shade(
             share = 1.0
             if texture[body] > 0:
                 seed, pose = surfaces.grain_seeds[body], surfaces.world_from_body
-                detail = _grain(cells, pose, body, px, py, pz, seed, distance * pixel_angle)
+                detail = _grain(cells, pose, body, (px, py, pz), seed, distance * pixel_angle)
                 share = max(1.0 + texture[body] * detail, 0.0)
             sky = sky_slope(nz) * (reach[j, i, 0] if shadows else 1.0)
             row = rows[j, i]
-            blue, green, red = (
-                reflectance[row, 0] * share,
-                reflectance[row, 1] * share,
-                reflectance[row, 2] * share,
-            )
+            blue, green = reflectance[row, 0] * share, reflectance[row, 1] * share
+            red = reflectance[row, 2] * share
             b, g, r = blue * ambient[0] * sky, green * ambient[1] * sky, red * ambient[2] * sky
             for k in range(len(directions)):
                 lx, ly, lz = directions[k, 0], directions[k, 1], directions[k, 2]
@@ -112,14 +116,9 @@ def _shade(
                 open_sky = reach[j, i, 0] if shadows else 1.0
                 for k in range(len(directions)):
                     lit_by[k] = reach[j, i, 1 + k] if shadows else 1.0
-                more = _mirrored(
-                    nx, ny, nz, vx, vy, vz, coats[row, 1], ambient, open_sky, directions, lamps, lit_by
-                )
-                b, g, r = (
-                    b + coats[row, 0] * more[0],
-                    g + coats[row, 0] * more[1],
-                    r + coats[row, 0] * more[2],
-                )
+                coat, blur = coats[row, 0], coats[row, 1]
+                more = _mirrored((nx, ny, nz), (vx, vy, vz), blur, open_sky, light, lit_by)
+                b, g, r = b + coat * more[0], g + coat * more[1], r + coat * more[2]
             out[j, i, 0], out[j, i, 1], out[j, i, 2] = b, g, r
 
 
@@ -146,18 +145,11 @@ def _lattice() -> Array:
 
 @compiled
 def _grain(
-    cells: Array,
-    world_from_body: Array,
-    body: int,
-    px: float,
-    py: float,
-    pz: float,
-    seed: int,
-    footprint: float,
+    cells: Array, world_from_body: Array, body: int, point: Vector, seed: int, footprint: float
 ) -> float:
     """Noise at a point of the world; sizes that a pixel of `footprint` [m] does not resolve are left out."""
     pose = world_from_body
-    qx, qy, qz = px - pose[body, 0, 3], py - pose[body, 1, 3], pz - pose[body, 2, 3]
+    qx, qy, qz = point[0] - pose[body, 0, 3], point[1] - pose[body, 1, 3], point[2] - pose[body, 2, 3]
     x = pose[body, 0, 0] * qx + pose[body, 1, 0] * qy + pose[body, 2, 0] * qz
     y = pose[body, 0, 1] * qx + pose[body, 1, 1] * qy + pose[body, 2, 1] * qz
     z = pose[body, 0, 2] * qx + pose[body, 1, 2] * qy + pose[body, 2, 2] * qz
@@ -194,24 +186,13 @@ def _smooth(share: float) -> float:
 
 
 @compiled
-def _mirrored(
-    nx: float,
-    ny: float,
-    nz: float,
-    vx: float,
-    vy: float,
-    vz: float,
-    blur: float,
-    ambient: Array,
-    open_sky: float,
-    directions: Array,
-    lamps: Array,
-    lit: Array,
-) -> tuple[float, float, float]:
+def _mirrored(normal: Vector, view: Vector, blur: float, open_sky: float, light: Light, lit: Array) -> Vector:
     """Light (blue, green, red) that a whole coat sends from around towards the unit vector v.
 
     Schlick's form of Fresnel's reflectance; a lamp is a Gaussian as wide as lamp and blur together.
     """
+    (nx, ny, nz), (vx, vy, vz) = normal, view
+    ambient, directions, lamps = light
     cosine = max(nx * vx + ny * vy + nz * vz, 0.0)
     grazing = (1.0 - cosine) * (1.0 - cosine)
     fresnel = _NORMAL_REFLECTANCE + (1.0 - _NORMAL_REFLECTANCE) * grazing * grazing * (1.0 - cosine)
