@@ -19,8 +19,7 @@ import numpy as np
 
 from synthetic.camera.rigs import sized, standard_rig
 from synthetic.camera.shot import QUALITIES, CameraShot, Quality, shoot
-from synthetic.camera.timing import STILL, motion_px
-from synthetic.camera.units import Crew, crew_of
+from synthetic.camera.units import STILL, Crew, crew_of, motion_px
 from synthetic.effects import Effects, stream
 from synthetic.frame import Frame as Frame
 from synthetic.render.choose import choose_renderer

@@ -12,7 +12,7 @@ from synthetic.camera.lens import Lens
 from synthetic.camera.sensor import Sensor
 from synthetic.camera.units import Unit
 from synthetic.render.choose import Renderer
-from synthetic.render.interface import Layers
+from synthetic.render.raster import Layers
 from synthetic.scene import PlatformScene
 from tracker.conventions import Array, Image
 

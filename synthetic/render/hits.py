@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from synthetic.render.interface import PinholeView
+from synthetic.render.raster import PinholeView
 from synthetic.render.surfaces import BODY_SHIFT, Surfaces
 from tracker.compiled import compiled
 from tracker.conventions import Array, Image

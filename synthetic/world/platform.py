@@ -76,7 +76,7 @@ class Platform:
 
     @functools.cached_property
     def _robot_meshes(self) -> dict[int, Mesh]:
-        from synthetic.world.robot import robot_meshes
+        from synthetic.world.simulation import robot_meshes
 
         return robot_meshes(self.world, self.assets)
 

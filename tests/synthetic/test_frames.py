@@ -87,22 +87,17 @@ def test_pictures_labels_and_truth_fit_together():
 
 def test_where_there_is_no_object_there_is_no_label():
     (frame,) = make(1, empty=1.0)
-    truth = frame.truth(("camera60", "camera180", "camera300"))
-    assert truth["object"] is None
+    assert frame.truth(("camera60", "camera180", "camera300"))["object"] is None
+    assert not frame.visible_fraction.any()
     assert not any(labels.any() for labels in frame.labels)
 
 
-def test_dice_have_their_numbers():
+def test_dice_have_their_numbers_and_pips_are_no_holes_in_them():
     (frame,) = make(1, name="dice", empty=0.0)
-    truth = frame.truth(("camera60", "camera180", "camera300"))
-    assert len(truth["object"]) == 25
+    assert len(frame.truth(("camera60", "camera180", "camera300"))["object"]) == 25
     seen = set(np.unique(np.concatenate(frame.labels, axis=None)).tolist()) - {0}
     assert len(seen) > 15
     assert seen <= set(range(1, 26))
-
-
-def test_pips_are_no_holes_in_the_labels_of_dice():
-    (frame,) = make(1, name="dice", empty=0.0)
     for labels in frame.labels:
         for number in set(np.unique(labels).tolist()) - {0}:
             mask = (labels == number).astype(np.uint8)
