@@ -11,7 +11,7 @@ import traceback
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import click
 
@@ -77,19 +77,13 @@ def commands() -> None:
 def dataset(
     object_name: str,
     count: int,
-    seed: int,
     folder: Path,
     workers: int,
-    quality: str,
-    sequence: bool,
-    rate: float,
     bop: bool,
-    raw: bool,
     size: str,
     calibration: str,
-    shadows: bool | None,
     effects: str,
-    look_alike: str | None,
+    **more: Any,
 ) -> None:
     """Write pictures, labels, calibration and truth of FRAMES frames to a folder.
 
@@ -104,24 +98,9 @@ def dataset(
     from synthetic.export.dataset import DatasetOptions, make_dataset
     from synthetic.frames import FrameOptions
 
-    options = DatasetOptions(
-        FrameOptions(
-            object_name,
-            seed,
-            quality,
-            sequence,
-            size=int(size),
-            rate=rate,
-            shadows=shadows,
-            effects=Effects.of(effects).names,
-            look_alike=look_alike,
-            raw=raw,
-        ),
-        count,
-        calibration,
-        bop,
-    )
-    with click.progressbar(length=count, label=f"{object_name}", file=sys.stderr, show_pos=True) as bar:
+    frames = FrameOptions(object_name, size=int(size), effects=Effects.of(effects).names, **more)
+    options = DatasetOptions(frames, count, calibration, bop)
+    with click.progressbar(length=count, label=object_name, file=sys.stderr, show_pos=True) as bar:
 
         def progress(done: int, _: int) -> None:
             bar.update(done - bar.pos)
