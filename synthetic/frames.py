@@ -12,7 +12,6 @@ import functools
 import itertools
 from collections.abc import Container, Iterator
 from contextlib import ExitStack
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -20,6 +19,7 @@ import numpy as np
 from synthetic.camera.rigs import sized, standard_rig
 from synthetic.camera.shot import QUALITIES, CameraShot, Quality, shoot
 from synthetic.camera.units import STILL, Crew, crew_of, motion_px
+from synthetic.closing import Closing
 from synthetic.effects import Effects, stream
 from synthetic.frame import Frame as Frame
 from synthetic.render.choose import choose_renderer
@@ -115,7 +115,7 @@ class FrameOptions:
         return self.length if self.sequence else 1
 
 
-class FrameMaker:
+class FrameMaker(Closing):
     """Makes the frames of one set of options; holds simulation and renderer. A context manager."""
 
     def __init__(self, options: FrameOptions, rig: CameraRig | None = None) -> None:
@@ -128,14 +128,6 @@ class FrameMaker:
         self._stack = ExitStack()
         self.renderer = choose_renderer()
         self._platform = self._stack.enter_context(Platform(options.object_name))
-
-    def __enter__(self) -> FrameMaker:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """Free the simulation; the renderer stays, one for each process."""

@@ -6,6 +6,7 @@ interrupted is continued by calling `make_dataset` again, and what is there is n
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import shutil
@@ -71,26 +72,6 @@ class Task:
     wanted: tuple[int, ...]
 
 
-class _Maker:
-    """A worker's part: makes frames and writes them."""
-
-    def __init__(self, options: DatasetOptions, folder: Path) -> None:
-        self._options, self._folder = options, folder
-        self._frames = FrameMaker(options.frames, options.rig())
-
-    def __call__(self, task: Task) -> Iterator[dict[str, Any]]:
-        maker = self._frames
-        remaining = len(task.wanted)
-        for frame in maker.chunk(task.chunk, frozenset(task.wanted)):
-            if self._options.bop:
-                write_bop_frame(self._folder / "bop", frame)
-            write_frame(self._folder, frame, maker.rig.names)
-            yield frame.truth(maker.rig.names)
-            remaining -= 1
-            if not remaining:
-                return
-
-
 @dataclass(frozen=True)
 class MakerFactory:
     """Makes a worker's part, in the worker's process."""
@@ -99,9 +80,19 @@ class MakerFactory:
     folder: Path
 
     def __call__(self) -> Callable[[Task], Iterator[dict[str, Any]]]:
-        """The worker's part."""
+        """What makes and writes the frames of a task, and gives their truth."""
         cv2.setNumThreads(1)  # workers share the machine already
-        return _Maker(self.options, self.folder)
+        maker = FrameMaker(self.options.frames, self.options.rig())
+
+        def work(task: Task) -> Iterator[dict[str, Any]]:
+            frames = maker.chunk(task.chunk, frozenset(task.wanted))
+            for frame in itertools.islice(frames, len(task.wanted)):
+                if self.options.bop:
+                    write_bop_frame(self.folder / "bop", frame)
+                write_frame(self.folder, frame, maker.rig.names)
+                yield frame.truth(maker.rig.names)
+
+        return work
 
 
 def write_frame(folder: Path, frame: Frame, names: tuple[str, ...]) -> None:

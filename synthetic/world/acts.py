@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from types import TracebackType
 
 import numpy as np
 
+from synthetic.closing import Closing
 from synthetic.scene import ObjectState
 from synthetic.world.fingers import REST, is_clear
 from synthetic.world.kinematics import TIP_RADIUS, finger_angles, tips
@@ -40,7 +40,7 @@ Moments = Iterator[Moment]
 """An act: what happens, PERIOD after PERIOD."""
 
 
-class Stage:
+class Stage(Closing):
     """Objects and fingers in a world of their own, moved by physics or put where a plan says.
 
     Args:
@@ -66,14 +66,6 @@ class Stage:
     def close(self) -> None:
         """Frees the world."""
         self.world.close()
-
-    def __enter__(self) -> Stage:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def moment(self) -> Moment:
         """How things are now."""

@@ -5,12 +5,12 @@ from __future__ import annotations
 import functools
 from collections.abc import Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import numpy as np
 import pybullet
 
+from synthetic.closing import Closing
 from synthetic.scene import Mesh, ObjectState
 from synthetic.world import meshes
 from synthetic.world.assets import CONTAINMENT, URDF
@@ -45,7 +45,7 @@ class _Client:
         return functools.partial(found, physicsClientId=self._number) if callable(found) else found
 
 
-class World:
+class World(Closing):
     """One PyBullet world; independent of all others and as deterministic as a single one.
 
     Args:
@@ -121,14 +121,6 @@ class World:
         if self._open:
             self._open = False
             pybullet.disconnect(physicsClientId=self.client)
-
-    def __enter__(self) -> World:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def set_joints(self, joints: Array) -> None:
         """Puts the fingers at joint angles (9,) [rad], at rest."""
