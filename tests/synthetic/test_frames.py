@@ -6,17 +6,19 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.helpers.synthetic_needs import skip_without_platform
+from tests.helpers.needs import lack
+from tests.helpers.synthetic_needs import missing
 
+if missing():
+    lack("platform", missing())
 
-@pytest.fixture(autouse=True)
-def platform():
-    skip_without_platform()
+from synthetic.camera.rigs import standard_rig
+from synthetic.frames import FrameMaker, FrameOptions, frames
+from tracker.calibration.rig import CameraRig
+from tracker.errors import TrackerError
 
 
 def make(count=2, seed=5, name="cube_v2", **more):
-    from synthetic.frames import frames
-
     return list(frames(name, count, seed, quality="fast", **more))
 
 
@@ -42,9 +44,6 @@ def test_a_sequence_can_be_entered_anywhere():
 
 
 def test_a_motion_is_as_long_as_asked_for():
-    from synthetic.frames import FrameMaker, FrameOptions
-    from tracker.errors import TrackerError
-
     with FrameMaker(FrameOptions("cube_v2", 5, "fast", sequence=True, kind="push", length=3)) as maker:
         frames = list(maker.chunk(1))
         assert [frame.index for frame in frames] == [3, 4, 5]
@@ -53,8 +52,6 @@ def test_a_motion_is_as_long_as_asked_for():
 
 
 def test_an_emptied_frame_differs_by_its_object_alone():
-    from synthetic.frames import FrameMaker, FrameOptions
-
     options = FrameOptions("cube_v2", 5, "fast", sequence=True, kind="push", length=2, shadows=False)
     with FrameMaker(options) as maker:
         whole, empty = maker.chunk(0, {1}, {1})
@@ -106,10 +103,6 @@ def test_dice_have_their_numbers_and_pips_are_no_holes_in_them():
 
 
 def test_default_quality_halves_and_540_does_not():
-    from synthetic.camera.rigs import standard_rig
-    from synthetic.frames import frames
-    from tracker.calibration.rig import CameraRig
-
     rig = CameraRig(standard_rig().cameras[:1])
     (small,) = frames("cube_v2", 1, 5, rig=rig, shadows=False, path="new")
     (large,) = frames("cube_v2", 1, 5, rig=rig, shadows=False, path="new", size=540)
@@ -129,9 +122,6 @@ def test_default_quality_halves_and_540_does_not():
     ],
 )
 def test_an_impossible_option_is_named(change, message):
-    from synthetic.frames import frames
-    from tracker.errors import TrackerError
-
     options = {"seed": 1, "quality": "fast", **change}
     with pytest.raises(TrackerError, match=message):
         next(frames("cube_v2", 1, options.pop("seed"), **options))
