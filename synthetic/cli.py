@@ -11,7 +11,7 @@ import traceback
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import click
 
@@ -77,19 +77,13 @@ def commands() -> None:
 def dataset(
     object_name: str,
     count: int,
-    seed: int,
     folder: Path,
     workers: int,
-    quality: str,
-    sequence: bool,
-    rate: float,
     bop: bool,
-    raw: bool,
     size: str,
     calibration: str,
-    shadows: bool | None,
     effects: str,
-    look_alike: str | None,
+    **more: Any,
 ) -> None:
     """Write pictures, labels, calibration and truth of FRAMES frames to a folder.
 
@@ -104,58 +98,15 @@ def dataset(
     from synthetic.export.dataset import DatasetOptions, make_dataset
     from synthetic.frames import FrameOptions
 
-    options = DatasetOptions(
-        FrameOptions(
-            object_name,
-            seed,
-            quality,
-            sequence,
-            size=int(size),
-            rate=rate,
-            shadows=shadows,
-            effects=Effects.of(effects).names,
-            look_alike=look_alike,
-            raw=raw,
-        ),
-        count,
-        calibration,
-        bop,
-    )
-    with click.progressbar(length=count, label=f"{object_name}", file=sys.stderr, show_pos=True) as bar:
+    frames = FrameOptions(object_name, size=int(size), effects=Effects.of(effects).names, **more)
+    options = DatasetOptions(frames, count, calibration, bop)
+    with click.progressbar(length=count, label=object_name, file=sys.stderr, show_pos=True) as bar:
 
         def progress(done: int, _: int) -> None:
             bar.update(done - bar.pos)
 
         made = make_dataset(options, folder, workers=workers, progress=progress)
     click.echo(f"{folder}: {made} frames made, {count - made} were there")
-
-
-@commands.command()
-@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="Picture to write.")
-@click.option("--seed", type=click.IntRange(0), default=1, help="Of everything random.")
-@click.option(
-    "--quality", type=click.Choice(QUALITY_NAMES), default="default", help="Work put into a picture."
-)
-def sheet(output: Path, seed: int, quality: str) -> None:
-    """A contact sheet: every kind of scene of every object, one row each."""
-    from synthetic.export.dataset import write_png
-    from synthetic.export.sheet import contact_sheet
-
-    picture, titles = contact_sheet(seed, quality)
-    write_png(output, picture)
-    for row, title in enumerate(titles):
-        click.echo(f"{row:2d}  {title}")
-
-
-@commands.command()
-@click.option("--seconds", type=click.FloatRange(0.5), default=10.0, help="Time for each measurement [s].")
-def speed(seconds: float) -> None:
-    """Triplets per second of each quality, by one process."""
-    from synthetic.export.speed import measure
-
-    click.echo("triplets per second, one process, single scenes of cube_v2, 270×270")
-    for line in measure(seconds):
-        click.echo(line)
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:

@@ -12,15 +12,14 @@ import functools
 import itertools
 from collections.abc import Container, Iterator
 from contextlib import ExitStack
-from types import TracebackType
 from typing import Any
 
 import numpy as np
 
 from synthetic.camera.rigs import sized, standard_rig
 from synthetic.camera.shot import QUALITIES, CameraShot, Quality, shoot
-from synthetic.camera.timing import STILL, motion_px
-from synthetic.camera.units import Crew, crew_of
+from synthetic.camera.units import STILL, Crew, crew_of, motion_px
+from synthetic.closing import Closing
 from synthetic.effects import Effects, stream
 from synthetic.frame import Frame as Frame
 from synthetic.render.choose import choose_renderer
@@ -116,13 +115,12 @@ class FrameOptions:
         return self.length if self.sequence else 1
 
 
-class FrameMaker:
+class FrameMaker(Closing):
     """Makes the frames of one set of options; holds simulation and renderer. A context manager."""
 
-    def __init__(self, options: FrameOptions, rig: CameraRig | None = None, *, pinhole: bool = False) -> None:
+    def __init__(self, options: FrameOptions, rig: CameraRig | None = None) -> None:
         self.options = options
         self.rig = sized(rig or standard_rig(), options.size)
-        self._pinhole = pinhole
         self._effects = Effects.of(options.effects)
         self._quality: Quality = QUALITIES[options.quality]
         if options.shadows is not None:
@@ -130,14 +128,6 @@ class FrameMaker:
         self._stack = ExitStack()
         self.renderer = choose_renderer()
         self._platform = self._stack.enter_context(Platform(options.object_name))
-
-    def __enter__(self) -> FrameMaker:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """Free the simulation; the renderer stays, one for each process."""
@@ -235,7 +225,7 @@ class FrameMaker:
         scene = scene_at(timestamp)
         stamps, shutters = self._exposures(timestamp, scene, scene_at, crew)
         shots: list[CameraShot] = [
-            shoot(self.renderer, scenes, unit.at(stamp), self._quality, noise, pinhole=self._pinhole)
+            shoot(self.renderer, scenes, unit.at(stamp), self._quality, noise)
             for scenes, unit, stamp in zip(shutters, crew.units, stamps.tolist(), strict=True)
         ]
         visible = np.array([np.count_nonzero(shot.labels) for shot in shots])
@@ -252,7 +242,7 @@ class FrameMaker:
             calibrated=crew.calibrated,
             stamps=stamps,
             scenes=tuple(scene if stamp == timestamp else scene_at(stamp) for stamp in stamps.tolist()),
-            pinhole_labels=tuple(shot.pinhole for shot in shots if shot.pinhole is not None),
+            alone=tuple(shot.alone for shot in shots),
         )
 
     def _exposures(

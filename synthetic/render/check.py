@@ -8,7 +8,7 @@ from types import ModuleType
 import numpy as np
 
 from synthetic.errors import RendererError
-from synthetic.render.interface import PinholeView
+from synthetic.render.raster import PinholeView
 from synthetic.scene import PlatformScene
 from tracker.conventions import FloatArray, Image
 

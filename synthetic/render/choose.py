@@ -9,11 +9,9 @@ from __future__ import annotations
 import functools
 
 from synthetic.errors import RendererError
-from synthetic.render.bounced import add_bounced
 from synthetic.render.hits import hits_of_codes, labels_of_codes, shared
-from synthetic.render.interface import Layers, PinholeView
-from synthetic.render.raster import paint
-from synthetic.render.shading import shade
+from synthetic.render.raster import Layers, PinholeView, paint
+from synthetic.render.shading import add_bounced, shade
 from synthetic.render.shadows import Shadows, everything, reach_of, shadows_of
 from synthetic.render.surfaces import Surfaces, SurfaceStore
 from synthetic.scene import PlatformScene

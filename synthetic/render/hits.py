@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from synthetic.render.interface import PinholeView
+from synthetic.render.raster import PinholeView
 from synthetic.render.surfaces import BODY_SHIFT, Surfaces
 from tracker.compiled import compiled
 from tracker.conventions import Array, Image
@@ -110,12 +110,7 @@ def _label(codes: Array, surfaces: Surfaces, out: Array) -> None:
 def _meet(
     codes: Array, at: Array, world_from_camera: Array, lens: Array, surfaces: Surfaces, hits: Hits
 ) -> None:
-    n, pose, first, corners = (
-        surfaces.normals,
-        surfaces.world_from_body,
-        surfaces.first_triangle,
-        surfaces.corners,
-    )
+    n, pose, corners = surfaces.normals, surfaces.world_from_body, surfaces.corners
     eye = world_from_camera[:3, 3]
     bodies, rows, points, normals = hits.body, hits.row, hits.points, hits.normals
     for place in range(len(at)):
@@ -124,7 +119,7 @@ def _meet(
         if code == 0:
             continue
         body = int(code >> BODY_SHIFT) - 1
-        t = first[body] + int(code & ((1 << BODY_SHIFT) - 1))
+        t = surfaces.first_triangle[body] + int(code & ((1 << BODY_SHIFT) - 1))
         x, y = (i - lens[2]) / lens[0], (j - lens[3]) / lens[1]
         wx = world_from_camera[0, 0] * x + world_from_camera[0, 1] * y + world_from_camera[0, 2]
         wy = world_from_camera[1, 0] * x + world_from_camera[1, 1] * y + world_from_camera[1, 2]
@@ -160,22 +155,11 @@ def _barycentric(
     A pixel's centre may lie a rounding error outside of the triangle that OpenGL drew there.
     """
     ox, oy, oz = eye[0] - pose[body, 0, 3], eye[1] - pose[body, 1, 3], eye[2] - pose[body, 2, 3]
-    px = pose[body, 0, 0] * ox + pose[body, 1, 0] * oy + pose[body, 2, 0] * oz - corners[t, 0, 0]
-    py = pose[body, 0, 1] * ox + pose[body, 1, 1] * oy + pose[body, 2, 1] * oz - corners[t, 0, 1]
-    pz = pose[body, 0, 2] * ox + pose[body, 1, 2] * oy + pose[body, 2, 2] * oz - corners[t, 0, 2]
-    dx = pose[body, 0, 0] * wx + pose[body, 1, 0] * wy + pose[body, 2, 0] * wz
-    dy = pose[body, 0, 1] * wx + pose[body, 1, 1] * wy + pose[body, 2, 1] * wz
-    dz = pose[body, 0, 2] * wx + pose[body, 1, 2] * wy + pose[body, 2, 2] * wz
-    ax, ay, az = (
-        corners[t, 1, 0] - corners[t, 0, 0],
-        corners[t, 1, 1] - corners[t, 0, 1],
-        corners[t, 1, 2] - corners[t, 0, 2],
-    )
-    bx, by, bz = (
-        corners[t, 2, 0] - corners[t, 0, 0],
-        corners[t, 2, 1] - corners[t, 0, 1],
-        corners[t, 2, 2] - corners[t, 0, 2],
-    )
+    px, py, pz = _turned_back(pose, body, ox, oy, oz)
+    px, py, pz = px - corners[t, 0, 0], py - corners[t, 0, 1], pz - corners[t, 0, 2]
+    dx, dy, dz = _turned_back(pose, body, wx, wy, wz)
+    ax, ay, az = _edge(corners, t, 1)
+    bx, by, bz = _edge(corners, t, 2)
     hx, hy, hz = dy * bz - dz * by, dz * bx - dx * bz, dx * by - dy * bx
     qx, qy, qz = py * az - pz * ay, pz * ax - px * az, px * ay - py * ax
     determinant = ax * hx + ay * hy + az * hz
@@ -189,3 +173,20 @@ def _barycentric(
     if u + v > 1.0:
         u, v = u / (u + v), v / (u + v)
     return u, v, reach
+
+
+@compiled
+def _turned_back(pose: Array, body: int, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """A direction of the world in a body's frame."""
+    return (
+        pose[body, 0, 0] * x + pose[body, 1, 0] * y + pose[body, 2, 0] * z,
+        pose[body, 0, 1] * x + pose[body, 1, 1] * y + pose[body, 2, 1] * z,
+        pose[body, 0, 2] * x + pose[body, 1, 2] * y + pose[body, 2, 2] * z,
+    )
+
+
+@compiled
+def _edge(corners: Array, t: int, k: int) -> tuple[float, float, float]:
+    """From a triangle's corner 0 to its corner k."""
+    first, last = corners[t, 0], corners[t, k]
+    return last[0] - first[0], last[1] - first[1], last[2] - first[2]

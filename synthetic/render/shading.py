@@ -1,20 +1,23 @@
-"""Linear light of what is seen: reflectance × irradiance, plus highlights. All renderers share it.
+"""Linear light of what is seen: reflectance × irradiance, highlights, and what near things give each other.
 
-Formula: light = reflectance · (ambient · sky + Σ lamps · max(0, n·l) · lit) + gloss · highlights
-+ coat · mirrored.
+light = reflectance · (ambient · sky + Σ lamps · max(0, n·l) · lit) + gloss · highlights + coat · mirrored.
+
+A patch of area A whose light is E (as reflectance × irradiance) gives a point at the distance d the
+irradiance E cos θ cos θ' A / (π d² + A), exact far away and at most E close by. Nothing stands in its way.
 """
 
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
 from synthetic.render.hits import Hits
-from synthetic.render.interface import PinholeView
+from synthetic.render.raster import PinholeView
 from synthetic.render.shadows import sky_slope
 from synthetic.render.surfaces import Surfaces
-from synthetic.scene import Lighting
+from synthetic.scene import Lighting, Patches, PlatformScene
 from tracker.compiled import compiled
 from tracker.conventions import Array
 
@@ -36,6 +39,12 @@ _TABLE, _WALL, _CEILING = 0.04, 0.25, 1.1
 _WALL_TOP = 0.45
 """Sine of the height up to which the wall stands around the arena."""
 
+Vector = tuple[float, float, float]
+"""In the world, or blue, green and red."""
+
+Light = tuple[Array, Array, Array]
+"""Ambient light (3,), directions to the lamps (N, 3) and their colours (N, 3)."""
+
 
 def shade(hits: Hits, view: PinholeView, surfaces: Surfaces, lighting: Lighting, reach: Array) -> Array:
     """Linear BGR light (h, w, 3) float32; black where nothing is hit.
@@ -48,11 +57,13 @@ def shade(hits: Hits, view: PinholeView, surfaces: Surfaces, lighting: Lighting,
         return color
     rotation = view.camera_from_world[:3, :3]
     eye = -rotation.T @ view.camera_from_world[:3, 3]
-    directions = np.array([lamp.direction for lamp in lighting.lamps], np.float64).reshape(-1, 3)
-    lamps = np.array([lamp.color for lamp in lighting.lamps], np.float64).reshape(-1, 3)
-    ambient = np.array(lighting.ambient, np.float64)
+    light = (
+        np.array(lighting.ambient, np.float64),
+        np.array([lamp.direction for lamp in lighting.lamps], np.float64).reshape(-1, 3),
+        np.array([lamp.color for lamp in lighting.lamps], np.float64).reshape(-1, 3),
+    )
     angle = view.block / max(view.fx, view.fy)
-    _shade(hits, eye, angle, _lattice(), surfaces, ambient, directions, lamps, reach, color)
+    _shade(hits, eye, angle, _lattice(), surfaces, light, reach, color)
     return color
 
 
@@ -63,12 +74,11 @@ def _shade(
     pixel_angle: float,
     cells: Array,
     surfaces: Surfaces,
-    ambient: Array,
-    directions: Array,
-    lamps: Array,
+    light: Light,
     reach: Array,
     out: Array,
 ) -> None:
+    ambient, directions, lamps = light
     bodies, rows, points, normals = hits.body, hits.row, hits.points, hits.normals
     reflectance, gloss, texture, coats = surfaces.colors, surfaces.gloss, surfaces.texture, surfaces.coats
     shadows = reach.shape[0] > 0
@@ -86,15 +96,12 @@ def _shade(
             share = 1.0
             if texture[body] > 0:
                 seed, pose = surfaces.grain_seeds[body], surfaces.world_from_body
-                detail = _grain(cells, pose, body, px, py, pz, seed, distance * pixel_angle)
+                detail = _grain(cells, pose, body, (px, py, pz), seed, distance * pixel_angle)
                 share = max(1.0 + texture[body] * detail, 0.0)
             sky = sky_slope(nz) * (reach[j, i, 0] if shadows else 1.0)
             row = rows[j, i]
-            blue, green, red = (
-                reflectance[row, 0] * share,
-                reflectance[row, 1] * share,
-                reflectance[row, 2] * share,
-            )
+            blue, green = reflectance[row, 0] * share, reflectance[row, 1] * share
+            red = reflectance[row, 2] * share
             b, g, r = blue * ambient[0] * sky, green * ambient[1] * sky, red * ambient[2] * sky
             for k in range(len(directions)):
                 lx, ly, lz = directions[k, 0], directions[k, 1], directions[k, 2]
@@ -112,14 +119,9 @@ def _shade(
                 open_sky = reach[j, i, 0] if shadows else 1.0
                 for k in range(len(directions)):
                     lit_by[k] = reach[j, i, 1 + k] if shadows else 1.0
-                more = _mirrored(
-                    nx, ny, nz, vx, vy, vz, coats[row, 1], ambient, open_sky, directions, lamps, lit_by
-                )
-                b, g, r = (
-                    b + coats[row, 0] * more[0],
-                    g + coats[row, 0] * more[1],
-                    r + coats[row, 0] * more[2],
-                )
+                coat, blur = coats[row, 0], coats[row, 1]
+                more = _mirrored((nx, ny, nz), (vx, vy, vz), blur, open_sky, light, lit_by)
+                b, g, r = b + coat * more[0], g + coat * more[1], r + coat * more[2]
             out[j, i, 0], out[j, i, 1], out[j, i, 2] = b, g, r
 
 
@@ -146,18 +148,11 @@ def _lattice() -> Array:
 
 @compiled
 def _grain(
-    cells: Array,
-    world_from_body: Array,
-    body: int,
-    px: float,
-    py: float,
-    pz: float,
-    seed: int,
-    footprint: float,
+    cells: Array, world_from_body: Array, body: int, point: Vector, seed: int, footprint: float
 ) -> float:
     """Noise at a point of the world; sizes that a pixel of `footprint` [m] does not resolve are left out."""
     pose = world_from_body
-    qx, qy, qz = px - pose[body, 0, 3], py - pose[body, 1, 3], pz - pose[body, 2, 3]
+    qx, qy, qz = point[0] - pose[body, 0, 3], point[1] - pose[body, 1, 3], point[2] - pose[body, 2, 3]
     x = pose[body, 0, 0] * qx + pose[body, 1, 0] * qy + pose[body, 2, 0] * qz
     y = pose[body, 0, 1] * qx + pose[body, 1, 1] * qy + pose[body, 2, 1] * qz
     z = pose[body, 0, 2] * qx + pose[body, 1, 2] * qy + pose[body, 2, 2] * qz
@@ -194,24 +189,13 @@ def _smooth(share: float) -> float:
 
 
 @compiled
-def _mirrored(
-    nx: float,
-    ny: float,
-    nz: float,
-    vx: float,
-    vy: float,
-    vz: float,
-    blur: float,
-    ambient: Array,
-    open_sky: float,
-    directions: Array,
-    lamps: Array,
-    lit: Array,
-) -> tuple[float, float, float]:
+def _mirrored(normal: Vector, view: Vector, blur: float, open_sky: float, light: Light, lit: Array) -> Vector:
     """Light (blue, green, red) that a whole coat sends from around towards the unit vector v.
 
     Schlick's form of Fresnel's reflectance; a lamp is a Gaussian as wide as lamp and blur together.
     """
+    (nx, ny, nz), (vx, vy, vz) = normal, view
+    ambient, directions, lamps = light
     cosine = max(nx * vx + ny * vy + nz * vz, 0.0)
     grazing = (1.0 - cosine) * (1.0 - cosine)
     fresnel = _NORMAL_REFLECTANCE + (1.0 - _NORMAL_REFLECTANCE) * grazing * grazing * (1.0 - cosine)
@@ -234,3 +218,64 @@ def _step(x: float) -> float:
     """From 0 to 1 between -1 and 1."""
     x = min(max(0.5 + 0.5 * x, 0.0), 1.0)
     return x * x * (3.0 - 2.0 * x)
+
+
+_REACH_M = 0.06
+"""Farther from all patches than this their light is not looked at."""
+
+
+class _Lights(NamedTuple):
+    """Patches as the kernel takes them."""
+
+    owners: Array
+    """(N,) int64 numbers of bodies."""
+    places: Array
+    facing: Array
+    areas: Array
+    light: Array
+
+
+def add_bounced(color: Array, scene: PlatformScene, patches: Patches, hits: Hits, surfaces: Surfaces) -> None:
+    """Add to `color` (h, w, 3) what the scene's patches give to other bodies than their own."""
+    numbers = {body.name: number for number, body in enumerate(scene.bodies)}
+    owners = np.array([numbers[name] for name in patches.owners], dtype=np.int64)
+    middle = patches.places.mean(axis=0)
+    reach = float(np.linalg.norm(patches.places - middle, axis=1).max()) + _REACH_M
+    parts = patches.places, patches.normals, patches.areas, patches.light
+    lights = _Lights(owners, *(np.ascontiguousarray(part) for part in parts))
+    _add(color, hits, surfaces.colors, middle, reach * reach, lights)
+
+
+@compiled
+def _add(color: Array, hits: Hits, reflectance: Array, middle: Array, reach2: float, lights: _Lights) -> None:
+    body, row, points, normals = hits.body, hits.row, hits.points, hits.normals
+    owners, places, facing, areas, light = lights
+    for j in range(body.shape[0]):
+        for i in range(body.shape[1]):
+            if body[j, i] < 0:
+                continue
+            px, py, pz = points[j, i, 0], points[j, i, 1], points[j, i, 2]
+            if (px - middle[0]) ** 2 + (py - middle[1]) ** 2 + (pz - middle[2]) ** 2 > reach2:
+                continue
+            nx, ny, nz = normals[j, i, 0], normals[j, i, 1], normals[j, i, 2]
+            blue, green, red = 0.0, 0.0, 0.0
+            for k in range(len(areas)):
+                if owners[k] == body[j, i]:
+                    continue
+                dx, dy, dz = places[k, 0] - px, places[k, 1] - py, places[k, 2] - pz
+                here = nx * dx + ny * dy + nz * dz
+                if here <= 0:
+                    continue
+                square = dx * dx + dy * dy + dz * dz
+                there = -(facing[k, 0] * dx + facing[k, 1] * dy + facing[k, 2] * dz)
+                if facing[k, 0] == 0 and facing[k, 1] == 0 and facing[k, 2] == 0:
+                    there = np.sqrt(square)  # a small round thing faces everything
+                if there <= 0:
+                    continue
+                share = here * there / square * areas[k] / (np.pi * square + areas[k])
+                blue += share * light[k, 0]
+                green += share * light[k, 1]
+                red += share * light[k, 2]
+            color[j, i, 0] += reflectance[row[j, i], 0] * blue
+            color[j, i, 1] += reflectance[row[j, i], 1] * green
+            color[j, i, 2] += reflectance[row[j, i], 2] * red

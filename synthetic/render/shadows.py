@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from synthetic.render.hits import Hits
-from synthetic.render.interface import PinholeView
+from synthetic.render.raster import PinholeView
 from synthetic.render.surfaces import Surfaces
 from synthetic.scene import Lighting
 from tracker.compiled import compiled

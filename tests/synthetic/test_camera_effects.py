@@ -1,4 +1,4 @@
-"""Focus, fringes, response and sharpening of single cameras."""
+"""The effects by their names, and those of single cameras."""
 
 from __future__ import annotations
 
@@ -22,7 +22,8 @@ from synthetic.camera.response import (
 from synthetic.camera.rigs import default_cameras, standard_rig
 from synthetic.camera.sensor import CameraSettings, Sensor, linear, mosaicked
 from synthetic.camera.units import units_of
-from synthetic.effects import NAMES, Effects
+from synthetic.effects import NAMES, Effects, stream
+from synthetic.errors import EffectError
 
 RAMP = np.tile(np.arange(8, dtype=np.float32), (8, 1))
 PLACE = np.full((1, 1), 3.51, np.float32)
@@ -224,3 +225,29 @@ def test_cameras_of_a_rig_differ_from_each_other_and_from_scene_to_scene():
     units = [units_of(standard_rig(), sensor, rng(2), Effects.all(), 5, k) for k in (0, 1)]
     for own in OWN[:2]:
         assert len({getattr(unit, own) for scene in units for unit in scene}) == 6
+
+
+def test_a_text_names_what_is_on_in_one_order():
+    assert Effects.of("none") == Effects.none() == Effects.of(())
+    assert Effects.of("world") == Effects.all() == Effects.of(NAMES)
+    assert (
+        Effects.of("focus, chamfers")
+        == Effects.only("chamfers", "focus")
+        == Effects.of(["focus", "chamfers"])
+    )
+    for name in NAMES:
+        assert Effects.only(name).names == (name,)
+
+
+@pytest.mark.parametrize("found", ["fog", "chamfers,fog", ["fog"]])
+def test_an_unknown_effect_is_refused_by_its_name(found):
+    with pytest.raises(EffectError, match="effect: found 'fog', expected one of chamfers"):
+        Effects.of(found)
+
+
+def test_streams_of_effects_differ_by_name_seed_and_number():
+    keys = [("chamfers", 1, 2), ("table", 1, 2), ("chamfers", 2, 2), ("chamfers", 1, 3)]
+    draws = {stream(*key).random() for key in keys}
+    assert len(draws) == len(keys)
+    assert stream(*keys[0]).random() == stream(*keys[0]).random()
+    assert not draws & {np.random.default_rng([1, k, 2]).random() for k in range(3)}

@@ -2,23 +2,32 @@
 
 from __future__ import annotations
 
+import dataclasses
+import functools
+
 import numpy as np
 import pytest
 
 from tests.helpers.needs import lack
-from tests.helpers.synthetic_needs import skip_without_platform
+from tests.helpers.synthetic_needs import missing
+
+if missing():
+    lack("platform", missing())
+
+from synthetic.camera.lens import Lens
+from synthetic.camera.rigs import default_cameras
+from synthetic.effects import Effects
+from synthetic.errors import RendererError
+from synthetic.frames import frames
+from synthetic.render.check import labels_and_depth
+from synthetic.render.choose import choose_renderer
+from synthetic.world.effects import MOVING, SIZE_M, SPEED, still_at, with_effects
 
 SCENE_EFFECTS = ("sizes", "chamfers", "surface", "table", "reflections", "clutter")
 
 
-@pytest.fixture(autouse=True)
-def platform():
-    skip_without_platform()
-
-
+@functools.cache
 def make(*effects, name="cube_v2", seed=77, **more):
-    from synthetic.frames import frames
-
     options = {"quality": "fast", "empty": 0.0, "effects": effects, **more}
     return list(frames(name, 2, seed, **options))
 
@@ -37,9 +46,6 @@ def fingerprint(body):
 
 
 def test_without_effects_a_scene_is_the_very_one_that_was_made():
-    from synthetic.effects import Effects
-    from synthetic.world.effects import with_effects
-
     scene = make()[0].scene
     assert with_effects(scene, Effects.none(), 77, 0) is scene
     assert with_effects(scene, Effects.only("focus", "compression"), 77, 0) is scene
@@ -91,12 +97,6 @@ def test_rims_take_pixels_from_the_silhouette_and_give_none():
 
 
 def test_a_coat_only_adds_light():
-    import dataclasses
-
-    from synthetic.camera.lens import Lens
-    from synthetic.camera.rigs import default_cameras
-    from synthetic.render.choose import choose_renderer
-
     scene = make()[0].scene
     bodies = [
         dataclasses.replace(body, coats=np.tile([1.0, 0.2], (len(body.colors), 1))) for body in scene.bodies
@@ -111,12 +111,6 @@ def test_a_coat_only_adds_light():
 
 
 def test_pyrender_sees_the_labels_of_scenes_with_effects():
-    from synthetic.camera.lens import Lens
-    from synthetic.camera.rigs import default_cameras
-    from synthetic.errors import RendererError
-    from synthetic.render.check import labels_and_depth
-    from synthetic.render.choose import choose_renderer
-
     scene, view = make(*SCENE_EFFECTS)[0].scene, Lens(default_cameras()[0], 1).view
     try:
         labels, _ = labels_and_depth(scene, view)
@@ -126,8 +120,6 @@ def test_pyrender_sees_the_labels_of_scenes_with_effects():
 
 
 def test_sizes_are_off_by_little_about_the_same_centre():
-    from synthetic.world.effects import SIZE_M
-
     changes = []
     for one, other in zip(make(), make("sizes"), strict=True):
         tidy, own = (frame.scene.bodies[-1].mesh.vertices for frame in (one, other))
@@ -152,9 +144,6 @@ def test_clutter_is_never_in_front_of_the_object(name):
 
 
 def test_what_moves_while_the_shutter_is_open_is_where_the_truth_says_in_the_middle_of_it():
-    from synthetic.effects import Effects
-    from synthetic.world.effects import MOVING, SPEED, still_at
-
     effects, fastest, moving = Effects.only("motion_blur"), 0.0, 0
     scene = make()[0].scene
     for number in range(40):
