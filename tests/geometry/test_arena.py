@@ -96,11 +96,6 @@ def test_a_height_that_is_uncertain_may_be_off_by_as_much():
     assert not arena.holds(place, -0.0075, 0.002)
 
 
-def test_a_rig_takes_no_other_arena():
-    with pytest.raises(CalibrationError, match=r"camera rig: arena: found None, expected a tracker\.Arena"):
-        make_rig(None)  # type: ignore[arg-type]
-
-
 @given(ARENAS)
 def test_every_arena_survives_its_file(tmp_path_factory, arena):
     folder = tmp_path_factory.getbasetemp()
@@ -139,16 +134,9 @@ def test_what_a_file_leaves_out_is_the_default(tmp_path):
 @pytest.mark.parametrize(
     ("content", "fault"),
     [
-        (
-            b"radios = 0.2",
-            "found unknown key 'radios', expected some of center, radius, height, table, table_",
-        ),
+        (b"radios = 0.2", "found unknown key 'radios', expected some of center, radius, height, table"),
         (b"radius = 'wide'", "arena: radius: found 'wide', expected a finite number"),
-        (b"radius = nan", "arena: radius: found nan, expected a finite number"),
-        (b"height = -1", "arena: height: found -1.0, expected more than 0"),
         (b"center = [0.0]", r"arena: center: found \[0.0\], expected two finite numbers"),
-        (b"center = {x = 0.0, y = 1.0}", "arena: center: found .*, expected two finite numbers"),
-        (b"table = 2020-01-01", "arena: table: found .*, expected a finite number"),
         (b"[arena]\nradius = 1", "found unknown key 'arena'"),
         (b"radius: 0.2", "not a TOML file"),
         (b"\xff", "not a TOML file"),
@@ -181,3 +169,5 @@ def test_a_rig_made_of_a_rig_keeps_the_arena(rng):
     assert rig.resized(540, 270).arena == ELSEWHERE
     assert sized(rig, 90).arena == ELSEWHERE
     assert perturbed_rig(rng).arena == Arena()
+    with pytest.raises(CalibrationError, match=r"camera rig: arena: found None, expected a tracker\.Arena"):
+        make_rig(None)  # type: ignore[arg-type]
