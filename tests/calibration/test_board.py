@@ -117,8 +117,3 @@ def test_a_png_says_its_resolution_and_can_be_read():
 def test_the_page_is_the_smallest_that_holds_the_board(board, size):
     page = page_of(board)
     assert (page.width, page.height) == pytest.approx(size)
-
-
-def test_a_board_too_large_to_print_is_refused():
-    with pytest.raises(CalibrationError, match="expected at most 1200 mm"):
-        page_of(Board(5, 7, 0.4, 0.3))

@@ -1,8 +1,6 @@
 from __future__ import annotations
 
 import dataclasses
-import os
-import stat
 from pathlib import Path
 
 import cv2
@@ -38,9 +36,10 @@ def assert_same_bits(first: Camera, second: Camera) -> None:
         assert (a is None and b is None) or a.tobytes() == b.tobytes(), key
 
 
-def test_writing_and_reading_keeps_every_bit(tmp_path):
-    for azimuth in range(0, 360, 7):
-        camera = make_camera(azimuth)
+@pytest.mark.parametrize("coefficients", LENSES.values(), ids=map(str, LENSES))
+def test_writing_and_reading_keeps_every_bit(coefficients, tmp_path):
+    for azimuth in range(0, 360, 30):
+        camera = dataclasses.replace(make_camera(azimuth), distortion=np.array(coefficients))
         file, _ = written(tmp_path, camera)
         assert_same_bits(read_camera(file), camera)
 
@@ -68,13 +67,6 @@ def test_opencv_reads_what_is_written(tmp_path):
     np.testing.assert_array_equal(storage.getNode("camera_matrix").mat(), camera.matrix)
     np.testing.assert_array_equal(storage.getNode("tf_world_to_camera").mat(), camera.camera_from_world)
     storage.release()
-
-
-@pytest.mark.parametrize("coefficients", LENSES.values(), ids=map(str, LENSES))
-def test_lenses_of_every_length_are_kept_to_the_bit(coefficients, tmp_path):
-    camera = dataclasses.replace(make_camera(), distortion=np.array(coefficients))
-    file, _ = written(tmp_path, camera)
-    assert_same_bits(read_camera(file), camera)
 
 
 ROS = """image_width: 270
@@ -145,28 +137,28 @@ def test_every_variant_is_read(old, new, tmp_path):
     assert_same_bits(read_camera(file), make_camera())
 
 
-def test_four_distortion_coefficients_have_no_fifth(tmp_path):
+def changed(tmp_path: Path, key: str, change) -> Camera:
+    """What is read of a file with other values of a matrix."""
     file, text = written(tmp_path)
     data = yaml.safe_load(text)
-    data["distortion_coefficients"] = {"rows": 1, "cols": 4, "data": [-0.2, 0.1, 0.01, 0.02]}
-    camera = read_camera(rewritten(file, yaml.safe_dump(data)))
+    data[key] = change(data[key])
+    return read_camera(rewritten(file, yaml.safe_dump(data)))
+
+
+def test_four_distortion_coefficients_have_no_fifth(tmp_path):
+    four = {"rows": 1, "cols": 4, "data": [-0.2, 0.1, 0.01, 0.02]}
+    camera = changed(tmp_path, "distortion_coefficients", lambda _: four)
     np.testing.assert_array_equal(camera.distortion, [-0.2, 0.1, 0.01, 0.02, 0])
 
 
 def test_a_mean_of_rotations_is_mended(tmp_path):
-    file, text = written(tmp_path)
-    data = yaml.safe_load(text)
-    values = np.reshape(data["tf_world_to_camera"]["data"], (4, 4))
-    values[:3, :3] *= 1 - 5e-5
-    data["tf_world_to_camera"]["data"] = values.ravel().tolist()
-    camera = read_camera(rewritten(file, yaml.safe_dump(data)))
+    def shrunk(matrix):
+        values = np.reshape(matrix["data"], (4, 4))
+        values[:3, :3] *= 1 - 5e-5
+        return {**matrix, "data": values.ravel().tolist()}
+
+    camera = changed(tmp_path, "tf_world_to_camera", shrunk)
     np.testing.assert_allclose(camera.camera_from_world, make_camera().camera_from_world, atol=1e-12)
-
-
-def test_the_halved_principal_point_is_corrected_by_name(tmp_path):
-    file, _ = written(tmp_path)
-    camera = read_camera(file, correct_halved_principal_point=True)
-    np.testing.assert_allclose(camera.matrix[:2, 2], make_camera().matrix[:2, 2] - 0.25)
 
 
 def test_every_real_file_survives_a_round_trip(real, tmp_path):
@@ -177,39 +169,6 @@ def test_every_real_file_survives_a_round_trip(real, tmp_path):
         raw = np.reshape(yaml.safe_load(file.read_text())["tf_world_to_camera"]["data"], (4, 4))
         np.testing.assert_allclose(camera.camera_from_world, raw, atol=1e-4)
         assert_same_bits(read_camera(written(tmp_path, camera)[0]), camera)
-
-
-def test_writing_replaces_a_file_whole(tmp_path):
-    file, _ = written(tmp_path)
-    file.write_text("old")
-    write_camera(make_camera(), file)
-    assert_same_bits(read_camera(file), make_camera())
-    assert [entry.name for entry in tmp_path.iterdir()] == ["camera60.yml"]
-
-
-def test_a_failed_write_leaves_the_old_file_and_no_other(tmp_path, monkeypatch):
-    file, text = written(tmp_path)
-
-    def fail(*_: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "replace", fail)
-    with pytest.raises(CalibrationError, match="No space left"):
-        write_camera(make_camera(180), file)
-    assert file.read_text() == text
-    assert [entry.name for entry in tmp_path.iterdir()] == ["camera60.yml"]
-
-
-def test_a_written_file_has_the_mode_of_any_new_file(tmp_path):
-    file, _ = written(tmp_path)
-    plain = tmp_path / "plain"
-    plain.write_text("")
-    assert stat.S_IMODE(file.stat().st_mode) == stat.S_IMODE(plain.stat().st_mode)
-
-
-def test_writing_into_a_missing_folder_is_named(tmp_path):
-    with pytest.raises(CalibrationError, match=r"none.*No such file"):
-        write_camera(make_camera(), tmp_path / "none" / "camera60.yml")
 
 
 def test_the_limit_of_size_leaves_room_for_every_real_file(real):
