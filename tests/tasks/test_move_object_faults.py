@@ -1,84 +1,57 @@
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 
 from tracker.errors import TaskError
 from tracker.tasks import move_object
+from tracker.tasks.move_object import (
+    episode_reward,
+    long_axis_error,
+    position_error,
+    reward,
+    rotation_error,
+    weighted_total,
+)
 
 ZERO, UNIT = [0.0, 0, 0], [0.0, 0, 0, 1]
 
 
 @pytest.mark.parametrize(
-    ("call", "message"),
+    ("function", "arguments", "message"),
     [
-        (lambda: move_object.position_error(None, ZERO), r"goal_position: found None, expected numbers"),
-        (lambda: move_object.position_error(ZERO, None), r"^position: found None, expected numbers"),
+        (position_error, (None, ZERO), "goal_position: found None, expected numbers"),
+        (position_error, (ZERO, [0, 0]), r"^position: found shape \(2,\), expected \(\.\.\., 3\)"),
+        (position_error, (ZERO, [[0, 0, 0], [0, 0]]), "^position: found .* expected numbers"),
+        (position_error, (ZERO, ["0", "0", "0"]), "^position: found .* expected numbers"),
+        (position_error, (ZERO, 0.0), r"^position: found shape \(\)"),
+        (position_error, ([0, 0, np.nan], ZERO), "goal_position: found nan, expected finite"),
+        (position_error, (ZERO, [0, 0, 1e300]), r"^position: found 1e\+300, expected finite"),
         (
-            lambda: move_object.position_error(ZERO, [0, 0]),
-            r"^position: found shape \(2,\), expected \(\.\.\., 3\)",
+            position_error,
+            (np.zeros((2, 3)), np.zeros((5, 3))),
+            r"position: found shapes \(2, 3\) and \(5, 3\)",
         ),
-        (
-            lambda: move_object.position_error(ZERO, [[0, 0, 0], [0, 0]]),
-            r"^position: found .* expected numbers",
-        ),
-        (lambda: move_object.position_error(ZERO, ["0", "0", "0"]), r"^position: found .* expected numbers"),
-        (lambda: move_object.position_error(ZERO, 0.0), r"^position: found shape \(\)"),
-        (
-            lambda: move_object.position_error([0, 0, np.nan], ZERO),
-            r"goal_position: found nan, expected finite",
-        ),
-        (lambda: move_object.position_error(ZERO, [0, 0, np.inf]), r"^position: found inf, expected finite"),
-        (
-            lambda: move_object.position_error(ZERO, [0, 0, 1e300]),
-            r"^position: found 1e\+300, expected finite",
-        ),
-        (
-            lambda: move_object.position_error(np.zeros((2, 3)), np.zeros((5, 3))),
-            r"goal_position and position: found shapes \(2, 3\) and \(5, 3\)",
-        ),
-        (
-            lambda: move_object.rotation_error(UNIT, ZERO),
-            r"^orientation: found shape \(3,\), expected \(\.\.\., 4\)",
-        ),
-        (
-            lambda: move_object.rotation_error(UNIT, [0, 0, 0, 0]),
-            r"^orientation: found a quaternion of length 0",
-        ),
-        (
-            lambda: move_object.long_axis_error([0, 0, 0, 0], UNIT),
-            r"goal_orientation: found a quaternion of length 0",
-        ),
-        (lambda: move_object.long_axis_error(UNIT, UNIT, axis=3), r"axis: found 3, expected 0, 1 or 2"),
-        (lambda: move_object.reward(5, ZERO, ZERO), r"level: found 5, expected 1, 2, 3 or 4"),
-        (lambda: move_object.reward(0, ZERO, ZERO), r"level: found 0"),
-        (lambda: move_object.reward(2.0, ZERO, ZERO), r"level: found 2\.0"),
-        (lambda: move_object.reward(True, ZERO, ZERO), r"level: found True"),
-        (lambda: move_object.reward(4, ZERO, ZERO), r"goal_orientation: found None, .* at level 4"),
-        (lambda: move_object.reward(4, ZERO, ZERO, UNIT), r"^orientation: found None, .* at level 4"),
-        (
-            lambda: move_object.reward(4, ZERO, np.zeros((5, 3)), UNIT, np.ones((2, 4))),
-            r"positions and orientations: found shapes \(5,\) and \(2,\)",
-        ),
-        (lambda: move_object.episode_reward(1.0), r"rewards: found a single number"),
-        (lambda: move_object.episode_reward([1.0, 2.0], steps=-1), r"steps: found -1, expected no negative"),
-        (
-            lambda: move_object.episode_reward([1.0], steps=[1, 2]),
-            r"steps: found shape \(2,\), expected one number",
-        ),
-        (
-            lambda: move_object.weighted_total({1: [0.0]}),
-            r"levels of episode rewards: found 1, expected each of",
-        ),
-        (
-            lambda: move_object.weighted_total({1: [0.0], 2: [0.0], 3: [], 4: [0.0]}),
-            r"episode rewards of level 3: found none",
-        ),
+        (rotation_error, (UNIT, ZERO), r"^orientation: found shape \(3,\), expected \(\.\.\., 4\)"),
+        (rotation_error, (UNIT, [0, 0, 0, 0]), "^orientation: found a quaternion of length 0"),
+        (long_axis_error, ([0, 0, 0, 0], UNIT), "goal_orientation: found a quaternion of length 0"),
+        (partial(long_axis_error, axis=3), (UNIT, UNIT), "axis: found 3, expected 0, 1 or 2"),
+        *[(reward, (n, ZERO, ZERO), f"level: found {n}, expected 1, 2, 3 or 4") for n in (5, 0, 2.0, True)],
+        (reward, (4, ZERO, ZERO), "goal_orientation: found None, .* at level 4"),
+        (reward, (4, ZERO, ZERO, UNIT), "^orientation: found None, .* at level 4"),
+        (reward, (4, ZERO, np.zeros((5, 3)), UNIT, np.ones((2, 4))), r"found shapes \(5,\) and \(2,\)"),
+        (episode_reward, (1.0,), "rewards: found a single number"),
+        (partial(episode_reward, steps=-1), ([1.0, 2.0],), "steps: found -1, expected no negative"),
+        (partial(episode_reward, steps=[1, 2]), ([1.0],), r"steps: found shape \(2,\), expected one number"),
+        (weighted_total, ({1: [0.0]},), "levels of episode rewards: found 1, expected each of"),
+        (weighted_total, ({1: [0.0], 2: [0.0], 3: [], 4: [0.0]},), "episode rewards of level 3: found none"),
     ],
 )
-def test_a_fault_names_the_argument_what_was_found_and_what_would_do(call, message):
+def test_a_fault_names_the_argument_what_was_found_and_what_would_do(function, arguments, message):
     with pytest.raises(TaskError, match=message):
-        call()
+        function(*arguments)
 
 
 @pytest.mark.parametrize(
