@@ -11,11 +11,9 @@ import tracker
 from tests.helpers.filmed import footage_of, overlap, shots
 from tracker.errors import ColorModelError
 from tracker.learning.adapt import adapt
-from tracker.learning.footage import Footage
 from tracker.learning.judge import judge
 from tracker.learning.refit import refit
 from tracker.learning.start import from_names, nearest
-from tracker.segmentation.color_model import ColorModel
 from tracker.segmentation.fit import FitOptions
 
 MODEL = tracker.load_object("cube_v2")
@@ -47,25 +45,10 @@ def test_the_same_frames_give_the_same_colors(film, learned):
     assert (again.colors.log_posterior == learned.colors.log_posterior).all()
 
 
-def test_exchanged_faces_are_refused(film):
-    log_posterior = tracker.load_colors("cube_v2").log_posterior.copy()
-    log_posterior[[1, 2, 3]] = log_posterior[[2, 3, 1]]
-    exchanged = ColorModel("exchanged", log_posterior)
-    with pytest.raises(ColorModelError, match=r"exchanged: refused: .*red has the hue of"):
-        adapt(MODEL, [footage_of(film)], exchanged, OPTIONS, name="mine")
-
-
 def test_another_object_is_refused(film):
     cuboid = tracker.load_object("cuboid_2x2x8_v2")
     with pytest.raises(ColorModelError, match="refused"):
         adapt(cuboid, [footage_of(film)], tracker.load_colors("cube_v2"), OPTIONS, name="mine", rounds=2)
-
-
-def test_an_empty_arena_teaches_nothing(film):
-    grey = [tuple(np.full_like(image, 90) for image in shot.images) for shot in film]
-    empty = Footage(footage_of(film).rig, tuple(grey[::2]), tuple(grey[1::2]))
-    with pytest.raises(ColorModelError, match=r"found 0 of 4 frames"):
-        adapt(MODEL, [empty], tracker.load_colors("cube_v2"), OPTIONS, name="mine")
 
 
 def test_the_nearest_shipped_model_explains_most(film):

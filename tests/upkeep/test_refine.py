@@ -72,29 +72,24 @@ def test_rests_bring_the_world_to_the_table():
     assert abs(pose.position[2] - 0.0325) < 0.2e-3
 
 
-def test_a_calibration_that_cannot_be_bettered_is_left_alone():
-    with pytest.raises(CalibrationError, match=r"refused: edges in 9 frames held out.*as good as"):
-        refine_cameras(MODEL, [stills()], RIG, COLORS)
+ALONE = tracker.CameraRig((RIG[0],))
 
 
-def test_a_resting_film_is_refused():
-    images = rests()[0].images
-    with pytest.raises(CalibrationError, match="found 1 of the 18 different poses"):
-        refine_cameras(MODEL, [Film([images] * 5)], WRONG, COLORS)
-
-
-def test_places_without_turns_are_refused():
-    near = [still.images for still in rests()]
-    with pytest.raises(CalibrationError, match="move and turn it"):
-        refine_cameras(MODEL, [Stills(near * 3)], WRONG, COLORS)
-
-
-def test_a_film_without_the_object_is_refused():
-    empty = [np.full_like(image, 110) for image in rests()[0].images]
-    with pytest.raises(CalibrationError, match="no frame in which cube_v2 is surely seen"):
-        refine_cameras(MODEL, [Film([empty] * 3)], WRONG, COLORS)
-
-
-def test_one_camera_is_refused():
-    with pytest.raises(CalibrationError, match="camera60 alone"):
-        refine_cameras(MODEL, [stills()], tracker.CameraRig((RIG[0],)), COLORS)
+@pytest.mark.parametrize(
+    ("film", "rig", "said"),
+    [
+        (stills, RIG, r"refused: edges in 9 frames held out.*as good as"),
+        (stills, ALONE, "camera60 alone"),
+        (lambda: Film([rests()[0].images] * 5), WRONG, "found 1 of the 18 different poses"),
+        (lambda: Stills([still.images for still in rests()] * 3), WRONG, "move and turn it"),
+        (
+            lambda: Film([[np.full_like(image, 110) for image in rests()[0].images]] * 3),
+            WRONG,
+            "no frame in which cube_v2 is surely seen",
+        ),
+    ],
+    ids=["nothing to better", "one camera", "at rest", "never turned", "no object"],
+)
+def test_what_betters_no_calibration_is_refused_with_the_reason(film, rig, said):
+    with pytest.raises(CalibrationError, match=said):
+        refine_cameras(MODEL, [film()], rig, COLORS)

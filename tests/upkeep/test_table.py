@@ -51,23 +51,20 @@ def test_several_films_and_stills_count_together(rests):
     assert one.plane.height == other.plane.height
 
 
-def test_one_camera_is_refused(rests):
-    with pytest.raises(CalibrationError, match="found camera60 alone, expected two cameras or more"):
-        find_table(MODEL, [stills(rests)], tracker.CameraRig((RIG[0],)), COLORS)
-
-
-def test_places_that_one_camera_alone_sees_do_not_count(rests):
-    lonely = Stills([[still.images[0], None, None] for still in rests])
-    with pytest.raises(CalibrationError, match="one camera"):
-        find_table(MODEL, [lonely], RIG, COLORS)
-
-
-def test_the_same_place_again_and_again_is_refused(rests):
-    with pytest.raises(CalibrationError, match="lay it also near"):
-        find_table(MODEL, [stills([rests[0]] * 6)], RIG, COLORS)
-
-
-def test_pictures_without_the_object_are_refused(rests):
-    empty = Stills([[np.full_like(image, 110) for image in still.images] for still in rests[:2]])
-    with pytest.raises(CalibrationError, match="no picture in which cube_v2 is surely seen"):
-        find_table(MODEL, [empty], RIG, COLORS)
+@pytest.mark.parametrize(
+    ("seen", "rig", "said"),
+    [
+        (
+            lambda images: images,
+            tracker.CameraRig((RIG[0],)),
+            "found camera60 alone, expected two cameras or more",
+        ),
+        (lambda images: [[one[0], None, None] for one in images], RIG, "one camera"),
+        (lambda images: images[:1] * 6, RIG, "lay it also near"),
+        (lambda images: np.full_like(images[:2], 110), RIG, "no picture in which cube_v2 is surely seen"),
+    ],
+    ids=["one camera", "seen by one camera", "one place", "no object"],
+)
+def test_what_shows_no_table_is_refused_with_the_reason(seen, rig, said, rests):
+    with pytest.raises(CalibrationError, match=said):
+        find_table(MODEL, [Stills(list(seen([still.images for still in rests])))], rig, COLORS)
