@@ -1,3 +1,5 @@
+"""Calibration files of one camera: the platform's variants, and those with all deviations."""
+
 from __future__ import annotations
 
 import dataclasses
@@ -10,7 +12,12 @@ import yaml
 
 from tests.helpers import LENSES, make_camera
 from tracker.calibration import platform_files
-from tracker.calibration.calibrated import read_calibrated
+from tracker.calibration.calibrated import (
+    Calibrated,
+    read_all_calibrated,
+    read_calibrated,
+    write_calibrated,
+)
 from tracker.calibration.platform_files import read_camera, write_camera
 from tracker.errors import CalibrationError
 from tracker.geometry.camera import Camera
@@ -51,18 +58,14 @@ def test_deviations_may_be_missing(tmp_path):
     assert_same_bits(read_camera(file), camera)
 
 
-def test_the_current_variant_is_written(tmp_path):
-    _, text = written(tmp_path)
+def test_the_current_variant_is_written_which_opencv_reads(tmp_path):
+    camera = make_camera()
+    file, text = written(tmp_path, camera)
     assert text.startswith("%YAML 1.1\n---\n")
     data = yaml.safe_load(text)
     assert data["tf_world_to_camera"].keys() == {"rows", "cols", "dt", "data"}
     assert data["camera_matrix"]["dt"] == "d"
     assert data["distortion_coefficients"]["rows"] == 1
-
-
-def test_opencv_reads_what_is_written(tmp_path):
-    camera = make_camera()
-    file, _ = written(tmp_path, camera)
     storage = cv2.FileStorage(str(file), cv2.FILE_STORAGE_READ)
     np.testing.assert_array_equal(storage.getNode("camera_matrix").mat(), camera.matrix)
     np.testing.assert_array_equal(storage.getNode("tf_world_to_camera").mat(), camera.camera_from_world)
@@ -164,6 +167,7 @@ def test_a_mean_of_rotations_is_mended(tmp_path):
 def test_every_real_file_survives_a_round_trip(real, tmp_path):
     files = sorted([*real.glob("calibration/*/*.yml"), *real.glob("pose/*/*.yml")])
     assert len(files) > 30
+    assert 10 * max(file.stat().st_size for file in files) < platform_files.MAX_FILE_SIZE
     for file in files:
         camera = read_camera(file)
         raw = np.reshape(yaml.safe_load(file.read_text())["tf_world_to_camera"]["data"], (4, 4))
@@ -171,6 +175,64 @@ def test_every_real_file_survives_a_round_trip(real, tmp_path):
         assert_same_bits(read_camera(written(tmp_path, camera)[0]), camera)
 
 
-def test_the_limit_of_size_leaves_room_for_every_real_file(real):
-    largest = max(file.stat().st_size for file in real.glob("**/*.yml"))
-    assert largest * 10 < platform_files.MAX_FILE_SIZE
+MATRIX_STD = np.array([[0.5, 0, 1.2], [0, 0.6, 1.1], [0, 0, 0]])
+DISTORTION_STD = np.array([0.01, 0.05, 4e-4, 3e-4, 0.1])
+
+
+@pytest.fixture
+def calibrated(camera):
+    return Calibrated(camera, MATRIX_STD, DISTORTION_STD)
+
+
+def assert_same(first, second):
+    for key in ("matrix", "distortion", "camera_from_world", "camera_from_world_std"):
+        assert np.array_equal(getattr(first.camera, key), getattr(second.camera, key))
+    assert np.array_equal(first.matrix_std, second.matrix_std)
+    assert np.array_equal(first.distortion_std, second.distortion_std)
+    assert first.placed == second.placed
+
+
+def test_deviations_are_read_as_written_and_passed_over_by_the_platform(calibrated, tmp_path):
+    write_calibrated(calibrated, tmp_path / "camera60.yml")
+    assert_same(read_calibrated(tmp_path / "camera60.yml"), calibrated)
+    plain = read_camera(tmp_path / "camera60.yml")
+    assert np.array_equal(plain.matrix, calibrated.camera.matrix)
+
+
+def test_a_lens_alone_is_no_camera_yet(calibrated, tmp_path):
+    lens = dataclasses.replace(
+        calibrated, camera=dataclasses.replace(calibrated.camera, camera_from_world=np.eye(4)), placed=False
+    )
+    lens = dataclasses.replace(lens, camera=dataclasses.replace(lens.camera, camera_from_world_std=None))
+    write_calibrated(lens, tmp_path / "lens.yml")
+    read = read_calibrated(tmp_path / "lens.yml")
+    assert not read.placed
+    assert np.array_equal(read.camera.matrix, lens.camera.matrix)
+    with pytest.raises(CalibrationError, match=r"tf_world_to_camera is missing.* calibrate extrinsics"):
+        read_camera(tmp_path / "lens.yml")
+
+
+def test_a_halved_camera_sees_the_halved_picture_and_a_cropped_one_the_part(calibrated):
+    points = np.random.default_rng(3).uniform(-0.1, 0.1, (20, 3))
+    half, pixels = calibrated.resized(135, 135), calibrated.camera.project(points)
+    # The pixel (i, j) of a halved picture is in the middle of four.
+    assert half.camera.project(points) == pytest.approx((pixels - 0.5) / 2)
+    assert half.matrix_std == pytest.approx(MATRIX_STD / 2)
+    part = calibrated.cropped(30, 20, 200, 150)
+    assert part.camera.project(points) == pytest.approx(pixels - (30, 20))
+    assert (part.camera.width, part.camera.height) == (200, 150)
+    with pytest.raises(CalibrationError, match=r"200x150\+100\+20.* inside of 270x270"):
+        calibrated.cropped(100, 20, 200, 150)
+
+
+def test_all_files_of_a_folder_come_in_the_cameras_order(calibrated, tmp_path):
+    for name in ("camera300", "camera60", "camera180"):
+        one = dataclasses.replace(calibrated, camera=dataclasses.replace(calibrated.camera, name=name))
+        write_calibrated(one, tmp_path / f"{name}.yml")
+    names = [one.camera.name for one in read_all_calibrated([tmp_path])]
+    assert names == ["camera60", "camera180", "camera300"]
+    listed = read_all_calibrated([tmp_path / "camera300.yml", tmp_path / "camera60.yml"])
+    assert [one.camera.name for one in listed] == ["camera300", "camera60"]
+    write_calibrated(calibrated, tmp_path / "camera60_cropped.yml")
+    with pytest.raises(CalibrationError, match="expected one of each camera"):
+        read_all_calibrated([tmp_path])

@@ -29,10 +29,7 @@ def test_saving_and_loading_keeps_cameras_and_order(azimuths, tmp_path):
     ("files", "order"),
     [
         ({"camera_a": "camera300", "camera_b": "camera60", "camera_c": "camera180"}, (60, 180, 300)),
-        (
-            {"camera_calib_10": "left", "camera_calib_2": "right", "camera_calib_300": "above"},
-            ("right", "left", "above"),
-        ),
+        ({"camera_10": "left", "camera_2": "right", "camera_300": "above"}, ("right", "left", "above")),
         ({"camera_right": "right", "camera_left": "left"}, ("left", "right")),
     ],
     ids=["by the cameras' numbers", "by their files' numbers", "by name"],

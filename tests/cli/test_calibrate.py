@@ -268,16 +268,13 @@ def test_pictures_may_be_named_moment_by_moment(resting, tmp_path, run_here):
     [
         ("board {board} -o board.doc", [".doc", ".pdf"]),
         ("board {board} --square 0.4 -o board.pdf", ["at most 1200 mm"]),
-        ("check {resting}/000000/camera60.png {cube} --calibration {resting}/camera60.yml", ["alone"]),
+        ("check {one}/camera60.png {cube} --calibration {resting}/camera60.yml", ["alone"]),
         ("refine {resting} {cube} --stills --frames 3 -o new", ["--frames", "18"]),
         ("table {resting} {cube} -o {used}", ["in use", "new or an empty folder"]),
         ("table {resting} {cube} -o new", ["found 0 of the 5 places"]),
-        ("table {resting}/000000 {cube} -o new", ["found 1 of the 5 places", "must rest"]),
-        ("table {resting}/000000/camera60.png {cube} -o new", ["no calibration", "--calibration"]),
-        (
-            "table {resting}/000000/camera60.png {cube} --calibration {resting} -o new",
-            ["multiple of 3", "camera180"],
-        ),
+        ("table {one} {cube} -o new", ["found 1 of the 5 places", "must rest"]),
+        ("table {one}/camera60.png {cube} -o new", ["no calibration", "--calibration"]),
+        ("table {one}/camera60.png {cube} --calibration {resting} -o new", ["multiple of 3", "camera180"]),
         ("table nowhere {cube} -o new", ["nowhere"]),
         ("table {resting} {cube}", ["-o"]),
     ],
@@ -286,7 +283,13 @@ def test_what_cannot_be_done_is_told_in_a_line(arguments, words, resting, tmp_pa
     used = tmp_path / "used"
     used.mkdir()
     (used / "camera60.yml").write_text("old")
-    names = {"resting": resting, "used": used, "cube": " ".join(CUBE), "board": " ".join(BOARD)}
+    names = {
+        "resting": resting,
+        "one": resting / "000000",
+        "used": used,
+        "cube": " ".join(CUBE),
+        "board": " ".join(BOARD),
+    }
     given = arguments.format(**names).split()
     assert_one_line_error(run_here("calibrate", *given, folder=tmp_path), *words)
     assert (used / "camera60.yml").read_text() == "old"

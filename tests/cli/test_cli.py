@@ -108,15 +108,6 @@ def test_detect_prints_one_json_object_for_programs(demo, run_here):
     assert found["timing_ms"]["total"] > 0
 
 
-def test_calibration_files_are_taken_in_the_order_given(demo, run_here):
-    order = ("camera300", "camera60", "camera180")
-    files = [part for name in order for part in ("--calibration", demo / f"{name}.yml")]
-    images = [demo / f"{name}.png" for name in order]
-    shuffled = json.loads(run_here("detect", "--object", "cube_v2", "--json", *files, *images).stdout)
-    usual = json.loads(run_here(*detect_arguments(demo), "--json").stdout)
-    np.testing.assert_allclose(shuffled["pose"]["position"], usual["pose"]["position"], atol=1e-3)
-
-
 def test_a_camera_may_have_given_no_image(demo, run_here):
     everything = json.loads(run_here(*detect_arguments(demo), "--json").stdout)
     without = json.loads(run_here(*detect_arguments(demo, camera180="none"), "--json").stdout)

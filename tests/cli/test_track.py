@@ -329,6 +329,7 @@ def test_workers_end_with_a_killed_run(long, tmp_path):
     process.kill()
     # The pipe closes when the last process that holds it has ended.
     process.communicate(timeout=120)
+    assert process.returncode == -signal.SIGKILL
 
 
 def test_a_bar_is_shown_on_a_terminal_and_gone_before_an_error(tmp_path):

@@ -42,10 +42,7 @@ def test_cameras_are_taken_in_their_order_only_where_no_name_is_known(folder):
 @pytest.mark.parametrize(
     ("names", "message"),
     [
-        (
-            ("camera60", "camera300", "camera240"),
-            r"camera60, camera300, camera240; expected that of camera180",
-        ),
+        (("camera60", "camera300", "camera240"), r"camera300, camera240; expected that of camera180"),
         (("camera60", "camera180"), r"camera60, camera180; expected that of camera300, too"),
         (("left", "right"), r"left, right; expected the same cameras"),
         ((*CAMERAS, "camera240"), r"expected the same cameras"),
