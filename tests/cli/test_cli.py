@@ -93,8 +93,8 @@ def test_detect_prints_the_pose_for_people(demo):
     assert np.linalg.norm([float(cell) for cell in rows["orientation"]]) == pytest.approx(1, abs=1e-5)
 
 
-def test_detect_prints_one_json_object_for_programs(demo, run_here):
-    result = run_here(*detect_arguments(demo), "--json")
+def test_detect_prints_one_json_object_for_programs_and_draws_it(demo, tmp_path, run_here):
+    result = run_here(*detect_arguments(demo), "--json", "--overlay", tmp_path / "out.png")
     assert result.returncode == 0, result.stderr
     found = json.loads(result.stdout)
     assert list(found) == ["object", "status", "pose", "timing_ms"]
@@ -106,19 +106,10 @@ def test_detect_prints_one_json_object_for_programs(demo, run_here):
     assert np.linalg.eigvalsh(covariance).min() > 0
     assert 0 < found["pose"]["confidence"] <= 1
     assert found["timing_ms"]["total"] > 0
-
-
-def test_a_camera_may_have_given_no_image(demo, run_here):
-    everything = json.loads(run_here(*detect_arguments(demo), "--json").stdout)
-    without = json.loads(run_here(*detect_arguments(demo, camera180="none"), "--json").stdout)
-    np.testing.assert_allclose(without["pose"]["position"], everything["pose"]["position"], atol=2e-3)
-
-
-def test_the_overlay_is_written(demo, tmp_path, run_here):
-    result = run_here(*detect_arguments(demo), "--overlay", tmp_path / "out.png")
-    assert result.returncode == 0, result.stderr
     picture = cv2.imread(str(tmp_path / "out.png"))
     assert picture.shape == cv2.imread(str(demo / "overlay.png")).shape
+    without = json.loads(run_here(*detect_arguments(demo, camera180="none"), "--json").stdout)
+    np.testing.assert_allclose(without["pose"]["position"], found["pose"]["position"], atol=2e-3)
 
 
 def test_nothing_found_is_an_answer_and_no_error(demo, tmp_path, run_here):
@@ -134,33 +125,6 @@ def test_nothing_found_is_an_answer_and_no_error(demo, tmp_path, run_here):
     assert "no object colours" in told.stdout
     assert told.returncode == 1
     assert run_here(*detect_arguments(demo), "--exit-code").returncode == 0
-
-
-def faulty_images(folder: Path, demo: Path) -> None:
-    good = (demo / "camera60.png").read_bytes()
-    (folder / "empty.png").write_bytes(b"")
-    (folder / "text.png").write_text("not an image")
-    (folder / "truncated.png").write_bytes(good[: len(good) // 2])
-    cv2.imwrite(str(folder / "large.png"), np.zeros((540, 540, 3), np.uint8))
-
-
-@pytest.mark.parametrize(
-    ("image", "said"),
-    [
-        ("empty.png", "empty.png"),
-        ("text.png", "text.png"),
-        ("truncated.png", "truncated"),
-        ("missing.png", "no such file"),
-        (".", "no such file"),
-        ("large.png", "270×270"),
-    ],
-)
-def test_a_faulty_image_is_named_in_one_line(image, said, demo, tmp_path, run_here):
-    faulty_images(tmp_path, demo)
-    before = sorted(tmp_path.iterdir())
-    arguments = detect_arguments(demo, camera180=tmp_path / image)
-    assert_one_line_error(run_here(*arguments, "--json", "--overlay", tmp_path / "out.png"), said)
-    assert sorted(tmp_path.iterdir()) == before
 
 
 @pytest.mark.parametrize(
@@ -202,17 +166,25 @@ def test_a_faulty_command_is_one_line(arguments, words, tmp_path, run_here):
         ({"--overlay": "out.gif"}, [".gif", ".png"]),
         ({"--overlay": "nowhere/out.png"}, ["nowhere/out.png"]),
         ({"--overlay": "empty"}, ["empty", ".png"]),
+        *[({"camera180": image}, [image]) for image in ("empty.png", "text.png")],
+        *[({"camera180": image}, ["no such file"]) for image in ("missing.png", ".")],
+        ({"camera180": "truncated.png"}, ["truncated"]),
+        ({"camera180": "large.png"}, ["270×270"]),
     ],
 )
-def test_a_faulty_option_is_named_in_one_line(replaced, words, demo, tmp_path, run_here):
-    (tmp_path / "empty").mkdir()
-    (tmp_path / "broken").mkdir()
+def test_a_faulty_option_or_image_is_named_in_one_line(replaced, words, demo, tmp_path, run_here):
+    good = (demo / "camera60.png").read_bytes()
+    for name, content in (("empty", b""), ("text", b"not an image"), ("truncated", good[: len(good) // 2])):
+        (tmp_path / f"{name}.png").write_bytes(content)
+    cv2.imwrite(str(tmp_path / "large.png"), np.zeros((540, 540, 3), np.uint8))
+    for name in ("empty", "broken"):
+        (tmp_path / name).mkdir()
     (tmp_path / "broken" / "camera60.yml").write_text("camera_name: [")
     before = sorted(tmp_path.rglob("*"))
-    options = {"--object": "cube_v2", "--calibration": demo, **replaced}
-    pairs = [part for pair in options.items() for part in pair]
-    images = [demo / f"{name}.png" for name in NAMES]
-    assert_one_line_error(run_here("detect", *pairs, *images, "--json", folder=tmp_path), *words)
+    named = {"--object": "cube_v2", "--calibration": demo, "--overlay": "out.png", **replaced}
+    options = [part for key, value in named.items() if key.startswith("--") for part in (key, value)]
+    images = [replaced.get(name, demo / f"{name}.png") for name in NAMES]
+    assert_one_line_error(run_here("detect", *options, *images, "--json", folder=tmp_path), *words)
     assert sorted(tmp_path.rglob("*")) == before
 
 

@@ -31,14 +31,7 @@ def test_a_machine_that_has_all_is_well():
     for what in (
         "tracker",
         "Python",
-        "numpy",
-        "scipy",
-        "OpenCV",
-        "numba",
-        "h5py",
-        "Pillow",
-        "cache",
-        "speed",
+        *["numpy", "scipy", "OpenCV", "numba", "h5py", "Pillow", "cache", "speed"],
     ):
         assert line_of(text, what).startswith("ok")
     assert "reference work" in line_of(text, "speed")

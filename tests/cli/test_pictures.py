@@ -88,20 +88,14 @@ def test_swapped_pictures_are_told_and_taken_as_they_are(detect, tmp_path, run_h
 def test_a_calibration_of_another_size_is_scaled_where_that_is_asked_for(detect, tmp_path):
     for name in NAMES:
         whole = cv2.imread(str(DEMO / "000003" / f"{name}.jpg"))
-        cv2.imwrite(
-            str(tmp_path / f"{name}.png"), cv2.resize(whole, (540, 540), interpolation=cv2.INTER_CUBIC)
-        )
-        cv2.imwrite(str(tmp_path / f"{name}_part.png"), whole[:, 20:220])
+        large = cv2.resize(whole, (540, 540), interpolation=cv2.INTER_CUBIC)
+        cv2.imwrite(str(tmp_path / f"{name}.png"), large)
     _, small = detect("--calibration", DEMO, *files(DEMO / "000003", *NAMES))
-    pictures = [tmp_path / f"{name}.png" for name in NAMES]
-    refused, _ = detect("--calibration", DEMO, *pictures)
-    assert_one_line_error(refused, "images of 540×540 px", "calibrated for 270×270", "--resize-calibration")
-    _, large = detect("--calibration", DEMO, "--resize-calibration", *pictures)
+    given = ["--calibration", DEMO, *(f"{name}.png" for name in NAMES)]
+    assert_one_line_error(detect(*given)[0], "540×540 px", "calibrated for 270×270", "--resize-calibration")
+    _, large = detect("--resize-calibration", *given)
     # A principal point that is off by the quarter pixel is off by 0.4 mm.
     np.testing.assert_allclose(large["pose"]["position"], small["pose"]["position"], atol=2e-4)
-    parts = [tmp_path / f"{name}_part.png" for name in NAMES]
-    cropped, _ = detect("--calibration", DEMO, "--resize-calibration", *parts)
-    assert_one_line_error(cropped, "200×270", "another shape")
 
 
 @pytest.mark.parametrize(

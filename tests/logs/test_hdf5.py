@@ -13,6 +13,7 @@ import tracker
 from tests.helpers import make_camera
 from tests.helpers.log_writers import CAMERAS, make_content, write_hdf5
 from tests.helpers.reading import attribute, made, peak_of_reading, put, without
+from tests.logs.test_native import SAMPLES as NATIVE
 from tests.logs.test_native import assert_same
 from tracker.errors import LogError
 
@@ -57,12 +58,9 @@ def test_the_calibration_inside_is_read_and_mended(tmp_path):
     assert camera.distortion[0] == -0.2
     rotation = camera.camera_from_world[:3, :3]
     np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
-
-
-def test_without_calibration_inside_that_beside_is_taken(tmp_path):
     tracker.CameraRig(tuple(make_camera(n, f"camera{n}") for n in (60, 180, 300))).save(tmp_path)
-    with tracker.open_log(write_hdf5(tmp_path / "log.h5", make_content(1), version=(1, 0))) as log:
-        assert log.rig.names == CAMERAS
+    with tracker.open_log(write_hdf5(tmp_path / "old.h5", make_content(1), version=(1, 0))) as log:
+        assert log.rig.names == CAMERAS  # there is none inside
 
 
 @pytest.mark.parametrize(
@@ -175,19 +173,26 @@ def test_memory_does_not_grow_with_the_length(tmp_path):
     assert peak(120) < 1.3 * peak(20)
 
 
-@pytest.mark.parametrize("name", SAMPLES)
+@pytest.mark.parametrize("name", [*NATIVE, *SAMPLES])
 def test_recorded_samples_are_read(real: Path, name):
+    posed, native = "with_pose" in name, name in NATIVE
     with tracker.open_log(real / "logs" / name) as log:
         frames = list(log)
-        assert len(frames) == len(log) == 3
-        assert log.camera_names == log.rig.names == CAMERAS
-        assert (log.rig[0].width, log.rig[0].height) == log.image_sizes[0] == (540, 540)
+        assert len(frames) == len(log) == 3 + native
+        assert log.camera_names == CAMERAS
+        if not native:
+            assert log.rig.names == CAMERAS
+            assert (log.rig[0].width, log.rig[0].height) == log.image_sizes[0] == (540, 540)
     for k, frame in enumerate(frames):
-        assert frame.timestamp == pytest.approx(1_750_000_000 + 0.1 * k, abs=1e-6)
+        began = 1_605_000_000 if native else 1_750_000_000
+        assert frame.timestamp == pytest.approx(began + 0.1 * k, abs=1e-6)
         np.testing.assert_allclose(frame.camera_timestamps - frame.timestamp, [0, 0.001, 0.002], atol=1e-5)
-        assert (frame.recorded_pose is not None) == ("with_pose" in name and k > 0)
-        assert frame.recorded_filtered_pose is None
-    if "with_pose" in name:
+        assert (frame.recorded_pose is not None) == (posed and (native or k > 0))
+        assert (frame.recorded_filtered_pose is not None) == (posed and native and k > 0)
+        if posed and native:
+            np.testing.assert_allclose(frame.recorded_pose.position, [-0.0627, -0.1356, 0.0276])
+            assert frame.recorded_pose.confidence == 0.93
+    if posed and not native:
         assert [frame.recorded_pose.confidence for frame in frames[1:]] == [0.93, 0.92]
         assert np.linalg.norm(frames[1].recorded_pose.orientation) == pytest.approx(1, abs=1e-12)
 

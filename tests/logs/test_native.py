@@ -272,23 +272,6 @@ def test_memory_does_not_grow_with_the_length(tmp_path, packed):
 
 
 @pytest.mark.parametrize("name", SAMPLES)
-def test_recorded_samples_are_read(real: Path, name):
-    with tracker.open_log(real / "logs" / name) as log:
-        frames = list(log)
-        assert len(frames) == len(log) == 4
-        assert log.camera_names == CAMERAS
-    for k, frame in enumerate(frames):
-        assert frame.timestamp == pytest.approx(1_605_000_000 + 0.1 * k, abs=1e-6)
-        np.testing.assert_allclose(frame.camera_timestamps - frame.timestamp, [0, 0.001, 0.002], atol=1e-5)
-        posed = "with_pose" in name
-        assert (frame.recorded_pose is not None) == posed
-        assert (frame.recorded_filtered_pose is not None) == (posed and k > 0)
-        if posed:
-            np.testing.assert_allclose(frame.recorded_pose.position, [-0.0627, -0.1356, 0.0276])
-            assert frame.recorded_pose.confidence == 0.93
-
-
-@pytest.mark.parametrize("name", SAMPLES)
 def test_recorded_colours_are_the_right_way_round(real: Path, name):
     with (
         tracker.open_log(real / "pose" / "cube_v2") as reference,

@@ -144,7 +144,7 @@ def test_a_damaged_byte_is_refused_or_changes_nothing(written, tmp_path):
     rng = np.random.default_rng(1)
     damaged = tmp_path / "damaged.h5"
     refused = 0
-    for place in rng.integers(0, len(content), 150):
+    for place in rng.integers(0, len(content), 60):
         broken = bytearray(content)
         broken[place] ^= 1 << rng.integers(8)
         damaged.write_bytes(bytes(broken))
@@ -155,7 +155,7 @@ def test_a_damaged_byte_is_refused_or_changes_nothing(written, tmp_path):
         else:
             for name, array in before.items():
                 assert np.array_equal(array, after[name], equal_nan=array.dtype.kind == "f"), (place, name)
-    assert refused > 100
+    assert refused > 40
 
 
 def good(rng, count=3) -> dict[str, np.ndarray]:

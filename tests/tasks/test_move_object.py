@@ -98,7 +98,7 @@ def test_long_axis_error_is_the_angle_of_the_axis_over_pi_and_a_turn_about_it_co
 @given(quaternions, quaternions, quaternions)
 def test_orientation_errors_are_metrics_up_to_1_that_turning_the_world_does_not_change(error, a, b, world):
     assert error(a, a) == 0
-    assert 0 <= error(a, b) <= 1
+    assert 0 <= error(a, b) <= move_object.rotation_error(a, b) + 1e-15 <= 1 + 1e-15
     np.testing.assert_allclose(error(a, b), error(b, a), atol=1e-15)
     np.testing.assert_allclose(error(a, b), error(-a, b), atol=1e-15)
     np.testing.assert_allclose(error(a, b), error(0.5 * a, 2 * b), atol=1e-15)
@@ -106,12 +106,6 @@ def test_orientation_errors_are_metrics_up_to_1_that_turning_the_world_does_not_
     turn = so3.matrix_from_quaternion(world)
     a, b = (so3.quaternion_from_matrix(turn @ so3.matrix_from_quaternion(q)) for q in (a, b))
     np.testing.assert_allclose(error(a, b), error(-b, a), atol=1e-15)
-
-
-def test_an_axis_never_turns_further_than_the_object(rng):
-    goal, actual = random_quaternions(rng, 500), random_quaternions(rng, 500)
-    errors = [move_object.long_axis_error(goal, actual, axis=axis) for axis in range(3)]
-    assert (np.array(errors) <= move_object.rotation_error(goal, actual) + 1e-15).all()
 
 
 # Rewards
@@ -152,13 +146,6 @@ def test_nothing_is_better_than_the_goal_itself(level, model, rng):
     assert (elsewhere < 0).all()
 
 
-def test_a_turn_about_the_long_axis_costs_the_cube_but_not_the_cuboid(rng):
-    goal, turn = rng.uniform(-0.1, 0.1, 3), random_quaternions(rng, 1)[0]
-    rolled = turned(turn, np.array([0, 1.0, 0]))
-    assert move_object.reward(4, goal, goal, turn, rolled, model=CUBOID) == pytest.approx(0, abs=1e-15)
-    assert move_object.reward(4, goal, goal, turn, rolled, model=CUBE) == pytest.approx(-0.5 / np.pi)
-
-
 def test_one_goal_and_many_states_broadcast(rng):
     states, turns = rng.normal(size=(4, 5, 3)), random_quaternions(rng, 20).reshape(4, 5, 4)
     goal, goal_turn = rng.normal(size=3), random_quaternions(rng, 1)[0]
@@ -185,28 +172,16 @@ def test_where_the_object_was_not_seen_the_reward_is_unknown(rng):
 # Trajectories
 
 
-def test_a_goal_is_active_from_its_time_until_the_next_begins():
-    times = np.array([[0, 29999, 30000, 30000.5], [39999, 40000, 120000, 1e9]])
-    expected = np.array([[0, 0, 1, 1], [1, 2, 2, 2]])
-    goals = np.array([goal for _, goal in TRAJECTORY])
-    np.testing.assert_array_equal(move_object.active_goal(TRAJECTORY, times), goals[expected])
-    np.testing.assert_array_equal(move_object.active_goal(TRAJECTORY, 35000), goals[1])
-
-
-@given(st.lists(st.integers(1, 20000), max_size=9), st.integers(0, 120000))
-def test_the_active_goal_is_the_last_that_has_begun(pauses, time):
-    trajectory = [(0, [0.0, 0, 0])]
-    for k, pause in enumerate(pauses):
-        trajectory.append((trajectory[-1][0] + pause, [k + 1.0, 0, 0]))
-    (expected,) = [goal for start, goal in trajectory if start <= time][-1:]
-    np.testing.assert_array_equal(move_object.active_goal(trajectory, time), expected)
-
-
-def test_the_unit_of_time_does_not_matter(rng):
-    steps = np.sort(rng.integers(0, 120000, 200))
-    seconds = [(start / 1000, goal) for start, goal in TRAJECTORY]
-    first = move_object.active_goal(TRAJECTORY, steps)
-    np.testing.assert_array_equal(move_object.active_goal(seconds, steps / 1000), first)
+@given(st.lists(st.integers(1, 20000), max_size=9), st.lists(st.floats(0, 120000), min_size=1, max_size=9))
+def test_the_active_goal_is_the_last_that_has_begun_in_whatever_unit_of_time(pauses, times):
+    starts = np.cumsum([0, *pauses])
+    times = np.array([*times, *starts, *(starts[1:] - 0.5)])
+    trajectory = [(int(start), [float(k), 0, 0]) for k, start in enumerate(starts)]
+    expected = [[np.flatnonzero(starts <= time)[-1], 0, 0] for time in times]
+    np.testing.assert_array_equal(move_object.active_goal(trajectory, times), expected)
+    np.testing.assert_array_equal(move_object.active_goal(trajectory, times[0]), expected[0])
+    halves = [(start / 2, goal) for start, goal in trajectory]
+    np.testing.assert_array_equal(move_object.active_goal(halves, times[None] / 2), [expected])
 
 
 def test_rewards_along_a_trajectory_are_those_of_the_active_goals(rng):
