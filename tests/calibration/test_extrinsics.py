@@ -76,7 +76,7 @@ def test_stated_deviations_of_places_are_those_of_their_errors(pairs):
         for one, true in zip(placed.cameras, TRUE, strict=True):
             std = one.camera.camera_from_world_std
             errors.append(((one.camera.camera_from_world - true)[:3] / std[:3]).ravel())
-    assert 0.6 < (np.array(errors) ** 2).mean() < 1.6
+    assert 0.8 < (np.array(errors) ** 2).mean() < 1.6
     assert np.abs(errors).max() < 5
 
 
@@ -88,12 +88,9 @@ def test_more_places_make_cameras_more_certain():
     assert (certainty(None) < certainty(ALONE)).all()
 
 
-def test_a_camera_is_placed_through_another_that_sees_the_given_place():
+def test_a_camera_is_placed_through_another_that_sees_the_given_place_or_named():
     placed = place_cameras(lenses(), views(4, [(0, 0), (0, 1), (1, 1), (1, 2), (2, 2)], noise=0.0), GIVEN)
     assert placed.cameras[2].camera.camera_from_world == pytest.approx(TRUE[2], abs=1e-6)
-
-
-def test_a_camera_without_a_link_to_the_given_place_is_named():
     with pytest.raises(CalibrationError, match="camera1, camera2: found no photo of the board in its given"):
         place_cameras(lenses(), views(5, [(0, 0), (1, 1), (2, 1)]), GIVEN)
 

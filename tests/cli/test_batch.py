@@ -15,6 +15,7 @@ from types import SimpleNamespace
 import pytest
 
 from tests.helpers import ROOT, run_python
+from tests.helpers.begun import begin
 from tests.helpers.command import assert_one_line_error
 from tests.helpers.recording_stubs import write_log
 from tracker.errors import TrackerError
@@ -27,7 +28,7 @@ from tracker.recordings.many.tables import state, write_tables
 
 pytest.importorskip("distributed", reason="cluster: no module distributed")
 
-COUNT, FRAMES = 5, 12
+COUNT, FRAMES = 5, 5
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -54,16 +55,7 @@ def undisturbed(recordings, tmp_path_factory: pytest.TempPathFactory) -> dict[st
 
 def start(recordings: Path, folder: Path) -> subprocess.Popen[bytes]:
     """A run of two workers that is at work on recordings."""
-    command = ["-m", "tracker", "batch", f"{recordings}/*", "--object", "cube_v2", "-o", folder]
-    process = subprocess.Popen(
-        [sys.executable, *command, "--workers", "2"],
-        cwd=ROOT,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-        stderr=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        start_new_session=True,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-    )
+    process = begin("batch", f"{recordings}/*", "--object", "cube_v2", "-o", folder, "--workers", 2)
     deadline = time.monotonic() + 120
     # What a killed run has left is gone when there are workers.
     while not (workers_of(process) and list(folder.rglob(".*.poses.h5.lock"))):

@@ -138,6 +138,7 @@ def test_nothing_found_is_an_answer_and_no_error(demo, tmp_path, run_here):
         (["score", "."], ["goal.json", "--goal"]),
         (["detect", "x.png", "--objet", "cube_v2"], ["--objet"]),
         (["colors", "fit", "."], ["--name", "-o"]),
+        (["colors", "adapt", ".", "--object", "cube_v2"], ["-o"]),
         (["colors", "fit", "nowhere", "-o", "x.npz"], ["nowhere", "no such folder"]),
         (["colors", "fit", "nowhere", "-o", "nowhere/x.npz"], ["no folder nowhere"]),
         (["colors", "fit", "nowhere", "-o", "x.dat"], [".dat", ".npz"]),

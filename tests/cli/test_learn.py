@@ -94,10 +94,6 @@ def test_a_fault_is_named_and_nothing_overwritten(command, arguments, words, rec
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
-def test_where_to_write_must_be_said(recording, run_here):
-    assert_one_line_error(run_here("colors", "adapt", recording, *CUBE), "-o")
-
-
 def test_a_new_object_needs_size_and_names_alone(recording, tmp_path, run_here):
     target = tmp_path / "mine.npz"
     arguments = ("--size", "0.065 0.065 0.065", "--faces", FACES, "-o", target, *QUICK)

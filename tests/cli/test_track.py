@@ -24,6 +24,7 @@ import tracker
 from synthetic.camera.rigs import default_cameras
 from synthetic.camera.sensor import Sensor
 from tests.helpers import ROOT, run_python
+from tests.helpers.begun import begin
 from tests.helpers.command import Run, assert_one_line_error
 from tests.helpers.log_writers import make_content, write_hdf5, write_picture
 from tests.helpers.pose_logs import assert_same
@@ -289,16 +290,7 @@ def test_pictures_of_a_film_have_one_height():
 
 def start_long(logs: list[Path], output: Path, jobs: int) -> subprocess.Popen[bytes]:
     """A run that takes long enough to be ended; all its processes are at work, each on a recording."""
-    process = subprocess.Popen(
-        [sys.executable, *COMMAND, *logs, "--object", "cube_v2", "-o", output, "--jobs", str(jobs)],
-        cwd=ROOT,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-        stderr=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        start_new_session=True,
-        # A test run in the background hands on that Ctrl-C is ignored; a terminal's command does not.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-    )
+    process = begin("track", *logs, "--object", "cube_v2", "-o", output, "--jobs", jobs)
     deadline = time.monotonic() + 120
     while len(list(output.parent.rglob(".*.lock"))) < jobs:
         assert process.poll() is None

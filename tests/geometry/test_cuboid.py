@@ -8,10 +8,14 @@ from tracker.geometry import cuboid
 SIZE = np.array([0.02, 0.08, 0.03])
 
 
-def test_corner_k_has_the_signs_of_the_bits_of_k_and_half_the_size():
+def test_corners_have_the_signs_of_their_bits_and_half_the_size_and_faces_the_normals_of_their_names():
     for k, corner in enumerate(cuboid.corners(SIZE)):
         signs = [1 if k & bit else -1 for bit in (1, 2, 4)]
         np.testing.assert_allclose(corner, np.multiply(signs, SIZE / 2))
+    for name, normal in zip(cuboid.FACE_NAMES, cuboid.FACE_NORMALS, strict=True):
+        axis = "xyz".index(name[1])
+        assert normal[axis] == (1 if name[0] == "+" else -1)
+        assert np.count_nonzero(normal) == 1
 
 
 def test_every_edge_joins_neighbours_and_lies_in_both_its_faces():
@@ -32,13 +36,6 @@ def test_faces_turn_counter_clockwise_seen_from_outside():
         sides = np.roll(ring_corners, -1, axis=0) - ring_corners
         turns = np.cross(sides, np.roll(sides, -1, axis=0)) @ cuboid.FACE_NORMALS[face]
         assert (turns > 0).all()
-
-
-def test_face_names_state_their_normals():
-    for name, normal in zip(cuboid.FACE_NAMES, cuboid.FACE_NORMALS, strict=True):
-        axis = "xyz".index(name[1])
-        assert normal[axis] == (1 if name[0] == "+" else -1)
-        assert np.count_nonzero(normal) == 1
 
 
 def test_a_face_is_visible_where_the_ray_to_it_meets_no_other(rng):

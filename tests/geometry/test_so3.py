@@ -58,7 +58,7 @@ def test_matrix_and_quaternion_invert_each_other(angle, rng):
     np.testing.assert_allclose(so3.matrix_from_quaternion(quaternions), rotations, atol=1e-13)
 
 
-def test_quaternions_have_a_canonical_sign(rng):
+def test_quaternions_have_a_canonical_sign_and_multiply_in_the_order_of_xyzw(rng):
     q = rng.normal(size=(200, 4))
     back = so3.quaternion_from_matrix(so3.matrix_from_quaternion(q))
     assert (back[:, 3] >= 0).all()
@@ -66,9 +66,6 @@ def test_quaternions_have_a_canonical_sign(rng):
     np.testing.assert_allclose(back, expected, atol=1e-13)
     half_turn_about_y = so3.quaternion_from_matrix(np.diag([-1.0, 1.0, -1.0]))
     np.testing.assert_array_equal(half_turn_about_y, [0, 1, 0, 0])
-
-
-def test_quaternions_multiply_in_the_order_of_xyzw():
     quarter_about_z = [0, 0, np.sqrt(0.5), np.sqrt(0.5)]
     np.testing.assert_allclose(so3.matrix_from_quaternion(quarter_about_z) @ [1, 0, 0], [0, 1, 0], atol=1e-15)
 

@@ -258,17 +258,13 @@ def test_a_film_of_each_camera_is_a_recording(tmp_path, suffix, codec):
             assert round(float(log[number].images[1].mean()) / 8) * 8 == 40 + 8 * number
 
 
-def test_a_film_alone_is_one_camera(tmp_path):
-    film = write_film(tmp_path / "above.mp4", pictures(0, 4))
-    greys, _, names = shades(film)
-    assert (greys, names) == (expected(4, 1), ("above",))
-
-
 def test_films_of_different_length_leave_a_camera_without_image(tmp_path):
     for camera, count in enumerate((6, 4)):
         write_film(tmp_path / f"{CAMERAS[camera]}.mp4", pictures(camera, count))
     greys, _, _ = shades(tmp_path)
     assert [row[1] for row in greys] == [40, 48, 56, 64, None, None]
+    greys, _, names = shades(tmp_path / "camera60.mp4")  # a film alone is one camera
+    assert (greys, names) == (expected(6, 1), ("camera60",))
 
 
 @pytest.mark.parametrize("damage", [lambda b: b"", lambda b: b[: len(b) // 2], lambda b: b"no film" * 100])
@@ -292,19 +288,14 @@ def test_a_damaged_picture_of_a_film_is_named_and_the_others_are_given(tmp_path)
         assert 0 < len(list(log)) < 20
 
 
-def test_folders_of_cameras_may_have_any_name_where_pictures_are_numbers(tmp_path):
-    for camera, name in enumerate(("above", "left", "right")):
+@pytest.mark.parametrize("names", [("above", "left", "right"), CAMERAS])
+def test_folders_of_cameras_may_have_any_name_where_pictures_are_numbers(tmp_path, names):
+    if names == CAMERAS:
+        write_picture(tmp_path / "camera60_overlay.png", pictures(0, 1)[0])  # hides no folder
+    for camera, name in enumerate(names):
         write_numbers(tmp_path / name, camera, 3)
-    assert shades(tmp_path) == (expected(3), [0.0, 0.1, 0.2], ("above", "left", "right"))
-    assert shades(tmp_path / "above") == (expected(3, 1), [0.0, 0.1, 0.2], ("above",))
-
-
-def test_a_stray_picture_makes_no_recording(tmp_path):
-    write_picture(tmp_path / "camera60_overlay.png", pictures(0, 1)[0])
-    write_numbers(tmp_path / "camera60", 0, 3)
-    write_numbers(tmp_path / "camera180", 1, 3)
-    assert len(shades(tmp_path)[0]) == 3
-    assert shades(tmp_path)[2] == ("camera60", "camera180")
+    assert shades(tmp_path) == (expected(3), [0.0, 0.1, 0.2], names)
+    assert shades(tmp_path / names[0]) == (expected(3, 1), [0.0, 0.1, 0.2], names[:1])
 
 
 PATTERNS = '[cameras]\nleft = "{}"\nright = "{}"\n'

@@ -145,11 +145,17 @@ def distances(found: np.ndarray, true: np.ndarray) -> np.ndarray:
     return table[linear_sum_assignment(table)]
 
 
-@pytest.mark.parametrize("dice", [SCATTERED, CROWD, STACK], ids=["scattered", "crowd", "stack"])
-def test_all_dice_are_found_where_they_are(dice):
-    images, masks = views(dice)
-    found = locate(RIG, masks, images)
-    assert distances(positions(found), centers(dice)).max() < 1.5e-3
+FINE = CameraRig(tuple(camera.resized(540, 540) for camera in RIG))
+
+
+@pytest.mark.parametrize(
+    ("dice", "rig"),
+    [(SCATTERED, RIG), (CROWD, RIG), (STACK, RIG), (SCATTERED, FINE)],
+    ids=["scattered", "crowd", "stack", "larger images"],
+)
+def test_all_dice_are_found_where_they_are(dice, rig):
+    images, masks = views(dice, rig)
+    assert distances(positions(locate(rig, masks, images)), centers(dice)).max() < 1.5e-3
 
 
 @pytest.mark.parametrize("dice", [SCATTERED, STACK], ids=["scattered", "stack"])
@@ -194,7 +200,7 @@ def test_the_order_of_the_cameras_does_not_matter():
     assert distances(positions(found), positions(locate(RIG, masks, images))).max() < 1e-3
 
 
-def test_a_camera_without_an_image_only_costs_accuracy():
+def test_a_camera_without_an_image_or_behind_a_finger_only_costs_accuracy():
     images, masks = views(SCATTERED)
     expected = centers(SCATTERED)
     found = locate(RIG, [masks[0], None, masks[2]], [images[0], None, images[2]])
@@ -203,18 +209,8 @@ def test_a_camera_without_an_image_only_costs_accuracy():
     np.testing.assert_allclose(
         positions(locate(pair, [masks[0], masks[2]], [images[0], images[2]])), positions(found), atol=1e-9
     )
-
-
-def test_a_finger_in_one_view_takes_no_die_away():
-    images, masks = views(SCATTERED)
     masks[0][:, :140] = 0
-    assert distances(positions(locate(RIG, masks, images)), centers(SCATTERED)).max() < 4e-3
-
-
-def test_images_of_another_size_give_the_same_dice():
-    fine = CameraRig(tuple(camera.resized(540, 540) for camera in RIG))
-    images, masks = views(SCATTERED, fine)
-    assert distances(positions(locate(fine, masks, images)), centers(SCATTERED)).max() < 1.5e-3
+    assert distances(positions(locate(RIG, masks, images)), expected).max() < 4e-3
 
 
 def moved(camera: Camera, world_from_old: np.ndarray) -> Camera:

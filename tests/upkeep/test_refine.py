@@ -55,6 +55,8 @@ def test_cameras_come_to_stand_as_they_do(found):
 def test_what_is_stated_of_the_cameras_covers_their_errors(found):
     error = relative_errors(found.rig, RIG)
     assert (np.abs(error) < 4.0 * found.std).all()
+    # Edges of real objects err as well, of which these pictures have nothing.
+    assert 0.07 < np.sqrt(np.mean((error / found.std) ** 2)) < 0.15
     assert all(camera.camera_from_world_std is not None for camera in found.rig)
 
 

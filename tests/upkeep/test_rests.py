@@ -47,9 +47,11 @@ def anywhere(count, rng, *, speed=0.0, skew=0.0):
     ]
 
 
-def test_poses_that_were_seen_are_not_taken_again(rng):
+def test_poses_that_were_seen_are_not_taken_again_and_too_few_refused(rng):
     once = anywhere(30, rng)
     assert len(different("cube", [once, once], 100)) == len(different("cube", [once], 100)) == 30
+    with pytest.raises(CalibrationError, match="found 10 of the 18 different poses or more in which cube"):
+        different("cube", [anywhere(10, rng)], 100)
 
 
 def test_no_more_are_taken_than_wanted_and_they_are_spread_evenly(rng):
@@ -65,8 +67,3 @@ def test_pictures_that_cameras_took_one_after_the_other_do_not_count_while_it_mo
     assert {k for k, _ in different("cube", [still, moving], 100)} == {0}
     with pytest.raises(CalibrationError, match="in 20 more it moved between the cameras' pictures"):
         different("cube", [moving], 100)
-
-
-def test_too_few_are_refused(rng):
-    with pytest.raises(CalibrationError, match="found 10 of the 18 different poses or more in which cube"):
-        different("cube", [anywhere(10, rng)], 100)
