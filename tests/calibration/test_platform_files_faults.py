@@ -60,6 +60,7 @@ def malformed(key: str, value: object, part: str | None = None) -> str:
         ("distortion_coefficients", [float("inf")] * 5, "data", "found inf"),
         ("tf_world_to_camera", [0.0] * 16, "data", "deviates from a rotation by inf"),
         ("tf_world_to_camera", np.diag([1.0, 1, -1, 1]).ravel().tolist(), "data", "by inf"),
+        ("tf_world_to_camera", np.diag([1.0, 1, 1, 2]).ravel().tolist(), "data", "last row"),
         ("tf_world_to_camera_std", [-0.1] * 16, "data", "found -0.1"),
     ],
 )

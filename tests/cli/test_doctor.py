@@ -1,8 +1,7 @@
-"""What comes first: `tracker doctor` on machines that lack something, and `tracker demo`."""
+"""`tracker doctor` on this machine, and on machines that lack something."""
 
 from __future__ import annotations
 
-import shlex
 import sys
 from importlib import metadata
 from types import SimpleNamespace
@@ -10,8 +9,6 @@ from types import SimpleNamespace
 import pytest
 from click.testing import CliRunner
 
-from tests.docs.samples import blocks
-from tests.helpers.command import assert_one_line_error
 from tracker import warm_up
 from tracker.cli import doctor
 
@@ -113,25 +110,3 @@ def test_libraries_that_are_there_and_do_not_load_are_told(monkeypatch, tmp_path
 def test_extras_are_read_from_what_is_installed(monkeypatch, requirement):
     monkeypatch.setattr(doctor.metadata, "requires", lambda _: ["numpy", requirement])
     assert doctor._extras() == {"live": ["zmq"]}
-
-
-def test_the_demo_finds_the_cube_and_its_hints_work(tmp_path, run_here):
-    shown = run_here("demo", "-o", "mine", folder=tmp_path)
-    assert shown.returncode == 0, shown.stderr
-    assert (tmp_path / "mine" / "overlay.png").is_file()
-    millimetres, _, degrees, *_ = shown.stdout.split("median error")[1].split()
-    assert float(millimetres) < 0.3
-    assert float(degrees) < 0.3
-    for line in blocks("text", "README")[0].splitlines():  # the times are another machine's
-        said = line if "ms a frame" not in line else line.partition("  ")[0]
-        assert f"\n{said}" in shown.stdout
-    hints = [
-        line.split("tracker ", 1)[1] for line in shown.stdout.splitlines() if line.startswith("  tracker ")
-    ]
-    assert [hint.split()[0] for hint in hints] == ["detect", "track"]
-    for hint in hints:
-        result = run_here(*shlex.split(hint), folder=tmp_path)
-        assert result.returncode == 0, result.stderr
-    assert (tmp_path / "poses.csv").is_file()
-    again = run_here("demo", "-o", "mine", folder=tmp_path)
-    assert_one_line_error(again, "mine: exists")

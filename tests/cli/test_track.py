@@ -188,6 +188,7 @@ def test_frames_can_be_chosen_and_the_calibration_be_given(filmed, tmp_path, run
         (["-o", "poses.h5", "--health", "health.txt"], "expected .html"),
         (["-o", "log/camera60.yml"], "that is the recording's calibration"),
         (["-o", "log/new.yml"], ".h5"),
+        (["-o", "other/camera60.yml", "--calibration", "other"], "that is an input"),
         (["-o", "poses"], "no suffix"),
         (["-o", "poses.h5", "--csv", "log/camera60.yml"], "that is the recording's calibration"),
         (["-o", "poses.h5", "--csv", "poses.yml"], ".csv"),

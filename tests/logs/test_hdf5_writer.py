@@ -46,6 +46,8 @@ def test_what_is_written_is_read(tmp_path, count):
     with pytest.raises(LogError, match="there is such a file"):
         Hdf5LogWriter(path, rig)
     assert path.read_bytes() == content
+    with pytest.raises(LogError, match="cannot be written"):
+        Hdf5LogWriter(tmp_path / "no" / "log.h5", rig)
 
 
 def test_the_layout_is_that_of_the_platform_s_writer(tmp_path):

@@ -1,0 +1,30 @@
+"""`tracker demo` in a new folder, and what it says next."""
+
+from __future__ import annotations
+
+import shlex
+
+from tests.docs.samples import blocks
+from tests.helpers.command import assert_one_line_error
+
+
+def test_the_demo_finds_the_cube_and_its_hints_work(tmp_path, run_here):
+    shown = run_here("demo", "-o", "mine", folder=tmp_path)
+    assert shown.returncode == 0, shown.stderr
+    assert (tmp_path / "mine" / "overlay.png").is_file()
+    millimetres, _, degrees, *_ = shown.stdout.split("median error")[1].split()
+    assert float(millimetres) < 0.3
+    assert float(degrees) < 0.3
+    for line in blocks("text", "README")[0].splitlines():  # the times are another machine's
+        said = line if "ms a frame" not in line else line.partition("  ")[0]
+        assert f"\n{said}" in shown.stdout
+    hints = [
+        line.split("tracker ", 1)[1] for line in shown.stdout.splitlines() if line.startswith("  tracker ")
+    ]
+    assert [hint.split()[0] for hint in hints] == ["detect", "track"]
+    for hint in hints:
+        result = run_here(*shlex.split(hint), folder=tmp_path)
+        assert result.returncode == 0, result.stderr
+    assert (tmp_path / "poses.csv").is_file()
+    again = run_here("demo", "-o", "mine", folder=tmp_path)
+    assert_one_line_error(again, "mine: exists")
