@@ -4,7 +4,10 @@ import errno
 import os
 import resource
 
+import pytest
+
 from tracker.files.hdf5_disk import Disk
+from tracker.files.lmdb import LmdbFile
 
 
 def test_what_the_disk_refuses_can_be_read_back_from_memory(tmp_path, rng):
@@ -24,3 +27,23 @@ def test_what_the_disk_refuses_can_be_read_back_from_memory(tmp_path, rng):
             resource.setrlimit(resource.RLIMIT_FSIZE, limits)
         assert disk.seek(0, os.SEEK_END) == len(mirror) > 1000
         assert disk.fault.errno == errno.EFBIG
+
+
+@pytest.mark.parametrize("count", [0, 1, 300])
+def test_all_that_an_lmdb_database_holds_is_found(tmp_path, rng, count):
+    lmdb = pytest.importorskip("lmdb", reason="datasets: no module lmdb")
+    values = {f"images/{k}": rng.bytes(int(rng.integers(0, 6000))) for k in rng.permutation(count)}
+    with lmdb.open(str(tmp_path), map_size=1 << 24) as environment:
+        for _ in range(2):  # twice, so that pages are freed and used again
+            with environment.begin(write=True) as transaction:
+                for key, value in values.items():
+                    transaction.put(key.encode(), value)
+                transaction.delete(b"images/0")
+    values.pop("images/0", None)
+    store = LmdbFile(tmp_path / "data.mdb")
+    assert store.entries == len(values)
+    for key, value in values.items():
+        assert store.get(key, 1 << 20) == value
+    for key in ("", "images/0", "images/00", "zzz"):
+        assert store.get(key, 1 << 20) is None
+    store.close()
