@@ -8,7 +8,8 @@ import pytest
 import tracker
 from synthetic.camera.rigs import default_cameras
 from synthetic.camera.sensor import Sensor
-from tests.helpers.stills import bare_scene, scene_with_fingers, take
+from tests.helpers.kept_stills import take
+from tests.helpers.stills import bare_scene, scene_with_fingers
 from tracker.errors import ImageError
 from tracker.geometry import so3
 

@@ -9,7 +9,8 @@ import tracker
 from synthetic.camera.sensor import Sensor
 from tests.helpers import sight_of
 from tests.helpers.filmed import RIG
-from tests.helpers.stills import posed_scene, take
+from tests.helpers.kept_stills import take
+from tests.helpers.stills import posed_scene
 from tracker.geometry import so3
 from tracker.pose.solve.contours import contours
 
