@@ -27,7 +27,7 @@ STILL = ROOT / "examples" / "still.py"
 
 
 def test_the_example_with_an_arena_of_ones_own_runs(working, run_script):
-    run_script(OWN_ARENA, folder=working)
+    run_script(OWN_ARENA, folder=working)  # fails where it raises
 
 
 def test_the_example_tracks_a_recording(working, run_script):

@@ -144,18 +144,3 @@ def test_settings_of_one_camera_come_after_those_of_all(tmp_path):
     path.write_text('Gain = 0.0\nExposureTime = 1500.0\n["b"]\nExposureTime = 900.0\n')
     found = settings_of(path, ["a", "b"])
     assert found == {"a": {"Gain": 0.0, "ExposureTime": 1500.0}, "b": {"Gain": 0.0, "ExposureTime": 900.0}}
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("Gain = [1]", r"Gain: found \[1\]"),
-        ('["c"]\nGain = 1', "expected one of a, b"),
-        ("Gain", "cannot be read"),
-    ],
-)
-def test_settings_that_are_none_are_refused(text, words, tmp_path):
-    path = tmp_path / "cameras.toml"
-    path.write_text(text)
-    with pytest.raises(LiveError, match=words):
-        settings_of(path, ["a", "b"])

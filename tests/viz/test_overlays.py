@@ -126,7 +126,7 @@ def test_an_object_out_of_sight_is_not_drawn(distance):
 def test_an_object_at_the_cameras_own_place_is_drawn_without_a_warning():
     rig = CameraRig((make_camera(),))
     for offset in (0.0, 0.02, 0.033, 0.05):
-        overlay(black(rig), rig, MODEL, found(rig[0].position + offset))
+        assert overlay(black(rig), rig, MODEL, found(rig[0].position + offset)).shape[1] >= 270
 
 
 def test_a_missing_image_is_a_panel_that_shows_no_object(rig):
@@ -176,15 +176,6 @@ def test_an_overlay_changes_nothing_and_is_always_the_same(rig, rng):
     np.testing.assert_array_equal(first, overlay(images, rig, MODEL, found()))
     for image, copy in zip(images, copies, strict=True):
         np.testing.assert_array_equal(image, copy)
-
-
-def test_images_that_do_not_fit_the_rig_are_refused(rig):
-    with pytest.raises(ImageError, match="found 2 images, expected one of each of camera60"):
-        overlay(black(rig)[:2], rig, MODEL, found())
-    with pytest.raises(ImageError, match=r"camera180: found an image uint8 \(100, 270, 3\)"):
-        overlay([black(rig)[0], black(rig)[1][:100], None], rig, MODEL, found())
-    with pytest.raises(ImageError, match="float64"):
-        overlay([black(rig)[0] / 255.0, None, None], rig, MODEL, found())
 
 
 def test_a_written_png_is_read_back_to_the_bit(tmp_path, rng):
