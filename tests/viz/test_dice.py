@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.helpers import make_camera
+from tests.viz.conftest import black, opencv_pixels
 from tracker.calibration.rig import CameraRig
 from tracker.tasks import rearrange_dice as dice
 from tracker.viz import dice_overlay, goal_picture
@@ -14,29 +14,12 @@ from tracker.viz.goal_picture import DIE
 GAP = 6
 
 
-@pytest.fixture
-def rig() -> CameraRig:
-    return CameraRig(tuple(make_camera(azimuth) for azimuth in (60, 180, 300)))
-
-
-def black(rig: CameraRig) -> list[np.ndarray]:
-    return [np.zeros((camera.height, camera.width, 3), np.uint8) for camera in rig]
-
-
 def square(rig: CameraRig, left: int, right: int) -> list[np.ndarray]:
     """Masks with columns `left` to `right` of rows 100 to 140 set."""
     masks = [np.zeros((camera.height, camera.width), np.uint8) for camera in rig]
     for mask in masks:
         mask[100:140, left:right] = 255
     return masks
-
-
-def opencv_pixels(camera, points) -> np.ndarray:
-    """Pixels (N, 2) by OpenCV's own camera."""
-    rotation, _ = cv2.Rodrigues(camera.camera_from_world[:3, :3])
-    shift = camera.camera_from_world[:3, 3]
-    pixels, _ = cv2.projectPoints(np.asarray(points), rotation, shift, camera.matrix, camera.distortion)
-    return pixels.reshape(-1, 2)
 
 
 def hue(color) -> np.ndarray:

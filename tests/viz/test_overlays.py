@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from tests.helpers import make_camera
+from tests.viz.conftest import black, opencv_pixels
 from tracker.calibration.rig import CameraRig
 from tracker.errors import ImageError
 from tracker.geometry import cuboid, so3
@@ -25,23 +26,6 @@ GAP = 6
 def found(position=POSITION, rotation=ROTATION) -> Observation:
     pose = PoseEstimate(position, so3.quaternion_from_matrix(rotation), np.eye(6) * 1e-8, 0.99)
     return Observation(pose, None, Status.FOUND)
-
-
-def black(rig: CameraRig) -> list[np.ndarray]:
-    return [np.zeros((camera.height, camera.width, 3), np.uint8) for camera in rig]
-
-
-@pytest.fixture
-def rig() -> CameraRig:
-    return CameraRig(tuple(make_camera(azimuth) for azimuth in (60, 180, 300)))
-
-
-def opencv_pixels(camera, points) -> np.ndarray:
-    """Pixels (N, 2) by OpenCV's own camera."""
-    rotation, _ = cv2.Rodrigues(camera.camera_from_world[:3, :3])
-    shift = camera.camera_from_world[:3, 3]
-    pixels, _ = cv2.projectPoints(np.asarray(points), rotation, shift, camera.matrix, camera.distortion)
-    return pixels.reshape(-1, 2)
 
 
 def edge_points(shares=(0.25, 0.4, 0.6, 0.75)) -> np.ndarray:
