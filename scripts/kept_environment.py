@@ -3,9 +3,9 @@
     python scripts/kept_environment.py FOLDER [ARGUMENT ...]
 
 ARGUMENTs are pip's, and name what to install. The kept environment is named after all that decides what is
-in it: these, pyproject.toml, the files that are named by `-r`, the interpreter. It lies in
-`$XDG_CACHE_HOME/trifinger-object-tracker/environments`. FOLDER gets links to its files, so that it stays
-whole whatever becomes of the kept one. The project itself is in neither.
+in it: these, what pyproject.toml wants where "." is among them, the files that follow `-r`, the interpreter.
+It lies in `$XDG_CACHE_HOME/trifinger-object-tracker/environments`. FOLDER gets links to its files, so that it
+stays whole whatever becomes of the kept one. The project itself is in neither.
 """
 
 from __future__ import annotations
@@ -21,6 +21,11 @@ import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+try:
+    import tomllib
+except ImportError:  # Python 3.10
+    tomllib = None
+
 ROOT = Path(__file__).resolve().parents[1]
 PROJECT = "trifinger-object-tracker"
 KEPT = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / PROJECT / "environments"
@@ -28,12 +33,21 @@ MOST = 8
 """Environments that are kept; of more, those go that were used the longest ago."""
 
 
+def wanted() -> str:
+    """What pyproject.toml wants installed; the whole file where no parser of it is at hand."""
+    text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    if tomllib is None:
+        return text
+    project = tomllib.loads(text)["project"]
+    return repr([project[name] for name in ("requires-python", "dependencies", "optional-dependencies")])
+
+
 def key(arguments: Sequence[str]) -> str:
     """Name of the kept environment of this interpreter that has what pip's arguments ask for."""
     told = [sys.version, os.path.realpath(sys.executable), *arguments]
-    files = [ROOT / "pyproject.toml", Path(__file__)]
-    files += [Path(name) for flag, name in itertools.pairwise(arguments) if flag == "-r"]
-    told += [path.read_text(encoding="utf-8") for path in files]
+    told += [wanted() for argument in arguments if argument.startswith(".")]
+    files = [Path(name) for flag, name in itertools.pairwise(arguments) if flag == "-r"]
+    told += [path.read_text(encoding="utf-8") for path in (Path(__file__), *files)]
     return hashlib.sha256("\0".join(told).encode()).hexdigest()[:16]
 
 
@@ -50,24 +64,25 @@ def kept(arguments: Sequence[str]) -> Path:
     """The kept environment that has what pip's arguments ask for."""
     name = key(arguments)
     folder = KEPT / name
-    stamp = folder / ".installed"
+    stamp = KEPT / f"{name}.installed"
     with alone(name):
         # The stamp is made last, so that an installation that was broken off is done again.
         if not stamp.is_file():
             subprocess.run([sys.executable, "-m", "venv", "--clear", str(folder)], check=True)
             pip = [str(folder / "bin" / "python"), "-m", "pip", "--disable-pip-version-check"]
             subprocess.run([*pip, "install", "--quiet", *arguments], cwd=ROOT, check=True)
-            subprocess.run([*pip, "uninstall", "--quiet", "--yes", PROJECT], check=True)
+            if any(argument.startswith(".") for argument in arguments):
+                subprocess.run([*pip, "uninstall", "--quiet", "--yes", PROJECT], check=True)
         stamp.touch()
     return folder
 
 
 def forget_the_oldest() -> None:
     """Remove kept environments that were used the longest ago."""
-    stamps = sorted(KEPT.glob("*/.installed"), key=lambda stamp: stamp.stat().st_mtime)
+    stamps = sorted(KEPT.glob("*.installed"), key=lambda stamp: stamp.stat().st_mtime)
     for stamp in stamps[:-MOST]:
         stamp.unlink()
-        shutil.rmtree(stamp.parent, ignore_errors=True)
+        shutil.rmtree(stamp.with_suffix(""), ignore_errors=True)
 
 
 def link(source: str, target: str) -> None:
