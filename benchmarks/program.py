@@ -1,4 +1,4 @@
-"""Measure the tracker: `python -m benchmarks accuracy|speed|films|motion|dice|all|report|gate|…`."""
+"""Measure the tracker: `python -m benchmarks all|accuracy|films|…|gate|compare|report`."""
 
 from __future__ import annotations
 
@@ -8,26 +8,26 @@ from pathlib import Path
 from typing import Any
 
 import click
+import pandas as pd
 
-from benchmarks.commands import OUTPUT, PARTS, Run, measure
-from benchmarks.data.robots import real_folder
+from benchmarks.data.recorded import real_folder
 from benchmarks.data.scenes import OBJECTS
 from benchmarks.data.seeds import DEVELOPMENT, release
 from benchmarks.data.sets import FULL, Plan
 from benchmarks.data.store import CACHE
-from benchmarks.data.workloads import BY_NAME, WORKLOADS
-from benchmarks.judge import ci
+from benchmarks.data.workloads import BY_NAME
+from benchmarks.judge import compare as comparison
 from benchmarks.judge import gate as gates
-from benchmarks.judge.compare import compare as compared
 from benchmarks.judge.origin import origin
-from benchmarks.judge.results import Results, ResultsError, read_results, write_results
+from benchmarks.judge.results import Results, ResultsError, read_results, write_published, write_results
+from benchmarks.judge.targets import judge
+from benchmarks.measure.accuracy import again
 from benchmarks.measure.likeness import main as likeness
 from benchmarks.report import readme
-from benchmarks.report.document import markdown, table_markdown, write_report
-from benchmarks.report.table import specification, tables_of
-from tracker.files import write_whole
-
-PUBLISHED = Path(__file__).with_name("results.md")
+from benchmarks.report.markdown import document
+from benchmarks.report.plots import write_plots
+from benchmarks.report.worst import Shown, write_worst
+from benchmarks.run import OUTPUT, PARTS, Run, measure
 
 QUICK = 6
 """Scenes of a smoke run."""
@@ -44,8 +44,19 @@ _output = click.option(
     type=_FOLDER,
     default=OUTPUT,
     show_default="build/benchmarks",
-    help="Folder of results.json and report.html.",
+    help="Folder of results.json.",
 )
+
+_cache = click.option(
+    "--cache",
+    type=_FOLDER,
+    default=CACHE,
+    envvar="TRACKER_BENCHMARK_CACHE",
+    show_default="build/scenes",
+    help="Folder of rendered scenes.",
+)
+
+_real = click.option("--real", type=_FOLDER, help="Folder of recorded data; left out where it is absent.")
 
 _OPTIONS = (
     click.option(
@@ -63,16 +74,9 @@ _OPTIONS = (
         help="Draw scenes anew from the commit's hash, as for publishing; else development scenes.",
     ),
     click.option("--seed", type=click.IntRange(min=0), help="Of other scenes than these two."),
-    click.option("--real", type=_FOLDER, help="Folder of recorded data; left out where it is absent."),
+    _real,
     click.option("--workers", default=2, show_default=True, help="Processes that render."),
-    click.option(
-        "--cache",
-        type=_FOLDER,
-        default=CACHE,
-        envvar="TRACKER_BENCHMARK_CACHE",
-        show_default="build/scenes",
-        help="Folder of rendered scenes.",
-    ),
+    _cache,
     click.option(
         "--only",
         multiple=True,
@@ -90,18 +94,43 @@ def main() -> None:
     """Measure the tracker as its users would judge it."""
 
 
-def _measuring(parts: Sequence[str], **chosen: Any) -> Results:
+def _measuring(parts: Sequence[str], *, whole: bool = False, **chosen: Any) -> Results:
     draw, seed = _drawn(chosen["released"], chosen["seed"])
     scenes = QUICK if chosen["quick"] else chosen["scenes"]
     run = Run(
         Plan(scenes, seed, chosen["workers"], chosen["cache"]),
         chosen["output"],
         real_folder(chosen["real"]),
-        [BY_NAME[name] for name in chosen["only"]] or WORKLOADS,
-        chosen["objects"] or None,
-        Results({"draw": draw}),
+        objects=chosen["objects"] or None,
+        draw=draw,
     )
-    return measure(run, parts)
+    if chosen["only"]:
+        run.workloads = [BY_NAME[name] for name in chosen["only"]]
+    results = measure(run, parts, whole=whole)
+    _draw(run, results)
+    return results
+
+
+def _draw(run: Run, results: Results) -> None:
+    """Plots, and of development scenes the worst answers."""
+    files = write_plots(results.frames, run.output)
+    if run.draw == "development" and "accuracy" in results.frames:
+        answers = results.frames["accuracy"]
+        files.append(write_worst(answers, lambda row: _shown(run.plan, row), run.output))
+    for file in files:
+        run.say(str(file))
+
+
+def _shown(plan: Plan, row: pd.Series) -> Shown:
+    given, model, answer = again(plan, row)
+    pose, scene = answer.object_pose, given.scene
+    return Shown(
+        given.images,
+        given.true_rig,
+        model,
+        None if pose is None else (pose.position, pose.rotation),
+        None if scene.position is None or scene.rotation is None else (scene.position, scene.rotation),
+    )
 
 
 def _drawn(released: bool, seed: int | None) -> tuple[str, int]:
@@ -123,100 +152,85 @@ def _with_options(command: Command) -> Command:
 
 def _command(name: str) -> Command:
     def run(**chosen: Any) -> None:
-        click.echo(markdown(_measuring([name], **chosen)))
+        results = _measuring([name], **chosen)
+        click.echo(document(results.about, results.figures, judge(results)))
 
     run.__doc__ = PARTS[name].__doc__
     return _with_options(run)
 
 
 for part in PARTS:
-    main.command(name=part)(_command(part))
+    main.command(name=part.replace("_", "-"))(_command(part))
 
 
 @main.command(name="all")
 @click.option(
-    "--publish", is_flag=True, help="Of release scenes; writes benchmarks/results.md and README.md's figures."
+    "--publish",
+    is_flag=True,
+    help="Of release scenes; writes benchmarks/results.md, README.md's and docs/figures.md's figures.",
 )
 @_with_options
 def everything(publish: bool, **chosen: Any) -> None:
-    """Measure every part, and write the report."""
+    """Measure every part; a run that was broken off goes on where it ended."""
     chosen["released"] = chosen["released"] or publish
-    results = _measuring(list(PARTS), **chosen)
-    click.echo(f"{write_report(chosen['output'])}", err=True)
+    results = _measuring(list(PARTS), whole=True, **chosen)
+    judged = judge(results)
     if publish:
-        write_whole(PUBLISHED, markdown(results))
-        write_results(readme.PUBLISHED, Results(results.about, results.rows))
-        readme.write_figures(results)
+        write_published(readme.PUBLISHED, results, judged)
+        readme.write_documents(readme.read_published())
     else:
-        click.echo(markdown(results))
+        click.echo(document(results.about, results.figures, judged))
 
 
 @main.command()
 @_output
 def report(output: Path) -> None:
-    """Write report.html from the results of a folder."""
-    click.echo(write_report(output))
-
-
-@main.command()
-@_output
-@click.option(
-    "--baseline",
-    type=_FILE,
-    default=gates.BASELINE,
-    show_default="benchmarks/judge/baseline.json",
-    help="What the results are compared with.",
-)
-@click.option("--update", is_flag=True, help="Make these results the baseline; needs a reason.")
-@click.option("--reason", default="", help="Why the baseline is replaced.")
-def gate(output: Path, baseline: Path, update: bool, reason: str) -> None:
-    """Fail where a figure has fallen by more than its tolerance since the baseline."""
+    """Print the results of a folder."""
     results = read_results(output)
-    if update:
-        gates.write_baseline(results, reason, baseline)
-        return
-    before = gates.read_baseline(baseline)
-    click.echo(f"baseline of {before['commit'][:12]}: {before['reason']}")
-    _verdict(gates.failures(before, results))
+    click.echo(document(results.about, results.figures, judge(results)))
 
 
 @main.command()
 @click.argument("before", type=click.Path(exists=True, path_type=Path))
 @click.argument("after", type=click.Path(exists=True, path_type=Path))
 def compare(before: Path, after: Path) -> None:
-    """Compare two runs of the same scenes, scene by scene: files of results, or their folders."""
-    rows = compared(read_results(before), read_results(after))
-    for table in tables_of(specification()["compared"], Results(rows=rows)):
-        click.echo(table_markdown(table))
+    """Compare two runs of the same pictures, answer by answer: files of results, or their folders."""
+    click.echo(comparison.text(comparison.compare(read_results(before), read_results(after))))
 
 
 @main.command()
-@click.option("-o", "--output", type=_FOLDER, default=OUTPUT / "small", show_default="build/benchmarks/small")
-@click.option("--cache", type=_FOLDER, default=CACHE, envvar="TRACKER_BENCHMARK_CACHE")
-@click.option("--real", type=_FOLDER, help="Folder of recorded data.")
-@click.option("--baseline", type=_FILE, default=ci.BASELINE)
-@click.option("--update", is_flag=True, help="Make these results the baseline; needs a reason.")
-@click.option("--reason", default="", help="Why the baseline is replaced.")
-def small(output: Path, cache: Path, real: Path | None, baseline: Path, update: bool, reason: str) -> None:
-    """The gate in a minute: few rendered scenes and the recorded triplets against their own baseline."""
-    run = Run(ci.plan(cache), output, real_folder(real), ci.WORKLOADS, results=Results({"draw": "small"}))
-    results = measure(run, ("accuracy", "agreement"), anew=True)
+@click.option("-o", "--output", type=_FOLDER, default=OUTPUT / "gate", show_default="build/benchmarks/gate")
+@_cache
+@_real
+@click.option("--baseline", type=_FILE, default=gates.BASELINE, show_default="benchmarks/judge/gate.json")
+@click.option("--update", default="", metavar="REASON", help="Make these results the baseline, and say why.")
+def gate(output: Path, cache: Path, real: Path | None, baseline: Path, update: str) -> None:
+    """Fail where few scenes, or the recorded triplets, show something worse than the baseline."""
+    run = Run(
+        gates.plan(cache),
+        output,
+        real_folder(real),
+        gates.WORKLOADS,
+        rounds=gates.ROUNDS,
+        films=gates.FILMS,
+    )
+    results = measure(run, ["gate"], whole=True)
     if update:
-        gates.check_origin(results, reason)
-        results.about["reason"] = reason
+        if not results.about["clean"]:
+            raise ResultsError(
+                "baseline: the tree has changes that are not committed; commit them and measure"
+            )
+        results.about["reason"] = update
         write_results(baseline, results)
         return
     before = read_results(baseline)
     click.echo(f"baseline of {before.about['commit'][:12]}: {before.about['reason']}")
-    _verdict([*gates.doubts(results), *ci.failures(before, results)])
-
-
-def _verdict(worse: Sequence[str]) -> None:
+    worse = gates.failures(before, results)
     for line in worse:
         click.echo(f"worse: {line}")
     if worse:
         sys.exit(1)
-    click.echo("nothing has fallen by more than its tolerance")
+    click.echo("nothing is worse than the baseline allows")
 
 
 main.add_command(likeness, "likeness")

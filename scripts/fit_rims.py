@@ -22,7 +22,7 @@ import numpy as np
 
 import tracker
 from benchmarks.data.recorded import triplets
-from benchmarks.measure.recorded_checks import third_camera_miss
+from benchmarks.measure.recorded import third_camera_miss
 from tracker.conventions import Image
 from tracker.objects.model import LEAST_RIM_STD
 
@@ -40,7 +40,7 @@ def measure(
     for k, camera in enumerate(detector.rig):
         two = exact.detect([None if j == k else image for j, image in enumerate(images)]).object_pose
         own = exact.detect([image if j == k else None for j, image in enumerate(images)]).object_pose
-        misses.append(third_camera_miss(camera, model, two, own).get("px", np.nan))
+        misses.append(third_camera_miss(camera, model, two, own)["px"])
         if own is not None and whole is not None:
             away = whole.position - camera.position
             farther.append(1e3 * float((own.position - whole.position) @ away / np.linalg.norm(away)))

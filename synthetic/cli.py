@@ -11,7 +11,7 @@ import traceback
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import click
 
@@ -19,7 +19,6 @@ from tracker.errors import TrackerError, install
 
 OBJECTS = ("cube_v1", "cube_v2", "cube_v3", "cuboid_2x2x8_v2", "dice")
 QUALITY_NAMES = ("fast", "default", "best")
-RENDERER_NAMES = ("auto", "pyrender", "raster")
 
 
 @click.group(
@@ -61,9 +60,6 @@ def commands() -> None:
     "recorded data, or the files of a folder.",
 )
 @click.option(
-    "--renderer", type=click.Choice(RENDERER_NAMES), default="auto", help="auto: pyrender if it runs."
-)
-@click.option(
     "--shadows/--no-shadows", default=None, show_default=False, help="Default: as the quality says."
 )
 @click.option(
@@ -72,22 +68,22 @@ def commands() -> None:
     metavar="none|world|NAMES",
     help="What the real world adds: all of it, or names between commas, see synthetic.effects.",
 )
+@click.option(
+    "--look-alike",
+    default=None,
+    metavar="KIND",
+    help="What is not the object in its place, see synthetic.world.look_alikes.KINDS; no pose is told.",
+)
 def dataset(
     object_name: str,
     count: int,
-    seed: int,
     folder: Path,
     workers: int,
-    quality: str,
-    sequence: bool,
-    rate: float,
     bop: bool,
-    raw: bool,
     size: str,
     calibration: str,
-    renderer: str,
-    shadows: bool | None,
     effects: str,
+    **more: Any,
 ) -> None:
     """Write pictures, labels, calibration and truth of FRAMES frames to a folder.
 
@@ -102,62 +98,15 @@ def dataset(
     from synthetic.export.dataset import DatasetOptions, make_dataset
     from synthetic.frames import FrameOptions
 
-    options = DatasetOptions(
-        FrameOptions(
-            object_name,
-            seed,
-            quality,
-            renderer,
-            sequence,
-            size=int(size),
-            rate=rate,
-            shadows=shadows,
-            effects=Effects.of(effects).names,
-            raw=raw,
-        ),
-        count,
-        calibration,
-        bop,
-    )
-    with click.progressbar(length=count, label=f"{object_name}", file=sys.stderr, show_pos=True) as bar:
+    frames = FrameOptions(object_name, size=int(size), effects=Effects.of(effects).names, **more)
+    options = DatasetOptions(frames, count, calibration, bop)
+    with click.progressbar(length=count, label=object_name, file=sys.stderr, show_pos=True) as bar:
 
         def progress(done: int, _: int) -> None:
             bar.update(done - bar.pos)
 
         made = make_dataset(options, folder, workers=workers, progress=progress)
     click.echo(f"{folder}: {made} frames made, {count - made} were there")
-
-
-@commands.command()
-@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="Picture to write.")
-@click.option("--seed", type=click.IntRange(0), default=1, help="Of everything random.")
-@click.option(
-    "--quality", type=click.Choice(QUALITY_NAMES), default="default", help="Work put into a picture."
-)
-@click.option(
-    "--renderer", type=click.Choice(RENDERER_NAMES), default="auto", help="auto: pyrender if it runs."
-)
-def sheet(output: Path, seed: int, quality: str, renderer: str) -> None:
-    """A contact sheet: every kind of scene of every object, one row each."""
-    from synthetic.export.dataset import write_png
-    from synthetic.export.sheet import contact_sheet
-
-    picture, titles = contact_sheet(seed, quality, renderer)
-    write_png(output, picture)
-    for row, title in enumerate(titles):
-        click.echo(f"{row:2d}  {title}")
-
-
-@commands.command()
-@click.option("--seconds", type=click.FloatRange(0.5), default=10.0, help="Time for each measurement [s].")
-@click.option("--workers", type=click.IntRange(1, 256), default=2, help="Processes.")
-def speed(seconds: float, workers: int) -> None:
-    """Triplets per second of each quality and renderer that works here."""
-    from synthetic.export.speed import measure
-
-    click.echo(f"triplets per second, {workers} processes, single scenes of cube_v2, 270×270")
-    for line in measure(seconds, workers):
-        click.echo(line)
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:

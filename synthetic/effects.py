@@ -32,10 +32,19 @@ class Effects:
     table: bool = False
     """The table is semi-gloss, with soft highlights, scratches and dust; crosses and rings are painted on it
     in the colours of faces."""
-    fittings: bool = False
-    """Screws, seams and cables."""
+    clutter: bool = False
+    """Tape, cables, cloth and tools on the wall, at its foot and outside, half of them in the colours of
+    faces; never in front of the object."""
+    sizes: bool = False
+    """Each axis of the object is up to 0.3 mm longer or shorter than it is said to be."""
     fringes: bool = False
     """Lateral chromatic aberration."""
+    skewed_psf: bool = False
+    """Points are drawn out to comets."""
+    fixed_pattern: bool = False
+    """Pixels have gains and offsets of their own, which stay."""
+    drift: bool = False
+    """Exposure changes slowly through a film; in single scenes it is another one."""
     sharpening: bool = False
     """An unsharp mask, as some cameras have it."""
     calibration: bool = False
@@ -43,7 +52,9 @@ class Effects:
     compression: bool = False
     """JPEG and H.264, as recordings go through them."""
     timing: bool = False
-    """Exposure takes time, and cameras are grabbed one after another."""
+    """In films exposure takes time, and cameras are grabbed one after another."""
+    motion_blur: bool = False
+    """Exposure takes time; in half of the single scenes the object is on its way."""
 
     @classmethod
     def none(cls) -> Effects:

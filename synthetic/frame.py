@@ -40,8 +40,8 @@ class Frame:
     """(cameras,) when each picture was taken: the middle of its exposure [s]; the latest is `timestamp`."""
     scenes: tuple[PlatformScene, ...]
     """The scene at each camera's stamp."""
-    pinhole_labels: tuple[tuple[Image, Image], ...] = ()
-    """Labels of visible surfaces, and labels without robot, of cameras without distortion, if asked for."""
+    alone: tuple[Image, ...]
+    """(H, W) uint8, the labels if there were nothing but the objects."""
 
     @property
     def objects(self) -> tuple[ObjectState, ...]:

@@ -12,22 +12,21 @@ import functools
 import itertools
 from collections.abc import Container, Iterator
 from contextlib import ExitStack
-from types import TracebackType
 from typing import Any
 
 import numpy as np
 
-from synthetic.camera.crew import Crew, crew_of
 from synthetic.camera.rigs import sized, standard_rig
 from synthetic.camera.shot import QUALITIES, CameraShot, Quality, shoot
-from synthetic.camera.timing import STILL, motion_px
-from synthetic.effects import Effects
+from synthetic.camera.units import STILL, Crew, crew_of, motion_px
+from synthetic.closing import Closing
+from synthetic.effects import Effects, stream
 from synthetic.frame import Frame as Frame
 from synthetic.render.choose import choose_renderer
-from synthetic.render.interface import Renderer
 from synthetic.scene import PlatformScene, SceneAt
-from synthetic.world.effects import with_effects
-from synthetic.world.platform import Platform
+from synthetic.world.effects import still_at, with_effects
+from synthetic.world.look_alikes import KINDS, look_alike
+from synthetic.world.platform import DICE, Platform
 from synthetic.world.scenes import random_scene
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray, Image
@@ -60,8 +59,6 @@ class FrameOptions:
     """Of everything random."""
     quality: str = "default"
     """`fast`, `default` or `best`."""
-    renderer: str = "auto"
-    """`auto`, `pyrender` or `raster`."""
     sequence: bool = False
     """Frames follow each other in time; else every frame is a scene of its own."""
     size: int = 270
@@ -83,18 +80,22 @@ class FrameOptions:
     effects: tuple[str, ...] = ()
     """Which of `synthetic.effects.NAMES` the pictures show."""
 
+    look_alike: str | None = None
+    """Which of `synthetic.world.look_alikes.KINDS` stands in the object's place; None: the object itself."""
     raw: bool = False
     """Pictures are the mosaics (H, W) that cameras record; only where those are kept: of size 540, or on the
     path `old`, whose small pictures are mosaics again."""
 
     def __post_init__(self) -> None:
-        valid = {"quality": tuple(QUALITIES), "size": (270, 540)}
+        valid = {"quality": tuple(QUALITIES), "size": (270, 540), "look_alike": (None, *KINDS)}
         for key, values in valid.items():
             if getattr(self, key) not in values:
                 known = ", ".join(map(str, values))
                 raise DatasetError(f"{key}: found {getattr(self, key)!r}, expected one of {known}")
         # In one order, whatever the order asked for.
         object.__setattr__(self, "effects", Effects.of(self.effects).names)
+        if self.look_alike is not None and self.object_name == DICE:
+            raise DatasetError("look_alike: found dice, expected a cube or cuboid")
         if self.seed < 0:
             raise DatasetError(f"seed: found {self.seed}, expected 0 or more")
         if not 0.0 <= self.dropped <= 0.3:
@@ -114,28 +115,19 @@ class FrameOptions:
         return self.length if self.sequence else 1
 
 
-class FrameMaker:
+class FrameMaker(Closing):
     """Makes the frames of one set of options; holds simulation and renderer. A context manager."""
 
-    def __init__(self, options: FrameOptions, rig: CameraRig | None = None, *, pinhole: bool = False) -> None:
+    def __init__(self, options: FrameOptions, rig: CameraRig | None = None) -> None:
         self.options = options
         self.rig = sized(rig or standard_rig(), options.size)
-        self._pinhole = pinhole
         self._effects = Effects.of(options.effects)
         self._quality: Quality = QUALITIES[options.quality]
         if options.shadows is not None:
             self._quality = dataclasses.replace(self._quality, shadows=options.shadows)
         self._stack = ExitStack()
-        self.renderer: Renderer = choose_renderer(options.renderer)
+        self.renderer = choose_renderer()
         self._platform = self._stack.enter_context(Platform(options.object_name))
-
-    def __enter__(self) -> FrameMaker:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """Free the simulation; the renderer stays, one for each process."""
@@ -170,8 +162,20 @@ class FrameMaker:
 
     def of_scene(self, number: int, scene: PlatformScene) -> Frame:
         """A frame of a scene made elsewhere."""
-        crew, scene = self._crew(number), with_effects(scene, self._effects, self.options.seed, number)
-        return self._recorded(self._frame(number, number * PERIOD, lambda _: scene, crew), [], crew)
+        crew, stamp = self._crew(number), number * PERIOD
+        return self._recorded(self._frame(number, stamp, self._still_at(scene, number), crew), [], crew)
+
+    def _still_at(self, tidy: PlatformScene, number: int) -> SceneAt:
+        """A single scene with effects, around its time stamp."""
+        scene = self._dressed(tidy, number)
+        return still_at(scene, number * PERIOD, self._effects, self.options.seed, number)
+
+    def _dressed(self, tidy: PlatformScene, number: int) -> PlatformScene:
+        """A scene with a look-alike, if one is wanted, and with effects."""
+        kind, seed = self.options.look_alike, self.options.seed
+        if kind is not None:
+            tidy = look_alike(tidy, kind, stream("look_alike", seed, number))
+        return with_effects(tidy, self._effects, seed, number)
 
     def _crew(self, number: int) -> Crew:
         """The cameras as they are for a chunk."""
@@ -189,8 +193,7 @@ class FrameMaker:
         if not options.sequence:
             present = bool(rng.random() >= options.empty)
             tidy = random_scene(self._platform, rng, object_present=present, kind=options.kind)
-            scene = with_effects(tidy, self._effects, options.seed, number)
-            yield number * PERIOD, lambda _: scene
+            yield number * PERIOD, self._still_at(tidy, number)
             return
         from synthetic.world.motion import film
 
@@ -212,7 +215,7 @@ class FrameMaker:
             ) -> PlatformScene:
                 # At its stamp exactly: a sum of times and back is not that.
                 tidy = tidy_at(own if time == stamp else own + (time - stamp))
-                return with_effects(tidy, self._effects, options.seed, number)
+                return self._dressed(tidy, number)
 
             yield stamp, at
 
@@ -222,8 +225,8 @@ class FrameMaker:
         scene = scene_at(timestamp)
         stamps, shutters = self._exposures(timestamp, scene, scene_at, crew)
         shots: list[CameraShot] = [
-            shoot(self.renderer, scenes, unit, self._quality, noise, pinhole=self._pinhole)
-            for scenes, unit in zip(shutters, crew.units, strict=True)
+            shoot(self.renderer, scenes, unit.at(stamp), self._quality, noise)
+            for scenes, unit, stamp in zip(shutters, crew.units, stamps.tolist(), strict=True)
         ]
         visible = np.array([np.count_nonzero(shot.labels) for shot in shots])
         alone = np.array([np.count_nonzero(shot.alone) for shot in shots])
@@ -238,8 +241,8 @@ class FrameMaker:
             renderer=self.renderer.name,
             calibrated=crew.calibrated,
             stamps=stamps,
-            scenes=tuple(scenes[len(scenes) // 2] for scenes in shutters),
-            pinhole_labels=tuple(shot.pinhole for shot in shots if shot.pinhole is not None),
+            scenes=tuple(scene if stamp == timestamp else scene_at(stamp) for stamp in stamps.tolist()),
+            alone=tuple(shot.alone for shot in shots),
         )
 
     def _exposures(
@@ -279,7 +282,6 @@ def frames(
     *,
     rig: CameraRig | None = None,
     quality: str = "default",
-    renderer: str = "auto",
     sequence: bool = False,
     size: int = 270,
     first: int = 0,
@@ -293,16 +295,15 @@ def frames(
         seed: of everything random.
         rig: the cameras, scaled to `size`; by default those of the simulated platform.
         quality: `fast`, `default` or `best`.
-        renderer: `auto`, `pyrender` or `raster`.
         sequence: a motion, instead of single scenes.
         size: height of the pictures [px].
         first: number of the first frame.
         more: other fields of `FrameOptions`.
 
     Raises:
-        TrackerError: an option is not valid, or robot meshes or renderer cannot be had.
+        TrackerError: an option is not valid, or robot meshes cannot be had.
     """
-    options = FrameOptions(object_name, seed, quality, renderer, sequence, size, **more)
+    options = FrameOptions(object_name, seed, quality, sequence, size, **more)
     with FrameMaker(options, rig) as maker:
         numbers = range(first, first + count)
         for chunk in range(first // options.chunk, -(-(first + count) // options.chunk)):

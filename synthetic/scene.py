@@ -52,6 +52,8 @@ class Body:
     """Strength of highlights, 0 to 1."""
     texture: float = 0.0
     """Relative standard deviation of the reflectance over the surface (grain, dirt)."""
+    faces: bool = False
+    """Groups 0 to 5 are the faces of a cuboid along the body's axes, in the order of FACE_NAMES."""
     coats: FloatArray | None = None
     """(G, 2) clear coat of each colour group: how much of it there is, 0 to 1, and by how much it blurs what
     it mirrors [rad]; None: there is none."""
@@ -144,8 +146,8 @@ class PlatformScene:
     """What lights its neighbours; None: nothing does."""
 
     def emptied(self) -> PlatformScene:
-        """The same without its objects."""
-        gone = {state.name for state in self.objects}
+        """The same without its objects, and without what stands in for them."""
+        gone = {body.name for body in self.bodies if np.any(body.labels)}
         bodies = tuple(body for body in self.bodies if body.name not in gone)
         patches = self.patches
         if patches is not None:

@@ -7,7 +7,6 @@ left out; neither OpenGL nor, where there are no fingers, PyBullet is needed.
 from __future__ import annotations
 
 import dataclasses
-import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -17,8 +16,7 @@ from synthetic.camera.lens import Lens
 from synthetic.camera.sensor import Sensor
 from synthetic.look.appearance import random_look
 from synthetic.look.lighting import random_lighting
-from synthetic.render.code_renderer import CodeRenderer
-from synthetic.render.raster_codes import RasterPainter
+from synthetic.render.choose import choose_renderer
 from synthetic.scene import PlatformScene
 from synthetic.world.placement import CUBOID_KINDS
 from synthetic.world.platform import Platform
@@ -72,7 +70,7 @@ def take(
     for camera in cameras:
         lens = Lens(camera, points)
         view = dataclasses.replace(lens.view, block=points)
-        layers = _renderer().render(scene, view, shadows=shadows)
+        layers = choose_renderer().render(scene, view, shadows=shadows)
         images.append(sensor.expose(lens.to_camera(layers.color, "mean"), rng))
         labels.append(np.asarray(lens.to_camera(layers.labels, "label"), dtype=np.uint8))
         alone = lens.to_camera(layers.alone, "label")
@@ -109,8 +107,3 @@ def scene_with_fingers(model: CuboidModel, rng: np.random.Generator, *, near: fl
     """A scene drawn from `rng`; each finger is near the object with the probability `near`."""
     with Platform(model) as platform:
         return random_scene(platform, rng, occlusion=near)
-
-
-@functools.cache
-def _renderer() -> CodeRenderer:
-    return CodeRenderer("raster", RasterPainter())

@@ -13,14 +13,18 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.data.scenes import SIZE
+from benchmarks.data.scenes import SIZE, cameras_of
 from benchmarks.data.seeds import stream
 from benchmarks.data.store import CACHE, Maker, Store
+from synthetic.effects import NAMES as EFFECTS
 from synthetic.frames import Frame, FrameMaker, FrameOptions
 from tracker.conventions import FloatArray, Image
 
 RATE = 10.0
 """Frames per second [Hz]."""
+
+STYLES: dict[str, tuple[str, ...]] = {"realistic": (), "world": EFFECTS}
+"""Effects of the real world that films of a style show."""
 
 KIND = "mixed"
 """Of motion: pushed, tumbled, lifted, carried, dropped."""
@@ -46,6 +50,8 @@ class FilmFrame:
     """(3,) of the object [m]; None: there is none."""
     rotation: FloatArray | None
     """(3, 3) world from object."""
+    cameras: FloatArray | None = None
+    """As of `benchmarks.data.scenes.Scene`."""
 
 
 def vanishing_frames(length: int) -> list[int]:
@@ -59,6 +65,7 @@ class FilmStore:
 
     Args:
         object_name: name of the object.
+        style: key of STYLES.
         length: frames of each film.
         seed: of all that is drawn.
         workers: processes that render, a film each.
@@ -66,12 +73,12 @@ class FilmStore:
     """
 
     def __init__(
-        self, object_name: str, length: int, seed: int, workers: int = 2, cache: Path = CACHE
+        self, object_name: str, style: str, length: int, seed: int, workers: int = 2, cache: Path = CACHE
     ) -> None:
         self.length = length
-        own = stream(seed, "films", object_name)
-        make = functools.partial(_maker, object_name, own, length)
-        name = f"films, {object_name}, {length}"
+        own = stream(seed, "films", object_name, style)
+        make = functools.partial(_maker, object_name, STYLES[style], own, length)
+        name = f"films, {object_name}, {style}, {length}"
         # A film's frames are followed by the same frames without the object.
         self.store = Store(name, FilmFrame, make, (__name__,), own, 2 * length, workers, cache)
 
@@ -79,9 +86,9 @@ class FilmStore:
         """Numbers in the store of frames of a film."""
         return [(2 * film + empty) * self.length + frame for frame in frames]
 
-    def prepared(self, films: Iterable[int]) -> list[int]:
+    def prepared(self, films: Iterable[int], *, vanishing: bool = True) -> list[int]:
         """Numbers in the store of all frames that are ever asked for."""
-        starts = vanishing_frames(self.length)
+        starts = vanishing_frames(self.length) if vanishing else []
         emptied = sorted({k for start in starts for k in range(start, min(start + ABSENT, self.length))})
         return [
             number
@@ -97,7 +104,7 @@ class FilmStore:
         return self.store.scenes(self.numbers(film, frames, empty=empty))
 
 
-def _maker(object_name: str, seed: int, length: int) -> Maker[FilmFrame]:
+def _maker(object_name: str, effects: tuple[str, ...], seed: int, length: int) -> Maker[FilmFrame]:
     options = FrameOptions(
         object_name,
         seed,
@@ -107,6 +114,7 @@ def _maker(object_name: str, seed: int, length: int) -> Maker[FilmFrame]:
         kind=KIND,
         dropped=0.0,
         length=length,
+        effects=effects,
     )
     maker = FrameMaker(options)
 
@@ -128,6 +136,7 @@ def _film_frame(frame: Frame) -> FilmFrame:
         frame.visible_fraction,
         None if pose is None else np.array(pose.position),
         None if pose is None else np.array(pose.rotation),
+        cameras_of(frame),
     )
 
 

@@ -17,16 +17,11 @@ import numpy as np
 from benchmarks.data.seeds import stream
 from benchmarks.data.store import CACHE, Store, each
 from synthetic.camera.rigs import sized, standard_rig
-from synthetic.camera.sensor import BLACK, RESPONSE_GAMMA, CameraSettings, Sensor
-from synthetic.camera.shot import QUALITIES, shoot
-from synthetic.camera.units import Unit
 from synthetic.effects import NAMES as EFFECTS
 from synthetic.frames import Frame, FrameMaker, FrameOptions
-from synthetic.render.choose import choose_renderer
-from synthetic.world.platform import Platform
-from synthetic.world.scenes import random_scene
+from synthetic.world.look_alikes import KINDS
 from tracker.calibration.rig import CameraRig
-from tracker.conventions import Array, FloatArray, Image
+from tracker.conventions import FloatArray, Image
 from tracker.geometry.camera import Camera
 
 SIZE = 270
@@ -43,8 +38,8 @@ STILL_EFFECTS = tuple(name for name in EFFECTS if name != "timing")
 EFFECT = "effect: "
 """Prefix of the styles with one effect alone."""
 
-_EXPOSURE = 1.45
-"""Of clean pictures: in the middle of the realistic ones."""
+LOOK_ALIKE = "look-alike: "
+"""Prefix of the styles with one kind of look-alike."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,12 +63,7 @@ class Scene:
 
     def rigs(self, usual: CameraRig) -> tuple[CameraRig, CameraRig]:
         """The true cameras, and those that a user is told of; `usual` are those of the set."""
-        if self.cameras is None:
-            return usual, usual
-        true, told = (
-            dataclasses.replace(usual, cameras=tuple(map(_camera, usual, rows))) for rows in self.cameras
-        )
-        return true, told
+        return rigs_of(self.cameras, usual)
 
     @property
     def visible(self) -> float:
@@ -98,72 +88,19 @@ def scene_store(
         workers: number of processes that render what is missing.
         cache: where scenes are kept.
     """
-    # A sketch is of the very scene that it is a sketch of.
-    own = stream(seed, "scenes", object_name, "more" if style == "sketch" else style)
+    own = stream(seed, "scenes", object_name, style)
     make = functools.partial(each, STYLES[style], object_name, own)
     return Store(f"{object_name}, {style}", Scene, make, (__name__,), own, workers=workers, cache=cache)
 
 
-def _frames(
-    object_name: str, seed: int, *, empty: bool = False, size: int = SIZE, effects: tuple[str, ...] = ()
-) -> Callable[[int], Scene]:
-    options = FrameOptions(object_name, seed, size=size, empty=float(empty), effects=effects)
-    frames = FrameMaker(options)
+def _frames(object_name: str, seed: int, **options: Any) -> Callable[[int], Scene]:
+    frames = FrameMaker(FrameOptions(object_name, seed, **({"size": SIZE, "empty": 0.0} | options)))
 
     def make(index: int) -> Scene:
         (frame,) = frames.chunk(index)
         return _scene_of(frame)
 
     return make
-
-
-def _more(object_name: str, seed: int, *, quality: str = "default") -> Callable[[int], Scene]:
-    frames = FrameMaker(FrameOptions(object_name, seed, quality=quality, size=SIZE))
-    platform = Platform(object_name)
-
-    def make(index: int) -> Scene:
-        rng = np.random.default_rng([seed, index])
-        fingers = ("away", "near")[index % 2]
-        scene = _scene_of(frames.of_scene(index, random_scene(platform, rng, fingers=fingers)))
-        if quality == "default":
-            return scene
-        # Of a sketch only the visible fraction is wanted: it need not fill the disk.
-        small = tuple(image[:1, :1] for image in scene.images)
-        return dataclasses.replace(scene, images=small, labels=tuple(image[..., 0] for image in small))
-
-    return make
-
-
-def _clean(object_name: str, seed: int) -> Callable[[int], Scene]:
-    platform, cameras, renderer = Platform(object_name), rig(), choose_renderer("auto")
-    sensor = Sensor(psf_sigma=0.0, black=BLACK, gamma=RESPONSE_GAMMA)
-    settings = CameraSettings(np.full(3, _EXPOSURE), np.zeros(2))
-
-    def make(index: int) -> Scene:
-        rng = np.random.default_rng([seed, index])
-        scene = random_scene(platform, rng)
-        units = [Unit(camera, sensor, settings) for camera in cameras]
-        shots = [shoot(renderer, (scene,), unit, QUALITIES["default"], rng) for unit in units]
-        (state,) = scene.objects
-        visible, alone = (
-            np.array([np.count_nonzero(layer) for layer in layers])
-            for layers in ([shot.labels for shot in shots], [shot.alone for shot in shots])
-        )
-        return Scene(
-            index,
-            tuple(shot.image for shot in shots),
-            tuple(shot.labels for shot in shots),
-            _share(visible, alone),
-            np.array(state.position),
-            np.array(state.rotation),
-        )
-
-    return make
-
-
-def _share(visible: Array, alone: Array) -> FloatArray:
-    result: FloatArray = visible / np.maximum(alone, 1)
-    return result
 
 
 def _scene_of(frame: Frame) -> Scene:
@@ -175,11 +112,20 @@ def _scene_of(frame: Frame) -> Scene:
         frame.visible_fraction,
         None if pose is None else np.array(pose.position),
         None if pose is None else np.array(pose.rotation),
-        _cameras(frame),
+        cameras_of(frame),
     )
 
 
-def _cameras(frame: Frame) -> FloatArray | None:
+def rigs_of(cameras: FloatArray | None, usual: CameraRig) -> tuple[CameraRig, CameraRig]:
+    """True and told cameras from what `cameras_of` gave."""
+    if cameras is None:
+        return usual, usual
+    true, told = (dataclasses.replace(usual, cameras=tuple(map(_camera, usual, rows))) for rows in cameras)
+    return true, told
+
+
+def cameras_of(frame: Frame) -> FloatArray | None:
+    """(2, cameras, 46) true and told cameras of a frame; None where both are the set's own."""
     if frame.given is frame.rig:
         return None
     return np.array([[_row(camera) for camera in rig] for rig in (frame.rig, frame.given)])
@@ -208,20 +154,16 @@ def _camera(usual: Camera, row: FloatArray) -> Camera:
 
 STYLES: dict[str, Callable[[str, int], Callable[[int], Scene]]] = {
     "realistic": _frames,
-    "absent": functools.partial(_frames, empty=True),
-    "clean": _clean,
-    "more": _more,
-    "sketch": functools.partial(_more, quality="fast"),
+    "world": functools.partial(_frames, effects=STILL_EFFECTS),
+    "absent": functools.partial(_frames, effects=STILL_EFFECTS, empty=1.0),
     "large": functools.partial(_frames, size=LARGE),
     "other cubes": _frames,
-    "world": functools.partial(_frames, effects=STILL_EFFECTS),
     **{EFFECT + name: functools.partial(_frames, effects=(name,)) for name in STILL_EFFECTS},
+    **{LOOK_ALIKE + kind: functools.partial(_frames, look_alike=kind) for kind in KINDS},
 }
 """realistic: as `synthetic.frames` makes them, always with an object.
-absent: realistic, without an object.
-clean: neither blur nor noise, mosaic or differences between cameras.
-more: realistic, in turn with no finger and with all fingers meant to be near the object.
-sketch: scenes of `more`, rendered at the quality `fast` and stripped of their pictures.
+world, effect: …: realistic, with all effects of the real world that stills show, or with one alone.
+absent: as world, without an object.
 large: realistic, 540 px high.
 other cubes: realistic, of cube_v1 and cube_v3.
-world, effect: …: realistic, with all effects of the real world that stills show, or with one alone."""
+look-alike: …: realistic, with something that is not the object in its place."""

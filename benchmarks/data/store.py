@@ -19,7 +19,7 @@ import click
 import numpy as np
 
 from benchmarks.data.fingerprint import ROOT, fingerprint
-from synthetic.export.workers import Factory, run_tasks
+from synthetic.export.workers import run_tasks
 from tracker.files import write_whole
 
 CACHE = ROOT / "build" / "scenes"
@@ -94,20 +94,7 @@ class Store(Generic[S]):
 
     def prepare(self, numbers: Iterable[int]) -> None:
         """Render those items that are not there yet."""
-        todo = self.missing(numbers)
-        if not todo:
-            return
-        self.folder.mkdir(parents=True, exist_ok=True)
-        chunks: dict[int, list[int]] = {}
-        for number in todo:
-            chunks.setdefault(number // self.chunk, []).append(number)
-        factory: Factory = _Factory(self.maker, self.folder)
-        # A process of its own costs more than a few scenes.
-        done = run_tasks(factory, list(chunks.items()), self.workers if len(todo) > 4 else 1)
-        label = f"rendering {self.name}"
-        with click.progressbar(done, length=len(todo), label=label, file=sys.stderr) as bar:
-            for _ in bar:
-                pass
+        prepare([(self, numbers)], self.workers)
 
     def scenes(self, numbers: Sequence[int]) -> Iterator[S]:
         """The items of these numbers, in this order."""
@@ -129,20 +116,41 @@ class Store(Generic[S]):
             return None
 
 
+def prepare(wanted: Iterable[tuple[Store[Any], Iterable[int]]], workers: int) -> None:
+    """Render what is not there yet of several stores, all in the same processes."""
+    tasks: list[tuple[Store[Any], int, list[int]]] = []
+    for store, numbers in wanted:
+        chunks: dict[int, list[int]] = {}
+        for number in store.missing(numbers):
+            chunks.setdefault(number // store.chunk, []).append(number)
+        tasks += [(store, chunk, own) for chunk, own in chunks.items()]
+    count = sum(len(numbers) for _, _, numbers in tasks)
+    if not count:
+        return
+    # A process of its own costs more than a few scenes.
+    done = run_tasks(_Renders(), tasks, workers if count > 4 else 1)
+    with click.progressbar(done, length=count, label="rendering", file=sys.stderr) as bar:
+        for _ in bar:
+            pass
+
+
 @dataclass(frozen=True)
-class _Factory:
+class _Renders:
     """Makes the part of a worker."""
 
-    maker: Callable[[], Maker[Any]]
-    folder: Path
-
-    def __call__(self) -> Callable[[tuple[int, list[int]]], Iterator[int]]:
+    def __call__(self) -> Callable[[tuple[Store[Any], int, list[int]]], Iterator[int]]:
         """The function that renders the items of a chunk into their files."""
-        make = self.maker()
+        known: dict[Path, Maker[Any]] = {}
 
-        def work(task: tuple[int, list[int]]) -> Iterator[int]:
-            for number, item in make(*task):
-                write_whole(self.folder / f"{number:05d}.npz", packed(item))
+        def work(task: tuple[Store[Any], int, list[int]]) -> Iterator[int]:
+            store, chunk, numbers = task
+            if store.folder not in known:
+                # Tasks come store by store: what made the one before is no longer wanted.
+                known.clear()
+                known[store.folder] = store.maker()
+                store.folder.mkdir(parents=True, exist_ok=True)
+            for number, item in known[store.folder](chunk, numbers):
+                write_whole(store.file(number), packed(item))
                 yield number
 
         return work

@@ -12,10 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.data import disturbances, robots
-from benchmarks.data.rig_cases import CASES
-from benchmarks.data.scenes import EFFECT, OBJECTS, STILL_EFFECTS, Scene
+from benchmarks.data import disturbances
+from benchmarks.data.recorded import another
+from benchmarks.data.rigs import CASES
+from benchmarks.data.scenes import EFFECT, LOOK_ALIKE, OBJECTS, STILL_EFFECTS, Scene
 from benchmarks.data.seeds import stream
+from synthetic.world.look_alikes import KINDS
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Image
 
@@ -38,18 +40,14 @@ class Workload:
     """What is looked at."""
     other_moment: bool = False
     """Whether one camera's picture is of another scene."""
-    bounded: bool = True
-    """Whether errors are compared with the Cramér-Rao bound."""
+    usual: bool = True
+    """Whether it is measured where nobody chooses workloads."""
 
-
-BINS = "occlusion bins"
-"""Its figures are of the realistic scenes too, which it fills up."""
 
 _PLAIN = (
     Workload("realistic", "fingers, realistic cameras, exact calibration"),
-    Workload("clean", "neither blur nor noise, mosaic or differences between cameras", "clean"),
-    Workload(BINS, "realistic, chosen to fill every bin of visible fractions", "bins"),
-    Workload("absent", "realistic, without an object", "absent"),
+    Workload("world", "realistic, with every effect of the real world, calibration errors too", "world"),
+    Workload("absent", "as world, without an object", "absent"),
     Workload("two cameras", "realistic, each pair of cameras in turn", cameras=2),
     Workload("one camera", "realistic, each camera in turn", cameras=1),
     Workload(
@@ -91,9 +89,7 @@ _PACKAGE = (
 )
 
 _PACKAGE_LIGHT = tuple(
-    Workload(
-        f"simulation package, {name}", f"as it draws; {about}", "package", disturb=disturb, bounded=False
-    )
+    Workload(f"simulation package, {name}", f"as it draws; {about}", "package", disturb=disturb)
     for name, about, disturb in (
         ("light", "gains ±20 % per channel, exposure 0.6-1.4", disturbances.light),
         ("hard light", "gains, exposure, gamma and ramps of hard light", disturbances.hard_light),
@@ -101,30 +97,32 @@ _PACKAGE_LIGHT = tuple(
 )
 
 _FAULTS = (
-    Workload("JPEG", "realistic, JPEG 60 alone", disturb=disturbances.jpeg, bounded=False),
-    Workload("flooded", "realistic, one camera dazzled", disturb=disturbances.flooded, bounded=False),
-    Workload("black", "realistic, one camera black", disturb=disturbances.black, bounded=False),
-    Workload("swapped", "realistic, two cameras mixed up", disturb=disturbances.swapped, bounded=False),
-    Workload("other moment", "realistic, one camera of another scene", other_moment=True, bounded=False),
+    Workload("JPEG", "realistic, JPEG 60 alone", disturb=disturbances.jpeg),
+    Workload("flooded", "realistic, one camera dazzled", disturb=disturbances.flooded),
+    Workload("black", "realistic, one camera black", disturb=disturbances.black),
+    Workload("swapped", "realistic, two cameras mixed up", disturb=disturbances.swapped),
+    Workload("other moment", "realistic, one camera of another scene", other_moment=True),
     Workload(
         "other calibration",
         "realistic, the calibration of another robot (recorded data)",
-        believed=robots.another,
-        bounded=False,
+        believed=another,
     ),
 )
 
 _OTHERS = (
-    Workload("540 px", "realistic, three 540×540", "large", bounded=False),
+    Workload("540 px", "realistic, three 540×540", "large"),
     Workload("other cubes", "realistic, cube_v1 and cube_v3", "other cubes", objects=("cube_v1", "cube_v3")),
 )
 
-_EFFECTS = (
-    Workload("world", "realistic, with every effect of the real world", "world", bounded=False),
-    *(
-        Workload(EFFECT + name, f"realistic, with the effect {name} alone", EFFECT + name, bounded=False)
-        for name in STILL_EFFECTS
-    ),
+_LOOK_ALIKES = tuple(
+    Workload(LOOK_ALIKE + kind, "realistic, but what is shown is not the object", LOOK_ALIKE + kind)
+    for kind in KINDS
+)
+"""See `synthetic.world.look_alikes`."""
+
+_EFFECTS = tuple(
+    Workload(EFFECT + name, f"realistic, with the effect {name} alone", EFFECT + name, usual=False)
+    for name in STILL_EFFECTS
 )
 """See `synthetic.effects.Effects`."""
 
@@ -137,12 +135,11 @@ _RIGS = tuple(
         case.about,
         RIG + name,
         objects=tuple(model.name for model in case.objects),
-        bounded=False,
     )
     for name, case in CASES.items()
 )
 
-WORKLOADS = (*_PLAIN, *_FAULTS, *_OTHERS, *_EFFECTS, *_PACKAGE, *_PACKAGE_LIGHT, *_RIGS)
+WORKLOADS = (*_PLAIN, *_FAULTS, *_LOOK_ALIKES, *_OTHERS, *_EFFECTS, *_PACKAGE, *_PACKAGE_LIGHT, *_RIGS)
 
 BY_NAME = {workload.name: workload for workload in WORKLOADS}
 

@@ -1,4 +1,4 @@
-"""Two runs on the same scenes, compared scene by scene."""
+"""Two runs on the same pictures, compared answer by answer."""
 
 from __future__ import annotations
 
@@ -6,88 +6,90 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy.stats import binomtest, bootstrap
 
 from benchmarks.judge.results import Results, ResultsError
-from benchmarks.score.shares import SURE, within
+from benchmarks.score.metrics import ANSWERS, PAIRED, TIMES, TRUST, Metric, right
+from benchmarks.score.shares import bootstrap_interval, median
 
-KEYS = ["workload", "object", "index"]
+KEYS = ["group", "object", "index"]
 
-ERRORS = {"mm": "position_mm", "deg": "rotation_deg"}
+SAME_PICTURES = 0.1
+"""By which the signatures of the same pictures may differ: a compiler's rounding, but no noise of their
+own."""
 
-_RESAMPLES = 999
+COMPARED = (*ANSWERS, *TRUST, *TIMES)
+
+
+def pairs_of(before: Results, after: Results) -> pd.DataFrame:
+    """Answers that both runs gave to the same pictures; columns that are not KEYS end in `_before`, `_after`.
+
+    Raises:
+        ResultsError: they have none in common, or were given other pictures.
+    """
+    tables = [results.frames.get("accuracy", pd.DataFrame(columns=KEYS)) for results in (before, after)]
+    pairs = tables[0].merge(tables[1], on=KEYS, suffixes=("_before", "_after"))
+    if pairs.empty:
+        raise ResultsError("found no scene that both runs have")
+    other = (pairs.pictures_before - pairs.pictures_after).abs() > SAME_PICTURES
+    if other.any():
+        groups = ", ".join(dict.fromkeys(pairs.group[other]))
+        raise ResultsError(f"{other.sum()} of {len(pairs)} scenes are not of the same pictures: {groups}")
+    return pairs
+
+
+def side(pairs: pd.DataFrame, when: str) -> pd.DataFrame:
+    """One run's answers of the pairs, with their own names."""
+    ending = f"_{when}"
+    names = {name: name.removesuffix(ending) for name in pairs if name.endswith(ending)}
+    return pairs[[*KEYS, *names]].rename(columns=names)
 
 
 def compare(before: Results, after: Results) -> list[dict[str, Any]]:
-    """Rows of the part `compared`, one for each workload and object that both runs have.
+    """For each workload and object: every metric as (before, after), and the errors' median ratios.
 
-    `ratio_…` is the median of the errors' ratios, after over before, of scenes in which both found a pose,
-    with its 95 % bootstrap interval `low_…`, `high_…`; `p_…` says how likely a fair coin is to be as
-    lopsided as the signs of the differences. `gained` and `lost` are scenes within 5 mm and 5° in one run
-    alone, `p_right` the same for them; `sure_wrong_before` and `_after` count wrong and sure poses.
+    `ratio_…` are the median of the errors' ratios, after over before, of scenes in which both found a pose,
+    and its 95 % interval; `lost` and `gained` are scenes that are right in one run alone.
 
     Raises:
-        ResultsError: the runs are of other scenes, or have none in common.
+        ResultsError: as `pairs_of`.
     """
-    for key in ("seed", "draw"):
-        if before.about.get(key) != after.about.get(key):
-            raise ResultsError(
-                f"runs of other scenes: found {key} {after.about.get(key)}, expected {before.about.get(key)}"
-            )
-    pairs = before.frames.merge(after.frames, on=KEYS, suffixes=("_before", "_after"))
-    pairs = pairs[pairs.present_before]
-    if pairs.empty:
-        raise ResultsError("found no scene that both runs have")
-    groups = pairs.groupby(["workload", "object"], sort=False)
-    return [
-        {"part": "compared", "group": workload, "object": name, **_row(own)}
-        for (workload, name), own in groups
-    ]
+    rows = []
+    for (group, name), own in pairs_of(before, after).groupby(["group", "object"], sort=False):
+        sides = side(own, "before"), side(own, "after")
+        row: dict[str, Any] = {"group": group, "object": name, "n": len(own)}
+        row |= {metric.name: tuple(metric.of(one) for one in sides) for metric in COMPARED}
+        row |= {metric.name: metric.of(own) for metric in PAIRED}
+        row |= {f"ratio_{unit}": _ratio(own, unit) for unit in ("mm", "deg")}
+        was, now = (right(one) for one in sides)
+        rows.append(row | {"lost": int((was & ~now).sum()), "gained": int((now & ~was).sum())})
+    return rows
 
 
-def _row(own: pd.DataFrame) -> dict[str, Any]:
-    row: dict[str, Any] = {"n": len(own)}
-    both = own[own.found_before & own.found_after]
-    for unit, key in ERRORS.items():
-        row |= paired(both[f"{key}_before"].to_numpy(), both[f"{key}_after"].to_numpy(), unit)
-    right = {when: _right(own, when) for when in ("before", "after")}
-    gained, lost = (
-        int((right["after"] & ~right["before"]).sum()),
-        int((right["before"] & ~right["after"]).sum()),
-    )
-    row |= {"gained": gained, "lost": lost, "p_right": _sign_test(gained, lost)}
-    for when, is_right in right.items():
-        sure = own[f"confidence_{when}"].fillna(0).to_numpy() > SURE
-        row[f"sure_wrong_{when}"] = int((sure & ~is_right).sum())
-    return row
+def _ratio(pairs: pd.DataFrame, unit: str) -> tuple[float, float, float]:
+    both = pairs[pairs[f"{unit}_before"].notna() & pairs[f"{unit}_after"].notna()]
+
+    def of(rows: pd.DataFrame) -> float:
+        least = 1e-9
+        ratios = np.maximum(rows[f"{unit}_after"], least) / np.maximum(rows[f"{unit}_before"], least)
+        return median(ratios)
+
+    return (of(both), *bootstrap_interval(of, both))
 
 
-def paired(before: Any, after: Any, unit: str) -> dict[str, float]:
-    """Median ratio of errors (N,), its interval, and the sign test, with names that end in the unit."""
-    if not len(before):
-        return {}
-    ratios = np.log(np.maximum(after, 1e-12) / np.maximum(before, 1e-12))
-    low = high = middle = float(np.median(ratios))
-    if np.ptp(ratios) > 0 and len(ratios) > 1:
-        found = bootstrap(
-            (ratios,),
-            np.median,
-            vectorized=True,
-            n_resamples=_RESAMPLES,
-            method="percentile",
-            random_state=np.random.default_rng(1),
-        ).confidence_interval
-        low, high = float(found.low), float(found.high)
-    named = {"ratio": middle, "low": low, "high": high}
-    worse, better = int((ratios > 0).sum()), int((ratios < 0).sum())
-    return {f"{key}_{unit}": float(np.exp(value)) for key, value in named.items()} | {
-        f"p_{unit}": _sign_test(worse, better)
-    }
+def text(rows: list[dict[str, Any]]) -> str:
+    """For people: what changed, a paragraph for each workload and object."""
+    return "\n".join(line for row in rows for line in _lines(row))
 
 
-def _sign_test(one: int, other: int) -> float:
-    return float(binomtest(one, one + other).pvalue) if one + other else 1.0
+def _lines(row: dict[str, Any]) -> list[str]:
+    lines = [f"{row['object']}, {row['group']} ({row['n']}): {row['lost']} lost, {row['gained']} gained"]
+    for unit in ("mm", "deg"):
+        middle, low, high = row[f"ratio_{unit}"]
+        lines.append(f"  {unit}: median ratio {middle:.3f} ({low:.3f} to {high:.3f})")
+    changed = [_change(metric, *row[metric.name]) for metric in COMPARED]
+    return lines + [f"  {line}" for line in changed if line]
 
 
-def _right(own: pd.DataFrame, when: str) -> Any:
-    return within(own[[f"{key}_{when}" for key in ERRORS.values()]].to_numpy())
+def _change(metric: Metric, before: float, after: float) -> str:
+    was, now = metric.text(before), metric.text(after)
+    return "" if was == now else f"{metric.title} [{metric.name}]: {was} → {now}"

@@ -1,32 +1,38 @@
-"""Where results come from: the commit, the very sources, the kernels compiled from them, the processor."""
+"""Where results come from: the commit, the very sources, the kernels compiled from them, the machine."""
 
 from __future__ import annotations
 
 import hashlib
 import platform
 import subprocess
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 from benchmarks.data.fingerprint import ROOT
+from synthetic.render.choose import choose_renderer
 from tracker import compiled
 
 SOURCES = ("tracker", "synthetic", "benchmarks")
 """Folders whose files decide the figures."""
 
+LIBRARIES = ("numpy", "scipy", "numba", "opencv-python-headless", "pybullet", "trimesh", "pyrender")
 
-_OWN = ("baseline.json", "ci_baseline.json", "published.json")
+_OWN = ("gate.json", "published.json")
 """Files that the benchmarks write into their own folder."""
 
 
 def origin() -> dict[str, Any]:
-    """`commit`, whether the tree is `clean`, hashes of `code` and `kernels`, and the `processor`."""
+    """`commit`, whether the tree is `clean`, hashes of `code` and `kernels`, and the machine."""
     return {
         "commit": _git("rev-parse", "HEAD") or "unknown",
         "clean": not _git("status", "--porcelain", "--", *SOURCES),
         "code": code(),
         "kernels": compiled.fingerprint("tracker"),
         "processor": _processor(),
+        "python": platform.python_version(),
+        "libraries": {name: metadata.version(name) for name in LIBRARIES},
+        "renderer": choose_renderer("auto").name,
     }
 
 

@@ -1,76 +1,75 @@
-"""What the tracker is meant to reach, as the data in `targets.toml`, and whether it does."""
+"""The targets of `targets.toml`, and whether they are met as far as the answers can tell."""
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-
 from benchmarks.judge.results import Results
-from benchmarks.toml_files import read_toml
+from benchmarks.score.metrics import NOTHING, matches
+from benchmarks.score.tables import BY_NAME
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
 
 FILE = Path(__file__).with_name("targets.toml")
 
-EVERY = "*"
-"""Group of a target that holds for each."""
-
-BOUNDS = {"at_most": "≤ {0:g}", "at_least": "≥ {0:g}", "between": "{0[0]:g} to {0[1]:g}"}
+OBJECTS = {"cube": "cube_*", "cuboid": "cuboid_*"}
+"""Patterns of the names of objects by the kind that a limit is for."""
 
 
-@dataclass(frozen=True)
-class Judged:
-    """One target, and what was reached."""
+def judge(results: Results) -> list[dict[str, Any]]:
+    """All targets that were measured, in the file's order.
 
-    name: str
-    object: str
-    wanted: str
-    """With its unit."""
-    value: float
-    """nan: not measured."""
-    met: bool
-    unit: str
-
-    @property
-    def state(self) -> str:
-        """`met`, `missed` or `unknown`."""
-        return "unknown" if math.isnan(self.value) else "met" if self.met else "missed"
+    Returns:
+        For each its `name`, `object`, `n`, what is `wanted`, `reached` and its 95 % interval `low` to `high`
+        as texts, and the `verdict`: `met` or `missed` where the whole interval is, else `undecided`.
+    """
+    with FILE.open("rb") as file:
+        stated = tomllib.load(file)["target"]
+    return [row for target in stated for kind in OBJECTS for row in _judged(target, kind, results)]
 
 
-def evaluate(results: Results) -> list[Judged]:
-    """All targets, in the file's order."""
-    table = results.table
-    values = table.set_index(["part", "group", "bin", "figure", "object"])["value"]
-    return [
-        _judged(target, key, name, limit, values)
-        for stated in read_toml(FILE)["target"]
-        for target in _expanded(stated, table)
-        for key in BOUNDS
-        for name, limit in target.get(key, {}).items()
+def _judged(target: dict[str, Any], kind: str, results: Results) -> Iterator[dict[str, Any]]:
+    table = BY_NAME[target["table"]]
+    metric = next(metric for metric in table.metrics if metric.name == target["metric"])
+    if table.part not in results.frames:
+        return
+    frame = results.frames[table.part]
+    own = frame[
+        [
+            matches(group, [target["group"]]) and matches(name, [OBJECTS[kind]])
+            for group, name in zip(frame.group, frame.object, strict=True)
+        ]
     ]
+    if own.empty:
+        return
+    least, most = _limits(target, kind)
+    value, (low, high) = metric.of(own), metric.interval(own)
+    met = least <= low and high <= most
+    missed = high < least or low > most
+    beside = next((m for m in table.metrics if m.name == target.get("beside")), None)
+    yield {
+        "name": target["name"],
+        "object": kind,
+        "n": len(own),
+        "wanted": " to ".join(metric.text(x) for x in (least, most) if abs(x) < float("inf"))
+        if "between" in target
+        else ("≥ " if "at_least" in target else "≤ ") + metric.text(least if "at_least" in target else most),
+        "reached": metric.text(value) + (f" ({beside.text(beside.of(own))})" if beside else ""),
+        "interval": f"{metric.text(low)} to {metric.text(high)}".replace(NOTHING, "?"),
+        "verdict": "met" if met else "missed" if missed else "undecided",
+    }
 
 
-def _expanded(target: dict[str, Any], table: pd.DataFrame) -> list[dict[str, Any]]:
-    """A target of all groups as one of each that was measured."""
-    if target.get("group") != EVERY:
-        return [target]
-    own = table[(table.part == target["part"]) & (table.figure == target["figure"])]
-    groups = own[own.object.isin([name for key in BOUNDS for name in target.get(key, {})])].group
-    return [
-        target | {"group": group, "name": f"{group}: {target['name']}"} for group in dict.fromkeys(groups)
-    ]
-
-
-def _judged(target: dict[str, Any], key: str, name: str, limit: Any, values: pd.Series) -> Judged:
-    place = (target["part"], target.get("group", ""), target.get("bin", ""), target["figure"], name)
-    value = float(values.get(place, math.nan))
-    met = {
-        "at_most": lambda: value <= limit,
-        "at_least": lambda: value >= limit,
-        "between": lambda: limit[0] <= value <= limit[1],
-    }[key]()
-    unit = target.get("unit", "")
-    space = "" if unit in ("", "°") else " "
-    return Judged(target["name"], name, BOUNDS[key].format(limit) + space + unit, value, bool(met), unit)
+def _limits(target: dict[str, Any], kind: str) -> tuple[float, float]:
+    if "between" in target:
+        low, high = target["between"][kind]
+        return float(low), float(high)
+    return float(target.get("at_least", {}).get(kind, "-inf")), float(
+        target.get("at_most", {}).get(kind, "inf")
+    )

@@ -1,10 +1,10 @@
-"""Runs the workloads: what the tracker answers to every frame, beside the bound."""
+"""Runs the workloads: what `detect` answers to every scene, and what it costs there."""
 
 from __future__ import annotations
 
+import contextlib
 import functools
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,158 +12,148 @@ import pandas as pd
 
 import tracker
 from benchmarks.data.package.environment import PackageError
-from benchmarks.data.robots import another, robots
+from benchmarks.data.recorded import another, robots
+from benchmarks.data.scenes import Scene
 from benchmarks.data.sets import Plan, SceneSet, scene_set
-from benchmarks.data.workloads import BY_NAME, WORKLOADS, Case, Workload, case
+from benchmarks.data.store import Store, prepare
+from benchmarks.data.workloads import BY_NAME, Case, Workload, case
 from benchmarks.measure.timing import in_turn, one_thread
-from benchmarks.score import errors
-from benchmarks.score.bound import bounds, scene_edges
-from benchmarks.score.records import FrameRecord, frame_of
+from benchmarks.score.errors import UNITS, longest_axis, pose_errors, roll_error, true_pose
+from tracker.conventions import Image
 from tracker.errors import CalibrationError
 from tracker.objects.model import CuboidModel
 from tracker.pose.result import Observation
 
+Made = tuple[list[dict[str, Any]], dict[str, str]]
+"""Answers, and what was left out with the reason."""
 
-@dataclass
-class AccuracyRun:
-    """What was answered, and what was left out with the reason."""
-
-    plan: Plan
-    frames: pd.DataFrame = field(default_factory=lambda: frame_of([]))
-    """A row for each `FrameRecord`."""
-    skipped: dict[str, str] = field(default_factory=dict)
-    """Reasons by workload."""
+Keep = Callable[[str, Callable[[], Made]], Made]
+"""Makes what has the name, unless it was kept before."""
 
 
 def measure_accuracy(
     plan: Plan,
-    say: Callable[[str], None] = lambda line: None,
-    workloads: Sequence[Workload] = WORKLOADS,
-    objects: Sequence[str] | None = None,
-) -> AccuracyRun:
+    workloads: Sequence[Workload],
+    objects: Sequence[str] | None,
+    keep: Keep = lambda name, make: make(),
+    rounds: int = 1,
+) -> tuple[pd.DataFrame, dict[str, str]]:
     """Run workloads.
 
     Args:
         plan: which scenes.
-        say: takes lines about the progress.
         workloads: to be run.
         objects: to be looked at, of those that a workload has; None: all.
+        keep: keeps the answers to each set of scenes, so that a run that was broken off goes on there.
+        rounds: of each detection, of which the quickest is timed.
+
+    Returns:
+        A row for each answer, by workload and object, and reasons by the workloads that were left out.
     """
-    run, records = AccuracyRun(plan), []
-    sets = dict.fromkeys((name, workload.base) for workload in workloads for name in workload.objects)
-    with one_thread():
-        for name, base in sets:
-            if objects is not None and name not in objects:
-                continue
-            own = [workload for workload in workloads if workload.base == base and name in workload.objects]
-            say(f"{name}: {', '.join(workload.name for workload in own)}")
-            try:
-                scenes = scene_set(name, base, plan)
-                own = _possible(own, run.skipped)
-            except PackageError as error:
-                run.skipped |= {workload.name: str(error) for workload in own}
-                continue
-            records += _of_set(scenes, own, plan.seed)
+    answers: list[dict[str, Any]] = []
+    skipped: dict[str, str] = {}
+    pairs = ((name, workload.base) for workload in workloads for name in workload.objects)
+    sets = dict.fromkeys((name, base) for name, base in pairs if objects is None or name in objects)
+    prepare(_wanted(sets, plan), plan.workers)
+    for name, base in sets:
+        own = [workload for workload in workloads if workload.base == base and name in workload.objects]
+        made = keep(f"{name}, {base}", functools.partial(_of_set, plan, name, base, own, rounds))
+        answers += made[0]
+        skipped |= made[1]
     places = {workload.name: place for place, workload in enumerate(workloads)}
-    names = list(dict.fromkeys(record.object for record in records))
-    records.sort(key=lambda record: (places[record.workload], names.index(record.object), record.index))
-    run.frames = frame_of(records)
-    return run
+    names = list(dict.fromkeys(answer["object"] for answer in answers))
+    answers.sort(key=lambda row: (places[row["group"]], names.index(row["object"]), row["index"]))
+    return pd.DataFrame(answers), skipped
 
 
-def _possible(workloads: Sequence[Workload], skipped: dict[str, str]) -> list[Workload]:
-    """Those for which everything is there; of the others the reason goes into `skipped`."""
-    possible = list(workloads)
-    for workload in workloads:
-        if workload.believed is another:
-            try:
-                robots()
-            except CalibrationError as error:
-                skipped[workload.name] = str(error)
-                possible.remove(workload)
-    return possible
+def _wanted(sets: Iterable[tuple[str, str]], plan: Plan) -> Iterator[tuple[Store[Scene], Sequence[int]]]:
+    for name, base in sets:
+        # What the package cannot draw is told where it is measured.
+        with contextlib.suppress(PackageError):
+            scenes = scene_set(name, base, plan)
+            yield scenes.store, scenes.numbers
 
 
-def _of_set(scenes: SceneSet, workloads: Sequence[Workload], seed: int) -> list[FrameRecord]:
-    """Records of all workloads that share these scenes."""
+def _of_set(plan: Plan, name: str, base: str, workloads: Sequence[Workload], rounds: int) -> Made:
+    skipped: dict[str, str] = {}
+    try:
+        scenes = scene_set(name, base, plan)
+    except PackageError as error:
+        return [], {workload.name: str(error) for workload in workloads}
+    try:
+        robots()
+    except CalibrationError as error:
+        skipped = {workload.name: str(error) for workload in workloads if workload.believed is another}
+    possible = [workload for workload in workloads if workload.name not in skipped]
+    with one_thread():
+        return list(_answers(scenes, possible, plan.seed, rounds)), skipped
+
+
+def _answers(
+    scenes: SceneSet, workloads: Sequence[Workload], seed: int, rounds: int
+) -> Iterator[dict[str, Any]]:
+    """Of all workloads that share these scenes."""
     model = scenes.model
     exact = tracker.ObjectTracker(model, scenes.rig, scenes.colors)
-    records = []
     for count, scene in enumerate(scenes):
         if count == 0:
             exact.detect(scene.images)  # the first detection of a process loads or compiles kernels
-        edges = None
         for workload in workloads:
             other = scenes.another(scene) if workload.other_moment else None
             given = case(workload, model.name, scene, scenes.rig, seed, other)
             detector = exact
             if given.rig is not scenes.rig:
                 detector = tracker.ObjectTracker(model, given.rig, scenes.colors)
-            answer, _, reference = in_turn(functools.partial(detector.detect, given.images), given.images)
-            record = compared(model, given, answer) | {"reference_ms": reference}
-            if record["present"] and workload.bounded:
-                edges = edges or scene_edges(given, model)
-                record |= _bounds(given, edges)
-            records.append(FrameRecord(**record))
-    return records
+            answer, times = in_turn(functools.partial(detector.detect, given.images), given.images, rounds)
+            yield answer_row(model, given, answer) | times
 
 
-def compared(model: CuboidModel, given: Case, answer: Observation) -> dict[str, Any]:
-    """The fields of a record that say what was answered and how far it is from the truth."""
+def answer_row(model: CuboidModel, given: Case, answer: Observation) -> dict[str, Any]:
+    """What was answered to one scene, and how far it is from the truth."""
     scene, pose = given.scene, answer.object_pose
-    record: dict[str, Any] = {
-        "workload": given.workload.name,
+    true = true_pose(scene.position, scene.rotation)
+    row: dict[str, Any] = {
+        "group": given.workload.name,
         "object": model.name,
         "index": scene.index,
-        "cameras": len(given.used),
-        "visible_fraction": given.visible,
+        "pictures": signature(given.images),
+        "visible": given.visible,
         "present": scene.position is not None,
         "status": answer.status.value,
         "found": pose is not None,
-        "milliseconds": float(answer.timing_ms.get("total", np.nan)),
+        "confidence": np.nan if pose is None else float(pose.confidence),
+        "roll_deg": np.nan,
     }
-    if pose is None:
-        return record
-    record["confidence"] = float(pose.confidence)
-    if scene.position is None or scene.rotation is None:
-        return record
-    true, found = (scene.position, scene.rotation), (pose.position, pose.rotation)
-    one, other = ((p[None], r[None]) for p, r in (true, found))
-    mean, greatest = errors.surface_error(model.size, one, other)
-    task = errors.task_errors(model.size, one, other)
-    cameras = [given.true_rig[k] for k in given.used]
-    record |= {
-        "position_mm": 1e3 * float(errors.position_error(true[0], found[0])),
-        "rotation_deg": float(np.degrees(errors.rotation_error(true[1], found[1]))),
-        "add_mm": 1e3 * float(mean[0]),
-        "mssd_mm": 1e3 * float(greatest[0]),
-        "mspd_px": float(errors.image_error(model.size, cameras, one, other)[0]),
-        "nees": float(errors.nees(one, other, pose.covariance[None])[0]),
-        "task_position_error": float(task[0][0]),
-        "task_rotation_error": float(task[1][0]),
-    }
-    axis = errors.longest_axis(model.size)
-    if axis is not None:
-        record["axis_deg"] = float(np.degrees(errors.axis_error(true[1], found[1], axis)))
-        record["roll_deg"] = float(np.degrees(errors.roll_error(true[1], found[1], axis)))
-    return record
+    row |= dict(zip(UNITS, pose_errors(pose, true), strict=True))
+    axis = longest_axis(model.size)
+    if pose is not None and axis is not None and row["present"]:
+        row["roll_deg"] = float(np.degrees(roll_error(true[:, :3], pose.rotation, axis)))
+    stages = {key: spent for key, spent in answer.timing_ms.items() if key != "total"}
+    return row | {f"{stage}_ms": spent for stage, spent in stages.items()}
 
 
-def _bounds(given: Case, edges: Any) -> dict[str, float]:
-    position, rotation, fixed_position, fixed_rotation = bounds(given, edges)
-    return {
-        "bound_mm": 1e3 * position,
-        "bound_deg": float(np.degrees(rotation)),
-        "bound_fixed_mm": 1e3 * fixed_position,
-        "bound_fixed_deg": float(np.degrees(fixed_rotation)),
-    }
+def signature(images: Sequence[Image | None]) -> float:
+    """A number that tells pictures from others: a random projection of their pixels.
+
+    Other noise moves it by about the noise's deviation, a level in one pixel by a thousandth.
+    """
+    total = 0.0
+    for camera, image in enumerate(images):
+        if image is not None:
+            total += float(_weights(image.shape, camera).ravel() @ image.ravel()) / np.sqrt(image.size)
+    return round(total, 4)
 
 
-def again(plan: Plan, record: pd.Series) -> tuple[Case, CuboidModel, Observation]:
-    """What the tracker was given for a row of the frames, of what object, and its answer once more."""
-    workload = BY_NAME[record.workload]
-    scenes = scene_set(record.object, workload.base, plan)
-    (scene,) = scenes.store.scenes([int(record["index"])])
-    given = case(workload, record.object, scene, scenes.rig, plan.seed, scenes.another(scene))
+@functools.lru_cache(maxsize=16)
+def _weights(shape: tuple[int, ...], camera: int) -> np.ndarray[Any, Any]:
+    return np.random.default_rng(camera).choice(np.array([-1.0, 1.0], np.float32), shape)
+
+
+def again(plan: Plan, row: pd.Series) -> tuple[Case, CuboidModel, Observation]:
+    """What the tracker was given for an answer, of what object, and its answer once more."""
+    workload = BY_NAME[row.group]
+    scenes = scene_set(row.object, workload.base, plan)
+    (scene,) = scenes.store.scenes([int(row["index"])])
+    given = case(workload, row.object, scene, scenes.rig, plan.seed, scenes.another(scene))
     detector = tracker.ObjectTracker(scenes.model, given.rig, scenes.colors)
     return given, scenes.model, detector.detect(given.images)

@@ -15,135 +15,119 @@ import pandas as pd
 
 import tracker
 from benchmarks.data.films import FilmFrame, FilmStore, vanishing_film, vanishing_frames
-from benchmarks.data.scenes import OBJECTS, rig
+from benchmarks.data.scenes import OBJECTS, rig, rigs_of
 from benchmarks.data.sets import Plan
 from benchmarks.measure.timing import in_turn, one_thread
-from benchmarks.score.errors import pose_errors
-from benchmarks.score.films import (
-    at_rest,
-    camera_row,
-    right,
-    share_row,
-    speed_row,
-    state_rows,
-    status_row,
-    vanished_row,
-)
-from benchmarks.score.shares import percent
+from benchmarks.score.errors import UNITS, pose_errors, true_pose
+from benchmarks.score.films import at_rest
 from tracker.conventions import FloatArray
 
 STRIDES = (2, 4, 8)
 """Films are judged whole, and with every so many-th frame alone."""
 
 FILMS = 2
-"""For each object."""
-
-FRAMES_OVER_SCENES = 1.5
-"""Length of a film over the number of realistic scenes."""
+"""For each object and style."""
 
 WARM = 5
 """Frames for which a tracker runs before it is timed."""
 
+SHORTEST = 40
+"""Frames of a film, at least."""
+
 READ = 100
 """Frames that are read at once."""
 
-Rows = list[dict[str, Any]]
 
-
-def film_length(plan: Plan) -> int:
-    """Frames of each film."""
-    return max(40, round(FRAMES_OVER_SCENES * plan.scenes))
-
-
-def measure_films(
-    plan: Plan, say: Callable[[str], None] = lambda line: None
-) -> tuple[Rows, dict[str, pd.DataFrame]]:
-    """Rows of the parts `films…`, and the first film of each object as it was played.
+def measure_films(plan: Plan, say: Callable[[str], None] = lambda line: None) -> pd.DataFrame:
+    """A row for each frame and way of playing: `group`, `object`, and the columns of `play`.
 
     Args:
         plan: which films.
         say: takes lines about the progress.
     """
-    rows: Rows = []
-    shown: dict[str, pd.DataFrame] = {}
-    for name in OBJECTS:
-        store = FilmStore(name, film_length(plan), plan.seed, plan.workers, plan.cache)
-        say(f"films, {name}")
-        store.store.prepare(store.prepared(range(FILMS)))
+    length, parts = max(SHORTEST, plan.count("film")), []
+    for name, style in itertools.product(OBJECTS, ("realistic", "world")):
+        store = FilmStore(name, style, length, plan.seed, plan.workers, plan.cache)
+        say(f"films, {style}, {name}")
+        store.store.prepare(store.prepared(range(FILMS), vanishing=style == "realistic"))
         with one_thread():
-            own, shown[name] = _of_object(tracker.ObjectTracker(tracker.load_object(name), rig()), store)
-        rows += [{"object": name, **row} for row in own]
-    return rows, shown
+            played = _realistic(name, store) if style == "realistic" else _world(name, store)
+            parts += [part.assign(object=name) for part in played]
+    return pd.concat(parts, ignore_index=True)
 
 
-def _of_object(own: tracker.ObjectTracker, store: FilmStore) -> tuple[Rows, pd.DataFrame]:
+def _realistic(name: str, store: FilmStore) -> Iterator[pd.DataFrame]:
+    own = tracker.ObjectTracker(tracker.load_object(name), rig())
     everything = range(store.length)
-
-    def played(stride: int = 1, camera: int | None = None) -> pd.DataFrame:
-        parts = [play(own, store.frames(film, everything[::stride]), camera) for film in range(FILMS)]
-        return pd.concat([part.assign(film=film) for film, part in enumerate(parts)], ignore_index=True)
-
-    first = list(store.frames(0, everything[:WARM]))
-    own.detect(first[0].images)
-    play(own, first)
-    whole = played()
-    single = _single_shots(own, store)
-    thinned = {f"every {stride}. frame": played(stride) for stride in STRIDES}
+    films = [list(store.frames(film, everything)) for film in range(FILMS)]
+    _warm(own, films[0])
+    yield _films(own, films, "all").join(_single_shots(own, films))
+    for stride in STRIDES:
+        yield _films(own, [film[::stride] for film in films], f"every {stride}. frame")
+    for camera in range(len(own.rig)):
+        yield _films(own, films, f"camera {camera + 1}", camera)
+    positions = [np.array([frame.position for frame in film]) for film in films]
     acts = [
-        play(own, vanishing_film(store, film, start, _positions(store, film)))
+        vanishing_film(store, film, start, positions[film])
         for film in range(FILMS)
         for start in vanishing_frames(store.length)
     ]
-    vanished = pd.concat([act.assign(film=k) for k, act in enumerate(acts)], ignore_index=True)
-    once = {"single": percent(right(single.add_prefix("single_"), "single"))}
-    given = {"all": whole, **thinned}
-    rows = [
-        *(
-            {"part": "films", "group": group, **share_row(part), **(once if group == "all" else {})}
-            for group, part in given.items()
-        ),
-        *({"part": "films, errors", **row} for row in state_rows(whole, single)),
-        *({"part": "films, status", "group": group, **status_row(part)} for group, part in given.items()),
-        *(
-            {"part": "films, one camera", **camera_row(played(camera=camera), camera)}
-            for camera in range(len(own.rig))
-        ),
-        {"part": "films, vanished", "group": "", **vanished_row(vanished)},
-        {"part": "films, time", "group": "update", **speed_row(whole)},
-    ]
-    return rows, whole[whole.film == 0]
+    yield _films(own, acts, "vanished")
 
 
-def play(
-    object_tracker: tracker.ObjectTracker, frames: Iterable[FilmFrame], camera: int | None = None
+def _world(name: str, store: FilmStore) -> Iterator[pd.DataFrame]:
+    """By all cameras and by each alone, of the calibration that a user is told of."""
+    films = [list(store.frames(film, range(store.length))) for film in range(FILMS)]
+    model = tracker.load_object(name)
+    trackers = [tracker.ObjectTracker(model, rigs_of(film[0].cameras, rig())[1]) for film in films]
+    for camera in (None, *range(len(trackers[0].rig))):
+        group = "world" if camera is None else f"world, camera {camera + 1}"
+        for number, (own, film) in enumerate(zip(trackers, films, strict=True)):
+            _warm(own, film)
+            yield play(own, film, camera).assign(group=group, film=number)
+
+
+def _warm(own: tracker.ObjectTracker, film: list[FilmFrame]) -> None:
+    own.detect(film[0].images)
+    play(own, film[:WARM])
+
+
+def _films(
+    own: tracker.ObjectTracker, films: Iterable[Iterable[FilmFrame]], group: str, camera: int | None = None
 ) -> pd.DataFrame:
+    parts = [play(own, film, camera).assign(group=group, film=number) for number, film in enumerate(films)]
+    return pd.concat(parts, ignore_index=True)
+
+
+def play(own: tracker.ObjectTracker, frames: Iterable[FilmFrame], camera: int | None = None) -> pd.DataFrame:
     """Give a film to a tracker that begins anew, all cameras' pictures or those of one alone.
 
     Returns:
-        A row for each frame, see `benchmarks.score.films.COLUMNS`, but for the film.
+        A row for each frame: `timestamp`, `present`, `status`, `visible` to the cameras that are given,
+        `at_rest`; whether the filtered pose is given (`found`), its `confidence` and errors; `measured_given`
+        and the errors of the measured pose as `measured_…`; and the times of `in_turn`.
     """
-    object_tracker.reset()
+    own.reset()
     rows, poses = [], []
     for frame in _read_ahead(frames):
-        images = [
-            image if camera is None or camera == number else None for number, image in enumerate(frame.images)
-        ]
-        update = functools.partial(object_tracker.update, images, frame.timestamp)
-        said, own_ms, reference_ms = in_turn(update, images)
+        images = [image if camera in (None, k) else None for k, image in enumerate(frame.images)]
+        said, times = in_turn(functools.partial(own.update, images, frame.timestamp), images)
         measured, filtered = said.object_pose, said.filtered_object_pose
-        row = {
+        seen = frame.visible_fraction if camera is None else frame.visible_fraction[camera]
+        true = true_pose(frame.position, frame.rotation)
+        row: dict[str, Any] = {
             "timestamp": frame.timestamp,
             "present": frame.position is not None,
-            "status": said.status.name,
-            "confidence": np.nan if filtered is None else filtered.confidence,
-            "update_ms": own_ms,
-            "reference_ms": reference_ms,
+            "status": said.status.value,
+            "visible": float(np.mean(seen)),
+            "found": filtered is not None,
+            "confidence": np.nan if filtered is None else float(filtered.confidence),
+            "measured_given": measured is not None,
         }
-        row |= {f"visible_{k}": float(share) for k, share in enumerate(frame.visible_fraction)}
-        for name, pose in (("measured", measured), ("filtered", filtered)):
-            row |= {f"{name}_given": pose is not None, **_errors(name, pose, frame)}
-        rows.append(row)
-        poses.append(_true_pose(frame))
+        for prefix, pose in (("", filtered), ("measured_", measured)):
+            row |= {f"{prefix}{u}": x for u, x in zip(UNITS, pose_errors(pose, true), strict=True)}
+        rows.append(row | times)
+        poses.append(true)
     return pd.DataFrame(rows).assign(at_rest=at_rest(np.array(poses)))
 
 
@@ -154,28 +138,11 @@ def _read_ahead(frames: Iterable[FilmFrame]) -> Iterator[FilmFrame]:
         yield from block
 
 
-def _true_pose(frame: FilmFrame) -> FloatArray:
-    if frame.position is None:
-        return np.full((3, 4), np.nan)
-    return np.column_stack([np.asarray(frame.rotation), frame.position])
-
-
-def _errors(name: str, pose: tracker.PoseEstimate | None, frame: FilmFrame) -> dict[str, float]:
-    units = ("mm", "deg", "nees")
-    return dict(zip((f"{name}_{unit}" for unit in units), pose_errors(pose, _true_pose(frame)), strict=True))
-
-
-def _single_shots(object_tracker: tracker.ObjectTracker, store: FilmStore) -> pd.DataFrame:
-    """Errors without memory: columns mm, deg, nees, a row for each frame of all films."""
-    return pd.DataFrame(
-        [
-            pose_errors(object_tracker.detect(frame.images).object_pose, _true_pose(frame))
-            for film in range(FILMS)
-            for frame in store.frames(film, range(store.length))
-        ],
-        columns=["mm", "deg", "nees"],
-    )
-
-
-def _positions(store: FilmStore, film: int) -> FloatArray:
-    return np.array([frame.position for frame in store.frames(film, range(store.length))])
+def _single_shots(own: tracker.ObjectTracker, films: list[list[FilmFrame]]) -> pd.DataFrame:
+    """Errors without memory, a row for each frame of all films."""
+    frames = itertools.chain.from_iterable(films)
+    errors: list[FloatArray] = [
+        np.array(pose_errors(own.detect(frame.images).object_pose, true_pose(frame.position, frame.rotation)))
+        for frame in frames
+    ]
+    return pd.DataFrame(errors, columns=[f"single_{unit}" for unit in UNITS])

@@ -16,8 +16,7 @@ import cv2
 import numpy as np
 
 import tracker
-from benchmarks.data.recorded import SEGMENTED, labelled_images
-from benchmarks.data.robots import real_folder
+from benchmarks.data.recorded import SEGMENTED, labelled_images, real_folder
 from synthetic.frames import frames
 from tracker.conventions import Image
 from tracker.objects.labels import COLOR_NAMES

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 import tracker
@@ -13,61 +12,49 @@ from benchmarks.data.motion import AHEAD, FRAMES, MotionFrame, motion_store, rig
 from benchmarks.data.scenes import OBJECTS
 from benchmarks.data.sets import Plan
 from benchmarks.measure.timing import one_thread
-from benchmarks.score.errors import pose_errors
-from benchmarks.score.shares import median
+from benchmarks.score.errors import UNITS, pose_errors
 from tracker.conventions import Image
-
-TOGETHER, OWN_STAMPS, ONE_STAMP = "together", "skewed, a stamp for each camera", "skewed, one stamp"
-"""Ways to give a frame: pictures taken at once; skewed ones with the stamp of each; skewed ones with the
-latest stamp alone."""
 
 Given = tuple[tuple[Image, ...], float | list[float]]
 """Pictures, and the stamp or stamps [s] to say of them."""
 
 GIVEN: dict[str, Callable[[MotionFrame], Given]] = {
-    TOGETHER: lambda frame: (frame.together, frame.timestamp),
-    OWN_STAMPS: lambda frame: (frame.skewed, frame.stamps.tolist()),
-    ONE_STAMP: lambda frame: (frame.skewed, frame.timestamp),
+    "together": lambda frame: (frame.together, frame.timestamp),
+    "skewed, a stamp for each camera": lambda frame: (frame.skewed, frame.stamps.tolist()),
+    "skewed, one stamp": lambda frame: (frame.skewed, frame.timestamp),
 }
+"""Ways to give a frame: pictures taken at once; skewed ones with the stamp of each; skewed ones with the
+latest stamp alone."""
 
 FILMS = 2
 """For each object."""
 
-UNITS = ("mm", "deg", "nees")
-
-
-def film_length(plan: Plan) -> int:
-    """Frames of each film that are played."""
-    return min(FRAMES, max(12, round(plan.scenes / 4)))
-
 
 def measure_motion(
     plan: Plan, say: Callable[[str], None] = lambda line: None, ways: Sequence[str] = tuple(GIVEN)
-) -> list[dict[str, Any]]:
-    """Rows of the part `motion`, for each object and way.
+) -> pd.DataFrame:
+    """A row for each frame, object and way: the columns of `play`.
 
     Args:
         plan: which films.
         say: takes lines about the progress.
         ways: keys of GIVEN.
     """
-    rows = []
+    parts = []
+    length = min(FRAMES, max(12, plan.count("motion")))
     for name in OBJECTS:
         store = motion_store(name, plan.seed, plan.workers, plan.cache)
-        length = film_length(plan)
         numbers = [range(film * FRAMES, film * FRAMES + length) for film in range(FILMS)]
         say(f"motion, {name}")
         store.prepare([number for film in numbers for number in film])
         own = tracker.ObjectTracker(tracker.load_object(name), rig())
-        exact: dict[str, Any] = {}
         with one_thread():
-            for way in ways:
-                # Each film begins anew.
-                played = pd.concat([play(own, store.scenes(film), GIVEN[way]) for film in numbers])
-                row = {"part": "motion", "object": name, "group": way, **motion_row(played)}
-                exact = row if way == TOGETHER else exact
-                rows.append(row | _ratios(row, exact))
-    return rows
+            parts += [
+                play(own, store.scenes(film), GIVEN[way]).assign(object=name, group=way)
+                for way in ways
+                for film in numbers
+            ]
+    return pd.concat(parts, ignore_index=True)
 
 
 def play(
@@ -93,21 +80,3 @@ def play(
             row |= {f"{name}_{u}": x for u, x in zip(UNITS, pose_errors(pose, true), strict=True)}
         rows.append(row)
     return pd.DataFrame(rows)
-
-
-def motion_row(frames: pd.DataFrame) -> dict[str, Any]:
-    """Medians while the object moves; `steady` ones while it moves steadily."""
-    moving, steady = frames[frames.moving], frames[frames.steady]
-    row: dict[str, Any] = {"n": len(frames), "moving": len(moving), "steady": len(steady)}
-    for key in ("measured", "filtered", "predicted"):
-        row[f"{key}_frames"] = int(np.isfinite(moving[f"{key}_mm"]).sum())
-        for unit in UNITS:
-            row[f"{key}_{unit}"] = median(moving[f"{key}_{unit}"])
-            row[f"steady_{key}_{unit}"] = median(steady[f"{key}_{unit}"])
-    return row
-
-
-def _ratios(row: dict[str, Any], exact: dict[str, Any]) -> dict[str, float]:
-    """The measured pose's errors over those of pictures taken together."""
-    keys = {unit: f"measured_{unit}" for unit in ("mm", "deg")}
-    return {f"ratio_{unit}": row[key] / exact[key] for unit, key in keys.items() if exact.get(key)}

@@ -1,37 +1,140 @@
-"""Which plots there are data for."""
+"""Plots of the answers, as PNG files beside the results."""
 
 from __future__ import annotations
 
-from benchmarks.judge.results import Results
-from benchmarks.report import accuracy_plots, speed_plots, trust_plots
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
 
-BASE, BINS, CLEAN = "realistic", "occlusion bins", "clean"
-EXACT, PERTURBED = "realistic", "perturbed calibration"
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from scipy.stats import chi2
+
+from benchmarks.score.metrics import right
+from benchmarks.score.shares import percent, wilson_interval
+from benchmarks.score.tables import by_confidence
+
+GROUPS = {"realistic": "#1f5fbf", "world": "#d1603d"}
+"""Workloads that are shown, and their colours."""
+
+STATUSES = ("found", "tracking", "refound", "coasting", "lost")
 
 
-def plots_of(results: Results) -> dict[str, str]:
-    """SVG elements by key."""
-    frames = results.frames
-    given = frames[frames.found & frames.present]
-    base = frames[frames.workload.isin([BASE, BINS]) & frames.present]
-    bounded = [name for name in (BASE, CLEAN) if (given.workload == name)[given.bound_mm.notna()].any()]
-    sure = [name for name in (EXACT, PERTURBED) if (given.workload == name)[given.nees.notna()].any()]
-    plots = {}
-    if base.found.any():
-        plots["visible"] = accuracy_plots.against_visible_fraction(base)
-    if bounded:
-        plots["bound"] = accuracy_plots.against_bound(given, bounded)
-    if (given.workload == BASE).any():
-        plots["cumulative"] = accuracy_plots.cumulative(frames, BASE)
-    if frames.found.any():
-        plots["reliability"] = trust_plots.reliability(frames[frames.found])
-    if sure:
-        plots["nees"] = trust_plots.nees(given, sure)
-    times = {part: [row for row in results.rows if row["part"] == part] for part in speed_plots.PARTS}
-    if times["time, stages"] and times["time"]:
-        plots["stages"] = speed_plots.stages(times["time, stages"], times["time"])
-    if all(times[f"time, {key}"] for key in ("cameras", "resolution", "faces")):
-        plots["scaling"] = speed_plots.scaling(
-            times["time, cameras"], times["time, resolution"], times["time, faces"]
+def write_plots(frames: Mapping[str, pd.DataFrame], folder: Path) -> list[Path]:
+    """Draw what there are answers for; returns the files."""
+    plots: dict[str, tuple[str, Callable[[Any, pd.DataFrame], None]]] = {
+        "errors": ("accuracy", _errors),
+        "visible": ("accuracy", _visible),
+        "trust": ("accuracy", _trust),
+        "times": ("accuracy", _times),
+        "films": ("films", _films),
+    }
+    files = []
+    for name, (part, draw) in plots.items():
+        if part in frames and len(frames[part]):
+            figure = Figure(figsize=(11, 4.2), dpi=110, layout="constrained")
+            draw(figure, frames[part])
+            files.append(folder / f"{name}.png")
+            figure.savefig(files[-1])
+    return files
+
+
+def _shown(frames: pd.DataFrame) -> Iterator[tuple[str, str, pd.DataFrame]]:
+    """Group, object and answers."""
+    for (group, name), own in frames[frames.group.isin(list(GROUPS))].groupby(
+        ["group", "object"], sort=False
+    ):
+        yield str(group), str(name), own
+
+
+def _panels(figure: Figure, frames: pd.DataFrame) -> dict[str, Axes]:
+    """One for each object."""
+    names = list(dict.fromkeys(name for _, name, _ in _shown(frames)))
+    axes = figure.subplots(1, max(len(names), 1), squeeze=False)[0]
+    for name, panel in zip(names, axes, strict=False):
+        panel.set_title(name, loc="left")
+        panel.grid(alpha=0.3)
+    return dict(zip(names, axes, strict=False))
+
+
+def _errors(figure: Figure, frames: pd.DataFrame) -> None:
+    """The share of all scenes whose error is at most the value across; no pose is none of them."""
+    panels = _panels(figure, frames)
+    for group, name, own in _shown(frames):
+        errors = np.sort(own.mm.dropna())
+        share = 100 * np.arange(1, len(errors) + 1) / len(own)
+        panels[name].step(errors, share, where="post", color=GROUPS[group], label=f"{group} ({len(own)})")
+    for panel in panels.values():
+        panel.set(xscale="log", xlabel="position error [mm]", ylabel="scenes within it [%]", ylim=(0, 101))
+        panel.legend(frameon=False)
+
+
+def _visible(figure: Figure, frames: pd.DataFrame) -> None:
+    """Each point is a scene; a cross at the upper edge is one without a pose."""
+    panels = _panels(figure, frames)
+    for group, name, own in _shown(frames):
+        panel = panels[name]
+        panel.plot(own.visible, own.mm, ".", ms=4, color=GROUPS[group], label=group)
+        none = own[~own.found.astype(bool)]
+        panel.plot(none.visible, np.full(len(none), 1.0), "x", color=GROUPS[group], transform=_top(panel))
+    for panel in panels.values():
+        panel.set(yscale="log", xlabel="visible fraction", ylabel="position error [mm]")
+        panel.legend(frameon=False)
+
+
+def _top(panel: Axes) -> Any:
+    return panel.get_xaxis_transform()
+
+
+def _trust(figure: Figure, frames: pd.DataFrame) -> None:
+    """Stated confidence against what was right, with 95 % intervals; and NEES beside its distribution."""
+    stated, spread = figure.subplots(1, 2)
+    stated.plot([0, 100], [0, 100], color="grey", lw=1)
+    for group, color in GROUPS.items():
+        own = frames[frames.group == group]
+        for _, rows in by_confidence(own):
+            share = percent(right(rows))
+            low, high = wilson_interval(share, len(rows))
+            x = 100 * rows.confidence.mean()
+            stated.plot([x, x], [low, high], color=color, lw=1)
+            stated.plot([x], [share], "o", color=color, ms=4)
+        values = own.nees.dropna()
+        if len(values):
+            bins = np.geomspace(0.05, 500, 40)
+            spread.hist(values, bins, density=True, histtype="step", color=color, label=group)
+    across = np.geomspace(0.05, 500, 400)
+    spread.plot(across, chi2.pdf(across, 6), color="grey", label="if the covariance is right")
+    stated.set(xlabel="stated confidence [%]", ylabel="within 5 mm and 5° [%]")
+    spread.set(xscale="log", xlabel="NEES", ylabel="density")
+    spread.legend(frameon=False)
+
+
+def _times(figure: Figure, frames: pd.DataFrame) -> None:
+    """The share of scenes that take longer than so many times the reference work."""
+    panels = _panels(figure, frames)
+    for group, name, own in _shown(frames):
+        times = np.sort(own.ratio)
+        panels[name].step(
+            times, 100 * np.arange(len(times), 0, -1) / len(times), color=GROUPS[group], label=group
         )
-    return plots
+    for panel in panels.values():
+        panel.set(xscale="log", yscale="log", xlabel="time of `detect` [× reference]", ylabel="slower [%]")
+        panel.legend(frameon=False)
+
+
+def _films(figure: Figure, frames: pd.DataFrame) -> None:
+    """A film of each object and kind as it was tracked: errors over time, and where there was no pose."""
+    shown = frames[frames.group.isin(["all", "world"]) & (frames.film == 0)]
+    groups = list(shown.groupby(["group", "object"], sort=False))
+    panels = figure.subplots(2, 2, sharex="col", squeeze=False).ravel()
+    for panel, ((group, name), own) in zip(panels, groups, strict=False):
+        panel.plot(own.timestamp, own.measured_mm, ".", ms=3, color="#b0b7c3", label="measured")
+        panel.plot(own.timestamp, own.mm, lw=1, color="#1f5fbf", label="filtered")
+        gone = own[~own.found.astype(bool)]
+        panel.plot(gone.timestamp, np.full(len(gone), 1.0), "x", color="#d1603d", transform=_top(panel))
+        panel.set_title(f"{name}, {group}", loc="left", fontsize=9)
+        panel.set(yscale="log", ylabel="error [mm]")
+        panel.grid(alpha=0.3)
+    panels[0].legend(frameon=False, fontsize=8)

@@ -1,11 +1,10 @@
-"""The worst frames as pictures: where the tracker put the object, and where it is."""
+"""One page of the worst answers: where the tracker put the object, and where it is."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -21,8 +20,11 @@ from tracker.viz import paint
 EACH = 5
 """Frames of each object."""
 
-FOLDER = "worst"
-"""Beside the results, for the pictures."""
+FILE = "worst.jpg"
+"""The page, beside the results."""
+
+CAPTION = 22
+"""Height of the line above the panels of an answer [px]."""
 
 PANEL = 300
 """Side of a panel [px]."""
@@ -68,8 +70,8 @@ def badness(record: pd.Series) -> tuple[int, float]:
     if not record.present:
         return (3, record.confidence) if record.found else (0, 0.0)
     if not record.found:
-        return 1, record.visible_fraction
-    error = max(record.position_mm / 5.0, record.rotation_deg / 5.0)
+        return 1, record.visible
+    error = max(record.mm, record.deg) / 5.0
     return (2, error) if error > 1.0 else (0, error)
 
 
@@ -80,43 +82,39 @@ def worst_records(frames: pd.DataFrame, each: int = EACH) -> pd.DataFrame:
     return ranked.groupby("object", sort=False).head(each).drop(columns="badness")
 
 
-def worst_pictures(
-    frames: pd.DataFrame,
-    shown_of: Callable[[pd.Series], Shown],
-    folder: Path,
-    each: int = EACH,
-) -> list[dict[str, Any]]:
-    """Write a JPEG of each of the worst frames into `folder`/worst; what was there before is removed.
+def write_worst(frames: pd.DataFrame, shown_of: Callable[[pd.Series], Shown], folder: Path) -> Path:
+    """Write the page of the worst answers of each object; returns the file.
 
     Args:
-        frames: the frames to choose from.
-        shown_of: images, truth and estimate of a record.
+        frames: the answers to choose from.
+        shown_of: pictures, truth and estimate of an answer.
         folder: where the results are.
-        each: how many of every object.
-
-    Returns:
-        One row for each picture, worst first, for `Results.worst`: `file`, relative to `folder`, and
-        the record's `workload`, `object` and `index`.
     """
-    target = folder / FOLDER
-    target.mkdir(parents=True, exist_ok=True)
-    for old in target.glob("*.jpg"):
-        old.unlink()
-    rows = []
-    for rank, (_, record) in enumerate(worst_records(frames, each).iterrows(), start=1):
-        file = f"{FOLDER}/{rank:02d}.jpg"
-        parameters = [cv2.IMWRITE_JPEG_QUALITY, QUALITY]
-        _, data = cv2.imencode(".jpg", worst_picture(shown_of(record)), parameters)
-        write_whole(folder / file, data.tobytes())
-        rows.append(
-            {
-                "file": file,
-                "workload": record.workload,
-                "object": record.object,
-                "index": int(record["index"]),
-            }
-        )
-    return rows
+    rows = [_captioned(record, shown_of(record)) for _, record in worst_records(frames).iterrows()]
+    width = max(row.shape[1] for row in rows)
+    page = np.concatenate([np.pad(row, ((0, GAP), (0, width - row.shape[1]), (0, 0))) for row in rows])
+    _, data = cv2.imencode(".jpg", page, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+    write_whole(folder / FILE, data.tobytes())
+    return folder / FILE
+
+
+def _captioned(record: pd.Series, view: Shown) -> Image:
+    picture = worst_picture(view)
+    line: Image = np.full((CAPTION, picture.shape[1], 3), paint.BACKGROUND, np.uint8)
+    paint.put_text(line, caption(record), (4, 16), paint.BRIGHT, size=12)
+    return np.concatenate([line, picture])
+
+
+def caption(record: pd.Series) -> str:
+    """What was answered, in a line."""
+    place = f"{record.object}, {record.group}, scene {record['index']}"
+    seen = f"visible {record.visible:.2f}" if record.present else "no object"
+    if not record.found:
+        return f"{place}: no pose, {record.status}; {seen}"
+    stated = f"confidence {record.confidence:.3f}; {seen}"
+    if not record.present:
+        return f"{place}: found; {stated}"
+    return f"{place}: {record.mm:.2f} mm, {record.deg:.2f}°, NEES {record.nees:.3g}; {stated}"
 
 
 def worst_picture(view: Shown) -> Image:

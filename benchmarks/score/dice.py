@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
+import pandas as pd
 from scipy.optimize import linear_sum_assignment
 
 from benchmarks.data.dice import DiceScene
+from benchmarks.score.errors import projected
 from tracker.conventions import Array, FloatArray, Image
 from tracker.geometry.camera import Camera
 from tracker.geometry.cuboid import corners
@@ -18,29 +21,16 @@ from tracker.tasks.rearrange_dice import DIE_WIDTH, Die
 RIGHT = DIE_WIDTH / 2
 """A reported die counts as a true one within so much of it [m]."""
 
+BINS = ((0.3, 1.0), (0.05, 0.3))
+"""Visible fractions of dice that ought to be found, and of others; the lower end belongs to a bin, the upper
+only where it is 1."""
+
 RIM, NEAR_DICE = 2, 3
 """Distances [px] from the nearest pixel of a die: beyond the first, a pixel of the mask is false; beyond the
 second, a pixel of the cross is judged."""
 
 MIN_BLUE, BLUE_OVER_RED = 30, 1.5
 """Least level of blue, and over the level of red, of a pixel of the cross that nothing hides."""
-
-
-@dataclass(frozen=True)
-class View:
-    """The mask of one camera's picture, in pixels."""
-
-    true: int
-    found: int
-    both: int
-    """Pixels of dice, of the mask, of both."""
-    cross: int
-    cross_taken: int
-    """Blue pixels of the cross with no die near them, and those of them in the mask."""
-    elsewhere: int
-    """Pixels of the mask that are near no die, and not of the cross."""
-    total: int
-    """Of the picture."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,24 +58,35 @@ def judge_positions(true: FloatArray, dice: Sequence[Die]) -> Answer:
     return Answer(error, right, np.array([die.probability for die in dice], dtype=np.float64))
 
 
-def judge_mask(mask: Image, image: Image, labels: Image, cross: Array) -> View:
-    """Compares a mask with the truth; `cross` (H, W) says where one is on the table, hidden or not."""
+def judge_mask(mask: Image, image: Image, labels: Image, cross: Array) -> dict[str, int]:
+    """Compares a mask with the truth, in pixels.
+
+    Args:
+        mask: that was found.
+        image: of which it is.
+        labels: what most of a pixel shows.
+        cross: (H, W) where one is on the table, hidden or not.
+
+    Returns:
+        `true`, `found`, `both`: pixels of dice, of the mask, of both. `cross`: blue pixels of the cross with
+        no die near them; `cross_taken`: those of them in the mask. `elsewhere`: pixels of the mask that are
+        near no die and not of the cross. `total`: of the picture.
+    """
     found, true = mask > 0, labels > 0
     distance = cv2.distanceTransform((~true).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     blue, red = (image[..., channel].astype(np.float64) for channel in (0, 2))
     seen = cross & (distance > NEAR_DICE) & (blue >= MIN_BLUE) & (blue >= BLUE_OVER_RED * red)
     # Its rim is a mixture of cross and table, and part of neither.
     around = cv2.dilate(cross.astype(np.uint8), np.ones((2 * RIM + 1, 2 * RIM + 1), np.uint8)) > 0
-    count = np.count_nonzero
-    return View(
-        true=int(count(true)),
-        found=int(count(found)),
-        both=int(count(true & found)),
-        cross=int(count(seen)),
-        cross_taken=int(count(seen & found)),
-        elsewhere=int(count(found & (distance > RIM) & ~around)),
-        total=labels.size,
-    )
+    pixels = {
+        "true": true,
+        "found": found,
+        "both": true & found,
+        "cross": seen,
+        "cross_taken": seen & found,
+        "elsewhere": found & (distance > RIM) & ~around,
+    }
+    return {key: int(np.count_nonzero(where)) for key, where in pixels.items()} | {"total": labels.size}
 
 
 def visible_fractions(cameras: tuple[Camera, ...], scene: DiceScene) -> FloatArray:
@@ -97,11 +98,8 @@ def visible_fractions(cameras: tuple[Camera, ...], scene: DiceScene) -> FloatArr
     points = scene.positions[:, None] + corners(np.full(3, DIE_WIDTH)) @ np.swapaxes(scene.rotations, 1, 2)
     alone, visible = np.zeros(len(points)), np.zeros(len(points))
     for camera, labels in zip(cameras, scene.labels, strict=True):
-        turn, shift = camera.camera_from_world[:3, :3], camera.camera_from_world[:3, 3]
-        pixels, _ = cv2.projectPoints(
-            points.reshape(-1, 3), cv2.Rodrigues(turn)[0], shift, camera.matrix, camera.distortion
-        )
-        alone += [_pixels_inside(hull, labels.shape) for hull in np.float64(pixels).reshape(-1, 8, 2)]
+        pixels = projected(camera, points.reshape(-1, 3)).reshape(-1, 8, 2)
+        alone += [_pixels_inside(hull, labels.shape) for hull in pixels]
         visible += np.bincount(labels.ravel(), minlength=len(points) + 1)[1 : len(points) + 1]
     # A label is by most of a pixel, the hull by its centre: at edges the two may differ.
     return np.asarray(np.minimum(visible / np.maximum(alone, 1), 1.0))
@@ -137,3 +135,37 @@ def cross_pixels(camera: Camera, bars: FloatArray) -> Array:
             at = start[:2] + length[:, None] * rays[:, :2]
             meets |= (length > 0) & ((at >= bar[:2, 0]) & (at <= bar[:2, 1])).all(axis=1)
     return meets.reshape(camera.height, camera.width)
+
+
+def overlap(name: str) -> Callable[[pd.DataFrame], float]:
+    """`iou`, `precision` or `recall` [1] of all pixels of all views."""
+
+    def of(views: pd.DataFrame) -> float:
+        true, found, both = (float(views[key].sum()) for key in ("true", "found", "both"))
+        return _share(both, {"iou": true + found - both, "precision": found, "recall": true}[name])
+
+    return of
+
+
+def taken(part: str, whole: str) -> Callable[[pd.DataFrame], float]:
+    """Share [%] of the pixels of one kind in those of another, of all views."""
+    return lambda views: (
+        100 * _share(float(views[part].sum()), float(views[whole].sum())) if part in views else math.nan
+    )
+
+
+def by_visibility(rows: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
+    """Bins of the visible fraction of dice."""
+    for low, high in BINS:
+        own = rows[(rows.visible >= low) & ((rows.visible < high) | (high == 1.0))]
+        if len(own):
+            yield f"{low:g}-{high:g}", own
+
+
+def brier(rows: pd.DataFrame) -> float:
+    """Mean square of the stated probability minus what came true."""
+    return float(((rows.probability - rows.right) ** 2).mean())
+
+
+def _share(part: float, whole: float) -> float:
+    return part / whole if whole else math.nan

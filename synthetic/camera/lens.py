@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from synthetic.camera.rays import rays_of
-from synthetic.render.interface import PinholeView
+from synthetic.render.raster import PinholeView
 from tracker.conventions import Array, FloatArray
 from tracker.geometry.camera import Camera
 

@@ -1,7 +1,7 @@
-"""How one camera turns light into values: exponent, black level, vignetting, and noise to match.
+"""How one camera turns light into values: response and noise, fixed pattern, drift, sharpening.
 
-Measured on recorded pictures by `scripts/measure_cameras.py`: noise against brightness is that of exponents
-from 1.4 to 2.4, in the median 1.9 in blue and red and 1.5 in green; on photos of a board 18 to 35 %, in the
+`scripts/measure_cameras.py` measures recorded pictures: noise against brightness is that of exponents from
+1.4 to 2.4, in the median 1.9 in blue and red and 1.5 in green; on photos of a board 18 to 35 %, in the
 median 27 %, of the light is lost at half the height from the centre, as cos⁴ of the angle says.
 """
 
@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from functools import lru_cache
 
+import cv2
 import numpy as np
 
 from synthetic.camera.sensor import BLACK, RESPONSE_GAMMA, Sensor, linear
-from tracker.conventions import FloatArray
+from tracker.conventions import Array, FloatArray, Image
 
 LEVELS = (40.0, 120.0)
 """At which the noise is known."""
@@ -85,3 +87,97 @@ def _power(noise: FloatArray, exponent: float) -> tuple[float, float, float]:
     variance = (noise * exponent / 255 * light ** (1 - 1 / exponent)) ** 2
     power = float(np.log(variance[1] / variance[0]) / np.log(light[1] / light[0]))
     return float(variance[0] / light[0] ** power), power, float(linear(np.array(LEAST), exponent))
+
+
+@dataclass(frozen=True)
+class Sharpening:
+    """A mask of one camera: value + amount · (value - value blurred by sigma).
+
+    The platform's recorded mosaics show none: beside the step of sharp edges they are 0.05 of the step
+    brighter and darker than a blurred step is, half of which the objects' rims explain
+    (scripts/measure_cameras.py). Cameras that interpolate their own mosaic sharpen.
+    """
+
+    amount: float
+    """0: none."""
+    sigma: float
+    """Of the blurred picture that is taken off [px of a picture 540 px high]."""
+
+    @classmethod
+    def sample(cls, rng: np.random.Generator) -> Sharpening:
+        """Of three cameras two do it."""
+        amount, sigma = rng.uniform(-0.3, 0.6), rng.uniform(0.6, 1.4)
+        return cls(float(max(amount, 0.0)), float(sigma))
+
+    def applied(self, picture: Image) -> Image:
+        """A picture (H, W, 3) uint8 sharpened."""
+        if self.amount == 0:
+            return picture
+        sigma = max(0.4, self.sigma * picture.shape[0] / 540)
+        values = picture.astype(np.float32)
+        soft = cv2.GaussianBlur(values, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)
+        return np.clip(np.rint(values + self.amount * (values - soft)), 0, 255).astype(np.uint8)
+
+
+@dataclass(frozen=True)
+class FixedPattern:
+    """What differs from pixel to pixel and stays: gains and offsets, a part of both common to a column.
+
+    Data sheets by EMVA 1288 give sensors of cheap industrial cameras a photo response non-uniformity of 0.4
+    to 1.5 %, and offsets of 2 to 10 electrons of 20,000.
+    """
+
+    gain: float
+    """Relative standard deviation of the gain."""
+    offset: float
+    """Standard deviation of the offset [light 1]."""
+    seed: int
+    """Of the pattern itself."""
+
+    @classmethod
+    def sample(cls, rng: np.random.Generator) -> FixedPattern:
+        """A sensor."""
+        return cls(float(rng.uniform(0.004, 0.015)), float(rng.uniform(1e-4, 5e-4)), int(rng.integers(2**62)))
+
+    def applied(self, light: Array, *, binned: bool = False) -> Array:
+        """Light (H, W, 3) as pixels see it; where four `binned` ones make one they differ half as much."""
+        gains, offsets = _patterns(self.seed, light.shape[0], light.shape[1])
+        share = 0.5 if binned else 1.0
+        result: Array = light * (1 + np.float32(share * self.gain) * gains)
+        result += np.float32(share * self.offset) * offsets
+        return result
+
+
+@lru_cache(maxsize=4)
+def _patterns(seed: int, height: int, width: int) -> Array:
+    """(2, H, W, 1) float32 of standard deviation 1, a fifth of whose variance is by column."""
+    rng = np.random.default_rng(seed)
+    own = rng.standard_normal((2, height, width, 1), dtype=np.float32)
+    columns = rng.standard_normal((2, 1, width, 1), dtype=np.float32)
+    result: Array = np.float32(np.sqrt(0.8)) * own + np.float32(np.sqrt(0.2)) * columns
+    return result
+
+
+@dataclass(frozen=True)
+class Drift:
+    """Exposure that changes slowly: lamps warm up, clouds pass, a cheap camera's control follows the arms.
+
+    Up to 15 % up and down within 4 to 40 s; single scenes show one moment of it, a constant factor.
+    """
+
+    amplitude: float
+    """Of the logarithm of the exposure."""
+    period: float
+    """[s]"""
+    phase: float
+    """[1], 0 to 1."""
+
+    @classmethod
+    def sample(cls, rng: np.random.Generator) -> Drift:
+        """A camera on a day."""
+        period = np.exp(rng.uniform(np.log(4.0), np.log(40.0)))
+        return cls(float(rng.uniform(0.02, 0.15)), float(period), float(rng.random()))
+
+    def at(self, time: float) -> float:
+        """Factor on the exposure at a time [s]."""
+        return float(np.exp(self.amplitude * np.sin(2 * np.pi * (time / self.period + self.phase))))

@@ -159,6 +159,7 @@ class Sensor:
         settings: CameraSettings | None = None,
         *,
         halved: bool = False,
+        pattern: Callable[[Array], Array] | None = None,
         finish: Callable[[Image], Image] | None = None,
     ) -> Image:
         """The picture (H, W, 3) uint8 that one camera takes of `light` (H, W, 3), BGR.
@@ -168,12 +169,15 @@ class Sensor:
             rng: draws the noise, and the settings where none are given.
             settings: which camera takes it.
             halved: H and W must be even; the picture comes out at half of them, by the sensor's path.
+            pattern: what its pixels make of the light that falls on them, before there is noise.
             finish: what the camera does to its picture before it gives it out, and before it is halved.
         """
         settings = settings or self.settings(rng)
         light = np.asarray(light, dtype=np.float32)
         if self.psf_sigma > 0:
             light = cv2.GaussianBlur(light, (0, 0), self.psf_sigma, borderType=cv2.BORDER_REPLICATE)
+        if pattern is not None:
+            light = pattern(light)
         height, width = light.shape[:2]
         falloff = self._falloff((height, width), settings.slope)
         if self.path == "plain":

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Sequence
 
-import cv2
 import numpy as np
 
 from synthetic.camera.lens import Lens
 from synthetic.camera.sensor import Sensor
 from synthetic.camera.units import Unit
-from synthetic.render.interface import Layers, PinholeView, Renderer
+from synthetic.render.choose import Renderer
+from synthetic.render.raster import Layers
 from synthetic.scene import PlatformScene
 from tracker.conventions import Array, Image
-from tracker.geometry.camera import Camera
 
 SENSOR_HEIGHT = 540
 """Height [px] at which the platform's cameras take pictures, and for which `Sensor.sample` is measured."""
@@ -68,8 +68,6 @@ class CameraShot:
     """(H, W) uint8 of what is visible."""
     alone: Image
     """(H, W) uint8 of what would be visible without robot."""
-    pinhole: tuple[Image, Image] | None = None
-    """`labels` and `alone` of the camera of the same matrix without distortion."""
 
 
 def shoot(
@@ -78,8 +76,6 @@ def shoot(
     unit: Unit,
     quality: Quality,
     noise: np.random.Generator,
-    *,
-    pinhole: bool = False,
 ) -> CameraShot:
     """The picture that a camera takes.
 
@@ -90,7 +86,6 @@ def shoot(
         unit: the camera.
         quality: how much work goes into the picture.
         noise: draws the noise and nothing else.
-        pinhole: whether the labels of a camera without distortion are wanted as well.
     """
     camera = unit.camera
     halved = quality.sensor_height is not None and quality.sensor_height > camera.height
@@ -104,36 +99,26 @@ def shoot(
     middle = views[len(views) // 2]
     # The lattice of the fine camera's points is that of the camera itself: the view is the same.
     coarse = Lens(camera, points * factor)
+    pattern = unit.fixed_pattern
     return CameraShot(
         image=unit.sensor.expose(
             light if len(views) == 1 else light / len(views),
             noise,
             unit.settings,
             halved=halved,
+            pattern=None
+            if pattern is None
+            else functools.partial(pattern.applied, binned=unit.sensor.binned),
             finish=None if unit.sharpening is None else unit.sharpening.applied,
         ),
         labels=np.asarray(coarse.to_camera(middle.labels, "label"), dtype=np.uint8),
         alone=np.asarray(coarse.to_camera(middle.alone, "label"), dtype=np.uint8),
-        pinhole=_undistorted_labels(middle, lens.view, camera) if pinhole else None,
     )
 
 
 def _light(layers: Layers, lens: Lens, unit: Unit) -> Array:
     """Light (H, W, 3) on the sensor's grid, as far as the lens decides it."""
     light = lens.to_camera(layers.color, "mean", None if unit.fringes is None else unit.fringes.stretch)
-    if unit.focus is None:
-        return light
-    return unit.focus.blurred(light, lens.to_camera(layers.nearness, "mean"))
-
-
-def _undistorted_labels(layers: Layers, view: PinholeView, camera: Camera) -> tuple[Image, Image]:
-    """Labels and labels without robot at the pixels' centres of `camera` without distortion."""
-    (fx, _, cx), (_, fy, cy) = camera.matrix[:2]
-    x = (np.arange(camera.width) - cx) / fx * view.fx + view.cx
-    y = (np.arange(camera.height) - cy) / fy * view.fy + view.cy
-    map_x, map_y = (part.astype(np.float32) for part in np.meshgrid(x, y))
-    return _nearest(layers.labels, map_x, map_y), _nearest(layers.alone, map_x, map_y)
-
-
-def _nearest(layer: Image, map_x: Array, map_y: Array) -> Image:
-    return np.asarray(cv2.remap(layer, map_x, map_y, cv2.INTER_NEAREST), dtype=np.uint8)
+    if unit.focus is not None:
+        light = unit.focus.blurred(light, lens.to_camera(layers.nearness, "mean"))
+    return light if unit.skewed_psf is None else unit.skewed_psf.applied(light)

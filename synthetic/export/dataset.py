@@ -6,6 +6,7 @@ interrupted is continued by calling `make_dataset` again, and what is there is n
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import shutil
@@ -20,11 +21,12 @@ import cv2
 import numpy as np
 
 from synthetic.camera.rigs import KNOWN, choose_rig, sized
-from synthetic.export.bop import finish_bop, write_bop_frame
+from synthetic.export.bop import finish_bop, write_bop_frame, write_png
 from synthetic.export.workers import run_tasks
 from synthetic.frames import DatasetError, Frame, FrameMaker, FrameOptions
+from synthetic.render.choose import Renderer
 from tracker.calibration.rig import CameraRig
-from tracker.conventions import Image
+from tracker.files import write_whole
 
 TRUTH_FILE = "ground_truth.json"
 
@@ -52,12 +54,11 @@ class DatasetOptions:
         """The cameras that the data set uses."""
         return sized(choose_rig(self.calibration, self.frames.seed), self.frames.size)
 
-    def settings(self, renderer: str) -> dict[str, Any]:
-        """What must be the same where a run continues another one; `renderer` is the one in use."""
+    def settings(self) -> dict[str, Any]:
+        """What must be the same where a run continues another one."""
         result = asdict(self.frames)
         for key in ("seed", "object_name"):  # they stand in the truth already
             del result[key]
-        result["renderer"] = renderer
         result["effects"] = list(self.frames.effects)  # as JSON gives it back
         named = self.calibration in KNOWN
         return {**result, "calibration": self.calibration if named else "folder", "bop": self.bop}
@@ -71,26 +72,6 @@ class Task:
     wanted: tuple[int, ...]
 
 
-class _Maker:
-    """A worker's part: makes frames and writes them."""
-
-    def __init__(self, options: DatasetOptions, folder: Path) -> None:
-        self._options, self._folder = options, folder
-        self._frames = FrameMaker(options.frames, options.rig(), pinhole=options.bop)
-
-    def __call__(self, task: Task) -> Iterator[dict[str, Any]]:
-        maker = self._frames
-        remaining = len(task.wanted)
-        for frame in maker.chunk(task.chunk, frozenset(task.wanted)):
-            if self._options.bop:
-                write_bop_frame(self._folder / "bop", frame)
-            write_frame(self._folder, frame, maker.rig.names)
-            yield frame.truth(maker.rig.names)
-            remaining -= 1
-            if not remaining:
-                return
-
-
 @dataclass(frozen=True)
 class MakerFactory:
     """Makes a worker's part, in the worker's process."""
@@ -99,9 +80,19 @@ class MakerFactory:
     folder: Path
 
     def __call__(self) -> Callable[[Task], Iterator[dict[str, Any]]]:
-        """The worker's part."""
+        """What makes and writes the frames of a task, and gives their truth."""
         cv2.setNumThreads(1)  # workers share the machine already
-        return _Maker(self.options, self.folder)
+        maker = FrameMaker(self.options.frames, self.options.rig())
+
+        def work(task: Task) -> Iterator[dict[str, Any]]:
+            frames = maker.chunk(task.chunk, frozenset(task.wanted))
+            for frame in itertools.islice(frames, len(task.wanted)):
+                if self.options.bop:
+                    write_bop_frame(self.folder / "bop", frame)
+                write_frame(self.folder, frame, maker.rig.names)
+                yield frame.truth(maker.rig.names)
+
+        return work
 
 
 def write_frame(folder: Path, frame: Frame, names: tuple[str, ...]) -> None:
@@ -124,15 +115,6 @@ def write_frame(folder: Path, frame: Frame, names: tuple[str, ...]) -> None:
     except BaseException:
         shutil.rmtree(temporary, ignore_errors=True)
         raise
-
-
-def write_png(path: Path, image: Image) -> None:
-    """Write an image; OSError where that fails."""
-    # Level 1: a third of the time of the default, files 10 % larger.
-    done, data = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 1])
-    if not done:
-        raise DatasetError(f"{path}: cannot be encoded as PNG")
-    path.write_bytes(data.tobytes())
 
 
 def make_dataset(
@@ -205,14 +187,11 @@ class _Truth:
     @classmethod
     def open(cls, root: Path, options: DatasetOptions) -> _Truth:
         """That of a new folder, or of one made with the same options."""
-        from synthetic.render.choose import choose_renderer
-
-        renderer = choose_renderer(options.frames.renderer).name
         head: dict[str, Any] = {
             "seed": options.frames.seed,
             "object": options.frames.object_name,
-            "renderer": renderer,
-            "settings": options.settings(renderer),
+            "renderer": Renderer.name,
+            "settings": options.settings(),
         }
         path = root / TRUTH_FILE
         if not path.exists():
@@ -251,10 +230,7 @@ class _Truth:
     def save(self) -> None:
         """Replace the file."""
         start = time.monotonic()
-        text = json.dumps({**self._head, "frames": self.entries()}, indent=1)
-        temporary = self._path.with_name(f".{self._path.name}.tmp")
-        temporary.write_text(text + "\n", encoding="utf-8")
-        os.replace(temporary, self._path)
+        write_whole(self._path, json.dumps({**self._head, "frames": self.entries()}, indent=1) + "\n")
         now = time.monotonic()
         self._next_save = now + max(_SAVE_EVERY, 20 * (now - start))
 

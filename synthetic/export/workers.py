@@ -6,7 +6,7 @@ import multiprocessing
 import queue
 import signal
 from collections.abc import Callable, Generator, Iterator, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 from tracker.errors import TrackerError
 
@@ -15,13 +15,8 @@ class WorkerError(TrackerError):
     """A worker process failed."""
 
 
-class Factory(Protocol):
-    """Makes what does the tasks, in the process that does them; it can be pickled."""
-
-    def __call__(self) -> Callable[[Any], Iterator[Any]]:
-        """The function that turns a task into results."""
-        ...
-
+Factory = Callable[[], Callable[[Any], Iterator[Any]]]
+"""Makes what turns a task into results, in the process that does the tasks; it can be pickled."""
 
 _POLL_SECONDS = 1.0
 _RESULT, _FAILURE, _END = range(3)

@@ -15,7 +15,6 @@ import numpy as np
 from synthetic.camera.sensor import BLACK, linear
 from tracker.conventions import FloatArray
 from tracker.objects.labels import COLOR_NAMES
-from tracker.objects.model import CuboidModel
 
 TYPICAL_COLORS_BGR = np.array(
     [
@@ -54,14 +53,6 @@ def _entries(colors: str) -> dict[str, dict[str, Any]]:
     return {**objects[_SUBSTITUTE], **objects[colors]} if colors in objects else {}
 
 
-def face_colors(model: CuboidModel) -> FloatArray:
-    """(7, 3) BGR levels by label: measured where the object's colours are known, typical ones otherwise."""
-    result = TYPICAL_COLORS_BGR.astype(np.float64)
-    for color, entry in _entries(model.colors).items():
-        result[COLOR_NAMES.index(color)] = np.minimum(entry["bgr"], 255)
-    return result
-
-
 def reflectances(colors: str) -> FloatArray:
     """(7, 3) linear BGR reflectance by label of the object with the colour model `colors`.
 
@@ -76,9 +67,3 @@ def reflectances(colors: str) -> FloatArray:
         result[COLOR_NAMES.index(color)] = (linear(np.array(entry["bgr"]), gamma) + BLACK) / light
     result[1:] = np.clip(result[1:], DARKEST, 0.98)
     return result
-
-
-def dirt(colors: str) -> float:
-    """Relative standard deviation of the reflectance over a face, in the median of the object's faces."""
-    values = [entry["dirt"] for entry in _entries(colors).values() if entry["dirt"] is not None]
-    return float(np.median(values)) if values else 0.04

@@ -1,54 +1,76 @@
-"""Which renderer a process uses."""
+"""The renderer: a scene and a pinhole view in, linear light and exact labels out.
+
+A rasteriser says which triangle each pixel shows; the light follows from where the pixel's ray meets it. It
+needs neither OpenGL nor a screen. `synthetic.render.check` asks pyrender for the same labels.
+"""
 
 from __future__ import annotations
 
-import os
+import functools
 
-from synthetic.render.code_renderer import CodeRenderer
-from synthetic.render.interface import Renderer, RendererError
-from synthetic.render.raster_codes import RasterPainter
+from synthetic.errors import RendererError
+from synthetic.render.hits import hits_of_codes, labels_of_codes, shared
+from synthetic.render.raster import Layers, PinholeView, paint
+from synthetic.render.shading import add_bounced, shade
+from synthetic.render.shadows import Shadows, everything, reach_of, shadows_of
+from synthetic.render.surfaces import Surfaces, SurfaceStore
+from synthetic.scene import PlatformScene
 
-RENDERERS = ("auto", "pyrender", "raster")
-"""Names that `choose_renderer` knows."""
+KEPT = 6
+"""Scenes whose surfaces and shadows are kept: those of one open shutter, which all cameras look at."""
 
-_live: dict[int, Renderer] = {}
-"""The renderer of a process, by the process's number: a second OpenGL context in a process is where drivers
-fail, and so is one that a child inherits."""
+
+class Renderer:
+    """Renders scenes; same scene and view, same bits."""
+
+    name = "raster"
+    """Stands in the ground truth."""
+
+    def __init__(self) -> None:
+        self._store = SurfaceStore()
+        self._known: list[tuple[PlatformScene, Surfaces, list[Shadows]]] = []
+
+    def render(self, scene: PlatformScene, view: PinholeView, *, shadows: bool = True) -> Layers:
+        """What `view` shows of `scene`; without `shadows` light passes through everything, and it is fast."""
+        surfaces, maps = self._of_scene(scene)
+        bodies = [(n, body.mesh, body.world_from_body) for n, body in enumerate(scene.bodies)]
+        codes, nearness = paint(view, bodies)
+        alone, _ = paint(view, [row for row in bodies if surfaces.is_object[row[0]]])
+        at, stands = shared(codes, surfaces, view.block) if view.block > 1 else (None, None)
+        hits = hits_of_codes(codes, view, surfaces, at)
+        reach = everything()
+        if shadows:
+            if not maps:
+                maps.append(shadows_of(surfaces, scene.lighting))
+            reach = reach_of(hits, view, maps[0], scene.lighting)
+        color = shade(hits, view, surfaces, scene.lighting, reach)
+        if scene.patches is not None:
+            add_bounced(color, scene, scene.patches, hits, surfaces)
+        if stands is not None:
+            color = color[0][stands]
+        return Layers(color, labels_of_codes(codes, surfaces), labels_of_codes(alone, surfaces), nearness)
+
+    def _of_scene(self, scene: PlatformScene) -> tuple[Surfaces, list[Shadows]]:
+        """The surfaces of a scene, and its shadow maps once they were asked for."""
+        for known, surfaces, maps in self._known:
+            if known is scene:
+                return surfaces, maps
+        surfaces, maps = self._store.of_scene(scene), list[Shadows]()
+        self._known = [(scene, surfaces, maps), *self._known[: KEPT - 1]]
+        return surfaces, maps
 
 
 def choose_renderer(name: str = "auto") -> Renderer:
-    """The renderer of that name; `auto` is pyrender over EGL where it works, else raster.
-
-    A process keeps one renderer: asking again returns it, asking for another one closes it first.
+    """The renderer, one for each process.
 
     Raises:
-        RendererError: there is none of this name, or it does not work on this machine.
+        RendererError: another one than `raster` or `auto`, which is the same, is asked for.
     """
-    if name not in RENDERERS:
-        raise RendererError(f"renderer: found {name!r}, expected one of {', '.join(RENDERERS)}")
-    renderer = _live.get(os.getpid())
-    if renderer is None or name not in ("auto", renderer.name):
-        close_renderer()
-        renderer = _live[os.getpid()] = _make(name)
-    return renderer
+    if name not in ("auto", Renderer.name):
+        raise RendererError(f"renderer: found {name!r}, expected auto or {Renderer.name}")
+    return _renderer()
 
 
-def close_renderer() -> None:
-    """Close the renderer of this process, if there is one."""
-    renderer = _live.pop(os.getpid(), None)
-    if renderer is not None:
-        renderer.close()
-
-
-def _make(name: str) -> Renderer:
-    if name in ("auto", "pyrender"):
-        try:
-            # Imported here: it needs packages and libraries of its own, and the other works without them.
-            from synthetic.render.gl_codes import CodePainter
-
-            return CodeRenderer("pyrender", CodePainter())
-        except Exception as error:
-            # What a missing driver raises is anything from ImportError to AttributeError.
-            if name == "pyrender":
-                raise RendererError(f"pyrender over EGL does not work here: {error!r}") from error
-    return CodeRenderer("raster", RasterPainter())
+@functools.cache
+def _renderer() -> Renderer:
+    return Renderer()

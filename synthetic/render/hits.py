@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from synthetic.render.interface import PinholeView
+from synthetic.render.raster import PinholeView
 from synthetic.render.surfaces import BODY_SHIFT, Surfaces
 from tracker.compiled import compiled
 from tracker.conventions import Array, Image
@@ -45,11 +44,9 @@ def hits_of_codes(codes: Array, view: PinholeView, surfaces: Surfaces, at: Array
     if len(surfaces.groups):
         world_from_camera = np.linalg.inv(view.camera_from_world)
         lens = np.array([view.fx, view.fy, view.cx, view.cy])
-        tables = surfaces.first_triangle, surfaces.corners, surfaces.normals, surfaces.groups
-        flat = Hits(*(part.reshape(codes.size if at is None else len(at), *part.shape[2:]) for part in hits))
         at = np.arange(codes.size) if at is None else at
-        more = surfaces.first_group, surfaces.world_from_body
-        _meet(codes, at, world_from_camera, lens, *tables, *more, flat)
+        flat = Hits(*(part.reshape(len(at), *part.shape[2:]) for part in hits))
+        _meet(codes, at, world_from_camera, lens, surfaces, flat)
     return hits
 
 
@@ -61,14 +58,19 @@ def shared(codes: Array, surfaces: Surfaces, block: int) -> tuple[Array, Array]:
     """
     stands = np.empty(codes.shape, np.int32)
     at = np.empty(codes.size, np.int64)
-    tables = surfaces.first_triangle, surfaces.groups, surfaces.first_group
-    return at[: _share(codes, block, *tables, at, stands)], stands
+    return at[: _share(codes, block, surfaces, at, stands)], stands
 
 
 @compiled
-def _share(
-    codes: Array, block: int, first: Array, groups: Array, first_group: Array, at: Array, stands: Array
-) -> int:
+def _row(code: int, surfaces: Surfaces) -> int:
+    """Row of the colour group of what a code other than 0 names."""
+    body = int(code >> BODY_SHIFT) - 1
+    triangle = surfaces.first_triangle[body] + int(code & ((1 << BODY_SHIFT) - 1))
+    return int(surfaces.first_group[body] + surfaces.groups[triangle])
+
+
+@compiled
+def _share(codes: Array, block: int, surfaces: Surfaces, at: Array, stands: Array) -> int:
     height, width = codes.shape
     rows = np.empty((block * block, 2), np.int64)
     count = 0
@@ -77,10 +79,7 @@ def _share(
             known = 0
             for j in range(top, min(top + block, height)):
                 for i in range(left, min(left + block, width)):
-                    code, row = codes[j, i], -1
-                    if code:
-                        body = int(code >> BODY_SHIFT) - 1
-                        row = first_group[body] + groups[first[body] + int(code & ((1 << BODY_SHIFT) - 1))]
+                    row = _row(codes[j, i], surfaces) if codes[j, i] else -1
                     k = 0
                     while k < known and rows[k, 0] != row:
                         k += 1
@@ -95,61 +94,23 @@ def _share(
 def labels_of_codes(codes: Array, surfaces: Surfaces) -> Image:
     """Labels (h, w) of codes."""
     labels = np.zeros(codes.shape, np.uint8)
-    if len(surfaces.groups):
-        tables = surfaces.first_triangle, surfaces.groups, surfaces.first_group, surfaces.labels
-        _label(codes, *tables, labels)
+    _label(codes, surfaces, labels)
     return labels
 
 
-def labels_of_hits(hits: Hits, surfaces: Surfaces) -> Image:
-    """Labels (h, w) of what was hit."""
-    if not len(surfaces.labels):
-        return np.zeros(hits.body.shape, np.uint8)
-    return np.where(hits.body >= 0, surfaces.labels[hits.row], np.uint8(0)).astype(np.uint8)
-
-
-def nearness_of_hits(hits: Hits, view: PinholeView) -> npt.NDArray[np.float32]:
-    """1 / depth (h, w) along the view's axis [1/m], 0 where nothing was hit."""
-    nearness = np.zeros(hits.body.shape, np.float32)
-    _near(hits.body, hits.points, np.ascontiguousarray(view.camera_from_world[2]), nearness)
-    return nearness
-
-
 @compiled
-def _near(body: Array, points: Array, axis: Array, out: Array) -> None:
-    for j in range(body.shape[0]):
-        for i in range(body.shape[1]):
-            if body[j, i] >= 0:
-                x, y, z = points[j, i]
-                out[j, i] = 1.0 / (axis[0] * x + axis[1] * y + axis[2] * z + axis[3])
-
-
-@compiled
-def _label(codes: Array, first: Array, groups: Array, first_group: Array, label: Array, out: Array) -> None:
+def _label(codes: Array, surfaces: Surfaces, out: Array) -> None:
     for j in range(codes.shape[0]):
         for i in range(codes.shape[1]):
-            code = codes[j, i]
-            if code:
-                body = (code >> BODY_SHIFT) - 1
-                triangle = first[body] + (code & ((1 << BODY_SHIFT) - 1))
-                out[j, i] = label[first_group[body] + groups[triangle]]
+            if codes[j, i]:
+                out[j, i] = surfaces.labels[_row(codes[j, i], surfaces)]
 
 
 @compiled
 def _meet(
-    codes: Array,
-    at: Array,
-    world_from_camera: Array,
-    lens: Array,
-    first: Array,
-    corners: Array,
-    corner_normals: Array,
-    groups: Array,
-    first_group: Array,
-    world_from_body: Array,
-    hits: Hits,
+    codes: Array, at: Array, world_from_camera: Array, lens: Array, surfaces: Surfaces, hits: Hits
 ) -> None:
-    n, pose = corner_normals, world_from_body
+    n, pose, corners = surfaces.normals, surfaces.world_from_body, surfaces.corners
     eye = world_from_camera[:3, 3]
     bodies, rows, points, normals = hits.body, hits.row, hits.points, hits.normals
     for place in range(len(at)):
@@ -158,14 +119,14 @@ def _meet(
         if code == 0:
             continue
         body = int(code >> BODY_SHIFT) - 1
-        t = first[body] + int(code & ((1 << BODY_SHIFT) - 1))
+        t = surfaces.first_triangle[body] + int(code & ((1 << BODY_SHIFT) - 1))
         x, y = (i - lens[2]) / lens[0], (j - lens[3]) / lens[1]
         wx = world_from_camera[0, 0] * x + world_from_camera[0, 1] * y + world_from_camera[0, 2]
         wy = world_from_camera[1, 0] * x + world_from_camera[1, 1] * y + world_from_camera[1, 2]
         wz = world_from_camera[2, 0] * x + world_from_camera[2, 1] * y + world_from_camera[2, 2]
-        u, v, reach = _barycentric(corners, t, world_from_body, body, eye, wx, wy, wz)
+        u, v, reach = _barycentric(corners, t, pose, body, eye, wx, wy, wz)
         bodies[place] = body
-        rows[place] = first_group[body] + groups[t]
+        rows[place] = surfaces.first_group[body] + surfaces.groups[t]
         points[place, 0] = eye[0] + reach * wx
         points[place, 1] = eye[1] + reach * wy
         points[place, 2] = eye[2] + reach * wz
@@ -194,22 +155,11 @@ def _barycentric(
     A pixel's centre may lie a rounding error outside of the triangle that OpenGL drew there.
     """
     ox, oy, oz = eye[0] - pose[body, 0, 3], eye[1] - pose[body, 1, 3], eye[2] - pose[body, 2, 3]
-    px = pose[body, 0, 0] * ox + pose[body, 1, 0] * oy + pose[body, 2, 0] * oz - corners[t, 0, 0]
-    py = pose[body, 0, 1] * ox + pose[body, 1, 1] * oy + pose[body, 2, 1] * oz - corners[t, 0, 1]
-    pz = pose[body, 0, 2] * ox + pose[body, 1, 2] * oy + pose[body, 2, 2] * oz - corners[t, 0, 2]
-    dx = pose[body, 0, 0] * wx + pose[body, 1, 0] * wy + pose[body, 2, 0] * wz
-    dy = pose[body, 0, 1] * wx + pose[body, 1, 1] * wy + pose[body, 2, 1] * wz
-    dz = pose[body, 0, 2] * wx + pose[body, 1, 2] * wy + pose[body, 2, 2] * wz
-    ax, ay, az = (
-        corners[t, 1, 0] - corners[t, 0, 0],
-        corners[t, 1, 1] - corners[t, 0, 1],
-        corners[t, 1, 2] - corners[t, 0, 2],
-    )
-    bx, by, bz = (
-        corners[t, 2, 0] - corners[t, 0, 0],
-        corners[t, 2, 1] - corners[t, 0, 1],
-        corners[t, 2, 2] - corners[t, 0, 2],
-    )
+    px, py, pz = _turned_back(pose, body, ox, oy, oz)
+    px, py, pz = px - corners[t, 0, 0], py - corners[t, 0, 1], pz - corners[t, 0, 2]
+    dx, dy, dz = _turned_back(pose, body, wx, wy, wz)
+    ax, ay, az = _edge(corners, t, 1)
+    bx, by, bz = _edge(corners, t, 2)
     hx, hy, hz = dy * bz - dz * by, dz * bx - dx * bz, dx * by - dy * bx
     qx, qy, qz = py * az - pz * ay, pz * ax - px * az, px * ay - py * ax
     determinant = ax * hx + ay * hy + az * hz
@@ -223,3 +173,20 @@ def _barycentric(
     if u + v > 1.0:
         u, v = u / (u + v), v / (u + v)
     return u, v, reach
+
+
+@compiled
+def _turned_back(pose: Array, body: int, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """A direction of the world in a body's frame."""
+    return (
+        pose[body, 0, 0] * x + pose[body, 1, 0] * y + pose[body, 2, 0] * z,
+        pose[body, 0, 1] * x + pose[body, 1, 1] * y + pose[body, 2, 1] * z,
+        pose[body, 0, 2] * x + pose[body, 1, 2] * y + pose[body, 2, 2] * z,
+    )
+
+
+@compiled
+def _edge(corners: Array, t: int, k: int) -> tuple[float, float, float]:
+    """From a triangle's corner 0 to its corner k."""
+    first, last = corners[t, 0], corners[t, k]
+    return last[0] - first[0], last[1] - first[1], last[2] - first[2]

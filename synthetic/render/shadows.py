@@ -1,4 +1,6 @@
-"""How much of a scene's light reaches a point: depth maps seen from the lamps and from all over the sky.
+"""Shadows: how much of the light of the sky and of each lamp gets to what a view shows.
+
+Depth maps are seen from the lamps and from all over the sky.
 
 A map lies across the direction to the light and holds, per cell, how far towards the light the scene reaches.
 """
@@ -9,24 +11,39 @@ from typing import NamedTuple
 
 import numpy as np
 
+from synthetic.render.hits import Hits
+from synthetic.render.raster import PinholeView
 from synthetic.render.surfaces import Surfaces
 from synthetic.scene import Lighting
 from tracker.compiled import compiled
 from tracker.conventions import Array, FloatArray
 
-CENTER = (0.0, 0.0, 0.08)
+_CENTER = (0.0, 0.0, 0.08)
 """Middle of all maps [m]."""
 
 _REACH_M = 0.34
-"""Half the width of a map around the centre [m]: the arena and what stands in it."""
+"""Half the width of a map [m]: the arena and what stands in it."""
 
 _LAMP_CELLS, _SKY_CELLS = 288, 160
-LAMP_DIRECTIONS = 7
+_LAMP_DIRECTIONS = 7
 _LAMP_HALF_ANGLE = np.radians(7.0)
 """Lamps are as wide as this: shadows are sharp at the foot of a thing and soft far from it."""
 
 _SKY_TOP = 0.92
 """Cosine range of the sky's directions is from 0.2 to this: lower ones the walls hide anyway."""
+
+_BLOCK_RAD = 0.0055
+"""Pixels within squares of this size, below 3 mm at half a metre, share a look on the same surface."""
+
+_SAME_SURFACE = 0.97
+"""Least cosine between normals of the same surface."""
+
+_BOUNCED = 0.15
+"""Share of the sky's light that comes back from what hides it."""
+
+
+Point = tuple[float, float, float]
+"""In the world [m], or a direction."""
 
 
 class Maps(NamedTuple):
@@ -41,7 +58,7 @@ class Maps(NamedTuple):
 
 
 class Shadows(NamedTuple):
-    """Maps of the lamps that cast shadows, LAMP_DIRECTIONS of each in their order, and of the sky."""
+    """Maps of the lamps that cast shadows, _LAMP_DIRECTIONS of each in their order, and of the sky."""
 
     lamps: Maps
     sky: Maps
@@ -56,8 +73,8 @@ def shadows_of(surfaces: Surfaces, lighting: Lighting) -> Shadows:
 
 def _disk(direction: FloatArray) -> FloatArray:
     """Directions (N, 3) spread evenly over a lamp."""
-    n = np.arange(LAMP_DIRECTIONS)
-    radius = np.tan(_LAMP_HALF_ANGLE) * np.sqrt((n + 0.5) / LAMP_DIRECTIONS)
+    n = np.arange(_LAMP_DIRECTIONS)
+    radius = np.tan(_LAMP_HALF_ANGLE) * np.sqrt((n + 0.5) / _LAMP_DIRECTIONS)
     turn = n * np.pi * (3.0 - np.sqrt(5.0))
     towards, side, across = _frame(direction)
     spread: FloatArray = radius[:, None] * (np.cos(turn)[:, None] * side + np.sin(turn)[:, None] * across)
@@ -88,7 +105,7 @@ def _maps(surfaces: Surfaces, directions: FloatArray, cells: int) -> Maps:
     for k, direction in enumerate(directions):
         towards, side, across = _frame(direction)
         axes[k] = side, across, towards
-        points = (surfaces.vertices - np.array(CENTER, np.float32)) @ axes[k].T.astype(np.float32)
+        points = (surfaces.vertices - np.array(_CENTER, np.float32)) @ axes[k].T.astype(np.float32)
         points[:, :2] = points[:, :2] / np.float32(cell) + np.float32(0.5 * cells - 0.5)
         _rasterise(points, surfaces.triangles, depths[k])
     return Maps(axes, depths, cell)
@@ -124,3 +141,100 @@ def _rasterise(points: Array, triangles: Array, depth: Array) -> None:
             value = points[a, 2] + along_y * (j - ay) - along_x * ax
             for i in range(max(int(np.ceil(low)), 0), min(int(np.floor(high)), size - 1) + 1):
                 depth[j, i] = max(depth[j, i], value + along_x * i)
+
+
+def everything() -> Array:
+    """The reach where nothing casts shadows."""
+    return np.zeros((0, 0, 0), np.float32)
+
+
+def reach_of(hits: Hits, view: PinholeView, shadows: Shadows, lighting: Lighting) -> Array:
+    """Shares (h, w, 1 + lamps) float32 of the sky and of the lamps; a lamp without shadows reaches all."""
+    out = np.ones((*hits.body.shape, 1 + len(lighting.lamps)), np.float32)
+    lamps = np.flatnonzero([lamp.shadows for lamp in lighting.lamps]) + 1
+    # Where pixels share their light those next to each other in `hits` are not so in the view.
+    block = max(int(_BLOCK_RAD * view.fx), 1) if view.block == 1 else 1
+    _look(hits, shadows, lamps.astype(np.int64), block, out)
+    return out
+
+
+@compiled
+def sky_slope(nz: float) -> float:
+    """Share of the ambient light on a surface with a normal of height nz: the dark table sends back less."""
+    return 0.675 + 0.325 * nz
+
+
+@compiled
+def _look(hits: Hits, shadows: Shadows, lamps: Array, block: int, out: Array) -> None:
+    body, points, normals = hits.body, hits.points, hits.normals
+    height, width = body.shape
+    for j in range(height):
+        for i in range(width):
+            if body[j, i] < 0:
+                continue
+            a, b = j - j % block, i - i % block
+            if (a != j or b != i) and body[a, b] == body[j, i]:
+                product = 0.0
+                for c in range(3):
+                    product += normals[j, i, c] * normals[a, b, c]
+                if product > _SAME_SURFACE:
+                    for k in range(out.shape[2]):
+                        out[j, i, k] = out[a, b, k]
+                    continue
+            point = points[j, i, 0], points[j, i, 1], points[j, i, 2]
+            normal = normals[j, i, 0], normals[j, i, 1], normals[j, i, 2]
+            out[j, i, 0] = _sky_share(shadows.sky, point, normal)
+            for k in range(len(lamps)):
+                out[j, i, lamps[k]] = _lamp_share(shadows.lamps, k, point, normal)
+
+
+@compiled
+def _sky_share(maps: Maps, point: Point, normal: Point) -> float:
+    """Share of the sky over a surface that nothing hides, weighted by the cosine to its normal."""
+    axes = maps.axes
+    seen = whole = 0.05  # where hardly any sky faces the surface, what there is comes from all around
+    for k in range(axes.shape[0]):
+        cosine = normal[0] * axes[k, 2, 0] + normal[1] * axes[k, 2, 1] + normal[2] * axes[k, 2, 2]
+        if cosine > 0:
+            whole += cosine
+            seen += cosine * _clear(maps, k, point, normal)
+    return _BOUNCED + (1 - _BOUNCED) * seen / whole
+
+
+@compiled
+def _lamp_share(maps: Maps, k: int, point: Point, normal: Point) -> float:
+    """Share of a lamp whose disk nothing hides."""
+    seen = 0.0
+    for direction in range(k * _LAMP_DIRECTIONS, (k + 1) * _LAMP_DIRECTIONS):
+        seen += _clear(maps, direction, point, normal)
+    return seen / _LAMP_DIRECTIONS
+
+
+@compiled
+def _clear(maps: Maps, k: int, point: Point, normal: Point) -> float:
+    """Share of the four cells around a point that do not hide it; 1 outside of the map."""
+    axes, depths, cell = maps.axes, maps.depths, maps.cell
+    size, off = depths.shape[1], 1.5 * cell
+    # Off the surface by more than a cell, or it would hide the light from itself.
+    qx, qy, qz = (
+        point[0] + off * normal[0] - _CENTER[0],
+        point[1] + off * normal[1] - _CENTER[1],
+        point[2] + off * normal[2] - _CENTER[2],
+    )
+    x = (axes[k, 0, 0] * qx + axes[k, 0, 1] * qy + axes[k, 0, 2] * qz) / cell + 0.5 * size - 0.5
+    y = (axes[k, 1, 0] * qx + axes[k, 1, 1] * qy + axes[k, 1, 2] * qz) / cell + 0.5 * size - 0.5
+    z = axes[k, 2, 0] * qx + axes[k, 2, 1] * qy + axes[k, 2, 2] * qz + 0.5 * cell
+    if not (0 <= x < size - 1 and 0 <= y < size - 1):
+        return 1.0
+    i, j = int(x), int(y)
+    u, v = x - i, y - j
+    share = 0.0
+    if depths[k, j, i] <= z:
+        share += (1 - u) * (1 - v)
+    if depths[k, j, i + 1] <= z:
+        share += u * (1 - v)
+    if depths[k, j + 1, i] <= z:
+        share += (1 - u) * v
+    if depths[k, j + 1, i + 1] <= z:
+        share += u * v
+    return share

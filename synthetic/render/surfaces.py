@@ -9,6 +9,7 @@ from __future__ import annotations
 import zlib
 from collections import OrderedDict
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -47,8 +48,7 @@ class Surface:
     """(T,) int32."""
 
 
-@dataclass(frozen=True, eq=False)
-class Surfaces:
+class Surfaces(NamedTuple):
     """All bodies of a scene; rows of bodies follow each other."""
 
     vertices: Array
@@ -84,19 +84,14 @@ class Surfaces:
 
 
 class SurfaceStore:
-    """Surfaces of meshes by key, and of the scene asked for last (three cameras look at one scene)."""
+    """Surfaces of meshes by key."""
 
     def __init__(self) -> None:
         self._meshes: OrderedDict[str, Surface] = OrderedDict()
-        self._scene: PlatformScene | None = None
-        self._surfaces: Surfaces | None = None
 
     def of_scene(self, scene: PlatformScene) -> Surfaces:
         """The surfaces of all bodies of `scene`, in their order."""
-        if self._surfaces is None or self._scene is not scene:
-            self._surfaces = _join(scene, [self.of_mesh(body.mesh) for body in scene.bodies])
-            self._scene = scene
-        return self._surfaces
+        return _join(scene, [self.of_mesh(body.mesh) for body in scene.bodies])
 
     def of_mesh(self, mesh: Mesh) -> Surface:
         """The surface of one mesh."""

@@ -76,10 +76,8 @@ def _installed() -> Path | None:
         spec = importlib.util.find_spec(PACKAGE)
     except (ImportError, ValueError):
         return None
-    if spec is None or spec.origin is None:
-        return None
-    folder = Path(spec.origin).parent
-    return None if _missing(folder) else folder
+    folder = Path(spec.origin).parent if spec is not None and spec.origin is not None else None
+    return None if folder is None or _missing(folder) else folder
 
 
 def _cache() -> Path:
@@ -110,30 +108,22 @@ def _download(folder: Path) -> None:
 
 
 def _fetch_wheel(scratch: Path) -> Path:
-    command = [
-        sys.executable,
-        "-m",
-        "pip",
-        "download",
-        "--quiet",
-        "--disable-pip-version-check",
-        "--no-input",
-    ]
-    command += ["--no-deps", "--no-binary=:none:", "--only-binary=:all:", "--dest", str(scratch)]
+    options = (
+        "--quiet --disable-pip-version-check --no-input --no-deps --no-binary=:none: --only-binary=:all:"
+    )
+    command = [sys.executable, "-m", "pip", "download", *options.split(), "--dest", str(scratch)]
     try:
         result = subprocess.run(
             [*command, f"{PACKAGE}=={VERSION}"],
             capture_output=True,
-            text=True,
             encoding="utf-8",
             errors="replace",
             timeout=_SECONDS_FOR_DOWNLOAD,
             check=False,
         )
     except subprocess.TimeoutExpired as error:
-        raise AssetError(
-            f"robot meshes: pip did not finish within {_SECONDS_FOR_DOWNLOAD} s. {_ADVICE}"
-        ) from error
+        reason = f"pip did not finish within {_SECONDS_FOR_DOWNLOAD} s"
+        raise AssetError(f"robot meshes: {reason}. {_ADVICE}") from error
     wheels = sorted(scratch.glob("*.whl"))
     if result.returncode != 0 or not wheels:
         lines = [line for line in result.stderr.splitlines() if line.strip()]
@@ -145,13 +135,12 @@ def _fetch_wheel(scratch: Path) -> Path:
 def _unpack(wheel: Path, folder: Path) -> None:
     try:
         with zipfile.ZipFile(wheel) as archive:
-            for name in FILES:
+            # The files' licence asks to be kept with them.
+            licence = [name for name in archive.namelist() if name.endswith(".dist-info/LICENSE")]
+            sources = {f"{PACKAGE}/{name}": name for name in FILES} | dict.fromkeys(licence, "LICENSE")
+            for source, name in sources.items():
                 target = folder / name
                 target.parent.mkdir(parents=True, exist_ok=True)
-                target.write_bytes(archive.read(f"{PACKAGE}/{name}"))
-            # The files' licence asks to be kept with them.
-            for name in archive.namelist():
-                if name.endswith(".dist-info/LICENSE"):
-                    (folder / "LICENSE").write_bytes(archive.read(name))
+                target.write_bytes(archive.read(source))
     except (KeyError, zipfile.BadZipFile) as error:
         raise AssetError(f"robot meshes: {wheel.name} is not as expected: {error}. {_ADVICE}") from error

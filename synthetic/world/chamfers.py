@@ -71,15 +71,13 @@ def random_rims(rng: np.random.Generator) -> Rims:
 
 def chamfered(scene: PlatformScene, rng: np.random.Generator) -> PlatformScene:
     """The scene with rims, drawn from `rng`, around its cuboid."""
-    names, rims = {state.name for state in scene.objects}, random_rims(rng)
-    bodies = tuple(with_rims(body, rims) if body.name in names else body for body in scene.bodies)
+    rims = random_rims(rng)
+    bodies = tuple(with_rims(body, rims) if body.faces else body for body in scene.bodies)
     return dataclasses.replace(scene, bodies=bodies)
 
 
 def with_rims(body: Body, rims: Rims) -> Body:
-    """A body whose mesh is a sharp box of six groups, with rims; other bodies as they are."""
-    if len(body.colors) != _FACES:
-        return body
+    """A body whose mesh is a sharp box of six groups, with rims."""
     size = 2 * np.abs(np.asarray(body.mesh.vertices)).max(axis=0)
     mesh = rimmed_box(size, rims.width, cut=rims.cut)
     faces = group_faces()

@@ -109,6 +109,25 @@ def cylinder(radius: float, length: float) -> tuple[FloatArray, Array]:
     return concatenate(parts)
 
 
+def tube(line: FloatArray, radius: float, sides: int = 10) -> tuple[FloatArray, Array]:
+    """A tube with closed ends around the points (N, 3) of a line [m]."""
+    ways = np.gradient(line, axis=0)
+    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+    helper = np.eye(3)[int(np.argmin(np.abs(ways).max(axis=0)))]
+    side = np.cross(ways, helper)
+    side /= np.linalg.norm(side, axis=1, keepdims=True)
+    angle = 2 * np.pi * np.arange(sides)[:, None, None] / sides
+    rings = line + radius * (np.cos(angle) * side + np.sin(angle) * np.cross(ways, side))
+    vertices = rings.transpose(1, 0, 2).reshape(-1, 3)
+    k = np.arange(sides)
+    following, last = (k + 1) % sides, len(line) - 1
+    first = np.stack([k, following, sides + following], axis=1)
+    second = np.stack([k, sides + following, sides + k], axis=1)
+    walls = [np.concatenate([first, second]) + sides * n for n in range(last)]
+    fan = np.stack([np.zeros_like(k[2:]), k[2:], k[1:-1]], axis=1)
+    return vertices, np.concatenate([*walls, fan, fan[:, ::-1] + sides * last])
+
+
 def load(path: Path, scale: Array | None = None) -> tuple[FloatArray, Array]:
     """Vertices (V, 3) [m] and triangles (T, 3) of a mesh file, equal vertices merged."""
     vertices, triangles = _loaded(path)

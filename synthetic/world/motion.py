@@ -11,14 +11,12 @@ import numpy as np
 from synthetic.look.appearance import Look, random_look
 from synthetic.look.lighting import random_lighting
 from synthetic.scene import Lighting, PlatformScene, SceneAt
-from synthetic.world.acts import push, release, tumble, withdraw
-from synthetic.world.carrying import carry, lift_and_lower
+from synthetic.world.acts import PERIOD, Moment, Moments, Stage, push, release, tumble, withdraw
+from synthetic.world.carrying import carry, lift_and_lower, random_grip
 from synthetic.world.fingers import random_fingers
-from synthetic.world.grips import random_grip
 from synthetic.world.placement import MAX_CLEARANCE, Poses, lowest, place, random_place, random_rotation
 from synthetic.world.platform import Platform
 from synthetic.world.scenes import describe
-from synthetic.world.stage import PERIOD, Moment, Moments, Stage
 from tracker.conventions import FloatArray
 from tracker.errors import TrackerError
 from tracker.geometry import so3

@@ -5,11 +5,11 @@ from __future__ import annotations
 import functools
 from collections.abc import Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from synthetic.closing import Closing
 from synthetic.look.appearance import Look
 from synthetic.scene import Body, Lighting, Mesh, ObjectState, PlatformScene
 from synthetic.world import meshes
@@ -34,7 +34,7 @@ _TABLE_RADIUS, _FLOOR_RADIUS, _FLOOR_HEIGHT = 0.1955, 2.0, -0.02
 _CROSS_HEIGHT = 0.0002
 
 
-class Platform:
+class Platform(Closing):
     """Robot, table, wall and an object; a context manager. A process may have several.
 
     PyBullet is needed for the robot and for physics only: scenes without both do without it.
@@ -76,7 +76,7 @@ class Platform:
 
     @functools.cached_property
     def _robot_meshes(self) -> dict[int, Mesh]:
-        from synthetic.world.robot import robot_meshes
+        from synthetic.world.simulation import robot_meshes
 
         return robot_meshes(self.world, self.assets)
 
@@ -91,14 +91,6 @@ class Platform:
         """Frees the simulation, if there is one."""
         if "world" in vars(self):
             self.world.close()
-
-    def __enter__(self) -> Platform:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def object_states(self, positions: Array, rotations: Array) -> tuple[ObjectState, ...]:
         """States of objects at positions (N, 3) [m] with rotations (N, 3, 3)."""
@@ -146,7 +138,9 @@ class Platform:
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = state.rotation, state.position
         gloss = float(look.gloss[1])
-        return Body(state.name, self._object_mesh, pose, colors, labels, gloss, look.dirt)
+        return Body(
+            state.name, self._object_mesh, pose, colors, labels, gloss, look.dirt, self.model is not None
+        )
 
     def _surroundings(self, look: Look) -> list[Body]:
         nothing = np.zeros(1, dtype=np.uint8)

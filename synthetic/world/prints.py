@@ -54,18 +54,16 @@ def random_prints(rng: np.random.Generator) -> Prints:
 
 def printed(scene: PlatformScene, rng: np.random.Generator) -> PlatformScene:
     """The scene with prints, drawn from `rng`, on the faces of its cuboid; dice stay as they are."""
-    names, prints = {state.name for state in scene.objects}, random_prints(rng)
-    bodies = tuple(with_prints(body, prints) if body.name in names else body for body in scene.bodies)
+    prints = random_prints(rng)
+    bodies = tuple(with_prints(body, prints) if body.faces else body for body in scene.bodies)
     return dataclasses.replace(scene, bodies=bodies)
 
 
 def with_prints(body: Body, prints: Prints) -> Body:
-    """A body whose groups 0 to 5 are flat rectangles, with prints on these; other bodies as they are.
+    """A body whose groups 0 to 5 are flat rectangles, with prints on these.
 
     What a print leaves free has groups of its own, after all others, and the label of its face.
     """
-    if len(body.colors) < _FACES:
-        return body
     coats = np.concatenate([np.asarray(body.coats), prints.coats])
     coats[:_FACES] = prints.coats
     borders = np.clip(prints.faded * body.colors[:_FACES] + prints.pale, 0.0, 1.0)

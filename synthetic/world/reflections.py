@@ -37,15 +37,14 @@ def reflecting(scene: PlatformScene, rng: np.random.Generator) -> PlatformScene:
     """The scene whose cuboid and fingers light what is near them; for dice only shade is smoother."""
     strength = float(rng.uniform(*STRENGTH))
     scene = dataclasses.replace(scene, lighting=dataclasses.replace(scene.lighting, sky=_SKY))
-    if len(scene.objects) != 1:
+    body = next((body for body in scene.bodies if body.faces), None)
+    if body is None:
         return scene
-    state = scene.objects[0]
-    body = next(body for body in scene.bodies if body.name == state.name)
     parts = [_of_faces(body, scene.lighting)]
     for link in scene.bodies:
         if link.name.startswith(_LINKS) and "visuals" not in link.name:
             part = _of_link(link, scene.lighting)
-            near = np.linalg.norm(part.places - state.position, axis=1) < _NEAR_M
+            near = np.linalg.norm(part.places - body.world_from_body[:3, 3], axis=1) < _NEAR_M
             parts.append(part.chosen(near))
     whole = Patches.joined(parts)
     return dataclasses.replace(scene, patches=dataclasses.replace(whole, light=strength * whole.light))

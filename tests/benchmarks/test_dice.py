@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import cv2
 import numpy as np
+import pandas as pd
 import pytest
 from click.testing import CliRunner
 
@@ -13,26 +14,10 @@ from benchmarks.data.dice import DiceScene
 from benchmarks.data.scenes import SIZE, rig
 from benchmarks.data.store import packed, unpacked
 from benchmarks.judge.results import read_results
-from benchmarks.measure import dice as measured_dice
-from benchmarks.measure.dice import (
-    ALONE,
-    IMAGES,
-    Judged,
-    mask_row,
-    position_rows,
-    recorded_row,
-    speed_rows,
-)
+from benchmarks.measure.dice import recorded_row, time_rows
 from benchmarks.program import main
-from benchmarks.report.dice_worst import FILE, HIDDEN, INVENTED, MISSED, from_above
-from benchmarks.score.dice import (
-    RIGHT,
-    View,
-    cross_pixels,
-    judge_mask,
-    judge_positions,
-    visible_fractions,
-)
+from benchmarks.score.dice import RIGHT, cross_pixels, judge_mask, judge_positions, visible_fractions
+from benchmarks.score.tables import BY_NAME
 from tests.helpers import random_rotations
 from tests.helpers.synthetic_needs import skip_without_platform
 from tracker.tasks.rearrange_dice import DIE_WIDTH
@@ -163,96 +148,58 @@ def test_pixels_of_masks_are_counted_once_and_where_they_belong():
     mask[8:12, 20:24] = 255  # of the cross
     mask[30:32, 30:33] = 255
     view = judge_mask(mask, image, labels, cross)
-    assert (view.true, view.found, view.both) == (100, 120 + 16 + 6, 100)
-    # Columns 18 to 27: more than 3 px from column 14, the die's last.
-    assert (view.cross, view.cross_taken) == (40, 16)
-    assert view.elsewhere == 6
-    assert view.total == 1600
+    # Of the cross columns 18 to 27: more than 3 px from column 14, the die's last.
+    expected = {"true": 100, "found": 120 + 16 + 6, "both": 100, "cross": 40, "cross_taken": 16}
+    assert view == expected | {"elsewhere": 6, "total": 1600}
+
+
+def figures_of(rows: list[dict], table: str) -> list[dict]:
+    frame = pd.DataFrame([{"group": "thrown", "object": "dice", **row} for row in rows])
+    return list(BY_NAME[table].figures(frame))
 
 
 def test_all_pixels_together_are_not_the_mean_of_views():
-    views = [View(10, 10, 10, 0, 0, 0, 100), View(90, 100, 60, 8, 2, 10, 100)]
-    row = mask_row(views)
-    assert row["iou"] == pytest.approx(70 / 140)
-    assert row["precision"] == pytest.approx(70 / 110)
-    assert row["recall"] == pytest.approx(0.7)
-    assert row["recall_median"] == pytest.approx((1 + 2 / 3) / 2)
-    assert (row["cross_views"], row["cross_taken"], row["elsewhere"]) == (1, 25, 5)
-
-
-def judged(kind="thrown") -> Judged:
-    """Four true dice, one of them hidden; two found, one invented."""
-    true = np.array([[0.1 * k, 0.0, 0.011] for k in range(4)])
-    found = (
-        die(true[0] + [0.001, 0, 0], 0.97),
-        die(true[1] + [0, 0.003, 0], 0.96),
-        die([0, 0.1, 0.011], 0.2),
-    )
-    answer = judge_positions(true, found)
-    view = View(50, 60, 45, 0, 0, 1, 1000)
-    visible = np.array([1.0, 0.4, 0.35, 0.1])
-    return Judged(
-        kind, 7, visible, (view,) * 3, {IMAGES: found, ALONE: found}, {IMAGES: answer, ALONE: answer}
-    )
+    keys = ("true", "found", "both", "cross", "cross_taken", "elsewhere", "total")
+    views = [
+        dict(zip(keys, v, strict=True)) for v in ((10, 10, 10, 0, 0, 0, 100), (90, 100, 60, 8, 2, 10, 100))
+    ]
+    (row,) = figures_of(views, "dice, masks")
+    found = [row[key] for key in ("iou", "precision", "recall", "cross_taken", "elsewhere")]
+    assert found == pytest.approx([70 / 140, 70 / 110, 0.7, 25, 5])
 
 
 def test_figures_of_positions():
-    row, *stated = position_rows("thrown", [judged().answers[IMAGES]], [judged()])
-    assert row["found"] == pytest.approx(200 / 3)
+    dice = [(1.0, 1.0), (0.4, 3.0), (0.35, np.nan), (0.1, np.nan)]
+    seen, hidden = figures_of([{"visible": v, "mm": mm} for v, mm in dice], "dice, positions")
+    assert (seen["n"], hidden["n"], hidden["found"]) == (3, 1, 0)
+    assert (seen["found"], seen["median_mm"], seen["p90_mm"]) == pytest.approx((200 / 3, 2.0, 2.8))
+    reported = [{"right": r, "probability": p} for r, p in ((True, 0.97), (True, 0.96), (False, 0.2))]
+    (row,) = figures_of(reported, "dice, reported")
     assert row["invented"] == pytest.approx(100 / 3)
-    assert (row["median_mm"], row["p90_mm"]) == pytest.approx((2.0, 2.8))
-    assert row["count_error"] == 22
-    assert [(row[f"dice_{low}"], row[f"found_{low}"]) for low in ("0_05", "0_3", "0_5")] == [
-        (1, 0.0),
-        (2, 50.0),
-        (1, 100.0),
-    ]
     assert row["brier"] == pytest.approx((0.03**2 + 0.04**2 + 0.2**2) / 3)
-    sure = next(part for part in stated if part["n"] == 2)
-    assert (sure["right"], sure["confidence"]) == pytest.approx((100, 96.5))
-    assert judged().mistakes == 2
 
 
-def test_the_picture_from_above_shows_missed_hidden_and_invented():
-    one = judged()
-    positions = np.array([[0.1 * k - 0.15, 0.0, 0.011] for k in range(4)])
-    panel = from_above(one, scene_of(positions, [np.eye(3)] * 4)).astype(int)
-
-    def shows(color, opacity):
-        blended = np.array([29, 24, 22]) * (1 - opacity) + np.array(color) * opacity
-        return (np.abs(panel - blended).max(axis=2) <= 2).any()
-
-    assert shows(MISSED, 0.85)
-    assert shows(HIDDEN, 0.85)
-    assert shows(INVENTED, 1.0)
-
-
-def test_every_kind_of_work_is_timed_equally_often():
-    blank = [np.full((SIZE, SIZE, 3), 80, np.uint8)] * 3
-    rows = speed_rows(RIG, [blank, blank], rounds=2)
-    assert len(rows) == 4
-    assert {row["n"] for row in rows} == {4}
-    assert all(0 < row["median_ms"] <= row["p99_ms"] for row in rows)
-    assert all(row["ratio"] > 0 for row in rows)
+def test_every_kind_of_work_is_timed():
+    rows = time_rows(RIG, [np.full((SIZE, SIZE, 3), 80, np.uint8)] * 3)
+    assert len({row["group"] for row in rows}) == 4
+    assert all(row["ms"] > 0 and row["ratio"] > 0 for row in rows)
 
 
 def test_a_recorded_picture_is_compared_with_its_mask(tmp_path):
-    assert recorded_row(tmp_path) is None
+    assert recorded_row(tmp_path) == []
     (tmp_path / "dice").mkdir()
     mask = np.zeros((SIZE, SIZE), np.uint8)
     mask[100:140, 100:140] = 255
     cv2.imwrite(str(tmp_path / "dice" / "test_image.png"), np.full((SIZE, SIZE, 3), 80, np.uint8))
     cv2.imwrite(str(tmp_path / "dice" / "test_mask.png"), mask)
-    row = recorded_row(tmp_path)
-    assert row is not None
+    (row,) = figures_of(recorded_row(tmp_path), "dice, masks")
     assert (row["recall"], row["iou"]) == (0.0, 0.0)
     assert math.isnan(row["precision"])
 
 
 @pytest.mark.usefixtures("sketched")
-def test_a_smoke_run_of_the_command(tmp_path, monkeypatch):
+def test_a_smoke_run_of_the_command(tmp_path):
     skip_without_platform()
-    monkeypatch.setattr(measured_dice, "ROUNDS", 1)
     out = tmp_path / "out"
     places = ["--cache", str(tmp_path / "cache"), "--real", str(tmp_path / "nowhere"), "-o", str(out)]
     arguments = ["dice", "--scenes", "1", "--workers", "1", "--seed", "5", *places]
@@ -261,13 +208,9 @@ def test_a_smoke_run_of_the_command(tmp_path, monkeypatch):
     assert "## Dice" in done.output
     results = read_results(out)
     assert (results.about["seed"], results.about["draw"]) == (5, "other")
-    masks = [row for row in results.rows if row["part"] == "dice, masks"]
-    assert [(row["group"], row["n"]) for row in masks] == [("thrown", 3), ("laid", 3)]
-    assert all(0.5 < row["iou"] <= 1 for row in masks)
-    for row in results.rows:
-        if row["part"] == "dice, positions":
-            assert row["dice_0_05"] + row["dice_0_3"] + row["dice_0_5"] <= 25
-            assert 0 <= row["found"] <= 100
-    # Single scenes are shown of development draws alone.
-    assert not (out / FILE).exists()
+    rows = {(row["table"], row["group"]): row for row in results.figures}
+    for kind in ("thrown", "laid"):
+        assert rows["dice, masks", kind]["n"] == 3
+        assert 0.5 < rows["dice, masks", kind]["iou"] <= 1
+    assert len(results.frames["dice, positions"]) == 2 * 2 * 25
     assert len(list((tmp_path / "cache").rglob("*.npz"))) == 2

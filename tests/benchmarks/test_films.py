@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import dataclasses
 
-import cv2
 import numpy as np
 import pandas as pd
 import pytest
@@ -13,44 +12,11 @@ from benchmarks.data.store import packed, unpacked
 from benchmarks.judge.results import read_results
 from benchmarks.measure import films
 from benchmarks.program import main
-from benchmarks.report.film_plot import FILE, write_film_plot
-from benchmarks.score.films import (
-    COLUMNS,
-    camera_row,
-    longest_wait,
-    losses,
-    right,
-    share_row,
-    state_rows,
-    status_row,
-    vanished_row,
-)
+from benchmarks.score import films as score
+from benchmarks.score.tables import BY_NAME
+from tests.benchmarks.made_up import film
 from tests.helpers import random_rotations
 from tests.helpers.synthetic_needs import skip_without_platform
-
-
-def played(count=10, **changed) -> pd.DataFrame:
-    """A film in which all is well."""
-    fine = {
-        "film": 0,
-        "timestamp": np.arange(count) / 10,
-        "present": True,
-        "status": ["FOUND", *["TRACKING"] * (count - 1)],
-        "confidence": 0.99,
-        "update_ms": 0.8,
-        "reference_ms": 1.0,
-        "at_rest": np.arange(count) < count // 2,
-        "measured_given": True,
-        "filtered_given": True,
-        "measured_mm": 0.1,
-        "measured_deg": 0.2,
-        "filtered_mm": 0.05,
-        "filtered_deg": 0.1,
-        "measured_nees": 5.0,
-        "filtered_nees": 5.0,
-    }
-    assert set(fine) == set(COLUMNS)
-    return pd.DataFrame({**fine, **{f"visible_{k}": np.ones(count) for k in range(3)}, **changed})
 
 
 def frame_of(number, position=(0.0, 0.0, 0.0), rotation=None) -> FilmFrame:
@@ -97,82 +63,85 @@ def test_a_vanished_object_returns_elsewhere_without_a_jump_in_time():
 
 
 def test_losses_are_of_what_had_been_found():
-    assert losses(np.array(["LOST", "FOUND", "COASTING", "LOST", "LOST", "REFOUND", "LOST"])) == 2
-    assert losses(np.array(["LOST", "LOST"])) == 0
+    names = ["lost", "found", "coasting", "lost", "lost", "refound", "lost"]
+    assert score.losses(film(7, status=names)) == 2
+    assert score.losses(pd.concat([film(1, status=["found"]), film(1, film=1, status=["lost"])])) == 0
+
+
+def figures_of(rows: pd.DataFrame, table: str) -> dict[str, float]:
+    (row,) = BY_NAME[table].figures(rows)
+    return row
 
 
 def test_shares_flips_and_ratios():
-    film = played()
-    film.loc[8:9, ["filtered_mm", "filtered_deg"]] = 1.0, 170.0
-    film.loc[9, "confidence"] = 0.2
-    row = share_row(film)
-    assert (row["filtered"], row["measured"], row["flips"], row["n"]) == (80.0, 100.0, 1, 10)
-    assert row["inside_50"] == row["inside_95"] == 100
-    at_rest, moving = state_rows(film, pd.DataFrame({"mm": [0.1] * 10, "deg": [0.4] * 10}))
-    assert (at_rest["ratio_mm"], at_rest["ratio_deg"]) == pytest.approx((0.5, 0.25))
+    own = film()
+    own.loc[8:9, ["mm", "deg"]] = 1.0, 170.0
+    own.loc[9, "confidence"] = 0.2
+    row = figures_of(own, "films")
+    assert [row[key] for key in ("within_5", "single", "flips", "n", "inside_95")] == [
+        80.0,
+        100.0,
+        1,
+        10,
+        100,
+    ]
+    at_rest, moving = BY_NAME["films, at rest"].figures(film())
+    assert (at_rest["over_single_mm"], at_rest["over_single_deg"]) == pytest.approx((0.5, 0.25))
     assert at_rest["n"] + moving["n"] == 10
-    assert status_row(film) == {"n": 10, "found": 1, "tracking": 9}
-    wrong = pd.DataFrame({"filtered_mm": [np.nan, 1.0, 6.0], "filtered_deg": [np.nan, 6.0, 1.0]})
-    assert not right(wrong, "filtered").any()
 
 
 def test_one_camera_is_judged_where_it_sees_enough():
-    film = played(measured_mm=15.0, measured_deg=2.0)
-    film.loc[:1, "visible_1"] = 0.4
-    film.loc[:3, "measured_mm"] = 50.0
-    film.loc[4, ["measured_mm", "measured_given"]] = np.nan, False
-    film["measured_given"] = film.measured_given.astype(bool)
-    row = camera_row(film, 1)
-    assert (row["n"], row["right"], row["none"], row["wrong"]) == (8, 62.5, 12.5, 25.0)
-    assert row["right_or_none"] == 75.0
+    own = film(group="camera 2", measured_mm=15.0, measured_deg=2.0)
+    own.loc[:1, "visible"] = 0.4
+    own.loc[:3, "measured_mm"] = 50.0
+    own.loc[4, ["measured_mm", "measured_given"]] = np.nan, False
+    row = figures_of(own, "films, one camera")
+    assert [row[key] for key in ("near", "none", "wrong")] == [62.5, 12.5, 25.0]
 
 
 def test_the_wait_begins_when_the_view_has_been_clear():
-    visible = np.array([0.2, 0.8, 0.8, 0.8, 0.8, 0.8, 0.3, 0.8])
-    assert longest_wait(visible, np.zeros(8, bool)) == 3
-    assert longest_wait(visible, np.array([0, 0, 0, 0, 1, 0, 0, 0], bool)) == 1
-    assert longest_wait(visible, np.ones(8, bool)) == 0
+    visible = [0.2, 0.8, 0.8, 0.8, 0.8, 0.8, 0.3, 0.8]
+    given = {"never": [0] * 8, "once": [0, 0, 0, 0, 1, 0, 0, 0], "always": [1] * 8}
+    waits = [
+        score.longest_wait(film(8, visible=visible, measured_given=np.array(g, bool))) for g in given.values()
+    ]
+    assert waits == [3, 1, 0]
 
 
 def test_what_is_said_of_an_object_that_is_away():
     number = np.arange(30)
     measured = (number < 5) | (number >= 26)
-    film = played(
+    own = film(
         30,
+        group="vanished",
         present=(number < 5) | (number >= 25),
         measured_mm=np.where(measured, 0.1, np.nan),
         measured_given=measured | (number == 20),
-        filtered_given=(number < 12) | (number >= 25),
+        found=(number < 12) | (number >= 25),
     )
-    row = vanished_row(film)
-    assert (row["invented"], row["longest_wait"], row["n"]) == (1, 2, 1)
+    row = figures_of(own, "films, vanished")
+    assert (row["invented"], row["longest_wait"]) == (1, 2)
     assert row["kept"] >= 1
-    assert row["kept_seconds"] == pytest.approx(0.7)
-
-
-def test_a_film_is_drawn(tmp_path):
-    nothing = dict.fromkeys(("measured_mm", "measured_deg", "filtered_mm", "filtered_deg"), np.nan)
-    lost = played(status=["LOST"] * 10, **nothing)
-    picture = cv2.imread(str(write_film_plot({"cube_v2": played(), "cuboid_2x2x8_v2": lost}, tmp_path)))
-    assert picture is not None
 
 
 @pytest.mark.usefixtures("sketched")
 def test_a_smoke_run_of_the_command(tmp_path, monkeypatch):
     skip_without_platform()
     monkeypatch.setattr(films, "FILMS", 1)
-    monkeypatch.setattr(films, "film_length", lambda plan: 3)
+    monkeypatch.setattr(films, "OBJECTS", ("cube_v2",))
+    monkeypatch.setattr(films, "SHORTEST", 3)
     monkeypatch.setattr("benchmarks.data.films.ABSENT", 1)
     out, cache = tmp_path / "out", tmp_path / "cache"
-    arguments = ["films", "--quick", "--workers", "1", "--cache", str(cache), "-o", str(out)]
+    arguments = ["films", "--scenes", "3", "--workers", "1", "--cache", str(cache), "-o", str(out)]
     done = CliRunner().invoke(main, arguments, catch_exceptions=False)
     assert done.exit_code == 0
     assert "## Over time" in done.output
-    rows = [row for row in read_results(out).rows if row["part"] == "films" and row["group"] == "all"]
-    assert [row["n"] for row in rows] == [3, 3]
-    assert (out / FILE).is_file()
-    assert len(list(cache.rglob("*.npz"))) == 2 * (3 + 1)
-    store = FilmStore("cube_v2", 3, 5, 1, cache)
+    frames = read_results(out).frames["films"]
+    counts = frames.groupby("group").size()
+    assert counts["all"] == counts["world"] == counts["camera 1"] == counts["world, camera 3"] == 3
+    assert (frames.ratio > 0).all()
+    assert len(list(cache.rglob("*.npz"))) == (3 + 1) + 3
+    store = FilmStore("cube_v2", "realistic", 3, 5, 1, cache)
     before = next(store.frames(0, [1]))
     store.store.file(1).write_bytes(b"broken")
     again = next(store.frames(0, [1]))

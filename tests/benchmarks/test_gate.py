@@ -1,315 +1,233 @@
+"""Runs compared answer by answer, and the gate that rests on it: what it must let through and what not."""
+
 from __future__ import annotations
 
 import copy
-import json
-import math
+import dataclasses
 
+import numpy as np
+import pandas as pd
 import pytest
 from click.testing import CliRunner
 
-from benchmarks import commands
-from benchmarks.commands import Run, measure
-from benchmarks.data.sets import Plan
-from benchmarks.judge import gate, origin
-from benchmarks.judge.results import (
-    Results,
-    ResultsError,
-    contradictions,
-    read_results,
-    write_results,
-)
-from benchmarks.judge.targets import evaluate
+import tracker
+from benchmarks.judge import gate
+from benchmarks.judge.compare import compare, text
+from benchmarks.judge.results import Results, ResultsError, read_results, write_results
+from benchmarks.measure.accuracy import measure_accuracy
 from benchmarks.program import main
-from benchmarks.score.records import frame_of
-from benchmarks.score.summary import accuracy_rows
-from tests.benchmarks.test_metrics import record
-from tests.helpers.made_up_results import made_up_results
+from tests.benchmarks.made_up import ABOUT, answers
+from tests.helpers.synthetic_needs import skip_without_platform
+from tracker.pose import judge
 
-HERE = {"commit": "abc", "clean": True, "code": "c0de", "kernels": "ce11", "processor": "one"}
-ABOUT = {**HERE, "draw": "development", "seed": 1, "scenes": 3, "skipped": {}}
-FIGURES = {
-    "median_mm": 0.1,
-    "p90_deg": 0.4,
-    "within_5": 99.0,
-    "wrong_and_sure": 0.0,
-    "median_nees": 5.0,
-    "brier": 0.01,
-    "median_ms": 5.0,
+
+@pytest.fixture(scope="module")
+def baseline() -> Results:
+    """The committed one."""
+    return read_results(gate.BASELINE)
+
+
+def changed(run: Results, **columns) -> Results:
+    """The same run with columns of the accuracy made anew from its frame."""
+    after = copy.deepcopy(run)
+    frame = after.frames["accuracy"]
+    after.frames["accuracy"] = frame.assign(**{key: make(frame) for key, make in columns.items()})
+    return after
+
+
+def some(frame: pd.DataFrame, every: int) -> np.ndarray:
+    return np.arange(len(frame)) % every == 0
+
+
+HARMLESS = {
+    "nothing": {},
+    "rounding": {
+        "mm": lambda f: f.mm * np.where(some(f, 2), 1.01, 0.99),
+        "confidence": lambda f: f.confidence * 0.9999,
+    },
+    "a busy machine": {"ratio": lambda f: f.ratio * 1.08},
+    "better": {"mm": lambda f: f.mm * 0.8, "deg": lambda f: f.deg * 0.8, "ratio": lambda f: f.ratio * 0.5},
 }
-FILMS = {"filtered": 99.8, "flips": 0, "losses": 0, "median_nees": 5.0}
+
+SABOTAGE = {
+    "covariance × 3": ({"nees": lambda f: f.nees / 3}, "NEES"),
+    "covariance ÷ 3": ({"nees": lambda f: f.nees * 3}, "NEES"),
+    "all confidences 0.7": (
+        {"confidence": lambda f: f.confidence.where(f.confidence.isna(), 0.7)},
+        "confidence",
+    ),
+    "every tenth pose moved by 3 mm": (
+        {"mm": lambda f: np.where(some(f, 10), np.hypot(f.mm, 3.0), f.mm)},
+        "grown",
+    ),
+    "detect 40 % slower": ({"ratio": lambda f: f.ratio * 1.4}, "× reference"),
+    "every fiftieth scene ten times slower": (
+        {"ratio": lambda f: f.ratio * np.where(some(f, 50), 10, 1)},
+        "99th",
+    ),
+    "45 % of the scenes 5 mm worse": ({"mm": lambda f: f.mm + 5.0 * (np.arange(len(f)) % 20 < 9)}, "typical"),
+    "errors 5 % larger": ({"mm": lambda f: f.mm * 1.05}, "typical"),
+    "poses of look-alikes": (
+        {
+            "confidence": lambda f: np.where(~f.present, 0.8, f.confidence),
+            "found": lambda f: f.found | ~f.present,
+        },
+        "above 0.5",
+    ),
+    "sure of what is wrong": (
+        {
+            "confidence": lambda f: np.where(some(f, 40), 0.99, f.confidence),
+            "mm": lambda f: f.mm + 60.0 * some(f, 40),
+        },
+        "wrong and sure",
+    ),
+}
 
 
-@pytest.fixture(autouse=True)
-def here(monkeypatch):
-    """The tree that results are taken to be of."""
-    own = dict(HERE)
-    monkeypatch.setattr(gate, "origin", lambda: own)
-    return own
+@pytest.mark.parametrize("name", HARMLESS)
+def test_the_gate_lets_through(baseline, name):
+    assert gate.failures(baseline, changed(baseline, **HARMLESS[name])) == []
 
 
-def results(films=None, ratio=2.0, **changes) -> Results:
-    cube = {"object": "cube_v2", "n": 400}
-    rows = [
-        {"part": "accuracy", "group": "realistic", **cube, **FIGURES, **changes},
-        {"part": "accuracy", "group": "absent", **cube, "false_finds": 0},
-        {"part": "films", "group": "all", **cube, **FILMS, **(films or {})},
-        {"part": "time", "group": "rendered, 270×270", **cube, "ratio": ratio},
-    ]
-    return Results(copy.deepcopy(ABOUT), rows)
+@pytest.mark.parametrize("name", SABOTAGE)
+def test_the_gate_tells(baseline, name):
+    columns, word = SABOTAGE[name]
+    worse = gate.failures(baseline, changed(baseline, **columns))
+    assert any(word in line for line in worse), worse
 
 
-@pytest.fixture
-def baseline(tmp_path):
-    gate.write_baseline(results(), "the first", tmp_path / "baseline.json")
-    return gate.read_baseline(tmp_path / "baseline.json")
-
-
-def test_an_equal_run_passes(baseline):
-    assert gate.failures(baseline, results()) == []
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"median_mm": 0.104},
-        {"median_mm": 0.02},
-        {"within_5": 98.6},
-        {"within_5": 100.0},
-        {"median_nees": 5.7},
-        {"median_ms": 500.0},
-        {"ratio": 2.4},
-        {"ratio": 0.5},
-        {"films": {"filtered": 99.6}},
-        {"films": {"filtered": 100.0, "median_nees": 5.5}},
-    ],
-)
-def test_better_or_slightly_worse_passes(baseline, change):
-    assert gate.failures(baseline, results(**change)) == []
-
-
-@pytest.mark.parametrize(
-    ("change", "name"),
-    [
-        ({"median_mm": 0.108}, "accuracy / realistic /  / cube_v2 / median_mm: 0.108, was 0.1"),
-        ({"p90_deg": 0.5}, "accuracy / realistic /  / cube_v2 / p90_deg"),
-        ({"within_5": 98.0}, "accuracy / realistic /  / cube_v2 / within_5"),
-        ({"within_5": math.nan}, "accuracy / realistic /  / cube_v2 / within_5: not measured"),
-        ({"wrong_and_sure": 0.5}, "accuracy / realistic /  / cube_v2 / wrong_and_sure"),
-        ({"median_nees": 9.0}, "accuracy / realistic /  / cube_v2 / median_nees"),
-        ({"median_nees": 2.0}, "accuracy / realistic /  / cube_v2 / median_nees"),
-        ({"brier": 0.02}, "accuracy / realistic /  / cube_v2 / brier"),
-        ({"ratio": 2.6}, "time / rendered, 270×270 /  / cube_v2 / ratio"),
-        ({"films": {"filtered": 99.0}}, "films / all /  / cube_v2 / filtered: 99, was"),
-        ({"films": {"flips": 1}}, "films / all /  / cube_v2 / flips: 1, was"),
-    ],
-)
-def test_what_falls_by_more_than_its_tolerance_is_named(baseline, change, name):
-    (worse,) = gate.failures(baseline, results(**change))
-    assert worse.startswith(name)
-
-
-def test_a_part_that_was_not_measured_fails(baseline):
-    now = results()
-    now.rows = [row for row in now.rows if row["part"] != "films"]
-    assert all("films / all" in line and "not measured" in line for line in gate.failures(baseline, now))
-    assert gate.failures(baseline, now)
-
-
-def test_a_missing_environment_is_a_failure_too(baseline):
-    now = results()
-    now.about["skipped"] = {"simulation package": "no network"}
-    assert gate.failures(baseline, now) == ["simulation package: left out: no network"]
-
-
-def test_other_scenes_cannot_be_compared(baseline):
-    for key, value in (("scenes", 4), ("seed", 2), ("draw", "release")):
-        now = results()
-        now.about[key] = value
-        with pytest.raises(ResultsError, match=f"found {key}"):
-            gate.failures(baseline, now)
-
-
-@pytest.mark.parametrize(("key", "word"), [("code", "sources"), ("kernels", "compiled kernels")])
-def test_results_of_other_sources_or_stale_kernels_fail(baseline, here, key, word):
-    here[key] = "changed since"
-    (worse,) = gate.failures(baseline, results())
-    assert worse.startswith(word)
-    assert "measure again" in worse
-
-
-def test_kernels_are_named_by_their_sources():
-    from tracker import compiled
-
-    assert origin.origin()["kernels"] == compiled.fingerprint("tracker")
-
-
-def test_a_figure_that_its_frames_do_not_give_fails(baseline):
-    now = made_up_results(12)
-    assert contradictions(now) == []
-    row = next(row for row in now.rows if row["part"] == "accuracy" and row["group"] == "realistic")
-    row["median_mm"] *= 0.9
-    (wrong,) = contradictions(now)
-    assert wrong.startswith("accuracy / realistic / cube_v2 / median_mm: states")
-
-
-def test_a_file_edited_by_hand_is_refused(tmp_path):
-    write_results(tmp_path / "results.json", results())
-    assert read_results(tmp_path).rows[0]["median_mm"] == 0.1
-    text = (tmp_path / "results.json").read_text(encoding="utf-8")
-    (tmp_path / "results.json").write_text(text.replace('"median_mm": 0.1', '"median_mm": 0.09'), "utf-8")
-    with pytest.raises(ResultsError, match="changed by hand"):
-        read_results(tmp_path)
-
-
-def test_results_survive_the_disk(tmp_path):
-    before = made_up_results(4)
-    before.rows.append({"part": "x", "object": "cube_v2", "nothing": math.nan, "n": 2})
-    write_results(tmp_path / "results.json", before)
-    again = read_results(tmp_path)
-    assert "NaN" not in (tmp_path / "results.json").read_text(encoding="utf-8")
-    assert again.rows[-1] == {"part": "x", "object": "cube_v2", "n": 2}
-    assert again.frames.dtypes.to_dict() == before.frames.dtypes.to_dict()
-    assert again.frames.position_mm.isna().equals(before.frames.position_mm.isna())
-    (tmp_path / "broken.json").write_text("[")
-    with pytest.raises(ResultsError, match="not a file of results"):
-        read_results(tmp_path / "broken.json")
-
-
-def test_a_baseline_needs_a_reason_and_a_clean_tree(tmp_path, here):
-    with pytest.raises(ResultsError, match="found no reason"):
-        gate.write_baseline(results(), " ", tmp_path / "baseline.json")
-    dirty = results()
-    dirty.about["clean"] = False
-    with pytest.raises(ResultsError, match="not committed"):
-        gate.write_baseline(dirty, "why", tmp_path / "baseline.json")
-    here["code"] = "other"
-    with pytest.raises(ResultsError, match="sources"):
-        gate.write_baseline(results(), "why", tmp_path / "baseline.json")
-    assert not (tmp_path / "baseline.json").exists()
-
-
-def test_the_command_fails_with_1_and_lists_what_is_worse(tmp_path):
-    run = CliRunner()
-    write_results(tmp_path / "results.json", results())
-    arguments = ["gate", "-o", str(tmp_path), "--baseline", str(tmp_path / "baseline.json")]
-    assert isinstance(run.invoke(main, [*arguments, "--update"]).exception, ResultsError)
-    assert run.invoke(main, [*arguments, "--update", "--reason", "a first one"]).exit_code == 0
-    assert json.loads((tmp_path / "baseline.json").read_text())["reason"] == "a first one"
-    passed = run.invoke(main, arguments)
-    assert passed.exit_code == 0
-    assert "a first one" in passed.output
-    write_results(tmp_path / "results.json", results(median_mm=0.2))
-    failed = run.invoke(main, arguments)
-    assert failed.exit_code == 1
-    assert "median_mm" in failed.output
-
-
-@pytest.fixture
-def measured(tmp_path, monkeypatch):
-    """Measures made-up parts in a tree that can be changed."""
-    tree = dict(HERE)
-    monkeypatch.setattr(commands, "origin", lambda: dict(tree))
-    rows = {part: [{"part": part, "object": "cube_v2", "n": 1, "x": 1.0}] for part in ("speed", "dice")}
-    monkeypatch.setattr(commands, "PARTS", {part: lambda run, part=part: rows[part] for part in rows})
-
-    def run(*parts, seed=1):
-        return measure(Run(Plan(3, seed), tmp_path, None, results=Results({"draw": "other"})), parts)
-
-    return run, tree
-
-
-def test_parts_of_one_tree_are_put_together_and_say_what_made_them(measured, tmp_path):
-    run, _ = measured
-    run("speed")
-    run("dice")
-    found = read_results(tmp_path)
-    assert {row["part"] for row in found.rows} == set(found.about["parts"]) == {"speed", "dice"}
-    assert found.about["parts"]["dice"]["commit"] == "abc"
-
-
-def test_parts_of_different_trees_or_scenes_are_not_put_together(measured):
-    run, tree = measured
-    run("speed")
-    with pytest.raises(ResultsError, match="different trees"):
-        run("dice", seed=2)
-    tree["code"] = "changed"
-    with pytest.raises(ResultsError, match="different trees"):
-        run("dice")
-    assert {row["part"] for row in run("speed", "dice").rows} == {"speed", "dice"}
-
-
-def test_sources_that_change_meanwhile_spoil_the_run(measured, monkeypatch):
-    run, tree = measured
-
-    def changing(_):
-        tree["code"] = "changed"
-        return []
-
-    monkeypatch.setitem(commands.PARTS, "speed", changing)
-    with pytest.raises(ResultsError, match="changed while"):
-        run("speed")
-
-
-def by_name(found):
-    return {(row.name, row.object): row for row in found}
-
-
-def of(records):
-    frames = frame_of(records)
-    return by_name(evaluate(Results(rows=accuracy_rows(frames), frames=frames)))
-
-
-def test_targets_are_met_or_missed_by_the_records():
-    good = {"position_mm": 0.05, "rotation_deg": 0.1, "nees": 5.0, "confidence": 0.99, "bound_mm": 0.04}
-    records = [record(**good, index=k) for k in range(200)]
-    rows = of(records)
-    position = rows["realistic: median position", "cube_v2"]
-    assert position.met
-    assert position.wanted == "≤ 0.1 mm"
-    assert rows["realistic: NEES, median", "cube_v2"].met
-    assert rows["realistic: median position over bound", "cube_v2"].value == pytest.approx(1.25)
-    assert rows["realistic: median position", "cuboid_2x2x8_v2"].state == "unknown"
-    bad = of([*records, *[record(found=False)] * 3])
-    assert bad["realistic: within 5 mm & 5°, visible ≥ 0.5", "cube_v2"].state == "missed"
-
-
-def test_one_camera_may_be_ambiguous_but_not_wrong_and_sure():
-    base = {"workload": "one camera", "cameras": 1}
-    rows = of(
-        [
-            record(**base, position_mm=15.0, rotation_deg=2.0, confidence=0.2),
-            record(**base, found=False, status="ambiguous"),
-            record(**base, position_mm=40.0, rotation_deg=2.0, confidence=0.9),
-            record(**base, position_mm=40.0, rotation_deg=2.0, confidence=0.9, visible_fraction=0.5),
-        ]
+@pytest.mark.parametrize("part", ["third camera", "recorded, one camera"])
+def test_the_gate_tells_of_recorded_pictures(baseline, part):
+    worse = copy.deepcopy(baseline)
+    frame = worse.frames[part]
+    if part == "third camera":
+        frame["px"] += 0.2
+    else:
+        frame.loc[frame.index % 2 == 0, ["found", "mm", "deg", "confidence"]] = False, np.nan, np.nan, np.nan
+    assert any(
+        name in line for line in gate.failures(baseline, worse) for name in tracker_objects(baseline, part)
     )
-    right = rows["one camera: within 20 mm & 5° or ambiguous, visible ≥ 0.7", "cube_v2"]
-    assert right.value == pytest.approx(200 / 3)
-    sure = rows["one camera: beyond 20 mm or 5° and sure, visible ≥ 0.7", "cube_v2"]
-    assert sure.value == pytest.approx(100 / 3)
+    del worse.frames[part]
+    assert any("not measured" in line for line in gate.failures(baseline, worse))
 
 
-def test_finds_without_an_object_are_missed_targets():
-    records = [record(workload="absent", present=False, found=k < 2, index=k) for k in range(4)]
-    row = of(records)["absent: finds where there is no object", "cube_v2"]
-    assert (row.value, row.state) == (2, "missed")
+def tracker_objects(run: Results, part: str) -> list[str]:
+    return run.frames[part].object.unique().tolist()
 
 
-def test_speed_is_judged_as_a_multiple_of_the_reference():
-    rows = by_name(evaluate(results(ratio=1.9)))
-    assert rows["speed: detect", "cube_v2"].met
-    assert rows["over time: flips", "cube_v2"].met
+def test_other_pictures_are_not_compared(baseline):
+    other = changed(baseline, pictures=lambda f: f.pictures + np.where(f.group == "world", 3.0, 0.0))
+    with pytest.raises(ResultsError, match="not of the same pictures: world"):
+        gate.failures(baseline, other)
+    nothing = Results(dict(ABOUT), {"accuracy": baseline.frames["accuracy"].iloc[:0]})
+    with pytest.raises(ResultsError, match="no scene"):
+        gate.failures(baseline, nothing)
 
 
-def test_the_committed_baseline_holds_figures_that_the_gate_knows():
-    figures = gate.read_baseline()["figures"]
-    known = gate.tolerances()
-    assert figures
-    for name in figures:
-        part, *_, figure = name.split(" / ")
-        assert figure in known[part]
+def test_scenes_that_are_not_measured_are_missed(baseline):
+    fewer = copy.deepcopy(baseline)
+    fewer.frames["accuracy"] = fewer.frames["accuracy"].iloc[3:]
+    assert any(
+        "3 scenes of the baseline were not measured" in line for line in gate.failures(baseline, fewer)
+    )
 
 
-def test_tolerances_are_of_figures_that_summaries_have():
-    figures = accuracy_rows(frame_of([record(position_mm=1.0, rotation_deg=1.0, roll_deg=1.0)]))[0]
-    assert set(gate.tolerances()["accuracy"]) <= {*figures, "false_finds"}
+def test_the_committed_baseline_is_of_these_scenes_and_says_why_it_stands(baseline):
+    assert baseline.about["clean"]
+    assert baseline.about["reason"]
+    assert set(baseline.frames["accuracy"].group) == {workload.name for workload in gate.WORKLOADS}
+    assert (baseline.frames["accuracy"].groupby("group").object.nunique() == 2).all()
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory):
+    """Measures a part of the gate's scenes, as often as it is called."""
+    skip_without_platform()
+    plan = dataclasses.replace(gate.plan(tmp_path_factory.mktemp("scenes")), scenes=4, workers=1)
+    workloads = [w for w in gate.WORKLOADS if w.base == "realistic"]
+
+    def run() -> Results:
+        frame, _ = measure_accuracy(plan, workloads, ["cube_v2"])
+        return Results(dict(ABOUT), {"accuracy": frame})
+
+    return run, run()
+
+
+def scaled(factor):
+    """`detect` of which every covariance is so many times as large."""
+    detect = tracker.ObjectTracker.detect
+
+    def wrong(self, images, *more):
+        answer = detect(self, images, *more)
+        pose = answer.object_pose
+        if pose is None:
+            return answer
+        return dataclasses.replace(
+            answer, object_pose=dataclasses.replace(pose, covariance=factor * pose.covariance)
+        )
+
+    return wrong
+
+
+def test_the_same_tree_gives_the_same_answers(measured):
+    run, before = measured
+    after = run()
+    columns = ["group", "index", "pictures", "mm", "deg", "nees", "confidence"]
+    pd.testing.assert_frame_equal(before.frames["accuracy"][columns], after.frames["accuracy"][columns])
+
+
+@pytest.mark.parametrize("factor", [3.0, 1 / 3])
+def test_the_gate_tells_of_a_tracker_with_wrong_covariances(measured, monkeypatch, factor):
+    run, before = measured
+    monkeypatch.setattr(tracker.ObjectTracker, "detect", scaled(factor))
+    assert any("NEES" in line for line in gate.failures(before, run()))
+
+
+@pytest.mark.parametrize("name", judge.WEIGHTS)
+def test_the_gate_tells_of_a_weight_of_the_confidence(measured, monkeypatch, name):
+    run, before = measured
+    monkeypatch.setitem(judge.WEIGHTS, name, 1.5 * judge.WEIGHTS[name])
+    assert any("confidence" in line for line in gate.failures(before, run()))
+
+
+def test_the_gate_tells_of_another_objects_colours(measured, monkeypatch):
+    run, before = measured
+    other = tracker.load_colors("cube_v1")
+    monkeypatch.setattr(tracker, "load_colors", lambda name: other)
+    assert gate.failures(before, run())
+
+
+@pytest.fixture
+def pair(rng) -> tuple[Results, Results]:
+    """A run, and the same with errors that scatter around four fifths of its own."""
+    before = Results(dict(ABOUT), {"accuracy": answers(30)})
+    return before, changed(before, mm=lambda f: f.mm * 0.8 * rng.lognormal(0, 0.1, len(f)))
+
+
+def test_ratios_have_intervals(pair):
+    before, after = pair
+    for row in compare(before, after):
+        if np.isfinite(row["ratio_mm"][0]):
+            middle, low, high = row["ratio_mm"]
+            assert low <= middle <= high < 1.0
+            assert middle == pytest.approx(0.8, abs=0.06)
+            assert row["ratio_deg"] == (1.0, 1.0, 1.0)
+
+
+def test_pairs_are_of_the_same_scene_whatever_the_order(pair):
+    before, after = pair
+    after.frames["accuracy"] = after.frames["accuracy"].sample(frac=1.0, random_state=1)
+    one, other = (
+        sorted(compare(*runs), key=lambda row: (row["group"], row["object"]))
+        for runs in (pair, (before, after))
+    )
+    assert text(one) == text(other)
+
+
+def test_the_command_prints_what_changed(pair, tmp_path):
+    files = [tmp_path / name for name in ("before.json", "after.json")]
+    for file, run in zip(files, pair, strict=True):
+        write_results(file, run)
+    done = CliRunner().invoke(main, ["compare", *map(str, files)], catch_exceptions=False)
+    assert "cube_v2, world (30): 0 lost, 0 gained" in done.output
+    assert "median_mm" in done.output

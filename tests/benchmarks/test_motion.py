@@ -5,7 +5,6 @@ from types import SimpleNamespace
 
 import cv2
 import numpy as np
-import pandas as pd
 import pytest
 
 from benchmarks.data import motion as motion_films
@@ -14,10 +13,13 @@ from benchmarks.data.paths import BULGE, HEIGHTS, LEAST, REACH, SPEED, random_mo
 from benchmarks.data.sets import Plan
 from benchmarks.data.store import packed, unpacked
 from benchmarks.measure import motion as measured_motion
-from benchmarks.measure.motion import GIVEN, ONE_STAMP, OWN_STAMPS, TOGETHER, measure_motion, motion_row, play
+from benchmarks.measure.motion import GIVEN, measure_motion, play
 from benchmarks.score.errors import pose_errors
+from benchmarks.score.tables import BY_NAME
 from tests.helpers import random_rotations
 from tracker.geometry import so3
+
+TOGETHER, OWN_STAMPS, ONE_STAMP = GIVEN
 
 
 def pose(position, rotation=None):
@@ -172,11 +174,12 @@ def test_what_is_compared_has_units(rng):
 def test_only_frames_that_move_count():
     frames = [frame_of(k, moving=k < 3) for k in range(10)]
     for way, off in ((TOGETHER, 0.001), (ONE_STAMP, 0.004)):
-        row = motion_row(play(Knowing(off), frames, GIVEN[way]))
-        assert (row["n"], row["moving"], row["steady"]) == (10, 3, 3)
-        assert (row["measured_frames"], row["filtered_frames"]) == (3, 0)
+        played = play(Knowing(off), frames, GIVEN[way]).assign(group=way, object="cube_v2")
+        played.loc[3:, "measured_mm"] = 99.0
+        (row,) = BY_NAME["motion"].figures(played)
+        assert row["n"] == 10
         assert row["measured_mm"] == pytest.approx(1e3 * off)
-        assert row["steady_predicted_nees"] == pytest.approx(1e6 * off**2)
+        assert row["predicted_nees"] == pytest.approx(1e6 * off**2)
         assert np.isnan(row["filtered_mm"])
 
 
@@ -189,19 +192,16 @@ def test_steady_frames_lie_within_one_leg():
             assert motion.leg(time + AHEAD - 1e-9) is frame_leg
 
 
-def test_ways_are_compared_with_pictures_taken_together(tmp_path, monkeypatch):
+def test_every_way_is_played(tmp_path, monkeypatch):
     monkeypatch.setattr(measured_motion, "OBJECTS", ("cube_v2",))
     monkeypatch.setattr(measured_motion, "FILMS", 1)
-    monkeypatch.setattr(measured_motion, "film_length", lambda plan: 3)
-    off = {TOGETHER: 0.001, OWN_STAMPS: 0.002, ONE_STAMP: 0.004}
-    ways = iter(off.values())
+    monkeypatch.setattr(measured_motion, "FRAMES", 3)
 
     def played(own, frames, given):
         # The store is asked for frames, as by the real thing.
         assert len(list(frames)) == 3
-        return play(Knowing(next(ways)), [frame_of(1)], given)
+        return play(Knowing(), [frame_of(1)], given)
 
     monkeypatch.setattr(measured_motion, "play", played)
-    rows = measure_motion(Plan(6, 515151, 1, tmp_path))
-    table = pd.DataFrame(rows).set_index("group")
-    assert table.ratio_mm.to_dict() == pytest.approx({TOGETHER: 1, OWN_STAMPS: 2, ONE_STAMP: 4})
+    frames = measure_motion(Plan(6, 515151, 1, tmp_path))
+    assert frames.group.tolist() == list(GIVEN)

@@ -1,21 +1,55 @@
-"""What is published: README's figures are those of the committed results; one command writes both."""
+"""What is published: every figure in the documents is of the committed run; one command writes them all."""
 
 from __future__ import annotations
+
+import re
 
 import pytest
 from click.testing import CliRunner
 
-from benchmarks import commands, program
+from benchmarks import program, run
 from benchmarks.data.seeds import release
-from benchmarks.judge.results import Results, ResultsError, read_results
+from benchmarks.judge.origin import origin
+from benchmarks.judge.results import ResultsError, write_published
+from benchmarks.judge.targets import judge
 from benchmarks.report import readme
-from tests.helpers.made_up_results import made_up_results
+from benchmarks.report.markdown import document
+from tests.benchmarks.made_up import ABOUT, results
+
+FIGURE = re.compile(r"[\d.]+(?: |\u00a0)?(?:mm|ms|°|%|px|MB|×(?! ?\d))")
+"""A number with the unit of a measurement."""
+
+DEFINITIONS = {
+    "README.md": {"5 mm", "5°", "0.09 mm", "1.4 ms", "65 mm"},
+    "docs/figures.md": {"5 mm", "5°"},
+}
+"""Numbers that say what is meant, and what the demo prints, which its own test holds."""
 
 
-def test_readmes_figures_are_those_of_the_committed_results():
-    results = read_results(readme.PUBLISHED)
-    assert readme.block(readme.README) == readme.brief(results) != ""
-    assert readme.block(readme.PAGE) == readme.figures(results)
+def test_every_figure_in_the_documents_is_of_the_published_run():
+    published = readme.read_published()
+    assert readme.block(readme.README) == readme.brief(published)
+    assert readme.block(readme.PAGE) == readme.figures(published)
+    about, figures, targets = (published[key] for key in ("about", "figures", "targets"))
+    assert readme.RESULTS.read_text(encoding="utf-8") == document(about, figures, targets)
+    for path in (readme.README, readme.PAGE):
+        text = path.read_text(encoding="utf-8").replace(readme.block(path), "")
+        name = str(path.relative_to(readme.ROOT))
+        assert set(FIGURE.findall(text)) <= DEFINITIONS[name], name
+
+
+def test_the_published_run_is_of_unseen_scenes_and_enough_of_them():
+    about = readme.read_published()["about"]
+    assert about["draw"] == "release"
+    assert about["seed"] == release(about["commit"])
+    assert about["clean"]
+    assert about["scenes"] >= 200
+    assert not about.get("skipped")
+    for made in about["parts"].values():
+        assert made["commit"] == about["commit"]
+        assert made["processor"]
+        assert made["libraries"]
+        assert made["renderer"]
 
 
 @pytest.fixture
@@ -25,78 +59,67 @@ def pages(tmp_path, monkeypatch):
         path = tmp_path / f"{key.lower()}.md"
         path.write_text(f"before\n{readme.BEGIN}\nold\n{readme.END}\nafter\n", encoding="utf-8")
         monkeypatch.setattr(readme, key, path)
+    monkeypatch.setattr(readme, "RESULTS", tmp_path / "results.md")
+    monkeypatch.setattr(readme, "PUBLISHED", tmp_path / "published.json")
     return readme.README, readme.PAGE
 
 
+def publish():
+    made = results(8)
+    write_published(readme.PUBLISHED, made, judge(made))
+    published = readme.read_published()
+    readme.write_documents(published)
+    return published
+
+
 def test_only_the_blocks_are_written(pages):
-    results = made_up_results(12)
-    readme.write_figures(results)
+    published = publish()
     for path in pages:
         text = path.read_text(encoding="utf-8")
         assert text.startswith("before\n")
         assert text.endswith("\nafter\n")
-    assert readme.block(readme.README) == readme.brief(results)
-    assert readme.block(readme.PAGE) == readme.figures(results)
-    row = next(row for row in results.rows if row["part"] == "accuracy" and row["group"] == "hard light")
+    assert readme.block(readme.README) == readme.brief(published)
+    assert readme.block(readme.PAGE) == readme.figures(published)
+    row = next(row for row in published["figures"] if row["group"] == "hard light")
     assert f"{row['median_mm']:.3f} mm" in readme.PAGE.read_text(encoding="utf-8")
     before = readme.README.read_text(encoding="utf-8")
     readme.PAGE.write_text("no marks", encoding="utf-8")
     with pytest.raises(ResultsError, match="no block"):
-        readme.write_figures(made_up_results(3))
+        publish()
     assert readme.README.read_text(encoding="utf-8") == before
 
 
 @pytest.fixture
 def published(tmp_path, monkeypatch, pages):
     """Runs `all --publish` on made-up parts, into a folder of its own."""
-    tree = {"commit": "f" * 40, "clean": True, "code": "c", "kernels": "k", "processor": "one"}
-    monkeypatch.setattr(commands, "origin", lambda: dict(tree))
+    tree = {key: ABOUT[key] for key in origin()} | {"commit": "f" * 40}
+    monkeypatch.setattr(run, "origin", lambda: dict(tree))
     monkeypatch.setattr(program, "origin", lambda: dict(tree))
-    made = made_up_results(4)
+    parts = {"accuracy": lambda run: results(4).frames}
+    monkeypatch.setattr(run, "PARTS", parts)
+    monkeypatch.setattr(program, "PARTS", parts)
 
-    def rows(run):
-        run.results.frames = made.frames
-        assert not run.development
-        return made.rows
-
-    monkeypatch.setattr(commands, "PARTS", {"accuracy": rows})
-    monkeypatch.setattr(program, "PARTS", {"accuracy": rows})
-    monkeypatch.setattr(program, "PUBLISHED", tmp_path / "results.md")
-    monkeypatch.setattr(readme, "PUBLISHED", tmp_path / "published.json")
-
-    def run(*more):
+    def runs(*more):
         arguments = ["all", "--publish", "--scenes", "4", "-o", str(tmp_path / "out"), *more]
         return CliRunner().invoke(program.main, arguments)
 
-    return run, tree, tmp_path
+    return runs, tree, tmp_path
 
 
-@pytest.mark.slow
-def test_publishing_writes_document_rows_page_and_readme_of_release_scenes(published):
-    run, tree, folder = published
-    done = run()
+def test_publishing_writes_all_documents_of_release_scenes(published):
+    runs, tree, folder = published
+    done = runs()
     assert done.exit_code == 0, done.output
-    found = read_results(folder / "published.json")
-    assert (found.about["draw"], found.about["seed"]) == ("release", release(tree["commit"]))
-    assert len(found.frames) == 0
-    assert found.worst == []
+    found = readme.read_published()
+    assert (found["about"]["draw"], found["about"]["seed"]) == ("release", release(tree["commit"]))
     assert "release scenes" in (folder / "results.md").read_text(encoding="utf-8")
     assert readme.block(readme.README) == readme.brief(found)
-    assert readme.block(readme.PAGE) == readme.figures(found)
-    assert "The worst frames" not in (folder / "out" / "report.html").read_text(encoding="utf-8")
+    # Single scenes are nobody's business.
+    assert not (folder / "out" / "worst.jpg").exists()
 
 
 def test_nothing_is_published_of_a_tree_with_changes(published):
-    run, tree, folder = published
+    runs, tree, _ = published
     tree["clean"] = False
-    done = run()
-    assert isinstance(done.exception, ResultsError)
-    assert not (folder / "published.json").exists()
-
-
-def test_nothing_of_single_scenes_is_told_of_release_scenes():
-    results = made_up_results(4)
-    results.about["draw"] = "release"
-    assert "release scenes" in readme.figures(results)
-    assert not commands.Run(None, None, None, results=results).development  # type: ignore[arg-type]
-    assert Results().worst == []
+    assert isinstance(runs().exception, ResultsError)
+    assert not readme.PUBLISHED.exists()

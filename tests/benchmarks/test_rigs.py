@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from benchmarks.data.rig_cases import CASES, Placement, RigCase
-from benchmarks.data.rig_scenes import rig_scene, rig_store
+from benchmarks.data.rigs import CASES, Placement, RigCase, rig_scene, rig_store
 from benchmarks.data.scenes import Scene
 from benchmarks.data.store import packed, unpacked
 from benchmarks.judge.results import read_results
@@ -106,9 +105,9 @@ def test_a_smoke_run_of_the_command(tmp_path, monkeypatch):
         main, [*arguments, "--cache", str(cache), "-o", str(out)], catch_exceptions=False
     )
     assert done.exit_code == 0
-    (row,) = (row for row in read_results(out).rows if row["part"] == "accuracy")
-    assert (row["group"], row["object"], row["n"]) == ("rig: large box", "box_100", 1)
-    assert row["time_ratio"] > 0
+    frame = read_results(out).frames["accuracy"]
+    assert frame[["group", "object"]].to_numpy().tolist() == [["rig: large box", "box_100"]]
+    assert frame.ratio[0] > 0
     (file,) = cache.rglob("*.npz")
     file.write_bytes(b"broken")
     store = rig_store("large box", "box_100", 5, 1, cache)

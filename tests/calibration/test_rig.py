@@ -20,37 +20,30 @@ def test_saving_and_loading_keeps_cameras_and_order(azimuths, tmp_path):
     loaded = CameraRig.load(tmp_path / "new" / "folder")
     assert loaded.names == rig.names == tuple(f"camera{azimuth}" for azimuth in azimuths)
     assert len(loaded) == len(azimuths)
+    assert loaded[-1] is loaded.cameras[-1] is list(loaded)[-1]
     for before, after in zip(rig, loaded, strict=True):
         np.testing.assert_array_equal(before.camera_from_world, after.camera_from_world)
 
 
-def test_a_folder_is_ordered_by_number_whatever_the_file_names(tmp_path):
-    for name, azimuth in (("camera_a", 300), ("camera_b", 60), ("camera_c", 180)):
-        write_camera(make_camera(azimuth), tmp_path / f"{name}.yml")
-    assert CameraRig.load(tmp_path).names == ("camera60", "camera180", "camera300")
-
-
-def test_cameras_without_a_number_are_ordered_by_that_of_their_file(tmp_path):
-    for name, number in (("left", 10), ("right", 2), ("above", 300)):
-        write_camera(make_camera(60, name), tmp_path / f"camera_calib_{number}.yaml")
-    assert CameraRig.load(tmp_path).names == ("right", "left", "above")
-
-
-def test_cameras_without_any_number_are_ordered_by_name(tmp_path):
-    CameraRig((make_camera(60, "right"), make_camera(180, "left"))).save(tmp_path)
-    assert CameraRig.load(tmp_path).names == ("left", "right")
-
-
-def test_listed_files_keep_their_order(tmp_path):
-    make_rig(60, 180, 300).save(tmp_path)
-    files = [tmp_path / f"camera{number}.yml" for number in (180, 300, 60)]
-    assert CameraRig.load(files).names == ("camera180", "camera300", "camera60")
-    assert CameraRig.load(map(str, files)).names == ("camera180", "camera300", "camera60")
-
-
-def test_a_file_is_a_rig_of_one(tmp_path):
-    make_rig(60, 180).save(tmp_path)
-    assert CameraRig.load(tmp_path / "camera180.yml").names == ("camera180",)
+@pytest.mark.parametrize(
+    ("files", "order"),
+    [
+        ({"camera_a": "camera300", "camera_b": "camera60", "camera_c": "camera180"}, (60, 180, 300)),
+        ({"camera_10": "left", "camera_2": "right", "camera_300": "above"}, ("right", "left", "above")),
+        ({"camera_right": "right", "camera_left": "left"}, ("left", "right")),
+    ],
+    ids=["by the cameras' numbers", "by their files' numbers", "by name"],
+)
+def test_a_folder_has_an_order_and_listed_files_keep_theirs(files, order, tmp_path):
+    for file, name in files.items():
+        write_camera(make_camera(60, name), tmp_path / f"{file}.yaml")
+    assert CameraRig.load(tmp_path).names == tuple(n if isinstance(n, str) else f"camera{n}" for n in order)
+    for listed in (
+        [tmp_path / f"{file}.yaml" for file in files],
+        (f"{tmp_path}/{file}.yaml" for file in files),
+    ):
+        assert CameraRig.load(listed).names == tuple(files.values())
+    assert CameraRig.load(next(tmp_path.iterdir())).names[0] in files.values()
 
 
 def test_other_files_in_a_folder_do_not_disturb(tmp_path):
@@ -62,73 +55,72 @@ def test_other_files_in_a_folder_do_not_disturb(tmp_path):
     assert CameraRig.load(str(tmp_path)).names == ("camera60", "camera180")
 
 
-def test_variants_of_a_camera_are_named_with_a_way_to_select(tmp_path):
-    variants = ("full", "cropped", "cropped_and_downsampled")
-    for variant in variants:
+@pytest.mark.parametrize(
+    ("names", "said", "patterns"),
+    [
+        (
+            ("camera{}_full", "camera{}_cropped", "camera{}_cropped_and_downsampled"),
+            "3 files of camera180",
+            ("camera*_full.yml", "camera*_cropped.yml", "camera*_cropped_and_downsampled.yml"),
+        ),
+        (("camera{}", "camera{}_full"), "2 files", ("camera*[0-9].yml", "camera*_full.yml")),
+        (("r1_camera{}", "r2_camera{}"), "2 files", ("r1_camera*.yml", "r2_camera*.yml")),
+    ],
+    ids=["three sizes", "a variant without a suffix", "two robots"],
+)
+def test_variants_of_a_camera_are_named_with_patterns_that_select_them(names, said, patterns, tmp_path):
+    for name in names:
         for azimuth in (60, 180, 300):
-            write_camera(make_camera(azimuth), tmp_path / f"camera{azimuth}_{variant}.yml")
-    with pytest.raises(CalibrationError, match="3 files of camera180") as caught:
+            write_camera(make_camera(azimuth), tmp_path / f"{name.format(azimuth)}.yml")
+    with pytest.raises(CalibrationError, match=said) as caught:
         CameraRig.load(tmp_path)
-    for variant in variants:
-        pattern = f"camera*_{variant}.yml"
+    for pattern in patterns:
         assert pattern in str(caught.value)
         assert CameraRig.load(tmp_path, pattern=pattern).names == ("camera60", "camera180", "camera300")
-    assert len(CameraRig.load(tmp_path, pattern="*_cropped.yml")) == 3
 
 
-def test_a_variant_that_has_no_suffix_can_be_selected(tmp_path):
-    for azimuth in (60, 180, 300):
-        write_camera(make_camera(azimuth), tmp_path / f"camera{azimuth}.yml")
-        write_camera(make_camera(azimuth), tmp_path / f"camera{azimuth}_full.yml")
-    with pytest.raises(CalibrationError, match=r"camera\*\[0-9\]\.yml, camera\*_full\.yml"):
-        CameraRig.load(tmp_path)
-    assert len(CameraRig.load(tmp_path, pattern="camera*[0-9].yml")) == 3
+@pytest.mark.parametrize(
+    ("files", "options", "said"),
+    [
+        ({}, {}, r"found no files, expected a file like camera60\.yml"),
+        ({"info.json": "{}"}, {}, r"found info\.json"),
+        ({"info.json": "{}"}, {"pattern": "*_cropped.yml"}, r"a file that matches '\*_cropped.yml'"),
+        ({"camera180.yml": "a: ["}, {}, r"camera180\.yml: not plain YAML"),
+        (None, {}, "none: cannot be read: No such file"),
+    ],
+)
+def test_a_folder_that_holds_no_rig_is_named_with_what_it_holds(files, options, said, tmp_path):
+    for name, text in (files or {}).items():
+        (tmp_path / name).write_text(text)
+    with pytest.raises(CalibrationError, match=said):
+        CameraRig.load(tmp_path / "none" if files is None else tmp_path, **options)
 
 
-def test_several_robots_in_a_folder_are_told_apart(tmp_path):
-    for robot in ("r1", "r2"):
-        for azimuth in (60, 180):
-            write_camera(make_camera(azimuth), tmp_path / f"{robot}_camera{azimuth}.yml")
-    with pytest.raises(CalibrationError, match=r"r1_camera\*\.yml, r2_camera\*\.yml"):
-        CameraRig.load(tmp_path)
-    assert len(CameraRig.load(tmp_path, pattern="r2_camera*.yml")) == 2
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: CameraRig(()), "found no camera"),
+        (lambda: CameraRig.load([]), "found no camera"),
+        (lambda: make_rig(60, 180, 60), "camera60 twice"),
+    ],
+)
+def test_no_camera_and_equal_names_are_refused(make, said):
+    with pytest.raises(CalibrationError, match=said):
+        make()
 
 
-def test_a_folder_without_calibrations_says_what_it_holds(tmp_path):
-    with pytest.raises(CalibrationError, match=r"found no files, expected a file like camera60\.yml"):
-        CameraRig.load(tmp_path)
-    (tmp_path / "info.json").write_text("{}")
-    with pytest.raises(CalibrationError, match=r"found info\.json"):
-        CameraRig.load(tmp_path)
-    with pytest.raises(CalibrationError, match=r"a file that matches '\*_cropped.yml'"):
-        CameraRig.load(tmp_path, pattern="*_cropped.yml")
-
-
-def test_a_missing_path_is_named(tmp_path):
-    with pytest.raises(CalibrationError, match="none: cannot be read: No such file"):
-        CameraRig.load(tmp_path / "none")
-
-
-def test_a_broken_file_in_a_folder_is_named(tmp_path):
-    make_rig(60, 180).save(tmp_path)
-    (tmp_path / "camera180.yml").write_text("a: [")
-    with pytest.raises(CalibrationError, match=r"camera180\.yml: not plain YAML"):
-        CameraRig.load(tmp_path)
-
-
-def test_no_camera_and_equal_names_are_refused(tmp_path):
-    with pytest.raises(CalibrationError, match="found no camera"):
-        CameraRig(())
-    with pytest.raises(CalibrationError, match="found no camera"):
-        CameraRig.load([])
-    with pytest.raises(CalibrationError, match="camera60 twice"):
-        make_rig(60, 180, 60)
-
-
-def test_a_rig_is_a_sequence_of_cameras():
-    rig = make_rig(60, 180, 300)
-    assert rig[1] is rig.cameras[1]
-    assert list(rig) == list(rig.cameras)
+@pytest.mark.parametrize(
+    ("name", "folder", "said"),
+    [
+        *[(name, "out", "as a file's name") for name in ("../camera", "a/b", ".hidden", "a\0b")],
+        ("camera60", "file", "cannot be made a folder"),
+    ],
+)
+def test_a_rig_that_cannot_be_saved_is_told_and_leaves_nothing(name, folder, said, tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(CalibrationError, match=said):
+        CameraRig((make_camera(60, name),)).save(tmp_path / folder)
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
 def test_resizing_a_rig_resizes_every_camera():
@@ -144,14 +136,34 @@ def test_the_halved_principal_point_is_corrected_by_name(tmp_path):
         np.testing.assert_allclose(camera.matrix[:2, 2], make_camera().matrix[:2, 2] - 0.25)
 
 
-@pytest.mark.parametrize("name", ["../camera", "a/b", ".hidden", "a\0b"])
-def test_a_name_that_leaves_the_folder_is_not_saved(name, tmp_path):
-    with pytest.raises(CalibrationError, match="as a file's name"):
-        CameraRig((make_camera(60, name),)).save(tmp_path / "out")
-    assert not (tmp_path / "out").exists()
+NAMES = ("camera60", "camera180", "camera300")
 
 
-def test_saving_where_a_file_stands_is_named(tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(CalibrationError, match="cannot be made a folder"):
-        make_rig(60).save(tmp_path / "file")
+@pytest.mark.parametrize("name", ["cube_v1", "cube_v2", "cuboid_2x2x8_v2"])
+def test_a_recordings_folder_loads_as_it_is(name, real):
+    assert CameraRig.load(real / "pose" / name).names == NAMES
+
+
+@pytest.mark.parametrize("robot", [1, 3, 4, 5, 6, 7, 8])
+def test_cameras_of_every_robot_look_at_the_arena_from_half_a_metre(robot, real):
+    rig = CameraRig.load(real / "calibration" / "robots", pattern=f"r{robot}_*.yml")
+    assert rig.names == NAMES
+    for camera in rig:
+        assert 0.4 < np.linalg.norm(camera.position) < 0.6
+        assert camera.position[2] > 0.3
+        (pixel,) = camera.project([[0.0, 0.0, 0.0]])
+        assert (np.abs(pixel - camera.width / 2) < 30).all()
+
+
+@pytest.mark.parametrize("folder", ["simulation", "robots"])
+def test_a_folder_of_several_variants_asks_for_one(folder, real):
+    with pytest.raises(CalibrationError, match="select with"):
+        CameraRig.load(real / "calibration" / folder)
+
+
+def test_cropping_the_full_camera_gives_the_cropped_one(real):
+    folder = real / "calibration" / "simulation"
+    full = CameraRig.load(folder, pattern="*_full.yml")
+    cropped = CameraRig.load(folder, pattern="*_cropped.yml")
+    for first, second in zip(full, cropped, strict=True):
+        np.testing.assert_allclose(first.cropped(88, 0, 540, 540).matrix, second.matrix, atol=1e-9)

@@ -1,16 +1,27 @@
-"""`tracker calibrate`: from a printed board to the cameras of a rig."""
+"""`tracker calibrate`: from a printed board to a rig, and a rig checked, refined and put on its table."""
 
 from __future__ import annotations
+
+import dataclasses
+import json
+import re
 
 import cv2
 import numpy as np
 import pytest
 
 import tracker
+from synthetic.camera.sensor import Sensor
 from tests.calibration.test_extrinsics import GIVEN, PLACES, TRUE
 from tests.helpers.boards import LENS, photo, pose_towards
 from tests.helpers.command import assert_one_line_error
+from tests.helpers.filmed import RIG, write_recording
+from tests.helpers.moving_cube import carried, knocked, relative_errors
+from tests.helpers.resting_cube import rests
+from tests.helpers.stills import bare_scene, take
 from tracker.calibration.calibrated import read_calibrated
+from tracker.calibration.table_plane import moved
+from tracker.geometry import so3
 from tracker.geometry.camera import Camera
 
 BOARD = ("--squares", "5x7", "--square", "0.04", "--marker", "0.03")
@@ -96,9 +107,7 @@ def test_a_board_is_printed(tmp_path, run_here):
     [
         (["--squares", "5by7"], ["--squares", "5x7"]),
         (["--squares", "7x5"], ["found in none of 10 photos", "a board of 5x7 squares, expected 7x5"]),
-        (["--squares", "5x5"], ["a board of 5x7 squares, expected 5x5"]),
         (["--squares", "5x9"], ["no more than 5x7 squares", "mirrored"]),
-        (["--dictionary", "DICT_4X4_50"], ["in none", "no marker of DICT_4X4_50", "--squares"]),
         (["--marker", "0.05"], ["markers of 0.05", "less than"]),
         (["-o", "camera.txt"], [".txt", ".yml"]),
         (["--crop", "540"], ["--crop", "540x540+88+0"]),
@@ -137,10 +146,151 @@ def test_a_fault_of_photos_of_the_arena_is_named(folders, words, triplets, tmp_p
     assert not list(tmp_path.iterdir())
 
 
+SCENES = 6
+
+
+@pytest.fixture(scope="module")
+def pictures(rig, tmp_path_factory):
+    """Folder of two calibrations, the right one and one with camera180 knocked, and files of pictures."""
+    folder = tmp_path_factory.mktemp("check")
+    files = []
+    for k in range(SCENES):
+        rng = np.random.default_rng([71, k])
+        still = take(bare_scene(tracker.load_object("cube_v2"), rng), rig.cameras, Sensor.realistic(), rng)
+        for camera, image in zip(rig, still.images, strict=True):
+            files.append(folder / f"{k}-{camera.name}.png")
+            cv2.imwrite(str(files[-1]), image)
+    transform = rig[1].camera_from_world.copy()
+    transform[:3] = so3.exp([0.012, -0.009, 0.0]) @ transform[:3]
+    knocked = dataclasses.replace(rig[1], camera_from_world=transform)
+    rig.save(folder / "right")
+    dataclasses.replace(rig, cameras=(rig[0], knocked, rig[2])).save(folder / "wrong")
+    return folder, files
+
+
+def test_a_right_calibration_fits(pictures, run_here):
+    folder, files = pictures
+    result = run_here("calibrate", "check", *files, "--object", "cube_v2", "--calibration", folder / "right")
+    assert result.returncode == 0, result.stderr
+    assert "the calibration fits" in result.stdout
+
+
+def test_a_camera_that_was_knocked_is_named_and_drawn(pictures, run_here, tmp_path):
+    folder, files = pictures
+    result = run_here(
+        "calibrate", "check", *files, "--object", "cube_v2", "--calibration", folder / "wrong", "--json",
+        "-o", tmp_path / "check.png",
+    )  # fmt: skip
+    assert result.returncode == 1, result.stderr
+    found = json.loads(result.stdout)
+    assert not found["fits"]
+    assert [one["moved"] for one in found["cameras"]] == [False, True, False]
+    assert found["cameras"][1]["turn_deg"] == pytest.approx(np.degrees(0.015), abs=0.15)
+    picture = cv2.imread(str(tmp_path / "check.png"))
+    assert picture.shape[1] == 3 * picture.shape[0] * 420 // 496
+    told = run_here("calibrate", "check", *files, "--object", "cube_v2", "--calibration", folder / "wrong")
+    assert "does not fit: camera180 is not where it has it" in told.stdout
+
+
+CUBE = ("--object", "cube_v2")
+
+
+@pytest.fixture(scope="module")
+def moving(tmp_path_factory):
+    return write_recording(tmp_path_factory.mktemp("carried") / "recording", list(carried()))
+
+
+@pytest.fixture(scope="module")
+def wrong(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("wrong") / "calibration"
+    knocked(RIG, seed=4).save(folder)
+    return folder
+
+
+def test_the_refined_calibration_is_written_and_told_of(moving, wrong, tmp_path, run_here):
+    target = tmp_path / "mended"
+    result = run_here(
+        "calibrate", "refine", moving, *CUBE, "--stills", "--calibration", wrong, "--focal", "-o", target
+    )
+    assert result.returncode == 0, result.stderr
+    for words in ("camera60", "against the mean", "in frames that did not teach", "x, y and yaw", "focal"):
+        assert words in result.stdout
+    rig = tracker.CameraRig.load(target)
+    assert (
+        abs(relative_errors(rig, RIG)[:, :3]).max()
+        < 0.5 * abs(relative_errors(tracker.CameraRig.load(wrong), RIG)[:, :3]).max()
+    )
+
+
+def test_without_a_gain_nothing_is_written(moving, tmp_path, run_here):
+    target = tmp_path / "mended"
+    result = run_here("calibrate", "refine", moving, *CUBE, "--stills", "-o", target)
+    assert_one_line_error(result, "refused", "frames held out", "px")
+    assert not target.exists()
+
+
+@pytest.fixture(scope="module")
+def resting(tmp_path_factory):
+    folder = write_recording(tmp_path_factory.mktemp("rests") / "recording", list(rests()))
+    high = np.eye(4)
+    high[2, 3] = -0.004
+    moved(RIG, high).save(folder)
+    return folder
+
+
+def test_a_calibration_on_the_table_is_written_and_told_of(resting, tmp_path, run_here):
+    target = tmp_path / "mended"
+    result = run_here("calibrate", "table", resting, "--stills", *CUBE, "-o", target)
+    assert result.returncode == 0, result.stderr
+    assert "in 6 places of 6" in result.stdout
+    assert re.search(r"height \[mm\] +\+(3\.9|4\.0)", result.stdout)
+    rig = tracker.CameraRig.load(target)
+    assert rig.names == RIG.names
+    assert rig.arena.table == 0.0
+    assert rig.arena.table_std != RIG.arena.table_std
+    for one, true in zip(rig, RIG, strict=True):
+        np.testing.assert_allclose(one.position, true.position, atol=1e-3)
+
+
+def test_pictures_may_be_named_moment_by_moment(resting, tmp_path, run_here):
+    pictures = [file for frame in sorted(resting.glob("0*")) for file in sorted(frame.glob("*.png"))]
+    ordered = [
+        next(f for f in pictures[k : k + 3] if f.stem == name) for k in range(0, 18, 3) for name in RIG.names
+    ]
+    target = tmp_path / "mended"
+    result = run_here("calibrate", "table", *ordered, *CUBE, "--calibration", resting, "-o", target, "-q")
+    assert (result.returncode, result.stdout) == (0, ""), result.stderr
+    assert (target / "arena.toml").exists()
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
-    [(["-o", "board.doc"], [".doc", ".pdf"]), (["--square", "0.4", "-o", "board.pdf"], ["at most 1200 mm"])],
+    [
+        ("board {board} -o board.doc", [".doc", ".pdf"]),
+        ("board {board} --square 0.4 -o board.pdf", ["at most 1200 mm"]),
+        ("check {one}/camera60.png {cube} --calibration {resting}/camera60.yml", ["alone"]),
+        ("refine {resting} {cube} --stills --frames 3 -o new", ["--frames", "18"]),
+        ("table {resting} {cube} -o {used}", ["in use", "new or an empty folder"]),
+        ("table {resting} {cube} -o new", ["found 0 of the 5 places"]),
+        ("table {one} {cube} -o new", ["found 1 of the 5 places", "must rest"]),
+        ("table {one}/camera60.png {cube} -o new", ["no calibration", "--calibration"]),
+        ("table {one}/camera60.png {cube} --calibration {resting} -o new", ["multiple of 3", "camera180"]),
+        ("table nowhere {cube} -o new", ["nowhere"]),
+        ("table {resting} {cube}", ["-o"]),
+    ],
 )
-def test_a_board_that_cannot_be_printed_is_named(arguments, words, tmp_path, run_here):
-    assert_one_line_error(run_here("calibrate", "board", *BOARD, *arguments, folder=tmp_path), *words)
-    assert not list(tmp_path.iterdir())
+def test_what_cannot_be_done_is_told_in_a_line(arguments, words, resting, tmp_path, run_here):
+    used = tmp_path / "used"
+    used.mkdir()
+    (used / "camera60.yml").write_text("old")
+    names = {
+        "resting": resting,
+        "one": resting / "000000",
+        "used": used,
+        "cube": " ".join(CUBE),
+        "board": " ".join(BOARD),
+    }
+    given = arguments.format(**names).split()
+    assert_one_line_error(run_here("calibrate", *given, folder=tmp_path), *words)
+    assert (used / "camera60.yml").read_text() == "old"
+    assert [path.name for path in tmp_path.iterdir()] == ["used"]

@@ -43,20 +43,20 @@ def labelled(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize(
-    "command", ["", "detect", "track", "colors", "colors fit", "colors check", "colors adapt", "colors new"]
+    ("command", "words"),
+    [
+        *[(name, ()) for name in ("", "track", "dice", "colors", "colors fit", "colors check")],
+        *[(name, ()) for name in ("colors adapt", "colors new")],
+        ("detect", ("cube_v1, cube_v2, cube_v3, cuboid_2x2x8_v2, or a TOML file",)),
+        ("detect", ("dice, simulation, or a file (.npz)", "recording (.dat, .h5)")),
+    ],
 )
-def test_every_command_explains_itself(command, run_here):
+def test_every_command_explains_itself_and_names_what_can_be_named(command, words, run_here):
     result = run_here(*command.split(), "--help")
-    assert result.returncode == 0
-    assert result.stderr == ""
+    assert (result.returncode, result.stderr) == (0, "")
     assert result.stdout.startswith(f"Usage: tracker {command}".rstrip())
-
-
-def test_help_names_what_can_be_named(run_here):
-    said = " ".join(run_here("detect", "--help").stdout.split())
-    assert "cube_v1, cube_v2, cube_v3, cuboid_2x2x8_v2, or a TOML file" in said
-    assert "dice, simulation, or a file (.npz)" in said
-    assert "recording (.dat, .h5)" in said
+    for word in words:
+        assert word in " ".join(result.stdout.split())
 
 
 @pytest.mark.parametrize(
@@ -68,11 +68,11 @@ def test_help_names_what_can_be_named(run_here):
         ("detect --object my_", "file,my_"),
     ],
 )
-def test_a_shell_completes_commands_objects_and_colours(words, expected, monkeypatch):
+def test_a_shell_completes_commands_objects_and_colours(words, expected, monkeypatch, run_here):
     monkeypatch.setenv("_TRACKER_COMPLETE", "bash_complete")
     monkeypatch.setenv("COMP_WORDS", f"tracker {words}")
     monkeypatch.setenv("COMP_CWORD", str(len(words.split())))
-    result = run()
+    result = run_here()
     assert result.returncode == 0, result.stderr
     assert result.stdout.split() == [expected]
 
@@ -93,8 +93,8 @@ def test_detect_prints_the_pose_for_people(demo):
     assert np.linalg.norm([float(cell) for cell in rows["orientation"]]) == pytest.approx(1, abs=1e-5)
 
 
-def test_detect_prints_one_json_object_for_programs(demo, run_here):
-    result = run_here(*detect_arguments(demo), "--json")
+def test_detect_prints_one_json_object_for_programs_and_draws_it(demo, tmp_path, run_here):
+    result = run_here(*detect_arguments(demo), "--json", "--overlay", tmp_path / "out.png")
     assert result.returncode == 0, result.stderr
     found = json.loads(result.stdout)
     assert list(found) == ["object", "status", "pose", "timing_ms"]
@@ -106,34 +106,10 @@ def test_detect_prints_one_json_object_for_programs(demo, run_here):
     assert np.linalg.eigvalsh(covariance).min() > 0
     assert 0 < found["pose"]["confidence"] <= 1
     assert found["timing_ms"]["total"] > 0
-
-
-def test_calibration_files_are_taken_in_the_order_given(demo, run_here):
-    order = ("camera300", "camera60", "camera180")
-    files = [part for name in order for part in ("--calibration", demo / f"{name}.yml")]
-    images = [demo / f"{name}.png" for name in order]
-    shuffled = json.loads(run_here("detect", "--object", "cube_v2", "--json", *files, *images).stdout)
-    usual = json.loads(run_here(*detect_arguments(demo), "--json").stdout)
-    np.testing.assert_allclose(shuffled["pose"]["position"], usual["pose"]["position"], atol=1e-3)
-
-
-def test_a_camera_may_have_given_no_image(demo, run_here):
-    everything = json.loads(run_here(*detect_arguments(demo), "--json").stdout)
-    without = json.loads(run_here(*detect_arguments(demo, camera180="none"), "--json").stdout)
-    np.testing.assert_allclose(without["pose"]["position"], everything["pose"]["position"], atol=2e-3)
-
-
-def test_the_overlay_is_written(demo, tmp_path, run_here):
-    result = run_here(*detect_arguments(demo), "--overlay", tmp_path / "out.png")
-    assert result.returncode == 0, result.stderr
     picture = cv2.imread(str(tmp_path / "out.png"))
     assert picture.shape == cv2.imread(str(demo / "overlay.png")).shape
-
-
-def test_an_error_of_the_process_is_one_line_too(demo, tmp_path):
-    faulty_images(tmp_path, demo)
-    arguments = detect_arguments(demo, camera180=tmp_path / "truncated.png")
-    assert_one_line_error(run(*arguments), "truncated.png")
+    without = json.loads(run_here(*detect_arguments(demo, camera180="none"), "--json").stdout)
+    np.testing.assert_allclose(without["pose"]["position"], found["pose"]["position"], atol=2e-3)
 
 
 def test_nothing_found_is_an_answer_and_no_error(demo, tmp_path, run_here):
@@ -151,33 +127,6 @@ def test_nothing_found_is_an_answer_and_no_error(demo, tmp_path, run_here):
     assert run_here(*detect_arguments(demo), "--exit-code").returncode == 0
 
 
-def faulty_images(folder: Path, demo: Path) -> None:
-    good = (demo / "camera60.png").read_bytes()
-    (folder / "empty.png").write_bytes(b"")
-    (folder / "text.png").write_text("not an image")
-    (folder / "truncated.png").write_bytes(good[: len(good) // 2])
-    cv2.imwrite(str(folder / "large.png"), np.zeros((540, 540, 3), np.uint8))
-
-
-@pytest.mark.parametrize(
-    ("image", "said"),
-    [
-        ("empty.png", "empty.png"),
-        ("text.png", "text.png"),
-        ("truncated.png", "truncated"),
-        ("missing.png", "no such file"),
-        (".", "no such file"),
-        ("large.png", "270×270"),
-    ],
-)
-def test_a_faulty_image_is_named_in_one_line(image, said, demo, tmp_path, run_here):
-    faulty_images(tmp_path, demo)
-    before = sorted(tmp_path.iterdir())
-    arguments = detect_arguments(demo, camera180=tmp_path / image)
-    assert_one_line_error(run_here(*arguments, "--json", "--overlay", tmp_path / "out.png"), said)
-    assert sorted(tmp_path.iterdir()) == before
-
-
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -189,6 +138,7 @@ def test_a_faulty_image_is_named_in_one_line(image, said, demo, tmp_path, run_he
         (["score", "."], ["goal.json", "--goal"]),
         (["detect", "x.png", "--objet", "cube_v2"], ["--objet"]),
         (["colors", "fit", "."], ["--name", "-o"]),
+        (["colors", "adapt", ".", "--object", "cube_v2"], ["-o"]),
         (["colors", "fit", "nowhere", "-o", "x.npz"], ["nowhere", "no such folder"]),
         (["colors", "fit", "nowhere", "-o", "nowhere/x.npz"], ["no folder nowhere"]),
         (["colors", "fit", "nowhere", "-o", "x.dat"], [".dat", ".npz"]),
@@ -217,29 +167,39 @@ def test_a_faulty_command_is_one_line(arguments, words, tmp_path, run_here):
         ({"--overlay": "out.gif"}, [".gif", ".png"]),
         ({"--overlay": "nowhere/out.png"}, ["nowhere/out.png"]),
         ({"--overlay": "empty"}, ["empty", ".png"]),
+        *[({"camera180": image}, [image]) for image in ("empty.png", "text.png")],
+        *[({"camera180": image}, ["no such file"]) for image in ("missing.png", ".")],
+        ({"camera180": "truncated.png"}, ["truncated"]),
+        ({"camera180": "large.png"}, ["270×270"]),
     ],
 )
-def test_a_faulty_option_is_named_in_one_line(replaced, words, demo, tmp_path, run_here):
-    (tmp_path / "empty").mkdir()
-    (tmp_path / "broken").mkdir()
+def test_a_faulty_option_or_image_is_named_in_one_line(replaced, words, demo, tmp_path, run_here):
+    good = (demo / "camera60.png").read_bytes()
+    for name, content in (("empty", b""), ("text", b"not an image"), ("truncated", good[: len(good) // 2])):
+        (tmp_path / f"{name}.png").write_bytes(content)
+    cv2.imwrite(str(tmp_path / "large.png"), np.zeros((540, 540, 3), np.uint8))
+    for name in ("empty", "broken"):
+        (tmp_path / name).mkdir()
     (tmp_path / "broken" / "camera60.yml").write_text("camera_name: [")
     before = sorted(tmp_path.rglob("*"))
-    options = {"--object": "cube_v2", "--calibration": demo, **replaced}
-    pairs = [part for pair in options.items() for part in pair]
-    images = [demo / f"{name}.png" for name in NAMES]
-    assert_one_line_error(run_here("detect", *pairs, *images, "--json", folder=tmp_path), *words)
+    named = {"--object": "cube_v2", "--calibration": demo, "--overlay": "out.png", **replaced}
+    options = [part for key, value in named.items() if key.startswith("--") for part in (key, value)]
+    images = [replaced.get(name, demo / f"{name}.png") for name in NAMES]
+    assert_one_line_error(run_here("detect", *options, *images, "--json", folder=tmp_path), *words)
     assert sorted(tmp_path.rglob("*")) == before
 
 
-def test_the_count_of_images_must_be_that_of_the_cameras(demo, run_here):
-    arguments = detect_arguments(demo)
-    assert_one_line_error(run_here(*arguments[:-1]), "found 2", "expected 3", *NAMES)
-    assert_one_line_error(run_here(*arguments, arguments[-1]), "found 4", "expected 3")
-
-
-def test_no_image_at_all_is_an_error(demo, run_here):
-    result = run_here(*detect_arguments(demo, **dict.fromkeys(NAMES, "none")))
-    assert_one_line_error(result, "'none'", "at least one")
+@pytest.mark.parametrize(
+    ("images", "words"),
+    [
+        ([f"{{demo}}/{name}.png" for name in NAMES[:2]], ["found 2", "expected 3", *NAMES]),
+        ([f"{{demo}}/{name}.png" for name in (*NAMES, NAMES[2])], ["found 4", "expected 3"]),
+        (["none"] * 3, ["'none'", "at least one"]),
+    ],
+)
+def test_there_is_an_image_or_none_of_each_camera_and_at_least_one(images, words, demo, run_here):
+    given = [image.format(demo=demo) for image in images]
+    assert_one_line_error(run_here(*detect_arguments(demo)[:-3], *given), *words)
 
 
 def test_fitted_colors_are_written_and_can_be_checked(labelled, tmp_path, run_here):
@@ -258,15 +218,19 @@ def test_fitted_colors_are_written_and_can_be_checked(labelled, tmp_path, run_he
     assert confusions.startswith("found as")
 
 
-def test_check_says_which_colors_are_weak_and_draws_them(labelled, tmp_path, run_here):
-    arguments = ("--cross-validate", "--plot", tmp_path / "plot.png")
-    result = run_here("colors", "check", labelled, *arguments)
+def test_cross_validation_says_which_colors_are_weak_and_draws_them(labelled, tmp_path, run_here):
+    arguments = ("colors", "check", labelled, "--cross-validate", "--plot", tmp_path / "plot.png")
+    result = run_here(*arguments)
     assert result.returncode == 0, result.stderr
+    assert float(result.stdout.split("\n\n")[0].split()[-1]) > 0.9  # of images that the fit did not see
     for words in ("no colour is weak", "the light: red", "a better set of colours"):
         assert words in result.stdout
     picture = cv2.imread(str(tmp_path / "plot.png"))
     assert picture is not None
     assert picture.std() > 10
+    for path in (*labelled.glob("01*"), *labelled.glob("02*")):
+        path.unlink()
+    assert_one_line_error(run_here(*arguments[:-2]), "found 1", "at least 2")
 
 
 @pytest.mark.parametrize(
@@ -278,18 +242,6 @@ def test_a_plot_that_cannot_be_drawn_is_refused(plot, words, labelled, run_here)
     before = sorted(labelled.iterdir())
     assert_one_line_error(run_here(*arguments, folder=labelled.parent), *words)
     assert sorted(labelled.iterdir()) == before
-
-
-def test_cross_validation_measures_images_that_the_fit_did_not_see(labelled, run_here):
-    result = run_here("colors", "check", labelled, "--cross-validate")
-    assert result.returncode == 0, result.stderr
-    assert float(result.stdout.split("\n\n")[0].split()[-1]) > 0.9
-
-
-def test_cross_validation_of_one_image_is_an_error(labelled, run_here):
-    for path in (*labelled.glob("01*"), *labelled.glob("02*")):
-        path.unlink()
-    assert_one_line_error(run_here("colors", "check", labelled, "--cross-validate"), "found 1", "at least 2")
 
 
 def test_a_failed_fit_keeps_the_old_file(labelled, tmp_path, run_here):

@@ -81,13 +81,6 @@ def truth(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rearrange_dice, "locate", locate)
 
 
-def test_the_command_explains_itself(run_here):
-    result = run_here("dice", "--help")
-    assert result.returncode == 0
-    assert result.stderr == ""
-    assert result.stdout.startswith("Usage: tracker dice")
-
-
 def test_dice_prints_one_json_object_for_programs(scene, run_here):
     result = run_here(*arguments(scene, "--goal", scene / "goal.json", "--json"))
     assert result.returncode == 0, result.stderr
@@ -106,16 +99,6 @@ def test_dice_prints_one_json_object_for_programs(scene, run_here):
         place, die = GOAL[pair["goal"]], found["dice"][pair["die"]]["position"]
         assert pair["distance"] == pytest.approx(np.linalg.norm(place - die))
     assert found["timing_ms"]["total"] > 0
-
-
-def test_dice_prints_the_error_for_people(scene, run_here):
-    result = run_here(*arguments(scene, "--goal", scene / "goal.json"))
-    assert result.returncode == 0, result.stderr
-    first, second, third = result.stdout.splitlines()[:3]
-    assert first.startswith("error [px]")
-    assert all(name in first for name in NAMES)
-    assert "found" in second
-    assert third.startswith("time [ms]")
 
 
 def test_an_error_of_the_process_is_one_line_too(scene):
@@ -143,7 +126,11 @@ def test_placed_dice_are_assigned_to_their_places(scene, run_here):
     placed = [pair for pair in found["assignment"] if pair["distance"] < 1e-6]
     assert sorted(pair["goal"] for pair in placed) == list(range(MISPLACED, 25))
     text = run_here(*arguments(scene, "--goal", scene / "goal.json")).stdout
-    assert f"25 found, {25 - MISPLACED} within 4 mm" in text
+    first, second, third = text.splitlines()[:3]
+    assert first.startswith("error [px]")
+    assert all(name in first for name in NAMES)
+    assert f"25 found, {25 - MISPLACED} within 4 mm" in second
+    assert third.startswith("time [ms]")
     header, *rows = text.split("\n\n")[1].splitlines()
     assert len(rows) == 25
     assert header.split()[-3:] == ["place", "distance", "[mm]"]
@@ -191,23 +178,22 @@ def test_overlay_and_masks_are_written(scene, tmp_path, run_here):
 
 @pytest.mark.usefixtures("truth")
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("options", "images", "words"),
     [
-        (["--goal", "nowhere.json"], ["nowhere.json", "cannot be read"]),
-        (["--goal", "camera60.yml"], ["camera60.yml", "row 1"]),
-        (["--overlay", "out.gif"], [".gif", ".png"]),
-        (["--masks", "goal.json"], ["goal.json"]),
-        (["--pattern", "*.yaml"], ["*.yaml"]),
-        (["--colors", "x"], ["--colors"]),
+        (["--goal", "nowhere.json"], NAMES, ["nowhere.json", "cannot be read"]),
+        (["--goal", "camera60.yml"], NAMES, ["camera60.yml", "row 1"]),
+        (["--overlay", "out.gif"], NAMES, [".gif", ".png"]),
+        (["--masks", "goal.json"], NAMES, ["goal.json"]),
+        (["--pattern", "*.yaml"], NAMES, ["*.yaml"]),
+        (["--colors", "x"], NAMES, ["--colors"]),
+        ([], NAMES[:2], ["found 2", "expected 3", *NAMES]),
+        ([], (), ["at least one"]),
     ],
 )
-def test_a_faulty_option_is_named_in_one_line(options, words, scene, run_here):
+def test_a_fault_is_named_in_one_line(options, images, words, scene, run_here):
     before = sorted(scene.rglob("*"))
-    assert_one_line_error(run_here(*arguments(scene, *options, "--json"), folder=scene), *words)
+    given = [f"{name}.png" for name in images] or ["none"] * 3
+    assert_one_line_error(
+        run_here("dice", "--calibration", scene, *options, "--json", *given, folder=scene), *words
+    )
     assert sorted(scene.rglob("*")) == before
-
-
-@pytest.mark.usefixtures("truth")
-def test_the_count_of_images_must_be_that_of_the_cameras(scene, run_here):
-    assert_one_line_error(run_here(*arguments(scene)[:-1]), "found 2", "expected 3", *NAMES)
-    assert_one_line_error(run_here(*arguments(scene, **dict.fromkeys(NAMES, "none"))), "at least one")

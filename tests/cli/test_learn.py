@@ -53,39 +53,45 @@ def test_colors_that_cannot_be_bettered_keep_the_old_file(tmp_path, run_here):
     assert target.read_bytes() == b"old"
 
 
+FACES = "+x=red -x=magenta +y=green -y=yellow +z=blue -z=cyan"
+CUBE = ("--object", "cube_v2")
+SIZE = ("--size", ".1 .1 .1", "--faces")
+
+
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    ("command", "arguments", "words"),
     [
-        (["--object", "cube_v2"], ["-o"]),
-        (["--object", "cube_v2", "-o", "x.dat"], [".dat", ".npz"]),
-        (["--object", "cube_v2", "-o", "nowhere/x.npz"], ["no folder nowhere"]),
-        (["--object", "cube_v9", "-o", "x.npz"], ["cube_v9", "cube_v2"]),
-        (["--object", "cube_v2", "-o", "x.npz", "--colors", "pink"], ["pink", "simulation"]),
-        (["--object", "cube_v2", "-o", "x.npz", "--frames", "2"], ["--frames", "2"]),
-        (["--object", "cube_v2", "-o", "x.npz", "--rounds", "0"], ["--rounds", "0"]),
-        (["--object", "cube_v2", "-o", "x.npz", "--calibration", "nowhere"], ["nowhere"]),
+        ("adapt", [*CUBE, "-o", "x.dat"], [".dat", ".npz"]),
+        ("adapt", [*CUBE, "-o", "nowhere/x.npz"], ["no folder nowhere"]),
+        ("adapt", ["--object", "cube_v9"], ["cube_v9", "cube_v2"]),
+        ("adapt", [*CUBE, "--colors", "pink"], ["pink", "simulation"]),
+        ("adapt", [*CUBE, "--colors", "mine.npz", "-o", "mine.npz"], ["mine.npz", "input"]),
+        ("adapt", [*CUBE, "--frames", "2"], ["--frames", "2"]),
+        ("adapt", [*CUBE, "--rounds", "0"], ["--rounds", "0"]),
+        ("adapt", [*CUBE, "--calibration", "nowhere"], ["nowhere"]),
+        ("adapt", [*CUBE, "nothing"], ["no such file"]),
+        ("new", [], ["--size", "--faces"]),
+        ("new", ["--size", "1 2 3"], ["--faces"]),
+        ("new", ["--size", "a b c", "--faces", FACES], ["--size", "three numbers"]),
+        ("new", ["--size", "0.1 0.1", "--faces", FACES], ["size", "3"]),
+        ("new", ["--size", "65 65 65", "--faces", FACES], ["65", "0.5"]),
+        ("new", [*SIZE, FACES.replace("cyan", "pink")], ["pink", "cyan"]),
+        ("new", [*SIZE, FACES.replace("cyan", "red")], ["red", "twice"]),
+        ("new", [*SIZE, "+x=red"], ["+x", "-z"]),
+        ("new", [*SIZE, f"{FACES} +x=red"], ["+x", "twice"]),
+        ("new", [*SIZE[:2], *CUBE], ["--object", "--size"]),
+        ("new", [*SIZE, FACES, "-o", "mine.npz"], ["mine.toml", "--object"]),
     ],
 )
-def test_a_faulty_option_is_named(arguments, words, recording, tmp_path, run_here):
-    assert_one_line_error(run_here("colors", "adapt", recording, *arguments, folder=tmp_path), *words)
-    assert not list(tmp_path.iterdir())
-
-
-def test_a_recording_that_is_none_is_named(tmp_path, run_here):
-    arguments = ("--object", "cube_v2", "-o", tmp_path / "x.npz")
-    assert_one_line_error(run_here("colors", "adapt", tmp_path / "nothing", *arguments), "no such file")
-
-
-def test_the_colors_to_begin_with_are_not_overwritten(recording, tmp_path, run_here):
-    mine = tmp_path / "mine.npz"
-    tracker.load_colors("cube_v2").save(mine)
-    before = mine.read_bytes()
-    arguments = ("--object", "cube_v2", "--colors", mine, "-o", mine)
-    assert_one_line_error(run_here("colors", "adapt", recording, *arguments), "mine.npz", "input")
-    assert mine.read_bytes() == before
-
-
-FACES = "+x=red -x=magenta +y=green -y=yellow +z=blue -z=cyan"
+def test_a_fault_is_named_and_nothing_overwritten(command, arguments, words, recording, tmp_path, run_here):
+    tracker.load_colors("cube_v2").save(tmp_path / "mine.npz")
+    (tmp_path / "mine.toml").write_text("old")
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    target = () if "-o" in arguments else ("-o", "x.npz")
+    given = () if "nothing" in arguments else (recording,)
+    result = run_here("colors", command, *given, *arguments, *target, folder=tmp_path)
+    assert_one_line_error(result, *words)
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
 def test_a_new_object_needs_size_and_names_alone(recording, tmp_path, run_here):
@@ -99,31 +105,3 @@ def test_a_new_object_needs_size_and_names_alone(recording, tmp_path, run_here):
     assert (model.size == cube.size).all()
     assert tracker.load_colors(model.colors).normalise
     assert sorted(path.name for path in tmp_path.iterdir()) == ["mine.npz", "mine.toml"]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        ([], ["--size", "--faces"]),
-        (["--size", "1 2 3"], ["--faces"]),
-        (["--size", "a b c", "--faces", FACES], ["--size", "three numbers"]),
-        (["--size", "0.1 0.1", "--faces", FACES], ["size", "3"]),
-        (["--size", "65 65 65", "--faces", FACES], ["65", "0.5"]),
-        (["--size", ".1 .1 .1", "--faces", FACES.replace("cyan", "pink")], ["pink", "cyan"]),
-        (["--size", ".1 .1 .1", "--faces", FACES.replace("cyan", "red")], ["red", "twice"]),
-        (["--size", ".1 .1 .1", "--faces", "+x=red"], ["+x", "-z"]),
-        (["--size", ".1 .1 .1", "--faces", f"{FACES} +x=red"], ["+x", "twice"]),
-        (["--size", ".1 .1 .1", "--object", "cube_v2"], ["--object", "--size"]),
-    ],
-)
-def test_a_faulty_description_is_named(arguments, words, recording, tmp_path, run_here):
-    result = run_here("colors", "new", recording, *arguments, "-o", "x.npz", folder=tmp_path)
-    assert_one_line_error(result, *words)
-    assert not list(tmp_path.iterdir())
-
-
-def test_an_objects_file_is_not_overwritten(recording, tmp_path, run_here):
-    (tmp_path / "mine.toml").write_text("old")
-    arguments = ("--size", ".1 .1 .1", "--faces", FACES, "-o", tmp_path / "mine.npz")
-    assert_one_line_error(run_here("colors", "new", recording, *arguments), "mine.toml", "--object")
-    assert (tmp_path / "mine.toml").read_text() == "old"

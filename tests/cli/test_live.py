@@ -1,8 +1,10 @@
-"""`tracker live` on a recording: poses told, published as lines, recorded."""
+"""`tracker live`: poses told, published and recorded, and what is wrong with the cameras."""
 
 from __future__ import annotations
 
 import json
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +12,10 @@ import pytest
 import tracker
 from tests.helpers.command import assert_one_line_error
 from tests.helpers.filmed import RIG, shots, write_recording
+from tests.helpers.moments import estimate, moment
+from tracker.cli import swapped
+from tracker.cli.live_told import Told
+from tracker.cli.swapped import Lookout
 
 
 @pytest.fixture(scope="module")
@@ -68,30 +74,20 @@ def test_it_ends_when_it_is_told_to(recording, run_here):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["--rate", "5"], ["--rate", "does nothing"]),
-        (["--settings", "x.toml"], ["--settings", "does nothing"]),
-        (["--public"], ["--public", "--publish"]),
-        (["--publish", "tcp://0.0.0.0:5555"], ["other machines could connect"]),
-        (["--publish", "udpm://239.255.76.67:7667?ttl=1"], ["other machines could receive it"]),
-        (["--publish", "tcp://127.0.0.1:5555", "--body", "box"], ["--body", "lcm://"]),
-        (["--page", "70000"], ["--page", "70000", "65535"]),
-        (["--view", "--rrd", "a.rrd"], ["--view", "--rrd"]),
-        (["--record", "log.dat"], [".dat", ".h5"]),
-        (["--record", "nowhere/log.h5"], ["no folder nowhere"]),
-        (["--pattern", "x"], ["--pattern"]),
-    ],
-)
-def test_a_faulty_option_is_named(arguments, words, recording, tmp_path, run_here):
-    result = run_here("live", recording, "--object", "cube_v2", *arguments, folder=tmp_path)
-    assert_one_line_error(result, *words)
-    assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize(
     ("source", "arguments", "words"),
     [
+        (None, ["--rate", "5"], ["--rate", "does nothing"]),
+        (None, ["--settings", "x.toml"], ["--settings", "does nothing"]),
+        (None, ["--public"], ["--public", "--publish"]),
+        (None, ["--publish", "tcp://0.0.0.0:5555"], ["other machines could connect"]),
+        (None, ["--publish", "udpm://239.255.76.67:7667?ttl=1"], ["other machines could receive it"]),
+        (None, ["--publish", "tcp://127.0.0.1:5555", "--body", "box"], ["--body", "lcm://"]),
+        (None, ["--page", "70000"], ["--page", "70000", "65535"]),
+        (None, ["--view", "--rrd", "a.rrd"], ["--view", "--rrd"]),
+        (None, ["--record", "log.dat"], [".dat", ".h5"]),
+        (None, ["--record", "nowhere/log.h5"], ["no folder nowhere"]),
+        (None, ["--check", "--record", "log.h5"], ["--check", "tracks nothing"]),
+        (None, ["--pattern", "x"], ["--pattern"]),
         ("nowhere", [], ["nowhere", "no such file"]),
         ("webcam:0", [], ["webcam:0", "opencv:0,1,2"]),
         ("opencv:0,1,2", [], ["opencv:0,1,2", "--calibration"]),
@@ -100,10 +96,9 @@ def test_a_faulty_option_is_named(arguments, words, recording, tmp_path, run_her
         ("simulation:2", [], ["simulation:2", "there is one"]),
     ],
 )
-def test_a_faulty_source_is_named(source, arguments, words, tmp_path, run_here):
-    assert_one_line_error(
-        run_here("live", source, "--object", "cube_v2", *arguments, folder=tmp_path), *words
-    )
+def test_a_faulty_option_or_source_is_named(source, arguments, words, recording, tmp_path, run_here):
+    result = run_here("live", source or recording, "--object", "cube_v2", *arguments, folder=tmp_path)
+    assert_one_line_error(result, *words)
     assert not list(tmp_path.iterdir())
 
 
@@ -115,7 +110,8 @@ def test_cameras_that_never_give_an_image_make_the_exit_code_1(recording, tmp_pa
     assert "no camera ever gave an image" in result.stdout
 
 
-def test_a_check_tells_of_the_cameras_and_nothing_is_wrong_with_them(recording, run_here):
+def test_a_check_tells_of_the_cameras_and_nothing_is_wrong_with_them(recording, run_here, monkeypatch):
+    monkeypatch.setattr("tracker.live.camera_check.MOST_AGE", 10.0)  # a busy machine takes its time
     result = run_here("live", recording, "--object", "cube_v2", "--check", "--speed", "5")
     assert result.returncode == 0, result.stderr
     assert "nothing is wrong with the cameras" in result.stdout
@@ -133,11 +129,6 @@ def test_a_check_of_dark_cameras_exits_with_1(tmp_path, run_here):
     assert f"{RIG.names[0]}: " not in result.stdout
 
 
-def test_a_check_has_nothing_to_record(recording, tmp_path, run_here):
-    arguments = ("--object", "cube_v2", "--check", "--record", tmp_path / "log.h5")
-    assert_one_line_error(run_here("live", recording, *arguments), "--check", "tracks nothing")
-
-
 def test_a_recording_that_ends_is_told_even_to_who_wants_to_hear_of_errors_only(
     recording, tmp_path, run_here, monkeypatch
 ):
@@ -149,3 +140,79 @@ def test_a_recording_that_ends_is_told_even_to_who_wants_to_hear_of_errors_only(
     result = run_here("live", recording, "--object", "cube_v2", *arguments)
     assert result.returncode == 1
     assert (result.stdout, result.stderr) == ("", "the recording has ended: no space is left\n")
+
+
+FAILED = {"camera60": "the buffer failed"}
+
+
+def test_a_jump_is_not_taken_for_a_fault_of_a_camera_that_is_called_stamps():
+    told = Told()
+    told.hear(replace(moment(0), faults={"stamps": "the buffer failed"}))
+    told.hear(replace(moment(1), jump="went back by 3.000 s"))
+    summary = told.summary(0, ())
+    assert "amiss in 1 of 2 sets; last: the buffer failed" in summary
+    assert "amiss in 1 of 2 sets; last: went back by 3.000 s" in summary
+
+
+def test_the_summary_names_cameras_in_their_order_and_a_fault_once(tmp_path):
+    told, counts = Told(), {"camera60": 0, "camera180": 3}
+    assert not told.only_faults
+    for number in range(3):
+        faults = {"camera180": "too small", "camera60": "frozen"}
+        told.hear(replace(moment(number), faults=faults, fault_counts=counts))
+    recorder = SimpleNamespace(recorded=0, path=tmp_path / "log.h5", left_out=0, fault=None)
+    lines = told.summary(0, ["camera180: too small", "a listener"], recorder).splitlines()
+    begins = ["sets", "status", "no", "latency", "camera60", "camera180", "recorded", "fault"]
+    assert [line.split()[0] for line in lines] == begins
+    assert lines[-2].split() == ["recorded", "nothing"]
+    assert told.only_faults
+    told.hear(moment(3, (np.zeros((16, 16, 3), np.uint8),)))
+    assert not told.only_faults
+    assert "never found" in told.summary(0, ())
+    assert lines[-1].endswith("a listener")
+
+
+def test_a_fault_of_one_set_is_in_the_next_line_and_in_the_summary(monkeypatch):
+    now = 100.0
+    monkeypatch.setattr("tracker.cli.live_told.time.monotonic", lambda: now)
+    told = Told()
+    for number in range(10):
+        told.hear(replace(moment(number, pose=estimate()), faults=FAILED if number == 3 else {}))
+    assert told.due() is None
+    now += 1.1
+    line = told.due()
+    assert "tracking" in line
+    assert line.endswith("camera60: the buffer failed (1 of 10 sets)")
+    told.hear(moment(10, pose=estimate()))
+    now += 1.1
+    assert "buffer" not in told.due()
+    assert "never found" not in told.summary(0, ())
+    assert "camera60        amiss in 1 of 11 sets; last: the buffer failed" in told.summary(0, ())
+
+
+@pytest.fixture(scope="module")
+def follower():
+    return tracker.ObjectTracker(tracker.load_object("cube_v2"), RIG)
+
+
+@pytest.fixture(scope="module")
+def images():
+    return shots("cube_v2", 1, seed=702)[0].images
+
+
+def test_cameras_in_the_wrong_order_are_told_once_two_looks_agree(images, follower, monkeypatch):
+    monkeypatch.setattr(swapped, "FIRST_LOOK", 0.0)
+    one = moment(0, (images[1], images[0], images[2]))
+    lookout = Lookout(lambda: follower, RIG.names)
+    said = [lookout.look(one) for _ in range(3)]
+    assert said == [None, f"the images of {RIG.names[0]} and {RIG.names[1]} look swapped", None]
+
+
+def test_once_the_object_is_surely_found_nobody_looks_any_more(images, follower, monkeypatch):
+    monkeypatch.setattr(swapped, "FIRST_LOOK", 0.0)
+    found = follower.detect(images)
+    assert found.object_pose.confidence > 0.9
+    lookout = Lookout(lambda: pytest.fail("it looks"), RIG.names)
+    assert lookout.look(None) is None
+    assert lookout.look(replace(moment(0, tuple(images)), observation=found)) is None
+    assert lookout.look(moment(1, (images[1], images[0], images[2]))) is None

@@ -31,6 +31,14 @@ def ask_to_end(*_: object) -> None:
     time.sleep(60)
 
 
+@pytest.fixture(autouse=True)
+def heard():
+    """A run in the background hands on that Ctrl-C is ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 def test_an_interrupt_within_a_finalizer_is_not_lost():
     before = sys.unraisablehook
     with ended_by_signals(), pytest.raises(KeyboardInterrupt):

@@ -24,16 +24,19 @@ import tracker
 from synthetic.camera.rigs import default_cameras
 from synthetic.camera.sensor import Sensor
 from tests.helpers import ROOT, run_python
+from tests.helpers.begun import begin
 from tests.helpers.command import Run, assert_one_line_error
 from tests.helpers.log_writers import make_content, write_hdf5, write_picture
 from tests.helpers.pose_logs import assert_same
 from tests.helpers.recording_stubs import write_log
 from tests.helpers.stills import posed_scene, take
+from tests.upkeep.test_health import film  # noqa: F401
+from tracker.cli.track import CONTRADICTED, _calibration_rows
 from tracker.cli.track_outputs import _of_height, observation
 from tracker.files import claimed
 from tracker.geometry import so3
 from tracker.objects.model import to_toml
-from tracker.pose.result import CameraUse
+from tracker.pose.result import CameraUse, Status
 from tracker.poses.file import read_poses
 from tracker.viz import write_image
 
@@ -105,19 +108,27 @@ def test_a_recording_is_tracked_and_written_in_every_format(filmed, tmp_path, ru
     assert len((tmp_path / "poses.tum").read_text().splitlines()) == FRAMES + 1
     assert len((tmp_path / "poses_bop.csv").read_text().splitlines()) == FRAMES + 1
     assert film_length(tmp_path / "overlay.mp4") == (FRAMES, 10)
+    shown = observation(poses, 1)
+    assert shown.status.value == poses.status[1]
+    assert (shown.object_pose.position == poses.measured.position[1]).all()
+    again = run_here(filmed, "--object", "cube_v2", "-o", "poses.h5", folder=tmp_path)
+    rows = dict(re.split(r"  +", line.strip(), maxsplit=1) for line in again.stdout.splitlines())
+    assert rows["frames"] == str(FRAMES)
+    assert rows["with a pose"].startswith("measured 100.0%")
+    assert not any(label.startswith("camera") for label in rows)
 
 
 def film_length(path: Path) -> tuple[int, float]:
     """Number of pictures, and how many a second."""
     import av
 
-    with av.open(str(path)) as film:
-        return sum(1 for _ in film.decode(video=0)), float(film.streams.video[0].average_rate)
+    with av.open(str(path)) as opened:
+        return sum(1 for _ in opened.decode(video=0)), float(opened.streams.video[0].average_rate)
 
 
 def test_two_processes_change_nothing_and_tell_in_order(tmp_path, run_here):
     pytest.importorskip("distributed", reason="cluster: no module distributed")
-    logs = [write_log(tmp_path / name, frames) for name, frames in (("a", 30), ("b", 5), ("c", 5))]
+    logs = [write_log(tmp_path / name, frames) for name, frames in (("a", 6), ("b", 2), ("c", 2))]
     base = [*(log.relative_to(tmp_path) for log in logs), "--object", "cube_v2", "--json"]
     one = run_here(*base, "-o", "by1", folder=tmp_path)
     results = [one, run(*base, "-o", "by2", "--jobs", 2, folder=tmp_path)]
@@ -130,16 +141,6 @@ def test_two_processes_change_nothing_and_tell_in_order(tmp_path, run_here):
     )
     assert len(one) == 3
     assert one == two
-
-
-def test_the_summary_is_for_people(filmed, tmp_path, run_here):
-    base = [filmed, "--object", "cube_v2"]
-    one = run_here(*base, "-o", tmp_path / "one.h5")
-    rows = dict(re.split(r"  +", line.strip(), maxsplit=1) for line in one.stdout.splitlines())
-    assert rows["frames"] == str(FRAMES)
-    assert rows["with a pose"].startswith("measured 100.0%")
-    assert not any(label.startswith("camera") for label in rows)
-    assert run_here(*base, "-o", tmp_path / "one.h5", "--quiet").stdout == ""
 
 
 def test_a_camera_that_is_mirrored_is_named_with_what_to_look_at(filmed, tmp_path, run_here):
@@ -184,8 +185,10 @@ def test_frames_can_be_chosen_and_the_calibration_be_given(filmed, tmp_path, run
         (["-o", "poses.h5", "--from", "9"], "found 5 frames"),
         (["-o", "poses.h5", "--from", "3", "--to", "3"], "beyond"),
         (["-o", "poses.h5", "--jobs", "0"], "--jobs"),
+        (["-o", "poses.h5", "--health", "health.txt"], "expected .html"),
         (["-o", "log/camera60.yml"], "that is the recording's calibration"),
         (["-o", "log/new.yml"], ".h5"),
+        (["-o", "other/camera60.yml", "--calibration", "other"], "that is an input"),
         (["-o", "poses"], "no suffix"),
         (["-o", "poses.h5", "--csv", "log/camera60.yml"], "that is the recording's calibration"),
         (["-o", "poses.h5", "--csv", "poses.yml"], ".csv"),
@@ -241,7 +244,7 @@ def contents(folder: Path) -> dict[Path, bytes | None]:
 
 def test_of_several_recordings_the_whole_ones_are_tracked(tmp_path, run_here):
     for name in ("first", "second", "third"):
-        write_log(tmp_path / name, 5)
+        write_log(tmp_path / name, 3)
     spoilt = tmp_path / "second" / "camera_data.dat"
     spoilt.write_bytes(spoilt.read_bytes()[:-3000])
     logs = [f"{name}/camera_data.dat" for name in ("first", "second", "third")]
@@ -257,27 +260,20 @@ def test_of_several_recordings_the_whole_ones_are_tracked(tmp_path, run_here):
     assert result.returncode == 0
     assert result.stdout == ""
     assert result.stderr.startswith("tracker: warning: second/camera_data.dat")
-    assert "tracked 3 of 3 frames, the last one is 2" in result.stderr
+    assert "tracked 1 of 1 frames, the last one is 0" in result.stderr
 
 
-def test_recordings_given_one_by_one_do_not_overwrite_each_other(tmp_path, run_here):
+def test_what_is_whole_is_neither_tracked_again_nor_overwritten_by_another_recording(tmp_path, run_here):
+    for name in ("first", "second", "third"):
+        write_log(tmp_path / name, 2)
+    base = ["--object", "cube_v2", "-o", "all", "--json"]
     (tmp_path / "all").mkdir()
     for name in ("first", "second"):
-        write_log(tmp_path / name, 3)
-        run_here(
-            f"{name}/camera_data.dat", "--object", "cube_v2", "-o", "all", "-q", folder=tmp_path
-        ).check_returncode()
-    names = [path.parent.name for path in sorted((tmp_path / "all").rglob("*.h5"))]
-    assert names == ["first", "second"]
-
-
-def test_what_is_whole_is_not_tracked_again(tmp_path, run_here):
-    for name in ("first", "second", "third"):
-        write_log(tmp_path / name, 5)
-    base = ["--object", "cube_v2", "-o", "all", "--json"]
-    run_here("first", "second", *base, folder=tmp_path).check_returncode()
-    result = run_here("first", "second", "third", *base, folder=tmp_path)
-    assert [json.loads(line)["new"] for line in result.stdout.splitlines()] == [0, 0, 5]
+        run_here(f"{name}/camera_data.dat", *base, folder=tmp_path).check_returncode()
+    logs = [f"{name}/camera_data.dat" for name in ("first", "second", "third")]
+    result = run_here(*logs, *base, folder=tmp_path)
+    assert [json.loads(line)["new"] for line in result.stdout.splitlines()] == [0, 0, 2]
+    assert run_here(*logs, *base[:-1], "--quiet", folder=tmp_path).stdout == ""
 
 
 def test_a_file_that_another_run_is_writing_is_left_to_it(tmp_path, run_here):
@@ -285,15 +281,6 @@ def test_a_file_that_another_run_is_writing_is_left_to_it(tmp_path, run_here):
     with claimed(tmp_path / "poses.h5"):
         result = run_here("log", "--object", "cube_v2", "-o", "poses.h5", folder=tmp_path)
     assert_one_line_error(result, "poses.h5", "another run")
-
-
-def test_the_film_shows_what_is_in_the_file(filmed, tmp_path, run_here):
-    run_here(filmed, "--object", "cube_v2", "-o", tmp_path / "poses.h5", "-q").check_returncode()
-    poses = read_poses(tmp_path / "poses.h5")
-    shown = observation(poses, 1)
-    assert shown.object_pose is not None
-    assert shown.status.value == poses.status[1]
-    assert (shown.object_pose.position == poses.measured.position[1]).all()
 
 
 def test_pictures_of_a_film_have_one_height():
@@ -304,16 +291,7 @@ def test_pictures_of_a_film_have_one_height():
 
 def start_long(logs: list[Path], output: Path, jobs: int) -> subprocess.Popen[bytes]:
     """A run that takes long enough to be ended; all its processes are at work, each on a recording."""
-    process = subprocess.Popen(
-        [sys.executable, *COMMAND, *logs, "--object", "cube_v2", "-o", output, "--jobs", str(jobs)],
-        cwd=ROOT,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-        stderr=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        start_new_session=True,
-        # A test run in the background hands on that Ctrl-C is ignored; a terminal's command does not.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-    )
+    process = begin("track", *logs, "--object", "cube_v2", "-o", output, "--jobs", jobs)
     deadline = time.monotonic() + 120
     while len(list(output.parent.rglob(".*.lock"))) < jobs:
         assert process.poll() is None
@@ -344,6 +322,7 @@ def test_workers_end_with_a_killed_run(long, tmp_path):
     process.kill()
     # The pipe closes when the last process that holds it has ended.
     process.communicate(timeout=120)
+    assert process.returncode == -signal.SIGKILL
 
 
 def test_a_bar_is_shown_on_a_terminal_and_gone_before_an_error(tmp_path):
@@ -375,3 +354,26 @@ def test_a_bar_is_shown_on_a_terminal_and_gone_before_an_error(tmp_path):
     assert any("frames/s" in bar for bar in bars)
     assert last.startswith("tracker: ")
     assert "record 3" in last
+
+
+def test_track_writes_the_page_and_says_what_is_not_well(film, rig, tmp_path, run_here):  # noqa: F811
+    rig.save(tmp_path / "calibration")
+    base = (film, "--object", "cube_v2", "--calibration", tmp_path / "calibration")
+    page = tmp_path / "health.html"
+    result = run_here(*base, "-o", tmp_path / "poses.h5", "--health", page, "--json")
+    assert result.returncode == 0, result.stderr
+    assert "camera300: brightness" in " ".join(json.loads(result.stdout)["health"])
+    assert page.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+
+
+def test_a_calibration_is_named_where_cameras_contradict_each_other_for_long():
+    def statuses(share, with_pose):
+        return {Status.INCONSISTENT_VIEWS.value: {"share": share, "with_pose": with_pose}}
+
+    (first, *_) = _calibration_rows(statuses(0.5, 1.0))
+    assert first[0] == "calibration"
+    assert "50.0%" in first[1]
+    # Without poses the status says that there is no object.
+    assert not _calibration_rows(statuses(1.0, 0.0))
+    assert not _calibration_rows(statuses(CONTRADICTED / 2, 1.0))
+    assert not _calibration_rows({})

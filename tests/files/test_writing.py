@@ -35,11 +35,6 @@ def test_what_was_there_stays_if_writing_fails(tmp_path, monkeypatch):
     assert os.listdir(tmp_path) == ["a.txt"]
 
 
-def test_a_missing_folder_is_an_error(tmp_path):
-    with pytest.raises(FileNotFoundError):
-        write_whole(tmp_path / "no" / "a.txt", "x")
-
-
 def test_errors_name_the_file_that_was_asked_for(tmp_path):
     with pytest.raises(FileNotFoundError) as raised:
         write_whole(tmp_path / "no" / "a.txt", "x")

@@ -16,7 +16,6 @@ from synthetic.camera.rigs import perturbed_rig, sized
 from tests.helpers import make_camera
 from tracker import Arena, CameraRig
 from tracker.calibration.arena_file import FILE_NAME, read_arena, write_arena
-from tracker.calibration.platform_files import write_camera
 from tracker.errors import CalibrationError
 
 ELSEWHERE = Arena((0.7, -0.4), 0.06, 0.05, 0.25, (0.001, 0.002))
@@ -36,11 +35,6 @@ ARENAS = st.builds(
 
 def make_rig(arena: Arena = ELSEWHERE) -> CameraRig:
     return CameraRig((make_camera(60), make_camera(180)), arena)
-
-
-def test_the_default_is_the_platform():
-    arena = CameraRig((make_camera(60),)).arena
-    assert arena == Arena((0.0, 0.0), 0.235, 0.185, 0.0, (0.008, 0.017)) == tracker.Arena()
 
 
 def test_numbers_of_any_kind_become_floats():
@@ -96,11 +90,6 @@ def test_a_height_that_is_uncertain_may_be_off_by_as_much():
     assert not arena.holds(place, -0.0075, 0.002)
 
 
-def test_a_rig_takes_no_other_arena():
-    with pytest.raises(CalibrationError, match=r"camera rig: arena: found None, expected a tracker\.Arena"):
-        make_rig(None)  # type: ignore[arg-type]
-
-
 @given(ARENAS)
 def test_every_arena_survives_its_file(tmp_path_factory, arena):
     folder = tmp_path_factory.getbasetemp()
@@ -116,39 +105,26 @@ def test_a_rig_is_saved_and_loaded_with_its_arena(tmp_path):
     assert CameraRig.load([tmp_path / "camera180.yml", tmp_path / "camera60.yml"]).arena == ELSEWHERE
 
 
-def test_files_of_several_folders_have_no_arena_in_common(tmp_path):
-    for name in ("a", "b"):
-        make_rig().save(tmp_path / name)
-    files = [tmp_path / "a" / "camera60.yml", tmp_path / "b" / "camera180.yml"]
-    assert CameraRig.load(files).arena == Arena()
-
-
 def test_a_folder_saved_again_keeps_no_arena_of_old(tmp_path):
+    platform = Arena((0.0, 0.0), 0.235, 0.185, 0.0, (0.008, 0.017))
+    assert CameraRig((make_camera(60),)).arena == platform == tracker.Arena()
     for arena in (ELSEWHERE, Arena(radius=0.1), Arena(), ELSEWHERE):
         make_rig(arena).save(tmp_path)
         assert CameraRig.load(tmp_path).arena == arena
         assert (tmp_path / FILE_NAME).exists() == (arena != Arena())
-
-
-def test_what_a_file_leaves_out_is_the_default(tmp_path):
-    write_camera(make_camera(60), tmp_path / "camera60.yml")
     (tmp_path / FILE_NAME).write_text("table = 1  # m\n")
     assert CameraRig.load(tmp_path).arena == Arena(table=1.0)
+    make_rig().save(tmp_path / "b")
+    files = [tmp_path / "camera60.yml", tmp_path / "b" / "camera180.yml"]
+    assert CameraRig.load(files).arena == Arena()  # several folders have none in common
 
 
 @pytest.mark.parametrize(
     ("content", "fault"),
     [
-        (
-            b"radios = 0.2",
-            "found unknown key 'radios', expected some of center, radius, height, table, table_",
-        ),
+        (b"radios = 0.2", "found unknown key 'radios', expected some of center, radius, height, table"),
         (b"radius = 'wide'", "arena: radius: found 'wide', expected a finite number"),
-        (b"radius = nan", "arena: radius: found nan, expected a finite number"),
-        (b"height = -1", "arena: height: found -1.0, expected more than 0"),
         (b"center = [0.0]", r"arena: center: found \[0.0\], expected two finite numbers"),
-        (b"center = {x = 0.0, y = 1.0}", "arena: center: found .*, expected two finite numbers"),
-        (b"table = 2020-01-01", "arena: table: found .*, expected a finite number"),
         (b"[arena]\nradius = 1", "found unknown key 'arena'"),
         (b"radius: 0.2", "not a TOML file"),
         (b"\xff", "not a TOML file"),
@@ -181,3 +157,5 @@ def test_a_rig_made_of_a_rig_keeps_the_arena(rng):
     assert rig.resized(540, 270).arena == ELSEWHERE
     assert sized(rig, 90).arena == ELSEWHERE
     assert perturbed_rig(rng).arena == Arena()
+    with pytest.raises(CalibrationError, match=r"camera rig: arena: found None, expected a tracker\.Arena"):
+        make_rig(None)  # type: ignore[arg-type]

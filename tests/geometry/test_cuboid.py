@@ -8,14 +8,14 @@ from tracker.geometry import cuboid
 SIZE = np.array([0.02, 0.08, 0.03])
 
 
-def test_corners_are_half_the_size_from_the_center():
-    np.testing.assert_allclose(np.abs(cuboid.corners(SIZE)), np.tile(SIZE / 2, (8, 1)))
-    assert len(np.unique(cuboid.corners(SIZE), axis=0)) == 8
-
-
-def test_corner_k_has_the_signs_of_the_bits_of_k():
+def test_corners_have_the_signs_of_their_bits_and_half_the_size_and_faces_the_normals_of_their_names():
     for k, corner in enumerate(cuboid.corners(SIZE)):
-        np.testing.assert_array_equal(corner > 0, [bool(k & 1), bool(k & 2), bool(k & 4)])
+        signs = [1 if k & bit else -1 for bit in (1, 2, 4)]
+        np.testing.assert_allclose(corner, np.multiply(signs, SIZE / 2))
+    for name, normal in zip(cuboid.FACE_NAMES, cuboid.FACE_NORMALS, strict=True):
+        axis = "xyz".index(name[1])
+        assert normal[axis] == (1 if name[0] == "+" else -1)
+        assert np.count_nonzero(normal) == 1
 
 
 def test_every_edge_joins_neighbours_and_lies_in_both_its_faces():
@@ -38,13 +38,6 @@ def test_faces_turn_counter_clockwise_seen_from_outside():
         assert (turns > 0).all()
 
 
-def test_face_names_state_their_normals():
-    for name, normal in zip(cuboid.FACE_NAMES, cuboid.FACE_NORMALS, strict=True):
-        axis = "xyz".index(name[1])
-        assert normal[axis] == (1 if name[0] == "+" else -1)
-        assert np.count_nonzero(normal) == 1
-
-
 def test_a_face_is_visible_where_the_ray_to_it_meets_no_other(rng):
     # A point on a face is seen if the segment to the camera leaves the box at once.
     for rotation in random_rotations(rng, 100):
@@ -55,11 +48,8 @@ def test_a_face_is_visible_where_the_ray_to_it_meets_no_other(rng):
             assert visible[face] == (np.abs(just_off) > SIZE / 2).any()
 
 
-def test_from_inside_no_face_is_visible():
-    assert not cuboid.visible_faces(SIZE, np.zeros(3)).any()
-
-
 def test_at_most_one_of_two_opposite_faces_is_visible(rng):
     for position in rng.uniform(-0.1, 0.1, size=(100, 3)):
         visible = cuboid.visible_faces(SIZE, position)
         assert not (visible[0::2] & visible[1::2]).any()
+    assert not cuboid.visible_faces(SIZE, np.zeros(3)).any()

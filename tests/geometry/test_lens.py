@@ -1,3 +1,5 @@
+"""Compiled projection, fields of view and linear algebra against NumPy's and OpenCV's."""
+
 from __future__ import annotations
 
 import dataclasses
@@ -6,10 +8,12 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.helpers import LENSES, make_camera, numerical_jacobian, random_rotations
+from tests.helpers import LENSES, image_grid, make_camera, random_rotations
 from tracker.geometry import lens, so3
 from tracker.geometry.cuboid import visible_faces as visible_faces_reference
+from tracker.geometry.field_of_view import largest_tangent, project_in_view
 from tracker.geometry.lens import stack_lenses
+from tracker.geometry.linear import factorise, solve_positive, substitute
 
 
 def test_compiled_projection_is_the_cameras(rng):
@@ -19,15 +23,6 @@ def test_compiled_projection_is_the_cameras(rng):
     for c, camera in enumerate(cameras):
         pixels = [lens.project(lenses, c, *point)[:2] for point in points]
         np.testing.assert_allclose(pixels, camera.project(points), atol=1e-9)
-
-
-def test_compiled_jacobian_is_the_derivative(rng):
-    lenses = stack_lenses([make_camera()])
-    jacobian = np.empty((2, 3))
-    for point in rng.uniform([-0.2, -0.2, 0], [0.2, 0.2, 0.15], size=(20, 3)):
-        lens.project_with_jacobian(lenses, 0, *point, jacobian)
-        numeric = numerical_jacobian(lambda x: np.array(lens.project(lenses, 0, *x)[:2]), point)
-        np.testing.assert_allclose(jacobian, numeric, rtol=1e-5, atol=1e-4)
 
 
 @pytest.mark.parametrize("coefficients", LENSES.values(), ids=map(str, LENSES))
@@ -70,3 +65,55 @@ def test_visible_faces_are_those_of_the_geometry(rng):
         lens.visible_faces(lenses, 0, size / 2, rotation, position, heights)
         expected = visible_faces_reference(size, rotation.T @ (camera.position - position))
         np.testing.assert_array_equal(heights > 0, expected)
+
+
+def test_points_of_the_image_are_projected_as_the_camera_does(camera):
+    pixels = image_grid(camera)
+    points = camera.position + 0.5 * camera.rays(pixels)
+    np.testing.assert_allclose(project_in_view(camera, points), pixels, atol=1e-9)
+    np.testing.assert_array_equal(project_in_view(camera, points), camera.project(points))
+    corners = [(-0.5, -0.5), (269.5, -0.5), (-0.5, 269.5), (269.5, 269.5)]
+    tangents = np.linalg.norm(camera.undistort(corners), axis=1)
+    assert largest_tangent(camera) == tangents.max()
+
+
+def test_points_that_the_lens_would_fold_into_the_image_have_no_pixel(camera, rng):
+    directions = rng.normal(size=(20_000, 3))
+    points = camera.position + directions @ camera.camera_from_world[:3, :3]
+    pixels = project_in_view(camera, points)
+    seen = (pixels >= -0.5).all(axis=1) & (pixels <= 269.5).all(axis=1)
+    assert seen.any()
+    angles = np.arctan2(np.hypot(directions[:, 0], directions[:, 1]), directions[:, 2])
+    assert np.tan(angles[seen]).max() <= largest_tangent(camera)
+    assert np.isnan(pixels[directions[:, 2] <= 0]).all()
+    assert np.isnan(project_in_view(camera, [camera.position])).all()
+
+
+def positive(rng: np.random.Generator, size: int) -> np.ndarray:
+    root = rng.normal(size=(size, size))
+    return root @ root.T + np.eye(size)
+
+
+@pytest.mark.parametrize("size", [1, 3, 6, 8])
+def test_factor_and_solution_are_numpys_and_only_lower_halves_are_read(rng, size):
+    matrix, vector, out = positive(rng, size), rng.normal(size=size), np.empty(size)
+    expected, factor = np.linalg.solve(matrix, vector), np.linalg.cholesky(matrix)
+    lower = np.zeros((size, size))
+    matrix[np.triu_indices(size, 1)] = np.nan
+    assert factorise(matrix, lower)
+    np.testing.assert_allclose(lower, factor, rtol=1e-9, atol=1e-12)
+    lower[np.triu_indices(size, 1)] = np.nan
+    substitute(lower, vector, out)
+    np.testing.assert_allclose(out, expected, rtol=1e-9)
+    assert solve_positive(matrix, vector, out)
+    np.testing.assert_allclose(out, expected, rtol=1e-9)
+    substitute(lower, vector, vector)  # which may be overwritten
+    np.testing.assert_allclose(vector, expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "matrix", [np.diag([1.0, -1.0, 2.0]), np.ones((3, 3)), np.zeros((3, 3)), np.full((3, 3), np.nan)]
+)
+def test_a_matrix_that_is_not_positive_definite_is_refused(rng, matrix):
+    assert not solve_positive(matrix, rng.normal(size=3), np.empty(3))
+    assert not factorise(matrix, np.empty((3, 3)))

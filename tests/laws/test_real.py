@@ -37,7 +37,7 @@ def test_changed_light_does_not_move_the_pose(real, name):
     detector, images = posed(real, name)
     near, draws = 0, 50
     for shift, turn, confidence in light_changes(detector, [i.image for i in images], draws):
-        right = shift < 3e-3 and turn < np.radians(3)
+        right = shift < 3 and turn < 3
         near += right
         assert right or confidence <= 0.5
     assert near >= 0.98 * draws

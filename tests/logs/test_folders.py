@@ -1,6 +1,9 @@
+"""Recordings as folders of pictures and films, and what `recording.toml` says of them."""
+
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -12,8 +15,9 @@ from tests.helpers import make_camera
 from tests.helpers.log_writers import CAMERAS, write_picture
 from tests.helpers.stated_sizes import png_of_size
 from tests.helpers.synthetic_needs import skip_without_platform
-from tracker.errors import LogError
+from tracker.errors import LogError, TrackerError
 from tracker.logs.folders.name_stamps import stamps_of_names
+from tracker.logs.opening import recording_files
 
 
 def picture(frame: int, camera: int) -> np.ndarray:
@@ -90,17 +94,8 @@ def test_pictures_with_stamps_of_their_own_are_put_together(tmp_path):
     assert [frame.images[1] is None for frame in frames] == [False, False, True, False, False]
     np.testing.assert_allclose(frames[1].camera_timestamps - 1_605_000_000.1, [0, 0.003, 0.006], atol=1e-6)
     assert np.isnan(frames[2].camera_timestamps[1])
+    assert frames[2].timestamp == pytest.approx(1_605_000_000.2, abs=4e-3)
     np.testing.assert_array_equal(frames[4].images[2], picture(4, 2))
-
-
-def test_a_camera_may_have_given_no_image(tmp_path):
-    write_triplets(tmp_path, ["0", "1"])
-    (tmp_path / "1" / "camera180.png").unlink()
-    with tracker.open_log(tmp_path) as log:
-        assert log.camera_names == CAMERAS
-        assert log[1].images[1] is None
-        assert np.isnan(log[1].camera_timestamps[1])
-        assert log[1].timestamp == pytest.approx(0.1)
 
 
 def test_one_triplet_is_one_frame_and_brings_its_calibration(tmp_path):
@@ -118,6 +113,34 @@ def test_jpeg_is_read_in_colour(tmp_path):
     write_picture(tmp_path / "0" / "camera60.jpg", image)
     (frame,) = frames_of(tmp_path)
     assert np.abs(frame.images[0].astype(int) - image).max() <= 4
+
+
+@pytest.mark.parametrize(
+    ("added", "said"),
+    [
+        ({"1/camera60.png": np.zeros((20, 31, 3), np.uint8)}, "31×20 px, expected 30×20"),
+        ({"0/camera60.jpg": picture(0, 0)}, "one picture of a camera"),
+        *[
+            ({"ground_truth.json": text}, r"ground_truth\.json")
+            for text in ("", "[]", '{"frames": 3}', '{"frames": [{"frame": 1}]}', "[" * 99999)
+        ],
+        *[
+            ({layout: ""}, "no pictures of cameras")
+            for layout in ("camera60/a.txt", "0/other.png", "camera60.txt")
+        ],
+    ],
+)
+def test_a_folder_that_is_no_recording_is_refused_with_the_reason(tmp_path, added, said):
+    ((path, content),) = added.items()
+    if said != "no pictures of cameras":
+        write_triplets(tmp_path, ["0", "1"])
+    (tmp_path / path).parent.mkdir(exist_ok=True)
+    if isinstance(content, str):
+        (tmp_path / path).write_text(content)
+    else:
+        write_picture(tmp_path / path, content)
+    with pytest.raises(LogError, match=said):
+        frames_of(tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -143,28 +166,6 @@ def test_damaged_pictures_are_named(tmp_path, suffix, damage, message):
         assert "camera180" in log.fault
 
 
-def test_a_change_of_size_is_noticed(tmp_path):
-    write_triplets(tmp_path, ["0", "1"])
-    write_picture(tmp_path / "1" / "camera60.png", np.zeros((20, 31, 3), np.uint8))
-    with pytest.raises(LogError, match="31×20 px, expected 30×20"):
-        frames_of(tmp_path)
-
-
-@pytest.mark.parametrize("layout", ["camera60/a.txt", "0/other.png", "camera60.txt"])
-def test_a_folder_without_pictures_of_cameras_is_refused(tmp_path, layout):
-    (tmp_path / layout).parent.mkdir(exist_ok=True)
-    (tmp_path / layout).write_text("")
-    with pytest.raises(LogError, match="no pictures of cameras"):
-        tracker.open_log(tmp_path)
-
-
-def test_two_pictures_of_a_camera_are_refused(tmp_path):
-    write_triplets(tmp_path, ["0"])
-    write_picture(tmp_path / "0" / "camera60.jpg", picture(0, 0))
-    with pytest.raises(LogError, match="one picture of a camera"):
-        tracker.open_log(tmp_path)
-
-
 def write_truth(folder: Path, stamps: dict[str, float], sequence: bool) -> None:
     frames = [{"frame": name, "timestamp": stamp} for name, stamp in stamps.items()]
     truth = {"settings": {"sequence": sequence, "rate": 10.0}, "frames": frames}
@@ -186,14 +187,6 @@ def test_stamps_of_synthetic_data_are_those_of_the_truth(tmp_path, sequence, sta
         assert "000001 is missing in ground_truth.json" in log.fault
 
 
-@pytest.mark.parametrize("text", ["", "[]", '{"frames": 3}', '{"frames": [{"frame": 1}]}', "[" * 99999])
-def test_a_truth_without_stamps_is_refused(tmp_path, text):
-    write_triplets(tmp_path, ["000000"])
-    (tmp_path / "ground_truth.json").write_text(text)
-    with pytest.raises(LogError, match=r"ground_truth\.json"):
-        tracker.open_log(tmp_path)
-
-
 def test_synthetic_data_sets_are_read(tmp_path):
     skip_without_platform()
     from synthetic.export.dataset import DatasetOptions, make_dataset
@@ -209,3 +202,172 @@ def test_synthetic_data_sets_are_read(tmp_path):
             for name, image in zip(CAMERAS, frame.images, strict=True):
                 expected = cv2.imread(str(tmp_path / "set" / f"{frame.index:06d}" / f"{name}.png"))
                 np.testing.assert_array_equal(image, expected)
+
+
+def _grey(camera: int, k: int) -> int:
+    return 16 + 24 * camera + 8 * k
+
+
+def pictures(camera: int, count: int) -> list[np.ndarray]:
+    """Even grey, another one in each picture; a film changes it by less than half of the difference."""
+    return [np.full((48, 64, 3), _grey(camera, k), np.uint8) for k in range(count)]
+
+
+def shades(path: Path, **options: float) -> tuple[list[list[int | None]], list[float], tuple[str, ...]]:
+    """Of each frame the cameras' greys, rounded to what `pictures` made; stamps; cameras."""
+    with tracker.open_log(path, **options) as log:
+        frames = list(log)
+        greys = [[None if i is None else round(float(i.mean()) / 8) * 8 for i in f.images] for f in frames]
+        return greys, [round(frame.timestamp, 6) for frame in frames], log.camera_names
+
+
+def expected(count: int, cameras: int = 3) -> list[list[int]]:
+    return [[_grey(camera, k) for camera in range(cameras)] for k in range(count)]
+
+
+def write_film(path: Path, images: Sequence[np.ndarray], codec: str = "libx264", rate: int = 25) -> Path:
+    av = pytest.importorskip("av", reason="video: no module av")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with av.open(str(path), "w") as film:
+        stream = film.add_stream(codec, rate=rate)
+        stream.pix_fmt = "yuvj420p" if codec == "mjpeg" else "yuv420p"
+        stream.height, stream.width = images[0].shape[:2]
+        stream.gop_size = 5  # so that some pictures are found from a key picture in the middle
+        for image in images:
+            film.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="bgr24")))
+        film.mux(stream.encode())
+    return path
+
+
+def write_numbers(folder: Path, camera: int, count: int, name: str = "{:06d}.png") -> None:
+    for k, image in enumerate(pictures(camera, count)):
+        write_picture(folder / name.format(k), image)
+
+
+@pytest.mark.parametrize(("suffix", "codec"), [(".mp4", "libx264"), (".avi", "mjpeg")])
+def test_a_film_of_each_camera_is_a_recording(tmp_path, suffix, codec):
+    for camera, name in enumerate(CAMERAS):
+        write_film(tmp_path / f"{name}{suffix}", pictures(camera, 12), codec)
+    greys, stamps, names = shades(tmp_path)
+    assert names == CAMERAS
+    assert greys == expected(12)
+    np.testing.assert_allclose(stamps, np.arange(12) / 25, atol=1e-6)
+    with tracker.open_log(tmp_path) as log:
+        assert log.image_sizes == ((64, 48),) * 3
+        for number in (7, 3, 11, 0, 1):
+            assert round(float(log[number].images[1].mean()) / 8) * 8 == 40 + 8 * number
+
+
+def test_films_of_different_length_leave_a_camera_without_image(tmp_path):
+    for camera, count in enumerate((6, 4)):
+        write_film(tmp_path / f"{CAMERAS[camera]}.mp4", pictures(camera, count))
+    greys, _, _ = shades(tmp_path)
+    assert [row[1] for row in greys] == [40, 48, 56, 64, None, None]
+    greys, _, names = shades(tmp_path / "camera60.mp4")  # a film alone is one camera
+    assert (greys, names) == (expected(6, 1), ("camera60",))
+
+
+@pytest.mark.parametrize("damage", [lambda b: b"", lambda b: b[: len(b) // 2], lambda b: b"no film" * 100])
+def test_what_is_no_film_is_told(tmp_path, damage):
+    film = write_film(tmp_path / "camera60.mp4", pictures(0, 12))
+    film.write_bytes(damage(film.read_bytes()))
+    with pytest.raises(LogError, match=r"camera60\.mp4: found no film"):
+        tracker.open_log(tmp_path)
+
+
+def test_a_damaged_picture_of_a_film_is_named_and_the_others_are_given(tmp_path):
+    noise = np.random.default_rng(5).integers(0, 256, (20, 48, 64, 3), np.uint8)
+    film = write_film(tmp_path / "camera60.mp4", list(noise))
+    content = bytearray(film.read_bytes())
+    at = content.index(b"mdat") + len(content) // 2
+    content[at : at + 1500] = bytes(1500)
+    film.write_bytes(content)
+    with tracker.open_log(film) as log, pytest.raises(TrackerError, match=r"camera60\.mp4: picture \d+"):
+        list(log)
+    with tracker.open_log(film, recover=True) as log:
+        assert 0 < len(list(log)) < 20
+
+
+@pytest.mark.parametrize("names", [("above", "left", "right"), CAMERAS])
+def test_folders_of_cameras_may_have_any_name_where_pictures_are_numbers(tmp_path, names):
+    if names == CAMERAS:
+        write_picture(tmp_path / "camera60_overlay.png", pictures(0, 1)[0])  # hides no folder
+    for camera, name in enumerate(names):
+        write_numbers(tmp_path / name, camera, 3)
+    assert shades(tmp_path) == (expected(3), [0.0, 0.1, 0.2], names)
+    assert shades(tmp_path / names[0]) == (expected(3, 1), [0.0, 0.1, 0.2], names[:1])
+
+
+PATTERNS = '[cameras]\nleft = "{}"\nright = "{}"\n'
+
+
+@pytest.mark.parametrize(
+    ("left", "right"), [("l/{:06d}.png", "r/{:06d}.png"), ("{}_l.png", "{}_r.png"), ("{}/x.png", "{}/y.png")]
+)
+def test_a_file_says_which_pictures_are_whose(tmp_path, left, right):
+    for camera, name in enumerate((left, right)):
+        write_numbers(tmp_path, camera, 3, name)
+    write_picture(tmp_path / "camera60_overlay.png", pictures(0, 1)[0])
+    globs = [name.replace("{:06d}", "*").replace("{}", "*") for name in (left, right)]
+    (tmp_path / "recording.toml").write_text("rate = 50\n" + PATTERNS.format(*globs))
+    assert shades(tmp_path) == (expected(3, 2), [0.0, 0.02, 0.04], ("left", "right"))
+    files = recording_files(tmp_path)
+    assert {tmp_path / "recording.toml", tmp_path / left.format(2)} < set(files)
+
+
+def test_films_and_pictures_go_together_and_stamps_may_be_told(tmp_path):
+    write_film(tmp_path / "some.mp4", pictures(0, 3))
+    write_numbers(tmp_path / "r", 1, 3)
+    (tmp_path / "recording.toml").write_text(PATTERNS.format("some.mp4", "r/*.png"))
+    (tmp_path / "stamps.csv").write_text("100.0\n100.5\n101.25\n")
+    assert shades(tmp_path)[:2] == (expected(3, 2), [100.0, 100.5, 101.25])
+    (tmp_path / "stamps.csv").write_text("100.0, 100.25\n100.5, 100.75\n101.0, 101.25\n")
+    with tracker.open_log(tmp_path) as log:
+        assert log[1].camera_timestamps.tolist() == [100.5, 100.75]
+    (tmp_path / "stamps.csv").write_text("100.0\n")
+    with pytest.raises(LogError, match="found 1 lines, expected one for each of 3 frames"):
+        tracker.open_log(tmp_path)
+
+
+def test_a_films_first_picture_belongs_to_the_lowest_number_beside_it(tmp_path):
+    write_film(tmp_path / "some.mp4", pictures(0, 4))
+    for k, image in enumerate(pictures(1, 4)):
+        if k != 2:
+            write_picture(tmp_path / f"r{k + 1}.png", image)
+    (tmp_path / "recording.toml").write_text("rate = 50\n" + PATTERNS.format("some.mp4", "r*.png"))
+    wanted = expected(4, 2)
+    wanted[2][1] = None
+    assert shades(tmp_path)[:2] == (wanted, [0.0, 0.02, 0.04, 0.06])
+
+
+def test_pictures_without_common_names_are_counted(tmp_path):
+    write_numbers(tmp_path / "a", 0, 3, "shot{}.png")
+    write_numbers(tmp_path / "b", 1, 3, "{:03d}0.png")
+    write_picture(tmp_path / "b" / "0000.png", pictures(1, 1)[0])
+    (tmp_path / "recording.toml").write_text(PATTERNS.format("a/*.png", "b/*.png"))
+    assert shades(tmp_path)[0] == expected(3, 2)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[cameras", "not a TOML file"),
+        ("", "expected a table of 1 to 16 patterns"),
+        ("cameras = 3", "expected a table"),
+        ("[cameras]\n'../a' = 'a.png'", "found the name '../a', expected one of up to 64 letters"),
+        ("[cameras]\n" + 300 * "a" + " = 'a.png'", "found the name 'a"),
+        ("[cameras]\na = 3", "a: found 3, expected a pattern"),
+        ("[cameras]\na = '../*.png'", "inside of the folder"),
+        ("[cameras]\na = '/etc/*'", "inside of the folder"),
+        ("[cameras]\na = '**/*.png'", "without"),
+        ("[cameras]\na = 'b/*.png'", "found no file that fits 'b/"),
+        ("speed = 3\n[cameras]\na = '*.png'", "unknown key 'speed'"),
+        ("rate = 0\n[cameras]\na = '*.png'", "rate: found 0"),
+        ("rate = true\n[cameras]\na = '*.png'", "rate: found True"),
+    ],
+)
+def test_a_malformed_file_is_refused(tmp_path, text, message):
+    write_numbers(tmp_path, 0, 1)
+    (tmp_path / "recording.toml").write_text(text)
+    with pytest.raises(LogError, match=message):
+        tracker.open_log(tmp_path)

@@ -1,8 +1,11 @@
+"""Native logs, and what the platform's recorder leaves of a driver's error: a record of zeros."""
+
 from __future__ import annotations
 
+import dataclasses
 import gzip
+import json
 import struct
-import tracemalloc
 from pathlib import Path
 
 import cv2
@@ -11,9 +14,20 @@ import pytest
 
 import tracker
 from tests.helpers import make_camera
-from tests.helpers.log_writers import CAMERAS, POSE, make_content, native_bytes, write_native
+from tests.helpers.log_writers import (
+    CAMERAS,
+    POSE,
+    Content,
+    make_content,
+    native_bytes,
+    write_hdf5,
+    write_native,
+)
+from tests.helpers.reading import peak_of_reading
+from tests.helpers.recording_stubs import write_log
 from tracker.errors import LogError
 from tracker.logs import Log
+from tracker.recordings import track
 
 SAMPLES = ("camera_data_images_only.dat", "camera_data_with_pose.dat", "camera_data_with_pose_gzipped.dat")
 VARIANTS = [
@@ -91,11 +105,12 @@ def test_pixels_of_a_frame_are_its_own(tmp_path, bgr):
             np.testing.assert_array_equal(frame.raw or content.raw[k], content.raw[k])
 
 
-def test_repeated_observations_stay(tmp_path):
+def test_equal_stamps_and_black_pictures_are_frames(tmp_path):
     content = make_content(4)
     content.stamps[2], content.camera_stamps[2] = content.stamps[1], content.camera_stamps[1]
+    content.raw[3] = 0
     with tracker.open_log(write_native(tmp_path / "log", content)) as log:
-        assert len(list(log)) == 4
+        assert_same(log, content, poses=0)
 
 
 @pytest.mark.parametrize("data", [struct.pack("<IQ", 1, 0), bytes(8)])
@@ -139,12 +154,7 @@ def changed(data: bytes, offset: int, new: bytes) -> bytes:
         (SECOND + 8, struct.pack("<i", 25), 3, "record 1, camera number 1: found 28×25 px"),
         (SECOND + 16, struct.pack("<i", 5), 3, "record 1, camera number 1: .*type 5"),
         (SECOND, struct.pack("<d", np.nan), 3, "record 1: found the stamp nan"),
-        (
-            SECOND,
-            struct.pack("<d", 1000 * 1_604_999_999.0),
-            3,
-            "record 1: the frame's stamp goes back by 1 s",
-        ),
+        (SECOND, struct.pack("<d", 1_604_999_999e3), 3, "record 1: the frame's stamp goes back by 1 s"),
         (SECOND, struct.pack("<d", 1000 * 1_605_009_999.0), 3, "goes forward by 9999 s since frame 0"),
     ],
 )
@@ -232,65 +242,33 @@ def test_a_gzip_checksum_that_disagrees_is_told_at_the_end(tmp_path):
 
 
 def test_bytes_after_the_end_are_noticed(tmp_path):
-    data = native_bytes(make_content(3))
-    path = tmp_path / "log"
-    path.write_bytes(gzip.compress(data + b"x"))
-    with pytest.raises(LogError, match="bytes after record 2"), tracker.open_log(path) as log:
+    (tmp_path / "log").write_bytes(gzip.compress(native_bytes(make_content(3)) + b"x"))
+    with pytest.raises(LogError, match="bytes after record 2"), tracker.open_log(tmp_path / "log") as log:
         list(log)
 
 
 @pytest.mark.parametrize("data", [b"", b"\0" * 7, b"hello", b"\x1f\x8b", b"GIF89a" * 99, bytes(9999)])
-def test_what_is_no_log_is_refused(tmp_path, data):
+def test_what_is_no_log_or_not_there_is_refused(tmp_path, data):
     (tmp_path / "log").write_bytes(data)
-    for recover in (False, True):
-        with pytest.raises(LogError):
-            tracker.open_log(tmp_path / "log", recover=recover)
-
-
-def test_what_is_not_there_is_refused(tmp_path):
-    for path in (tmp_path / "none", tmp_path, "/dev/null", "a\0b"):
-        with pytest.raises(LogError):
-            tracker.open_log(path)
+    for path in (tmp_path / "log", tmp_path / "none", tmp_path, "/dev/null", "a\0b"):
+        for recover in (False, True):
+            with pytest.raises(LogError):
+                tracker.open_log(path, recover=recover)
 
 
 @pytest.mark.parametrize("packed", [False, True])
 def test_memory_does_not_grow_with_the_length(tmp_path, packed):
+    record = native_bytes(make_content(1, size=120))[12:]
+
     def peak(count: int) -> int:
-        content = make_content(2, size=120)
-        record = native_bytes(content)[12:]
         path = tmp_path / f"{count}"
         with gzip.open(path, "wb", 1) if packed else path.open("wb") as file:
-            file.write(struct.pack("<IQ", 1, 2 * count))
-            # Both stamps of a pair may repeat but not go back.
-            same = record[: len(record) // 2]
-            for _ in range(2 * count):
-                file.write(same)
-        tracemalloc.start()
-        with tracker.open_log(path) as log:
-            assert sum(1 for _ in log) == 2 * count
-        used = tracemalloc.get_traced_memory()[1]
-        tracemalloc.stop()
-        return used
+            file.write(struct.pack("<IQ", 1, count))
+            file.writelines([record] * count)  # stamps may repeat but not go back
+        return peak_of_reading(path, count)
 
-    peak(2)
-    assert peak(300) < 1.2 * peak(20)
-
-
-@pytest.mark.parametrize("name", SAMPLES)
-def test_recorded_samples_are_read(real: Path, name):
-    with tracker.open_log(real / "logs" / name) as log:
-        frames = list(log)
-        assert len(frames) == len(log) == 4
-        assert log.camera_names == CAMERAS
-    for k, frame in enumerate(frames):
-        assert frame.timestamp == pytest.approx(1_605_000_000 + 0.1 * k, abs=1e-6)
-        np.testing.assert_allclose(frame.camera_timestamps - frame.timestamp, [0, 0.001, 0.002], atol=1e-5)
-        posed = "with_pose" in name
-        assert (frame.recorded_pose is not None) == posed
-        assert (frame.recorded_filtered_pose is not None) == (posed and k > 0)
-        if posed:
-            np.testing.assert_allclose(frame.recorded_pose.position, [-0.0627, -0.1356, 0.0276])
-            assert frame.recorded_pose.confidence == 0.93
+    peak(4)
+    assert peak(600) < 1.2 * peak(40)
 
 
 @pytest.mark.parametrize("name", SAMPLES)
@@ -306,3 +284,39 @@ def test_recorded_colours_are_the_right_way_round(real: Path, name):
         difference = np.abs(image.astype(int) - smaller)[colored]
         swapped = np.abs(image[:, :, ::-1].astype(int) - smaller)[colored]
         assert np.mean(difference) < 0.5 * np.mean(swapped)
+
+
+def with_errors(frames: list[int], count: int = 8) -> Content:
+    content = make_content(count)
+    raw, stamps, camera_stamps = content.raw.copy(), content.stamps.copy(), content.camera_stamps.copy()
+    raw[frames], stamps[frames], camera_stamps[frames] = 0, 0, 0
+    return dataclasses.replace(content, raw=raw, stamps=stamps, camera_stamps=camera_stamps)
+
+
+@pytest.mark.parametrize("write", [write_native, write_hdf5])
+@pytest.mark.parametrize("frames", [[3], [3, 4], [0], [0, 1], [7], [6, 7], [0, 4, 7], list(range(8))])
+def test_an_empty_record_is_a_frame_without_images(write, frames, tmp_path):
+    content = with_errors(frames)
+    with tracker.open_log(write(tmp_path / "log", content)) as log:
+        read = list(log)
+        alone = log[frames[0]]
+    assert [frame.index for frame in read] == list(range(8))
+    for frame in read:
+        if frame.index in frames:
+            assert frame.images == (None,) * 3
+            assert np.isnan(frame.camera_timestamps).all()
+            assert frame.recorded_pose is None
+        else:
+            assert frame.timestamp == pytest.approx(content.stamps[frame.index], abs=1e-6)
+            assert (frame.images[1] == content.bgr(frame.index, 1)).all()
+    assert (np.diff([frame.timestamp for frame in read]) > 0).all()
+    assert np.isnan(alone.timestamp)
+
+
+def test_a_recording_with_an_empty_record_is_tracked_on(tmp_path, run_here):
+    log = write_log(tmp_path / "log", 8)
+    write_native(log, with_errors([3, 4]), poses=1)
+    poses = track(log, "cube_v2").poses
+    assert poses.index.tolist() == list(range(8))
+    found = json.loads(run_here("info", log, "--json").stdout)
+    assert found["without_image"] == {"camera60": 2, "camera180": 2, "camera300": 2}

@@ -1,21 +1,31 @@
+"""Poses of a recording: built frame by frame, joined, compared with recorded ones."""
+
 from __future__ import annotations
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from tests.helpers import make_camera
 from tests.helpers.pose_logs import (
+    answer,
     arrays_of,
     assert_same,
     make_about,
+    moved,
+    random_pose,
     random_poses,
 )
 from tracker.calibration.rig import CameraRig
 from tracker.errors import LogError
+from tracker.geometry import so3
+from tracker.pose.result import CameraUse, Observation, PoseEstimate, Status
+from tracker.poses.builder import PosesBuilder
 from tracker.poses.columns import FilteredColumns, MeasuredColumns, PoseColumns
-from tracker.poses.poses import concatenate
+from tracker.poses.comparison import compare
+from tracker.poses.poses import Poses, concatenate
 
 
 def test_parts_joined_are_the_whole(rng):
@@ -33,37 +43,45 @@ def test_slices_and_masks_keep_rows_together(rng):
     assert_same(poses[::3], poses[np.arange(0, 12, 3)])
 
 
-def test_parts_without_recorded_poses_join_those_with(rng):
-    first, second = random_poses(rng, 3, recorded=False), random_poses(rng, 4, share=1, first=3)
+def test_parts_that_lack_something_join_those_with_it(rng):
+    first = random_poses(rng, 3, recorded=False, cameras=False)
+    second = random_poses(rng, 4, share=1, first=3)
+    second = dataclasses.replace(second, about=make_about(source="b.dat"))
     joined = concatenate([first, second])
     assert joined.recorded.has_pose.tolist() == [False] * 3 + [True] * 4
-    assert concatenate([first]).recorded is None
-
-
-def test_parts_without_a_word_on_the_cameras_join_those_with(rng):
-    first, second = random_poses(rng, 3, cameras=False), random_poses(rng, 4, share=1, first=3)
-    joined = concatenate([first, second])
     assert (joined.cameras[:3] == "").all()
     assert joined.cameras[3:].tolist() == second.cameras.tolist()
-    assert concatenate([first]).cameras is None
+    assert joined.about.source == "a.dat, b.dat"
+    alone = concatenate([first])
+    assert alone.recorded is alone.cameras is None
 
 
-def test_sources_of_parts_are_listed(rng):
-    whole = random_poses(rng, 6)
-    second = dataclasses.replace(whole[3:], about=make_about(source="b.dat"))
-    assert concatenate([whole[:3], second]).about.source == "a.dat, b.dat"
+OTHER = CameraRig((make_camera(60), make_camera(180), make_camera(301, "camera300")))
 
 
-def test_parts_of_different_things_are_refused(rng):
-    whole = random_poses(rng, 6)
-    other = CameraRig((make_camera(60), make_camera(180), make_camera(301, "camera300")))
-    for change in ({"object_name": "cuboid_2x2x8_v2"}, {"rig": other}):
-        with pytest.raises(LogError, match="part 1: found"):
-            concatenate([whole[:3], dataclasses.replace(whole[3:], about=make_about(**change))])
-    with pytest.raises(LogError, match="row 3: found 0, expected frame numbers"):
-        concatenate([whole[:3], whole[:3]])
-    with pytest.raises(LogError, match="at least one"):
-        concatenate([])
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda poses: concatenate([poses, of(poses, object_name="cuboid_2x2x8_v2")]), "part 1: found"),
+        (lambda poses: concatenate([poses, of(poses, rig=OTHER)]), "part 1: found"),
+        (lambda poses: concatenate([poses, poses]), "row 3: found 0, expected frame numbers"),
+        (lambda poses: concatenate([]), "at least one"),
+        (lambda poses: poses.columns("guessed"), "expected one of measured, filtered, recorded"),
+        (lambda poses: poses.columns("recorded"), r"a\.dat: found no recorded poses"),
+        (compare, "no recorded poses"),
+        *[
+            (lambda poses, text=text: of(poses, source=text), "source: found")
+            for text in ("a\0b", "\udcff", 3)
+        ],
+    ],
+)
+def test_what_poses_do_not_have_or_what_does_not_belong_together_is_refused(make, said, rng):
+    with pytest.raises(LogError, match=said):
+        make(random_poses(rng, 3, recorded=False))
+
+
+def of(poses: Poses, **changes) -> Poses:
+    return dataclasses.replace(poses, about=make_about(**changes))
 
 
 @pytest.mark.parametrize(
@@ -77,10 +95,7 @@ def test_parts_of_different_things_are_refused(rng):
         ({"status": np.zeros(3)}, "status: found float64"),
         ({"status": np.array(["lost"])}, r"status: found .* of shape \(1,\)"),
         ({"filtered": FilteredColumns.nothing(2)}, "filtered: found 2 frames, expected 3"),
-        (
-            {"filtered": MeasuredColumns.nothing(3)},
-            "filtered: found MeasuredColumns, expected FilteredColumns",
-        ),
+        ({"filtered": MeasuredColumns.nothing(3)}, "filtered: found MeasuredColumns, expected Filt"),
         ({"measured": None}, "measured: found NoneType"),
         ({"recorded": PoseColumns.nothing(4)}, "recorded: found 4 frames"),
         ({"cameras": np.full((3, 2), "used")}, r"cameras: found .* of shape \(3, 2\), .* \(3, 3\)"),
@@ -92,15 +107,117 @@ def test_columns_that_do_not_fit_together_are_refused(rng, changes, message):
         dataclasses.replace(random_poses(rng, 3), **changes)
 
 
-@pytest.mark.parametrize("text", ["a\0b", "\udcff", 3])
-def test_texts_that_no_file_can_hold_are_refused(text):
-    with pytest.raises(LogError, match="source: found"):
-        make_about(source=text)
+def test_columns_hold_what_was_appended(rng):
+    first, second, old = random_pose(rng), random_pose(rng, moving=True), random_pose(rng)
+    builder = PosesBuilder(make_about())
+    builder.append(4, 1.5, answer(first, None, "found"))
+    builder.append(7, 1.75, answer(None, second, "coasting"), old)
+    poses = builder.build()
+    assert len(poses) == len(builder) == 2
+    assert poses.index.tolist() == [4, 7]
+    assert poses.timestamp.tolist() == [1.5, 1.75]
+    assert poses.status.tolist() == ["found", "coasting"]
+    assert poses.measured.has_pose.tolist() == [True, False]
+    assert poses.filtered.has_pose.tolist() == poses.recorded.has_pose.tolist() == [False, True]
+    for pose, columns, row in (
+        (first, poses.measured, 0),
+        (second, poses.filtered, 1),
+        (old, poses.recorded, 1),
+    ):
+        for name in columns.ROW_SHAPES:
+            assert np.array_equal(getattr(columns, name)[row], getattr(pose, name)), name
+            assert np.isnan(getattr(columns, name)[1 - row]).all(), name
 
 
-def test_an_unknown_kind_is_refused(rng):
-    poses = random_poses(rng, 2, recorded=False)
-    with pytest.raises(LogError, match="expected one of measured, filtered, recorded"):
-        poses.columns("guessed")
-    with pytest.raises(LogError, match=r"a\.dat: found no recorded poses"):
-        poses.columns("recorded")
+def test_the_trackers_own_observations_are_taken(rng):
+    pose = PoseEstimate(**vars(random_pose(rng)))
+    builder = PosesBuilder(make_about())
+    uses = (CameraUse.USED, CameraUse.CONTRADICTING, CameraUse.NO_IMAGE)
+    builder.append(0, 0.0, Observation(pose, None, Status.FOUND, cameras=uses))
+    builder.append(1, 0.1, Observation(None, None, Status.NO_OBJECT_COLORS))
+    poses = builder.build()
+    assert poses.status.tolist() == ["found", "no object colours"]
+    assert np.array_equal(poses.measured.covariance[0], pose.covariance)
+    assert poses.recorded is None
+    assert poses.cameras.tolist() == [["used", "contradicting", "no image"], [""] * 3]
+
+
+def test_a_builder_goes_on_after_a_build(rng):
+    builder = PosesBuilder(make_about())
+    assert len(builder.build()) == 0
+    rough = SimpleNamespace(position=np.zeros(3), orientation=np.array([0, 0.6, 0, 0.8]))
+    builder.append(0, 0.0, answer(None, None, "lost"), rough)
+    early = builder.build()
+    assert early.cameras is None
+    assert np.isnan(early.recorded.confidence[0])
+    builder.append(1, 0.1, answer(random_pose(rng), None, "found"))
+    assert len(early) == 1
+    assert len(builder.build()) == 2
+
+
+def test_later_changes_of_a_pose_do_not_reach_the_columns(rng):
+    pose = random_pose(rng)
+    kept = pose.position.copy()
+    builder = PosesBuilder(make_about())
+    builder.append(0, 0.0, answer(pose, None, "found"))
+    pose.position[:] = 0
+    poses = builder.build()
+    assert np.array_equal(poses.measured.position[0], kept)
+    for name, array in arrays_of(poses).items():
+        assert not array.flags.writeable, name
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda pose: answer(None, pose, ""), "filtered pose: velocity: found none"),
+        (lambda pose: answer(flat(pose), None, ""), r"measured pose: position: found shape \(2,\), exp"),
+        (lambda _: answer(None, None, "", ["used"] * 2), "cameras: found 2, expected 3: camera60, camera180"),
+    ],
+)
+def test_an_answer_that_does_not_fit_is_refused_before_it_is_added(make, said, rng):
+    builder = PosesBuilder(make_about())
+    with pytest.raises(LogError, match=said):
+        builder.append(0, 0.0, make(random_pose(rng)))
+    assert len(builder) == len(builder.build()) == 0
+
+
+def flat(pose: SimpleNamespace) -> SimpleNamespace:
+    return SimpleNamespace(**{**vars(pose), "position": np.zeros(2)})
+
+
+def test_differences_to_recorded_poses_are_those_put_in(rng):
+    builder = PosesBuilder(make_about())
+    for number in range(10):
+        pose = random_pose(rng, moving=True)
+        axis = rng.normal(size=3)
+        turned = so3.exp(axis / np.linalg.norm(axis) * np.radians(number)) @ so3.matrix_from_quaternion(
+            pose.orientation
+        )
+        old = moved(turned, pose.position + np.array([0, 0, 1e-3 * number]))
+        # Frame 0: only recorded; frame 9: only found.
+        found = None if number == 0 else pose
+        builder.append(number, number / 10, answer(found, found, "found"), None if number == 9 else old)
+    builder.append(10, 1.0, answer(None, None, "lost"))
+    for kind in ("measured", "filtered"):
+        assert compare(builder.build(), kind) == pytest.approx(
+            {
+                "frames": 11,
+                "position_median_mm": 4.5,
+                "position_p90_mm": 7.3,
+                "angle_median_deg": 4.5,
+                "angle_p90_deg": 7.3,
+                "share_both": 8 / 11,
+                "share_only_found": 1 / 11,
+                "share_only_recorded": 1 / 11,
+                "share_neither": 1 / 11,
+            }
+        )
+
+
+def test_a_comparison_without_common_frames_says_none(rng):
+    empty = dataclasses.replace(random_poses(rng, 4, share=0), recorded=PoseColumns.nothing(4))
+    found = compare(empty)
+    assert found["position_median_mm"] is found["angle_p90_deg"] is None
+    assert found["share_neither"] == 1
+    assert compare(empty[:0])["share_neither"] is None

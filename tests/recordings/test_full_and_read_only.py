@@ -14,10 +14,11 @@ import pytest
 from tests.helpers.log_writers import make_content, write_native
 from tests.helpers.pose_logs import random_poses
 from tests.helpers.recording_stubs import NoiseTracker, tiny_rig, write_log
+from tracker.calibration.platform_files import write_camera
 from tracker.errors import TrackerError
 from tracker.logs import open_log
 from tracker.logs.convert import write_folder, write_hdf5
-from tracker.poses.exports import write_csv, write_parquet, write_tum
+from tracker.poses.exports import write_bop, write_csv, write_parquet, write_tum
 from tracker.poses.file import read_poses, write_poses
 from tracker.recordings import Options
 from tracker.recordings.many.batch import Batch, run_batch
@@ -70,10 +71,14 @@ WRITERS = {
     "poses.h5": lambda path, poses, log: write_poses(path, poses),
     "poses.csv": lambda path, poses, log: write_csv(path, poses),
     "poses.tum": lambda path, poses, log: write_tum(path, poses),
+    "bop.csv": lambda path, poses, log: write_bop(path, poses, poses.about.rig[0]),
     "poses.parquet": lambda path, poses, log: write_parquet(path, poses),
+    "camera60.yml": lambda path, poses, log: write_camera(poses.about.rig[0], path),
     "log.h5": lambda path, poses, log: write_hdf5(path, log, tiny_rig(), lambda count: None),
     "folder": lambda path, poses, log: write_folder(path, log, tiny_rig(), lambda count: None),
 }
+NEW = "log.h5", "folder"
+"""Written only where nothing is yet."""
 
 
 @pytest.fixture
@@ -86,27 +91,30 @@ def whole(tmp_path, name) -> tuple:
 
 
 @pytest.mark.parametrize("name", WRITERS)
-def test_a_read_only_folder_is_told_in_one_line(name, read_only, whole):
-    with pytest.raises(TrackerError) as raised:
-        WRITERS[name](read_only / name, *whole)
-    assert str(raised.value).startswith(f"{read_only / name}: cannot be written: ")
-    assert "\n" not in str(raised.value)
-    assert not (read_only / name).exists()
+def test_a_place_that_cannot_be_written_is_told_in_one_line(name, read_only, whole, tmp_path):
+    for folder in (read_only, tmp_path / "none"):
+        with pytest.raises(TrackerError) as raised:
+            WRITERS[name](folder / name, *whole)
+        assert str(raised.value).startswith(f"{folder / name}: cannot be written: ")
+        assert "\n" not in str(raised.value)
+        assert not (folder / name).exists()
 
 
 @pytest.mark.parametrize("name", WRITERS)
-def test_a_full_disk_is_told_in_one_line_and_leaves_nothing(name, tmp_path, whole):
+def test_a_full_disk_is_told_in_one_line_and_leaves_what_was_there(name, tmp_path, whole):
     (tmp_path / "out").mkdir()
     target = tmp_path / "out" / name
+    if name not in NEW:
+        target.write_text("old")
     with no_file_longer_than(700), pytest.raises(TrackerError) as raised:
         WRITERS[name](target, *whole)
     assert "cannot be written" in str(raised.value)
     assert "File too large" in str(raised.value)
     assert "\n" not in str(raised.value)
-    assert os.listdir(target.parent) == []
+    assert [path.read_text() for path in target.parent.iterdir()] == ([] if name in NEW else ["old"])
 
 
-@pytest.mark.parametrize("name", ["log.h5", "folder"])
+@pytest.mark.parametrize("name", NEW)
 def test_a_recording_that_grows_while_it_is_converted_is_told(name, tmp_path, whole):
     poses, log = whole
     with (tmp_path / "log").open("ab") as file:

@@ -3,18 +3,16 @@ from __future__ import annotations
 import dataclasses
 import os
 import struct
-import sys
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import tracker
-from tests.helpers import ROOT, run_python
 from tests.helpers.pose_logs import assert_same
 from tests.helpers.recording_stubs import NoiseTracker, make_job, write_log
 from tracker.errors import LogError
-from tracker.files import claimed
 from tracker.poses.file import read_poses
 from tracker.recordings import run, track
 from tracker.recordings.fingerprint import fingerprint
@@ -36,21 +34,9 @@ def expected(log, tmp_path_factory: pytest.TempPathFactory) -> bytes:
     return output.read_bytes()
 
 
-class Break:
-    """Interrupts after so many frames."""
-
-    def __init__(self, frames: int) -> None:
-        self.left = frames
-
-    def __call__(self, count: int) -> None:
-        self.left -= count
-        if self.left <= 0:
-            raise KeyboardInterrupt
-
-
-def test_every_frame_is_there_once_with_its_stamp_and_recorded_pose(log, expected, tmp_path):
+def test_every_frame_is_there_once_as_a_loop_of_ones_own_has_it(log, expected, tmp_path):
     (tmp_path / "poses.h5").write_bytes(expected)
-    poses = read_poses(tmp_path / "poses.h5")
+    poses, mine = read_poses(tmp_path / "poses.h5"), NoiseTracker()
     with tracker.open_log(log) as opened:
         frames = list(opened)
     assert poses.index.tolist() == list(range(FRAMES))
@@ -58,13 +44,7 @@ def test_every_frame_is_there_once_with_its_stamp_and_recorded_pose(log, expecte
     assert poses.recorded is not None
     assert poses.recorded.has_pose.tolist() == [frame.recorded_pose is not None for frame in frames]
     assert poses.about.source == "camera_data.dat"
-
-
-def test_the_poses_are_those_of_a_loop_of_one_s_own(log, expected, tmp_path):
-    (tmp_path / "poses.h5").write_bytes(expected)
-    poses, mine = read_poses(tmp_path / "poses.h5"), NoiseTracker()
-    with tracker.open_log(log) as opened:
-        loop = [mine.update(frame.images, frame.timestamp).filtered_object_pose.position for frame in opened]
+    loop = [mine.update(frame.images, frame.timestamp).filtered_object_pose.position for frame in frames]
     assert (poses.filtered.position == np.array(loop)).all()
 
 
@@ -109,31 +89,6 @@ def test_the_poses_of_another_job_are_not_taken(log, expected, tmp_path):
     assert (tmp_path / "poses.h5").read_bytes() == expected
 
 
-def test_a_run_that_is_broken_off_leaves_what_was_there(log, tmp_path):
-    with pytest.raises(KeyboardInterrupt):
-        run(make_job(log, tmp_path / "poses.h5"), Break(FRAMES - 20))
-    assert os.listdir(tmp_path) == []
-
-
-def test_two_runs_cannot_write_one_file(log, tmp_path):
-    job = make_job(log, tmp_path / "poses.h5")
-    with claimed(job.output), pytest.raises(BlockingIOError, match="another run"):
-        run(job)
-    assert run(job).new == FRAMES
-
-
-def test_a_recording_that_grows_while_it_is_read_is_told(tmp_path):
-    log = write_log(tmp_path / "log", 20)
-
-    def grow(_: int) -> None:
-        with log.open("ab") as file:
-            file.write(b"more")
-
-    with pytest.raises(LogError, match="changed while it was read"):
-        run(make_job(log, tmp_path / "poses.h5"), grow)
-    assert not (tmp_path / "poses.h5").exists()
-
-
 def test_the_poses_can_be_had_without_a_file(tmp_path):
     log = write_log(tmp_path / "log", 5)
     before = sorted(tmp_path.rglob("*"))
@@ -176,47 +131,6 @@ def test_whatever_the_poses_depend_on_is_in_the_fingerprint(log, tmp_path):
     assert of_again() == prints[-2:]
 
 
-def spoil_stamp(log: Path, frame: int, frames: int) -> None:
-    """Give a record of a native log a stamp that cannot be."""
-    content = bytearray(log.read_bytes())
-    record = (len(content) - 12) // frames
-    struct.pack_into("<d", content, 12 + frame * record, -1.0)
-    log.write_bytes(content)
-
-
-def test_a_damaged_frame_is_named_and_nothing_is_written(tmp_path):
-    log = write_log(tmp_path / "log", FRAMES)
-    spoil_stamp(log, 7, FRAMES)
-    with pytest.raises(LogError, match="record 7"):
-        run(make_job(log, tmp_path / "poses.h5"))
-    assert not (tmp_path / "poses.h5").exists()
-    for new in (FRAMES - 1, 0):
-        result = run(make_job(log, tmp_path / "poses.h5", recover=True))
-        assert result.new == new
-        assert result.fault is not None
-        assert "record 7" in result.fault
-        assert result.expected == FRAMES
-        assert result.poses.index.tolist() == [k for k in range(FRAMES) if k != 7]
-
-
-@pytest.mark.parametrize("packed", [False, True])
-def test_what_is_left_of_a_truncated_log_is_recovered(packed, tmp_path):
-    log = write_log(tmp_path / "log", FRAMES, packed=packed)
-    content = log.read_bytes()
-    log.write_bytes(content[: len(content) * 6 // 10])
-    with pytest.raises(LogError, match="camera_data"):
-        run(make_job(log, tmp_path / "poses.h5"))
-    result = run(make_job(log, tmp_path / "poses.h5", recover=True))
-    assert result.fault
-    assert 0 < len(result.poses) < FRAMES
-    assert result.poses.index.tolist() == list(range(len(result.poses)))
-
-
-def test_a_tracker_s_complaint_names_the_frame(log, tmp_path):
-    with pytest.raises(LogError, match="frame 0: images"):
-        run(make_job(log, tmp_path / "poses.h5", make_tracker=Complaining))
-
-
 class Complaining:
     def __init__(self, *_: object) -> None: ...
 
@@ -226,9 +140,54 @@ class Complaining:
         raise tracker.TrackerError("images: all are None")
 
 
-def test_a_range_beyond_the_log_is_refused(log, tmp_path):
-    with pytest.raises(LogError, match=f"{FRAMES} frames"):
-        run(make_job(log, tmp_path / "poses.h5", first=FRAMES))
+def interrupt(_: int) -> None:
+    raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize(
+    ("changes", "while_it_runs", "raised", "said"),
+    [
+        ({"make_tracker": Complaining}, lambda log: None, LogError, "frame 0: images"),
+        ({"first": FRAMES}, lambda log: None, LogError, f"{FRAMES} frames"),
+        ({}, lambda log: log.write_bytes(log.read_bytes() + b"more"), LogError, "changed while it was read"),
+        ({}, interrupt, KeyboardInterrupt, None),
+    ],
+    ids=["the tracker complains", "beyond the end", "the recording grows", "interrupted"],
+)
+def test_a_run_that_fails_leaves_nothing(changes, while_it_runs, raised, said, tmp_path):
+    log = write_log(tmp_path / "log", FRAMES)
+    with pytest.raises(raised, match=said):
+        run(make_job(log, tmp_path / "poses.h5", **changes), lambda _: while_it_runs(log))
+    assert os.listdir(tmp_path) == ["log"]
+
+
+def with_a_stamp_that_cannot_be(content: bytes) -> bytes:
+    record = (len(content) - 12) // FRAMES
+    return content[: 12 + 7 * record] + struct.pack("<d", -1.0) + content[20 + 7 * record :]
+
+
+def without_its_end(content: bytes) -> bytes:
+    return content[: len(content) * 6 // 10]
+
+
+@pytest.mark.parametrize(
+    ("harm", "packed"),
+    [(with_a_stamp_that_cannot_be, False), (without_its_end, False), (without_its_end, True)],
+)
+def test_damage_is_named_and_what_is_whole_recovered(harm, packed, tmp_path):
+    log = write_log(tmp_path / "log", FRAMES, packed=packed)
+    log.write_bytes(harm(log.read_bytes()))
+    damage = "camera_data" if harm is without_its_end else "record 7"
+    with pytest.raises(LogError, match=damage):
+        run(make_job(log, tmp_path / "poses.h5"))
+    assert not (tmp_path / "poses.h5").exists()
+    result = run(make_job(log, tmp_path / "poses.h5", recover=True))
+    assert damage in result.fault
+    assert 0 < len(result.poses) == result.new < FRAMES
+    skipped = () if harm is without_its_end else (7,)
+    whole = [k for k in range(len(result.poses) + len(skipped)) if k not in skipped]
+    assert result.poses.index.tolist() == whole
+    assert run(make_job(log, tmp_path / "poses.h5", recover=True)).new == 0
 
 
 def test_a_log_without_frames_gives_no_poses(tmp_path):
@@ -250,36 +209,15 @@ def test_memory_ends_where_an_episode_starts(log, tmp_path, monkeypatch):
     assert 7 in fresh or not poses.measured.has_pose[7]
 
 
-MEMORY = """
-import resource, struct, sys
-from pathlib import Path
-from tests.helpers.recording_stubs import make_job
-from tests.helpers import make_camera
-from tracker.calibration.rig import CameraRig
-from tracker.recordings import run
-folder, count = Path(sys.argv[1]), int(sys.argv[2])
-folder.mkdir()
-record = 8 + 3 * (13 + 270 * 270 + 8)
-with (folder / "camera_data.dat").open("wb") as file:  # black, so that it needs little room on disk
-    file.write(struct.pack("<IQ", 1, count))
-    file.truncate(12 + count * record)
-    for k in range(count):
-        for camera in range(3):
-            file.seek(12 + k * record + 8 + camera * (record - 8) // 3)
-            file.write(struct.pack("<iiiB", 270, 270, 0, 1))
-            file.seek(270 * 270, 1)
-            file.write(struct.pack("<d", 1.0))
-rig = CameraRig(tuple(make_camera(azimuth) for azimuth in (60, 180, 300)))
-run(make_job(folder / "camera_data.dat", folder / "poses.h5", rig=rig))
-print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)
-"""
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="system: units of ru_maxrss")
 def test_memory_does_not_grow_with_the_recording(tmp_path):
-    peaks = []
-    for count in (350, 800):
-        result = run_python(["-c", MEMORY, tmp_path / str(count), count], ROOT, check=True)
-        peaks.append(int(result.stdout))
-    # The images of the frames that the longer one has more are 290 MB.
-    assert peaks[1] < peaks[0] + 40
+    def peak(count: int) -> int:
+        job = make_job(write_log(tmp_path / f"{count}", count), tmp_path / f"{count}.h5")
+        tracemalloc.start()
+        run(job)
+        used = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return used
+
+    peak(2)
+    # A frame's images are 8 kB in colour, its poses 1 kB.
+    assert peak(500) < peak(100) + 400 * 4000

@@ -1,4 +1,4 @@
-"""Faces that are mistaken for each other are told by their hues."""
+"""Colours' hues, how far apart they are, and the dense tables of a model."""
 
 from __future__ import annotations
 
@@ -6,17 +6,32 @@ import itertools
 
 import numpy as np
 import pytest
+from scipy.ndimage import zoom
 
 import tracker
-from tracker.segmentation.color_model import ColorModel
+from tracker.errors import ColorModelError
+from tracker.segmentation.color_model import ColorModel, color_model_names, load_colors
+from tracker.segmentation.confusion import confusion
 from tracker.segmentation.hues import NAMED_HUES, hue_distance, hue_of, hues_of_model, misnamed
+from tracker.segmentation.labelled import LabelledImage
+from tracker.segmentation.separation import (
+    LIGHT,
+    better_set,
+    distance,
+    distance_to_light,
+    distances,
+    paints,
+)
+from tracker.tasks.rearrange_dice.segment import segment_dice
 
 CUBOIDS = ("cube_v1", "cube_v2", "cube_v3", "cuboid_2x2x8_v2", "simulation")
 
 
-def test_the_hue_does_not_depend_on_brightness():
+def test_the_hue_does_not_depend_on_brightness_and_grey_has_none():
     pixels = np.random.default_rng(1).uniform(20, 120, (50, 3)) * [0.3, 1.0, 0.5]
     assert hue_of(pixels) == pytest.approx(hue_of(2 * pixels))
+    assert np.isnan(hue_of(np.full((4, 3), 80)))
+    assert misnamed({3: float("nan")}) == {3: 0}
 
 
 @pytest.mark.parametrize(
@@ -27,18 +42,10 @@ def test_pure_colors_have_their_hues(bgr, hue):
     assert hue_distance(hue_of(np.array([bgr, bgr])), hue) == pytest.approx(0, abs=1e-9)
 
 
-def test_grey_has_no_hue_and_suits_no_name():
-    assert np.isnan(hue_of(np.full((4, 3), 80)))
-    assert misnamed({3: float("nan")}) == {3: 0}
-
-
-def test_hues_of_the_names_are_in_order():
-    assert misnamed({label: NAMED_HUES[label] for label in range(1, 7)}) == {}
-
-
-@pytest.mark.parametrize("name", CUBOIDS)
-def test_shipped_models_have_the_hues_of_their_names(name):
-    assert misnamed(hues_of_model(tracker.load_colors(name))) == {}
+def test_names_hues_and_those_of_shipped_models_are_in_order():
+    named = {label: NAMED_HUES[label] for label in range(1, 7)}
+    for hues in (named, *(hues_of_model(tracker.load_colors(name)) for name in CUBOIDS)):
+        assert misnamed(hues) == {}
 
 
 @pytest.mark.parametrize("name", CUBOIDS)
@@ -56,3 +63,74 @@ def test_exchanged_tables_are_exchanged_hues():
     log_posterior[[1, 2]] = log_posterior[[2, 1]]
     hues, exchanged = hues_of_model(model), hues_of_model(ColorModel("exchanged", log_posterior))
     assert (exchanged[1], exchanged[2]) == (hues[2], hues[1])
+
+
+@pytest.mark.parametrize("name", color_model_names())
+def test_dense_tables_are_those_of_scipys_linear_interpolation(name):
+    model = load_colors(name)
+    assert model.normalise
+    dense = np.stack([zoom(nodes, 2, order=1) for nodes in model.log_posterior])
+    cells = {"label": np.argmax(dense, axis=0), "margin": dense[1:].max(axis=0) - dense[0]}
+    blue_fastest = {key: table.transpose(2, 1, 0).ravel() for key, table in cells.items()}
+    np.testing.assert_array_equal(model.label_table, blue_fastest["label"])
+    np.testing.assert_allclose(
+        model.margin_table / 16, blue_fastest["margin"].clip(0, 255 / 16), atol=1 / 32 + 1e-9
+    )
+
+
+@pytest.mark.parametrize("use", [tracker.segment, segment_dice])
+def test_a_name_in_place_of_a_colour_model_is_told(use):
+    with pytest.raises(ColorModelError, match=r"str given; a ColorModel is needed: tracker\.load_colors"):
+        use(np.zeros((270, 270, 3), np.uint8), "cube_v2")
+
+
+RED, GREEN, BLUE = (np.array(levels, dtype=float) for levels in ([20, 30, 160], [40, 150, 50], [150, 60, 20]))
+
+
+def test_distance_is_symmetric_small_for_shade_and_smaller_for_paler_colors():
+    assert distance(RED, GREEN) == pytest.approx(distance(GREEN, RED))
+    assert distance(RED, RED) == 0
+    assert distance(RED, 0.7 * RED) < 1.5 < distance(RED, GREEN)
+    grey = np.full(3, 80.0)
+    pale = [0.5 * color + 0.5 * grey for color in (RED, GREEN)]
+    assert distance_to_light(pale[0]) < distance_to_light(RED)
+    assert distance(*pale) < distance(RED, GREEN)
+    assert distance_to_light(grey) == pytest.approx(0, abs=0.2)
+
+
+def test_a_better_set_is_no_worse_and_keeps_the_names():
+    means = {1: RED, 2: GREEN, 3: np.array([60.0, 50.0, 40.0]), 4: np.array([70.0, 65.0, 40.0])}
+    better = better_set(means)
+    assert min(distances(better).values()) > min(distances(means).values())
+    for label, color in better.items():
+        if (color != means[label]).any():
+            assert hue_distance(hue_of(color[None]), NAMED_HUES[label]) < 25
+
+
+def test_paints_are_those_of_neutral_light():
+    rng = np.random.default_rng(4)
+    labels = np.zeros((120, 120), np.uint8)
+    labels[10:40, 10:40], labels[60:90, 10:40] = 1, 3
+    scene = np.full((120, 120, 3), 110.0)
+    scene[labels == 1], scene[labels == 3] = RED, BLUE
+    scene += rng.normal(0, 1.5, scene.shape)
+    tinted = np.clip(scene * [0.8, 1.0, 1.2], 0, 249)
+    shown = [paints([LabelledImage("one", np.rint(one).astype(np.uint8), labels)]) for one in (scene, tinted)]
+    for label in (1, 3):
+        assert np.allclose(shown[0].means()[label], shown[1].means()[label], atol=6)
+    assert np.allclose(shown[1].light, [0.8 / 1.2, 1 / 1.2, 1], atol=0.03)
+    assert (LIGHT, 3) in distances(shown[0].means())
+
+
+def test_confusion_counts_every_labelled_pixel_once_and_leaves_the_rim_out():
+    truth = np.zeros((100, 100), np.uint8)
+    truth[20:40, 20:40], truth[60:80, 60:80] = 2, 5
+    found = truth.copy()
+    found[20:30, 20:40] = 6
+    found[41, 20:40] = 2  # beside the mask: not known
+    found[0, :10] = 1
+    counts = confusion([(found, truth), (truth, truth)])
+    assert counts[2, 6] == 200
+    assert counts[2].sum() == counts[5].sum() == 800
+    assert counts[0, 1] == 10
+    assert counts[0, 2] == 0

@@ -1,14 +1,29 @@
-"""Coloured light from one side, and channels at their limit."""
+"""Light, noise and mosaic of a picture."""
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import tracker
 from tracker.conventions import Image
+from tracker.segmentation import mosaic
 from tracker.segmentation.labels import look_up
-from tracker.segmentation.light import CLIPPED, MIN_TILT, evened, find_light
+from tracker.segmentation.light import (
+    BRIGHTNESS_RANK,
+    CLIPPED,
+    MIN_TILT,
+    TARGET_GREY,
+    apply_gains,
+    evened,
+    find_light,
+    grey_world_gains,
+    neutral_gains,
+)
+from tracker.segmentation.noise import LOUD, calmed, noise_level
 
 SIZE = 135
 
@@ -45,30 +60,20 @@ def test_a_slope_of_the_lights_colour_is_found_and_taken_out(slopes: tuple[float
     image = picture(values)
     light = find_light(image)
     assert light.tilt == pytest.approx(np.reshape(slopes, (2, 2)), abs=0.02)
+    assert light.gains == pytest.approx(find_light(picture(greys(1))).gains, rel=0.03)  # those of the middle
     left = chroma(evened(image, light))
     assert np.abs(np.median(left.reshape(2, 3, 45, 3, 45), axis=(2, 4))).max() < 0.03
     assert np.abs(np.median(chroma(image).reshape(2, 3, 45, 3, 45), axis=(2, 4))).max() > 0.1
 
 
-def test_even_light_leaves_the_image_as_it_is() -> None:
-    for seed in range(10):
-        image = picture(greys(seed) * np.array([0.8, 1.0, 1.3]))
+def test_even_light_leaves_the_image_as_it_is_and_a_slight_slope_counts_as_even() -> None:
+    slight = greys(2)
+    slight[..., 0] *= ramp(0.6 * MIN_TILT, 0.0)
+    for values in (slight, *(greys(seed) * np.array([0.8, 1.0, 1.3]) for seed in range(10))):
+        image = picture(values)
         light = find_light(image)
         assert not light.tilt.any()
         assert evened(image, light) is image
-
-
-def test_a_slight_slope_counts_as_even() -> None:
-    values = greys(2)
-    values[..., 0] *= ramp(0.6 * MIN_TILT, 0.0)
-    assert not find_light(picture(values)).tilt.any()
-
-
-def test_gains_are_those_of_the_middle() -> None:
-    values = greys(3)
-    values[..., 0] *= ramp(0.3, 0.0)
-    flat, tilted = find_light(picture(greys(3))), find_light(picture(values))
-    assert tilted.gains == pytest.approx(flat.gains, rel=0.03)
 
 
 def test_clipped_values_stay_clipped_and_others_below() -> None:
@@ -101,3 +106,187 @@ def test_a_face_with_a_clipped_channel_keeps_its_colour() -> None:
     labels = np.empty((1, 3), np.uint8)
     look_up(image, colors.channel_tables(np.ones(3)), colors.label_table, np.ones(3), labels)
     assert labels.tolist() == [[6, 6, 1]]
+
+
+factor = st.floats(0.75, 1.3)
+
+
+def grey_scene(seed: int = 0, size: int = 270) -> np.ndarray:
+    """Mostly grey of different brightness, with saturated patches on a ninth of it; float64."""
+    rng = np.random.default_rng(seed)
+    image = np.linspace(70, 150, size)[:, None, None] * np.ones((size, size, 3))
+    image *= rng.choice([0.8, 1.0, 1.15], (3, 3, 1)).repeat(size // 3, 0).repeat(size // 3, 1)
+    for bgr in ((40, 40, 180), (150, 60, 25), (50, 190, 190)):
+        row, column = rng.integers(0, size - size // 5, 2)
+        image[row : row + size // 5, column : column + size // 5] = bgr
+    return image + rng.normal(0, 2, image.shape)
+
+
+def exposed(image: np.ndarray, gains=(1.0, 1.0, 1.0)) -> np.ndarray:
+    return np.clip(np.rint(image * np.asarray(gains)), 0, 255).astype(np.uint8)
+
+
+@given(gains=st.tuples(factor, factor, factor), size=st.sampled_from([60, 135, 270, 540]))
+def test_neutral_gains_invert_the_lights_gains_whatever_the_resolution(gains, size):
+    scene = grey_scene(1)
+    reference, _ = neutral_gains(exposed(scene))
+    found, share = neutral_gains(exposed(grey_scene(1, size), gains))
+    assert share > 0.5
+    np.testing.assert_allclose(found * gains / reference, 1, atol=0.02 if size == 270 else 0.035)
+
+
+@given(gains=st.tuples(factor, factor, factor))
+def test_normalising_makes_the_scenes_grey_grey(gains):
+    scene = grey_scene(2)
+    image = exposed(scene, gains)
+    normalised = apply_gains(image, neutral_gains(image)[0])
+    greys = normalised[np.ptp(scene, axis=2) < 20]
+    np.testing.assert_allclose(greys.mean(axis=0) / greys[:, 1].mean(), 1, atol=0.02)
+    np.testing.assert_allclose(np.quantile(greys, BRIGHTNESS_RANK, axis=0), TARGET_GREY, atol=3)
+
+
+@pytest.mark.parametrize("color", [(0, 0, 0), (3, 3, 3), (255, 255, 255), (0, 0, 255), (255, 255, 0)])
+def test_without_any_grey_the_image_is_left_as_it_is(color):
+    gains, share = neutral_gains(np.full((100, 100, 3), color, np.uint8))
+    np.testing.assert_array_equal(gains, 1)
+    assert share == 0
+    assert np.isfinite(grey_world_gains(np.full((50, 50, 3), color, np.uint8))).all()
+
+
+def test_clipped_greys_do_not_pull_the_colour_of_grey():
+    scene = grey_scene(3)
+    reference, _ = neutral_gains(exposed(scene))
+    scene[:60] = 400  # a wall that is white whatever the gains
+    found, _ = neutral_gains(exposed(scene, (1.2, 1.0, 0.9)))
+    ratio = found * (1.2, 1.0, 0.9) / reference
+    np.testing.assert_allclose(ratio / ratio[1], 1, atol=0.02)
+
+
+@given(gains=st.tuples(factor, factor, factor))
+def test_the_grey_world_inverts_the_lights_gains_too(gains):
+    scene = np.clip(grey_scene(4), 0, 190)
+    reference = grey_world_gains(exposed(scene))
+    np.testing.assert_allclose(grey_world_gains(exposed(scene, gains)) * gains / reference, 1, atol=0.02)
+
+
+@given(gains=st.tuples(factor, factor, factor))
+def test_gains_are_applied_by_rounding_and_clipping(gains):
+    image = np.arange(256, dtype=np.uint8).reshape(16, 16, 1).repeat(3, axis=2)
+    np.testing.assert_array_equal(apply_gains(image, np.array(gains)), exposed(image.astype(float), gains))
+
+
+ROWS, COLUMNS = np.mgrid[0:270, 0:270]
+SMOOTH = np.stack([100 + 40 * np.sin(COLUMNS / 40 + k) * np.cos(ROWS / 50) for k in range(3)], axis=-1)
+
+
+def digitised(image: np.ndarray) -> np.ndarray:
+    return np.clip(np.rint(image), 0, 255).astype(np.uint8)
+
+
+def noisy(rng: np.random.Generator, sigma: float, picture: np.ndarray = SMOOTH) -> np.ndarray:
+    return digitised(picture + rng.normal(0, sigma, picture.shape))
+
+
+EDGED = SMOOTH.copy()
+EDGED[60:140, 80:160] = (30, 40, 190)
+RAMP = 20 + np.repeat(0.7 * COLUMNS[..., None], 3, axis=-1)
+
+
+@pytest.mark.parametrize(
+    ("picture", "sigma"),
+    [*[(SMOOTH, sigma) for sigma in (1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0)], (RAMP, 4.0), (EDGED, 4.0)],
+)
+def test_noise_of_a_picture_is_found_whatever_it_shows(rng, picture, sigma):
+    # Rounding to bytes is noise as well.
+    expected = np.hypot(sigma, np.sqrt(1 / 12))
+    assert noise_level(noisy(rng, sigma, picture)) == pytest.approx(expected, rel=0.05)
+
+
+def test_brightness_and_contrast_behave(rng):
+    image = rng.normal(0, 4.0, SMOOTH.shape)
+    level = noise_level(digitised(SMOOTH + image))
+    assert noise_level(digitised(SMOOTH + image + 30)) == pytest.approx(level, rel=0.02)
+    assert noise_level(digitised(0.5 * (SMOOTH + image))) == pytest.approx(0.5 * level, rel=0.03)
+    assert noise_level(255 - digitised(SMOOTH + image)) == level
+
+
+def test_the_loudest_image_has_a_level(rng):
+    stripes = np.zeros((270, 270, 3), np.uint8)
+    stripes[:, ::2] = 255
+    assert noise_level(stripes) > 100
+    assert noise_level(rng.integers(0, 256, (270, 270, 3), dtype=np.uint8)) > 50
+
+
+@pytest.mark.parametrize("shape", [(270, 1, 3), (1, 1, 3), (2, 2, 3), (1, 270, 3), (270, 270, 3)])
+def test_even_images_and_those_too_small_to_tell_have_no_noise(shape):
+    assert noise_level(np.full(shape, 93, np.uint8)) == 0.0
+    assert noise_level(digitised(SMOOTH)) < 0.5
+
+
+@pytest.mark.parametrize("sigma", [0.0, 1.5, 0.9 * LOUD])
+def test_quiet_images_stay_as_they_are(rng, sigma):
+    image = noisy(rng, sigma)
+    np.testing.assert_array_equal(calmed(image), image)
+
+
+@pytest.mark.parametrize("sigma", [1.1 * LOUD, 2 * LOUD])
+def test_loud_images_become_quieter_and_keep_their_edges(rng, sigma):
+    picture, image = EDGED, noisy(rng, sigma, EDGED)
+    before = image.copy()
+    after = calmed(image)
+    np.testing.assert_array_equal(image, before)
+    assert (after.shape, after.dtype) == (image.shape, image.dtype)
+    assert np.std(after[150:] - picture[150:]) < 0.5 * sigma
+    # The step stays between the same two columns: each is much nearer to its own side's colour.
+    left, right = picture[70:130, 78].mean(axis=0), picture[70:130, 81].mean(axis=0)
+    for column, own in ((79, left), (80, right)):
+        seen = after[70:130, column].mean(axis=0)
+        assert (np.abs(seen - own) < 0.25 * np.abs(left - right)).all()
+
+
+BAYER = {
+    cv2.COLOR_BAYER_BG2BGR: 0,
+    cv2.COLOR_BAYER_GB2BGR: 1,
+    cv2.COLOR_BAYER_GR2BGR: 2,
+    cv2.COLOR_BAYER_RG2BGR: 3,
+}
+
+
+@pytest.fixture
+def raw() -> np.ndarray:
+    smooth = cv2.GaussianBlur(np.random.default_rng(3).random((90, 120)), (0, 0), 2.0)
+    return (2000 * (smooth - smooth.min())).clip(0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("code", BAYER)
+def test_every_pattern_is_told_from_its_interpolation_and_changes_where_rows_are_cut_off(raw, code):
+    image = cv2.cvtColor(raw, code)
+    assert mosaic.find(image) == BAYER[code]
+    assert mosaic.find(np.ascontiguousarray(image[1:])) == BAYER[code] ^ 2
+    assert mosaic.find(np.ascontiguousarray(image[:, 1:])) == BAYER[code] ^ 1
+
+
+def with_one_value_changed(image):
+    image[12, 22, 1] ^= 64
+    return image
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        with_one_value_changed,
+        lambda image: cv2.resize(image, (60, 45), interpolation=cv2.INTER_AREA),
+        lambda image: cv2.imdecode(cv2.imencode(".jpg", image)[1], cv2.IMREAD_COLOR),
+        lambda image: cv2.medianBlur(image, 3),
+        lambda image: cv2.convertScaleAbs(image, alpha=1.3),
+    ],
+    ids=["one value", "halved", "jpeg", "blurred", "brighter"],
+)
+def test_changed_images_are_none(raw, change):
+    assert mosaic.find(change(cv2.cvtColor(raw, cv2.COLOR_BAYER_BG2BGR))) == mosaic.NONE
+
+
+def test_flat_noisy_and_tiny_images_are_none():
+    noise = np.random.default_rng(0).integers(0, 256, (90, 90, 3), dtype=np.uint8)
+    for image in (np.zeros((90, 90, 3), np.uint8), np.full((90, 90, 3), 130, np.uint8), noise, noise[:4, :4]):
+        assert mosaic.find(np.ascontiguousarray(image)) == mosaic.NONE

@@ -8,9 +8,9 @@ import pytest
 import tracker
 from scripts import fit_shipped_colors
 from scripts.fit_shipped_colors import OBJECTS, SIMULATION_RGB, object_model
-from tests.segmentation.test_light_gains import exposed
+from tests.segmentation.test_light import exposed
 from tracker.objects.labels import COLOR_NAMES
-from tracker.segmentation.color_model import ColorModel, color_model_names
+from tracker.segmentation.color_model import ColorModel
 from tracker.segmentation.fit import FitOptions, intersection_over_union
 
 OPTIONS = FitOptions()
@@ -60,11 +60,6 @@ def test_faces_of_pictures_left_out_are_found_in_the_colours_of_the_others(label
                 (known if any(label in own for own in rest) else unknown).append(overlap)
     assert np.mean(known + unknown) >= 0.86
     assert min(known) >= 0.6
-
-
-@pytest.mark.parametrize("name", color_model_names())
-def test_every_shipped_table_reads_normalised_pictures(name):
-    assert tracker.load_colors(name).normalise
 
 
 def drawn_scene(size: int = 240) -> tuple[np.ndarray, np.ndarray]:

@@ -9,8 +9,8 @@ import pytest
 
 pytest.importorskip("trimesh", reason="platform: no module trimesh")
 
-from synthetic.render.bounced import add_bounced
 from synthetic.render.hits import empty_hits
+from synthetic.render.shading import add_bounced
 from synthetic.render.surfaces import SurfaceStore
 from synthetic.scene import Body, Lighting, Patches, PlatformScene
 from synthetic.world.meshes import disc

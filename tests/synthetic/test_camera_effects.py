@@ -1,4 +1,4 @@
-"""Focus, fringes, response and sharpening of single cameras."""
+"""The effects by their names, and those of single cameras."""
 
 from __future__ import annotations
 
@@ -8,15 +8,22 @@ import cv2
 import numpy as np
 import pytest
 
-from synthetic.camera.focus import Focus
-from synthetic.camera.fringes import CORNER, Fringes
 from synthetic.camera.lens import Lens
-from synthetic.camera.response import LEVELS, NOISE, OLD_NOISE, Response
+from synthetic.camera.optics import CORNER, Coma, Focus, Fringes
+from synthetic.camera.response import (
+    LEVELS,
+    NOISE,
+    OLD_NOISE,
+    Drift,
+    FixedPattern,
+    Response,
+    Sharpening,
+)
 from synthetic.camera.rigs import default_cameras, standard_rig
 from synthetic.camera.sensor import CameraSettings, Sensor, linear, mosaicked
-from synthetic.camera.sharpening import Sharpening
 from synthetic.camera.units import units_of
-from synthetic.effects import NAMES, Effects
+from synthetic.effects import NAMES, Effects, stream
+from synthetic.errors import EffectError
 
 RAMP = np.tile(np.arange(8, dtype=np.float32), (8, 1))
 PLACE = np.full((1, 1), 3.51, np.float32)
@@ -24,7 +31,7 @@ EXACT = abs(float(cv2.remap(RAMP, PLACE, PLACE, cv2.INTER_LINEAR)[0, 0]) - 3.51)
 """Whether OpenCV takes pictures between pixels exactly, or as older versions at the next 32nd of a pixel."""
 
 NEUTRAL = CameraSettings(np.ones(3), np.zeros(2))
-OWN = ("focus", "fringes", "sharpening")
+OWN = ("focus", "fringes", "skewed_psf", "sharpening", "fixed_pattern", "drift")
 
 
 def rng(seed: int = 0) -> np.random.Generator:
@@ -151,6 +158,42 @@ def test_sharpening_leaves_what_is_even_and_steepens_edges():
     assert np.array_equal(Sharpening(0.0, 1.0).applied(step), step)
 
 
+def test_a_skewed_spread_keeps_light_and_place_and_is_skewed_the_way_of_its_tail():
+    cells = np.arange(-4.0, 5.0)
+    for seed in range(5):
+        coma = Coma.sample(rng(seed))
+        kernel, tail = coma.kernel(540), (np.cos(coma.direction), np.sin(coma.direction))
+        assert kernel.sum() == pytest.approx(1, abs=1e-9)
+        assert (kernel.sum(axis=0) @ cells, kernel.sum(axis=1) @ cells) == pytest.approx((0, 0), abs=1e-9)
+        along = cells[None, :] * tail[0] + cells[:, None] * tail[1]
+        assert (kernel * along**2).sum() < coma.length**2
+    kernel = Coma(3.0, 0.0).kernel(540)
+    assert (kernel.sum(axis=0) * cells**3).sum() > 0.1
+    light = np.zeros((540, 11, 3), np.float32)
+    light[270, 5] = 1
+    np.testing.assert_allclose(Coma(3.0, 0.0).applied(light)[266:275, 1:10, 1], kernel, atol=1e-6)
+
+
+def test_a_fixed_pattern_is_of_the_drawn_strength_and_stays():
+    own, light = FixedPattern.sample(rng(1)), np.full((540, 540, 3), 0.5, np.float32)
+    once, again = own.applied(light), own.applied(light)
+    assert np.array_equal(once, again)
+    spread = np.hypot(0.5 * own.gain, own.offset)
+    assert once[..., 1].std() == pytest.approx(spread, rel=0.02)
+    assert once[..., 1].mean(axis=0).std() == pytest.approx(np.sqrt(0.2) * spread, rel=0.15)
+    assert own.applied(light, binned=True)[..., 1].std() == pytest.approx(spread / 2, rel=0.02)
+    assert not np.array_equal(once, FixedPattern.sample(rng(2)).applied(light))
+
+
+def test_exposure_drifts_slowly_and_by_what_is_drawn():
+    own = Drift.sample(rng(3))
+    factors = np.log([own.at(time) for time in np.arange(0.0, 3 * own.period, 0.1)])
+    assert np.abs(factors).max() == pytest.approx(own.amplitude, rel=0.01)
+    assert np.abs(np.diff(factors)).max() < 0.03
+    unit = dataclasses.replace(units_of(standard_rig(), Sensor(), rng(), Effects.none(), 1, 1)[0], drift=own)
+    np.testing.assert_allclose(unit.at(2.0).settings.gains / unit.settings.gains, own.at(2.0))
+
+
 def test_effects_of_cameras_leave_each_others_draws_alone():
     rig, sensor = standard_rig(), Sensor.sample(rng(1), "new")
     every = units_of(rig, sensor, rng(2), Effects.all(), 5, 6)
@@ -182,3 +225,29 @@ def test_cameras_of_a_rig_differ_from_each_other_and_from_scene_to_scene():
     units = [units_of(standard_rig(), sensor, rng(2), Effects.all(), 5, k) for k in (0, 1)]
     for own in OWN[:2]:
         assert len({getattr(unit, own) for scene in units for unit in scene}) == 6
+
+
+def test_a_text_names_what_is_on_in_one_order():
+    assert Effects.of("none") == Effects.none() == Effects.of(())
+    assert Effects.of("world") == Effects.all() == Effects.of(NAMES)
+    assert (
+        Effects.of("focus, chamfers")
+        == Effects.only("chamfers", "focus")
+        == Effects.of(["focus", "chamfers"])
+    )
+    for name in NAMES:
+        assert Effects.only(name).names == (name,)
+
+
+@pytest.mark.parametrize("found", ["fog", "chamfers,fog", ["fog"]])
+def test_an_unknown_effect_is_refused_by_its_name(found):
+    with pytest.raises(EffectError, match="effect: found 'fog', expected one of chamfers"):
+        Effects.of(found)
+
+
+def test_streams_of_effects_differ_by_name_seed_and_number():
+    keys = [("chamfers", 1, 2), ("table", 1, 2), ("chamfers", 2, 2), ("chamfers", 1, 3)]
+    draws = {stream(*key).random() for key in keys}
+    assert len(draws) == len(keys)
+    assert stream(*keys[0]).random() == stream(*keys[0]).random()
+    assert not draws & {np.random.default_rng([1, k, 2]).random() for k in range(3)}

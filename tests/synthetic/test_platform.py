@@ -105,19 +105,6 @@ def test_groups_have_colours_and_labels_and_meshes_with_one_key_are_equal(platfo
         np.testing.assert_array_equal(other.vertices, body.mesh.vertices)
 
 
-def test_faces_have_the_labels_of_the_object(platform, rng):
-    states = platform.object_states(np.zeros((1, 3)), np.eye(3)[None])
-    scene = platform.scene(states, None, random_look(rng, platform.model), random_lighting(rng), {})
-    (body,) = (body for body in scene.bodies if body.labels.any())
-    corners = body.mesh.vertices[body.mesh.triangles]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    for normal, center, group in zip(normals, corners.mean(axis=1), body.mesh.groups, strict=True):
-        assert normal @ center > 0
-        axis = int(np.argmax(np.abs(normal)))
-        face = 2 * axis + (0 if normal[axis] > 0 else 1)
-        assert body.labels[group] == platform.model.face_labels[face]
-
-
 def test_several_platforms_live_side_by_side(platform):
     with platform_of("cuboid_2x2x8_v2") as other:
         assert other.world.client != platform.world.client

@@ -14,10 +14,9 @@ from synthetic.camera.miscalibration import FLOAT, TILT, exactly, miscalibrated
 from synthetic.camera.rigs import standard_rig
 from synthetic.camera.sensor import CameraSettings, Sensor, demosaicked, mosaicked
 from synthetic.camera.shot import QUALITIES, shoot
-from synthetic.camera.timing import MOST, PERIOD, Timing
-from synthetic.camera.units import Unit
+from synthetic.camera.units import MOST, PERIOD, Timing, Unit
 from synthetic.frames import DatasetError, FrameMaker, FrameOptions, frames
-from synthetic.render.interface import Layers
+from synthetic.render.raster import Layers
 from synthetic.scene import ObjectState
 from synthetic.world.motion import film
 from synthetic.world.platform import Platform

@@ -1,42 +1,28 @@
 from __future__ import annotations
 
-import gc
-from collections.abc import Iterator
-from pathlib import Path
-
 import cv2
 import numpy as np
 import pytest
 
 from synthetic.camera.lens import Lens
 from synthetic.camera.rigs import default_cameras
-from synthetic.render.choose import choose_renderer, close_renderer
-from synthetic.render.interface import Layers, Renderer, RendererError
+from synthetic.errors import RendererError
+from synthetic.render.check import labels_and_depth
+from synthetic.render.choose import choose_renderer
 from synthetic.scene import Body, Lamp, Lighting, Mesh, PlatformScene
 from tests.helpers import random_rotations
 from tests.helpers.needs import lack
 from tracker.conventions import Array, FloatArray
 from tracker.geometry.camera import Camera
-from tracker.geometry.cuboid import FACE_CORNERS, FACE_NORMALS, corners
+from tracker.geometry.cuboid import FACE_CORNERS, corners
 
-NAMES = ("pyrender", "raster")
 SIZES = ((0.065, 0.065, 0.065), (0.02, 0.08, 0.02))
 LABELS = np.array([1, 6, 2, 5, 3, 4], np.uint8)  # +x … -z, none twice
 COLORS = np.array([[1, 1, 10], [1, 9, 9], [2, 8, 2], [7, 2, 7], [9, 2, 1], [8, 7, 1]]) / 20
 WHITE = np.ones(3)
 
 
-def renderer_or_skip(name: str) -> Renderer:
-    try:
-        return choose_renderer(name)
-    except RendererError as error:
-        lack("platform", str(error))
-
-
-@pytest.fixture(scope="module", params=NAMES)
-def renderer(request: pytest.FixtureRequest) -> Iterator[Renderer]:
-    yield renderer_or_skip(request.param)
-    close_renderer()
+RENDERER = choose_renderer()
 
 
 def box(size: tuple[float, ...]) -> Mesh:
@@ -81,12 +67,6 @@ def crowded(rotation: Array) -> PlatformScene:
     return PlatformScene(tuple(bodies), lighting(0.5, lamp(0.3, 0.2, 1)))
 
 
-def poses(count: int) -> Iterator[tuple[tuple[float, ...], FloatArray, FloatArray]]:
-    rng = np.random.default_rng(5)
-    for k, rotation in enumerate(random_rotations(rng, count)):
-        yield SIZES[k % 2], rotation, rng.uniform([-0.1, -0.1, 0.03], [0.1, 0.1, 0.12])
-
-
 def project(camera: Camera, points: Array) -> FloatArray:
     rotation, _ = cv2.Rodrigues(camera.camera_from_world[:3, :3])
     translation = camera.camera_from_world[:3, 3]
@@ -94,162 +74,61 @@ def project(camera: Camera, points: Array) -> FloatArray:
     return np.asarray(pixels, np.float64).reshape(-1, 2)
 
 
-def outline(camera: Camera, points: Array) -> FloatArray:
-    """The distorted polygon around a convex body: straight edges in space, projected in many short steps."""
-    in_camera = points @ camera.camera_from_world[:3, :3].T + camera.camera_from_world[:3, 3]
-    flat = (in_camera[:, :2] / in_camera[:, 2:]).astype(np.float32)
-    ring = points[cv2.convexHull(flat, returnPoints=False).ravel()]
-    steps = np.linspace(0, 1, 50, endpoint=False)[:, None]
-    edges = zip(ring, np.roll(ring, -1, axis=0), strict=True)
-    return project(camera, np.concatenate([a + (b - a) * steps for a, b in edges]))
-
-
-def centroid(polygon: Array) -> FloatArray:
-    following = np.roll(polygon, -1, axis=0)
-    cross = polygon[:, 0] * following[:, 1] - following[:, 0] * polygon[:, 1]
-    return np.asarray(((polygon + following) * cross[:, None]).sum(axis=0) / (3 * cross.sum()))
-
-
-def test_objects_lie_where_opencv_projects_them(renderer: Renderer) -> None:
-    shifts = []
-    for size, rotation, position in poses(24):
-        body = cuboid(size, rotation, position)
-        scene = PlatformScene((body,), lighting())
-        for camera in default_cameras():
-            lens = Lens(camera, 2)
-            layers = renderer.render(scene, lens.view, shadows=False)
-            polygon = outline(camera, corners(np.array(size)) @ rotation.T + position)
-            share = lens.to_camera(layers.labels > 0, "mean")
-            rows, columns = np.nonzero(lens.to_camera(layers.labels, "label"))
-            ring = polygon.astype(np.float32)
-            for point in zip(columns.tolist(), rows.tolist(), strict=True):
-                assert cv2.pointPolygonTest(ring, point, measureDist=True) > -1
-            y, x = np.indices(share.shape)
-            center = np.array([(share * x).sum(), (share * y).sum()]) / share.sum()
-            shifts.append(center - centroid(polygon))
-    assert (np.abs(np.mean(shifts, axis=0)) < 0.01).all()
-    assert (np.abs(shifts) < 0.15).all()
-
-
-def test_faces_bear_their_labels_and_colors(renderer: Renderer) -> None:
-    seen = set()
-    for size, rotation, position in poses(12):
-        scene = PlatformScene((cuboid(size, rotation, position),), lighting())
-        for camera in default_cameras():
-            lens = Lens(camera, 2)
-            layers = renderer.render(scene, lens.view, shadows=False)
-            labels, color = lens.to_camera(layers.labels, "label"), lens.to_camera(layers.color, "mean")
-            centers = FACE_NORMALS * np.array(size) / 2 @ rotation.T + position
-            for face, center in enumerate(centers):
-                towards = camera.position - center
-                if rotation @ FACE_NORMALS[face] @ towards < 0.35 * np.linalg.norm(towards):
-                    continue
-                column, row = np.rint(project(camera, center[None])[0]).astype(int)
-                assert labels[row, column] == LABELS[face]
-                cosines = COLORS @ color[row, column] / np.linalg.norm(COLORS, axis=1)
-                assert np.argmax(cosines) == face
-                seen.add(face)
-    assert seen == set(range(6))
-
-
-def everything(layers: Layers) -> bytes:
-    return layers.color.tobytes() + layers.labels.tobytes() + layers.alone.tobytes()
-
-
-def test_same_scene_gives_same_bits(renderer: Renderer) -> None:
-    view = Lens(default_cameras()[0], 2).view
-    first = everything(renderer.render(crowded(np.eye(3)), view))
-    rotation = random_rotations(np.random.default_rng(1), 1)[0]
-    other = everything(renderer.render(crowded(rotation), Lens(default_cameras()[1], 1).view))
-    assert everything(renderer.render(crowded(np.eye(3)), view)) == first != other
-
-
-def test_what_stands_in_front_does_not_change_the_object_alone(renderer: Renderer) -> None:
+def test_shadows_only_take_light_away() -> None:
     scene, view = crowded(np.eye(3)), Lens(default_cameras()[0], 1).view
-    layers = renderer.render(scene, view)
-    alone = renderer.render(PlatformScene(scene.bodies[:1], scene.lighting), view)
-    assert np.array_equal(layers.alone, alone.labels)
-    assert np.array_equal(alone.alone, alone.labels)
-    hidden = layers.labels != layers.alone
-    assert 0 < hidden.sum() < 0.9 * (layers.alone > 0).sum()
-    assert not layers.labels[hidden].any()
-
-
-def test_shadows_only_take_light_away(renderer: Renderer) -> None:
-    scene, view = crowded(np.eye(3)), Lens(default_cameras()[0], 1).view
-    dark, bright = (renderer.render(scene, view, shadows=shadows) for shadows in (True, False))
+    dark, bright = (RENDERER.render(scene, view, shadows=shadows) for shadows in (True, False))
     assert np.array_equal(dark.labels, bright.labels)
     assert (dark.color <= bright.color + 1e-6).all()
     assert (dark.color < 0.8 * bright.color).any(axis=-1).mean() > 0.02
 
 
-def test_light_is_linear(renderer: Renderer) -> None:
+def test_light_is_linear() -> None:
     lens = Lens(default_cameras()[0], 1)
     colors = []
     for ambient, strength in ((0.2, 0.0), (0.0, 0.7), (0.4, 2.1)):
         light = lighting(ambient, lamp(0.3, 0.2, 1, strength))
         scene = PlatformScene(crowded(np.eye(3)).bodies, light)
-        colors.append(renderer.render(scene, lens.view).color)
+        colors.append(RENDERER.render(scene, lens.view).color)
     np.testing.assert_allclose(colors[2], 2 * colors[0] + 3 * colors[1], rtol=1e-5, atol=1e-6)
 
 
-def test_lambert_holds_on_a_level_table(renderer: Renderer) -> None:
+def test_lambert_holds_on_a_level_table() -> None:
     scene = PlatformScene(
         (thing("table", box((0.5, 0.5, 0.02)), [0, 0, -0.01], 0.2),), lighting(0.5, lamp(3, 0, 4, 0.5))
     )
     camera = default_cameras()[0]
     color = Lens(camera, 1).to_camera(
-        renderer.render(scene, Lens(camera, 1).view, shadows=False).color, "mean"
+        RENDERER.render(scene, Lens(camera, 1).view, shadows=False).color, "mean"
     )
     column, row = np.rint(project(camera, np.zeros((1, 3)))[0]).astype(int)
     np.testing.assert_allclose(color[row, column], 0.2 * (0.5 + 0.5 * 0.8), rtol=1e-3)
 
 
-def test_empty_scene_is_black(renderer: Renderer) -> None:
-    layers = renderer.render(PlatformScene((), lighting()), Lens(default_cameras()[0], 1).view)
+def test_empty_scene_is_black() -> None:
+    layers = RENDERER.render(PlatformScene((), lighting()), Lens(default_cameras()[0], 1).view)
     assert not layers.color.any()
     assert not layers.labels.any()
     assert not layers.alone.any()
 
 
-def resident_megabytes() -> float:
-    gc.collect()
-    return int(Path("/proc/self/statm").read_text().split()[1]) * 4096 / 1e6
-
-
-@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="system: memory is read from /proc")
-def test_memory_stays_flat(renderer: Renderer) -> None:
-    camera = default_cameras(64)[0]
-    view = Lens(camera, 1).view
-    rotations = random_rotations(np.random.default_rng(2), 220)
-    for k, rotation in enumerate(rotations):
-        if k == 20:
-            before = resident_megabytes()
-        renderer.render(crowded(rotation), view, shadows=k % 10 == 0)
-    assert resident_megabytes() - before < 15
-
-
-def test_renderers_agree() -> None:
+def test_pyrender_sees_the_same_labels_and_depths() -> None:
     scene = crowded(random_rotations(np.random.default_rng(3), 1)[0])
-    views = [Lens(camera, 2).view for camera in default_cameras()]
-    first, second = ([renderer_or_skip(name).render(scene, view) for view in views] for name in NAMES)
-    for a, b in zip(first, second, strict=True):
-        assert (a.labels != b.labels).mean() < 2e-4
-        assert (a.alone != b.alone).mean() < 2e-4
-        assert (np.abs(a.color - b.color).max(axis=-1) > 0.05).mean() < 5e-3
-    close_renderer()
+    for camera in default_cameras():
+        view = Lens(camera, 2).view
+        own = RENDERER.render(scene, view, shadows=False)
+        try:
+            labels, depth = labels_and_depth(scene, view)
+        except RendererError as error:
+            lack("platform", str(error))
+        assert (own.labels != labels).mean() < 2e-4
+        assert ((own.nearness > 0) == (depth > 0)).mean() > 1 - 2e-4
+        both = (own.nearness > 0) & (depth > 0)
+        assert np.quantile(np.abs(1 / own.nearness[both] - depth[both]), 0.999) < 1e-4
 
 
-def test_a_process_keeps_one_renderer() -> None:
-    first = renderer_or_skip("raster")
-    assert choose_renderer("auto") is first
-    assert choose_renderer("raster") is first
-    close_renderer()
-    assert choose_renderer("auto").name in NAMES
-
-
-def test_unknown_renderer_is_named() -> None:
-    with pytest.raises(RendererError, match=r"'cycles'.*auto, pyrender, raster"):
+def test_a_process_keeps_one_renderer_and_knows_no_other() -> None:
+    assert choose_renderer("auto") is choose_renderer("raster") is RENDERER
+    with pytest.raises(RendererError, match=r"'cycles'.*auto or raster"):
         choose_renderer("cycles")
 
 

@@ -112,12 +112,6 @@ def test_fingers_come_near_when_they_are_to_and_are_absent_when_they_are_to(plat
     assert not [body for body in scene.bodies if "finger" in body.name]
 
 
-def test_a_scene_without_object_shows_none(platforms):
-    scene = random_scene(platforms["cube_v2"], np.random.default_rng(0), object_present=False)
-    assert scene.objects == ()
-    assert not any(body.labels.any() for body in scene.bodies)
-
-
 def test_dice_have_labels_from_1_to_25_and_a_goal_lies_on_the_grid(platforms):
     for seed in range(5):
         scene = random_scene(platforms["dice"], np.random.default_rng(seed), kind="dice_goal")

@@ -1,6 +1,11 @@
+"""Goals of dice: cells, patterns, files."""
+
 from __future__ import annotations
 
+import json
 import math
+import os
+import string
 
 import numpy as np
 import pytest
@@ -9,6 +14,7 @@ from hypothesis import strategies as st
 
 from tracker.errors import TaskError
 from tracker.tasks import rearrange_dice as dice
+from tracker.tasks.rearrange_dice.goal_files import MAX_FILE_SIZE
 
 SEEDS = st.integers(0, 2**32)
 COORDINATES = st.floats(-0.3, 0.3)
@@ -26,11 +32,6 @@ def test_cells_are_those_of_a_grid_whose_corners_are_in_the_arena():
     np.testing.assert_allclose(dice.cells(), expected, atol=1e-12)
 
 
-def test_cells_of_a_caller_are_its_own():
-    dice.cells()[:] = 0
-    assert dice.cells().any()
-
-
 @given(SEEDS)
 def test_a_sampled_goal_is_25_different_cells_and_valid(seed):
     goal = dice.sample_goal(seed)
@@ -44,6 +45,15 @@ def test_a_seed_decides_the_goal_and_a_generator_moves_on():
     np.testing.assert_array_equal(dice.sample_goal(3), dice.sample_goal(np.random.default_rng(3)))
     rng = np.random.default_rng(3)
     assert (dice.sample_goal(rng) != dice.sample_goal(rng)).any()
+
+
+def test_places_may_overlap_and_what_is_returned_is_the_callers_own():
+    goal = np.array([(0.0, 0.0, 0.011)] * 24 + [(0.0, 0.0, 0.033)])
+    valid = dice.validate_goal(goal)
+    np.testing.assert_array_equal(valid, goal)
+    dice.cells()[:] = valid[:] = 0
+    assert dice.cells().any()
+    assert goal.any()
 
 
 def test_every_cell_is_as_likely_as_any_other(rng):
@@ -79,19 +89,8 @@ def test_rounding_does_not_invalidate_a_goal(angle, quarter):
         0.011,
     )
     for factor in (1.0, 1 - 1e-10, 1 + 1e-10):
-        dice.validate_goal(goal * factor)
-        dice.validate_goal(goal * factor / 3 * 3)
-
-
-def test_places_may_overlap_and_be_above_the_floor_as_on_the_platform():
-    goal = [(0.0, 0.0, 0.011)] * 24 + [(0.0, 0.0, 0.033)]
-    np.testing.assert_array_equal(dice.validate_goal(goal), goal)
-
-
-def test_a_valid_goal_is_a_copy():
-    goal = dice.sample_goal(0)
-    dice.validate_goal(goal)[:] = 0
-    assert goal.any()
+        for rounded in (goal * factor, goal * factor / 3 * 3):
+            np.testing.assert_array_equal(dice.validate_goal(rounded), rounded)
 
 
 @pytest.mark.parametrize(
@@ -115,3 +114,218 @@ def test_a_valid_goal_is_a_copy():
 def test_a_faulty_goal_is_refused_with_its_fault(change, said):
     with pytest.raises(TaskError, match=said):
         dice.validate_goal(change(dice.sample_goal(0)))
+
+
+def same_places(a, b) -> bool:
+    """Whether two goals are the same but for the order."""
+    a, b = (np.array(sorted(np.round(goal, 9).tolist())) for goal in (a, b))
+    return bool(np.abs(a - b).max() == 0)
+
+
+def pattern_with(*changes: tuple[int, int, str], seed: int = 0) -> str:
+    """A valid pattern with characters changed at (row, column)."""
+    rows = [list(row) for row in dice.pattern(dice.sample_goal(seed)).splitlines()]
+    for row, column, character in changes:
+        rows[row][column] = character
+    return "\n".join("".join(row) for row in rows) + "\n"
+
+
+@given(SEEDS)
+def test_a_goal_and_its_pattern_show_each_other(tmp_path_factory, seed):
+    goal, path = dice.sample_goal(seed), tmp_path_factory.getbasetemp() / "goal.txt"
+    text = dice.pattern(goal)
+    assert same_places(dice.parse_pattern(text), goal)
+    assert dice.pattern(dice.parse_pattern(text)) == text
+    dice.write_goal(path, goal)
+    assert same_places(dice.read_goal(path), goal)
+
+
+def test_rows_go_along_x_and_columns_along_y():
+    rows = [list(row) for row in dice.empty_pattern().splitlines()]
+    free = [(i, j) for i in range(17) for j in range(17) if rows[i][j] == "."]
+    chosen = [(2, 11), *[cell for cell in free if cell != (2, 11)][:24]]
+    for i, j in chosen:
+        rows[i][j] = "X"
+    goal = dice.parse_pattern("\n".join("".join(row) for row in rows))
+    assert np.abs(goal - [(2 - 8) * 0.022, (11 - 8) * 0.022, 0.011]).max(axis=1).min() < 1e-12
+
+
+def test_the_empty_pattern_is_the_arena_and_no_goal():
+    text = dice.empty_pattern()
+    assert [len(row) for row in text.splitlines()] == [17] * 17
+    assert text.count(".") == len(dice.cells())
+    assert set(text) == {"#", ".", "\n"}
+    with pytest.raises(TaskError, match="found 0 times 'X', expected 25"):
+        dice.parse_pattern(text)
+
+
+@pytest.mark.parametrize(
+    "end", ["", "\n", "\n\nwords\n", "\n-- \nwords\n", "\n--\n", "  \n \t\nX", "\n\n\n#"]
+)
+@pytest.mark.parametrize("newline", ["\n", "\r\n", "\r", " \n", "\t \r\n"])
+def test_text_after_the_rows_means_nothing(end, newline):
+    text = pattern_with()
+    goal = dice.parse_pattern(text.rstrip("\n").replace("\n", newline) + end)
+    np.testing.assert_array_equal(goal, dice.parse_pattern(text))
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (pattern_with((0, 0, ".")), r"row 1, column 1: found '\.', expected '#' outside the arena"),
+        (pattern_with((0, 0, "X")), "row 1, column 1: found 'X', expected '#' outside"),
+        (pattern_with((8, 4, "#")), r"row 9, column 5: found '#', expected '\.' or 'X' inside"),
+        (pattern_with((8, 4, "x")), "row 9, column 5: found 'x'"),
+        (pattern_with((8, 4, "\0")), r"row 9, column 5: found '\\x00'"),
+        (pattern_with((8, 16, "é")), "row 9, column 17: found 'é'"),
+        (pattern_with()[18:], "row 1"),
+        (pattern_with()[:-18], "found 16 rows, expected 17"),
+        ("\n" + pattern_with(), "found 0 rows"),
+        ("", "found 0 rows"),
+        (pattern_with().replace("\n", "\n\n", 1), "found 1 rows"),
+        (pattern_with() + "#" * 17, "row 18: found '#.*expected 17 rows"),
+        (pattern_with() + "words", "row 18: found 'words'"),
+        (pattern_with()[1:], "row 1: found 16 characters"),
+        (" " + pattern_with(), "row 1: found 18 characters"),
+        (pattern_with().replace("\n", "#\n"), "row 1: found 18 characters"),
+        (pattern_with().replace("X", ".", 1), "found 24 times 'X', expected 25"),
+        (pattern_with().replace("..", "XX", 1), "times 'X', expected 25"),
+    ],
+)
+def test_a_faulty_pattern_is_refused_with_row_and_column(text, said):
+    with pytest.raises(TaskError, match=said):
+        dice.parse_pattern(text)
+
+
+@given(st.text(alphabet="#.X-\r\n \t", max_size=400) | st.text(max_size=60))
+def test_any_text_is_a_pattern_or_refused(text):
+    with pytest.raises(TaskError, match="pattern: "):
+        dice.parse_pattern(text)
+
+
+@given(SEEDS, st.integers(0, 24), st.sampled_from([(1e-5, 0, 0), (0, 0.011, 0), (0, 0, 0.022)]))
+def test_only_goals_on_different_cells_have_a_pattern(seed, index, offset):
+    goal = dice.sample_goal(seed)
+    twice = goal.copy()
+    twice[index] = twice[index - 1]
+    with pytest.raises(TaskError, match=r"position \d+: .*second time"):
+        dice.pattern(twice)
+    toward = -np.sign(goal[index]) if offset[2] == 0 else np.ones(3)
+    goal[index] += np.where(toward == 0, 1, toward) * offset
+    with pytest.raises(TaskError, match=f"position {index}: found .*expected the centre of a cell"):
+        dice.pattern(goal)
+
+
+@given(st.integers(0, 2**32))
+def test_json_keeps_every_bit(tmp_path_factory, seed):
+    path = tmp_path_factory.getbasetemp() / "goal.json"
+    rng = np.random.default_rng(seed)
+    goal = dice.sample_goal(rng) * rng.uniform(0.1, 1, (25, 1)) + [0, 0, 0.011]
+    dice.write_goal(path, goal)
+    np.testing.assert_array_equal(dice.read_goal(path), goal)
+
+
+def test_what_a_file_holds_is_told_from_its_content(tmp_path):
+    goal = dice.sample_goal(1)
+    contents = [
+        json.dumps(goal.tolist()),
+        "\n\t" + json.dumps({"_": {"note": [None]}, "goal": goal.tolist()}),
+        "\ufeff" + json.dumps({"goal": goal.tolist()}),
+        dice.pattern(goal),
+        "\ufeff" + dice.pattern(goal).replace("\n", "\r\n") + "-- \r\nText.",
+    ]
+    for content in contents:
+        (tmp_path / "goal").write_bytes(content.encode())
+        assert same_places(dice.read_goal(tmp_path / "goal"), goal)
+
+
+GOAL = json.dumps(dice.sample_goal(0).tolist())
+FIRST = GOAL[1 : GOAL.index("]") + 1]
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ("", "an empty file"),
+        (" \n", "an empty file"),
+        ("null", "row 1"),
+        ("[", "not JSON"),
+        ("[]", "found 0 positions, expected 25"),
+        ("{}", "found no key, expected the key 'goal'"),
+        ('{"goals": [], "b": 1}', "found 'goals', 'b', expected the key 'goal'"),
+        (f'{{"goal": {GOAL}, "goal": {GOAL}}}', "found the key 'goal' twice"),
+        ('{"goal": {"goal": []}}', "goal: found an object of 1, expected a list"),
+        ('{"goal": null}', "goal: found null"),
+        ('{"goal": "[]"}', r"goal: found \"\[\]\""),
+        (GOAL.replace(FIRST, "7", 1), r"position 0: found 7, expected \[x, y, z\]"),
+        (GOAL.replace(FIRST, "[]", 1), "position 0: found a list of 0"),
+        (GOAL.replace(FIRST, "[0, 0, 0.011, 0]", 1), "position 0: found a list of 4"),
+        (GOAL.replace(FIRST, '[0, "0", 0.011]', 1), 'position 0: y: found "0", expected a finite number'),
+        (GOAL.replace(FIRST, "[0, true, 0.011]", 1), "position 0: y: found true"),
+        (GOAL.replace(FIRST, "[0, null, 0.011]", 1), "position 0: y: found null"),
+        (GOAL.replace(FIRST, "[0, [0], 0.011]", 1), "position 0: y: found a list of 1"),
+        (GOAL.replace(FIRST, "[0, NaN, 0.011]", 1), "found NaN, expected finite"),
+        (GOAL.replace(FIRST, "[0, -Infinity, 0.011]", 1), "found -Infinity"),
+        (GOAL.replace(FIRST, "[0, 1e999, 0.011]", 1), "position 0: y: found Infinity"),
+        (GOAL.replace(FIRST, f"[0, 1{'0' * 400}, 0.011]", 1), "y: found a whole number above"),
+        (GOAL.replace(FIRST, f"[0, 1{'0' * 5000}, 0.011]", 1), "not JSON|whole number above"),
+        (GOAL.replace(FIRST, "[0, 0.3, 0.011]", 1), "position 0, .*its die reaches"),
+        (GOAL + "x", "not JSON: Extra data"),
+        ("[" * 50_000, "nested too deeply"),
+        ('{"goal":' * 10_000, "nested too deeply"),
+        (GOAL + " " * MAX_FILE_SIZE, f"more than {MAX_FILE_SIZE} bytes"),
+        (b"[\xff]", "byte 1, which is no UTF-8"),
+        (GOAL.encode("utf-16"), "no UTF-8"),
+        ("X" + dice.empty_pattern()[1:], "row 1, column 1"),
+    ],
+)
+def test_a_faulty_file_is_named_with_its_fault(tmp_path, content, said):
+    path = tmp_path / "goal.json"
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    with pytest.raises(TaskError, match=said) as raised:
+        dice.read_goal(path)
+    assert str(raised.value).startswith(f"{path}: ")
+    assert len(str(raised.value)) < len(str(path)) + 250
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(string.printable, max_size=5),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.just("goal") | st.text(max_size=3), inner),
+    max_leaves=30,
+)
+
+
+@given(JSON)
+def test_no_other_json_is_a_goal(tmp_path_factory, data):
+    path = tmp_path_factory.getbasetemp() / "some.json"
+    path.write_text(json.dumps(data))
+    with pytest.raises(TaskError, match=r"some\.json: "):
+        dice.read_goal(path)
+
+
+@pytest.mark.parametrize("name", ["nowhere.json", "", "a\0b"])
+def test_a_file_that_cannot_be_read_is_named(tmp_path, name):
+    with pytest.raises(TaskError, match="cannot be read"):
+        dice.read_goal(f"{tmp_path}/{name}")
+
+
+OFF_CELLS = dice.sample_goal(0) * 0.9 + [0, 0, 0.01]
+
+
+@pytest.mark.parametrize(
+    ("name", "goal", "said"),
+    [
+        ("goal.yaml", dice.sample_goal(0), r"found suffix '\.yaml', expected \.json, or \.txt"),
+        ("goal", dice.sample_goal(0), "found no suffix"),
+        ("nowhere/goal.json", dice.sample_goal(0), "cannot be written: there is no folder .*nowhere"),
+        ("taken.json", dice.sample_goal(0), "cannot be written"),
+        ("a\0.json", dice.sample_goal(0), "cannot be written"),
+        ("goal.json", np.zeros((25, 3)), "height 0 m"),
+        ("goal.txt", OFF_CELLS, "expected the centre of a cell"),
+    ],
+)
+def test_a_goal_that_cannot_be_written_is_told_and_leaves_nothing(tmp_path, name, goal, said):
+    (tmp_path / "taken.json").mkdir()
+    with pytest.raises(TaskError, match=said):
+        dice.write_goal(f"{tmp_path}/{name}", goal)
+    assert os.listdir(tmp_path) == ["taken.json"]

@@ -1,14 +1,20 @@
-"""Laws of the dice's mask in one image."""
+"""Laws of the dice's mask in one image, and of where the dice are."""
 
 from __future__ import annotations
+
+import dataclasses
 
 import cv2
 import numpy as np
 import pytest
+from scipy.optimize import linear_sum_assignment
 
-from tests.helpers.dice_scenes import RIG, dice_at, painted
-from tracker.errors import ImageError
-from tracker.tasks.rearrange_dice import segment_dice
+from tests.helpers.dice_scenes import EDGE, RIG, dice_at, painted
+from tracker.calibration.rig import CameraRig
+from tracker.errors import ImageError, TaskError
+from tracker.geometry import so3
+from tracker.geometry.camera import Camera
+from tracker.tasks.rearrange_dice import locate, segment_dice
 
 DICE = dice_at([(-0.05, 0.03), (0.06, 0.08), (0.02, -0.09), (0.042, -0.09), (-0.11, -0.04)], turn=0.4)
 
@@ -27,7 +33,10 @@ def view() -> tuple[np.ndarray, np.ndarray]:
 
 def test_the_mask_covers_the_dice_with_their_pips_and_nothing_else(view):
     image, truth = view
+    before = image.copy()
     mask = segment_dice(image)
+    np.testing.assert_array_equal(segment_dice(image), mask)
+    np.testing.assert_array_equal(image, before)
     assert mask.dtype == np.uint8
     assert set(np.unique(mask)) == {0, 255}
     assert overlap(mask, truth) > 0.9
@@ -85,14 +94,6 @@ def test_an_image_without_dice_has_an_empty_mask(level, rng):
     assert not segment_dice(image).any()
 
 
-def test_the_same_image_gives_the_same_bits_and_stays_as_it_was(view):
-    image, _ = view
-    before = image.copy()
-    first, second = segment_dice(image), segment_dice(image)
-    np.testing.assert_array_equal(first, second)
-    np.testing.assert_array_equal(image, before)
-
-
 @pytest.mark.parametrize(
     ("bad", "words"),
     [
@@ -113,3 +114,132 @@ def test_the_recorded_dice_are_found(real):
     right = np.count_nonzero(mask & truth)
     assert right / np.count_nonzero(mask) >= 0.99
     assert right / np.count_nonzero(truth) >= 0.85
+
+
+SCATTERED = dice_at(
+    [(0.0, 0.01), (-0.09, 0.05), (0.06, 0.08), (0.02, -0.09), (0.1, -0.03), (-0.04, -0.05), (-0.11, -0.06)],
+    0.37,
+)
+CROWD = dice_at([(0.02 + EDGE * k, 0.022 * row) for row in range(3) for k in range(4)])
+STACK = dice_at([(0.03, 0.02), (0.033, 0.018, EDGE), (-0.06, 0.04), (-0.04, 0.05)], 0.2)
+
+
+def views(dice: np.ndarray, rig: CameraRig = RIG) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Images and masks of every camera."""
+    pairs = [painted(camera, dice) for camera in rig]
+    return [image for image, _ in pairs], [mask for _, mask in pairs]
+
+
+def centers(dice: np.ndarray) -> np.ndarray:
+    return dice[:, :3] + np.array([0, 0, EDGE / 2])
+
+
+def positions(found) -> np.ndarray:
+    return np.array([die.position for die in found]).reshape(-1, 3)
+
+
+def distances(found: np.ndarray, true: np.ndarray) -> np.ndarray:
+    """Of pairs; all must have a partner."""
+    assert len(found) == len(true)
+    table = np.linalg.norm(found[:, None] - true, axis=2)
+    return table[linear_sum_assignment(table)]
+
+
+FINE = CameraRig(tuple(camera.resized(540, 540) for camera in RIG))
+
+
+@pytest.mark.parametrize(
+    ("dice", "rig"),
+    [(SCATTERED, RIG), (CROWD, RIG), (STACK, RIG), (SCATTERED, FINE)],
+    ids=["scattered", "crowd", "stack", "larger images"],
+)
+def test_all_dice_are_found_where_they_are(dice, rig):
+    images, masks = views(dice, rig)
+    assert distances(positions(locate(rig, masks, images)), centers(dice)).max() < 1.5e-3
+
+
+@pytest.mark.parametrize("dice", [SCATTERED, STACK], ids=["scattered", "stack"])
+def test_masks_alone_tell_dice_apart_that_do_not_crowd(dice):
+    found = locate(RIG, views(dice)[1])
+    assert distances(positions(found), centers(dice)).max() < 1.5e-3
+
+
+def test_yaws_are_those_of_the_dice():
+    images, masks = views(SCATTERED)
+    for die in locate(RIG, masks, images):
+        nearest = np.argmin(np.linalg.norm(centers(SCATTERED) - die.position, axis=1))
+        turn = (die.yaw - SCATTERED[nearest, 3] + np.pi / 4) % (np.pi / 2) - np.pi / 4
+        assert abs(turn) < np.radians(6)
+        assert -np.pi / 4 <= die.yaw <= np.pi / 4
+
+
+def test_the_surest_come_first_and_say_how_sure():
+    images, masks = views(CROWD)
+    found = locate(RIG, masks, images)
+    assert [die.gain for die in found] == sorted((die.gain for die in found), reverse=True)
+    assert all(0.5 <= die.probability <= 1 for die in found)
+    assert not found[0].position.flags.writeable
+    assert len(locate(RIG, masks, images, most=3)) == 3
+    assert locate(RIG, [np.zeros((270, 270), np.uint8)] * 3) == ()
+
+
+def test_masks_of_every_kind_give_the_same_bits_and_stay_as_they_were():
+    masks = views(SCATTERED)[1]
+    before = [mask.copy() for mask in masks]
+    expected = positions(locate(RIG, masks))
+    for others in (masks, [mask // 255 for mask in masks], [mask > 0 for mask in masks]):
+        np.testing.assert_array_equal(positions(locate(RIG, others)), expected)
+    np.testing.assert_array_equal(masks, before)
+
+
+def test_the_order_of_the_cameras_does_not_matter():
+    images, masks = views(SCATTERED)
+    order = (2, 0, 1)
+    turned = CameraRig(tuple(RIG[c] for c in order))
+    found = locate(turned, [masks[c] for c in order], [images[c] for c in order])
+    assert distances(positions(found), positions(locate(RIG, masks, images))).max() < 1e-3
+
+
+def test_a_camera_without_an_image_or_behind_a_finger_only_costs_accuracy():
+    images, masks = views(SCATTERED)
+    expected = centers(SCATTERED)
+    found = locate(RIG, [masks[0], None, masks[2]], [images[0], None, images[2]])
+    assert distances(positions(found), expected).max() < 4e-3
+    pair = CameraRig((RIG[0], RIG[2]))
+    np.testing.assert_allclose(
+        positions(locate(pair, [masks[0], masks[2]], [images[0], images[2]])), positions(found), atol=1e-9
+    )
+    masks[0][:, :140] = 0
+    assert distances(positions(locate(RIG, masks, images)), expected).max() < 4e-3
+
+
+def moved(camera: Camera, world_from_old: np.ndarray) -> Camera:
+    """The camera in a world whose coordinates are others."""
+    transform = camera.camera_from_world @ np.linalg.inv(world_from_old)
+    return dataclasses.replace(camera, camera_from_world=transform)
+
+
+@pytest.mark.parametrize(("lift", "yaw"), [(-0.006, 0.0), (0.004, 0.0), (0.0, 1.1)])
+def test_the_dice_move_with_the_world(lift, yaw):
+    images, masks = views(SCATTERED)
+    motion = np.eye(4)
+    motion[:3, :3], motion[2, 3] = so3.exp([0, 0, yaw]), lift
+    rig = CameraRig(tuple(moved(camera, motion) for camera in RIG))
+    expected = centers(SCATTERED) @ motion[:3, :3].T + motion[:3, 3]
+    assert distances(positions(locate(rig, masks, images)), expected).max() < 2e-3
+
+
+@pytest.mark.parametrize(
+    ("masks", "images", "said"),
+    [
+        (lambda m: m[:2], lambda i: None, "found 2, expected one of each of camera60, camera180, camera300"),
+        (lambda m: [m[0], m[1][:100], m[2]], lambda i: None, r"camera180: found shape \(100, 270\)"),
+        (lambda m: [m[0], m[1], m[2] // 255 * 7], lambda i: None, "camera300.*found the values 0, 7"),
+        (lambda m: m, lambda i: i[:1], "images: found 1"),
+        (lambda m: m, lambda i: [i[0][:100], *i[1:]], "camera60: found 270×100 px, expected 270×270"),
+    ],
+)
+def test_what_does_not_belong_to_the_rig_is_refused(masks, images, said):
+    given = views(SCATTERED)
+    with pytest.raises((TaskError, ImageError), match=said):
+        locate(RIG, masks(given[1]), images(given[0]))

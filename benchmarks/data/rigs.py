@@ -1,0 +1,257 @@
+"""Rigs unlike the platform's: what the tracker is to work with, given as data, and their scenes.
+
+All scenes happen on one stage, the simulated platform. A rig's world is the stage, moved and scaled: a
+world in which all lengths, distances of the cameras included, are multiplied by a factor gives the same
+pictures.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.data.scenes import OBJECTS, Scene
+from benchmarks.data.seeds import stream
+from benchmarks.data.store import CACHE, Store, each
+from synthetic.camera.rigs import default_cameras
+from synthetic.camera.sensor import Sensor
+from synthetic.stills import bare_scene, scene_with_fingers, take
+from tracker.calibration.rig import CameraRig
+from tracker.conventions import FloatArray
+from tracker.geometry import so3
+from tracker.geometry.arena import Arena
+from tracker.geometry.camera import Camera
+from tracker.objects.model import CuboidModel, load_object
+
+_DISTORTION = np.array([-0.236, 0.115, -0.0014, 0.0002, -0.042])
+"""Of the platform's lenses, about: k1, k2, p1, p2, k3."""
+
+_LABELS = np.array([1, 5, 2, 6, 3, 4])
+"""Colours of the faces of own boxes, as those of cube_v2."""
+
+
+@dataclass(frozen=True)
+class Placement:
+    """How the stage lies in a rig's world: p_world = scale · R_z(yaw) · p_stage + origin."""
+
+    scale: float = 1.0
+    """Lengths of the world over those of the stage [1]."""
+    yaw: float = 0.0
+    """[rad]"""
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """The stage's origin in the world [m]."""
+
+    @property
+    def world_from_stage(self) -> FloatArray:
+        """(3, 3) rotation."""
+        return so3.exp([0.0, 0.0, self.yaw])
+
+    def pose(self, position: FloatArray, rotation: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Position (3,) [m] and rotation (3, 3) in the world of an object on the stage."""
+        turn = self.world_from_stage
+        return self.scale * turn @ position + self.origin, turn @ rotation
+
+    def camera(self, camera: Camera) -> Camera:
+        """A camera of the stage as one of the world that takes the same pictures."""
+        position, rotation = self.pose(camera.position, camera.camera_from_world[:3, :3].T)
+        return dataclasses.replace(camera, camera_from_world=_camera_from_world(position, rotation.T))
+
+
+@dataclass(frozen=True, eq=False)
+class RigCase:
+    """Cameras around the stage, the objects that they look at, and how it all lies in the world."""
+
+    name: str
+    about: str
+    """What is special about it, for tables."""
+    stage_cameras: tuple[Camera, ...]
+    """In the stage's frame."""
+    models: tuple[CuboidModel, ...] = ()
+    """In the world's size; none: the objects of the other benchmarks."""
+    arena: Arena = dataclasses.field(default_factory=Arena)
+    """In the world's frame."""
+    placement: Placement = dataclasses.field(default_factory=Placement)
+
+    @property
+    def rig(self) -> CameraRig:
+        """What the tracker is given: the cameras in the world, exactly, and the arena."""
+        return CameraRig(tuple(map(self.placement.camera, self.stage_cameras)), self.arena)
+
+    @property
+    def objects(self) -> tuple[CuboidModel, ...]:
+        """What is looked at, one after the other."""
+        return self.models or tuple(load_object(name) for name in OBJECTS)
+
+    def model(self, name: str) -> CuboidModel:
+        """One of the objects by its name."""
+        return next(model for model in self.objects if model.name == name)
+
+    def on_stage(self, model: CuboidModel) -> CuboidModel:
+        """An object in the stage's size."""
+        return dataclasses.replace(model, size=model.size / self.placement.scale)
+
+
+def _camera_from_world(position: FloatArray, rotation: FloatArray) -> FloatArray:
+    """(4, 4) of a camera at `position` (3,) with the rotation (3, 3) camera from world."""
+    transform = np.eye(4)
+    transform[:3, :3], transform[:3, 3] = rotation, -rotation @ position
+    return transform
+
+
+def _camera(
+    azimuth: float, elevation: float, distance: float, size: tuple[int, int], focal: float, lens: float = 1.0
+) -> Camera:
+    """A camera that looks about at the stage's middle, from a direction [°] and distance [m].
+
+    What is not given differs a little from camera to camera, as on a real platform.
+
+    Args:
+        azimuth: of the camera seen from the middle [°]; its name.
+        elevation: above the table [°].
+        distance: from the middle [m].
+        size: width and height of the picture [px].
+        focal: length [px].
+        lens: strength of the distortion, 1 as on the platform.
+    """
+    rng = np.random.default_rng([int(azimuth), *size])
+    around, above = np.radians([azimuth, elevation])
+    level = np.cos(above)
+    position = distance * np.array([level * np.cos(around), level * np.sin(around), np.sin(above)])
+    target = np.add(rng.uniform(-0.006, 0.006, 3), (0.0, 0.0, 0.01))
+    forward = (target - position) / np.linalg.norm(target - position)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    rotation = np.stack([right, np.cross(forward, right), forward])
+    fx, fy = focal * rng.uniform(0.997, 1.003, 2)
+    cx, cy = (np.array(size) - 1) / 2 + rng.uniform(-0.015, 0.015, 2) * min(size)
+    return Camera(
+        name=f"camera{azimuth:g}",
+        width=size[0],
+        height=size[1],
+        matrix=np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]),
+        distortion=lens * _DISTORTION * rng.uniform(0.97, 1.03, 5),
+        camera_from_world=_camera_from_world(position, rotation),
+        camera_from_world_std=np.zeros((4, 4)),
+    )
+
+
+def _box(name: str, *size: float) -> CuboidModel:
+    return CuboidModel(name, np.array(size), _LABELS, "cube_v2")
+
+
+_PLATFORM = default_cameras()
+
+# A camera that is far away has to look steeply: the arena's wall stands up to 60° before its table.
+_CASES = (
+    RigCase("platform", "three 270×270, 0.52 m", _PLATFORM),
+    RigCase(
+        "long lens",
+        "three 300×300, 2 m, fx 1180 px",
+        tuple(_camera(azimuth, 60, 2.0, (300, 300), 1180) for azimuth in (60, 180, 300)),
+    ),
+    RigCase(
+        "four 1280x1024",
+        "four 1280×1024, 1 m, fx 1500 px",
+        tuple(_camera(azimuth, 54, 1.0, (1280, 1024), 1500) for azimuth in (45, 135, 225, 315)),
+    ),
+    RigCase(
+        "1080p",
+        "three 1920×1080, 0.5 m, fx 1050 px",
+        # The platform's lenses fold back within a picture that is so wide.
+        tuple(_camera(azimuth, 49, 0.5, (1920, 1080), 1050, 0.45) for azimuth in (60, 180, 300)),
+    ),
+    RigCase(
+        "mixed sizes",
+        "270×270 at 0.52 m, 640×480 at 0.7 m, 1280×1024 at 1 m, 200×150 at 0.45 m",
+        (
+            _PLATFORM[0],
+            _camera(150, 52, 0.7, (640, 480), 800),
+            _camera(240, 54, 1.0, (1280, 1024), 1500),
+            _camera(330, 55, 0.45, (200, 150), 150, 0.8),
+        ),
+    ),
+    RigCase(
+        "six cameras",
+        "six 270×270, 0.52 to 0.6 m",
+        (*_PLATFORM, *(_camera(azimuth, 58, 0.6, (270, 270), 330) for azimuth in (0, 120, 240))),
+    ),
+    RigCase("large box", "platform; a box of 100×60×40 mm", _PLATFORM, (_box("box_100", 0.1, 0.06, 0.04),)),
+    RigCase(
+        "small box",
+        "three 270×270, 0.25 m, fx 460 px; a box of 12 mm in an arena of 6 cm",
+        tuple(_camera(azimuth, 54, 0.25 / 0.3, (270, 270), 460) for azimuth in (60, 180, 300)),
+        (_box("box_12", 0.012, 0.012, 0.012),),
+        Arena(radius=0.06, height=0.05, table_std=(0.002, 0.017)),
+        Placement(scale=0.3),
+    ),
+    RigCase(
+        "origin elsewhere",
+        "platform; the world's origin is 0.85 m away and the world turned by 40°",
+        _PLATFORM,
+        arena=Arena(center=(0.7, -0.4), table=0.25),
+        placement=Placement(yaw=np.radians(40.0), origin=(0.7, -0.4, 0.25)),
+    ),
+    RigCase(
+        "tall pixels",
+        "platform; pixels 1.3 times as high as wide, 270×208",
+        tuple(camera.resized(270, 208) for camera in _PLATFORM),
+    ),
+)
+
+CASES = {case.name: case for case in _CASES}
+"""All rigs by their names."""
+
+NEAR = 0.2
+"""In turn there are no fingers, and three that are near the object with this probability each."""
+
+
+def rig_scene(case: RigCase, model: CuboidModel, seed: int, index: int) -> Scene:
+    """A scene of an object (in the world's size); all rigs see the same scene of a number and size on stage.
+
+    Args:
+        case: the rig.
+        model: one of its objects.
+        seed: of all scenes.
+        index: number of the scene.
+    """
+    on_stage = case.on_stage(model)
+    rng = np.random.default_rng([seed, index])
+    scene = scene_with_fingers(on_stage, rng, near=NEAR) if index % 2 else bare_scene(on_stage, rng)
+    # The noise takes more draws of larger pictures: it has a stream of its own.
+    noise = np.random.default_rng([seed, index, 1])
+    made = take(scene, case.stage_cameras, Sensor.realistic(), noise)
+    return Scene(
+        index,
+        tuple(made.images),
+        tuple(made.labels),
+        made.visible_fraction,
+        *case.placement.pose(made.position, made.rotation),
+    )
+
+
+def rig_store(
+    case_name: str, object_name: str, seed: int, workers: int = 2, cache: Path = CACHE
+) -> Store[Scene]:
+    """The scenes of one rig and object, by their numbers.
+
+    Args:
+        case_name: name of the rig in `CASES`.
+        object_name: name of one of its objects.
+        seed: of all that is drawn.
+        workers: number of processes that render what is missing.
+        cache: where scenes are kept.
+    """
+    own = stream(seed, "rigs")
+    make = functools.partial(each, _scenes, case_name, object_name, own)
+    name = f"{object_name}, rig, {case_name}"
+    return Store(name, Scene, make, (__name__,), own, workers=workers, cache=cache)
+
+
+def _scenes(case_name: str, object_name: str, seed: int) -> Callable[[int], Scene]:
+    case = CASES[case_name]
+    return functools.partial(rig_scene, case, case.model(object_name), seed)

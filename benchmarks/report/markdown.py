@@ -1,0 +1,121 @@
+"""Results as Markdown: of everything that was measured, and of what the documentation shows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from benchmarks.data.sets import FULL
+from benchmarks.score.metrics import NOTHING, Table
+from benchmarks.score.tables import TABLES
+
+NOTES = Path(__file__).with_name("notes.md")
+"""What people say about the figures: causes of missed targets, and what was tried."""
+
+Figures = Sequence[Mapping[str, Any]]
+
+Judged = Sequence[Mapping[str, Any]]
+
+
+def document(about: Mapping[str, Any], figures: Figures, judged: Judged) -> str:
+    """Everything that was measured; parts that were not are left out."""
+    parts = ["# Results", summary(about), "Written by `python -m benchmarks all --publish`."]
+    parts.append("\n".join(f"- {line}" for line in _made(about)))
+    skipped = about.get("skipped", {})
+    if skipped:
+        parts.append("Left out: " + "; ".join(f"{name} ({why})" for name, why in skipped.items()) + ".")
+    parts += targets(judged)
+    if judged and NOTES.is_file():
+        parts += ["## What limits what was missed", NOTES.read_text(encoding="utf-8").strip()]
+    return "\n\n".join([*parts, *tables(figures, TABLES)]) + "\n"
+
+
+def page(about: Mapping[str, Any], figures: Figures, judged: Judged) -> str:
+    """What the page of figures shows."""
+    shown = [table for table in TABLES if table.page]
+    return "\n\n".join([summary(about), *targets(judged), *tables(figures, shown)])
+
+
+def tables(figures: Figures, chosen: Iterable[Table]) -> list[str]:
+    """Titles, texts and tables, of those that have rows."""
+    parts: list[str] = []
+    for table in chosen:
+        rows = [row for row in figures if row["table"] == table.name]
+        if rows:
+            parts += [f"## {table.title}", table.text, _table(table, rows)]
+    return parts
+
+
+def _table(table: Table, rows: Figures) -> str:
+    """Columns that hold nothing measured are left out."""
+    labels = [(key, head) for key, head in zip(("object", "group", "bin"), table.heads, strict=True)]
+    labels = [(key, head) for key, head in labels if head or (key != "object" and any(r[key] for r in rows))]
+    cells = {metric: [metric.text(row.get(metric.name)) for row in rows] for metric in table.metrics}
+    kept = [metric for metric, texts in cells.items() if any(text != NOTHING for text in texts)]
+    heads = [*(head for _, head in labels), "n", *(metric.title for metric in kept)]
+    lines = [
+        [*(str(row[key]) for key, _ in labels), str(row["n"]), *(cells[metric][k] for metric in kept)]
+        for k, row in enumerate(rows)
+    ]
+    return grid(heads, lines, len(labels))
+
+
+def grid(heads: Sequence[str], lines: Iterable[Sequence[str]], words: int) -> str:
+    """A table in Markdown; all but the first `words` columns are flush right."""
+    rule = ["---"] * words + ["---:"] * (len(heads) - words)
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in [heads, rule, *lines])
+
+
+def targets(judged: Judged) -> list[str]:
+    """The targets with their verdicts."""
+    if not judged:
+        return []
+    counts = {verdict: sum(row["verdict"] == verdict for row in judged) for verdict in VERDICTS}
+    text = (
+        f"{counts['met']} met, {counts['missed']} missed, {counts['undecided']} undecided: the 95 % "
+        "interval lies within the target, outside it, or on both sides."
+    )
+    lines = [
+        [row[key] for key in ("name", "object", "wanted", "reached", "interval")]
+        + [str(row["n"]), VERDICTS[row["verdict"]]]
+        for row in judged
+    ]
+    heads = ("", "object", "target", "reached", "95 % interval", "n", "")
+    return ["## Targets", text, grid(heads, lines, 2)]
+
+
+VERDICTS = {"met": "✓ met", "missed": "✗ missed", "undecided": "? undecided"}
+
+FEW = 100
+"""Scenes below which a run only shows that everything works."""
+
+
+def summary(about: Mapping[str, Any]) -> str:
+    """Commit, machine and scenes of a run."""
+    drawn = {
+        "development": "development scenes (a fixed seed; they may be looked at and worked on)",
+        "release": "release scenes (drawn anew from the commit's hash; nobody has seen them)",
+    }.get(about.get("draw", ""), "scenes of another seed")
+    few = " Too few scenes for the figures to mean much." if about.get("scenes", FULL) < FEW else ""
+    changes = "" if about.get("clean", True) else " and changes"
+    return (
+        f"Commit {str(about.get('commit', 'unknown'))[:12]}{changes}, "
+        f"{about.get('processor', 'processor unknown')}, one thread. {about.get('scenes', '?')} scenes an "
+        f"object: {drawn}, seed {about.get('seed', 'unknown')}.{few}"
+    )
+
+
+def _made(about: Mapping[str, Any]) -> list[str]:
+    return [
+        f"{name}: {spoken(made['seconds'])}, commit "
+        f"{made['commit'][:12]}{'' if made['clean'] else ' and changes'}, {made['processor']}, Python "
+        f"{made['python']}, renderer {made['renderer']}, "
+        + ", ".join(f"{library} {version}" for library, version in made["libraries"].items())
+        for name, made in about.get("parts", {}).items()
+    ]
+
+
+def spoken(seconds: float) -> str:
+    """For people."""
+    return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"

@@ -1,0 +1,195 @@
+"""A run: its parts, each kept as soon as it is there, so that what was broken off goes on."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import click
+import pandas as pd
+
+from benchmarks.data.fingerprint import ROOT
+from benchmarks.data.sets import Plan
+from benchmarks.data.workloads import WORKLOADS, Workload
+from benchmarks.judge.origin import origin
+from benchmarks.judge.results import (
+    RESULTS_FILE,
+    Results,
+    ResultsError,
+    plain,
+    read_results,
+    typed,
+    write_results,
+)
+from benchmarks.measure.accuracy import Made, measure_accuracy
+from benchmarks.measure.dice import measure_dice
+from benchmarks.measure.films import measure_films
+from benchmarks.measure.motion import measure_motion
+from benchmarks.measure.recorded import measure_recorded, measure_segmentation
+from benchmarks.measure.start_up import measure_start_up
+from tracker.files import write_whole
+
+OUTPUT = ROOT / "build" / "benchmarks"
+
+KEPT = "kept"
+"""Folder beside the results, for the sets of scenes of a part that is not finished."""
+
+Frames = dict[str, pd.DataFrame]
+
+
+@dataclass
+class Run:
+    """What is measured, and where it goes."""
+
+    plan: Plan
+    output: Path
+    real: Path | None
+    """Folder of recorded data, None where it is absent."""
+    workloads: Sequence[Workload] = tuple(workload for workload in WORKLOADS if workload.usual)
+    objects: Sequence[str] | None = None
+    """None: all."""
+    draw: str = "development"
+    rounds: int = 1
+    """Of each detection of the accuracy, of which the quickest is timed."""
+    films: int = 6
+    """Of each camera of a recorded triplet."""
+    results: Results = field(default_factory=Results)
+
+    def say(self, line: str) -> None:
+        """Tell people what comes next."""
+        click.echo(line, err=True)
+
+    def skip(self, what: str, why: str) -> None:
+        """Say what is left out."""
+        self.say(f"left out: {what}: {why}")
+        self.results.about.setdefault("skipped", {})[what] = why
+
+    def about(self) -> dict[str, Any]:
+        """Where the results come from."""
+        return origin() | {"draw": self.draw, "seed": self.plan.seed, "scenes": self.plan.scenes}
+
+
+def accuracy(run: Run) -> Frames:
+    """Errors, confidence, covariance and time of `detect` on all workloads."""
+
+    def keep(name: str, make: Callable[[], Made]) -> Made:
+        file = run.output / KEPT / f"{re.sub(r'[^a-z0-9]+', '_', name.lower())}.json"
+        key = {key: run.results.about[key] for key in IDENTITY} | {"rounds": run.rounds}
+        if file.is_file():
+            kept = json.loads(file.read_text(encoding="utf-8"))
+            if kept["key"] == key:
+                return kept["answers"], kept["skipped"]
+        run.say(name)
+        answers, skipped = make()
+        content = {"key": key, "answers": plain(answers), "skipped": skipped}
+        file.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(file, json.dumps(content))
+        return content["answers"], skipped
+
+    answers, skipped = measure_accuracy(run.plan, run.workloads, run.objects, keep, run.rounds)
+    for what, why in skipped.items():
+        run.skip(what, why)
+    return {"accuracy": answers}
+
+
+def recorded(run: Run) -> Frames:
+    """Poses, single cameras and segmentation of recorded pictures."""
+    if run.real is None:
+        run.skip("recorded pictures", "there are none")
+        return {}
+    draws = max(5, run.plan.scenes // 4)
+    found = measure_recorded(run.real, draws, run.films)
+    return found | {"segmentation": measure_segmentation(run.real)}
+
+
+def films(run: Run) -> Frames:
+    """Tracking over time: accuracy, losses, single cameras, a vanishing object, and time."""
+    return {"films": measure_films(run.plan, run.say)}
+
+
+def motion(run: Run) -> Frames:
+    """Fast motions: cameras grabbed one after another, and the pose a moment ahead."""
+    return {"motion": measure_motion(run.plan, run.say)}
+
+
+def dice(run: Run) -> Frames:
+    """Masks, positions and time of the dice task; the recorded picture where there is one."""
+    return measure_dice(run.plan, run.real, run.say)
+
+
+def start_up(run: Run) -> Frames:
+    """Time and memory of fresh processes."""
+    return {"start-up": pd.DataFrame(measure_start_up())}
+
+
+def gate(run: Run) -> Frames:
+    """What the gate holds: few scenes, and the recorded triplets."""
+    held = ("third camera", "recorded, one camera")
+    found = {} if run.real is None else measure_recorded(run.real, 1, run.films)
+    return accuracy(run) | {part: found[part] for part in held if part in found}
+
+
+PARTS: dict[str, Callable[[Run], Frames]] = {
+    part.__name__: part for part in (accuracy, recorded, films, motion, dice, start_up)
+}
+"""What can be measured, in order."""
+
+IDENTITY = ("code", "seed", "scenes")
+"""What results must have in common to be put together."""
+
+
+def measure(run: Run, parts: Sequence[str], *, whole: bool = False) -> Results:
+    """Measure parts, and put them into the results of the run's folder.
+
+    Args:
+        run: what, and where.
+        parts: of PARTS, or `gate`.
+        whole: whether they are a run of their own: one that was broken off goes on where it ended, and
+            results of another tree, or of other scenes, are replaced.
+
+    Raises:
+        ResultsError: the folder holds results of other sources or scenes, or sources changed meanwhile.
+    """
+    run.output.mkdir(parents=True, exist_ok=True)
+    about = run.about()
+    run.results = _begun(run.output / RESULTS_FILE, about, parts, whole=whole)
+    for part in parts:
+        if whole and part in run.results.about.get("parts", {}):
+            run.say(f"{part}: measured before")
+            continue
+        run.say(part)
+        start = time.monotonic()
+        found = (PARTS | {"gate": gate})[part](run)
+        run.results.frames |= {name: typed(frame) for name, frame in found.items()}
+        if origin()["code"] != about["code"]:
+            raise ResultsError("sources were changed while they were measured; measure again")
+        made = {
+            key: about[key] for key in ("commit", "clean", "processor", "python", "libraries", "renderer")
+        }
+        made["seconds"] = round(time.monotonic() - start)
+        run.results.about.setdefault("parts", {})[part] = made
+        write_results(run.output / RESULTS_FILE, run.results)
+        shutil.rmtree(run.output / KEPT, ignore_errors=True)
+    return run.results
+
+
+def _begun(file: Path, about: dict[str, Any], parts: Sequence[str], *, whole: bool) -> Results:
+    """Results that this run adds to."""
+    if not file.is_file():
+        return Results(dict(about))
+    found = read_results(file)
+    wrong = [key for key in IDENTITY if found.about.get(key) != about[key]]
+    if whole and (wrong or set(parts) <= set(found.about.get("parts", {}))):
+        return Results(dict(about))
+    for key in wrong:
+        raise ResultsError(
+            f"{file}: holds results of {key} {found.about.get(key)}, found {about[key]} here: parts of "
+            "different trees or scenes are not put together; choose another folder with -o, or remove it"
+        )
+    return found

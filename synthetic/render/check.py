@@ -1,0 +1,68 @@
+"""What pyrender shows of a scene: labels and depth by another rasteriser, OpenGL's, to check ours against."""
+
+from __future__ import annotations
+
+import os
+from types import ModuleType
+
+import numpy as np
+
+from synthetic.errors import RendererError
+from synthetic.render.raster import PinholeView
+from synthetic.scene import PlatformScene
+from tracker.conventions import FloatArray, Image
+
+_NEAR_M, _FAR_M = 0.02, 5.0
+
+
+def import_pyrender() -> ModuleType:
+    """Import pyrender 0.1.45, which relies on a screen unless told otherwise, and on NumPy 1.
+
+    PYOPENGL_PLATFORM and PYGLET_HEADLESS stay set, since pyrender reads them again later.
+
+    Raises:
+        RendererError: pyrender over EGL does not work here.
+    """
+    os.environ["PYOPENGL_PLATFORM"], os.environ["PYGLET_HEADLESS"] = "egl", "1"
+    lacking = not hasattr(np, "infty")  # NumPy 1's name of infinity, in default arguments of pyrender
+    if lacking:
+        setattr(np, "infty", np.inf)  # noqa: B010
+    try:
+        import pyrender
+    except Exception as error:
+        # What a missing driver raises is anything from ImportError to AttributeError.
+        raise RendererError(f"pyrender over EGL does not work here: {error!r}") from error
+    finally:
+        if lacking:
+            delattr(np, "infty")
+    module: ModuleType = pyrender
+    return module
+
+
+def labels_and_depth(scene: PlatformScene, view: PinholeView) -> tuple[Image, FloatArray]:
+    """Labels (h, w) of visible surfaces, and their depth (h, w) [m], 0 where nothing is.
+
+    Raises:
+        RendererError: pyrender over EGL does not work here.
+    """
+    pyrender = import_pyrender()
+    world, colors = pyrender.Scene(bg_color=np.zeros(4)), {}
+    for body in scene.bodies:
+        for group in np.unique(body.mesh.groups):
+            triangles = np.asarray(body.mesh.triangles)[np.asarray(body.mesh.groups) == group]
+            part = pyrender.Primitive(np.asarray(body.mesh.vertices), indices=triangles, mode=4)
+            node = world.add(pyrender.Mesh([part]), pose=body.world_from_body)
+            colors[node] = np.full(3, body.labels[group])
+    # Pixel centres are half a pixel further there, and its cameras look backwards, with y upwards.
+    camera = pyrender.IntrinsicsCamera(view.fx, view.fy, view.cx + 0.5, view.cy + 0.5, _NEAR_M, _FAR_M)
+    world.add(camera, pose=np.linalg.inv(view.camera_from_world) @ np.diag([1.0, -1.0, -1.0, 1.0]))
+    try:
+        canvas = pyrender.OffscreenRenderer(view.width, view.height)
+    except Exception as error:
+        raise RendererError(f"pyrender over EGL does not work here: {error!r}") from error
+    try:
+        flags = pyrender.RenderFlags.SEG | pyrender.RenderFlags.SKIP_CULL_FACES
+        picture, depth = canvas.render(world, flags, colors)
+    finally:
+        canvas.delete()
+    return picture[..., 0].copy(), np.asarray(depth, np.float64)

@@ -1,0 +1,144 @@
+"""The effect `clutter`: things on the wall, at its foot and outside, never in front of the object.
+
+What hangs on the wall hugs it, what lies at its foot keeps away from the object, and what stands outside is
+no higher than the rim, over which every camera looks.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+
+from synthetic.look.face_colors import reflectances
+from synthetic.scene import Body, Mesh, PlatformScene
+from synthetic.world import meshes
+from tracker.conventions import Array, FloatArray
+
+PIECES = (2, 7)
+"""Least and greatest number of things."""
+
+IN_FACE_COLORS = 0.5
+"""Share of them in the colour of a face; the others are black, grey or white, or of wood or skin."""
+
+_PAINTS = "cube_v2"
+_OTHERS = np.array([[0.01] * 3, [0.1] * 3, [0.5] * 3, [0.8] * 3, [0.08, 0.16, 0.25], [0.2, 0.3, 0.5]])
+"""Linear BGR reflectances."""
+
+_HEIGHTS, _RADII = np.array([0.025, 0.038, 0.103, 0.172]), np.array([0.199, 0.1985, 0.2375, 0.277])
+"""The wall's inner surface [m]."""
+
+_CLEARANCE = 0.045
+"""Between what is inside the wall and the ball around an object [m], from above: 28 mm hide no more."""
+
+_TRIED = 8
+"""Places for one thing."""
+
+Part = tuple[FloatArray, Array]
+"""Vertices (V, 3) [m] and triangles (T, 3)."""
+
+
+def cluttered(scene: PlatformScene, rng: np.random.Generator) -> PlatformScene:
+    """The scene with things drawn from `rng`."""
+    shown = [body for body in scene.bodies if np.any(body.labels)]
+    balls = [(body.world_from_body[:2, 3], _radius(body)) for body in shown]
+    bodies = list(scene.bodies)
+    name = f"{rng.integers(2**62):x}"
+    for number in range(int(rng.integers(PIECES[0], PIECES[1] + 1))):
+        kind = _KINDS[int(rng.integers(len(_KINDS)))]
+        color, gloss = _color(rng), float(rng.uniform(0.0, 0.4))
+        for _ in range(_TRIED):
+            vertices, triangles = meshes.concatenate(kind(rng, rng.uniform(0.0, 2 * np.pi)))
+            if all(np.hypot(*(vertices[:, :2] - at).T).min() > r + _CLEARANCE for at, r in balls):
+                mesh = Mesh(f"clutter_{name}_{number}", vertices, triangles, np.zeros(len(triangles), int))
+                nothing = np.zeros(1, dtype=np.uint8)
+                bodies.append(Body(mesh.key, mesh, np.eye(4), color[None], nothing, gloss, 0.08))
+                break
+    return dataclasses.replace(scene, bodies=tuple(bodies))
+
+
+def _radius(body: Body) -> float:
+    return float(np.linalg.norm(np.asarray(body.mesh.vertices), axis=1).max())
+
+
+def _color(rng: np.random.Generator) -> FloatArray:
+    of_face = bool(rng.random() < IN_FACE_COLORS)
+    chosen = reflectances(_PAINTS)[int(rng.integers(1, 7))] if of_face else _OTHERS[int(rng.integers(6))]
+    result: FloatArray = np.clip(chosen * rng.uniform(0.7, 1.2), 0.0, 0.95)
+    return result
+
+
+def _on_wall(azimuth: Array, height: Array, lift: Array | float) -> FloatArray:
+    """Points (..., 3) [m] by so much within the wall."""
+    radius = np.interp(height, _HEIGHTS, _RADII) - lift
+    return np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth), np.asarray(height)], axis=-1)
+
+
+def _sheet(points: FloatArray) -> Part:
+    """A surface through a grid of points (R, C, 3)."""
+    rows, columns = points.shape[:2]
+    corner = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
+    halves = np.array([[0, 1, columns + 1], [0, columns + 1, columns]])
+    return points.reshape(-1, 3), (corner[:, None, None] + halves).reshape(-1, 3)
+
+
+def _tape(rng: np.random.Generator, azimuth: float) -> list[Part]:
+    """A strip of 10 to 25 mm on the wall."""
+    half, turn = rng.uniform([0.015, 0.005], [0.06, 0.0125]), rng.uniform(0.0, np.pi)
+    along, across = np.meshgrid(np.linspace(-half[0], half[0], 9), half[1] * np.array([-1.0, 1.0]))
+    up = np.sin(turn) * along + np.cos(turn) * across
+    side = np.cos(turn) * along - np.sin(turn) * across
+    # The wall leans outwards: its height is seven eighths of the way along it.
+    height = np.clip(rng.uniform(0.045, 0.15) + 0.87 * up, 0.026, 0.172)
+    return [_sheet(_on_wall(azimuth + side / 0.23, height, 0.003))]
+
+
+def _cloth(rng: np.random.Generator, azimuth: float) -> list[Part]:
+    """A sleeve or cloth that hangs over the rim, in folds."""
+    width, end = rng.uniform(0.15, 0.5), rng.uniform(0.06, 0.13)
+    turns = np.linspace(-width, width, 41)
+    hem = end + 0.005 * np.sin(rng.uniform(2.0, 5.0) * turns / width) + 0.03 * (turns / width) ** 2
+    share = np.linspace(0.0, 1.0, 7)[:, None]
+    folds = 0.010 + 0.003 * np.sin(rng.uniform(6.0, 12.0) * turns / width + 2.0 * share)
+    height = np.minimum(hem + share * (0.172 - hem), 0.172)
+    return [_sheet(_on_wall(azimuth + np.broadcast_to(turns, height.shape), height, folds))]
+
+
+def _cable(rng: np.random.Generator, azimuth: float) -> list[Part]:
+    """A cable of 4 to 8 mm from the rim down the wall."""
+    radius, share = rng.uniform(0.002, 0.004), np.linspace(0.0, 1.0, 25)
+    height = 0.172 - share * (0.172 - rng.uniform(0.03, 0.12))
+    wander = rng.uniform(-0.4, 0.4) * share + 0.05 * np.sin(rng.uniform(3.0, 9.0) * share)
+    return [meshes.tube(_on_wall(azimuth + wander, height, radius + 0.001), radius)]
+
+
+def _tool(rng: np.random.Generator, azimuth: float) -> list[Part]:
+    """A handle and a thin shaft that lie at the wall's foot."""
+    thick, thin = rng.uniform([0.008, 0.002], [0.013, 0.004])
+    handle, shaft = rng.uniform([0.04, 0.03], [0.08, 0.06])
+    out = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+    side = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+    start = 0.168 * out + thick * np.array([0.0, 0.0, 1.0])
+    ends = np.array([-handle, 0.0, shaft])[:, None] * side + start
+    steps = np.linspace(0.0, 1.0, 3)[:, None]
+    return [
+        meshes.tube(a + steps * (b - a), radius)
+        for a, b, radius in ((ends[0], ends[1], thick), (ends[1], ends[2], thin))
+    ]
+
+
+def _box(rng: np.random.Generator, azimuth: float) -> list[Part]:
+    """Something beyond the wall, no higher than its rim."""
+    size = rng.uniform([0.04, 0.04, 0.12], [0.15, 0.15, 0.19])
+    solid = meshes.box("", size)
+    turn = rng.uniform(0.0, np.pi)
+    c, s = np.cos(turn), np.sin(turn)
+    radius = rng.uniform(0.42, 0.5)
+    place = np.array([radius * np.cos(azimuth), radius * np.sin(azimuth), size[2] / 2 - 0.02])
+    return [
+        (solid.vertices @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) + place, solid.triangles)
+    ]
+
+
+_KINDS: tuple[Callable[[np.random.Generator, float], list[Part]], ...] = (_tape, _cloth, _cable, _tool, _box)

@@ -1,0 +1,265 @@
+"""Look-alikes: what somebody may put in the object's place that is not it, and that no tracker should report.
+
+Each kind is a function from the true object's body, which it takes away, to bodies in its place. Labels are
+those of the colours that are seen; the true arrangement of faces is never among them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Callable
+
+import numpy as np
+
+from synthetic.look.face_colors import reflectances
+from synthetic.scene import Body, Mesh, PlatformScene
+from synthetic.world import meshes
+from tracker.conventions import Array, FloatArray
+from tracker.errors import TrackerError
+from tracker.geometry import so3
+from tracker.geometry.cuboid import FACE_CORNERS, FACE_NORMALS, corners
+from tracker.objects.model import load_object
+
+SMALLER, LARGER = (0.7, 0.9), (1.1, 1.3)
+"""Scales of what is the object but for its size."""
+
+_PLATE_M = 0.003
+"""Thickness of loose plates."""
+
+_PAPER = 0.75
+"""Reflectance of what a photo is printed on."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Original:
+    """The object in whose place something stands."""
+
+    body: Body
+    """As the platform made it: six groups, sharp edges."""
+    size: FloatArray
+    """(3,) [m]"""
+
+    @property
+    def labels(self) -> Array:
+        """(6,) of its faces."""
+        return np.asarray(self.body.labels)
+
+    def paints(self, labels: Array) -> FloatArray:
+        """Reflectances (N, 3) of its colours by their labels (N,)."""
+        place = {int(label): row for row, label in enumerate(self.labels)}
+        return np.stack([self.body.colors[place[int(label)]] for label in labels])
+
+    def as_body(self, mesh: Mesh, labels: Array, colors: Array | None = None, **more: object) -> Body:
+        """A body of its material where it is; `colors` by default those of the labels."""
+        colors = self.paints(labels) if colors is None else colors
+        changes = {"mesh": mesh, "labels": np.asarray(labels, np.uint8), "colors": colors, "coats": None}
+        return dataclasses.replace(self.body, **changes, **{"faces": False, **more})  # type: ignore[arg-type]
+
+    def on_table(self, body: Body) -> Body:
+        """A body moved up or down so that its lowest point is as high as the object's was."""
+        height = np.min(_in_world(body)[:, 2]) - np.min(_in_world(self.body)[:, 2])
+        pose = np.array(body.world_from_body)
+        pose[2, 3] -= height
+        return dataclasses.replace(body, world_from_body=pose)
+
+
+def look_alike(scene: PlatformScene, kind: str, rng: np.random.Generator) -> PlatformScene:
+    """The scene with something of a kind, drawn from `rng`, in place of its cuboid; without one as it is.
+
+    Raises:
+        TrackerError: the object has fewer than six colours.
+    """
+    body = next((body for body in scene.bodies if body.faces), None)
+    if body is None:
+        return scene
+    original = Original(body, 2 * np.abs(np.asarray(body.mesh.vertices)).max(axis=0))
+    if len(set(original.labels.tolist())) < 6:
+        raise TrackerError(f"look_alike: found {body.name} of fewer than six colours")
+    others = tuple(other for other in scene.bodies if other is not body)
+    about = {**scene.about, "look_alike": kind}
+    bodies = (*others, *KINDS_OF[kind](original, rng))
+    return dataclasses.replace(scene, bodies=bodies, objects=(), about=about)
+
+
+def turned_arrangements(labels: Array) -> set[tuple[int, ...]]:
+    """All arrangements of faces that are `labels` (6,) turned round."""
+    result = set()
+    for order in itertools.permutations(range(3)):
+        for signs in itertools.product((1, -1), repeat=3):
+            turn = np.eye(3)[list(order)] * np.array(signs)[:, None]
+            if np.linalg.det(turn) > 0:
+                places = np.argmax(FACE_NORMALS @ turn.T @ FACE_NORMALS.T, axis=1)
+                result.add(tuple(int(label) for label in labels[places]))
+    return result
+
+
+def _permuted_labels(labels: Array, rng: np.random.Generator, avoid: Array | None = None) -> Array:
+    """The labels in an order that is not the true one turned, nor equal to `avoid` (6,) on any face."""
+    true = turned_arrangements(labels)
+    while True:
+        chosen = rng.permutation(labels)
+        if tuple(map(int, chosen)) not in true and (avoid is None or (chosen != avoid).all()):
+            return chosen
+
+
+def _permuted(original: Original, rng: np.random.Generator) -> list[Body]:
+    labels = _permuted_labels(original.labels, rng)
+    return [original.as_body(original.body.mesh, labels, faces=True)]
+
+
+def _size(original: Original, rng: np.random.Generator) -> list[Body]:
+    scale = rng.uniform(*(SMALLER if rng.random() < 0.5 else LARGER))
+    mesh = meshes.box(f"{original.body.mesh.key}_{scale:.6f}", scale * original.size)
+    return [original.on_table(original.as_body(mesh, original.labels, faces=True))]
+
+
+def _plain(original: Original, rng: np.random.Generator) -> list[Body]:
+    labels = np.full(6, rng.choice(original.labels))
+    return [original.as_body(original.body.mesh, labels, faces=True)]
+
+
+def _other_object(original: Original, rng: np.random.Generator) -> list[Body]:
+    """The faces of cube_v2, or of cube_v1 where those are its own, in their own paints."""
+    true = turned_arrangements(original.labels)
+    models = [load_object(name) for name in ("cube_v2", "cube_v1")]
+    other = next(model for model in models if tuple(map(int, model.face_labels)) not in true)
+    colors = reflectances(other.colors)[other.face_labels]
+    return [original.as_body(original.body.mesh, other.face_labels, colors, faces=True)]
+
+
+def _layers(original: Original, rng: np.random.Generator) -> list[Body]:
+    """Two or three slabs across the longest edge, no face of any in its true colour."""
+    count, axis = int(rng.integers(2, 4)), int(np.argmax(original.size))
+    ends = np.concatenate([[0.0], np.cumsum(rng.uniform(0.7, 1.3, count))])
+    ends = (ends / ends[-1] - 0.5) * original.size[axis]
+    avoid = original.labels
+    parts: list[tuple[FloatArray, Array]] = []
+    labels: list[Array] = []
+    for low, high in itertools.pairwise(ends):
+        slab = original.size.copy()
+        slab[axis] = high - low
+        solid = meshes.box("", slab)
+        parts.append((solid.vertices + (low + high) / 2 * np.eye(3)[axis], solid.triangles))
+        before = labels[-1] if labels else avoid
+        while True:
+            chosen = _permuted_labels(original.labels, rng, avoid)
+            if (chosen != before).all():
+                break
+        labels.append(chosen)
+    groups = np.concatenate([6 * k + np.repeat(np.arange(6), 2) for k in range(count)])
+    mesh = Mesh(f"layers_{ends.tobytes().hex()}", *meshes.concatenate(parts), groups)
+    return [original.as_body(mesh, np.concatenate(labels))]
+
+
+def _prism(original: Original, rng: np.random.Generator) -> list[Body]:
+    """A prism of three or six sides along the longest edge, as thick as the object is wide."""
+    sides, axis = int(rng.choice([3, 6])), int(np.argmax(original.size))
+    width = np.delete(original.size, axis).mean()
+    # As much in section as the square that it replaces.
+    radius = width * np.sqrt(2 / (sides * np.sin(2 * np.pi / sides)))
+    angle = 2 * np.pi * np.arange(sides) / sides
+    rim, half = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1), original.size[axis] / 2
+    parts, groups = [], []
+    for k in range(sides):
+        a, b = rim[k], rim[(k + 1) % sides]
+        quad = [(*a, -half), (*b, -half), (*b, half), (*a, half)]
+        parts.append((np.array(quad), np.array([[0, 1, 2], [0, 2, 3]])))
+        groups += [k, k]
+    fan = np.array([[0, k, k + 1] for k in range(1, sides - 1)])
+    for end, (height, triangles) in enumerate(((-half, fan[:, ::-1]), (half, fan))):
+        parts.append((np.insert(rim, 2, height, axis=1), triangles))
+        groups += [sides + end] * len(fan)
+    vertices, triangles = meshes.concatenate(parts)
+    labels = np.concatenate([rng.permutation(original.labels), rng.permutation(original.labels)])[: sides + 2]
+    # A turn of the axes: z becomes the longest edge.
+    mesh = Mesh(
+        f"prism_{sides}_{original.body.mesh.key}", np.roll(vertices, axis - 2, 1), triangles, np.array(groups)
+    )
+    return [original.on_table(original.as_body(mesh, labels))]
+
+
+def _plates(original: Original, rng: np.random.Generator) -> list[Body]:
+    """One to three loose plates as large as faces, lying on the table or standing on it."""
+    count, bodies = int(rng.integers(1, 4)), []
+    middle = original.body.world_from_body[:2, 3]
+    labels = rng.choice(original.labels, count, replace=False)
+    for number, label in enumerate(labels):
+        size = np.array([*rng.choice(original.size, 2), _PLATE_M])
+        pose, turn = np.eye(4), so3.exp([0.0, 0.0, rng.uniform(0.0, 2 * np.pi)])
+        stands = bool(rng.random() < 0.4)
+        pose[:3, :3] = turn @ so3.exp([np.pi / 2, 0.0, 0.0]) if stands else turn
+        away, azimuth = rng.uniform(0.2, 0.6) * original.size.max() * (count > 1), 2 * np.pi * number / count
+        pose[:2, 3] = middle + away * np.array([np.cos(azimuth), np.sin(azimuth)])
+        # Each a little thicker than the one before: tops of plates that overlap do not coincide.
+        size[2] += 2e-4 * number
+        pose[2, 3] = size[1] / 2 if stands else size[2] / 2
+        mesh = meshes.box("plate_" + "_".join(f"{edge:.6f}" for edge in size), size, one_group=True)
+        plate = original.as_body(mesh, np.array([label]), world_from_body=pose, name=f"plate_{number}")
+        bodies.append(plate)
+    return bodies
+
+
+def _photo(original: Original, rng: np.random.Generator) -> list[Body]:
+    """A picture of the object from somewhere above, cut out or on white paper, that lies, leans or floats."""
+    elevation, azimuth = rng.uniform([np.radians(25), 0.0], [np.radians(65), 2 * np.pi])
+    level = np.cos(elevation)
+    towards = np.array([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)])
+    right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+    axes = np.stack([right, np.cross(towards, right), towards])
+    turned = original.body.world_from_body[:3, :3]
+    points = corners(original.size) @ turned.T @ axes.T
+    flat = points[:, :2] / (1 - points[:, 2:] / 0.5)
+    seen = [
+        k
+        for k in range(6)
+        if (0.5 * axes[2] - turned @ FACE_NORMALS[k] * original.size[k // 2] / 2) @ turned @ FACE_NORMALS[k]
+        > 0
+    ]
+    flat -= (flat.min(axis=0) + flat.max(axis=0)) / 2
+    parts, quad = [], np.array([[0, 1, 2], [0, 2, 3]])
+    labels = [*original.labels[seen]]
+    for k in seen:
+        ring = np.insert(flat[FACE_CORNERS[k]], 2, 2e-4, axis=1)
+        parts.append((ring, quad))
+    if rng.random() < 0.5:
+        half = np.abs(flat).max(axis=0) + rng.uniform(0.004, 0.015, 2)
+        sheet = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * np.array([*half, 0.0])
+        parts.append((sheet, quad))
+        labels.append(0)
+    vertices, triangles = meshes.concatenate(parts)
+    mesh = Mesh(
+        f"photo_{vertices.tobytes().hex()}", vertices, triangles, np.repeat(np.arange(len(labels)), 2)
+    )
+    colors = np.stack(
+        [np.full(3, _PAPER) if label == 0 else original.paints(np.array([label]))[0] for label in labels]
+    )
+    lean = 0.0 if rng.random() < 0.4 else rng.uniform(0.3, 1.2)
+    pose = np.array(original.body.world_from_body)
+    pose[:3, :3] = so3.exp([0.0, 0.0, rng.uniform(0.0, 2 * np.pi)]) @ so3.exp([lean, 0.0, 0.0])
+    photo = original.as_body(mesh, np.array(labels), colors, world_from_body=pose, texture=0.0)
+    pose[2, 3] -= np.min(_in_world(photo)[:, 2]) - 0.0005
+    return [dataclasses.replace(photo, world_from_body=pose)]
+
+
+def _in_world(body: Body) -> FloatArray:
+    pose = body.world_from_body
+    result: FloatArray = np.asarray(body.mesh.vertices) @ pose[:3, :3].T + pose[:3, 3]
+    return result
+
+
+KINDS_OF: dict[str, Callable[[Original, np.random.Generator], list[Body]]] = {
+    "permuted": _permuted,
+    "size": _size,
+    "plain": _plain,
+    "plates": _plates,
+    "layers": _layers,
+    "prism": _prism,
+    "photo": _photo,
+    "other_object": _other_object,
+}
+
+KINDS = tuple(KINDS_OF)
+"""permuted: the faces in another order. size: another size. plain: one colour. plates: loose coloured plates.
+layers: bands of wrong colours. prism: three or six coloured sides. photo: a flat picture of the object.
+other_object: the faces of another object."""

@@ -1,0 +1,109 @@
+"""Answers of a run that never was, for tests of what is made from answers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from benchmarks.judge.results import Results
+
+OBJECTS = ("cube_v2", "cuboid_2x2x8_v2")
+
+GROUPS = {"realistic": 0.1, "world": 1.0, "two cameras": 0.2, "one camera": 2.0, "hard light": 0.2}
+"""Workloads and how large their errors are [mm]."""
+
+MACHINE = {"processor": "one & only", "python": "3.11", "libraries": {"numpy": "2"}, "renderer": "raster"}
+
+ABOUT: dict[str, Any] = {
+    **{"commit": "0123abc", "clean": True, "code": "c0de", "kernels": "ce11", **MACHINE},
+    **{"draw": "development", "seed": 1, "scenes": 30, "skipped": {"a": "why"}},
+    "parts": {"accuracy": {"commit": "0123abc", "clean": True, "seconds": 90, **MACHINE}},
+}
+
+
+def answer(**values: Any) -> dict[str, Any]:
+    """A good answer to one scene, but for `values`."""
+    good = {
+        **{"group": "realistic", "object": "cube_v2", "index": 0, "pictures": 1.0, "visible": 0.8},
+        **{"present": True, "status": "found", "found": True, "confidence": 0.98, "roll_deg": np.nan},
+        **{"mm": 0.1, "deg": 0.1, "nees": 5.0, "ms": 2.0, "reference_ms": 1.0, "ratio": 2.0},
+        **{"light_ms": 0.2, "segmentation_ms": 0.4, "pose_ms": 1.4},
+    }
+    none = dict.fromkeys(("confidence", "mm", "deg", "nees"), np.nan)
+    return good | (none if values.get("found") is False else {}) | values
+
+
+def answers(count: int, seed: int = 5) -> pd.DataFrame:
+    """`count` answers to each workload and object, honest ones, and to scenes without the object."""
+    rng = np.random.default_rng(seed)
+    rows = []
+    for group, scale in GROUPS.items():
+        for name in OBJECTS:
+            for index in range(count):
+                confidence = float(rng.beta(20, 1))
+                right = rng.random() < confidence
+                rows.append(
+                    answer(
+                        group=group,
+                        object=name,
+                        index=index,
+                        visible=float(rng.uniform(0.3, 1)),
+                        confidence=confidence,
+                        mm=scale * float(rng.lognormal(0, 0.3)) if right else 30.0,
+                        deg=scale * float(rng.lognormal(0, 0.3)) if right else 90.0,
+                        nees=float(rng.chisquare(6)),
+                        ratio=float(rng.lognormal(0.7, 0.2)),
+                        pictures=float(rng.normal()),
+                    )
+                )
+    empty = {"present": False, "found": False, "status": "no object colours", "visible": 0.0}
+    for group in ("absent", "look-alike: plain"):
+        rows += [answer(group=group, object=n, index=k, **empty) for n in OBJECTS for k in range(count)]
+    return pd.DataFrame(rows)
+
+
+def film(count: int = 10, **changed: Any) -> pd.DataFrame:
+    """A film in which all is well."""
+    fine = {
+        **{"group": "all", "object": "cube_v2", "film": 0, "timestamp": np.arange(count) / 10},
+        **{"present": True, "status": ["found", *["tracking"] * (count - 1)], "visible": 1.0},
+        **{
+            "found": True,
+            "confidence": 0.99,
+            "measured_given": True,
+            "at_rest": np.arange(count) < count // 2,
+        },
+        **{
+            "mm": 0.05,
+            "deg": 0.1,
+            "nees": 5.0,
+            "measured_mm": 0.1,
+            "measured_deg": 0.2,
+            "measured_nees": 5.0,
+        },
+        **{
+            "single_mm": 0.1,
+            "single_deg": 0.4,
+            "single_nees": 5.0,
+            "ms": 0.8,
+            "reference_ms": 1.0,
+            "ratio": 0.8,
+        },
+    }
+    return pd.DataFrame({**fine, **changed})
+
+
+def results(count: int = 30) -> Results:
+    """Results with several parts."""
+    films = pd.concat(
+        [film(object=name, group=group) for name in OBJECTS for group in ("all", "world")], ignore_index=True
+    )
+    third = pd.DataFrame(
+        [
+            {"object": name, "group": "camera60", "px": 0.8, "miss_mm": 1.4, "shift_mm": 0.3, "turn_deg": 0.2}
+            for name in OBJECTS
+        ]
+    )
+    return Results(dict(ABOUT), {"accuracy": answers(count), "films": films, "third camera": third})

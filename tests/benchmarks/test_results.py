@@ -1,0 +1,172 @@
+"""What a run leaves on the disk, how runs go on, and the verdicts on targets."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from benchmarks import run as runs
+from benchmarks.data.sets import Plan
+from benchmarks.judge.origin import origin
+from benchmarks.judge.results import Results, ResultsError, read_results, write_results
+from benchmarks.judge.targets import judge
+from benchmarks.run import Run, measure
+from tests.benchmarks.made_up import ABOUT, answers, film, results
+
+
+def test_results_survive_the_disk(tmp_path):
+    before = results(4)
+    write_results(tmp_path / "results.json", before)
+    after = read_results(tmp_path)
+    assert after.about == json.loads(json.dumps(before.about))
+    assert after.frames.keys() == before.frames.keys()
+    for part, frame in before.frames.items():
+        pd.testing.assert_frame_equal(after.frames[part], frame, check_dtype=False, rtol=1e-6)
+
+
+@pytest.mark.parametrize("content", [None, "no JSON", "[]", '{"about": {}, "accuracy": [1]}'])
+def test_what_is_no_file_of_results_is_told_by_name(tmp_path, content):
+    if content is not None:
+        (tmp_path / "results.json").write_text(content)
+    with pytest.raises(ResultsError, match=r"results\.json"):
+        read_results(tmp_path)
+
+
+@pytest.fixture
+def measured(tmp_path, monkeypatch):
+    """Measures made-up parts in a tree that can be changed; counts how often each was."""
+    tree = {key: ABOUT[key] for key in origin()}
+    monkeypatch.setattr(runs, "origin", lambda: dict(tree))
+    count = dict.fromkeys(("films", "dice"), 0)
+
+    def part(name):
+        def made(run):
+            count[name] += 1
+            return {name: pd.DataFrame([{"group": "all", "object": "cube_v2", "x": 1.0}])}
+
+        return made
+
+    monkeypatch.setattr(runs, "PARTS", {name: part(name) for name in count})
+
+    def run(*parts, seed=1, whole=False):
+        return measure(Run(Plan(3, seed), tmp_path, None), parts, whole=whole)
+
+    return run, tree, count
+
+
+def test_parts_of_one_tree_are_put_together_and_say_what_made_them(measured, tmp_path):
+    run, _, _ = measured
+    run("films")
+    run("dice")
+    found = read_results(tmp_path)
+    assert set(found.frames) == set(found.about["parts"]) == {"films", "dice"}
+    made = found.about["parts"]["dice"]
+    assert {"commit", "processor", "libraries", "renderer", "seconds"} <= set(made)
+
+
+def test_parts_of_different_trees_or_scenes_are_not_put_together(measured):
+    run, tree, _ = measured
+    run("films")
+    with pytest.raises(ResultsError, match="different trees"):
+        run("dice", seed=2)
+    tree["code"] = "changed"
+    with pytest.raises(ResultsError, match="different trees"):
+        run("dice")
+    assert set(run("films", "dice", whole=True).frames) == {"films", "dice"}
+
+
+def test_a_run_that_was_broken_off_goes_on_and_a_finished_one_begins_anew(measured, monkeypatch):
+    run, _, count = measured
+    with monkeypatch.context() as patch:
+        patch.setitem(runs.PARTS, "dice", lambda run: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            run("films", "dice", whole=True)
+    run("films", "dice", whole=True)
+    assert count == {"films": 1, "dice": 1}
+    run("films", "dice", whole=True)
+    assert count == {"films": 2, "dice": 2}
+
+
+def test_sets_of_scenes_are_kept_until_their_part_is_finished(measured, tmp_path, monkeypatch):
+    run, _, _ = measured
+    asked = []
+
+    def made(plan, workloads, objects, keep, rounds):
+        rows = []
+        for name in ("a", "b"):
+            rows += keep(
+                name, lambda name=name: (asked.append(name), ([{"group": "g", "object": name}], {}))[1]
+            )[0]
+            if name == stop[0]:
+                raise KeyboardInterrupt
+        return pd.DataFrame(rows), {}
+
+    monkeypatch.setattr(runs, "measure_accuracy", made)
+    monkeypatch.setitem(runs.PARTS, "accuracy", runs.accuracy)
+    stop = ["a"]
+    with pytest.raises(KeyboardInterrupt):
+        run("accuracy")
+    stop[0] = ""
+    assert len(run("accuracy").frames["accuracy"]) == 2
+    assert asked == ["a", "b"]
+    run("accuracy")
+    assert asked == ["a", "b", "a", "b"]
+
+
+def test_sources_that_change_meanwhile_spoil_the_run(measured, monkeypatch):
+    run, tree, _ = measured
+    monkeypatch.setitem(runs.PARTS, "films", lambda run: tree.update(code="changed") or {})
+    with pytest.raises(ResultsError, match="changed while"):
+        run("films")
+
+
+def verdicts(**frames: pd.DataFrame) -> dict[tuple[str, str], str]:
+    named = {part.replace("_", " "): frame for part, frame in frames.items()}
+    return {(row["name"], row["object"]): row["verdict"] for row in judge(Results({}, named))}
+
+
+def world(count: int, **changed) -> pd.DataFrame:
+    own = answers(count)
+    own = own[(own.group == "realistic") & (own.object == "cube_v2")].assign(group="world", mm=0.5, deg=0.1)
+    return own.assign(**changed)
+
+
+def test_a_target_is_met_or_missed_only_where_its_whole_interval_is():
+    name = ("world: position, median", "cube")
+    scatter = np.linspace(0.5, 1.5, 40)
+    assert verdicts(accuracy=world(40))[name] == "met"
+    assert verdicts(accuracy=world(40, mm=1.5))[name] == "missed"
+    assert verdicts(accuracy=world(40, mm=scatter))[name] == "undecided"
+    wrong = ("world: wrong and sure", "cube")
+    assert verdicts(accuracy=world(40))[wrong] == "undecided"
+    assert verdicts(accuracy=world(2000))[wrong] == "met"
+    assert verdicts(accuracy=world(40, mm=9.0))[wrong] == "missed"
+
+
+def test_an_ellipsoid_may_be_neither_too_small_nor_too_large():
+    name = ("world: inside the stated 95 % ellipsoid", "cube")
+    own = world(1000)
+    assert verdicts(accuracy=own)[name] == "met"
+    for factor in (1 / 3, 3):
+        assert verdicts(accuracy=own.assign(nees=own.nees * factor))[name] == "missed"
+
+
+def test_fourteen_targets_are_judged_for_both_kinds_of_object():
+    made = results(20)
+    one = film().assign(group="update")
+    made.frames["recorded, one camera"] = pd.concat([one, one.assign(object="cuboid_2x2x8_v2")])
+    other = made.frames["accuracy"].query("group == 'realistic'").assign(group="other calibration")
+    made.frames["accuracy"] = pd.concat([made.frames["accuracy"], other])
+    judged = judge(made)
+    assert len({row["name"] for row in judged}) == 14
+    assert len(judged) == 28
+    assert all(row["reached"] and row["interval"] and row["wanted"] for row in judged)
+
+
+def test_the_code_of_a_run_is_that_of_its_sources():
+    here = origin()
+    assert len(here["code"]) == 16
+    assert {"numpy", "numba", "opencv-python-headless"} <= set(here["libraries"])

@@ -1,0 +1,24 @@
+"""The command in a process of its own, begun and not waited for."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+
+from tests.helpers import ROOT
+
+
+def begin(*arguments: object) -> subprocess.Popen[bytes]:
+    """Begin `tracker` with arguments, in a group of processes that can be told to end together."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "tracker", *map(str, arguments)],
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stderr=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        start_new_session=True,
+        # A test run in the background hands on that Ctrl-C is ignored; a terminal's command does not.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )

@@ -1,0 +1,58 @@
+"""What reading a recording takes, and files of HDF5 changed in place."""
+
+from __future__ import annotations
+
+import tracemalloc
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+
+import tracker
+
+Change = Callable[[h5py.File], object]
+
+
+def peak_of_reading(path: Path, frames: int) -> int:
+    """Most memory [bytes] that is in use while all frames of a recording are read."""
+    tracemalloc.start()
+    with tracker.open_log(path) as log:
+        assert sum(1 for _ in log) == frames
+    used = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    return used
+
+
+def without(name: str) -> Change:
+    return lambda file: file.__delitem__(name)
+
+
+def put(name: str, array: Any) -> Change:
+    """Another dataset, or a link, under a name."""
+
+    def change(file: h5py.File) -> None:
+        del file[name]
+        file[name] = array
+
+    return change
+
+
+def edit(name: str, rows: Any, value: Any) -> Change:
+    """Other values in some rows of a dataset."""
+    return lambda file: file[name].__setitem__(rows, value)
+
+
+def attribute(key: str, value: Any = None, at: str = "/") -> Change:
+    """Another value of an attribute, or none."""
+    return lambda file: file[at].attrs.pop(key) if value is None else file[at].attrs.__setitem__(key, value)
+
+
+def made(name: str, *arguments: Any, **options: Any) -> Change:
+    """A dataset made anew, of which nothing is written."""
+
+    def change(file: h5py.File) -> None:
+        del file[name]
+        file.create_dataset(name, *arguments, **options)
+
+    return change

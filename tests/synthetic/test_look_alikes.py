@@ -1,0 +1,124 @@
+"""Look-alikes: each kind shows what it is meant to, and none the object."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.helpers.needs import lack
+from tests.helpers.synthetic_needs import missing
+
+if missing():
+    lack("platform", missing())
+
+from synthetic.frames import DatasetError, FrameOptions, frames
+from synthetic.world.look_alikes import KINDS, LARGER, SMALLER, look_alike, turned_arrangements
+from synthetic.world.platform import Platform
+from synthetic.world.scenes import random_scene
+
+OBJECTS = ("cube_v2", "cuboid_2x2x8_v2")
+REARRANGED = ("permuted", "plain", "layers", "other_object")
+
+
+def make(look_alike, name="cube_v2", seed=31, count=2, **more):
+    return list(
+        frames(name, count, seed, quality="fast", empty=0.0, shadows=False, look_alike=look_alike, **more)
+    )
+
+
+@pytest.fixture(scope="module")
+def tidy():
+    return {name: make(None, name) for name in OBJECTS}
+
+
+@pytest.fixture(scope="module")
+def shown():
+    return {(kind, name): make(kind, name) for kind in KINDS for name in OBJECTS}
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_kind_is_seen_has_no_truth_and_leaves_all_else_alone(kind, name, shown, tidy):
+    for frame, usual in zip(shown[kind, name], tidy[name], strict=True):
+        assert frame.objects == ()
+        assert frame.truth(("a", "b", "c"))["object"] is None
+        assert frame.scene.about["look_alike"] == kind
+        assert max(frame.visible_px) > 60
+        assert (frame.visible_fraction <= 1).all()
+        assert not any(body.labels.any() for body in frame.scene.emptied().bodies)
+        others = {body.name: body for body in usual.scene.bodies if not body.labels.any()}
+        for body in frame.scene.bodies:
+            if not body.labels.any():
+                assert np.array_equal(body.world_from_body, others.pop(body.name).world_from_body)
+        assert not others
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+def test_faces_that_are_seen_have_the_colors_of_their_labels(name, shown, tidy):
+    (usual,) = (body for body in tidy[name][0].scene.bodies if body.faces)
+    paints = {int(label): color for label, color in zip(usual.labels, usual.colors, strict=True)}
+    for kind in KINDS:
+        frame = shown[kind, name][0]
+        for body in (body for body in frame.scene.bodies if body.labels.any()):
+            assert set(body.labels.tolist()) <= set(range(7))
+            for label, color in zip(body.labels, body.colors, strict=True):
+                if label and kind != "other_object":
+                    np.testing.assert_array_equal(color, paints[int(label)])
+        camera = int(np.argmax(frame.visible_px))
+        levels = [frame.images[camera][frame.labels[camera] == label] for label in paints]
+        # Light differs by face and lamp, hue hardly.
+        known = np.sqrt(np.stack(list(paints.values())))
+        for number, level in enumerate(levels):
+            if len(level) > 100 and kind != "other_object":
+                cosines = known @ np.median(level, axis=0) / np.linalg.norm(known, axis=1)
+                assert np.argmax(cosines) == number
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+@pytest.mark.parametrize("kind", REARRANGED)
+def test_no_other_arrangement_is_the_true_one_turned(kind, name):
+    with Platform(name) as platform:
+        true = turned_arrangements(platform.model.face_labels)
+        assert len(true) == 24
+        for seed in range(25):
+            rng = np.random.default_rng(seed)
+            scene = look_alike(random_scene(platform, rng, fingers="none"), kind, rng)
+            (body,) = (body for body in scene.bodies if body.labels.any())
+            for first in range(0, len(body.labels) - 5, 6):
+                assert tuple(body.labels[first : first + 6].tolist()) not in true
+            if kind == "layers":
+                slabs = np.vstack([platform.model.face_labels, body.labels.reshape(-1, 6)])
+                assert 3 <= len(slabs) <= 4
+                assert (np.diff(slabs, axis=0) != 0).all()
+                assert (slabs[1:] != slabs[0]).all()
+
+
+def test_sizes_plates_photos_and_prisms_are_what_their_names_say(shown, tidy):
+    for name in OBJECTS:
+        for frame, usual in zip(shown["size", name], tidy[name], strict=True):
+            sizes = [np.ptp(one.scene.bodies[-1].mesh.vertices, axis=0) for one in (frame, usual)]
+            (scale,) = np.unique(np.round(sizes[0] / sizes[1], 9))
+            assert SMALLER[0] <= scale <= SMALLER[1] or LARGER[0] <= scale <= LARGER[1]
+        (prism,) = (body for body in shown["prism", name][0].scene.bodies if body.labels.any())
+        assert len(prism.labels) in (5, 8)
+        for kind, most in (("plates", 3), ("photo", 1)):
+            bodies = [body for body in shown[kind, name][0].scene.bodies if body.labels.any()]
+            assert 1 <= len(bodies) <= most
+            assert all(np.ptp(body.mesh.vertices, axis=0).min() < 0.005 for body in bodies)
+
+
+def test_look_alikes_repeat_to_the_bit_and_stay_through_a_film():
+    once, again = make("layers", effects=("chamfers", "table")), make("layers", effects=("chamfers", "table"))
+    for one, other in zip(once, again, strict=True):
+        assert all(np.array_equal(a, b) for a, b in zip(one.images, other.images, strict=True))
+    film = make("permuted", sequence=True, kind="push", length=2)
+    assert (
+        len({body.labels.tobytes() for frame in film for body in frame.scene.bodies if body.labels.any()})
+        == 1
+    )
+
+
+@pytest.mark.parametrize(("name", "kind"), [("cube_v2", "twin"), ("dice", "plain")])
+def test_what_has_no_look_alike_is_refused(name, kind):
+    with pytest.raises(DatasetError, match="look_alike: found"):
+        FrameOptions(name, 1, look_alike=kind)
