@@ -35,7 +35,6 @@ KINDS = {
     "zarr": "a zarr that writes the data sets' stores",
     "docs": "the extra `docs`",
     "multicast": "a network that carries multicast",
-    "browser": "a browser that runs without a screen",
     "system": "files and figures that only some operating systems have",
 }
 """Each kind of need, and what meets it."""
