@@ -1,6 +1,6 @@
 """The lowest versions that pyproject.toml allows, as requirements for pip: `name==version` on each line.
 
-    python scripts/lowest_versions.py [EXTRA ...]
+    python scripts/lowest_versions.py [--python VERSION] [EXTRA ...]
 
 Of the project itself, of the extras that are named, and of what the tests run with.
 """
@@ -26,8 +26,8 @@ RUNNERS = ("pytest", "hypothesis", "pytest-xdist", "pytest-timeout", "lmdb")
 """What the extra `dev` has that runs tests, beside what checks the code."""
 
 
-def requirements(*extras: str) -> Iterator[Requirement]:
-    """What the project and some of its extras need on this Python.
+def requirements(*extras: str, python: str) -> Iterator[Requirement]:
+    """What the project and some of its extras need on a Python, such as "3.10".
 
     Raises:
         KeyError: there is no such extra.
@@ -35,10 +35,10 @@ def requirements(*extras: str) -> Iterator[Requirement]:
     project = tomllib.loads(PROJECT.read_text(encoding="utf-8"))["project"]
     lists = [project["dependencies"], *(project["optional-dependencies"][extra] for extra in extras)]
     for requirement in map(Requirement, [one for some in lists for one in some]):
-        if requirement.marker is not None and not requirement.marker.evaluate():
+        if requirement.marker is not None and not requirement.marker.evaluate({"python_version": python}):
             continue
         if requirement.name == project["name"]:
-            yield from requirements(*sorted(requirement.extras))
+            yield from requirements(*sorted(requirement.extras), python=python)
         else:
             yield requirement
 
@@ -59,8 +59,11 @@ def main() -> None:
     """Print the requirements."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("extras", nargs="*", metavar="EXTRA", help="an extra of the project")
-    runners = [one for one in requirements("dev") if one.name in RUNNERS]
-    wanted = [*requirements(*parser.parse_args().extras), *runners]
+    this = "{}.{}".format(*sys.version_info)
+    parser.add_argument("--python", default=this, metavar="VERSION", help="default: this one")
+    arguments = parser.parse_args()
+    runners = [one for one in requirements("dev", python=arguments.python) if one.name in RUNNERS]
+    wanted = [*requirements(*arguments.extras, python=arguments.python), *runners]
     versions: dict[str, Version] = {}
     for one in wanted:
         name = canonicalize_name(one.name)

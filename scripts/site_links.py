@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 from typing import Any
 
+ROOT = Path(__file__).resolve().parents[1]
 REPORT = Path("benchmarks/results.md")
 OUTSIDE = re.compile(r"\[([^\]]+)\]\(\.\./([^)#]+)[^)]*\)")
 
@@ -13,7 +14,13 @@ BESIDE = re.compile(r"\]\((\w[\w-]*\.md)\)")
 
 
 def _link(found: re.Match[str]) -> str:
-    """A link to a file of the repository that is no page: its words alone, the path when pointed at."""
+    """A link to a file of the repository that is no page: its words alone, the path when pointed at.
+
+    Raises:
+        FileNotFoundError: there is no such file, which fails the build.
+    """
+    if not (ROOT / found[2]).exists():
+        raise FileNotFoundError(f"a page links to ../{found[2]}, which is not there")
     if found[2] == REPORT.as_posix():
         return f"[{found[1]}]({REPORT.name})"
     words = re.sub(r"`([^`]+)`", r"<code>\1</code>", found[1])

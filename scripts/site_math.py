@@ -48,7 +48,14 @@ def _inline(found: re.Match[str]) -> str:
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """The page's text with formulas as GitHub has them, `$…$` and fences of `math`, made MathML."""
+    """The page's text with formulas as GitHub has them, `$…$` and fences of `math`, made MathML.
+
+    Raises:
+        ValueError: its equations are not numbered in their order, which fails the build.
+    """
+    numbers = [int(number) for number in NUMBER.findall(markdown)]
+    if numbers != list(range(1, len(numbers) + 1)):
+        raise ValueError(f"equations are numbered {numbers}, expected 1, 2, 3 …")
     # Between two fences: words, then the next one's language and text.
     parts = FENCE.split(markdown)
     words = (INLINE.sub(_inline, part) for part in parts[::3])

@@ -2,9 +2,9 @@
 
     python scripts/try_release.py [--output FOLDER] [PYTHON ...]
 
-Looks at what the wheel holds, installs it for each Python into an environment of its own, without extras,
-and runs there what a user would; what needs an extra has to name it. A strict type checker reads the
-examples against the first of them.
+Looks at what the wheel holds and installs it for each Python into an environment of its own, without extras.
+There the first runs what a user would, and what needs an extra has to name it; a strict type checker reads
+the examples. The others find a pose, for which everything is compiled.
 """
 
 from __future__ import annotations
@@ -14,6 +14,8 @@ import os
 import subprocess
 import sys
 import zipfile
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -39,6 +41,9 @@ RUNS = (
 )
 """What has to work without any extra."""
 
+SMOKE = RUNS[:2]
+"""What each Python is tried with."""
+
 MISSED = {
     "plot": ["track", "tracker-demo", "--object", "cube_v2", "-o", "b.h5", "--plot", "b.png"],
     "video": ["track", "tracker-demo", "--object", "cube_v2", "-o", "b.h5", "--video", "b.mp4"],
@@ -62,7 +67,8 @@ def build(output: Path) -> Path:
     """
     for old in output.glob("trifinger_object_tracker-*"):
         old.unlink()
-    subprocess.run([sys.executable, "-m", "build", "--outdir", str(output), str(ROOT)], check=True)
+    command = [sys.executable, "-m", "build", "--no-isolation", "--outdir", str(output), str(ROOT)]
+    subprocess.run(command, check=True)
     (wheel,) = output.glob("*.whl")
     names = zipfile.ZipFile(wheel).namelist()
     top = {name.partition("/")[0] for name in names}
@@ -75,15 +81,16 @@ def build(output: Path) -> Path:
 
 def install(wheel: Path, python: str, folder: Path) -> Path:
     """The interpreter of a new environment that has the wheel and what it needs."""
-    subprocess.run([python, "-m", "venv", "--clear", str(folder)], check=True)
-    own = folder / ("Scripts" if os.name == "nt" else "bin") / "python"
-    pip = ["-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
-    subprocess.run([str(own), *pip, str(wheel)], check=True)
+    subprocess.run([python, str(ROOT / "scripts" / "kept_environment.py"), str(folder), "."], check=True)
+    own = folder / "bin" / "python"
+    pip = [str(own), "-m", "pip", "--disable-pip-version-check"]
+    subprocess.run([*pip, "install", "--quiet", "--no-deps", str(wheel)], check=True)
+    subprocess.run([*pip, "check"], check=True, stdout=subprocess.DEVNULL)
     return own
 
 
-def run(python: Path, folder: Path) -> None:
-    """Run what a user would, in an empty folder.
+def run(python: Path, folder: Path, works: Sequence[list[object]], missed: dict[str, list[object]]) -> None:
+    """Run what works, and by extra what needs one, in an empty folder.
 
     Raises:
         SystemExit: something fails, or fails in another way than it should.
@@ -93,12 +100,12 @@ def run(python: Path, folder: Path) -> None:
         command = [str(python.with_name("tracker")), *map(str, arguments)]
         return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=600)
 
-    for arguments in RUNS:
-        result = tried(list(arguments))
+    for arguments in works:
+        result = tried(arguments)
         if result.returncode:
             raise SystemExit(f"{python}: {arguments}: {result.stdout}{result.stderr}")
-    for extra, arguments in MISSED.items():
-        result = tried(list(arguments))
+    for extra, arguments in missed.items():
+        result = tried(arguments)
         if result.returncode != 2 or f".[{extra}]" not in result.stderr:
             raise SystemExit(f"{python}: {arguments}: names no extra {extra}: {result.stdout}{result.stderr}")
 
@@ -118,15 +125,19 @@ def main() -> None:
     arguments = parser.parse_args()
     arguments.output.mkdir(parents=True, exist_ok=True)
     wheel = build(arguments.output)
-    for number, python in enumerate(arguments.pythons):
+
+    def attempt(number: int, python: str) -> None:
         folder = arguments.output / f"try-{number}"
         own = install(wheel, python, folder)
         empty = folder / "empty"
         empty.mkdir()
-        run(own, empty)
+        run(own, empty, *((SMOKE, {}) if number else (RUNS, MISSED)))
         if number == 0:
             check_types(own)
-        print(f"{wheel.name}: works with {python}")
+        print(f"{wheel.name}: works with {python}", flush=True)
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        list(pool.map(attempt, range(len(arguments.pythons)), arguments.pythons))
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ import multiprocessing
 import shutil
 import sys
 
+import numba
 import numpy as np
 import pytest
 from numba.core import types
@@ -159,6 +160,7 @@ print(json.dumps([outer(3.0), sum(outer.stats.cache_hits.values())]))
 def answer(folder, script, sender):
     """Send what a script prints; the target of a process."""
     sys.path.insert(0, folder)
+    numba.config.CACHE_DIR = ""  # where machine code is kept beside its sources
     with contextlib.redirect_stdout(io.StringIO()) as printed:
         exec(compile(script, "script.py", "exec"), {})
     sender.send(printed.getvalue())
@@ -178,9 +180,8 @@ def anew(folder, script):
 
 
 @pytest.fixture
-def toy(tmp_path, monkeypatch):
+def toy(tmp_path):
     """A package of one kernel that calls another one of another file; its machine code is kept beside it."""
-    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
     (tmp_path / "toy").mkdir()
     for name, text in ALL.items():
         (tmp_path / "toy" / name).write_text(text, encoding="utf-8")
@@ -217,6 +218,17 @@ def test_machine_code_of_older_sources_is_removed_but_for_the_latest(toy):
         folders += kept(toy) - before
     assert len(folders) == 4
     assert kept(toy) == set(folders[-2:])
+
+
+def test_copies_of_a_package_share_machine_code_where_a_folder_is_named(toy):
+    shared = f"import numba\nnumba.config.CACHE_DIR = {str(toy / 'shared')!r}\n"
+    assert anew(toy, shared + TOY) == [7.0, 0]
+    shutil.copytree(toy / "toy", toy / "elsewhere" / "toy")
+    assert anew(toy / "elsewhere", shared + TOY) == [7.0, 1]
+    edit(toy / "elsewhere", "inner.py", "1.0", "2.0")
+    assert anew(toy / "elsewhere", shared + TOY) == [8.0, 0]
+    assert anew(toy, shared + TOY) == [7.0, 1]
+    assert kept(toy) == kept(toy / "elsewhere") == set()
 
 
 def test_kept_machine_code_that_is_damaged_is_made_anew(toy):

@@ -12,6 +12,8 @@ import pytest
 import tracker
 from tests.helpers import run_python
 
+pytestmark = pytest.mark.process
+
 
 def test_help_is_given_without_the_libraries_that_take_long_to_load():
     result = run_python(["-X", "importtime", "-m", "tracker", "--help"], check=True)

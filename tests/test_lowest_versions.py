@@ -2,7 +2,11 @@ from __future__ import annotations
 
 import re
 
+import pytest
+
 from tests.helpers import ROOT, run_python
+
+pytestmark = pytest.mark.process
 
 EXTRAS = ("synthetic", "bench", "datasets", "rerun", "video")
 

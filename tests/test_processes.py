@@ -5,7 +5,11 @@ from __future__ import annotations
 import subprocess
 import sys
 
+import pytest
+
 from tracker.processes import python_command
+
+pytestmark = pytest.mark.process
 
 
 def test_modules_of_the_present_folder_are_not_imported(tmp_path, monkeypatch):

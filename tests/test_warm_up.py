@@ -1,7 +1,11 @@
 from __future__ import annotations
 
+import pytest
+
 from tests.helpers import ROOT, run_python
 from tracker import warm_up
+
+pytestmark = pytest.mark.process
 
 SCRIPT = """
 import gc

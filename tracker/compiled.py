@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numba
-from numba.core import types
+from numba.core import config, types
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
 
 _KERNEL = re.compile(r"^ *@_?compiled\b", re.MULTILINE)
@@ -25,6 +25,8 @@ _IMPORT = re.compile(r"^(?:from|import) +([\w.]+)(?: +import +(\([^)]*\)|.*))?",
 _FOLDER = "kernels-"
 _OTHERS = 1
 """Folders of other sources that stay, so that two versions that take turns do not compile each time."""
+_OTHERS_SHARED = 8
+"""The same below NUMBA_CACHE_DIR, where all copies of a package keep theirs."""
 
 
 def compiled(function: Callable[..., Any] | None = None, **options: Any) -> Any:
@@ -60,7 +62,8 @@ def _take_any_number(dispatcher: Any) -> None:
 def is_cached(function: Any) -> bool:
     """Whether the machine code of a compiled function lies on disk, so that it starts at once."""
     folder = getattr(function.stats, "cache_path", None)
-    name = f"{Path(function.py_func.__code__.co_filename).stem}.{function.py_func.__qualname__}-*.nbi"
+    stem, version = Path(function.py_func.__code__.co_filename).stem, "py{}{}".format(*sys.version_info)
+    name = f"{stem}.{function.py_func.__qualname__}-*.{version}*.nbi"
     return folder is not None and any(Path(folder).glob(name))
 
 
@@ -106,6 +109,18 @@ def _imported(text: str, own: dict[str, Path]) -> Iterator[Path]:
             yield place / f"{name}.py"
 
 
+def _shared() -> Path:
+    """NUMBA_CACHE_DIR; `Path()` where it is not set."""
+    return Path(config.CACHE_DIR)  # type: ignore[attr-defined]
+
+
+def _base(found: Any, function: Callable[..., Any]) -> Path:
+    """The folder that numba has found; below NUMBA_CACHE_DIR the same for all copies of a package."""
+    if isinstance(found, CompileResultCacheImpl._locator_classes[0]):
+        return _shared() / function.__module__.rpartition(".")[0]
+    return Path(found.get_cache_path())
+
+
 def _place(base: Path, name: str) -> Path:
     """The folder `name` in `base`. Where it has to be made, those of older sources are removed."""
     folder = base / name
@@ -115,7 +130,8 @@ def _place(base: Path, name: str) -> Path:
         with contextlib.suppress(OSError):
             others = [other for other in base.glob(f"{_FOLDER}*") if other != folder]
             others.sort(key=lambda other: other.stat().st_mtime)
-            for other in others[: len(others) - _OTHERS]:
+            stay = _OTHERS_SHARED if _shared() != Path() else _OTHERS
+            for other in others[: len(others) - stay]:
                 shutil.rmtree(other, ignore_errors=True)
     return folder
 
@@ -127,8 +143,11 @@ class _Locator(_CacheLocator):
         package = function.__module__.partition(".")[0]
         alone = not hasattr(sys.modules[package], "__path__")
         self._stamp = found.get_source_stamp() if alone else fingerprint(package)
-        self._found, base = found, Path(found.get_cache_path())
-        self._folder = str(base if alone else _place(base, _FOLDER + self._stamp))
+        self._found = found
+        if alone:
+            self._folder = str(found.get_cache_path())
+        else:
+            self._folder = str(_place(_base(found, function), _FOLDER + self._stamp))
 
     def get_cache_path(self) -> str:
         return self._folder
@@ -150,7 +169,7 @@ def _left_by_others(kind: Any) -> Any:
         @classmethod
         def from_function(cls, function: Callable[..., Any], file: str) -> Any:
             found, package = cls(function, file), function.__module__.partition(".")[0]
-            folder = Path(found.get_cache_path())
+            folder = _base(found, function)
             # Without NUMBA_CACHE_DIR the place of this name is relative, and in nobody's hands.
             if not folder.is_absolute() or not hasattr(sys.modules[package], "__path__"):
                 return None

@@ -27,7 +27,7 @@ STILL = ROOT / "examples" / "still.py"
 
 
 def test_the_example_with_an_arena_of_ones_own_runs(working, run_script):
-    run_script(OWN_ARENA, folder=working)
+    run_script(OWN_ARENA, folder=working)  # fails where it raises
 
 
 def test_the_example_tracks_a_recording(working, run_script):
@@ -75,32 +75,25 @@ def test_the_pages_explain_every_status():
     assert explained == [status.value for status in tracker.Status]
 
 
-def test_every_link_leads_somewhere():
-    assert "](docs/overlay.png)" in README
-    for page in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))):
+def test_every_link_of_what_is_no_page_leads_somewhere():
+    for page in (ROOT / "README.md", ROOT / "CONTRIBUTING.md"):
         for target in re.findall(r"\]\(([^)\s#]+)[^)]*\)", page.read_text(encoding="utf-8")):
             assert "://" in target or (page.parent / target).exists(), f"{page.name}: {target}"
 
 
-def test_no_link_of_the_site_leads_out_of_it():
-    for page in (ROOT / "docs").glob("*.md"):
-        shown = on_page_markdown(page.read_text(encoding="utf-8"))
-        assert "](../" not in shown, page.name
+def test_links_of_the_site_that_lead_out_of_it_are_words():
     assert on_page_markdown("[all](../benchmarks/results.md)") == "[all](results.md)"
     report = SimpleNamespace(file=SimpleNamespace(src_uri="results.md"))
     beside = on_page_markdown("[more](development.md)", page=report)
     assert beside == '<span title="benchmarks/development.md">more</span>'
-    assert on_page_markdown("[`a`](../tracker/a.py)") == '<span title="tracker/a.py"><code>a</code></span>'
+    code = on_page_markdown("[`a`](../tracker/pipeline.py)")
+    assert code == '<span title="tracker/pipeline.py"><code>a</code></span>'
+    with pytest.raises(FileNotFoundError, match="no_such"):
+        on_page_markdown("[a](../tracker/no_such.py)")
 
 
 def test_the_readme_is_short():
     assert len(README.split()) <= 900
-
-
-def test_every_page_is_in_the_sites_menu():
-    menu = re.findall(r"[\w-]+\.md", (ROOT / "mkdocs.yml").read_text(encoding="utf-8"))
-    pages = [path.name for path in (ROOT / "docs").glob("*.md")]
-    assert sorted(menu) == sorted([*pages, "results.md"])  # the report of the benchmarks is one, too
 
 
 def test_the_still_is_the_same_each_time_and_its_error_small(demo, tmp_path, run_script):

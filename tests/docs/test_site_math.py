@@ -21,11 +21,11 @@ def test_every_formula_of_a_page_becomes_mathml():
 
 
 def test_code_beside_formulas_stays_as_it_is():
-    shown = on_page_markdown(f"{CODE}$x$\n```math\ny \\tag{{3}}\n```\n`$x$`\n{CODE}")
+    shown = on_page_markdown(f"{CODE}$x$\n```math\ny \\tag{{1}}\n```\n`$x$`\n{CODE}")
     assert shown.count(CODE) == 2
     assert "`$x$`" in shown
     assert shown.count("</math>") == 2
-    assert "<span>(3)</span>" in shown
+    assert "<span>(1)</span>" in shown
 
 
 def test_an_exponent_belongs_to_all_that_its_fences_hold():
@@ -36,3 +36,8 @@ def test_an_exponent_belongs_to_all_that_its_fences_hold():
 def test_a_command_that_browsers_would_be_shown_as_it_is_fails_the_build():
     with pytest.raises(ValueError, match=r"\\\\arg\b.* is not known"):
         mathml(r"\arg x")
+
+
+def test_equations_that_are_not_in_their_order_fail_the_build():
+    with pytest.raises(ValueError, match=r"numbered \[1, 3\]"):
+        on_page_markdown("```math\nx \\tag{1}\n```\n```math\ny \\tag{3}\n```\n")

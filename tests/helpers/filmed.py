@@ -10,7 +10,8 @@ import numpy as np
 import tracker
 from synthetic.camera.rigs import sized, standard_rig
 from synthetic.camera.sensor import Sensor
-from tests.helpers.stills import Still, scene_with_fingers, take
+from tests.helpers.kept_stills import take
+from tests.helpers.stills import Still, scene_with_fingers
 from tracker.learning.footage import Footage
 from tracker.segmentation.fit import intersection_over_union
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from synthetic.camera.sensor import Sensor
 from tests.helpers.filmed import RIG
-from tests.helpers.stills import Still, posed_scene, take
+from tests.helpers.kept_stills import take
+from tests.helpers.stills import Still, posed_scene
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray
 from tracker.geometry import so3

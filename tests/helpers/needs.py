@@ -34,9 +34,7 @@ KINDS = {
     "xarray": "the package `xarray`",
     "zarr": "a zarr that writes the data sets' stores",
     "docs": "the extra `docs`",
-    "lint": "what checks the code",
     "multicast": "a network that carries multicast",
-    "browser": "a browser that runs without a screen",
     "system": "files and figures that only some operating systems have",
 }
 """Each kind of need, and what meets it."""

@@ -8,7 +8,8 @@ import numpy as np
 
 import tracker
 from synthetic.camera.sensor import Sensor
-from tests.helpers.stills import posed_scene, take
+from tests.helpers.kept_stills import take
+from tests.helpers.stills import posed_scene
 from tracker.geometry import so3
 
 DT = 0.1

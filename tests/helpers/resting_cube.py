@@ -8,7 +8,8 @@ import numpy as np
 
 from synthetic.camera.sensor import Sensor
 from tests.helpers.filmed import RIG
-from tests.helpers.stills import Still, posed_scene, take
+from tests.helpers.kept_stills import take
+from tests.helpers.stills import Still, posed_scene
 from tracker.geometry import so3
 from tracker.objects.model import load_object
 

@@ -10,7 +10,8 @@ import tracker
 from synthetic.camera.sensor import Sensor
 from tests.helpers import LENSES
 from tests.helpers.colored_light import overlap, ramp
-from tests.helpers.stills import bare_scene, take
+from tests.helpers.kept_stills import take
+from tests.helpers.stills import bare_scene
 from tracker.geometry import so3
 from tracker.pipeline import Status
 from tracker.pose.fit import Fit

@@ -7,7 +7,8 @@ import tracker
 from synthetic.camera.rigs import default_cameras
 from synthetic.camera.sensor import Sensor
 from tests.helpers.colored_light import overlap, ramp
-from tests.helpers.stills import bare_scene, take
+from tests.helpers.kept_stills import take
+from tests.helpers.stills import bare_scene
 
 NAME = "cuboid_2x2x8_v2"
 

@@ -9,7 +9,8 @@ import pytest
 import tracker
 from synthetic.camera.rigs import default_cameras
 from synthetic.camera.sensor import Sensor
-from tests.helpers.stills import bare_scene, take
+from tests.helpers.kept_stills import take
+from tests.helpers.stills import bare_scene
 from tracker.geometry import so3
 from tracker.pose.judge import log_odds
 

@@ -6,17 +6,12 @@ import numpy as np
 import pytest
 
 import tracker
-from synthetic.camera.rigs import default_cameras
 from synthetic.camera.sensor import Sensor
-from tests.helpers.stills import bare_scene, take
+from tests.helpers.kept_stills import take
+from tests.helpers.stills import bare_scene
 from tracker.geometry import so3
 
 SCENES = 6
-
-
-@pytest.fixture(scope="module")
-def rig():
-    return tracker.CameraRig(default_cameras())
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,8 @@ import tracker
 from synthetic.camera.rigs import default_cameras
 from synthetic.camera.sensor import Sensor
 from tests.helpers.fits import made_fit
-from tests.helpers.stills import posed_scene, take
+from tests.helpers.kept_stills import take
+from tests.helpers.stills import posed_scene
 from tracker import Status
 from tracker.geometry import so3
 from tracker.pose.estimate import PoseEstimator

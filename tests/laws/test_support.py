@@ -9,7 +9,8 @@ import pytest
 
 import tracker
 from synthetic.camera.sensor import Sensor
-from tests.helpers.stills import bare_scene, posed_scene, take
+from tests.helpers.kept_stills import take
+from tests.helpers.stills import bare_scene, posed_scene
 from tracker.geometry import so3
 
 OBJECTS = ("cube_v2", "cuboid_2x2x8_v2")

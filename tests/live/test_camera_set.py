@@ -211,12 +211,6 @@ def test_sets_come_at_their_rate_and_a_timeout_before_them():
     cameras.close()
 
 
-@pytest.mark.parametrize("rate", [0.0, -1.0, float("nan"), 2000.0])
-def test_a_rate_that_is_none_is_refused(rate):
-    with pytest.raises(LiveError, match="rate"):
-        CameraSet([], [], rate=rate)
-
-
 def test_films_are_read_by_opencv_picture_by_picture(tmp_path):
     from tracker.calibration.rig import CameraRig
     from tracker.geometry.camera import Camera
@@ -259,22 +253,6 @@ def test_a_camera_by_its_number_is_asked_for_pictures_of_the_calibrations_size(m
     assert asked[2, cv2.CAP_PROP_FRAME_HEIGHT] == 720
     opencv_camera.OpenCvCamera("rtsp://somewhere", (1280, 720))
     assert ("rtsp://somewhere", cv2.CAP_PROP_FRAME_WIDTH) not in asked
-
-
-@pytest.mark.parametrize(
-    ("source", "words"),
-    [
-        ("opencv:0", ["found 1 cameras", "camera60, camera180, camera300"]),
-        ("opencv", ["found 0 cameras"]),
-        ("webcam:0", ["webcam:0", "simulation"]),
-    ],
-)
-def test_a_source_that_is_none_is_refused(source, words, rig):
-    from tracker.live.opening import open_cameras
-
-    with pytest.raises(LiveError) as error:
-        open_cameras(source, rig)
-    assert all(word in str(error.value) for word in words)
 
 
 def test_what_cameras_are_set_to_is_known_once_they_are_open():

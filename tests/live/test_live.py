@@ -269,19 +269,6 @@ def test_closing_ends_a_thread_that_waits_for_images():
     assert live.wait() is None
 
 
-@pytest.mark.parametrize(
-    ("images", "stamps", "words"),
-    [
-        ((None,), (1.0, 2.0), "1 images and 2 stamps"),
-        ((None,), (float("nan"),), "finite"),
-        ((), (), "0 images"),
-    ],
-)
-def test_a_shot_that_is_none_is_refused(images, stamps, words):
-    with pytest.raises(LiveError, match=words):
-        Shot(images, stamps)
-
-
 def test_live_poses_are_those_of_the_tracker():
     model, film = tracker.load_object("cube_v2"), shots("cube_v2", 2, seed=621)
     sets = [film[0].images, film[0].images, [None, *film[0].images[1:]], film[1].images]
@@ -339,8 +326,3 @@ def test_a_fault_of_every_set_does_not_drive_out_another(monkeypatch):
     assert len(live.faults) == 2
     assert "went back" in live.faults[0]
     assert live.faults[1].startswith("camera1: found 6x2 px")
-
-
-def test_what_is_no_source_is_refused_at_once():
-    with pytest.raises(LiveError, match=r"source: found list, expected .*Replay .* or a recording's path"):
-        Live([], MeanTracker())

@@ -126,7 +126,7 @@ def test_three_cameras_are_a_source_for_live(pictures, rig, tmp_path):
     assert moment.shot.faults == (None, None, None)
     assert counter.sets[-1] == [(270, 270, 3)] * 3  # halved for the rig
     assert all(any(np.array_equal(raw, one) for one in pictures[1]) for raw in moment.shot.raw)
-    assert 0 <= moment.latency < 60
+    assert 0 <= moment.latency < 5
 
 
 def test_the_platforms_loop_runs_against_cameras(pictures, tmp_path):
@@ -144,18 +144,3 @@ def test_settings_of_one_camera_come_after_those_of_all(tmp_path):
     path.write_text('Gain = 0.0\nExposureTime = 1500.0\n["b"]\nExposureTime = 900.0\n')
     found = settings_of(path, ["a", "b"])
     assert found == {"a": {"Gain": 0.0, "ExposureTime": 1500.0}, "b": {"Gain": 0.0, "ExposureTime": 900.0}}
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("Gain = [1]", r"Gain: found \[1\]"),
-        ('["c"]\nGain = 1', "expected one of a, b"),
-        ("Gain", "cannot be read"),
-    ],
-)
-def test_settings_that_are_none_are_refused(text, words, tmp_path):
-    path = tmp_path / "cameras.toml"
-    path.write_text(text)
-    with pytest.raises(LiveError, match=words):
-        settings_of(path, ["a", "b"])

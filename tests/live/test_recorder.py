@@ -161,11 +161,3 @@ def test_of_a_process_that_is_killed_no_more_than_a_second_is_lost(tmp_path):
     assert [frame.timestamp for frame in frames] == pytest.approx(
         [1000 + 0.1 * n for n in range(len(frames))]
     )
-
-
-def test_a_file_that_is_there_is_not_overwritten(tmp_path):
-    (tmp_path / "log.h5").write_text("mine")
-    with pytest.raises(LiveError, match="there is such a file"):
-        Recorder(tmp_path / "log.h5", RIG)
-    with pytest.raises(LiveError, match="there is no folder"):
-        Recorder(tmp_path / "nowhere" / "log.h5", RIG)

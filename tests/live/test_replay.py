@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tracker.errors import LiveError, LogError
+from tracker.errors import LogError
 from tracker.live import Replay, SourceEnded
 from tracker.logs.log import Log
 
@@ -128,9 +128,3 @@ def test_damage_is_raised_after_the_frames_before_it(clock):
     assert [replay.next(0.5) is not None for _ in range(2)] == [True, True]
     with pytest.raises(LogError, match="torn"):
         replay.next(0.5)
-
-
-@pytest.mark.parametrize("speed", [0.0, -1.0, float("nan")])
-def test_a_speed_that_is_none_is_refused(speed):
-    with pytest.raises(LiveError, match="speed"):
-        Replay(Frames([]), speed=speed)

@@ -120,24 +120,6 @@ def test_one_that_never_reads_holds_up_nobody(publisher):
     socket.close()
 
 
-@pytest.mark.parametrize(
-    "address",
-    ["tcp://0.0.0.0:5555", "tcp://*:5555", "tcp://192.168.1.2:5555", "tcp://127.evil.org:5555"],
-)
-def test_an_address_that_others_can_reach_is_refused_unless_that_is_meant(address):
-    with pytest.raises(LiveError, match="other machines could connect"):
-        ZmqPublisher(address)
-
-
-@pytest.mark.parametrize(
-    "address", ["127.0.0.1:5555", "udp://x", "tcp://127.0.0.1", "tcp://127.0.0.1:65536", "tcp://", "ipc://"]
-)
-@pytest.mark.parametrize("public", [False, True])
-def test_an_address_that_is_none_is_refused(address, public):
-    with pytest.raises(LiveError, match=rf"found {address}, expected tcp://127\.0\.0\.1:PORT"):
-        ZmqPublisher(address, public=public)
-
-
 def test_a_public_address_is_bound_where_that_is_meant():
     one = ZmqPublisher("tcp://0.0.0.0:*", public=True)
     assert one.address.startswith("tcp://0.0.0.0:")

@@ -7,7 +7,8 @@ import pytest
 
 import tracker
 from synthetic.camera.sensor import Sensor
-from tests.helpers.stills import bare_scene, take
+from tests.helpers.kept_stills import take
+from tests.helpers.stills import bare_scene
 from tracker.geometry import so3
 from tracker.pose.agreement import size
 from tracker.pose.judge import apparent, confidence
@@ -46,15 +47,25 @@ def fits(rig, stills):
 
 
 def across(rig, fit):
-    """(C, 2) by which each camera sees the object moved across its line of sight, in its own axes [m]."""
-    return np.array(
-        [(camera.camera_from_world[:3, :3] @ m[:3])[:2] for camera, m in zip(rig, fit.own.moved, strict=True)]
-    )
+    """(C, 2) by which each camera sees the object moved across its line of sight, in its own axes [m].
+
+    And (C, 2) the standard deviations of that.
+    """
+    moved, deviations = [], []
+    for camera, one, information in zip(rig, fit.own.moved, fit.own.information, strict=True):
+        rotation = camera.camera_from_world[:3, :3]
+        moved.append((rotation @ one[:3])[:2])
+        covariance = rotation @ np.linalg.pinv(information)[:3, :3] @ rotation.T
+        deviations.append(np.sqrt(np.diag(covariance))[:2])
+    return np.array(moved), np.array(deviations)
 
 
 def test_each_camera_by_itself_sees_the_object_where_all_do(rig, stills):
     for fit in fits(rig, stills):
-        assert np.abs(across(rig, fit)).max() < 0.4e-3
+        # A single camera's deviations are 0.06 to 0.6 mm here: no one limit in millimetres suits them all.
+        moved, deviations = across(rig, fit)
+        assert np.median(np.abs(moved)) < 0.15e-3
+        assert (np.abs(moved) < 2 * deviations).all()
         assert (fit.own.inliers > 15).all()
         assert size(fit.disagreement) < 0.5e-3
 
@@ -68,7 +79,7 @@ def test_a_camera_that_was_moved_sees_the_object_moved(rig, stills, c):
         # The pose moves, too: what the camera sees is where the true pose and the wrong camera have it.
         rotation = given[c].camera_from_world[:3, :3]
         seen = rotation @ (new.position + new.own.moved[c, :3] - old.position - old.own.moved[c, :3])
-        np.testing.assert_allclose(seen[:2], -shift[:2], atol=0.4e-3)
+        np.testing.assert_allclose(seen[:2], -shift[:2], atol=0.3e-3)
         assert size(new.disagreement) > size(old.disagreement)
 
 

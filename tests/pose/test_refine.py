@@ -10,7 +10,8 @@ import tracker
 from synthetic.camera.rigs import default_cameras
 from synthetic.camera.sensor import Sensor
 from tests.helpers import sight_of
-from tests.helpers.stills import bare_scene, take
+from tests.helpers.kept_stills import take
+from tests.helpers.stills import bare_scene
 from tracker.geometry import so3
 from tracker.pose.solve.schedule import SCHEDULE
 

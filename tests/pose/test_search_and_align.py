@@ -8,7 +8,8 @@ import pytest
 from synthetic.camera.rigs import default_cameras
 from synthetic.camera.sensor import Sensor
 from tests.helpers import look_at, make_camera, random_rotations
-from tests.helpers.stills import bare_scene, take
+from tests.helpers.kept_stills import take
+from tests.helpers.stills import bare_scene
 from tracker.geometry import so3
 from tracker.geometry.arena import Arena
 from tracker.geometry.lens import project, stack_lenses

@@ -59,18 +59,14 @@ def faces_seen(rotation: np.ndarray, position: np.ndarray = POSITION) -> np.ndar
 
 
 def test_jacobian_is_the_motion_along_the_normal(rng):
+    ends, share = corners(2 * HALF), np.linspace(0, 1, 4001)[:, None]
+    candidates = np.concatenate([ends[a] + share * (ends[b] - ends[a]) for a, b, *_ in EDGES])
     for rotation in random_rotations(rng, 5):
         samples = samples_at(rotation)
-        # Which point of the object a sample shows: the one on an edge that projects there.
-        ends = corners(2 * HALF)
+        pixels = CAMERA.project(candidates @ rotation.T + POSITION)
         for row in samples[:: max(1, len(samples) // 10)]:
-            candidates = [
-                ends[a] + t * (ends[b] - ends[a]) for a, b, *_ in EDGES for t in np.linspace(0, 1, 4001)
-            ]
-            world = np.array(candidates) @ rotation.T + POSITION
-            pixels = CAMERA.project(world)
-            best = np.argmin(np.linalg.norm(pixels - row["pixel"], axis=1))
-            point = candidates[best]
+            # Which point of the object a sample shows: the one on an edge that projects there.
+            point = candidates[np.argmin(np.linalg.norm(pixels - row["pixel"], axis=1))]
 
             def along(x, point=point, row=row, rotation=rotation):
                 moved = so3.exp(x[3:]) @ rotation @ point + POSITION + x[:3]

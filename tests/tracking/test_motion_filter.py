@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.helpers import random_rotations
+from tests.helpers.consistency import FACTORS, consistent, nees
 from tracker.geometry import so3
 from tracker.tracking.filter import MotionFilter
 from tracker.tracking.motion import CONSTANT
@@ -217,19 +218,26 @@ MOVES = {"still": [0] * 25, "moving": [1] * 25, "starts and stops": [0] * 8 + [1
 """Whether the object moves during each step."""
 
 
+@pytest.fixture(scope="module")
+def squares():
+    """NEES (films, steps) of each kind, once a film has settled."""
+    found = {}
+    for kind, moves in MOVES.items():
+        found[kind] = []
+        for seed in range(60):
+            rng = np.random.default_rng([3, seed])
+            start = random_rotations(rng, 1)[0]
+            velocity, spin = 0.1 * rng.normal(size=3), 0.7 * rng.normal(size=3)
+            poses = [path(velocity, spin, t, start) for t in DT * np.cumsum(moves)]
+            states = zip(run(poses, rng)[4:], poses[4:], strict=True)
+            found[kind].append([nees(error_of(s, *pose), s.covariance[:6, :6]) for s, pose in states])
+    return found
+
+
 @pytest.mark.parametrize("kind", MOVES)
-def test_stated_covariance_is_that_of_the_errors(kind):
-    squared = []
-    for seed in range(60):
-        rng = np.random.default_rng([3, seed])
-        start = random_rotations(rng, 1)[0]
-        velocity, spin = 0.1 * rng.normal(size=3), 0.7 * rng.normal(size=3)
-        times = DT * np.cumsum(MOVES[kind])
-        poses = [path(velocity, spin, t, start) for t in times]
-        for state, pose in list(zip(run(poses, rng), poses, strict=True))[4:]:
-            error = error_of(state, *pose)
-            squared.append(error @ np.linalg.solve(state.covariance[:6, :6], error))
-    assert 3 < np.median(squared) < 9
+@pytest.mark.parametrize(("factor", "holds"), FACTORS)
+def test_stated_covariance_is_that_of_the_errors_at_every_step(squares, kind, factor, holds):
+    assert {consistent(step, factor) for step in np.transpose(squares[kind])} == {holds}
 
 
 def test_a_first_measurement_is_taken_as_it_is(rng):

@@ -91,7 +91,10 @@ INSIDE = {
     "plausible": (Belief, "plausible"),
     "see": (Belief, "see"),
     "estimate": (Belief, "estimate"),
+    "search": (PoseEstimator, "estimate"),
 }
+ALWAYS = ("labels", "follow", "refine", "advance", "see", "estimate")
+"""What every update of an object that is tracked goes through."""
 
 
 class Interrupted:
@@ -127,18 +130,9 @@ def test_an_update_that_is_broken_off_changes_nothing(rig, film, reference, wher
                 pass
             else:
                 assert broken.calls < number
+                assert lost or number > 1 or where not in ALWAYS
                 continue
         assert goes_on_as_before(one, film, reference, start=0 if lost else FAULT), (number, lost)
-
-
-def test_an_interrupt_among_the_first_stages_really_breaks_an_update_off(rig, film, monkeypatch):
-    for where in ("labels", "follow", "refine", "advance", "see", "estimate"):
-        one = new(rig)
-        play(one, film[:FAULT])
-        with monkeypatch.context() as patch:
-            Interrupted(patch, INSIDE[where], KeyboardInterrupt, 1, False)
-            with pytest.raises(KeyboardInterrupt):
-                one.update(film[FAULT], NOW)
 
 
 def test_after_an_interrupt_the_tracker_can_be_reset(rig, film, reference, monkeypatch):

@@ -4,9 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.helpers import make_camera
+from tests.viz.conftest import black, opencv_pixels
 from tracker.calibration.rig import CameraRig
-from tracker.errors import ImageError, TaskError
 from tracker.tasks import rearrange_dice as dice
 from tracker.viz import dice_overlay, goal_picture
 from tracker.viz.dice import INSIDE, OUTSIDE
@@ -15,29 +14,12 @@ from tracker.viz.goal_picture import DIE
 GAP = 6
 
 
-@pytest.fixture
-def rig() -> CameraRig:
-    return CameraRig(tuple(make_camera(azimuth) for azimuth in (60, 180, 300)))
-
-
-def black(rig: CameraRig) -> list[np.ndarray]:
-    return [np.zeros((camera.height, camera.width, 3), np.uint8) for camera in rig]
-
-
 def square(rig: CameraRig, left: int, right: int) -> list[np.ndarray]:
     """Masks with columns `left` to `right` of rows 100 to 140 set."""
     masks = [np.zeros((camera.height, camera.width), np.uint8) for camera in rig]
     for mask in masks:
         mask[100:140, left:right] = 255
     return masks
-
-
-def opencv_pixels(camera, points) -> np.ndarray:
-    """Pixels (N, 2) by OpenCV's own camera."""
-    rotation, _ = cv2.Rodrigues(camera.camera_from_world[:3, :3])
-    shift = camera.camera_from_world[:3, 3]
-    pixels, _ = cv2.projectPoints(np.asarray(points), rotation, shift, camera.matrix, camera.distortion)
-    return pixels.reshape(-1, 2)
 
 
 def hue(color) -> np.ndarray:
@@ -182,22 +164,6 @@ def test_an_overlay_changes_nothing_and_is_always_the_same(rig, rng):
     assert (first != dice_overlay(images, rig, goals, seen, title="u")).any()
 
 
-def test_what_does_not_fit_the_rig_is_refused(rig):
-    goals, seen = square(rig, 100, 140), square(rig, 120, 160)
-    with pytest.raises(ImageError, match="found 2 images"):
-        dice_overlay(black(rig)[:2], rig, goals, seen)
-    with pytest.raises(TaskError, match="found 2 goal masks, expected one for each of camera60"):
-        dice_overlay(black(rig), rig, goals[:2], seen)
-    with pytest.raises(TaskError, match="found 4 dice masks"):
-        dice_overlay(black(rig), rig, goals, [*seen, seen[0]])
-    with pytest.raises(TaskError, match=r"camera180: found a dice mask \(9, 270\), expected \(270, 270\)"):
-        dice_overlay(black(rig), rig, None, [seen[0], seen[1][:9], None])
-    with pytest.raises(TaskError, match="found type float64"):
-        dice_overlay(black(rig), rig, goals, [seen[0] / 255, None, None])
-    with pytest.raises(TaskError, match="dice: found shape"):
-        dice_overlay(black(rig), rig, goals, seen, positions=[[0.0, 0.0]])
-
-
 def at(picture: np.ndarray, x: float, y: float) -> np.ndarray:
     """The colour at a place [m] of a goal's picture, found from its square and its labels' width."""
     side = picture.shape[0] - 48
@@ -251,27 +217,6 @@ def test_a_goals_picture_is_always_the_same():
     goal, positions = dice.sample_goal(0), dice.sample_goal(1)
     pairs = dice.assign(goal, positions).pairs
     np.testing.assert_array_equal(goal_picture(goal, positions, pairs), goal_picture(goal, positions, pairs))
-
-
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (([[0, 0]],), "goal: found shape"),
-        (([], [[0, 0]]), "dice: found shape"),
-        (([[0, 0, 0]], [[0, 0, 0]], [(0, 1)]), "pairs: found place 0 and die 1, expected less than 1 and 1"),
-        (([[0, 0, 0]], [[0, 0, 0]], [(0, -1)]), "pairs: found place 0 and die -1"),
-        (([[0, 0, 0]], None, [(0, 0)]), "pairs: found place 0 and die 0"),
-    ],
-)
-def test_a_picture_of_what_does_not_belong_together_is_refused(arguments, said):
-    with pytest.raises(TaskError, match=said):
-        goal_picture(*arguments)
-
-
-@pytest.mark.parametrize("yaws", [[0.0], [0.0, np.nan], 0.0])
-def test_yaws_that_are_not_those_of_the_dice_are_refused(yaws):
-    with pytest.raises(TaskError, match="yaws: found"):
-        goal_picture([], [[0, 0, 0], [0.1, 0, 0]], yaws=yaws)
 
 
 @pytest.mark.parametrize("far", [0.5, 7.0, 1e90])

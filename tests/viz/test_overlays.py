@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from tests.helpers import make_camera
+from tests.viz.conftest import black, opencv_pixels
 from tracker.calibration.rig import CameraRig
 from tracker.errors import ImageError
 from tracker.geometry import cuboid, so3
@@ -25,23 +26,6 @@ GAP = 6
 def found(position=POSITION, rotation=ROTATION) -> Observation:
     pose = PoseEstimate(position, so3.quaternion_from_matrix(rotation), np.eye(6) * 1e-8, 0.99)
     return Observation(pose, None, Status.FOUND)
-
-
-def black(rig: CameraRig) -> list[np.ndarray]:
-    return [np.zeros((camera.height, camera.width, 3), np.uint8) for camera in rig]
-
-
-@pytest.fixture
-def rig() -> CameraRig:
-    return CameraRig(tuple(make_camera(azimuth) for azimuth in (60, 180, 300)))
-
-
-def opencv_pixels(camera, points) -> np.ndarray:
-    """Pixels (N, 2) by OpenCV's own camera."""
-    rotation, _ = cv2.Rodrigues(camera.camera_from_world[:3, :3])
-    shift = camera.camera_from_world[:3, 3]
-    pixels, _ = cv2.projectPoints(np.asarray(points), rotation, shift, camera.matrix, camera.distortion)
-    return pixels.reshape(-1, 2)
 
 
 def edge_points(shares=(0.25, 0.4, 0.6, 0.75)) -> np.ndarray:
@@ -126,7 +110,7 @@ def test_an_object_out_of_sight_is_not_drawn(distance):
 def test_an_object_at_the_cameras_own_place_is_drawn_without_a_warning():
     rig = CameraRig((make_camera(),))
     for offset in (0.0, 0.02, 0.033, 0.05):
-        overlay(black(rig), rig, MODEL, found(rig[0].position + offset))
+        assert overlay(black(rig), rig, MODEL, found(rig[0].position + offset)).shape[1] >= 270
 
 
 def test_a_missing_image_is_a_panel_that_shows_no_object(rig):
@@ -176,15 +160,6 @@ def test_an_overlay_changes_nothing_and_is_always_the_same(rig, rng):
     np.testing.assert_array_equal(first, overlay(images, rig, MODEL, found()))
     for image, copy in zip(images, copies, strict=True):
         np.testing.assert_array_equal(image, copy)
-
-
-def test_images_that_do_not_fit_the_rig_are_refused(rig):
-    with pytest.raises(ImageError, match="found 2 images, expected one of each of camera60"):
-        overlay(black(rig)[:2], rig, MODEL, found())
-    with pytest.raises(ImageError, match=r"camera180: found an image uint8 \(100, 270, 3\)"):
-        overlay([black(rig)[0], black(rig)[1][:100], None], rig, MODEL, found())
-    with pytest.raises(ImageError, match="float64"):
-        overlay([black(rig)[0] / 255.0, None, None], rig, MODEL, found())
 
 
 def test_a_written_png_is_read_back_to_the_bit(tmp_path, rng):

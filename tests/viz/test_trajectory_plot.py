@@ -64,7 +64,9 @@ def with_status(poses, names):
     ],
 )
 def test_every_kind_of_recording_can_be_drawn(path, rng, count, share, recorded):
-    drawn(path, random_poses(rng, count, share=share, recorded=recorded))
+    title = ("a $ b $ c", "ä 物体 \\frac{", "x" * 60)[count % 3]
+    image = drawn(path, random_poses(rng, count, share=share, recorded=recorded), title)
+    assert image.std() > 5  # axes and words at least
 
 
 def test_without_filtered_poses_the_measured_ones_are_lines(path, rng):
@@ -94,11 +96,6 @@ def test_recorded_poses_are_seen(path, rng):
     assert near[0].sum() > near[1].sum() + 500
 
 
-@pytest.mark.parametrize("title", ["a $ b $ c", "ä 物体 \\frac{", "x" * 60])
-def test_any_title_can_be_drawn(path, rng, title):
-    drawn(path, random_poses(rng, 3), title)
-
-
 def test_the_picture_stands_alone(path, rng):
     write_trajectory_plot(path, random_poses(rng, 3))
     assert os.listdir(path.parent) == [path.name]
@@ -115,11 +112,6 @@ def test_nothing_half_written_stays(path, rng, monkeypatch):
         write_trajectory_plot(path, random_poses(rng, 3))
     assert path.read_bytes() == b"old"
     assert os.listdir(path.parent) == [path.name]
-
-
-def test_another_format_is_refused(tmp_path, rng):
-    with pytest.raises(ImageError, match=r"found suffix '\.pdf', expected \.png"):
-        write_trajectory_plot(tmp_path / "plot.pdf", random_poses(rng, 1))
 
 
 def test_a_missing_package_is_said(path, rng, monkeypatch):

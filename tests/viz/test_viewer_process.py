@@ -23,6 +23,8 @@ from tracker.viz.rerun_viewer import open_scene
 if importlib.util.find_spec("rerun") is None:
     lack("rerun", "no module rerun")
 
+pytestmark = pytest.mark.process
+
 COMMAND = viewer_process._command
 
 

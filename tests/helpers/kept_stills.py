@@ -1,0 +1,66 @@
+"""Pictures that are drawn once for all tests, processes and runs: they are kept on disk by what they show.
+
+For tests of what is found in pictures; those of the renderer draw their own.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import io
+import json
+import pickle
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.data.fingerprint import fingerprint
+from benchmarks.data.store import CACHE
+from synthetic.camera.sensor import Sensor
+from synthetic.scene import PlatformScene
+from tests.helpers import stills
+from tests.helpers.stills import Still
+from tracker.files import write_whole
+from tracker.geometry.camera import Camera
+
+__all__ = ["take"]
+
+
+@functools.cache
+def _folder() -> Path:
+    folder = CACHE / f"stills-{fingerprint('synthetic.stills')}"
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def take(
+    scene: PlatformScene, cameras: Sequence[Camera], sensor: Sensor, rng: np.random.Generator, **more: object
+) -> Still:
+    """As `synthetic.stills.take`, and `rng` is left as that leaves it."""
+    asked = pickle.dumps((scene, tuple(cameras), sensor, rng.bit_generator.state, sorted(more.items())))
+    path = _folder() / f"{hashlib.sha256(asked).hexdigest()[:32]}.npz"
+    if (kept := _read(path, scene, rng)) is not None:
+        return kept
+    still = stills.take(scene, cameras, sensor, rng, **more)
+    arrays = {f"image{c}": image for c, image in enumerate(still.images)}
+    arrays |= {f"labels{c}": labels for c, labels in enumerate(still.labels)}
+    buffer = io.BytesIO()
+    np.savez(buffer, **arrays, seen=still.visible_fraction, state=json.dumps(rng.bit_generator.state))
+    write_whole(path, buffer.getvalue())
+    return still
+
+
+def _read(path: Path, scene: PlatformScene, rng: np.random.Generator) -> Still | None:
+    """What is kept; None where nothing is, or what is damaged."""
+    try:
+        with np.load(path, allow_pickle=False) as kept:
+            count = len(kept["seen"])
+            images = [kept[f"image{c}"] for c in range(count)]
+            labels = [kept[f"labels{c}"] for c in range(count)]
+            still = Still(scene, images, labels, kept["seen"])
+            rng.bit_generator.state = json.loads(kept["state"].item())
+            return still
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        return None

@@ -1,0 +1,112 @@
+"""What `Live` and its sources and publishers refuse, and what the error names."""
+
+from __future__ import annotations
+
+import os
+import re
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+import tracker
+from tests.helpers.filmed import RIG
+from tests.helpers.needs import lack
+from tracker.errors import LiveError
+from tracker.live import Live, Replay, Shot
+from tracker.live.camera_set import CameraSet
+from tracker.live.lcm_publisher import LcmPublisher
+from tracker.live.opening import open_cameras, settings_of
+from tracker.live.recorder import Recorder
+from tracker.live.zmq_publisher import ZmqPublisher
+
+CUBE = tracker.load_object("cube_v2")
+NAN = float("nan")
+GROUP = "udpm://239.255.76.67"
+
+WRONG = [
+    *((lambda rate=rate: CameraSet([], [], rate=rate), "rate") for rate in (0.0, -1.0, NAN, 2000.0)),
+    *((lambda speed=speed: Replay([], speed=speed), "speed") for speed in (0.0, -1.0, NAN)),
+    (lambda: open_cameras("opencv:0", RIG), "found 1 cameras"),
+    (lambda: open_cameras("opencv:0", RIG), "camera60, camera180, camera300"),
+    (lambda: open_cameras("opencv", RIG), "found 0 cameras"),
+    (lambda: open_cameras("webcam:0", RIG), "webcam:0"),
+    (lambda: open_cameras("webcam:0", RIG), "simulation"),
+    (lambda: Shot((None,), (1.0, 2.0)), "1 images and 2 stamps"),
+    (lambda: Shot((None,), (NAN,)), "finite"),
+    (lambda: Shot((), ()), "0 images"),
+    (lambda: Live([], tracker.ObjectTracker(CUBE, RIG)), "source: found list, expected"),
+    (lambda: Recorder(Path(os.devnull), RIG), "there is such a file"),
+    (lambda: Recorder(Path("nowhere/log.h5"), RIG), "there is no folder"),
+]
+
+
+@pytest.mark.parametrize(("make", "words"), WRONG)
+def test_what_is_none_is_refused(make, words):
+    with pytest.raises(LiveError, match=words):
+        make()
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("Gain = [1]", r"Gain: found \[1\]"),
+        ('["c"]\nGain = 1', "expected one of a, b"),
+        ("Gain", "cannot be read"),
+    ],
+)
+def test_settings_that_are_none_are_refused(text, words, tmp_path):
+    (tmp_path / "cameras.toml").write_text(text)
+    with pytest.raises(LiveError, match=words):
+        settings_of(tmp_path / "cameras.toml", ["a", "b"])
+
+
+LOCAL = "expected tcp://127.0.0.1:PORT"
+
+
+@pytest.mark.parametrize(
+    ("address", "words"),
+    [
+        *(
+            (f"tcp://{host}:5555", "other machines could connect")
+            for host in ("0.0.0.0", "*", "192.168.1.2", "127.evil.org")
+        ),
+        *(
+            (address, f"found {address}, {LOCAL}")
+            for address in ("127.0.0.1:5555", "udp://x", "tcp://127.0.0.1", "tcp://127.0.0.1:65536")
+        ),
+        ("tcp://", LOCAL),
+        ("ipc://", LOCAL),
+    ],
+)
+def test_an_address_for_zmq_that_is_none_or_reaches_others_is_refused(address, words):
+    if find_spec("zmq") is None:
+        lack("live", "pyzmq is not installed")
+    for public in (False, True) if LOCAL in words else (False,):
+        with pytest.raises(LiveError, match=re.escape(words)):
+            ZmqPublisher(address, public=public)
+
+
+@pytest.mark.parametrize(
+    ("address", "words"),
+    [
+        (f"{GROUP}:7667?ttl=1", "other machines could receive it"),
+        (f"{GROUP}:7667?ttl=0&ttl=1", "expected lcm://"),
+        (f"{GROUP}:7667?ttl=-1", "a ttl from 0 to 255"),
+        (f"{GROUP}:7667?ttl=0&transmit_only=1", "expected lcm://"),
+        ("udpm://192.0.2.1:7667?ttl=0", "the address of a group"),
+        ("udpm://somewhere:7667?ttl=0", "somewhere"),
+        (f"{GROUP}:70000?ttl=0", "range"),
+        (f"{GROUP}:0?ttl=0", "a port"),
+        (f"{GROUP}:7667?ttl", "bad query field"),
+        (f"{GROUP}:7667/more?ttl=0", "expected lcm://"),
+        ("lcm://somewhere", "expected lcm://"),
+        ("file://", "expected lcm://"),
+        ("file://no/poses.lcm", "a new file"),
+        (f"file://{__file__}", "a new file"),
+        (f"file://{__file__}.lcm?mode=a", "expected lcm://"),
+    ],
+)
+def test_an_address_for_lcm_that_is_none_or_reaches_others_is_refused(address, words):
+    with pytest.raises(LiveError, match=re.escape(words)):
+        LcmPublisher(address, CUBE)

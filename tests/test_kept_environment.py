@@ -1,0 +1,46 @@
+"""Environments that are made of kept ones."""
+
+from __future__ import annotations
+
+import os
+
+from scripts import kept_environment
+from scripts.kept_environment import forget_the_oldest, key, lay
+
+
+def test_the_name_tells_what_is_in_it(tmp_path):
+    asked = tmp_path / "asked.txt"
+    asked.write_text("numpy==1.24\n")
+    names = [key([]), key(["."]), key([".[dev]"]), key(["-r", str(asked)])]
+    asked.write_text("numpy==1.25\n")
+    names.append(key(["-r", str(asked)]))
+    assert len(set(names)) == 5
+    assert key(["."]) == names[1]
+
+
+def test_scripts_run_in_the_environment_that_is_laid(tmp_path):
+    kept, laid = tmp_path / "kept", tmp_path / "laid"
+    (kept / "bin").mkdir(parents=True)
+    (kept / "bin" / "tool").write_text(f"#!{kept}/bin/python\n")
+    (kept / "bin" / "tool").chmod(0o755)
+    (kept / "pyvenv.cfg").write_text(f"command = python -m venv {kept}\n")
+    (kept / "library.py").write_text("A = 1\n")
+    lay(kept, laid)
+    assert (laid / "bin" / "tool").read_text() == f"#!{laid}/bin/python\n"
+    assert (laid / "bin" / "tool").stat().st_mode & 0o111
+    assert (kept / "bin" / "tool").read_text() == f"#!{kept}/bin/python\n"
+    assert (laid / "library.py").samefile(kept / "library.py")
+    (laid / "stale").touch()
+    lay(kept, laid)
+    assert not (laid / "stale").exists()
+
+
+def test_those_that_nobody_used_for_long_are_forgotten(tmp_path, monkeypatch):
+    monkeypatch.setattr(kept_environment, "KEPT", tmp_path)
+    monkeypatch.setattr(kept_environment, "MOST", 1)
+    for name in ("old", "new"):
+        (tmp_path / name).mkdir()
+        (tmp_path / f"{name}.installed").touch()
+    os.utime(tmp_path / "old.installed", (0, 0))
+    forget_the_oldest()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["new", "new.installed"]
