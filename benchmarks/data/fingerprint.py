@@ -33,7 +33,7 @@ def fingerprint(*modules: str) -> str:
         digest.update(str(file.relative_to(ROOT)).encode())
         digest.update(code(content) if file.suffix == ".py" else content)
     for library in LIBRARIES:
-        digest.update(f"{library} {_version(library)}".encode())
+        digest.update(f"{library} {version_of(library)}".encode())
     digest.update(choose_renderer("auto").name.encode())
     return digest.hexdigest()[:12]
 
@@ -96,7 +96,8 @@ def _data_beside(folder: Path) -> Iterator[Path]:
             yield from (file for file in path.rglob("*") if file.is_file())
 
 
-def _version(library: str) -> str:
+def version_of(library: str) -> str:
+    """Of an installed package; `none` where it is missing."""
     try:
         return metadata.version(library)
     except metadata.PackageNotFoundError:

@@ -5,11 +5,10 @@ from __future__ import annotations
 import hashlib
 import platform
 import subprocess
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from benchmarks.data.fingerprint import ROOT
+from benchmarks.data.fingerprint import ROOT, version_of
 from synthetic.render.choose import choose_renderer
 from tracker import compiled
 
@@ -31,7 +30,7 @@ def origin() -> dict[str, Any]:
         "kernels": compiled.fingerprint("tracker"),
         "processor": _processor(),
         "python": platform.python_version(),
-        "libraries": {name: metadata.version(name) for name in LIBRARIES},
+        "libraries": {name: version_of(name) for name in LIBRARIES},
         "renderer": choose_renderer("auto").name,
     }
 

@@ -117,6 +117,8 @@ def stated_squares(rig, scenes):
 def test_errors_are_as_large_as_the_covariance_says_where_cameras_are_off_as_stated(
     stated_squares, name, factor, holds
 ):
+    # Of the cube NEES is 1.2 to 1.4 times what it should be, by other numbers of scenes and rigs: deviations
+    # are 10 to 17 % too small, which these limits do not tell from chance.
     assert consistent(stated_squares[name], factor) == holds
 
 
