@@ -28,13 +28,20 @@ def document(about: Mapping[str, Any], figures: Figures, judged: Judged) -> str:
     parts += targets(judged)
     if judged and NOTES.is_file():
         parts += ["## What limits what was missed", NOTES.read_text(encoding="utf-8").strip()]
-    return "\n\n".join([*parts, *tables(figures, TABLES)]) + "\n"
+    return "\n\n".join([*parts, *missing(figures), *tables(figures, TABLES)]) + "\n"
 
 
 def page(about: Mapping[str, Any], figures: Figures, judged: Judged) -> str:
     """What the page of figures shows."""
     shown = [table for table in TABLES if table.page]
-    return "\n\n".join([summary(about), *targets(judged), *tables(figures, shown)])
+    return "\n\n".join([summary(about), *targets(judged), *missing(figures), *tables(figures, shown)])
+
+
+def missing(figures: Figures) -> list[str]:
+    """Which tables a run has nothing for, in words."""
+    known = {row["table"] for row in figures}
+    names = [table.title for table in TABLES if table.name not in known]
+    return [f"Not measured in this run: {', '.join(names)}."] if figures and names else []
 
 
 def tables(figures: Figures, chosen: Iterable[Table]) -> list[str]:

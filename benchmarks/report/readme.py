@@ -49,7 +49,8 @@ def brief(published: Published) -> str:
     }
 
     def both(table: str, group: str, form: str) -> str:
-        return "; ".join(form.format(**found[table, group, name]) for name in OBJECTS.values())
+        rows = [found.get((table, group, name)) for name in OBJECTS.values()]
+        return "; ".join(form.format(**row) if row else "not measured" for row in rows)
 
     def right(group: str) -> str:
         texts = []

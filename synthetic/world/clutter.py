@@ -7,6 +7,7 @@ no higher than the rim, over which every camera looks.
 from __future__ import annotations
 
 import dataclasses
+import zlib
 from collections.abc import Callable
 
 import numpy as np
@@ -51,7 +52,9 @@ def cluttered(scene: PlatformScene, rng: np.random.Generator) -> PlatformScene:
         for _ in range(_TRIED):
             vertices, triangles = meshes.concatenate(kind(rng, rng.uniform(0.0, 2 * np.pi)))
             if all(np.hypot(*(vertices[:, :2] - at).T).min() > r + _CLEARANCE for at, r in balls):
-                mesh = Mesh(f"clutter_{name}_{number}", vertices, triangles, np.zeros(len(triangles), int))
+                # Surfaces are kept by key: in a film, where the object moves, another try may be taken.
+                key = f"clutter_{name}_{number}_{zlib.crc32(vertices.tobytes()):08x}"
+                mesh = Mesh(key, vertices, triangles, np.zeros(len(triangles), int))
                 nothing = np.zeros(1, dtype=np.uint8)
                 bodies.append(Body(mesh.key, mesh, np.eye(4), color[None], nothing, gloss, 0.08))
                 break
