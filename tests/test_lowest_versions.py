@@ -17,5 +17,5 @@ def test_every_requirement_of_those_who_use_it_states_a_lowest_version():
     project = (ROOT / "pyproject.toml").read_text(encoding="utf-8").lower()
     for name, version in versions.items():
         assert re.search(rf'^ +"{name}[>=]={re.escape(version)}["; ]', project, re.MULTILINE), name
-    assert {"numpy", "pybullet", "jinja2", "numcodecs", "lmdb", "rerun-sdk", "av", "pytest"} <= set(versions)
+    assert {"numpy", "pybullet", "pandas", "numcodecs", "lmdb", "rerun-sdk", "av", "pytest"} <= set(versions)
     assert {"ruff", "mypy"}.isdisjoint(versions)

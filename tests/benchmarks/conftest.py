@@ -2,7 +2,14 @@ from __future__ import annotations
 
 import pytest
 
+from benchmarks.score import shares
 from synthetic.camera.shot import QUALITIES
+
+
+@pytest.fixture(autouse=True)
+def _few_resamples(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Intervals of tests need not be as fine as published ones."""
+    monkeypatch.setattr(shares, "RESAMPLES", 99)
 
 
 @pytest.fixture

@@ -90,6 +90,6 @@ def _maker(object_name: str, seed: int, frames: int) -> Any:
         raise LiveError(f"simulation: found no generator: {install('synthetic')}")
     generator = import_module("synthetic.frames")
     options = generator.FrameOptions(
-        object_name, seed, quality="fast", renderer="raster", sequence=True, dropped=0.0, length=frames
+        object_name, seed, quality="fast", sequence=True, dropped=0.0, length=frames
     )
     return generator.FrameMaker(options)
