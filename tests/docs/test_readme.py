@@ -93,7 +93,10 @@ def test_links_of_the_site_that_lead_out_of_it_are_words():
 
 
 def test_the_readme_is_short():
-    assert len(README.split()) <= 900
+    # But for the figures, which a run of the benchmarks writes.
+    before, rest = README.split("<!-- figures", 1)
+    prose = before + rest.split("<!-- /figures -->", 1)[1]
+    assert len(prose.split()) <= 800
 
 
 def test_the_still_is_the_same_each_time_and_its_error_small(demo, tmp_path, run_script):
