@@ -120,7 +120,10 @@ def _times(figure: Figure, frames: pd.DataFrame) -> None:
             times, 100 * np.arange(len(times), 0, -1) / len(times), color=GROUPS[group], label=group
         )
     for panel in panels.values():
-        panel.set(xscale="log", yscale="log", xlabel="time of `detect` [× reference]", ylabel="slower [%]")
+        panel.set(xscale="log", yscale="log", xlabel="time of detect [× reference]", ylabel="slower [%]")
+        ticks = (1, 2, 5, 10, 20, 50, 100)
+        panel.set_xticks(ticks, map(str, ticks))
+        panel.minorticks_off()
         panel.legend(frameon=False)
 
 
