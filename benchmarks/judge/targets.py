@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import sys
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from benchmarks.data.toml_files import read_toml
 from benchmarks.judge.results import Results
-from benchmarks.score.metrics import NOTHING, matches
+from benchmarks.score.metrics import NOTHING, Metric, matches
 from benchmarks.score.tables import BY_NAME
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 FILE = Path(__file__).with_name("targets.toml")
 
@@ -29,9 +25,12 @@ def judge(results: Results) -> list[dict[str, Any]]:
         For each its `name`, `object`, `n`, what is `wanted`, `reached` and its 95 % interval `low` to `high`
         as texts, and the `verdict`: `met` or `missed` where the whole interval is, else `undecided`.
     """
-    with FILE.open("rb") as file:
-        stated = tomllib.load(file)["target"]
-    return [row for target in stated for kind in OBJECTS for row in _judged(target, kind, results)]
+    return [
+        row
+        for target in read_toml(FILE)["target"]
+        for kind in OBJECTS
+        for row in _judged(target, kind, results)
+    ]
 
 
 def _judged(target: dict[str, Any], kind: str, results: Results) -> Iterator[dict[str, Any]]:
@@ -57,19 +56,23 @@ def _judged(target: dict[str, Any], kind: str, results: Results) -> Iterator[dic
         "name": target["name"],
         "object": kind,
         "n": len(own),
-        "wanted": " to ".join(metric.text(x) for x in (least, most) if abs(x) < float("inf"))
-        if "between" in target
-        else ("≥ " if "at_least" in target else "≤ ") + metric.text(least if "at_least" in target else most),
+        "wanted": _wanted(metric, least, most),
         "reached": metric.text(value) + (f" ({beside.text(beside.of(own))})" if beside else ""),
         "interval": f"{metric.text(low)} to {metric.text(high)}".replace(NOTHING, "?"),
         "verdict": "met" if met else "missed" if missed else "undecided",
     }
 
 
+def _wanted(metric: Metric, least: float, most: float) -> str:
+    if math.isinf(most):
+        return f"≥ {metric.text(least)}"
+    return f"≤ {metric.text(most)}" if math.isinf(least) else f"{metric.text(least)} to {metric.text(most)}"
+
+
 def _limits(target: dict[str, Any], kind: str) -> tuple[float, float]:
     if "between" in target:
         low, high = target["between"][kind]
         return float(low), float(high)
-    return float(target.get("at_least", {}).get(kind, "-inf")), float(
-        target.get("at_most", {}).get(kind, "inf")
-    )
+    if "at_least" in target:
+        return float(target["at_least"][kind]), math.inf
+    return -math.inf, float(target["at_most"][kind])

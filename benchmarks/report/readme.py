@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from benchmarks.data.fingerprint import ROOT
+from benchmarks.data.toml_files import read_toml
 from benchmarks.judge.results import ResultsError
 from benchmarks.report.markdown import document, grid, page, summary
 from benchmarks.score.shares import wilson_interval
 from tracker.files import write_whole
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 README, PAGE, RESULTS = ROOT / "README.md", ROOT / "docs" / "figures.md", ROOT / "benchmarks" / "results.md"
 """Where a few of the figures stand, where many do, and all."""
@@ -42,8 +37,7 @@ def read_published() -> dict[str, Any]:
 
 def brief(published: Published) -> str:
     """README.md's block without its marks."""
-    with PREDECESSOR.open("rb") as file:
-        old = tomllib.load(file)
+    old = read_toml(PREDECESSOR)
     found = {
         (row["table"], row["group"], row["object"]): row for row in published["figures"] if not row["bin"]
     }
