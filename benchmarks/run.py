@@ -31,7 +31,7 @@ from benchmarks.measure.accuracy import Made, measure_accuracy
 from benchmarks.measure.dice import measure_dice
 from benchmarks.measure.films import measure_films
 from benchmarks.measure.motion import measure_motion
-from benchmarks.measure.recorded import measure_recorded, measure_segmentation
+from benchmarks.measure.recorded import measure_agreement, measure_segmentation, measure_triplets
 from benchmarks.measure.start_up import measure_start_up
 from tracker.files import write_whole
 
@@ -80,7 +80,8 @@ def accuracy(run: Run) -> Frames:
 
     def keep(name: str, make: Callable[[], Made]) -> Made:
         file = run.output / KEPT / f"{re.sub(r'[^a-z0-9]+', '_', name.lower())}.json"
-        key = {key: run.results.about[key] for key in IDENTITY} | {"rounds": run.rounds}
+        key = {key: run.results.about[key] for key in IDENTITY}
+        key |= {"rounds": run.rounds, "workloads": [workload.name for workload in run.workloads]}
         if file.is_file():
             kept = json.loads(file.read_text(encoding="utf-8"))
             if kept["key"] == key:
@@ -104,7 +105,7 @@ def recorded(run: Run) -> Frames:
         run.skip("recorded pictures", "there are none")
         return {}
     draws = max(5, run.plan.scenes // 4)
-    found = measure_recorded(run.real, draws, run.films)
+    found = measure_triplets(run.real, draws) | measure_agreement(run.real, run.films)
     return found | {"segmentation": measure_segmentation(run.real)}
 
 
@@ -130,9 +131,7 @@ def start_up(run: Run) -> Frames:
 
 def gate(run: Run) -> Frames:
     """What the gate holds: few scenes, and the recorded triplets."""
-    held = ("third camera", "recorded, one camera")
-    found = {} if run.real is None else measure_recorded(run.real, 1, run.films)
-    return accuracy(run) | {part: found[part] for part in held if part in found}
+    return accuracy(run) | ({} if run.real is None else measure_agreement(run.real, run.films))
 
 
 PARTS: dict[str, Callable[[Run], Frames]] = {

@@ -32,37 +32,45 @@ FILM_FRAMES = 8
 Rows = list[dict[str, Any]]
 
 
-def measure_recorded(real: Path, draws: int, films: int) -> dict[str, pd.DataFrame]:
-    """Rows, each with a group, of the parts `triplets` … `recorded, one camera`.
+def measure_triplets(real: Path, draws: int) -> dict[str, pd.DataFrame]:
+    """Rows, each with a group, of the parts `triplets` and `two sizes`.
 
     Args:
         real: folder of recorded data.
         draws: of light, in which each triplet is tried.
-        films: of each single camera.
     """
-    rows: dict[str, Rows] = {
-        "triplets": [],
-        "third camera": [],
-        "two sizes": [],
-        "recorded, one camera": [],
-    }
+    whole_rows: Rows = []
+    sizes: Rows = []
     for name, group, detector, labelled in triplets(real):
         about = {"object": name, "group": group}
         images = [image.image for image in labelled]
         whole = detector.detect(images).object_pose
-        rows["triplets"].append(about | _in_light(detector, labelled, whole, draws))
-        rows["third camera"] += [
+        whole_rows.append(about | _in_light(detector, labelled, whole, draws))
+        other, resized = _other_size(detector, images)
+        shift, turn = apart(whole, other.detect(resized).object_pose)
+        sizes.append(about | {"shift_mm": shift, "turn_deg": turn})
+    return {"triplets": pd.DataFrame(whole_rows), "two sizes": pd.DataFrame(sizes)}
+
+
+def measure_agreement(real: Path, films: int) -> dict[str, pd.DataFrame]:
+    """Rows, each with a group, of the parts `third camera` and `recorded, one camera`.
+
+    Args:
+        real: folder of recorded data.
+        films: of each single camera.
+    """
+    third: Rows = []
+    single: Rows = []
+    for name, group, detector, labelled in triplets(real):
+        images = [image.image for image in labelled]
+        whole = detector.detect(images).object_pose
+        third += [
             {"object": name, "group": f"{row['camera']}{group and f', {group}'}", **row}
             for row in _third_camera(detector, images, whole)
         ]
-        other, resized = _other_size(detector, images)
-        shift, turn = apart(whole, other.detect(resized).object_pose)
-        rows["two sizes"].append(about | {"shift_mm": shift, "turn_deg": turn})
         if not group:
-            rows["recorded, one camera"] += [
-                {"object": name} | row for row in _one_camera(detector, images, whole, films)
-            ]
-    return {part: pd.DataFrame(found) for part, found in rows.items()}
+            single += [{"object": name} | row for row in _one_camera(detector, images, whole, films)]
+    return {"third camera": pd.DataFrame(third), "recorded, one camera": pd.DataFrame(single)}
 
 
 def face_outlines(

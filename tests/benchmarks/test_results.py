@@ -10,6 +10,7 @@ import pytest
 
 from benchmarks import run as runs
 from benchmarks.data.sets import Plan
+from benchmarks.data.workloads import WORKLOADS
 from benchmarks.judge.origin import origin
 from benchmarks.judge.results import Results, ResultsError, read_results, write_results
 from benchmarks.judge.targets import judge
@@ -51,8 +52,8 @@ def measured(tmp_path, monkeypatch):
 
     monkeypatch.setattr(runs, "PARTS", {name: part(name) for name in count})
 
-    def run(*parts, seed=1, whole=False):
-        return measure(Run(Plan(3, seed), tmp_path, None), parts, whole=whole)
+    def run(*parts, seed=1, whole=False, **more):
+        return measure(Run(Plan(3, seed), tmp_path, None, **more), parts, whole=whole)
 
     return run, tree, count
 
@@ -114,6 +115,13 @@ def test_sets_of_scenes_are_kept_until_their_part_is_finished(measured, tmp_path
     assert asked == ["a", "b"]
     run("accuracy")
     assert asked == ["a", "b", "a", "b"]
+    stop[0] = "a"
+    with pytest.raises(KeyboardInterrupt):
+        run("accuracy")
+    stop[0] = ""
+    # Answers to other workloads on the same scenes are other answers.
+    run("accuracy", workloads=WORKLOADS[:1])
+    assert asked[4:] == ["a", "a", "b"]
 
 
 def test_sources_that_change_meanwhile_spoil_the_run(measured, monkeypatch):
