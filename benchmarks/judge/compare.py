@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from benchmarks.judge.results import Results, ResultsError
-from benchmarks.score.metrics import ANSWERS, PAIRED, TIMES, TRUST, Metric, right
+from benchmarks.score.metrics import ANSWERS, TIMES, TRUST, Metric, right
 from benchmarks.score.shares import bootstrap_interval, median
 
 KEYS = ["group", "object", "index"]
@@ -58,7 +58,6 @@ def compare(before: Results, after: Results) -> list[dict[str, Any]]:
         sides = side(own, "before"), side(own, "after")
         row: dict[str, Any] = {"group": group, "object": name, "n": len(own)}
         row |= {metric.name: tuple(metric.of(one) for one in sides) for metric in COMPARED}
-        row |= {metric.name: metric.of(own) for metric in PAIRED}
         row |= {f"ratio_{unit}": _ratio(own, unit) for unit in ("mm", "deg")}
         was, now = (right(one) for one in sides)
         rows.append(row | {"lost": int((was & ~now).sum()), "gained": int((now & ~was).sum())})

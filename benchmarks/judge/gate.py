@@ -34,16 +34,15 @@ FILMS = 2
 """Of each camera of a recorded triplet."""
 
 _NAMES = (
-    *(
-        "realistic",
-        "two cameras",
-        "one camera",
-        "perturbed calibration",
-        "hard light",
-        "poor images",
-        "black",
-    ),
-    *("world", "absent"),
+    "realistic",
+    "two cameras",
+    "one camera",
+    "perturbed calibration",
+    "hard light",
+    "poor images",
+    "black",
+    "world",
+    "absent",
 )
 
 WORKLOADS = tuple(w for w in ALL if w.name in _NAMES or w.name.startswith(LOOK_ALIKE))

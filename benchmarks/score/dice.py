@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -152,14 +152,6 @@ def taken(part: str, whole: str) -> Callable[[pd.DataFrame], float]:
     return lambda views: (
         100 * _share(float(views[part].sum()), float(views[whole].sum())) if part in views else math.nan
     )
-
-
-def by_visibility(rows: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
-    """Bins of the visible fraction of dice."""
-    for low, high in BINS:
-        own = rows[(rows.visible >= low) & ((rows.visible < high) | (high == 1.0))]
-        if len(own):
-            yield f"{low:g}-{high:g}", own
 
 
 def brier(rows: pd.DataFrame) -> float:

@@ -16,7 +16,16 @@ import numpy as np
 import pandas as pd
 from scipy.stats import chi2
 
-from benchmarks.score.shares import SURE, bootstrap_interval, mean, percent, quantile, wilson_interval, within
+from benchmarks.score.shares import (
+    RIGHT_MM,
+    SURE,
+    bootstrap_interval,
+    mean,
+    percent,
+    quantile,
+    wilson_interval,
+    within,
+)
 from tracker.conventions import Array
 
 Rows: TypeAlias = pd.DataFrame
@@ -114,6 +123,21 @@ def matches(group: str, patterns: Iterable[str]) -> bool:
     return any(fnmatchcase(group, pattern) for pattern in patterns)
 
 
+def by_visibility(*borders: tuple[float, float]) -> Split:
+    """Bins of the visible fraction that hold any.
+
+    The lower end belongs to a bin, the upper only where it is 1.
+    """
+
+    def split(rows: Rows) -> Iterator[tuple[str, Rows]]:
+        for low, high in borders:
+            own = rows[(rows.visible >= low) & ((rows.visible < high) | (high == 1.0))]
+            if len(own):
+                yield f"{low:g}-{high:g}", own
+
+    return split
+
+
 def at(column: str, q: float) -> Callable[[Rows], float]:
     """A quantile of the finite values of a column."""
     return lambda rows: quantile(rows[column], q)
@@ -134,7 +158,7 @@ def share(flags: Callable[[Rows], Array]) -> Callable[[Rows], float]:
     return lambda rows: percent(np.asarray(flags(rows), bool))
 
 
-def right(rows: Rows, prefix: str = "", millimetres: float = 5.0) -> Array:
+def right(rows: Rows, prefix: str = "", millimetres: float = RIGHT_MM) -> Array:
     """(N,) whether poses are within so many millimetres and 5° of the truth."""
     return within(rows[[f"{prefix}mm", f"{prefix}deg"]].to_numpy(), millimetres)
 
@@ -174,13 +198,15 @@ INSIDE = Metric(
     "higher",
     step=3.0,
 )
+MEDIAN_DEG = Metric("median_deg", "rotation, median", at("deg", 0.5), "{:.2f}°")
+NEES = Metric("median_nees", "NEES, median", at("nees", 0.5), "{:.1f}", "same")
 HONESTY = Metric("honesty", "said − right", _dishonesty, "{:.1f} points", step=1.0)
 
 ANSWERS = (
     MEDIAN,
     P90,
     Metric("p99_mm", "99th", at("mm", 0.99), "{:.2f} mm"),
-    Metric("median_deg", "rotation, median", at("deg", 0.5), "{:.2f}°"),
+    MEDIAN_DEG,
     Metric("p90_deg", "90th percentile", at("deg", 0.9), "{:.2f}°", factor=1.1),
     Metric("median_roll_deg", "roll, median", at("roll_deg", 0.5), "{:.2f}°"),
     RIGHT,
@@ -190,7 +216,7 @@ ANSWERS = (
 """How far the poses given are from the truth, and shares of all answers."""
 
 TRUST = (
-    Metric("median_nees", "NEES, median", at("nees", 0.5), "{:.1f}", "same"),
+    NEES,
     INSIDE,
     Metric("confidence", "mean confidence", lambda rows: 100 * mean(rows.confidence.dropna()), "{:.1f} %"),
     HONESTY,

@@ -19,6 +19,8 @@ from benchmarks.score.metrics import (
     FINDS,
     INSIDE,
     MEDIAN,
+    MEDIAN_DEG,
+    NEES,
     P90,
     RIGHT,
     TIMES,
@@ -27,6 +29,7 @@ from benchmarks.score.metrics import (
     Metric,
     Table,
     at,
+    by_visibility,
     right,
     share,
     value,
@@ -34,7 +37,7 @@ from benchmarks.score.metrics import (
 from benchmarks.score.shares import percent
 
 VISIBLE = ((0.9, 1.0), (0.7, 0.9), (0.5, 0.7), (0.3, 0.5), (0.0, 0.3))
-"""Bins of the mean visible fraction; the lower end belongs to a bin, the upper only where it is 1."""
+"""Bins of the mean visible fraction."""
 
 CONFIDENCE = (0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 0.95, 0.98, 0.99, 1.0)
 """Borders of the bins of confidence."""
@@ -52,14 +55,6 @@ def figures(frames: Mapping[str, pd.DataFrame]) -> list[dict[str, Any]]:
 
 def _finite(row: dict[str, Any]) -> dict[str, Any]:
     return {key: x for key, x in row.items() if not (isinstance(x, float) and not math.isfinite(x))}
-
-
-def by_visibility(rows: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
-    """Bins of the visible fraction that hold any."""
-    for low, high in VISIBLE:
-        own = rows[(rows.visible >= low) & ((rows.visible < high) | (high == 1.0))]
-        if len(own):
-            yield f"{low:g}-{high:g}", own
 
 
 def by_confidence(rows: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
@@ -150,7 +145,7 @@ TABLES: tuple[Table, ...] = (
         "The mean over the cameras of the share of the object that nothing hides.",
         ANSWERS,
         ("realistic", "world", "two cameras", "one camera"),
-        split=by_visibility,
+        split=by_visibility(*VISIBLE),
         heads=("object", "workload", "visible"),
         page=False,
     ),
@@ -223,7 +218,7 @@ TABLES: tuple[Table, ...] = (
             Metric(
                 "right_20",
                 "posed and right",
-                share(lambda rows: right(rows, millimetres=20.0)),
+                share(lambda rows: right(rows, millimetres=films.NEAR_MM)),
                 "{:.1f} %",
                 "higher",
                 step=2.0,
@@ -271,7 +266,7 @@ TABLES: tuple[Table, ...] = (
             WRONG_AND_SURE,
             Metric("flips", "flips", films.flips, "{:.0f}"),
             Metric("losses", "losses", films.losses, "{:.0f}"),
-            Metric("median_nees", "NEES, median", at("nees", 0.5), "{:.1f}", "same"),
+            NEES,
             INSIDE,
         ),
         ("all", "every *", "world"),
@@ -284,7 +279,7 @@ TABLES: tuple[Table, ...] = (
         "Median errors of the filtered pose, and over those of `detect` on the same frames.",
         (
             MEDIAN,
-            Metric("median_deg", "rotation", at("deg", 0.5), "{:.2f}°"),
+            MEDIAN_DEG,
             Metric("over_single_mm", "over single shot, position", films.over_single("mm"), "{:.2f}"),
             Metric("over_single_deg", "rotation", films.over_single("deg"), "{:.2f}"),
         ),
@@ -375,7 +370,7 @@ TABLES: tuple[Table, ...] = (
             Metric("median_mm", "error, median", at("mm", 0.5), "{:.2f} mm"),
             Metric("p90_mm", "90th percentile", at("mm", 0.9), "{:.2f} mm"),
         ),
-        split=dice.by_visibility,
+        split=by_visibility(*dice.BINS),
         heads=("", "scenes", "visible"),
     ),
     Table(

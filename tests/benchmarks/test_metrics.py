@@ -11,9 +11,9 @@ import pytest
 
 import tracker
 from benchmarks.score import errors, metrics
-from benchmarks.score.metrics import INSIDE, Metric, Table
+from benchmarks.score.metrics import INSIDE, Metric, Table, by_visibility
 from benchmarks.score.shares import bootstrap_interval, median, wilson_interval
-from benchmarks.score.tables import BY_NAME, TABLES, by_confidence, by_visibility, figures
+from benchmarks.score.tables import BY_NAME, TABLES, VISIBLE, by_confidence, figures
 from tests.benchmarks.made_up import answer, answers, results
 from tests.helpers import random_rotations
 from tracker.geometry import so3
@@ -73,7 +73,7 @@ def test_figures_count_right_wrong_and_missing():
     trust = figures_of(rows, "trust")
     assert trust["brier"] == pytest.approx((6 * 0.01 + 0.64 + 0.04) / 8)
     assert trust["honesty"] == pytest.approx(abs(100 * (6 * 0.9 + 0.8 + 0.2) / 8 - 75))
-    assert [(label, len(own)) for label, own in by_visibility(pd.DataFrame(rows))] == [
+    assert [(label, len(own)) for label, own in by_visibility(*VISIBLE)(pd.DataFrame(rows))] == [
         ("0.7-0.9", 9),
         ("0.3-0.5", 1),
     ]
