@@ -22,7 +22,7 @@ from synthetic.camera.units import STILL, Crew, crew_of, motion_px
 from synthetic.closing import Closing
 from synthetic.effects import Effects, stream
 from synthetic.frame import Frame as Frame
-from synthetic.render.choose import choose_renderer
+from synthetic.render.renderer import shared_renderer
 from synthetic.scene import PlatformScene, SceneAt
 from synthetic.world.effects import still_at, with_effects
 from synthetic.world.look_alikes import KINDS, look_alike
@@ -126,7 +126,7 @@ class FrameMaker(Closing):
         if options.shadows is not None:
             self._quality = dataclasses.replace(self._quality, shadows=options.shadows)
         self._stack = ExitStack()
-        self.renderer = choose_renderer()
+        self.renderer = shared_renderer()
         self._platform = self._stack.enter_context(Platform(options.object_name))
 
     def close(self) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.data.fingerprint import ROOT, version_of
-from synthetic.render.choose import choose_renderer
+from synthetic.render.renderer import shared_renderer
 from tracker import compiled
 
 SOURCES = ("tracker", "synthetic", "benchmarks")
@@ -31,7 +31,7 @@ def origin() -> dict[str, Any]:
         "processor": _processor(),
         "python": platform.python_version(),
         "libraries": {name: version_of(name) for name in LIBRARIES},
-        "renderer": choose_renderer("auto").name,
+        "renderer": shared_renderer().name,
     }
 
 

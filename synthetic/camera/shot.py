@@ -11,8 +11,8 @@ import numpy as np
 from synthetic.camera.lens import Lens
 from synthetic.camera.sensor import Sensor
 from synthetic.camera.units import Unit
-from synthetic.render.choose import Renderer
 from synthetic.render.raster import Layers
+from synthetic.render.renderer import Renderer
 from synthetic.scene import PlatformScene
 from tracker.conventions import Array, Image
 

@@ -24,7 +24,7 @@ from synthetic.camera.rigs import KNOWN, choose_rig, sized
 from synthetic.export.bop import finish_bop, write_bop_frame, write_png
 from synthetic.export.workers import run_tasks
 from synthetic.frames import DatasetError, Frame, FrameMaker, FrameOptions
-from synthetic.render.choose import Renderer
+from synthetic.render.renderer import Renderer
 from tracker.calibration.rig import CameraRig
 from tracker.files import write_whole
 

@@ -87,7 +87,7 @@ class SurfaceStore:
     """Surfaces of meshes by key."""
 
     def __init__(self) -> None:
-        self._meshes: OrderedDict[str, Surface] = OrderedDict()
+        self._meshes: OrderedDict[str, tuple[Mesh, Surface]] = OrderedDict()
 
     def of_scene(self, scene: PlatformScene) -> Surfaces:
         """The surfaces of all bodies of `scene`, in their order."""
@@ -95,12 +95,22 @@ class SurfaceStore:
 
     def of_mesh(self, mesh: Mesh) -> Surface:
         """The surface of one mesh."""
-        if mesh.key not in self._meshes:
-            self._meshes[mesh.key] = _surface(mesh)
+        known = self._meshes.get(mesh.key)
+        if known is None or not _same(known[0], mesh):
+            self._meshes[mesh.key] = mesh, _surface(mesh)
             if len(self._meshes) > _KEPT_MESHES:
                 self._meshes.popitem(last=False)
         self._meshes.move_to_end(mesh.key)
-        return self._meshes[mesh.key]
+        return self._meshes[mesh.key][1]
+
+
+def _same(one: Mesh, other: Mesh) -> bool:
+    # A wrong row of a surface is read by compiled code, beyond its end too: names alone are not trusted.
+    return one is other or (
+        np.array_equal(one.vertices, other.vertices)
+        and np.array_equal(one.triangles, other.triangles)
+        and np.array_equal(one.groups, other.groups)
+    )
 
 
 def _surface(mesh: Mesh) -> Surface:

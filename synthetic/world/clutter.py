@@ -1,13 +1,12 @@
-"""The effect `clutter`: things on the wall, at its foot and outside, never in front of the object.
+"""The effect `clutter`: things that hang on the wall or stand outside, in the same places for a whole film.
 
-What hangs on the wall hugs it, what lies at its foot keeps away from the object, and what stands outside is
-no higher than the rim, over which every camera looks.
+What hangs on the wall hugs it, and so hides only objects that are next to it; what stands outside is no
+higher than the rim, over which every camera looks.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import zlib
 from collections.abc import Callable
 
 import numpy as np
@@ -30,39 +29,21 @@ _OTHERS = np.array([[0.01] * 3, [0.1] * 3, [0.5] * 3, [0.8] * 3, [0.08, 0.16, 0.
 _HEIGHTS, _RADII = np.array([0.025, 0.038, 0.103, 0.172]), np.array([0.199, 0.1985, 0.2375, 0.277])
 """The wall's inner surface [m]."""
 
-_CLEARANCE = 0.045
-"""Between what is inside the wall and the ball around an object [m], from above: 28 mm hide no more."""
-
-_TRIED = 8
-"""Places for one thing."""
-
 Part = tuple[FloatArray, Array]
 """Vertices (V, 3) [m] and triangles (T, 3)."""
 
 
 def cluttered(scene: PlatformScene, rng: np.random.Generator) -> PlatformScene:
     """The scene with things drawn from `rng`."""
-    shown = [body for body in scene.bodies if np.any(body.labels)]
-    balls = [(body.world_from_body[:2, 3], _radius(body)) for body in shown]
-    bodies = list(scene.bodies)
-    name = f"{rng.integers(2**62):x}"
+    name, bodies = f"{rng.integers(2**62):x}", list(scene.bodies)
     for number in range(int(rng.integers(PIECES[0], PIECES[1] + 1))):
         kind = _KINDS[int(rng.integers(len(_KINDS)))]
         color, gloss = _color(rng), float(rng.uniform(0.0, 0.4))
-        for _ in range(_TRIED):
-            vertices, triangles = meshes.concatenate(kind(rng, rng.uniform(0.0, 2 * np.pi)))
-            if all(np.hypot(*(vertices[:, :2] - at).T).min() > r + _CLEARANCE for at, r in balls):
-                # Surfaces are kept by key: in a film, where the object moves, another try may be taken.
-                key = f"clutter_{name}_{number}_{zlib.crc32(vertices.tobytes()):08x}"
-                mesh = Mesh(key, vertices, triangles, np.zeros(len(triangles), int))
-                nothing = np.zeros(1, dtype=np.uint8)
-                bodies.append(Body(mesh.key, mesh, np.eye(4), color[None], nothing, gloss, 0.08))
-                break
+        vertices, triangles = meshes.concatenate(kind(rng, rng.uniform(0.0, 2 * np.pi)))
+        mesh = Mesh(f"clutter_{name}_{number}", vertices, triangles, np.zeros(len(triangles), int))
+        nothing = np.zeros(1, dtype=np.uint8)
+        bodies.append(Body(mesh.key, mesh, np.eye(4), color[None], nothing, gloss, 0.08))
     return dataclasses.replace(scene, bodies=tuple(bodies))
-
-
-def _radius(body: Body) -> float:
-    return float(np.linalg.norm(np.asarray(body.mesh.vertices), axis=1).max())
 
 
 def _color(rng: np.random.Generator) -> FloatArray:
@@ -117,17 +98,16 @@ def _cable(rng: np.random.Generator, azimuth: float) -> list[Part]:
 
 
 def _tool(rng: np.random.Generator, azimuth: float) -> list[Part]:
-    """A handle and a thin shaft that lie at the wall's foot."""
-    thick, thin = rng.uniform([0.008, 0.002], [0.013, 0.004])
-    handle, shaft = rng.uniform([0.04, 0.03], [0.08, 0.06])
-    out = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
-    side = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
-    start = 0.168 * out + thick * np.array([0.0, 0.0, 1.0])
-    ends = np.array([-handle, 0.0, shaft])[:, None] * side + start
-    steps = np.linspace(0.0, 1.0, 3)[:, None]
+    """A handle and a thin shaft that hang on the wall, above what lies on the table."""
+    thick, thin = rng.uniform([0.008, 0.002], [0.012, 0.004])
+    ends = 0.165 - np.cumsum([0.0, *rng.uniform([0.03, 0.02], [0.05, 0.04])])
+    tilt = rng.uniform(-0.5, 0.5)
     return [
-        meshes.tube(a + steps * (b - a), radius)
-        for a, b, radius in ((ends[0], ends[1], thick), (ends[1], ends[2], thin))
+        meshes.tube(_on_wall(azimuth + tilt * (0.165 - height), height, thick + 0.001), radius)
+        for height, radius in (
+            (np.linspace(ends[0], ends[1], 5), thick),
+            (np.linspace(ends[1], ends[2], 5), thin),
+        )
     ]
 
 

@@ -14,13 +14,11 @@ def missing() -> str:
     for package in ("pybullet", "trimesh"):
         if importlib.util.find_spec(package) is None:
             return f"{package} is not installed (extra `synthetic`)"
-    from synthetic.render.choose import choose_renderer
     from synthetic.world.assets import find_assets
     from tracker.errors import TrackerError
 
     try:
         find_assets()
-        choose_renderer("auto")
     except TrackerError as error:
         return str(error)
     return ""

@@ -8,7 +8,7 @@ from synthetic.camera.lens import Lens
 from synthetic.camera.rigs import default_cameras
 from synthetic.errors import RendererError
 from synthetic.render.check import labels_and_depth
-from synthetic.render.choose import choose_renderer
+from synthetic.render.renderer import shared_renderer
 from synthetic.scene import Body, Lamp, Lighting, Mesh, PlatformScene
 from tests.helpers import random_rotations
 from tests.helpers.needs import lack
@@ -22,7 +22,7 @@ COLORS = np.array([[1, 1, 10], [1, 9, 9], [2, 8, 2], [7, 2, 7], [9, 2, 1], [8, 7
 WHITE = np.ones(3)
 
 
-RENDERER = choose_renderer()
+RENDERER = shared_renderer()
 
 
 def box(size: tuple[float, ...]) -> Mesh:
@@ -124,12 +124,6 @@ def test_pyrender_sees_the_same_labels_and_depths() -> None:
         assert ((own.nearness > 0) == (depth > 0)).mean() > 1 - 2e-4
         both = (own.nearness > 0) & (depth > 0)
         assert np.quantile(np.abs(1 / own.nearness[both] - depth[both]), 0.999) < 1e-4
-
-
-def test_a_process_keeps_one_renderer_and_knows_no_other() -> None:
-    assert choose_renderer("auto") is choose_renderer("raster") is RENDERER
-    with pytest.raises(RendererError, match=r"'cycles'.*auto or raster"):
-        choose_renderer("cycles")
 
 
 @pytest.mark.parametrize("supersampling", [1, 2, 3])

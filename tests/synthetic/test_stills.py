@@ -12,7 +12,7 @@ from synthetic.camera.lens import Lens
 from synthetic.camera.rigs import default_cameras
 from synthetic.camera.sensor import Sensor
 from synthetic.look.face_colors import reflectances
-from synthetic.render.choose import choose_renderer
+from synthetic.render.renderer import shared_renderer
 from synthetic.scene import ObjectState, PlatformScene
 from synthetic.stills import Still
 from tests.helpers.stills import bare_scene, posed_scene, scene_with_fingers, take
@@ -35,7 +35,7 @@ def coverages(scene: PlatformScene, cameras: tuple[Camera, ...]) -> list[Array]:
     for camera in cameras:
         lens = Lens(camera, points)
         view = dataclasses.replace(lens.view, block=points)
-        result.append(lens.to_camera(choose_renderer().render(scene, view, shadows=False).labels > 0, "mean"))
+        result.append(lens.to_camera(shared_renderer().render(scene, view, shadows=False).labels > 0, "mean"))
     return result
 
 
@@ -159,7 +159,7 @@ def test_fingers_hide_a_part_of_the_object() -> None:
 def test_pixels_that_share_a_look_have_the_same_labels_and_almost_the_same_light() -> None:
     scene, lens = scene_with_fingers(MODELS[1], rng(3)), Lens(CAMERAS[0], 3)
     each, some = (
-        choose_renderer().render(scene, dataclasses.replace(lens.view, block=block), shadows=True)
+        shared_renderer().render(scene, dataclasses.replace(lens.view, block=block), shadows=True)
         for block in (1, 3)
     )
     assert np.array_equal(each.labels, some.labels)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import functools
 
-from synthetic.errors import RendererError
 from synthetic.render.hits import hits_of_codes, labels_of_codes, shared
 from synthetic.render.raster import Layers, PinholeView, paint
 from synthetic.render.shading import add_bounced, shade
@@ -60,17 +59,7 @@ class Renderer:
         return surfaces, maps
 
 
-def choose_renderer(name: str = "auto") -> Renderer:
-    """The renderer, one for each process.
-
-    Raises:
-        RendererError: another one than `raster` or `auto`, which is the same, is asked for.
-    """
-    if name not in ("auto", Renderer.name):
-        raise RendererError(f"renderer: found {name!r}, expected auto or {Renderer.name}")
-    return _renderer()
-
-
 @functools.cache
-def _renderer() -> Renderer:
+def shared_renderer() -> Renderer:
+    """The renderer, one for each process."""
     return Renderer()
