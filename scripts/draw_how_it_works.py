@@ -28,12 +28,12 @@ from tracker.conventions import Array, FloatArray
 from tracker.geometry import cuboid, so3
 from tracker.objects.labels import COLOR_NAMES, DISPLAY_COLORS_BGR
 from tracker.objects.model import CuboidModel
-from tracker.pose.estimate import FEW, POSITIONS, PoseEstimator, Sight
-from tracker.pose.evidence import EvidenceReader
-from tracker.pose.hypotheses.positions import vote
-from tracker.pose.solve.normal import residual
-from tracker.pose.solve.schedule import SCHEDULE, Schedule
-from tracker.pose.start import Start
+from tracker.pose.estimate import POSITIONS, PoseEstimator
+from tracker.pose.fit import Start
+from tracker.pose.rotations import rank_rotations
+from tracker.pose.solve import residual
+from tracker.pose.views import Sight
+from tracker.pose.votes import gather, integrate, vote
 
 SEED = 6
 """Of the scene: that of examples/still.py."""
@@ -74,14 +74,9 @@ def make_scene() -> Scene:
     model, rig = tracker.load_object("cube_v2"), CameraRig(default_cameras())
     rng = np.random.default_rng(SEED)
     still = take(scene_with_fingers(model, rng), rig.cameras, Sensor.realistic(), rng, shadows=True)
-    follower = tracker.ObjectTracker(model, rig)
-    estimator = follower._estimator
-    reader = EvidenceReader(follower.colors, estimator.factors)
-    views = [reader.read(reader.see(c, image), False) for c, image in enumerate(still.images)]
-    return Scene(
-        model, rig, still.images, still.position, still.rotation, estimator,
-        estimator.sight(views),
-    )  # fmt: skip
+    estimator = tracker.ObjectTracker(model, rig)._estimator
+    sight = estimator.reader(still.images)
+    return Scene(model, rig, still.images, still.position, still.rotation, estimator, sight)
 
 
 def draw_labels(scene: Scene) -> Figure:
@@ -103,26 +98,24 @@ def draw_labels(scene: Scene) -> Figure:
 
 def found_positions(scene: Scene) -> list[FloatArray]:
     """The positions (3,) [m] that may be tried, best vote first."""
-    search, sight = scene.estimator.positions, scene.sight
-    integrals, _ = search.integrals(sight.labels, sight.used)
-    return list(search.positions(sight.labels, integrals, sight.used, POSITIONS))
+    return list(scene.estimator.positions(scene.sight.labels, scene.sight.pictures, POSITIONS))
 
 
 def draw_votes(scene: Scene, quick: bool) -> Figure:
     """The votes from above, and the squares in which they are counted."""
     search, sight, found = scene.estimator.positions, scene.sight, found_positions(scene)
-    integrals, _ = search.integrals(sight.labels, sight.used)
+    integrals = np.empty(sight.labels.shape + np.array([0, 1, 1]), np.int32)
+    integrate(sight.labels, search.lenses, sight.pictures, integrals)
     side, heights = (
         np.linspace(-0.235, 0.235, 24 if quick else 95),
         np.linspace(0.01, 0.185, 4 if quick else 15),
     )
-
-    def votes(x: float, y: float) -> float:
-        lenses, share = search.lenses, search.area_share
-        return max(vote(integrals, lenses, sight.used, x, y, z, search.radius, share, 0.0) for z in heights)
-
-    arena = scene.rig.arena
-    level = [[votes(x, y) if np.hypot(x, y) < arena.radius else np.nan for x in side] for y in side]
+    y, x, z = np.meshgrid(side, side, heights, indexing="ij")
+    points = np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1)
+    votes = np.empty(len(points), np.float32)
+    vote(integrals, search.boxes_at(points), sight.pictures, votes)
+    level = votes.reshape(x.shape).max(axis=2)
+    level[np.hypot(x, y)[..., 0] >= scene.rig.arena.radius] = np.nan
     figure = Figure(figsize=(10.5, 4.9), layout="constrained")
     grid = figure.add_gridspec(2, 3, width_ratios=(2.1, 1, 1))
     axis = figure.add_subplot(grid[:, 0])
@@ -178,8 +171,11 @@ def draw_rotations(scene: Scene) -> Figure:
     """Rotations of the even grid by their rank, at the position on the object, in all label maps."""
     estimator, sight = scene.estimator, scene.sight
     position = min(found_positions(scene), key=lambda at: float(np.linalg.norm(at - scene.position)))
-    count = len(estimator.rotations.rotations)
-    rotations, costs = estimator.rotations(sight.labels, sight.used, position, count - 1)
+    grid, single = estimator._grid
+    count, stats, costs = len(grid), np.empty((len(sight.labels), 7, 3)), np.empty(len(grid), np.float32)
+    gather(estimator.small, sight.labels, sight.pictures, position, 1.1 * estimator.box.radius, stats)
+    rank_rotations(estimator.small, sight.pictures, estimator._faces, position, stats, single, costs)
+    rotations, costs = grid[np.argsort(costs)], np.sort(costs)
     ranks = (1, 2, 3, 10, 100, count - 1)
     figure = Figure(figsize=(11, 6), layout="constrained")
     axes = figure.subplots(3, len(ranks))
@@ -191,7 +187,7 @@ def draw_rotations(scene: Scene) -> Figure:
         )
         for c, axis in enumerate(axes[:, column]):
             axis.imshow(TINTS[sight.labels[c]], interpolation="nearest")
-            factor, outline = estimator.factors[c], _outline(scene, c, rotation, position)
+            factor, outline = estimator.reader.factors[c], _outline(scene, c, rotation, position)
             for face, pixels in outline:
                 small = (pixels + 0.5) / factor - 0.5
                 tint = TINTS[scene.model.face_labels[face]]
@@ -236,22 +232,20 @@ class Edges(NamedTuple):
 
 def edges_at(scene: Scene, rotation: FloatArray, position: FloatArray, start: Start) -> Edges:
     """Lay strips at a pose, and measure their offsets once."""
-    once = Schedule(
-        np.zeros(1), SCHEDULE.piece[-1:], SCHEDULE.tukey[:1], SCHEDULE.every[-1:], SCHEDULE.negligible[-1:]
-    )
-    refiner = scene.estimator.refiner
-    blurs = refiner.refine(scene.sight.views, rotation, position, once, start).cameras["blur"]
-    work = refiner._local.space
-    parts = (work.strips, work.found, work.counts, work.reaches, work.distance, work.values)
-    return Edges(*(part.copy() for part in parts), blurs, start)
+    refiner, pictures = scene.estimator.refiner, scene.sight.pictures
+    cameras, work = refiner.edges(pictures, rotation, position, start, turns=1)
+    parts = work.strips, work.found, cameras["strips"], cameras["reach"], work.distance, work.values
+    return Edges(*(part.copy() for part in parts), cameras["blur"].copy(), start)
 
 
 def before_and_after(scene: Scene) -> tuple[Edges, Edges]:
     """Strips at the best hypothesis after alignment on the label maps, and at the pose refined from it."""
     estimator, sight = scene.estimator, scene.sight
-    rotation, position = next(estimator._align(sight, found_positions(scene)[:1], FEW))
-    fit = estimator.refine(sight, rotation, position)
-    return edges_at(scene, rotation, position, fit.end), edges_at(scene, fit.rotation, fit.position, fit.end)
+    best = max(estimator._aligned(sight, found_positions(scene)[:1], slice(2)), key=lambda one: one.score)
+    fit = estimator.refine(sight, best.rotation, best.position)
+    return edges_at(scene, best.rotation, best.position, fit.end), edges_at(
+        scene, fit.rotation, fit.position, fit.end
+    )
 
 
 def draw_strips(scene: Scene, before: Edges) -> Figure:

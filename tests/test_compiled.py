@@ -94,11 +94,11 @@ WHERE = """
 import json
 import tracker
 from tracker.geometry import so3
-from tracker.pose.solve.refine import settle
+from tracker.pose.refine import refine
 
 from numba.core.caching import NullCache
 
-kernels = [settle, so3.exp_into]
+kernels = [refine, so3.exp_into]
 print(json.dumps([tracker.__file__, [isinstance(kernel._cache, NullCache) for kernel in kernels]]))
 """
 

@@ -40,6 +40,8 @@ def compiled(function: Callable[..., Any] | None = None, **options: Any) -> Any:
         return lambda function: compiled(function, **options)
     # Nobody takes kernels as functions of C, whose wrappers cost as much again as those of Python.
     usual = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+    # Here, what has a private name is called by kernels alone.
+    usual["no_cpython_wrapper"] = function.__module__.startswith("tracker.") and function.__name__[0] == "_"
     dispatcher = numba.njit(**{**usual, **options})(function)
     _take_any_number(dispatcher)
     # Without a place for its cache numba raises RuntimeError.

@@ -13,12 +13,9 @@ from tracker.errors import ImageError, TrackerError
 from tracker.objects.box import Box
 from tracker.objects.model import CuboidModel
 from tracker.pose.estimate import PoseEstimator
-from tracker.pose.evidence import EvidenceReader
-from tracker.pose.fit import Fit
+from tracker.pose.fit import Fit, Lag
 from tracker.pose.judge import rank
 from tracker.pose.result import CameraUse, MotionEstimate, Observation, Status
-from tracker.pose.search import search
-from tracker.pose.start import Lag
 from tracker.segmentation.color_model import ColorModel, check_colors, load_colors
 from tracker.segmentation.labels import check_image
 from tracker.tracking.belief import TrackingOptions, measured
@@ -70,9 +67,8 @@ class ObjectTracker:
         warm_up()
         self.model, self.rig = model, rig
         self.colors = colors if colors is not None else load_colors(model.colors)
-        self._estimator = PoseEstimator(Box.of(model), rig, self.colors.label_table, support)
-        self._reader = EvidenceReader(self.colors, self._estimator.factors)
-        self._follow = Follower(self._reader, self._estimator)
+        self._estimator = PoseEstimator(Box.of(model), rig, self.colors, support)
+        self._follow = Follower(self._estimator)
         self._memory = Memory.empty(len(rig), tracking)
         self._gate = Gate()
 
@@ -173,8 +169,9 @@ class ObjectTracker:
             reason = outcome
         else:
             agreement = memory.agreement.after(outcome, expected, lagging=lag is not None)
-            memory = memory._replace(agreement=agreement)
             belief, status = belief.see(outcome, expected, agreement.fitting)
+            if status is not Status.COASTING:  # what is not believed teaches nothing
+                memory = memory._replace(agreement=agreement)
             uses = after(uses, outcome, held_back(memory.cameras, given))
             pose = measured(outcome, agreement.fitting) if status is not Status.COASTING else None
             # It could be elsewhere: found, but not believed yet.
@@ -211,7 +208,7 @@ class ObjectTracker:
             # Who did not see what the others saw is not asked where else the object may be.
             unused = held_back(memory.cameras, images)
             images = [None if c in unused else image for c, image in enumerate(images)]
-        found = search(self._reader, self._estimator, images, timing, thorough=near is None, lag=lag)
+        found = self._estimator.find(images, timing, thorough=near is None, lag=lag)
         if near is None or expected is None or isinstance(found, Status):
             return found if near is None else near, memory
         lead = 0.0 if memory.belief.plausible(expected, found) else JUMP_LEAD
@@ -227,7 +224,7 @@ class ObjectTracker:
         """The object anywhere, without memory, and what the pictures themselves are good for."""
         nothing = Memory.empty(len(self.rig)).cameras
         _, given, uses = usable(nothing, self._check(images))
-        return search(self._reader, self._estimator, given, timing), tuple(uses)
+        return self._estimator.find(given, timing), tuple(uses)
 
     def _check(self, images: Sequence[Array | None], least: int = 1) -> list[Image | None]:
         given: object = images

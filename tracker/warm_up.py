@@ -19,23 +19,17 @@ import numpy as np
 
 from tracker.calibration.rig import CameraRig
 from tracker.compiled import is_cached
-from tracker.conventions import Image
 from tracker.geometry import so3
 from tracker.geometry.camera import Camera
-from tracker.geometry.lens import apply_update
 from tracker.geometry.probability import probability_within
 from tracker.objects.box import Box
 from tracker.objects.model import load_object
 from tracker.pose.agreement import disagreement
+from tracker.pose.align import explanation_score
 from tracker.pose.estimate import PoseEstimator
-from tracker.pose.evidence import EvidenceReader, View
-from tracker.pose.fit import OwnViews
-from tracker.pose.hypotheses import align
-from tracker.pose.sight import Sight
-from tracker.pose.solve.refine import measure_all, settle
-from tracker.pose.solve.refiner import Attempt
-from tracker.pose.solve.schedule import SCHEDULE
-from tracker.pose.solve.state import workspace
+from tracker.pose.fit import SEEN, OwnViews
+from tracker.pose.refine import refine
+from tracker.pose.views import PICTURE, Sight
 from tracker.processes import python_command
 from tracker.segmentation.color_model import load_colors
 from tracker.tracking.filter import MotionFilter
@@ -55,12 +49,12 @@ _THRESHOLDS = (100_000, 50, 100)
 
 def kernels_are_cached() -> bool:
     """Whether compiled kernels lie on disk, so that the first detection starts at once (best effort)."""
-    return is_cached(settle)
+    return is_cached(refine)
 
 
 def _folder() -> str | None:
     """Where compiled kernels are kept; None where there is no place for them."""
-    path: str | None = getattr(settle.stats, "cache_path", None)
+    path: str | None = getattr(refine.stats, "cache_path", None)
     return path
 
 
@@ -74,9 +68,9 @@ def warm_up() -> None:
     with _alone(), _few_collections():
         if kernels_are_cached():
             return
-        other = _begin("solve")
+        other = _begin("refine")
         for name, part in PARTS.items():
-            if name == "solve" and other is not None:
+            if name == "refine" and other is not None:
                 with contextlib.suppress(subprocess.TimeoutExpired):
                     other.wait(timeout=_SECONDS)
             part()
@@ -141,56 +135,37 @@ def _estimator() -> PoseEstimator:
     matrix = np.array([[70.0, 0.0, 31.5], [0.0, 70.0, 31.5], [0.0, 0.0, 1.0]])
     camera = Camera("above", _SIZE, _SIZE, matrix, np.zeros(5), transform)
     model = load_object("cube_v2")
-    return PoseEstimator(Box.of(model), CameraRig((camera,)), load_colors(model.colors).label_table)
+    return PoseEstimator(Box.of(model), CameraRig((camera,)), load_colors(model.colors))
 
 
-def _sight(estimator: PoseEstimator) -> Sight:
-    """Labels at random for it to look at; to make them, nothing is compiled that reads pictures."""
-    image: Image = np.zeros((_SIZE, _SIZE, 3), np.uint8)
-    shape = (_SIZE // estimator.factors[0],) * 2
-    labels = np.random.default_rng(0).integers(0, 7, shape).astype(np.uint8)
-    return estimator.sight([View(image, labels, np.zeros((3, 256), np.int32), np.zeros((2, 2)))])
+def _sight() -> Sight:
+    """Labels at random to look at; to make them, nothing is compiled that reads pictures."""
+    estimator, image = _estimator(), np.zeros((_SIZE, _SIZE, 3), np.uint8)
+    labels = np.random.default_rng(0).integers(0, 7, estimator.reader.shape).astype(np.uint8)
+    pictures = np.zeros(1, PICTURE)
+    pictures["used"], pictures["address"] = True, image.__array_interface__["data"][0]
+    pictures["height"], pictures["width"], pictures["mosaic"] = _SIZE, _SIZE, -1
+    pictures["colored"] = np.count_nonzero(labels)
+    return Sight(labels, pictures, (image,))
 
 
-def _see() -> None:
-    estimator = _estimator()
-    reader = EvidenceReader(load_colors("cube_v2"), estimator.factors)
+def _read() -> None:
     image = np.random.default_rng(0).integers(0, 255, (_SIZE, _SIZE, 3)).astype(np.uint8)
-    view = reader.read(reader.see(0, image), False)
-    window = (1, 1, view.labels.shape[1], view.labels.shape[0])
-    reader.glance(0, image, reader.lighting(image), window)
+    _estimator().reader.in_grey_world(_estimator().reader([image]))
 
 
 def _search() -> None:
-    estimator = _estimator()
-    sight = _sight(estimator)
-    integrals, _ = estimator.positions.integrals(sight.labels, sight.used)
-    next(estimator.positions.positions(sight.labels, integrals, sight.used, 1), None)
+    estimator, sight = _estimator(), _sight()
+    place = next(estimator.positions(sight.labels, sight.pictures, 1), _POSITION)
+    estimator._aligned(sight, [place], slice(2))
     estimator.window(0, _POSITION)
-    apply_update(np.eye(3), _POSITION.copy(), np.zeros(6))
-    rotations, _ = estimator.rotations(sight.labels, sight.used, _POSITION, 2)
-    align.try_hypotheses(
-        estimator.small, sight.labels, sight.used, estimator.box.half, estimator.box.face_labels,
-        rotations, np.repeat(_POSITION[None], 2, axis=0), np.array([3, 2]), np.empty(2),
-    )  # fmt: skip
+    explanation_score(np.zeros(1, SEEN))
 
 
-def _begun(estimator: PoseEstimator) -> Attempt:
-    return estimator.refiner.begin(_sight(estimator).views, np.eye(3), _POSITION)
-
-
-def _measure() -> None:
-    attempt = _begun(_estimator())
-    measure_all(attempt.cameras, attempt.unknowns, SCHEDULE, 0, workspace(1))
-
-
-def _solve() -> None:
-    estimator = _estimator()
-    refiner, attempt = estimator.refiner, _begun(estimator)
-    refiner.laid(attempt, SCHEDULE, 0)
-    refiner.alone(attempt)
-    # By now another process has compiled what `_measure` needs.
-    estimator.refine(_sight(estimator), np.eye(3), _POSITION)
+def _refine() -> None:
+    estimator, sight = _estimator(), _sight()
+    fit = estimator.refine(sight, np.eye(3), _POSITION, ask=True)
+    estimator.refiner.edges(sight.pictures, fit.rotation, fit.position)
 
 
 def _judge() -> None:
@@ -208,6 +183,6 @@ def _filter() -> None:
 
 
 PARTS: dict[str, Callable[[], None]] = {
-    "measure": _measure, "see": _see, "search": _search, "judge": _judge, "filter": _filter, "solve": _solve,
+    "read": _read, "search": _search, "judge": _judge, "filter": _filter, "refine": _refine,
 }  # fmt: skip
-"""What needs compiled code, by name: "solve" takes about as long to compile as the others together."""
+"""What needs compiled code, by name: "refine" takes about as long to compile as the others together."""

@@ -21,7 +21,7 @@ from tracker.errors import CalibrationError
 ELSEWHERE = Arena((0.7, -0.4), 0.06, 0.05, 0.25, (0.001, 0.002))
 
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
-POSITIVE = st.floats(min_value=0, exclude_min=True, allow_infinity=False)
+POSITIVE = st.floats(min_value=0.0, max_value=10.0, exclude_min=True)
 NOT_NEGATIVE = st.floats(min_value=0, allow_infinity=False)
 ARENAS = st.builds(
     Arena,
@@ -55,13 +55,15 @@ def test_numbers_of_any_kind_become_floats():
         ("center", None, "two finite numbers"),
         ("center", (0.0, math.nan), "two finite numbers"),
         ("center", np.zeros((2, 2)), "two finite numbers"),
-        ("radius", 0, "more than 0"),
-        ("radius", -0.1, "more than 0"),
+        ("radius", 0, "more than 0 and at most 10 metres"),
+        ("radius", -0.1, "more than 0 and at most 10 metres"),
+        ("radius", 235, "more than 0 and at most 10 metres"),
+        ("height", 185.0, "more than 0 and at most 10 metres"),
         ("radius", math.inf, "a finite number"),
         ("radius", "0.2", "a finite number"),
         ("radius", True, "a finite number"),
         ("radius", 10**400, "a finite number"),
-        ("height", 0.0, "more than 0"),
+        ("height", 0.0, "more than 0 and at most 10 metres"),
         ("height", (0.1,), "a finite number"),
         ("table", math.nan, "a finite number"),
         ("table", "here", "a finite number"),

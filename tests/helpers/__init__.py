@@ -14,7 +14,7 @@ from tracker.conventions import Array, FloatArray, Image
 from tracker.geometry import so3
 from tracker.geometry.camera import Camera
 from tracker.pipeline import ObjectTracker
-from tracker.pose.estimate import Sight
+from tracker.pose.views import Sight
 
 ROOT = Path(__file__).resolve().parents[2]
 """Folder of the repository."""
@@ -99,6 +99,4 @@ def image_grid(camera: Camera, count: int = 15) -> FloatArray:
 
 def sight_of(tracker: ObjectTracker, images: Sequence[Image]) -> Sight:
     """What a tracker's estimator is given of its cameras' images."""
-    reader = tracker._reader
-    views = [reader.read(reader.see(c, image), grey_world=False) for c, image in enumerate(images)]
-    return tracker._estimator.sight(views)
+    return tracker._estimator.reader(images)

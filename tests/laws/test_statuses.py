@@ -11,12 +11,10 @@ import pytest
 import tracker
 from synthetic.camera.rigs import default_cameras
 from synthetic.camera.sensor import Sensor
-from tests.helpers.fits import made_fit
 from tests.helpers.kept_stills import take
 from tests.helpers.stills import posed_scene
 from tracker import Status
 from tracker.geometry import so3
-from tracker.pose.estimate import PoseEstimator
 
 MODEL = tracker.load_object("cube_v2")
 RIG = tracker.CameraRig(default_cameras())
@@ -150,8 +148,7 @@ REFUSED = (Status.TOO_FEW_PIXELS, Status.INCONSISTENT_VIEWS, Status.POOR_FIT, St
 
 @pytest.mark.parametrize("status", REFUSED)
 def test_what_refuses_a_fit_is_the_status(truth, monkeypatch, status):
-    monkeypatch.setattr(PoseEstimator, "estimate", lambda *_, **__: made_fit())
-    for user in ("tracker.tracking.follow", "tracker.pose.search"):
+    for user in ("tracker.tracking.follow", "tracker.pose.estimate"):
         monkeypatch.setattr(f"{user}.refusal", lambda _: status)
     one = new()
     answer = one.detect(truth.images)

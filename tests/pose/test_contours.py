@@ -7,12 +7,12 @@ import pytest
 
 import tracker
 from synthetic.camera.sensor import Sensor
-from tests.helpers import sight_of
 from tests.helpers.filmed import RIG
 from tests.helpers.kept_stills import take
 from tests.helpers.stills import posed_scene
 from tracker.geometry import so3
-from tracker.pose.solve.contours import contours
+from tracker.pose.refine import CAREFUL
+from tracker.upkeep.edges import EdgeReader
 
 MODEL = tracker.load_object("cube_v2")
 POSE = np.array([0.03, -0.04, 0.0325]), so3.exp([0.0, 0.0, 0.5])
@@ -20,19 +20,18 @@ POSE = np.array([0.03, -0.04, 0.0325]), so3.exp([0.0, 0.0, 0.5])
 
 @pytest.fixture(scope="module")
 def seen():
-    """A refiner, views of a cube, and where it is refined to."""
+    """A reader of edges, what it sees of a cube, and where it is refined to."""
     rng = np.random.default_rng(3)
     still = take(posed_scene(MODEL, POSE, rng), RIG.cameras, Sensor.realistic(), rng)
-    one = tracker.ObjectTracker(MODEL, RIG)
-    views = sight_of(one, still.images).views
-    refiner = one._estimator.refiner
-    return refiner, views, refiner.refine(views, POSE[1], POSE[0])
+    reader = EdgeReader(MODEL, RIG, tracker.load_colors(MODEL.colors))
+    sight = reader.sight(still.images)
+    return reader, sight, reader._refiner(sight.pictures, POSE[1], POSE[0], CAREFUL)
 
 
 def at(seen, moved, **more):
-    refiner, views, refined = seen
+    reader, sight, refined = seen
     rotation, position = so3.exp(moved[3:]) @ refined.rotation, refined.position + moved[:3]
-    return contours(refiner, views, rotation, position, refined.end, **more)
+    return reader.contours(sight, rotation, position, refined.end, **more)
 
 
 def test_at_the_refined_pose_nothing_is_left(seen):
@@ -71,7 +70,7 @@ def test_looking_where_a_camera_sees_the_object_changes_no_offset(seen):
 
 
 def test_a_camera_without_a_picture_hands_out_nothing(seen):
-    refiner, views, refined = seen
-    found = contours(refiner, [None, *views[1:]], refined.rotation, refined.position, refined.end)
+    reader, sight, refined = seen
+    found = reader.contours(sight.without(0), refined.rotation, refined.position, refined.end)
     assert found[0] is None
     assert found[1] is not None

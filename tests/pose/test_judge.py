@@ -10,6 +10,7 @@ from tests.helpers.fits import made_fit
 from tracker.geometry.arena import Arena
 from tracker.geometry.so3 import exp
 from tracker.pose.judge import (
+    MIN_VIEW,
     NEAR,
     SURE,
     alone,
@@ -24,7 +25,6 @@ from tracker.pose.judge import (
     trust,
 )
 from tracker.pose.result import Status
-from tracker.pose.witness import MIN_VIEW
 
 
 def rough(fit, rms):

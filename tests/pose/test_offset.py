@@ -6,11 +6,11 @@ import cv2
 import numpy as np
 import pytest
 
-from tracker.pose.edges import offset
-from tracker.pose.edges.offset import OFFSET, Palette, scratch
-from tracker.pose.edges.pixels import collect
-from tracker.pose.edges.strips import STRIP
-from tracker.pose.solve.state import PIXELS
+from tracker.pose import edge_fit
+from tracker.pose.edge_fit import OFFSET, scratch
+from tracker.pose.solve import CAMERA
+from tracker.pose.strips import PIXELS, STRIP, collect
+from tracker.pose.views import PICTURE
 from tracker.segmentation import mosaic
 
 INNER, OUTER, BEYOND = np.array([40.0, 50, 190]), np.array([60.0, 150, 70]), np.array([90.0, 95, 92])
@@ -89,20 +89,18 @@ def measure(
     samples: np.ndarray,
     blur: float,
     *,
-    noise: float = 1.5,
     reach: float | None = None,
     red: int = mosaic.NONE,
     every: int = 1,
 ) -> np.ndarray:
     """Measurements (PIECES,) of OFFSET in an image of bytes; what is not measured is nan."""
     out = np.array([(*[np.nan] * 5, True)] * len(samples), OFFSET)
-    reach = reach_at(blur) if reach is None else reach
-    strips, distance, values = samples.copy(), np.empty(PIXELS), np.empty((3, PIXELS))
-    n, parts, palette = len(samples), 3 if red >= 0 else 1, Palette(CHANNELS, TABLE)
-    collect(image, np.zeros((2, 2)), red, strips, n, reach, 1.0, 1, distance, values)
-    offset.measure(
-        strips, n, parts, np.zeros(6), distance, values, palette, reach, blur, noise, every, scratch(), out
-    )
+    strips, pixels = samples.copy(), (np.empty(PIXELS), np.empty((3, PIXELS)))
+    camera, picture = np.zeros(1, CAMERA)[0], np.zeros(1, PICTURE)[0]
+    camera["strips"], camera["parts"] = len(samples), 3 if red >= 0 else 1
+    camera["reach"], picture["mosaic"] = reach_at(blur) if reach is None else reach, red
+    collect(image, picture, camera, strips, 1, pixels)
+    edge_fit.measure(strips, camera, CHANNELS, TABLE, blur, every, pixels, scratch(), out)
     return out
 
 
@@ -313,7 +311,7 @@ def test_variance_at_a_silhouette_counts_slopes_of_the_surfaces(rng):
     clean, step = stripes(away[..., 0], 1.0), phi(away)
     shown = []
     for _ in range(300):
-        inside, outside = rng.normal(0, offset.SLOPE, (2, 3))
+        inside, outside = rng.normal(0, edge_fit.SLOPE, (2, 3))
         slopes = inside * (1 - step) * (away + 0.5 * reach) + outside * step * (away - 0.5 * reach)
         image = digitised(clean + slopes + rng.normal(0, 3, clean.shape))
         shown.append(measure(image, pieces(17, outside=0), 1.0))
@@ -352,7 +350,7 @@ def test_surfaces_that_look_alike_are_refused():
     # Across the border between two labels, with less contrast than counts.
     inner, outer = np.array([80.0, 98, 104]), np.array([80.0, 103, 99])
     shown = measure(digitised(stripes(distances(17), 1.0, FAR, (inner, outer, outer))), pieces(17), 1.0)
-    assert np.linalg.norm(inner - outer) < offset.MIN_CONTRAST
+    assert np.linalg.norm(inner - outer) < edge_fit.MIN_CONTRAST
     assert not shown["usable"].any()
 
 

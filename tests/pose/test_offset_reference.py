@@ -8,15 +8,13 @@ import math
 import numpy as np
 import pytest
 
-from tracker.pose.edges import offset
-from tracker.pose.edges.offset import MIN_CONTRAST, OFFSET, SHARP, SLOPE, SOFT, Palette, scratch
-from tracker.pose.edges.pixels import BLOCK, FAR
-from tracker.pose.edges.squares import RIDGE
-from tracker.pose.edges.strips import STRIP
+from tracker.pose.edge_fit import MIN_CONTRAST, NOISE, OFFSET, RIDGE, SHARP, SLOPE, SOFT, measure, scratch
+from tracker.pose.solve import CAMERA
+from tracker.pose.strips import BLOCK, FAR, STRIP
 
-REACH, BLUR, NOISE = 2.8, 0.8, 1.5
+REACH, BLUR = 2.8, 0.8
 STRIPS = 40
-GREEN = Palette(
+GREEN = (
     np.stack([np.zeros(256), np.arange(256), np.zeros(256)]).astype(np.int32),
     np.where(np.arange(256) > 122, 1, 2).astype(np.uint8),
 )
@@ -122,10 +120,9 @@ def random_strips(
 @pytest.mark.parametrize("parts", [1, 3])
 def test_measure_agrees_with_numpy(rng, parts, narrow):
     strips, distance, values = random_strips(rng, parts, narrow)
-    motion, out = rng.normal(0, 5e-4, 6), np.zeros(STRIPS, OFFSET)
-    offset.measure(
-        strips, STRIPS, parts, motion, distance, values, GREEN, REACH, BLUR, NOISE, 1, scratch(), out
-    )
+    motion, out, camera = rng.normal(0, 5e-4, 6), np.zeros(STRIPS, OFFSET), np.zeros(1, CAMERA)[0]
+    camera["strips"], camera["parts"], camera["reach"], camera["motion"] = STRIPS, parts, REACH, motion
+    measure(strips, camera, *GREEN, BLUR, 1, (distance, values), scratch(), out)
     assert out["usable"].mean() > 0.8
     for strip, found in zip(strips[out["usable"]], out[out["usable"]], strict=True):
         groups = []

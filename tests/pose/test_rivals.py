@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tracker.geometry import so3
-from tracker.pose.hypotheses.rivals import MOST, reversed_in_depth, turned_about_face
+from tracker.pose.rivals import MOST, reversed_in_depth, turned_about_face
 
 CAMERA = np.array([0.1, -0.3, 0.6])
 POSITION = np.array([0.05, 0.02, 0.03])

@@ -3,18 +3,26 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tracker.pose.solve.normal import EDGE, KNOWN, PULL, ROW, integrate_out, unlikely
-from tracker.pose.solve.sizes import (
+from tracker.pose.solve import (
+    CAMERA,
+    DEVIATION_STD,
+    EDGE,
+    EXPONENT,
+    KNOWN,
     MOVING_SHARE,
+    OWN,
+    PULL,
+    ROW,
     SHARED,
     SHARES,
     SHARES_PRIOR,
+    SOLUTION,
+    UNKNOWNS,
     WEAR,
     WEAR_PRIOR,
     sizes,
+    with_edges,
 )
-from tracker.pose.solve.state import Cameras, workspace
-from tracker.pose.solve.step import EXPONENT, OWN, UNKNOWNS, blank_step
 
 CAMERAS, EDGES, PIECES = 3, 9, 6
 
@@ -32,7 +40,7 @@ class Problem:
         self.rows = 3.0 * self.NOISE * rng.normal(size=(cameras, EDGES * PIECES, UNKNOWNS))
         self.roots = np.zeros((cameras, OWN, OWN))
         self.roots[:, :6, :6] = 0.7 * rng.normal(size=(cameras, 6, 6)) + np.eye(6)
-        self.roots[:, EXPONENT, EXPONENT] = rng.uniform(0.5, 2.0, cameras)
+        self.roots[:, EXPONENT, EXPONENT] = 1.0 / DEVIATION_STD
         self.prior = np.diag(rng.uniform(0.5, 2.0, UNKNOWNS))
         self.prior[:6] *= 1e-2  # hardly known before, next to cameras that are known well
         unknown = rng.normal(size=UNKNOWNS) / np.sqrt(np.diag(self.prior))
@@ -45,21 +53,15 @@ class Problem:
             self.residuals[c] = self.rows[c] @ moved + own + self.NOISE * rng.normal(size=EDGES * PIECES)
 
     def sizes(self, own: float = 0.0, *, doubtful: bool = True) -> tuple[float, float, float]:
-        n, weight = self.count, 1.0 / self.NOISE**2
-        work = workspace(n)
-        work.whole[:] = weight * np.einsum("cri,crj->cij", self.rows, self.rows)
-        work.force[:] = weight * np.einsum("cri,cr->ci", self.rows, self.residuals)
-        for c in range(n):
-            work.edges[c] = sums(self.rows[c], self.residuals[c], weight)
-        weights = np.einsum("cki,ckj->cij", self.roots, self.roots)
-        cameras = Cameras(
-            np.ones(n, bool), np.ones(n), np.ones(n, np.int64), np.zeros((n, 3, 256), np.int32),
-            np.zeros((1, 1), np.float32), weights, 0.9, np.zeros((n, 6)), np.zeros(n), np.zeros((6, 6)),
-        )  # fmt: skip
-        equations = (work.information, work.gradient, np.zeros((n, OWN)), weights, cameras.delays)
-        return sizes(
-            cameras, equations, doubtful, own, self.prior, np.zeros(UNKNOWNS), work, blank_step(n, UNKNOWNS)
-        )
+        weight = 1.0 / self.NOISE**2
+        solution, cameras = np.zeros(1, SOLUTION)[0], np.zeros(self.count, CAMERA)
+        solution["size"], solution["prior"][:UNKNOWNS, :UNKNOWNS] = UNKNOWNS, self.prior
+        cameras["used"], cameras["scale"] = True, 1.0
+        cameras["whole"] = weight * np.einsum("cri,crj->cij", self.rows, self.rows)
+        cameras["force"] = weight * np.einsum("cri,cr->ci", self.rows, self.residuals)
+        cameras["edges"] = [sums(*one, weight) for one in zip(self.rows, self.residuals, strict=True)]
+        cameras["weights"] = np.einsum("cki,ckj->cij", self.roots, self.roots)[:, :6, :6]
+        return sizes(solution, cameras, doubtful, own)
 
 
 def sums(rows: np.ndarray, residuals: np.ndarray, weight: float) -> np.ndarray:
@@ -76,14 +78,16 @@ def sums(rows: np.ndarray, residuals: np.ndarray, weight: float) -> np.ndarray:
 def test_edges_offsets_are_integrated_out_as_if_their_pieces_were_correlated(rng, own):
     rows, residuals = rng.normal(size=(EDGES * PIECES, UNKNOWNS)), rng.normal(size=EDGES * PIECES)
     weight = 2.5
-    matrix, vector = weight * rows.T @ rows, weight * rows.T @ residuals
-    edges = sums(rows, residuals, weight)
-    integrate_out(edges, own, matrix, vector)
+    cameras = np.zeros(1, CAMERA)
+    cameras["used"], cameras["scale"], cameras["edges"] = True, 1.0, sums(rows, residuals, weight)
+    cameras["whole"], cameras["force"] = weight * rows.T @ rows, weight * rows.T @ residuals
+    unlikely = with_edges(cameras, own)
+    matrix, vector = cameras["information"][0], cameras["gradient"][0]
     spread = np.kron(np.eye(EDGES), np.full((PIECES, PIECES), own)) + np.eye(EDGES * PIECES) / weight
     np.testing.assert_allclose(matrix, rows.T @ np.linalg.solve(spread, rows), rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(vector, rows.T @ np.linalg.solve(spread, residuals), rtol=1e-9, atol=1e-9)
     expected = np.linalg.slogdet(weight * spread)[1] + residuals @ np.linalg.solve(spread, residuals)
-    assert unlikely(edges, own) == pytest.approx(expected - weight * residuals @ residuals)
+    assert unlikely == pytest.approx(expected - weight * residuals @ residuals)
 
 
 def test_share_is_high_where_cameras_disagree_and_low_where_they_agree(rng):
@@ -135,7 +139,7 @@ def test_what_is_known_of_the_edges_is_kept(rng):
 
 def test_equations_that_cannot_be_solved_say_nothing(rng):
     problem = Problem(rng, 1.0)
-    problem.rows[:], problem.roots[1] = 0, 0
+    problem.rows[1, :, :5], problem.roots[1] = 0, 0
     assert problem.sizes() == (1.0, 1.0, WEAR[0])
 
 

@@ -3,16 +3,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tracker.pose.solve.step import (
+from tracker.pose.solve import (
+    CAMERA,
+    DEVIATION_STD,
     EXPONENT,
     MOVING,
     OWN,
     RIM,
+    SOLUTION,
     UNKNOWNS,
-    blank_step,
+    finish,
     marginal,
     own_changes,
-    solve_step,
+    solve,
 )
 
 CAMERAS = 3
@@ -33,7 +36,7 @@ class Problem:
         # The share is one of the offsets' variance, not of that of the exponents' deviations.
         self.roots = np.zeros((cameras, OWN, OWN))
         self.roots[:, :6, :6] = 0.7 * rng.normal(size=(cameras, 6, 6)) + np.eye(6)
-        self.roots[:, EXPONENT, EXPONENT] = rng.uniform(0.5, 2.0, cameras)
+        self.roots[:, EXPONENT, EXPONENT] = 1.0 / DEVIATION_STD
         self.delays = np.zeros(cameras)
         self.prior = np.diag(rng.uniform(0.5, 2.0, self.size))
         if lagging:
@@ -41,18 +44,10 @@ class Problem:
             root = rng.normal(size=(6, 6))
             self.prior[UNKNOWNS:, UNKNOWNS:] = root @ root.T + np.eye(6)
         self.pull = rng.normal(size=self.size)
-        self.step = blank_step(cameras, self.size)
-        self.known, self.shared, self.changes = self.step.known, self.step.shared, self.step.changes
-
-    @property
-    def arguments(self) -> tuple[np.ndarray, ...]:
-        return (
-            np.einsum("cri,crj->cij", self.rows, self.rows),
-            np.einsum("cri,cr->ci", self.rows, self.residuals),
-            self.offsets,
-            np.einsum("cki,ckj->cij", self.roots, self.roots),
-            self.delays,
-        )
+        self.solution, self.cameras = np.zeros(1, SOLUTION)[0], np.zeros(cameras, CAMERA)
+        n = self.size
+        self.known, self.shared = self.solution["known"][:n, :n], self.solution["change"][:n]
+        self.changes = self.cameras["change"]
 
     @property
     def seen(self) -> np.ndarray:
@@ -62,8 +57,16 @@ class Problem:
         return np.concatenate([self.rows, -self.delays[:, None, None] * self.rows[..., :6]], axis=2)
 
     def solve(self, share: float = 1.0) -> float:
-        doubt = solve_step(self.arguments, share, self.prior, self.pull, self.step)
-        own_changes(self.step, self.delays)
+        solution, cameras = self.solution, self.cameras
+        solution["size"], solution["prior"], solution["pull"] = self.size, 0.0, 0.0
+        solution["prior"][: self.size, : self.size], solution["pull"][: self.size] = self.prior, self.pull
+        cameras["information"] = np.einsum("cri,crj->cij", self.rows, self.rows)
+        cameras["gradient"] = np.einsum("cri,cr->ci", self.rows, self.residuals)
+        cameras["offset"], cameras["delay"] = self.offsets, self.delays
+        cameras["weights"] = np.einsum("cki,ckj->cij", self.roots, self.roots)[:, :6, :6]
+        doubt = solve(solution, cameras, share)
+        finish(solution)
+        own_changes(solution, cameras)
         return doubt
 
     def held(self, c: int, share: float) -> np.ndarray:
@@ -113,19 +116,8 @@ def test_step_is_that_of_the_dense_least_squares(rng, share, cameras, lagging):
     covariance = np.linalg.inv(rows.T @ rows)[: problem.size, : problem.size]
     np.testing.assert_allclose(np.linalg.inv(problem.known), covariance, atol=1e-9)
     np.testing.assert_array_equal(problem.known, problem.known.T)
-    pose = np.empty((6, 6))
-    assert marginal(problem.known, pose)
-    np.testing.assert_allclose(pose, covariance[:6, :6], atol=1e-9)
-
-
-@pytest.mark.parametrize("lagging", [False, True])
-def test_what_is_given_to_a_step_stays_as_it_was(rng, lagging):
-    problem = Problem(rng, lagging=lagging)
-    arguments = [*problem.arguments, problem.prior, problem.pull]
-    before = [value.copy() for value in arguments]
-    problem.solve(0.3)
-    for value, old in zip([*problem.arguments, problem.prior, problem.pull], before, strict=True):
-        np.testing.assert_array_equal(value, old)
+    assert marginal(problem.solution)
+    np.testing.assert_allclose(problem.solution["covariance"], covariance[:6, :6], atol=1e-9)
 
 
 def test_a_velocity_that_is_known_exactly_is_none(rng):
@@ -156,7 +148,10 @@ def test_cameras_without_delay_say_nothing_of_the_velocity(rng):
 
 
 def test_no_covariance_is_given_where_there_is_none(rng):
-    assert not marginal(-np.eye(UNKNOWNS), np.empty((6, 6)))
+    problem = Problem(rng)
+    problem.solve()
+    problem.known[:] = -np.eye(UNKNOWNS)
+    assert not marginal(problem.solution)
 
 
 @pytest.mark.parametrize("lagging", [False, True])
@@ -194,9 +189,9 @@ def test_a_large_share_leaves_the_pose_to_the_prior(rng):
 def test_a_small_share_makes_the_cameras_rigid(rng):
     problem = Problem(rng)
     problem.offsets = np.zeros((CAMERAS, OWN))
-    problem.roots[:, EXPONENT, EXPONENT] = 1e7
+    problem.rows[:, :, EXPONENT] = 0.0
     problem.solve(1e-14)
-    information, gradient = problem.arguments[:2]
+    information, gradient = problem.cameras["information"], problem.cameras["gradient"]
     known = problem.prior + information.sum(axis=0)
     np.testing.assert_allclose(problem.known, known, rtol=1e-6, atol=1e-6)
     shared = np.linalg.solve(known, problem.pull + gradient.sum(axis=0))
@@ -237,5 +232,5 @@ def test_equations_that_cannot_be_solved_are_refused(rng):
     problem.prior[2, 2] = -1e9
     assert problem.solve() == np.inf
     problem = Problem(rng)
-    problem.rows[:], problem.roots[1] = 0, 0
+    problem.rows[1, :, :5], problem.roots[1] = 0, 0
     assert problem.solve() == np.inf

@@ -10,7 +10,7 @@ from tests.helpers import make_camera, numerical_jacobian, random_rotations
 from tracker.geometry import so3
 from tracker.geometry.cuboid import EDGES, FACE_NORMALS, corners, visible_faces
 from tracker.geometry.lens import project, stack_lenses
-from tracker.pose.edges.strips import MAX_STRIPS, STRIP, edge_strips
+from tracker.pose.strips import MAX_STRIPS, STRIP, edge_strips
 
 CAMERA = make_camera()
 LENSES = stack_lenses([CAMERA])

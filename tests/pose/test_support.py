@@ -9,8 +9,8 @@ import pytest
 
 from tracker.geometry import so3
 from tracker.geometry.arena import Arena
-from tracker.pose.solve.step import UNKNOWNS, blank_step
-from tracker.pose.solve.support import EDGE, FLAT, FREE, ROWS, _contacts, lean, leaner, table_of
+from tracker.pose.solve import ROWS, SOLUTION, UNKNOWNS
+from tracker.pose.support import EDGE, FLAT, FREE, contacts_of, lean, leaner, table_of
 
 HALF = np.array([0.02, 0.0325, 0.05])
 TABLE = table_of(Arena(center=(0.03, -0.02), table=0.01, table_std=(1e-3, 5e-3)))
@@ -27,28 +27,29 @@ def standing(rng: np.random.Generator, gap: float, tilt: float) -> tuple[np.ndar
 
 def contacts(rotation: np.ndarray, position: np.ndarray) -> tuple[np.ndarray, ...]:
     value, slope, plane = np.empty(ROWS), np.empty((ROWS, 6)), np.empty((ROWS, 3))
-    lower = _contacts(TABLE, HALF, rotation, position, value, slope, plane)
+    lower = contacts_of(TABLE, HALF, rotation, position, value, slope, plane)
     return value, slope, plane, lower
 
 
 def measured(rng: np.random.Generator, spread: float = 1.0) -> tuple:
-    """A step as pictures make one, [m] and [rad] of a few thousandths."""
-    step = blank_step(1, UNKNOWNS)
-    root = spread * 2e-3 * (np.eye(UNKNOWNS) + 0.3 * rng.normal(size=(UNKNOWNS, UNKNOWNS)))
+    """A solution's step as pictures make one, [m] and [rad] of a few thousandths, and its covariance."""
+    solution, n = np.zeros(1, SOLUTION)[0], UNKNOWNS
+    root = spread * 2e-3 * (np.eye(n) + 0.3 * rng.normal(size=(n, n)))
     covariance = root @ root.T
-    step.known[:] = np.linalg.inv(covariance)
-    step.lower[:] = np.linalg.cholesky(step.known)
-    step.shared[:] = spread * 1e-3 * rng.normal(size=UNKNOWNS)
-    return step, covariance
+    solution["size"], solution["known"][:n, :n] = n, np.linalg.inv(covariance)
+    solution["lower"][:n, :n] = np.linalg.cholesky(solution["known"][:n, :n])
+    solution["change"][:n] = spread * 1e-3 * rng.normal(size=n)
+    return solution, covariance
 
 
-def leaned(rotation: np.ndarray, position: np.ndarray, step) -> tuple[float, np.ndarray]:  # type: ignore[no-untyped-def]
+def leaned(rotation: np.ndarray, position: np.ndarray, solution) -> tuple[float, np.ndarray]:  # type: ignore[no-untyped-def]
     """Log odds, and the pose's covariance afterwards; the step is moved in place."""
-    columns, less = np.empty((UNKNOWNS, ROWS)), np.empty((ROWS, ROWS))
-    covariance = np.linalg.inv(step.known)[:6, :6].copy()
-    odds = lean(TABLE, HALF, rotation, position, step, columns, less)
-    leaner(columns, less, covariance)
-    return odds, covariance
+    n = UNKNOWNS
+    solution["rotation"], solution["position"] = rotation, position
+    solution["covariance"] = np.linalg.inv(solution["known"][:n, :n])[:6, :6]
+    odds = lean(TABLE, HALF, solution)
+    leaner(solution)
+    return odds, solution["covariance"].copy()
 
 
 def test_slopes_are_those_of_the_contacts(rng):
@@ -105,7 +106,7 @@ def test_the_step_leads_to_the_mean_of_what_is_likely(rng, gap, tilt):
     rotation, position = standing(rng, gap, tilt)
     step, covariance = measured(rng)
     value, slope, plane, lower = contacts(rotation, position)
-    drawn = rng.multivariate_normal(step.shared, covariance, size=400_000)
+    drawn = rng.multivariate_normal(step["change"][:UNKNOWNS], covariance, size=400_000)
     weights = density(value + drawn[:, :6] @ slope.T, plane, np.full(len(drawn), lower))
     mean = weights @ drawn / weights.sum()
     spread = (weights[:, None] * (drawn - mean)).T @ (drawn - mean) / weights.sum()
@@ -114,7 +115,7 @@ def test_the_step_leads_to_the_mean_of_what_is_likely(rng, gap, tilt):
     error = 5 * np.sqrt(np.diag(covariance) / enough)
     # A height that is never negative pulls upwards a little, which the step does without.
     slack = 0.15 * np.sqrt(np.diag(covariance))
-    assert (np.abs(step.shared - mean) < error + slack).all()
+    assert (np.abs(step["change"][:UNKNOWNS] - mean) < error + slack).all()
     scale = np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))[:6, :6]
     assert (np.abs(after - spread[:6, :6]) < (0.25 + 8 / math.sqrt(enough)) * scale).all()
     assert odds == pytest.approx(math.log(weights.mean() / FREE), abs=0.25)
@@ -125,7 +126,7 @@ def test_an_object_at_rest_is_pulled_to_the_table_as_well_as_it_is_known(rng):
     step, before = measured(rng)
     odds, after = leaned(rotation, position, step)
     value, slope, _, _ = contacts(rotation, position)
-    assert abs((value + slope @ step.shared[:6])[0]) < 1.5e-3
+    assert abs((value + slope @ step["change"][:6])[0]) < 1.5e-3
     assert odds > 3
     assert np.linalg.det(after) < 0.5 * np.linalg.det(before[:6, :6])
     assert (np.linalg.eigvalsh(after) > 0).all()
@@ -135,21 +136,21 @@ def test_what_is_high_above_or_known_well_enough_stays(rng):
     for gap, tilt, spread in ((0.08, 0.5, 1.0), (0.004, 0.0, 0.02), (0.0005, 0.06, 0.02)):
         rotation, position = standing(rng, gap, tilt)
         step, covariance = measured(rng, spread)
-        before = step.shared.copy()
+        before = step["change"][:UNKNOWNS].copy()
         _, after = leaned(rotation, position, step)
         limit = 0.35 * np.sqrt(np.diag(covariance))
-        assert (np.abs(step.shared - before) < limit).all()
+        assert (np.abs(step["change"][:UNKNOWNS] - before) < limit).all()
         assert (np.diag(after) < 1.5 * np.diag(covariance)[:6]).all()
 
 
 def test_below_the_table_is_nothing(rng):
     rotation, position = standing(rng, -0.05, 0.5)
     step, _ = measured(rng)
-    before = step.shared.copy()
+    before = step["change"][:UNKNOWNS].copy()
     odds, _ = leaned(rotation, position, step)
     assert odds < -20
-    assert np.isfinite(step.shared).all()
-    assert np.linalg.norm(step.shared - before) < 0.1
+    assert np.isfinite(step["change"][:UNKNOWNS]).all()
+    assert np.linalg.norm(step["change"][:UNKNOWNS] - before) < 0.1
 
 
 def test_the_world_may_be_turned_about_the_table(rng):
@@ -158,15 +159,16 @@ def test_the_world_may_be_turned_about_the_table(rng):
     whole = np.eye(UNKNOWNS)
     whole[:3, :3] = whole[3:6, 3:6] = turn
     step, covariance = measured(rng)
-    other = blank_step(1, UNKNOWNS)
-    other.known[:] = np.linalg.inv(whole @ covariance @ whole.T)
-    other.lower[:] = np.linalg.cholesky(other.known)
-    other.shared[:] = whole @ step.shared
+    other = np.zeros(1, SOLUTION)[0]
+    known = np.linalg.inv(whole @ covariance @ whole.T)
+    other["size"], other["known"][:UNKNOWNS, :UNKNOWNS] = UNKNOWNS, known
+    other["lower"][:UNKNOWNS, :UNKNOWNS] = np.linalg.cholesky(known)
+    other["change"][:UNKNOWNS] = whole @ step["change"][:UNKNOWNS]
     centre = np.array([*TABLE.center, 0.0])
     odds, after = leaned(rotation, position, step)
     turned_odds, turned_after = leaned(turn @ rotation, centre + turn @ (position - centre), other)
     assert turned_odds == pytest.approx(odds, abs=1e-6)
-    np.testing.assert_allclose(other.shared, whole @ step.shared, atol=1e-9)
+    np.testing.assert_allclose(other["change"][:UNKNOWNS], whole @ step["change"][:UNKNOWNS], atol=1e-9)
     np.testing.assert_allclose(turned_after, whole[:6, :6] @ after @ whole[:6, :6].T, atol=1e-9)
 
 

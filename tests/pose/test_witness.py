@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from tests.helpers.fits import made_fit
-from tracker.pose.judge import confidence, log_odds, supporters, unanimous
-from tracker.pose.witness import EXPECTED, witnesses
+from tracker.pose.judge import EXPECTED, confidence, log_odds, supporters, unanimous, witnesses
 
 
 def with_camera(fit, c, **fields):

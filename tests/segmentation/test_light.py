@@ -261,9 +261,9 @@ def raw() -> np.ndarray:
 @pytest.mark.parametrize("code", BAYER)
 def test_every_pattern_is_told_from_its_interpolation_and_changes_where_rows_are_cut_off(raw, code):
     image = cv2.cvtColor(raw, code)
-    assert mosaic.find(image) == BAYER[code]
-    assert mosaic.find(np.ascontiguousarray(image[1:])) == BAYER[code] ^ 2
-    assert mosaic.find(np.ascontiguousarray(image[:, 1:])) == BAYER[code] ^ 1
+    assert mosaic.find_mosaic(image) == BAYER[code]
+    assert mosaic.find_mosaic(np.ascontiguousarray(image[1:])) == BAYER[code] ^ 2
+    assert mosaic.find_mosaic(np.ascontiguousarray(image[:, 1:])) == BAYER[code] ^ 1
 
 
 def with_one_value_changed(image):
@@ -283,10 +283,10 @@ def with_one_value_changed(image):
     ids=["one value", "halved", "jpeg", "blurred", "brighter"],
 )
 def test_changed_images_are_none(raw, change):
-    assert mosaic.find(change(cv2.cvtColor(raw, cv2.COLOR_BAYER_BG2BGR))) == mosaic.NONE
+    assert mosaic.find_mosaic(change(cv2.cvtColor(raw, cv2.COLOR_BAYER_BG2BGR))) == mosaic.NONE
 
 
 def test_flat_noisy_and_tiny_images_are_none():
     noise = np.random.default_rng(0).integers(0, 256, (90, 90, 3), dtype=np.uint8)
     for image in (np.zeros((90, 90, 3), np.uint8), np.full((90, 90, 3), 130, np.uint8), noise, noise[:4, :4]):
-        assert mosaic.find(np.ascontiguousarray(image)) == mosaic.NONE
+        assert mosaic.find_mosaic(np.ascontiguousarray(image)) == mosaic.NONE

@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 
 from tracker.conventions import Image
-from tracker.pose.evidence import EvidenceReader
-from tracker.segmentation.color_model import load_colors
-from tracker.tracking.cameras import BLACK, EVERY, CameraMemory, lit, usable
+from tracker.tracking.cameras import BLACK, EVERY, CameraMemory, looked_at, usable
 
 
 class Watch:
@@ -85,32 +83,13 @@ def test_watch_leaves_out_black_images(rng):
     assert given(Watch(3).usable([dark, dim, noise(rng)])) == [False, True, True]
 
 
-def test_watch_looks_at_a_cameras_light_now_and_then(rng):
-    look = EvidenceReader(load_colors("cube_v2"), [2]).lighting
-    first, second = noise(rng, 0, 60), noise(rng, 100, 256)
-    memory = lit(CameraMemory(), first, look, 0)
-    known, seen = memory.lighting, []
-    for _ in range(EVERY):
-        memory = lit(memory, second, look, 0)
-        seen.append(memory.lighting is known)
-    assert seen == [True] * (EVERY - 1) + [False]
-
-
 @pytest.mark.parametrize("cameras", [1, 3, EVERY, 8])
 def test_watch_looks_at_the_light_of_cameras_in_turn(rng, cameras):
-    image, looks = noise(rng), []
-    lighting = EvidenceReader(load_colors("cube_v2"), [2]).lighting(image)
-    memories, rounds = [CameraMemory()] * cameras, []
+    images, rounds = [noise(rng)] * cameras, []
+    memories = (CameraMemory(),) * cameras
     for _ in range(4 * EVERY + 1):
-        looks.clear()
-        for c in range(cameras):
-
-            def look(_, c=c):
-                looks.append(c)
-                return lighting
-
-            memories[c] = lit(memories[c], image, look, c)
-        rounds.append(list(looks))
+        memories, fresh = looked_at(memories, images)
+        rounds.append(np.flatnonzero(fresh).tolist())
     # All at once at first, since nothing is known; then as evenly as can be, each once in EVERY pictures.
     assert rounds[0] == list(range(cameras))
     assert max(map(len, rounds[1:])) == -(-cameras // EVERY)
@@ -118,6 +97,14 @@ def test_watch_looks_at_the_light_of_cameras_in_turn(rng, cameras):
         times = [k for k, round_ in enumerate(rounds) if c in round_][1:]
         assert times[0] <= EVERY
         assert set(np.diff(times)) == {EVERY}
+
+
+def test_watch_looks_at_the_light_of_a_camera_when_it_gives_a_picture(rng):
+    memories = (CameraMemory(),) * 2
+    for _ in range(EVERY + 2):
+        memories, fresh = looked_at(memories, [noise(rng), None])
+        assert not fresh[1]
+    assert looked_at(memories, [noise(rng)] * 2)[1][1]
 
 
 def test_watch_keeps_still_pictures_without_noise_while_something_moves_in_one():

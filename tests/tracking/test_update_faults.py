@@ -9,7 +9,7 @@ from tests.helpers.pushed_cube import DT, all_bits, bits, new, play, pose_at, wi
 from tracker.errors import ImageError, TrackerError
 from tracker.pipeline import Status
 from tracker.pose.estimate import PoseEstimator
-from tracker.pose.evidence import EvidenceReader
+from tracker.pose.views import Reader
 from tracker.tracking.belief import Belief
 
 FRAMES = 8
@@ -82,18 +82,18 @@ def test_what_is_refused_at_first_does_not_count_as_first(rig, film, reference, 
 
 
 INSIDE = {
-    "light": (EvidenceReader, "lighting"),
-    "labels": (EvidenceReader, "glance"),
-    "sight": (PoseEstimator, "sight"),
+    "light": (Reader, "lit"),
+    "labels": (Reader, "labelled"),
+    "window": (PoseEstimator, "window"),
     "follow": (PoseEstimator, "follow"),
     "refine": (PoseEstimator, "refine"),
     "advance": (Belief, "advance"),
     "plausible": (Belief, "plausible"),
     "see": (Belief, "see"),
     "estimate": (Belief, "estimate"),
-    "search": (PoseEstimator, "estimate"),
+    "search": (PoseEstimator, "find"),
 }
-ALWAYS = ("labels", "follow", "refine", "advance", "see", "estimate")
+ALWAYS = ("light", "labels", "window", "follow", "refine", "advance", "see", "estimate")
 """What every update of an object that is tracked goes through."""
 
 

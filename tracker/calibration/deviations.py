@@ -13,7 +13,7 @@ from tracker.conventions import FloatArray
 from tracker.geometry import so3
 from tracker.geometry.camera import Camera
 
-UNSTATED_STD = np.full((4, 4), 1e-5)
+UNSTATED_STD = np.full((4, 4), 1e-6)
 """Element-wise standard deviation of a transform whose file states none: taken as exact."""
 
 LEAST_VARIANCE = 1e-12

@@ -156,10 +156,10 @@ def _opencv() -> Finding:
 
 def _cache() -> Finding:
     """Where compiled code is kept; NUMBA_CACHE_DIR says where instead."""
-    from tracker.pose.solve.refine import settle
+    from tracker.pose.refine import refine
     from tracker.warm_up import kernels_are_cached
 
-    folder, cached = getattr(settle.stats, "cache_path", None), kernels_are_cached()
+    folder, cached = getattr(refine.stats, "cache_path", None), kernels_are_cached()
     asked = os.environ.get("NUMBA_CACHE_DIR")
     if folder is None or not (cached or os.access(folder, os.W_OK)):
         places = f"neither NUMBA_CACHE_DIR={asked}" if asked else "neither the folder of the tracker"

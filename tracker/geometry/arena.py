@@ -12,6 +12,9 @@ import numpy as np
 from tracker.conventions import FloatArray
 from tracker.errors import CalibrationError
 
+LARGEST = 10.0
+"""Greatest radius and height [m]: a larger one is stated in millimetres by mistake."""
+
 SURE = 2.0
 """Standard deviations of the table's height by which the world may be off."""
 
@@ -41,8 +44,8 @@ class Arena:
         for key in ("radius", "height") if self.table is None else ("radius", "height", "table"):
             object.__setattr__(self, key, _number(key, getattr(self, key), "a finite number"))
         for key in ("radius", "height"):
-            if getattr(self, key) <= 0:
-                raise _error(key, getattr(self, key), "more than 0")
+            if not 0 < getattr(self, key) <= LARGEST:
+                raise _error(key, getattr(self, key), f"more than 0 and at most {LARGEST:g} metres")
         if min(self.table_std) < 0:
             raise _error("table_std", self.table_std, "no negative deviation")
 

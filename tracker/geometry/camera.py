@@ -21,6 +21,16 @@ ROTATION_TOLERANCE = 1e-6
 MAX_SIZE = 32767
 """Largest width and height [px]: OpenCV's remapping stores coordinates in 16 bits."""
 
+FARTHEST = 1e4
+"""Greatest coordinate of a camera's translation [m]."""
+
+FOCAL, CENTER = (1e-2, 1e6), 1e6
+"""Bounds of a focal length, and greatest size of a principal point's coordinate [px]: parts of pictures have
+theirs outside."""
+
+BENT = 1e6
+"""Greatest size of a lens' coefficient."""
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Camera:
@@ -86,8 +96,15 @@ class Camera:
 
     def _check_matrix(self) -> None:
         fx, fy = self.matrix[0, 0], self.matrix[1, 1]
-        if fx <= 0 or fy <= 0:
-            raise self._error("matrix", f"focal lengths {fx:g}, {fy:g}", "fx > 0 and fy > 0")
+        if min(fx, fy) < FOCAL[0] or max(fx, fy) > FOCAL[1]:
+            valid = f"both from {FOCAL[0]:g} to {FOCAL[1]:g} px"
+            raise self._error("matrix", f"focal lengths {fx:g}, {fy:g}", valid)
+        if np.abs(self.matrix[:2, 2]).max() > CENTER:
+            found = f"principal point {self.matrix[0, 2]:g}, {self.matrix[1, 2]:g}"
+            raise self._error("matrix", found, f"at most {CENTER:g} px from the picture")
+        if np.abs(self.distortion).max() > BENT:
+            found = f"{np.abs(self.distortion).max():g}"
+            raise self._error("distortion", found, f"coefficients of at most {BENT:g}")
         if self.matrix[0, 1] != 0 or self.matrix[1, 0] != 0:
             raise self._error("matrix", f"skew {self.matrix[0, 1]:g}, {self.matrix[1, 0]:g}", "no skew")
         if (self.matrix[2] != (0, 0, 1)).any():
@@ -97,6 +114,9 @@ class Camera:
         if (self.camera_from_world[3] != (0, 0, 0, 1)).any():
             found = f"last row {self.camera_from_world[3].tolist()}"
             raise self._error("camera_from_world", found, "[0, 0, 0, 1]")
+        if np.abs(self.camera_from_world[:3, 3]).max() > FARTHEST:
+            found = f"a translation by {np.abs(self.camera_from_world[:3, 3]).max():g} m"
+            raise self._error("camera_from_world", found, f"at most {FARTHEST:g} m")
         deviation = rotation_deviation(self.camera_from_world[:3, :3])
         if deviation > ROTATION_TOLERANCE:
             found = f"a 3×3 part that deviates from a rotation by {deviation:.2g}"

@@ -19,7 +19,8 @@ def largest_tangent(camera: Camera) -> float:
     """Largest tangent of the angle between the optical axis and the rays of the image's border."""
     columns, rows = (np.linspace(-0.5, count - 0.5, 9) for count in (camera.width, camera.height))
     pixels = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
-    return float(np.nanmax(np.linalg.norm(camera.undistort(pixels), axis=1)))
+    tangents = np.linalg.norm(camera.undistort(pixels), axis=1)
+    return float(tangents[np.isfinite(tangents)].max(initial=0.0))
 
 
 def project_in_view(camera: Camera, points_world: npt.ArrayLike) -> FloatArray:

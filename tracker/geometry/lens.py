@@ -162,3 +162,9 @@ def apply_update(rotation, position, update):  # type: ignore[no-untyped-def]
         a, b, g = rotation[0, column], rotation[1, column], rotation[2, column]
         for i in range(3):
             rotation[i, column] = e[i, 0] * a + e[i, 1] * b + e[i, 2] * g
+
+
+@compiled(inline="always")
+def clamped(value, most):  # type: ignore[no-untyped-def]
+    """A coordinate as a whole number from 0 to `most`, however far away, or none, it is."""
+    return int(min(max(value, 0.0), float(most))) if value == value else 0

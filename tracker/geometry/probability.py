@@ -35,7 +35,8 @@ _SPHERE = _directions(DIRECTIONS)
 
 
 @compiled
-def _within(covariance, near, turned, directions):  # type: ignore[no-untyped-def]
+def mass_within(covariance, near, turned, directions):  # type: ignore[no-untyped-def]
+    """See `probability_within`."""
     spread, turn = 0.0, 0.0
     for i in range(6):
         if not covariance[i, i] > 0.0:
@@ -76,4 +77,4 @@ def probability_within(covariance: FloatArray, near: float, turned: float) -> fl
     freedom, the limits hold up to r² = min(near²/‖L_p w‖², turned²/‖L_θ w‖²); what is left is the mean over
     all directions w of the distribution of r² there. 0 where the covariance is not positive definite.
     """
-    return float(_within(np.ascontiguousarray(covariance, dtype=np.float64), near, turned, _SPHERE))
+    return float(mass_within(np.ascontiguousarray(covariance, dtype=np.float64), near, turned, _SPHERE))

@@ -10,7 +10,40 @@ from typing import NamedTuple
 import numpy as np
 
 from tracker.conventions import Array, FloatArray
-from tracker.pose.start import LIKELY, Start
+
+
+class Lag(NamedTuple):
+    """Pictures that were taken before the moment for which the pose is asked, of an object that moves."""
+
+    delays: FloatArray
+    """(C,) since each camera's picture was taken [s]."""
+    velocity: FloatArray
+    """(6,) of the object [m/s, rad/s]."""
+    covariance: FloatArray
+    """(6, 6) of the velocity."""
+
+    @property
+    def moved(self) -> FloatArray:
+        """(C, 6) by which the cameras see the object moved [m, rad].
+
+        See equation (26) of docs/how-it-works.md.
+        """
+        return -self.delays[:, None] * self.velocity
+
+
+class Start(NamedTuple):
+    """What the unknowns beside the pose are taken to be at first; the end is not bound to it."""
+
+    blur: float
+    """Standard deviation of the pictures' steps [px of an object of reference size]."""
+    exponent: float
+    """Of the cameras' response, less 1."""
+    rim: float
+    """Distance of the faces' borders from the nominal edges [m]."""
+
+
+LIKELY = Start(blur=0.9, exponent=0.3, rim=0.0)
+"""Where nothing is known: an exponent between that of simulations and of cameras."""
 
 SEEN = np.dtype(
     [
@@ -67,6 +100,10 @@ class Fit:
     """Log odds by which it leads over all clearly different poses together; infinite where none was tried."""
     left_out: tuple[int, ...] = ()
     """Cameras whose pictures were left out, since the others agree without them."""
+    offsets: FloatArray | None = None
+    """(C, 6) by which cameras see the object moved, since their calibration is not quite right [m, rad]."""
+    lags: FloatArray | None = None
+    """(C, 6) by which they do since their pictures are older [m, rad]; None: they are not."""
     own: OwnViews | None = None
     """Where each camera by itself sees the object; None where it was not asked."""
     disagreement: FloatArray | None = None
@@ -77,7 +114,12 @@ class Fit:
         return self._totals[name]
 
     @functools.cached_property
+    def rows(self) -> list[tuple[float, ...]]:
+        """The records of SEEN as plain numbers: to read them one by one costs more than to judge them."""
+        rows: list[tuple[float, ...]] = self.cameras.tolist()
+        return rows
+
+    @functools.cached_property
     def _totals(self) -> dict[str, float]:
-        # Read one by one, they would cost more than the judgement that they are for.
-        columns = zip(*self.cameras.tolist(), strict=True)
+        columns = zip(*self.rows, strict=True)
         return {name: float(sum(column)) for name, column in zip(SEEN.names or (), columns, strict=True)}

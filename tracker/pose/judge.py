@@ -1,19 +1,37 @@
-"""Whether a fit is the object, and how probably it is right."""
+"""Whether a fit is the object, and how probably it is right.
+
+Each camera is a witness: it supports a pose, it contradicts it, or it cannot tell.
+"""
 
 from __future__ import annotations
 
 import functools
 import math
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 
 from tracker.conventions import FloatArray
 from tracker.geometry.probability import probability_within
 from tracker.pose.agreement import probably_fits
-from tracker.pose.fit import Fit
+from tracker.pose.fit import SEEN, Fit
 from tracker.pose.result import Status
-from tracker.pose.witness import MIN_VIEW, witnesses
+
+EXPECTED = 20
+"""Pixels of its label map that the object must fill for a camera to have a say."""
+
+SUPPORT = 10, 0.1
+"""Least number and least share of these pixels that show the right face where a camera supports a pose."""
+
+CONTRADICTION = 30, 0.15
+"""Least number, as a share of the pixels expected, too, of pixels in the object's colours outside it, where
+a camera that does not support a pose contradicts it: it sees the object somewhere else."""
+
+MIN_VIEW = 4.0
+"""Weight of the pieces of edges on which a camera must agree to count as seeing the object."""
+
+_INLIERS, _PREDICTED = ((SEEN.names or ()).index(name) for name in ("inliers", "predicted"))
 
 MIN_AGREE = 30
 """Pixels of the label maps that must show the face the pose predicts."""
@@ -35,6 +53,41 @@ MIN_TRUST = 0.2
 
 VAGUE, MIN_DEFINITE = (0.02, math.radians(5)), 0.5
 """The pose must be this close to the truth [m, rad] with this probability, or many poses would do."""
+
+
+class Witnesses(NamedTuple):
+    """What the cameras together say of a pose."""
+
+    supporting: tuple[bool, ...]
+    contradicting: tuple[bool, ...]
+    worst_wrong: float
+    """Largest share of face-coloured pixels that show another face than expected, of a supporter."""
+    blind: int
+    """Supporters that see no edges."""
+
+    @property
+    def lonely(self) -> bool:
+        """Whether at most one camera sees the object there, and another one elsewhere."""
+        return sum(self.supporting) < 2 and any(self.contradicting)
+
+
+@functools.lru_cache(maxsize=32)
+def witnesses(fit: Fit) -> Witnesses:
+    """What the cameras say of a fit."""
+    supporting, contradicting = [], []
+    worst, blind = 0.0, 0
+    for _, _, inliers, _, _, predicted, agree, _, wrong, extra, elsewhere in fit.rows:
+        speaks = predicted >= EXPECTED
+        supports = speaks and agree >= max(SUPPORT[0], SUPPORT[1] * predicted) and wrong <= agree
+        outside = extra + elsewhere + wrong
+        supporting.append(supports)
+        contradicting.append(
+            speaks and not supports and outside >= max(CONTRADICTION[0], CONTRADICTION[1] * predicted)
+        )
+        if supports:
+            worst = max(worst, wrong / (agree + wrong))
+            blind += inliers < MIN_VIEW
+    return Witnesses(tuple(supporting), tuple(contradicting), worst, blind)
 
 
 @functools.lru_cache(maxsize=32)
@@ -59,7 +112,7 @@ def features(fit: Fit) -> Mapping[str, float]:
 
 def alone(fit: Fit) -> bool:
     """Whether the pose rests on what one camera sees."""
-    return bool(np.count_nonzero(fit.cameras["inliers"] >= MIN_VIEW) < 2)
+    return sum(row[_INLIERS] >= MIN_VIEW for row in fit.rows) < 2
 
 
 def supporters(fit: Fit) -> int:
@@ -69,7 +122,7 @@ def supporters(fit: Fit) -> int:
 
 def unanimous(fit: Fit) -> bool:
     """Whether all cameras in whose pictures the object should be see it where the fit has it."""
-    return supporters(fit) == int(np.count_nonzero(fit.cameras["predicted"]))
+    return supporters(fit) == sum(row[_PREDICTED] > 0 for row in fit.rows)
 
 
 def possible(fit: Fit) -> bool:

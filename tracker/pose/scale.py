@@ -5,14 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-import cv2
 import numpy as np
 
 from tracker.compiled import compiled
-from tracker.conventions import Array, FloatArray, Image
 from tracker.geometry.arena import Arena
 from tracker.geometry.camera import Camera
-from tracker.geometry.lens import project
+from tracker.geometry.lens import clamped, project
 from tracker.objects.box import Box
 
 REFERENCE = 55.0
@@ -26,25 +24,29 @@ LABELS = 25.0
 """Size of the object [px] in the label maps in which it is searched and aligned."""
 
 
-def extent(box: Box) -> float:
+@compiled
+def extent(half):  # type: ignore[no-untyped-def]
     """One length [m] for a box's size: between its longest edge, which tells its rotation, and its diagonal.
 
     Their geometric mean is the same, to 4 %, for a cube of 65 mm and a cuboid of 20 × 20 × 80 mm, which the
     refinement's lengths suit alike.
     """
-    return math.sqrt(2.0 * float(box.half.max()) * 2.0 * box.radius)
+    radius = math.sqrt(half[0] ** 2 + half[1] ** 2 + half[2] ** 2)
+    return math.sqrt(2.0 * max(half[0], half[1], half[2]) * 2.0 * radius)
 
 
-def relative_sizes(lenses: Array, box: Box, position: FloatArray) -> FloatArray:
-    """(C,) sizes of the object at a position (3,) [m] in the pictures of lenses (C,), over the reference.
+@compiled
+def relative_size(lenses, c, half, position):  # type: ignore[no-untyped-def]
+    """Size of the object at a position (3,) [m] in camera c's picture, over the reference.
 
-    These are equation (3) of docs/how-it-works.md.
+    This is equation (3) of docs/how-it-works.md.
     """
-    depth = lenses["rotation"][:, 2] @ position + lenses["translation"][:, 2]
-    focal = np.sqrt(lenses["focal"][:, 0] * lenses["focal"][:, 1])
-    size = extent(box)
-    sizes: FloatArray = focal * size / np.maximum(depth, size) / REFERENCE
-    return np.asarray(np.maximum(sizes, LEAST))
+    lens, size = lenses[c], extent(half)
+    depth = lens.translation[2]
+    for i in range(3):
+        depth += lens.rotation[2, i] * position[i]
+    focal = math.sqrt(lens.focal[0] * lens.focal[1])
+    return max(LEAST, focal * size / max(depth, size) / REFERENCE)
 
 
 def label_factors(cameras: Sequence[Camera], box: Box, arena: Arena) -> tuple[int, ...]:
@@ -57,7 +59,7 @@ def label_factors(cameras: Sequence[Camera], box: Box, arena: Arena) -> tuple[in
     for camera in cameras:
         depth = float(camera.camera_from_world[2, :3] @ middle + camera.camera_from_world[2, 3])
         focal = math.sqrt(camera.matrix[0, 0] * camera.matrix[1, 1])
-        size = focal * extent(box) / max(depth, extent(box))
+        size = focal * extent(box.half) / max(depth, extent(box.half))
         # Labels of less than 16 pixels across would tell nothing.
         most = max(1, min(camera.width, camera.height) // 16)
         factors.append(min(most, max(1, round(size / LABELS))))
@@ -70,15 +72,6 @@ def label_camera(camera: Camera, factor: int) -> Camera:
     return camera.cropped(0, 0, width * factor, height * factor).resized(width, height)
 
 
-def reduced(image: Image, factor: int) -> Image:
-    """An image (H, W, 3) of which each factor × factor pixels are one, see `label_camera`."""
-    if factor == 1:
-        return image
-    width, height = image.shape[1] // factor, image.shape[0] // factor
-    whole = image[: height * factor, : width * factor]
-    return np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
-
-
 @compiled
 def window(lenses, c, position, radius, rim):  # type: ignore[no-untyped-def]
     """Left, top, right, bottom of an object of a radius [m] at a position (3,), and `rim` pixels more."""
@@ -87,6 +80,6 @@ def window(lenses, c, position, radius, rim):  # type: ignore[no-untyped-def]
     if z < 2.0 * radius:
         return 0, 0, width, height
     reach = 1.3 * radius * max(lenses[c].focal[0], lenses[c].focal[1]) / (z - radius) + rim
-    left, top = max(0, int(max(u - reach, -1.0))), max(0, int(max(v - reach, -1.0)))
-    right, bottom = min(width, int(u + reach) + 1), min(height, int(v + reach) + 1)
-    return left, top, max(right, 0), max(bottom, 0)
+    left, top = clamped(u - reach, width), clamped(v - reach, height)
+    right, bottom = clamped(u + reach + 1.0, width), clamped(v + reach + 1.0, height)
+    return left, top, right, bottom

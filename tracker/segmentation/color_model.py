@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import functools
 import io
+import math
 import zipfile
 from dataclasses import dataclass
 from importlib import resources
@@ -17,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from tracker.compiled import compiled
 from tracker.conventions import Array, FloatArray
 from tracker.errors import ColorModelError
 from tracker.files import write_whole
@@ -33,6 +35,20 @@ _MAX_BYTES = 4 << 20
 def compand(levels: Array, size: int) -> FloatArray:
     """Levels 0…255 to coordinates 0…size-1 on the square-root axis."""
     return np.sqrt(np.clip(levels, 0, 255) / 255.0) * (size - 1)
+
+
+_ROOTS = compand(np.arange(256), CELLS)
+
+
+@compiled
+def fill_channels(gains, channels):  # type: ignore[no-untyped-def]
+    """Fill channels (3, 256): each channel's offset into the dense tables of a level under gains (3,)."""
+    stride = 1
+    for k in range(3):
+        root = math.sqrt(gains[k])
+        for level in range(256):
+            channels[k, level] = stride * int(min(_ROOTS[level] * root, CELLS - 1.0) + 0.5)
+        stride *= CELLS
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,9 +103,9 @@ class ColorModel:
 
     def channel_tables(self, gains: Array) -> Array:
         """(3, 256) int32: each channel's offset of a level under `gains`; their sum is the cell."""
-        levels = np.arange(256)[None, :] * np.asarray(gains, dtype=np.float64)[:, None]
-        cells = np.rint(compand(levels, CELLS)).astype(np.int32)
-        return cells * np.array([[1], [CELLS], [CELLS * CELLS]], dtype=np.int32)
+        channels = np.empty((3, 256), np.int32)
+        fill_channels(np.asarray(gains, dtype=np.float64), channels)
+        return channels
 
     def save(self, path: str | Path) -> None:
         """Write the model to one small file (.npz), whole or not at all."""

@@ -31,7 +31,7 @@ MAY_BE_GREY = 1.2
 """Ratio of channels up to which a clipped pixel counts as a grey one."""
 
 
-@compiled(inline="always")
+@compiled
 def _may_be_grey(b, g, r, gains):  # type: ignore[no-untyped-def]
     """Whether a pixel with a clipped channel may show a grey: the clipped ones are brighter than they say."""
     brightest, least, most = 0.0, 1e9, 0.0
@@ -45,19 +45,24 @@ def _may_be_grey(b, g, r, gains):  # type: ignore[no-untyped-def]
     return most < MAY_BE_GREY * least and brightest < MAY_BE_GREY * least
 
 
-@compiled
-def look_up(image, channels, table, gains, out):  # type: ignore[no-untyped-def]
-    """Out (H, W) = table[cell of the pixel], 0 for clipped greys: equation (2) of docs/how-it-works.md.
+@compiled(inline="always")
+def label_of(b, g, r, channels, table, gains):  # type: ignore[no-untyped-def]
+    """The table's label of a pixel, 0 for clipped greys: equation (2) of docs/how-it-works.md.
 
     channels (3, 256) from ColorModel.channel_tables of the gains (3,).
     """
-    height, width = image.shape[0], image.shape[1]
-    for j in range(height):
-        for i in range(width):
-            b, g, r = image[j, i, 0], image[j, i, 1], image[j, i, 2]
-            out[j, i] = table[channels[0, b] + channels[1, g] + channels[2, r]]
-            if out[j, i] > 0 and max(b, g, r) >= CLIPPED and _may_be_grey(b, g, r, gains):
-                out[j, i] = 0
+    label = table[channels[0, b] + channels[1, g] + channels[2, r]]
+    if label > 0 and max(b, g, r) >= CLIPPED and _may_be_grey(b, g, r, gains):
+        return np.uint8(0)
+    return label
+
+
+@compiled
+def look_up(image, channels, table, gains, out):  # type: ignore[no-untyped-def]
+    """Out (H, W) = labels of an image's pixels, see `label_of`."""
+    for j in range(image.shape[0]):
+        for i in range(image.shape[1]):
+            out[j, i] = label_of(image[j, i, 0], image[j, i, 1], image[j, i, 2], channels, table, gains)
 
 
 def check_image(image: object, who: str = "image") -> Image:

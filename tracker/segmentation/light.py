@@ -7,6 +7,7 @@ pixels the exposure.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -187,6 +188,23 @@ def _greys(image, step, log_table, points, plane):  # type: ignore[no-untyped-de
     return level - 1.0, inside / count
 
 
+@compiled
+def fill_light(image, gains, tilt):  # type: ignore[no-untyped-def]
+    """Fill gains (3,) and tilt (2, 2) of Light, if greys can be found; returns their share of the pixels."""
+    step = max(1, int(math.sqrt(image.shape[0] * image.shape[1] / SAMPLES)))
+    points = np.empty((5, ((image.shape[0] // step) + 1) * ((image.shape[1] // step) + 1)))
+    plane = np.empty((2, 3))
+    green, share = _greys(image, step, _LOG, points, plane)
+    if green <= 0.0:
+        return 0.0
+    for k in range(3):
+        chroma = 0.0 if k == 1 else plane[k // 2, 0]
+        gains[k] = TARGET_GREY / (green * math.exp(chroma))
+    for k in range(2):
+        tilt[k, 0], tilt[k, 1] = plane[k, 1], plane[k, 2]
+    return share
+
+
 @dataclass(frozen=True, eq=False)
 class Light:
     """The light in an image, by its greys."""
@@ -204,14 +222,9 @@ def find_light(image: Image) -> Light:
 
     This is equation (1) of docs/how-it-works.md.
     """
-    step = max(1, int(np.sqrt(image.shape[0] * image.shape[1] / SAMPLES)))
-    points = np.empty((5, ((image.shape[0] // step) + 1) * ((image.shape[1] // step) + 1)))
-    plane = np.empty((2, 3))
-    green, share = _greys(image, step, _LOG, points, plane)
-    if green <= 0.0:
-        return Light(np.ones(3), np.zeros((2, 2)), 0.0)
-    grey = green * np.exp([plane[0, 0], 0.0, plane[1, 0]])
-    return Light(TARGET_GREY / grey, plane[:, 1:].copy(), float(share))
+    gains, tilt = np.ones(3), np.zeros((2, 2))
+    share = fill_light(image, gains, tilt)
+    return Light(gains, tilt, float(share))
 
 
 AS_IT_IS = Light(np.ones(3), np.zeros((2, 2)), 0.0)
@@ -219,7 +232,7 @@ AS_IT_IS = Light(np.ones(3), np.zeros((2, 2)), 0.0)
 
 
 @compiled
-def _even(image, blue, red, out):  # type: ignore[no-untyped-def]
+def even_out(image, blue, red, out):  # type: ignore[no-untyped-def]
     """Out = image times factors of blue and red, each (of its row, of its column)."""
     for j in range(image.shape[0]):
         for i in range(image.shape[1]):
@@ -246,7 +259,7 @@ def evened(image: Image, light: Light, window: tuple[int, int, int, int] | None 
     y = 2.0 * np.arange(top, top + height) / rows - 1.0
     blue, red = ((np.exp(-slope[1] * y), np.exp(-slope[0] * x)) for slope in light.tilt)
     out = np.empty_like(image)
-    _even(image, blue, red, out)
+    even_out(image, blue, red, out)
     return out
 
 

@@ -7,7 +7,6 @@ the neighbours' (`cv2.cvtColor` with `COLOR_Bayer…2BGR`). Such an image obeys 
 from __future__ import annotations
 
 from tracker.compiled import compiled
-from tracker.conventions import Image
 
 NONE = -1
 """No mosaic, or one that later changes have made unrecognisable."""
@@ -37,7 +36,14 @@ def _obeys(image, j, i, red):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _find(image):  # type: ignore[no-untyped-def]
+def find_mosaic(image):  # type: ignore[no-untyped-def]
+    """Which pixels of a mosaic measured red: 2 · (their row is odd) + (their column is odd), or NONE.
+
+    Green is where one of both differs, blue where both do.
+
+    Args:
+        image: (H, W, 3) uint8 BGR.
+    """
     height, width = image.shape[0], image.shape[1]
     for red in range(4):
         told, fits = 0, True
@@ -58,14 +64,3 @@ def _find(image):  # type: ignore[no-untyped-def]
         if fits and told >= ENOUGH:
             return red
     return NONE
-
-
-def find(image: Image) -> int:
-    """Which pixels of a mosaic measured red: 2 · (their row is odd) + (their column is odd), or NONE.
-
-    Green is where one of both differs, blue where both do.
-
-    Args:
-        image: (H, W, 3) uint8 BGR.
-    """
-    return int(_find(image))

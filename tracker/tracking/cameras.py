@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from tracker.conventions import Array, Image
-from tracker.pose.evidence import Lighting
 from tracker.pose.result import CameraUse
 from tracker.segmentation.noise import noise_level
 
@@ -30,10 +29,8 @@ class CameraMemory(NamedTuple):
 
     sample: Array | None = None
     """Some rows of its last picture."""
-    lighting: Lighting | None = None
-    """As last looked at."""
-    age: int = 0
-    """Pictures since then."""
+    age: int | None = None
+    """Pictures since its light was last looked at; None: it never was."""
     doubt: int = 0
     """How often of late it did not see what the others see; see `doubt`."""
 
@@ -65,13 +62,17 @@ def usable(
     return remembered, result, uses
 
 
-def lit(memory: CameraMemory, image: Image, look: Callable[[Image], Lighting], turn: int) -> CameraMemory:
-    """The memory of a camera with its lighting as looked at not more than EVERY pictures ago.
+def looked_at(
+    memories: Sequence[CameraMemory], images: Sequence[Image | None]
+) -> tuple[tuple[CameraMemory, ...], list[bool]]:
+    """The memories once these pictures were read, and whose light is to be looked at: every EVERY-th.
 
-    turn: the camera's number; cameras that begin together are looked at in turn from then on.
+    Cameras that begin together are looked at in turn from then on.
     """
-    if memory.lighting is None:
-        return memory._replace(lighting=look(image), age=turn % EVERY)
-    if memory.age + 1 >= EVERY:
-        return memory._replace(lighting=look(image), age=0)
-    return memory._replace(age=memory.age + 1)
+    result, fresh = [], []
+    for c, (memory, image) in enumerate(zip(memories, images, strict=True)):
+        new = image is not None and (memory.age is None or memory.age + 1 >= EVERY)
+        age = memory.age if image is None else c % EVERY if memory.age is None else (memory.age + 1) % EVERY
+        result.append(memory._replace(age=age))
+        fresh.append(new)
+    return tuple(result), fresh

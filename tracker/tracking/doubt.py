@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from tracker.conventions import Image
+from tracker.pose.estimate import ENOUGH
 from tracker.pose.fit import Fit
-from tracker.pose.judge import confidence
+from tracker.pose.judge import confidence, witnesses
 from tracker.pose.result import CameraUse
-from tracker.pose.search import ENOUGH
-from tracker.pose.witness import witnesses
 from tracker.tracking.cameras import CameraMemory
 
 DOUBTED, MOST_DOUBT = 3, 6

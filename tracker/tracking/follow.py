@@ -5,18 +5,12 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 
-import numpy as np
-
 from tracker.conventions import FloatArray, Image
 from tracker.pose.estimate import PoseEstimator
-from tracker.pose.evidence import EvidenceReader, View
-from tracker.pose.examine import examined
-from tracker.pose.fit import Fit
-from tracker.pose.judge import alone, confidence, features, log_odds, rank, refusal, supporters
-from tracker.pose.search import ENOUGH
-from tracker.pose.sight import Sight
-from tracker.pose.start import Lag, Start
-from tracker.tracking.cameras import CameraMemory, lit
+from tracker.pose.fit import Fit, Lag, Start
+from tracker.pose.judge import alone, features, log_odds, rank, refusal
+from tracker.pose.views import Sight
+from tracker.tracking.cameras import looked_at
 from tracker.tracking.doubt import held_back
 from tracker.tracking.filter import MotionState
 from tracker.tracking.memory import Memory
@@ -35,12 +29,11 @@ class Follower:
     """Looks for the object where it is expected; has no memory of its own.
 
     Args:
-        reader: of the pictures.
         estimator: of the pose.
     """
 
-    def __init__(self, reader: EvidenceReader, estimator: PoseEstimator) -> None:
-        self._reader, self._estimator = reader, estimator
+    def __init__(self, estimator: PoseEstimator) -> None:
+        self._estimator = estimator
 
     def __call__(
         self,
@@ -52,15 +45,16 @@ class Follower:
     ) -> tuple[Fit | None, Memory]:
         """The object where it is expected, or not far from there, else None; and what was learned."""
         lap = time.perf_counter()
-        cameras, sight = self._glance(images, memory.cameras, expected.position)
+        sight, memory = self._glance(images, memory, expected.position)
         split = time.perf_counter()
         timing["segmentation"] = 1e3 * (split - lap)
         unused = held_back(memory.cameras, images)
         due = memory.agreement.due(expected)
         fit = self._near(sight, unused, expected, memory.start, lag, ask=due)
         if not settled(fit):
-            fit = self._without_one(sight, unused, expected, memory.start, lag, fit)
-        memory = memory._replace(cameras=tuple(cameras), start=fit.end)
+            other = self._estimator.without_worst(sight, fit, lag)
+            fit = other if settled(other) else fit
+        memory = memory._replace(start=fit.end)
         if not settled(fit):
             hypotheses = [(expected.rotation, expected.position)]
             if memory.belief.last_pose is not None:
@@ -71,7 +65,7 @@ class Follower:
             if far is not None and (refusal(fit) is not None or rank(far) > rank(fit)):
                 fit = far
         if due:
-            fit = examined(self._estimator, sight, fit, lag)
+            fit = self._estimator.examined(sight, fit, lag)
         timing["pose"] = 1e3 * (time.perf_counter() - split)
         return (fit if refusal(fit) is None else None), memory
 
@@ -90,45 +84,15 @@ class Follower:
         fit = self._estimator.follow(used, expected.rotation, expected.position, start, lag, ask=ask)
         return self._estimator.heard(sight, fit, left_out, lag) if left_out else fit
 
-    def _without_one(
-        self,
-        sight: Sight,
-        unused: Sequence[int],
-        expected: MotionState,
-        start: Start,
-        lag: Lag | None,
-        fit: Fit,
-    ) -> Fit:
-        """The fit, or that without the camera which agrees least, where this leaves less doubt."""
-        used = [c for c in np.flatnonzero(sight.used).tolist() if c not in unused]
-        if len(used) <= ENOUGH:
-            return fit
-        seen = fit.cameras
-        against = seen["wrong"] + seen["extra"] + seen["elsewhere"] - seen["agree"]
-        worst = max(used, key=lambda c: float(against[c]))
-        other = self._near(sight, [*unused, worst], expected, start, lag)
-        better = (
-            settled(other)
-            and supporters(other) >= max(ENOUGH, supporters(fit))
-            and confidence(other) > confidence(fit)
-        )
-        return other if better else fit
-
     def _glance(
-        self, images: Sequence[Image | None], memories: Sequence[CameraMemory], position: FloatArray
-    ) -> tuple[list[CameraMemory], Sight]:
+        self, images: Sequence[Image | None], memory: Memory, position: FloatArray
+    ) -> tuple[Sight, Memory]:
         """What the images show around a position (3,) [m], and what is remembered of their cameras."""
-        cameras = list(memories)
-        views: list[View | None] = []
-        for c, image in enumerate(images):
-            if image is None:
-                views.append(None)
-                continue
-            cameras[c] = lit(memories[c], image, self._reader.lighting, c)
-            lighting = cameras[c].lighting
-            assert lighting is not None
-            views.append(self._reader.glance(c, image, lighting, self._estimator.window(c, position)))
-        return cameras, self._estimator.sight(views)
+        cameras, fresh = looked_at(memory.cameras, images)
+        windows = [self._estimator.window(c, position) for c in range(len(images))]
+        reader = self._estimator.reader
+        sight = reader.labelled(images, reader.lit(images, memory.lights, fresh), windows)
+        return sight, memory._replace(cameras=cameras, lights=sight.pictures)
 
 
 def settled(fit: Fit | None) -> bool:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from tracker.conventions import Array
+from tracker.pose.fit import LIKELY, Start
 from tracker.pose.result import Observation
-from tracker.pose.start import LIKELY, Start
 from tracker.tracking.agreement import Agreement
 from tracker.tracking.belief import Belief, TrackingOptions
 from tracker.tracking.cameras import CameraMemory
@@ -17,6 +18,8 @@ class Memory(NamedTuple):
     belief: Belief
     """Of the object."""
     cameras: tuple[CameraMemory, ...]
+    lights: Array | None = None
+    """(C,) of PICTURE, of the last pictures: their light as last looked at."""
     start: Start = LIKELY
     """What the unknowns beside the pose were in the last pictures."""
     agreement: Agreement = Agreement()

@@ -14,8 +14,8 @@ from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray
 from tracker.geometry import so3
 from tracker.geometry.camera import Camera
-from tracker.pose.evidence import View
-from tracker.pose.start import Start
+from tracker.pose.fit import Start
+from tracker.pose.views import Sight
 from tracker.upkeep.edges import EdgeReader
 
 ITERATIONS = 10
@@ -29,7 +29,7 @@ SETTLED = 0.02e-3, np.radians(0.002)
 class Frame:
     """Pictures of the object in a pose."""
 
-    views: Sequence[View | None]
+    sight: Sight
     """What they say."""
     position: FloatArray
     """(3,) about where it is [m]."""
@@ -72,7 +72,7 @@ def adjust(edges: EdgeReader, frames: Sequence[Frame], rim: tuple[float, float],
     now = Unknowns.of(edges.rig.cameras, rim[0])
     poses, starts, offsets = [], [], []
     for frame in frames:
-        refined = edges.refine(frame.views, frame.rotation, frame.position)
+        refined = edges.refine(frame.sight, frame.rotation, frame.position)
         poses.append((refined.rotation, refined.position))
         starts.append(refined.end)
         # At first the cameras see the object beside where they should.
@@ -100,7 +100,7 @@ def _read(
 ) -> list[Posed]:
     result = []
     for frame, (rotation, position), start, aim in zip(frames, poses, starts, aims, strict=True):
-        result.append(Posed(position, reader.contours(frame.views, rotation, position, start, aim)))
+        result.append(Posed(position, reader.contours(frame.sight, rotation, position, start, aim)))
     return result
 
 

@@ -11,11 +11,10 @@ from tracker.calibration.looks import Look
 from tracker.calibration.rig import CameraRig
 from tracker.objects.model import CuboidModel
 from tracker.pipeline import ObjectTracker
-from tracker.pose.examine import SHOWN, USED
+from tracker.pose.estimate import SHOWN, USED
 from tracker.pose.fit import Fit
-from tracker.pose.judge import apparent
+from tracker.pose.judge import EXPECTED, apparent
 from tracker.pose.result import Status
-from tracker.pose.witness import EXPECTED
 from tracker.segmentation.color_model import ColorModel
 from tracker.upkeep.footage import Footage, Shot
 

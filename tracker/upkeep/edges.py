@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from tracker.calibration.contour import Contour
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray
 from tracker.objects.box import Box
 from tracker.objects.model import CuboidModel
-from tracker.pose.evidence import EvidenceReader, View
-from tracker.pose.scale import label_factors
-from tracker.pose.solve.contours import contours
-from tracker.pose.solve.refiner import Refined, Refiner
-from tracker.pose.solve.schedule import FOLLOWING
-from tracker.pose.start import LIKELY, Start
+from tracker.pose.estimate import PoseEstimator
+from tracker.pose.fit import LIKELY, Fit, Start
+from tracker.pose.refine import FLOOR, FOLLOWING, Refiner, trust_of
+from tracker.pose.views import Sight
 from tracker.segmentation.color_model import ColorModel
 from tracker.upkeep.footage import Images
 
@@ -30,7 +26,7 @@ class EdgeReader:
 
     def __init__(self, model: CuboidModel, rig: CameraRig, colors: ColorModel) -> None:
         self.rig, self._box, self._colors = rig, Box.of(model), colors
-        self._reader = EvidenceReader(colors, label_factors(rig.cameras, self._box, rig.arena))
+        self._reader = PoseEstimator(self._box, rig, colors).reader
         self._refiner = Refiner(self._box, rig.cameras, colors.label_table)
 
     def of(self, rig: CameraRig) -> EdgeReader:
@@ -40,24 +36,52 @@ class EdgeReader:
         other._refiner = Refiner(self._box, rig.cameras, self._colors.label_table)
         return other
 
-    def views(self, images: Images) -> list[View | None]:
+    def sight(self, images: Images) -> Sight:
         """What the pictures say, whatever the calibration."""
-        see, read = self._reader.see, self._reader.read
-        return [
-            None if image is None else read(see(c, image), grey_world=False) for c, image in enumerate(images)
-        ]
+        return self._reader(images)
 
-    def refine(self, views: Sequence[View | None], rotation: FloatArray, position: FloatArray) -> Refined:
+    def refine(self, sight: Sight, rotation: FloatArray, position: FloatArray) -> Fit:
         """The pose (3, 3), (3,) [m] that fits the edges best near the one given."""
-        return self._refiner.refine(views, rotation, position, FOLLOWING)
+        return self._refiner(sight.pictures, rotation, position, FOLLOWING)
 
     def contours(
         self,
-        views: Sequence[View | None],
+        sight: Sight,
         rotation: FloatArray,
         position: FloatArray,
         start: Start = LIKELY,
         offsets: FloatArray | None = None,
     ) -> list[Contour | None]:
-        """See `tracker.pose.solve.contours`."""
-        return contours(self._refiner, views, rotation, position, start, offsets)
+        """Each camera's edges at a pose (3, 3), (3,) [m], None where it has no picture or sees none.
+
+        Args:
+            sight: of the pictures.
+            rotation: world_from_object.
+            position: of the object's centre.
+            start: blur of the pictures, and the exponent and rim with which the object is drawn.
+            offsets: (C, 6) by which each camera is known to see the object moved [m, rad]: the edges are
+                looked for there. What is handed out is told from the pose itself all the same.
+        """
+        cameras, work = self._refiner.edges(sight.pictures, rotation, position, start, offsets)
+        result: list[Contour | None] = []
+        for c, (lens, camera) in enumerate(zip(self._refiner.model.lenses, cameras, strict=True)):
+            found = work.found[c, : camera["strips"]]
+            strips, found = work.strips[c, : camera["strips"]][found["usable"]], found[found["usable"]]
+            if len(found) == 0:
+                result.append(None)
+                continue
+            scale, jacobian = camera["scale"], strips["jacobian"] / camera["scale"]
+            result.append(
+                Contour(
+                    pixel=strips["pixel"] - lens["center"],
+                    normal=strips["normal"].copy(),
+                    jacobian=jacobian,
+                    bloom=found["bloom"] / scale,
+                    rim=strips["rim"] / scale,
+                    offset=found["offset"] / scale + jacobian @ camera["offset"][:6],
+                    variance=(FLOOR**2 + found["variance"] / scale**2) / trust_of(camera),
+                    edge=strips["edge"].copy(),
+                    scale=float(scale),
+                )
+            )
+        return result

@@ -126,8 +126,8 @@ def misfit(edges: EdgeReader, frames: Sequence[Frame]) -> float:
     """Root mean square offset [px at reference size] of edges at the poses that fit best."""
     squares, count = 0.0, 0
     for frame in frames:
-        refined = edges.refine(frame.views, frame.rotation, frame.position)
-        found = edges.contours(frame.views, refined.rotation, refined.position, refined.end)
+        refined = edges.refine(frame.sight, frame.rotation, frame.position)
+        found = edges.contours(frame.sight, refined.rotation, refined.position, refined.end)
         for one in found:
             if one is not None:
                 left = one.offset - one.bloom * refined.end.exponent - one.rim * refined.end.rim
@@ -143,7 +143,7 @@ def _frames(
     for k, one in enumerate(footage):
         mine = [sighting for number, sighting in chosen if number == k]
         for sighting, images in zip(mine, one.images([s.number for s in mine]), strict=True):
-            frames.append(Frame(edges.views(images), sighting.position, sighting.rotation))
+            frames.append(Frame(edges.sight(images), sighting.position, sighting.rotation))
     return frames
 
 

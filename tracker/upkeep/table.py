@@ -14,7 +14,7 @@ from tracker.calibration.table_plane import LEAST, Rest, TablePlane, fit_table, 
 from tracker.errors import CalibrationError
 from tracker.objects.model import CuboidModel
 from tracker.pipeline import ObjectTracker
-from tracker.pose.evidence import View
+from tracker.pose.views import Sight
 from tracker.segmentation.color_model import ColorModel
 from tracker.upkeep.edges import EdgeReader
 from tracker.upkeep.footage import Footage
@@ -91,7 +91,7 @@ def plane_of(
     for one, part in zip(footage, seen, strict=True):
         still = resting(part)
         for sighting, images in zip(still, one.images([s.number for s in still]), strict=True):
-            rest = _rest(edges, sighting, edges.views(images), model.rim_std)
+            rest = _rest(edges, sighting, edges.sight(images), model.rim_std)
             if rest is not None:
                 rests.append(rest)
             else:
@@ -114,10 +114,10 @@ def refuse_one_camera(rig: CameraRig) -> None:
         )
 
 
-def _rest(edges: EdgeReader, sighting: Sighting, views: Sequence[View | None], rim_std: float) -> Rest | None:
+def _rest(edges: EdgeReader, sighting: Sighting, sight: Sight, rim_std: float) -> Rest | None:
     """The pose once more from one shot, with its errors; None where fewer than two cameras see its edges."""
-    refined = edges.refine(views, sighting.rotation, sighting.position)
-    found = edges.contours(views, refined.rotation, refined.position, refined.end)
+    refined = edges.refine(sight, sighting.rotation, sighting.position)
+    found = edges.contours(sight, refined.rotation, refined.position, refined.end)
     if sum(one is not None and len(one.offset) >= PIECES for one in found) < 2:
         return None
     own, common = pose_errors(found, refined.position, edges.rig.cameras, rim_std)

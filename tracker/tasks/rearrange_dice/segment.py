@@ -51,7 +51,7 @@ PALE = 0.8
 
 
 @compiled
-def _read(image, channels, table, ratios, gain, certain, inside, ratio, blue):  # type: ignore[no-untyped-def]
+def read_levels(image, channels, table, ratios, gain, certain, inside, ratio, blue):  # type: ignore[no-untyped-def]
     """Per pixel: whether the table is certain, the log ratio of blue to red, and the level of blue."""
     for j in range(image.shape[0]):
         for i in range(image.shape[1]):
@@ -63,7 +63,7 @@ def _read(image, channels, table, ratios, gain, certain, inside, ratio, blue):  
 
 
 @compiled
-def _weigh(image, inside, core, ratio, least, out):  # type: ignore[no-untyped-def]
+def weigh_inside(image, inside, core, ratio, least, out):  # type: ignore[no-untyped-def]
     """Out (H, W, 3) = weight, weight · ratio, weight · green of the inside; `least` for its rim."""
     for j in range(image.shape[0]):
         for i in range(image.shape[1]):
@@ -76,7 +76,7 @@ def _weigh(image, inside, core, ratio, least, out):  # type: ignore[no-untyped-d
 
 
 @compiled
-def _grow(image, near, sums, ratio, edge, pale, mask, light):  # type: ignore[no-untyped-def]
+def grow_mask(image, near, sums, ratio, edge, pale, mask, light):  # type: ignore[no-untyped-def]
     """Mask: 255 where the ratio is at least `edge` of the inside's; light: 255 where a pip may be."""
     for j in range(image.shape[0]):
         for i in range(image.shape[1]):
@@ -116,7 +116,7 @@ def segment_dice(image: Array, colors: ColorModel | None = None) -> Image:
     ratio = np.empty(image.shape[:2], np.float32)
     ratios = np.log(np.outer(gains[[0, 2]], np.arange(256)) + OFFSET).astype(np.float32)
     channels = colors.channel_tables(gains)
-    _read(image, channels, colors.margin_table, ratios, gains[0], CERTAIN, inside, ratio, blue)
+    read_levels(image, channels, colors.margin_table, ratios, gains[0], CERTAIN, inside, ratio, blue)
     inside = np.asarray(cv2.medianBlur(inside, 3), dtype=np.uint8)
     mask: Image = np.zeros(image.shape[:2], np.uint8)
     part = _bounds(inside, _odd(7 * scale))
@@ -143,9 +143,9 @@ def _mask(image: Image, inside: Image, blue: Image, ratio: Array, scale: float) 
     inside = _reached(inside, np.asarray(cv2.blur(blue, (3, 3)), dtype=np.uint8), scale)
     sums: Array = np.empty(image.shape, np.float32)
     mask, pips = np.empty_like(inside), np.empty_like(inside)
-    _weigh(image, inside, cv2.erode(inside, _round(3 * scale)), ratio, RIM, sums)
+    weigh_inside(image, inside, cv2.erode(inside, _round(3 * scale)), ratio, RIM, sums)
     sums = cv2.boxFilter(sums, -1, (window, window), normalize=False)
-    _grow(image, cv2.dilate(inside, _square(5 * scale)), sums, ratio, EDGE, PALE, mask, pips)
+    grow_mask(image, cv2.dilate(inside, _square(5 * scale)), sums, ratio, EDGE, PALE, mask, pips)
     closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, _round(5 * scale))
     mask |= np.asarray(closed, dtype=np.uint8) & pips
     return np.asarray(cv2.morphologyEx(mask, cv2.MORPH_CLOSE, _round(3 * scale)), dtype=np.uint8)

@@ -8,8 +8,8 @@ import pytest
 
 from tests.helpers.fits import made_fit
 from tracker.geometry import so3
-from tracker.pose import contest
-from tracker.pose.contest import lead
+from tracker.pose import estimate
+from tracker.pose.estimate import lead
 
 RADIUS = 0.05
 
@@ -22,7 +22,7 @@ def turned(quarters: int, rank: float):
 
 @pytest.fixture
 def ranked(monkeypatch):
-    monkeypatch.setattr(contest, "rank", lambda fit: fit.stands)
+    monkeypatch.setattr(estimate, "rank", lambda fit: fit.stands)
 
 
 def test_a_lead_is_over_all_other_poses_together(ranked):

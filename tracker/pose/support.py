@@ -11,6 +11,7 @@ from tracker.compiled import compiled
 from tracker.conventions import FloatArray
 from tracker.geometry.arena import Arena
 from tracker.geometry.linear import factorise, substitute
+from tracker.pose.solve import ROWS
 
 FLAT = np.array(
     [
@@ -32,9 +33,6 @@ FACES, EDGES = 6.0, 6 * math.pi
 
 LIFTED = 2
 """The row of FLAT whose height is never negative."""
-
-ROWS = 5
-"""Height and two tilts of the face that is nearly below; height and slope of the lowest edge."""
 
 
 class Table(NamedTuple):
@@ -61,7 +59,7 @@ NO_TABLE = table_of(Arena(), support=False)
 
 
 @compiled
-def _contacts(table, half, rotation, position, value, slope, plane):  # type: ignore[no-untyped-def]
+def contacts_of(table, half, rotation, position, value, slope, plane):  # type: ignore[no-untyped-def]
     """How the object stands to the table; returns by how much the lowest edge's end is below its middle [m].
 
     Filled: value (5,) of ROWS [m, rad], slope (5, 6) by the pose, plane (5, 3) by the table's height and
@@ -130,8 +128,9 @@ def _way(rows, spread, noise, value, weights, force):  # type: ignore[no-untyped
 
 
 @compiled
-def leaner(columns, less, covariance):  # type: ignore[no-untyped-def]
+def leaner(solution):  # type: ignore[no-untyped-def]
     """Take off a pose's covariance (6, 6) what `lean` found to be known."""
+    columns, less, covariance = solution.columns, solution.less, solution.covariance
     for i in range(6):
         for k in range(i + 1):
             for row in range(ROWS):
@@ -190,27 +189,27 @@ def _mix(logs, forces, weights, mean, less):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def lean(table, half, rotation, position, step, columns, less):  # type: ignore[no-untyped-def]
+def lean(table, half, solution):  # type: ignore[no-untyped-def]
     """Move a step's update of the pose to where it is expected, the table being where it is.
 
     The pictures say that the pose is Gaussian, around where the step leads. Before they are asked it is one
     of several Gaussians, or anywhere; so it is afterwards, each with a weight of its own. The step then leads
     to the mean of these: equation (28) of docs/how-it-works.md.
 
-    Filled: columns (n, 5) and less (5, 5), so that columns · less · columnsᵀ is by how much less the pose's
+    Filled: columns and less of the solution, so that columns · less · columnsᵀ is by how much less the pose's
     covariance is. Returns how much likelier the pictures are than of an object that may be anywhere
     (logarithm).
     """
-    n = len(step.shared)
+    n, columns, change = solution.size, solution.columns, solution.change
     value, slope, plane = np.empty(ROWS), np.empty((ROWS, 6)), np.empty((ROWS, 3))
-    lower_end = _contacts(table, half, rotation, position, value, slope, plane)
+    lower_end = contacts_of(table, half, solution.rotation, solution.position, value, slope, plane)
     spread, column, mean = np.empty((ROWS, ROWS)), np.empty(n), np.empty(ROWS)
     for row in range(ROWS):
         column[:] = 0.0
         for i in range(6):
             column[i] = slope[row, i]
-            value[row] += slope[row, i] * step.shared[i]
-        substitute(step.lower, column, column)
+            value[row] += slope[row, i] * change[i]
+        substitute(solution.lower, column, column)
         for i in range(n):
             columns[i, row] = column[i]
     for row in range(ROWS):
@@ -223,8 +222,8 @@ def lean(table, half, rotation, position, step, columns, less):  # type: ignore[
     ways = len(FLAT) + 2
     logs, forces, weights = np.empty(ways), np.empty((ways, ROWS)), np.empty((ways, ROWS, ROWS))
     _ways(spread, value, lower_end, logs, forces, weights)
-    total = _mix(logs, forces, weights, mean, less)
+    total = _mix(logs, forces, weights, mean, solution.less)
     for i in range(n):
         for row in range(ROWS):
-            step.shared[i] -= columns[i, row] * mean[row]
+            change[i] -= columns[i, row] * mean[row]
     return total - math.log(FREE)

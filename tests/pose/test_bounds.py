@@ -1,0 +1,89 @@
+"""What comes from outside, or is larger than usual, ends no loop early and no process at all."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import tracker
+from synthetic.camera.rigs import default_cameras
+from synthetic.camera.sensor import Sensor
+from tests.helpers.kept_stills import take
+from tests.helpers.stills import bare_scene
+from tracker.geometry.camera import BENT, CENTER, FARTHEST, FOCAL
+from tracker.objects.box import Box
+from tracker.pose import refine
+from tracker.pose.refine import LIKELY, Refiner, begin
+from tracker.pose.views import PICTURE
+
+MODEL = tracker.load_object("cube_v2")
+
+
+@pytest.fixture(scope="module")
+def still(rig):
+    rng = np.random.default_rng(71)
+    return take(bare_scene(MODEL, rng), rig.cameras, Sensor.realistic(), rng)
+
+
+def extreme(camera, kind):
+    """A camera with one number as large as it may be."""
+    matrix, transform, lens = camera.matrix.copy(), camera.camera_from_world.copy(), np.zeros(12)
+    lens[:5] = camera.distortion
+    if kind.startswith("c"):
+        matrix["xy".index(kind[1]), 2] = CENTER * (-1 if kind.endswith("-") else 1)
+    elif kind.startswith("f"):
+        matrix[0, 0] = FOCAL[kind == "f+"]
+    elif kind.startswith("k"):
+        lens[int(kind[1:])] = BENT
+    else:
+        transform[2, 3] = FARTHEST
+    return dataclasses.replace(camera, matrix=matrix, camera_from_world=transform, distortion=lens)
+
+
+@pytest.mark.parametrize("kind", ["cx", "cy-", "f+", "f-", "k0", "k4", "k5", "k8", "k11", "far"])
+@pytest.mark.parametrize("count", [1, 3])
+def test_numbers_at_their_bounds_end_no_process(rig, still, kind, count):
+    cameras = [extreme(camera, kind) if c < count else camera for c, camera in enumerate(rig)]
+    one = tracker.ObjectTracker(MODEL, tracker.CameraRig(tuple(cameras)))
+    found = one.detect(still.images)
+    assert found.object_pose is None or np.isfinite(found.object_pose.covariance).all()
+    one.update(still.images, 0.0)
+
+
+@pytest.mark.parametrize("size", [270, 540, 1080, 2160])
+def test_every_strip_in_view_has_pixels(size):
+    rig = tracker.CameraRig(default_cameras(size))
+    image = np.random.default_rng(1).integers(0, 256, (size, size, 3)).astype(np.uint8)
+    refiner = Refiner(Box.of(MODEL), rig.cameras, tracker.load_colors("cube_v2").label_table)
+    pictures = np.zeros(3, PICTURE)
+    pictures["used"], pictures["address"] = True, image.__array_interface__["data"][0]
+    pictures["height"], pictures["width"], pictures["mosaic"] = size, size, -1
+    cameras, work = refiner.edges(pictures, np.eye(3), np.array([0.02, 0.01, 0.0325]), turns=0)
+    for c in range(3):
+        strips = work.strips[c, : cameras["strips"][c]]
+        assert strips["in_view"].sum() > 30
+        assert (strips["count"].sum(axis=1)[strips["in_view"]] >= 8).all()
+
+
+@pytest.mark.parametrize("stated", [False, True])
+def test_cameras_whose_errors_are_not_stated_are_exact(rig, stated):
+    std = np.full((4, 4), 1e-3) if stated else None
+    cameras = [dataclasses.replace(camera, camera_from_world_std=std) for camera in rig]
+    refiner = Refiner(Box.of(MODEL), cameras, tracker.load_colors("cube_v2").label_table)
+    solution, states = refiner.begun(np.eye(3), np.zeros(3))
+    pictures = np.zeros(3, PICTURE)
+    pictures["used"] = True
+    assert begin(refiner.model, pictures, solution[0], states, LIKELY) is stated
+
+
+def test_a_pose_that_cannot_be_written_compiles_nothing_anew(rig, still):
+    one = tracker.ObjectTracker(MODEL, rig)
+    fit, sight = one.fit(still.images), one._estimator.reader(still.images)
+    before = len(refine.refine.signatures)
+    rotation, position = fit.rotation.copy(), fit.position.copy()
+    rotation.flags.writeable = position.flags.writeable = False
+    again = one._estimator.refine(sight, rotation, position)
+    assert np.linalg.norm(again.position - fit.position) < 1e-3
+    assert len(refine.refine.signatures) == before == 1

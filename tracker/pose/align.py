@@ -1,0 +1,250 @@
+"""Align a hypothesis with the label maps, and count how well it explains them.
+
+Along the normal of each piece of edge the most likely place of the label transition is found (as many pixels
+as possible of the face's label inside, and of the neighbour's or none outside); Gauss-Newton with robust
+weights moves the pose there. Then each pixel near the object is held against the face that covers it.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from tracker.compiled import compiled
+from tracker.geometry.cuboid import CORNER_SIGNS, FACE_CORNERS
+from tracker.geometry.lens import apply_update, clamped, project, visible_faces
+from tracker.geometry.linear import solve_positive
+from tracker.pose.fit import SEEN
+from tracker.pose.strips import MAX_STRIPS, STRIP, edge_strips
+
+SPACING = 3.0
+"""Length of the pieces of edge [px of the label map]."""
+
+HIDDEN = 0.4
+"""What a hidden pixel counts against a pose, over what one that shows the right face counts for it."""
+
+LEAST = 4
+"""Pieces of edge below which a pose cannot be aligned."""
+
+FEW = 30.0
+"""Pixels of the object beside which a camera that shows fewer counts little."""
+
+IMPOSSIBLE = -1e9
+"""Score of a hypothesis whose edges are nowhere to be seen."""
+
+RIM = 2.5
+"""Pixels of the label map around the object, in which colours beside it are counted."""
+
+_SIGNS, _FACES = CORNER_SIGNS, FACE_CORNERS
+
+
+@compiled
+def _face_row(pixels, face, row):  # type: ignore[no-untyped-def]
+    """The columns from … to that a face covers in a row of pixels; its corners' pixels are rows of (8, 2)."""
+    low, high = 1e9, -1e9
+    for k in range(4):
+        a, b = _FACES[face, k], _FACES[face, (k + 1) % 4]
+        va, vb = pixels[a, 1], pixels[b, 1]
+        if (va <= row) == (vb <= row):
+            continue
+        u = pixels[a, 0] + (row - va) / (vb - va) * (pixels[b, 0] - pixels[a, 0])
+        low, high = min(low, u), max(high, u)
+    return low, high
+
+
+@compiled
+def _count_face(labels, pixels, face, label, area, seen):  # type: ignore[no-untyped-def]
+    """Add the pixels of one face to `seen`; returns how many of them have a face's colour."""
+    left, right, top, bottom = area
+    colored, first, last = 0, bottom, top
+    for k in range(4):
+        row = min(max(pixels[_FACES[face, k], 1], top - 1.0), bottom + 1.0)
+        first, last = min(first, math.ceil(row)), max(last, math.floor(row))
+    for j in range(max(first, top), min(last, bottom) + 1):
+        low, high = _face_row(pixels, face, j)
+        low, high = max(low, left - 1.0), min(high, right + 1.0)
+        for i in range(max(left, math.ceil(low)), min(right, math.ceil(high) - 1) + 1):
+            found = labels[j, i]
+            seen.predicted += 1
+            if found == label:
+                seen.agree += 1
+            elif found == 0:
+                seen.missing += 1
+            else:
+                seen.wrong += 1
+            colored += found > 0
+    return colored
+
+
+@compiled
+def explain(lenses, c, labels, box, rotation, position, one):  # type: ignore[no-untyped-def]
+    """Compare camera c's label map (h, w) with a pose: numbers of its pixels into the record `one` (SEEN).
+
+    The outline of a face is taken to be straight between its corners. box: half edge lengths (3,) [m] and
+    labels of the faces (6,).
+    """
+    half, face_labels = box
+    one.predicted, one.agree, one.missing, one.wrong, one.extra = 0, 0, 0, 0, 0
+    heights, pixels = np.empty(6), np.empty((8, 2))
+    radius = math.sqrt(half[0] ** 2 + half[1] ** 2 + half[2] ** 2)
+    u0, v0, z = project(lenses, c, position[0], position[1], position[2])
+    if z < 1.5 * radius:
+        return
+    for k in range(8):
+        x, y, w = _SIGNS[k, 0] * half[0], _SIGNS[k, 1] * half[1], _SIGNS[k, 2] * half[2]
+        pixels[k, 0], pixels[k, 1], _ = project(
+            lenses, c,
+            position[0] + rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * w,
+            position[1] + rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * w,
+            position[2] + rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * w,
+        )  # fmt: skip
+    visible_faces(lenses, c, half, rotation, position, heights)
+    reach = radius * max(lenses[c].focal[0], lenses[c].focal[1]) / (z - radius) + RIM
+    left, right = (
+        clamped(u0 - reach, lenses[c].width),
+        min(lenses[c].width - 1, clamped(u0 + reach, lenses[c].width) + 1),
+    )
+    top, bottom = (
+        clamped(v0 - reach, lenses[c].height),
+        min(lenses[c].height - 1, clamped(v0 + reach, lenses[c].height) + 1),
+    )
+    for j in range(top, bottom + 1):
+        for i in range(left, right + 1):
+            one.extra += labels[j, i] > 0
+    for face in range(6):
+        if heights[face] > 0.0:
+            area = left, right, top, bottom
+            one.extra -= _count_face(labels, pixels, face, face_labels[face], area, one)
+
+
+@compiled
+def hear(lenses, labels, pictures, box, rotation, position, lags, seen):  # type: ignore[no-untyped-def]
+    """Count what all label maps (C, h, w) show of a pose (3, 3), (3,) [m], into seen (C,) of SEEN.
+
+    pictures (C,) of PICTURE; box as of `explain`; lags (C, 6) by which cameras saw the object moved
+    [m, rad].
+    """
+    turned, moved = np.empty((3, 3)), np.empty(3)
+    for c in range(len(seen)):
+        one = seen[c]
+        one.predicted, one.agree, one.missing, one.wrong, one.extra = 0, 0, 0, 0, 0
+        if not pictures[c].used:
+            one.elsewhere = pictures[c].colored
+            continue
+        turned[:, :], moved[:] = rotation, position
+        apply_update(turned, moved, lags[c])
+        explain(lenses, c, labels[c], box, turned, moved, one)
+        one.elsewhere = pictures[c].colored - one.agree - one.wrong - one.extra
+
+
+@compiled
+def explanation_score(seen):  # type: ignore[no-untyped-def]
+    """How well a pose explains the label maps, and how many cameras see it.
+
+    This is equation (6) of docs/how-it-works.md.
+    A hidden pixel counts little, a wrong one much; but a camera that shows something else counts no less than
+    one from which all is hidden.
+    """
+    score, seeing = 0.0, 0
+    for one in seen:
+        explained = one.agree - HIDDEN * one.missing - 1.5 * one.wrong - 0.7 * one.extra
+        score += max(0.0, HIDDEN + explained / (one.predicted + FEW))
+        seeing += one.agree > max(10.0, 0.1 * one.predicted)
+    return score, seeing
+
+
+@compiled
+def _transition(labels, width, height, strip, reach):  # type: ignore[no-untyped-def]
+    """Offset along the normal of the label transition, and whether there is one."""
+    u, v, nu, nv = strip.pixel[0], strip.pixel[1], strip.normal[0], strip.normal[1]
+    inside, outside = strip.inside, strip.outside
+    score, best, offset, support = 0.0, -1e9, 0.0, 0
+    seen_inside, best_seen = 0, 0
+    # Prefix sums of (inside fits) - (outside fits): the maximum is the most likely transition.
+    for k in range(-reach, reach + 1):
+        x, y = u + k * nu + 0.5, v + k * nv + 0.5
+        if not (0.0 <= x < width and 0.0 <= y < height):
+            return 0.0, False
+        label = labels[int(y), int(x)]
+        if label == inside:
+            score += 1.0
+            seen_inside += 1
+        elif outside == 0:
+            score -= 1.0 if label == 0 else 0.5
+        elif label == outside:
+            score -= 1.0
+            support += 1
+        else:
+            score -= 0.2
+        if score > best:
+            best, offset, best_seen = score, k + 0.5, seen_inside
+    if best_seen < 2 or offset >= reach:
+        return 0.0, False
+    if outside > 0 and support < 2:
+        return 0.0, False
+    return offset, True
+
+
+@compiled
+def align(lenses, labels, pictures, box, rotation, position, reaches, strips):  # type: ignore[no-untyped-def]
+    """Move the pose in place, a step for each of `reaches` [px]; returns the last step's samples used.
+
+    labels (C, h, w); pictures (C,) of PICTURE; box: half edge lengths (3,) [m] and labels of the faces (6,).
+    """
+    half, face_labels = box
+    matrix, vector, update = np.empty((6, 6)), np.empty(6), np.empty(6)
+    radius2 = half[0] ** 2 + half[1] ** 2 + half[2] ** 2
+    total = 0
+    for step in range(len(reaches)):
+        reach = reaches[step]
+        matrix[:], vector[:] = 0.0, 0.0
+        total = 0
+        for c in range(len(pictures)):
+            if not pictures[c].used:
+                continue
+            width, height = lenses[c].width, lenses[c].height
+            n = edge_strips(lenses, c, half, face_labels, rotation, position, SPACING, 1.0, strips)
+            for s in range(n):
+                strip = strips[s]
+                offset, found = _transition(labels[c], width, height, strip, reach)
+                if not found:
+                    continue
+                total += 1
+                scale = 0.6 * reach
+                weight = 1.0 / (1.0 + (offset / scale) ** 2)
+                for i in range(6):
+                    vector[i] += weight * strip.jacobian[i] * offset
+                    for k in range(i + 1):
+                        matrix[i, k] += weight * strip.jacobian[i] * strip.jacobian[k]
+        if total < LEAST:
+            return 0
+        # A weak prior (1 radius, 0.6 rad against 1 px) keeps unseen directions where they are.
+        for i in range(6):
+            matrix[i, i] += 1.0 / radius2 if i < 3 else 3.0
+            for k in range(i):
+                matrix[k, i] = matrix[i, k]
+        if not solve_positive(matrix, vector, update):
+            return 0
+        turn = math.sqrt(update[3] ** 2 + update[4] ** 2 + update[5] ** 2)
+        if turn > 0.5:
+            for i in range(3, 6):
+                update[i] *= 0.5 / turn
+        apply_update(rotation, position, update)
+    return total
+
+
+@compiled
+def try_hypotheses(lenses, labels, pictures, judges, box, rotations, positions, reaches, scores):  # type: ignore[no-untyped-def]
+    """Align hypotheses (n, 3, 3), (n, 3) in place on pictures (C,), and their scores (n, 2) by `judges`."""
+    strips, seen, lags = (
+        np.empty(MAX_STRIPS, STRIP),
+        np.zeros(len(pictures), SEEN),
+        np.zeros((len(pictures), 6)),
+    )
+    for h in range(len(scores)):
+        if align(lenses, labels, pictures, box, rotations[h], positions[h], reaches, strips) == 0:
+            scores[h, 0] = IMPOSSIBLE
+            continue
+        hear(lenses, labels, judges, box, rotations[h], positions[h], lags, seen)
+        scores[h, 0], scores[h, 1] = explanation_score(seen)

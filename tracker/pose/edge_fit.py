@@ -1,0 +1,535 @@
+"""The place of an edge from the pixels around it, to a fraction of one.
+
+Near an edge the image is a sum of blurred steps between surfaces of locally constant colour: the face
+inside, the face or background outside, and, where a face is narrow, what lies beyond it. With the steps
+where the pose puts them, the colours and a small shift of the edge follow together from linear least
+squares over the pixels themselves. Gains, exposure and shading cancel because only the colours on the spot
+count, and a narrow face is told apart from its neighbours' blur.
+
+The idea of local colour statistics on both sides of a contour is that of R. Hanek and M. Beetz, "The
+Contracting Curve Density Algorithm", IJCV 59(3), 2004; here the colours are eliminated in closed form
+and each piece of an edge yields one offset.
+
+In this order: the model's columns, their products, the elimination of the surfaces, the solution.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from tracker.compiled import compiled
+from tracker.conventions import Array
+from tracker.geometry.lens import clamped
+from tracker.pose.strips import BLOCK, FAR, MAX_PIXELS, SUMS, padded
+
+MIN_CONTRAST = 14.0
+"""Least distance between the two surfaces' colours [levels]."""
+
+SLOPE = 2.0
+"""Standard deviation of a surface's slope of brightness across a silhouette [levels/px]: shading, shadows."""
+
+SHARP, SOFT = 0.3, 0.7
+"""Blur [px] at which a picture is drawn rather than taken, so that surfaces are flat; and from which on they
+are not. What is left over at a drawn edge is sampling, which slopes must not explain."""
+
+NOISE = 1.5
+"""Least standard deviation of a pixel's channel [levels]; what does not fit the model raises it."""
+
+MIN_PIXELS = 8
+"""Pixels of a piece of an edge below which nothing is measured."""
+
+RIDGE = 0.003
+"""Weight of a surface's prior colour, the mean of its pixels, against one pixel."""
+
+
+LEAST = 1e-9
+"""Of a pivot."""
+
+
+BEFORE, BEYOND, INSIDE, OUTSIDE, LINE, SLOPE_IN, SLOPE_OUT, BLUR = range(8)
+"""Columns of the model: the shares of the surfaces before a narrow face, beyond a narrow neighbour, of the
+face and of its neighbour; the edge's line, whose factor is the shift; slopes of brightness inside and
+outside; the effect of a change of blur."""
+
+PLACES = 3 * MAX_PIXELS + 5 * BLOCK
+"""Length of a column: the parts of a mosaic, and a little so that rows do not compete for the same cache."""
+
+OFFSET = np.dtype(
+    [
+        ("offset", np.float64),  # of the edge from where it was expected, along the normal [px]
+        ("variance", np.float64),  # of that, from noise [px²]
+        ("bloom", np.float64),  # the offset that a response of exponent 2 instead of 1 would feign [px]
+        ("wider", np.float64),  # by how much the edge looks wider than the blur [px], …
+        ("sharpness", np.float64),  # … and the weight of that; 0: it cannot tell
+        ("usable", np.bool_),  # whether there is an offset
+    ]
+)
+"""What a strip of pixels says of its edge."""
+
+
+SCRATCH = np.dtype(
+    [
+        ("columns", np.float64, (8, PLACES)),  # of the model (`profile`)
+        ("full", np.float64, (3, 8, 8)),  # products of the columns, for each part
+        ("raw", np.float64, (8, 3)),  # products of the columns with the channels
+        ("mean", np.float64, (4, 3)),  # of each surface's pixels
+        ("color", np.float64, (2, 3)),  # inside and outside
+    ]
+)
+"""What one strip's least squares work in; a record, since its arrays' places are known to the compiler."""
+
+
+def scratch() -> Array:
+    """A new one (1,)."""
+    return np.zeros(1, SCRATCH)
+
+
+_BLOOM = math.sqrt(math.pi) / 3
+"""A response of exponent γ lifts the middle of an edge by (γ - 1) · Δ²/sum · w (1 - w), with w the step and
+the sum of both colours; weighted with the line, w (1 - w) is 1/6, and the line's energy 1/(2√π blur)."""
+
+
+_PER_UNIT = 256
+_SPAN = 4.0
+_X = (np.arange(int(2 * _SPAN * _PER_UNIT) + 1)) / _PER_UNIT - _SPAN
+_STEP = np.array([0.5 * (1 + math.erf(x / math.sqrt(2))) for x in _X])
+_LINE = np.exp(-0.5 * _X**2) / math.sqrt(2 * math.pi)
+
+
+@compiled(inline="always")
+def _place(z):  # type: ignore[no-untyped-def]
+    """Index of z in the tables of step and line; unsigned, as signed ones might count from the end."""
+    return np.uint32(np.int32((min(max(z, -_SPAN), _SPAN) + _SPAN) * _PER_UNIT + 0.5))
+
+
+@compiled
+def model(distance, first, last, shift, slopes, reach, blur, space):  # type: ignore[no-untyped-def]
+    """Fill space.columns (8, P) of an edge between two wide surfaces, but for OUTSIDE, 1 less INSIDE.
+
+    See equation (8) of docs/how-it-works.md.
+    All are zero in the gaps of FAR. slopes: whether there are.
+    """
+    columns, scale, half = space.columns, 1.0 / blur, 0.5 * reach
+    for q in range(np.uint64(last - first)):
+        away = distance[np.uint64(first) + q]
+        here = 1.0 if away < FAR else 0.0
+        d = (away - shift) * here
+        place = _place(d * scale)
+        line = _LINE[place] * scale * here
+        columns[INSIDE, q] = (1.0 - _STEP[place]) * here
+        columns[LINE, q] = line
+        columns[BLUR, q] = -d * scale * line
+    if slopes:
+        for q in range(np.uint64(last - first)):
+            away = distance[np.uint64(first) + q]
+            here = 1.0 if away < FAR else 0.0
+            d = (away - shift) * here
+            columns[SLOPE_IN, q] = columns[INSIDE, q] * (d + half)
+            columns[SLOPE_OUT, q] = (here - columns[INSIDE, q]) * (d - half)
+
+
+@compiled
+def narrow_model(strip, distance, first, last, shift, slopes, reach, blur, space):  # type: ignore[no-untyped-def]
+    """Fill in the surfaces behind narrow ones, and change the columns that they take their shares from."""
+    columns = space.columns
+    scale, half, seen = 1.0 / blur, 0.5 * reach, reach + 1.5 * blur
+    for q in range(np.uint64(last - first)):
+        columns[BEFORE, q], columns[BEYOND, q] = 0.0, 0.0
+        if distance[np.uint64(first) + q] >= FAR:
+            continue
+        d = distance[np.uint64(first) + q] - shift
+        if strip.reach_in < seen:
+            share = 1.0 - _STEP[_place((d + strip.reach_in) * scale)]
+            columns[BEFORE, q] = share
+            columns[INSIDE, q] -= share
+            if slopes:
+                columns[SLOPE_IN, q] -= share * (d + half)
+        if strip.reach_out < seen:
+            share = _STEP[_place((d - strip.reach_out) * scale)]
+            columns[BEYOND, q] = share
+            if slopes:
+                columns[SLOPE_OUT, q] = share * (d - half)
+
+
+@compiled(fastmath=SUMS)
+def _edge(space, values, k, at, first, last):  # type: ignore[no-untyped-def]
+    """Sums of share a inside, line e and blur w, and their products with each other and with a channel v."""
+    columns = space.columns
+    a, e, w, aa, ae, aw, ee, ew, ww = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    v, av, ev, wv = 0.0, 0.0, 0.0, 0.0
+    for q in range(np.uint64(first), np.uint64(last)):
+        inside, line, blur = columns[INSIDE, q], columns[LINE, q], columns[BLUR, q]
+        value = values[k, np.uint64(at) + q]
+        a += inside
+        e += line
+        w += blur
+        v += value
+        aa += inside * inside
+        ae += inside * line
+        aw += inside * blur
+        av += inside * value
+        ee += line * line
+        ew += line * blur
+        ev += line * value
+        ww += blur * blur
+        wv += blur * value
+    return a, e, w, aa, ae, aw, ee, ew, ww, v, av, ev, wv
+
+
+@compiled(fastmath=SUMS)
+def _edge_channel(space, values, k, at, first, last):  # type: ignore[no-untyped-def]
+    """As above, what concerns a further channel."""
+    columns = space.columns
+    v, av, ev, wv = 0.0, 0.0, 0.0, 0.0
+    for q in range(np.uint64(first), np.uint64(last)):
+        value = values[k, np.uint64(at) + q]
+        v += value
+        av += columns[INSIDE, q] * value
+        ev += columns[LINE, q] * value
+        wv += columns[BLUR, q] * value
+    return v, av, ev, wv
+
+
+@compiled(fastmath=SUMS)
+def _slopes(space, values, k, at, first, last):  # type: ignore[no-untyped-def]
+    """Sums of the slopes i inside and o outside, their products with each other, the edge and a channel."""
+    columns = space.columns
+    i, o, ai, ao, ei, eo = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    ii, io, oo, iv, ov = 0.0, 0.0, 0.0, 0.0, 0.0
+    for q in range(np.uint64(first), np.uint64(last)):
+        inner, outer = columns[SLOPE_IN, q], columns[SLOPE_OUT, q]
+        inside, line, value = columns[INSIDE, q], columns[LINE, q], values[k, np.uint64(at) + q]
+        i += inner
+        o += outer
+        ai += inside * inner
+        ao += inside * outer
+        ei += line * inner
+        eo += line * outer
+        ii += inner * inner
+        io += inner * outer
+        oo += outer * outer
+        iv += inner * value
+        ov += outer * value
+    return i, o, ai, ao, ei, eo, ii, io, oo, iv, ov
+
+
+@compiled(fastmath=SUMS)
+def _dot(space, i, values, k, at, first, last):  # type: ignore[no-untyped-def]
+    """Sum of products of column i and row k of values."""
+    columns, total = space.columns, 0.0
+    for q in range(np.uint64(first), np.uint64(last)):
+        total += columns[i, q] * values[k, np.uint64(at) + q]
+    return total
+
+
+@compiled(inline="always")
+def _fill_channel(raw, mean, k, area, rest, v, av, ev, wv):  # type: ignore[no-untyped-def]
+    """The products with channel k; the surfaces' are drawn a little to the mean of their pixels."""
+    inside, outside = av / (area + 1e-9), (v - av) / (rest + 1e-9)
+    mean[INSIDE, k], mean[OUTSIDE, k] = inside, outside
+    raw[INSIDE, k], raw[OUTSIDE, k] = av + RIDGE * inside, v - av + RIDGE * outside
+    raw[LINE, k], raw[BLUR, k] = ev, wv
+
+
+@compiled
+def edge_products(space, values, start, first, last, count, g, part):  # type: ignore[no-untyped-def]
+    """Fill space.full[g] and .raw, of `part` channels from g on, with those of two surfaces, line and blur.
+
+    Places first … last - 1 of the columns belong to the values from start + first on; `count` are no gaps.
+    """
+    full, raw, mean = space.full, space.raw, space.mean
+    a, e, w, aa, ae, aw, ee, ew, ww, v, av, ev, wv = _edge(space, values, g, start, first, last)
+    full[g, INSIDE, INSIDE], full[g, INSIDE, OUTSIDE] = aa + RIDGE, a - aa
+    full[g, INSIDE, LINE], full[g, INSIDE, BLUR] = ae, aw
+    full[g, OUTSIDE, OUTSIDE] = count - 2.0 * a + aa + RIDGE
+    full[g, OUTSIDE, LINE], full[g, OUTSIDE, BLUR] = e - ae, w - aw
+    full[g, LINE, LINE], full[g, LINE, BLUR], full[g, BLUR, BLUR] = ee, ew, ww
+    _fill_channel(raw, mean, g, a, count - a, v, av, ev, wv)
+    for k in range(g + 1, g + part):
+        v, av, ev, wv = _edge_channel(space, values, k, start, first, last)
+        _fill_channel(raw, mean, k, a, count - a, v, av, ev, wv)
+
+
+@compiled
+def slope_products(space, values, start, first, last, g, part, slopes):  # type: ignore[no-untyped-def]
+    """Fill in those of the slopes: zero where there are none."""
+    full, raw = space.full, space.raw
+    if not slopes:
+        full[g, INSIDE, SLOPE_IN], full[g, INSIDE, SLOPE_OUT] = 0.0, 0.0
+        full[g, OUTSIDE, SLOPE_IN], full[g, OUTSIDE, SLOPE_OUT] = 0.0, 0.0
+        full[g, LINE, SLOPE_IN], full[g, LINE, SLOPE_OUT] = 0.0, 0.0
+        return
+    i, o, ai, ao, ei, eo, ii, io, oo, iv, ov = _slopes(space, values, g, start, first, last)
+    full[g, INSIDE, SLOPE_IN], full[g, INSIDE, SLOPE_OUT] = ai, ao
+    full[g, OUTSIDE, SLOPE_IN], full[g, OUTSIDE, SLOPE_OUT] = i - ai, o - ao
+    full[g, LINE, SLOPE_IN], full[g, LINE, SLOPE_OUT] = ei, eo
+    full[g, SLOPE_IN, SLOPE_IN], full[g, SLOPE_IN, SLOPE_OUT], full[g, SLOPE_OUT, SLOPE_OUT] = ii, io, oo
+    raw[SLOPE_IN, g], raw[SLOPE_OUT, g] = iv, ov
+    for k in range(g + 1, g + part):
+        raw[SLOPE_IN, k] = _dot(space, SLOPE_IN, values, k, start, first, last)
+        raw[SLOPE_OUT, k] = _dot(space, SLOPE_OUT, values, k, start, first, last)
+
+
+@compiled
+def narrow_products(space, values, start, first, last, g, part, slopes):  # type: ignore[no-untyped-def]
+    """Fill in those of the surfaces behind narrow ones, and change those of the share outside."""
+    columns, full, raw, mean = space.columns, space.full, space.raw, space.mean
+    # What the products above took for that share: all but the share inside.
+    rest = full[g, OUTSIDE, OUTSIDE] + full[g, INSIDE, OUTSIDE] - RIDGE
+    full[g, BEFORE, BEYOND] = _dot(space, BEFORE, space.columns, BEYOND, 0, first, last)
+    for i in (BEFORE, BEYOND):
+        area, square = 0.0, _dot(space, i, space.columns, i, 0, first, last)
+        for q in range(first, last):
+            area += columns[i, q]
+        for j in (INSIDE, LINE, SLOPE_IN, SLOPE_OUT, BLUR):
+            stale = not slopes and j in (SLOPE_IN, SLOPE_OUT)
+            full[g, i, j] = 0.0 if stale else _dot(space, i, space.columns, j, 0, first, last)
+            full[g, min(OUTSIDE, j), max(OUTSIDE, j)] -= full[g, i, j]
+        full[g, i, i] = square + RIDGE
+        full[g, i, OUTSIDE] = area - square - full[g, BEFORE, BEYOND] - full[g, i, INSIDE]
+        rest -= area
+        for k in range(g, g + part):
+            product = _dot(space, i, values, k, start, first, last)
+            mean[i, k] = product / (area + 1e-9)
+            raw[i, k] = product + RIDGE * mean[i, k]
+            raw[OUTSIDE, k] -= product
+    for k in range(g, g + part):
+        product = raw[OUTSIDE, k] - RIDGE * mean[OUTSIDE, k]
+        mean[OUTSIDE, k] = product / (rest + 1e-9)
+        raw[OUTSIDE, k] = product + RIDGE * mean[OUTSIDE, k]
+    others = full[g, INSIDE, OUTSIDE] + full[g, BEFORE, OUTSIDE] + full[g, BEYOND, OUTSIDE]
+    full[g, OUTSIDE, OUTSIDE] = rest - others + RIDGE
+
+
+@compiled
+def eliminate_surfaces(space, g, part, narrow, slopes):  # type: ignore[no-untyped-def]
+    """Eliminate the surfaces' colours from space.full[g] and .raw, of `part` channels from g on.
+
+    But for BLUR's own row: how others depend on it is all that is asked.
+    """
+    full, raw = space.full, space.raw
+    last = SLOPE_OUT + 1 if slopes else LINE + 1
+    for i in range(BEFORE if narrow else INSIDE, OUTSIDE + 1):
+        pivot = 1.0 / max(full[g, i, i], LEAST)
+        full[g, i, i] = pivot
+        for j in range(i + 1, last):
+            factor = full[g, i, j] * pivot
+            for k in range(j, BLUR + 1):
+                full[g, j, k] -= factor * full[g, i, k]
+            for k in range(g, g + part):
+                raw[j, k] -= factor * raw[i, k]
+
+
+@compiled(inline="always")
+def _explained(full, raw, mean, g, k, i, x):  # type: ignore[no-untyped-def]
+    """By how much a surface of colour x reduces the sum of squares."""
+    return raw[i, k] ** 2 * full[g, i, i] + RIDGE * x * (x - 2.0 * mean[i, k])
+
+
+@compiled
+def _explained_behind(space, g, k, inside, outside, line, inner, outer):  # type: ignore[no-untyped-def]
+    """By how much surfaces behind narrow ones do, given the other unknowns."""
+    full, raw, mean, total, beyond = space.full, space.raw, space.mean, 0.0, 0.0
+    for i in (BEYOND, BEFORE):
+        x = raw[i, k] - full[g, i, INSIDE] * inside - full[g, i, OUTSIDE] * outside - full[g, i, LINE] * line
+        x -= full[g, i, SLOPE_IN] * inner + full[g, i, SLOPE_OUT] * outer
+        if i == BEFORE:
+            x -= full[g, BEFORE, BEYOND] * beyond
+        x *= full[g, i, i]
+        beyond = x
+        total += _explained(full, raw, mean, g, k, i, x)
+    return total
+
+
+@compiled
+def fit_colors(space, g, part, narrow):  # type: ignore[no-untyped-def]
+    """Fill space.color with those inside and outside, solved for without slopes.
+
+    See equation (11) of docs/how-it-works.md for the blur.
+    Returns by how much they and the shift reduce the sum of squares, what speaks for a change of blur that
+    they cannot explain, and how much could; of narrow surfaces nothing.
+    """
+    full, raw, mean = space.full, space.raw, space.mean
+    a, b, e = full[g, INSIDE, INSIDE], full[g, OUTSIDE, OUTSIDE], 1.0 / max(full[g, LINE, LINE], LEAST)
+    aw, bw, ew = full[g, INSIDE, BLUR], full[g, OUTSIDE, BLUR], full[g, LINE, BLUR]
+    own = full[g, BLUR, BLUR] - aw * aw * a - bw * bw * b - ew * ew * e
+    total, wider, contrast = 0.0, 0.0, 0.0
+    for k in range(g, g + part):
+        line = raw[LINE, k] * e
+        outside = (raw[OUTSIDE, k] - full[g, OUTSIDE, LINE] * line) * b
+        inside = (raw[INSIDE, k] - full[g, INSIDE, OUTSIDE] * outside - full[g, INSIDE, LINE] * line) * a
+        space.color[0, k], space.color[1, k] = inside, outside
+        total += raw[LINE, k] * line
+        total += _explained(full, raw, mean, g, k, INSIDE, inside)
+        total += _explained(full, raw, mean, g, k, OUTSIDE, outside)
+        if narrow:
+            total += _explained_behind(space, g, k, inside, outside, line, 0.0, 0.0)
+        off = raw[BLUR, k] - aw * a * raw[INSIDE, k] - bw * b * raw[OUTSIDE, k] - ew * line
+        wider -= (inside - outside) * off
+        contrast += (inside - outside) ** 2
+    if narrow or own <= 1e-3 * full[g, BLUR, BLUR]:
+        return total, 0.0, 0.0
+    return total, wider, contrast * own
+
+
+@compiled
+def fit_edge(space, g, part, narrow, slopes, stiffness):  # type: ignore[no-untyped-def]
+    """The edge's shift, solved for with the slopes, which are drawn to zero with `stiffness`.
+
+    This is equation (9) of docs/how-it-works.md.
+    Returns by how much all unknowns reduce the sum of squares, how well the shift of a contrast of 1 is
+    known, and sums over channels: of the weight, of the shift and of the lift by a response, both weighted.
+    """
+    full, raw, mean = space.full, space.raw, space.mean
+    known, i, o, io, ei, eo = full[g, LINE, LINE], 0.0, 0.0, 0.0, 0.0, 0.0
+    if slopes:
+        i = 1.0 / max(full[g, SLOPE_IN, SLOPE_IN] + stiffness, LEAST)
+        io = full[g, SLOPE_IN, SLOPE_OUT]
+        o = 1.0 / max(full[g, SLOPE_OUT, SLOPE_OUT] + stiffness - io * io * i, LEAST)
+        ei = full[g, LINE, SLOPE_IN]
+        eo = full[g, LINE, SLOPE_OUT] - ei * io * i
+        known -= ei * ei * i + eo * eo * o
+    known = max(known, LEAST)
+    total, weight, shift, lift = 0.0, 0.0, 0.0, 0.0
+    for k in range(g, g + part):
+        line, inner, outer = raw[LINE, k], 0.0, 0.0
+        if slopes:
+            one, two = raw[SLOPE_IN, k], raw[SLOPE_OUT, k] - io * i * raw[SLOPE_IN, k]
+            line = (line - ei * i * one - eo * o * two) / known
+            outer = (two - eo * line) * o
+            inner = (one - io * outer - ei * line) * i
+            total += one * one * i + two * two * o + stiffness * (inner * inner + outer * outer)
+        else:
+            line /= known
+        total += line * line * known
+        outside = raw[OUTSIDE, k] - full[g, OUTSIDE, LINE] * line
+        outside -= full[g, OUTSIDE, SLOPE_IN] * inner + full[g, OUTSIDE, SLOPE_OUT] * outer
+        outside *= full[g, OUTSIDE, OUTSIDE]
+        inside = raw[INSIDE, k] - full[g, INSIDE, OUTSIDE] * outside - full[g, INSIDE, LINE] * line
+        inside -= full[g, INSIDE, SLOPE_IN] * inner + full[g, INSIDE, SLOPE_OUT] * outer
+        inside *= full[g, INSIDE, INSIDE]
+        total += _explained(full, raw, mean, g, k, INSIDE, inside)
+        total += _explained(full, raw, mean, g, k, OUTSIDE, outside)
+        if narrow:
+            total += _explained_behind(space, g, k, inside, outside, line, inner, outer)
+        difference = inside - outside
+        weight += known * difference**2
+        shift += known * difference * line
+        lift += known * difference**3 / max(inside + outside, 16.0)
+    return total, known, weight, shift, lift
+
+
+@compiled(inline="always")
+def _label(channels, table, color):  # type: ignore[no-untyped-def]
+    cell = 0
+    for k in range(3):
+        cell += channels[k, clamped(color[k] + 0.5, 255)]
+    return table[cell]
+
+
+@compiled(inline="always")
+def _variance(squares, degrees):  # type: ignore[no-untyped-def]
+    """Of a pixel's channel, by what does not fit, and at least that of the noise."""
+    return max(NOISE * NOISE, squares / max(degrees, 1))
+
+
+@compiled
+def _is_of_face(strip, color, channels, table):  # type: ignore[no-untyped-def]
+    """Whether the colours (2, 3) inside and outside are the face's and none of it, and differ enough."""
+    # The surface inside must be the face: a finger's edge is none of the object's.
+    here, there = _label(channels, table, color[0]), _label(channels, table, color[1])
+    if here != strip.inside or (there != strip.outside if strip.outside > 0 else there == strip.inside):
+        return False
+    contrast = 0.0
+    for k in range(3):
+        contrast += (color[0, k] - color[1, k]) ** 2
+    return contrast >= MIN_CONTRAST**2
+
+
+@compiled
+def _add_up(strip, at, narrow, slopes, pixels, space):  # type: ignore[no-untyped-def]
+    """The products of a strip's model, for each part; the surfaces are eliminated from them."""
+    (parts, shift, reach, blur), (distance, values) = at, pixels
+    part, start = 3 // parts, strip.first[0]
+    end = strip.first[parts - 1] + padded(strip.count[parts - 1])
+    model(distance, start, end, shift, slopes, reach, blur, space)
+    if narrow:
+        narrow_model(strip, distance, start, end, shift, slopes, reach, blur, space)
+    for g in range(parts):
+        first, count = strip.first[g] - start, strip.count[g]
+        last = first + padded(count)
+        edge_products(space, values, start, first, last, count, g, part)
+        slope_products(space, values, start, first, last, g, part, slopes)
+        if narrow:
+            narrow_products(space, values, start, first, last, g, part, slopes)
+        eliminate_surfaces(space, g, part, narrow, slopes)
+
+
+@compiled
+def _place_edge(strip, at, count, surfaces, slopes, stiffness, space, found):  # type: ignore[no-untyped-def]
+    """Offset, variance and bloom of an edge: the slopes are solved for, too.
+
+    See equation (10) of docs/how-it-works.md for offset and variance, and
+    equation (12) of docs/how-it-works.md for bloom.
+    """
+    parts, _, reach, blur = at
+    left, weight, shift, lift, certain = strip.squares, 0.0, 0.0, 0.0, 0.0
+    for g in range(parts):
+        explained, known, one, two, three = fit_edge(space, g, 3 // parts, surfaces > 2, slopes, stiffness)
+        left, weight, shift, lift = left - explained, weight + one, shift + two, lift + three
+        if g == 0:
+            certain = known
+    weight = max(weight, MIN_CONTRAST**2 * certain)
+    found.offset = min(reach, max(-reach, shift / weight))
+    found.variance = _variance(left, count - 3 * (surfaces + (3 if slopes else 1))) / weight
+    found.bloom = _BLOOM * blur * lift / weight
+    found.usable = True
+
+
+@compiled
+def _measure(strip, at, pixels, channels, table, space, found):  # type: ignore[no-untyped-def]
+    """The offset of one strip; at: parts, shift of the edge, reach, blur; see `measure`."""
+    parts, _, reach, blur = at
+    part, seen, slopes = 3 // parts, reach + 1.5 * blur, strip.outside == 0
+    surfaces = 2 + int(strip.reach_in < seen) + int(strip.reach_out < seen)
+    _add_up(strip, at, surfaces > 2, slopes, pixels, space)
+    left, wider, sharpness, count = strip.squares, 0.0, 0.0, 0
+    for g in range(parts):
+        explained, one, two = fit_colors(space, g, part, surfaces > 2)
+        left, wider, sharpness = left - explained, wider + one, sharpness + two
+        count += strip.count[g] * part
+    if not _is_of_face(strip, space.color, channels, table):
+        return
+    variance = _variance(left, count - 3 * (surfaces + 1))
+    if sharpness > 0.0:
+        found.sharpness = sharpness / variance
+        found.wider = wider / sharpness
+    slope = SLOPE * min(1.0, max(1e-3, (blur - SHARP) / (SOFT - SHARP)))
+    _place_edge(strip, at, count, surfaces, slopes, variance / slope**2, space, found)
+
+
+@compiled
+def measure(strips, camera, channels, table, blur, every, pixels, scratch, found):  # type: ignore[no-untyped-def]
+    """Offsets of the strips in one picture: found (n,) of OFFSET.
+
+    Channels that were measured at the same pixels are solved together, the parts of a mosaic share the shift
+    alone.
+
+    camera: number of strips, their half width, parts, and the motion since they were collected, of
+    `solve.CAMERA`; channels (3, 256), table (64³,): how colours are read; blur: standard deviation of the
+    steps [px]; every: one in so many strips is looked at; pixels: distance (P,), values (3, P); scratch (1,):
+    of SCRATCH.
+    """
+    parts = camera.parts
+    for s in range(camera.strips):
+        strip, result = strips[s], found[s]
+        result.usable, result.sharpness = False, 0.0
+        count = strip.count[0] + strip.count[1] + strip.count[2]
+        if s % every or count < (3 * MIN_PIXELS // parts if parts > 1 else MIN_PIXELS):
+            continue
+        shift = 0.0
+        for i in range(6):
+            shift += strip.jacobian[i] * camera.motion[i]
+        _measure(strip, (parts, shift, camera.reach, blur), pixels, channels, table, scratch[0], result)

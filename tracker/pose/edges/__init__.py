@@ -1,1 +1,0 @@
-"""Pieces of the object's visible edges, and where the pictures show them."""

@@ -1,0 +1,680 @@
+"""Refines a pose on the pictures' edges: measure, weigh, solve, move."""
+
+from __future__ import annotations
+
+import math
+import statistics
+import threading
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from tracker.calibration.deviations import calibration_covariance
+from tracker.compiled import compiled
+from tracker.conventions import Array, FloatArray
+from tracker.geometry.camera import Camera
+from tracker.geometry.lens import apply_update, stack_lenses
+from tracker.geometry.linear import factorise, median, substitute
+from tracker.objects.box import Box
+from tracker.pose.edge_fit import OFFSET, measure, scratch
+from tracker.pose.fit import LIKELY, SEEN, Fit, Lag, OwnViews, Start
+from tracker.pose.scale import relative_size
+from tracker.pose.solve import (
+    CAMERA,
+    DEVIATION_STD,
+    EXPONENT,
+    MOVING,
+    RIM,
+    SOLUTION,
+    UNKNOWNS,
+    accumulate,
+    finish,
+    marginal,
+    offset_weights,
+    own_changes,
+    residual,
+    sizes,
+    solve,
+    spread,
+    with_edges,
+    with_model_errors,
+)
+from tracker.pose.strips import MAX_STRIPS, PIXELS, STRIP, collect, edge_strips
+from tracker.pose.support import NO_TABLE, Table, lean, leaner
+from tracker.pose.views import pixels_of
+
+# Lengths in pixels are those of an object of reference size (`scale`), unless they say otherwise.
+
+REACH = 1.2, 2.0
+"""Half width of the strips along the edges: [px], and for each px of blur."""
+
+LEAST_REACH = 2.5
+"""The least half width [px of the picture]."""
+
+MARGIN = 0.4, 1.5
+"""Distance that pieces keep from corners, where three surfaces mix: [px], and for each px of blur."""
+
+FLOOR = 0.06
+"""Standard deviation of an edge's place that noise does not explain [px]."""
+
+TUKEY = 4.685
+"""Residual at which a piece's weight reaches zero [robust standard deviations]."""
+
+CORRELATION = 1.1
+"""Factor on the standard deviation of pieces where neighbouring pixels share errors: unless each of a
+mosaic's counts only for what it measured."""
+
+EXPECTED_WEAR = 0.05
+"""Standard deviation of what all pieces of an edge have in common, as it is expected to be [px]."""
+
+SMEAR = 2.0
+"""Blur of which neighbouring pieces have twice the variance, since they share errors [px]."""
+
+BLURS = 0.5, 3.0
+"""Bounds of the blur: least [px of the picture], largest [px]."""
+
+LONGEST = 0.4, 0.3
+"""Longest step [radii of the object, rad]: strips say nothing on what lies farther away."""
+
+STRAY = 0.15
+"""Motion of a strip at which its pixels are collected anew [half widths]."""
+
+ROUNDS = 2
+"""Solutions with robust weights for each measurement of the offsets."""
+
+MIN_WIDTHS = 4
+"""Pieces that must show the blur before it is believed."""
+
+EXPONENT_STD = 0.5
+"""Standard deviation of the response's exponent."""
+
+STATED = 1e11
+"""Inverse variance of a position from which on a calibration states no errors that it could have a share of
+(see calibration.deviations.LEAST_VARIANCE)."""
+
+FINE = 1.5
+"""Size of the object over the reference from which a mosaic does not matter: strips along edges have so many
+pixels that errors of interpolation average out (recorded pictures of 540×540 fit no better with it)."""
+
+PRIOR = 3.0, 10.0
+"""Information of a prior of 0.6 radii of the object and 0.3 rad around the pose given, which holds unseen
+directions; of positions in units of the radius."""
+
+ALONE_ROUNDS = 5
+"""Solutions of one camera by itself: the first takes all that lies within the strips."""
+
+ALONE_LIMIT = 0.5
+"""Residual at which a weight reaches zero then, at least [px]."""
+
+ALONE_RIM_STD = 4e-4
+"""Standard deviation of the rim as one camera sees it [m]: light and wear differ from side to side, and what
+is taken for a rim moves the object along the line of sight."""
+
+
+class Schedule(NamedTuple):
+    """The refinement's steps."""
+
+    blur: FloatArray
+    """(steps,) standard deviation of the model's steps [px]; 0: as measured."""
+    piece: FloatArray
+    """(steps,) length of the pieces of edges [px]."""
+    tukey: FloatArray
+    """(steps,) residual at which a piece's weight reaches zero: at least so much [px]."""
+    every: Array
+    """(steps,) one in so many pieces is looked at; the refinement ends after a step with all of them."""
+    negligible: FloatArray
+    """(steps,) squared length of a step, in standard deviations of the pose, below which the refinement
+    ends."""
+
+
+SCHEDULE = Schedule(
+    blur=np.array([1.2] + [0.0] * 7),
+    piece=np.array([6.0] + [5.0] * 7),
+    tukey=np.array([4.0, 1.5] + [0.5] * 6),
+    every=np.array([2, 2] + [1] * 6),
+    negligible=np.full(8, 4.0),
+)
+"""From a hypothesis, in several cameras."""
+
+CAREFUL = Schedule(
+    blur=np.array([1.2] + [0.0] * 7),
+    piece=np.array([6.0] + [5.0] * 7),
+    tukey=np.array([4.0, 3.0, 1.0] + [0.5] * 5),
+    every=np.array([2] + [1] * 7),
+    # A step is about a twentieth of the one before (squared). Where few pixels decide, pieces come and go
+    # from step to step, and the pose stays restless.
+    negligible=np.ones(8),
+)
+"""From a hypothesis that fewer cameras see."""
+
+ROUGH, FROM_THERE = (Schedule(*(c[part] for c in CAREFUL)) for part in (slice(1), slice(1, None)))
+"""Its first step, and the others."""
+
+FOLLOWING = Schedule(
+    blur=np.zeros(5),
+    piece=np.full(5, 6.0),
+    tukey=np.array([1.0] + [0.5] * 4),
+    every=np.array([2] + [1] * 4),
+    negligible=np.full(5, 2.0),
+)
+"""From a pose that was predicted, with a blur that is known."""
+
+
+class Model(NamedTuple):
+    """What never changes while an object is followed by fixed cameras."""
+
+    half: FloatArray
+    """(3,) half edge lengths of the object [m]."""
+    face_labels: Array
+    """(6,) uint8."""
+    rim: tuple[float, float]
+    """Distance of the faces' borders from the nominal edges, and its standard deviation [m]."""
+    lenses: Array
+    """(C,) of LENS."""
+    calibration: FloatArray
+    """(C, 6, 6) inverse of `calibration.deviations.calibration_covariance`."""
+    colors: Array
+    """(64³,) uint8: the label of each colour cell."""
+    table: Table
+    """On which the object may stand."""
+
+
+class Workspace(NamedTuple):
+    """Arrays that the refinement works in; of one thread alone."""
+
+    strips: Array
+    """(C, MAX_STRIPS) of STRIP."""
+    found: Array
+    """(C, MAX_STRIPS) of OFFSET."""
+    distance: FloatArray
+    """(C, PIXELS) from the edges [px], when they were collected."""
+    values: FloatArray
+    """(C, 3, PIXELS) colours."""
+    residuals: FloatArray
+    """(C · MAX_STRIPS,)"""
+    widths: FloatArray
+    """(MAX_STRIPS,)"""
+    scratch: Array
+    """(1,) of `edge_fit.SCRATCH`."""
+
+
+def workspace(cameras: int) -> Workspace:
+    """A new work space."""
+    return Workspace(
+        np.zeros((cameras, MAX_STRIPS), STRIP),
+        np.zeros((cameras, MAX_STRIPS), OFFSET),
+        np.empty((cameras, PIXELS)),
+        np.empty((cameras, 3, PIXELS)),
+        np.empty(cameras * MAX_STRIPS),
+        np.empty(MAX_STRIPS),
+        scratch(),
+    )
+
+
+class LocalSpace(threading.local):
+    """A work space of each thread."""
+
+    def __init__(self, cameras: int) -> None:
+        self.cameras = cameras
+        self.work = workspace(cameras)
+
+    def __reduce__(self) -> tuple[type, tuple[int]]:
+        # A copy of a tracker, in this process or in another one, works in arrays of its own.
+        return type(self), (self.cameras,)
+
+
+@compiled(inline="always")
+def trust_of(camera):  # type: ignore[no-untyped-def]
+    """What neighbouring pieces share makes their sum, not the edge's own offset, so much less certain."""
+    shared = 1.0 if camera.parts > 1 else 1.0 / CORRELATION**2
+    return shared / (1.0 + (camera.blur / (SMEAR * camera.scale)) ** 4)
+
+
+@compiled(inline="always")
+def _drawn(solution, camera):  # type: ignore[no-untyped-def]
+    """Exponent and rim with which a camera shows the object."""
+    return solution.shared[EXPONENT] + camera.offset[EXPONENT], solution.shared[RIM]
+
+
+@compiled
+def begin(model, pictures, solution, cameras, start):  # type: ignore[no-untyped-def]
+    """What is known before a refinement begins at the pose of a solution; returns whether errors are stated.
+
+    start: blur, exponent and rim. What the velocity's change is expected to be was filled in before.
+    """
+    radius2 = model.half[0] ** 2 + model.half[1] ** 2 + model.half[2] ** 2
+    for i in range(6):
+        solution.prior[i, i] = PRIOR[0] / radius2 if i < 3 else PRIOR[1]
+    solution.prior[EXPONENT, EXPONENT], solution.prior[RIM, RIM] = (
+        1.0 / EXPONENT_STD**2,
+        1.0 / model.rim[1] ** 2,
+    )
+    solution.shared[EXPONENT], solution.shared[RIM] = start[1], start[2]
+    solution.own, doubtful = EXPECTED_WEAR**2, False
+    for c in range(len(cameras)):
+        camera = cameras[c]
+        camera.used = pictures[c].used
+        camera.scale = relative_size(model.lenses, c, model.half, solution.position)
+        camera.parts = 3 if pictures[c].mosaic >= 0 and camera.scale < FINE else 1
+        camera.blur = start[0] * camera.scale
+        offset_weights(model.calibration[c], solution.position, camera.weights)
+        doubtful = doubtful or (camera.used and camera.weights[0, 0] < STATED)
+    return doubtful
+
+
+@compiled
+def lay(model, pictures, solution, cameras, schedule, step, work):  # type: ignore[no-untyped-def]
+    """Lay strips along the edges at the present pose, as a step of the schedule wants them."""
+    rotation, position = np.empty((3, 3)), np.empty(3)
+    for c in range(len(cameras)):
+        camera = cameras[c]
+        camera.strips = 0
+        for i in range(6):
+            camera.motion[i], camera.since[i] = 0.0, 0.0
+        if not camera.used:
+            continue
+        # After a rough step strips are laid anew.
+        rough, scale = schedule.blur[step] > 0.0, camera.scale
+        blur = schedule.blur[step] * scale if rough else camera.blur
+        camera.reach = max(LEAST_REACH, REACH[0] * scale + REACH[1] * blur)
+        moved = np.empty(6)
+        for i in range(6):
+            moved[i] = camera.offset[i] + camera.lag[i]
+        for i in range(3):
+            position[i] = solution.position[i]
+            for k in range(3):
+                rotation[i, k] = solution.rotation[i, k]
+        apply_update(rotation, position, moved)
+        camera.strips = edge_strips(
+            model.lenses, c, model.half, model.face_labels, rotation, position, schedule.piece[step] * scale,
+            MARGIN[0] * scale + MARGIN[1] * blur, work.strips[c],
+        )  # fmt: skip
+        collect(
+            pixels_of(pictures[c]), pictures[c], camera, work.strips[c], schedule.every[step] if rough else 1,
+            (work.distance[c], work.values[c]),
+        )  # fmt: skip
+
+
+@compiled
+def measure_all(model, pictures, cameras, schedule, step, work):  # type: ignore[no-untyped-def]
+    """Measure the offsets of all strips at the present pose."""
+    for c in range(len(cameras)):
+        camera = cameras[c]
+        for i in range(6):
+            camera.since[i] = 0.0
+        if camera.used:
+            rough = schedule.blur[step] * camera.scale
+            measure(
+                work.strips[c], camera, pictures[c].channels, model.colors,
+                rough if rough > 0.0 else camera.blur, schedule.every[step],
+                (work.distance[c], work.values[c]), work.scratch, work.found[c],
+            )  # fmt: skip
+
+
+@compiled
+def take_stock(solution, cameras, likely, work, seen):  # type: ignore[no-untyped-def]
+    """Count the strips and judge the blurs anew; returns how far the residuals scatter [px].
+
+    likely: blur of a picture that does not show it where no other does either.
+    """
+    total, knowing, known_blur = 0, 0, 0.0
+    for c in range(len(cameras)):
+        camera = cameras[c]
+        seen[c].expected, seen[c].usable = 0.0, 0.0
+        if not camera.used:
+            continue
+        scale, widths, (exponent, rim) = camera.scale, 0, _drawn(solution, camera)
+        for s in range(camera.strips):
+            if not work.strips[c, s].in_view:
+                continue
+            seen[c].expected += 1.0
+            found = work.found[c, s]
+            if not found.usable:
+                continue
+            seen[c].usable += 1.0
+            off = abs(residual(work.strips[c, s], found, camera.since, exponent, rim)) / scale
+            work.residuals[total] = off
+            total += 1
+            if off < 1.0 and found.sharpness > 0.0:
+                work.widths[widths] = found.wider
+                widths += 1
+        if widths >= MIN_WIDTHS:
+            wider = min(1.0, max(-0.6 * camera.blur, median(work.widths, widths)))
+            camera.blur = min(max(camera.blur + wider, BLURS[0]), max(BLURS[1] * scale, BLURS[0]))
+            known_blur += camera.blur / scale
+            knowing += 1
+        else:
+            camera.blur = 0.0
+    for c in range(len(cameras)):
+        # A camera that shows narrow faces only takes its blur from the others.
+        if cameras[c].blur == 0.0 or not cameras[c].used:
+            cameras[c].blur = cameras[c].scale * (known_blur / knowing if knowing > 0 else likely)
+        seen[c].blur = cameras[c].blur
+    return spread(work.residuals, total)
+
+
+@compiled
+def _weigh(solution, cameras, least, scatter, work, seen):  # type: ignore[no-untyped-def]
+    """The sums over every camera's strips; least: limit of residuals [px]; scatter: of residuals [px]."""
+    limit = max(least, TUKEY * scatter)
+    for c in range(len(cameras)):
+        camera = cameras[c]
+        if not camera.used:
+            continue
+        weighing = (
+            min(limit * camera.scale, camera.reach),
+            (max(FLOOR, 0.7 * scatter) * camera.scale) ** 2,
+            trust_of(camera),
+        )
+        accumulate(
+            work.strips[c], work.found[c], camera, camera.since, _drawn(solution, camera), weighing, seen[c]
+        )  # fmt: skip
+
+
+@compiled
+def _pull(solution, rim):  # type: ignore[no-untyped-def]
+    """What is shared is drawn to what it was before, as far as it is no pose."""
+    n, shared = solution.size, solution.shared
+    solution.pull[EXPONENT] = (LIKELY.exponent - shared[EXPONENT]) / EXPONENT_STD**2
+    solution.pull[RIM] = (rim[0] - shared[RIM]) / rim[1] ** 2
+    for i in range(UNKNOWNS, n):
+        solution.pull[i] = 0.0
+        for k in range(UNKNOWNS, n):
+            solution.pull[i] -= solution.prior[i, k] * shared[k]
+
+
+@compiled
+def _move(solution, cameras, radius):  # type: ignore[no-untyped-def]
+    """Change the unknowns by a step, or by as much of it as is not too long; radius: of the object [m]."""
+    change = solution.change
+    shift = math.sqrt(change[0] ** 2 + change[1] ** 2 + change[2] ** 2)
+    turn = math.sqrt(change[3] ** 2 + change[4] ** 2 + change[5] ** 2)
+    share = 1.0 / max(shift / (LONGEST[0] * radius), turn / LONGEST[1], 1.0)
+    part = np.empty(6)
+    for i in range(6):
+        part[i] = change[i] * share
+    apply_update(solution.rotation, solution.position, part)
+    for i in range(6, solution.size):
+        solution.shared[i] += change[i] * share
+    for c in range(len(cameras)):
+        camera = cameras[c]
+        camera.offset[EXPONENT] += camera.change[EXPONENT] * share
+        for i in range(6):
+            camera.offset[i] += camera.change[i] * share
+            moved = part[i] + camera.change[i] * share
+            if solution.size > UNKNOWNS:
+                lag = camera.delay * change[UNKNOWNS + i] * share
+                camera.lag[i] -= lag
+                moved -= lag
+            camera.motion[i] += moved
+            camera.since[i] += moved
+
+
+@compiled
+def _length(rotation, position, solution):  # type: ignore[no-untyped-def]
+    """Squared length of the motion from a pose to that of the solution, in standard deviations."""
+    moved, size = np.empty(6), 0.0
+    for i in range(3):
+        moved[i] = solution.position[i] - position[i]
+        # Of a small turn: half of what R Rᵀ is not symmetric by.
+        a, b = (i + 1) % 3, (i + 2) % 3
+        moved[3 + i] = 0.0
+        for k in range(3):
+            moved[3 + i] += 0.5 * (
+                solution.rotation[b, k] * rotation[a, k] - solution.rotation[a, k] * rotation[b, k]
+            )
+    for i in range(6):
+        for k in range(6):
+            size += moved[i] * solution.known[i, k] * moved[k]
+    return size
+
+
+@compiled
+def _astray(cameras, work):  # type: ignore[no-untyped-def]
+    """Whether a strip has moved by more than a share STRAY of its half width since it was collected."""
+    for c in range(len(cameras)):
+        for s in range(cameras[c].strips):
+            shift = 0.0
+            for i in range(6):
+                shift += work.strips[c, s].jacobian[i] * cameras[c].motion[i]
+            if abs(shift) > STRAY * cameras[c].reach:
+                return True
+    return False
+
+
+@compiled
+def _solved(model, solution, cameras, share, late):  # type: ignore[no-untyped-def]
+    """Solve for a step, the table's say included if it is late; False where there is none."""
+    with_edges(cameras, solution.own)
+    if not np.isfinite(solve(solution, cameras, share)):
+        return False
+    finish(solution)
+    if model.table.known and late:
+        solution.stands = lean(model.table, model.half, solution)
+    return True
+
+
+@compiled
+def refine(model, pictures, schedule, start, solution, cameras, seen, work):  # type: ignore[no-untyped-def]
+    """Move the pose of a solution in place to where it fits the pictures' edges best.
+
+    Gauss-Newton on the pose and on an offset η_c of each camera, which sees the object at the pose moved by
+    η_c; the offsets' size is bound by what the calibration states of its errors.
+
+    pictures (C,) of PICTURE; start: blur, exponent and rim, see Start; cameras (C,) of CAMERA, of which
+    delay and lag are given; seen (C,) of SEEN, filled.
+    """
+    doubtful = begin(model, pictures, solution, cameras, start)
+    radius = math.sqrt(model.half[0] ** 2 + model.half[1] ** 2 + model.half[2] ** 2)
+    share, stated, step, stray, late = 1.0, 1.0, 0, True, False
+    rotation, position = np.empty((3, 3)), np.empty(3)
+    while step < len(schedule.blur) and not solution.converged:
+        if stray:
+            lay(model, pictures, solution, cameras, schedule, step, work)
+            share, stated = 1.0, 1.0
+        rotation[:, :], position[:] = solution.rotation, solution.position
+        measure_all(model, pictures, cameras, schedule, step, work)
+        scatter = take_stock(solution, cameras, start[0], work, seen)
+        rough = schedule.blur[step] > 0.0
+        # Only once the cameras have come to terms does a table not keep the pose from where they see it, and
+        # is what is left the edges' own.
+        late = step > 0 and schedule.blur[step - 1] == 0.0
+        for turn in range(ROUNDS):
+            _pull(solution, model.rim)
+            _weigh(solution, cameras, schedule.tukey[step], scatter, work, seen)
+            if turn == 0 and not rough:
+                share, stated, solution.own = sizes(
+                    solution, cameras, doubtful, 0.0 if late else solution.own
+                )
+            if not _solved(model, solution, cameras, share, late):
+                solution.steps = len(schedule.blur)
+                return
+            own_changes(solution, cameras)
+            _move(solution, cameras, radius)
+        whole = late and schedule.every[step] == 1
+        solution.converged = whole and _length(rotation, position, solution) < schedule.negligible[step]
+        step += 1
+        stray = rough or (not solution.converged and _astray(cameras, work))
+        if solution.converged:
+            _weigh(solution, cameras, schedule.tukey[step - 1], scatter, work, seen)
+            _solved(model, solution, cameras, stated, late)
+    solution.steps = step
+    if not marginal(solution):
+        solution.converged = False
+    elif model.table.known and late:
+        leaner(solution)
+
+
+@compiled
+def _without_shared(matrix, out):  # type: ignore[no-untyped-def]
+    """Information (6, 6) on the pose where exponent and rim are unknown, of that on all (8, 8)."""
+    a, b, d = matrix[EXPONENT, EXPONENT], matrix[EXPONENT, RIM], matrix[RIM, RIM]
+    a, d = a + 1.0 / DEVIATION_STD**2, d + 1.0 / ALONE_RIM_STD**2
+    determinant = a * d - b * b
+    for i in range(6):
+        e, r = matrix[i, EXPONENT], matrix[i, RIM]
+        for k in range(6):
+            f, q = matrix[k, EXPONENT], matrix[k, RIM]
+            out[i, k] = matrix[i, k] - (e * (d * f - b * q) + r * (a * q - b * f)) / determinant
+
+
+@compiled
+def see_alone(solution, cameras, work, information, moved, inliers):  # type: ignore[no-untyped-def]
+    """Solve for the pose of each camera by itself, as if no calibration bound it to the others.
+
+    The offsets are those measured last. Other than in the joint solution all that lies within the strips
+    counts at first, since a camera that is off shows all edges off.
+
+    Args:
+        solution: the joint one.
+        cameras: as it left them; their sums are overwritten.
+        work: where the offsets are.
+        information: (C, 6, 6), filled: on the pose that the camera sees; zero where it sees nothing.
+        moved: (C, 6), filled: that pose less the joint one [m, rad].
+        inliers: (C,), filled: weight of the pieces of edges that it rests on.
+    """
+    matrix, lower, vector = np.empty((UNKNOWNS, UNKNOWNS)), np.empty((UNKNOWNS, UNKNOWNS)), np.empty(UNKNOWNS)
+    step, since, hold = np.empty(UNKNOWNS), np.empty(6), np.empty(UNKNOWNS)
+    counted = np.zeros(1, SEEN)
+    for i in range(6):
+        hold[i] = solution.prior[i, i]
+    hold[EXPONENT], hold[RIM] = 1.0 / DEVIATION_STD**2, 1.0 / ALONE_RIM_STD**2
+    for c in range(len(cameras)):
+        camera = cameras[c]
+        information[c, :, :], moved[c, :], inliers[c] = 0.0, 0.0, 0.0
+        if not camera.used:
+            continue
+        exponent, rim = _drawn(solution, camera)
+        step[:], solved = 0.0, True
+        for turn in range(ALONE_ROUNDS):
+            for i in range(6):
+                since[i] = camera.since[i] + step[i]
+            drawn, total = (exponent + step[EXPONENT], rim + step[RIM]), 0
+            for s in range(camera.strips):
+                if work.found[c, s].usable:
+                    off = residual(work.strips[c, s], work.found[c, s], since, drawn[0], drawn[1])
+                    work.residuals[total] = abs(off) / camera.scale
+                    total += 1
+            scatter, limit = spread(work.residuals, total), camera.reach
+            if turn > 0:
+                limit = min(limit, max(ALONE_LIMIT, TUKEY * scatter) * camera.scale)
+            floor = (max(FLOOR, 0.7 * scatter) * camera.scale) ** 2
+            weighing = limit, floor, trust_of(camera)
+            accumulate(work.strips[c], work.found[c], camera, since, drawn, weighing, counted[0])
+            with_edges(cameras[c : c + 1], solution.own)
+            for i in range(UNKNOWNS):
+                vector[i] = camera.gradient[i] - hold[i] * step[i]
+                for k in range(UNKNOWNS):
+                    matrix[i, k] = camera.information[i, k]
+                matrix[i, i] += hold[i]
+            solved = factorise(matrix, lower)
+            if not solved:
+                break
+            substitute(lower, vector, vector)
+            for i in range(UNKNOWNS):
+                step[i] += vector[i]
+        if solved:
+            inliers[c] = counted[0].inliers
+            _without_shared(camera.information, information[c])
+            for i in range(6):
+                moved[c, i] = camera.offset[i] + step[i]
+
+
+class Refiner:
+    """Refines poses of one cuboid in the pictures of fixed cameras; any number of threads may use it."""
+
+    def __init__(
+        self, box: Box, cameras: Sequence[Camera], label_table: Array, table: Table = NO_TABLE
+    ) -> None:
+        known = np.linalg.inv(np.array([calibration_covariance(camera) for camera in cameras]))
+        self.model = Model(
+            box.half, box.face_labels, box.rim, stack_lenses(cameras), known, label_table, table
+        )
+        self._radius = box.radius
+        self._local = LocalSpace(len(cameras))
+
+    def begun(
+        self, rotation: FloatArray, position: FloatArray, lag: Lag | None = None
+    ) -> tuple[Array, Array]:
+        """A solution (1,) and cameras (C,) at a pose (3, 3), (3,) [m], before anything was measured."""
+        solution, cameras = np.zeros(1, SOLUTION), np.zeros(len(self.model.lenses), CAMERA)
+        solution["size"] = UNKNOWNS if lag is None else MOVING
+        solution["rotation"], solution["position"], solution["covariance"] = rotation, position, np.nan
+        if lag is not None:
+            cameras["delay"], cameras["lag"] = lag.delays, lag.moved
+            solution["prior"][0, UNKNOWNS:, UNKNOWNS:] = np.linalg.inv(lag.covariance)
+        return solution, cameras
+
+    def __call__(
+        self,
+        pictures: Array,
+        rotation: FloatArray,
+        position: FloatArray,
+        schedule: Schedule = SCHEDULE,
+        start: Start = LIKELY,
+        lag: Lag | None = None,
+        *,
+        ask: bool = False,
+    ) -> Fit:
+        """The fit to pictures (C,) of PICTURE nearest to a pose (3, 3), (3,) [m].
+
+        ask: with what each camera by itself sees. What label maps say of the fit is not counted yet.
+        """
+        solution, cameras = self.begun(rotation, position, lag)
+        count, work = len(cameras), self._local.work
+        seen = np.zeros(count, SEEN)
+        refine(self.model, pictures, schedule, start, solution[0], cameras, seen, work)
+        own = None
+        if ask:
+            own = OwnViews(np.empty((count, 6, 6)), np.empty((count, 6)), np.empty(count))
+            see_alone(solution[0], cameras, work, *own)
+        end, seen["squares"] = LIKELY, seen["squares"] / cameras["scale"] ** 2
+        one = solution[0]
+        if one["converged"]:
+            blur = statistics.median((cameras["blur"] / cameras["scale"])[cameras["used"]].tolist())
+            end = Start(blur, float(one["shared"][EXPONENT]), float(one["shared"][RIM]))
+        return Fit(
+            one["position"],
+            one["rotation"],
+            with_model_errors(one["covariance"], self._radius),
+            seen,
+            bool(one["converged"]),
+            int(one["steps"]),
+            end,
+            stands=float(one["stands"]),
+            offsets=cameras["offset"][:, :6].copy(),
+            lags=None if lag is None else cameras["lag"].copy(),
+            own=own,
+        )
+
+    def edges(
+        self,
+        pictures: Array,
+        rotation: FloatArray,
+        position: FloatArray,
+        start: Start = LIKELY,
+        offsets: FloatArray | None = None,
+        turns: int = 2,
+    ) -> tuple[Array, Workspace]:
+        """Cameras (C,) and this thread's work space, with the edges measured at a pose (3, 3), (3,) [m].
+
+        Args:
+            pictures: (C,) of PICTURE.
+            rotation: world_from_object.
+            position: of the object's centre.
+            start: blur of the pictures, and the exponent and rim with which the object is drawn.
+            offsets: (C, 6) by which each camera is known to see the object moved [m, rad]: the edges are
+                looked for there.
+            turns: measurements, of which each takes its blur from the one before.
+        """
+        (solution, cameras), work = self.begun(rotation, position), self._local.work
+        last = len(SCHEDULE.blur) - 1
+        begin(self.model, pictures, solution[0], cameras, start)
+        if offsets is not None:
+            cameras["offset"][:, :6] = offsets
+        lay(self.model, pictures, solution[0], cameras, SCHEDULE, last, work)
+        for _ in range(turns):
+            measure_all(self.model, pictures, cameras, SCHEDULE, last, work)
+            take_stock(solution[0], cameras, start.blur, work, np.zeros(len(cameras), SEEN))
+        return cameras, work

@@ -1,1 +1,0 @@
-"""Least squares over the edges: a pose, what is unknown with it, and how certain it is."""

@@ -1,0 +1,239 @@
+"""What pictures say, ready for compiled loops: their light, their labels, the pattern of a mosaic."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from llvmlite import ir
+from numba import carray, types  # type: ignore[attr-defined]
+from numba.extending import intrinsic
+
+from tracker.compiled import compiled
+from tracker.conventions import Array, Image
+from tracker.segmentation.color_model import ColorModel, fill_channels
+from tracker.segmentation.labels import label_of
+from tracker.segmentation.light import CLIPPED, fill_light, grey_world_gains
+from tracker.segmentation.mosaic import find_mosaic
+from tracker.segmentation.noise import LOUD, noise_std
+
+PICTURE = np.dtype(
+    [
+        ("used", np.bool_),  # whether there is a picture that counts
+        ("address", np.uint64),  # of its first pixel
+        ("height", np.int64),  # [px]
+        ("width", np.int64),  # [px]
+        ("loud", np.bool_),  # whether labels are read from filtered pixels
+        ("mosaic", np.int64),  # which pixels measured red, or NONE (`segmentation.mosaic`)
+        ("gains", np.float64, (3,)),  # that make its greys grey
+        ("tilt", np.float64, (2, 2)),  # slope of the light's colour over the picture (`segmentation.light`)
+        ("channels", np.int32, (3, 256)),  # offsets into the label table of its levels
+        ("colored", np.int64),  # pixels of its label map in a face's colour
+    ]
+)
+"""What one camera's picture says as a whole."""
+
+TILE, SPARSE = 4, 2
+"""Labels are read in squares of so many pixels of the label map where one in every so many rows and columns
+shows a face's colour, and in those beside them; elsewhere they are background."""
+
+
+class Sight(NamedTuple):
+    """One set of pictures."""
+
+    labels: Array
+    """(C, h, w) label maps, of reduced pictures."""
+    pictures: Array
+    """(C,) of PICTURE."""
+    images: Sequence[Image | None]
+    """(H, W, 3) BGR as the cameras gave them: `pictures` says where they lie."""
+
+    @property
+    def used(self) -> Array:
+        """(C,) bool: whether there is a picture that counts."""
+        used: Array = self.pictures["used"]
+        return used
+
+    def without(self, *cameras: int) -> Sight:
+        """The same with the eyes of some cameras closed."""
+        if not cameras:
+            return self
+        pictures = self.pictures.copy()
+        pictures["used"][list(cameras)] = False
+        return self._replace(pictures=pictures)
+
+
+@intrinsic
+def _pointer(_: Any, address: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.inttoptr(arguments[0], ir.IntType(8).as_pointer())
+
+    return types.CPointer(types.uint8)(address), generate  # type: ignore[no-untyped-call]
+
+
+@compiled(inline="always")
+def pixels_of(picture):  # type: ignore[no-untyped-def]
+    """(H, W, 3) the picture itself: pictures of any sizes are read by one compiled loop."""
+    return carray(_pointer(picture.address), (picture.height, picture.width, 3))  # type: ignore[call-arg]
+
+
+@compiled
+def look(image, normalise, pictures, c):  # type: ignore[no-untyped-def]
+    """Fill in the light of camera c's picture (H, W, 3), and how loud it is; normalise: of ColorModel."""
+    picture = pictures[c]
+    picture.loud = noise_std(image) >= LOUD
+    picture.gains[0], picture.gains[1], picture.gains[2] = 1.0, 1.0, 1.0
+    for k in range(4):
+        picture.tilt[k // 2, k % 2] = 0.0
+    if normalise:
+        fill_light(image, picture.gains, picture.tilt)
+    fill_channels(picture.gains, picture.channels)
+
+
+@compiled
+def _slopes(picture, width, height):  # type: ignore[no-untyped-def]
+    """Factors of blue and red of a label map's columns (2, w) and rows (2, h); of none in even light."""
+    tilt = picture.tilt
+    if tilt[0, 0] == 0.0 and tilt[0, 1] == 0.0 and tilt[1, 0] == 0.0 and tilt[1, 1] == 0.0:
+        return np.empty((2, 0)), np.empty((2, 0))
+    across, down = np.empty((2, width)), np.empty((2, height))
+    for k in range(2):
+        for i in range(width):
+            across[k, i] = math.exp(-tilt[k, 0] * (2.0 * i / width - 1.0))
+        for j in range(height):
+            down[k, j] = math.exp(-tilt[k, 1] * (2.0 * j / height - 1.0))
+    return across, down
+
+
+@compiled(inline="always")
+def _evened(level, factor):  # type: ignore[no-untyped-def]
+    # A clipped value stays clipped: what it should have been is unknown.
+    return 255 if level >= CLIPPED else min(int(level * factor + 0.5), CLIPPED - 1)
+
+
+@compiled(inline="always")
+def _read(b, g, r, j, i, slopes, picture, table):  # type: ignore[no-untyped-def]
+    """The label of levels at row j and column i of a label map, in even light."""
+    across, down = slopes
+    if across.shape[1] > 0:
+        b, r = _evened(b, across[0, i] * down[0, j]), _evened(r, across[1, i] * down[1, j])
+    return label_of(b, g, r, picture.channels, table, picture.gains)
+
+
+@compiled
+def _near_color(image, picture, by, table, window, slopes):  # type: ignore[no-untyped-def]
+    """Tiles (h, w) of a label map that show a face's colour in a window, and those beside them."""
+    left, top, right, bottom = window
+    near = np.zeros((image.shape[0] // by // TILE + 3, image.shape[1] // by // TILE + 3), np.bool_)
+    for j in range(top // SPARSE * SPARSE, bottom, SPARSE):
+        for i in range(left // SPARSE * SPARSE, right, SPARSE):
+            y, x = by * j, by * i
+            if _read(image[y, x, 0], image[y, x, 1], image[y, x, 2], j, i, slopes, picture, table) > 0:
+                for m in range(j // TILE, j // TILE + 3):
+                    for n in range(i // TILE, i // TILE + 3):
+                        near[m, n] = True
+    return near[1:-1, 1:-1]
+
+
+@compiled
+def fill_labels(image, calm, by, table, window, pictures, c, labels):  # type: ignore[no-untyped-def]
+    """Fill labels (C, h, w) of a window of camera c's picture, of which by × by pixels are one; count them.
+
+    See equation (2) of docs/how-it-works.md.
+    image (H, W, 3); calm: the same, filtered if it is loud; table (64³,): labels of colours; window: left,
+    top, right, bottom [px of the label map]; elsewhere labels stay as they are.
+    """
+    picture, (left, top, right, bottom) = pictures[c], window
+    picture.mosaic = find_mosaic(image)
+    slopes = _slopes(picture, image.shape[1] // by, image.shape[0] // by)
+    near = _near_color(calm, picture, by, table, window, slopes)
+    # A little more than one over the area, so that whole numbers stay.
+    area, share, count = by * by, (1.0 + 1e-9) / (by * by), 0
+    for j in range(top, bottom):
+        for tile in range(left // TILE, (right - 1) // TILE + 1):
+            if not near[j // TILE, tile]:
+                continue
+            for i in range(max(left, tile * TILE), min(right, (tile + 1) * TILE)):
+                b, g, r = area // 2, area // 2, area // 2
+                for y in range(np.uint64(by * j), np.uint64(by * (j + 1))):
+                    for x in range(np.uint64(by * i), np.uint64(by * (i + 1))):
+                        b += calm[y, x, 0]
+                        g += calm[y, x, 1]
+                        r += calm[y, x, 2]
+                mean = int(b * share), int(g * share), int(r * share)
+                label = _read(mean[0], mean[1], mean[2], j, i, slopes, picture, table)
+                labels[c, j, i] = label
+                count += label > 0
+    picture.colored = count
+
+
+class Reader:
+    """Reads pictures by one colour model; has no memory.
+
+    Args:
+        colors: the colour model.
+        factors: by which each camera's pictures are reduced for label maps.
+        shape: cameras, height and width of the label maps.
+    """
+
+    def __init__(self, colors: ColorModel, factors: Sequence[int], shape: tuple[int, int, int]) -> None:
+        self.colors, self.factors, self.shape = colors, tuple(factors), shape
+
+    def __call__(self, images: Sequence[Image | None]) -> Sight:
+        """What pictures (H, W, 3) say, None where a camera gave none; each in the light of its own greys."""
+        return self.labelled(images, self.lit(images))
+
+    def in_grey_world(self, sight: Sight) -> Sight:
+        """The same pictures with their light judged anew, by the mean of all pixels."""
+        pictures = sight.pictures.copy()
+        for c, image in enumerate(sight.images):
+            if image is not None:
+                pictures["gains"][c], pictures["tilt"][c] = grey_world_gains(image), 0.0
+                fill_channels(pictures["gains"][c], pictures["channels"][c])
+        return self.labelled(sight.images, pictures)
+
+    def lit(
+        self,
+        images: Sequence[Image | None],
+        lights: Array | None = None,
+        fresh: Sequence[bool] | None = None,
+    ) -> Array:
+        """Pictures (C,) of PICTURE with their light.
+
+        Args:
+            images: of the cameras.
+            lights: (C,) of PICTURE, as looked at a moment ago; None: not yet.
+            fresh: whether each camera's light is to be looked at again; None: all.
+        """
+        pictures = np.zeros(len(images), PICTURE) if lights is None else lights.copy()
+        for c, image in enumerate(images):
+            pictures["used"][c] = image is not None
+            if image is not None:
+                pictures["address"][c] = image.__array_interface__["data"][0]
+                pictures["height"][c], pictures["width"][c] = image.shape[:2]
+                if fresh is None or fresh[c]:
+                    look(image, self.colors.normalise, pictures, c)
+        return pictures
+
+    def labelled(
+        self, images: Sequence[Image | None], pictures: Array, windows: Sequence[Any] | None = None
+    ) -> Sight:
+        """Those pictures with their labels.
+
+        Args:
+            images: of the cameras.
+            pictures: as of `lit`; how many pixels show colour is filled in.
+            windows: left, top, right, bottom [px of the label map], elsewhere labels are background; None:
+                everything.
+        """
+        labels = np.zeros(self.shape, np.uint8)
+        for c, image in enumerate(images):
+            if image is not None:
+                by = self.factors[c]
+                window = (0, 0, image.shape[1] // by, image.shape[0] // by) if windows is None else windows[c]
+                calm = np.asarray(cv2.medianBlur(image, 3), dtype=np.uint8) if pictures["loud"][c] else image
+                fill_labels(image, calm, by, self.colors.label_table, window, pictures, c, labels)
+        return Sight(labels, pictures, tuple(images))

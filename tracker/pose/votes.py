@@ -1,0 +1,256 @@
+"""Where could the object be? Positions from label maps alone, without a prior.
+
+Points of a grid over the arena vote by how much of the object's expected area the cameras see around them in
+face colours. The best points are centred on the pixels they gathered.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from tracker.compiled import compiled
+from tracker.conventions import Array, FloatArray
+from tracker.geometry.arena import Arena
+from tracker.geometry.camera import Camera
+from tracker.geometry.field_of_view import project_in_view
+from tracker.geometry.lens import clamped, project, project_with_jacobian, stack_lenses
+from tracker.geometry.linear import solve_positive
+from tracker.objects.box import Box
+
+MIN_VOTE, MIN_SHARE = 0.15, 0.35
+"""Least vote of a position: absolute, and as a share of the best."""
+
+DOUBT = 0.5
+"""Cameras that are taken to see nothing at a point, beside those that look there."""
+
+STEP = 0.5
+"""Distance of the grid's points [radii of the object]."""
+
+MOST_POINTS = 1 << 18
+"""Points of the grid, at most: in a larger arena they are farther apart."""
+
+TIGHT = 0.6
+"""Width of the tight box over that of the wide one."""
+
+SEPARATION = 0.7
+"""Two positions closer than this [radii] count as one."""
+
+CENTRING_ROUNDS = 3
+
+BOXES = np.dtype(
+    [
+        (
+            "wide",
+            np.int16,
+            (4,),
+        ),  # left, top, right, bottom of the box around the object [px of the label map]
+        ("tight", np.int16, (4,)),  # and of the tight one
+        ("share", np.float32),  # one over the pixels that the object should fill; 0: the camera cannot see it
+    ]
+)
+"""Where a camera looks for an object at a point."""
+
+
+@compiled
+def integrate(labels, lenses, pictures, out):  # type: ignore[no-untyped-def]
+    """Out (C, h + 1, w + 1): integral images of the face colours' pixels."""
+    for c in range(len(pictures)):
+        width, height = lenses[c].width, lenses[c].height
+        out[c, 0, : width + 1] = 0
+        for j in range(height):
+            row = 0
+            out[c, j + 1, 0] = 0
+            for i in range(width):
+                row += labels[c, j, i] > 0
+                out[c, j + 1, i + 1] = out[c, j, i + 1] + row
+
+
+@compiled(inline="always")
+def _colored(integral, box):  # type: ignore[no-untyped-def]
+    left, top, right, bottom = box[0], box[1], box[2], box[3]
+    return integral[bottom, right] - integral[top, right] - integral[bottom, left] + integral[top, left]
+
+
+@compiled
+def vote(integrals, boxes, pictures, votes):  # type: ignore[no-untyped-def]
+    """Fill votes (N,): the mean over the cameras that see a point of how much of the object is around it.
+
+    This is equation (4) of docs/how-it-works.md.
+    integrals (C, h + 1, w + 1) of the face colours; boxes (N, C) of BOXES. The tight box centres the vote,
+    the wide one bears with what fingers hide.
+    """
+    one = np.float32(1.0)
+    for p in range(len(votes)):
+        total, number = np.float32(0.0), DOUBT
+        for c in range(len(pictures)):
+            at = boxes[p, c]
+            if not pictures[c].used or at.share == 0.0:
+                continue
+            number += 1.0
+            wide = _colored(integrals[c], at.wide)
+            if wide > 0:
+                tight = _colored(integrals[c], at.tight)
+                total += min(wide * at.share, one) + min(tight * at.share, one)
+        # A camera that cannot see the point does not count, but the more agree the better.
+        votes[p] = total / number
+
+
+@compiled
+def take_best(points, votes, radius, out):  # type: ignore[no-untyped-def]
+    """Copy the best point (3,) to out, take all within `radius` [m] out of the vote; returns its vote."""
+    best = 0
+    for p in range(len(votes)):
+        if votes[p] > votes[best]:
+            best = p
+    found = votes[best]
+    for i in range(3):
+        out[i] = points[best, i]
+    for p in range(len(votes)):
+        distance = 0.0
+        for i in range(3):
+            distance += (points[p, i] - out[i]) ** 2
+        if distance < radius * radius:
+            votes[p] = -1.0
+    return found
+
+
+@compiled
+def gather(lenses, labels, pictures, position, radius, stats):  # type: ignore[no-untyped-def]
+    """Stats (C, 7, 3): count, mean column, mean row of each label within `radius` [m] of a position."""
+    stats[:] = 0.0
+    for c in range(len(pictures)):
+        if not pictures[c].used:
+            continue
+        u, v, z = project(lenses, c, position[0], position[1], position[2])
+        if z < radius:
+            continue
+        ru, rv = radius * lenses[c].focal[0] / z, radius * lenses[c].focal[1] / z
+        width, height = lenses[c].width, lenses[c].height
+        for j in range(clamped(v - rv, height), min(height, clamped(v + rv, height) + 2)):
+            for i in range(clamped(u - ru, width), min(width, clamped(u + ru, width) + 2)):
+                label = labels[c, j, i]
+                if label == 0 or ((i - u) / ru) ** 2 + ((j - v) / rv) ** 2 > 1.0:
+                    continue
+                stats[c, label, 0] += 1.0
+                stats[c, label, 1] += i
+                stats[c, label, 2] += j
+        for label in range(1, 7):
+            if stats[c, label, 0] > 0:
+                stats[c, label, 1] /= stats[c, label, 0]
+                stats[c, label, 2] /= stats[c, label, 0]
+
+
+@compiled
+def _toward(lenses, stats, radius, position):  # type: ignore[no-untyped-def]
+    """Move a position (3,) [m] in place to where it projects to the middles of stats (C, 7, 3)."""
+    jacobian, matrix = np.empty((2, 3)), np.empty((3, 3))
+    vector, step = np.zeros(3), np.empty(3)
+    for i in range(3):
+        for k in range(3):
+            # A prior of 0.45 radii against a pixel.
+            matrix[i, k] = 5.0 / radius**2 if i == k else 0.0
+    for c in range(len(stats)):
+        n, su, sv = 0.0, 0.0, 0.0
+        for label in range(1, 7):
+            n += stats[c, label, 0]
+            su += stats[c, label, 0] * stats[c, label, 1]
+            sv += stats[c, label, 0] * stats[c, label, 2]
+        if n < 1:
+            continue
+        u, v, _ = project_with_jacobian(lenses, c, position[0], position[1], position[2], jacobian)
+        weight = min(n, 100.0) / 100.0
+        du, dv = su / n - u, sv / n - v
+        for i in range(3):
+            vector[i] += weight * (jacobian[0, i] * du + jacobian[1, i] * dv)
+            for k in range(3):
+                matrix[i, k] += weight * (jacobian[0, i] * jacobian[0, k] + jacobian[1, i] * jacobian[1, k])
+    solve_positive(matrix, vector, step)
+    for i in range(3):
+        position[i] += step[i]
+
+
+@compiled
+def centre(lenses, labels, pictures, radius, position):  # type: ignore[no-untyped-def]
+    """Move a position in place so that it projects to the centroids of the face pixels around it."""
+    stats, before = np.empty((len(pictures), 7, 3)), np.empty(3)
+    for _ in range(CENTRING_ROUNDS):
+        gather(lenses, labels, pictures, position, radius, stats)
+        before[:] = position
+        _toward(lenses, stats, radius, position)
+        for i in range(3):
+            position[i] = before[i] + min(0.8 * radius, max(-0.8 * radius, position[i] - before[i]))
+
+
+def _grid(arena: Arena, step: float) -> FloatArray:
+    """Points (N, 3) [m] all over the arena, where an object's centre may be."""
+    bottom, top = arena.lowest, arena.ground + arena.height
+    step = max(step, (4 * arena.radius**2 * (top - bottom) / MOST_POINTS) ** (1 / 3))
+    across, up = math.ceil(2 * arena.radius / step), math.ceil((top - bottom) / step)
+    side = (np.arange(across) - (across - 1) / 2) * step
+    heights = (bottom + top) / 2 + (np.arange(up) - (up - 1) / 2) * step
+    x, y, z = np.meshgrid(side, side, heights, indexing="ij")
+    inside = np.hypot(x, y) <= arena.radius
+    return np.stack([x[inside] + arena.center[0], y[inside] + arena.center[1], z[inside]], axis=-1)
+
+
+class PositionSearch:
+    """Finds where an object could be.
+
+    Args:
+        cameras: of the label maps.
+        box: the object.
+        arena: where its centre may be.
+    """
+
+    def __init__(self, cameras: Sequence[Camera], box: Box, arena: Arena) -> None:
+        self.lenses, self.radius = stack_lenses(cameras), box.radius
+        self.points = _grid(arena, STEP * self.radius)
+        # Cauchy: the mean projected area of a convex body is a quarter of its surface.
+        half = box.half
+        area = 2 * (half[0] * half[1] + half[1] * half[2] + half[2] * half[0])
+        self._cameras, self._area = cameras, area
+        self.boxes = self.boxes_at(self.points)
+
+    def boxes_at(self, points: FloatArray) -> Array:
+        """(N, C) of BOXES around points (N, 3) [m]."""
+        one = [_boxes(camera, points, self.radius, self._area) for camera in self._cameras]
+        return np.stack(one, axis=1)
+
+    def __call__(self, labels: Array, pictures: Array, most: int) -> Iterator[FloatArray]:
+        """Up to `most` centred positions (3,) [m] for label maps (C, h, w) of pictures (C,) of PICTURE.
+
+        Best first; each is worked out when it is asked for.
+        """
+        count, height, width = labels.shape
+        integrals = np.empty((count, height + 1, width + 1), np.int32)
+        integrate(labels, self.lenses, pictures, integrals)
+        votes = np.empty(len(self.points), np.float32)
+        vote(integrals, self.boxes, pictures, votes)
+        least, separation = max(MIN_VOTE, MIN_SHARE * float(votes.max())), SEPARATION * self.radius
+        found: list[FloatArray] = []
+        while len(found) < most:
+            position = np.empty(3)
+            if take_best(self.points, votes, 2 * separation, position) < least:
+                return
+            centre(self.lenses, labels, pictures, self.radius, position)
+            if all(np.linalg.norm(position - other) > separation for other in found):
+                found.append(position)
+                yield position
+
+
+def _boxes(camera: Camera, points: FloatArray, radius: float, area: float) -> Array:
+    """(N,) of BOXES of one camera for points (N, 3) [m]; area: mean area of the object's projections [m²]."""
+    boxes = np.zeros(len(points), BOXES)
+    depth = points @ camera.camera_from_world[2, :3] + camera.camera_from_world[2, 3]
+    pixels, size = project_in_view(camera, points), np.array([camera.width, camera.height])
+    seen = (depth > 1.5 * radius) & ((pixels >= 0) & (pixels < size)).all(axis=1)
+    pixels, focal = pixels[seen], camera.matrix[(0, 1), (0, 1)] / depth[seen, None]
+    for name, share in (("wide", 1.0), ("tight", TIGHT)):
+        reach = share * radius * focal
+        boxes[name][seen, :2] = np.clip(pixels - reach, 0, size)
+        boxes[name][seen, 2:] = np.clip(np.floor(pixels + reach) + 1, 0, size)
+    boxes["share"][seen] = 1.0 / np.maximum(area * focal.prod(axis=1), 1.0)
+    return boxes
