@@ -260,7 +260,7 @@ PAIRED = (
         "confidence changed by, on average",
         lambda rows: mean((rows.confidence_after - rows.confidence_before).abs().dropna()),
         "{:.4f}",
-        step=0.003,
+        step=0.001,
     ),
 )
 """Of pairs of answers to the same pictures, whose columns end in `_before` and `_after`."""
