@@ -4,6 +4,7 @@ import contextlib
 import io
 import json
 import multiprocessing
+import os
 import shutil
 import sys
 
@@ -195,7 +196,10 @@ def kept(toy):
 
 def edit(toy, name, old, new):
     path = toy / "toy" / name
+    stamp = path.stat().st_mtime + 2
     path.write_text(path.read_text(encoding="utf-8").replace(old, new), encoding="utf-8")
+    # Bytecode of a file that is as long, and was changed in the same second, counts as new.
+    os.utime(path, (stamp, stamp))
 
 
 def test_a_change_in_what_a_kernel_calls_or_imports_leads_to_machine_code_anew(toy):
