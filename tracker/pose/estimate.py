@@ -13,6 +13,7 @@ import numpy as np
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray, Image
 from tracker.geometry import so3
+from tracker.geometry.camera import Camera
 from tracker.geometry.lens import stack_lenses
 from tracker.objects.box import Box
 from tracker.pose.agreement import disagreement
@@ -154,16 +155,21 @@ def lead(best: Fit, fits: Sequence[Fit], radius: float) -> float:
     return least - math.log(sum(math.exp(least - one) for one in behind))
 
 
+def reader_of(box: Box, rig: CameraRig, colors: ColorModel) -> tuple[Reader, list[Camera]]:
+    """What reads a rig's pictures of an object, and the cameras of its label maps."""
+    factors = label_factors(rig.cameras, box, rig.arena)
+    small = [label_camera(camera, factor) for camera, factor in zip(rig.cameras, factors, strict=True)]
+    shape = (len(small), max(c.height for c in small), max(c.width for c in small))
+    return Reader(colors, factors, shape), small
+
+
 class PoseEstimator:
     """Finds one cuboid in the pictures of fixed cameras; any number of threads may use it at once."""
 
     def __init__(self, box: Box, rig: CameraRig, colors: ColorModel, support: bool = True) -> None:
         cameras = rig.cameras
         self.box, self.arena = box, rig.arena
-        factors = label_factors(cameras, box, rig.arena)
-        small = [label_camera(camera, factor) for camera, factor in zip(cameras, factors, strict=True)]
-        shape = (len(cameras), max(c.height for c in small), max(c.width for c in small))
-        self.reader = Reader(colors, factors, shape)
+        self.reader, small = reader_of(box, rig, colors)
         self.small = stack_lenses(small)
         self.positions = PositionSearch(small, box, rig.arena)
         self.refiner = Refiner(box, cameras, colors.label_table, table_of(rig.arena, support))

@@ -7,7 +7,7 @@ from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray
 from tracker.objects.box import Box
 from tracker.objects.model import CuboidModel
-from tracker.pose.estimate import PoseEstimator
+from tracker.pose.estimate import reader_of
 from tracker.pose.fit import LIKELY, Fit, Start
 from tracker.pose.refine import FLOOR, FOLLOWING, Refiner, trust_of
 from tracker.pose.views import Sight
@@ -26,7 +26,7 @@ class EdgeReader:
 
     def __init__(self, model: CuboidModel, rig: CameraRig, colors: ColorModel) -> None:
         self.rig, self._box, self._colors = rig, Box.of(model), colors
-        self._reader = PoseEstimator(self._box, rig, colors).reader
+        self._reader, _ = reader_of(self._box, rig, colors)
         self._refiner = Refiner(self._box, rig.cameras, colors.label_table)
 
     def of(self, rig: CameraRig) -> EdgeReader:
