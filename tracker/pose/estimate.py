@@ -48,7 +48,7 @@ REACHES = np.array([5, 4, 3])
 FAR_REACHES = np.array([8, 6, 4, 3])
 """The same from a prediction."""
 
-TURNS, FEW = 10, 3
+TURNS, FEW = 10, 5
 """Turns that are tried at the likeliest place, and at each other one."""
 
 POSITIONS = 8
@@ -59,6 +59,9 @@ REFINED = 3
 
 MIN_PIXELS = 20
 """Face-coloured pixels in all label maps below which there is no object."""
+
+ALIGNED = 12
+"""Hypotheses of a kind that are aligned as far as it goes: the best after a first step."""
 
 CLOSE = 0.85
 """Least explanation of the label maps, of the best fit's, for a hypothesis to be refined."""
@@ -434,19 +437,25 @@ class PoseEstimator:
     ) -> list[Hypothesis]:
         """Hypotheses after alignment on the label maps; which: of the likeliest turns at each place."""
         pictures = sight.without(*left_out).pictures
-        result = []
+        turns = np.empty((which.stop, 3, 3))
+        tried: list[tuple[FloatArray, FloatArray]] = []
         for place in places:
-            turns = np.empty((which.stop, 3, 3))
             likely_rotations(self.small, sight.labels, pictures, self._faces, place, self._grid, turns)
-            rotations = turns[which]
-            positions, scores = np.repeat(place[None], len(rotations), axis=0), np.empty((len(rotations), 2))
-            self._align(sight, pictures, rotations, positions, REACHES, scores)
-            result += [
-                Hypothesis(score[0], rotation, position, sight, left_out, int(score[1]))
-                for score, rotation, position in zip(scores.tolist(), rotations, positions, strict=True)
-                if score[0] > IMPOSSIBLE / 2
-            ]
-        return result
+            tried += [(turn.copy(), place) for turn in turns[which]]
+        if not tried:
+            return []
+        rotations, positions = (np.array(column) for column in zip(*tried, strict=True))
+        scores = np.empty((len(tried), 2))
+        if len(tried) > ALIGNED:
+            self._align(sight, pictures, rotations, positions, REACHES[:1], scores)
+            best = np.argsort(-scores[:, 0], kind="stable")[:ALIGNED]
+            rotations, positions, scores = rotations[best], positions[best], scores[best]
+        self._align(sight, pictures, rotations, positions, REACHES, scores)
+        return [
+            Hypothesis(score[0], rotation, position, sight, left_out, int(score[1]))
+            for score, rotation, position in zip(scores.tolist(), rotations, positions, strict=True)
+            if score[0] > IMPOSSIBLE / 2
+        ]
 
     def examined(self, sight: Sight, fit: Fit, lag: Lag | None = None) -> Fit:
         """The fit with a judgement of the calibration, or without where fewer than two cameras see it.

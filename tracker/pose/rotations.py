@@ -6,6 +6,7 @@ lie relative to each other.
 
 from __future__ import annotations
 
+import functools
 import math
 
 import numpy as np
@@ -19,6 +20,9 @@ from tracker.pose.votes import gather
 
 ROTATIONS = 1400
 """Rotations of the even grid: neighbours are about 22° apart."""
+
+APART = math.radians(30)
+"""Least angle between turns that are tried: alignment leads from one to the other otherwise."""
 
 
 def even_rotations(count: int) -> FloatArray:
@@ -105,9 +109,9 @@ def rank_rotations(lenses, pictures, box, position, stats, rotations, costs):  #
 def likely_rotations(lenses, labels, pictures, box, position, grid, out):  # type: ignore[no-untyped-def]
     """Fill out (count, 3, 3) with the rotations of a grid that fit the colours around a position best.
 
-    grid: the rotations (n, 3, 3), and the same in single precision as of `rank_rotations`.
+    They are apart from each other. grid: see `rotation_grid`.
     """
-    rotations, single = grid
+    rotations, single, near = grid
     half, _ = box
     stats, costs = np.empty((len(pictures), 7, 3)), np.empty(len(rotations), np.float32)
     radius = math.sqrt(half[0] ** 2 + half[1] ** 2 + half[2] ** 2)
@@ -118,11 +122,22 @@ def likely_rotations(lenses, labels, pictures, box, position, grid, out):  # typ
         for h in range(len(costs)):
             if costs[h] < costs[best]:
                 best = h
-        costs[best] = np.inf
         out[k] = rotations[best]
+        for h in near[best]:
+            costs[h] = np.inf
 
 
-def rotation_grid() -> tuple[FloatArray, Array]:
-    """The even grid (n, 3, 3), and for each axis its components (3, 3, n) in single precision."""
+@functools.lru_cache(maxsize=1)
+def rotation_grid() -> tuple[FloatArray, Array, Array]:
+    """The even grid (n, 3, 3), for each axis its components (3, 3, n) in single precision, and neighbours.
+
+    Neighbours (n, k) are the rotations nearer than APART, the first of them over again where they are fewer.
+    """
     rotations = even_rotations(ROTATIONS)
-    return rotations, np.ascontiguousarray(rotations.transpose(2, 1, 0).astype(np.float32))
+    flat = rotations.reshape(ROTATIONS, 9)
+    # The trace of R R2ᵀ is 1 + 2 cos of the angle between them.
+    close = flat @ flat.T > 1 + 2 * math.cos(APART)
+    near = np.argsort(~close, axis=1, kind="stable")[:, : close.sum(axis=1).max()]
+    near = np.where(np.take_along_axis(close, near, axis=1), near, near[:, :1])
+    single = np.ascontiguousarray(rotations.transpose(2, 1, 0).astype(np.float32))
+    return rotations, single, np.ascontiguousarray(near)
