@@ -75,6 +75,9 @@ COMPETING, BEHIND = 6, 3.5
 ENOUGH = 2
 """Cameras that must support a pose that was found without another one."""
 
+RECONCILABLE = 16.8
+"""Squared distance of two fits of one pose, in standard deviations: 99 % are nearer (χ² of 6)."""
+
 SAME_POSITION, SAME_ROTATION = 0.12, 0.15
 """Two hypotheses nearer than this [radii of the object, rad] are the same pose."""
 
@@ -142,6 +145,13 @@ def apart(one: Fit | Hypothesis, other: Fit | Hypothesis, radius: float) -> bool
     return math.sqrt(moved @ moved) > SAME_POSITION * radius
 
 
+def reconcilable(one: Fit, other: Fit) -> bool:
+    """Whether two fits may be of one pose, as their covariances have it: then they are no rivals."""
+    apart = np.concatenate([one.position - other.position, so3.log(one.rotation @ other.rotation.T)])
+    covariance = one.covariance + other.covariance
+    return bool(np.isfinite(covariance).all() and apart @ np.linalg.solve(covariance, apart) < RECONCILABLE)
+
+
 def lead(best: Fit, fits: Sequence[Fit], radius: float) -> float:
     """Log odds of the best fit over all clearly different ones together; infinite where there are none.
 
@@ -149,7 +159,7 @@ def lead(best: Fit, fits: Sequence[Fit], radius: float) -> float:
     """
     different = [best]
     for fit in fits:
-        if all(apart(fit, other, radius) for other in different):
+        if all(apart(fit, other, radius) for other in different) and not reconcilable(best, fit):
             different.append(fit)
     if len(different) == 1:
         return math.inf
@@ -242,13 +252,19 @@ class PoseEstimator:
         """The likeliest fit, if it is accepted, or why it is not."""
         found.sort(key=_ranked, reverse=True)
         fits = [one.fit for one in found]
+        reason = None
         # A pose beyond the arena is none, but what looks like one more than like the best is doubtful.
         for best, sight in sorted(found, key=lambda one: not possible(one.fit)):
             fit = replace(best, lead=lead(best, fits, self.box.radius))
             if fit.left_out and (supporters(fit) < ENOUGH or trust(fit) < MIN_TRUST):
                 continue
-            return refusal(fit) or self.examined(sight, fit, lag)
-        return Status.INCONSISTENT_VIEWS
+            refused = refusal(fit)
+            if refused is None:
+                return self.examined(sight, fit, lag)
+            reason = reason or refused
+            if refused is not Status.AMBIGUOUS:
+                break
+        return reason or Status.INCONSISTENT_VIEWS
 
     def _hypotheses(self, sight: Sight, found: list[Found], thorough: bool) -> Iterator[list[Hypothesis]]:
         """Hypotheses in the order in which they are worth a try, each lot worked out when it is asked for.
