@@ -11,7 +11,7 @@ from tests.helpers.filmed import RIG
 from tests.helpers.kept_stills import take
 from tests.helpers.stills import posed_scene
 from tracker.geometry import so3
-from tracker.pose.refine import CAREFUL
+from tracker.pose.refine import SCHEDULE
 from tracker.upkeep.edges import EdgeReader
 
 MODEL = tracker.load_object("cube_v2")
@@ -25,7 +25,7 @@ def seen():
     still = take(posed_scene(MODEL, POSE, rng), RIG.cameras, Sensor.realistic(), rng)
     reader = EdgeReader(MODEL, RIG, tracker.load_colors(MODEL.colors))
     sight = reader.sight(still.images)
-    return reader, sight, reader._refiner(sight.pictures, POSE[1], POSE[0], CAREFUL)
+    return reader, sight, reader._refiner(sight.pictures, POSE[1], POSE[0], SCHEDULE)
 
 
 def at(seen, moved, **more):

@@ -13,7 +13,7 @@ from tests.helpers import sight_of
 from tests.helpers.kept_stills import take
 from tests.helpers.stills import bare_scene
 from tracker.geometry import so3
-from tracker.pose.refine import CAREFUL
+from tracker.pose.refine import SCHEDULE
 
 OBJECTS = ("cube_v2", "cuboid_2x2x8_v2")
 SCENES = 3
@@ -66,10 +66,10 @@ def test_every_start_nearby_leads_to_the_same_pose(trackers, scenes, name):
         for size in (0.0, 1.0, 1.0, 1.0, 2.0):
             rotation = so3.exp(size * rng.normal(0, 0.03, 3)) @ reference.rotation
             position = reference.position + size * rng.normal(0, 1.5e-3, 3)
-            fit = estimator.refine(sight, rotation, position, CAREFUL)
+            fit = estimator.refine(sight, rotation, position, SCHEDULE)
             assert fit.converged
             # Ended within `negligible` of the best pose, both of them.
-            assert np.abs(deviation(fit, reference)).max() < 2 * np.sqrt(CAREFUL.negligible[0])
+            assert np.abs(deviation(fit, reference)).max() < 2 * np.sqrt(SCHEDULE.negligible[0])
             # A start so near that the first whole step is negligible ends before the blur has settled.
             within = 0.15 if fit.iterations > 3 else 0.3
             alike.append(np.allclose(np.diag(fit.covariance), np.diag(reference.covariance), rtol=within))

@@ -140,18 +140,17 @@ def hear(lenses, labels, pictures, box, rotation, position, lags, seen):  # type
 
 @compiled
 def explanation_score(seen):  # type: ignore[no-untyped-def]
-    """How well a pose explains the label maps, and how many cameras see it.
+    """How well a pose explains the label maps.
 
     This is equation (6) of docs/how-it-works.md.
     A hidden pixel counts little, a wrong one much; but a camera that shows something else counts no less than
     one from which all is hidden.
     """
-    score, seeing = 0.0, 0
+    score = 0.0
     for one in seen:
         explained = one.agree - HIDDEN * one.missing - 1.5 * one.wrong - 0.7 * one.extra
         score += max(0.0, HIDDEN + explained / (one.predicted + FEW))
-        seeing += one.agree > max(10.0, 0.1 * one.predicted)
-    return score, seeing
+    return score
 
 
 @compiled
@@ -236,7 +235,7 @@ def align(lenses, labels, pictures, box, rotation, position, reaches, strips):  
 
 @compiled
 def try_hypotheses(lenses, labels, pictures, judges, box, rotations, positions, reaches, scores):  # type: ignore[no-untyped-def]
-    """Align hypotheses (n, 3, 3), (n, 3) in place on pictures (C,), and their scores (n, 2) by `judges`."""
+    """Align hypotheses (n, 3, 3), (n, 3) in place on pictures (C,), and their scores (n,) by `judges`."""
     strips, seen, lags = (
         np.empty(MAX_STRIPS, STRIP),
         np.zeros(len(pictures), SEEN),
@@ -244,7 +243,7 @@ def try_hypotheses(lenses, labels, pictures, judges, box, rotations, positions, 
     )
     for h in range(len(scores)):
         if align(lenses, labels, pictures, box, rotations[h], positions[h], reaches, strips) == 0:
-            scores[h, 0] = IMPOSSIBLE
+            scores[h] = IMPOSSIBLE
             continue
         hear(lenses, labels, judges, box, rotations[h], positions[h], lags, seen)
-        scores[h, 0], scores[h, 1] = explanation_score(seen)
+        scores[h] = explanation_score(seen)

@@ -32,7 +32,7 @@ from tracker.pose.judge import (
     trust,
     unanimous,
 )
-from tracker.pose.refine import CAREFUL, FOLLOWING, FROM_THERE, ROUGH, SCHEDULE, Refiner, Schedule
+from tracker.pose.refine import FOLLOWING, FROM_THERE, ROUGH, SCHEDULE, Refiner, Schedule
 from tracker.pose.result import Status
 from tracker.pose.rivals import reversed_in_depth, turned_about_face
 from tracker.pose.rotations import likely_rotations, rotation_grid
@@ -116,8 +116,6 @@ class Hypothesis(NamedTuple):
     """In which light it was found."""
     left_out: tuple[int, ...] = ()
     """Cameras without which it was found."""
-    seeing: int = 0
-    """Cameras whose label maps it explains."""
 
 
 class Found(NamedTuple):
@@ -305,14 +303,14 @@ class PoseEstimator:
         """
         chosen: list[Hypothesis] = []
         known: list[Fit | Hypothesis] = [one.fit for one in found]
-        least = CLOSE * max((explanation_score(one.fit.cameras)[0] for one in found), default=0.0)
+        least = CLOSE * max((explanation_score(one.fit.cameras) for one in found), default=0.0)
         for one in sorted(hypotheses, key=lambda one: -one.score):
             if len(chosen) == COMPETING or (one.score < least and np.count_nonzero(one.sight.used) > 1):
                 break
             if all(apart(one, other, self.box.radius) for other in (*known, *chosen)):
                 chosen.append(one)
         if len(chosen) < 2:
-            found += [self._refined(one, None, lag) for one in chosen]
+            found += [self._refined(one, SCHEDULE, lag) for one in chosen]
             return
         rough = [(self._refined(one, ROUGH, lag).fit, one) for one in chosen]
         rough.sort(key=lambda pair: -rank(pair[0]))
@@ -326,9 +324,8 @@ class PoseEstimator:
                 if settled(found[-1].fit):
                     return
 
-    def _refined(self, one: Hypothesis, schedule: Schedule | None, lag: Lag | None) -> Found:
-        """The fit of a hypothesis by a schedule; None: by that which suits the cameras that see it."""
-        schedule = schedule or (SCHEDULE if one.seeing > 2 else CAREFUL)
+    def _refined(self, one: Hypothesis, schedule: Schedule, lag: Lag | None) -> Found:
+        """The fit of a hypothesis by a schedule."""
         sight = one.sight.without(*one.left_out)
         fit = self.refine(sight, one.rotation, one.position, schedule, lag=lag, ask=schedule is not ROUGH)
         return Found(self.heard(one.sight, fit, one.left_out, lag) if one.left_out else fit, one.sight)
@@ -387,10 +384,10 @@ class PoseEstimator:
     ) -> Fit | None:
         """As `follow`, from the best of poses that may be off by 3 cm and 30°."""
         rotations = np.array([rotation for rotation, _ in poses])
-        positions, scores = np.array([position for _, position in poses]), np.empty((len(poses), 2))
+        positions, scores = np.array([position for _, position in poses]), np.empty(len(poses))
         self._align(sight, sight.pictures, rotations, positions, FAR_REACHES, scores)
-        best = int(np.argmax(scores[:, 0]))
-        if scores[best, 0] < IMPOSSIBLE / 2:
+        best = int(np.argmax(scores))
+        if scores[best] < IMPOSSIBLE / 2:
             return None
         return self.refine(sight, rotations[best], positions[best], lag=lag)
 
@@ -461,16 +458,16 @@ class PoseEstimator:
         if not tried:
             return []
         rotations, positions = (np.array(column) for column in zip(*tried, strict=True))
-        scores = np.empty((len(tried), 2))
+        scores = np.empty(len(tried))
         if len(tried) > ALIGNED:
             self._align(sight, pictures, rotations, positions, REACHES[:1], scores)
-            best = np.argsort(-scores[:, 0], kind="stable")[:ALIGNED]
+            best = np.argsort(-scores, kind="stable")[:ALIGNED]
             rotations, positions, scores = rotations[best], positions[best], scores[best]
         self._align(sight, pictures, rotations, positions, REACHES, scores)
         return [
-            Hypothesis(score[0], rotation, position, sight, left_out, int(score[1]))
+            Hypothesis(score, rotation, position, sight, left_out)
             for score, rotation, position in zip(scores.tolist(), rotations, positions, strict=True)
-            if score[0] > IMPOSSIBLE / 2
+            if score > IMPOSSIBLE / 2
         ]
 
     def examined(self, sight: Sight, fit: Fit, lag: Lag | None = None) -> Fit:
@@ -502,7 +499,7 @@ class PoseEstimator:
         """One camera's part of OwnViews, as it is found by itself near the pose, if it is."""
         only = sight.without(*(k for k in range(len(sight.used)) if k != c))
         rotations, positions = fit.rotation[None].copy(), fit.position[None].copy()
-        self._align(only, only.pictures, rotations, positions, FAR_REACHES, np.empty((1, 2)))
+        self._align(only, only.pictures, rotations, positions, FAR_REACHES, np.empty(1))
         seen = fit.cameras.copy()
         hear(
             self.small, only.labels, only.pictures, self._faces, rotations[0], positions[0], self._still, seen

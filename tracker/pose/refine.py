@@ -131,24 +131,15 @@ class Schedule(NamedTuple):
 SCHEDULE = Schedule(
     blur=np.array([1.2] + [0.0] * 7),
     piece=np.array([6.0] + [5.0] * 7),
-    tukey=np.array([4.0, 1.5] + [0.5] * 6),
-    every=np.array([2, 2] + [1] * 6),
-    negligible=np.full(8, 4.0),
-)
-"""From a hypothesis, in several cameras."""
-
-CAREFUL = Schedule(
-    blur=np.array([1.2] + [0.0] * 7),
-    piece=np.array([6.0] + [5.0] * 7),
     tukey=np.array([4.0, 3.0, 1.0] + [0.5] * 5),
     every=np.array([2] + [1] * 7),
     # A step is about a twentieth of the one before (squared). Where few pixels decide, pieces come and go
     # from step to step, and the pose stays restless.
     negligible=np.ones(8),
 )
-"""From a hypothesis that fewer cameras see."""
+"""From a hypothesis."""
 
-ROUGH, FROM_THERE = (Schedule(*(c[part] for c in CAREFUL)) for part in (slice(1), slice(1, None)))
+ROUGH, FROM_THERE = (Schedule(*(c[part] for c in SCHEDULE)) for part in (slice(1), slice(1, None)))
 """Its first step, and the others."""
 
 FOLLOWING = Schedule(

@@ -36,9 +36,9 @@ PICTURE = np.dtype(
 )
 """What one camera's picture says as a whole."""
 
-TILE, SPARSE = 4, 2
-"""Labels are read in squares of so many pixels of the label map where one in every so many rows and columns
-shows a face's colour, and in those beside them; elsewhere they are background."""
+TILE = 4
+"""Labels are read in squares of so many pixels of the label map whose first one shows a face's colour, and in
+those beside them; elsewhere they are background."""
 
 
 class Sight(NamedTuple):
@@ -128,13 +128,13 @@ def _near_color(image, picture, by, table, window, slopes):  # type: ignore[no-u
     """Tiles (h, w) of a label map that show a face's colour in a window, and those beside them."""
     left, top, right, bottom = window
     near = np.zeros((image.shape[0] // by // TILE + 3, image.shape[1] // by // TILE + 3), np.bool_)
-    for j in range(top // SPARSE * SPARSE, bottom, SPARSE):
-        for i in range(left // SPARSE * SPARSE, right, SPARSE):
-            y, x = by * j, by * i
-            if _read(image[y, x, 0], image[y, x, 1], image[y, x, 2], j, i, slopes, picture, table) > 0:
-                for m in range(j // TILE, j // TILE + 3):
-                    for n in range(i // TILE, i // TILE + 3):
-                        near[m, n] = True
+    for m in range(top // TILE, (bottom - 1) // TILE + 1):
+        for n in range(left // TILE, (right - 1) // TILE + 1):
+            j, i = m * TILE, n * TILE
+            b, g, r = image[by * j, by * i, 0], image[by * j, by * i, 1], image[by * j, by * i, 2]
+            if _read(b, g, r, j, i, slopes, picture, table) > 0:
+                for beside in range(9):
+                    near[m + beside // 3, n + beside % 3] = True
     return near[1:-1, 1:-1]
 
 
