@@ -13,11 +13,11 @@ from tracker.conventions import FloatArray
 from tracker.geometry import so3
 from tracker.geometry.camera import Camera
 
-UNSTATED_STD = np.full((4, 4), 1e-6)
+UNSTATED_STD = np.full((4, 4), 1e-7)
 """Element-wise standard deviation of a transform whose file states none: taken as exact."""
 
-LEAST_VARIANCE = 1e-12
-"""A calibration is never taken to be more exact than a thousandth of a millimetre or milliradian."""
+LEAST_VARIANCE = 1e-14
+"""A calibration is never taken to be more exact than a ten-thousandth of a millimetre or milliradian."""
 
 
 def rotation_vector_variance(rotation: FloatArray, element_std: FloatArray) -> FloatArray:

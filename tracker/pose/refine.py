@@ -89,7 +89,7 @@ MIN_WIDTHS = 4
 EXPONENT_STD = 0.5
 """Standard deviation of the response's exponent."""
 
-STATED = 1e11
+STATED = 1e13
 """Inverse variance of a position from which on a calibration states no errors that it could have a share of
 (see calibration.deviations.LEAST_VARIANCE)."""
 
