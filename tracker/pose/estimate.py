@@ -61,7 +61,7 @@ MIN_PIXELS = 20
 """Face-coloured pixels in all label maps below which there is no object."""
 
 ALIGNED = 12
-"""Hypotheses of a kind that are aligned as far as it goes: the best after a first step."""
+"""Hypotheses that are aligned to the end, at most: the best after a first step."""
 
 CLOSE = 0.85
 """Least explanation of the label maps, of the best fit's, for a hypothesis to be refined."""
@@ -279,22 +279,22 @@ class PoseEstimator:
         first = next(places, None)
         if first is None:
             return
-        yield self._aligned(sight, [first], slice(1))
+        yield self._likeliest(self._begun(sight, [first], slice(1)))
         if not thorough:
             return
-        hypotheses = self._aligned(sight, [first], slice(1, TURNS))
+        hypotheses = self._begun(sight, [first], slice(1, TURNS))
         if found and _clear(found[0].fit):
-            yield hypotheses
+            yield self._likeliest(hypotheses)
             return
-        hypotheses += self._aligned(sight, places, slice(FEW))
+        hypotheses += self._begun(sight, places, slice(FEW))
         used = np.flatnonzero(sight.used).tolist()
         for c in used if len(used) > ENOUGH else ():
             rest = sight.without(c).pictures
-            hypotheses += self._aligned(sight, self.positions(sight.labels, rest, 1), slice(FEW), (c,))
+            hypotheses += self._begun(sight, self.positions(sight.labels, rest, 1), slice(FEW), (c,))
         if self.reader.colors.normalise:
             grey = self.reader.in_grey_world(sight)
-            hypotheses += self._aligned(grey, self.positions(grey.labels, grey.pictures, 1), slice(FEW))
-        yield hypotheses
+            hypotheses += self._begun(grey, self.positions(grey.labels, grey.pictures, 1), slice(FEW))
+        yield self._likeliest(hypotheses)
 
     def _contest(self, hypotheses: list[Hypothesis], found: list[Found], lag: Lag | None) -> None:
         """Refine the best of hypotheses that explain the label maps about as well as the best fit, or better.
@@ -304,7 +304,7 @@ class PoseEstimator:
         chosen: list[Hypothesis] = []
         known: list[Fit | Hypothesis] = [one.fit for one in found]
         least = CLOSE * max((explanation_score(one.fit.cameras) for one in found), default=0.0)
-        for one in sorted(hypotheses, key=lambda one: -one.score):
+        for one in hypotheses:
             if len(chosen) == COMPETING or (one.score < least and np.count_nonzero(one.sight.used) > 1):
                 break
             if all(apart(one, other, self.box.radius) for other in (*known, *chosen)):
@@ -445,10 +445,10 @@ class PoseEstimator:
             scores,
         )  # fmt: skip
 
-    def _aligned(
+    def _begun(
         self, sight: Sight, places: Iterable[FloatArray], which: slice, left_out: tuple[int, ...] = ()
     ) -> list[Hypothesis]:
-        """Hypotheses after alignment on the label maps; which: of the likeliest turns at each place."""
+        """Hypotheses after a first step of alignment; which: of the likeliest turns at each place."""
         pictures = sight.without(*left_out).pictures
         turns = np.empty((which.stop, 3, 3))
         tried: list[tuple[FloatArray, FloatArray]] = []
@@ -459,16 +459,23 @@ class PoseEstimator:
             return []
         rotations, positions = (np.array(column) for column in zip(*tried, strict=True))
         scores = np.empty(len(tried))
-        if len(tried) > ALIGNED:
-            self._align(sight, pictures, rotations, positions, REACHES[:1], scores)
-            best = np.argsort(-scores, kind="stable")[:ALIGNED]
-            rotations, positions, scores = rotations[best], positions[best], scores[best]
-        self._align(sight, pictures, rotations, positions, REACHES, scores)
+        self._align(sight, pictures, rotations, positions, REACHES[:1], scores)
         return [
             Hypothesis(score, rotation, position, sight, left_out)
             for score, rotation, position in zip(scores.tolist(), rotations, positions, strict=True)
-            if score > IMPOSSIBLE / 2
         ]
+
+    def _likeliest(self, hypotheses: list[Hypothesis]) -> list[Hypothesis]:
+        """The best of hypotheses that have been begun, best first, aligned to the end."""
+        hypotheses.sort(key=lambda one: -one.score)
+        result = []
+        for one in hypotheses[:ALIGNED]:
+            rotations, positions, scores = one.rotation[None], one.position[None], np.empty(1)
+            pictures = one.sight.without(*one.left_out).pictures
+            self._align(one.sight, pictures, rotations, positions, REACHES[1:], scores)
+            if scores[0] > IMPOSSIBLE / 2:
+                result.append(one._replace(score=float(scores[0])))
+        return sorted(result, key=lambda one: -one.score)
 
     def examined(self, sight: Sight, fit: Fit, lag: Lag | None = None) -> Fit:
         """The fit with a judgement of the calibration, or without where fewer than two cameras see it.
