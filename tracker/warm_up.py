@@ -157,7 +157,7 @@ def _read() -> None:
 def _search() -> None:
     estimator, sight = _estimator(), _sight()
     place = next(estimator.positions(sight.labels, sight.pictures, 1), _POSITION)
-    estimator._aligned(sight, [place], slice(2))
+    estimator._begun(sight, [place], slice(2))
     estimator.window(0, _POSITION)
     explanation_score(np.zeros(1, SEEN))
 

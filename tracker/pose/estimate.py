@@ -18,7 +18,7 @@ from tracker.geometry.lens import stack_lenses
 from tracker.objects.box import Box
 from tracker.pose.agreement import disagreement
 from tracker.pose.align import IMPOSSIBLE, explanation_score, hear, try_hypotheses
-from tracker.pose.fit import LIKELY, Fit, Lag, OwnViews, Start
+from tracker.pose.fit import LIKELY, SEEN, Fit, Lag, OwnViews, Start
 from tracker.pose.judge import (
     EXPECTED,
     MIN_TRUST,
@@ -328,19 +328,16 @@ class PoseEstimator:
         """The fit of a hypothesis by a schedule."""
         sight = one.sight.without(*one.left_out)
         fit = self.refine(sight, one.rotation, one.position, schedule, lag=lag, ask=schedule is not ROUGH)
-        return Found(self.heard(one.sight, fit, one.left_out, lag) if one.left_out else fit, one.sight)
+        return Found(self.heard(one.sight, fit, one.left_out) if one.left_out else fit, one.sight)
 
-    def heard(self, sight: Sight, fit: Fit, left_out: Sequence[int], lag: Lag | None = None) -> Fit:
+    def heard(self, sight: Sight, fit: Fit, left_out: Sequence[int]) -> Fit:
         """A fit with what all cameras of a sight say of it, also those that were left out when it was made.
 
         Those are witnesses only: colours beside the object count as seen elsewhere, since a picture that is
         noisy or flooded shows them all over.
         """
-        cameras, which = fit.cameras.copy(), list(left_out)
-        lags = self._still if lag is None else lag.moved
-        hear(
-            self.small, sight.labels, sight.pictures, self._faces, fit.rotation, fit.position, lags, cameras
-        )  # fmt: skip
+        cameras = self._heard(sight, fit.rotation, fit.position, fit.lags, fit.cameras)
+        which = list(left_out)
         cameras["elsewhere"][which] += cameras["extra"][which]
         cameras["extra"][which] = 0
         return replace(fit, cameras=cameras, left_out=tuple(which))
@@ -355,7 +352,7 @@ class PoseEstimator:
         left_out = (*fit.left_out, max(used, key=lambda c: float(against[c])))
         rest = sight.without(*left_out)
         other = self.refine(rest, fit.rotation, fit.position, FOLLOWING, fit.end, lag, ask=True)
-        other = self.heard(sight, other, left_out, lag)
+        other = self.heard(sight, other, left_out)
         better = supporters(other) >= max(ENOUGH, supporters(fit)) and confidence(other) > confidence(fit)
         return other if better else fit
 
@@ -404,15 +401,11 @@ class PoseEstimator:
     ) -> Fit:
         """The fit nearest to a hypothesis (3, 3), (3,) [m]; `ask`: with what each camera by itself sees."""
         fit = self.refiner(sight.pictures, rotation, position, schedule, start, lag, ask=ask)
-        lags = self._still if fit.lags is None else fit.lags
-        hear(
-            self.small, sight.labels, sight.pictures, self._faces, fit.rotation, fit.position, lags,
-            fit.cameras,
-        )  # fmt: skip
+        cameras = self._heard(sight, fit.rotation, fit.position, fit.lags, fit.cameras)
         lowest = float(fit.position[2] - np.abs(fit.rotation[2]) @ self.box.half)
         height = float(fit.covariance[2, 2])
         std = math.sqrt(max(height, 0.0)) if math.isfinite(height) else 0.0
-        return replace(fit, inside=self.arena.holds(fit.position, lowest, std))
+        return replace(fit, cameras=cameras, inside=self.arena.holds(fit.position, lowest, std))
 
     def _rivals(
         self,
@@ -424,11 +417,30 @@ class PoseEstimator:
     ) -> list[Fit]:
         """What else the one camera that sees the object may see; `start` and `lag` as of `refine`."""
         camera = self.small["position"][int(np.argmax(fit.cameras["inliers"]))]
+        least = CLOSE * explanation_score(fit.cameras)
         return [
             self.refine(sight, *rival, FOLLOWING, start, lag)
             for kind in kinds
             for rival in kind(fit.rotation, fit.position, self.box.half, camera)
+            if explanation_score(self._heard(sight, *rival, fit.lags)) > least
         ]
+
+    def _heard(
+        self,
+        sight: Sight,
+        rotation: FloatArray,
+        position: FloatArray,
+        lags: FloatArray | None = None,
+        seen: Array | None = None,
+    ) -> Array:
+        """What the label maps show of a pose (3, 3), (3,) [m], put into a copy of `seen` (C,) of SEEN.
+
+        lags: (C, 6) by which cameras saw the object moved [m, rad]; None: they did not.
+        """
+        seen = np.zeros(len(self._still), SEEN) if seen is None else seen.copy()
+        lags = self._still if lags is None else lags
+        hear(self.small, sight.labels, sight.pictures, self._faces, rotation, position, lags, seen)
+        return seen
 
     def _align(
         self,
@@ -507,10 +519,7 @@ class PoseEstimator:
         only = sight.without(*(k for k in range(len(sight.used)) if k != c))
         rotations, positions = fit.rotation[None].copy(), fit.position[None].copy()
         self._align(only, only.pictures, rotations, positions, FAR_REACHES, np.empty(1))
-        seen = fit.cameras.copy()
-        hear(
-            self.small, only.labels, only.pictures, self._faces, rotations[0], positions[0], self._still, seen
-        )
+        seen = self._heard(only, rotations[0], positions[0], seen=fit.cameras)
         if not self._explains_better(seen[c], fit, c):
             return None
         other = self.refine(only, rotations[0], positions[0], start=fit.end, lag=lag, ask=True)

@@ -61,7 +61,7 @@ class Follower:
                 hypotheses.append(memory.belief.last_pose)
             far = self._estimator.follow_far(sight.without(*unused), hypotheses, lag)
             if far is not None and unused:
-                far = self._estimator.heard(sight, far, unused, lag)
+                far = self._estimator.heard(sight, far, unused)
             if far is not None and (refusal(fit) is not None or rank(far) > rank(fit)):
                 fit = far
         if due:
@@ -82,7 +82,7 @@ class Follower:
         """The fit nearest to the expected pose, made without some cameras, which are heard."""
         used = sight.without(*left_out) if left_out else sight
         fit = self._estimator.follow(used, expected.rotation, expected.position, start, lag, ask=ask)
-        return self._estimator.heard(sight, fit, left_out, lag) if left_out else fit
+        return self._estimator.heard(sight, fit, left_out) if left_out else fit
 
     def _glance(
         self, images: Sequence[Image | None], memory: Memory, position: FloatArray
