@@ -69,7 +69,7 @@ CLOSE = 0.85
 CLEAR = 0.5
 """Probability that a fit sits on the object, where all cameras see it, from which no other place is tried."""
 
-COMPETING, BEHIND = 6, 3.5
+COMPETING, BEHIND = 4, 3.5
 """Hypotheses that compete, and rank by which one may be behind the best after a rough step and still win."""
 
 ENOUGH = 2
