@@ -171,7 +171,7 @@ def draw_rotations(scene: Scene) -> Figure:
     """Rotations of the even grid by their rank, at the position on the object, in all label maps."""
     estimator, sight = scene.estimator, scene.sight
     position = min(found_positions(scene), key=lambda at: float(np.linalg.norm(at - scene.position)))
-    grid, single = estimator._grid
+    grid, single, _ = estimator._grid
     count, stats, costs = len(grid), np.empty((len(sight.labels), 7, 3)), np.empty(len(grid), np.float32)
     gather(estimator.small, sight.labels, sight.pictures, position, 1.1 * estimator.box.radius, stats)
     rank_rotations(estimator.small, sight.pictures, estimator._faces, position, stats, single, costs)
@@ -241,7 +241,7 @@ def edges_at(scene: Scene, rotation: FloatArray, position: FloatArray, start: St
 def before_and_after(scene: Scene) -> tuple[Edges, Edges]:
     """Strips at the best hypothesis after alignment on the label maps, and at the pose refined from it."""
     estimator, sight = scene.estimator, scene.sight
-    best = max(estimator._aligned(sight, found_positions(scene)[:1], slice(2)), key=lambda one: one.score)
+    best = estimator._likeliest(estimator._begun(sight, found_positions(scene)[:1], slice(2)))[0]
     fit = estimator.refine(sight, best.rotation, best.position)
     return edges_at(scene, best.rotation, best.position, fit.end), edges_at(
         scene, fit.rotation, fit.position, fit.end
