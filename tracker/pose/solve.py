@@ -65,11 +65,7 @@ SOLUTION = np.dtype(
         ("size", np.int64),  # n, how many unknowns are shared: UNKNOWNS, or MOVING
         ("rotation", np.float64, (3, 3)),  # world_from_object
         ("position", np.float64, (3,)),  # [m]
-        (
-            "shared",
-            np.float64,
-            (MOVING,),
-        ),  # exponent, rim and the change of velocity; the pose's are not used
+        ("shared", np.float64, (MOVING,)),  # exponent, rim, change of velocity; the pose's are not used
         ("own", np.float64),  # variance of edges' own offsets [px² of an object of reference size]
         ("prior", np.float64, (MOVING, MOVING)),  # information that there was before, and …
         ("pull", np.float64, (MOVING,)),  # … its right side
@@ -282,15 +278,13 @@ def _eliminate(camera, share):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _add(camera, solution, blind):  # type: ignore[no-untyped-def]
+def _add(camera, solution):  # type: ignore[no-untyped-def]
     """Add what a camera says of what is shared to known (n, n), lower half, and change (n,).
 
     Its picture is `delay` old: it sees the pose less the delay times the change of velocity, see
     equation (26) of docs/how-it-works.md.
     """
     known, vector, delay = solution.known, solution.change, camera.delay
-    if blind:
-        return
     row = np.empty(UNKNOWNS)
     for i in range(UNKNOWNS):
         right = camera.gradient[i]
@@ -339,9 +333,8 @@ def solve(solution, cameras, share):  # type: ignore[no-untyped-def]
         part = _eliminate(cameras[c], share)
         if part == np.inf:
             return np.inf
-        blind = math.isnan(part)
-        _add(cameras[c], solution, blind)
-        if not blind:
+        if not math.isnan(part):
+            _add(cameras[c], solution)
             doubt += part
     for i in range(n):
         for k in range(i + 1):

@@ -16,7 +16,7 @@ from tracker.compiled import compiled
 from tracker.conventions import Array, Image
 from tracker.segmentation.color_model import ColorModel, fill_channels
 from tracker.segmentation.labels import label_of
-from tracker.segmentation.light import CLIPPED, fill_light, grey_world_gains
+from tracker.segmentation.light import evened_level, fill_light, grey_world_gains
 from tracker.segmentation.mosaic import find_mosaic
 from tracker.segmentation.noise import LOUD, noise_std
 
@@ -109,17 +109,12 @@ def _slopes(picture, width, height):  # type: ignore[no-untyped-def]
 
 
 @compiled(inline="always")
-def _evened(level, factor):  # type: ignore[no-untyped-def]
-    # A clipped value stays clipped: what it should have been is unknown.
-    return 255 if level >= CLIPPED else min(int(level * factor + 0.5), CLIPPED - 1)
-
-
-@compiled(inline="always")
 def _read(b, g, r, j, i, slopes, picture, table):  # type: ignore[no-untyped-def]
     """The label of levels at row j and column i of a label map, in even light."""
     across, down = slopes
     if across.shape[1] > 0:
-        b, r = _evened(b, across[0, i] * down[0, j]), _evened(r, across[1, i] * down[1, j])
+        b = evened_level(b, across[0, i] * down[0, j])
+        r = evened_level(r, across[1, i] * down[1, j])
     return label_of(b, g, r, picture.channels, table, picture.gains)
 
 

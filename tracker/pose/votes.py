@@ -42,11 +42,7 @@ CENTRING_ROUNDS = 3
 
 BOXES = np.dtype(
     [
-        (
-            "wide",
-            np.int16,
-            (4,),
-        ),  # left, top, right, bottom of the box around the object [px of the label map]
+        ("wide", np.int16, (4,)),  # left, top, right, bottom of the box around it [px of the label map]
         ("tight", np.int16, (4,)),  # and of the tight one
         ("share", np.float32),  # one over the pixels that the object should fill; 0: the camera cannot see it
     ]

@@ -231,32 +231,27 @@ AS_IT_IS = Light(np.ones(3), np.zeros((2, 2)), 0.0)
 """For pictures whose colours are to be taken as they are."""
 
 
+@compiled(inline="always")
+def evened_level(level, factor):  # type: ignore[no-untyped-def]
+    """A level times a factor; a clipped one stays clipped: what it should have been is unknown."""
+    return 255 if level >= CLIPPED else min(int(level * factor + 0.5), CLIPPED - 1)
+
+
 @compiled
 def even_out(image, blue, red, out):  # type: ignore[no-untyped-def]
     """Out = image times factors of blue and red, each (of its row, of its column)."""
     for j in range(image.shape[0]):
         for i in range(image.shape[1]):
-            b, g, r = image[j, i, 0], image[j, i, 1], image[j, i, 2]
-            # A clipped value stays clipped: what it should have been is unknown.
-            out[j, i, 0] = 255 if b >= CLIPPED else min(int(b * blue[0][j] * blue[1][i] + 0.5), CLIPPED - 1)
-            out[j, i, 1] = g
-            out[j, i, 2] = 255 if r >= CLIPPED else min(int(r * red[0][j] * red[1][i] + 0.5), CLIPPED - 1)
+            out[j, i, 0] = evened_level(image[j, i, 0], blue[0][j] * blue[1][i])
+            out[j, i, 1] = image[j, i, 1]
+            out[j, i, 2] = evened_level(image[j, i, 2], red[0][j] * red[1][i])
 
 
-def evened(image: Image, light: Light, window: tuple[int, int, int, int] | None = None) -> Image:
-    """The image as if its colours' light came evenly; the image itself where it does.
-
-    Args:
-        image: (H, W, 3).
-        light: of the whole image.
-        window: left and top of this part of a whole, and the whole's width and height [px].
-    """
+def evened(image: Image, light: Light) -> Image:
+    """The image (H, W, 3) as if its colours' light came evenly; the image itself where it does."""
     if not light.tilt.any():
         return image
-    height, width = image.shape[:2]
-    left, top, columns, rows = (0, 0, width, height) if window is None else window
-    x = 2.0 * np.arange(left, left + width) / columns - 1.0
-    y = 2.0 * np.arange(top, top + height) / rows - 1.0
+    y, x = (2.0 * np.arange(size) / size - 1.0 for size in image.shape[:2])
     blue, red = ((np.exp(-slope[1] * y), np.exp(-slope[0] * x)) for slope in light.tilt)
     out = np.empty_like(image)
     even_out(image, blue, red, out)
