@@ -98,12 +98,12 @@ def draw_labels(scene: Scene) -> Figure:
 
 def found_positions(scene: Scene) -> list[FloatArray]:
     """The positions (3,) [m] that may be tried, best vote first."""
-    return list(scene.estimator.positions(scene.sight.labels, scene.sight.pictures, POSITIONS))
+    return list(scene.estimator.search.positions(scene.sight.labels, scene.sight.pictures, POSITIONS))
 
 
 def draw_votes(scene: Scene, quick: bool) -> Figure:
     """The votes from above, and the squares in which they are counted."""
-    search, sight, found = scene.estimator.positions, scene.sight, found_positions(scene)
+    search, sight, found = scene.estimator.search.positions, scene.sight, found_positions(scene)
     integrals = np.empty(sight.labels.shape + np.array([0, 1, 1]), np.int32)
     integrate(sight.labels, search.lenses, sight.pictures, integrals)
     side, heights = (
@@ -171,10 +171,13 @@ def draw_rotations(scene: Scene) -> Figure:
     """Rotations of the even grid by their rank, at the position on the object, in all label maps."""
     estimator, sight = scene.estimator, scene.sight
     position = min(found_positions(scene), key=lambda at: float(np.linalg.norm(at - scene.position)))
-    grid, single, _ = estimator._grid
+    grid, single, _ = estimator.search.grid
     count, stats, costs = len(grid), np.empty((len(sight.labels), 7, 3)), np.empty(len(grid), np.float32)
-    gather(estimator.small, sight.labels, sight.pictures, position, 1.1 * estimator.box.radius, stats)
-    rank_rotations(estimator.small, sight.pictures, estimator._faces, position, stats, single, costs)
+    radius = 1.1 * estimator.box.radius
+    gather(estimator.search.lenses, sight.labels, sight.pictures, position, radius, stats)
+    rank_rotations(
+        estimator.search.lenses, sight.pictures, estimator.search.faces, position, stats, single, costs
+    )
     rotations, costs = grid[np.argsort(costs)], np.sort(costs)
     ranks = (1, 2, 3, 10, 100, count - 1)
     figure = Figure(figsize=(11, 6), layout="constrained")
@@ -241,7 +244,7 @@ def edges_at(scene: Scene, rotation: FloatArray, position: FloatArray, start: St
 def before_and_after(scene: Scene) -> tuple[Edges, Edges]:
     """Strips at the best hypothesis after alignment on the label maps, and at the pose refined from it."""
     estimator, sight = scene.estimator, scene.sight
-    best = estimator._likeliest(estimator._begun(sight, found_positions(scene)[:1], slice(2)))[0]
+    best = estimator.search.likeliest(estimator.search.begun(sight, found_positions(scene)[:1], slice(2)))[0]
     fit = estimator.refine(sight, best.rotation, best.position)
     return edges_at(scene, best.rotation, best.position, fit.end), edges_at(
         scene, fit.rotation, fit.position, fit.end

@@ -156,9 +156,9 @@ def _read() -> None:
 
 def _search() -> None:
     estimator, sight = _estimator(), _sight()
-    place = next(estimator.positions(sight.labels, sight.pictures, 1), _POSITION)
-    estimator._begun(sight, [place], slice(2))
-    estimator.window(0, _POSITION)
+    place = next(estimator.search.positions(sight.labels, sight.pictures, 1), _POSITION)
+    estimator.search.begun(sight, [place], slice(2))
+    estimator.search.window(0, _POSITION)
     explanation_score(np.zeros(1, SEEN))
 
 
@@ -169,7 +169,7 @@ def _refine() -> None:
 
 
 def _judge() -> None:
-    lenses = _estimator().small
+    lenses = _estimator().search.lenses
     nothing = OwnViews(np.zeros((1, 6, 6)), np.zeros((1, 6)), np.zeros(1))
     disagreement(nothing, lenses["rotation"], lenses["position"], _POSITION, 0.05)
 

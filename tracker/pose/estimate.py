@@ -4,21 +4,20 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from tracker.calibration.rig import CameraRig
-from tracker.conventions import Array, FloatArray, Image
+from tracker.conventions import FloatArray, Image
 from tracker.geometry import so3
-from tracker.geometry.camera import Camera
-from tracker.geometry.lens import stack_lenses
 from tracker.objects.box import Box
 from tracker.pose.agreement import disagreement
-from tracker.pose.align import IMPOSSIBLE, explanation_score, hear, try_hypotheses
-from tracker.pose.fit import LIKELY, SEEN, Fit, Lag, OwnViews, Start
+from tracker.pose.align import explanation_score
+from tracker.pose.fit import LIKELY, Fit, Lag, OwnViews, Start
+from tracker.pose.hypotheses import ENOUGH, POSITIONS, Hypothesis, Search, apart
 from tracker.pose.judge import (
     EXPECTED,
     MIN_TRUST,
@@ -35,33 +34,15 @@ from tracker.pose.judge import (
 from tracker.pose.refine import FOLLOWING, FROM_THERE, ROUGH, SCHEDULE, Refiner, Schedule
 from tracker.pose.result import Status
 from tracker.pose.rivals import reversed_in_depth, turned_about_face
-from tracker.pose.rotations import likely_rotations, rotation_grid
-from tracker.pose.scale import label_camera, label_factors, window
 from tracker.pose.support import table_of
-from tracker.pose.views import Reader, Sight
-from tracker.pose.votes import PositionSearch
+from tracker.pose.views import Sight
 from tracker.segmentation.color_model import ColorModel
-
-REACHES = np.array([5, 4, 3])
-"""Reach of the label transitions' search in each alignment step [px of the label map]."""
-
-FAR_REACHES = np.array([8, 6, 4, 3])
-"""The same from a prediction."""
-
-TURNS, FEW = 10, 5
-"""Turns that are tried at the likeliest place, and at each other one."""
-
-POSITIONS = 8
-"""Positions that are tried, at most."""
 
 REFINED = 3
 """Poses that are refined, at most."""
 
 MIN_PIXELS = 20
 """Face-coloured pixels in all label maps below which there is no object."""
-
-ALIGNED = 12
-"""Hypotheses that are aligned to the end, at most: the best after a first step."""
 
 CLOSE = 0.85
 """Least explanation of the label maps, of the best fit's, for a hypothesis to be refined."""
@@ -72,17 +53,8 @@ CLEAR = 0.5
 COMPETING, BEHIND = 4, 3.5
 """Hypotheses that compete, and rank by which one may be behind the best after a rough step and still win."""
 
-ENOUGH = 2
-"""Cameras that must support a pose that was found without another one."""
-
 RECONCILABLE = 16.8
 """Squared distance of two fits of one pose, in standard deviations: 99 % are nearer (χ² of 6)."""
-
-SAME_POSITION, SAME_ROTATION = 0.12, 0.15
-"""Two hypotheses nearer than this [radii of the object, rad] are the same pose."""
-
-WINDOW_RIM = 12.0
-"""Beyond an object where it is expected, for where it may be instead [px of the label map]."""
 
 ODD, FEW_ODD = 1.2, 0.6
 """Pixels of the label map in the object's colours beside or on the wrong face, over the pieces of its edges,
@@ -103,21 +75,6 @@ TURNED = math.radians(12)
 """Turn beyond which its own pose is another optimum."""
 
 
-class Hypothesis(NamedTuple):
-    """Where the object may be, as the label maps have it."""
-
-    score: float
-    """How well it explains them."""
-    rotation: FloatArray
-    """(3, 3) world_from_object."""
-    position: FloatArray
-    """(3,) [m]."""
-    sight: Sight
-    """In which light it was found."""
-    left_out: tuple[int, ...] = ()
-    """Cameras without which it was found."""
-
-
 class Found(NamedTuple):
     """A fit, and what it was found in."""
 
@@ -134,20 +91,11 @@ def _clear(fit: Fit) -> bool:
     return unanimous(fit) and trust(fit) > CLEAR
 
 
-def apart(one: Fit | Hypothesis, other: Fit | Hypothesis, radius: float) -> bool:
-    """Whether two poses differ by more than alignment on label maps leaves open; radius: of the box [m]."""
-    # The trace of R R2ᵀ is 1 + 2 cos of the angle between them.
-    if np.vdot(one.rotation, other.rotation) < 1 + 2 * math.cos(SAME_ROTATION):
-        return True
-    moved = one.position - other.position
-    return math.sqrt(moved @ moved) > SAME_POSITION * radius
-
-
 def reconcilable(one: Fit, other: Fit) -> bool:
     """Whether two fits may be of one pose, as their covariances have it: then they are no rivals."""
-    apart = np.concatenate([one.position - other.position, so3.log(one.rotation @ other.rotation.T)])
+    off = np.concatenate([one.position - other.position, so3.log(one.rotation @ other.rotation.T)])
     covariance = one.covariance + other.covariance
-    return bool(np.isfinite(covariance).all() and apart @ np.linalg.solve(covariance, apart) < RECONCILABLE)
+    return bool(np.isfinite(covariance).all() and off @ np.linalg.solve(covariance, off) < RECONCILABLE)
 
 
 def lead(best: Fit, fits: Sequence[Fit], radius: float) -> float:
@@ -166,32 +114,14 @@ def lead(best: Fit, fits: Sequence[Fit], radius: float) -> float:
     return least - math.log(sum(math.exp(least - one) for one in behind))
 
 
-def reader_of(box: Box, rig: CameraRig, colors: ColorModel) -> tuple[Reader, list[Camera]]:
-    """What reads a rig's pictures of an object, and the cameras of its label maps."""
-    factors = label_factors(rig.cameras, box, rig.arena)
-    small = [label_camera(camera, factor) for camera, factor in zip(rig.cameras, factors, strict=True)]
-    shape = (len(small), max(c.height for c in small), max(c.width for c in small))
-    return Reader(colors, factors, shape), small
-
-
 class PoseEstimator:
     """Finds one cuboid in the pictures of fixed cameras; any number of threads may use it at once."""
 
     def __init__(self, box: Box, rig: CameraRig, colors: ColorModel, support: bool = True) -> None:
-        cameras = rig.cameras
         self.box, self.arena = box, rig.arena
-        self.reader, small = reader_of(box, rig, colors)
-        self.small = stack_lenses(small)
-        self.positions = PositionSearch(small, box, rig.arena)
-        self.refiner = Refiner(box, cameras, colors.label_table, table_of(rig.arena, support))
-        self._grid = rotation_grid()
-        self._faces = box.half, box.face_labels
-        self._still = np.zeros((len(cameras), 6))
-
-    def window(self, c: int, position: FloatArray) -> tuple[int, int, int, int]:
-        """Left, top, right, bottom of what an object there fills of camera c's label map, and some more."""
-        left, top, right, bottom = window(self.small, c, position, self.box.radius, WINDOW_RIM)
-        return left, top, right, bottom
+        self.search = Search(box, rig, colors)
+        self.reader = self.search.reader
+        self.refiner = Refiner(box, rig.cameras, colors.label_table, table_of(rig.arena, support))
 
     def find(
         self,
@@ -229,15 +159,17 @@ class PoseEstimator:
         """The surest pose that the pictures show, or why there is none; arguments as of `find`."""
         if sight.pictures["colored"].sum() < MIN_PIXELS:
             return Status.NO_OBJECT_COLORS
+        places = self.search.positions(sight.labels, sight.pictures, POSITIONS)
+        first = next(places, None)
+        if first is None:
+            return Status.TOO_FEW_PIXELS
         found: list[Found] = []
-        reason = Status.TOO_FEW_PIXELS
-        for hypotheses in self._hypotheses(sight, found, thorough):
-            reason = Status.INCONSISTENT_VIEWS
-            self._contest(hypotheses, found, lag)
-            if found and settled(max(found, key=_ranked).fit):
-                break
+        self._contest(self.search.likeliest(self.search.begun(sight, [first], slice(1))), found, lag)
+        if thorough and not (found and settled(found[0].fit)):
+            everywhere = not (found and _clear(found[0].fit))
+            self._contest(self.search.others(sight, first, places, everywhere=everywhere), found, lag)
         if not found:
-            return reason
+            return Status.INCONSISTENT_VIEWS
         best = max(found, key=_ranked)
         if thorough and not settled(best.fit):
             found.append(best._replace(fit=self.without_worst(best.sight, best.fit, lag)))
@@ -263,38 +195,6 @@ class PoseEstimator:
             if refused is not Status.AMBIGUOUS:
                 break
         return reason or Status.INCONSISTENT_VIEWS
-
-    def _hypotheses(self, sight: Sight, found: list[Found], thorough: bool) -> Iterator[list[Hypothesis]]:
-        """Hypotheses in the order in which they are worth a try, each lot worked out when it is asked for.
-
-        At the likeliest place the likeliest turn, then others. Where these leave doubt: other places, what is
-        seen without each of the cameras, and what is seen in the light of the grey world.
-
-        Args:
-            sight: of the pictures.
-            found: what the hypotheses given so far have led to.
-            thorough: whether more than the first is wanted.
-        """
-        places = self.positions(sight.labels, sight.pictures, POSITIONS)
-        first = next(places, None)
-        if first is None:
-            return
-        yield self._likeliest(self._begun(sight, [first], slice(1)))
-        if not thorough:
-            return
-        hypotheses = self._begun(sight, [first], slice(1, TURNS))
-        if found and _clear(found[0].fit):
-            yield self._likeliest(hypotheses)
-            return
-        hypotheses += self._begun(sight, places, slice(FEW))
-        used = np.flatnonzero(sight.used).tolist()
-        for c in used if len(used) > ENOUGH else ():
-            rest = sight.without(c).pictures
-            hypotheses += self._begun(sight, self.positions(sight.labels, rest, 1), slice(FEW), (c,))
-        if self.reader.colors.normalise:
-            grey = self.reader.in_grey_world(sight)
-            hypotheses += self._begun(grey, self.positions(grey.labels, grey.pictures, 1), slice(FEW))
-        yield self._likeliest(hypotheses)
 
     def _contest(self, hypotheses: list[Hypothesis], found: list[Found], lag: Lag | None) -> None:
         """Refine the best of hypotheses that explain the label maps about as well as the best fit, or better.
@@ -336,7 +236,7 @@ class PoseEstimator:
         Those are witnesses only: colours beside the object count as seen elsewhere, since a picture that is
         noisy or flooded shows them all over.
         """
-        cameras = self._heard(sight, fit.rotation, fit.position, fit.lags, fit.cameras)
+        cameras = self.search.counted(sight, fit.rotation, fit.position, fit.lags, fit.cameras)
         which = list(left_out)
         cameras["elsewhere"][which] += cameras["extra"][which]
         cameras["extra"][which] = 0
@@ -380,13 +280,8 @@ class PoseEstimator:
         self, sight: Sight, poses: Sequence[tuple[FloatArray, FloatArray]], lag: Lag | None = None
     ) -> Fit | None:
         """As `follow`, from the best of poses that may be off by 3 cm and 30°."""
-        rotations = np.array([rotation for rotation, _ in poses])
-        positions, scores = np.array([position for _, position in poses]), np.empty(len(poses))
-        self._align(sight, sight.pictures, rotations, positions, FAR_REACHES, scores)
-        best = int(np.argmax(scores))
-        if scores[best] < IMPOSSIBLE / 2:
-            return None
-        return self.refine(sight, rotations[best], positions[best], lag=lag)
+        best = self.search.near(sight, poses)
+        return None if best is None else self.refine(sight, best.rotation, best.position, lag=lag)
 
     def refine(
         self,
@@ -401,7 +296,7 @@ class PoseEstimator:
     ) -> Fit:
         """The fit nearest to a hypothesis (3, 3), (3,) [m]; `ask`: with what each camera by itself sees."""
         fit = self.refiner(sight.pictures, rotation, position, schedule, start, lag, ask=ask)
-        cameras = self._heard(sight, fit.rotation, fit.position, fit.lags, fit.cameras)
+        cameras = self.search.counted(sight, fit.rotation, fit.position, fit.lags, fit.cameras)
         lowest = float(fit.position[2] - np.abs(fit.rotation[2]) @ self.box.half)
         height = float(fit.covariance[2, 2])
         std = math.sqrt(max(height, 0.0)) if math.isfinite(height) else 0.0
@@ -416,78 +311,14 @@ class PoseEstimator:
         *kinds: Callable[..., Iterator[tuple[FloatArray, FloatArray]]],
     ) -> list[Fit]:
         """What else the one camera that sees the object may see; `start` and `lag` as of `refine`."""
-        camera = self.small["position"][int(np.argmax(fit.cameras["inliers"]))]
+        camera = self.search.lenses["position"][int(np.argmax(fit.cameras["inliers"]))]
         least = CLOSE * explanation_score(fit.cameras)
         return [
             self.refine(sight, *rival, FOLLOWING, start, lag)
             for kind in kinds
             for rival in kind(fit.rotation, fit.position, self.box.half, camera)
-            if explanation_score(self._heard(sight, *rival, fit.lags)) > least
+            if explanation_score(self.search.counted(sight, *rival, fit.lags)) > least
         ]
-
-    def _heard(
-        self,
-        sight: Sight,
-        rotation: FloatArray,
-        position: FloatArray,
-        lags: FloatArray | None = None,
-        seen: Array | None = None,
-    ) -> Array:
-        """What the label maps show of a pose (3, 3), (3,) [m], put into a copy of `seen` (C,) of SEEN.
-
-        lags: (C, 6) by which cameras saw the object moved [m, rad]; None: they did not.
-        """
-        seen = np.zeros(len(self._still), SEEN) if seen is None else seen.copy()
-        lags = self._still if lags is None else lags
-        hear(self.small, sight.labels, sight.pictures, self._faces, rotation, position, lags, seen)
-        return seen
-
-    def _align(
-        self,
-        sight: Sight,
-        pictures: Array,
-        rotations: FloatArray,
-        positions: FloatArray,
-        reaches: Array,
-        scores: FloatArray,
-    ) -> None:
-        """Align poses (n, 3, 3), (n, 3) in place on pictures (C,); all of the sight's judge them."""
-        try_hypotheses(
-            self.small, sight.labels, pictures, sight.pictures, self._faces, rotations, positions, reaches,
-            scores,
-        )  # fmt: skip
-
-    def _begun(
-        self, sight: Sight, places: Iterable[FloatArray], which: slice, left_out: tuple[int, ...] = ()
-    ) -> list[Hypothesis]:
-        """Hypotheses after a first step of alignment; which: of the likeliest turns at each place."""
-        pictures = sight.without(*left_out).pictures
-        turns = np.empty((which.stop, 3, 3))
-        tried: list[tuple[FloatArray, FloatArray]] = []
-        for place in places:
-            likely_rotations(self.small, sight.labels, pictures, self._faces, place, self._grid, turns)
-            tried += [(turn.copy(), place) for turn in turns[which]]
-        if not tried:
-            return []
-        rotations, positions = (np.array(column) for column in zip(*tried, strict=True))
-        scores = np.empty(len(tried))
-        self._align(sight, pictures, rotations, positions, REACHES[:1], scores)
-        return [
-            Hypothesis(score, rotation, position, sight, left_out)
-            for score, rotation, position in zip(scores.tolist(), rotations, positions, strict=True)
-        ]
-
-    def _likeliest(self, hypotheses: list[Hypothesis]) -> list[Hypothesis]:
-        """The best of hypotheses that have been begun, best first, aligned to the end."""
-        hypotheses.sort(key=lambda one: -one.score)
-        result = []
-        for one in hypotheses[:ALIGNED]:
-            rotations, positions, scores = one.rotation[None], one.position[None], np.empty(1)
-            pictures = one.sight.without(*one.left_out).pictures
-            self._align(one.sight, pictures, rotations, positions, REACHES[1:], scores)
-            if scores[0] > IMPOSSIBLE / 2:
-                result.append(one._replace(score=float(scores[0])))
-        return sorted(result, key=lambda one: -one.score)
 
     def examined(self, sight: Sight, fit: Fit, lag: Lag | None = None) -> Fit:
         """The fit with a judgement of the calibration, or without where fewer than two cameras see it.
@@ -507,9 +338,8 @@ class PoseEstimator:
                 views.information[c], views.moved[c], views.inliers[c] = other
         if np.count_nonzero(views.information[:, 0, 0] > 0.0) < 2:
             return replace(fit, own=views)
-        found = disagreement(
-            views, self.small["rotation"], self.small["position"], fit.position, self.box.radius
-        )
+        lenses = self.search.lenses
+        found = disagreement(views, lenses["rotation"], lenses["position"], fit.position, self.box.radius)
         return replace(fit, own=views, disagreement=found)
 
     def _own_search(
@@ -517,12 +347,13 @@ class PoseEstimator:
     ) -> tuple[FloatArray, FloatArray, float] | None:
         """One camera's part of OwnViews, as it is found by itself near the pose, if it is."""
         only = sight.without(*(k for k in range(len(sight.used)) if k != c))
-        rotations, positions = fit.rotation[None].copy(), fit.position[None].copy()
-        self._align(only, only.pictures, rotations, positions, FAR_REACHES, np.empty(1))
-        seen = self._heard(only, rotations[0], positions[0], seen=fit.cameras)
+        near = self.search.near(only, [(fit.rotation, fit.position)])
+        if near is None:
+            return None
+        seen = self.search.counted(only, near.rotation, near.position, seen=fit.cameras)
         if not self._explains_better(seen[c], fit, c):
             return None
-        other = self.refine(only, rotations[0], positions[0], start=fit.end, lag=lag, ask=True)
+        other = self.refine(only, near.rotation, near.position, start=fit.end, lag=lag, ask=True)
         turned = so3.log(other.rotation @ fit.rotation.T)
         if other.own is None or other.own.inliers[c] < USED or np.linalg.norm(turned) > TURNED:
             return None

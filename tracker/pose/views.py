@@ -12,8 +12,12 @@ from llvmlite import ir
 from numba import carray, types  # type: ignore[attr-defined]
 from numba.extending import intrinsic
 
+from tracker.calibration.rig import CameraRig
 from tracker.compiled import compiled
 from tracker.conventions import Array, Image
+from tracker.geometry.camera import Camera
+from tracker.objects.box import Box
+from tracker.pose.scale import label_camera, label_factors
 from tracker.segmentation.color_model import ColorModel, fill_channels
 from tracker.segmentation.labels import label_of
 from tracker.segmentation.light import evened_level, fill_light, grey_world_gains
@@ -232,3 +236,11 @@ class Reader:
                 calm = np.asarray(cv2.medianBlur(image, 3), dtype=np.uint8) if pictures["loud"][c] else image
                 fill_labels(image, calm, by, self.colors.label_table, window, pictures, c, labels)
         return Sight(labels, pictures, tuple(images))
+
+
+def reader_of(box: Box, rig: CameraRig, colors: ColorModel) -> tuple[Reader, list[Camera]]:
+    """What reads a rig's pictures of an object, and the cameras of its label maps."""
+    factors = label_factors(rig.cameras, box, rig.arena)
+    small = [label_camera(camera, factor) for camera, factor in zip(rig.cameras, factors, strict=True)]
+    shape = (len(small), max(c.height for c in small), max(c.width for c in small))
+    return Reader(colors, factors, shape), small

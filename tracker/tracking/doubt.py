@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from tracker.conventions import Image
-from tracker.pose.estimate import ENOUGH
 from tracker.pose.fit import Fit
+from tracker.pose.hypotheses import ENOUGH
 from tracker.pose.judge import confidence, witnesses
 from tracker.pose.result import CameraUse
 from tracker.tracking.cameras import CameraMemory

@@ -89,7 +89,7 @@ class Follower:
     ) -> tuple[Sight, Memory]:
         """What the images show around a position (3,) [m], and what is remembered of their cameras."""
         cameras, fresh = looked_at(memory.cameras, images)
-        windows = [self._estimator.window(c, position) for c in range(len(images))]
+        windows = [self._estimator.search.window(c, position) for c in range(len(images))]
         reader = self._estimator.reader
         sight = reader.labelled(images, reader.lit(images, memory.lights, fresh), windows)
         return sight, memory._replace(cameras=cameras, lights=sight.pictures)

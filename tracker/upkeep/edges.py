@@ -7,10 +7,9 @@ from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray
 from tracker.objects.box import Box
 from tracker.objects.model import CuboidModel
-from tracker.pose.estimate import reader_of
 from tracker.pose.fit import LIKELY, Fit, Start
 from tracker.pose.refine import FLOOR, FOLLOWING, Refiner, trust_of
-from tracker.pose.views import Sight
+from tracker.pose.views import Sight, reader_of
 from tracker.segmentation.color_model import ColorModel
 from tracker.upkeep.footage import Images
 

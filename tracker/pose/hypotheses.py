@@ -1,0 +1,176 @@
+"""Where the object may be, as the label maps have it: places, turns, alignment, and what they explain."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from tracker.calibration.rig import CameraRig
+from tracker.conventions import Array, FloatArray
+from tracker.geometry.lens import stack_lenses
+from tracker.objects.box import Box
+from tracker.pose.align import IMPOSSIBLE, hear, try_hypotheses
+from tracker.pose.fit import SEEN, Fit
+from tracker.pose.rotations import likely_rotations, rotation_grid
+from tracker.pose.scale import window
+from tracker.pose.views import Reader, Sight, reader_of
+from tracker.pose.votes import PositionSearch
+from tracker.segmentation.color_model import ColorModel
+
+REACHES = np.array([5, 4, 3])
+"""Reach of the label transitions' search in each alignment step [px of the label map]."""
+
+FAR_REACHES = np.array([8, 6, 4, 3])
+"""The same from a prediction."""
+
+TURNS, FEW = 10, 5
+"""Turns that are tried at the likeliest place, and at each other one."""
+
+POSITIONS = 8
+"""Positions that are tried, at most."""
+
+ALIGNED = 12
+"""Hypotheses that are aligned to the end, at most: the best after a first step."""
+
+ENOUGH = 2
+"""Cameras that must support a pose that was found without another one."""
+
+SAME_POSITION, SAME_ROTATION = 0.12, 0.15
+"""Two hypotheses nearer than this [radii of the object, rad] are the same pose."""
+
+WINDOW_RIM = 12.0
+"""Beyond an object where it is expected, for where it may be instead [px of the label map]."""
+
+
+class Hypothesis(NamedTuple):
+    """Where the object may be, as the label maps have it."""
+
+    score: float
+    """How well it explains them."""
+    rotation: FloatArray
+    """(3, 3) world_from_object."""
+    position: FloatArray
+    """(3,) [m]."""
+    sight: Sight
+    """In which light it was found."""
+    left_out: tuple[int, ...] = ()
+    """Cameras without which it was found."""
+
+
+def apart(one: Fit | Hypothesis, other: Fit | Hypothesis, radius: float) -> bool:
+    """Whether two poses differ by more than alignment on label maps leaves open; radius: of the box [m]."""
+    # The trace of R R2ᵀ is 1 + 2 cos of the angle between them.
+    if np.vdot(one.rotation, other.rotation) < 1 + 2 * math.cos(SAME_ROTATION):
+        return True
+    moved = one.position - other.position
+    return math.sqrt(moved @ moved) > SAME_POSITION * radius
+
+
+class Search:
+    """Finds where an object may be, in label maps alone; has no memory.
+
+    Args:
+        box: the object.
+        rig: the cameras.
+        colors: by which pictures are read.
+    """
+
+    def __init__(self, box: Box, rig: CameraRig, colors: ColorModel) -> None:
+        self.reader: Reader
+        self.reader, small = reader_of(box, rig, colors)
+        self.lenses = stack_lenses(small)
+        self.positions = PositionSearch(small, box, rig.arena)
+        self.grid, self.faces = rotation_grid(), (box.half, box.face_labels)
+        self._radius, self._still = box.radius, np.zeros((len(small), 6))
+
+    def window(self, c: int, position: FloatArray) -> tuple[int, int, int, int]:
+        """Left, top, right, bottom of what an object there fills of camera c's label map, and some more."""
+        left, top, right, bottom = window(self.lenses, c, position, self._radius, WINDOW_RIM)
+        return left, top, right, bottom
+
+    def counted(
+        self,
+        sight: Sight,
+        rotation: FloatArray,
+        position: FloatArray,
+        lags: FloatArray | None = None,
+        seen: Array | None = None,
+    ) -> Array:
+        """What the label maps show of a pose (3, 3), (3,) [m], put into a copy of `seen` (C,) of SEEN.
+
+        lags: (C, 6) by which cameras saw the object moved [m, rad]; None: they did not.
+        """
+        seen = np.zeros(len(self._still), SEEN) if seen is None else seen.copy()
+        lags = self._still if lags is None else lags
+        hear(self.lenses, sight.labels, sight.pictures, self.faces, rotation, position, lags, seen)
+        return seen
+
+    def begun(
+        self, sight: Sight, places: Iterable[FloatArray], which: slice, left_out: tuple[int, ...] = ()
+    ) -> list[Hypothesis]:
+        """Hypotheses after a first step of alignment; which: of the likeliest turns at each place."""
+        pictures = sight.without(*left_out).pictures
+        turns = np.empty((which.stop, 3, 3))
+        tried: list[Hypothesis] = []
+        for place in places:
+            likely_rotations(self.lenses, sight.labels, pictures, self.faces, place, self.grid, turns)
+            tried += [Hypothesis(0.0, turn.copy(), place, sight, left_out) for turn in turns[which]]
+        return self._aligned(tried, REACHES[:1])
+
+    def others(
+        self, sight: Sight, first: FloatArray, places: Iterable[FloatArray], *, everywhere: bool
+    ) -> list[Hypothesis]:
+        """Hypotheses but for the likeliest turn at the first place, best first.
+
+        Args:
+            sight: of the pictures.
+            first: the likeliest place (3,) [m].
+            places: the others.
+            everywhere: whether there are hypotheses at other places, without each of the cameras, and in the
+                light of the grey world, too.
+        """
+        found = self.begun(sight, [first], slice(1, TURNS))
+        if everywhere:
+            found += self.begun(sight, places, slice(FEW))
+            used = np.flatnonzero(sight.used).tolist()
+            for c in used if len(used) > ENOUGH else ():
+                rest = sight.without(c).pictures
+                found += self.begun(sight, self.positions(sight.labels, rest, 1), slice(FEW), (c,))
+            if self.reader.colors.normalise:
+                grey = self.reader.in_grey_world(sight)
+                found += self.begun(grey, self.positions(grey.labels, grey.pictures, 1), slice(FEW))
+        return self.likeliest(found)
+
+    def likeliest(self, begun: list[Hypothesis], reaches: Array = REACHES[1:]) -> list[Hypothesis]:
+        """The best of hypotheses that have been begun, aligned to the end, best first."""
+        begun.sort(key=lambda one: -one.score)
+        aligned = [hypothesis for one in begun[:ALIGNED] for hypothesis in self._aligned([one], reaches)]
+        return sorted(aligned, key=lambda one: -one.score)
+
+    def near(self, sight: Sight, poses: Sequence[tuple[FloatArray, FloatArray]]) -> Hypothesis | None:
+        """What poses (3, 3), (3,) [m] that may be off by 3 cm and 30° lead to, at best."""
+        tried = [Hypothesis(0.0, rotation, position, sight) for rotation, position in poses]
+        return max(self._aligned(tried, FAR_REACHES), key=lambda one: one.score, default=None)
+
+    def _aligned(self, tried: Sequence[Hypothesis], reaches: Array) -> list[Hypothesis]:
+        """Those hypotheses of one sight, aligned by steps of these reaches, whose edges are to be seen.
+
+        All cameras of the sight judge what is aligned without some.
+        """
+        if not tried:
+            return []
+        rotations = np.array([one.rotation for one in tried])
+        positions, scores = np.array([one.position for one in tried]), np.empty(len(tried))
+        sight = tried[0].sight
+        try_hypotheses(
+            self.lenses, sight.labels, sight.without(*tried[0].left_out).pictures, sight.pictures, self.faces,
+            rotations, positions, reaches, scores,
+        )  # fmt: skip
+        return [
+            one._replace(score=score, rotation=rotations[k], position=positions[k])
+            for k, (one, score) in enumerate(zip(tried, scores.tolist(), strict=True))
+            if score > IMPOSSIBLE / 2
+        ]
