@@ -15,7 +15,8 @@ from tests.helpers.stills import bare_scene
 from tracker.geometry.camera import BENT, CENTER, FARTHEST, FOCAL
 from tracker.objects.box import Box
 from tracker.pose import refine
-from tracker.pose.refine import LIKELY, Refiner, begin
+from tracker.pose.refine import LIKELY, begin
+from tracker.pose.refiner import Refiner
 from tracker.pose.views import PICTURE
 
 MODEL = tracker.load_object("cube_v2")

@@ -8,7 +8,7 @@ import pytest
 
 from tracker.pose import edge_fit
 from tracker.pose.edge_fit import OFFSET, scratch
-from tracker.pose.solve import CAMERA
+from tracker.pose.solution import CAMERA
 from tracker.pose.strips import PIXELS, STRIP, collect
 from tracker.pose.views import PICTURE
 from tracker.segmentation import mosaic

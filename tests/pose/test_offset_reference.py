@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tracker.pose.edge_fit import MIN_CONTRAST, NOISE, OFFSET, RIDGE, SHARP, SLOPE, SOFT, measure, scratch
-from tracker.pose.solve import CAMERA
+from tracker.pose.solution import CAMERA
 from tracker.pose.strips import BLOCK, FAR, STRIP
 
 REACH, BLUR = 2.8, 0.8

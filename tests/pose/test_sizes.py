@@ -3,26 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tracker.pose.solve import (
-    CAMERA,
-    DEVIATION_STD,
-    EDGE,
-    EXPONENT,
-    KNOWN,
-    MOVING_SHARE,
-    OWN,
-    PULL,
-    ROW,
-    SHARED,
-    SHARES,
-    SHARES_PRIOR,
-    SOLUTION,
-    UNKNOWNS,
-    WEAR,
-    WEAR_PRIOR,
-    sizes,
-    with_edges,
-)
+from tracker.pose.sizes import MOVING_SHARE, SHARED, SHARES, SHARES_PRIOR, WEAR, WEAR_PRIOR, sizes
+from tracker.pose.solution import CAMERA, EDGE, EXPONENT, KNOWN, OWN, PULL, ROW, SOLUTION, UNKNOWNS
+from tracker.pose.solve import DEVIATION_STD, with_edges
 
 CAMERAS, EDGES, PIECES = 3, 9, 6
 

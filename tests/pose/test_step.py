@@ -3,20 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tracker.pose.solve import (
-    CAMERA,
-    DEVIATION_STD,
-    EXPONENT,
-    MOVING,
-    OWN,
-    RIM,
-    SOLUTION,
-    UNKNOWNS,
-    finish,
-    marginal,
-    own_changes,
-    solve,
-)
+from tracker.pose.solution import CAMERA, EXPONENT, MOVING, OWN, RIM, SOLUTION, UNKNOWNS
+from tracker.pose.solve import DEVIATION_STD, finish, marginal, own_changes, solve
 
 CAMERAS = 3
 ROWS = 30

@@ -9,7 +9,7 @@ import pytest
 
 from tracker.geometry import so3
 from tracker.geometry.arena import Arena
-from tracker.pose.solve import ROWS, SOLUTION, UNKNOWNS
+from tracker.pose.solution import ROWS, SOLUTION, UNKNOWNS
 from tracker.pose.support import EDGE, FLAT, FREE, contacts_of, lean, leaner, table_of
 
 HALF = np.array([0.02, 0.0325, 0.05])

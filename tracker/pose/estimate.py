@@ -31,7 +31,8 @@ from tracker.pose.judge import (
     trust,
     unanimous,
 )
-from tracker.pose.refine import FOLLOWING, FROM_THERE, ROUGH, SCHEDULE, Refiner, Schedule
+from tracker.pose.refine import FOLLOWING, FROM_THERE, ROUGH, SCHEDULE, Schedule
+from tracker.pose.refiner import Refiner
 from tracker.pose.result import Status
 from tracker.pose.rivals import reversed_in_depth, turned_about_face
 from tracker.pose.support import table_of

@@ -3,45 +3,36 @@
 from __future__ import annotations
 
 import math
-import statistics
-import threading
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from tracker.calibration.deviations import calibration_covariance
 from tracker.compiled import compiled
 from tracker.conventions import Array, FloatArray
-from tracker.geometry.camera import Camera
-from tracker.geometry.lens import apply_update, stack_lenses
-from tracker.geometry.linear import factorise, median, substitute
-from tracker.objects.box import Box
-from tracker.pose.edge_fit import OFFSET, measure, scratch
-from tracker.pose.fit import LIKELY, SEEN, Fit, Lag, OwnViews, Start
+from tracker.geometry.lens import apply_update
+from tracker.geometry.linear import median
+from tracker.pose.edge_fit import measure
+from tracker.pose.fit import LIKELY
 from tracker.pose.scale import relative_size
+from tracker.pose.sizes import sizes
+from tracker.pose.solution import EXPONENT, RIM, UNKNOWNS
 from tracker.pose.solve import (
-    CAMERA,
-    DEVIATION_STD,
-    EXPONENT,
-    MOVING,
-    RIM,
-    SOLUTION,
-    UNKNOWNS,
+    FLOOR,
+    TUKEY,
     accumulate,
     finish,
     marginal,
     offset_weights,
     own_changes,
     residual,
-    sizes,
+    shown,
     solve,
     spread,
+    trust_of,
     with_edges,
-    with_model_errors,
 )
-from tracker.pose.strips import MAX_STRIPS, PIXELS, STRIP, collect, edge_strips
-from tracker.pose.support import NO_TABLE, Table, lean, leaner
+from tracker.pose.strips import collect, edge_strips
+from tracker.pose.support import Table, lean, leaner
 from tracker.pose.views import pixels_of
 
 # Lengths in pixels are those of an object of reference size (`scale`), unless they say otherwise.
@@ -55,21 +46,8 @@ LEAST_REACH = 2.5
 MARGIN = 0.4, 1.5
 """Distance that pieces keep from corners, where three surfaces mix: [px], and for each px of blur."""
 
-FLOOR = 0.06
-"""Standard deviation of an edge's place that noise does not explain [px]."""
-
-TUKEY = 4.685
-"""Residual at which a piece's weight reaches zero [robust standard deviations]."""
-
-CORRELATION = 1.1
-"""Factor on the standard deviation of pieces where neighbouring pixels share errors: unless each of a
-mosaic's counts only for what it measured."""
-
 EXPECTED_WEAR = 0.05
 """Standard deviation of what all pieces of an edge have in common, as it is expected to be [px]."""
-
-SMEAR = 2.0
-"""Blur of which neighbouring pieces have twice the variance, since they share errors [px]."""
 
 BLURS = 0.5, 3.0
 """Bounds of the blur: least [px of the picture], largest [px]."""
@@ -100,16 +78,6 @@ pixels that errors of interpolation average out (recorded pictures of 540×540 f
 PRIOR = 3.0, 10.0
 """Information of a prior of 0.6 radii of the object and 0.3 rad around the pose given, which holds unseen
 directions; of positions in units of the radius."""
-
-ALONE_ROUNDS = 5
-"""Solutions of one camera by itself: the first takes all that lies within the strips."""
-
-ALONE_LIMIT = 0.5
-"""Residual at which a weight reaches zero then, at least [px]."""
-
-ALONE_RIM_STD = 4e-4
-"""Standard deviation of the rim as one camera sees it [m]: light and wear differ from side to side, and what
-is taken for a rim moves the object along the line of sight."""
 
 
 class Schedule(NamedTuple):
@@ -188,44 +156,6 @@ class Workspace(NamedTuple):
     """(MAX_STRIPS,)"""
     scratch: Array
     """(1,) of `edge_fit.SCRATCH`."""
-
-
-def workspace(cameras: int) -> Workspace:
-    """A new work space."""
-    return Workspace(
-        np.zeros((cameras, MAX_STRIPS), STRIP),
-        np.zeros((cameras, MAX_STRIPS), OFFSET),
-        np.empty((cameras, PIXELS)),
-        np.empty((cameras, 3, PIXELS)),
-        np.empty(cameras * MAX_STRIPS),
-        np.empty(MAX_STRIPS),
-        scratch(),
-    )
-
-
-class LocalSpace(threading.local):
-    """A work space of each thread."""
-
-    def __init__(self, cameras: int) -> None:
-        self.cameras = cameras
-        self.work = workspace(cameras)
-
-    def __reduce__(self) -> tuple[type, tuple[int]]:
-        # A copy of a tracker, in this process or in another one, works in arrays of its own.
-        return type(self), (self.cameras,)
-
-
-@compiled(inline="always")
-def trust_of(camera):  # type: ignore[no-untyped-def]
-    """What neighbouring pieces share makes their sum, not the edge's own offset, so much less certain."""
-    shared = 1.0 if camera.parts > 1 else 1.0 / CORRELATION**2
-    return shared / (1.0 + (camera.blur / (SMEAR * camera.scale)) ** 4)
-
-
-@compiled(inline="always")
-def _drawn(solution, camera):  # type: ignore[no-untyped-def]
-    """Exponent and rim with which a camera shows the object."""
-    return solution.shared[EXPONENT] + camera.offset[EXPONENT], solution.shared[RIM]
 
 
 @compiled
@@ -315,7 +245,7 @@ def take_stock(solution, cameras, likely, work, seen):  # type: ignore[no-untype
         seen[c].expected, seen[c].usable = 0.0, 0.0
         if not camera.used:
             continue
-        scale, widths, (exponent, rim) = camera.scale, 0, _drawn(solution, camera)
+        scale, widths, (exponent, rim) = camera.scale, 0, shown(solution, camera)
         for s in range(camera.strips):
             if not work.strips[c, s].in_view:
                 continue
@@ -359,7 +289,7 @@ def _weigh(solution, cameras, least, scatter, work, seen):  # type: ignore[no-un
             trust_of(camera),
         )
         accumulate(
-            work.strips[c], work.found[c], camera, camera.since, _drawn(solution, camera), weighing, seen[c]
+            work.strips[c], work.found[c], camera, camera.since, shown(solution, camera), weighing, seen[c]
         )  # fmt: skip
 
 
@@ -495,177 +425,3 @@ def refine(model, pictures, schedule, start, solution, cameras, seen, work):  # 
         solution.converged = False
     elif model.table.known and late:
         leaner(solution)
-
-
-@compiled
-def _without_shared(matrix, out):  # type: ignore[no-untyped-def]
-    """Information (6, 6) on the pose where exponent and rim are unknown, of that on all (8, 8)."""
-    a, b, d = matrix[EXPONENT, EXPONENT], matrix[EXPONENT, RIM], matrix[RIM, RIM]
-    a, d = a + 1.0 / DEVIATION_STD**2, d + 1.0 / ALONE_RIM_STD**2
-    determinant = a * d - b * b
-    for i in range(6):
-        e, r = matrix[i, EXPONENT], matrix[i, RIM]
-        for k in range(6):
-            f, q = matrix[k, EXPONENT], matrix[k, RIM]
-            out[i, k] = matrix[i, k] - (e * (d * f - b * q) + r * (a * q - b * f)) / determinant
-
-
-@compiled
-def see_alone(solution, cameras, work, information, moved, inliers):  # type: ignore[no-untyped-def]
-    """Solve for the pose of each camera by itself, as if no calibration bound it to the others.
-
-    The offsets are those measured last. Other than in the joint solution all that lies within the strips
-    counts at first, since a camera that is off shows all edges off.
-
-    Args:
-        solution: the joint one.
-        cameras: as it left them; their sums are overwritten.
-        work: where the offsets are.
-        information: (C, 6, 6), filled: on the pose that the camera sees; zero where it sees nothing.
-        moved: (C, 6), filled: that pose less the joint one [m, rad].
-        inliers: (C,), filled: weight of the pieces of edges that it rests on.
-    """
-    matrix, lower, vector = np.empty((UNKNOWNS, UNKNOWNS)), np.empty((UNKNOWNS, UNKNOWNS)), np.empty(UNKNOWNS)
-    step, since, hold = np.empty(UNKNOWNS), np.empty(6), np.empty(UNKNOWNS)
-    counted = np.zeros(1, SEEN)
-    for i in range(6):
-        hold[i] = solution.prior[i, i]
-    hold[EXPONENT], hold[RIM] = 1.0 / DEVIATION_STD**2, 1.0 / ALONE_RIM_STD**2
-    for c in range(len(cameras)):
-        camera = cameras[c]
-        information[c, :, :], moved[c, :], inliers[c] = 0.0, 0.0, 0.0
-        if not camera.used:
-            continue
-        exponent, rim = _drawn(solution, camera)
-        step[:], solved = 0.0, True
-        for turn in range(ALONE_ROUNDS):
-            for i in range(6):
-                since[i] = camera.since[i] + step[i]
-            drawn, total = (exponent + step[EXPONENT], rim + step[RIM]), 0
-            for s in range(camera.strips):
-                if work.found[c, s].usable:
-                    off = residual(work.strips[c, s], work.found[c, s], since, drawn[0], drawn[1])
-                    work.residuals[total] = abs(off) / camera.scale
-                    total += 1
-            scatter, limit = spread(work.residuals, total), camera.reach
-            if turn > 0:
-                limit = min(limit, max(ALONE_LIMIT, TUKEY * scatter) * camera.scale)
-            floor = (max(FLOOR, 0.7 * scatter) * camera.scale) ** 2
-            weighing = limit, floor, trust_of(camera)
-            accumulate(work.strips[c], work.found[c], camera, since, drawn, weighing, counted[0])
-            with_edges(cameras[c : c + 1], solution.own)
-            for i in range(UNKNOWNS):
-                vector[i] = camera.gradient[i] - hold[i] * step[i]
-                for k in range(UNKNOWNS):
-                    matrix[i, k] = camera.information[i, k]
-                matrix[i, i] += hold[i]
-            solved = factorise(matrix, lower)
-            if not solved:
-                break
-            substitute(lower, vector, vector)
-            for i in range(UNKNOWNS):
-                step[i] += vector[i]
-        if solved:
-            inliers[c] = counted[0].inliers
-            _without_shared(camera.information, information[c])
-            for i in range(6):
-                moved[c, i] = camera.offset[i] + step[i]
-
-
-class Refiner:
-    """Refines poses of one cuboid in the pictures of fixed cameras; any number of threads may use it."""
-
-    def __init__(
-        self, box: Box, cameras: Sequence[Camera], label_table: Array, table: Table = NO_TABLE
-    ) -> None:
-        known = np.linalg.inv(np.array([calibration_covariance(camera) for camera in cameras]))
-        self.model = Model(
-            box.half, box.face_labels, box.rim, stack_lenses(cameras), known, label_table, table
-        )
-        self._radius = box.radius
-        self._local = LocalSpace(len(cameras))
-
-    def begun(
-        self, rotation: FloatArray, position: FloatArray, lag: Lag | None = None
-    ) -> tuple[Array, Array]:
-        """A solution (1,) and cameras (C,) at a pose (3, 3), (3,) [m], before anything was measured."""
-        solution, cameras = np.zeros(1, SOLUTION), np.zeros(len(self.model.lenses), CAMERA)
-        solution["size"] = UNKNOWNS if lag is None else MOVING
-        solution["rotation"], solution["position"], solution["covariance"] = rotation, position, np.nan
-        if lag is not None:
-            cameras["delay"], cameras["lag"] = lag.delays, lag.moved
-            solution["prior"][0, UNKNOWNS:, UNKNOWNS:] = np.linalg.inv(lag.covariance)
-        return solution, cameras
-
-    def __call__(
-        self,
-        pictures: Array,
-        rotation: FloatArray,
-        position: FloatArray,
-        schedule: Schedule = SCHEDULE,
-        start: Start = LIKELY,
-        lag: Lag | None = None,
-        *,
-        ask: bool = False,
-    ) -> Fit:
-        """The fit to pictures (C,) of PICTURE nearest to a pose (3, 3), (3,) [m].
-
-        ask: with what each camera by itself sees. What label maps say of the fit is not counted yet.
-        """
-        solution, cameras = self.begun(rotation, position, lag)
-        count, work = len(cameras), self._local.work
-        seen = np.zeros(count, SEEN)
-        refine(self.model, pictures, schedule, start, solution[0], cameras, seen, work)
-        own = None
-        if ask:
-            own = OwnViews(np.empty((count, 6, 6)), np.empty((count, 6)), np.empty(count))
-            see_alone(solution[0], cameras, work, *own)
-        end, seen["squares"] = LIKELY, seen["squares"] / cameras["scale"] ** 2
-        one = solution[0]
-        if one["converged"]:
-            blur = statistics.median((cameras["blur"] / cameras["scale"])[cameras["used"]].tolist())
-            end = Start(blur, float(one["shared"][EXPONENT]), float(one["shared"][RIM]))
-        return Fit(
-            one["position"],
-            one["rotation"],
-            with_model_errors(one["covariance"], self._radius),
-            seen,
-            bool(one["converged"]),
-            int(one["steps"]),
-            end,
-            stands=float(one["stands"]),
-            offsets=cameras["offset"][:, :6].copy(),
-            lags=None if lag is None else cameras["lag"].copy(),
-            own=own,
-        )
-
-    def edges(
-        self,
-        pictures: Array,
-        rotation: FloatArray,
-        position: FloatArray,
-        start: Start = LIKELY,
-        offsets: FloatArray | None = None,
-        turns: int = 2,
-    ) -> tuple[Array, Workspace]:
-        """Cameras (C,) and this thread's work space, with the edges measured at a pose (3, 3), (3,) [m].
-
-        Args:
-            pictures: (C,) of PICTURE.
-            rotation: world_from_object.
-            position: of the object's centre.
-            start: blur of the pictures, and the exponent and rim with which the object is drawn.
-            offsets: (C, 6) by which each camera is known to see the object moved [m, rad]: the edges are
-                looked for there.
-            turns: measurements, of which each takes its blur from the one before.
-        """
-        (solution, cameras), work = self.begun(rotation, position), self._local.work
-        last = len(SCHEDULE.blur) - 1
-        begin(self.model, pictures, solution[0], cameras, start)
-        if offsets is not None:
-            cameras["offset"][:, :6] = offsets
-        lay(self.model, pictures, solution[0], cameras, SCHEDULE, last, work)
-        for _ in range(turns):
-            measure_all(self.model, pictures, cameras, SCHEDULE, last, work)
-            take_stock(solution[0], cameras, start.blur, work, np.zeros(len(cameras), SEEN))
-        return cameras, work

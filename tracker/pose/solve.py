@@ -15,102 +15,26 @@ import numpy as np
 from tracker.compiled import compiled
 from tracker.conventions import FloatArray
 from tracker.geometry.linear import factorise, median, substitute
+from tracker.pose.solution import EDGE, EXPONENT, KNOWN, OWN, PULL, RIM, ROW, UNKNOWNS
 
-EXPONENT, RIM = 6, 7
-UNKNOWNS = 8
-"""Pose, exponent and rim."""
+FLOOR = 0.06
+"""Standard deviation of an edge's place that noise does not explain [px]."""
 
-MOVING = UNKNOWNS + 6
-"""Where cameras lag behind, the object's velocity is unknown, too: its change from what is expected."""
+TUKEY = 4.685
+"""Residual at which a piece's weight reaches zero [robust standard deviations]."""
 
-OWN = 7
-"""Of each camera: the offset of the pose, and how much its exponent deviates from that of all."""
+CORRELATION = 1.1
+"""Factor on the standard deviation of pieces where neighbouring pixels share errors: unless each of a
+mosaic's counts only for what it measured."""
 
-KNOWN, PULL, ROW = 0, 1, 2
-EDGE = ROW + UNKNOWNS
-"""Of each edge: sums over its strips of weights, weighted offsets, and weighted motion with the unknowns."""
-
-ROWS = 5
-"""Of what a table tells: height and two tilts of the face that is nearly below; height and slope of the
-lowest edge."""
-
-CAMERA = np.dtype(
-    [
-        ("used", np.bool_),  # whether there is a picture
-        ("parts", np.int64),  # 3 where each pixel of a mosaic counts for one channel, else 1
-        ("scale", np.float64),  # size of the object in the picture over the reference
-        ("delay", np.float64),  # by which the picture is older than others [s]
-        ("weights", np.float64, (6, 6)),  # inverse covariance of its offset, as its calibration states it
-        ("offset", np.float64, (OWN,)),  # by which it sees the object moved [m, rad], and of its exponent
-        ("lag", np.float64, (6,)),  # by which it sees it moved since its picture is older [m, rad]
-        ("blur", np.float64),  # of its picture's steps [px]
-        ("reach", np.float64),  # half width of the strips [px]
-        ("strips", np.int64),  # how many
-        ("motion", np.float64, (6,)),  # of the pose as it sees it since the strips were collected, and …
-        ("since", np.float64, (6,)),  # … since their offsets were measured [m, rad]
-        ("edges", np.float64, (12, EDGE)),  # sums over each edge's strips
-        ("whole", np.float64, (UNKNOWNS, UNKNOWNS)),  # normal equations without edges' own offsets, and …
-        ("force", np.float64, (UNKNOWNS,)),  # … their right side
-        ("information", np.float64, (UNKNOWNS, UNKNOWNS)),  # normal equations, and …
-        ("gradient", np.float64, (UNKNOWNS,)),  # … their right side
-        ("lower", np.float64, (OWN, OWN)),  # factor of what is its own, the pivots' inverse on the diagonal
-        ("reduced", np.float64, (OWN, UNKNOWNS)),  # of its own by what is shared, forward substituted, and …
-        ("change", np.float64, (OWN,)),  # … where what is shared stays; after `own_changes` its update
-    ]
-)
-"""One camera's part in the solution."""
-
-SOLUTION = np.dtype(
-    [
-        ("size", np.int64),  # n, how many unknowns are shared: UNKNOWNS, or MOVING
-        ("rotation", np.float64, (3, 3)),  # world_from_object
-        ("position", np.float64, (3,)),  # [m]
-        ("shared", np.float64, (MOVING,)),  # exponent, rim, change of velocity; the pose's are not used
-        ("own", np.float64),  # variance of edges' own offsets [px² of an object of reference size]
-        ("prior", np.float64, (MOVING, MOVING)),  # information that there was before, and …
-        ("pull", np.float64, (MOVING,)),  # … its right side
-        ("known", np.float64, (MOVING, MOVING)),  # information with all else marginalised
-        ("lower", np.float64, (MOVING, MOVING)),  # its Cholesky factor
-        ("change", np.float64, (MOVING,)),  # update of what is shared
-        ("columns", np.float64, (MOVING, ROWS)),  # how the table's say depends on it, and …
-        ("less", np.float64, (ROWS, ROWS)),  # … how much less uncertain that makes it
-        ("covariance", np.float64, (6, 6)),  # of the pose [m, rad]
-        ("stands", np.float64),  # how well it stands: log odds over an object that may be anywhere
-        ("converged", np.bool_),  # whether the last step was negligible
-        ("steps", np.int64),  # how many there were
-    ]
-)
-"""What all cameras share in the solution."""
+SMEAR = 2.0
+"""Blur of which neighbouring pieces have twice the variance, since they share errors [px]."""
 
 GAUSSIAN = 1.4826
 """Standard deviation of a normal distribution over its median deviation."""
 
 DEVIATION_STD = 0.13
 """Standard deviation of a camera's exponent of response around that of all."""
-
-SHARES = np.array([100.0, 30.0, 10.0, 3.0, 1.0, 0.3, 0.1, 0.03, 0.01, 0.003, 0.001])
-"""Shares of the stated calibration variance that the cameras' agreement is asked about; above 1 the cameras
-disagree more than their files state."""
-
-SHARES_PRIOR = np.array([0.02, 0.03, 0.04, 0.05, 0.26, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1])
-"""Probability of each before the cameras are asked."""
-
-MOVING_SHARE = 3
-"""Number of the largest share under which a pose moves: with looser cameras an object that is not quite its
-model would be taken for cameras that are off. How uncertain the pose is, may rest on larger ones."""
-
-WEAR = np.array([0.0125, 0.03, 0.08, 0.18, 0.4]) ** 2
-"""Variances of edges' own offsets that the edges are asked about [px² of an object of reference size]."""
-
-WEAR_PRIOR = np.array([0.35, 0.25, 0.2, 0.15, 0.05])
-"""Probability of each before the edges are asked."""
-
-SHARED = 2.5
-"""Factor on the variance of edges' own offsets that is found: they are alike in the cameras that see an edge,
-and on all edges of a worn face."""
-
-NEGLIGIBLE = 12.0
-"""Twice the log odds by which a size may be behind the best and still counts."""
 
 MODEL_STD = 4e-4, 3e-4
 """What no number of samples averages away: edge lengths, unmodelled optics [radii of the object, rad]."""
@@ -143,6 +67,19 @@ def residual(strip, found, since, exponent, rim):  # type: ignore[no-untyped-def
     for i in range(6):
         left -= strip.jacobian[i] * since[i]
     return left
+
+
+@compiled(inline="always")
+def trust_of(camera):  # type: ignore[no-untyped-def]
+    """What neighbouring pieces share makes their sum, not the edge's own offset, so much less certain."""
+    shared = 1.0 if camera.parts > 1 else 1.0 / CORRELATION**2
+    return shared / (1.0 + (camera.blur / (SMEAR * camera.scale)) ** 4)
+
+
+@compiled(inline="always")
+def shown(solution, camera):  # type: ignore[no-untyped-def]
+    """Exponent and rim with which a camera shows the object."""
+    return solution.shared[EXPONENT] + camera.offset[EXPONENT], solution.shared[RIM]
 
 
 @compiled
@@ -416,91 +353,6 @@ def marginal(solution):  # type: ignore[no-untyped-def]
         for i in range(6):
             solution.covariance[i, k] = column[i]
     return True
-
-
-@compiled
-def _likely_wears(solution, cameras, share, wears, doubts):  # type: ignore[no-untyped-def]
-    """Fill doubts (W,) of variances (W,) of edges' own offsets, priors in; returns the least one's number."""
-    best = 0
-    for w in range(len(wears)):
-        doubts[w] = with_edges(cameras, wears[w]) - 2.0 * math.log(WEAR_PRIOR[w])
-        doubts[w] += solve(solution, cameras, share)
-        if doubts[w] < doubts[best]:
-            best = w
-    return best
-
-
-@compiled
-def _likely_shares(solution, cameras, doubts):  # type: ignore[no-untyped-def]
-    """Fill doubts (S,) of SHARES, priors in, from the stated one both ways until they do not count."""
-    stated = int(np.argmin(np.abs(SHARES - 1.0)))
-    doubts[:] = np.inf
-    least = np.inf
-    for way in (-1, 1):
-        k = stated if way < 0 else stated + 1
-        while 0 <= k < len(SHARES):
-            doubts[k] = solve(solution, cameras, SHARES[k]) - 2.0 * math.log(SHARES_PRIOR[k])
-            least = min(least, doubts[k])
-            if doubts[k] > least + NEGLIGIBLE:
-                break
-            k += way
-
-
-@compiled
-def sizes(solution, cameras, doubtful, known):  # type: ignore[no-untyped-def]
-    """How large errors are that pictures can tell: the cameras', and the edges' own.
-
-    Both make the offsets of strips vary more than noise does, those of a camera all together, those of an
-    edge by themselves. Each size is weighted with how likely it makes what was measured (empirical Bayes):
-    equation (18) of docs/how-it-works.md. One is searched with the other at its likeliest.
-
-    doubtful: whether the calibration states errors; known: variance of the edges' own offsets [px² of an
-    object of reference size], 0 where it is to be found.
-
-    Returns the mean share of the stated calibration variance among those under which a pose moves, the mean
-    among all, and the mean variance of the edges' own offsets.
-    """
-    used = 0
-    for c in range(len(cameras)):
-        used += cameras[c].used
-    several = doubtful and used > 1
-    wears, shares = np.empty(len(WEAR)), np.empty(len(SHARES))
-    own, share = known, 1.0
-    for turn in range(2 if several and known == 0.0 else 1):
-        if known == 0.0:
-            own = WEAR[_likely_wears(solution, cameras, share, WEAR, wears)]
-        if turn == 0 and several:
-            with_edges(cameras, own)
-            _likely_shares(solution, cameras, shares)
-            share = SHARES[np.argmin(shares)]
-            if share == 1.0:
-                break
-    if not several:
-        # One camera does not tell how far it is off, and one that is exact is not.
-        with_edges(cameras, own)
-        shares[:] = solve(solution, cameras, 1.0)
-        for k in range(len(SHARES)):
-            shares[k] -= 2.0 * math.log(SHARES_PRIOR[k])
-    least = shares.min()
-    if not math.isfinite(least):
-        return 1.0, 1.0, WEAR[0] if known == 0.0 else known
-    total, mean, kept, moving = 0.0, 0.0, 0.0, 0.0
-    for k in range(len(SHARES)):
-        weight = math.exp(-0.5 * (shares[k] - least))
-        total += weight
-        mean += weight * SHARES[k]
-        if k >= MOVING_SHARE:
-            kept += weight
-            moving += weight * SHARES[k]
-    moving = moving / kept if kept > 0.0 else SHARES[MOVING_SHARE]
-    if known > 0.0:
-        return moving, mean / total, known
-    least, weights, found = wears.min(), 0.0, 0.0
-    for w in range(len(WEAR)):
-        weight = math.exp(-0.5 * (wears[w] - least))
-        weights += weight
-        found += weight * WEAR[w]
-    return moving, mean / total, SHARED * found / weights
 
 
 @compiled

@@ -11,7 +11,7 @@ from tracker.compiled import compiled
 from tracker.conventions import FloatArray
 from tracker.geometry.arena import Arena
 from tracker.geometry.linear import factorise, substitute
-from tracker.pose.solve import ROWS
+from tracker.pose.solution import ROWS
 
 FLAT = np.array(
     [

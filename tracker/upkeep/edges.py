@@ -8,7 +8,9 @@ from tracker.conventions import FloatArray
 from tracker.objects.box import Box
 from tracker.objects.model import CuboidModel
 from tracker.pose.fit import LIKELY, Fit, Start
-from tracker.pose.refine import FLOOR, FOLLOWING, Refiner, trust_of
+from tracker.pose.refine import FOLLOWING
+from tracker.pose.refiner import Refiner
+from tracker.pose.solve import FLOOR, trust_of
 from tracker.pose.views import Sight, reader_of
 from tracker.segmentation.color_model import ColorModel
 from tracker.upkeep.footage import Images

@@ -1,0 +1,106 @@
+"""Where each camera by itself sees the object, as if no calibration bound it to the others."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tracker.compiled import compiled
+from tracker.geometry.linear import factorise, substitute
+from tracker.pose.fit import SEEN
+from tracker.pose.solution import EXPONENT, RIM, UNKNOWNS
+from tracker.pose.solve import (
+    DEVIATION_STD,
+    FLOOR,
+    TUKEY,
+    accumulate,
+    residual,
+    shown,
+    spread,
+    trust_of,
+    with_edges,
+)
+
+ALONE_ROUNDS = 5
+"""Solutions of one camera by itself: the first takes all that lies within the strips."""
+
+ALONE_LIMIT = 0.5
+"""Residual at which a weight reaches zero then, at least [px]."""
+
+ALONE_RIM_STD = 4e-4
+"""Standard deviation of the rim as one camera sees it [m]: light and wear differ from side to side, and what
+is taken for a rim moves the object along the line of sight."""
+
+
+@compiled
+def _without_shared(matrix, out):  # type: ignore[no-untyped-def]
+    """Information (6, 6) on the pose where exponent and rim are unknown, of that on all (8, 8)."""
+    a, b, d = matrix[EXPONENT, EXPONENT], matrix[EXPONENT, RIM], matrix[RIM, RIM]
+    a, d = a + 1.0 / DEVIATION_STD**2, d + 1.0 / ALONE_RIM_STD**2
+    determinant = a * d - b * b
+    for i in range(6):
+        e, r = matrix[i, EXPONENT], matrix[i, RIM]
+        for k in range(6):
+            f, q = matrix[k, EXPONENT], matrix[k, RIM]
+            out[i, k] = matrix[i, k] - (e * (d * f - b * q) + r * (a * q - b * f)) / determinant
+
+
+@compiled
+def see_alone(solution, cameras, work, information, moved, inliers):  # type: ignore[no-untyped-def]
+    """Solve for the pose of each camera by itself, as if no calibration bound it to the others.
+
+    The offsets are those measured last. Other than in the joint solution all that lies within the strips
+    counts at first, since a camera that is off shows all edges off.
+
+    Args:
+        solution: the joint one.
+        cameras: as it left them; their sums are overwritten.
+        work: where the offsets are.
+        information: (C, 6, 6), filled: on the pose that the camera sees; zero where it sees nothing.
+        moved: (C, 6), filled: that pose less the joint one [m, rad].
+        inliers: (C,), filled: weight of the pieces of edges that it rests on.
+    """
+    matrix, lower, vector = np.empty((UNKNOWNS, UNKNOWNS)), np.empty((UNKNOWNS, UNKNOWNS)), np.empty(UNKNOWNS)
+    step, since, hold = np.empty(UNKNOWNS), np.empty(6), np.empty(UNKNOWNS)
+    counted = np.zeros(1, SEEN)
+    for i in range(6):
+        hold[i] = solution.prior[i, i]
+    hold[EXPONENT], hold[RIM] = 1.0 / DEVIATION_STD**2, 1.0 / ALONE_RIM_STD**2
+    for c in range(len(cameras)):
+        camera = cameras[c]
+        information[c, :, :], moved[c, :], inliers[c] = 0.0, 0.0, 0.0
+        if not camera.used:
+            continue
+        exponent, rim = shown(solution, camera)
+        step[:], solved = 0.0, True
+        for turn in range(ALONE_ROUNDS):
+            for i in range(6):
+                since[i] = camera.since[i] + step[i]
+            drawn, total = (exponent + step[EXPONENT], rim + step[RIM]), 0
+            for s in range(camera.strips):
+                if work.found[c, s].usable:
+                    off = residual(work.strips[c, s], work.found[c, s], since, drawn[0], drawn[1])
+                    work.residuals[total] = abs(off) / camera.scale
+                    total += 1
+            scatter, limit = spread(work.residuals, total), camera.reach
+            if turn > 0:
+                limit = min(limit, max(ALONE_LIMIT, TUKEY * scatter) * camera.scale)
+            floor = (max(FLOOR, 0.7 * scatter) * camera.scale) ** 2
+            weighing = limit, floor, trust_of(camera)
+            accumulate(work.strips[c], work.found[c], camera, since, drawn, weighing, counted[0])
+            with_edges(cameras[c : c + 1], solution.own)
+            for i in range(UNKNOWNS):
+                vector[i] = camera.gradient[i] - hold[i] * step[i]
+                for k in range(UNKNOWNS):
+                    matrix[i, k] = camera.information[i, k]
+                matrix[i, i] += hold[i]
+            solved = factorise(matrix, lower)
+            if not solved:
+                break
+            substitute(lower, vector, vector)
+            for i in range(UNKNOWNS):
+                step[i] += vector[i]
+        if solved:
+            inliers[c] = counted[0].inliers
+            _without_shared(camera.information, information[c])
+            for i in range(6):
+                moved[c, i] = camera.offset[i] + step[i]

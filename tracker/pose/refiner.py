@@ -1,0 +1,157 @@
+"""Poses in, fits out: the refinement with the arrays that it works in."""
+
+from __future__ import annotations
+
+import statistics
+import threading
+from collections.abc import Sequence
+
+import numpy as np
+
+from tracker.calibration.deviations import calibration_covariance
+from tracker.conventions import Array, FloatArray
+from tracker.geometry.camera import Camera
+from tracker.geometry.lens import stack_lenses
+from tracker.objects.box import Box
+from tracker.pose.edge_fit import OFFSET, scratch
+from tracker.pose.fit import LIKELY, SEEN, Fit, Lag, OwnViews, Start
+from tracker.pose.own_view import see_alone
+from tracker.pose.refine import (
+    SCHEDULE,
+    Model,
+    Schedule,
+    Workspace,
+    begin,
+    lay,
+    measure_all,
+    refine,
+    take_stock,
+)
+from tracker.pose.solution import CAMERA, EXPONENT, MOVING, RIM, SOLUTION, UNKNOWNS
+from tracker.pose.solve import with_model_errors
+from tracker.pose.strips import MAX_STRIPS, PIXELS, STRIP
+from tracker.pose.support import NO_TABLE, Table
+
+
+def workspace(cameras: int) -> Workspace:
+    """A new work space."""
+    return Workspace(
+        np.zeros((cameras, MAX_STRIPS), STRIP),
+        np.zeros((cameras, MAX_STRIPS), OFFSET),
+        np.empty((cameras, PIXELS)),
+        np.empty((cameras, 3, PIXELS)),
+        np.empty(cameras * MAX_STRIPS),
+        np.empty(MAX_STRIPS),
+        scratch(),
+    )
+
+
+class LocalSpace(threading.local):
+    """A work space of each thread."""
+
+    def __init__(self, cameras: int) -> None:
+        self.cameras = cameras
+        self.work = workspace(cameras)
+
+    def __reduce__(self) -> tuple[type, tuple[int]]:
+        # A copy of a tracker, in this process or in another one, works in arrays of its own.
+        return type(self), (self.cameras,)
+
+
+class Refiner:
+    """Refines poses of one cuboid in the pictures of fixed cameras; any number of threads may use it."""
+
+    def __init__(
+        self, box: Box, cameras: Sequence[Camera], label_table: Array, table: Table = NO_TABLE
+    ) -> None:
+        known = np.linalg.inv(np.array([calibration_covariance(camera) for camera in cameras]))
+        self.model = Model(
+            box.half, box.face_labels, box.rim, stack_lenses(cameras), known, label_table, table
+        )
+        self._radius = box.radius
+        self._local = LocalSpace(len(cameras))
+
+    def begun(
+        self, rotation: FloatArray, position: FloatArray, lag: Lag | None = None
+    ) -> tuple[Array, Array]:
+        """A solution (1,) and cameras (C,) at a pose (3, 3), (3,) [m], before anything was measured."""
+        solution, cameras = np.zeros(1, SOLUTION), np.zeros(len(self.model.lenses), CAMERA)
+        solution["size"] = UNKNOWNS if lag is None else MOVING
+        solution["rotation"], solution["position"], solution["covariance"] = rotation, position, np.nan
+        if lag is not None:
+            cameras["delay"], cameras["lag"] = lag.delays, lag.moved
+            solution["prior"][0, UNKNOWNS:, UNKNOWNS:] = np.linalg.inv(lag.covariance)
+        return solution, cameras
+
+    def __call__(
+        self,
+        pictures: Array,
+        rotation: FloatArray,
+        position: FloatArray,
+        schedule: Schedule = SCHEDULE,
+        start: Start = LIKELY,
+        lag: Lag | None = None,
+        *,
+        ask: bool = False,
+    ) -> Fit:
+        """The fit to pictures (C,) of PICTURE nearest to a pose (3, 3), (3,) [m].
+
+        ask: with what each camera by itself sees. What label maps say of the fit is not counted yet.
+        """
+        solution, cameras = self.begun(rotation, position, lag)
+        count, work = len(cameras), self._local.work
+        seen = np.zeros(count, SEEN)
+        refine(self.model, pictures, schedule, start, solution[0], cameras, seen, work)
+        own = None
+        if ask:
+            own = OwnViews(np.empty((count, 6, 6)), np.empty((count, 6)), np.empty(count))
+            see_alone(solution[0], cameras, work, *own)
+        end, seen["squares"] = LIKELY, seen["squares"] / cameras["scale"] ** 2
+        one = solution[0]
+        if one["converged"]:
+            blur = statistics.median((cameras["blur"] / cameras["scale"])[cameras["used"]].tolist())
+            end = Start(blur, float(one["shared"][EXPONENT]), float(one["shared"][RIM]))
+        return Fit(
+            one["position"],
+            one["rotation"],
+            with_model_errors(one["covariance"], self._radius),
+            seen,
+            bool(one["converged"]),
+            int(one["steps"]),
+            end,
+            stands=float(one["stands"]),
+            offsets=cameras["offset"][:, :6].copy(),
+            lags=None if lag is None else cameras["lag"].copy(),
+            own=own,
+        )
+
+    def edges(
+        self,
+        pictures: Array,
+        rotation: FloatArray,
+        position: FloatArray,
+        start: Start = LIKELY,
+        offsets: FloatArray | None = None,
+        turns: int = 2,
+    ) -> tuple[Array, Workspace]:
+        """Cameras (C,) and this thread's work space, with the edges measured at a pose (3, 3), (3,) [m].
+
+        Args:
+            pictures: (C,) of PICTURE.
+            rotation: world_from_object.
+            position: of the object's centre.
+            start: blur of the pictures, and the exponent and rim with which the object is drawn.
+            offsets: (C, 6) by which each camera is known to see the object moved [m, rad]: the edges are
+                looked for there.
+            turns: measurements, of which each takes its blur from the one before.
+        """
+        (solution, cameras), work = self.begun(rotation, position), self._local.work
+        last = len(SCHEDULE.blur) - 1
+        begin(self.model, pictures, solution[0], cameras, start)
+        if offsets is not None:
+            cameras["offset"][:, :6] = offsets
+        lay(self.model, pictures, solution[0], cameras, SCHEDULE, last, work)
+        for _ in range(turns):
+            measure_all(self.model, pictures, cameras, SCHEDULE, last, work)
+            take_stock(solution[0], cameras, start.blur, work, np.zeros(len(cameras), SEEN))
+        return cameras, work
