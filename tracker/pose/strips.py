@@ -67,8 +67,13 @@ SUMS = {"reassoc", "contract", "nsz"}
 
 
 @compiled
-def _face_depth(lenses, c, half, rotation, position, corner, face, axis, u, v, nu, nv):  # type: ignore[no-untyped-def]
-    """How far [px, signed along the normal] from a corner's pixel the opposite edge of `face` lies."""
+def _face_depth(lenses, c, pose, corner, face, axis, line):  # type: ignore[no-untyped-def]
+    """How far [px, signed along the normal] from a corner's pixel the opposite edge of `face` lies.
+
+    line: the corner's pixel (u, v) and the normal.
+    """
+    rotation, position = pose
+    u, v, nu, nv = line
     # The in-face direction away from the edge is the face's axis that is neither its normal nor the edge.
     inward = 3 - axis - face // 2
     other = np.empty(3)
@@ -79,6 +84,71 @@ def _face_depth(lenses, c, half, rotation, position, corner, face, axis, u, v, n
     rotate(rotation, other, world)
     pu, pv, _ = project(lenses, c, world[0] + position[0], world[1] + position[1], world[2] + position[2])
     return (pu - u) * nu + (pv - v) * nv
+
+
+@compiled
+def _edge_line(lenses, c, pose, a, b, near):  # type: ignore[no-untyped-def]
+    """Pixels of an edge's ends, corners a and b (3,) of the object; length 0 if one is nearer than `near`."""
+    rotation, position = pose
+    world = np.empty(3)
+    rotate(rotation, a, world)
+    ua, va, za = project(lenses, c, world[0] + position[0], world[1] + position[1], world[2] + position[2])
+    rotate(rotation, b, world)
+    ub, vb, zb = project(lenses, c, world[0] + position[0], world[1] + position[1], world[2] + position[2])
+    return ua, va, ub, vb, math.hypot(ub - ua, vb - va) if za >= near and zb >= near else 0.0
+
+
+@compiled
+def _depths(lenses, c, pose, a, b, faces, line):  # type: ignore[no-untyped-def]
+    """How far face and neighbour of an edge reach at its ends a and b, and the normal out of the face.
+
+    faces: face, neighbour, whether that is seen, and the edge's axis; line: as of `_edge_line`.
+    """
+    face, neighbour, inner, axis = faces
+    ua, va, ub, vb, length = line
+    nu, nv = (vb - va) / length, (ua - ub) / length
+    depth_a = _face_depth(lenses, c, pose, a, face, axis, (ua, va, nu, nv))
+    depth_b = _face_depth(lenses, c, pose, b, face, axis, (ub, vb, nu, nv))
+    if depth_a + depth_b > 0.0:
+        nu, nv, depth_a, depth_b = -nu, -nv, -depth_a, -depth_b
+    out_a, out_b = 1e3, 1e3
+    if inner:
+        out_a = _face_depth(lenses, c, pose, a, neighbour, axis, (ua, va, nu, nv))
+        out_b = _face_depth(lenses, c, pose, b, neighbour, axis, (ub, vb, nu, nv))
+    return depth_a, depth_b, out_a, out_b, nu, nv
+
+
+@compiled
+def _place(lenses, c, pose, local, axis, normal, outwards, strip):  # type: ignore[no-untyped-def]
+    """Fill in the place of a piece whose middle is at `local` (3,) of the object, and how it moves.
+
+    axis: of the edge; normal: about that of its image; outwards: as of `_outwards`.
+    """
+    rotation, position = pose
+    world, jacobian = np.empty(3), np.empty((2, 3))
+    rotate(rotation, local, world)
+    u, v, _ = project_with_jacobian(
+        lenses, c, world[0] + position[0], world[1] + position[1], world[2] + position[2], jacobian
+    )
+    # The normal of the edge's image here: perpendicular to its projected direction.
+    du, dv = 0.0, 0.0
+    for i in range(3):
+        du += jacobian[0, i] * rotation[i, axis]
+        dv += jacobian[1, i] * rotation[i, axis]
+    norm = math.hypot(du, dv)
+    su, sv = dv / norm, -du / norm
+    if su * normal[0] + sv * normal[1] < 0.0:
+        su, sv = -su, -sv
+    strip.pixel[0], strip.pixel[1] = u, v
+    strip.normal[0], strip.normal[1] = su, sv
+    jx = su * jacobian[0, 0] + sv * jacobian[1, 0]
+    jy = su * jacobian[0, 1] + sv * jacobian[1, 1]
+    jz = su * jacobian[0, 2] + sv * jacobian[1, 2]
+    strip.jacobian[0], strip.jacobian[1], strip.jacobian[2] = jx, jy, jz
+    strip.jacobian[3] = world[1] * jz - world[2] * jy
+    strip.jacobian[4] = world[2] * jx - world[0] * jz
+    strip.jacobian[5] = world[0] * jy - world[1] * jx
+    strip.rim = -(jx * outwards[0] + jy * outwards[1] + jz * outwards[2])
 
 
 @compiled
@@ -102,11 +172,9 @@ def edge_strips(lenses, c, half, face_labels, rotation, position, spacing, margi
     Their motion is equation (7) of docs/how-it-works.md.
     spacing: distance between samples [px]; margin: how far they keep from the corners [px].
     """
-    heights = np.empty(6)
+    heights, pose = np.empty(6), (rotation, position)
     visible_faces(lenses, c, half, rotation, position, heights)
-    a, b = np.empty(3), np.empty(3)
-    local, world = np.empty(3), np.empty(3)
-    jacobian, outwards = np.empty((2, 3)), np.empty(3)
+    a, b, local, outwards = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     # An edge so close to a camera is more than a picture can show.
     near = 0.5 * (half[0] + half[1] + half[2]) / 3.0
     count = 0
@@ -121,29 +189,14 @@ def edge_strips(lenses, c, half, face_labels, rotation, position, spacing, margi
         for i in range(3):
             a[i] = _SIGNS[_EDGES[e, 0], i] * half[i]
             b[i] = _SIGNS[_EDGES[e, 1], i] * half[i]
-        rotate(rotation, a, world)
-        ua, va, za = project(
-            lenses, c, world[0] + position[0], world[1] + position[1], world[2] + position[2]
-        )
-        rotate(rotation, b, world)
-        ub, vb, zb = project(
-            lenses, c, world[0] + position[0], world[1] + position[1], world[2] + position[2]
-        )
-        if za < near or zb < near:
-            continue
-        length = math.hypot(ub - ua, vb - va)
+        line = _edge_line(lenses, c, pose, a, b, near)
+        length = line[4]
         usable = length - 2.0 * margin
         if not usable >= 0.5 * spacing:
             continue
-        nu, nv = (vb - va) / length, (ua - ub) / length
-        depth_a = _face_depth(lenses, c, half, rotation, position, a, face, axis, ua, va, nu, nv)
-        depth_b = _face_depth(lenses, c, half, rotation, position, b, face, axis, ub, vb, nu, nv)
-        if depth_a + depth_b > 0.0:
-            nu, nv, depth_a, depth_b = -nu, -nv, -depth_a, -depth_b
-        out_a, out_b = 1e3, 1e3
-        if inner:
-            out_a = _face_depth(lenses, c, half, rotation, position, a, neighbour, axis, ua, va, nu, nv)
-            out_b = _face_depth(lenses, c, half, rotation, position, b, neighbour, axis, ub, vb, nu, nv)
+        depth_a, depth_b, out_a, out_b, nu, nv = _depths(
+            lenses, c, pose, a, b, (face, neighbour, inner, axis), line
+        )
         if -0.5 * (depth_a + depth_b) < MIN_FACE or 0.5 * (out_a + out_b) < MIN_FACE:
             continue
         _outwards(rotation, a, neighbour, face if inner else neighbour, outwards)
@@ -152,36 +205,14 @@ def edge_strips(lenses, c, half, face_labels, rotation, position, spacing, margi
             share = (margin + usable * (k + 0.5) / n) / length
             for i in range(3):
                 local[i] = a[i] + share * (b[i] - a[i])
-            rotate(rotation, local, world)
-            u, v, _ = project_with_jacobian(
-                lenses, c, world[0] + position[0], world[1] + position[1], world[2] + position[2], jacobian
-            )
-            # The normal of the edge's image here: perpendicular to its projected direction.
-            du, dv = 0.0, 0.0
-            for i in range(3):
-                du += jacobian[0, i] * rotation[i, axis]
-                dv += jacobian[1, i] * rotation[i, axis]
-            norm = math.hypot(du, dv)
-            su, sv = dv / norm, -du / norm
-            if su * nu + sv * nv < 0.0:
-                su, sv = -su, -sv
             strip = out[count]
-            strip.pixel[0], strip.pixel[1] = u, v
-            strip.normal[0], strip.normal[1] = su, sv
-            jx = su * jacobian[0, 0] + sv * jacobian[1, 0]
-            jy = su * jacobian[0, 1] + sv * jacobian[1, 1]
-            jz = su * jacobian[0, 2] + sv * jacobian[1, 2]
-            strip.jacobian[0], strip.jacobian[1], strip.jacobian[2] = jx, jy, jz
-            strip.jacobian[3] = world[1] * jz - world[2] * jy
-            strip.jacobian[4] = world[2] * jx - world[0] * jz
-            strip.jacobian[5] = world[0] * jy - world[1] * jx
+            _place(lenses, c, pose, local, axis, (nu, nv), outwards, strip)
             strip.edge = e
             strip.inside = face_labels[face]
             strip.outside = face_labels[neighbour] if inner else 0
             strip.reach_in = -depth_a - share * (depth_b - depth_a)
             strip.reach_out = out_a + share * (out_b - out_a)
             strip.length = usable / n
-            strip.rim = -(jx * outwards[0] + jy * outwards[1] + jz * outwards[2])
             count += 1
     return count
 
