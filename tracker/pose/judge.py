@@ -189,6 +189,9 @@ def settled(fit: Fit) -> bool:
     return sure(fit) and not alone(fit) and features(fit)["unusable"] <= MOST_UNUSABLE
 
 
+OUTVOTED = 3.0
+"""Log odds by which a pose that one camera sees, and another one elsewhere, is behind."""
+
 EVIDENCE = 0.1
 """Log odds that another piece of an edge in its place adds in comparison with a rival."""
 
@@ -196,12 +199,13 @@ EVIDENCE = 0.1
 def rank(fit: Fit) -> float:
     """By how much a fit is to be preferred: its log odds, explained pieces of edges, how well it stands.
 
-    A pose that shares most of the object's outline with the right one, slid along an edge or turned by a
+    One that another camera contradicts is behind those that two see. A pose that shares most of the object's outline with the right one, slid along an edge or turned by a
     quarter, has clean pieces too, but fewer of them; one that slid into a wrong optimum has rough ones.
     """
     pieces = fit.total("inliers")
     explained = EVIDENCE * pieces / (1.0 + max(features(fit)["rms"], 0.0))
-    return log_odds(fit) + explained + fit.stands
+    lonely = OUTVOTED if witnesses(fit).lonely else 0.0
+    return log_odds(fit) + explained + fit.stands - lonely
 
 
 def probably_near(covariance: FloatArray, limits: tuple[float, float] = NEAR) -> float:
