@@ -199,8 +199,9 @@ EVIDENCE = 0.1
 def rank(fit: Fit) -> float:
     """By how much a fit is to be preferred: its log odds, explained pieces of edges, how well it stands.
 
-    One that another camera contradicts is behind those that two see. A pose that shares most of the object's outline with the right one, slid along an edge or turned by a
-    quarter, has clean pieces too, but fewer of them; one that slid into a wrong optimum has rough ones.
+    A pose that shares most of the object's outline with the right one, slid along an edge or turned by a
+    quarter, has clean pieces too, but fewer of them; one that slid into a wrong optimum has rough ones. One
+    that another camera contradicts is behind those that two see.
     """
     pieces = fit.total("inliers")
     explained = EVIDENCE * pieces / (1.0 + max(features(fit)["rms"], 0.0))
