@@ -46,7 +46,12 @@ HARMLESS = {
         "confidence": lambda f: f.confidence * 0.9999,
     },
     "a busy machine": {"ratio": lambda f: f.ratio * 1.08},
-    "better": {"mm": lambda f: f.mm * 0.97, "deg": lambda f: f.deg * 0.97, "ratio": lambda f: f.ratio * 0.5},
+    # A wrong answer that becomes right changes what the confidence is worth.
+    "better": {
+        "mm": lambda f: f.mm.where(f.mm > 4.5, f.mm * 0.97),
+        "deg": lambda f: f.deg.where(f.deg > 4.5, f.deg * 0.97),
+        "ratio": lambda f: f.ratio * 0.5,
+    },
 }
 
 SABOTAGE = {

@@ -9,6 +9,7 @@ from tests.helpers.pushed_cube import DT, all_bits, bits, new, play, pose_at, wi
 from tracker.errors import ImageError, TrackerError
 from tracker.pipeline import Status
 from tracker.pose.estimate import PoseEstimator
+from tracker.pose.hypotheses import Search
 from tracker.pose.views import Reader
 from tracker.tracking.belief import Belief
 
@@ -84,7 +85,7 @@ def test_what_is_refused_at_first_does_not_count_as_first(rig, film, reference, 
 INSIDE = {
     "light": (Reader, "lit"),
     "labels": (Reader, "labelled"),
-    "window": (PoseEstimator, "window"),
+    "window": (Search, "window"),
     "follow": (PoseEstimator, "follow"),
     "refine": (PoseEstimator, "refine"),
     "advance": (Belief, "advance"),
