@@ -60,7 +60,7 @@ OFFSET = np.dtype(
     [
         ("offset", np.float64),  # of the edge from where it was expected, along the normal [px]
         ("variance", np.float64),  # of that, from noise [px²]
-        ("bloom", np.float64),  # the offset that a response of exponent 2 instead of 1 would feign [px]
+        ("bloom", np.float64),  # the offset as which a response of exponent 2 instead of 1 appears [px]
         ("wider", np.float64),  # by how much the edge looks wider than the blur [px], …
         ("sharpness", np.float64),  # … and the weight of that; 0: it cannot tell
         ("usable", np.bool_),  # whether there is an offset

@@ -173,7 +173,8 @@ class PoseEstimator:
             return Status.INCONSISTENT_VIEWS
         best = max(found, key=_ranked)
         if thorough and not settled(best.fit):
-            found.append(best._replace(fit=self.without_worst(best.sight, best.fit, lag)))
+            other = self.without_worst(best.sight, best.fit, lag)
+            found += [Found(other, best.sight)] if other is not best.fit else []
         if alone(best.fit):
             rivals = self._rivals(best.sight, best.fit, LIKELY, lag, reversed_in_depth, turned_about_face)
             found += [Found(rival, best.sight) for rival in rivals]

@@ -144,10 +144,10 @@ class Search:
                 found += self.begun(grey, self.positions(grey.labels, grey.pictures, 1), slice(FEW))
         return self.likeliest(found)
 
-    def likeliest(self, begun: list[Hypothesis], reaches: Array = REACHES[1:]) -> list[Hypothesis]:
+    def likeliest(self, begun: Sequence[Hypothesis]) -> list[Hypothesis]:
         """The best of hypotheses that have been begun, aligned to the end, best first."""
-        begun.sort(key=lambda one: -one.score)
-        aligned = [hypothesis for one in begun[:ALIGNED] for hypothesis in self._aligned([one], reaches)]
+        best = sorted(begun, key=lambda one: -one.score)[:ALIGNED]
+        aligned = [hypothesis for one in best for hypothesis in self._aligned([one], REACHES[1:])]
         return sorted(aligned, key=lambda one: -one.score)
 
     def near(self, sight: Sight, poses: Sequence[tuple[FloatArray, FloatArray]]) -> Hypothesis | None:

@@ -32,7 +32,7 @@ from tracker.pose.solve import (
     with_edges,
 )
 from tracker.pose.strips import collect, edge_strips
-from tracker.pose.support import Table, lean, leaner
+from tracker.pose.support import lean, leaner
 from tracker.pose.views import pixels_of
 
 # Lengths in pixels are those of an object of reference size (`scale`), unless they say otherwise.
@@ -118,44 +118,6 @@ FOLLOWING = Schedule(
     negligible=np.full(5, 2.0),
 )
 """From a pose that was predicted, with a blur that is known."""
-
-
-class Model(NamedTuple):
-    """What never changes while an object is followed by fixed cameras."""
-
-    half: FloatArray
-    """(3,) half edge lengths of the object [m]."""
-    face_labels: Array
-    """(6,) uint8."""
-    rim: tuple[float, float]
-    """Distance of the faces' borders from the nominal edges, and its standard deviation [m]."""
-    lenses: Array
-    """(C,) of LENS."""
-    calibration: FloatArray
-    """(C, 6, 6) inverse of `calibration.deviations.calibration_covariance`."""
-    colors: Array
-    """(64³,) uint8: the label of each colour cell."""
-    table: Table
-    """On which the object may stand."""
-
-
-class Workspace(NamedTuple):
-    """Arrays that the refinement works in; of one thread alone."""
-
-    strips: Array
-    """(C, MAX_STRIPS) of STRIP."""
-    found: Array
-    """(C, MAX_STRIPS) of OFFSET."""
-    distance: FloatArray
-    """(C, PIXELS) from the edges [px], when they were collected."""
-    values: FloatArray
-    """(C, 3, PIXELS) colours."""
-    residuals: FloatArray
-    """(C · MAX_STRIPS,)"""
-    widths: FloatArray
-    """(MAX_STRIPS,)"""
-    scratch: Array
-    """(1,) of `edge_fit.SCRATCH`."""
 
 
 @compiled

@@ -5,6 +5,7 @@ from __future__ import annotations
 import statistics
 import threading
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,9 +19,7 @@ from tracker.pose.fit import LIKELY, SEEN, Fit, Lag, OwnViews, Start
 from tracker.pose.own_view import see_alone
 from tracker.pose.refine import (
     SCHEDULE,
-    Model,
     Schedule,
-    Workspace,
     begin,
     lay,
     measure_all,
@@ -31,6 +30,44 @@ from tracker.pose.solution import CAMERA, EXPONENT, MOVING, RIM, SOLUTION, UNKNO
 from tracker.pose.solve import with_model_errors
 from tracker.pose.strips import MAX_STRIPS, PIXELS, STRIP
 from tracker.pose.support import NO_TABLE, Table
+
+
+class Model(NamedTuple):
+    """What never changes while an object is followed by fixed cameras."""
+
+    half: FloatArray
+    """(3,) half edge lengths of the object [m]."""
+    face_labels: Array
+    """(6,) uint8."""
+    rim: tuple[float, float]
+    """Distance of the faces' borders from the nominal edges, and its standard deviation [m]."""
+    lenses: Array
+    """(C,) of LENS."""
+    calibration: FloatArray
+    """(C, 6, 6) inverse of `calibration.deviations.calibration_covariance`."""
+    colors: Array
+    """(64³,) uint8: the label of each colour cell."""
+    table: Table
+    """On which the object may stand."""
+
+
+class Workspace(NamedTuple):
+    """Arrays that the refinement works in; of one thread alone."""
+
+    strips: Array
+    """(C, MAX_STRIPS) of STRIP."""
+    found: Array
+    """(C, MAX_STRIPS) of OFFSET."""
+    distance: FloatArray
+    """(C, PIXELS) from the edges [px], when they were collected."""
+    values: FloatArray
+    """(C, 3, PIXELS) colours."""
+    residuals: FloatArray
+    """(C · MAX_STRIPS,)"""
+    widths: FloatArray
+    """(MAX_STRIPS,)"""
+    scratch: Array
+    """(1,) of `edge_fit.SCRATCH`."""
 
 
 def workspace(cameras: int) -> Workspace:
