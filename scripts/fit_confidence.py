@@ -1,228 +1,204 @@
-"""Fit the confidence's logistic model on scenes of the simulated platform, where the truth is known.
+"""Fit the numbers of the evidence on scenes of the simulated platform, where the truth is known.
 
     python scripts/fit_confidence.py [SCENES]
 
-Right and wrong answers teach the weights: in a tidy world and in one with all imperfections of the real one,
-with all cameras, with two and with one, with exact and with perturbed calibration, in tinted and in smeared,
-grainy pictures, and where there is no object; and where something is broken: pictures that were mixed up, a
-camera that was knocked, cameras that are all somewhere else.
-Prints the weights that tracker/pose/judge.py holds, and how reliable they are on scenes left out.
+Right and wrong fits teach them: in a tidy world and in one with all imperfections of the real one, with all
+cameras, with two and with one, in odd light, in poor pictures, where there is no object, where another thing
+is shown, where pictures or channels were mixed up, and with another robot's calibration.
+Prints what tracker/pose/evidence.py and tracker/pose/judge.py hold, and how reliable it is: every third scene
+judges the numbers that the others teach.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import math
 import sys
 from collections.abc import Iterator
-from itertools import chain
 
-import cv2
 import numpy as np
 from scipy.optimize import minimize
 
-from synthetic.effects import NAMES
-from synthetic.frames import Frame, frames
-from tracker.calibration.rig import CameraRig
-from tracker.conventions import FloatArray
+import tracker
+from benchmarks.data.scenes import LOOK_ALIKE, OBJECTS
+from benchmarks.data.sets import SHARES, Plan, scene_set
+from benchmarks.data.store import prepare
+from benchmarks.data.workloads import WORKLOADS, case
+from benchmarks.score.errors import pose_errors, true_pose
+from tracker.compiled import compiled
+from tracker.conventions import Array, FloatArray
 from tracker.geometry import so3
-from tracker.objects.model import load_object
-from tracker.pipeline import ObjectTracker
-from tracker.pose import judge
-from tracker.pose.fit import Fit
-from tracker.pose.judge import WEIGHTS, features, fits, probably_near
+from tracker.objects.model import CuboidModel
+from tracker.pose.estimate import reconcilable
+from tracker.pose.evidence import NUMBERS, Numbers, weigh
+from tracker.pose.fit import SEEN, Fit
+from tracker.pose.hypotheses import apart
+from tracker.pose.judge import NEARNESS, fits, probably_near
+from tracker.pose.result import PoseEstimate
 
 SEED = 101
-OBJECTS = ("cube_v2", "cuboid_2x2x8_v2")
-FAULTS_WEIGHT = 0.5
-"""Of an answer where something is broken, which is rarer than these scenes have it."""
+WEIGHTS = {"swapped": 0.5, "other calibration": 0.25}
+"""Of workloads that are rarer than these scenes have them, or that no evidence can tell."""
 
-ALL, PAIRS, ONE = ((0, 1, 2),), ((0, 1), (1, 2)), ((0,),)
+PROBABILITIES = ("wrong", "misread", "hidden", "broken", "more", "alike", "colored")
+ODDS = ("body", "shape", "nothing", "offset")
+"""How numbers are searched: probabilities and odds by their log odds, all others by their logarithm."""
 
-
-def perturbed(
-    cameras: tuple, rng: np.random.Generator, shift: float = 5e-4, turn: float = 1.75e-3
-) -> CameraRig:
-    """A rig whose transforms are off by normal errors [m, rad] that it states."""
-    result = []
-    for camera in cameras:
-        transform = camera.camera_from_world.copy()
-        transform[:3, 3] += rng.normal(0, shift, 3)
-        transform[:3, :3] = so3.exp(rng.normal(0, turn, 3)) @ transform[:3, :3]
-        std = np.zeros((4, 4))
-        std[:3, 3] = shift
-        std[:3, :3] = turn * np.sqrt(np.maximum(0, 1 - transform[:3, :3] ** 2))
-        result.append(dataclasses.replace(camera, camera_from_world=transform, camera_from_world_std=std))
-    return CameraRig(tuple(result))
-
-
-def tinted(images: list, rng: np.random.Generator) -> list:
-    """Each camera's colours mixed and curved a little, and darker towards a side."""
-    result = []
-    for image in images:
-        mixing = np.eye(3) * rng.uniform(0.55, 1.35, 3) + rng.uniform(-0.08, 0.08, (3, 3))
-        curve, angle, depth = rng.uniform(0.75, 1.35), rng.uniform(0, 2 * np.pi), rng.uniform(0, 0.5)
-        y, x = np.mgrid[-1 : 1 : image.shape[0] * 1j, -1 : 1 : image.shape[1] * 1j]
-        shade = 1 - depth * (1 + np.cos(angle) * x + np.sin(angle) * y) / 2
-        light = np.clip(image / 255.0 @ mixing.T * shade[..., None], 0, 1) ** curve
-        result.append(np.rint(255 * light).astype(np.uint8))
-    return result
-
-
-def shaken(images: list, rng: np.random.Generator) -> list:
-    """The images smeared along a direction, with grain that grows with the light, or as JPEG."""
-    result = []
-    for image in images:
-        length, angle = rng.uniform(0, 4), rng.uniform(0, np.pi)
-        kernel = np.zeros((7, 7), np.float32)
-        for t in np.linspace(-length / 2, length / 2, 15):
-            kernel[round(3 + t * np.sin(angle)), round(3 + t * np.cos(angle))] += 1
-        smeared = cv2.filter2D(image.astype(np.float32), -1, kernel / kernel.sum())
-        grain = rng.uniform(1, 16) * np.sqrt(0.2 + smeared / 160) * rng.normal(size=image.shape)
-        seen = np.clip(np.rint(smeared + grain), 0, 255).astype(np.uint8)
-        if rng.random() < 0.5:
-            quality = [cv2.IMWRITE_JPEG_QUALITY, int(rng.integers(45, 95))]
-            seen = cv2.imdecode(cv2.imencode(".jpg", seen, quality)[1], cv2.IMREAD_COLOR)
-        result.append(np.ascontiguousarray(seen))
-    return result
+MISTAKES = 1e-4
+"""Probability at which a surprise costs no more."""
 
 
 @dataclasses.dataclass
 class Cases:
-    """Answers and whether each is right."""
+    """Fits and whether each is right."""
 
-    rows: list[list[float]] = dataclasses.field(default_factory=list)
-    near: list[float] = dataclasses.field(default_factory=list)
-    right: list[bool] = dataclasses.field(default_factory=list)
-    faulty: list[bool] = dataclasses.field(default_factory=list)
+    seen: list[Array] = dataclasses.field(default_factory=list)
+    labels: list[Array] = dataclasses.field(default_factory=list)
+    numbers: list[tuple[float, ...]] = dataclasses.field(default_factory=list)
+    """stands, log odds of being near, probability that the calibration fits and the arena holds it, right,
+    weight, the scene's number."""
+    rivals: list[tuple[int, int]] = dataclasses.field(default_factory=list)
+    group: list[str] = dataclasses.field(default_factory=list)
 
-    def add(self, fit: Fit, truth: Frame, faulty: bool) -> None:
-        """One more answer."""
-        self.rows.append(list(features(fit).values()))
-        self.near.append(fits(fit) * probably_near(fit.covariance) / (1.0 + math.exp(-fit.lead)))
-        self.right.append(_is_right(fit.position, fit.rotation, truth))
-        self.faulty.append(faulty)
-
-    def arrays(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Features (N, F), probability of being near if on the object, whether right, weights (N,)."""
-        weights = np.where(self.faulty, FAULTS_WEIGHT, 1.0)
-        return np.array(self.rows), np.array(self.near), np.array(self.right, dtype=float), weights
-
-
-def mixed_up(images: list, rng: np.random.Generator) -> list:
-    """The pictures of two cameras in each other's place, or one camera's upside down or as in a mirror."""
-    result = list(images)
-    one, two = (int(c) for c in rng.permutation(len(images))[:2])
-    kind = rng.integers(3)
-    if kind == 0:
-        result[one], result[two] = images[two], images[one]
-    else:
-        result[one] = np.ascontiguousarray(images[one][::-1] if kind == 1 else images[one][:, ::-1])
-    return result
+    def add(self, found: list[Fit], right: list[bool], model: CuboidModel, group: str, scene: int) -> None:
+        """All fits to one set of pictures."""
+        first, radius = len(self.seen), 0.5 * float(np.linalg.norm(model.size))
+        for one, good in zip(found, right, strict=True):
+            near = min(max(probably_near(one.covariance), 1e-6), 1 - 1e-6)
+            self.seen.append(one.cameras)
+            self.labels.append(model.face_labels)
+            odds, holds = np.log(near / (1 - near)), fits(one) * one.inside
+            weight = WEIGHTS.get(group, 1.0)
+            self.numbers.append((one.stands, odds, holds, good, weight, scene))
+            self.group.append(group)
+        for i, one in enumerate(found):
+            for k, other in enumerate(found):
+                if i != k and apart(one, other, radius) and not reconcilable(one, other):
+                    self.rivals.append((first + i, first + k))
 
 
-def situations(rig: CameraRig, images: list, rng: np.random.Generator, k: int) -> Iterator[tuple]:
-    """How scene k is looked at: calibration, pictures (None: no picture), whether something is broken."""
-    if k % 3 == 1 or k % 6 == 5:
-        images = tinted(images, rng)
-    if k % 3 == 2:
-        images = shaken(images, rng)
-    given = perturbed(rig.cameras, rng) if k % 2 else rig
-    for used in (*ALL, PAIRS[k % 2], *ONE):
-        yield given, [image if c in used else None for c, image in enumerate(images)], False
-    yield given, mixed_up(images, rng), True
-    yield knocked(given, rng), images, True
-    yield strange(given, rng), images, True
+def situations(object_name: str, scenes: int) -> Iterator[tuple]:
+    """Tracker, pictures, true pose, workload and number of each scene in each workload."""
+    plan = Plan(scenes, SEED, shares={**SHARES, LOOK_ALIKE: 0.4, "absent": 0.6})
+    usual = [w for w in WORKLOADS if w.usual and object_name in w.objects]
+    bases = dict.fromkeys(w.base for w in usual if w.base in ("realistic", "world", "absent"))
+    for base in (*bases, *(w.base for w in usual if w.base.startswith(LOOK_ALIKE))):
+        scenes_of = scene_set(object_name, base, plan)
+        prepare([(scenes_of.store, scenes_of.numbers)], plan.workers)
+        for scene in scenes_of:
+            truth = true_pose(scene.position, scene.rotation)
+            for workload in (w for w in usual if w.base == base):
+                other = scenes_of.another(scene) if workload.other_moment else None
+                given = case(workload, object_name, scene, scenes_of.rig, SEED, other)
+                one = tracker.ObjectTracker(scenes_of.model, given.rig, scenes_of.colors)
+                yield one, given.images, truth, workload.name, scene.index
+                if workload.name == "realistic":
+                    yield (
+                        one,
+                        [np.ascontiguousarray(i[..., ::-1]) for i in given.images],
+                        truth,
+                        "RGB",
+                        scene.index,
+                    )
 
 
-def knocked(rig: CameraRig, rng: np.random.Generator) -> CameraRig:
-    """A rig of which one camera is not where its file says: by millimetres, or somewhere else altogether."""
-    cameras, c = list(rig.cameras), int(rng.integers(len(rig)))
-    shift, turn = (rng.uniform(1e-3, 5e-3), rng.uniform(1e-3, 1e-2)) if rng.random() < 0.5 else (0.03, 0.1)
-    moved = perturbed((cameras[c],), rng, shift, turn).cameras[0]
-    cameras[c] = dataclasses.replace(moved, camera_from_world_std=cameras[c].camera_from_world_std)
-    return CameraRig(tuple(cameras))
-
-
-def strange(rig: CameraRig, rng: np.random.Generator) -> CameraRig:
-    """Cameras that are all somewhere else, as of another robot, and say nothing of it."""
-    moved = perturbed(rig.cameras, rng, rng.uniform(3e-3, 2e-2), rng.uniform(1e-2, 1e-1)).cameras
-    pairs = zip(moved, rig, strict=True)
-    return CameraRig(
-        tuple(dataclasses.replace(m, camera_from_world_std=c.camera_from_world_std) for m, c in pairs)
-    )
-
-
-def collect(seed: int, scenes: int) -> Cases:
-    """The estimator's answers in all situations: half of the scenes in a tidy world, half in the real one."""
-    answers = Cases()
+def collect(scenes: int) -> Cases:
+    """Every fit that is chosen from, in all situations."""
+    cases = Cases()
     for name in OBJECTS:
-        model = load_object(name)
-        tidy = frames(name, scenes // 2, seed, empty=0.12)
-        world = frames(name, scenes - scenes // 2, seed + 50, empty=0.12, effects=NAMES)
-        for k, truth in enumerate(chain(tidy, world)):
-            rng = np.random.default_rng([seed, k])
-            for given, images, faulty in situations(truth.given, list(truth.images), rng, k):
-                answer = ObjectTracker(model, given).fit(images)
-                if isinstance(answer, Fit):
-                    answers.add(answer, truth, faulty)
-    return answers
+        for one, images, truth, group, number in situations(name, scenes):
+            estimator, found, right = one._estimator, [], []
+            sight = estimator.reader(images)
+            for candidate in estimator.candidates(sight):
+                fit = estimator.examined(candidate.sight, candidate.fit)
+                pose = PoseEstimate(fit.position, so3.quaternion(fit.rotation), fit.covariance, 0.0)
+                error = dict(zip(("mm", "deg"), pose_errors(pose, truth), strict=False))
+                found.append(fit)
+                right.append(bool(error["mm"] < 5 and error["deg"] < 5))
+            cases.add(found, right, one.model, group, number)
+    return cases
 
 
-def _is_right(position: FloatArray, rotation: FloatArray, truth: Frame) -> bool:
-    if not truth.objects:
-        return False
-    (state,) = truth.objects
-    near = np.linalg.norm(position - state.position) < 5e-3
-    return bool(near and so3.angle_between(rotation, state.rotation) < np.radians(5))
+@compiled
+def weigh_all(seen, labels, stands, numbers, out):  # type: ignore[no-untyped-def]
+    """Evidence (N, 4) of N fits, see `weigh`."""
+    cameras = np.empty((seen.shape[1], 2))
+    for i in range(len(seen)):
+        out[i, 0], out[i, 1], out[i, 2], out[i, 3] = weigh(seen[i], labels[i], stands[i], numbers, cameras)
 
 
-def fit(rows: FloatArray, near: FloatArray, right: FloatArray, weights: FloatArray) -> FloatArray:
-    """Bias and weights (1 + F,), these not positive, under which the confidence is most likely.
+class Model:
+    """Cases as arrays, and what numbers say of them."""
 
-    Args:
-        rows: (N, F) features.
-        near: (N,) probability of being near the truth if on the object.
-        right: (N,) whether it was.
-        weights: (N,) of each answer.
-    """
-    spread = rows.std(axis=0) + 1e-9
-    design = np.column_stack([np.ones(len(rows)), rows / spread])
+    def __init__(self, cases: Cases) -> None:
+        self.seen = np.array(cases.seen, dtype=SEEN)
+        self.labels = np.array(cases.labels)
+        columns = np.array(cases.numbers, dtype=float).T
+        self.stands, self.near, self.holds, self.right, self.weight, self.scene = columns
+        self.one, self.other = np.array(cases.rivals, dtype=int).reshape(-1, 2).T
+        self.group = np.array(cases.group)
 
-    def loss(w: FloatArray) -> tuple[float, FloatArray]:
-        trust = 1 / (1 + np.exp(-(design @ w)))
-        said = np.clip(near * trust, 1e-6, 1 - 1e-6)
-        value = -(weights * np.where(right > 0, np.log(said), np.log1p(-said))).sum()
-        slope = weights * np.where(right > 0, -1 / said, 1 / (1 - said)) * near * trust * (1 - trust)
-        return value + 0.5 * (w[1:] ** 2).sum(), slope @ design + np.r_[0, w[1:]]
+    def confidence(self, values: dict[str, float]) -> FloatArray:
+        """(N,) of all fits."""
+        numbers = Numbers(**{name: values[name] for name in Numbers._fields})
+        out = np.empty((len(self.seen), 4))
+        weigh_all(self.seen, self.labels, np.ascontiguousarray(self.stands), numbers, out)
+        here, body, shape, nothing = out.T
+        ahead = numbers.temper * (here - nothing)
+        behind = np.clip(ahead[self.other] - ahead[self.one], -40, 40)
+        against = np.bincount(self.one, np.exp(behind), len(here))
+        against += np.exp(numbers.temper * (body - here) + numbers.body)
+        against += np.exp(numbers.temper * (shape - here) + numbers.shape) + np.exp(numbers.nothing - ahead)
+        near = 1 / (1 + np.exp(-values["offset"] - values["growth"] * self.near))
+        return np.asarray(self.holds * near / (1 + against))
 
-    bounds = [(None, None)] + [(None, 0)] * rows.shape[1]
-    start = np.r_[3.0, -np.ones(rows.shape[1])]
-    solution = minimize(loss, start, jac=True, method="L-BFGS-B", bounds=bounds).x
-    return np.concatenate([solution[:1], solution[1:] / spread])
+    def fit(self, start: dict[str, float], use: Array) -> dict[str, float]:
+        """The likeliest numbers for some of the cases."""
+        names = list(start)
+        first = np.array([_searched(name, start[name]) for name in names])
+
+        def loss(x: FloatArray) -> float:
+            values = {name: _meant(name, v) for name, v in zip(names, x, strict=True)}
+            said = np.clip(self.confidence(values), MISTAKES, 1 - MISTAKES)
+            cost = -np.where(self.right > 0, np.log(said), np.log1p(-said))
+            return (
+                float((self.weight * cost)[use].sum() / self.weight[use].sum())
+                + 1e-4 * ((x - first) ** 2).sum()
+            )
+
+        found = minimize(
+            loss, first, method="L-BFGS-B", options={"maxiter": 80, "eps": 1e-4, "maxfun": 10**6}
+        ).x
+        return {name: _meant(name, v) for name, v in zip(names, found, strict=True)}
 
 
-def accept_almost_all() -> None:
-    """Lower the limits of acceptance, since the weights have to learn from what is refused as well."""
-    judge.MIN_EXPLAINED, judge.MAX_WRONG, judge.MIN_INLIERS = 0.1, 0.6, 4.0
-    judge.MIN_LEAD, judge.MIN_TRUST, judge.MIN_DEFINITE = -1.0, 0.0, 0.0
+def _searched(name: str, value: float) -> float:
+    if name in ODDS:
+        return value
+    return float(np.log(value / (1 - value)) if name in PROBABILITIES else np.log(value))
+
+
+def _meant(name: str, value: float) -> float:
+    if name in ODDS:
+        return float(value)
+    return float(1 / (1 + np.exp(-value)) if name in PROBABILITIES else np.exp(value))
 
 
 def main(scenes: int) -> None:
-    """Collect, fit, print; the reliability is that of other scenes."""
-    accept_almost_all()
-    weights = fit(*collect(SEED, scenes).arrays())
-    print("BIAS =", round(float(weights[0]), 2))
-    print("WEIGHTS =", {n: round(float(w), 2) for n, w in zip(WEIGHTS, weights[1:], strict=True)})
-    rows, near, right, mass = collect(SEED + 1, scenes // 2).arrays()
-    said = near / (1 + np.exp(-(weights[0] + rows @ weights[1:])))
-    for title, kind in (("ordinary", mass == 1.0), ("broken", mass < 1.0)):
-        print(f"{title}: {kind.sum()} answers, Brier score {np.mean((said - right)[kind] ** 2):.4f}")
-        for low, high in ((0, 0.3), (0.3, 0.5), (0.5, 0.7), (0.7, 0.9), (0.9, 0.98), (0.98, 1.01)):
-            chosen = kind & (said >= low) & (said < high)
-            if chosen.any():
-                print(f"  said {said[chosen].mean():.3f}: {chosen.sum()}, {right[chosen].mean():.3f} right")
+    """Collect, fit, print; the reliability is that of the scenes held out."""
+    model = Model(collect(scenes))
+    start = dict(NUMBERS._asdict()) | dict(zip(("offset", "growth"), NEARNESS, strict=True))
+    held = model.scene % 3 == 0
+    tried = model.confidence(model.fit(start, ~held))
+    for group in dict.fromkeys(model.group):
+        rows = held & (model.group == group)
+        said, right = tried[rows], model.right[rows]
+        print(
+            f"{group}: {rows.sum()} fits, said {said.mean():.3f}, right {right.mean():.3f}, "
+            f"Brier score {np.mean((said - right) ** 2):.4f}"
+        )
+    found = model.fit(start, np.ones(len(held), bool))
+    print({name: float(f"{value:.3g}") for name, value in found.items()})
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 240)
+    main(int(sys.argv[1]) if len(sys.argv) > 1 else 100)

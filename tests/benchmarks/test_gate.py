@@ -18,7 +18,7 @@ from benchmarks.measure.accuracy import measure_accuracy
 from benchmarks.program import main
 from tests.benchmarks.made_up import ABOUT, answers
 from tests.helpers.synthetic_needs import skip_without_platform
-from tracker.pose import judge
+from tracker.pose import evidence
 
 
 @pytest.fixture(scope="module")
@@ -188,10 +188,11 @@ def test_the_gate_tells_of_a_tracker_with_wrong_covariances(measured, monkeypatc
     assert any("NEES" in line for line in gate.failures(before, run()))
 
 
-@pytest.mark.parametrize("name", judge.WEIGHTS)
-def test_the_gate_tells_of_a_weight_of_the_confidence(measured, monkeypatch, name):
+@pytest.mark.parametrize("name", ["pixel", "hidden", "inlier", "lacking", "temper", "body", "shape"])
+def test_the_gate_tells_of_a_number_of_the_evidence(measured, monkeypatch, name):
     run, before = measured
-    monkeypatch.setitem(judge.WEIGHTS, name, 1.5 * judge.WEIGHTS[name])
+    other = {name: 1.5 * getattr(evidence.NUMBERS, name)}
+    monkeypatch.setattr(evidence, "NUMBERS", evidence.NUMBERS._replace(**other))
     assert any("confidence" in line for line in gate.failures(before, run()))
 
 

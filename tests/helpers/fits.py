@@ -2,25 +2,50 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
 
+from tracker.objects.model import load_object
+from tracker.pose.evidence import evidence_of
 from tracker.pose.fit import SEEN, Fit
 
 COVARIANCE = np.diag(np.repeat(np.square([0.3e-3, math.radians(0.3)]), 3))
 HOME = np.array([0.02, -0.03, 0.0325])
+LABELS = load_object("cube_v2").face_labels
+VISIBLE = (0, 2, 4)
+
+
+def with_cameras(fit, which=slice(None), **fields):
+    """The fit, of which the cameras `which` say something else, with the evidence of it all."""
+    cameras = fit.cameras.copy()
+    for name, value in fields.items():
+        cameras[name][which] = value
+    for one in cameras:
+        one["faces"] = 0
+        for k, face in enumerate(VISIBLE):
+            one["faces"][face][LABELS[face]] = (one["agree"] + k) // 3
+            one["faces"][face][0] = (one["missing"] + k) // 3
+        # One face is in another's colour.
+        one["faces"][VISIBLE[0]][LABELS[VISIBLE[1]]] += one["wrong"]
+    return dataclasses.replace(
+        fit, cameras=cameras, evidence=evidence_of(cameras, np.asarray(LABELS), fit.stands)
+    )
 
 
 def made_fit(position=HOME, rotation=None, *, sure=True, cameras=3, covariance=COVARIANCE):
     """A fit as of an object in full view, or with many pixels and pieces of edges that do not agree."""
-    seen = np.zeros(3, SEEN)
     fields = {
-        "expected": 40.0, "usable": 38.0 if sure else 24.0, "inliers": 36.0 if sure else 12.0,
-        "squares": 0.36 if sure else 3.0, "blur": 0.5, "predicted": 410, "agree": 400 if sure else 200,
-        "missing": 5 if sure else 120, "wrong": 0 if sure else 60, "extra": 4 if sure else 60,
+        "expected": 40.0, "usable": 38.0 if sure else 20.0, "inliers": 36.0 if sure else 12.0,
+        "squares": 0.36 if sure else 3.0, "blur": 0.5, "predicted": 410, "agree": 400 if sure else 240,
+        "missing": 10 if sure else 150, "wrong": 0 if sure else 30, "extra": 4 if sure else 60,
     }  # fmt: skip
-    for name, value in fields.items():
-        seen[name][:cameras] = value
-    position = np.array(position, dtype=np.float64)
-    return Fit(position, np.eye(3) if rotation is None else rotation, covariance, seen, True)
+    fit = Fit(
+        np.array(position, dtype=np.float64),
+        np.eye(3) if rotation is None else rotation,
+        covariance,
+        np.zeros(3, SEEN),
+        True,
+    )
+    return with_cameras(fit, slice(cameras), **fields)

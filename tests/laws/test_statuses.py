@@ -98,7 +98,7 @@ DETECTED = {
     "nothing": Status.NO_OBJECT_COLORS,
     "a corner of the cube": Status.TOO_FEW_PIXELS,
     "a cube below the table": Status.INCONSISTENT_VIEWS,
-    "a cube larger than its model": Status.INCONSISTENT_VIEWS,
+    "a cube larger than its model": Status.OTHER_OBJECT,
 }
 
 
@@ -116,7 +116,7 @@ def test_pictures_that_show_no_cube_as_it_is_give_no_pose_that_is_sure(truth, sp
 
 def test_a_cube_behind_wavy_glass_fits_poorly_or_in_several_ways(truth):
     answer = new().detect([wavy(image) for image in truth.images])
-    assert answer.status in (Status.POOR_FIT, Status.AMBIGUOUS)
+    assert answer.status in (Status.POOR_FIT, Status.AMBIGUOUS, Status.OTHER_OBJECT)
     assert answer.object_pose is None
 
 
@@ -143,7 +143,13 @@ def test_one_face_to_one_camera_never_gives_a_pose_that_is_sure():
     assert all(one.object_pose is None or one.object_pose.confidence < 0.5 for one in answers)
 
 
-REFUSED = (Status.TOO_FEW_PIXELS, Status.INCONSISTENT_VIEWS, Status.POOR_FIT, Status.AMBIGUOUS)
+REFUSED = (
+    Status.TOO_FEW_PIXELS,
+    Status.INCONSISTENT_VIEWS,
+    Status.POOR_FIT,
+    Status.OTHER_OBJECT,
+    Status.AMBIGUOUS,
+)
 
 
 @pytest.mark.parametrize("status", REFUSED)

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from tests.helpers.fits import made_fit
+from tests.helpers.fits import made_fit, with_cameras
 from tracker.geometry.arena import Arena
 from tracker.geometry.so3 import exp
 from tracker.pose.judge import (
@@ -15,13 +15,11 @@ from tracker.pose.judge import (
     SURE,
     alone,
     confidence,
-    log_odds,
-    possible,
+    nearness,
     probably_near,
     rank,
     refusal,
     settled,
-    sure,
     trust,
 )
 from tracker.pose.result import Status
@@ -29,9 +27,7 @@ from tracker.pose.result import Status
 
 def rough(fit, rms):
     """A fit whose edges are off by `rms` [px] at the reference focal length."""
-    cameras = fit.cameras.copy()
-    cameras["squares"] = rms**2 * cameras["inliers"]
-    return dataclasses.replace(fit, cameras=cameras)
+    return with_cameras(fit, squares=rms**2 * fit.cameras["inliers"])
 
 
 @pytest.mark.parametrize(("cameras", "status"), [(3, Status.INCONSISTENT_VIEWS), (1, Status.AMBIGUOUS)])
@@ -40,29 +36,24 @@ def test_an_object_below_the_table_is_refused(cameras, status):
     assert refusal(fit) is None
     arena = Arena()
     for lowest in (0.0, arena.lowest):
-        assert possible(dataclasses.replace(fit, inside=arena.holds(fit.position, lowest)))
+        assert refusal(dataclasses.replace(fit, inside=arena.holds(fit.position, lowest))) is None
     below = dataclasses.replace(fit, inside=arena.holds(fit.position, arena.lowest - 1e-3))
-    assert not possible(below)
     assert refusal(below) is status
 
 
 def test_pieces_speak_for_a_fit_the_less_the_rougher_they_are():
-    ranks = [rank(rough(made_fit(), rms)) for rms in (0.05, 0.1, 0.2, 0.4, 0.8)]
-    assert ranks == sorted(ranks, reverse=True)
-    for rms in (0.05, 0.3, 1.5):
+    ranks = [rank(rough(made_fit(), rms)) for rms in (0.1, 0.2, 0.4, 0.8)]
+    assert ranks == sorted(set(ranks), reverse=True)
+    for rms in (0.05, 0.3):
         fit = rough(made_fit(), rms)
-        fewer = fit.cameras.copy()
-        for name in ("inliers", "squares"):
-            fewer[name] *= 0.7
-        assert rank(dataclasses.replace(fit, cameras=fewer)) < rank(fit)
+        seen = fit.cameras
+        fewer = with_cameras(fit, inliers=0.7 * seen["inliers"], squares=0.7 * seen["squares"])
+        assert rank(fewer) < rank(fit)
 
 
 def test_a_rank_is_finite_for_a_fit_without_pieces():
-    fit = made_fit()
-    cameras = fit.cameras.copy()
-    for name in ("expected", "usable", "inliers", "squares", "blur"):
-        cameras[name] = 0.0
-    assert math.isfinite(rank(dataclasses.replace(fit, cameras=cameras)))
+    none = dict.fromkeys(("expected", "usable", "inliers", "squares", "blur"), 0.0)
+    assert math.isfinite(rank(with_cameras(made_fit(), **none)))
 
 
 def test_poses_far_from_the_arena_are_refused():
@@ -70,20 +61,17 @@ def test_poses_far_from_the_arena_are_refused():
     for place in ([0.3, 0.0, 0.03], [0.0, -0.26, 0.03], [0.0, 0.0, 0.25]):
         beyond = dataclasses.replace(fit, inside=arena.holds(np.array(place), 0.0))
         assert refusal(beyond) is Status.INCONSISTENT_VIEWS
-        assert not sure(beyond)
         assert not settled(beyond)
 
 
 def test_a_clear_fit_is_sure_and_settled_and_one_camera_settles_nothing():
     fit, one = made_fit(), made_fit(cameras=1)
-    assert log_odds(fit) > SURE
-    assert sure(fit)
+    assert trust(fit) > SURE
     assert settled(fit)
-    assert sure(one)
+    assert trust(one) > SURE
     assert alone(one)
     assert not settled(one)
     for doubtful in (made_fit(sure=False), dataclasses.replace(fit, converged=False)):
-        assert not sure(doubtful)
         assert not settled(doubtful)
 
 
@@ -134,6 +122,15 @@ def test_what_is_no_covariance_is_near_nothing():
 
 def test_confidence_is_trust_times_accuracy_and_a_rival_halves_it_at_most():
     fit = made_fit()
-    assert confidence(fit) == pytest.approx(trust(fit) * probably_near(fit.covariance))
+    assert confidence(fit) == pytest.approx(trust(fit) * nearness(fit.covariance))
     rival = dataclasses.replace(fit, lead=0.0)
-    assert trust(rival) == pytest.approx(0.5 * trust(fit))
+    assert trust(rival) == pytest.approx(0.5, abs=0.01)
+
+
+def test_a_pose_that_is_stated_to_be_nearer_is_nearer():
+    spreads = [np.diag(np.repeat(np.square([shift, 0.02]), 3)) for shift in (3e-4, 1e-3, 2e-3, 4e-3, 0.1)]
+    found = [nearness(spread) for spread in spreads]
+    assert found == sorted(found, reverse=True)
+    assert found[0] > 0.99
+    assert found[-1] < 0.01
+    assert nearness(np.full((6, 6), np.nan)) == 0.0

@@ -7,33 +7,34 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tests.helpers.fits import made_fit
-from tracker.pose.judge import MIN_LEAD, features, log_odds, refusal
+from tests.helpers.fits import made_fit, with_cameras
+from tracker.pose.judge import log_odds, refusal
 from tracker.pose.result import Status
 
-
-def fit_with(**seen):
-    """A good fit, but every camera saw this of it."""
-    fit = made_fit()
-    cameras = fit.cameras.copy()
-    for name, value in seen.items():
-        cameras[name] = value
-    return dataclasses.replace(fit, cameras=cameras)
-
+NO_EDGES = {"usable": 0.0, "inliers": 0.0, "squares": 0.0}
+NOTHING = {"agree": 0, "missing": 410, "extra": 0} | NO_EDGES
 
 REFUSED = {
-    "hardly a pixel": (fit_with(agree=9), Status.TOO_FEW_PIXELS),
-    "a small part of what it predicts": (fit_with(agree=55), Status.TOO_FEW_PIXELS),
-    "as many pixels of other colours": (fit_with(wrong=410), Status.INCONSISTENT_VIEWS),
-    "pixels of its colours all around": (fit_with(extra=210), Status.INCONSISTENT_VIEWS),
+    "hardly a pixel": (with_cameras(made_fit(), agree=2, missing=408, **NO_EDGES), Status.TOO_FEW_PIXELS),
+    "one face of three in another colour": (
+        with_cameras(made_fit(), agree=270, wrong=140),
+        Status.OTHER_OBJECT,
+    ),
+    "no edge beside faces": (with_cameras(made_fit(), **NO_EDGES), Status.OTHER_OBJECT),
+    "seen elsewhere": (
+        with_cameras(with_cameras(made_fit(), elsewhere=2000, **NOTHING), 0, agree=60, missing=350),
+        Status.INCONSISTENT_VIEWS,
+    ),
     "outside the arena": (dataclasses.replace(made_fit(), inside=False), Status.INCONSISTENT_VIEWS),
-    "no edge": (fit_with(inliers=1.5), Status.POOR_FIT),
+    "a few pixels of a face": (
+        with_cameras(with_cameras(made_fit(), **NOTHING), 0, agree=60, missing=350),
+        Status.POOR_FIT,
+    ),
     "no finite covariance": (
         dataclasses.replace(made_fit(), covariance=np.full((6, 6), np.inf)),
         Status.POOR_FIT,
     ),
-    "edges elsewhere": (fit_with(usable=8.0, inliers=2.0, squares=9.0), Status.POOR_FIT),
-    "as good elsewhere": (dataclasses.replace(made_fit(), lead=0.9 * MIN_LEAD), Status.AMBIGUOUS),
+    "better elsewhere": (dataclasses.replace(made_fit(), lead=-2.0), Status.AMBIGUOUS),
     "anywhere": (dataclasses.replace(made_fit(), covariance=np.diag([1e-2] * 6)), Status.AMBIGUOUS),
 }
 
@@ -51,22 +52,25 @@ def test_every_refusal_is_in_the_table():
     assert {status for _, status in REFUSED.values()} == {
         Status.TOO_FEW_PIXELS,
         Status.INCONSISTENT_VIEWS,
+        Status.OTHER_OBJECT,
         Status.POOR_FIT,
         Status.AMBIGUOUS,
     }
 
 
 @pytest.mark.parametrize(
-    ("name", "less", "more"),
+    ("less", "more"),
     [
-        ("wrong", {"wrong": 0}, {"wrong": 100}),
-        ("extra", {"extra": 0}, {"extra": 100}),
-        ("unusable", {"usable": 40, "inliers": 20}, {"usable": 20, "inliers": 10}),
-        ("outliers", {"inliers": 38}, {"inliers": 10}),
-        ("rms", {"squares": 1.0}, {"squares": 36.0}),
+        ({"wrong": 0}, {"wrong": 50}),
+        ({"usable": 40.0}, {"usable": 20.0}),
+        ({"squares": 0.5}, {"squares": 36.0}),
+        ({"missing": 10, "agree": 400}, {"missing": 370, "agree": 40}),
     ],
 )
-def test_what_speaks_against_a_fit_makes_it_less_likely(name, less, more):
-    better, worse = fit_with(**less), fit_with(**more)
-    assert features(better)[name] < features(worse)[name]
-    assert log_odds(better) > log_odds(worse)
+def test_what_speaks_against_a_fit_makes_it_less_likely(less, more):
+    assert log_odds(with_cameras(made_fit(), **less)) > log_odds(with_cameras(made_fit(), **more))
+
+
+def test_colours_outside_the_object_speak_against_it():
+    fits = [with_cameras(made_fit(), elsewhere=count).evidence.nothing for count in (0, 200, 1000)]
+    assert fits == sorted(fits)

@@ -253,7 +253,7 @@ def test_what_is_plausible_widens_with_time_and_narrows_for_one_camera(track):
 
 def test_what_one_camera_sees_must_be_sure():
     unsure, sure = made_fit(cameras=1, sure=False), made_fit(cameras=1)
-    options = TrackingOptions(lonely=0.9)
+    options = TrackingOptions(believed=0.9)
     assert follow(Track(options), [unsure] * 3) == [Status.COASTING] * 3
     assert follow(Track(options), [sure] * 2) == [Status.FOUND, Status.TRACKING]
     assert follow(Track(options), [sure, unsure, sure]) == [Status.FOUND, Status.COASTING, Status.TRACKING]

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tests.helpers.fits import made_fit
+from tests.helpers.fits import made_fit, with_cameras
 from tests.helpers.pushed_cube import DT, new
 from tracker import CameraUse
 from tracker.tracking.cameras import CameraMemory
@@ -19,11 +19,7 @@ NEW = (CameraMemory(),) * 3
 
 
 def fit_with(c, **fields):
-    fit = made_fit()
-    cameras = fit.cameras.copy()
-    for key, value in fields.items():
-        cameras[key][c] = value
-    return dataclasses.replace(fit, cameras=cameras)
+    return with_cameras(made_fit(), c, **fields)
 
 
 def astray(c):

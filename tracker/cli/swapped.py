@@ -1,4 +1,4 @@
-"""A word of warning where pictures look as if they were given to the wrong cameras."""
+"""A word of warning where pictures look as if they were of the wrong cameras, channels or object."""
 
 from __future__ import annotations
 
@@ -23,11 +23,12 @@ def warn_of_pictures(
     tracker: ObjectTracker, images: Sequence[Image | None], answer: Observation, names: Sequence[str]
 ) -> None:
     """Say so of one set of pictures, with what was found in it."""
-    from tracker.recordings.outcome.swapped import swapped, told
+    from tracker.recordings.outcome.swapped import mistaken, swapped, told
 
     order = swapped(tracker, images, answer)
-    if order is not None:
-        click.echo(f"tracker: warning: {told(order, names)}", err=True)
+    said = mistaken(tracker, images, answer) if order is None else told(order, names)
+    if said is not None:
+        click.echo(f"tracker: warning: {said}", err=True)
 
 
 class Lookout:

@@ -67,6 +67,7 @@ def _count_face(labels, pixels, face, label, area, seen):  # type: ignore[no-unt
         for i in range(max(left, math.ceil(low)), min(right, math.ceil(high) - 1) + 1):
             found = labels[j, i]
             seen.predicted += 1
+            seen.faces[face, found] += 1
             if found == label:
                 seen.agree += 1
             elif found == 0:
@@ -86,6 +87,7 @@ def explain(lenses, c, labels, box, rotation, position, one):  # type: ignore[no
     """
     half, face_labels = box
     one.predicted, one.agree, one.missing, one.wrong, one.extra = 0, 0, 0, 0, 0
+    one.faces[:, :] = 0
     heights, pixels = np.empty(6), np.empty((8, 2))
     radius = math.sqrt(half[0] ** 2 + half[1] ** 2 + half[2] ** 2)
     u0, v0, z = project(lenses, c, position[0], position[1], position[2])
@@ -129,6 +131,7 @@ def hear(lenses, labels, pictures, box, rotation, position, lags, seen):  # type
     for c in range(len(seen)):
         one = seen[c]
         one.predicted, one.agree, one.missing, one.wrong, one.extra = 0, 0, 0, 0, 0
+        one.faces[:, :] = 0
         if not pictures[c].used:
             one.elsewhere = pictures[c].colored
             continue

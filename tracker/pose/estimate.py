@@ -16,14 +16,13 @@ from tracker.geometry import so3
 from tracker.objects.box import Box
 from tracker.pose.agreement import disagreement
 from tracker.pose.align import explanation_score
+from tracker.pose.evidence import evidence_of
 from tracker.pose.fit import LIKELY, Fit, Lag, OwnViews, Start
 from tracker.pose.hypotheses import ENOUGH, POSITIONS, Hypothesis, Search, apart
 from tracker.pose.judge import (
     EXPECTED,
-    MIN_TRUST,
     alone,
     confidence,
-    possible,
     rank,
     refusal,
     settled,
@@ -51,7 +50,7 @@ CLOSE = 0.85
 CLEAR = 0.5
 """Probability that a fit sits on the object, where all cameras see it, from which no other place is tried."""
 
-COMPETING, BEHIND = 4, 3.5
+COMPETING, BEHIND = 4, 10.0
 """Hypotheses that compete, and rank by which one may be behind the best after a rough step and still win."""
 
 RECONCILABLE = 16.8
@@ -150,27 +149,28 @@ class PoseEstimator:
         laps.append(time.perf_counter())
         sight = self.reader.labelled(images, pictures)
         laps.append(time.perf_counter())
-        found = self._found(sight, thorough, lag)
+        found: Fit | Status = Status.NO_OBJECT_COLORS
+        if sight.pictures["colored"].sum() >= MIN_PIXELS:
+            candidates = self.candidates(sight, thorough, lag)
+            found = self._best(candidates, lag) if candidates else Status.TOO_FEW_PIXELS
         laps.append(time.perf_counter())
         for k, stage in enumerate(("light", "segmentation", "pose")):
             timing[stage] = timing.get(stage, 0.0) + 1e3 * (laps[k + 1] - laps[k])
         return found
 
-    def _found(self, sight: Sight, thorough: bool, lag: Lag | None) -> Fit | Status:
-        """The surest pose that the pictures show, or why there is none; arguments as of `find`."""
-        if sight.pictures["colored"].sum() < MIN_PIXELS:
-            return Status.NO_OBJECT_COLORS
+    def candidates(self, sight: Sight, thorough: bool = True, lag: Lag | None = None) -> list[Found]:
+        """Fits from which the best is chosen; arguments as of `find`."""
         places = self.search.positions(sight.labels, sight.pictures, POSITIONS)
         first = next(places, None)
         if first is None:
-            return Status.TOO_FEW_PIXELS
+            return []
         found: list[Found] = []
         self._contest(self.search.likeliest(self.search.begun(sight, [first], slice(1))), found, lag)
         if thorough and not (found and settled(found[0].fit)):
             everywhere = not (found and _clear(found[0].fit))
             self._contest(self.search.others(sight, first, places, everywhere=everywhere), found, lag)
         if not found:
-            return Status.INCONSISTENT_VIEWS
+            return found
         best = max(found, key=_ranked)
         if thorough and not settled(best.fit):
             other = self.without_worst(best.sight, best.fit, lag)
@@ -178,7 +178,7 @@ class PoseEstimator:
         if alone(best.fit):
             rivals = self._rivals(best.sight, best.fit, LIKELY, lag, reversed_in_depth, turned_about_face)
             found += [Found(rival, best.sight) for rival in rivals]
-        return self._best(found, lag)
+        return found
 
     def _best(self, found: list[Found], lag: Lag | None) -> Fit | Status:
         """The likeliest fit, if it is accepted, or why it is not."""
@@ -186,10 +186,8 @@ class PoseEstimator:
         fits = [one.fit for one in found]
         reason = None
         # A pose beyond the arena is none, but what looks like one more than like the best is doubtful.
-        for best, sight in sorted(found, key=lambda one: not possible(one.fit)):
+        for best, sight in sorted(found, key=lambda one: not one.fit.inside):
             fit = replace(best, lead=lead(best, fits, self.box.radius))
-            if fit.left_out and (supporters(fit) < ENOUGH or trust(fit) < MIN_TRUST):
-                continue
             refused = refusal(fit)
             if refused is None:
                 return self.examined(sight, fit, lag)
@@ -242,7 +240,8 @@ class PoseEstimator:
         which = list(left_out)
         cameras["elsewhere"][which] += cameras["extra"][which]
         cameras["extra"][which] = 0
-        return replace(fit, cameras=cameras, left_out=tuple(which))
+        evidence = evidence_of(cameras, self.box.face_labels, fit.stands)
+        return replace(fit, cameras=cameras, evidence=evidence, left_out=tuple(which))
 
     def without_worst(self, sight: Sight, fit: Fit, lag: Lag | None = None) -> Fit:
         """The fit, or that without the camera which agrees least, where this leaves less doubt."""
@@ -302,7 +301,9 @@ class PoseEstimator:
         lowest = float(fit.position[2] - np.abs(fit.rotation[2]) @ self.box.half)
         height = float(fit.covariance[2, 2])
         std = math.sqrt(max(height, 0.0)) if math.isfinite(height) else 0.0
-        return replace(fit, cameras=cameras, inside=self.arena.holds(fit.position, lowest, std))
+        inside = self.arena.holds(fit.position, lowest, std)
+        evidence = evidence_of(cameras, self.box.face_labels, fit.stands)
+        return replace(fit, cameras=cameras, evidence=evidence, inside=inside)
 
     def _rivals(
         self,

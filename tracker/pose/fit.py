@@ -58,9 +58,28 @@ SEEN = np.dtype(
         ("wrong", np.int64),  # … that show another face: they contradict the pose
         ("extra", np.int64),  # pixels beside the object in a face's colour
         ("elsewhere", np.int64),  # … and farther away
+        ("faces", np.int64, (6, 7)),  # pixels that each face should cover, by the label that they show
     ]
 )
 """What one camera's picture says of a pose."""
+
+_NUMBERS = (SEEN.names or ())[:-1]
+
+
+class Evidence(NamedTuple):
+    """What speaks for a pose and against it."""
+
+    body: float
+    """Log odds of a body there with other colours or of another shape, over the object."""
+    nothing: float
+    """Log odds that there is nothing, over the object."""
+    shows: FloatArray
+    """(C,) probability that each camera shows the object there."""
+    broken: FloatArray
+    """(C,) probability that its picture is of something else."""
+
+
+UNHEARD = Evidence(math.inf, math.inf, np.zeros(0), np.zeros(0))
 
 
 class OwnViews(NamedTuple):
@@ -88,6 +107,8 @@ class Fit:
     """(C,) of SEEN."""
     converged: bool
     """Whether the refinement's last step was negligible."""
+    evidence: Evidence = UNHEARD
+    """For it and against it; of a fit of which label maps were not asked, that it is nothing."""
     iterations: int = 0
     """Steps that the refinement took."""
     end: Start = LIKELY
@@ -116,10 +137,10 @@ class Fit:
     @functools.cached_property
     def rows(self) -> list[tuple[float, ...]]:
         """The records of SEEN as plain numbers: to read them one by one costs more than to judge them."""
-        rows: list[tuple[float, ...]] = self.cameras.tolist()
+        rows: list[tuple[float, ...]] = self.cameras[list(_NUMBERS)].tolist()
         return rows
 
     @functools.cached_property
     def _totals(self) -> dict[str, float]:
         columns = zip(*self.rows, strict=True)
-        return {name: float(sum(column)) for name, column in zip(SEEN.names or (), columns, strict=True)}
+        return {name: float(sum(column)) for name, column in zip(_NUMBERS, columns, strict=True)}

@@ -26,6 +26,8 @@ class Status(enum.Enum):
     pose, over time: the cameras contradict each other lastingly; the calibration is not to be trusted."""
     POOR_FIT = "poor fit"
     """A pose explains the colours, but the edges do not lie where it puts them."""
+    OTHER_OBJECT = "other object"
+    """What is there has other colours or another shape: another object, or pictures in RGB for BGR."""
     AMBIGUOUS = "ambiguous"
     """Two different poses explain the images about equally well."""
     TRACKING = "tracking"

@@ -12,7 +12,7 @@ from tracker.conventions import FloatArray
 from tracker.errors import TrackerError
 from tracker.geometry import so3
 from tracker.pose.fit import Fit
-from tracker.pose.judge import VAGUE, alone, apparent, fits, probably_near, trust
+from tracker.pose.judge import VAGUE, alone, apparent, fits, nearness, probably_near, trust
 from tracker.pose.result import MotionEstimate, PoseEstimate, Status
 from tracker.tracking.filter import MotionFilter, MotionState
 
@@ -30,9 +30,9 @@ class TrackingOptions:
     sure: float = 0.95
     """Confidence from which an implausible measurement is believed at once; else another must agree."""
     alone: float = 0.3
-    """Share of these limits where one camera alone sees the object, which may take depth for turn, …"""
-    lonely: float = 0.7
-    """… and the probability that it is right to 20 mm and 5°, without which it is not believed then."""
+    """Share of these limits where one camera alone sees the object, which may take depth for turn."""
+    believed: float = 0.4
+    """Probability that a measurement is right to 20 mm and 5° from which it is believed at all."""
     agree: tuple[float, float] = (0.02, math.radians(15))
     """Difference of two measurements that agree [m, rad], plus half of `speed` for every second between."""
 
@@ -107,7 +107,7 @@ class Belief(NamedTuple):
         fitting: probability that the calibration leaves the pose where it is, see `judge.fits`.
         """
         assert self.timestamp is not None
-        if alone(fit) and trust(fit) * probably_near(fit.covariance, VAGUE) < self.options.lonely:
+        if trust(fit) * probably_near(fit.covariance, VAGUE) < self.options.believed:
             return self, Status.COASTING
         if self.motion is not None and expected is not None and self.plausible(expected, fit):
             motion = self.motion.updated(fit.position, fit.rotation, fit.covariance)
@@ -184,7 +184,7 @@ class Belief(NamedTuple):
             state.position,
             so3.quaternion(state.rotation),
             pose,
-            self.trust * probably_near(pose),
+            self.trust * nearness(pose),
             state.velocity,
             state.covariance[6:, 6:],
         )

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from tracker.conventions import Image
 from tracker.pose.fit import Fit
 from tracker.pose.hypotheses import ENOUGH
-from tracker.pose.judge import confidence, witnesses
+from tracker.pose.judge import confidence, contradicting
 from tracker.pose.result import CameraUse
 from tracker.tracking.cameras import CameraMemory
 
@@ -34,14 +34,14 @@ def heard(memories: Sequence[CameraMemory], fit: Fit) -> tuple[CameraMemory, ...
     """The memories with what each camera said of a pose that was measured near where it was expected."""
     if confidence(fit) < LIKELY:
         return tuple(memories)
-    said, seen = witnesses(fit), fit.cameras
+    seen, against = fit.cameras, contradicting(fit)
     astray = seen["wrong"] + seen["extra"] + seen["elsewhere"] > ASTRAY * seen["predicted"]
     result = []
     for c, memory in enumerate(memories):
         doubt = memory.doubt
-        if said.supporting[c] and not astray[c]:
+        if fit.evidence.shows[c] > 0.5 and not astray[c]:
             doubt //= 2
-        elif astray[c] and (said.contradicting[c] or c in fit.left_out):
+        elif astray[c] and (against[c] or c in fit.left_out):
             doubt = min(doubt + 1, MOST_DOUBT)
         result.append(memory._replace(doubt=doubt))
     return tuple(result)
@@ -55,11 +55,11 @@ def after(uses: Sequence[CameraUse], fit: Fit, unused: Sequence[int] = ()) -> tu
         fit: the pose.
         unused: cameras that were held back.
     """
-    said = witnesses(fit)
+    against = contradicting(fit)
     return tuple(
         CameraUse.CONTRADICTING
         if use is CameraUse.USED
-        and (said.contradicting[c] or c in fit.left_out or (c in unused and not said.supporting[c]))
+        and (against[c] or c in fit.left_out or (c in unused and fit.evidence.shows[c] <= 0.5))
         else use
         for c, use in enumerate(uses)
     )

@@ -8,17 +8,16 @@ from collections.abc import Sequence
 from tracker.conventions import FloatArray, Image
 from tracker.pose.estimate import PoseEstimator
 from tracker.pose.fit import Fit, Lag, Start
-from tracker.pose.judge import alone, features, log_odds, rank, refusal
+from tracker.pose.judge import alone, log_odds, rank, refusal
 from tracker.pose.views import Sight
 from tracker.tracking.cameras import looked_at
 from tracker.tracking.doubt import held_back
 from tracker.tracking.filter import MotionState
 from tracker.tracking.memory import Memory
 
-TOGETHER, ALONE = (1.2, 1.2), (2.2, 0.7)
-"""Least log odds, and roughest edges (the feature `rms`), of a fit near where the object was expected, with
-which it is not looked for farther away: where several cameras see it, and one alone, to which wrong poses
-look better."""
+TOGETHER, ALONE = 1.2, 2.2
+"""Least log odds of a fit near where the object was expected, with which it is not looked for farther away:
+where several cameras see it, and one alone, to which wrong poses look better."""
 
 MOST_EXTRA = 0.08
 """Share of pixels in the object's colours beyond its outline up to which it is not: slid along an edge, it
@@ -99,7 +98,6 @@ def settled(fit: Fit | None) -> bool:
     """Whether a fit is so sure that no other needs to be tried."""
     if fit is None or not fit.converged or refusal(fit) is not None:
         return False
-    least, rough = ALONE if alone(fit) else TOGETHER
-    if log_odds(fit) < least or features(fit)["rms"] > rough:
+    if log_odds(fit) < (ALONE if alone(fit) else TOGETHER):
         return False
     return fit.total("extra") <= MOST_EXTRA * fit.total("predicted")

@@ -15,7 +15,7 @@ from synthetic.camera.sensor import Sensor
 from tests.helpers import ROOT, look_at
 from tests.helpers.stills import bare_scene, take
 from tracker.recordings.outcome.row import row
-from tracker.recordings.outcome.swapped import lastingly_swapped, swapped, told
+from tracker.recordings.outcome.swapped import lastingly_swapped, mistaken, swapped, told
 from tracker.recordings.recipe import Job, Options, Recipe
 from tracker.recordings.track import run
 
@@ -51,6 +51,20 @@ def test_nothing_is_said_of_pictures_that_fit_or_that_are_wrong(demo):
         empty = [cv2.GaussianBlur(image, (0, 0), 40) for image in images]
         for wrong in (images, mirrored, empty, [images[0], None, None], [images[0], images[1], other[2]]):
             assert swapped(one, wrong) is None
+
+
+def test_other_channels_and_other_objects_are_named(demo):
+    one, sets = demo
+    other = tracker.ObjectTracker(tracker.load_object("cube_v1"), one.rig)
+    for images in sets:
+        assert mistaken(one, images, one.detect(images)) is None
+        turned = [np.ascontiguousarray(image[..., ::-1]) for image in images]
+        answer = one.detect(turned)
+        assert answer.object_pose is None or answer.object_pose.confidence < 0.5
+        assert "swapped" in mistaken(one, turned, answer)
+        answer = other.detect(images)
+        assert answer.object_pose is None or answer.object_pose.confidence < 0.5
+        assert "cube_v2" in mistaken(other, images, answer)
 
 
 def test_a_rig_that_looks_the_same_from_each_camera_cannot_tell(rig):

@@ -10,6 +10,7 @@ import numpy as np
 from tracker.conventions import Image
 from tracker.errors import TrackerError
 from tracker.logs import open_log
+from tracker.objects.model import load_object, object_names
 from tracker.pipeline import ObjectTracker
 from tracker.pose.result import CameraUse, Observation, Status
 from tracker.poses.poses import Poses
@@ -60,6 +61,22 @@ def swapped(
             return None
         found = order
     return found
+
+
+def mistaken(tracker: ObjectTracker, images: Sequence[Image | None], answer: Observation) -> str | None:
+    """What fits pictures that do not show the object: their channels swapped, or another shipped object."""
+    if _confidence(answer) >= UNSURE:
+        return None
+    turned = [None if image is None else np.ascontiguousarray(image[..., ::-1]) for image in images]
+    if _confidence(tracker.detect(turned)) >= SURE:
+        return f"{tracker.model.name} is found when red and blue are swapped: images are expected in BGR"
+    others = [load_object(name) for name in object_names() if name != tracker.model.name]
+    fitting = [
+        model.name
+        for model in others
+        if _confidence(ObjectTracker(model, tracker.rig).detect(images)) >= SURE
+    ]
+    return f"the images show {' or '.join(fitting)} rather than {tracker.model.name}" if fitting else None
 
 
 def lastingly_swapped(

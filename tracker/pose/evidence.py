@@ -1,0 +1,227 @@
+"""What speaks for a fit: label counts and edges of each camera, against all else that they may show."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from tracker.compiled import compiled
+from tracker.conventions import Array
+from tracker.pose.fit import Evidence
+
+SHARES = np.array([0.0, 0.1, 0.25, 0.45, 0.65, 0.85, 0.97])
+"""Shares of a face that something else may hide."""
+
+SHARES_PRIOR = np.array([0.45, 0.15, 0.12, 0.1, 0.08, 0.05, 0.05])
+"""Probability of each."""
+
+BACKGROUND, MISSED = 0.97, 0.06
+"""Probability that what hides a face has no face's colour; and that a face itself seems to have none."""
+
+NOISE, WIDTH = 0.1, 6.0
+"""Least deviation of the pieces of an edge in its place, and range of those that are anywhere [px]."""
+
+MIXED = 7
+"""A face may show none of the six colours (0), one of them, or all together (MIXED)."""
+
+NONE_PRIOR = 0.5
+"""Probability that a face of which nothing is known shows no colour; the seven others are alike."""
+
+
+class Numbers(NamedTuple):
+    """What evidence is worth: fitted by scripts/fit_confidence.py to right and wrong fits."""
+
+    pixel: float
+    """Independent observations in a pixel of the label map."""
+    wrong: float
+    """Probability that a pixel of a face shows another colour."""
+    misread: float
+    """Probability that one camera sees a face in another colour, its light being odd."""
+    hidden: float
+    """Probability that a camera does not see the object."""
+    broken: float
+    """Odds that a picture is of something else: of another moment, mirrored, tinted."""
+    more: float
+    """Factor on these odds for each picture but one: what breaks one camera seldom breaks another."""
+    alike: float
+    """Probability that one camera shows such a thing where the object is not."""
+    colored: float
+    """Probability that colours of faces are where the object is not."""
+    inlier: float
+    """Weight of a piece of edge in its place."""
+    lacking: float
+    """What a piece costs that shows no edge although the faces beside it are seen."""
+    outside: float
+    """What colours outside the object cost, for each e-fold."""
+    stands: float
+    """Weight of how well the object stands on the table."""
+    temper: float
+    """Share of all evidence that counts: cameras and faces are not independent."""
+    body: float
+    """Log odds of a body with other faces before the pictures are asked."""
+    shape: float
+    """The same of a body with the object's faces and other edges."""
+    nothing: float
+    """The same where there is no such body."""
+
+
+NUMBERS = Numbers(
+    pixel=0.0415, wrong=6.75e-06, misread=0.00143, hidden=0.0198, broken=0.0157, more=0.00897,
+    alike=1.68e-05, colored=0.113, inlier=0.0734, lacking=0.192, outside=0.35, stands=0.337,
+    temper=0.706, body=-5.35, shape=-0.441, nothing=3.46,
+)  # fmt: skip
+
+
+@compiled
+def _options(counts, numbers, out):  # type: ignore[no-untyped-def]
+    """Fill out (8,): log likelihood of a face's counts (7,) for each colour, over that of a hidden face."""
+    none, wrong = MISSED, numbers.wrong / 5.0
+    right, mixed = 1.0 - MISSED - numbers.wrong, (1.0 - MISSED) / 6.0
+    other = (1.0 - BACKGROUND) / 6.0
+    colored = 0
+    for label in range(1, 7):
+        colored += counts[label]
+    for k in range(MIXED + 1):
+        out[k] = 0.0
+    if counts[0] + colored == 0:
+        return
+    for k in range(1, MIXED + 1):
+        own = counts[k] if k < MIXED else 0
+        if k < MIXED and own == 0 and k > 1 and counts[k - 1] == 0:
+            out[k] = out[k - 1]
+            continue
+        total, most = 0.0, -1e300
+        for turn in range(2):
+            for h in range(len(SHARES)):
+                seen, hidden = 1.0 - SHARES[h], SHARES[h]
+                value = counts[0] * math.log((seen * none + hidden * BACKGROUND) / BACKGROUND)
+                if k == MIXED:
+                    value += colored * math.log((seen * mixed + hidden * other) / other)
+                else:
+                    value += own * math.log((seen * right + hidden * other) / other)
+                    value += (colored - own) * math.log((seen * wrong + hidden * other) / other)
+                value = numbers.pixel * value + math.log(SHARES_PRIOR[h])
+                if turn == 0:
+                    most = max(most, value)
+                else:
+                    total += math.exp(value - most)
+        out[k] = most + math.log(total)
+
+
+@compiled
+def _unknown(options):  # type: ignore[no-untyped-def]
+    """Log likelihood of a face of which nothing is known."""
+    total = NONE_PRIOR * math.exp(options[0])
+    for k in range(1, MIXED + 1):
+        total += (1.0 - NONE_PRIOR) / MIXED * math.exp(min(options[k], 600.0))
+    return math.log(total)
+
+
+@compiled
+def _edges(one, numbers):  # type: ignore[no-untyped-def]
+    """What the pieces of edges of a camera, a record of SEEN, say for a pose."""
+    rms = max(math.sqrt(one.squares / one.inliers) if one.inliers > 0.0 else 0.0, NOISE)
+    value = numbers.inlier * one.inliers * math.log(WIDTH / (math.sqrt(2.0 * math.pi * math.e) * rms))
+    lacking = max(one.agree / max(one.predicted, 1) * one.expected - one.usable, 0.0)
+    return value - numbers.lacking * lacking
+
+
+@compiled
+def _sum(a, b, c):  # type: ignore[no-untyped-def]
+    """Logarithm of the sum of three exponentials."""
+    most = max(a, b, c)
+    return most + math.log(math.exp(a - most) + math.exp(b - most) + math.exp(c - most))
+
+
+@compiled
+def _together(whole, broken, count, numbers):  # type: ignore[no-untyped-def]
+    """Log likelihood of `count` cameras, each whole or broken, as whole (C,) and broken (C,) have it."""
+    ways, none = np.full(count + 1, -1e300), -1e300
+    ways[0] = 0.0
+    for c in range(count):
+        for k in range(c + 1, -1, -1):
+            ways[k] = np.logaddexp(ways[k] + whole[c], ways[k - 1] + broken[c] if k > 0 else none)
+    total = ways[0]
+    for k in range(1, count + 1):
+        odds = math.log(numbers.broken) + (k - 1) * math.log(numbers.broken * numbers.more)
+        total = np.logaddexp(total, ways[k] + odds)
+    return total
+
+
+@compiled
+def weigh(seen, face_labels, stands, numbers, cameras):  # type: ignore[no-untyped-def]
+    """Log evidence of the object here, of a body with other faces, of one of another shape, and of nothing.
+
+    See equation (21) of docs/how-it-works.md.
+
+    Args:
+        seen: (C,) of SEEN.
+        face_labels: (6,) of the object.
+        stands: log odds by which it stands on the table.
+        numbers: Numbers.
+        cameras: (C, 2), filled: probability that each shows the object here, and that its picture is broken.
+    """
+    count = len(seen)
+    options, known, tied = np.empty((count, 6, 8)), np.empty((count, 6)), np.empty((6, 8))
+    tied[:, :] = 0.0
+    said, lost = math.log(1.0 - numbers.misread), math.log(numbers.misread)
+    for c in range(count):
+        for face in range(6):
+            _options(seen[c].faces[face], numbers, options[c, face])
+            known[c, face] = _unknown(options[c, face])
+            for k in range(MIXED + 1):
+                value = options[c, face, k]
+                if seen[c].faces[face].sum() > 0:
+                    value = np.logaddexp(value + said, known[c, face] + lost)
+                options[c, face, k] = value
+                tied[face, k] += value
+    shows, blind = math.log(1.0 - numbers.hidden), math.log(numbers.hidden)
+    heard, lone = 0, np.empty((4, count))
+    nothing = 0.0
+    for c in range(count):
+        one = seen[c]
+        cameras[c, :] = 0.0
+        if one.predicted == 0:
+            continue
+        edges = _edges(one, numbers)
+        own, other, unknown = edges, edges, 0.0
+        for face in range(6):
+            own += options[c, face, face_labels[face]]
+            other += options[c, face, int(np.argmax(tied[face]))]
+            unknown += known[c, face]
+        colored = one.extra + max(one.elsewhere, 0)
+        outside = numbers.outside * math.log1p(colored / (0.3 * one.predicted + 30.0))
+        lone[0, heard] = np.logaddexp(shows + own - outside, blind - outside)
+        lone[1, heard] = np.logaddexp(shows + other - outside, blind - outside)
+        lone[2, heard] = np.logaddexp(shows + own - edges, blind)
+        lone[3, heard] = unknown
+        broken = math.log(numbers.broken) + unknown
+        whole = np.logaddexp(lone[0, heard], broken)
+        cameras[c, 0], cameras[c, 1] = math.exp(shows + own - outside - whole), math.exp(broken - whole)
+        heard += 1
+        nothing += _sum(
+            math.log(1.0 - numbers.colored), math.log(numbers.colored) + unknown,
+            math.log(numbers.alike) + own - outside,
+        )  # fmt: skip
+    here = _together(lone[0], lone[3], heard, numbers) + numbers.stands * stands
+    body = _together(lone[1], lone[3], heard, numbers) + numbers.stands * stands
+    return here, body, _together(lone[2], lone[3], heard, numbers), nothing
+
+
+def evidence_of(seen: Array, face_labels: Array, stands: float) -> Evidence:
+    """What cameras' records (C,) of SEEN say of an object with face_labels (6,); stands: as of `weigh`."""
+    numbers = NUMBERS
+    cameras = np.zeros((len(seen), 2))
+    here, body, shape, nothing = weigh(seen, face_labels, stands, numbers, cameras)
+    return Evidence(
+        float(
+            np.logaddexp(
+                numbers.temper * (body - here) + numbers.body, numbers.temper * (shape - here) + numbers.shape
+            )
+        ),
+        numbers.temper * (nothing - here) + numbers.nothing,
+        cameras[:, 0],
+        cameras[:, 1],
+    )
