@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Sequence
 
@@ -15,7 +16,7 @@ from tracker.objects.model import CuboidModel
 from tracker.pose.estimate import PoseEstimator
 from tracker.pose.fit import Fit, Lag
 from tracker.pose.judge import rank
-from tracker.pose.result import CameraUse, MotionEstimate, Observation, Status
+from tracker.pose.result import CameraUse, Forecast, Observation, Status
 from tracker.segmentation.color_model import ColorModel, check_colors, load_colors
 from tracker.segmentation.labels import check_image
 from tracker.tracking.belief import TrackingOptions, measured
@@ -98,12 +99,14 @@ class ObjectTracker:
         with self._gate:
             self._memory = Memory.empty(len(self.rig), self._memory.belief.options)
 
-    def predict(self, timestamp: float) -> MotionEstimate | None:
+    def predict(self, timestamp: float) -> Forecast | None:
         """The pose expected at a later moment, from all that `update` has seen; changes nothing.
 
-        Images are late: a control loop that acts at `timestamp` asks for the pose then. The covariance has
-        grown by what the object may do meanwhile. None where the object is lost, or has not been seen for
-        longer than `TrackingOptions.coast_seconds` by then.
+        Images are late: a control loop that acts at `timestamp` asks for the pose then. The object rests, is
+        carried or pushed on, or is thrown: `kinds` has what each of these leads to, and how probable it is.
+        The pose is the mean over the likely kinds, 95 % of all, and the covariance theirs. No forecast has
+        the object in the table. None where it is lost, or has not been seen for longer than
+        `TrackingOptions.coast_seconds` by then.
 
         Args:
             timestamp: on the clock of `update`'s stamps [s], not before the last of them.
@@ -113,10 +116,11 @@ class ObjectTracker:
         """
         return self.forecast()(timestamp)
 
-    def forecast(self) -> Callable[[float], MotionEstimate | None]:
+    def forecast(self) -> Callable[[float], Forecast | None]:
         """What `predict` answers now, as a function that goes on answering so while `update` goes on."""
-        belief = self._memory.belief
-        return lambda timestamp: belief.predicted(timestamp).estimate()
+        belief, half, table = self._memory.belief, self._estimator.box.half, self.rig.arena.table
+        ground = -math.inf if table is None else table
+        return lambda timestamp: belief.forecast(timestamp, half, ground)
 
     def update(self, images: Sequence[Array | None], timestamp: float | Sequence[float]) -> Observation:
         """The object's pose in the next set of images, with the memory of those before.

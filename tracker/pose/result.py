@@ -119,6 +119,24 @@ class MotionEstimate(PoseEstimate):
 
 
 @dataclass(frozen=True, eq=False)
+class Forecast(MotionEstimate):
+    """Pose and velocity at a later moment: the covariance is that of the likely kinds of motion."""
+
+    kinds: tuple[MotionKind, ...] = ()
+    """What each kind of motion leads to, the likeliest first."""
+
+
+@dataclass(frozen=True, eq=False)
+class MotionKind(MotionEstimate):
+    """The same if the object's motion is of one kind; the confidence holds if it is."""
+
+    name: str
+    """Of the kind: "at rest", "pushed or carried", "thrown or dropped"."""
+    probability: float
+    """That the motion is of this kind."""
+
+
+@dataclass(frozen=True, eq=False)
 class Observation:
     """The answer to one set of images."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,8 +13,9 @@ from tracker.errors import TrackerError
 from tracker.geometry import so3
 from tracker.pose.fit import Fit
 from tracker.pose.judge import VAGUE, alone, apparent, fits, nearness, probably_near, trust
-from tracker.pose.result import MotionEstimate, PoseEstimate, Status
+from tracker.pose.result import Forecast, MotionEstimate, MotionKind, PoseEstimate, Status
 from tracker.tracking.filter import MotionFilter, MotionState
+from tracker.tracking.motion import KINDS
 
 
 @dataclass(frozen=True)
@@ -160,8 +161,11 @@ class Belief(NamedTuple):
             )
         )
 
-    def predicted(self, timestamp: float) -> Belief:
-        """What is believed at a later stamp [s] of which there are no pictures.
+    def forecast(self, timestamp: float, half: FloatArray, ground: float) -> Forecast | None:
+        """Where the object is at a later stamp [s] of which there are no pictures; None where it is lost.
+
+        half: (3,) half edge lengths [m]; ground: height [m] below which no forecast has it, unless it was
+        last seen lower.
 
         Raises:
             TrackerError: the stamp is not finite, or earlier than that of the last pictures.
@@ -172,22 +176,45 @@ class Belief(NamedTuple):
                 f"timestamp: found {timestamp:.6f} s, before the last pictures at {self.timestamp:.6f} s; "
                 "expected no earlier one"
             )
-        return self.advance(timestamp)[0]
+        if self.seen is None or self.motion is None or self.timestamp is None:
+            return None
+        if timestamp - self.seen > self.options.coast_seconds:
+            return None
+        step = timestamp - self.timestamp
+        fused, kinds = (self.motion.slowed(step) if self.unseen else self.motion).forecast(step)
+        if self.last_pose is not None:
+            rotation, position = self.last_pose
+            ground = min(ground, float(position[2] - np.abs(rotation[2]) @ half))
+
+        def told(state: MotionState) -> dict[str, Any]:
+            found = self._told(state)
+            lowest = state.position[2] - np.abs(state.rotation[2]) @ half
+            return found | {"position": state.position + [0.0, 0.0, max(ground - lowest, 0.0)]}
+
+        return Forecast(
+            **told(fused),
+            kinds=tuple(
+                MotionKind(**told(state), name=KINDS[k], probability=weight) for k, weight, state in kinds
+            ),
+        )
 
     def estimate(self) -> MotionEstimate | None:
         """The fused estimate; None while the object is lost."""
         if self.seen is None or self.motion is None:
             return None
-        state = self.motion.state
+        return MotionEstimate(**self._told(self.motion.state))
+
+    def _told(self, state: MotionState) -> dict[str, Any]:
+        """The fields of a MotionEstimate."""
         pose = state.covariance[:6, :6]
-        return MotionEstimate(
-            state.position,
-            so3.quaternion(state.rotation),
-            pose,
-            self.trust * nearness(pose),
-            state.velocity,
-            state.covariance[6:, 6:],
-        )
+        return {
+            "position": state.position,
+            "orientation": so3.quaternion(state.rotation),
+            "covariance": pose,
+            "confidence": self.trust * nearness(pose),
+            "velocity": state.velocity,
+            "velocity_covariance": state.covariance[6:, 6:],
+        }
 
 
 def _check_stamp(timestamp: float) -> None:

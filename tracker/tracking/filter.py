@@ -45,6 +45,10 @@ class MotionState:
     """Probability that the object does not move."""
 
 
+LIKELY = 0.95
+"""Probability that the kinds of motion together have which a forecast allows for: the likeliest of them."""
+
+
 class MotionFilter(NamedTuple):
     """What is known of a pose over time, for each of M kinds of motion; nothing changes it."""
 
@@ -117,6 +121,24 @@ class MotionFilter(NamedTuple):
             new.covariances,
         )  # fmt: skip
         return new
+
+    def forecast(self, dt: float) -> tuple[MotionState, list[tuple[int, float, MotionState]]]:
+        """Where the object is after dt [s] if its motion goes on, and if it was of each kind (number, weight).
+
+        Of the fused state the covariance is that of the likely kinds. That a motion may turn into another one
+        counts between pictures, not here: what seldom happens would hide what is nearly certain.
+        """
+        new = self._copy()
+        predict(dt, self.motions, new.positions, new.rotations, new.velocities, new.covariances)
+        order = np.argsort(-self.weights, kind="stable")
+        count = int(np.searchsorted(np.cumsum(self.weights[order]), LIKELY)) + 1
+        likely = np.zeros_like(self.weights)
+        likely[order[:count]] = self.weights[order[:count]]
+        kinds = [
+            (k, float(self.weights[k]), new._replace(weights=np.eye(len(order))[k]).state)
+            for k in order.tolist()
+        ]
+        return new._replace(weights=likely / likely.sum()).state, kinds
 
     @property
     def state(self) -> MotionState:

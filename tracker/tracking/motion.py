@@ -45,6 +45,9 @@ MOTIONS = Motions(
 )
 """At rest, pushed or carried, thrown or dropped."""
 
+KINDS = "at rest", "pushed or carried", "thrown or dropped"
+"""Their names."""
+
 DECAY = 0.4
 """Time in which an unseen object's velocity falls to 1/e [s]: what moves soon stops."""
 
