@@ -39,7 +39,9 @@ NEARNESS = 1.06, 0.93
 """Log odds that a pose is as near as that, and their growth with those which its covariance states: a
 covariance may be too small or too large. Fitted by scripts/fit_confidence.py."""
 
-_INLIERS = (SEEN.names or ()).index("inliers")
+_INLIERS, _PREDICTED, *_OUTSIDE = (
+    (SEEN.names or ()).index(name) for name in ("inliers", "predicted", "extra", "elsewhere", "wrong")
+)
 
 
 def alone(fit: Fit) -> bool:
@@ -57,13 +59,15 @@ def unanimous(fit: Fit) -> bool:
     return supporters(fit) == np.count_nonzero(fit.cameras["predicted"] > 0)
 
 
+@functools.lru_cache(maxsize=32)
 def contradicting(fit: Fit) -> tuple[bool, ...]:
     """Whether each camera sees the object elsewhere, or something else where the fit has it."""
-    seen, evidence = fit.cameras, fit.evidence
-    outside = seen["extra"] + seen["elsewhere"] + seen["wrong"]
-    astray = outside >= np.maximum(ASTRAY[0], ASTRAY[1] * seen["predicted"])
-    speaks = (seen["predicted"] >= EXPECTED) & (evidence.shows <= 0.5)
-    return tuple((speaks & (astray | (evidence.broken > 0.5))).tolist())
+    result = []
+    for row, shows, broken in zip(fit.rows, fit.evidence.shows, fit.evidence.broken, strict=True):
+        predicted, outside = row[_PREDICTED], sum(row[k] for k in _OUTSIDE)
+        astray = outside >= max(ASTRAY[0], ASTRAY[1] * predicted) or broken > 0.5
+        result.append(bool(predicted >= EXPECTED and shows <= 0.5 and astray))
+    return tuple(result)
 
 
 def rank(fit: Fit) -> float:
@@ -73,7 +77,8 @@ def rank(fit: Fit) -> float:
 
 def log_odds(fit: Fit) -> float:
     """Log odds that the object is here, over another body or nothing, if no other pose explains as much."""
-    return -float(np.logaddexp(fit.evidence.body, fit.evidence.nothing))
+    less, more = sorted((fit.evidence.body, fit.evidence.nothing))
+    return -more - math.log1p(math.exp(less - more))
 
 
 def trust(fit: Fit) -> float:
@@ -86,6 +91,7 @@ def settled(fit: Fit) -> bool:
     return trust(fit) > SURE and fit.converged and fit.inside and not alone(fit)
 
 
+@functools.lru_cache(maxsize=32)
 def refusal(fit: Fit) -> Status | None:
     """Why the fit is not accepted; None where it is."""
     if not np.isfinite(fit.covariance).all():

@@ -12,7 +12,7 @@ from tracker.conventions import FloatArray
 from tracker.errors import TrackerError
 from tracker.geometry import so3
 from tracker.pose.fit import Fit
-from tracker.pose.judge import VAGUE, alone, apparent, fits, nearness, probably_near, trust
+from tracker.pose.judge import alone, apparent, fits, nearness, trust
 from tracker.pose.result import Forecast, MotionEstimate, MotionKind, PoseEstimate, Status
 from tracker.tracking.filter import MotionFilter, MotionState
 from tracker.tracking.motion import KINDS
@@ -33,7 +33,7 @@ class TrackingOptions:
     alone: float = 0.3
     """Share of these limits where one camera alone sees the object, which may take depth for turn."""
     believed: float = 0.4
-    """Probability that a measurement is right to 20 mm and 5° from which it is believed at all."""
+    """Confidence of a measurement, if the calibration is right, from which it is believed at all."""
     agree: tuple[float, float] = (0.02, math.radians(15))
     """Difference of two measurements that agree [m, rad], plus half of `speed` for every second between."""
 
@@ -108,7 +108,7 @@ class Belief(NamedTuple):
         fitting: probability that the calibration leaves the pose where it is, see `judge.fits`.
         """
         assert self.timestamp is not None
-        if trust(fit) * probably_near(fit.covariance, VAGUE) < self.options.believed:
+        if apparent(fit) < self.options.believed:
             return self, Status.COASTING
         if self.motion is not None and expected is not None and self.plausible(expected, fit):
             motion = self.motion.updated(fit.position, fit.rotation, fit.covariance)
