@@ -12,10 +12,10 @@ with tracker.open_log("tracker-demo") as log:
     follower = tracker.ObjectTracker(tracker.load_object("cube_v2"), rig)
     for frame in log:  # in place of this: the newest image of each camera, None where it gave none
         observation = follower.update(frame.images, frame.timestamp)
-        seen, expected = observation.object_pose, follower.predict(frame.timestamp + DELAY)
+        expected = follower.predict(frame.timestamp + DELAY)
         if expected is None:
             print(f"stop: {observation.status.value}")  # not seen for half a second
-        elif seen is None or seen.confidence < SURE:
+        elif expected.confidence < SURE:
             print(f"wait: {observation.status.value}")  # the next images may show more
         else:
             std = 1e3 * np.sqrt(np.diag(expected.covariance)[:3])
