@@ -81,9 +81,15 @@ def log_odds(fit: Fit) -> float:
     return -more - math.log1p(math.exp(less - more))
 
 
+def disputed(fit: Fit) -> int:
+    """How many cameras outvote a single one that shows the object: each of them may be right instead."""
+    against = sum(contradicting(fit))
+    return against if against > 1 and supporters(fit) < 2 else 0
+
+
 def trust(fit: Fit) -> float:
     """Probability that the fit sits on the object, at whatever accuracy."""
-    return 1.0 / (1.0 + math.exp(-log_odds(fit)) + math.exp(-fit.lead))
+    return 1.0 / (1.0 + math.exp(-log_odds(fit)) + math.exp(-fit.lead) + disputed(fit))
 
 
 def settled(fit: Fit) -> bool:
