@@ -189,7 +189,8 @@ class Belief(NamedTuple):
         def told(state: MotionState) -> dict[str, Any]:
             found = self._told(state)
             lowest = state.position[2] - np.abs(state.rotation[2]) @ half
-            return found | {"position": state.position + [0.0, 0.0, max(ground - lowest, 0.0)]}
+            raised = np.array([0.0, 0.0, max(ground - lowest, 0.0)])
+            return found | {"position": state.position + raised}
 
         return Forecast(
             **told(fused),

@@ -123,7 +123,7 @@ class MotionFilter(NamedTuple):
         return new
 
     def forecast(self, dt: float) -> tuple[MotionState, list[tuple[int, float, MotionState]]]:
-        """Where the object is after dt [s] if its motion goes on, and if it was of each kind (number, weight).
+        """Where the object is after dt [s] if its motion goes on; and if it is of each kind (number, weight).
 
         Of the fused state the covariance is that of the likely kinds. That a motion may turn into another one
         counts between pictures, not here: what seldom happens would hide what is nearly certain.
