@@ -26,7 +26,7 @@ MIN_VIEW = 4.0
 MIN_TRUST = 0.2
 """Probability that the fit sits on the object below which there had better be no pose."""
 
-SURE = 0.9
+SURE = 0.98
 """Probability of it at which no other hypothesis is tried."""
 
 VAGUE, MIN_DEFINITE = (0.02, math.radians(5)), 0.5
