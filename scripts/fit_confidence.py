@@ -144,11 +144,10 @@ class Model:
         weigh_all(self.seen, self.labels, np.ascontiguousarray(self.stands), numbers, out)
         here, body, shape, nothing = out.T
         ahead = numbers.temper * (here - nothing)
-        behind = np.clip(ahead[self.other] - ahead[self.one], -40, 40)
-        against = np.bincount(self.one, np.exp(behind), len(here))
-        against += np.exp(numbers.temper * (body - here) + numbers.body)
-        against += np.exp(numbers.temper * (shape - here) + numbers.shape) + np.exp(numbers.nothing - ahead)
-        near = 1 / (1 + np.exp(-values["offset"] - values["growth"] * self.near))
+        against = np.bincount(self.one, _exp(ahead[self.other] - ahead[self.one]), len(here))
+        against += _exp(numbers.temper * (body - here) + numbers.body)
+        against += _exp(numbers.temper * (shape - here) + numbers.shape) + _exp(numbers.nothing - ahead)
+        near = 1 / (1 + _exp(-values["offset"] - values["growth"] * self.near))
         return np.asarray(self.holds * near / (1 + against))
 
     def fit(self, start: dict[str, float], use: Array) -> dict[str, float]:
@@ -169,6 +168,11 @@ class Model:
             loss, first, method="L-BFGS-B", options={"maxiter": 80, "eps": 1e-4, "maxfun": 10**6}
         ).x
         return {name: _meant(name, v) for name, v in zip(names, found, strict=True)}
+
+
+def _exp(x: FloatArray) -> FloatArray:
+    """What no number can tell from 0 or infinity is neither."""
+    return np.exp(np.clip(x, -40.0, 40.0))
 
 
 def _searched(name: str, value: float) -> float:
