@@ -68,7 +68,9 @@ def mistaken(tracker: ObjectTracker, images: Sequence[Image | None], answer: Obs
     if _confidence(answer) >= UNSURE:
         return None
     turned = [None if image is None else np.ascontiguousarray(image[..., ::-1]) for image in images]
-    if _confidence(tracker.detect(turned)) >= SURE:
+    # A camera from which the object is hidden may seem to object: here that is no matter.
+    pose = tracker.detect(turned).object_pose
+    if pose is not None and pose.confidence >= UNSURE:
         return f"{tracker.model.name} is found when red and blue are swapped: images are expected in BGR"
     others = [load_object(name) for name in object_names() if name != tracker.model.name]
     fitting = [
