@@ -118,9 +118,9 @@ class ObjectTracker:
 
     def forecast(self) -> Callable[[float], Forecast | None]:
         """What `predict` answers now, as a function that goes on answering so while `update` goes on."""
-        belief, half, table = self._memory.belief, self._estimator.box.half, self.rig.arena.table
+        belief, box, table = self._memory.belief, self._estimator.box, self.rig.arena.table
         ground = -math.inf if table is None else table
-        return lambda timestamp: belief.forecast(timestamp, half, ground)
+        return lambda timestamp: belief.forecast(timestamp, box, ground)
 
     def update(self, images: Sequence[Array | None], timestamp: float | Sequence[float]) -> Observation:
         """The object's pose in the next set of images, with the memory of those before.

@@ -31,3 +31,7 @@ class Box(NamedTuple):
     def radius(self) -> float:
         """Distance of its corners from its centre [m]."""
         return math.sqrt(self.half @ self.half)
+
+    def lowest(self, position: FloatArray, rotation: FloatArray) -> float:
+        """Height of its lowest corner at a position (3,) [m], turned by world from object (3, 3) [m]."""
+        return float(position[2] - np.abs(rotation[2]) @ self.half)

@@ -298,7 +298,7 @@ class PoseEstimator:
         """The fit nearest to a hypothesis (3, 3), (3,) [m]; `ask`: with what each camera by itself sees."""
         fit = self.refiner(sight.pictures, rotation, position, schedule, start, lag, ask=ask)
         cameras = self.search.counted(sight, fit.rotation, fit.position, fit.lags, fit.cameras)
-        lowest = float(fit.position[2] - np.abs(fit.rotation[2]) @ self.box.half)
+        lowest = self.box.lowest(fit.position, fit.rotation)
         height = float(fit.covariance[2, 2])
         std = math.sqrt(max(height, 0.0)) if math.isfinite(height) else 0.0
         inside = self.arena.holds(fit.position, lowest, std)

@@ -11,6 +11,7 @@ import numpy as np
 from tracker.conventions import FloatArray
 from tracker.errors import TrackerError
 from tracker.geometry import so3
+from tracker.objects.box import Box
 from tracker.pose.fit import Fit
 from tracker.pose.judge import alone, apparent, fits, nearness, trust
 from tracker.pose.result import Forecast, MotionEstimate, MotionKind, PoseEstimate, Status
@@ -83,13 +84,19 @@ class Belief(NamedTuple):
         last, timestamp = self.timestamp, float(timestamp)
         step = 0.0 if last is None else timestamp - last
         moved = self._replace(timestamp=timestamp, step=step)
-        if self.seen is None or last is None or self.motion is None:
-            return moved, None
-        if timestamp - self.seen > self.options.coast_seconds:
+        motion = self._going_on(timestamp)
+        if motion is None:
             return moved._replace(seen=None, pending=None), None
-        motion = self.motion.slowed(step) if self.unseen else self.motion
         motion = motion.predicted(step)
         return moved._replace(motion=motion), motion.state
+
+    def _going_on(self, timestamp: float) -> MotionFilter | None:
+        """The motion that leads from the last pictures to a later stamp [s]; None where it is lost."""
+        if self.seen is None or self.timestamp is None or self.motion is None:
+            return None
+        if timestamp - self.seen > self.options.coast_seconds:
+            return None
+        return self.motion.slowed(timestamp - self.timestamp) if self.unseen else self.motion
 
     def plausible(self, expected: MotionState, fit: Fit) -> bool:
         """Whether a measurement may come from an object that was expected there."""
@@ -161,11 +168,10 @@ class Belief(NamedTuple):
             )
         )
 
-    def forecast(self, timestamp: float, half: FloatArray, ground: float) -> Forecast | None:
+    def forecast(self, timestamp: float, box: Box, ground: float) -> Forecast | None:
         """Where the object is at a later stamp [s] of which there are no pictures; None where it is lost.
 
-        half: (3,) half edge lengths [m]; ground: height [m] below which no forecast has it, unless it was
-        last seen lower.
+        box: the object; ground: height [m] below which no forecast has it, unless it was last seen lower.
 
         Raises:
             TrackerError: the stamp is not finite, or earlier than that of the last pictures.
@@ -176,21 +182,18 @@ class Belief(NamedTuple):
                 f"timestamp: found {timestamp:.6f} s, before the last pictures at {self.timestamp:.6f} s; "
                 "expected no earlier one"
             )
-        if self.seen is None or self.motion is None or self.timestamp is None:
+        motion = self._going_on(timestamp)
+        if motion is None or self.timestamp is None:
             return None
-        if timestamp - self.seen > self.options.coast_seconds:
-            return None
-        step = timestamp - self.timestamp
-        fused, kinds = (self.motion.slowed(step) if self.unseen else self.motion).forecast(step)
+        fused, kinds = motion.forecast(timestamp - self.timestamp)
         if self.last_pose is not None:
             rotation, position = self.last_pose
-            ground = min(ground, float(position[2] - np.abs(rotation[2]) @ half))
+            ground = min(ground, box.lowest(position, rotation))
 
         def told(state: MotionState) -> dict[str, Any]:
-            found = self._told(state)
-            lowest = state.position[2] - np.abs(state.rotation[2]) @ half
-            raised = np.array([0.0, 0.0, max(ground - lowest, 0.0)])
-            return found | {"position": state.position + raised}
+            raised = state.position.copy()
+            raised[2] += max(ground - box.lowest(state.position, state.rotation), 0.0)
+            return self._told(state) | {"position": raised}
 
         return Forecast(
             **told(fused),
