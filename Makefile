@@ -32,8 +32,8 @@ test: $(STAMP) | build/scenes  ## run the tests, or those of TESTS=
 
 # What calls other libraries, and a pose from pictures to end: what else `make test` shows does not depend on
 # versions. Old versions use what newer ones of others warn of.
-LOWEST_TESTS := $(addprefix tests/,files geometry logs poses viz calibration/test_board.py \
-	segmentation/test_hues.py recordings/many/test_batch.py synthetic/test_renderers.py \
+LOWEST_TESTS := $(addprefix tests/,files geometry logs poses viz calibration/board/test_board.py \
+	segmentation/test_hues.py batch/test_run.py synthetic/test_renderers.py \
 	benchmarks/test_metrics.py test_compiled.py test_import.py test_pipeline.py)
 
 lowest: $(LOWEST)/.installed | build/scenes  ## run tests with the lowest versions that pyproject.toml allows
@@ -50,6 +50,7 @@ lint: $(STAMP)  ## check style, types and floors
 	$(BIN)/ruff check $(CODE)
 	$(BIN)/ruff format --check $(CODE)
 	$(BIN)/mypy
+	$(BIN)/mypy examples/*.py
 	$(BIN)/lint-imports
 
 format: $(STAMP)  ## format the code

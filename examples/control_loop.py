@@ -14,9 +14,9 @@ with tracker.open_log("tracker-demo") as log:
         observation = follower.update(frame.images, frame.timestamp)
         expected = follower.predict(frame.timestamp + DELAY)
         if expected is None:
-            print(f"stop: {observation.status.value}")  # not seen for half a second
+            print(f"stop: {observation.status}")  # not seen for half a second
         elif expected.confidence < SURE:
-            print(f"wait: {observation.status.value}")  # the next images may show more
+            print(f"wait: {observation.status}")  # the next images may show more
         else:
             std = 1e3 * np.sqrt(np.diag(expected.covariance)[:3])
             print("act at", expected.position, f"m, known to {std.max():.1f} mm")

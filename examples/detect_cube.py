@@ -12,7 +12,7 @@ images = [cv2.imread(f"tracker-demo/000000/{name}.jpg") for name in rig.names]
 observation = tracker.ObjectTracker(model, rig).detect(images)
 pose = observation.object_pose
 if pose is None:
-    print("no pose:", observation.status.value)
+    print("no pose:", observation.status)
 else:
     std = np.sqrt(np.diag(pose.covariance))
     print("position [mm]   ", 1e3 * pose.position, "+-", 1e3 * std[:3])

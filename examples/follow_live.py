@@ -12,5 +12,5 @@ with tracker.live.Live(source, follower) as live:
     while moment is not None:
         pose = live.at(time.time() + 0.05)  # where the cube will be when the fingers get there
         where = "unknown" if pose is None else pose.position
-        print(f"{moment.status.value}, {1e3 * moment.latency:.0f} ms old, in 50 ms at", where)
+        print(f"{moment.status}, {1e3 * moment.latency:.0f} ms old, in 50 ms at", where)
         moment = live.wait(after=moment)

@@ -1,8 +1,9 @@
 """Gymnasium's interface on the simulated platform: fingers act, and the tracker sees what comes of it.
 
-An action moves the nine joints by up to STEP; an observation holds the joints, the object's pose as the
-tracker finds it in rendered images, and its confidence (0: no pose, which then is zeros). The reward is
-that of the pose that was found, -1 where there is none; `info["truth"]` says where the object really is.
+An action moves the nine joints by up to STEP; an observation holds the joints, the corners of the object as
+the tracker finds them in rendered images, those of the goal, and the pose's confidence (0: no pose, and its
+corners are zeros). The reward is that of the pose that was found, -1 where there is none; `info["truth"]`
+says where the object really is.
 """
 
 from __future__ import annotations
@@ -37,17 +38,19 @@ class MoveCube(gymnasium.Env):
     """
 
     def __init__(self, goal_position: tuple[float, float, float] = (0.05, 0.05, 0.0325), width: int = 180):
+        model = tracker.load_object("cube_v2")
         self.goal_position = np.array(goal_position)
+        self.goal = move_object.keypoints(goal_position, (0.0, 0.0, 0.0, 1.0), model.size)
         self.action_space = spaces.Box(-1.0, 1.0, (9,))
         self.observation_space = spaces.Dict(
             joints=spaces.Box(-np.pi, np.pi, (9,)),
-            position=spaces.Box(-1.0, 1.0, (3,)),
-            orientation=spaces.Box(-1.0, 1.0, (4,)),
+            keypoints=spaces.Box(-1.0, 1.0, (8, 3)),  # [m]
+            goal=spaces.Box(-1.0, 1.0, (8, 3)),
             confidence=spaces.Box(0.0, 1.0, (1,)),
         )
         self.platform = Platform("cube_v2")
         self.rig = tracker.CameraRig(default_cameras(width))
-        self.tracker = tracker.ObjectTracker(tracker.load_object("cube_v2"), self.rig)
+        self.tracker = tracker.ObjectTracker(model, self.rig)
         self.world = self.platform.new_world()
         self.time = 0.0
 
@@ -84,11 +87,10 @@ class MoveCube(gymnasium.Env):
         scene = self.platform.scene(states, joints, self.look, self.lighting, {})
         still = take(scene, self.rig.cameras, Sensor.realistic(), self.np_random)
         pose = self.tracker.update(still.images, self.time).filtered_object_pose
-        seen: dict[str, Any] = {"joints": joints, "position": np.zeros(3), "orientation": np.zeros(4)}
+        seen: dict[str, Any] = {"joints": joints, "keypoints": np.zeros((8, 3)), "goal": self.goal}
         seen["confidence"], reward = np.zeros(1), -1.0
         if pose is not None:
-            seen |= {"position": pose.position, "orientation": pose.orientation}
-            seen["confidence"] = np.array([pose.confidence])
+            seen |= {"keypoints": pose.keypoints, "confidence": np.array([pose.confidence])}
             reward = float(move_object.reward(1, self.goal_position, pose.position))
         observation = {key: np.asarray(value, dtype=np.float32) for key, value in seen.items()}
         return observation, reward, {"truth": position, "images": still.images}
@@ -98,7 +100,7 @@ if __name__ == "__main__":
     environment = MoveCube()
     observation, info = environment.reset(seed=1)
     for _ in range(3):
-        observation, reward, *_, info = environment.step(environment.action_space.sample())
-        off = 1e3 * np.linalg.norm(observation["position"] - info["truth"])
+        observation, reward, _, _, info = environment.step(environment.action_space.sample())
+        off = 1e3 * np.linalg.norm(observation["keypoints"].mean(axis=0) - info["truth"])
         print(f"reward {reward:.3f}, seen {off:.2f} mm from the truth")
     environment.close()

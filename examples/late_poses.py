@@ -65,6 +65,15 @@ class Late(Truth):
             self._arrived(*self._coming.popleft())
         return self._known(time)
 
+    def _sensed(self, pushing: Pushing) -> Any:
+        raise NotImplementedError
+
+    def _arrived(self, stamp: float, sensed: Any) -> None:
+        raise NotImplementedError
+
+    def _known(self, time: float) -> Pose | None:
+        raise NotImplementedError
+
 
 class Predecessor(Late):
     """Knows the true poses late, with the errors of the platform's present tracker."""
@@ -134,7 +143,7 @@ class Predicted(Newest):
     def _hear(self, moment: Moment) -> None:
         if moment.sequence % FILMED == 0:
             title = f"{moment.timestamp:.1f} s"
-            picture = overlay(moment.shot.images, self._rig, self._model, moment.observation, title=title)
+            picture = overlay(moment.taken.images, self._rig, self._model, moment.observation, title=title)
             self.film.append(picture[::2, ::2].copy())
 
     def _known(self, time: float) -> Pose | None:

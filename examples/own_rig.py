@@ -3,10 +3,9 @@
 import numpy as np
 
 import tracker
-from tracker.geometry.camera import Camera
 
 
-def camera(name: str, position: tuple[float, float, float]) -> Camera:
+def camera(name: str, position: tuple[float, float, float]) -> tracker.Camera:
     """A camera at a position [m] that looks at the arena's centre; yours come from a calibration."""
     forward = -np.array(position) / np.linalg.norm(position)
     right = np.cross(forward, [0.0, 0.0, 1.0])
@@ -15,7 +14,7 @@ def camera(name: str, position: tuple[float, float, float]) -> Camera:
     camera_from_world[:3, :3] = [right, np.cross(forward, right), forward]
     camera_from_world[:3, 3] = -camera_from_world[:3, :3] @ position
     matrix = np.array([[600.0, 0.0, 319.5], [0.0, 600.0, 239.5], [0.0, 0.0, 1.0]])  # [px]
-    return Camera(name, 640, 480, matrix, np.zeros(5), camera_from_world)
+    return tracker.Camera(name, 640, 480, matrix, np.zeros(5), camera_from_world)
 
 
 arena = tracker.Arena(radius=0.15, height=0.1, table_std=(0.001, 0.002))  # the table: 1 mm, 2 mrad

@@ -6,9 +6,9 @@ matplotlib.use("Agg")  # no window
 import matplotlib.pyplot as plt
 import numpy as np
 
-from tracker.poses.file import read_poses
+import tracker
 
-poses = read_poses("poses.h5")
+poses = tracker.read_poses("poses.h5")
 time = poses.timestamp - poses.timestamp[0]  # [s]
 height = 1e3 * poses.filtered.position[:, 2]  # [mm], NaN where there is no pose
 std = 1e3 * np.sqrt(poses.filtered.covariance[:, 2, 2])

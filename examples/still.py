@@ -40,7 +40,7 @@ def main(seed: int, folder: Path) -> None:
     write_image(folder / "overlay.png", overlay(still.images, rig, model, observation))
 
     if observation.object_pose is None:
-        print(f"no pose: {observation.status.value}")
+        print(f"no pose: {observation.status}")
     else:
         report(observation.object_pose, still)
     print(f"picture: {folder / 'overlay.png'}")

@@ -5,7 +5,7 @@ import sys
 
 import zmq
 
-socket = zmq.Context.instance().socket(zmq.SUB)
+socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.SUB)
 socket.setsockopt(zmq.CONFLATE, 1)  # only the newest counts
 socket.setsockopt_string(zmq.SUBSCRIBE, "")
 socket.connect(sys.argv[1] if len(sys.argv) > 1 else "tcp://127.0.0.1:5555")

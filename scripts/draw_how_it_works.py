@@ -236,7 +236,7 @@ class Edges(NamedTuple):
 def edges_at(scene: Scene, rotation: FloatArray, position: FloatArray, start: Start) -> Edges:
     """Lay strips at a pose, and measure their offsets once."""
     refiner, pictures = scene.estimator.refiner, scene.sight.pictures
-    cameras, work = refiner.edges(pictures, rotation, position, start, turns=1)
+    _, cameras, work = refiner.edges(pictures, rotation, position, start, turns=1)
     parts = work.strips, work.found, cameras["strips"], cameras["reach"], work.distance, work.values
     return Edges(*(part.copy() for part in parts), cameras["blur"].copy(), start)
 

@@ -21,7 +21,7 @@ from tracker.objects.labels import COLOR_NAMES
 from tracker.segmentation.color_model import ColorModel
 from tracker.segmentation.fit import FitOptions, Histograms, combine, image_histograms
 from tracker.segmentation.labelled import LabelledImage, read_image, read_labelled
-from tracker.segmentation.light import apply_gains, neutral_gains
+from tracker.segmentation.light import apply_gains, find_light
 
 OBJECTS = ("cube_v1", "cube_v2", "cube_v3", "cuboid_2x2x8_v2")
 DATA = Path(__file__).resolve().parent.parent / "tracker" / "segmentation" / "data"
@@ -68,7 +68,7 @@ def dice_image(real: Path) -> LabelledImage:
     """The dice image; its mask is generous, so only its bluish pixels count as dice."""
     image = read_image(real / "dice" / "test_image.png")
     mask = read_image(real / "dice" / "test_mask.png").max(axis=2) > 0
-    level = apply_gains(image, neutral_gains(image)[0]).astype(int)
+    level = apply_gains(image, find_light(image).gains).astype(int)
     bluish = level[..., 0] > 1.3 * level[..., 2] + 15
     return LabelledImage("dice", image, np.where(mask & bluish, 3, 0).astype(np.uint8))
 

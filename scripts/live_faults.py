@@ -26,9 +26,9 @@ import numpy as np
 import tracker
 from tracker.errors import LiveError
 from tracker.live import CameraSet, Live, Moment, Simulation
-from tracker.live.camera import CameraLost, GrabFailed, Picture
-from tracker.live.recorder import Recorder
-from tracker.live.zmq_publisher import ZmqPublisher
+from tracker.live.listeners import Recorder
+from tracker.live.publishers.zeromq import ZmqPublisher
+from tracker.live.sources.cameras import CameraLost, Grabbed, GrabFailed
 from tracker.logs.hdf5_writer import Hdf5LogWriter
 
 parser = argparse.ArgumentParser(description="Break things while something is tracked.")
@@ -58,8 +58,8 @@ class Pretended:
         if faults.state.get(number) == "gone":
             raise LiveError("it is not there")
 
-    def grab(self, timeout: float) -> Picture:
-        """See `tracker.live.camera.Camera`."""
+    def grab(self, timeout: float) -> Grabbed:
+        """See `tracker.live.sources.cameras.LiveCamera`."""
         state, now = self._faults.state.get(self._number), time.time()
         if state == "failed":
             del self._faults.state[self._number]
@@ -70,14 +70,14 @@ class Pretended:
             place = int(10 * now) % (2 * len(self._film) - 2)
             image = self._film[min(place, 2 * len(self._film) - 2 - place)].astype(np.int16)
             self._last = np.clip(image + self._rng.integers(-2, 3, image.shape), 0, 255).astype(np.uint8)
-        return Picture(self._last, now + self._faults.off.get(self._number, 0.0))
+        return Grabbed(self._last, now + self._faults.off.get(self._number, 0.0))
 
     def settings(self) -> dict[str, str | int | float | bool]:
-        """See `tracker.live.camera.Camera`."""
+        """See `tracker.live.sources.cameras.LiveCamera`."""
         return {}
 
     def close(self) -> None:
-        """See `tracker.live.camera.Camera`."""
+        """See `tracker.live.sources.cameras.LiveCamera`."""
 
 
 class Run:
@@ -119,7 +119,7 @@ class Run:
             self.faults.off.clear()
             after = len(self.moments)
             time.sleep(2.5)
-            clear = [m for m in self.moments[after:] if all(image is not None for image in m.shot.images)]
+            clear = [m for m in self.moments[after:] if all(image is not None for image in m.taken.images)]
             needed.append(next((n for n, m in enumerate(clear, 1) if m.object_pose is not None), None))
         going = "goes on" if self.live.running else f"has ended: {self.live.error}"
         print(

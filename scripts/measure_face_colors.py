@@ -23,7 +23,7 @@ from synthetic.camera.sensor import RESPONSE_GAMMA, linear
 from tracker.conventions import Array, FloatArray, Image
 from tracker.objects.labels import COLOR_NAMES
 from tracker.segmentation.labelled import LabelledImage
-from tracker.segmentation.light import TARGET_GREY, neutral_gains
+from tracker.segmentation.light import TARGET_GREY, find_light
 
 DATA = Path(__file__).resolve().parent.parent / "synthetic" / "look" / "data" / "face_colors.json"
 
@@ -57,7 +57,7 @@ def measure(images: list[LabelledImage]) -> dict[str, Any]:
     """What one object's images say of each of its colours."""
     seen: dict[str, list[tuple[FloatArray, bool, float | None]]] = {}
     for labelled in images:
-        gains = neutral_gains(labelled.image)[0]
+        gains = find_light(labelled.image).gains
         present = [int(label) for label in np.unique(labelled.labels) if label]
         heights = [np.nonzero(labelled.labels == label)[0].mean() for label in present]
         for label, height in zip(present, heights, strict=True):

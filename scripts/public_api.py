@@ -99,8 +99,13 @@ def _exported(tree: ast.Module) -> list[str]:
     for node in tree.body:
         if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__":
             return list(ast.literal_eval(node.value))
-    imports = [node for node in tree.body if isinstance(node, ast.ImportFrom)]
-    return [alias.name for node in imports for alias in node.names if alias.asname == alias.name]
+    imports = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
+    return [
+        alias.name
+        for node in imports
+        for alias in node.names
+        if alias.asname == alias.name and not _is_module(f"{node.module}.{alias.name}")
+    ]
 
 
 def _tree(module: str) -> ast.Module:

@@ -36,9 +36,9 @@ def copies_of(recording: Path, count: int, folder: Path) -> Path:
 
 def begin(inputs: Path, output: Path, name: str, workers: int) -> subprocess.Popen[bytes]:
     """A run in a group of processes of its own."""
-    command = ["-m", "tracker", "batch", f"{inputs}/*", "--object", name, "-o", str(output), "--quiet"]
+    command = ["-m", "tracker", "batch", "run", f"{inputs}/*", "--object", name, "-o", str(output), "--quiet"]
     return subprocess.Popen(
-        [sys.executable, *command, "--workers", str(workers)],
+        [sys.executable, *command, "--jobs", str(workers)],
         stderr=subprocess.DEVNULL,
         start_new_session=True,
     )

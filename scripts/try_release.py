@@ -30,6 +30,8 @@ IMAGES = [f"tracker-demo/000000/camera{angle}.jpg" for angle in (60, 180, 300)]
 DICE = ROOT / "examples" / "dice"
 ONE_SET = ["--object", "cube_v2", "--calibration", "tracker-demo"]
 
+BATCH = ["batch", "run", "tracker-demo", "--object", "cube_v2", "-o"]
+
 RUNS = (
     ["demo"],
     ["detect", *ONE_SET, *IMAGES, "--overlay", "mine.png"],
@@ -37,6 +39,7 @@ RUNS = (
     ["dice", "--calibration", DICE, "--goal", DICE / "goal.json"]
     + [DICE / f"camera{angle}.png" for angle in (60, 180, 300)],
     ["info", "poses.h5"],
+    [*BATCH, "results"],
     ["doctor"],
 )
 """What has to work without any extra."""
@@ -48,7 +51,7 @@ MISSED = {
     "plot": ["track", "tracker-demo", "--object", "cube_v2", "-o", "b.h5", "--plot", "b.png"],
     "video": ["track", "tracker-demo", "--object", "cube_v2", "-o", "b.h5", "--video", "b.mp4"],
     "rerun": ["view", "poses.h5", "-o", "view.rrd"],
-    "cluster": ["batch", "tracker-demo", "--object", "cube_v2", "-o", "results"],
+    "cluster": [*BATCH, "more", "--scheduler", "tcp://127.0.0.1:8786"],
     "live": ["live", "tracker-demo", *ONE_SET, "--publish", "tcp://127.0.0.1:5555"],
     "lcm": ["live", "tracker-demo", *ONE_SET, "--publish", "lcm://"],
     "pylon": ["live", "pylon", *ONE_SET],

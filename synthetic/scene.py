@@ -14,6 +14,15 @@ from typing import Any
 import numpy as np
 
 from tracker.conventions import Array, FloatArray
+from tracker.objects.model import CuboidModel, load_object
+
+DRAWN_STD = 1e-4
+"""Standard deviation of the rim of an object that is drawn with sharp edges [m]."""
+
+
+def drawn(name: str) -> CuboidModel:
+    """One of the package's objects as it is drawn, if not worn: its colours end at its edges."""
+    return dataclasses.replace(load_object(name), rim=0.0, rim_std=DRAWN_STD)
 
 
 def _frozen(array: Any) -> FloatArray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import runpy
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -25,6 +26,10 @@ from tests.helpers.synthetic_needs import skip_without_platform
 from tracker import cli
 from tracker.calibration.rig import CameraRig
 from tracker.geometry.camera import Camera
+
+# What nohup ignores stays ignored, in the commands that tests begin, too.
+if hasattr(signal, "SIGHUP"):
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 # Derandomised: a run never depends on chance or on earlier runs. Without a deadline, since the first
 # call may compile.

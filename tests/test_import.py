@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import importlib
+import operator
 import sys
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import pytest
 
 import tracker
 from tests.helpers import run_python
+from tracker.version import version
 
 pytestmark = pytest.mark.process
 
@@ -37,20 +39,36 @@ def test_a_first_pose_does_without_the_rooms_of_scipy_that_take_long_to_load():
 def test_a_room_is_there_by_its_own_name():
     script = "import tracker; print(tracker.geometry.so3.exp([0.0, 0.0, 0.0])[0, 0], tracker.viz.__name__)"
     assert run_python(["-c", script], check=True).stdout.split() == ["1.0", "tracker.viz"]
+    script = "from tracker import tasks; print(tasks.rearrange_dice.NUM_DICE, tasks.move_object.LEVELS[3])"
+    assert run_python(["-c", script], check=True).stdout.split() == ["25", "4"]
+
+
+def test_the_version_is_that_of_the_installation():
+    script = "import tracker; print(tracker.__version__)"
+    assert run_python(["-c", script], check=True).stdout.strip() == version()
+
+
+def test_the_import_alone_loads_nothing_that_takes_long():
+    script = "import sys, tracker; print({'numpy', 'cv2', 'numba', 'importlib.metadata'} & set(sys.modules))"
+    assert run_python(["-c", script], check=True).stdout == "set()\n"
 
 
 def test_every_public_name_is_the_one_that_type_checkers_see():
-    homes = {}
+    homes, rooms = {}, []
     for node in ast.walk(ast.parse(Path(tracker.__file__).read_text(encoding="utf-8"))):
-        if isinstance(node, ast.ImportFrom) and node.module is not None and node.module.startswith("tracker"):
+        if isinstance(node, ast.ImportFrom) and node.module == "tracker":
+            rooms += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and str(node.module).startswith("tracker."):
             homes |= dict.fromkeys((alias.name for alias in node.names), node.module)
     assert sorted(homes) == sorted(tracker.__all__)
     for name, home in homes.items():
         assert getattr(tracker, name) is getattr(importlib.import_module(home), name)
-    assert set(tracker.__all__) <= set(dir(tracker))
+    for room in rooms:
+        assert getattr(tracker, room) is importlib.import_module(f"tracker.{room}")
+    assert {*tracker.__all__, *rooms, "__version__"} <= set(dir(tracker))
 
 
-@pytest.mark.parametrize("name", ["Tracker", "_Tracker", "rooms"])
+@pytest.mark.parametrize("name", ["Tracker", "_Tracker", "rooms", "tasks.score"])
 def test_a_name_that_is_none_is_an_attribute_error(name):
-    with pytest.raises(AttributeError, match=name):
-        getattr(sys.modules["tracker"], name)
+    with pytest.raises(AttributeError, match=name.rpartition(".")[2]):
+        operator.attrgetter(name)(sys.modules["tracker"])

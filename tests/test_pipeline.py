@@ -9,6 +9,7 @@ from tests.helpers.kept_stills import take
 from tests.helpers.stills import bare_scene, scene_with_fingers
 from tracker.errors import ImageError
 from tracker.geometry import so3
+from tracker.objects.model import to_toml
 
 SCENES = 10
 OBJECTS = ("cube_v2", "cuboid_2x2x8_v2")
@@ -162,6 +163,14 @@ GOOD = np.zeros((270, 270, 3), np.uint8)
     [
         ([GOOD, GOOD], "2 given; 3 are needed"),
         (GOOD, "sequence of images"),
+        (None, "images: NoneType given; a sequence of images is needed, or a dict by camera: camera60, "),
+        (3, "images: int given"),
+        ("abc", "images: str given"),
+        (iter([GOOD] * 3), "list_iterator given"),
+        ({"camera60": GOOD, "camera180": GOOD}, "missing camera300"),
+        ({"camera60": GOOD, "camera1": GOOD, 3: None}, "unknown 'camera1', 3; missing camera180, camera300"),
+        ({**dict.fromkeys(("camera60", "camera180", "camera300"), GOOD), "top": GOOD}, "unknown 'top'; one"),
+        ({"camera60": None, "camera180": None, "camera300": None}, "all are None"),
         ([GOOD, GOOD, GOOD[..., 0]], r"camera300.*shape \(270, 270\)"),
         ([GOOD, GOOD.astype(float), GOOD], "camera180.*float64; uint8"),
         ([GOOD, GOOD, np.zeros((540, 540, 3), np.uint8)], "camera300.*540×540.*270×270"),
@@ -175,14 +184,91 @@ def test_bad_images_are_named(trackers, images, says):
         trackers["cube_v2"].detect(images)
 
 
+def test_images_go_by_the_cameras_names_in_any_order(trackers, scenes):
+    one, truth = trackers["cube_v2"], scenes["cube_v2"][1]
+    named = dict(zip(reversed(one.rig.names), reversed(truth.images), strict=True))
+    expected = one.detect(truth.images).object_pose
+    assert_same_pose(one.detect(named).object_pose, expected)
+    one.reset()
+    assert_same_pose(one.update(named, dict.fromkeys(named, 1.0)).object_pose, expected)
+    one.reset()
+    pair = one.detect({**named, "camera60": None}).object_pose
+    assert_same_pose(pair, one.detect([None, *truth.images[1:]]).object_pose)
+
+
+def assert_same_pose(pose, expected):
+    assert np.array_equal(pose.position, expected.position)
+    assert np.array_equal(pose.orientation, expected.orientation)
+
+
+def test_every_pose_of_a_tracker_has_keypoints(trackers, scenes):
+    one, truth = trackers["cuboid_2x2x8_v2"], scenes["cuboid_2x2x8_v2"][0]
+    one.reset()
+    answer = one.update(truth.images, 0.0)
+    forecast = one.predict(0.1)
+    centre = one.detect(truth.images).object_pose.keypoints.mean(axis=0)
+    assert np.abs(centre - truth.position).max() < 1e-3
+    for pose in (answer.object_pose, answer.filtered_object_pose, forecast, *forecast.kinds):
+        assert np.linalg.norm(pose.keypoints[0] - pose.keypoints[7]) == pytest.approx(np.sqrt(0.0072), 1e-6)
+        expected = pose.position + pose.rotation @ (one.model.size / 2)
+        np.testing.assert_allclose(pose.keypoints[0], expected, atol=1e-12)
+        assert pose.keypoint_covariances.shape == (8, 3, 3)
+    one.reset()
+
+
+def test_a_tracker_is_shown_in_few_lines(trackers, scenes):
+    one = tracker.ObjectTracker("cuboid_2x2x8_v2", trackers["cube_v2"].rig)
+    text = repr(one)
+    assert "CuboidModel('cuboid_2x2x8_v2': 20×80×20 mm, +x red, " in text
+    assert "CameraRig(camera60, camera180, camera300 of 270×270 px; Arena(" in text
+    assert "ColorModel('cuboid_2x2x8_v2': red, " in text
+    assert text.count("\n") == 2
+    assert "last update" not in text
+    one.update(scenes["cuboid_2x2x8_v2"][0].images, 1.5)
+    assert "last update at 1.500 s" in repr(one)
+    two = tracker.CameraRig((one.rig[0], one.rig[1].resized(540, 540)))
+    assert repr(two).startswith("CameraRig(camera60 of 270×270 px, camera180 of 540×540 px; Arena")
+    assert repr(one.rig[0]).startswith("Camera('camera60': 270×270 px, f 29")
+
+
+def test_names_and_paths_do_as_well_as_what_they_name(trackers, scenes, tmp_path):
+    one = trackers["cube_v2"]
+    one.rig.save(tmp_path)
+    one.colors.save(tmp_path / "mine.npz")
+    (tmp_path / "mine.toml").write_text(to_toml(one.model))
+    files = [tmp_path / f"{name}.yml" for name in one.rig.names]
+    expected = one.detect(scenes["cube_v2"][1].images).object_pose
+    for model, rig, colors in (
+        ("cube_v2", tmp_path, None),
+        (tmp_path / "mine.toml", files, tmp_path / "mine.npz"),
+        (one.model, str(tmp_path), "cube_v2"),
+    ):
+        named = tracker.ObjectTracker(model, rig, colors)
+        pose = named.detect(scenes["cube_v2"][1].images).object_pose
+        assert np.abs(pose.position - expected.position).max() < 1e-9
+
+
 @pytest.mark.parametrize(
-    ("name", "needed"), [("model", "CuboidModel"), ("rig", "CameraRig"), ("colors", "ColorModel")]
+    ("changed", "says"),
+    [
+        ({"model": 3}, "model: int given; a CuboidModel .* or its name or TOML file is needed"),
+        ({"model": None}, "model: NoneType given"),
+        ({"model": "cube"}, "unknown object 'cube'; valid are cube_v1"),
+        ({"rig": 3}, "rig: int given; a CameraRig .* or the folder of its calibration files is needed"),
+        ({"rig": "nowhere"}, "nowhere"),
+        ({"rig": []}, "expected at least one"),
+        ({"rig": [3]}, "found 3, expected cameras' files"),
+        ({"colors": 3}, "colors: int given; a ColorModel .* or its name or file is needed"),
+        ({"tracking": {"coast_seconds": 1}}, "tracking: found a mapping of 1, expected Track"),
+        ({"table_prior": None}, "table_prior: found None, expected bool"),
+        ({"colors": "pink"}, "unknown colour model 'pink'"),
+    ],
 )
-def test_a_name_in_place_of_what_it_names_is_refused(trackers, name, needed):
+def test_what_names_no_object_rig_or_colours_is_refused(trackers, changed, says):
     one = trackers["cube_v2"]
     parts = {"model": one.model, "rig": one.rig, "colors": one.colors}
-    with pytest.raises(tracker.TrackerError, match=f"{name}: str given; a {needed} is needed: tracker[.]"):
-        tracker.ObjectTracker(**{**parts, name: "cube_v2"})
+    with pytest.raises(tracker.TrackerError, match=says):
+        tracker.ObjectTracker(**{**parts, **changed})
 
 
 def test_views_of_an_array_are_as_good_as_copies(trackers, scenes):

@@ -9,65 +9,78 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from tracker.calibration.rig import CameraRig
-    from tracker.errors import TrackerError
-    from tracker.geometry.arena import Arena
-    from tracker.logs import open_log
-    from tracker.objects.model import CuboidModel, load_object
-    from tracker.pipeline import ObjectTracker
-    from tracker.pose.result import CameraUse, MotionEstimate, Observation, PoseEstimate, Status
-    from tracker.segmentation import ColorModel, load_colors, segment
-    from tracker.tracking.belief import TrackingOptions
+    from tracker import conventions as conventions
+    from tracker import errors as errors
+    from tracker import geometry as geometry
+    from tracker import live as live
+    from tracker import recordings as recordings
+    from tracker import tasks as tasks
+    from tracker import viz as viz
+    from tracker.calibration.rig import CameraRig as CameraRig
+    from tracker.errors import TrackerError as TrackerError
+    from tracker.geometry.arena import Arena as Arena
+    from tracker.geometry.camera import Camera as Camera
+    from tracker.logs import Log as Log
+    from tracker.logs import open_log as open_log
+    from tracker.objects.model import CuboidModel as CuboidModel
+    from tracker.objects.model import load_object as load_object
+    from tracker.pipeline import ObjectTracker as ObjectTracker
+    from tracker.pose.result import CameraUse as CameraUse
+    from tracker.pose.result import Forecast as Forecast
+    from tracker.pose.result import MotionEstimate as MotionEstimate
+    from tracker.pose.result import Observation as Observation
+    from tracker.pose.result import PoseEstimate as PoseEstimate
+    from tracker.pose.result import Status as Status
+    from tracker.poses.file import read_poses as read_poses
+    from tracker.poses.poses import Poses as Poses
+    from tracker.recordings.track import track as track
+    from tracker.segmentation import ColorModel as ColorModel
+    from tracker.segmentation import load_colors as load_colors
+    from tracker.segmentation import segment as segment
+    from tracker.tracking.belief import TrackingOptions as TrackingOptions
+
+    __version__: str
 else:  # not seen by type checkers, which would take any name for one that exists
     _HOMES = {
         "Arena": "geometry.arena",
+        "Camera": "geometry.camera",
         "CameraRig": "calibration.rig",
         "CameraUse": "pose.result",
         "ColorModel": "segmentation",
         "CuboidModel": "objects.model",
+        "Forecast": "pose.result",
+        "Log": "logs",
         "MotionEstimate": "pose.result",
         "ObjectTracker": "pipeline",
         "Observation": "pose.result",
         "PoseEstimate": "pose.result",
+        "Poses": "poses.poses",
         "Status": "pose.result",
         "TrackerError": "errors",
         "TrackingOptions": "tracking.belief",
         "load_colors": "segmentation",
         "load_object": "objects.model",
         "open_log": "logs",
+        "read_poses": "poses.file",
         "segment": "segmentation",
+        "track": "recordings.track",
     }
+    _MODULES = ("conventions", "errors", "geometry", "live", "recordings", "tasks", "viz")
+
+    __all__ = sorted(_HOMES)
 
     def __getattr__(name):
+        if name == "__version__":
+            return import_module("tracker.version").version()
         if name in _HOMES:
             value = globals()[name] = getattr(import_module(f"tracker.{_HOMES[name]}"), name)
             return value
         if name.startswith("_") or find_spec(f"tracker.{name}") is None:
             raise AttributeError(f"module 'tracker' has no attribute {name!r}")
-        # A room by its own name, `tracker.geometry.so3`: there once any name is.
+        # What is in a package, too, such as `tracker.geometry.so3`: there once any name is.
         for home in _HOMES.values():
             import_module(f"tracker.{home}")
         return import_module(f"tracker.{name}")
 
     def __dir__():
-        return sorted({*globals(), *__all__})
-
-
-__all__ = [
-    "Arena",
-    "CameraRig",
-    "CameraUse",
-    "ColorModel",
-    "CuboidModel",
-    "MotionEstimate",
-    "ObjectTracker",
-    "Observation",
-    "PoseEstimate",
-    "Status",
-    "TrackerError",
-    "TrackingOptions",
-    "load_colors",
-    "load_object",
-    "open_log",
-    "segment",
-]
+        return sorted({*globals(), *__all__, *_MODULES, "__version__"})

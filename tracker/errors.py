@@ -31,6 +31,10 @@ class LogError(TrackerError):
     """A recording or a file of poses is missing, malformed, truncated or damaged, or of an unknown kind."""
 
 
+class NotBetterError(TrackerError):
+    """What was found is no better than what there was before, so it is not kept."""
+
+
 class LiveError(TrackerError):
     """A source of live images cannot be opened or goes no further, or poses cannot be handed on."""
 
@@ -43,6 +47,18 @@ def install(extra: str) -> str:
     """How to get the packages of one of this package's extras, in one line; no index has this package."""
     how = "-e " if extra in _ROOMS_OF_A_CHECKOUT else ""
     return f"python3 -m pip install {how}'.[{extra}]' in a checkout of the tracker"
+
+
+def shown(value: object) -> str:
+    """A short description of a value of any type, whatever its size."""
+    if isinstance(value, (dict, list)):
+        return f"a {'mapping' if isinstance(value, dict) else 'list'} of {len(value)}"
+    if isinstance(value, int) and abs(value) > 10**18:
+        return "a whole number above 10^18"  # Python refuses to print very large ones
+    try:
+        return " ".join(repr(value).split())[:60]
+    except ValueError:  # of such a number inside
+        return f"a {type(value).__name__}"
 
 
 def reason(error: Exception) -> str:

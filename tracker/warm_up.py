@@ -32,7 +32,7 @@ from tracker.pose.refine import refine
 from tracker.pose.views import PICTURE, Sight
 from tracker.processes import python_command
 from tracker.segmentation.color_model import load_colors
-from tracker.tracking.filter import MotionFilter
+from tracker.tracking.motion import MotionFilter
 
 try:
     import fcntl

@@ -20,13 +20,14 @@ from benchmarks.data.seeds import stream
 from benchmarks.data.store import CACHE, Store, each
 from synthetic.camera.rigs import default_cameras
 from synthetic.camera.sensor import Sensor
+from synthetic.scene import drawn
 from synthetic.stills import bare_scene, scene_with_fingers, take
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray
 from tracker.geometry import so3
 from tracker.geometry.arena import Arena
 from tracker.geometry.camera import Camera
-from tracker.objects.model import CuboidModel, load_object
+from tracker.objects.model import CuboidModel
 
 _DISTORTION = np.array([-0.236, 0.115, -0.0014, 0.0002, -0.042])
 """Of the platform's lenses, about: k1, k2, p1, p2, k3."""
@@ -85,7 +86,7 @@ class RigCase:
     @property
     def objects(self) -> tuple[CuboidModel, ...]:
         """What is looked at, one after the other."""
-        return self.models or tuple(load_object(name) for name in OBJECTS)
+        return self.models or tuple(drawn(name) for name in OBJECTS)
 
     def model(self, name: str) -> CuboidModel:
         """One of the objects by its name."""

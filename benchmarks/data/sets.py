@@ -14,6 +14,7 @@ from benchmarks.data.scenes import EFFECT, LARGE, LOOK_ALIKE, SIZE, Scene, rig, 
 from benchmarks.data.seeds import DEVELOPMENT
 from benchmarks.data.store import CACHE, Store
 from benchmarks.data.workloads import RIG
+from synthetic.scene import drawn
 from tracker.calibration.rig import CameraRig
 from tracker.objects.model import CuboidModel
 from tracker.segmentation.color_model import ColorModel
@@ -39,6 +40,9 @@ SHARES: Mapping[str, float] = {
     "laid": 0.1,
 }
 """Scenes of a set over those of a full run, by the set's name or what it begins with; frames of each film."""
+
+RIMMED = "world", "absent", f"{EFFECT}chamfers"
+"""Sets whose objects have rims, of the width that their files state or of any; those of others are sharp."""
 
 PACKAGES = {
     "package": Drawing(),
@@ -106,7 +110,7 @@ def scene_set(object_name: str, base: str, plan: Plan) -> SceneSet:
         model = case.model(object_name)
         store = rig_store(case.name, object_name, *keep)
         return SceneSet(model, case.rig, tracker.load_colors(model.colors), store, numbers)
-    model = tracker.load_object(object_name)
+    model = tracker.load_object(object_name) if base in RIMMED else drawn(object_name)
     if base in PACKAGES:
         python = interpreter(plan.cache)
         store = package_store(object_name, PACKAGES[base], python, *keep)

@@ -20,6 +20,7 @@ from benchmarks.data.sets import Plan
 from benchmarks.measure.timing import in_turn, one_thread
 from benchmarks.score.errors import UNITS, pose_errors, true_pose
 from benchmarks.score.films import at_rest
+from synthetic.scene import drawn
 from tracker.conventions import FloatArray
 
 STRIDES = (2, 4, 8)
@@ -57,7 +58,7 @@ def measure_films(plan: Plan, say: Callable[[str], None] = lambda line: None) ->
 
 
 def _realistic(name: str, store: FilmStore) -> Iterator[pd.DataFrame]:
-    own = tracker.ObjectTracker(tracker.load_object(name), rig())
+    own = tracker.ObjectTracker(drawn(name), rig())
     everything = range(store.length)
     films = [list(store.frames(film, everything)) for film in range(FILMS)]
     _warm(own, films[0])

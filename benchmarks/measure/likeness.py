@@ -21,8 +21,8 @@ from synthetic.frames import frames
 from tracker.conventions import Image
 from tracker.objects.labels import COLOR_NAMES
 from tracker.segmentation.color_model import ColorModel
-from tracker.segmentation.fit import FitOptions, combine, image_histograms, intersection_over_union
-from tracker.segmentation.labelled import LabelledImage
+from tracker.segmentation.fit import FitOptions, combine, image_histograms
+from tracker.segmentation.labelled import LabelledImage, intersection_over_union
 
 SEED = 90210
 """Of the synthetic pictures; other than the one that colours and light were adjusted with."""

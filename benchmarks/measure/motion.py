@@ -13,6 +13,7 @@ from benchmarks.data.scenes import OBJECTS
 from benchmarks.data.sets import Plan
 from benchmarks.measure.timing import one_thread
 from benchmarks.score.errors import UNITS, pose_errors
+from synthetic.scene import drawn
 from tracker.conventions import Image
 
 Given = tuple[tuple[Image, ...], float | list[float]]
@@ -47,7 +48,7 @@ def measure_motion(
         numbers = [range(film * FRAMES, film * FRAMES + length) for film in range(FILMS)]
         say(f"motion, {name}")
         store.prepare([number for film in numbers for number in film])
-        own = tracker.ObjectTracker(tracker.load_object(name), rig())
+        own = tracker.ObjectTracker(drawn(name), rig())
         with one_thread():
             parts += [
                 play(own, store.scenes(film), GIVEN[way]).assign(object=name, group=way)

@@ -16,8 +16,8 @@ from benchmarks.score.errors import apart, placed, projected
 from tracker.conventions import FloatArray, Image
 from tracker.geometry.camera import Camera
 from tracker.geometry.cuboid import FACE_CORNERS, corners
-from tracker.segmentation.fit import FitOptions, combine, image_histograms, intersection_over_union
-from tracker.segmentation.labelled import LabelledImage
+from tracker.segmentation.fit import FitOptions, combine, image_histograms
+from tracker.segmentation.labelled import LabelledImage, intersection_over_union
 
 LIGHT_SEED = 11
 

@@ -58,7 +58,7 @@ def answers(count: int, seed: int = 5) -> pd.DataFrame:
                         pictures=float(rng.normal()),
                     )
                 )
-    empty = {"present": False, "found": False, "status": "no object colours", "visible": 0.0}
+    empty = {"present": False, "found": False, "status": "no_object_colors", "visible": 0.0}
     for group in ("absent", "look-alike: plain"):
         rows += [answer(group=group, object=n, index=k, **empty) for n in OBJECTS for k in range(count)]
     return pd.DataFrame(rows)

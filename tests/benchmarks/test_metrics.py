@@ -59,7 +59,7 @@ def test_figures_count_right_wrong_and_missing():
     rows = [answer(mm=0.5, deg=0.4, confidence=0.9)] * 6 + [
         answer(mm=6.0, deg=1.0, confidence=0.8),
         answer(mm=1.0, deg=6.0, confidence=0.2),
-        answer(found=False, status="poor fit"),
+        answer(found=False, status="poor_fit"),
         answer(found=False, status="ambiguous", visible=0.4),
     ]
     row = figures_of(rows)

@@ -11,14 +11,15 @@ import pytest
 import yaml
 
 from tests.helpers import LENSES, make_camera
-from tracker.calibration import platform_files
-from tracker.calibration.calibrated import (
+from tracker.calibration.files.calibrated import (
     Calibrated,
+    focal_deviations,
+    halved_by_rows,
     read_all_calibrated,
     read_calibrated,
     write_calibrated,
 )
-from tracker.calibration.platform_files import read_camera, write_camera
+from tracker.calibration.files.platform import MAX_FILE_SIZE, read_camera, write_camera
 from tracker.errors import CalibrationError
 from tracker.geometry.camera import Camera
 
@@ -167,7 +168,7 @@ def test_a_mean_of_rotations_is_mended(tmp_path):
 def test_every_real_file_survives_a_round_trip(real, tmp_path):
     files = sorted([*real.glob("calibration/*/*.yml"), *real.glob("pose/*/*.yml")])
     assert len(files) > 30
-    assert 10 * max(file.stat().st_size for file in files) < platform_files.MAX_FILE_SIZE
+    assert 10 * max(file.stat().st_size for file in files) < MAX_FILE_SIZE
     for file in files:
         camera = read_camera(file)
         raw = np.reshape(yaml.safe_load(file.read_text())["tf_world_to_camera"]["data"], (4, 4))
@@ -236,3 +237,34 @@ def test_all_files_of_a_folder_come_in_the_cameras_order(calibrated, tmp_path):
     write_calibrated(calibrated, tmp_path / "camera60_cropped.yml")
     with pytest.raises(CalibrationError, match="expected one of each camera"):
         read_all_calibrated([tmp_path])
+
+
+def test_a_principal_point_halved_with_its_rows_is_told_from_one_that_was_halved_right(tmp_path):
+    whole = make_camera().resized(540, 540)
+    matrix = whole.matrix.copy()
+    matrix[:2] /= 2
+    wrong = dataclasses.replace(whole, width=270, height=270, matrix=matrix)
+    files = {
+        "camera60.yml": whole,
+        "camera60_wrong.yml": wrong,
+        "camera60_right.yml": whole.resized(270, 270),
+    }
+    for name, camera in files.items():
+        write_camera(camera, tmp_path / name)
+    assert [halved_by_rows(tmp_path / name) for name in files] == [False, True, False]
+    (tmp_path / "alone").mkdir()
+    for name, std in (("a_downsampled.yml", None), ("b_downsampled.yml", np.eye(3)), ("c.yml", None)):
+        write_calibrated(Calibrated(wrong, std), tmp_path / "alone" / name)
+        assert halved_by_rows(tmp_path / "alone" / name) == name.startswith("a_")
+
+
+def test_the_platforms_own_halved_files_are_told(real):
+    files = sorted((real / "calibration" / "simulation").glob("*.yml"))
+    assert [halved_by_rows(path) for path in files] == ["downsampled" in path.name for path in files]
+
+
+def test_the_deviation_of_a_focal_length_is_that_of_the_file():
+    std = np.diag([2.0, 3.0, 0.0])
+    matrix = make_camera().matrix
+    found = focal_deviations([Calibrated(make_camera(), std), Calibrated(make_camera(180))])
+    assert found == {"camera60": pytest.approx(max(2.0 / matrix[0, 0], 3.0 / matrix[1, 1]))}

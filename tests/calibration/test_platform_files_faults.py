@@ -5,7 +5,7 @@ import pytest
 import yaml
 
 from tests.helpers import make_camera
-from tracker.calibration.platform_files import read_camera
+from tracker.calibration.files.platform import read_camera
 from tracker.errors import CalibrationError
 
 
@@ -36,7 +36,7 @@ def malformed(key: str, value: object, part: str | None = None) -> str:
         ("distortion_coefficients", ..., None, "is missing"),
         ("tf_world_to_camera", ..., None, "tf_world_to_camera is missing; found camera_matrix"),
         ("camera_name", 60, None, "found 60, expected a text"),
-        ("camera_name", "", None, "found ''"),
+        ("camera_name", "", None, "found '', expected a text of up to 100 letters"),
         ("image_width", -270, None, "found -270, expected a whole number from 1"),
         ("image_width", True, None, "found True"),
         ("image_width", 270.5, None, "found 270.5"),

@@ -1,10 +1,13 @@
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from tests.helpers import make_camera
-from tracker.calibration.platform_files import write_camera
+from tracker.calibration.files.calibrated import read_calibrated
+from tracker.calibration.files.platform import entries, write_camera, write_mapping
 from tracker.calibration.rig import CameraRig
 from tracker.errors import CalibrationError
 
@@ -102,24 +105,52 @@ def test_a_folder_that_holds_no_rig_is_named_with_what_it_holds(files, options, 
         (lambda: CameraRig(()), "found no camera"),
         (lambda: CameraRig.load([]), "found no camera"),
         (lambda: make_rig(60, 180, 60), "camera60 twice"),
+        *[
+            (lambda given=given: CameraRig(given), "expected tracker.Cameras")
+            for given in ("abc", 5, None, [1, 2], (make_camera(), None), {"camera60": 1})
+        ],
+        *[
+            (lambda given=given: CameraRig.load(given), "expected cameras' files, or their folder")
+            for given in (5, None, [5], b"abc")
+        ],
+        (lambda: CameraRig.load("a" * 5000), "cannot be read"),
+        (lambda: CameraRig.load("a\0b"), "found a null byte in it, expected cameras' files"),
+        (lambda: CameraRig.load(".", pattern=5), "pattern: found 5, expected a text"),
     ],
 )
-def test_no_camera_and_equal_names_are_refused(make, said):
+def test_what_is_no_rig_is_refused(make, said):
     with pytest.raises(CalibrationError, match=said):
         make()
 
 
 @pytest.mark.parametrize(
-    ("name", "folder", "said"),
-    [
-        *[(name, "out", "as a file's name") for name in ("../camera", "a/b", ".hidden", "a\0b")],
-        ("camera60", "file", "cannot be made a folder"),
-    ],
+    "name",
+    ["../x", "a/b", ".hidden", "a.", " a", "a\0b", "a\nb", "a\x1b[31m", "</script>", "$(id)", "a" * 101, ""],
 )
-def test_a_rig_that_cannot_be_saved_is_told_and_leaves_nothing(name, folder, said, tmp_path):
-    (tmp_path / "file").write_text("")
+def test_a_name_that_could_be_more_than_a_name_is_refused_where_it_is_read_and_where_it_is_made(
+    name, tmp_path
+):
+    said = "camera_name: found .* expected a text of up to 100 letters"
     with pytest.raises(CalibrationError, match=said):
-        CameraRig((make_camera(60, name),)).save(tmp_path / folder)
+        dataclasses.replace(make_camera(), name=name)
+    data = {**entries(make_camera()), "camera_name": name}
+    write_mapping(data, tmp_path / "camera60.yml")
+    for read in (CameraRig.load, lambda folder: read_calibrated(folder / "camera60.yml")):
+        with pytest.raises(CalibrationError, match=said):
+            read(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["camera60", "links ä", "0", "-", "a.b_c-d", "カメラ1"])
+def test_names_of_letters_digits_and_marks_are_kept(name, tmp_path):
+    CameraRig((make_camera(60, name),)).save(tmp_path)
+    assert CameraRig.load(tmp_path).names == (name,)
+
+
+def test_a_rig_that_cannot_be_saved_is_told_and_leaves_nothing(tmp_path):
+    (tmp_path / "file").write_text("")
+    for folder in (tmp_path / "file", "a\0b", 5):
+        with pytest.raises(CalibrationError, match="cannot be made a folder"):
+            make_rig(60).save(folder)
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 

@@ -10,23 +10,19 @@ import time
 from collections.abc import Iterator
 from contextlib import nullcontext
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 
-from tests.helpers import ROOT, run_python
+from tests.helpers import ROOT
 from tests.helpers.begun import begin
 from tests.helpers.command import assert_one_line_error
 from tests.helpers.recording_stubs import write_log
-from tracker.errors import TrackerError
+from tracker.batch.results import summary_file
+from tracker.batch.run import Batch, read_batch, run_batch, write_batch
+from tracker.batch.tables import state, write_tables
+from tracker.batch.workers import here
 from tracker.files import write_whole
 from tracker.recordings import Job, Options, Tracked, run
-from tracker.recordings.many.batch import Batch, read_batch, run_batch, write_batch
-from tracker.recordings.many.engine import Here, _begun
-from tracker.recordings.many.results import summary_file
-from tracker.recordings.many.tables import state, write_tables
-
-pytest.importorskip("distributed", reason="cluster: no module distributed")
 
 COUNT, FRAMES = 5, 5
 
@@ -48,14 +44,14 @@ def undisturbed(recordings, tmp_path_factory: pytest.TempPathFactory) -> dict[st
     """What one process makes of the recordings in one go."""
     one = Batch.of([f"{recordings}/*"], tmp_path_factory.mktemp("undisturbed"), Options("cube_v2"))
     write_batch(one)
-    assert run_batch(one, lambda: nullcontext(Here()), lambda _: None) == 0
+    assert run_batch(one, lambda: nullcontext(here), lambda _: None) == 0
     write_tables(one, state(one), as_csv=False)
     return contents(one.folder)
 
 
 def start(recordings: Path, folder: Path) -> subprocess.Popen[bytes]:
     """A run of two workers that is at work on recordings."""
-    process = begin("batch", f"{recordings}/*", "--object", "cube_v2", "-o", folder, "--workers", 2)
+    process = begin("batch", "run", f"{recordings}/*", "--object", "cube_v2", "-o", folder, "--jobs", 2)
     deadline = time.monotonic() + 120
     # What a killed run has left is gone when there are workers.
     while not (workers_of(process) and list(folder.rglob(".*.poses.h5.lock"))):
@@ -94,43 +90,10 @@ def test_killed_workers_and_runs_lose_nothing_and_do_nothing_twice(recordings, u
     assert {path: path.stat().st_mtime_ns for path in done} == done
 
 
-def test_workers_that_are_killed_while_they_begin_are_begun_again(monkeypatch):
-    made: list[int] = []
-
-    class Cluster:
-        def __init__(self, n_workers: int, **_: object) -> None:
-            made.append(n_workers)
-            if len(made) < 3:
-                raise RuntimeError("Nanny failed to start.")
-
-    monkeypatch.setattr("tracker.recordings.many.engine.BEGINNINGS", 3)
-    assert isinstance(_begun(SimpleNamespace(LocalCluster=Cluster), 2), Cluster)
-    assert made == [2, 2, 2]
-    monkeypatch.setattr("tracker.recordings.many.engine.BEGINNINGS", 1)
-    made.clear()
-    with pytest.raises(TrackerError, match="workers cannot be begun: Nanny failed to start"):
-        _begun(SimpleNamespace(LocalCluster=Cluster), 2)
-
-
-BEGINNING = """
-import multiprocessing
-from tracker.recordings.many.engine import _no_interrupts
-tell = "import signal; print(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ()))"
-with _no_interrupts():
-    begun = multiprocessing.get_context("spawn").Process(target=exec, args=(tell,))
-    begun.start()
-begun.join()
-"""
-
-
-@pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="system: no masks of signals")
-def test_a_worker_never_sees_ctrl_c_even_while_it_begins():
-    assert run_python(["-c", BEGINNING], check=True).stdout == "True\n"
-
-
 @pytest.fixture
 def scheduler(tmp_path) -> Iterator[str]:
     """The address of a scheduler that others have begun, with one worker."""
+    pytest.importorskip("distributed", reason="cluster: no module distributed")
     told = tmp_path / "scheduler.json"
     begin = "from distributed.cli import dask_{0}; dask_{0}.main()"
     common = ["--scheduler-file", told, "--host", "127.0.0.1"]
@@ -165,7 +128,7 @@ def scheduler(tmp_path) -> Iterator[str]:
 @pytest.mark.slow
 def test_workers_of_another_scheduler_give_the_same(recordings, undisturbed, scheduler, tmp_path, run_here):
     folder = tmp_path / "results"
-    base = ["batch", f"{recordings}/*", "--object", "cube_v2", "-o", folder, "--scheduler", scheduler]
+    base = ["batch", "run", f"{recordings}/*", "--object", "cube_v2", "-o", folder, "--scheduler", scheduler]
     result = run_here(*base, folder=ROOT)
     assert (result.returncode, result.stderr) == (0, "")
     assert contents(folder) == undisturbed
@@ -189,14 +152,14 @@ def test_a_full_disk_is_told_with_what_is_done_and_what_to_do(recordings, tmp_pa
             full(job.output)
         return run(job)
 
-    monkeypatch.setattr("tracker.recordings.many.engine.Cluster", lambda *_: nullcontext(Here()))
-    base = ["batch", f"{recordings}/00[01]", "--object", "cube_v2", "-o", tmp_path, "--to", 4]
+    monkeypatch.setattr("tracker.batch.workers.processes", lambda _: nullcontext(here))
+    base = ["batch", "run", f"{recordings}/00[01]", "--object", "cube_v2", "-o", tmp_path, "--to", 4]
     with monkeypatch.context() as disk:
-        disk.setattr("tracker.recordings.many.work.run", full_for_one)
-        for name in ("work.write_whole", "tables.write_whole", "tables.write_parquet"):
-            disk.setattr(f"tracker.recordings.many.{name}", full)
+        disk.setattr("tracker.batch.task.run", full_for_one)
+        for name in ("task.write_whole", "tables.write_whole", "tables.write_parquet"):
+            disk.setattr(f"tracker.batch.{name}", full)
         nothing = run_here(*base)
-        disk.setattr("tracker.recordings.many.work.write_whole", write_whole)
+        disk.setattr("tracker.batch.task.write_whole", write_whole)
         some = run_here(*base, "-q")
     assert (nothing.returncode, some.returncode) == (2, 2)
     assert "failed      2" in nothing.stdout
@@ -225,9 +188,17 @@ def test_status_is_told_for_people_and_programs(recordings, tmp_path, run_here):
     assert (tmp_path / "failures.json").is_file()
 
 
+def test_a_recording_may_be_called_as_a_command(tmp_path, run_here):
+    for name in ("status", "run"):
+        write_log(tmp_path / name, 2)
+    result = run_here("batch", "run", "status", "run", "--object", "cube_v2", "-o", "out", folder=tmp_path)
+    assert (result.returncode, result.stderr) == (0, "")
+    assert run_here("batch", "status", "out", folder=tmp_path).stdout.splitlines()[1].split() == ["done", "2"]
+
+
 @pytest.mark.parametrize(("scheduler", "word"), [("--htcondor", "queue number from"), ("--slurm", "#SBATCH")])
 def test_a_dry_run_prints_and_writes_nothing(scheduler, word, recordings, tmp_path, run_here):
-    base = ["batch", f"{recordings}/*", "--object", "cube_v2", "-o", tmp_path / "out", scheduler]
+    base = ["batch", "run", f"{recordings}/*", "--object", "cube_v2", "-o", tmp_path / "out", scheduler]
     result = run_here(*base, "--dry-run")
     assert result.returncode == 0, result.stderr
     assert word in result.stdout
@@ -238,22 +209,25 @@ def test_a_dry_run_prints_and_writes_nothing(scheduler, word, recordings, tmp_pa
     ("arguments", "said"),
     [
         ("{all} -o out --slurm --htcondor", "one of them"),
-        ("{all} -o out --workers 2 --scheduler tcp://127.0.0.1:1", "one of them"),
+        ("{all} -o out --jobs 2 --scheduler tcp://127.0.0.1:1", "one of them"),
         ("{all} -o out --scheduler tcp://127.0.0.1:9", "scheduler tcp://127.0.0.1:9: does not answer"),
         ("{all} -o out --dry-run", "--htcondor or --slurm"),
-        ("{all} -o out --workers 0", "--workers"),
+        ("{all} -o out --jobs 0", "--jobs"),
         ("{all} -o out --object cube_v9", "cube_v9"),
         ("{all} -o out --colors none.npz", "none.npz"),
         ("{all} -o out --from 3 --to 2", "beyond"),
         ("none/* -o out", "fits this pattern"),
         ("status {folder}", "batch.json"),
+        ("{all} -o out --workers 2", "No such option"),
     ],
 )
 def test_wrong_usage_is_one_line_and_leaves_nothing(
     arguments, said, recordings, tmp_path, run_here, monkeypatch
 ):
-    monkeypatch.setattr("tracker.recordings.many.engine.CONNECT_SECONDS", 0.5)
+    monkeypatch.setattr("tracker.batch.workers.CONNECT_SECONDS", 0.5)
     given = arguments.format(all=f"{recordings}/*", folder=recordings).split()
-    chosen = () if given[0] == "status" or "--object" in given else ("--object", "cube_v2")
-    assert_one_line_error(run_here("batch", *given, *chosen, folder=tmp_path), said)
+    if given[0] != "status":
+        chosen = () if "--object" in given else ("--object", "cube_v2")
+        given = ["run", *given, *chosen]
+    assert_one_line_error(run_here("batch", *given, folder=tmp_path), said)
     assert not list(tmp_path.rglob("*.poses.h5"))

@@ -12,15 +12,16 @@ import pytest
 
 import tracker
 from synthetic.camera.sensor import Sensor
-from tests.calibration.test_extrinsics import GIVEN, PLACES, TRUE
+from tests.calibration.board.test_extrinsics import GIVEN, PLACES, TRUE
 from tests.helpers.boards import LENS, photo, pose_towards
 from tests.helpers.command import assert_one_line_error
 from tests.helpers.filmed import RIG, write_recording
 from tests.helpers.moving_cube import carried, knocked, relative_errors
 from tests.helpers.resting_cube import rests
 from tests.helpers.stills import bare_scene, take
-from tracker.calibration.calibrated import read_calibrated
-from tracker.calibration.table_plane import moved
+from tracker.calibration.by_object.table import moved
+from tracker.calibration.files.calibrated import read_calibrated
+from tracker.cli.calibrate import save_object
 from tracker.geometry import so3
 from tracker.geometry.camera import Camera
 
@@ -57,9 +58,9 @@ def triplets(tmp_path_factory):
 
 
 def test_a_lens_is_written_with_its_deviations_and_smaller_images(photos, tmp_path, run_here):
-    target = tmp_path / "camera60.yml"
+    target = tmp_path / "lenses" / "camera60.yml"
     arguments = (*BOARD, "--name", "camera60", "-o", target, "--crop", "270x270+44+0", "--halve")
-    result = run_here("calibrate", "intrinsics", *arguments, "--picture", tmp_path / "r.png", *photos)
+    result = run_here("calibrate", "intrinsics", *arguments, "--plot", tmp_path / "r.png", *photos)
     assert result.returncode == 0, result.stderr
     assert "08.png: the photo is blurred" in result.stdout
     assert "09.png: the photo is mirrored" in result.stdout
@@ -68,8 +69,8 @@ def test_a_lens_is_written_with_its_deviations_and_smaller_images(photos, tmp_pa
     assert not lens.placed
     error = np.abs(lens.camera.matrix[(0, 1), (0, 1)] - LENS.matrix[:2])
     assert (error < 4 * lens.matrix_std[(0, 1), (0, 1)]).all()
-    part = read_calibrated(tmp_path / "camera60_cropped.yml").camera
-    half = read_calibrated(tmp_path / "camera60_cropped_and_downsampled.yml").camera
+    part = read_calibrated(target.parent / "camera60_cropped.yml").camera
+    half = read_calibrated(target.parent / "camera60_cropped_and_downsampled.yml").camera
     assert part.matrix[0, 2] == pytest.approx(lens.camera.matrix[0, 2] - 44)
     assert half.matrix[0, 2] == pytest.approx(part.matrix[0, 2] / 2 - 0.25)
     assert (half.width, half.height) == (135, 135)
@@ -79,10 +80,10 @@ def test_a_lens_is_written_with_its_deviations_and_smaller_images(photos, tmp_pa
 
 def test_cameras_are_placed_and_make_a_rig(triplets, tmp_path, run_here):
     yaw = np.rad2deg(np.arctan2(GIVEN[1, 0], GIVEN[0, 0]))
-    place = ("--center", *GIVEN[:2, 3], "--height", GIVEN[2, 3], "--yaw", yaw)
+    place = ("--center", ",".join(map(str, GIVEN[:2, 3])), "--height", GIVEN[2, 3], "--yaw", yaw)
     arguments = (*BOARD, "--intrinsics", triplets / "lenses", *place, "-o", tmp_path / "rig")
     result = run_here(
-        "calibrate", "extrinsics", *arguments, "--pictures", tmp_path, triplets / "0", triplets / "1"
+        "calibrate", "extrinsics", *arguments, "--plot", tmp_path, triplets / "0", triplets / "1"
     )
     assert result.returncode == 0, result.stderr
     rig = tracker.CameraRig.load(tmp_path / "rig")
@@ -106,10 +107,12 @@ def test_a_board_is_printed(tmp_path, run_here):
     ("arguments", "words"),
     [
         (["--squares", "5by7"], ["--squares", "5x7"]),
-        (["--squares", "7x5"], ["found in none of 10 photos", "a board of 5x7 squares, expected 7x5"]),
+        (["--squares", "7x5"], ["found in none of 10 photos", "do not lie as on a board of 7x5 squares"]),
         (["--squares", "5x9"], ["no more than 5x7 squares", "mirrored"]),
         (["--marker", "0.05"], ["markers of 0.05", "less than"]),
         (["-o", "camera.txt"], [".txt", ".yml"]),
+        (["--plot", "nowhere/plot.png"], ["there is no folder nowhere"]),
+        (["--plot", "plot.gif"], [".gif", ".png"]),
         (["--crop", "540"], ["--crop", "540x540+88+0"]),
         (["--crop", "300x300+0+0"], ["300x300+0+0", "360x270"]),
     ],
@@ -118,6 +121,20 @@ def test_a_fault_of_a_lens_is_named(arguments, words, photos, tmp_path, run_here
     given = (*BOARD, "--name", "camera60", "-o", "camera60.yml", *arguments)
     assert_one_line_error(run_here("calibrate", "intrinsics", *given, *photos, folder=tmp_path), *words)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "words"),
+    [("--crop", "540", "540x540+88+0"), ("--name", "../x", "up to 100 letters")],
+)
+def test_what_is_written_at_the_end_is_checked_before_photos_are_read(
+    option, value, words, tmp_path, run_here
+):
+    (tmp_path / "no_photo.png").write_bytes(b"")
+    given = (*BOARD, "--name", "camera60", "-o", "camera60.yml", option, value, "no_photo.png")
+    result = run_here("calibrate", "intrinsics", *given, folder=tmp_path)
+    assert_one_line_error(result, option, repr(value), words)
+    assert [path.name for path in tmp_path.iterdir()] == ["no_photo.png"]
 
 
 def test_too_few_photos_are_named_with_what_is_wrong_with_the_others(photos, tmp_path, run_here):
@@ -133,17 +150,27 @@ def test_too_few_photos_are_named_with_what_is_wrong_with_the_others(photos, tmp
         (["lenses"], ["found no photo of camera60", "camera60.png"]),
         (["one"], ["camera180, camera300", "found no photo of the board in its given place"]),
         (["two"], ["camera60.png, camera60b.png", "one photo of camera60"]),
+        (["other"], ["camera90.png: named after camera90", "camera60, camera180, camera300"]),
     ],
 )
 def test_a_fault_of_photos_of_the_arena_is_named(folders, words, triplets, tmp_path, run_here):
-    for name, files in {"one": ["camera60.png"], "two": ["camera60.png", "camera60b.png"]}.items():
+    given = {"one": ["camera60"], "two": ["camera60", "camera60b"], "other": ["camera60", "camera90"]}
+    for name, files in given.items():
         (triplets / name).mkdir(exist_ok=True)
         for file in files:
-            (triplets / name / file).write_bytes((triplets / "0" / "camera60.png").read_bytes())
+            (triplets / name / f"{file}.png").write_bytes((triplets / "0" / "camera60.png").read_bytes())
     arguments = (*BOARD, "--intrinsics", triplets / "lenses", "-o", tmp_path / "rig")
     result = run_here("calibrate", "extrinsics", *arguments, *(triplets / one for one in folders))
     assert_one_line_error(result, *words)
     assert not list(tmp_path.iterdir())
+
+
+def test_lenses_are_not_overwritten_by_the_cameras_that_have_them(triplets, run_here):
+    before = {path.name: path.read_bytes() for path in (triplets / "lenses").iterdir()}
+    lenses = triplets / "lenses"
+    result = run_here("calibrate", "extrinsics", *BOARD, "--intrinsics", lenses, "-o", lenses, triplets / "0")
+    assert_one_line_error(result, "that is an input")
+    assert {path.name: path.read_bytes() for path in lenses.iterdir()} == before
 
 
 SCENES = 6
@@ -173,19 +200,25 @@ def test_a_right_calibration_fits(pictures, run_here):
     result = run_here("calibrate", "check", *files, "--object", "cube_v2", "--calibration", folder / "right")
     assert result.returncode == 0, result.stderr
     assert "the calibration fits" in result.stdout
+    assert re.search(r"2 mm need its focal length right to 0\.\d\d %", result.stdout)
+    # The simulated rig has the focal lengths of the platform's files.
+    assert re.search(r"warning +camera60: fy/fx is 1\.0058, expected 1", result.stdout)
 
 
 def test_a_camera_that_was_knocked_is_named_and_drawn(pictures, run_here, tmp_path):
     folder, files = pictures
     result = run_here(
         "calibrate", "check", *files, "--object", "cube_v2", "--calibration", folder / "wrong", "--json",
-        "-o", tmp_path / "check.png",
+        "--plot", tmp_path / "check.png",
     )  # fmt: skip
     assert result.returncode == 1, result.stderr
     found = json.loads(result.stdout)
     assert not found["fits"]
     assert [one["moved"] for one in found["cameras"]] == [False, True, False]
     assert found["cameras"][1]["turn_deg"] == pytest.approx(np.degrees(0.015), abs=0.15)
+    assert found["cameras"][1]["corners_seen_px"] > 2 * found["cameras"][1]["corners_shape_px"]
+    assert found["cameras"][1]["focal_needed_percent"] == pytest.approx(0.4, abs=0.1)
+    assert all("fy/fx" in one for one in found["warnings"])
     picture = cv2.imread(str(tmp_path / "check.png"))
     assert picture.shape[1] == 3 * picture.shape[0] * 420 // 496
     told = run_here("calibrate", "check", *files, "--object", "cube_v2", "--calibration", folder / "wrong")
@@ -213,6 +246,10 @@ def test_the_refined_calibration_is_written_and_told_of(moving, wrong, tmp_path,
         "calibrate", "refine", moving, *CUBE, "--stills", "--calibration", wrong, "--focal", "-o", target
     )
     assert result.returncode == 0, result.stderr
+    mine = tracker.load_object(target / "object.toml")
+    assert (mine.name, mine.colors) == ("cube_v2", "cube_v2")
+    assert f"{1e3 * mine.rim:.2f} ± {1e3 * mine.rim_std:.2f} mm" in result.stdout
+    assert abs(mine.rim) < 3 * mine.rim_std < 1e-3  # drawn boxes are sharp
     for words in ("camera60", "against the mean", "in frames that did not teach", "x, y and yaw", "focal"):
         assert words in result.stdout
     rig = tracker.CameraRig.load(target)
@@ -222,10 +259,22 @@ def test_the_refined_calibration_is_written_and_told_of(moving, wrong, tmp_path,
     )
 
 
+def test_a_rim_below_nothing_is_written_as_none_and_colours_are_found_from_elsewhere(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    tracker.load_colors("cube_v2").save(tmp_path / "mine.npz")
+    mine = dataclasses.replace(tracker.load_object("cube_v2"), colors="mine.npz")
+    (tmp_path / "mended").mkdir()
+    save_object(mine, (-2e-5, 5e-5), tmp_path / "mended" / "object.toml")
+    found = tracker.load_object(tmp_path / "mended" / "object.toml")
+    assert (found.rim, found.rim_std) == (0.0, 5e-5)
+    monkeypatch.chdir("/")
+    assert tracker.load_colors(found.colors)
+
+
 def test_without_a_gain_nothing_is_written(moving, tmp_path, run_here):
     target = tmp_path / "mended"
     result = run_here("calibrate", "refine", moving, *CUBE, "--stills", "-o", target)
-    assert_one_line_error(result, "refused", "frames held out", "px")
+    assert_one_line_error(result, "refused", "frames held out", "px", code=1)
     assert not target.exists()
 
 
@@ -267,6 +316,10 @@ def test_pictures_may_be_named_moment_by_moment(resting, tmp_path, run_here):
     ("arguments", "words"),
     [
         ("board {board} -o board.doc", [".doc", ".pdf"]),
+        ("board {board} -o nowhere/board.pdf", ["there is no folder nowhere"]),
+        ("check {resting} {cube} --plot nowhere/a.png", ["there is no folder nowhere"]),
+        ("check {resting} {cube} --plot {one}/a.png", ["a folder of images"]),
+        ("refine {resting} {cube} -o {used}/camera60.yml", ["found a file, expected a folder"]),
         ("board {board} --square 0.4 -o board.pdf", ["at most 1200 mm"]),
         ("check {one}/camera60.png {cube} --calibration {resting}/camera60.yml", ["alone"]),
         ("refine {resting} {cube} --stills --frames 3 -o new", ["--frames", "18"]),

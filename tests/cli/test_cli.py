@@ -47,7 +47,10 @@ def labelled(tmp_path: Path) -> Path:
     [
         *[(name, ()) for name in ("", "track", "dice", "colors", "colors fit", "colors check")],
         *[(name, ()) for name in ("colors adapt", "colors new")],
-        ("detect", ("cube_v1, cube_v2, cube_v3, cuboid_2x2x8_v2, or a TOML file",)),
+        (
+            "detect",
+            ("cube_v1, cube_v2, cube_v3, cuboid_2x2x8_v2, simulated_cube, simulated_cuboid, or a TOML file",),
+        ),
         ("detect", ("dice, simulation, or a file (.npz)", "recording (.dat, .h5)")),
     ],
 )
@@ -75,6 +78,13 @@ def test_a_shell_completes_commands_objects_and_colours(words, expected, monkeyp
     result = run_here()
     assert result.returncode == 0, result.stderr
     assert result.stdout.split() == [expected]
+
+
+def test_exit_codes_have_one_meaning_said_in_the_help_and_in_the_documentation(run_here):
+    said, page = run_here("--help").stdout, (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
+    for code, what in cli.EXIT_CODES.items():
+        assert f"  {code:<4} {what}\n" in said
+        assert f"| {code} | {what} |\n" in page.replace("`", "")
 
 
 def test_the_version_is_said():
@@ -119,10 +129,10 @@ def test_nothing_found_is_an_answer_and_no_error(demo, tmp_path, run_here):
     assert result.returncode == 0, result.stderr
     found = json.loads(result.stdout)
     assert found["pose"] is None
-    assert found["status"] == "no object colours"
+    assert found["status"] == "no_object_colors"
     assert (tmp_path / "out.jpg").is_file()
     told = run_here(*detect_arguments(demo, **grey), "--exit-code")
-    assert "no object colours" in told.stdout
+    assert "no_object_colors" in told.stdout
     assert told.returncode == 1
     assert run_here(*detect_arguments(demo), "--exit-code").returncode == 0
 
@@ -166,20 +176,21 @@ def test_a_faulty_command_is_one_line(arguments, words, tmp_path, run_here):
         ({"--pattern": "*.yaml"}, ["*.yaml"]),
         ({"--overlay": "out.gif"}, [".gif", ".png"]),
         ({"--overlay": "nowhere/out.png"}, ["nowhere/out.png"]),
+        ({"--overlay": "large/camera180.png", "camera180": "large/camera180.png"}, ["that is an input"]),
         ({"--overlay": "empty"}, ["empty", ".png"]),
-        *[({"camera180": image}, [image]) for image in ("empty.png", "text.png")],
-        *[({"camera180": image}, ["no such file"]) for image in ("missing.png", ".")],
-        ({"camera180": "truncated.png"}, ["truncated"]),
-        ({"camera180": "large.png"}, ["270×270"]),
+        *[({"camera180": f"{image}/camera180.png"}, [image]) for image in ("void", "text")],
+        *[({"camera180": f"{image}/camera180.png"}, ["no such file"]) for image in ("missing", "folder")],
+        ({"camera180": "truncated/camera180.png"}, ["truncated"]),
+        ({"camera180": "large/camera180.png"}, ["270×270"]),
     ],
 )
 def test_a_faulty_option_or_image_is_named_in_one_line(replaced, words, demo, tmp_path, run_here):
     good = (demo / "camera60.png").read_bytes()
-    for name, content in (("empty", b""), ("text", b"not an image"), ("truncated", good[: len(good) // 2])):
-        (tmp_path / f"{name}.png").write_bytes(content)
-    cv2.imwrite(str(tmp_path / "large.png"), np.zeros((540, 540, 3), np.uint8))
-    for name in ("empty", "broken"):
-        (tmp_path / name).mkdir()
+    for name in ("empty", "broken", "void", "text", "truncated", "large", "folder/camera180.png"):
+        (tmp_path / name).mkdir(parents=True)
+    for name, content in (("void", b""), ("text", b"not an image"), ("truncated", good[: len(good) // 2])):
+        (tmp_path / name / "camera180.png").write_bytes(content)
+    cv2.imwrite(str(tmp_path / "large" / "camera180.png"), np.zeros((540, 540, 3), np.uint8))
     (tmp_path / "broken" / "camera60.yml").write_text("camera_name: [")
     before = sorted(tmp_path.rglob("*"))
     named = {"--object": "cube_v2", "--calibration": demo, "--overlay": "out.png", **replaced}
@@ -235,7 +246,11 @@ def test_cross_validation_says_which_colors_are_weak_and_draws_them(labelled, tm
 
 @pytest.mark.parametrize(
     ("plot", "words"),
-    [("x.jpg", [".jpg", ".png"]), ("nowhere/x.png", ["no folder"]), ("labelled/x.png", ["labelled images"])],
+    [
+        ("x.jpg", [".jpg", ".png"]),
+        ("nowhere/x.png", ["no folder"]),
+        ("labelled/x.png", ["a folder of images that are read"]),
+    ],
 )
 def test_a_plot_that_cannot_be_drawn_is_refused(plot, words, labelled, run_here):
     arguments = ("colors", "check", labelled, "--colors", "cube_v2", "--plot", plot)
@@ -262,7 +277,7 @@ def test_a_reader_that_has_left_is_no_reason_to_complain():
     result = subprocess.run(command, cwd=ROOT, stdout=writer, stderr=subprocess.PIPE, check=False)
     os.close(writer)
     assert result.stderr == b""
-    assert result.returncode == 1
+    assert result.returncode == 2
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="system: no /dev/full")

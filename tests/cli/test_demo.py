@@ -28,3 +28,15 @@ def test_the_demo_finds_the_cube_and_its_hints_work(tmp_path, run_here):
     assert (tmp_path / "poses.csv").is_file()
     again = run_here("demo", "-o", "mine", folder=tmp_path)
     assert_one_line_error(again, "mine: exists")
+
+
+def test_the_demo_works_after_one_that_was_interrupted(tmp_path, run_here, monkeypatch):
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr("tracker.pipeline.ObjectTracker.update", interrupt)
+        assert run_here("demo", folder=tmp_path).returncode == 130
+    assert not list(tmp_path.iterdir())
+    assert run_here("demo", folder=tmp_path).returncode == 0
+    assert_one_line_error(run_here("demo", "-o", "nowhere/mine", folder=tmp_path), "nowhere")

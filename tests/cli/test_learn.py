@@ -49,13 +49,13 @@ def test_colors_that_cannot_be_bettered_keep_the_old_file(tmp_path, run_here):
     recording = write_recording(tmp_path / "empty", film)
     arguments = ("--object", "cube_v2", "--colors", "cube_v2", "-o", target)
     result = run_here("colors", "adapt", recording, *arguments, "-q")
-    assert_one_line_error(result, "refused", "found 0 of 2 frames")
+    assert_one_line_error(result, "refused", "found 0 of 2 frames", code=1)
     assert target.read_bytes() == b"old"
 
 
-FACES = "+x=red -x=magenta +y=green -y=yellow +z=blue -z=cyan"
+FACES = "+x=red,-x=magenta,+y=green,-y=yellow,+z=blue,-z=cyan"
 CUBE = ("--object", "cube_v2")
-SIZE = ("--size", ".1 .1 .1", "--faces")
+SIZE = ("--size", ".1,.1,.1", "--faces")
 
 
 @pytest.mark.parametrize(
@@ -71,14 +71,15 @@ SIZE = ("--size", ".1 .1 .1", "--faces")
         ("adapt", [*CUBE, "--calibration", "nowhere"], ["nowhere"]),
         ("adapt", [*CUBE, "nothing"], ["no such file"]),
         ("new", [], ["--size", "--faces"]),
-        ("new", ["--size", "1 2 3"], ["--faces"]),
-        ("new", ["--size", "a b c", "--faces", FACES], ["--size", "three numbers"]),
-        ("new", ["--size", "0.1 0.1", "--faces", FACES], ["size", "3"]),
-        ("new", ["--size", "65 65 65", "--faces", FACES], ["65", "0.5"]),
+        ("new", ["--size", "1,2,3"], ["--faces"]),
+        ("new", ["--size", "a,b,c", "--faces", FACES], ["--size", "3 numbers, X,Y,Z"]),
+        ("new", ["--size", "0.1,0.1", "--faces", FACES], ["--size", "3 numbers"]),
+        ("new", ["--size", "0.1,0.1,nan", "--faces", FACES], ["--size", "nan"]),
+        ("new", ["--size", "65,65,65", "--faces", FACES], ["65", "0.5"]),
         ("new", [*SIZE, FACES.replace("cyan", "pink")], ["pink", "cyan"]),
         ("new", [*SIZE, FACES.replace("cyan", "red")], ["red", "twice"]),
         ("new", [*SIZE, "+x=red"], ["+x", "-z"]),
-        ("new", [*SIZE, f"{FACES} +x=red"], ["+x", "twice"]),
+        ("new", [*SIZE, f"{FACES},+x=red"], ["+x", "twice"]),
         ("new", [*SIZE[:2], *CUBE], ["--object", "--size"]),
         ("new", [*SIZE, FACES, "-o", "mine.npz"], ["mine.toml", "--object"]),
     ],
@@ -96,7 +97,7 @@ def test_a_fault_is_named_and_nothing_overwritten(command, arguments, words, rec
 
 def test_a_new_object_needs_size_and_names_alone(recording, tmp_path, run_here):
     target = tmp_path / "mine.npz"
-    arguments = ("--size", "0.065 0.065 0.065", "--faces", FACES, "-o", target, *QUICK)
+    arguments = ("--size", "0.065,0.065,0.065", "--faces", FACES, "-o", target, *QUICK)
     result = run_here("colors", "new", recording, *arguments)
     assert result.returncode == 0, result.stderr
     model, cube = tracker.load_object(tmp_path / "mine.toml"), tracker.load_object("cube_v2")

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
+import time
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -13,9 +16,7 @@ import tracker
 from tests.helpers.command import assert_one_line_error
 from tests.helpers.filmed import RIG, shots, write_recording
 from tests.helpers.moments import estimate, moment
-from tracker.cli import swapped
-from tracker.cli.live_told import Told
-from tracker.cli.swapped import Lookout
+from tracker.cli.live_outputs import Lookout, Told
 
 
 @pytest.fixture(scope="module")
@@ -74,6 +75,31 @@ def test_it_ends_when_it_is_told_to(recording, run_here):
 
 
 @pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)]
+)
+def test_a_signal_ends_it_with_its_files_whole_and_is_told_by_the_exit_code(
+    number, code, recording, tmp_path, run_here, monkeypatch
+):
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    monkeypatch.setattr(
+        "tracker.cli.live.time", SimpleNamespace(monotonic=time.monotonic, sleep=lambda _: ask())
+    )
+
+    def ask() -> None:
+        time.sleep(0.3)
+        os.kill(os.getpid(), number)
+        time.sleep(60)
+
+    arguments = ("--object", "cube_v2", "--speed", "0.1", "--record", tmp_path / "log.h5")
+    result = run_here("live", recording, *arguments)
+    signal.signal(signal.SIGINT, before)
+    assert result.returncode == code
+    assert ("sets of images" in result.stdout) == (number == signal.SIGINT)
+    with tracker.open_log(tmp_path / "log.h5") as log:
+        assert log.fault is None
+
+
+@pytest.mark.parametrize(
     ("source", "arguments", "words"),
     [
         (None, ["--rate", "5"], ["--rate", "does nothing"]),
@@ -86,6 +112,7 @@ def test_it_ends_when_it_is_told_to(recording, run_here):
         (None, ["--view", "--rrd", "a.rrd"], ["--view", "--rrd"]),
         (None, ["--record", "log.dat"], [".dat", ".h5"]),
         (None, ["--record", "nowhere/log.h5"], ["no folder nowhere"]),
+        (None, ["--rrd", "nowhere/a.rrd"], ["no folder nowhere"]),
         (None, ["--check", "--record", "log.h5"], ["--check", "tracks nothing"]),
         (None, ["--pattern", "x"], ["--pattern"]),
         ("nowhere", [], ["nowhere", "no such file"]),
@@ -102,12 +129,19 @@ def test_a_faulty_option_or_source_is_named(source, arguments, words, recording,
     assert not list(tmp_path.iterdir())
 
 
-def test_cameras_that_never_give_an_image_make_the_exit_code_1(recording, tmp_path, run_here):
+def test_cameras_that_never_give_an_image_are_an_error(recording, tmp_path, run_here, monkeypatch):
     absent = ",".join(f"{tmp_path}/absent{number}.mp4" for number in range(3))
-    arguments = ("--object", "cube_v2", "--calibration", recording, "--seconds", "0.5")
-    result = run_here("live", f"opencv:{absent}", *arguments)
-    assert result.returncode == 1
+    arguments = (f"opencv:{absent}", "--object", "cube_v2", "--calibration", recording)
+    # However long the machine takes to begin.
+    monkeypatch.setattr("tracker.live.sources.cameras.OPENING", 60.0)
+    result = run_here("live", *arguments, "--seconds", "0.5")
+    assert result.returncode == 2
     assert "no camera ever gave an image" in result.stdout
+    assert "no camera ever gave an image" in run_here("live", *arguments, "--seconds", "0.5", "-q").stderr
+    monkeypatch.setattr("tracker.live.sources.cameras.OPENING", 0.5)
+    names = ("not one of 3", "absent0.mp4", "absent1.mp4", "absent2.mp4")
+    assert_one_line_error(run_here("live", *arguments, "-q"), *names)
+    assert_one_line_error(run_here("live", *arguments, "--check"), *names)
 
 
 def test_a_check_tells_of_the_cameras_and_nothing_is_wrong_with_them(recording, run_here, monkeypatch):
@@ -138,7 +172,7 @@ def test_a_recording_that_ends_is_told_even_to_who_wants_to_hear_of_errors_only(
     monkeypatch.setattr("tracker.logs.hdf5_writer.Hdf5LogWriter.append", refuse)
     arguments = ("--record", tmp_path / "log.h5", "--quiet")
     result = run_here("live", recording, "--object", "cube_v2", *arguments)
-    assert result.returncode == 1
+    assert result.returncode == 2
     assert (result.stdout, result.stderr) == ("", "the recording has ended: no space is left\n")
 
 
@@ -174,7 +208,7 @@ def test_the_summary_names_cameras_in_their_order_and_a_fault_once(tmp_path):
 
 def test_a_fault_of_one_set_is_in_the_next_line_and_in_the_summary(monkeypatch):
     now = 100.0
-    monkeypatch.setattr("tracker.cli.live_told.time.monotonic", lambda: now)
+    monkeypatch.setattr("tracker.cli.live_outputs.time.monotonic", lambda: now)
     told = Told()
     for number in range(10):
         told.hear(replace(moment(number, pose=estimate()), faults=FAILED if number == 3 else {}))
@@ -201,7 +235,7 @@ def images():
 
 
 def test_cameras_in_the_wrong_order_are_told_once_two_looks_agree(images, follower, monkeypatch):
-    monkeypatch.setattr(swapped, "FIRST_LOOK", 0.0)
+    monkeypatch.setattr("tracker.cli.live_outputs.FIRST_LOOK", 0.0)
     one = moment(0, (images[1], images[0], images[2]))
     lookout = Lookout(lambda: follower, RIG.names)
     said = [lookout.look(one) for _ in range(3)]
@@ -209,7 +243,7 @@ def test_cameras_in_the_wrong_order_are_told_once_two_looks_agree(images, follow
 
 
 def test_once_the_object_is_surely_found_nobody_looks_any_more(images, follower, monkeypatch):
-    monkeypatch.setattr(swapped, "FIRST_LOOK", 0.0)
+    monkeypatch.setattr("tracker.cli.live_outputs.FIRST_LOOK", 0.0)
     found = follower.detect(images)
     assert found.object_pose.confidence > 0.9
     lookout = Lookout(lambda: pytest.fail("it looks"), RIG.names)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import shutil
 from pathlib import Path
@@ -10,8 +11,10 @@ import cv2
 import numpy as np
 import pytest
 
+import tracker
 from tests.helpers import ROOT
 from tests.helpers.command import assert_one_line_error
+from tracker.cli.pictures import of_cameras
 
 DEMO = ROOT / "tracker" / "demo"
 NAMES = ("camera60", "camera180", "camera300")
@@ -57,13 +60,71 @@ def test_pictures_are_those_of_their_cameras_however_they_are_given(given, detec
     assert detect(DEMO)[1]["pose"] != found["pose"]
 
 
-def test_a_name_that_disagrees_is_told(detect):
-    one = DEMO / "000003" / "camera60.jpg"
-    result, _ = detect("--calibration", DEMO, one, one, DEMO / "000003" / "camera300.jpg")
-    assert result.returncode == 0
-    assert result.stderr.splitlines() == [
-        f"tracker: {one}: taken for the picture of camera180, not of camera60"
-    ]
+PHOTOS = DEMO / "000003"
+
+
+@pytest.fixture
+def two_sided(tmp_path):
+    """Calibrations of cameras that are called left and right, and pictures left.jpg and top.jpg."""
+    rig = tracker.CameraRig.load(DEMO)
+    cameras = [dataclasses.replace(rig[k], name=name) for k, name in enumerate(("left", "right"))]
+    tracker.CameraRig(tuple(cameras)).save(tmp_path / "sides")
+    for name, other in zip(("left", "top"), NAMES[:2], strict=True):
+        shutil.copy(PHOTOS / f"{other}.jpg", tmp_path / f"{name}.jpg")
+    return ["--calibration", tmp_path / "sides"]
+
+
+@pytest.mark.parametrize(
+    ("pictures", "words"),
+    [
+        (
+            ["camera60.jpg", "camera300.jpg"],
+            ["camera300.jpg", "named after camera300", "camera60, camera180"],
+        ),
+        (["camera300.jpg", "camera60.jpg"], ["named after camera300"]),
+        (["camera300.jpg", "a.jpg"], ["named after camera300"]),
+        (["camera60.jpg", "camera60.jpg"], ["named after camera60, as "]),
+        (["camera60.jpg", "a.jpg"], ["a.jpg: named after no camera"]),
+        (["a.jpg", "camera60.jpg"], ["a.jpg: named after no camera"]),
+        (["camera60-camera180.jpg", "camera180.jpg"], ["named after camera180 and camera60"]),
+        (["camera300/a.jpg", "camera60/a.jpg"], ["named after camera300"]),
+        (["camera60.jpg", "camera180.jpg", "a.jpg"], ["found 3", "expected 2"]),
+        (["camera60.jpg"], ["found 1", "expected 2"]),
+    ],
+)
+@pytest.mark.parametrize("command", ["detect --object cube_v2", "dice", "calibrate check --object cube_v2"])
+def test_pictures_of_other_cameras_and_surplus_ones_are_refused(command, pictures, words, tmp_path, run_here):
+    if "calibrate" in command and len(pictures) != 2:
+        words = ["multiple of 2"]
+    rig = tracker.CameraRig.load(DEMO)
+    tracker.CameraRig(rig.cameras[:2]).save(tmp_path / "two")
+    for name in pictures:
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        shutil.copy(PHOTOS / "camera60.jpg", tmp_path / name)
+    result = run_here(*command.split(), "--calibration", tmp_path / "two", *pictures, folder=tmp_path)
+    assert_one_line_error(result, *words)
+
+
+@pytest.mark.parametrize("pictures", [("top.jpg", "left.jpg"), ("left.jpg", "top.jpg")])
+def test_a_picture_is_not_taken_for_another_cameras_since_it_came_first(pictures, two_sided, detect):
+    assert_one_line_error(detect(*two_sided, *pictures)[0], "top.jpg: named after no camera", "left, right")
+
+
+@pytest.mark.parametrize(
+    ("paths", "expected"),
+    [
+        (["b/camera180.png", "b/camera60.png"], ["b/camera60.png", "b/camera180.png"]),
+        (["camera180/7.png", "camera60/7.png"], ["camera60/7.png", "camera180/7.png"]),
+        (["camera60/a.png", "camera60/b.png"], ["camera60/a.png", "camera60/b.png"]),
+        (["camera300_run/camera180.png", "camera300_run/camera60.png"], ["camera60", "camera180"]),
+        (["camera60/camera180.png", "x/camera60_crop.png"], ["x/camera60_crop", "camera60/camera180"]),
+        (["camera180.png", "none"], ["none", "camera180.png"]),
+        (["none", "b.png"], ["none", "b.png"]),
+    ],
+)
+def test_files_go_to_the_cameras_that_they_or_their_folders_are_named_after(paths, expected):
+    found = of_cameras(paths, ("camera60", "camera180"))
+    assert all(part in one for one, part in zip(found, expected, strict=True))
 
 
 def test_swapped_pictures_are_told_and_taken_as_they_are(detect, tmp_path, run_here):

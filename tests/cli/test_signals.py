@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import signal
 import sys
 import threading
 import time
+from types import SimpleNamespace
 
 import pytest
 
 from tests.helpers.recording_stubs import write_log
-from tracker.cli.signals import ended_by_signals
+from tracker.cli.signals import ended_by_signals, exit_code
 
 
 class Finalized:
@@ -26,9 +28,12 @@ def drop_an_interrupt() -> None:
     time.sleep(60)
 
 
-def ask_to_end(*_: object) -> None:
-    os.kill(os.getpid(), signal.SIGTERM)
+def ask_to_end(*_: object, number: int = signal.SIGTERM) -> None:
+    os.kill(os.getpid(), number)
     time.sleep(60)
+
+
+CODES = {signal.SIGHUP: 129, signal.SIGINT: 130, signal.SIGTERM: 143}
 
 
 @pytest.fixture(autouse=True)
@@ -46,11 +51,38 @@ def test_an_interrupt_within_a_finalizer_is_not_lost():
     assert sys.unraisablehook is before
 
 
-def test_being_asked_to_end_is_an_interrupt():
-    before = signal.getsignal(signal.SIGTERM)
-    with ended_by_signals(), pytest.raises(KeyboardInterrupt):
-        ask_to_end()
-    assert signal.getsignal(signal.SIGTERM) is before
+@pytest.mark.parametrize("number", CODES)
+def test_being_asked_to_end_is_an_interrupt(number):
+    before = signal.getsignal(number)
+    with ended_by_signals(), pytest.raises(KeyboardInterrupt) as stop:
+        ask_to_end(number=number)
+    assert signal.getsignal(number) is before
+    assert exit_code(stop.value) == CODES[number]
+
+
+def test_a_signal_that_is_dropped_comes_again_as_itself():
+    def drop() -> None:
+        try:
+            os.kill(os.getpid(), signal.SIGHUP)
+            time.sleep(60)
+        except KeyboardInterrupt as stop:
+            sys.unraisablehook(SimpleNamespace(exc_value=stop))
+        time.sleep(60)
+
+    with ended_by_signals(), pytest.raises(KeyboardInterrupt) as stop:
+        drop()
+    assert exit_code(stop.value) == 129
+
+
+def test_what_nohup_has_ignored_stays_ignored():
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with ended_by_signals():
+            os.kill(os.getpid(), signal.SIGHUP)
+            time.sleep(0.01)
+        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, before)
 
 
 def test_threads_other_than_the_main_one_are_left_as_they_are():
@@ -66,11 +98,12 @@ def test_threads_other_than_the_main_one_are_left_as_they_are():
     assert told == [sys.unraisablehook]
 
 
-def test_a_command_that_is_asked_to_end_leaves_nothing_half_written(tmp_path, run_here, monkeypatch):
+@pytest.mark.parametrize("number", CODES)
+def test_a_command_that_is_asked_to_end_leaves_nothing_half_written(number, tmp_path, run_here, monkeypatch):
     log = write_log(tmp_path / "job", 3)
     (tmp_path / "out").mkdir()
-    monkeypatch.setattr("cv2.imencode", ask_to_end)
-    monkeypatch.setattr("cv2.imwrite", ask_to_end)
+    for name in ("cv2.imencode", "cv2.imwrite"):
+        monkeypatch.setattr(name, functools.partial(ask_to_end, number=number))
     result = run_here("convert", log, "-o", tmp_path / "out" / "folder")
-    assert (result.returncode, result.stdout, result.stderr) == (130, "", "tracker: interrupted\n")
+    assert (result.returncode, result.stdout, result.stderr) == (CODES[number], "", "tracker: interrupted\n")
     assert os.listdir(tmp_path / "out") == []

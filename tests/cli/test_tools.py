@@ -13,11 +13,15 @@ from tests.helpers.command import assert_one_line_error
 from tests.helpers.log_writers import make_content, write_hdf5, write_native
 from tests.helpers.pose_logs import make_rig, random_poses
 from tests.helpers.recording_stubs import make_job, tiny_rig, write_log
-from tracker.poses.exports import CSV_HEADER, write_bop, write_csv, write_tum
+from tracker.errors import LogError
+from tracker.objects.model import load_object
+from tracker.poses.exports import write_bop, write_csv, write_tum
 from tracker.poses.file import write_poses
+from tracker.poses.poses import CSV_HEADER
 from tracker.recordings import run
 from tracker.tasks import move_object, rearrange_dice
 from tracker.tasks.job_goal import JobGoal, read_job_goal
+from tracker.tasks.move_object import keypoints
 
 FRAMES = 8
 
@@ -35,11 +39,12 @@ def test_info_tells_what_is_in_a_recording(tmp_path, run_here):
     assert found["format"] == "native camera log, with poses"
     assert (found["frames"], found["readable"], found["recorded_poses"]) == (FRAMES, FRAMES, FRAMES - 1)
     assert found["cameras"] == found["calibration"] == ["camera60", "camera180", "camera300"]
-    assert (found["sizes"], found["rate_hz"], found["gaps"]) == (["28×24"] * 3, 10.0, 0)
+    assert (found["sizes_px"], found["rate_hz"], found["gaps"]) == ([[28, 24]] * 3, 10.0, 0)
     assert found["seconds"] == pytest.approx(0.1 * (FRAMES - 1))
     assert found["calibration_fault"] is found["fault"] is None
     shown = run_here("info", tmp_path / "log").stdout
     assert "rate hz" in shown
+    assert "28×24, 28×24, 28×24" in shown
 
 
 def test_info_tells_gaps_damage_and_a_calibration_that_does_not_fit(tmp_path, run_here):
@@ -90,9 +95,32 @@ def test_parquet_and_data_frames_hold_the_bits_of_the_csv(poses, tmp_path, run_h
     assert frame["status"].tolist() == table["status"].tolist() == poses.status.tolist()
 
 
+def test_keypoints_are_columns_on_request(poses, tmp_path, run_here):
+    pandas = pytest.importorskip("pandas", reason="bench: no module pandas")
+    model = load_object("cube_v2")
+    run_here("export", "poses.h5", "--csv", "a.csv", "--keypoints", folder=tmp_path).check_returncode()
+    table = pandas.read_csv(tmp_path / "a.csv", float_precision="round_trip")
+    assert list(table.columns[: len(CSV_HEADER)]) == list(CSV_HEADER)
+    assert len(table.columns) == len(CSV_HEADER) + 3 * 24
+    expected = keypoints(poses.filtered.position, poses.filtered.orientation, model.size)
+    found = table[[f"filtered_keypoint{i}_{axis}_m" for i in range(8) for axis in "xyz"]]
+    np.testing.assert_allclose(found.to_numpy().reshape(-1, 8, 3), expected, atol=1e-15)
+    assert poses.to_dataframe(model)["measured_keypoint7_z_m"].notna().sum() == poses.measured.has_pose.sum()
+    other = ["--keypoints", "--object", "cuboid_2x2x8_v2"]
+    run_here("export", "poses.h5", "--csv", "b.csv", *other, folder=tmp_path).check_returncode()
+    assert (tmp_path / "a.csv").read_bytes() != (tmp_path / "b.csv").read_bytes()
+    refused = run_here("export", "poses.h5", "--tum", "a.tum", "--keypoints", folder=tmp_path)
+    assert refused.returncode == 2
+    assert "--keypoints: found no table" in refused.stderr
+    with pytest.raises(LogError, match="keypoints: found 'cube_v2', expected an object"):
+        poses.table("cube_v2")
+
+
 def test_an_xarray_holds_whole_arrays_along_the_frames(poses):
     pytest.importorskip("xarray", reason="xarray: no module xarray")
-    found = poses.to_xarray()
+    found = poses.to_xarray(load_object("cube_v2"))
+    assert found["filtered_keypoints"].dims == ("frame", "keypoint", "axis")
+    assert found["filtered_keypoints"].shape == (20, 8, 3)
     assert found["filtered_covariance"].dims == ("frame", "twist", "twist_too")
     assert found["frame"].values.tolist() == poses.index.tolist()
     for kind, columns in (("measured", poses.measured), ("filtered", poses.filtered)):
@@ -149,6 +177,7 @@ def others(poses, tmp_path):
     (tmp_path / "job" / "goal.json").write_text(json.dumps([[0, [0.1, 0, 0.05]]]))
     (tmp_path / "dice.json").write_text(json.dumps([[0.0, 0.0, 0.011]] * 25))
     (tmp_path / "folder").mkdir()
+    (tmp_path / "poses.csv").symlink_to("poses.h5")
     return tmp_path
 
 
@@ -156,16 +185,18 @@ def others(poses, tmp_path):
     ("command", "said"),
     [
         ("export poses.h5", "--csv"),
-        ("export poses.h5 --csv poses.h5", "that is the recording"),
+        ("export poses.h5 --csv poses.csv", "that is an input"),
         ("export poses.h5 --csv a.txt", ".csv"),
         ("export poses.h5 --parquet a.csv", ".parquet"),
         ("export poses.h5 --bop a.csv", "--camera"),
         ("export poses.h5 --video a.mp4", "--log"),
+        ("export poses.h5 --plot a.pdf", ".png"),
+        ("convert job -o no/folder", "there is no folder no"),
         ("export poses.h5 --csv no/a.csv", "no folder"),
         ("export job --csv x.csv", "job: found a folder, expected a file of poses"),
         ("export none --csv x.csv", "none: found no such file, expected a file of poses"),
         ("export other.h5 --video film.mp4 --log job", "poses of another recording"),
-        ("convert job -o folder", "found a folder"),
+        ("convert job -o folder", "there is one already"),
         ("convert job -o new.zip", ".zip"),
         ("convert job -o job/camera_data.dat", "that is the recording"),
         ("convert cut -o new.h5", "camera_data.dat"),
@@ -173,7 +204,7 @@ def others(poses, tmp_path):
         ("convert job -o new.h5 --from 2 --to 2", "expected --to beyond --from"),
         ("convert poses.h5 -o new.h5", "poses.h5: found a file of 'trifinger-object-tracker poses'"),
         ("track a b --object cube_v2 -o poses.h5", "found a file, expected a folder"),
-        ("batch a --object cube_v2 -o poses.h5", "found a file, expected a folder"),
+        ("batch run a --object cube_v2 -o poses.h5", "found a file, expected a folder"),
         ("score job --poses poses.h5", "poses of another recording"),
         ("score job --poses poses.h5 --object cuboid_2x2x8_v2", "poses of cube_v2"),
         ("score job --poses poses.h5 --goal dice.json", "a goal of dice"),
@@ -255,6 +286,12 @@ def test_goals_of_every_task_are_read(content, task, tmp_path):
             "[[1]]",
             '[["a", [0, 0, 0]]]',
             "[[5, [0, 0, 0]]]",
+            "[[0, 5]]",
+            "[[[0, 1], [0, 0, 0]]]",
+            "[[0, null]]",
+            "[[0.1, 0, 0]]",
+            f"[[0, [1{'0' * 400}, 0.5, 0]]]",
+            '{"difficulty": [1], "goal": {"position": [0, 0, 0]}}',
             "[[0, [NaN, 0, 0]]]",
             "[" * 100_000,
         ],

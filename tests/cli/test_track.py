@@ -23,6 +23,7 @@ import pytest
 import tracker
 from synthetic.camera.rigs import default_cameras
 from synthetic.camera.sensor import Sensor
+from tests.calibration.by_object.test_health import film  # noqa: F401
 from tests.helpers import ROOT, run_python
 from tests.helpers.begun import begin
 from tests.helpers.command import Run, assert_one_line_error
@@ -30,7 +31,6 @@ from tests.helpers.log_writers import make_content, write_hdf5, write_picture
 from tests.helpers.pose_logs import assert_same
 from tests.helpers.recording_stubs import write_log
 from tests.helpers.stills import posed_scene, take
-from tests.upkeep.test_health import film  # noqa: F401
 from tracker.cli.track import CONTRADICTED, _calibration_rows
 from tracker.cli.track_outputs import _of_height, observation
 from tracker.files import claimed
@@ -101,7 +101,7 @@ def test_a_recording_is_tracked_and_written_in_every_format(filmed, tmp_path, ru
     assert numbers["frames_per_second"] > 0
     assert max(numbers["position_std_median_mm"]) < 1
     assert numbers["recorded"] is None
-    unused = dict.fromkeys(("contradicting", "no image", "frozen", "black"), 0)
+    unused = dict.fromkeys(("contradicting", "no_image", "frozen", "black"), 0)
     assert numbers["cameras"] == dict.fromkeys(("camera60", "camera180", "camera300"), unused)
     assert numbers["fault"] is None
     assert len((tmp_path / "poses.csv").read_text().splitlines()) == FRAMES + 1
@@ -127,7 +127,6 @@ def film_length(path: Path) -> tuple[int, float]:
 
 
 def test_two_processes_change_nothing_and_tell_in_order(tmp_path, run_here):
-    pytest.importorskip("distributed", reason="cluster: no module distributed")
     logs = [write_log(tmp_path / name, frames) for name, frames in (("a", 6), ("b", 2), ("c", 2))]
     base = [*(log.relative_to(tmp_path) for log in logs), "--object", "cube_v2", "--json"]
     one = run_here(*base, "-o", "by1", folder=tmp_path)
@@ -190,7 +189,7 @@ def test_frames_can_be_chosen_and_the_calibration_be_given(filmed, tmp_path, run
         (["-o", "log/new.yml"], ".h5"),
         (["-o", "other/camera60.yml", "--calibration", "other"], "that is an input"),
         (["-o", "poses"], "no suffix"),
-        (["-o", "poses.h5", "--csv", "log/camera60.yml"], "that is the recording's calibration"),
+        (["-o", "poses.h5", "--csv", "calibration.csv"], "that is the recording's calibration"),
         (["-o", "poses.h5", "--csv", "poses.yml"], ".csv"),
         (["-o", "poses.h5", "--tum", "poses.dat"], ".tum"),
         (["-o", "linked.h5"], "that is the recording"),
@@ -205,13 +204,15 @@ def test_frames_can_be_chosen_and_the_calibration_be_given(filmed, tmp_path, run
         (["-o", "poses.h5", "--plot", "plot.pdf"], ".png"),
         (["-o", "poses.h5", "--bop", "bop.csv"], "--camera"),
         (["-o", "poses.h5", "--bop", "bop.csv", "--camera", "camera7"], "camera60, camera180, camera300"),
-        (["-o", "poses.h5", "--csv", "poses.h5"], "same file"),
+        (["-o", "poses.h5", "--csv", "a.csv", "--bop", "./a.csv", "--camera", "camera60"], "same file"),
+        (["-o", "poses.h5", "--csv", "nowhere/a.csv"], "there is no folder nowhere"),
+        (["-o", "poses.h5", "--csv", "log.csv"], "found a folder"),
         (["-o", "log/camera_data.dat"], "that is the recording"),
         (["-o", "poses.h5", "--pattern", "*.yml"], "--calibration"),
         (["-o", "poses.h5", "--calibration", "other"], "28×24"),
         (["-o", "poses.h5", "--object", "cube_v9"], "cube_v9"),
         (["bare/camera_data.dat", "-o", "poses.h5"], "expected --calibration"),
-        (["log", "log/camera_data.dat", "-o", "all", "--csv", "all.csv"], "one LOG"),
+        (["log", "log/camera_data.dat", "-o", "all", "--csv", "all.csv"], "expected one"),
         (["nothing.dat", "-o", "poses.h5"], "nothing.dat"),
     ],
 )
@@ -223,6 +224,8 @@ def test_wrong_usage_is_one_line_and_leaves_nothing(arguments, said, tmp_path, r
     tracker.CameraRig(default_cameras()).save(tmp_path / "other")
     (tmp_path / "linked.h5").symlink_to(tmp_path / "log" / "camera_data.dat")
     os.link(tmp_path / "log" / "camera60.yml", tmp_path / "hard.h5")
+    os.link(tmp_path / "log" / "camera60.yml", tmp_path / "calibration.csv")
+    (tmp_path / "log.csv").mkdir()
     (tmp_path / "log" / "goal.json").write_text("{}")
     os.link(tmp_path / "log" / "goal.json", tmp_path / "goal.h5")
     write_hdf5(tmp_path / "log.h5", make_content(1))
@@ -235,6 +238,20 @@ def test_wrong_usage_is_one_line_and_leaves_nothing(arguments, said, tmp_path, r
     chosen = [] if "--object" in arguments else ["--object", "cube_v2"]
     assert_one_line_error(run_here(*log, *chosen, *arguments, folder=tmp_path), said)
     assert contents(tmp_path) == before
+
+
+def test_poses_of_another_object_are_replaced_only_where_that_is_asked_for(tmp_path, run_here):
+    write_log(tmp_path / "log", 2)
+    base = ["log", "-o", "poses.h5", "--object"]
+    run_here(*base, "cube_v2", folder=tmp_path).check_returncode()
+    before = (tmp_path / "poses.h5").read_bytes()
+    result = run_here(*base, "cuboid_2x2x8_v2", folder=tmp_path)
+    assert_one_line_error(result, "poses.h5: found poses of cube_v2", "cuboid_2x2x8_v2", "--overwrite")
+    assert (tmp_path / "poses.h5").read_bytes() == before
+    run_here(*base, "cuboid_2x2x8_v2", "--overwrite", folder=tmp_path).check_returncode()
+    assert read_poses(tmp_path / "poses.h5").about.object_name == "cuboid_2x2x8_v2"
+    (tmp_path / "poses.h5").write_bytes(before[: len(before) // 2])  # of a damaged file nothing is lost
+    run_here(*base, "cube_v2", folder=tmp_path).check_returncode()
 
 
 def contents(folder: Path) -> dict[Path, bytes | None]:
@@ -308,7 +325,6 @@ def long(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_ctrl_c_is_one_line(jobs, long, tmp_path):
-    pytest.importorskip("distributed", reason="cluster: no module distributed")
     process = start_long(long[:jobs], tmp_path / ("poses.h5" if jobs == 1 else "all"), jobs)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does
     out, err = process.communicate(timeout=60)
@@ -317,7 +333,6 @@ def test_ctrl_c_is_one_line(jobs, long, tmp_path):
 
 
 def test_workers_end_with_a_killed_run(long, tmp_path):
-    pytest.importorskip("distributed", reason="cluster: no module distributed")
     process = start_long(long, tmp_path / "all", 2)
     process.kill()
     # The pipe closes when the last process that holds it has ended.

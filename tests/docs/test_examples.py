@@ -79,12 +79,14 @@ def test_an_environment_sees_what_its_fingers_do(tmp_path, run_script, monkeypat
     try:
         first, about = environment.reset(seed=3)
         assert environment.observation_space.contains(first)
-        assert np.linalg.norm(first["position"] - about["truth"]) < 1e-3
+        assert np.linalg.norm(first["keypoints"].mean(axis=0) - about["truth"]) < 1e-3
+        np.testing.assert_allclose(first["goal"].mean(axis=0), environment.goal_position, atol=1e-7)
+        assert np.linalg.norm(first["goal"][0] - first["goal"][7]) == pytest.approx(0.065 * np.sqrt(3))
         action = np.ones(9, np.float32)
         after, reward, ended, cut, _ = environment.step(action)
         assert environment.observation_space.contains(after)
         assert np.abs(after["joints"] - first["joints"]).max() > 0.02
-        expected = -np.linalg.norm((after["position"] - environment.goal_position)[:2]) / 0.78
+        expected = -np.linalg.norm((after["keypoints"].mean(axis=0) - environment.goal_position)[:2]) / 0.78
         assert reward == pytest.approx(expected, abs=0.01)
         assert not ended
         assert not cut

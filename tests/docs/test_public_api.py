@@ -10,6 +10,9 @@ from tests.helpers import ROOT
 
 NAME = re.compile(r"^(?:class )?(tracker[\w.]*)\.(\w+)", re.MULTILINE)
 
+NO_NAMES = {"tracker.update", "tracker.reset", "tracker.h", "tracker.yml"}
+"""What pages write of other things that are called `tracker`."""
+
 
 def test_the_public_names_and_their_signatures_are_those_of_the_snapshot():
     assert public_api() == SNAPSHOT.read_text(encoding="utf-8"), (
@@ -22,6 +25,30 @@ def test_every_name_of_the_snapshot_is_there():
     assert len(names) > 60
     for module, name in names:
         assert hasattr(importlib.import_module(module), name), f"{module}.{name}"
+
+
+def test_what_a_page_or_an_example_recommends_is_public_and_in_the_reference():
+    reference = (ROOT / "docs" / "reference.md").read_text(encoding="utf-8")
+    pages = [
+        page
+        for page in (ROOT / "docs").glob("*.md")
+        if page.name not in ("commands.md", "reference.md", "rooms.md")
+    ]
+    texts = [p.read_text(encoding="utf-8") for p in (*pages, *(ROOT / "examples").glob("*.py"))]
+    public = {".".join(parts) for parts in NAME.findall(public_api())}
+    named = {name for text in texts for name in re.findall(r"\btracker(?:\.[a-z_]\w*)*\.[A-Za-z]\w*", text)}
+    for module, names in re.findall(r"^from (tracker[\w.]*) import (.+)$", "\n".join(texts), re.MULTILINE):
+        named |= {f"{module}.{name.strip()}" for name in names.split(",")}
+    for name in sorted(named - NO_NAMES):
+        home = next((one for one in (name, name.rpartition(".")[0]) if one in public), None)
+        is_module = any(one.startswith(f"{name}.") for one in public)
+        assert home or is_module, f"{name}: in no line of tests/public_api.txt"
+        if home:
+            module, _, last = home.rpartition(".")
+            value = getattr(importlib.import_module(module), last)
+            source = getattr(value, "__module__", module)
+            homes = {f"{source}.{last}", source, home, module}
+            assert any(f"::: {one}\n" in f"{reference}\n" for one in homes), f"{name}: not in the reference"
 
 
 def test_the_changelog_tells_what_is_unreleased_and_then_of_versions():

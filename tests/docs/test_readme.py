@@ -71,7 +71,7 @@ def test_the_pages_object_loads_with_its_colours(working):
 
 
 def test_the_pages_explain_every_status():
-    explained = re.findall(r"^\| `([a-z ]+)` \|", PAGES["docs/answers"], flags=re.MULTILINE)
+    explained = re.findall(r"^\| `([a-z_]+)` \|", PAGES["docs/answers"], flags=re.MULTILINE)
     assert explained == [status.value for status in tracker.Status]
 
 

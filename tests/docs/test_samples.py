@@ -16,14 +16,14 @@ import pytest
 import tracker
 from benchmarks.program import main as benchmark_commands
 from synthetic.cli import commands as synthetic_commands
-from tests.calibration.test_extrinsics import PLACES, TRUE
+from tests.calibration.board.test_extrinsics import PLACES, TRUE
 from tests.docs.samples import blocks, commands, languages
 from tests.helpers import ROOT
 from tests.helpers.boards import LENS, photo, pose_towards
 from tests.helpers.log_writers import make_content, write_native
 from tests.helpers.pose_logs import random_poses
 from tracker import cli
-from tracker.calibration.arena_file import read_arena
+from tracker.calibration.files.arena import read_arena
 from tracker.calibration.rig import CameraRig
 from tracker.geometry.camera import Camera
 from tracker.poses.file import read_poses, write_poses

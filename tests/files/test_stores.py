@@ -6,8 +6,8 @@ import resource
 
 import pytest
 
-from tracker.files.hdf5_disk import Disk
-from tracker.files.lmdb import LmdbFile
+from tracker.files.hdf5 import Disk
+from tracker.files.stores import LmdbFile
 
 
 def test_what_the_disk_refuses_can_be_read_back_from_memory(tmp_path, rng):

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.helpers import image_grid, look_at, make_camera, numerical_jacobian
-from tracker.calibration.platform_files import read_camera
+from tracker.calibration.files.platform import read_camera
 from tracker.errors import CalibrationError
 from tracker.geometry.camera import Camera
 
@@ -160,6 +160,11 @@ CAMERA = make_camera()
         ("width", True, "width: found True"),
         ("height", -5, "height: found -5"),
         ("height", 10**6, "height: found 1000000"),
+        pytest.param("width", 10**5000, "width: found a whole number above", id="width of 5000 digits"),
+        pytest.param("name", 10**5000, "name: found a whole number above", id="name of 5000 digits"),
+        pytest.param("matrix", [[10**400] * 3] * 3, "matrix: found list", id="focal length of 400 digits"),
+        ("matrix", _changed(CAMERA.matrix, (0, 0), 1e300), "focal lengths 1e"),
+        ("camera_from_world_std", np.full((4, 4), 1e300), r"found 1e\+300, expected deviations from 0 to"),
         ("matrix", np.eye(4), r"matrix: found shape \(4, 4\)"),
         ("matrix", "text", "matrix: found str"),
         ("matrix", _changed(CAMERA.matrix, (0, 0), np.nan), "not finite"),
@@ -175,9 +180,23 @@ CAMERA = make_camera()
         ("camera_from_world", _changed(CAMERA.camera_from_world, (3, 0), 1), "last row"),
         ("camera_from_world", _changed(CAMERA.camera_from_world, (0, 0), 2), "deviates from a rotation"),
         ("camera_from_world", np.diag([1.0, 1.0, -1.0, 1.0]), "deviates from a rotation by inf"),
-        ("camera_from_world_std", -np.ones((4, 4)), "no negative"),
+        ("camera_from_world_std", -np.ones((4, 4)), "found -1, expected deviations from 0 to"),
     ],
 )
 def test_impossible_parameters_are_named(key, value, message):
     with pytest.raises(CalibrationError, match=message):
         dataclasses.replace(CAMERA, **{key: value})
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda: CAMERA.resized("a", 3), "width: found 'a'"),
+        pytest.param(lambda: CAMERA.resized(3, 10**400), "height: found a whole number above", id="large"),
+        (lambda: CAMERA.cropped("a", 0, 3, 3), "left and top: found tuple"),
+        (lambda: CAMERA.cropped(1e300, 0, 3, 3), "principal point"),
+    ],
+)
+def test_impossible_parts_and_sizes_are_named(change, message):
+    with pytest.raises(CalibrationError, match=message):
+        change()

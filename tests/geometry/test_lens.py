@@ -10,8 +10,7 @@ import pytest
 
 from tests.helpers import LENSES, image_grid, make_camera, random_rotations
 from tracker.geometry import lens, so3
-from tracker.geometry.cuboid import visible_faces as visible_faces_reference
-from tracker.geometry.field_of_view import largest_tangent, project_in_view
+from tracker.geometry.cuboid import visible_faces
 from tracker.geometry.lens import stack_lenses
 from tracker.geometry.linear import factorise, solve_positive, substitute
 
@@ -62,31 +61,31 @@ def test_visible_faces_are_those_of_the_geometry(rng):
     lenses, size = stack_lenses([camera]), np.array([0.02, 0.08, 0.03])
     for rotation in random_rotations(rng, 30):
         position, heights = rng.uniform(-0.1, 0.1, 3), np.empty(6)
-        lens.visible_faces(lenses, 0, size / 2, rotation, position, heights)
-        expected = visible_faces_reference(size, rotation.T @ (camera.position - position))
+        lens.face_heights(lenses, 0, size / 2, rotation, position, heights)
+        expected = visible_faces(size, rotation.T @ (camera.position - position))
         np.testing.assert_array_equal(heights > 0, expected)
 
 
 def test_points_of_the_image_are_projected_as_the_camera_does(camera):
     pixels = image_grid(camera)
     points = camera.position + 0.5 * camera.rays(pixels)
-    np.testing.assert_allclose(project_in_view(camera, points), pixels, atol=1e-9)
-    np.testing.assert_array_equal(project_in_view(camera, points), camera.project(points))
+    np.testing.assert_allclose(camera.project_in_view(points), pixels, atol=1e-9)
+    np.testing.assert_array_equal(camera.project_in_view(points), camera.project(points))
     corners = [(-0.5, -0.5), (269.5, -0.5), (-0.5, 269.5), (269.5, 269.5)]
     tangents = np.linalg.norm(camera.undistort(corners), axis=1)
-    assert largest_tangent(camera) == tangents.max()
+    assert camera.largest_tangent == tangents.max()
 
 
 def test_points_that_the_lens_would_fold_into_the_image_have_no_pixel(camera, rng):
     directions = rng.normal(size=(20_000, 3))
     points = camera.position + directions @ camera.camera_from_world[:3, :3]
-    pixels = project_in_view(camera, points)
+    pixels = camera.project_in_view(points)
     seen = (pixels >= -0.5).all(axis=1) & (pixels <= 269.5).all(axis=1)
     assert seen.any()
     angles = np.arctan2(np.hypot(directions[:, 0], directions[:, 1]), directions[:, 2])
-    assert np.tan(angles[seen]).max() <= largest_tangent(camera)
+    assert np.tan(angles[seen]).max() <= camera.largest_tangent
     assert np.isnan(pixels[directions[:, 2] <= 0]).all()
-    assert np.isnan(project_in_view(camera, [camera.position])).all()
+    assert np.isnan(camera.project_in_view([camera.position])).all()
 
 
 def positive(rng: np.random.Generator, size: int) -> np.ndarray:

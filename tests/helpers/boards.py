@@ -8,9 +8,9 @@ import functools
 import cv2
 import numpy as np
 
-from tracker.calibration.board import Board
-from tracker.calibration.board_print import Page, page_image
-from tracker.calibration.board_sighting import Sighting
+from tracker.calibration.board.board import Board
+from tracker.calibration.board.page import Page, page_image
+from tracker.calibration.board.sighting import BoardView
 from tracker.conventions import FloatArray, Image
 
 BOARD = Board(5, 7, 0.04, 0.03)
@@ -66,13 +66,13 @@ def sighting(
     noise: float = 0.1,
     lens: TrueLens = LENS,
     board: Board = BOARD,
-) -> Sighting:
+) -> BoardView:
     """The corners inside of the image, each off by noise [px] along both axes."""
     pixels = seen_pixels(board.corners, pose, lens)
     inside = ((pixels > 3) & (pixels < np.array([lens.width, lens.height]) - 4)).all(axis=1)
     numbers = np.flatnonzero(inside)
     seen = pixels[inside] + rng.normal(0, noise, (len(numbers), 2))
-    return Sighting(name, (lens.width, lens.height), numbers, seen, board.corners[numbers], 0.6)
+    return BoardView(name, (lens.width, lens.height), numbers, seen, board.corners[numbers], 0.6)
 
 
 def photo(

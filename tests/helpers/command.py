@@ -17,8 +17,8 @@ def run(*arguments: object, folder: Path = ROOT) -> subprocess.CompletedProcess[
     return run_python(["-m", "tracker", *arguments], folder)
 
 
-def assert_one_line_error(result: subprocess.CompletedProcess[str], *words: str) -> None:
-    assert result.returncode == 2, result.stderr
+def assert_one_line_error(result: subprocess.CompletedProcess[str], *words: str, code: int = 2) -> None:
+    assert result.returncode == code, result.stderr
     assert result.stdout == ""
     assert result.stderr.startswith("tracker: ")
     assert len(result.stderr.splitlines()) == 1, result.stderr

@@ -12,8 +12,8 @@ from synthetic.camera.rigs import sized, standard_rig
 from synthetic.camera.sensor import Sensor
 from tests.helpers.kept_stills import take
 from tests.helpers.stills import Still, scene_with_fingers
-from tracker.learning.footage import Footage
-from tracker.segmentation.fit import intersection_over_union
+from tracker.color_learning.frames import Frames
+from tracker.segmentation.labelled import intersection_over_union
 
 RIG = sized(standard_rig(), 270)
 
@@ -28,9 +28,9 @@ def shots(object_name: str, count: int, seed: int) -> list[Still]:
     return result
 
 
-def footage_of(film: list[Still]) -> Footage:
+def footage_of(film: list[Still]) -> Frames:
     frames = [tuple(shot.images) for shot in film]
-    return Footage(RIG, tuple(frames[::2]), tuple(frames[1::2]))
+    return Frames(RIG, tuple(frames[::2]), tuple(frames[1::2]))
 
 
 def write_recording(folder: Path, film: list[Still]) -> Path:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tracker.conventions import Image
-from tracker.live import Moment, Shot
+from tracker.live import ImageSet, Moment
 from tracker.pose.result import MotionEstimate, Observation, Status
 
 
@@ -30,4 +30,4 @@ def moment(
     stamps = tuple(stamp - 0.001 * c for c in range(len(images)))
     status = Status.LOST if pose is None else Status.TRACKING
     observation = Observation(pose, pose, status)
-    return Moment(sequence, stamp, observation, Shot(images, stamps, raw=raw), latency=0.012)
+    return Moment(sequence, stamp, observation, ImageSet(images, stamps, raw=raw), latency=0.012)

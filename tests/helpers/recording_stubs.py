@@ -27,7 +27,7 @@ class NoiseTracker:
         self._memory = None
 
     def detect(self, images: Sequence[Image | None]) -> SimpleNamespace:
-        return SimpleNamespace(object_pose=None, status="poor fit", cameras=[])
+        return SimpleNamespace(object_pose=None, status="poor_fit", cameras=[])
 
     def update(self, images: Sequence[Image | None], timestamp: float) -> SimpleNamespace:
         position = np.array([np.nan if image is None else image.mean() / 1e4 for image in images])
@@ -40,7 +40,7 @@ class NoiseTracker:
         return SimpleNamespace(
             object_pose=measured if found else None,
             filtered_object_pose=filtered,
-            status="found" if found else "poor fit",
+            status="found" if found else "poor_fit",
             cameras=[
                 "used",
                 "contradicting" if found else "used",

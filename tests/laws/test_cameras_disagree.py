@@ -7,6 +7,7 @@ import pytest
 
 import tracker
 from synthetic.camera.sensor import Sensor
+from synthetic.scene import drawn
 from tests.helpers.consistency import FACTORS, consistent, nees, pose_error
 from tests.helpers.kept_stills import take
 from tests.helpers.stills import bare_scene
@@ -41,7 +42,7 @@ def scenes(rig):
     """Scenes without fingers by object, and their images."""
     found = {}
     for name in OBJECTS:
-        model = tracker.load_object(name)
+        model = drawn(name)
         found[name] = []
         for k in range(MORE):
             rng = np.random.default_rng([90, k])
@@ -54,7 +55,7 @@ def fit(rig, name, truth, times, *seed):
     """A fit by cameras that are off by so many times what they state."""
     rng = np.random.default_rng([91, *seed])
     moved = tracker.CameraRig(tuple(stated(camera, times, rng) for camera in rig))
-    return tracker.ObjectTracker(tracker.load_object(name), moved).fit(truth.images)
+    return tracker.ObjectTracker(drawn(name), moved).fit(truth.images)
 
 
 @pytest.fixture(scope="module")

@@ -9,6 +9,7 @@ import pytest
 
 import tracker
 from synthetic.camera.sensor import Sensor
+from synthetic.scene import drawn
 from tests.helpers.kept_stills import take
 from tests.helpers.stills import bare_scene, posed_scene
 from tracker.geometry import so3
@@ -20,7 +21,7 @@ KNOWN = tracker.Arena(table_std=(1e-4, 1e-3))
 
 def pictures(name, rig, k, lift=0.0, tilt=0.0):
     """Pictures of an object on the table, lifted and tilted by so much, and its pose."""
-    model = tracker.load_object(name)
+    model = drawn(name)
     rng = np.random.default_rng([71, k])
     (state,) = bare_scene(model, rng, kind="rest").objects
     rotation = so3.exp(np.array([tilt, 0.0, 0.0])) @ state.rotation
@@ -31,8 +32,8 @@ def pictures(name, rig, k, lift=0.0, tilt=0.0):
 
 def trackers(name, rig, arena=KNOWN):
     """One that knows of the table, and one that does not."""
-    model, known = tracker.load_object(name), dataclasses.replace(rig, arena=arena)
-    return tracker.ObjectTracker(model, known), tracker.ObjectTracker(model, known, support=False)
+    model, known = drawn(name), dataclasses.replace(rig, arena=arena)
+    return tracker.ObjectTracker(model, known), tracker.ObjectTracker(model, known, table_prior=False)
 
 
 def errors(pose, truth):
@@ -66,7 +67,7 @@ def test_what_does_not_rest_stays_where_three_cameras_see_it(rig, name, lift, ti
 def test_an_arena_without_a_table_supports_nothing(rig):
     truth = pictures("cube_v2", rig, 0)
     nowhere = dataclasses.replace(rig, arena=tracker.Arena(table=None))
-    one = tracker.ObjectTracker(tracker.load_object("cube_v2"), nowhere).detect(truth.images).object_pose
+    one = tracker.ObjectTracker(drawn("cube_v2"), nowhere).detect(truth.images).object_pose
     other = trackers("cube_v2", rig, tracker.Arena())[1].detect(truth.images).object_pose
     np.testing.assert_allclose(one.position, other.position, atol=3e-5)
     np.testing.assert_allclose(np.diag(one.covariance), np.diag(other.covariance), rtol=0.2)

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from tests.helpers.filmed import RIG, shots
+from tracker.calibration.by_object.health import QUANTITIES, of_picture
 from tracker.calibration.rig import CameraRig
-from tracker.live import Shot, SourceEnded
+from tracker.live import ImageSet, SourceEnded
 from tracker.live.camera_check import CameraLooks, PictureLook, look_at
-from tracker.live.page_state import LIMITS
-from tracker.upkeep.health import QUANTITIES, of_picture
+from tracker.live.web_page_state import LIMITS
 
 SIZE = (270, 270)
 
@@ -64,7 +64,7 @@ def test_a_picture_is_as_bright_live_as_in_the_health_of_a_recording(image):
     lamp[:100] = 255
     for one in (image, lamp):
         look, told = PictureLook.of(one), of_picture(one)
-        assert (told["brightness"], told["clipping"]) == (look.level, 100 * look.clipped)
+        assert (told["brightness"], told["clipping"]) == (look.level, look.clipped)
     assert LIMITS["level"] == QUANTITIES["brightness"].limits
 
 
@@ -92,7 +92,7 @@ class Sets:
 def test_sets_are_looked_at_until_the_source_ends(image):
     rng = np.random.default_rng(5)
     rig = CameraRig(tuple(RIG)[:2])
-    given = [Shot((noisy(image, rng), None), (1.0 + n, 1.0 + n), age=0.2) for n in range(4)]
+    given = [ImageSet((noisy(image, rng), None), (1.0 + n, 1.0 + n), age=0.2) for n in range(4)]
     looks = look_at(Sets(given), rig, 30.0)
     assert looks.sets == 4
     assert [camera.pictures for camera in looks.cameras] == [4, 0]

@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 
 from tracker.errors import LiveError
-from tracker.live import opencv_camera
-from tracker.live.camera import CameraEnded, CameraLost, CameraUnfit, GrabFailed, Picture
-from tracker.live.camera_set import CameraSet
+from tracker.live.sources import opencv
+from tracker.live.sources.cameras import CameraEnded, CameraLost, CameraSet, CameraUnfit, Grabbed, GrabFailed
 from tracker.logs.pictures import from_bayer
 
 SIZE = (6, 4)
@@ -38,7 +37,7 @@ class Scripted:
             act = act()
         if isinstance(act, Exception):
             raise act
-        return Picture(act, time.time())
+        return Grabbed(act, time.time())
 
     def settings(self):
         return {"Gain": float(self.opened)}
@@ -89,7 +88,7 @@ def test_a_picture_that_fails_is_missing_in_its_set_only():
 
 
 def test_a_camera_that_is_lost_is_opened_again(monkeypatch):
-    monkeypatch.setattr("tracker.live.camera_set.LOOK_AGAIN", 0.03)
+    monkeypatch.setattr("tracker.live.sources.cameras.LOOK_AGAIN", 0.03)
     lost = Scripted(IMAGE, CameraLost("unplugged"))
     tries = []
 
@@ -115,7 +114,7 @@ def test_a_camera_that_is_lost_is_opened_again(monkeypatch):
 
 
 def test_a_camera_that_cannot_be_used_as_it_is_set_ends_the_source_unless_it_once_could(monkeypatch):
-    monkeypatch.setattr("tracker.live.camera_set.LOOK_AGAIN", 0.03)
+    monkeypatch.setattr("tracker.live.sources.cameras.LOOK_AGAIN", 0.03)
     unfit = CameraUnfit("does not take Gain = 99")
 
     def refuse():
@@ -134,6 +133,61 @@ def test_a_camera_that_cannot_be_used_as_it_is_set_ends_the_source_unless_it_onc
         assert time.monotonic() < deadline
         shot = shots(cameras, 1)[0]
     cameras.close()
+
+
+def refusing(words):
+    def refuse():
+        raise LiveError(words)
+
+    return refuse
+
+
+def test_cameras_of_which_none_is_there_are_an_error_that_names_them(monkeypatch):
+    monkeypatch.setattr("tracker.live.sources.cameras.OPENING", 0.3)
+    cameras = CameraSet([refusing("camera 0: not there"), refusing("camera 1: not there")], [SIZE] * 2)
+    with pytest.raises(LiveError, match=r"not one of 2 .*: camera 0: not there; camera 1: not there"):
+        shots(cameras, 20)
+    cameras.close()
+
+
+def test_a_camera_that_takes_long_to_open_is_waited_for(monkeypatch):
+    monkeypatch.setattr("tracker.live.sources.cameras.OPENING", 0.1)
+    slow = Scripted()
+
+    def open_slowly():
+        time.sleep(0.6)
+        return slow
+
+    cameras = CameraSet([refusing("not there"), open_slowly], [SIZE] * 2)
+    assert any(shot.images[1] is not None for shot in shots(cameras, 20))
+    cameras.close()
+
+
+def test_cameras_that_neither_open_nor_refuse_are_an_error_too(monkeypatch):
+    monkeypatch.setattr("tracker.live.sources.cameras.OPENING", 0.1)
+    monkeypatch.setattr("tracker.live.sources.cameras.OPENING_LONG", 0.3, raising=False)
+    go_on = threading.Event()
+
+    def hang():
+        go_on.wait(30)
+        raise LiveError("at last")
+
+    cameras = CameraSet([hang], [SIZE])
+    with pytest.raises(LiveError, match="not one of 1 could be opened: not opened yet"):
+        shots(cameras, 20)
+    go_on.set()
+    cameras.close()
+
+
+def test_closing_waits_once_for_all_cameras_that_hang():
+    go_on = threading.Event()
+    cameras = set_of(*(Scripted(then=lambda: go_on.wait(30) and IMAGE) for _ in range(4)))
+    cameras.next(0.5)
+    cameras.next(0.5)
+    start = time.monotonic()
+    cameras.close()
+    assert time.monotonic() - start < 4
+    go_on.set()
 
 
 def test_a_camera_that_hangs_does_not_hold_up_the_others():
@@ -211,10 +265,20 @@ def test_sets_come_at_their_rate_and_a_timeout_before_them():
     cameras.close()
 
 
+def test_opencv_opens_no_file_that_a_film_names(tmp_path):
+    film = cv2.VideoWriter(str(tmp_path / "a.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 10, (64, 48))
+    film.write(np.zeros((48, 64, 3), np.uint8))
+    film.release()
+    opencv.OpenCvCamera(str(tmp_path / "a.avi")).close()
+    (tmp_path / "b.avi").write_text("ffconcat version 1.0\nfile 'a.avi'\n")
+    with pytest.raises(LiveError, match="found no film: it starts with b'ffconcat ver'"):
+        opencv.OpenCvCamera(str(tmp_path / "b.avi"))
+
+
 def test_films_are_read_by_opencv_picture_by_picture(tmp_path):
     from tracker.calibration.rig import CameraRig
     from tracker.geometry.camera import Camera
-    from tracker.live.opening import open_cameras
+    from tracker.live.sources import open_cameras
 
     for name, level in (("a", 60), ("b", 160)):
         film = cv2.VideoWriter(str(tmp_path / f"{name}.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 10, (64, 48))
@@ -247,11 +311,11 @@ def test_a_camera_by_its_number_is_asked_for_pictures_of_the_calibrations_size(m
         def set(self, name, value):
             asked[self.number, name] = value
 
-    monkeypatch.setattr(opencv_camera.cv2, "VideoCapture", Capture)
-    opencv_camera.OpenCvCamera("2", (1280, 720))
+    monkeypatch.setattr(opencv.cv2, "VideoCapture", Capture)
+    opencv.OpenCvCamera("2", (1280, 720))
     assert asked[2, cv2.CAP_PROP_FRAME_WIDTH] == 1280
     assert asked[2, cv2.CAP_PROP_FRAME_HEIGHT] == 720
-    opencv_camera.OpenCvCamera("rtsp://somewhere", (1280, 720))
+    opencv.OpenCvCamera("rtsp://somewhere", (1280, 720))
     assert ("rtsp://somewhere", cv2.CAP_PROP_FRAME_WIDTH) not in asked
 
 

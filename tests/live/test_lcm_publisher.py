@@ -21,9 +21,15 @@ from tests.helpers import ROOT
 from tests.helpers.moments import estimate, moment
 from tests.helpers.needs import lack
 from tracker.errors import LiveError
-from tracker.live import lcm_publisher
-from tracker.live.lcm_message import FINGERPRINT, body_of, channel_of, lcm_message_of
-from tracker.live.lcm_publisher import DEFAULT, LcmPublisher
+from tracker.live.publishers import lcm as lcm_publisher
+from tracker.live.publishers.lcm import (
+    DEFAULT,
+    FINGERPRINT,
+    LcmPublisher,
+    body_of,
+    channel_of,
+    lcm_message_of,
+)
 
 needs_lcm = pytest.mark.skipif(importlib.util.find_spec("lcm") is None, reason="lcm: no module lcm")
 

@@ -13,7 +13,7 @@ import pytest
 import tracker
 from tests.helpers.filmed import RIG, shots
 from tracker.errors import LiveError
-from tracker.live import Live, Pushed, Shot, SourceEnded
+from tracker.live import ImageSet, Live, Pushed, SourceEnded
 from tracker.live.moment import camera_faults
 from tracker.pose.result import CameraUse, Status
 
@@ -75,7 +75,7 @@ class Given:
 
 
 def shot(value, stamp, **options):
-    return Shot(tuple(np.full(SHAPE, value, np.uint8) for _ in CAMERAS), (stamp,) * 3, **options)
+    return ImageSet(tuple(np.full(SHAPE, value, np.uint8) for _ in CAMERAS), (stamp,) * 3, **options)
 
 
 def drain(live):
@@ -146,9 +146,9 @@ def test_at_tells_a_moment_to_come_from_all_that_was_seen_and_one_passed_from_wh
 
 def test_only_the_newest_moment_keeps_its_images():
     live, _, moments = heard(*(shot(n, n) for n in range(3)))
-    assert live.latest().shot.images[0] is not None
-    assert moments[0].shot.images[0] is not None  # whoever listens may keep them
-    assert next(known[0].shot.images for known in live._moments) == (None,) * 3
+    assert live.latest().taken.images[0] is not None
+    assert moments[0].taken.images[0] is not None  # whoever listens may keep them
+    assert next(known[0].taken.images for known in live._moments) == (None,) * 3
 
 
 def test_stamps_that_go_back_begin_anew_and_are_told():
@@ -173,7 +173,7 @@ def test_stamps_that_run_ahead_of_time_are_told_and_go_on():
 def test_each_moment_tells_in_how_many_sets_a_camera_failed_until_then():
     image = np.zeros(SHAPE, np.uint8)
     whole, gone = (image,) * 3, (image, None, image)
-    sets = [Shot(images, (float(n),) * 3) for n, images in enumerate([whole, gone, whole, gone, whole])]
+    sets = [ImageSet(images, (float(n),) * 3) for n, images in enumerate([whole, gone, whole, gone, whole])]
     _, _, moments = heard(*sets)
     assert [dict(one.fault_counts) for one in moments] == [
         {"camera0": 0, "camera1": n, "camera2": 0} for n in (0, 1, 1, 2, 2)
@@ -183,7 +183,9 @@ def test_each_moment_tells_in_how_many_sets_a_camera_failed_until_then():
 def test_a_picture_that_cannot_be_used_is_told_with_its_camera():
     images = (np.zeros(SHAPE, np.uint8), None, np.zeros(SHAPE, np.uint8))
     uses = (CameraUse.FROZEN, CameraUse.NO_IMAGE, CameraUse.CONTRADICTING)
-    told = camera_faults(("a", "b", "c"), Shot(images, (1.0,) * 3, (None, "the buffer failed", None)), uses)
+    told = camera_faults(
+        ("a", "b", "c"), ImageSet(images, (1.0,) * 3, (None, "the buffer failed", None)), uses
+    )
     assert told == {"a": "frozen", "b": "the buffer failed"}
 
 
@@ -198,20 +200,20 @@ def test_an_episode_that_begins_is_no_fault():
 def test_a_camera_whose_stamp_jumps_is_left_out_of_that_set(off, cameras):
     image = np.full(SHAPE, 1, np.uint8)
     images = (image, image, image if cameras == 3 else None)
-    jumped = Shot(images, (1.1, 1.1 + off, 1.1))
-    live, mean, moments = heard(Shot(images, (1.0,) * 3), jumped, Shot(images, (1.2,) * 3))
+    jumped = ImageSet(images, (1.1, 1.1 + off, 1.1))
+    live, mean, moments = heard(ImageSet(images, (1.0,) * 3), jumped, ImageSet(images, (1.2,) * 3))
     assert mean.seen[1] == (1, None, *mean.seen[0][2:])
     assert [one.timestamp for one in moments] == [1.0, 1.1, 1.2]
     assert "camera1: its stamp is" in live.faults[0]
-    assert moments[1].shot.faults[1] is not None
+    assert moments[1].taken.faults[1] is not None
     assert moments[1].faults == {"camera1": f"its stamp is {off:+.3f} s from the others'"} | (
-        {} if cameras == 3 else {"camera2": "no image"}
+        {} if cameras == 3 else {"camera2": "no_image"}
     )
 
 
 def test_an_image_of_another_size_does_not_take_the_others_with_it():
     images = (np.zeros(SHAPE, np.uint8), np.zeros((2, 2, 3), np.uint8), np.zeros(SHAPE))
-    live, mean, _ = heard(Shot(images, (1.0,) * 3))
+    live, mean, _ = heard(ImageSet(images, (1.0,) * 3))
     assert mean.seen == [(0.0, None, None)]
     assert "camera1: found 2x2 px, expected 6x4 as it is calibrated" in live.faults
     assert any(fault.startswith("camera2: found float64") for fault in live.faults)
@@ -225,8 +227,25 @@ def test_a_source_that_breaks_says_so_to_whoever_waits():
         live.wait(timeout=1)
 
 
+@pytest.mark.parametrize("asked", [KeyboardInterrupt, SystemExit])
+def test_a_source_that_asks_to_end_reaches_the_caller_as_it_is(asked):
+    live = Live(Given(shot(1, 1.0), error=asked("now")), MeanTracker())
+    live.wait(after=-1, timeout=60)
+    with pytest.raises(asked, match="now"):
+        live.wait(after=0, timeout=60)
+    assert isinstance(live.error, asked)
+
+    def poll():
+        with Live(Given(error=asked("now")), MeanTracker()) as live:
+            while live.running:
+                live.latest()
+
+    with pytest.raises(asked, match="now"):
+        poll()
+
+
 def test_images_of_another_count_end_it_with_the_names():
-    live, _, _ = heard(Shot((np.zeros(SHAPE, np.uint8),) * 2, (1.0,) * 2))
+    live, _, _ = heard(ImageSet((np.zeros(SHAPE, np.uint8),) * 2, (1.0,) * 2))
     with pytest.raises(LiveError, match="found 2 images, expected one for each of camera0, camera1, camera2"):
         live.wait()
 
@@ -269,6 +288,29 @@ def test_closing_ends_a_thread_that_waits_for_images():
     assert live.wait() is None
 
 
+def test_a_source_that_does_not_return_is_left_and_told(monkeypatch):
+    monkeypatch.setattr("tracker.live.live.CLOSING", 0.2, raising=False)
+    go_on, moments = threading.Event(), []
+
+    class Blocking(Given):
+        def next(self, timeout):
+            go_on.wait(30)
+            return shot(1, 1.0)
+
+    source = Blocking()
+    live = Live(source, MeanTracker(), listeners=[moments.append])
+    start = time.monotonic()
+    live.close()
+    assert time.monotonic() - start < 10
+    assert not live.running
+    assert live.wait() is None
+    assert live.faults == ("the source does not return: not closed after 0.2 s",)
+    go_on.set()
+    live._thread.join(30)
+    assert source.closed == 1
+    assert not moments  # what comes too late is not handed on
+
+
 def test_live_poses_are_those_of_the_tracker():
     model, film = tracker.load_object("cube_v2"), shots("cube_v2", 2, seed=621)
     sets = [film[0].images, film[0].images, [None, *film[0].images[1:]], film[1].images]
@@ -279,7 +321,7 @@ def test_live_poses_are_those_of_the_tracker():
     alone = tracker.ObjectTracker(model, RIG)
     expected = [alone.update(images, 0.1 * n) for n, images in enumerate(sets)]
     moments = []
-    source = Given(*(Shot(tuple(images), (0.1 * n,) * 3) for n, images in enumerate(sets)))
+    source = Given(*(ImageSet(tuple(images), (0.1 * n,) * 3) for n, images in enumerate(sets)))
     with Live(source, tracker.ObjectTracker(model, RIG), listeners=[moments.append]) as live:
         drain(live)
     assert len(moments) == 4
@@ -312,17 +354,17 @@ def test_stamps_are_pushed_as_whatever_holds_them(kind):
 
 def test_raw_pixels_of_a_picture_that_cannot_be_used_are_left_out_with_it():
     image, raw = np.zeros(SHAPE, np.uint8), np.zeros(SHAPE[:2], np.uint8)
-    one = Shot((image, image[:2], image), (0.0,) * 3, raw=(raw, raw[:2], raw))
+    one = ImageSet((image, image[:2], image), (0.0,) * 3, raw=(raw, raw[:2], raw))
     _, _, moments = heard(one)
-    assert [found is None for found in moments[0].shot.raw] == [False, True, False]
+    assert [found is None for found in moments[0].taken.raw] == [False, True, False]
 
 
 def test_a_fault_of_every_set_does_not_drive_out_another(monkeypatch):
     monkeypatch.setattr("tracker.live.live.STAMPS_APART", float("inf"))
     image = np.zeros(SHAPE, np.uint8)
-    small = [Shot((image, image[:2], image), (float(n),) * 3) for n in range(120)]
-    jump = Shot((image,) * 3, (-1.0,) * 3)
-    live, _, _ = heard(Shot((image,) * 3, (0.0,) * 3), jump, *small)
+    small = [ImageSet((image, image[:2], image), (float(n),) * 3) for n in range(120)]
+    jump = ImageSet((image,) * 3, (-1.0,) * 3)
+    live, _, _ = heard(ImageSet((image,) * 3, (0.0,) * 3), jump, *small)
     assert len(live.faults) == 2
     assert "went back" in live.faults[0]
     assert live.faults[1].startswith("camera1: found 6x2 px")

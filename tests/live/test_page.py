@@ -7,8 +7,12 @@ import http.client
 import json
 import shutil
 import socket
+import struct
 import subprocess
+import threading
+import time
 from dataclasses import replace
+from importlib.resources import files
 
 import cv2
 import numpy as np
@@ -18,8 +22,8 @@ import tracker
 from tests.helpers.filmed import RIG, shots
 from tests.helpers.moments import estimate, moment
 from tracker.errors import LiveError
-from tracker.live.page import Page
-from tracker.live.page_state import PageState
+from tracker.live.web_page import WebPage
+from tracker.live.web_page_state import WebPageState
 from tracker.pose.result import CameraUse
 
 FOLLOWER = tracker.ObjectTracker(tracker.load_object("cube_v2"), RIG)
@@ -28,31 +32,30 @@ IMAGES = tuple(np.full((270, 270, 3), 60 + c, np.uint8) for c in range(3))
 
 @pytest.fixture
 def page():
-    one = Page(0, FOLLOWER)
+    one = WebPage(0, FOLLOWER)
     yield one
     one.close()
 
 
-def connection(page: Page) -> http.client.HTTPConnection:
+def connection(page: WebPage) -> http.client.HTTPConnection:
     return http.client.HTTPConnection("127.0.0.1", page.port, timeout=60)
 
 
-def got(page: Page, path: str, **headers: str) -> tuple[int, bytes]:
+def got(page: WebPage, path: str, **headers: str) -> tuple[int, bytes]:
     with contextlib.closing(connection(page)) as asked:
         asked.request("GET", path, headers=headers)
         answer = asked.getresponse()
         return answer.status, answer.read()
 
 
-def next_event(page: Page, one) -> dict:
-    """The first message after a moment, by a browser that has been listening before."""
+def next_message(page: WebPage, one) -> dict:
+    """The message of a moment, by a browser that has been waiting before."""
     with contextlib.closing(connection(page)) as asked:
-        asked.request("GET", "/events")
-        with asked.getresponse() as answer:
-            page(one)
-            while not (line := answer.readline()).startswith(b"data: "):
-                assert line
-            return json.loads(line.removeprefix(b"data: "))
+        asked.request("GET", f"/message?{one.sequence - 1}")
+        while not page.is_open:
+            time.sleep(0.001)
+        page(one)
+        return json.loads(asked.getresponse().read())
 
 
 def test_the_page_shows_pose_and_cameras_as_they_are(page):
@@ -68,13 +71,13 @@ def test_the_page_shows_pose_and_cameras_as_they_are(page):
     )
     assert observation.object_pose is not None
     page.faults = lambda: ["something"]
-    told = next_event(page, one)
+    told = next_message(page, one)
     assert told["sequence"] == 7
     assert told["position"] == pytest.approx([50.0, -20.0, 32.5])
     assert told["latency_ms"] == pytest.approx([12.0] * 4)
     assert told["faults"] == ["something"]
     first, gone, last = told["cameras"]
-    assert (gone["use"], gone["fault"], gone["missing"]) == ("no image", "its plug is out", 100.0)
+    assert (gone["use"], gone["fault"], gone["missing"]) == ("no_image", "its plug is out", 100.0)
     assert (gone["last_fault"], gone["last_fault_age"]) == ("its plug is out", 0.0)
     assert first["last_fault"] is None
     assert gone["level"] is None
@@ -86,8 +89,8 @@ def test_the_page_shows_pose_and_cameras_as_they_are(page):
 
 def test_a_fault_that_has_passed_is_told_for_some_seconds(monkeypatch):
     now = 100.0
-    monkeypatch.setattr("tracker.live.page_state.time.monotonic", lambda: now)
-    state, last = PageState(FOLLOWER), []
+    monkeypatch.setattr("tracker.live.web_page_state.time.monotonic", lambda: now)
+    state, last = WebPageState(FOLLOWER), []
     for number, seconds in enumerate((0.0, 4.0, 7.0)):
         now += seconds
         one = replace(moment(number, IMAGES), faults={} if number else {"camera60": "the buffer failed"})
@@ -102,7 +105,7 @@ def test_a_fault_that_has_passed_is_told_for_some_seconds(monkeypatch):
 
 
 def test_the_picture_has_every_camera(page):
-    next_event(page, moment(0, IMAGES))
+    next_message(page, moment(0, IMAGES))
     status, content = got(page, "/picture?0")
     assert status == 200
     image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR)
@@ -126,23 +129,68 @@ def test_only_this_machine_can_connect(page):
 
 def test_a_site_elsewhere_that_has_the_browser_ask_is_refused(page):
     assert got(page, "/")[0] == 200
-    for path in ("/", "/events", "/picture"):
+    for path in ("/", "/message?", "/picture"):
         assert got(page, path, Host="elsewhere.example")[0] == 403
+        assert got(page, path, Origin="http://elsewhere.example")[0] == 403
+        assert got(page, path, Origin="null")[0] == 403
+        assert got(page, path, Origin=f"http://127.0.0.1:{page.port + 1}")[0] == 403
+        for site in ("cross-site", "same-site"):
+            assert got(page, path, **{"Sec-Fetch-Site": site, "Sec-Fetch-Dest": "image"})[0] == 403
+
+
+def test_the_page_itself_and_a_link_to_it_may_ask(page):
+    assert got(page, "/", Origin=f"http://localhost:{page.port}")[0] == 200
+    assert got(page, "/", **{"Sec-Fetch-Site": "cross-site", "Sec-Fetch-Dest": "document"})[0] == 200
+    assert got(page, "/", **{"Sec-Fetch-Site": "same-origin", "Sec-Fetch-Dest": "image"})[0] == 200
+
+
+def test_a_connection_that_is_reset_is_no_word_on_stderr(page, capsys):
+    for request in (b"", b"GET / HT", b"GET /message? HTTP/1.0\r\nHost: localhost:%d\r\n\r\n" % page.port):
+        with socket.create_connection(("127.0.0.1", page.port), timeout=60) as asked:
+            asked.sendall(request)
+            time.sleep(0.05)
+            asked.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+    deadline = time.monotonic() + 60
+    while any(thread.name.startswith("Thread-") for thread in threading.enumerate()):
+        assert time.monotonic() < deadline
+        page(moment(0, IMAGES))
+        time.sleep(0.05)
+    assert capsys.readouterr().err == ""
+
+
+def test_connections_beyond_a_few_are_closed_and_free_again_once_others_are(page):
+    with contextlib.ExitStack() as opened:
+        many = [socket.create_connection(("127.0.0.1", page.port), timeout=60) for _ in range(40)]
+        for one in many:
+            opened.enter_context(one)
+        for one in many[20:]:
+            one.settimeout(5)
+            assert one.recv(1) == b""
+    deadline = time.monotonic() + 60
+    while True:
+        with contextlib.suppress(OSError, http.client.HTTPException):
+            assert got(page, "/")[0] == 200
+            break
+        assert time.monotonic() < deadline
+
+
+def test_the_page_is_the_same_whatever_cameras_are_called(page):
+    assert got(page, "/")[1] == files("tracker.live").joinpath("web_page.html").read_bytes()
 
 
 def test_a_browser_that_reads_nothing_holds_up_nobody(page):
     with contextlib.closing(connection(page)) as hanging:
-        hanging.request("GET", "/events")
+        hanging.request("GET", "/message?")
         for number in range(300):
             page(moment(number, IMAGES))  # returns at once
-        while next_event(page, moment(300, IMAGES))["sequence"] < 300:
+        while next_message(page, moment(300, IMAGES))["sequence"] < 300:
             pass
 
 
 def test_the_page_ends_with_who_watches_it():
-    one = Page(0, FOLLOWER)
+    one = WebPage(0, FOLLOWER)
     with contextlib.closing(connection(one)) as watching:
-        watching.request("GET", "/events")
+        watching.request("GET", "/message?")
         with watching.getresponse():
             one.close()
     with pytest.raises(OSError, match="refused"):
@@ -151,4 +199,4 @@ def test_the_page_ends_with_who_watches_it():
 
 def test_a_port_in_use_is_named(page):
     with pytest.raises(LiveError, match=f"page {page.port}: the port cannot be used"):
-        Page(page.port, FOLLOWER)
+        WebPage(page.port, FOLLOWER)

@@ -14,7 +14,7 @@ from tests.helpers.filmed import RIG, shots
 from tests.helpers.log_writers import make_content, write_native
 from tests.live.test_replay import Frames
 from tracker.errors import LiveError
-from tracker.live import Pushed, Replay, Shot
+from tracker.live import ImageSet, Pushed, Replay
 from tracker.live.platform import Frontend, LogReader, convert_image
 from tracker.logs.pictures import from_bayer
 
@@ -147,6 +147,8 @@ class Once:
         self.shots = [shot]
 
     def next(self, timeout):
+        if isinstance(self.shots[0] if self.shots else None, BaseException):
+            raise self.shots.pop()
         if self.shots:
             return self.shots.pop()
         time.sleep(timeout)
@@ -155,10 +157,15 @@ class Once:
     def close(self): ...
 
 
+def test_an_interrupt_in_the_source_reaches_who_waits():
+    with Frontend(Once(KeyboardInterrupt("now")), Cube()) as robot, pytest.raises(KeyboardInterrupt):
+        robot.get_latest_observation()
+
+
 def test_raw_pixels_are_handed_on_where_they_are_wanted():
     raw = tuple(np.random.default_rng(c).integers(0, 256, (540, 540), np.uint8) for c in range(3))
     images = tuple(cv2.resize(from_bayer(one), (270, 270)) for one in raw)
-    with Frontend(Once(Shot(images, (1.0,) * 3, raw=raw)), Cube(), raw=True) as robot:
+    with Frontend(Once(ImageSet(images, (1.0,) * 3, raw=raw)), Cube(), raw=True) as robot:
         observation = robot.get_camera_observation(123)
     assert np.array_equal(observation.cameras[1].image, raw[1])
     assert np.array_equal(convert_image(observation.cameras[1].image), from_bayer(raw[1]))
@@ -167,7 +174,7 @@ def test_raw_pixels_are_handed_on_where_they_are_wanted():
 
 def test_colours_are_refused_where_raw_pixels_are_wanted(film):
     with (
-        Frontend(Once(Shot(tuple(film), (1.0,) * 3)), Cube(), raw=True) as robot,
+        Frontend(Once(ImageSet(tuple(film), (1.0,) * 3)), Cube(), raw=True) as robot,
         pytest.raises(LiveError, match="found images in colour, expected raw Bayer pixels"),
     ):
         robot.get_latest_observation()

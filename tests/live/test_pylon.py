@@ -14,16 +14,16 @@ from tests.helpers.needs import lack
 from tests.live.test_platform import Cube, loop
 from tracker.errors import LiveError
 from tracker.live import Live, Moment
-from tracker.live.camera import CameraUnfit, GrabFailed
-from tracker.live.opening import open_cameras, settings_of
 from tracker.live.platform import Frontend
+from tracker.live.sources import open_cameras, settings_of
+from tracker.live.sources.cameras import CameraUnfit, GrabFailed
 from tracker.pose.result import Observation, Status
 
 if find_spec("pypylon") is None:
     lack("pylon", "pypylon is not installed")
 os.environ.setdefault("PYLON_CAMEMU", "3")
 
-from tracker.live.pylon_camera import PylonCamera, pylon_serials
+from tracker.live.sources.pylon import PylonCamera, pylon_serials
 
 SERIALS = ["0815-0000", "0815-0001", "0815-0002"]
 
@@ -120,12 +120,12 @@ def test_three_cameras_are_a_source_for_live(pictures, rig, tmp_path):
     counter = Counter()
     with Live(source, counter) as live:
         deadline, moment = time.monotonic() + 120, live.wait(after=-1, timeout=60)
-        while any(image is None for image in moment.shot.images) and time.monotonic() < deadline:
+        while any(image is None for image in moment.taken.images) and time.monotonic() < deadline:
             moment = live.wait(after=moment, timeout=60)
     assert isinstance(moment, Moment)
-    assert moment.shot.faults == (None, None, None)
+    assert moment.taken.faults == (None, None, None)
     assert counter.sets[-1] == [(270, 270, 3)] * 3  # halved for the rig
-    assert all(any(np.array_equal(raw, one) for one in pictures[1]) for raw in moment.shot.raw)
+    assert all(any(np.array_equal(raw, one) for one in pictures[1]) for raw in moment.taken.raw)
     assert 0 <= moment.latency < 5
 
 

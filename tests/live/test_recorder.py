@@ -16,7 +16,7 @@ from tests.helpers import ROOT
 from tests.helpers.filmed import RIG
 from tests.helpers.moments import estimate, moment
 from tracker.errors import LiveError, LogError
-from tracker.live.recorder import WAITING, Recorder
+from tracker.live.listeners import WAITING, Recorder
 from tracker.logs.hdf5_writer import Hdf5LogWriter
 from tracker.logs.pictures import to_bayer
 
@@ -133,7 +133,7 @@ from pathlib import Path
 import numpy as np
 from tests.helpers.filmed import RIG
 from tests.helpers.moments import moment
-from tracker.live.recorder import Recorder
+from tracker.live.listeners import Recorder
 
 recorder, image = Recorder(Path(sys.argv[1]), RIG), np.zeros((270, 270, 3), np.uint8)
 for number in itertools.count():

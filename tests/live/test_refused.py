@@ -13,12 +13,12 @@ import tracker
 from tests.helpers.filmed import RIG
 from tests.helpers.needs import lack
 from tracker.errors import LiveError
-from tracker.live import Live, Replay, Shot
-from tracker.live.camera_set import CameraSet
-from tracker.live.lcm_publisher import LcmPublisher
-from tracker.live.opening import open_cameras, settings_of
-from tracker.live.recorder import Recorder
-from tracker.live.zmq_publisher import ZmqPublisher
+from tracker.live import ImageSet, Live, Replay
+from tracker.live.listeners import Recorder
+from tracker.live.publishers.lcm import LcmPublisher
+from tracker.live.publishers.zeromq import ZmqPublisher
+from tracker.live.sources import open_cameras, settings_of
+from tracker.live.sources.cameras import CameraSet
 
 CUBE = tracker.load_object("cube_v2")
 NAN = float("nan")
@@ -32,9 +32,9 @@ WRONG = [
     (lambda: open_cameras("opencv", RIG), "found 0 cameras"),
     (lambda: open_cameras("webcam:0", RIG), "webcam:0"),
     (lambda: open_cameras("webcam:0", RIG), "simulation"),
-    (lambda: Shot((None,), (1.0, 2.0)), "1 images and 2 stamps"),
-    (lambda: Shot((None,), (NAN,)), "finite"),
-    (lambda: Shot((), ()), "0 images"),
+    (lambda: ImageSet((None,), (1.0, 2.0)), "1 images and 2 stamps"),
+    (lambda: ImageSet((None,), (NAN,)), "finite"),
+    (lambda: ImageSet((), ()), "0 images"),
     (lambda: Live([], tracker.ObjectTracker(CUBE, RIG)), "source: found list, expected"),
     (lambda: Recorder(Path(os.devnull), RIG), "there is such a file"),
     (lambda: Recorder(Path("nowhere/log.h5"), RIG), "there is no folder"),
@@ -92,13 +92,15 @@ def test_an_address_for_zmq_that_is_none_or_reaches_others_is_refused(address, w
     [
         (f"{GROUP}:7667?ttl=1", "other machines could receive it"),
         (f"{GROUP}:7667?ttl=0&ttl=1", "expected lcm://"),
-        (f"{GROUP}:7667?ttl=-1", "a ttl from 0 to 255"),
+        (f"{GROUP}:7667?ttl=-1", "a ttl up to 255"),
         (f"{GROUP}:7667?ttl=0&transmit_only=1", "expected lcm://"),
-        ("udpm://192.0.2.1:7667?ttl=0", "the address of a group"),
+        ("udpm://192.0.2.1:7667?ttl=0", "a group from 224.0.0.0 on"),
         ("udpm://somewhere:7667?ttl=0", "somewhere"),
-        (f"{GROUP}:70000?ttl=0", "range"),
-        (f"{GROUP}:0?ttl=0", "a port"),
-        (f"{GROUP}:7667?ttl", "bad query field"),
+        (f"{GROUP}:70000?ttl=0", "expected lcm://"),
+        (f"{GROUP}:0?ttl=0", "expected lcm://"),
+        (f"{GROUP}:7667?ttl", "expected lcm://"),
+        (f"{GROUP}:7667?ttl=256", "a ttl up to 255"),
+        ("udpm://239.255.76.256:7667?ttl=0", "a group from 224.0.0.0 on"),
         (f"{GROUP}:7667/more?ttl=0", "expected lcm://"),
         ("lcm://somewhere", "expected lcm://"),
         ("file://", "expected lcm://"),

@@ -13,8 +13,8 @@ from tests.helpers.filmed import RIG
 from tests.helpers.moments import estimate, moment
 from tests.helpers.needs import lack
 from tracker.errors import ImageError
-from tracker.live import rerun_view
-from tracker.live.rerun_view import RerunView
+from tracker.live import listeners
+from tracker.live.listeners import RerunView
 
 if importlib.util.find_spec("rerun") is None:
     lack("rerun", "no module rerun")
@@ -55,7 +55,7 @@ def test_images_and_poses_are_in_the_file(tmp_path):
 
 def test_a_slow_viewer_is_shown_the_newest_and_holds_up_nobody(monkeypatch):
     shown = Shown()
-    monkeypatch.setattr(rerun_view, "open_scene", lambda *_: shown)
+    monkeypatch.setattr(listeners, "open_scene", lambda *_: shown)
     one = RerunView(None, RIG, MODEL)
     one(moment(0))
     assert shown.at_work.wait(20)
@@ -69,7 +69,7 @@ def test_a_slow_viewer_is_shown_the_newest_and_holds_up_nobody(monkeypatch):
 def test_a_viewer_that_is_closed_ends_the_showing_and_nothing_else(monkeypatch):
     shown = Shown(RuntimeError("the connection is gone"))
     shown.may_go_on.set()
-    monkeypatch.setattr(rerun_view, "open_scene", lambda *_: shown)
+    monkeypatch.setattr(listeners, "open_scene", lambda *_: shown)
     one = RerunView(None, RIG, MODEL)
     one(moment(0))
     one.close()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import socket
 import subprocess
 import sys
 import threading
@@ -17,8 +18,7 @@ from tests.helpers import ROOT
 from tests.helpers.moments import estimate, moment
 from tests.helpers.needs import lack
 from tracker.errors import LiveError
-from tracker.live.message import message_of
-from tracker.live.zmq_publisher import ZmqPublisher
+from tracker.live.publishers.zeromq import ZmqPublisher, message_of
 
 if find_spec("zmq") is None:
     lack("live", "pyzmq is not installed")
@@ -34,7 +34,7 @@ def test_a_message_says_everything_in_plain_json():
         jump_count=2,
     )
     content = json.loads(message_of(one))
-    assert content["version"] == 2
+    assert content["version"] == 3
     assert content["sequence"] == 7
     assert content["timestamp"] == pytest.approx(1000.7)
     assert content["status"] == "tracking"
@@ -63,17 +63,17 @@ def publisher():
 
 def subscriber(address):
     """Ten lines are all that it takes."""
-    socket = zmq.Context.instance().socket(zmq.SUB)
-    socket.setsockopt(zmq.CONFLATE, 1)
-    socket.setsockopt(zmq.LINGER, 0)
-    socket.setsockopt_string(zmq.SUBSCRIBE, "")
-    socket.connect(address)
-    return socket
+    made = zmq.Context.instance().socket(zmq.SUB)
+    made.setsockopt(zmq.CONFLATE, 1)
+    made.setsockopt(zmq.LINGER, 0)
+    made.setsockopt_string(zmq.SUBSCRIBE, "")
+    made.connect(address)
+    return made
 
 
 def test_a_subscriber_gets_the_newest_only(publisher):
-    socket, sequence, deadline = subscriber(publisher.address), 0, time.monotonic() + 120
-    while not socket.poll(20):  # until it is connected
+    listening, sequence, deadline = subscriber(publisher.address), 0, time.monotonic() + 120
+    while not listening.poll(20):  # until it is connected
         assert time.monotonic() < deadline
         publisher(moment(sequence))
         sequence += 1
@@ -82,11 +82,11 @@ def test_a_subscriber_gets_the_newest_only(publisher):
     received = []
     while not received or received[-1] < 1099:
         assert time.monotonic() < deadline
-        if socket.poll(50):
-            received.append(json.loads(socket.recv())["sequence"])
+        if listening.poll(50):
+            received.append(json.loads(listening.recv())["sequence"])
     assert received == sorted(received)
     assert len(received) < 100
-    socket.close()
+    listening.close()
 
 
 def test_the_example_prints_what_is_published(publisher):
@@ -112,12 +112,12 @@ def test_the_example_prints_what_is_published(publisher):
 
 
 def test_one_that_never_reads_holds_up_nobody(publisher):
-    socket = subscriber(publisher.address)
+    listening = subscriber(publisher.address)
     start = time.thread_time()
     for sequence in range(5000):
         publisher(moment(sequence))
     assert time.thread_time() - start < 20
-    socket.close()
+    listening.close()
 
 
 def test_a_public_address_is_bound_where_that_is_meant():
@@ -129,3 +129,39 @@ def test_a_public_address_is_bound_where_that_is_meant():
 def test_an_address_in_use_is_named(publisher):
     with pytest.raises(LiveError, match=rf"publish {publisher.address}: Address already in use"):
         ZmqPublisher(publisher.address)
+
+
+@pytest.mark.parametrize("kind", ["file", "link", "folder"])
+def test_what_is_there_and_is_no_socket_is_left_as_it_is(tmp_path, kind):
+    path, file = tmp_path / "poses", tmp_path / "precious.txt"
+    file.write_text("years of work")
+    if kind == "file":
+        path = file
+    elif kind == "link":
+        path.symlink_to(file)
+    else:
+        path.mkdir()
+    with pytest.raises(LiveError, match="other than a socket"):
+        ZmqPublisher(f"ipc://{path}")
+    assert file.read_text() == "years of work"
+    assert path.exists()
+
+
+def test_a_socket_that_an_earlier_run_left_is_bound_again(tmp_path):
+    left = tmp_path / "poses"
+    with socket.socket(socket.AF_UNIX) as earlier:
+        earlier.bind(str(left))
+    assert left.is_socket()
+    ZmqPublisher(f"ipc://{left}").close()
+
+
+def test_an_address_of_ipv6_is_bound_where_the_machine_has_it():
+    try:
+        socket.create_server(("::1", 0), family=socket.AF_INET6).close()
+    except OSError:
+        with pytest.raises(LiveError, match=r"publish tcp://\[::1\]"):
+            ZmqPublisher("tcp://[::1]:*")
+        return
+    one = ZmqPublisher("tcp://[::1]:*")
+    assert one.address.startswith("tcp://[::1]:")
+    one.close()

@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
 import tracker
 from tests.helpers import make_camera
-from tests.helpers.log_writers import CAMERAS, write_picture
+from tests.helpers.log_writers import CAMERAS, make_content, write_hdf5, write_picture
 from tracker.errors import CalibrationError, LogError
 from tracker.logs.cameras import fitted_to, own_rig
+from tracker.logs.hdf5_writer import Hdf5LogWriter
+
+IMAGE = np.zeros((20, 30, 3), np.uint8)
 
 
 @pytest.fixture
 def folder(tmp_path) -> Path:
     for name in CAMERAS:
-        write_picture(tmp_path / "images" / name / "000000.png", np.zeros((20, 30, 3), np.uint8))
+        write_picture(tmp_path / "images" / name / "000000.png", IMAGE)
     return tmp_path / "images"
 
 
@@ -71,3 +76,47 @@ def test_a_calibration_beside_that_lacks_a_camera_names_it(folder):
         pytest.raises(LogError, match=r"no calibration of camera180; expected"),
     ):
         own_rig(folder, log)
+
+
+def write_hdf5_called(folder: Path, name: str) -> Path:
+    path = write_hdf5(folder / "log.h5", make_content(1))
+    with h5py.File(path, "r+") as file:
+        del file["camera_names"]
+        file["camera_names"] = [text.encode() for text in (name, *CAMERAS[1:])]
+    return path
+
+
+def write_described(folder: Path, name: str) -> Path:
+    write_picture(folder / "left" / "0.png", IMAGE)
+    (folder / "recording.toml").write_text(f"[cameras]\n{json.dumps(name)} = 'left/*.png'\n")
+    return folder
+
+
+def write_folders(folder: Path, name: str) -> Path:
+    for camera in (name.replace("/", "<"), "right"):
+        write_picture(folder / camera / "0.png", IMAGE)
+    return folder
+
+
+@pytest.mark.parametrize("write", [write_hdf5_called, write_described, write_folders])
+@pytest.mark.parametrize("name", ["a/../b", "bell\x07", "two\nlines", "</script>", 101 * "a"])
+def test_a_recording_whose_camera_has_no_cameras_name_is_refused(write, name, tmp_path):
+    with pytest.raises(LogError, match=r"name of a camera: found .*, expected a text of up to 100") as told:
+        tracker.open_log(write(tmp_path, name))
+    assert str(told.value).isprintable()
+
+
+@pytest.mark.parametrize("name", ["links ä", "left-1.5", 100 * "ö"])
+def test_recordings_keep_every_name_that_a_camera_can_have(name, tmp_path):
+    with Hdf5LogWriter(tmp_path / "log.h5", rig_of(name)) as writer:
+        writer.append([IMAGE], 1.0)
+    for path in (tmp_path / "log.h5", write_described(tmp_path / "described", name)):
+        with tracker.open_log(path) as log:
+            assert log.camera_names == (name,)
+
+
+def test_the_folder_of_a_lone_camera_may_be_called_anything(tmp_path):
+    for name, called in (("run #5", "camera"), ("top", "top")):
+        write_picture(tmp_path / name / "000000.png", IMAGE)
+        with tracker.open_log(tmp_path / name) as log:
+            assert log.camera_names == (called,)

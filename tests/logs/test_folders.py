@@ -16,7 +16,7 @@ from tests.helpers.log_writers import CAMERAS, write_picture
 from tests.helpers.stated_sizes import png_of_size
 from tests.helpers.synthetic_needs import skip_without_platform
 from tracker.errors import LogError, TrackerError
-from tracker.logs.folders.name_stamps import stamps_of_names
+from tracker.logs.folder_layout import stamps_of_names
 from tracker.logs.opening import recording_files
 
 
@@ -70,6 +70,7 @@ def test_names_are_stamps_or_numbers(tmp_path, write, names, stamps):
 def test_names_with_a_point_are_seconds():
     assert stamps_of_names(["0.5", "0.75", "12.0"]) == [0.5, 0.75, 12.0]
     assert stamps_of_names(["t_1605000000.25"]) == [1_605_000_000.25]
+    assert stamps_of_names(["-0.5", "0.0", "t-1.5"]) == [-0.5, 0.0, 1.5]
     assert stamps_of_names(["0.5", "3"]) is None
     assert stamps_of_names(["000001", "000002"]) is None
 
@@ -275,6 +276,26 @@ def test_what_is_no_film_is_told(tmp_path, damage):
         tracker.open_log(tmp_path)
 
 
+@pytest.mark.parametrize(
+    "playlist",
+    [
+        "ffconcat version 1.0\nfile 'other.mp4'\n",
+        "#EXTM3U\n#EXT-X-TARGETDURATION:9\n#EXTINF:0.5,\nother.mp4\n#EXT-X-ENDLIST\n",
+        '<MPD xmlns="urn:mpeg:dash:schema:mpd:2011" type="static" mediaPresentationDuration="PT1S"><Period>'
+        '<AdaptationSet contentType="video"><Representation id="1" mimeType="video/mp4" bandwidth="9">'
+        "<BaseURL>other.mp4</BaseURL></Representation></AdaptationSet></Period></MPD>",
+    ],
+    ids=["concat", "hls", "dash"],
+)
+def test_a_film_opens_no_file_that_its_content_names(tmp_path, playlist):
+    other = write_film(tmp_path / "other.mp4", pictures(0, 12))
+    film = tmp_path / "camera60.mp4"
+    for content in (playlist, playlist.replace("other.mp4", str(other))):
+        film.write_text(content)
+        with pytest.raises(LogError, match=r"camera60\.mp4: found no film"):
+            tracker.open_log(film)
+
+
 def test_a_damaged_picture_of_a_film_is_named_and_the_others_are_given(tmp_path):
     noise = np.random.default_rng(5).integers(0, 256, (20, 48, 64, 3), np.uint8)
     film = write_film(tmp_path / "camera60.mp4", list(noise))
@@ -354,8 +375,6 @@ def test_pictures_without_common_names_are_counted(tmp_path):
         ("[cameras", "not a TOML file"),
         ("", "expected a table of 1 to 16 patterns"),
         ("cameras = 3", "expected a table"),
-        ("[cameras]\n'../a' = 'a.png'", "found the name '../a', expected one of up to 64 letters"),
-        ("[cameras]\n" + 300 * "a" + " = 'a.png'", "found the name 'a"),
         ("[cameras]\na = 3", "a: found 3, expected a pattern"),
         ("[cameras]\na = '../*.png'", "inside of the folder"),
         ("[cameras]\na = '/etc/*'", "inside of the folder"),

@@ -76,7 +76,7 @@ def test_the_calibration_inside_is_read_and_mended(tmp_path):
         (put("images", np.zeros((4, 3, 24, 28))), "float64 of shape"),
         (put("images", h5py.ExternalLink("/etc/passwd", "/images")), "found a link"),
         (made("images", (4, 3, 24, 28), np.uint8, external=[("/dev/zero", 0, 8064)]), "outside"),
-        (put("camera_names", [b"camera60", b"camera60", b"../x"]), "3 different names"),
+        (put("camera_names", [b"camera60", b"camera60", b"camera300"]), "3 different names"),
     ],
 )
 def test_what_is_wrong_is_named(tmp_path, change, message):

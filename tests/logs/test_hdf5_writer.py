@@ -121,8 +121,14 @@ def test_what_does_not_fit_is_refused_and_changes_nothing(tmp_path):
             (images[:2], 2.0, None, "2 images, expected 3"),
             ([images[0][1:], *images[1:]], 2.0, None, "camera60: found uint8 of shape"),
             ([images[0].astype(float), *images[1:]], 2.0, None, "float64"),
-            (images, -1.0, None, "stamp"),
+            (images, -1e9, None, "stamp -1e.09 s, expected at least -3600 s"),
             (images, float("nan"), None, "stamp"),
+            (images, "2.0", None, "stamp: found '2.0', expected finite numbers of seconds"),
+            (images, np.datetime64("2026-01-01"), None, "stamp: found .*; of datetime64 take"),
+            (images, 1_700_000_000_000_000_000, None, "is it in nanoseconds"),
+            (images, 10**400, None, "stamp: found a whole number above 10.18"),
+            (images, 2.0, ["1.0", "2.0", "2.0"], "camera_timestamps: found .*, expected finite numbers"),
+            (images, 2.0, [2.0, 2.0, 2e18], "is it in nanoseconds"),
             (images, 2.0, [1.0, 2.0], "stamps of shape"),
         ]:
             with pytest.raises(LogError, match=said):

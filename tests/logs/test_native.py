@@ -17,6 +17,7 @@ from tests.helpers import make_camera
 from tests.helpers.log_writers import (
     CAMERAS,
     POSE,
+    START,
     Content,
     make_content,
     native_bytes,
@@ -24,9 +25,9 @@ from tests.helpers.log_writers import (
     write_native,
 )
 from tests.helpers.reading import peak_of_reading
-from tests.helpers.recording_stubs import write_log
+from tests.helpers.recording_stubs import tiny_rig, write_log
 from tracker.errors import LogError
-from tracker.logs import Log
+from tracker.logs import Log, convert
 from tracker.recordings import track
 
 SAMPLES = ("camera_data_images_only.dat", "camera_data_with_pose.dat", "camera_data_with_pose_gzipped.dat")
@@ -54,6 +55,25 @@ def assert_same(log: Log, content, *, poses: int, stamped: bool = True) -> None:
             assert (pose is not None) == (which < poses and row[7] > 0)
             if pose is not None:
                 np.testing.assert_allclose([*pose.position, *pose.orientation, pose.confidence], row)
+
+
+@pytest.mark.parametrize("convert", [None, convert.write_hdf5, convert.write_folder])
+def test_clocks_may_begin_before_their_zero(tmp_path, convert):
+    content = make_content(4)
+    shift = START + 0.25
+    content = dataclasses.replace(
+        content, stamps=content.stamps - shift, camera_stamps=content.camera_stamps - shift
+    )
+    path = write_native(tmp_path / "log", content)
+    if convert is not None:
+        with tracker.open_log(path) as log:
+            convert(path := tmp_path / "converted", log, tiny_rig(), lambda count: None)
+    with tracker.open_log(path) as log:
+        for k, frame in enumerate(log):
+            np.testing.assert_allclose(frame.camera_timestamps, content.camera_stamps[k], atol=1e-9)
+            assert frame.timestamp == pytest.approx(content.stamps[k], abs=2e-3)
+            assert (frame.images[2] == content.bgr(k, 2)).all()
+        assert k == 3
 
 
 @pytest.mark.parametrize("packed", [False, True])
@@ -153,7 +173,7 @@ def changed(data: bytes, offset: int, new: bytes) -> bytes:
         (20, struct.pack("<i", 4000), 0, "end of the file|expected 8 to 4096"),
         (SECOND + 8, struct.pack("<i", 25), 3, "record 1, camera number 1: found 28×25 px"),
         (SECOND + 16, struct.pack("<i", 5), 3, "record 1, camera number 1: .*type 5"),
-        (SECOND, struct.pack("<d", np.nan), 3, "record 1: found the stamp nan"),
+        (SECOND, struct.pack("<d", np.nan), 3, "record 1: stamp: found nan"),
         (SECOND, struct.pack("<d", 1_604_999_999e3), 3, "record 1: the frame's stamp goes back by 1 s"),
         (SECOND, struct.pack("<d", 1000 * 1_605_009_999.0), 3, "goes forward by 9999 s since frame 0"),
     ],

@@ -46,6 +46,17 @@ def test_an_object_is_what_the_platform_uses(name):
     np.testing.assert_array_equal(model.size, size)
 
 
+@pytest.mark.parametrize(
+    ("name", "real"), [("simulated_cube", "cube_v2"), ("simulated_cuboid", "cuboid_2x2x8_v2")]
+)
+def test_a_simulated_object_is_the_real_one_with_sharp_edges(name, real):
+    drawn, model = load_object(name), load_object(real)
+    np.testing.assert_array_equal(drawn.size, model.size)
+    np.testing.assert_array_equal(drawn.face_labels, model.face_labels)
+    assert (drawn.name, drawn.colors, drawn.rim) == (name, "simulation", 0.0)
+    assert drawn.rim_std < model.rim_std
+
+
 def test_labels_have_the_order_of_the_contract():
     assert COLOR_NAMES == ("background", "red", "green", "blue", "cyan", "magenta", "yellow")
     assert [label.name.lower() for label in sorted(Label)] == list(COLOR_NAMES)

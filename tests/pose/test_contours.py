@@ -10,9 +10,9 @@ from synthetic.camera.sensor import Sensor
 from tests.helpers.filmed import RIG
 from tests.helpers.kept_stills import take
 from tests.helpers.stills import posed_scene
+from tracker.calibration.by_object.edges import EdgeReader
 from tracker.geometry import so3
 from tracker.pose.refine import SCHEDULE
-from tracker.upkeep.edges import EdgeReader
 
 MODEL = tracker.load_object("cube_v2")
 POSE = np.array([0.03, -0.04, 0.0325]), so3.exp([0.0, 0.0, 0.5])

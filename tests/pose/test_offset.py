@@ -11,7 +11,7 @@ from tracker.pose.edge_fit import OFFSET, scratch
 from tracker.pose.solution import CAMERA
 from tracker.pose.strips import PIXELS, STRIP, collect
 from tracker.pose.views import PICTURE
-from tracker.segmentation import mosaic
+from tracker.segmentation.sensor import NO_MOSAIC
 
 INNER, OUTER, BEYOND = np.array([40.0, 50, 190]), np.array([60.0, 150, 70]), np.array([90.0, 95, 92])
 SIZE = 60
@@ -90,7 +90,7 @@ def measure(
     blur: float,
     *,
     reach: float | None = None,
-    red: int = mosaic.NONE,
+    red: int = NO_MOSAIC,
     every: int = 1,
 ) -> np.ndarray:
     """Measurements (PIECES,) of OFFSET in an image of bytes; what is not measured is nan."""
@@ -152,7 +152,7 @@ def test_a_mosaic_that_is_known_does_not_move_the_edge(degrees, red):
 
 def test_a_mosaic_that_is_not_known_spreads_the_places_of_an_edge_and_widens_it():
     image = interpolated(digitised(stripes(distances(17), 0.7)), 0)
-    naive, aware = (measure(image, pieces(17, length=8.0), 0.7, red=red) for red in (mosaic.NONE, 0))
+    naive, aware = (measure(image, pieces(17, length=8.0), 0.7, red=red) for red in (NO_MOSAIC, 0))
     assert np.std(aware["offset"]) < 0.5 * np.std(naive["offset"])
     assert abs(np.median(aware["wider"])) < 0.5 * np.median(naive["wider"])
 

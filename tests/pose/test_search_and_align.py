@@ -12,7 +12,6 @@ from tests.helpers.kept_stills import take
 from tests.helpers.stills import bare_scene
 from tracker.geometry import so3
 from tracker.geometry.arena import Arena
-from tracker.geometry.field_of_view import project_in_view
 from tracker.geometry.lens import project, stack_lenses
 from tracker.objects.box import Box
 from tracker.objects.model import load_object
@@ -76,7 +75,7 @@ def counted(labels, camera, points):
 
     By the definition, from every pixel; and whether the camera sees the points (N,).
     """
-    pixels, depth = project_in_view(camera, points), points @ camera.camera_from_world[2, :3]
+    pixels, depth = camera.project_in_view(points), points @ camera.camera_from_world[2, :3]
     depth += camera.camera_from_world[2, 3]
     focal = camera.matrix[(0, 1), (0, 1)]
     surface = 8 * sum(np.prod(np.delete(BOX.half, k)) for k in range(3))

@@ -13,7 +13,8 @@ from tests.helpers.pose_logs import START, answer, make_about, random_pose, rand
 from tracker.errors import LogError
 from tracker.geometry import so3
 from tracker.poses.builder import PosesBuilder
-from tracker.poses.exports import CSV_HEADER, write_bop, write_csv, write_tum
+from tracker.poses.exports import write_bop, write_csv, write_tum
+from tracker.poses.poses import CSV_HEADER
 
 
 def read_csv(path) -> list[dict[str, str]]:

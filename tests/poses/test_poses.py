@@ -24,8 +24,7 @@ from tracker.geometry import so3
 from tracker.pose.result import CameraUse, Observation, PoseEstimate, Status
 from tracker.poses.builder import PosesBuilder
 from tracker.poses.columns import FilteredColumns, MeasuredColumns, PoseColumns
-from tracker.poses.comparison import compare
-from tracker.poses.poses import Poses, concatenate
+from tracker.poses.poses import Poses, compare, concatenate
 
 
 def test_parts_joined_are_the_whole(rng):
@@ -91,6 +90,9 @@ def of(poses: Poses, **changes) -> Poses:
         ({"index": np.array([-1, 0, 1])}, "index: row 0: found -1"),
         ({"index": np.arange(3.0)}, "index: found float64"),
         ({"timestamp": np.array([0, np.nan, 1])}, "timestamp: row 1: found nan"),
+        ({"timestamp": np.array([0, 1, 2e18])}, "timestamp: row 2: found 2e.18, expected a time in seconds"),
+        ({"timestamp": ["0", "1", "2"]}, "timestamp: found <U1 .*, expected numbers"),
+        ({"timestamp": np.arange(3).astype("datetime64[ns]")}, "timestamp: found datetime64"),
         ({"timestamp": np.zeros(2)}, r"timestamp: found shape \(2,\)"),
         ({"status": np.zeros(3)}, "status: found float64"),
         ({"status": np.array(["lost"])}, r"status: found .* of shape \(1,\)"),
@@ -105,6 +107,14 @@ def of(poses: Poses, **changes) -> Poses:
 def test_columns_that_do_not_fit_together_are_refused(rng, changes, message):
     with pytest.raises(LogError, match=message):
         dataclasses.replace(random_poses(rng, 3), **changes)
+
+
+def test_poses_are_shown_as_counts(rng):
+    poses = random_poses(rng, 5, share=1)
+    text = repr(poses)
+    assert text.startswith(f"Poses({poses.about.object_name} in {poses.about.source!r}: 5 frames over ")
+    assert text.endswith("5 with a measured and 5 with a filtered pose)")
+    assert "0 frames, 0 with" in repr(poses[:0])
 
 
 def test_columns_hold_what_was_appended(rng):
@@ -136,10 +146,28 @@ def test_the_trackers_own_observations_are_taken(rng):
     builder.append(0, 0.0, Observation(pose, None, Status.FOUND, cameras=uses))
     builder.append(1, 0.1, Observation(None, None, Status.NO_OBJECT_COLORS))
     poses = builder.build()
-    assert poses.status.tolist() == ["found", "no object colours"]
+    assert poses.status.tolist() == ["found", "no_object_colors"]
     assert np.array_equal(poses.measured.covariance[0], pose.covariance)
     assert poses.recorded is None
-    assert poses.cameras.tolist() == [["used", "contradicting", "no image"], [""] * 3]
+    assert poses.cameras.tolist() == [["used", "contradicting", "no_image"], [""] * 3]
+
+
+@pytest.mark.parametrize(
+    "stamp",
+    [
+        "1.5",
+        None,
+        np.datetime64("2026-01-01"),
+        2 * 10**18,
+        np.inf,
+        pytest.param(10**400, id="too many digits"),
+    ],
+)
+def test_times_that_are_not_in_seconds_are_refused(stamp, rng):
+    builder = PosesBuilder(make_about())
+    with pytest.raises(LogError, match=r"frame 3: timestamp: found .*, expected"):
+        builder.append(3, stamp, answer(random_pose(rng), None, "found"))
+    assert len(builder) == 0
 
 
 def test_a_builder_goes_on_after_a_build(rng):

@@ -14,16 +14,16 @@ import pytest
 from tests.helpers.log_writers import make_content, write_native
 from tests.helpers.pose_logs import random_poses
 from tests.helpers.recording_stubs import NoiseTracker, tiny_rig, write_log
-from tracker.calibration.platform_files import write_camera
+from tracker.batch.run import Batch, run_batch
+from tracker.batch.tables import state
+from tracker.batch.workers import here
+from tracker.calibration.files.platform import write_camera
 from tracker.errors import TrackerError
 from tracker.logs import open_log
 from tracker.logs.convert import write_folder, write_hdf5
 from tracker.poses.exports import write_bop, write_csv, write_parquet, write_tum
 from tracker.poses.file import read_poses, write_poses
 from tracker.recordings import Options
-from tracker.recordings.many.batch import Batch, run_batch
-from tracker.recordings.many.engine import Here
-from tracker.recordings.many.tables import state
 
 
 @contextlib.contextmanager
@@ -51,7 +51,7 @@ def test_what_the_disk_has_no_room_for_is_told_and_all_else_is_done(tmp_path):
     options = Options("cube_v2", make_tracker=NoiseTracker)
     one, told = Batch.of([f"{tmp_path}/in/*"], tmp_path / "out", options), []
     with no_file_longer_than(30_000):
-        run_batch(one, lambda: contextlib.nullcontext(Here()), told.append)
+        run_batch(one, lambda: contextlib.nullcontext(here), told.append)
     assert [result["failure"] and result["failure"].split(": ", 1)[1] for result in told] == [
         None,
         "cannot be written: File too large",
@@ -62,7 +62,7 @@ def test_what_the_disk_has_no_room_for_is_told_and_all_else_is_done(tmp_path):
     assert len(read_poses(one.folder / one.pairs[2][1])) == 6
     assert not list((tmp_path / "out").rglob("*.tmp"))
     told.clear()
-    run_batch(one, lambda: contextlib.nullcontext(Here()), told.append)
+    run_batch(one, lambda: contextlib.nullcontext(here), told.append)
     assert [result and result["failure"] for result in told] == [None] * 3
     assert len(state(one).lines) == 3
 

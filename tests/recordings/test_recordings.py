@@ -16,7 +16,7 @@ from tracker.errors import LogError
 from tracker.poses.file import read_poses
 from tracker.recordings import run, track
 from tracker.recordings.fingerprint import fingerprint
-from tracker.recordings.outcome.summary import summary
+from tracker.summaries.summary import summary
 
 FRAMES = 100
 
@@ -107,8 +107,8 @@ def test_whatever_the_poses_depend_on_is_in_the_fingerprint(log, tmp_path):
         {"colors": tracker.load_colors("cube_v1")},
         {"rig": tracker.CameraRig(tuple(camera.resized(28, 25) for camera in job.recipe.rig))},
         {"rig": dataclasses.replace(job.recipe.rig, arena=tracker.Arena(table=0.01))},
-        {"first": 1},
-        {"last": 3},
+        {"start": 1},
+        {"stop": 3},
         {"recover": True},
         {"rig": None},
         {"correct_halved_principal_point": True},
@@ -148,11 +148,14 @@ def interrupt(_: int) -> None:
     ("changes", "while_it_runs", "raised", "said"),
     [
         ({"make_tracker": Complaining}, lambda log: None, LogError, "frame 0: images"),
-        ({"first": FRAMES}, lambda log: None, LogError, f"{FRAMES} frames"),
+        ({"start": -1}, lambda log: None, LogError, "start: found -1, expected the number of a frame"),
+        ({"start": "3"}, lambda log: None, LogError, "start: found '3', expected"),
+        ({"stop": 1.5}, lambda log: None, LogError, "stop: found 1.5, expected"),
+        ({"start": FRAMES}, lambda log: None, LogError, f"{FRAMES} frames"),
         ({}, lambda log: log.write_bytes(log.read_bytes() + b"more"), LogError, "changed while it was read"),
         ({}, interrupt, KeyboardInterrupt, None),
     ],
-    ids=["the tracker complains", "beyond the end", "the recording grows", "interrupted"],
+    ids=["complaining", "before 0", "a text", "half", "beyond the end", "the recording grows", "interrupted"],
 )
 def test_a_run_that_fails_leaves_nothing(changes, while_it_runs, raised, said, tmp_path):
     log = write_log(tmp_path / "log", FRAMES)

@@ -11,17 +11,20 @@ from scipy.ndimage import zoom
 import tracker
 from tracker.errors import ColorModelError
 from tracker.segmentation.color_model import ColorModel, color_model_names, load_colors
-from tracker.segmentation.confusion import confusion
-from tracker.segmentation.hues import NAMED_HUES, hue_distance, hue_of, hues_of_model, misnamed
-from tracker.segmentation.labelled import LabelledImage
-from tracker.segmentation.separation import (
+from tracker.segmentation.hues import (
     LIGHT,
+    NAMED_HUES,
     better_set,
     distance,
     distance_to_light,
     distances,
+    hue_distance,
+    hue_of,
+    hues_of_model,
+    misnamed,
     paints,
 )
+from tracker.segmentation.labelled import LabelledImage, confusion
 from tracker.tasks.rearrange_dice.segment import segment_dice
 
 CUBOIDS = ("cube_v1", "cube_v2", "cube_v3", "cuboid_2x2x8_v2", "simulation")

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 import tracker
 from tracker.conventions import Image
-from tracker.segmentation import mosaic
 from tracker.segmentation.labels import look_up
 from tracker.segmentation.light import (
     BRIGHTNESS_RANK,
@@ -21,9 +20,8 @@ from tracker.segmentation.light import (
     evened,
     find_light,
     grey_world_gains,
-    neutral_gains,
 )
-from tracker.segmentation.noise import LOUD, calmed, noise_level
+from tracker.segmentation.sensor import LOUD, NO_MOSAIC, calmed, find_mosaic, noise_level
 
 SIZE = 135
 
@@ -129,17 +127,16 @@ def exposed(image: np.ndarray, gains=(1.0, 1.0, 1.0)) -> np.ndarray:
 @given(gains=st.tuples(factor, factor, factor), size=st.sampled_from([60, 135, 270, 540]))
 def test_neutral_gains_invert_the_lights_gains_whatever_the_resolution(gains, size):
     scene = grey_scene(1)
-    reference, _ = neutral_gains(exposed(scene))
-    found, share = neutral_gains(exposed(grey_scene(1, size), gains))
-    assert share > 0.5
-    np.testing.assert_allclose(found * gains / reference, 1, atol=0.02 if size == 270 else 0.035)
+    reference, found = find_light(exposed(scene)), find_light(exposed(grey_scene(1, size), gains))
+    assert found.share > 0.5
+    np.testing.assert_allclose(found.gains * gains / reference.gains, 1, atol=0.02 if size == 270 else 0.035)
 
 
 @given(gains=st.tuples(factor, factor, factor))
 def test_normalising_makes_the_scenes_grey_grey(gains):
     scene = grey_scene(2)
     image = exposed(scene, gains)
-    normalised = apply_gains(image, neutral_gains(image)[0])
+    normalised = apply_gains(image, find_light(image).gains)
     greys = normalised[np.ptp(scene, axis=2) < 20]
     np.testing.assert_allclose(greys.mean(axis=0) / greys[:, 1].mean(), 1, atol=0.02)
     np.testing.assert_allclose(np.quantile(greys, BRIGHTNESS_RANK, axis=0), TARGET_GREY, atol=3)
@@ -147,17 +144,17 @@ def test_normalising_makes_the_scenes_grey_grey(gains):
 
 @pytest.mark.parametrize("color", [(0, 0, 0), (3, 3, 3), (255, 255, 255), (0, 0, 255), (255, 255, 0)])
 def test_without_any_grey_the_image_is_left_as_it_is(color):
-    gains, share = neutral_gains(np.full((100, 100, 3), color, np.uint8))
-    np.testing.assert_array_equal(gains, 1)
-    assert share == 0
+    light = find_light(np.full((100, 100, 3), color, np.uint8))
+    np.testing.assert_array_equal(light.gains, 1)
+    assert light.share == 0
     assert np.isfinite(grey_world_gains(np.full((50, 50, 3), color, np.uint8))).all()
 
 
 def test_clipped_greys_do_not_pull_the_colour_of_grey():
     scene = grey_scene(3)
-    reference, _ = neutral_gains(exposed(scene))
+    reference = find_light(exposed(scene)).gains
     scene[:60] = 400  # a wall that is white whatever the gains
-    found, _ = neutral_gains(exposed(scene, (1.2, 1.0, 0.9)))
+    found = find_light(exposed(scene, (1.2, 1.0, 0.9))).gains
     ratio = found * (1.2, 1.0, 0.9) / reference
     np.testing.assert_allclose(ratio / ratio[1], 1, atol=0.02)
 
@@ -261,9 +258,9 @@ def raw() -> np.ndarray:
 @pytest.mark.parametrize("code", BAYER)
 def test_every_pattern_is_told_from_its_interpolation_and_changes_where_rows_are_cut_off(raw, code):
     image = cv2.cvtColor(raw, code)
-    assert mosaic.find_mosaic(image) == BAYER[code]
-    assert mosaic.find_mosaic(np.ascontiguousarray(image[1:])) == BAYER[code] ^ 2
-    assert mosaic.find_mosaic(np.ascontiguousarray(image[:, 1:])) == BAYER[code] ^ 1
+    assert find_mosaic(image) == BAYER[code]
+    assert find_mosaic(np.ascontiguousarray(image[1:])) == BAYER[code] ^ 2
+    assert find_mosaic(np.ascontiguousarray(image[:, 1:])) == BAYER[code] ^ 1
 
 
 def with_one_value_changed(image):
@@ -283,10 +280,10 @@ def with_one_value_changed(image):
     ids=["one value", "halved", "jpeg", "blurred", "brighter"],
 )
 def test_changed_images_are_none(raw, change):
-    assert mosaic.find_mosaic(change(cv2.cvtColor(raw, cv2.COLOR_BAYER_BG2BGR))) == mosaic.NONE
+    assert find_mosaic(change(cv2.cvtColor(raw, cv2.COLOR_BAYER_BG2BGR))) == NO_MOSAIC
 
 
 def test_flat_noisy_and_tiny_images_are_none():
     noise = np.random.default_rng(0).integers(0, 256, (90, 90, 3), dtype=np.uint8)
     for image in (np.zeros((90, 90, 3), np.uint8), np.full((90, 90, 3), 130, np.uint8), noise, noise[:4, :4]):
-        assert mosaic.find_mosaic(np.ascontiguousarray(image)) == mosaic.NONE
+        assert find_mosaic(np.ascontiguousarray(image)) == NO_MOSAIC

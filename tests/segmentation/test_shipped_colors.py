@@ -11,7 +11,8 @@ from scripts.fit_shipped_colors import OBJECTS, SIMULATION_RGB, object_model
 from tests.segmentation.test_light import exposed
 from tracker.objects.labels import COLOR_NAMES
 from tracker.segmentation.color_model import ColorModel
-from tracker.segmentation.fit import FitOptions, intersection_over_union
+from tracker.segmentation.fit import FitOptions
+from tracker.segmentation.labelled import intersection_over_union
 
 OPTIONS = FitOptions()
 

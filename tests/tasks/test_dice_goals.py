@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 
 from tracker.errors import TaskError
 from tracker.tasks import rearrange_dice as dice
-from tracker.tasks.rearrange_dice.goal_files import MAX_FILE_SIZE
+from tracker.tasks.goal_text import MAX_FILE_SIZE
+from tracker.tasks.job_goal import read_job_goal
 
 SEEDS = st.integers(0, 2**32)
 COORDINATES = st.floats(-0.3, 0.3)
@@ -295,17 +296,20 @@ JSON = st.recursive(
 )
 
 
-@given(JSON)
-def test_no_other_json_is_a_goal(tmp_path_factory, data):
+PAIRS = st.lists(st.lists(JSON, min_size=2, max_size=2), min_size=1, max_size=3)
+
+
+@given(JSON | PAIRS, st.sampled_from([dice.read_goal, read_job_goal]))
+def test_no_other_json_is_a_goal(tmp_path_factory, data, read):
     path = tmp_path_factory.getbasetemp() / "some.json"
     path.write_text(json.dumps(data))
     with pytest.raises(TaskError, match=r"some\.json: "):
-        dice.read_goal(path)
+        read(path)
 
 
 @pytest.mark.parametrize("name", ["nowhere.json", "", "a\0b"])
 def test_a_file_that_cannot_be_read_is_named(tmp_path, name):
-    with pytest.raises(TaskError, match="cannot be read"):
+    with pytest.raises(TaskError, match=r"cannot be read|found a null byte"):
         dice.read_goal(f"{tmp_path}/{name}")
 
 

@@ -123,7 +123,7 @@ def test_orientation_errors_are_metrics_up_to_1_that_turning_the_world_does_not_
 
 def test_an_object_has_a_long_axis_where_one_edge_is_twice_the_others():
     found = {name: move_object.long_axis(load_object(name)) for name in object_names()}
-    assert found == {"cube_v1": None, "cube_v2": None, "cube_v3": None, "cuboid_2x2x8_v2": 1}
+    assert found == {name: 1 if "cuboid" in name else None for name in object_names()}
     for size in set(itertools.permutations([0.02, 0.02, 0.08])):
         model = dataclasses.replace(CUBOID, size=np.array(size))
         assert move_object.long_axis(model) == size.index(0.08)
@@ -259,8 +259,8 @@ def test_a_fault_names_the_argument_what_was_found_and_what_would_do(function, a
     ("trajectory", "message"),
     [
         ([], "found no goals, expected at least one"),
-        ({"goal": [(0, ZERO)]}, "found a dict, expected a list of pairs"),
-        (None, "found a NoneType, expected a list of pairs"),
+        ({"goal": [(0, ZERO)]}, "found a mapping of 1, expected a list of pairs"),
+        (None, "found None, expected a list of pairs"),
         ([(0, ZERO, ZERO)], "entry 0: found .* expected a pair"),
         ([(0, ZERO), 3], "entry 1: found 3, expected a pair"),
         ([(0, [0, 0])], "entry 0: found .* expected a number and 3 numbers"),

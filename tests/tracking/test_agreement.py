@@ -12,8 +12,8 @@ from tests.helpers.stills import bare_scene
 from tests.pose.test_own_view import moved
 from tracker.pipeline import Status
 from tracker.pose.agreement import SCALES
-from tracker.tracking.agreement import EVERY, LOOKS, Agreement
-from tracker.tracking.filter import MotionState
+from tracker.tracking.cameras import EVERY, LOOKS, Agreement
+from tracker.tracking.motion import MotionState
 
 
 def state(speed=0.0):

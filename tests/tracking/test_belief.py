@@ -14,7 +14,7 @@ from tracker.pose.fit import Fit
 from tracker.pose.judge import confidence
 from tracker.pose.result import MotionEstimate, Status
 from tracker.tracking.belief import Belief, TrackingOptions, measured
-from tracker.tracking.filter import MotionState
+from tracker.tracking.motion import MotionState
 
 DT = 0.1
 ELSEWHERE = np.array([-0.1, 0.05, 0.0325])
@@ -62,8 +62,8 @@ def track():
 
 def test_made_up_fits_are_as_sure_as_they_are_to_be():
     options = TrackingOptions()
-    assert confidence(made_fit()) > options.sure
-    assert confidence(made_fit(cameras=2)) > options.sure
+    assert confidence(made_fit()) > options.jump_confidence
+    assert confidence(made_fit(cameras=2)) > options.jump_confidence
     assert confidence(made_fit(sure=False)) < 0.8
 
 
@@ -83,21 +83,11 @@ def test_nothing_is_known_before_the_first_measurement():
         assert track.estimate() is None
 
 
-@pytest.mark.parametrize("stamp", [math.nan, math.inf, -math.inf])
-def test_stamps_that_are_not_finite_are_refused(track, stamp):
-    with pytest.raises(TrackerError, match=rf"timestamp: found {stamp}, expected a finite"):
-        track.advance(stamp)
-    with pytest.raises(TrackerError, match="timestamp"):
-        Track().advance(stamp)
-
-
 def test_stamps_that_go_backwards_are_refused_and_change_nothing(track):
     twin = Track()
     follow(twin, [made_fit()] * 11)
     with pytest.raises(TrackerError, match=r"found 0\.900000 s after 1\.0+ s"):
         track.advance(0.9)
-    with pytest.raises(TrackerError):
-        track.advance(math.nan)
     assert track.belief.timestamp == twin.belief.timestamp
     for one in (track, twin):
         one.see(made_fit(), one.advance(1.1))
@@ -161,7 +151,7 @@ LEAPS = {
 }
 
 
-@pytest.mark.parametrize("leap", ["shift", "turn"])
+@pytest.mark.parametrize("leap", LEAPS)
 def test_an_unsure_jump_is_believed_when_the_next_images_confirm_it(track, leap):
     position, rotation = LEAPS[leap]
     fit = made_fit(position, rotation, sure=False)
@@ -174,13 +164,7 @@ def test_an_unsure_jump_is_believed_when_the_next_images_confirm_it(track, leap)
     assert so3.angle_between(track.estimate().rotation, rotation) < math.radians(1)
 
 
-def test_an_unsure_turn_over_on_the_spot_is_not_believed_before_the_object_is_lost(track):
-    fit = made_fit(*LEAPS["half turn"], sure=False)
-    statuses = follow(track, [fit] * 7, start=1.1)
-    assert statuses == [Status.COASTING] * 5 + [Status.REFOUND, Status.TRACKING]
-
-
-@pytest.mark.parametrize("leap", ["shift", "turn"])
+@pytest.mark.parametrize("leap", LEAPS)
 def test_a_confirmed_jump_begins_a_motion_anew(track, leap):
     fit = made_fit(*LEAPS[leap], sure=False)
     assert follow(track, [fit, fit, fit], start=1.02, dt=0.02) == [
@@ -253,7 +237,7 @@ def test_what_is_plausible_widens_with_time_and_narrows_for_one_camera(track):
 
 def test_what_one_camera_sees_must_be_sure():
     unsure, sure = made_fit(cameras=1, sure=False), made_fit(cameras=1)
-    options = TrackingOptions(believed=0.9)
+    options = TrackingOptions(min_confidence=0.9)
     assert follow(Track(options), [unsure] * 3) == [Status.COASTING] * 3
     assert follow(Track(options), [sure] * 2) == [Status.FOUND, Status.TRACKING]
     assert follow(Track(options), [sure, unsure, sure]) == [Status.FOUND, Status.COASTING, Status.TRACKING]
@@ -295,6 +279,19 @@ def test_measured_pose_is_that_of_the_fit():
     assert pose.confidence == confidence(fit)
 
 
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        *[("coast_seconds", value) for value in (-1.0, math.nan, math.inf, "1", None, (1.0, 2.0), True)],
+        *[("max_jump", value) for value in (0.04, (0.04,), (0.04, -1.0), (0.04, math.inf), "ab", None)],
+        ("min_confidence", 1j),
+    ],
+)
+def test_options_that_are_no_sizes_are_refused(name, value):
+    with pytest.raises(TrackerError, match=f"{name}: found .*, expected .* not negative"):
+        TrackingOptions(**{name: value})
+
+
 def test_options_cannot_be_changed():
     with pytest.raises(dataclasses.FrozenInstanceError):
-        TrackingOptions().sure = 0.1
+        TrackingOptions().jump_confidence = 0.1

@@ -1,10 +1,17 @@
+"""What is remembered and said of each camera."""
+
 from __future__ import annotations
+
+import dataclasses
 
 import numpy as np
 import pytest
 
+from tests.helpers.fits import made_fit, with_cameras
+from tests.helpers.pushed_cube import DT, new
+from tracker import CameraUse
 from tracker.conventions import Image
-from tracker.tracking.cameras import BLACK, EVERY, CameraMemory, looked_at, usable
+from tracker.tracking.cameras import BLACK, EVERY, CameraMemory, after, looked_at, usable
 
 
 class Watch:
@@ -114,3 +121,60 @@ def test_watch_keeps_still_pictures_without_noise_while_something_moves_in_one()
         moving = images[0].copy()
         moving[10:50, 10 + 9 * k : 40 + 9 * k] = 200
         assert given(watch.usable([moving, *images[1:]])) == [True] * 3
+
+
+USED = [CameraUse.USED] * 3
+
+
+def astray(c):
+    """Camera c shows the object elsewhere."""
+    return with_cameras(
+        made_fit(), c, agree=0, missing=410, elsewhere=350, usable=0.0, inliers=0.0, squares=0.0
+    )
+
+
+def hidden(c):
+    """Something hides the object from camera c."""
+    return with_cameras(made_fit(), c, agree=0, missing=410, usable=0.0, inliers=0.0, squares=0.0)
+
+
+def test_what_is_said_of_a_picture_goes_before_what_the_pose_says():
+    uses = [CameraUse.BLACK, CameraUse.USED, CameraUse.FROZEN]
+    assert after(uses, astray(0)) == tuple(uses)
+    assert after(USED, astray(0)) == (CameraUse.CONTRADICTING, CameraUse.USED, CameraUse.USED)
+    assert after(USED, hidden(2)) == tuple(USED)
+    left_out = dataclasses.replace(hidden(2), left_out=(2,))
+    assert after(USED, left_out)[2] is CameraUse.CONTRADICTING
+
+
+def test_each_camera_of_an_observation_has_its_word(rig, film):
+    black = np.zeros_like(film[0][0])
+    mirrored = np.ascontiguousarray(film[0][2][:, ::-1])
+    assert new(rig).detect(film[0]).cameras == tuple(USED)
+    assert new(rig).detect([film[0][0], None, film[0][2]]).cameras[1] is CameraUse.NO_IMAGE
+    assert new(rig).detect([black, *film[0][1:]]).cameras == (CameraUse.BLACK, *USED[1:])
+    assert new(rig).detect([*film[0][:2], mirrored]).cameras == (*USED[:2], CameraUse.CONTRADICTING)
+    nothing = new(rig).detect([black] * 3)
+    assert nothing.object_pose is None
+    assert nothing.cameras == (CameraUse.BLACK,) * 3
+
+
+def test_a_black_picture_counts_as_none(rig, film):
+    black = np.zeros_like(film[0][0])
+    one = new(rig).detect([black, *film[0][1:]]).object_pose
+    other = new(rig).detect([None, *film[0][1:]]).object_pose
+    assert np.array_equal(one.world_from_object, other.world_from_object)
+
+
+def test_a_camera_that_is_mirrored_for_a_while_costs_nothing_and_is_used_again(rig, film):
+    tracker, said = new(rig), []
+    for k, images in enumerate(film):
+        if 2 <= k < 9:
+            images = [images[0], np.ascontiguousarray(images[1][:, ::-1]), images[2]]
+        answer = tracker.update(images, DT * k)
+        assert answer.object_pose is not None
+        said.append(answer.cameras[1].value)
+    # Then the mirrored object begins to cover the true one.
+    assert said[2:6] == ["contradicting"] * 4
+    assert said[:2] == ["used"] * 2
+    assert said[-1] == "used"

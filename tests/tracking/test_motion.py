@@ -6,7 +6,7 @@ import pytest
 from tests.helpers import numerical_jacobian, random_rotations
 from tracker.geometry import so3
 from tracker.tracking import motion
-from tracker.tracking.motion import STATE, Motions
+from tracker.tracking.motion import MODE, STATE, Motions
 
 DT = 0.1
 
@@ -17,10 +17,10 @@ PUSHED = Motions(
 
 
 def predicted(p, r, v, covariance, dt, motions=PUSHED):
-    """One kind's state and covariance after `motion.predict`."""
-    p, r, v, covariance = p[None].copy(), r[None].copy(), v[None].copy(), covariance[None].copy()
-    motion.predict(dt, motions, p, r, v, covariance)
-    return p[0], r[0], v[0], covariance[0]
+    """One mode's state and covariance after `motion.predict`."""
+    modes = np.array([(1.0, p, r, v, covariance)], MODE)
+    motion.predict(dt, motions, modes)
+    return modes[0].tolist()[1:]
 
 
 NO_PUSH = Motions(np.array([False]), np.zeros((1, 2)), np.zeros((1, 2)), np.ones(1))
@@ -72,54 +72,57 @@ def test_two_half_steps_of_one_kind_are_one_step(rng):
         np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-12)
 
 
-def kinds(rng, count=3):
-    """States of so many kinds of motion that differ a little, with their weights and covariances."""
-    weights = rng.dirichlet(np.ones(count))
+def drawn_modes(rng, count=3):
+    """Modes that differ a little, the likeliest first."""
+    modes = np.zeros(count, MODE)
+    modes["weight"] = np.sort(rng.dirichlet(np.ones(count)))[::-1]
     root = 1e-3 * rng.normal(size=(count, STATE, STATE))
-    p, v = 1e-3 * rng.normal(size=(count, 3)), 0.1 * rng.normal(size=(count, 6))
-    r = so3.exp(1e-3 * rng.normal(size=(count, 3))) @ random_rotations(rng, 1)
-    return weights, p, r, v, root @ np.swapaxes(root, 1, 2)
-
-
-def moments(weights, p, r, v, covariance):
-    """Mean, as an error from the origin and the first rotation, and covariance of all kinds together."""
-    means = np.concatenate([p, so3.log(r @ r[0].T), v], axis=1)
-    mean = weights @ means
-    spread = sum(
-        w * (c + np.outer(m - mean, m - mean)) for w, c, m in zip(weights, covariance, means, strict=True)
+    modes["covariance"] = root @ np.swapaxes(root, 1, 2)
+    modes["position"], modes["velocity"] = (
+        1e-3 * rng.normal(size=(count, 3)),
+        0.1 * rng.normal(size=(count, 6)),
     )
-    return mean, spread
+    modes["rotation"] = so3.exp(1e-3 * rng.normal(size=(count, 3))) @ random_rotations(rng, 1)
+    return modes
+
+
+def moments(modes):
+    """Mean, as an error from the origin and the first rotation, and covariance of all modes together."""
+    turns = so3.log(modes["rotation"] @ modes["rotation"][0].T)
+    means = np.concatenate([modes["position"], turns, modes["velocity"]], axis=1)
+    mean, off = modes["weight"] @ means, means - modes["weight"] @ means
+    spread = modes["covariance"] + off[:, :, None] * off[:, None, :]
+    return mean, np.einsum("n,nij->ij", modes["weight"], spread)
 
 
 def test_all_kinds_together_have_the_mean_and_the_spread_of_their_mixture(rng):
-    weights, p, r, v, covariance = kinds(rng)
-    order = np.argsort(-weights)
-    weights, p, r, v, covariance = (np.ascontiguousarray(a[order]) for a in (weights, p, r, v, covariance))
-    error, whole = np.empty(STATE), np.empty((STATE, STATE))
-    assert motion.combine(weights, p, r, v, covariance, error, whole) == 0
-    mean, spread = moments(weights, p, r, v, covariance)
-    np.testing.assert_allclose(np.concatenate([p[0], np.zeros(3), v[0]]) + error, mean, atol=1e-12)
+    modes = drawn_modes(rng)
+    found, whole = np.empty(1, MODE), np.empty((STATE, STATE))
+    motion.combine(modes, found, whole)
+    mean, spread = moments(modes)
+    np.testing.assert_allclose(found["position"][0], mean[:3], atol=1e-12)
+    np.testing.assert_allclose(so3.log(found["rotation"][0] @ modes["rotation"][0].T), mean[3:6], atol=1e-12)
+    np.testing.assert_allclose(found["velocity"][0], mean[6:], atol=1e-12)
     np.testing.assert_allclose(whole, spread, atol=1e-12)
 
 
 def test_kinds_that_change_into_each_other_keep_their_mean_and_spread(rng):
-    weights, p, r, v, covariance = kinds(rng)
-    first = r[0].copy()
-    before = moments(weights, p, r, v, covariance)
+    modes = drawn_modes(rng)
+    first, before = modes["rotation"][0].copy(), moments(modes)
     transition = rng.dirichlet(np.ones(3), 3)
-    expected = transition.T @ weights
-    motion.mix(weights, transition, p, r, v, covariance)
-    np.testing.assert_allclose(weights, expected, rtol=1e-12)
-    after = moments(weights, p, r, v, covariance)
+    expected = transition.T @ modes["weight"]
+    motion.mix(modes, transition)
+    np.testing.assert_allclose(modes["weight"], expected, rtol=1e-12)
+    after = moments(modes)
     # About another first rotation.
-    mean = after[0] + np.concatenate([np.zeros(3), so3.log(r[0] @ first.T), np.zeros(6)])
+    mean = after[0] + np.concatenate([np.zeros(3), so3.log(modes["rotation"][0] @ first.T), np.zeros(6)])
     np.testing.assert_allclose(mean, before[0], atol=2e-6)
     np.testing.assert_allclose(after[1], before[1], atol=1e-6)
 
 
 def test_kinds_that_keep_to_themselves_are_not_changed_by_mixing(rng):
-    states = kinds(rng)
-    copies = [array.copy() for array in states]
-    motion.mix(states[0], np.eye(3), *states[1:])
-    for array, copy in zip(states, copies, strict=True):
-        np.testing.assert_allclose(array, copy, rtol=1e-12, atol=1e-15)
+    modes = drawn_modes(rng)
+    before = modes.copy()
+    motion.mix(modes, np.eye(3))
+    for name in MODE.names:
+        np.testing.assert_allclose(modes[name], before[name], rtol=1e-12, atol=1e-15)

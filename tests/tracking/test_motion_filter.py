@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 from tests.helpers import random_rotations
 from tests.helpers.consistency import FACTORS, consistent, nees
 from tracker.geometry import so3
-from tracker.tracking.filter import MotionFilter
-from tracker.tracking.motion import CONSTANT
+from tracker.tracking.motion import CONSTANT, MotionFilter
 
 DT = 0.1
 NOISE = np.diag(np.repeat(np.square([0.5e-3, np.radians(0.5)]), 3))
@@ -39,10 +38,10 @@ def path(velocity, spin, seconds, start=None):
 
 def surprise(filtered, position, rotation, noise):
     """Squared Mahalanobis distance of a measurement from the likeliest kind's prediction."""
-    best = np.argmax(filtered.weights)
-    turned = so3.log(rotation @ filtered.rotations[best].T)
-    innovation = np.concatenate([position - filtered.positions[best], turned])
-    spread = filtered.covariances[best][:6, :6] + (1 - CONSTANT) * noise
+    best = np.argmax(filtered.modes["weight"])
+    turned = so3.log(rotation @ filtered.modes["rotation"][best].T)
+    innovation = np.concatenate([position - filtered.modes["position"][best], turned])
+    spread = filtered.modes["covariance"][best][:6, :6] + (1 - CONSTANT) * noise
     return innovation @ np.linalg.solve(spread, innovation)
 
 
@@ -53,23 +52,23 @@ def test_a_measurement_moves_each_kind_as_kalmans_equations_say(rng):
     position, rotation = moved(np.zeros(3), np.eye(3), drawn(rng, 4 * NOISE))
     after = filtered.updated(position, rotation, noise)
     likelihoods = []
-    for k, covariance in enumerate(filtered.covariances):
-        turned = so3.log(rotation @ filtered.rotations[k].T)
-        innovation = np.concatenate([position - filtered.positions[k], turned])
+    for before, mode in zip(filtered.modes, after.modes, strict=True):
+        turned = so3.log(rotation @ before["rotation"].T)
+        innovation, covariance = np.concatenate([position - before["position"], turned]), before["covariance"]
         spread = covariance[:6, :6] + (1 - CONSTANT) * noise
         gain = np.linalg.solve(spread, covariance[:6]).T
         error = gain @ innovation
-        np.testing.assert_allclose(after.positions[k], filtered.positions[k] + error[:3], atol=1e-12)
-        expected = so3.exp(error[3:6]) @ filtered.rotations[k]
-        np.testing.assert_allclose(after.rotations[k], expected, atol=1e-12)
-        np.testing.assert_allclose(after.velocities[k], filtered.velocities[k] + error[6:], atol=1e-12)
-        np.testing.assert_allclose(after.covariances[k], covariance - gain @ spread @ gain.T, atol=1e-12)
-        np.testing.assert_array_equal(after.covariances[k], after.covariances[k].T)
+        np.testing.assert_allclose(mode["position"], before["position"] + error[:3], atol=1e-12)
+        expected = so3.exp(error[3:6]) @ before["rotation"]
+        np.testing.assert_allclose(mode["rotation"], expected, atol=1e-12)
+        np.testing.assert_allclose(mode["velocity"], before["velocity"] + error[6:], atol=1e-12)
+        np.testing.assert_allclose(mode["covariance"], covariance - gain @ spread @ gain.T, atol=1e-12)
+        np.testing.assert_array_equal(mode["covariance"], mode["covariance"].T)
         distance = innovation @ np.linalg.solve(spread, innovation)
         likelihoods.append(-0.5 * (distance + np.linalg.slogdet(spread)[1]))
-    weights = filtered.weights * np.exp(likelihoods - np.max(likelihoods))
+    weights = filtered.modes["weight"] * np.exp(likelihoods - np.max(likelihoods))
     weights = np.maximum(weights / weights.sum(), 1e-6)
-    np.testing.assert_allclose(after.weights, weights / weights.sum(), rtol=1e-9)
+    np.testing.assert_allclose(after.modes["weight"], weights / weights.sum(), rtol=1e-9)
 
 
 def run(poses, rng, noise=NOISE, constant=True, dt=DT):
@@ -143,7 +142,7 @@ def test_covariance_stays_symmetric_and_positive_and_weights_stay_probabilities(
         assert (scale > 0).all()
         assert np.linalg.eigvalsh(state.covariance / np.outer(scale, scale))[0] > -1e-9
         assert np.linalg.eigvalsh(state.covariance[:6, :6])[0] > 0
-        weights = filtered.weights
+        weights = filtered.modes["weight"]
         assert (weights > 0).all()
         assert weights.sum() == pytest.approx(1.0)
         assert 0 <= state.at_rest <= 1

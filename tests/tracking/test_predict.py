@@ -10,8 +10,7 @@ from tests.helpers.pushed_cube import DT, MODEL, bits, image_of, new, off, play,
 from tracker.errors import TrackerError
 from tracker.geometry import so3
 from tracker.tracking.belief import TrackingOptions
-from tracker.tracking.filter import LIKELY
-from tracker.tracking.motion import KINDS
+from tracker.tracking.motion import KINDS, LIKELY
 
 FRAMES = 10
 SPEED = np.array([0.25, 0.20, 0.0])

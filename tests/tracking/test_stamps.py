@@ -8,12 +8,13 @@ import pytest
 from tests.helpers.pushed_cube import DT, HEIGHT, image_of, new, off, play, within
 from tracker.errors import TrackerError
 from tracker.geometry import so3
+from tracker.inputs import check_stamps
 from tracker.pipeline import Status
-from tracker.tracking.gate import Gate
-from tracker.tracking.stamps import check_stamps
+from tracker.tracking.follow import Gate
 
 DELAYS = np.array([0.03, 0.015, 0.0])
 STEP = 0.04
+NAMES = ("left", "middle", "right")
 
 
 @pytest.fixture(scope="module")
@@ -36,20 +37,29 @@ def one_after_another(rig, speed, count):
 
 
 def test_one_stamp_is_that_of_all():
-    assert check_stamps(1.5, [True, False]).latest == 1.5
-    assert not check_stamps(1.5, [True, False]).delays.any()
-    assert check_stamps(np.float32(2.0), [False, False]).latest == 2.0
+    assert check_stamps(1.5, [True, False, True], NAMES).latest == 1.5
+    assert not check_stamps(1.5, [True, False, True], NAMES).delays.any()
+    assert check_stamps(np.float32(2.0), [False] * 3, NAMES).latest == 2.0
+
+
+def test_stamps_go_by_the_cameras_names_too():
+    by_name = {"right": 1.25, "left": 1.0, "middle": 1.5}
+    stamps = check_stamps(by_name, [True] * 3, NAMES)
+    assert stamps.latest == 1.5
+    np.testing.assert_allclose(stamps.delays, [0.5, 0.0, 0.25])
+    with pytest.raises(TrackerError, match="unknown 'top'; missing right"):
+        check_stamps({"left": 1.0, "middle": 1.0, "top": 1.0}, [True] * 3, NAMES)
 
 
 def test_the_latest_picture_counts_and_others_are_older():
-    stamps = check_stamps([1.0, 1.5, 1.25], [True, True, True])
+    stamps = check_stamps([1.0, 1.5, 1.25], [True, True, True], NAMES)
     assert stamps.latest == 1.5
     np.testing.assert_allclose(stamps.delays, [0.5, 0.0, 0.25])
 
 
 @pytest.mark.parametrize("strange", [np.nan, np.inf, -np.inf, 7.0, -7.0])
 def test_stamps_of_cameras_without_a_picture_do_not_count(strange):
-    stamps = check_stamps([1.0, strange, 1.25], [True, False, True])
+    stamps = check_stamps([1.0, strange, 1.25], [True, False, True], NAMES)
     assert stamps.latest == 1.25
     np.testing.assert_allclose(stamps.delays, [0.25, 0.0, 0.0])
 
@@ -57,17 +67,34 @@ def test_stamps_of_cameras_without_a_picture_do_not_count(strange):
 @pytest.mark.parametrize(
     ("given", "says"),
     [
-        ("now", "'now', expected seconds"),
+        ("now", "'now', expected finite numbers of seconds"),
+        ("1.5", "'1.5', expected finite numbers of seconds"),
         (None, "expected"),
+        (True, "expected"),
+        (1j, "expected"),
+        (10**400, "a whole number above 10.18, expected finite"),
+        ([10**400, 1.0, 1.0], "expected finite"),
+        ((10**5000,) * 3, "found a tuple, expected finite"),
+        (np.datetime64("2026-05-04T03:02:01", "ns"), "datetime64.*astype"),
+        (np.timedelta64(3, "s"), "expected finite"),
+        (1_770_000_000_000_000_000, "nanoseconds"),
+        ([1.77e18, 1.77e18, 1.77e18], "nanoseconds"),
+        (1.77e12, "nanoseconds"),
         ([1.0, 2.0], "2 stamps, expected one, or one for each of 3"),
         ([[1.0, 2.0, 3.0]], r"shape \(1, 3\)"),
         ([1.0, np.nan, 3.0], "finite"),
-        ([1.0, [2.0], 3.0], "expected seconds"),
+        ([1.0, [2.0], 3.0], "expected finite numbers of seconds"),
     ],
 )
 def test_wrong_stamps_are_named(rig, film, given, says):
     with pytest.raises(TrackerError, match=says):
         new(rig).update(film[0], given)
+
+
+@pytest.mark.parametrize("given", ["x", None, np.nan, 10**400, 1.77e18, np.datetime64("now"), [1.0], {}])
+def test_moments_that_are_none_are_not_predicted(rig, given):
+    with pytest.raises(TrackerError, match="timestamp: found"):
+        new(rig).predict(given)
 
 
 @pytest.mark.parametrize("speed", [0.1, 0.5, 1.0])

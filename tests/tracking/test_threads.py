@@ -91,14 +91,14 @@ class Held:
 
     def __init__(self, one, monkeypatch):
         self.inside, self.go_on = threading.Event(), threading.Event()
-        measure = one._measure
+        measure = one._follow._measure
 
         def held(*arguments):
             self.inside.set()
             assert self.go_on.wait(60)
             return measure(*arguments)
 
-        monkeypatch.setattr(one, "_measure", held)
+        monkeypatch.setattr(one._follow, "_measure", held)
 
     def __enter__(self):
         assert self.inside.wait(60)

@@ -270,7 +270,7 @@ def test_one_camera_that_is_left_gives_a_pose_near_the_truth_or_none(rig, film, 
 
 
 def test_a_jump_that_is_not_believed_yet_gives_no_pose(rig, film, away):
-    never = tracker.ObjectTracker(MODEL, rig, tracking=TrackingOptions(sure=2.0))
+    never = tracker.ObjectTracker(MODEL, rig, tracking=TrackingOptions(jump_confidence=2.0))
     play(never, film[:4], dt=0.02)
     answers = play(never, away, start=0.08, dt=0.02)
     assert [one.status for one in answers] == [Status.COASTING, Status.REFOUND, Status.TRACKING]

@@ -13,9 +13,9 @@ from tests.helpers.command import assert_one_line_error
 from tests.helpers.filmed import RIG
 from tests.helpers.pose_logs import random_poses
 from tests.helpers.recording_stubs import write_log
+from tracker.calibration.by_object.health import QUANTITIES, Sample
 from tracker.pose.result import Observation, Status
 from tracker.poses.file import write_poses
-from tracker.upkeep.health import QUANTITIES, Sample
 from tracker.viz import rerun_viewer
 
 needs_rerun = pytest.mark.skipif(importlib.util.find_spec("rerun") is None, reason="rerun: no module rerun")

@@ -24,8 +24,7 @@ from tracker.errors import ImageError, TrackerError
 from tracker.geometry import so3
 from tracker.poses.builder import PosesBuilder
 from tracker.viz import paint, write_trajectory_plot
-from tracker.viz.plots import STATUS_COLORS
-from tracker.viz.trajectory import angle_std, angles
+from tracker.viz.trajectory import STATUS_COLORS, angle_std, angles
 
 pytest.importorskip("matplotlib", reason="plot: no module matplotlib")
 

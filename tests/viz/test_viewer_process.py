@@ -17,7 +17,7 @@ import tracker
 from tests.helpers.filmed import RIG
 from tests.helpers.needs import lack
 from tracker.pose.result import Observation, Status
-from tracker.viz import viewer_process
+from tracker.viz import rerun_viewer as viewer_process
 from tracker.viz.rerun_viewer import open_scene
 
 if importlib.util.find_spec("rerun") is None:

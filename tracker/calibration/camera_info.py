@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from tracker.calibration.platform_files import MAX_ROTATION_DEVIATION
+from tracker.calibration.files.platform import MAX_ROTATION_DEVIATION
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray
 from tracker.errors import CalibrationError, LogError

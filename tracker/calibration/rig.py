@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import dataclasses
 import os
-import re
 from collections.abc import Iterable, Iterator
-from fnmatch import fnmatchcase
 from pathlib import Path
+from typing import Any
 
-from tracker.calibration.arena_file import read_arena, write_arena
-from tracker.calibration.platform_files import read_camera, write_camera
-from tracker.errors import CalibrationError
+import numpy as np
+
+from tracker.calibration.files.arena import read_arena, write_arena
+from tracker.calibration.files.folder import calibration_files, camera_order, refuse_variants
+from tracker.calibration.files.platform import read_camera, write_camera
+from tracker.checks import of_kind, path_of
+from tracker.errors import CalibrationError, shown
 from tracker.geometry.arena import Arena
 from tracker.geometry.camera import Camera
+
+FILES = "cameras' files, or their folder"
+"""What a rig is loaded from, in messages."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -21,7 +27,7 @@ class CameraRig:
     """One or more cameras with different names; images are given in the order of `cameras`.
 
     Raises:
-        CalibrationError: there is no camera, or two have the same name.
+        CalibrationError: there is no camera, something is none, or two have the same name.
     """
 
     cameras: tuple[Camera, ...]
@@ -30,15 +36,32 @@ class CameraRig:
     """Where the object may be, and where the table is."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "cameras", tuple(self.cameras))
+        given: Any = self.cameras
+        alone = not isinstance(given, Iterable) or isinstance(given, str | np.ndarray)
+        cameras = (given,) if alone else tuple(given)
+        strange = [one for one in cameras if not isinstance(one, Camera)]
+        if strange:
+            found = shown(strange[0])
+            raise CalibrationError(
+                f"camera rig: found {found}, expected tracker.Cameras (CameraRig.load reads files)"
+            )
+        object.__setattr__(self, "cameras", cameras)
         if not self.cameras:
             raise CalibrationError("camera rig: found no camera, expected at least one")
-        if not isinstance(self.arena, Arena):
-            raise CalibrationError(f"camera rig: arena: found {self.arena!r}, expected a tracker.Arena")
+        of_kind(self.arena, Arena, "camera rig: arena", CalibrationError)
         names = [camera.name for camera in self.cameras]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise CalibrationError(f"camera rig: found {twice[0]} twice, expected different names")
+
+    def __repr__(self) -> str:
+        sizes = {f"{camera.width}×{camera.height}" for camera in self.cameras}
+        of_all = f" of {sizes.pop()} px" if len(sizes) == 1 else ""
+        cameras = ", ".join(
+            camera.name if of_all else f"{camera.name} of {camera.width}×{camera.height} px"
+            for camera in self.cameras
+        )
+        return f"CameraRig({cameras}{of_all}; {self.arena})"
 
     def __len__(self) -> int:
         return len(self.cameras)
@@ -70,16 +93,22 @@ class CameraRig:
                 is looked for beside files that are all in one folder; without it the arena is the default.
             pattern: which files of the folder to load, e.g. `*_cropped.yml`; by default every .yml and
                 .yaml file with `camera` in its name.
-            correct_halved_principal_point: see `platform_files.read_camera`.
+            correct_halved_principal_point: see `files.platform.read_camera`.
 
         Raises:
             CalibrationError: a file is missing or malformed, the folder has no calibration file, or
                 several of the same camera (the message says how to select).
         """
+        of_kind(correct_halved_principal_point, bool, "correct_halved_principal_point", CalibrationError)
+        if pattern is not None and not isinstance(pattern, str):
+            raise CalibrationError(f"pattern: found {shown(pattern)}, expected a text, e.g. '*_cropped.yml'")
         if not isinstance(path, (str, os.PathLike)):
-            return cls._of_files([Path(item) for item in path], correct_halved_principal_point)
-        root = Path(path)
-        if not root.is_dir():
+            alone = not isinstance(path, Iterable) or isinstance(path, bytes | np.ndarray)
+            items: Any = [path] if alone else path
+            files = [path_of(item, "camera rig", CalibrationError, FILES) for item in items]
+            return cls._of_files(files, correct_halved_principal_point)
+        root = path_of(path, "camera rig", CalibrationError, FILES)
+        if not os.path.isdir(root):
             return cls._of_files([root], correct_halved_principal_point)
         files = calibration_files(root, pattern)
         cameras = {file: _read(file, correct_halved_principal_point) for file in files}
@@ -100,16 +129,14 @@ class CameraRig:
         removed.
 
         Raises:
-            CalibrationError: a name cannot be a file's, or a file cannot be written.
+            CalibrationError: a file cannot be written.
         """
-        root = Path(folder)
-        for name in self.names:
-            if not re.fullmatch(r"[\w-][\w.-]*", name):
-                raise CalibrationError(f"{name!r}: as a file's name expected letters, digits, '_', '-', '.'")
         try:
+            root = Path(folder)
             root.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise CalibrationError(f"{root}: cannot be made a folder: {error.strerror or error}") from error
+        except (OSError, TypeError, ValueError) as error:  # ValueError: a null byte in the path
+            why = error.strerror if isinstance(error, OSError) else error
+            raise CalibrationError(f"{shown(folder)}: cannot be made a folder: {why}") from error
         for camera in self.cameras:
             stem = camera.name if "camera" in camera.name else f"camera_{camera.name}"
             write_camera(camera, root / f"{stem}.yml")
@@ -124,53 +151,3 @@ class CameraRig:
 
 def _read(path: Path, correct_halved_principal_point: bool) -> Camera:
     return read_camera(path, correct_halved_principal_point=correct_halved_principal_point)
-
-
-def calibration_files(root: Path, pattern: str | None) -> list[Path]:
-    """A folder's calibration files, or those whose names match; CalibrationError where there is none."""
-    names = sorted(file.name for file in root.iterdir() if file.is_file())
-    if pattern is None:
-        files = [
-            name for name in names if re.fullmatch(r"[^.].*\.ya?ml|[^.]\.ya?ml", name) and "camera" in name
-        ]
-        wanted = "a file like camera60.yml"
-    else:
-        files = [name for name in names if fnmatchcase(name, pattern)]
-        wanted = f"a file that matches {pattern!r}"
-    if not files:
-        found = ", ".join(names[:12]) or "no files"
-        raise CalibrationError(f"{root}: found {found}, expected {wanted}")
-    return [root / name for name in files]
-
-
-def camera_order(camera_name: str, file_name: str) -> tuple[float, str, str]:
-    """Sorting key: the number in the camera's name, else in the file's; without one, last."""
-    number = re.search(r"\d+", camera_name) or re.search(r"camera\D*(\d+)", file_name)
-    digits = number.group(number.lastindex or 0) if number else ""
-    return (float(digits) if digits else float("inf"), camera_name, file_name)
-
-
-def refuse_variants(root: Path, camera_of_file: dict[str, str]) -> None:
-    """Raise where several files hold the same camera, naming the patterns that tell them apart."""
-    names = list(camera_of_file.values())
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if not twice:
-        return
-    same = sorted(file for file, name in camera_of_file.items() if name == twice[0])
-    patterns = sorted({_pattern(file, camera_of_file) for file in camera_of_file} - {""})
-    how = f'CameraRig.load(folder, pattern="{patterns[0]}"), or ' if patterns else ""
-    variants = f"; variants: {', '.join(patterns)}" if patterns else ""
-    raise CalibrationError(
-        f"{root}: found {len(same)} files of {twice[0]} ({', '.join(same)}), expected one of each camera"
-        f"{variants}; select with {how}CameraRig.load([file, ...])"
-    )
-
-
-def _pattern(file: str, camera_of_file: dict[str, str]) -> str:
-    """A pattern that selects the variant of `file`, one file per camera; empty where there is none."""
-    for star in ("*", "*[0-9]"):
-        pattern = re.sub(r"(camera\D*?)\d+", rf"\g<1>{star}", file, count=1)
-        chosen = [name for other, name in camera_of_file.items() if fnmatchcase(other, pattern)]
-        if pattern != file and len(chosen) == len(set(chosen)):
-            return pattern
-    return ""

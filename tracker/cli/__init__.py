@@ -1,7 +1,6 @@
 """The command line: parse, call, print.
 
-Errors are one line on stderr that starts with `tracker: `, and exit code 2; an interrupt, and
-being asked to end, with 130.
+Errors are one line on stderr that starts with `tracker: `; EXIT_CODES says what each code means.
 Commands import what they need when they run, so that `--help` answers at once.
 """
 
@@ -22,7 +21,6 @@ from tracker.cli import (
     batch,
     calibrate,
     colors,
-    convert,
     demo,
     detect,
     dice,
@@ -34,9 +32,19 @@ from tracker.cli import (
     track,
     view,
 )
-from tracker.cli.signals import ended_by_signals
-from tracker.errors import TrackerError, reason
+from tracker.cli.signals import ended_by_signals, exit_code
+from tracker.errors import NotBetterError, TrackerError, reason
 from tracker.version import version
+
+EXIT_CODES = {
+    0: "done",
+    1: "no: not found (with --exit-code), does not fit, not better than before, something is wrong",
+    2: "an error: usage, input, a recording that failed or could not be written, no image of any camera",
+    129: "ended by SIGHUP, as where the terminal is closed",
+    130: "interrupted, by Ctrl-C",
+    143: "ended by SIGTERM",
+}
+"""What the exit codes of all commands mean."""
 
 _COMPLETE = "_TRACKER_COMPLETE"
 """Environment variable of click's shell completion."""
@@ -60,6 +68,7 @@ class _InTheirOrder(click.Group):
     cls=_InTheirOrder,
     no_args_is_help=False,  # that would be an error of many lines
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    epilog="\b\nExit codes:\n" + "\n".join(f"  {code:<4} {what}" for code, what in EXIT_CODES.items()),
 )
 @click.option(
     "--version",
@@ -72,7 +81,7 @@ class _InTheirOrder(click.Group):
 def commands() -> None:
     """Find the pose of coloured objects in the images of calibrated cameras.
 
-    Begin with `tracker demo`. Errors go to stderr in one line, with exit code 2.
+    Begin with `tracker demo`. Errors go to stderr in one line.
     """
 
 
@@ -84,7 +93,7 @@ commands.add_command(live.live)
 commands.add_command(batch.batch)
 commands.add_command(info.info)
 commands.add_command(export.export)
-commands.add_command(convert.convert)
+commands.add_command(export.convert)
 commands.add_command(dice.dice)
 commands.add_command(score.score)
 commands.add_command(calibrate.calibrate)
@@ -113,16 +122,18 @@ def _run(arguments: list[str]) -> int:
         return 0
     except click.exceptions.Exit as stop:
         return stop.exit_code
-    except (KeyboardInterrupt, click.Abort):
-        return _fail("interrupted", code=130)
+    except (KeyboardInterrupt, click.Abort) as stop:
+        return _fail("interrupted", code=exit_code(stop))
     except BrokenPipeError:
         _drop_output_that_cannot_be_written()
-        return 1  # and not a word: who reads our output has enough
+        return 2  # and not a word: who reads our output has enough
     except click.UsageError as error:
         where = error.ctx.command_path if error.ctx else "tracker"
         return _fail(f"{error.format_message()} (see {where} --help)")
     except click.ClickException as error:
         return _fail(error.format_message())
+    except NotBetterError as error:
+        return _fail(str(error), code=1)
     except TrackerError as error:
         return _fail(str(error))
     except OSError as error:

@@ -12,50 +12,50 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tracker.cli.calibration import Cameras, calibration_options
-from tracker.cli.names import colors_option, object_option
-from tracker.cli.part import part_options, refuse_no_part
-from tracker.cli.protect import refuse_file
-from tracker.cli.table import listing
+from tracker.cli.options import (
+    Cameras,
+    calibration_options,
+    colors_option,
+    json_option,
+    object_option,
+    part_options,
+    quiet_option,
+    recover_option,
+)
+from tracker.cli.outputs import refuse_file
+from tracker.cli.render import listing
 from tracker.errors import LogError
 
 if TYPE_CHECKING:
-    from tracker.recordings.many.batch import Batch, Told
-    from tracker.recordings.many.tables import State
+    from tracker.batch.run import Batch, Told
+    from tracker.batch.tables import State
 
 _FOLDER = click.Path(path_type=Path)
 
 
-class _WithParts(click.Command):
-    """A command that another one takes the place of if its name comes first."""
-
-    def make_context(
-        self, info_name: str | None, args: list[str], parent: click.Context | None = None, **extra: Any
-    ) -> click.Context:
-        """See click.Command."""
-        if args and args[0] in _PARTS:
-            return _PARTS[args[0]].make_context(f"{info_name} {args[0]}", args[1:], parent, **extra)
-        return super().make_context(info_name, args, parent, **extra)
+@click.group(no_args_is_help=False)
+def batch() -> None:
+    """Find an object's pose in thousands of recordings, and tell how far that is."""
 
 
-@click.command(cls=_WithParts)
+@batch.command()
 @click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...")
 @object_option()
 @click.option("-o", "--output", required=True, metavar="DIR", type=_FOLDER, help="Folder of the results.")
 @calibration_options
 @colors_option()
 @part_options
-@click.option("--recover", is_flag=True, help="Leave out what is damaged of a recording.")
+@recover_option
 @click.option(
-    "--workers", metavar="N", type=click.IntRange(1), help="Processes here.  [default: one for each core]"
+    "--jobs", metavar="N", type=click.IntRange(1), help="Processes here.  [default: one for each core]"
 )
 @click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler, whose workers do it instead.")
 @click.option("--htcondor", is_flag=True, help="Submit what is missing to HTCondor.")
 @click.option("--slurm", is_flag=True, help="Submit what is missing to Slurm.")
 @click.option("--dry-run", is_flag=True, help="Print what --htcondor or --slurm would submit.")
 @click.option("--csv", "as_csv", is_flag=True, help="Write the table as CSV, too.")
-@click.option("-q", "--quiet", is_flag=True, help="No progress, and no summary.")
-def batch(
+@quiet_option("No progress, and no summary.")
+def run(
     recordings: tuple[str, ...],
     object_name: str,
     output: Path,
@@ -64,7 +64,7 @@ def batch(
     first: int,
     last: int | None,
     recover: bool,
-    workers: int | None,
+    jobs: int | None,
     scheduler: str | None,
     htcondor: bool,
     slurm: bool,
@@ -79,16 +79,15 @@ def batch(
     DIR/failures.json, with the reason.
 
     The same command again does what is missing, changed or damaged, and nothing else, whatever ended the run
-    before. `tracker batch status DIR` tells how far it is, also of what HTCondor or Slurm are doing. The work
-    is shared by Dask: python3 -m pip install '.[cluster]'. docs/batch.md tells more.
+    before. `tracker batch status DIR` tells how far it is, also of what HTCondor or Slurm are doing. The
+    table is a Parquet file, and --scheduler works, with python3 -m pip install '.[cluster]'. docs/batch.md
+    tells more.
     """
+    from tracker.batch.run import Batch
     from tracker.recordings import Options
-    from tracker.recordings.many.batch import Batch
 
-    refuse_no_part(first, last)
-    cameras.refuse_pattern_alone()
     refuse_file("-o", output)
-    engines = {"--workers": workers, "--scheduler": scheduler, "--htcondor": htcondor, "--slurm": slurm}
+    engines = {"--jobs": jobs, "--scheduler": scheduler, "--htcondor": htcondor, "--slurm": slurm}
     chosen = [name for name, value in engines.items() if value]
     if len(chosen) > 1:
         raise click.UsageError(f"found {' and '.join(chosen)}, expected one of them")
@@ -104,25 +103,25 @@ def batch(
     if htcondor or slurm:
         _submit(wanted, "htcondor" if htcondor else "slurm", dry_run, quiet)
     else:
-        _run(wanted, workers, scheduler, as_csv, quiet)
+        _run(wanted, jobs, scheduler, as_csv, quiet)
 
 
-def _run(wanted: Batch, workers: int | None, scheduler: str | None, as_csv: bool, quiet: bool) -> None:
+def _run(wanted: Batch, jobs: int | None, scheduler: str | None, as_csv: bool, quiet: bool) -> None:
+    from tracker.batch.results import FAILURES
+    from tracker.batch.run import only_run, run_batch, write_batch
+    from tracker.batch.tables import state, write_tables
+    from tracker.batch.workers import cores, dask_workers, processes
     from tracker.recordings import Recipe
-    from tracker.recordings.many.batch import only_run, run_batch, write_batch
-    from tracker.recordings.many.engine import Cluster, cores
-    from tracker.recordings.many.results import FAILURES
-    from tracker.recordings.many.tables import state, write_tables
 
     Recipe.of(wanted.options)  # what is wrong with it is told before anything begins
-    count = min(workers or cores(), len(wanted.pairs))
+    count = min(jobs or cores(), len(wanted.pairs))
     failures: dict[str, str] = {}
     fault = None
-    with only_run(wanted.folder):
+    with only_run(wanted):
         write_batch(wanted)
         try:
             with _progress(len(wanted.pairs), quiet, failures) as told:
-                run_batch(wanted, lambda: Cluster(count, scheduler), told)
+                run_batch(wanted, lambda: dask_workers(scheduler) if scheduler else processes(count), told)
         except BaseException:
             with suppress(LogError):  # what ended the run is what is told
                 write_tables(wanted, state(wanted, failures), as_csv=as_csv)
@@ -145,10 +144,11 @@ def _run(wanted: Batch, workers: int | None, scheduler: str | None, as_csv: bool
 
 
 def _submit(wanted: Batch, scheduler: Any, dry_run: bool, quiet: bool) -> None:
+    from tracker.batch.jobs import describe
+    from tracker.batch.run import only_run, unfinished, write_batch
+    from tracker.batch.task import agreed
     from tracker.recordings import Recipe
-    from tracker.recordings.many.batch import only_run, unfinished, write_batch
-    from tracker.recordings.many.schedulers import compile_kernels, describe
-    from tracker.recordings.many.work import agreed
+    from tracker.warm_up import warm_up
 
     recipe = Recipe.of(wanted.options)
     tasks = list(unfinished(wanted.tasks(agreed(recipe)), recipe, lambda: None))
@@ -160,10 +160,10 @@ def _submit(wanted: Batch, scheduler: Any, dry_run: bool, quiet: bool) -> None:
     if dry_run:
         click.echo(f"# {description.path}\n{description.text}", nl=False)
         return
-    with only_run(wanted.folder):
+    with only_run(wanted):
         write_batch(wanted)
         description.write()
-        compile_kernels(wanted.folder)
+        warm_up()  # once, not in each job
         said = description.submit()
     if not quiet:
         click.echo(
@@ -171,15 +171,18 @@ def _submit(wanted: Batch, scheduler: Any, dry_run: bool, quiet: bool) -> None:
         )
 
 
-@click.command()
+@batch.command()
 @click.argument("folder", metavar="DIR", type=_FOLDER)
 @click.option("--write", is_flag=True, help="Write the table and the failures as they are now.")
 @click.option("--csv", "as_csv", is_flag=True, help="Write the table as CSV, too.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@json_option
 def status(folder: Path, write: bool, as_csv: bool, as_json: bool) -> None:
-    """Tell how far the recordings of a folder of results are, whoever works on them."""
-    from tracker.recordings.many.batch import read_batch
-    from tracker.recordings.many.tables import state, write_tables
+    """Tell how far a batch is, whoever works on it.
+
+    DIR is the folder of its results.
+    """
+    from tracker.batch.run import read_batch
+    from tracker.batch.tables import state, write_tables
 
     wanted = read_batch(folder)
     found = state(wanted)
@@ -193,20 +196,17 @@ def status(folder: Path, write: bool, as_csv: bool, as_json: bool) -> None:
         click.echo(_text(found))
 
 
-@click.command()
+@batch.command(hidden=True)
 @click.argument("list_path", metavar="LIST", type=_FOLDER)
 @click.argument("number", metavar="N", type=int)
-def work(list_path: Path, number: int) -> None:
+def share(list_path: Path, number: int) -> None:
     """Do the Nth job of a LIST; what jobs of HTCondor and Slurm run."""
-    from tracker.recordings.many.schedulers import work as do
+    from tracker.batch.jobs import do_share
 
-    failed = do(list_path, number)
+    failed = do_share(list_path, number)
     if failed:
         click.echo(f"tracker: {failed} recordings failed", err=True)
         click.get_current_context().exit(2)
-
-
-_PARTS = {"status": status, "work": work}
 
 
 @contextmanager
@@ -215,7 +215,7 @@ def _progress(total: int, quiet: bool, failures: dict[str, str]) -> Iterator[Tol
 
     That line is there if stderr is a terminal.
     """
-    from tracker.recordings.many.batch import Pace
+    from tracker.batch.run import Pace
 
     pace = Pace(total, began=time.monotonic())
 
@@ -242,7 +242,7 @@ def _progress(total: int, quiet: bool, failures: dict[str, str]) -> Iterator[Tol
 
 
 def _text(found: State) -> str:
-    from tracker.recordings.many.batch import duration
+    from tracker.batch.run import duration
 
     rows = [
         ["recordings", str(found.total)],

@@ -1,15 +1,41 @@
-"""`tracker calibrate`: calibrations made, mended and checked."""
+"""`tracker calibrate`: calibrations made, and mended and checked by recordings of a known object."""
 
 from __future__ import annotations
 
+import json
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
 import click
 
-from tracker.cli.calibrate_board import board
-from tracker.cli.calibrate_check import check
-from tracker.cli.calibrate_extrinsics import extrinsics
-from tracker.cli.calibrate_intrinsics import intrinsics
-from tracker.cli.calibrate_refine import refine_command
-from tracker.cli.calibrate_table import table_command
+from tracker.cli.board import board, intrinsics
+from tracker.cli.extrinsics import extrinsics
+from tracker.cli.options import (
+    Cameras,
+    calibration_options,
+    colors_option,
+    json_option,
+    load_rig,
+    object_option,
+    quiet_option,
+    recover_option,
+    rig_of,
+    together,
+)
+from tracker.cli.outputs import PICTURE, Command, OutFile, OutFolder, Recording
+from tracker.cli.pictures import NO_IMAGE, read_images
+from tracker.cli.render import bar, listing, table
+from tracker.errors import CalibrationError, ImageError, ObjectModelError
+
+if TYPE_CHECKING:
+    from tracker.calibration.by_object.refine import Refined
+    from tracker.calibration.by_object.sightings import Footage
+    from tracker.calibration.by_object.table import FoundTable
+    from tracker.calibration.rig import CameraRig
+    from tracker.objects.model import CuboidModel
 
 
 @click.group(no_args_is_help=False, short_help="Calibrate cameras; check and mend calibrations.")
@@ -24,6 +50,312 @@ def calibrate() -> None:
 calibrate.add_command(board)
 calibrate.add_command(intrinsics)
 calibrate.add_command(extrinsics)
-calibrate.add_command(refine_command)
-calibrate.add_command(table_command)
-calibrate.add_command(check)
+
+
+_inputs = together(
+    click.argument("inputs", nargs=-1, required=True, metavar="RECORDING|IMAGE...", type=Recording(str)),
+    object_option(),
+)
+_output = click.option(
+    "-o",
+    "--output",
+    required=True,
+    metavar="DIR",
+    type=OutFolder(new=True),
+    help="Folder of the calibration that is found, a new or an empty one.",
+)
+_reading = together(
+    calibration_options,
+    colors_option(),
+    click.option(
+        "--stills",
+        is_flag=True,
+        help="Frames of folders are no films: each was taken by itself, at any moment.",
+    ),
+    recover_option,
+    quiet_option(),
+)
+
+
+@contextmanager
+def opened(
+    inputs: Sequence[str],
+    cameras: Cameras,
+    stills: bool,
+    recover: bool,
+) -> Iterator[tuple[CameraRig, list[Footage], int]]:
+    """The rig, what it filmed, and how many frames that is; recordings are open within the `with` block.
+
+    Args:
+        inputs: recordings, and pictures, those of one moment one after the other.
+        cameras: as for `load_rig`; without a calibration the first recording's own is taken.
+        stills: frames of recordings are no films.
+        recover: damaged frames are left out.
+
+    Raises:
+        TrackerError: something cannot be read, or the cameras are not the same all over.
+    """
+    from tracker.calibration.by_object.sightings import Film, Stills
+    from tracker.logs import open_log
+
+    pictures = [path for path in inputs if path == NO_IMAGE or Path(path).suffix.lower() in PICTURE]
+    rig = load_rig(cameras) if cameras.calibration else None
+    footage: list[Footage] = []
+    frames = 0
+    with ExitStack() as stack:
+        for path in inputs:
+            if path in pictures:
+                continue
+            log = stack.enter_context(open_log(path, recover=recover))
+            its = rig_of(Path(path), log, cameras)
+            _refuse_other(path, its, rig if rig is not None and footage else its)
+            rig = its
+            footage.append(Film(log, stills=stills))
+            frames += len(log)
+        if rig is None:
+            raise CalibrationError("images: found no calibration, expected --calibration")
+        if pictures:
+            rig, sets = _sets(pictures, rig, resize=cameras.resize_calibration and not footage)
+            footage.append(Stills(sets))
+            frames += len(sets)
+        yield rig, footage, frames
+
+
+def _sets(pictures: Sequence[str], rig: CameraRig, *, resize: bool) -> tuple[CameraRig, list[Any]]:
+    """The rig of the pictures' size, and pictures of one moment each."""
+    count = len(rig)
+    if len(pictures) % count:
+        raise ImageError(
+            f"images: found {len(pictures)}, expected a multiple of {count}: one for each of "
+            f"{', '.join(rig.names)} ('{NO_IMAGE}' where a camera gave none), moment by moment"
+        )
+    sets = []
+    for first in range(0, len(pictures), count):
+        rig, images = read_images(pictures[first : first + count], rig, resize=resize and not first)
+        sets.append(images)
+    return rig, sets
+
+
+def _refuse_other(path: str, its: CameraRig, rig: CameraRig) -> None:
+    """Raise where a recording's cameras are not those of the recordings before it."""
+    import numpy as np
+
+    for one, other in zip(its, rig, strict=False):
+        same = one.name == other.name and all(
+            np.array_equal(getattr(one, key), getattr(other, key))
+            for key in ("matrix", "distortion", "camera_from_world")
+        )
+        if not same:
+            raise CalibrationError(
+                f"{path}: found another calibration of {one.name} than that of the recordings before it, "
+                "expected the same, or --calibration"
+            )
+
+
+@calibrate.command(cls=Command)
+@_inputs
+@_reading
+@click.option(
+    "--plot",
+    metavar="FILE",
+    type=OutFile(*PICTURE),
+    help="Draw what each camera misses (.png, .jpg).",
+)
+@json_option
+def check(
+    inputs: tuple[str, ...],
+    object_name: str,
+    cameras: Cameras,
+    colors_name: str | None,
+    stills: bool,
+    recover: bool,
+    quiet: bool,
+    plot: Path | None,
+    as_json: bool,
+) -> None:
+    """Say whether a calibration fits RECORDINGs, or IMAGEs moment by moment, of an object that is still.
+
+    Each camera by itself is held against the others. One that is not where its file says is named, with
+    the motion that reconciles it. What all cameras share cannot be seen so: a calibration whose whole
+    world is moved fits.
+
+    Beside what is seen stands what the deviations in the calibration's files let expect, and what they leave
+    open of one camera's depth.
+
+    Exit code 1: it does not fit. Twenty frames or more, with the object in many places, tell most.
+    """
+    from tracker.calibration.by_object.check import check as look
+    from tracker.cli.check_report import plain, stated, text
+    from tracker.objects.model import load_object
+    from tracker.segmentation.color_model import load_colors
+
+    focal_std, halved = stated(inputs, cameras)
+    model = load_object(object_name)
+    colors = load_colors(colors_name or model.colors)
+    with (
+        opened(inputs, cameras, stills, recover) as (rig, footage, frames),
+        bar("frames", frames, quiet) as progress,
+    ):
+        found = look(model, footage, rig, colors, progress, focal_std)
+    warnings = [*found.warnings, *halved]
+    if plot is not None:
+        from tracker.viz.calibration_pictures import check_picture
+        from tracker.viz.image_files import write_image
+
+        write_image(plot, check_picture(found, rig))
+    if as_json:
+        click.echo(json.dumps(plain(found, warnings), allow_nan=False))
+    elif not quiet:
+        click.echo(text(found, warnings))
+    if not found.fits:
+        click.get_current_context().exit(1)
+
+
+@calibrate.command("refine", cls=Command)
+@_inputs
+@_output
+@_reading
+@click.option("--focal", is_flag=True, help="Focal lengths and principal points may be wrong, too.")
+@click.option(
+    "--frames",
+    "most",
+    metavar="N",
+    type=click.IntRange(18, 1000),
+    default=90,
+    show_default=True,
+    help="Frames that are used, in different poses; a third of them judges.",
+)
+def refine_command(
+    inputs: tuple[str, ...],
+    object_name: str,
+    output: Path,
+    cameras: Cameras,
+    colors_name: str | None,
+    stills: bool,
+    recover: bool,
+    quiet: bool,
+    focal: bool,
+    most: int,
+) -> None:
+    """Find how the cameras stand to each other in RECORDINGs of an object that moves, or in many IMAGEs.
+
+    The edges of the object in all frames together say it, if the object is seen all over the arena and in
+    many orientations. A third of the frames only judges: where they are fitted no better, nothing is
+    written, and the exit code is 1.
+
+    Edges cannot tell where the world is: x, y and yaw stay as the old cameras have them on the average,
+    and z and tilt, too, unless the object rests in five places or more (see `table`).
+
+    Beside the cameras' files, object.toml holds the object with the rim that was found: by how much its
+    colours end inside the nominal edges. It then stands wherever --object does.
+    """
+    from tracker.calibration.by_object.refine import refine_cameras
+    from tracker.objects.model import load_object
+    from tracker.segmentation.color_model import load_colors
+
+    model = load_object(object_name)
+    colors = load_colors(colors_name or model.colors)
+    given = opened(inputs, cameras, stills, recover)
+    with given as (rig, footage, frames), bar("frames", frames, quiet) as progress:
+        found = refine_cameras(model, footage, rig, colors, focal=focal, most=most, progress=progress)
+    found.rig.save(output)
+    save_object(model, found.rim, output / "object.toml")
+    if not quiet:
+        click.echo(_refined(found, focal, output))
+
+
+def save_object(model: CuboidModel, rim: tuple[float, float], path: Path) -> None:
+    """Write an object with another rim and its deviation [m]."""
+    from tracker.files import told_as, write_whole
+    from tracker.objects.model import to_toml
+
+    colors = str(Path(model.colors).resolve()) if Path(model.colors).is_file() else model.colors
+    with told_as(ObjectModelError, path):
+        write_whole(path, to_toml(replace(model, colors=colors, rim=max(rim[0], 0.0), rim_std=rim[1])))
+
+
+def _refined(found: Refined, focal: bool, output: Path) -> str:
+    import numpy as np
+
+    rows = [["against the mean", "moved [mm]", "±", "turned [°]", "±", *(["focal", "center [px]"] * focal)]]
+    for camera, moved, std, lens in zip(found.rig, found.moved, found.std, found.lenses, strict=True):
+        shift, turn = 1e3 * np.linalg.norm(moved[:3]), np.degrees(np.linalg.norm(moved[3:]))
+        spread = 1e3 * np.sqrt(np.square(std[:3]).mean()), np.degrees(np.sqrt(np.square(std[3:]).mean()))
+        row = [camera.name, f"{shift:.2f}", f"{spread[0]:.2f}", f"{turn:.3f}", f"{spread[1]:.3f}"]
+        if focal:
+            row += [f"{np.expm1(lens[0]):+.2%}", f"{lens[1]:+.2f}, {lens[2]:+.2f}"]
+        rows.append(row)
+    unknown = "x, y and yaw of the world"
+    if found.plane is None:
+        unknown += ", z and tilt (the object hardly rested: `tracker calibrate table` finds them)"
+    if not focal:
+        unknown += "; lenses (see --focal)"
+    told = [
+        ["before", f"{found.before:.3f} px, offset of edges in frames that did not teach"],
+        ["after", f"{found.after:.3f} px"],
+        ["rim", f"{1e3 * found.rim[0]:.2f} ± {1e3 * found.rim[1]:.2f} mm, of the object's edges"],
+        ["frames", str(found.frames)],
+        ["as before", unknown],
+        ["calibration", str(output)],
+        ["object", f"{output / 'object.toml'}, with that rim"],
+    ]
+    return f"{table(rows)}\n\n{listing(told)}"
+
+
+@calibrate.command("table", cls=Command)
+@_inputs
+@_output
+@_reading
+def table_command(
+    inputs: tuple[str, ...],
+    object_name: str,
+    output: Path,
+    cameras: Cameras,
+    colors_name: str | None,
+    stills: bool,
+    recover: bool,
+    quiet: bool,
+) -> None:
+    """Find the table in RECORDINGs, or in IMAGEs moment by moment, of an object that rests on it.
+
+    Written is the calibration in a world whose z = 0 is the table (x, y and yaw stay as they were), and
+    an arena.toml that says how well the table is known.
+
+    The object must rest in five places or more, spread over the table, on whichever face, and be seen by
+    two cameras or more. It may be held, lifted and carried in between.
+    """
+    from tracker.calibration.by_object.table import find_table, refuse_one_camera
+    from tracker.objects.model import load_object
+    from tracker.segmentation.color_model import load_colors
+
+    model = load_object(object_name)
+    colors = load_colors(colors_name or model.colors)
+    with opened(inputs, cameras, stills, recover) as (rig, footage, frames):
+        refuse_one_camera(rig)
+        with bar("frames", frames, quiet) as progress:
+            found = find_table(model, footage, rig, colors, progress)
+    found.rig.save(output)
+    if not quiet:
+        click.echo(_table_found(found, output))
+
+
+def _table_found(found: FoundTable, output: Path) -> str:
+    import numpy as np
+
+    plane = found.plane
+    used, still, (height, tilt) = np.count_nonzero(plane.used > 0.5), len(plane.used), plane.std
+    slopes = np.degrees(np.arctan(plane.slope))
+    rows = [
+        [
+            "at rest",
+            f"in {used} places of {still} where it was still; seen in {found.shots} frames",
+        ],
+        [
+            "height [mm]",
+            f"{1e3 * plane.height:+.2f} ± {1e3 * height:.2f}, of the table in the old world",
+        ],
+        ["tilt [°]", f"{slopes[0]:+.2f} along x, {slopes[1]:+.2f} along y, ± {np.degrees(tilt):.2f}"],
+        ["scatter [mm]", f"{1e3 * plane.scatter:.2f}, of objects at rest over the table"],
+        ["calibration", str(output)],
+    ]
+    return listing(rows)

@@ -2,30 +2,122 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from importlib.util import find_spec
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from tracker.cli import learn
-from tracker.cli.color_report import print_report
-from tracker.cli.colors_file import check_colors_file, save_colors
-from tracker.cli.read_images import silent_libraries
-from tracker.cli.table import table
-from tracker.errors import ImageError, install
+from tracker.cli.outputs import Command, InFile, OutFile, Recording, save_colors
+from tracker.cli.pictures import silent_libraries
+from tracker.cli.render import table
+from tracker.errors import ImageError
 
 if TYPE_CHECKING:
-    from tracker.conventions import Image
+    from tracker.conventions import Array, FloatArray, Image
     from tracker.segmentation.color_model import ColorModel
+    from tracker.segmentation.hues import Paints
     from tracker.segmentation.labelled import LabelledImage
 
-_folders = click.argument("folders", nargs=-1, required=True, metavar="FOLDER...")
+WEAK = 0.9
+"""Share of a colour's pixels that are found below which it is weak."""
+
+FALSE = 0.1
+"""Share of the pixels found in a colour that are of no such face above which it is weak, too."""
+
+
+def print_report(counts: Array, paints: Paints) -> None:
+    """Print what a confusion (7, 7) and the faces' colours tell."""
+    _print_confusion(counts)
+    _print_weak(counts)
+    _print_near(paints)
+
+
+def _print_confusion(counts: Array) -> None:
+    from tracker.objects.labels import COLOR_NAMES
+
+    rows = [["of the pixels of", *COLOR_NAMES[1:], "none"]]
+    for label in [*range(1, len(COLOR_NAMES)), 0]:
+        row = counts[label]
+        if not row.sum():
+            continue
+        shares = [*row[1:], row[0]] / row.sum()
+        rows.append([COLOR_NAMES[label], *(f"{share:.2%}" if share else "-" for share in shares)])
+    click.echo(f"\nfound as\n{table(rows)}")
+
+
+def _print_weak(counts: Array) -> None:
+    """Colours whose pixels are not found, or whose name others get."""
+    from tracker.objects.labels import COLOR_NAMES
+
+    click.echo()
+    weak = False
+    for label in range(1, len(COLOR_NAMES)):
+        row, column = counts[label].astype(float), counts[:, label].astype(float)
+        if not row.sum():
+            continue
+        found = row[label] / row.sum()
+        if found < WEAK:
+            row[label] = 0
+            taken = COLOR_NAMES[int(row.argmax())]
+            click.echo(
+                f"weak: {COLOR_NAMES[label]}, of which {found:.0%} is found; most of the rest as {taken}"
+            )
+            weak = True
+        false = 1 - column[label] / column.sum() if column.sum() else 0.0
+        if false > FALSE:
+            column[label] = 0
+            of = COLOR_NAMES[int(column.argmax())]
+            click.echo(f"weak: {COLOR_NAMES[label]}; {false:.0%} of what is found as it is none, mostly {of}")
+            weak = True
+    if not weak:
+        click.echo("no colour is weak")
+
+
+def _print_near(paints: Paints) -> None:
+    """How far apart the colours are, and which would be farther."""
+    from tracker.objects.labels import COLOR_NAMES
+    from tracker.segmentation.hues import LIGHT, NEAR, better_set, distances
+
+    means = paints.means()
+    far = distances(means)
+    rows = [["distance to", *(COLOR_NAMES[label] for label in means), "the light"]]
+    for a in means:
+        cells = [f"{far[min(a, b), max(a, b)]:.1f}" if a != b else "-" for b in means]
+        rows.append([COLOR_NAMES[a], *cells, f"{far[LIGHT, a]:.1f}"])
+    blue, green, red = (100 * paints.light).round().astype(int).tolist()
+    click.echo(f"\nin standard deviations of what light, shade and camera do to a colour\n{table(rows)}")
+    click.echo(f"the light: red {red} %, green {green} %, blue {blue} %")
+    for (a, b), value in sorted(far.items(), key=lambda item: item[1]):
+        if value < NEAR:
+            other = "the light, which is that of all that is grey" if a == LIGHT else COLOR_NAMES[a]
+            click.echo(f"near: {COLOR_NAMES[b]} and {other}, {value:.1f}")
+    better = better_set(means)
+    gain = f"nearest {min(far.values()):.1f} -> {min(distances(better).values()):.1f}"
+    click.echo(f"\na better set of colours, {gain}; red, green, blue where the picture's greys are at 115")
+    click.echo(table(_set_rows(means, better)))
+
+
+def _set_rows(means: Mapping[int, FloatArray], better: Mapping[int, FloatArray]) -> Sequence[Sequence[str]]:
+    from tracker.objects.labels import COLOR_NAMES
+
+    def told(color: FloatArray) -> str:
+        return " ".join(f"{round(level):3d}" for level in color[::-1].tolist())
+
+    rows = [["", "now", "better"]]
+    for label, mean in means.items():
+        same = bool((mean == better[label]).all())
+        rows.append([COLOR_NAMES[label], told(mean), "stays" if same else told(better[label])])
+    return rows
+
+
+_folders = click.argument("folders", nargs=-1, required=True, metavar="FOLDER...", type=Recording(str))
 _others = click.option(
     "--others",
     multiple=True,
     metavar="FOLDER",
+    type=InFile(str),
     help="Labelled images of other objects, which help a little; repeatable.",
 )
 _rendered = click.option(
@@ -52,17 +144,23 @@ colors.add_command(learn.adapt)
 colors.add_command(learn.new)
 
 
-@colors.command()
+@colors.command(cls=Command)
 @_folders
 @click.option("--name", metavar="NAME", help="Name of the model.  [default: that of the file]")
-@click.option("-o", "--output", metavar="FILE", help="The model's file (.npz).  [default: NAME.npz]")
+@click.option(
+    "-o",
+    "--output",
+    metavar="FILE",
+    type=OutFile(".npz"),
+    help="The model's file (.npz).  [default: NAME.npz]",
+)
 @_others
 @_rendered
 @_seed
 def fit(
     folders: tuple[str, ...],
     name: str | None,
-    output: str | None,
+    output: Path | None,
     others: tuple[str, ...],
     rendered: bool,
     seed: int,
@@ -74,26 +172,32 @@ def fit(
     if output is None:
         if name is None:
             raise click.UsageError("found neither --name nor -o, expected one of them")
-        output = f"{name}.npz"
-    target = Path(output)
-    check_colors_file(target)
+        output = Path(f"{name}.npz")
+        OutFile(".npz").check("--name", output)
     images = _read(folders)
-    model = _fitter(images, _read(others), rendered, seed)(range(len(images)), name or target.stem)
-    save_colors(model, target)
+    model = _fitter(images, _read(others), rendered, seed)(range(len(images)), name or output.stem)
+    save_colors(model, output)
     _print_counts(images)
-    click.echo(f"\n{model.name}: written to {target}")
+    click.echo(f"\n{model.name}: written to {output}")
 
 
-@colors.command()
+@colors.command(cls=Command)
 @_folders
 @click.option(
-    "--colors", "colors_name", metavar="NAME", help="Measure this colour model, or that of this file."
+    "--colors",
+    "colors_name",
+    metavar="NAME",
+    type=InFile(str),
+    help="Measure this colour model, or that of this file.",
 )
 @click.option(
     "--cross-validate", is_flag=True, help="Measure a fit: on each image, fitted to all the others."
 )
 @click.option(
-    "--plot", metavar="FILE", help="Draw what is taken for what, and how near the colours are (.png)."
+    "--plot",
+    metavar="FILE",
+    type=OutFile(".png", extra="plot"),
+    help="Draw what is taken for what, and how near the colours are (.png).",
 )
 @_others
 @_rendered
@@ -102,7 +206,7 @@ def check(
     folders: tuple[str, ...],
     colors_name: str | None,
     cross_validate: bool,
-    plot: str | None,
+    plot: Path | None,
     others: tuple[str, ...],
     rendered: bool,
     seed: int,
@@ -122,7 +226,6 @@ def check(
         raise click.UsageError("expected either --colors NAME or --cross-validate")
     if not cross_validate and (others or rendered):
         raise click.UsageError("--others and --rendered are for --cross-validate")
-    target = _plot_target(plot, folders)
     if colors_name is not None:
         model = load_colors(colors_name)
         images = _read(folders)
@@ -135,32 +238,16 @@ def check(
         fitted = _fitter(images, _read(others), rendered, seed)
         rest = [[k for k in range(len(images)) if k != left] for left in range(len(images))]
         models = [fitted(chosen, "fitted") for chosen in rest]
-    _report(images, models, target, colors_name or "cross-validated")
-
-
-def _plot_target(plot: str | None, folders: Sequence[str]) -> Path | None:
-    """Where the plot goes, refused at once if it cannot."""
-    if plot is None:
-        return None
-    target = Path(plot)
-    if target.suffix.lower() != ".png":
-        raise click.UsageError(f"--plot {target}: found suffix {target.suffix!r}, expected .png")
-    if find_spec("matplotlib") is None:
-        raise click.ClickException(f"--plot needs the package matplotlib: {install('plot')}")
-    if not target.parent.is_dir():
-        raise click.UsageError(f"--plot {target}: there is no folder {target.parent}")
-    if any(Path(folder).is_dir() and target.parent.samefile(folder) for folder in folders):
-        raise click.UsageError(f"--plot {target}: found a folder of labelled images, expected another")
-    return target
+    _report(images, models, plot, colors_name or "cross-validated")
 
 
 def _report(
     images: Sequence[LabelledImage], models: Sequence[ColorModel], plot: Path | None, name: str
 ) -> None:
     """Measure each image by its model, print and draw."""
-    from tracker.segmentation.confusion import confusion
+    from tracker.segmentation.hues import better_set, paints
+    from tracker.segmentation.labelled import confusion
     from tracker.segmentation.labels import segment
-    from tracker.segmentation.separation import better_set, paints
 
     found = [segment(one.image, model) for one, model in zip(images, models, strict=True)]
     _print_overlaps(images, found)
@@ -214,7 +301,7 @@ def _print_counts(images: Sequence[LabelledImage]) -> None:
 def _print_overlaps(images: Sequence[LabelledImage], found: Sequence[Image]) -> None:
     """Intersection over union of each image and colour, and the means."""
     from tracker.objects.labels import COLOR_NAMES
-    from tracker.segmentation.fit import intersection_over_union
+    from tracker.segmentation.labelled import intersection_over_union
 
     labels = range(1, len(COLOR_NAMES))
     overlaps = [

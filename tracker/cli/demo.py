@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import shutil
+import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from tracker.cli.table import listing
+from tracker.cli.outputs import Command, OutFolder
+from tracker.cli.render import listing
 from tracker.errors import TrackerError
+from tracker.files import told_as
 
 if TYPE_CHECKING:
     from tracker.conventions import FloatArray
@@ -18,11 +23,11 @@ if TYPE_CHECKING:
 DATA = Path(__file__).parents[1] / "demo"
 
 
-@click.command(short_help="Find a cube in a recording that comes with the package.")
+@click.command(cls=Command, short_help="Find a cube in a recording that comes with the package.")
 @click.option(
     "-o",
     "--output",
-    type=click.Path(path_type=Path),
+    type=OutFolder(),
     default="tracker-demo",
     show_default=True,
     metavar="DIR",
@@ -32,7 +37,8 @@ def demo(output: Path) -> None:
     """Find a cube in a recording that comes with the package, and compare with the truth.
 
     Two seconds of the simulated platform, three cameras at 10 Hz. DIR is made: it holds the recording, its
-    calibration, and overlay.png, the first pictures with the pose drawn in.
+    calibration, and overlay.png, the first pictures with the pose drawn in; where the command is broken off,
+    there is none.
     """
     import numpy as np
 
@@ -43,10 +49,9 @@ def demo(output: Path) -> None:
 
     if output.exists():
         raise TrackerError(f"{output}: exists; expected a new folder, as by --output")
-    shutil.copytree(DATA, output)
-    told = json.loads((output / "truth.json").read_text(encoding="utf-8"))
+    told = json.loads((DATA / "truth.json").read_text(encoding="utf-8"))
     model = load_object(told["object"])
-    with open_log(output) as log:
+    with _made_whole(output) as folder, open_log(shutil.copytree(DATA, folder)) as log:
         if log.rig is None:
             raise TrackerError(f"{output}: found no calibration in the recording")
         tracker = ObjectTracker(model, log.rig)
@@ -55,7 +60,7 @@ def demo(output: Path) -> None:
         for frame, truth in zip(log, told["poses"], strict=True):
             if not errors:
                 still = tracker.detect(frame.images)
-                viz.write_image(output / "overlay.png", viz.overlay(frame.images, log.rig, model, still))
+                viz.write_image(folder / "overlay.png", viz.overlay(frame.images, log.rig, model, still))
             observation = tracker.update(frame.images, frame.timestamp)
             pose = observation.filtered_object_pose
             errors.append([np.nan] * 2 if pose is None else _error(pose.world_from_object, truth))
@@ -73,6 +78,18 @@ def demo(output: Path) -> None:
     click.echo("\nnext:")
     click.echo(f"  tracker detect --object {model.name} {output} --frame 7")
     click.echo(f"  tracker track {output} --object {model.name} -o poses.h5 --csv poses.csv")
+
+
+@contextlib.contextmanager
+def _made_whole(folder: Path) -> Iterator[Path]:
+    """A temporary folder's path; what is there when the `with` block ends well becomes the folder."""
+    with told_as(TrackerError, folder):
+        beside = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", suffix=".tmp", dir=folder.parent))
+        try:
+            yield beside / folder.name
+            (beside / folder.name).rename(folder)
+        finally:
+            shutil.rmtree(beside, ignore_errors=True)
 
 
 def _error(found: FloatArray, truth: dict[str, list[float]]) -> list[float]:

@@ -3,29 +3,35 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from tracker.cli.calibration import Cameras, calibration_options
-from tracker.cli.names import colors_option, object_option
+from tracker.cli.options import Cameras, calibration_options, colors_option, json_option, object_option
+from tracker.cli.outputs import PICTURE, Command, OutFile, Recording
 from tracker.cli.pictures import frame_option
-from tracker.cli.swapped import warn_of_pictures
-from tracker.cli.table import listing
+from tracker.cli.render import listing
 
 if TYPE_CHECKING:
+    from tracker.conventions import Image
+    from tracker.pipeline import ObjectTracker
     from tracker.pose.result import Observation, PoseEstimate
 
 
-@click.command()
-@click.argument("images", nargs=-1, required=True, metavar="IMAGE...")
+@click.command(cls=Command)
+@click.argument("images", nargs=-1, required=True, metavar="IMAGE...", type=Recording(str))
 @object_option()
 @calibration_options
 @frame_option
 @colors_option()
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@json_option
 @click.option(
-    "--overlay", "overlay_path", metavar="FILE", help="Write the images with the pose drawn in (.png, .jpg)."
+    "--overlay",
+    metavar="FILE",
+    type=OutFile(*PICTURE),
+    help="Write the images with the pose drawn in (.png, .jpg).",
 )
 @click.option("--exit-code", "tell", is_flag=True, help="Exit with 1 where the object is not found.")
 def detect(
@@ -35,16 +41,16 @@ def detect(
     frame: int | None,
     colors_name: str | None,
     as_json: bool,
-    overlay_path: str | None,
+    overlay: Path | None,
     tell: bool,
 ) -> None:
     """Find an object's pose in one IMAGE of each camera.
 
     IMAGE is a picture file (.png, .jpg) of each camera; or one recording (.dat, .h5), or one folder of
     pictures, of which --frame is taken, with its own calibration unless one is given. Files that are named
-    after the cameras go to these; others come in the order of the cameras: in a folder of calibrations that
-    of the numbers in their names, else that of the files given. 'none' in place of an IMAGE: that camera
-    gave none.
+    after the cameras go to these, and names that contradict them are an error; files without such names
+    come in the order of the cameras: in a folder of calibrations that of the numbers in their names, else
+    that of the files given. 'none' in place of an IMAGE: that camera gave none.
 
     Pictures that fit only in another order of the cameras are told of; they are taken as they are given.
 
@@ -62,14 +68,26 @@ def detect(
     tracker = ObjectTracker(model, rig, colors)
     tracker.detect(pictures)  # loads the compiled code: the times printed are those of a running tracker
     observation = tracker.detect(pictures)
-    if overlay_path is not None:
+    if overlay is not None:
         from tracker import viz
 
-        viz.write_image(overlay_path, viz.overlay(pictures, rig, model, observation))
+        viz.write_image(overlay, viz.overlay(pictures, rig, model, observation))
     click.echo(_json(model.name, observation) if as_json else _text(model.name, observation))
-    warn_of_pictures(tracker, pictures, observation, rig.names)
+    _warn(tracker, pictures, observation, rig.names)
     if tell and observation.object_pose is None:
         raise click.exceptions.Exit(1)
+
+
+def _warn(
+    tracker: ObjectTracker, images: Sequence[Image | None], answer: Observation, names: Sequence[str]
+) -> None:
+    """Say so of one set of pictures, with what was found in it."""
+    from tracker.summaries.swapped import mistaken, swapped, told
+
+    order = swapped(tracker, images, answer)
+    said = mistaken(tracker, images, answer) if order is None else told(order, names)
+    if said is not None:
+        click.echo(f"tracker: warning: {said}", err=True)
 
 
 def _json(name: str, observation: Observation) -> str:

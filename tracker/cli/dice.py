@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tracker.cli.calibration import Cameras, calibration_options
-from tracker.cli.pictures import frame_option
-from tracker.cli.read_images import NO_IMAGE
-from tracker.cli.table import listing, table
+from tracker.cli.options import Cameras, calibration_options, json_option
+from tracker.cli.outputs import PICTURE, Command, InFile, OutFile, OutFolder, Recording
+from tracker.cli.pictures import NO_IMAGE, frame_option
+from tracker.cli.render import listing, table
 
 if TYPE_CHECKING:
     from tracker.calibration.rig import CameraRig
@@ -43,33 +43,37 @@ class _State:
         return None if self.errors is None else sum(value for value in self.errors if value is not None)
 
 
-@click.command(short_help="Find the dice in one IMAGE of each camera, and the error.")
-@click.argument("images", nargs=-1, required=True, metavar="IMAGE...")
+@click.command(cls=Command, short_help="Find the dice in one IMAGE of each camera, and the error.")
+@click.argument("images", nargs=-1, required=True, metavar="IMAGE...", type=Recording(str))
 @calibration_options
 @frame_option
 @click.option(
-    "--goal", "goal_path", metavar="FILE", help="The goal: JSON, or a pattern of 17 rows of characters."
+    "--goal",
+    "goal_path",
+    metavar="FILE",
+    type=InFile(),
+    help="The goal: JSON, or a pattern of 17 rows of characters.",
 )
 @click.option(
     "--exact", is_flag=True, help="Goal areas to the pixel, not cut to whole pixels as the platform's."
 )
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@json_option
 @click.option(
     "--overlay",
-    "overlay_path",
     metavar="FILE",
+    type=OutFile(*PICTURE),
     help="Write the images with dice and goal drawn in (.png, .jpg).",
 )
-@click.option("--masks", "masks_path", metavar="DIR", help="Write the masks of dice and goal (.png).")
+@click.option("--masks", metavar="DIR", type=OutFolder(), help="Write the masks of dice and goal (.png).")
 def dice(
     images: tuple[str, ...],
     cameras: Cameras,
     frame: int | None,
-    goal_path: str | None,
+    goal_path: Path | None,
     exact: bool,
     as_json: bool,
-    overlay_path: str | None,
-    masks_path: str | None,
+    overlay: Path | None,
+    masks: Path | None,
 ) -> None:
     """Find the dice in one IMAGE of each camera, and the task's error.
 
@@ -78,9 +82,9 @@ def dice(
 
     IMAGE is a picture file of each camera; or one recording, or one folder of pictures, of which --frame
     is taken, with its own calibration unless one is given. Files that are named after the cameras go to
-    these; others come in the order of the cameras: in a folder of calibrations that of the numbers in
-    their names, else that of the files given. 'none' in place of an IMAGE says that the camera gave none;
-    it then counts for nothing.
+    these, and names that contradict them are an error; files without such names come in the order of the
+    cameras: in a folder of calibrations that of the numbers in their names, else that of the files given.
+    'none' in place of an IMAGE says that the camera gave none; it then counts for nothing.
     """
     from tracker import viz
     from tracker.cli.pictures import one_set
@@ -92,9 +96,9 @@ def dice(
         rig, pictures, goal, exact
     )  # loads compiled code: the times printed are those of a running loop
     state = _evaluate(rig, pictures, goal, exact)
-    if masks_path is not None:
-        _write_masks(Path(masks_path), rig, state)
-    if overlay_path is not None:
+    if masks is not None:
+        _write_masks(masks, rig, state)
+    if overlay is not None:
         positions = [die.position for die in state.dice]
         picture = viz.dice_overlay(
             pictures,
@@ -104,7 +108,7 @@ def dice(
             positions=positions,
             assignment=state.assignment,
         )
-        viz.write_image(overlay_path, picture)
+        viz.write_image(overlay, picture)
     click.echo(_json(rig, state) if as_json else _text(rig, state))
 
 

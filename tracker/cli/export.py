@@ -1,4 +1,4 @@
-"""`tracker export`: files of poses in the formats of others, without tracking again."""
+"""`tracker export` and `tracker convert`: poses and recordings in other formats."""
 
 from __future__ import annotations
 
@@ -6,71 +6,128 @@ from pathlib import Path
 
 import click
 
-from tracker.cli.names import object_option
-from tracker.cli.progress import bar
-from tracker.cli.protect import check_suffix, refuse_overwriting
-from tracker.cli.track_outputs import Outputs, write_film
-
-_FILE = click.Path(path_type=Path)
-
-
-@click.command(short_help="Write poses as CSV, Parquet, TUM, BOP, film or plot.")
-@click.argument("source", metavar="POSES", type=_FILE)
-@click.option("--csv", metavar="FILE", type=_FILE, help="A table, one line a frame.")
-@click.option("--parquet", metavar="FILE", type=_FILE, help="The same in Parquet.")
-@click.option("--tum", metavar="FILE", type=_FILE, help="A trajectory in the TUM format.")
-@click.option("--bop", metavar="FILE", type=_FILE, help="BOP results of the --camera.")
-@click.option("--camera", metavar="NAME", help="Camera of the BOP results, e.g. camera60.")
-@click.option("--plot", metavar="FILE", type=_FILE, help="A plot of the poses over time (.png).")
-@click.option(
-    "--video", metavar="FILE", type=_FILE, help="A film with the pose drawn in (.mp4); needs --log."
+from tracker.cli.options import (
+    Cameras,
+    calibration_options,
+    object_option,
+    part_options,
+    quiet_option,
+    recover_option,
+    rig_of,
 )
-@click.option("--log", metavar="LOG", type=_FILE, help="The recording of the POSES, for its images.")
+from tracker.cli.outputs import Command, InFile, OutFile, Recording, refuse_overwriting, require_folder
+from tracker.cli.render import bar
+from tracker.cli.track_outputs import Outputs, output_options, write_film
+from tracker.errors import LogError
+
+
+@click.command(cls=Command, short_help="Write poses as CSV, Parquet, TUM, BOP, film or plot.")
+@click.argument("source", metavar="POSES", type=InFile())
+@output_options
+@click.option("--parquet", metavar="FILE", type=OutFile(".parquet", ".pq"), help="The table in Parquet.")
+@click.option("--keypoints", is_flag=True, help="Add the object's corners to --csv and --parquet.")
+@click.option(
+    "--log", metavar="LOG", type=Recording(), help="The recording of the POSES, for the images of --video."
+)
 @object_option("that of the POSES")
-@click.option("-q", "--quiet", is_flag=True, help="No progress bar.")
+@quiet_option("No progress bar.")
 def export(
     source: Path,
-    csv: Path | None,
+    outputs: Outputs,
     parquet: Path | None,
-    tum: Path | None,
-    bop: Path | None,
-    camera: str | None,
-    plot: Path | None,
-    video: Path | None,
+    keypoints: bool,
     log: Path | None,
     object_name: str | None,
     quiet: bool,
 ) -> None:
     """Write the poses of a file that `tracker track` made in other formats. Nothing is tracked."""
+    from tracker.objects.model import load_object
     from tracker.poses.file import read_poses
 
-    outputs = Outputs(csv, tum, bop, camera, video, plot)
-    files = {**outputs.files, **({"--parquet": parquet} if parquet else {})}
-    if not files:
+    video = outputs.video
+    if not outputs and parquet is None:
         raise click.UsageError(
             "found no file to write, expected --csv, --parquet, --tum, --bop, --plot or --video"
         )
     if (video is None) != (log is None):
         raise click.UsageError("--video and --log belong together: a film is made of the recording's images")
-    refuse_overwriting(files, (source, *([log] if log else [])))
-    outputs.check()
-    if parquet is not None:
-        check_suffix("--parquet", parquet, ".parquet", ".pq")
+    if keypoints and outputs.csv is None and parquet is None:
+        raise click.UsageError("--keypoints: found no table to add them to, expected --csv or --parquet")
     poses = read_poses(source)
     outputs.check_camera(poses.about.rig)
-    outputs.write(poses)
+    corners_of = load_object(object_name or poses.about.object_name) if keypoints else None
+    outputs.write(poses, corners_of)
     if parquet is not None:
         from tracker.poses.exports import write_parquet
 
-        write_parquet(parquet, poses)
+        write_parquet(parquet, poses, keypoints_of=corners_of)
     if video is not None and log is not None:
         from tracker.logs import open_log
         from tracker.logs.cameras import fitted_to
-        from tracker.objects.model import load_object
-        from tracker.recordings.outcome.origin import refuse_others
+        from tracker.summaries.origin import refuse_others
 
         model = load_object(object_name or poses.about.object_name)
         with open_log(log, recover=True) as opened, bar("film", len(poses), quiet) as progress:
             fitted_to(log, opened, poses.about.rig)
             refuse_others(source, poses, log, opened)
             write_film(video, opened, model, poses, progress)
+
+
+@click.command(cls=Command)
+@click.argument("source", metavar="LOG", type=Recording())
+@click.option(
+    "-o",
+    "--output",
+    required=True,
+    metavar="FILE|DIR",
+    type=click.Path(path_type=Path),
+    help="An HDF5 log (.h5), a film of all cameras side by side (.mp4), or a new folder of images.",
+)
+@calibration_options
+@part_options
+@recover_option
+@quiet_option("No progress bar.")
+def convert(
+    source: Path,
+    output: Path,
+    cameras: Cameras,
+    first: int,
+    last: int | None,
+    recover: bool,
+    quiet: bool,
+) -> None:
+    """Write a recording in another format.
+
+    An HDF5 log is one of the platform, version 2.1: raw pixels, stamps and poses are kept to the bit, and
+    the calibration goes into it; images in colour become the mosaic that such cameras would have recorded.
+    A folder of images (one for each camera, PNG) has the stamps as names, and the calibration in it.
+    """
+    from tracker.logs import open_log
+    from tracker.logs.convert import write_folder, write_hdf5
+    from tracker.viz.image_files import write_log_film
+
+    refuse_overwriting({"-o": output}, (source,), cameras.calibration)
+    suffix = output.suffix.lower()
+    if suffix not in (".h5", ".hdf5", ".mp4", ""):
+        raise click.UsageError(
+            f"-o {output}: found suffix {suffix!r}, expected .h5, .mp4, or none for a folder"
+        )
+    require_folder("-o", output, made=False)
+    if output.exists():
+        raise click.UsageError(f"-o {output}: there is one already, expected a new one")
+    with open_log(source, recover=recover) as log:
+        if first and first >= len(log):
+            raise LogError(
+                f"{source}: found {len(log)} frames, expected the first one wanted, {first}, below"
+            )
+        part = log[first:last]
+        with bar(source.name, len(part), quiet) as progress:
+            if suffix == ".mp4":
+                write_log_film(output, part, progress)
+            else:
+                rig = rig_of(source, log, cameras)
+                write = write_folder if not suffix else write_hdf5
+                write(output, part, rig, progress)
+        fault = log.fault
+    if fault is not None:
+        click.echo(f"tracker: warning: {fault}", err=True)

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tracker.cli.table import listing
+from tracker.cli.options import json_option
+from tracker.cli.render import listing
 
 if TYPE_CHECKING:
     from tracker.conventions import FloatArray
@@ -22,7 +23,7 @@ _GAP = 1.5
 @click.command()
 @click.argument("source", metavar="LOG|POSES", type=click.Path(path_type=Path))
 @click.option("--recover", is_flag=True, help="Leave out what is damaged of a recording, and tell of it.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@json_option
 def info(source: Path, recover: bool, as_json: bool) -> None:
     """Tell what is in a recording or in a file of poses.
 
@@ -59,7 +60,7 @@ def _of_log(path: Path, log: Log) -> dict[str, Any]:
         "frames": len(log),
         "readable": len(stamps),
         "cameras": list(log.camera_names),
-        "sizes": [f"{width}×{height}" for width, height in log.image_sizes],
+        "sizes_px": [list(size) for size in log.image_sizes],
         **_times(np.array(stamps)),
         "without_image": {name: count for name, count in without.items() if count},
         "recorded_poses": poses,
@@ -101,7 +102,7 @@ def _of_poses(poses: Poses) -> dict[str, Any]:
         "recorded_poses": 0 if recorded is None else int(recorded.has_pose.sum()),
         "statuses": dict(zip(names.tolist(), counts.tolist(), strict=True)),
         "cameras": list(poses.about.rig.names),
-        "sizes": [f"{camera.width}×{camera.height}" for camera in poses.about.rig],
+        "sizes_px": [[camera.width, camera.height] for camera in poses.about.rig],
         "fault": poses.about.fault or None,
     }
 
@@ -124,6 +125,8 @@ def _times(stamps: FloatArray) -> dict[str, Any]:
 
 def _shown(value: Any) -> str:
     if isinstance(value, list):
+        if value and isinstance(value[0], list):
+            return ", ".join("×".join(map(str, size)) for size in value)
         return ", ".join(map(str, value))
     if isinstance(value, dict):
         return ", ".join(f"{name} {_shown(one)}" for name, one in value.items()) or "none"

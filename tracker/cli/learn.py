@@ -8,25 +8,34 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from tracker.cli.calibration import Cameras, calibration_options, rig_of
-from tracker.cli.colors_file import check_colors_file, save_colors
-from tracker.cli.names import colors_option, object_option
-from tracker.cli.protect import refuse_overwriting
-from tracker.cli.table import listing, table
+from tracker.cli.options import (
+    Cameras,
+    Vector,
+    calibration_options,
+    colors_option,
+    object_option,
+    quiet_option,
+    recover_option,
+    rig_of,
+    together,
+)
+from tracker.cli.outputs import Command, InFile, OutFile, Recording, save_colors
+from tracker.cli.render import listing, table
 from tracker.errors import ColorModelError
 
 if TYPE_CHECKING:
-    from tracker.learning.adapt import Adapted
-    from tracker.learning.footage import Footage
+    from tracker.color_learning.adapt import Adapted
+    from tracker.color_learning.frames import Frames
     from tracker.objects.model import CuboidModel
     from tracker.segmentation.color_model import ColorModel
 
-_FILE = click.Path(path_type=Path)
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 
-_OPTIONS = (
-    click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...", type=_FILE),
-    click.option("-o", "--output", required=True, metavar="FILE", type=_FILE, help="Colour model (.npz)."),
+_learning_options = together(
+    click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...", type=Recording()),
+    click.option(
+        "-o", "--output", required=True, metavar="FILE", type=OutFile(".npz"), help="Colour model (.npz)."
+    ),
     calibration_options,
     click.option(
         "--frames",
@@ -42,18 +51,12 @@ _OPTIONS = (
     click.option(
         "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the fit's draws."
     ),
-    click.option("--recover", is_flag=True, help="Leave out what is damaged of a recording."),
-    click.option("-q", "--quiet", is_flag=True, help="Say nothing but errors."),
+    recover_option,
+    quiet_option(),
 )
 
 
-def _learning_options(command: _Command) -> _Command:
-    for option in reversed(_OPTIONS):
-        command = option(command)
-    return command
-
-
-@click.command()
+@click.command(cls=Command)
 @_learning_options
 @object_option()
 @colors_option("the one of these that explains most, to begin with")
@@ -72,15 +75,15 @@ def adapt(
     """Fit a colour model to RECORDINGs of a known object, without labels.
 
     Where poses are sure, they say what is a face. The colours fitted to that find more poses, round by
-    round; frames that did not teach decide whether they are better. If they are not, nothing is written.
+    round; frames that did not teach decide whether they are better. If they are not, nothing is written,
+    and the exit code is 1.
 
     Then give the file to `--colors` of other commands, or name it in the object's TOML file.
     """
-    from tracker.learning.start import nearest
+    from tracker.color_learning.models import nearest
     from tracker.objects.model import load_object
     from tracker.segmentation.color_model import load_colors
 
-    _check_output(output, recordings, [object_name, colors_name])
     model = load_object(object_name)
     start = load_colors(colors_name) if colors_name is not None else None
     footage = read_footage(recordings, cameras, frames, recover)
@@ -88,11 +91,17 @@ def adapt(
     write_colors(learned, output, quiet)
 
 
-@click.command()
+@click.command(cls=Command)
 @_learning_options
-@click.option("--size", metavar="'X Y Z'", help="Edge lengths along the object's axes [m].")
-@click.option("--faces", metavar="'+X=COLOUR ...'", help="Colour of each face, e.g. '+x=red -x=magenta ...'.")
-@click.option("--object", "object_name", metavar="FILE", help="The object's TOML file, if there is one.")
+@click.option("--size", metavar="X,Y,Z", type=Vector(3), help="Edge lengths along the object's axes [m].")
+@click.option("--faces", metavar="+X=COLOUR,...", help="Colour of each face, e.g. +x=red,-x=magenta,...")
+@click.option(
+    "--object",
+    "object_name",
+    metavar="FILE",
+    type=InFile(str),
+    help="The object's TOML file, if there is one.",
+)
 def new(
     recordings: tuple[Path, ...],
     output: Path,
@@ -102,7 +111,7 @@ def new(
     seed: int,
     recover: bool,
     quiet: bool,
-    size: str | None,
+    size: tuple[float, float, float] | None,
     faces: str | None,
     object_name: str | None,
 ) -> None:
@@ -112,11 +121,10 @@ def new(
     it writes the object's TOML file, unless --object gives one; its path then stands wherever an object's
     name does.
     """
+    from tracker.color_learning.models import from_names
     from tracker.files import write_whole
-    from tracker.learning.start import from_names
     from tracker.objects.model import load_object, to_toml
 
-    _check_output(output, recordings, [object_name])
     description = output.with_suffix(".toml")
     if object_name is not None and (size is not None or faces is not None):
         raise click.UsageError("found --object with --size or --faces, expected one or the other")
@@ -132,11 +140,11 @@ def new(
             click.echo(f"object   {description}")
 
 
-def described(output: Path, size: str | None, faces: str | None) -> CuboidModel:
+def described(output: Path, size: tuple[float, float, float] | None, faces: str | None) -> CuboidModel:
     """The object of the options --size and --faces, with the name and the colours of the output.
 
     Raises:
-        click.UsageError: an option is missing or cannot be read.
+        click.UsageError: an option is missing, or a face is given twice.
         ObjectModelError: it is no object.
     """
     import numpy as np
@@ -145,33 +153,21 @@ def described(output: Path, size: str | None, faces: str | None) -> CuboidModel:
 
     if size is None or faces is None:
         raise click.UsageError("expected --size and --faces, or --object")
-    try:
-        edges = [float(part) for part in size.replace(",", " ").split()]
-    except ValueError:
-        raise click.UsageError(
-            f"--size {size!r}: expected three numbers [m], e.g. '0.065 0.065 0.065'"
-        ) from None
-    pairs = [part.partition("=") for part in faces.replace(",", " ").split()]
+    pairs = [part.strip().partition("=") for part in faces.split(",")]
     doubled = sorted({face for face, _, _ in pairs if sum(face == other for other, _, _ in pairs) > 1})
     if doubled:
         raise click.UsageError(f"--faces: {doubled[0]} is given twice, expected each face once")
     labels = face_labels_of({face: color for face, _, color in pairs})
-    return CuboidModel(output.stem, np.array(edges), labels, output.name)
+    return CuboidModel(output.stem, np.array(size), labels, output.name)
 
 
-def _check_output(output: Path, recordings: tuple[Path, ...], inputs: Sequence[str | None]) -> None:
-    """Refuse an output that cannot be written, or would overwrite an input."""
-    check_colors_file(output)
-    refuse_overwriting({"-o": output}, recordings, inputs)
-
-
-def read_footage(recordings: Sequence[Path], cameras: Cameras, frames: int, recover: bool) -> list[Footage]:
+def read_footage(recordings: Sequence[Path], cameras: Cameras, frames: int, recover: bool) -> list[Frames]:
     """Frames of the recordings, about `frames` in all.
 
     Raises:
         TrackerError: a recording or its calibration cannot be read, or there are too few frames.
     """
-    from tracker.learning.footage import LEAST, footage, shares
+    from tracker.color_learning.frames import LEAST, frames_of, shares
     from tracker.logs import open_log
 
     lengths = []
@@ -181,7 +177,7 @@ def read_footage(recordings: Sequence[Path], cameras: Cameras, frames: int, reco
     result = []
     for path, count in zip(recordings, shares(lengths, frames), strict=True):
         with open_log(path, recover=recover) as log:
-            result.append(footage(log, rig_of(path, log, cameras), count))
+            result.append(frames_of(log, rig_of(path, log, cameras), count))
     found = sum(len(one.learned) + len(one.held_out) for one in result)
     if found < LEAST:
         raise ColorModelError(f"recordings: found {found} frames with images, expected at least {LEAST}")
@@ -190,7 +186,7 @@ def read_footage(recordings: Sequence[Path], cameras: Cameras, frames: int, reco
 
 def learn(
     model: CuboidModel,
-    footage: Sequence[Footage],
+    footage: Sequence[Frames],
     start: ColorModel,
     output: Path,
     rounds: int,
@@ -198,7 +194,7 @@ def learn(
     quiet: bool,
 ) -> Adapted:
     """What the frames teach; each round is told in a line."""
-    from tracker.learning.adapt import adapt as learn_colors
+    from tracker.color_learning.adapt import adapt as learn_colors
     from tracker.segmentation.fit import FitOptions
 
     say: Callable[[str], None] = (lambda _: None) if quiet else click.echo

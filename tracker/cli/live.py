@@ -4,57 +4,47 @@ from __future__ import annotations
 
 import contextlib
 import os
-import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from tracker.cli.calibration import Cameras, calibration_options, load_rig, rig_of
-from tracker.cli.live_check import check_cameras
-from tracker.cli.live_outputs import Outputs, Wanted, refuse_what_publishes_nothing
-from tracker.cli.live_told import Told
-from tracker.cli.names import colors_option, object_option
-from tracker.cli.swapped import Lookout
+from tracker.cli.live_outputs import (
+    LiveOutputs,
+    Lookout,
+    Told,
+    Wanted,
+    check_cameras,
+    output_options,
+)
+from tracker.cli.options import (
+    Cameras,
+    calibration_options,
+    colors_option,
+    load_rig,
+    object_option,
+    quiet_option,
+    rig_of,
+)
+from tracker.cli.outputs import Command, InFile, Recording
+from tracker.cli.signals import Ended
 from tracker.errors import LiveError
 
 if TYPE_CHECKING:
     from tracker.calibration.rig import CameraRig
-    from tracker.live import Live, Source
+    from tracker.live import ImageSource, Live
 
-_FILE = click.Path(path_type=Path)
 _ERRORS = 2  # OpenCV's LOG_LEVEL_ERROR
-_CAMERAS = ("pylon", "opencv")  # as tracker.live.opening has them, which is not imported for --help
+_CAMERAS = ("pylon", "opencv")  # as tracker.live.sources has them, which is not imported for --help
 
 
-@click.command()
-@click.argument("source", metavar="SOURCE")
+@click.command(cls=Command)
+@click.argument("source", metavar="SOURCE", type=Recording(str))
 @object_option()
 @calibration_options
 @colors_option()
-@click.option(
-    "--publish",
-    "addresses",
-    metavar="ADDRESS",
-    multiple=True,
-    help="Publish poses: tcp://127.0.0.1:5555 by ZeroMQ, lcm:// by LCM. May be given several times.",
-)
-@click.option("--public", is_flag=True, help="--publish to other machines, too.")
-@click.option(
-    "--body",
-    metavar="NAME",
-    help="What LCM's messages call the object.  [default: cube, of another shape cuboid]",
-)
-@click.option("--record", metavar="FILE", type=_FILE, help="Record images and poses (.h5).")
-@click.option("--view", is_flag=True, help="Show images and poses in the viewer Rerun.")
-@click.option("--rrd", metavar="FILE", type=_FILE, help="Write what --view shows into a file (.rrd).")
-@click.option(
-    "--page",
-    metavar="PORT",
-    type=click.IntRange(0, 65535),
-    help="Show images, pose and cameras in the browser of this machine, http://127.0.0.1:PORT.",
-)
+@output_options
 @click.option(
     "--seconds",
     metavar="S",
@@ -68,7 +58,7 @@ _CAMERAS = ("pylon", "opencv")  # as tracker.live.opening has them, which is not
     help="Sets of pictures per second, of cameras.  [default: 10]",
 )
 @click.option(
-    "--settings", metavar="FILE", type=_FILE, help="What pylon's cameras are set to (TOML, GenICam names)."
+    "--settings", metavar="FILE", type=InFile(), help="What pylon's cameras are set to (TOML, GenICam names)."
 )
 @click.option(
     "--speed",
@@ -79,26 +69,18 @@ _CAMERAS = ("pylon", "opencv")  # as tracker.live.opening has them, which is not
 @click.option(
     "--check", is_flag=True, help="Look at the cameras for ten seconds, and say what is wrong with them."
 )
-@click.option("--json", "as_json", is_flag=True, help="Print each message as it is published.")
-@click.option("-q", "--quiet", is_flag=True, help="Say nothing but errors.")
+@quiet_option()
 def live(
     source: str,
     object_name: str,
     cameras: Cameras,
     colors_name: str | None,
-    addresses: tuple[str, ...],
-    public: bool,
-    body: str | None,
-    record: Path | None,
-    view: bool,
-    rrd: Path | None,
-    page: int | None,
+    wanted: Wanted,
     seconds: float | None,
     rate: float | None,
     settings: Path | None,
     speed: float | None,
     check: bool,
-    as_json: bool,
     quiet: bool,
 ) -> None:
     """Track an object while cameras run.
@@ -126,12 +108,10 @@ def live(
     _refuse_options_of_others(
         kind, source, {"--rate": rate, "--settings": settings, "--speed": speed}, cameras
     )
-    cameras.refuse_pattern_alone()
-    refuse_what_publishes_nothing(addresses, public, body)
-    if check and (addresses or record or view or rrd or page is not None or as_json or quiet):
+    wanted.refuse_what_does_nothing()
+    if check and (wanted or quiet):
         raise click.UsageError("--check: tracks nothing, so there is nothing to publish, record or show")
-    if view and rrd:
-        raise click.UsageError("--view: found with --rrd, expected one or the other")
+    quiet = quiet or wanted.as_json
     model = load_object(object_name)
     colors = None if colors_name is None else load_colors(colors_name)
     given, rig = _source(source, kind, object_name, cameras, rate or 10.0, settings, speed or 1.0)
@@ -141,27 +121,31 @@ def live(
             check_cameras(given, rig, seconds)
         return
     told = Told()
-    wanted = Wanted(addresses, public, body, record, view, rrd, page, as_json)
     with contextlib.ExitStack() as stack:
-        stack.callback(given.close)  # where what follows fails; a second time it does nothing
-        outputs = Outputs(wanted, given, rig, model, colors, stack)
-        _draw(given, quiet or as_json)
+        unused = stack.enter_context(contextlib.ExitStack())
+        unused.callback(given.close)
+        outputs = LiveOutputs(wanted, given, rig, model, colors, stack)
+        _draw(given, quiet)
         listeners = [told.hear, *outputs.listeners]
         follower = stack.enter_context(Live(given, ObjectTracker(model, rig, colors), listeners=listeners))
+        unused.pop_all()  # it is closed by Live from here on
         outputs.know(follower)
         told.begin()
         lookout = Lookout(lambda: ObjectTracker(model, rig, colors), rig.names)
-        _follow(follower, seconds, outputs, lookout, None if as_json or quiet else told)
+        stopped = _follow(follower, seconds, outputs, lookout, None if quiet else told)
     outputs.tell()
     error = follower.error
     if error is not None:
         raise LiveError(f"{source}: {error}") from error
-    if not (quiet or as_json):
+    if not (quiet or isinstance(stopped, Ended)):
         left_out = getattr(given, "skipped", 0)
         click.echo(told.summary(left_out, [*follower.faults, *outputs.faults()], outputs.recorder))
-    failed = outputs.recorder is not None and outputs.recorder.fault is not None
-    if failed or told.only_faults:
-        sys.exit(1)
+    if told.only_faults:
+        raise LiveError(f"{source}: no camera ever gave an image")
+    if outputs.recorder is not None and outputs.recorder.fault is not None:
+        raise click.exceptions.Exit(2)
+    if stopped is not None:
+        raise stopped
 
 
 def _refuse_options_of_others(kind: str, source: str, given: dict[str, Any], cameras: Cameras) -> None:
@@ -191,9 +175,9 @@ def _source(
     rate: float,
     settings: Path | None,
     speed: float,
-) -> tuple[Source, CameraRig]:
+) -> tuple[ImageSource, CameraRig]:
     from tracker import live
-    from tracker.live.opening import FORMS
+    from tracker.live.sources import FORMS
     from tracker.logs import open_log
 
     if kind == "simulation":
@@ -218,7 +202,7 @@ def _hush_opencv() -> None:
         getattr(cv2.utils, "logging", cv2).setLogLevel(_ERRORS)  # in cv2 itself until OpenCV 5
 
 
-def _draw(source: Source, quiet: bool) -> None:
+def _draw(source: ImageSource, quiet: bool) -> None:
     """Have the simulation drawn, once all else is right; its time is not that of --seconds."""
     from tracker.live import Simulation
 
@@ -229,18 +213,25 @@ def _draw(source: Source, quiet: bool) -> None:
 
 
 def _follow(
-    follower: Live, seconds: float | None, outputs: Outputs, lookout: Lookout, told: Told | None
-) -> None:
-    """Wait for the end, and tell of what is found once a second, and of what fails at once."""
+    follower: Live, seconds: float | None, outputs: LiveOutputs, lookout: Lookout, told: Told | None
+) -> KeyboardInterrupt | None:
+    """Wait for the end, and tell of what is found once a second, and of what fails at once.
+
+    Returns:
+        The signal that ended it, None where it was another end.
+    """
     end = None if seconds is None else time.monotonic() + seconds
-    with contextlib.suppress(KeyboardInterrupt):
+    try:
         while follower.running:
             left = 1.0 if end is None else end - time.monotonic()
             if left <= 0:
-                return
+                break
             time.sleep(min(left, 0.1))
             outputs.tell()
             if (swapped := lookout.look(follower.latest())) is not None:
                 click.echo(f"tracker: warning: {swapped}", err=True)
             if told is not None and (line := told.due()):
                 click.echo(line)
+    except KeyboardInterrupt as stop:
+        return stop
+    return None

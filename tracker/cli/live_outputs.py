@@ -1,23 +1,31 @@
-"""What `tracker live` hands its poses to, beside the terminal."""
+"""What `tracker live` tells, and hands its poses to."""
 
 from __future__ import annotations
 
+import threading
+import time
+from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
+from tracker.cli.options import gathered
+from tracker.cli.outputs import OutFile
+from tracker.cli.render import listing, table
+
 if TYPE_CHECKING:
     from tracker.calibration.rig import CameraRig
-    from tracker.live import Live, Moment, Source
-    from tracker.live.page import Page
-    from tracker.live.publishing import Publisher
-    from tracker.live.recorder import Recorder
-    from tracker.live.rerun_view import RerunView
+    from tracker.live import ImageSource, Live, Moment
+    from tracker.live.camera_check import SetLooks
+    from tracker.live.listeners import Recorder, RerunView
+    from tracker.live.publishers import Publisher
+    from tracker.live.web_page import WebPage
     from tracker.objects.model import CuboidModel
+    from tracker.pipeline import ObjectTracker
     from tracker.segmentation.color_model import ColorModel
 
 
@@ -35,8 +43,58 @@ class Wanted:
     page: int | None
     as_json: bool
 
+    def __bool__(self) -> bool:
+        """Whether anything is asked for."""
+        shown = self.view or self.rrd or self.page is not None
+        return bool(self.addresses or self.record or shown or self.as_json)
 
-class Outputs:
+    def refuse_what_does_nothing(self) -> None:
+        """Refuse options that would do nothing without others, or beside them."""
+        from tracker.live.publishers import is_lcm
+
+        if self.public and not self.addresses:
+            raise click.UsageError("--public: expected with --publish")
+        if self.body is not None and not any(map(is_lcm, self.addresses)):
+            raise click.UsageError("--body: expected with --publish lcm://")
+        if self.view and self.rrd:
+            raise click.UsageError("--view: found with --rrd, expected one or the other")
+
+
+output_options = gathered(
+    "wanted",
+    Wanted,
+    click.option(
+        "--publish",
+        "addresses",
+        metavar="ADDRESS",
+        multiple=True,
+        help="Publish poses: tcp://127.0.0.1:5555 by ZeroMQ, lcm:// by LCM. May be given several times.",
+    ),
+    click.option("--public", is_flag=True, help="--publish to other machines, too."),
+    click.option(
+        "--body",
+        metavar="NAME",
+        help="What LCM's messages call the object.  [default: cube, of another shape cuboid]",
+    ),
+    click.option(
+        "--record", metavar="FILE", type=OutFile(".h5", ".hdf5"), help="Record images and poses (.h5)."
+    ),
+    click.option("--view", is_flag=True, help="Show images and poses in the viewer Rerun."),
+    click.option(
+        "--rrd", metavar="FILE", type=OutFile(".rrd"), help="Write what --view shows into a file (.rrd)."
+    ),
+    click.option(
+        "--page",
+        metavar="PORT",
+        type=click.IntRange(0, 65535),
+        help="Show images, pose and cameras in the browser of this machine, http://127.0.0.1:PORT.",
+    ),
+    click.option("--json", "as_json", is_flag=True, help="Print each message as it is published."),
+)
+"""Options of what it hands its poses to, see Wanted."""
+
+
+class LiveOutputs:
     """All of it, opened; `listeners` hear of each moment.
 
     Args:
@@ -54,7 +112,7 @@ class Outputs:
     def __init__(
         self,
         wanted: Wanted,
-        source: Source,
+        source: ImageSource,
         rig: CameraRig,
         model: CuboidModel,
         colors: ColorModel | None,
@@ -62,30 +120,32 @@ class Outputs:
     ) -> None:
         self.recorder: Recorder | None = None
         self.listeners: list[Callable[[Moment], None]] = []
-        self._page: Page | None = None
+        self._page: WebPage | None = None
         self._fallible: dict[Recorder | Publisher | RerunView, str] = {}
         self._told: set[Recorder | Publisher | RerunView] = set()
         if wanted.record is not None:
-            self.recorder = _recorder(wanted.record, rig, source)
+            from tracker.live.listeners import Recorder
+
+            self.recorder = Recorder(wanted.record, rig, lambda: getattr(source, "settings", ()))
             self._add(self.recorder, stack)
             self._fallible[self.recorder] = "the recording has ended: "
         for address in wanted.addresses:
-            from tracker.live.publishing import open_publisher
+            from tracker.live.publishers import open_publisher
 
             publisher = open_publisher(address, model, body=wanted.body, public=wanted.public)
             self._add(publisher, stack)
             self._fallible[publisher] = ""
         if wanted.view or wanted.rrd:
-            from tracker.live.rerun_view import RerunView
+            from tracker.live.listeners import RerunView
 
             shown = RerunView(wanted.rrd, rig, model)
             self._add(shown, stack)
             self._fallible[shown] = "the view has ended: "
         if wanted.page is not None:
-            from tracker.live.page import Page
+            from tracker.live.web_page import WebPage
             from tracker.pipeline import ObjectTracker
 
-            self._page = Page(wanted.page, ObjectTracker(model, rig, colors))
+            self._page = WebPage(wanted.page, ObjectTracker(model, rig, colors))
             self._add(self._page, stack)
             click.echo(f"page: {self._page.address}", err=True)
         if wanted.as_json:
@@ -108,30 +168,191 @@ class Outputs:
                 self._told.add(one)
                 click.echo(f"{what}{one.fault}", err=True)
 
-    def _add(self, output: Recorder | Publisher | RerunView | Page, stack: ExitStack) -> None:
+    def _add(self, output: Recorder | Publisher | RerunView | WebPage, stack: ExitStack) -> None:
         stack.callback(output.close)
         self.listeners.append(output)
 
 
-def refuse_what_publishes_nothing(addresses: Sequence[str], public: bool, body: str | None) -> None:
-    """Refuse options that would do nothing without an address."""
-    from tracker.live.publishing import is_lcm
-
-    if public and not addresses:
-        raise click.UsageError("--public: expected with --publish")
-    if body is not None and not any(map(is_lcm, addresses)):
-        raise click.UsageError("--body: expected with --publish lcm://")
-
-
-def _recorder(path: Path, rig: CameraRig, source: Source) -> Recorder:
-    from tracker.live.recorder import Recorder
-
-    if path.suffix.lower() not in (".h5", ".hdf5"):
-        raise click.UsageError(f"--record {path}: found suffix {path.suffix!r}, expected .h5")
-    return Recorder(path, rig, lambda: getattr(source, "settings", ()))
-
-
 def _print(moment: Moment) -> None:
-    from tracker.live.message import message_of
+    from tracker.live.publishers.zeromq import message_of
 
     click.echo(message_of(moment).decode())
+
+
+_LATENCIES = 100_000
+"""Latencies that are kept for percentiles."""
+
+_NEVER = "never found: is it this object, these colours, this calibration? --check looks at the cameras"
+_NO_IMAGE = "no camera ever gave an image"
+
+_STAMPS = ""
+"""Stands for the stamps of all cameras where faults stand by cameras' names, none of which is empty."""
+
+
+class Told:
+    """Counts moments, in the tracking thread, for what is told in another."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._statuses: Counter[str] = Counter()
+        self._faults: Counter[str] = Counter()
+        self._lately: Counter[str] = Counter()
+        self._reasons: dict[str, str] = {}
+        self._posed = self._seen = False
+        self._order: dict[str, None] = {}
+        self._latencies: deque[float] = deque(maxlen=_LATENCIES)
+        self._newest: Moment | None = None
+        self._told_count = 0
+        self.begin()
+
+    def begin(self) -> None:
+        """Count the time from now."""
+        self._told_at = self._begin = time.monotonic()
+
+    def hear(self, moment: Moment) -> None:
+        """A listener of `Live`."""
+        with self._lock:
+            self._statuses[moment.status.value] += 1
+            self._latencies.append(moment.latency)
+            self._newest = moment
+            self._posed |= moment.object_pose is not None
+            self._seen |= any(image is not None for image in moment.taken.images)
+            faults = dict(moment.faults)
+            if moment.jump is not None:
+                faults[_STAMPS] = moment.jump
+            self._order |= dict.fromkeys([_STAMPS, *moment.fault_counts, *faults])
+            self._faults.update(faults.keys())
+            self._lately.update(faults.keys())
+            self._reasons.update(faults)
+
+    @property
+    def only_faults(self) -> bool:
+        """Whether there were sets of images, and not one image in them."""
+        return bool(self._statuses) and not self._seen
+
+    def due(self) -> str | None:
+        """A line about the last second, once it has passed."""
+        now = time.monotonic()
+        if now - self._told_at < 1.0:
+            return None
+        with self._lock:
+            count, moment = sum(self._statuses.values()), self._newest
+            lately, self._lately = self._lately, Counter()
+            reasons = dict(self._reasons)
+        sets = count - self._told_count
+        rate = sets / (now - self._told_at)
+        self._told_at, self._told_count = now, count
+        parts = [f"{now - self._begin:7.1f} s", f"{rate:5.1f} Hz"]
+        if moment is None:
+            return "  ".join([*parts, "no images yet"])
+        parts.append(f"{moment.status.value:10}")
+        pose = moment.filtered_object_pose
+        if pose is not None:
+            place = " ".join(f"{1000 * value:7.1f}" for value in pose.position)
+            parts.append(f"{place} mm  confidence {pose.confidence:.2f}")
+        parts.append(f"latency {1000 * moment.latency:.1f} ms")
+        faults = [f"{name or 'stamps'}: {reasons[name]} ({n} of {sets} sets)" for name, n in lately.items()]
+        return "  ".join([*parts, *faults])
+
+    def summary(self, left_out: int, faults: Sequence[str], recorder: Any = None) -> str:
+        """What there was in all."""
+        import numpy as np
+
+        count = sum(self._statuses.values())
+        rows = [["sets of images", f"{count}, and {left_out} that came while others were worked on"]]
+        if count:
+            statuses = ", ".join(
+                f"{name} {100 * n / count:.1f} %" for name, n in self._statuses.most_common()
+            )
+            median, late = np.percentile(1e3 * np.array(self._latencies), [50, 99])
+            rows.append(["status", statuses])
+            if not self._posed:
+                rows.append(["", _NEVER if self._seen else _NO_IMAGE])
+            rows.append(["latency", f"{median:.1f} ms in the median, {late:.1f} ms in the 99th percentile"])
+        for name in filter(self._faults.__contains__, self._order):
+            times, reason = self._faults[name], self._reasons[name]
+            rows.append([name or "stamps", f"amiss in {times} of {count} sets; last: {reason}"])
+        if recorder is not None:
+            recorded = f"{recorder.recorded} sets in {recorder.path}" if recorder.recorded else "nothing"
+            rows.append(["recorded", recorded])
+            if recorder.left_out:
+                rows.append(["", f"{recorder.left_out} left out, which the disk did not take in time"])
+            if recorder.fault is not None:
+                rows.append(["", f"ended before its time: {recorder.fault}"])
+        known = {f"{name}: {last}" if name else f"stamps {last}" for name, last in self._reasons.items()}
+        more = [fault for fault in faults if fault not in known]
+        rows += [["fault", fault] for fault in more[-5:]]
+        return listing(rows)
+
+
+FIRST_LOOK = 1.0
+"""How long cameras run before their pictures are looked at [s]."""
+
+
+class Lookout:
+    """Looks, until something is surely found, whether pictures of cameras that run come from the wrong ones.
+
+    A look takes as long as some detections, in the caller's thread; each waits twice as long as the last.
+
+    Args:
+        make_tracker: makes a tracker of the object and the cameras, for the looks alone.
+        names: of the cameras.
+    """
+
+    def __init__(self, make_tracker: Callable[[], ObjectTracker], names: Sequence[str]) -> None:
+        self._make, self._names = make_tracker, names
+        self._tracker: ObjectTracker | None = None
+        self._pause = FIRST_LOOK
+        self._due = time.monotonic() + self._pause
+        self._orders: Counter[tuple[int, ...]] = Counter()
+        self._over = False
+
+    def look(self, moment: Moment | None) -> str | None:
+        """What is to be said after the newest moment, once; None: nothing."""
+        from tracker.pose.result import CameraUse
+        from tracker.summaries.swapped import SURE, swapped, told
+
+        if self._over or moment is None:
+            return None
+        pose = moment.object_pose
+        if pose is not None and pose.confidence >= SURE and CameraUse.CONTRADICTING not in moment.cameras:
+            self._over = True
+            return None
+        if time.monotonic() < self._due:
+            return None
+        self._tracker = self._tracker or self._make()
+        order = swapped(self._tracker, moment.taken.images)
+        self._pause *= 2
+        self._due = time.monotonic() + self._pause
+        if order is None:
+            return None
+        self._orders[order] += 1
+        # A second look may be at the same scene, but not at the same noise.
+        self._over = self._orders[order] == 2
+        return told(order, self._names) if self._over else None
+
+
+SECONDS = 10.0
+"""How long it is looked for, unless --seconds says otherwise."""
+
+
+def check_cameras(source: ImageSource, rig: CameraRig, seconds: float | None) -> None:
+    """Print what was seen and what is wrong; exits with 1 where anything is."""
+    from tracker.live.camera_check import look_at
+
+    looks = look_at(source, rig, seconds or SECONDS)
+    click.echo(_table(looks))
+    click.echo()
+    faults = looks.faults()
+    click.echo("\n".join(faults) if faults else "nothing is wrong with the cameras")
+    if faults:
+        raise click.exceptions.Exit(1)
+
+
+def _table(looks: SetLooks) -> str:
+    rows = [["camera", "pictures", "missing", "late [ms]", "grey level", "clipped [%]", "blur [px]"]]
+    for one in looks.cameras:
+        level, clipped, blur = one.look
+        numbers = [f"{1e3 * one.skew:.1f}", f"{level:.0f}", f"{clipped:.1f}", f"{blur:.2f}"]
+        rows.append([one.name, str(one.pictures), str(sum(one.missing.values())), *numbers])
+    return f"{looks.sets} sets in {looks.seconds:.1f} s, {looks.rate:.1f} Hz\n{table(rows)}"

@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
+import contextlib
+import dataclasses
+import os
 import re
-from collections.abc import Callable, Sequence
+import sys
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from tracker.cli.calibration import Cameras, load_rig, rig_of
-from tracker.cli.read_images import NO_IMAGE, read_images
+from tracker.cli.options import Cameras, load_rig, rig_of
+from tracker.errors import ImageError
 
 if TYPE_CHECKING:
     from tracker.calibration.rig import CameraRig
     from tracker.conventions import Image
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
+
+NO_IMAGE = "none"
+"""Given in place of an image: its camera gave none."""
 
 PICTURES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"}
 
@@ -34,7 +41,7 @@ def one_set(
     """The cameras, and a picture of each in their order; None where it gave none.
 
     A single path that is no picture is a recording, or a folder of pictures, with a calibration of its own
-    unless one is given. Files that are named after all cameras go to those; others come in their order.
+    unless one is given. Which of several files is whose: see `of_cameras`.
 
     Raises:
         TrackerError: pictures, calibration or recording cannot be read, or do not belong together.
@@ -43,13 +50,12 @@ def one_set(
         return _frame_of(Path(images[0]), cameras, frame or 0)
     if frame is not None:
         raise click.UsageError("--frame is one of a recording's or a folder's; found picture files")
-    cameras.refuse_pattern_alone()
     if not cameras.calibration:
         raise click.UsageError(
             "Missing option '--calibration': the folder with a file of each camera, like camera60.yml"
         )
     rig = load_rig(cameras)
-    return read_images(_in_order(images, rig.names), rig, resize=cameras.resize_calibration)
+    return read_images(images, rig, resize=cameras.resize_calibration)
 
 
 def _frame_of(path: Path, cameras: Cameras, number: int) -> tuple[CameraRig, list[Image | None]]:
@@ -63,19 +69,96 @@ def _frame_of(path: Path, cameras: Cameras, number: int) -> tuple[CameraRig, lis
         return rig, list(log[number].images)
 
 
-def _in_order(paths: Sequence[str], names: Sequence[str]) -> list[str]:
-    """Files in the cameras' order, where their names say it; else as they are, with a word of warning."""
-    told = [_named(path, names) for path in paths]
-    if sorted(filter(None, told)) == sorted(names):
-        return [paths[told.index(name)] for name in names]
-    for path, name, camera in zip(paths, told, names, strict=False):
-        if name not in (None, camera):
-            click.echo(f"tracker: {path}: taken for the picture of {camera}, not of {name}", err=True)
-    return list(paths)
+def of_cameras(paths: Sequence[str], names: Sequence[str]) -> list[str]:
+    """One set of files in the order of the cameras; NO_IMAGE stands for that of a camera that gave none.
+
+    Files that are named after the cameras, or lie in folders that are, go to these. If none is, they come
+    in the cameras' order.
+
+    Raises:
+        ImageError: there are too few or too many, or their names contradict the cameras.
+    """
+    each = f"one for each of {', '.join(names)} ('{NO_IMAGE}' where a camera gave none)"
+    if len(paths) != len(names):
+        raise ImageError(f"images: found {len(paths)}, expected {len(names)}, {each}")
+    given = [Path(path) for path in paths if path != NO_IMAGE]
+    if not given:
+        raise ImageError(f"images: found only '{NO_IMAGE}', expected at least one file")
+    shared = len(given) > 1 and len({path.parent for path in given}) == 1  # the folder of all names none
+    called = [
+        camera_in(path.stem, names) or (None if shared else camera_in(path.parent.name, names))
+        for path in given
+    ]
+    if not any(called):
+        return list(paths)
+    found: dict[str, Path] = {}
+    for path, camera in zip(given, called, strict=True):
+        if camera is None or camera not in names:
+            whose = f"named after {camera}" if camera else "named after no camera, where others are"
+            raise ImageError(f"{path}: {whose}; expected {each}")
+        if camera in found:
+            raise ImageError(f"{path}: named after {camera}, as {found[camera]} is; expected {each}")
+        found[camera] = path
+    return [str(found.get(name, NO_IMAGE)) for name in names]
 
 
-def _named(path: str, names: Sequence[str]) -> str | None:
-    """The one camera that a file or its folder is named after, if there is one."""
-    text = "/".join(Path(path).parts[-2:])
-    found = [name for name in names if re.search(rf"(?<![0-9A-Za-z]){re.escape(name)}(?![0-9A-Za-z])", text)]
-    return found[0] if len(found) == 1 else None
+def camera_in(text: str, names: Sequence[str]) -> str | None:
+    """The camera whose name is in a file's or folder's name, not as part of a longer word or number.
+
+    That may be none of `names`: another number after the word of one of them is another camera, and so are
+    two of them.
+    """
+    words = {name.rstrip("0123456789") for name in names if name[-1].isdigit()} - {""}
+    patterns = [*map(re.escape, names), *(rf"{re.escape(word)}\d+" for word in words)]
+    found = set()
+    for pattern in patterns:
+        for match in re.finditer(rf"(?<![0-9A-Za-z])(?:{pattern})", text):
+            after = text[match.end() :][:1]
+            if not (after.isdigit() if match[0][-1].isdigit() else after.isalpha()):
+                found.add(match[0])
+    whole = sorted(one for one in found if not any(one in other for other in found - {one}))
+    return " and ".join(whole) or None
+
+
+def read_images(
+    paths: Sequence[str], rig: CameraRig, *, resize: bool = False
+) -> tuple[CameraRig, list[Image | None]]:
+    """The rig of the images' sizes, and the images in its order, None where a camera gave none.
+
+    Raises:
+        ImageError: an image cannot be read, or see `of_cameras`.
+        CalibrationError: an image is not of its camera's size; with `resize`: not of its shape.
+    """
+    from tracker.logs.cameras import sized_for
+    from tracker.segmentation.labelled import read_image
+
+    images: list[Image | None] = []
+    cameras = []
+    for path, camera in zip(of_cameras(paths, rig.names), rig, strict=True):
+        if path == NO_IMAGE:
+            images.append(None)
+            cameras.append(camera)
+            continue
+        with silent_libraries():
+            image = read_image(Path(path))
+        size = image.shape[1], image.shape[0]
+        cameras.append(sized_for(size, camera, f"image {path}", resize=resize))
+        images.append(image)
+    return dataclasses.replace(rig, cameras=tuple(cameras)), images
+
+
+@contextlib.contextmanager
+def silent_libraries() -> Iterator[None]:
+    """Drop what compiled libraries write to stderr, e.g. what libpng thinks of a broken file."""
+    if sys.stderr is None:  # it was closed by whoever started us
+        yield
+        return
+    sys.stderr.flush()
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)

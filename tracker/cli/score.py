@@ -8,10 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tracker.cli.calibration import Cameras, calibration_options, rig_of
-from tracker.cli.names import object_option
-from tracker.cli.progress import bar
-from tracker.cli.table import listing
+from tracker.cli.options import Cameras, calibration_options, object_option, quiet_option, rig_of
+from tracker.cli.render import bar, listing
 from tracker.errors import LogError
 
 if TYPE_CHECKING:
@@ -32,7 +30,7 @@ _FILE = click.Path(path_type=Path)
     "--every", metavar="N", type=click.IntRange(1), default=1, help="Look for dice in each Nth frame."
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object, with the reward of each frame.")
-@click.option("-q", "--quiet", is_flag=True, help="No progress bar.")
+@quiet_option("No progress bar.")
 def score(
     job: Path,
     goal_path: Path | None,
@@ -49,10 +47,9 @@ def score(
     not seen the one before holds.
     """
     from tracker.errors import TaskError
-    from tracker.recordings.outcome.rewards import goal_file, totals
+    from tracker.summaries.rewards import goal_file, totals
     from tracker.tasks.job_goal import read_job_goal
 
-    cameras.refuse_pattern_alone()
     if goal_path is None and not goal_file(job).is_file():
         raise TaskError(f"{job}: found no {goal_file(job).name} in it, expected one there or --goal")
     goal = read_job_goal(goal_path or goal_file(job))
@@ -90,8 +87,8 @@ def _of_object(
     from tracker.objects.model import load_object
     from tracker.poses.file import read_poses
     from tracker.recordings import track
-    from tracker.recordings.outcome.origin import seconds_since_beginning
-    from tracker.recordings.outcome.summary import best_kind
+    from tracker.summaries.origin import seconds_since_beginning
+    from tracker.summaries.summary import best_kind
 
     if poses_path is not None:
         poses = read_poses(poses_path)
@@ -113,7 +110,7 @@ def _refuse_others(path: Path, poses: Poses, job: Path, object_name: str | None)
     """Refuse poses of another recording, where it is there, or of another object."""
     from tracker.logs import open_log
     from tracker.objects.model import load_object
-    from tracker.recordings.outcome.origin import refuse_others
+    from tracker.summaries.origin import refuse_others
 
     found = poses.about.object_name
     if object_name is not None and load_object(object_name).name != found:

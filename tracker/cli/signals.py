@@ -1,4 +1,4 @@
-"""Being asked to end from outside."""
+"""Being asked to end from outside: SIGINT, SIGTERM and SIGHUP."""
 
 from __future__ import annotations
 
@@ -9,40 +9,58 @@ import threading
 from collections.abc import Iterator
 
 _AGAIN_SECONDS = 0.01
+_SIGNALS = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+
+
+class Ended(KeyboardInterrupt):
+    """An interrupt by a signal other than SIGINT."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__()
+        self.number = number
+
+
+def exit_code(stop: BaseException) -> int:
+    """128 and the signal's number, as shells have it."""
+    return 128 + getattr(stop, "number", signal.SIGINT)
 
 
 @contextlib.contextmanager
 def ended_by_signals() -> Iterator[None]:
     """Being asked to end is an end like any other: files are finished, and claims on them given up.
 
-    Where Python drops an interrupt, since it came within a finalizer, it comes again. Of threads other than
-    the main one, which get no signals, nothing changes.
+    Where Python drops an interrupt, since it came within a finalizer, it comes again. What is ignored stays
+    so: `nohup` has the terminal's end ignored. Of threads other than the main one, which get no signals,
+    nothing changes.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
 
-    def end(*_: object) -> None:
-        raise KeyboardInterrupt
+    def end(number: int, _: object) -> None:
+        raise Ended(number)
 
     def again(dropped: sys.UnraisableHookArgs) -> None:
         if not isinstance(dropped.exc_value, KeyboardInterrupt):
             hook(dropped)
             return
         main = threading.main_thread().ident
-        threading.Timer(_AGAIN_SECONDS, _interrupt, [main]).start()
+        number = getattr(dropped.exc_value, "number", signal.SIGINT)
+        threading.Timer(_AGAIN_SECONDS, _send, [main, number]).start()
 
-    before, hook = signal.signal(signal.SIGTERM, end), sys.unraisablehook
+    heeded = [number for number in _SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
+    before, hook = {number: signal.signal(number, end) for number in heeded}, sys.unraisablehook
     sys.unraisablehook = again
     try:
         yield
     finally:
         sys.unraisablehook = hook
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
-def _interrupt(thread: int) -> None:
+def _send(thread: int, number: int) -> None:
     if hasattr(signal, "pthread_kill"):  # which wakes a thread that waits, too
-        signal.pthread_kill(thread, signal.SIGINT)
+        signal.pthread_kill(thread, number)
     else:
-        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(number)

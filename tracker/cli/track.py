@@ -9,41 +9,58 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tracker.cli.calibration import Cameras, calibration_options
-from tracker.cli.names import colors_option, object_option
-from tracker.cli.part import part_options, refuse_no_part
-from tracker.cli.progress import bar
-from tracker.cli.protect import check_suffix, refuse_file, refuse_other_content, refuse_overwriting
-from tracker.cli.table import listing
-from tracker.cli.track_outputs import Outputs, write_film, write_health_page
+from tracker.cli.options import (
+    Cameras,
+    calibration_options,
+    colors_option,
+    object_option,
+    part_options,
+    quiet_option,
+    recover_option,
+)
+from tracker.cli.outputs import (
+    Command,
+    OutFile,
+    Recording,
+    check_suffix,
+    refuse_file,
+    refuse_other_poses,
+    refuse_overwriting,
+    require_folder,
+)
+from tracker.cli.render import bar, listing
+from tracker.cli.track_outputs import Outputs, output_options, write_film, write_health_page
 from tracker.errors import TrackerError, reason
 
 if TYPE_CHECKING:
-    from tracker.recordings import Options, Recipe
-
-_FILE = click.Path(path_type=Path)
+    from tracker.batch.task import Task
+    from tracker.recordings import Job
 
 CONTRADICTED = 0.02
 """Share of the frames with a pose that cameras contradict, from which the calibration is named."""
 
 
-@click.command()
-@click.argument("logs", nargs=-1, required=True, metavar="LOG...", type=_FILE)
+@click.command(cls=Command)
+@click.argument("logs", nargs=-1, required=True, metavar="LOG...", type=Recording())
 @object_option()
 @click.option(
-    "-o", "--output", required=True, metavar="FILE", type=_FILE, help="File of poses (.h5), or a folder."
+    "-o",
+    "--output",
+    required=True,
+    metavar="FILE|DIR",
+    type=click.Path(path_type=Path),
+    help="File of poses (.h5), or a folder.",
 )
+@click.option("--overwrite", is_flag=True, help="Replace poses of another object.")
 @calibration_options
 @colors_option()
 @part_options
-@click.option("--csv", metavar="FILE", type=_FILE, help="Write the poses as a table, too.")
-@click.option("--tum", metavar="FILE", type=_FILE, help="Write them as a trajectory in the TUM format.")
-@click.option("--bop", metavar="FILE", type=_FILE, help="Write them as BOP results of the --camera.")
-@click.option("--camera", metavar="NAME", help="Camera of the BOP results, e.g. camera60.")
-@click.option("--video", metavar="FILE", type=_FILE, help="Film the frames with the pose drawn in (.mp4).")
-@click.option("--plot", metavar="FILE", type=_FILE, help="Plot the poses over time (.png).")
+@output_options
 @click.option(
-    "--health", metavar="FILE", type=_FILE, help="Write a page on cameras, light and calibration (.html)."
+    "--health",
+    metavar="FILE",
+    type=OutFile(".html", extra="plot"),
+    help="A page on cameras, light and calibration (.html).",
 )
 @click.option(
     "--jobs",
@@ -52,23 +69,19 @@ CONTRADICTED = 0.02
     default=1,
     help="Processes that share the LOGs.  [default: 1]",
 )
-@click.option("--recover", is_flag=True, help="Leave out what is damaged of a recording.")
+@recover_option
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object a recording.")
-@click.option("-q", "--quiet", is_flag=True, help="No progress bar, and no summary unless with --json.")
+@quiet_option("No progress bar, and no summary unless with --json.")
 def track(
     logs: tuple[Path, ...],
     object_name: str,
     output: Path,
+    overwrite: bool,
     cameras: Cameras,
     colors_name: str | None,
     first: int,
     last: int | None,
-    csv: Path | None,
-    tum: Path | None,
-    bop: Path | None,
-    camera: str | None,
-    video: Path | None,
-    plot: Path | None,
+    outputs: Outputs,
     health: Path | None,
     jobs: int,
     recover: bool,
@@ -82,51 +95,45 @@ def track(
     a file of poses in the folder that -o names, under its own path; --jobs share them.
 
     What is there already, whole and of the same recording, object, calibration and code, is not tracked
-    again. docs/poses.md describes the files.
+    again. Poses of another object are not replaced without --overwrite. docs/poses.md describes the files.
     """
-    from tracker.recordings import Options, Recipe
-    from tracker.recordings.many.results import outputs_of
+    from tracker.batch.results import outputs_of
+    from tracker.batch.task import Task, agreed
+    from tracker.recordings import Job, Options, Recipe
 
-    refuse_no_part(first, last)
-    cameras.refuse_pattern_alone()
-    outputs = Outputs(csv, tum, bop, camera, video, plot, health)
-    if len(logs) > 1 and outputs.files:
-        raise click.UsageError(f"{', '.join(outputs.files)}: expected one LOG, found {len(logs)}")
+    if len(logs) > 1 and (outputs or health):
+        raise click.UsageError(f"found {len(logs)} LOGs, expected one for other files than those of poses")
     inside = len(logs) > 1 or output.is_dir()
     if inside:
         refuse_file("-o", output)
     targets = outputs_of(logs, output) if inside else [output]
-    files = {f"-o for {log}": path for log, path in zip(logs, targets, strict=True)}
-    if len(logs) == 1:
-        files = {"-o": targets[0], **outputs.files}
-    others = (object_name, colors_name, *cameras.calibration)
-    refuse_overwriting(files, logs, others, new_folders=inside)
-    outputs.check()
-    for target in targets:
+    options = Options(object_name, colors_name, *cameras, first, last, recover)
+    recipe = Recipe.of(options)
+    for log, target in zip(logs, targets, strict=True):
+        name = f"-o for {log}" if len(logs) > 1 else "-o"
+        refuse_overwriting({name: target}, logs, (object_name, colors_name, *cameras.calibration))
         check_suffix("-o", target, ".h5", ".hdf5")
-        refuse_other_content("-o", target)
-    options = Options(
-        *(object_name, colors_name, *cameras),
-        *(first, last, recover),
-    )
+        require_folder("-o", target, made=inside)
+        refuse_other_poses("-o", target, None if overwrite else recipe.model.name)
     if len(logs) == 1:
-        _track_one(logs[0], targets[0], Recipe.of(options), outputs, as_json, quiet)
+        _track_one(Job(logs[0], targets[0], recipe), outputs, health, as_json, quiet)
         return
-    output.mkdir(exist_ok=True)
-    _track_all(logs, targets, options, jobs, as_json, quiet)
+    mark = agreed(recipe)
+    tasks = [Task(str(log), str(path), options, mark) for log, path in zip(logs, targets, strict=True)]
+    _track_all(tasks, jobs, as_json, quiet)
 
 
-def _track_one(log: Path, target: Path, recipe: Recipe, outputs: Outputs, as_json: bool, quiet: bool) -> None:
+def _track_one(job: Job, outputs: Outputs, health: Path | None, as_json: bool, quiet: bool) -> None:
+    from tracker.batch.task import described
     from tracker.logs import open_log
-    from tracker.recordings import Job, run
-    from tracker.recordings.many.work import described
+    from tracker.recordings import run
     from tracker.recordings.track import chosen, rig_for
 
-    job = Job(log, target, recipe)
+    log, recipe = job.log, job.recipe
     with open_log(log, recover=recipe.recover) as opened:
         outputs.check_camera(rig_for(job, opened))
         first, last = chosen(opened, job)
-    target.parent.mkdir(parents=True, exist_ok=True)
+    job.output.parent.mkdir(parents=True, exist_ok=True)
     with bar(log.name, last - first, quiet) as progress:
         tracked = run(job, progress)
     result = described(job, tracked)
@@ -136,29 +143,23 @@ def _track_one(log: Path, target: Path, recipe: Recipe, outputs: Outputs, as_jso
         count = len(tracked.poses)
         with open_log(log, recover=recipe.recover) as opened, bar("film", count, quiet) as progress:
             write_film(outputs.video, opened, recipe.model, tracked.poses, progress)
-    if outputs.health is not None:
+    if health is not None:
         count = min(len(tracked.poses), 200)
         with open_log(log, recover=recipe.recover) as opened, bar("health", count, quiet) as progress:
-            result["health"] = write_health_page(outputs.health, opened, recipe, tracked.poses, progress)
+            result["health"] = write_health_page(health, opened, recipe, tracked.poses, progress)
     _print(result, as_json, quiet)
 
 
-def _track_all(
-    logs: Sequence[Path], targets: Sequence[Path], options: Options, jobs: int, as_json: bool, quiet: bool
-) -> None:
+def _track_all(tasks: Sequence[Task], jobs: int, as_json: bool, quiet: bool) -> None:
     """Track recordings side by side; what is said of them is in their order."""
-    from tracker.recordings import Recipe
-    from tracker.recordings.many.engine import engine
-    from tracker.recordings.many.work import Task, agreed, track_task
+    from tracker.batch.task import track_task
+    from tracker.batch.workers import engine
 
-    recipe = Recipe.of(options)
-    mark = agreed(recipe)
-    tasks = [Task(str(log), str(path), options, mark) for log, path in zip(logs, targets, strict=True)]
     number = {task.output: k for k, task in enumerate(tasks)}
     results: dict[int, dict[str, Any] | Exception] = {}
     failed, told = False, 0
     with engine(min(jobs, len(tasks))) as workers, bar("recordings", len(tasks), quiet, "recordings") as done:
-        for task, result in workers.each(track_task, tasks):
+        for task, result in workers(track_task, tasks):
             results[number[task.output]] = result
             done(1)
             while told in results:
@@ -204,7 +205,7 @@ def _say(message: str) -> None:
 def _camera_rows(cameras: dict[str, dict[str, float | None]] | None) -> list[list[str]]:
     """What is to be said of cameras that were not used for long, and where to look."""
     from tracker.pose.result import CameraUse
-    from tracker.recordings.outcome.summary import to_look_at
+    from tracker.summaries.summary import to_look_at
 
     said = {
         CameraUse.CONTRADICTING: (

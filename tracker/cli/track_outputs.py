@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from tracker.cli.protect import check_suffix
-from tracker.errors import install
+from tracker.cli.options import gathered
+from tracker.cli.outputs import OutFile
 
 if TYPE_CHECKING:
     from tracker.calibration.rig import CameraRig
@@ -23,9 +22,6 @@ if TYPE_CHECKING:
     from tracker.poses.poses import Poses
     from tracker.recordings import Recipe
 
-_PACKAGES = {"plot": "matplotlib", "video": "av"}
-"""By extra, what it brings."""
-
 MIN_RATE, MAX_RATE = 0.5, 60.0
 """Slowest and fastest film [frames per second]."""
 
@@ -34,63 +30,38 @@ MIN_RATE, MAX_RATE = 0.5, 60.0
 class Outputs:
     """Files that the user wants, None where he does not."""
 
-    csv: Path | None = None
-    tum: Path | None = None
-    bop: Path | None = None
-    camera: str | None = None
+    csv: Path | None
+    tum: Path | None
+    bop: Path | None
+    camera: str | None
     """Whose BOP results."""
-    video: Path | None = None
-    plot: Path | None = None
-    health: Path | None = None
+    video: Path | None
+    plot: Path | None
 
-    @property
-    def files(self) -> dict[str, Path]:
-        """The files wanted, by option."""
-        options = ("csv", "tum", "bop", "video", "plot", "health")
-        named = {f"--{name}": getattr(self, name) for name in options}
-        return {name: path for name, path in named.items() if path is not None}
-
-    def check(self) -> None:
-        """Refuse at once what would fail only after the recording has been tracked.
-
-        Raises:
-            click.UsageError: an option lacks its companion.
-            click.ClickException: a suffix is wrong, or a package is missing.
-        """
-        if (self.bop is None) != (self.camera is None):
-            raise click.UsageError("--bop and --camera belong together: BOP results are those of one camera")
-        for name, path, suffixes, extra in (
-            ("--csv", self.csv, (".csv",), None),
-            ("--tum", self.tum, (".tum", ".txt"), None),
-            ("--bop", self.bop, (".csv",), None),
-            ("--video", self.video, (".mp4",), "video"),
-            ("--plot", self.plot, (".png",), "plot"),
-            ("--health", self.health, (".html",), "plot"),
-        ):
-            if path is None:
-                continue
-            check_suffix(name, path, *suffixes)
-            if extra is not None and find_spec(_PACKAGES[extra]) is None:
-                raise click.ClickException(f"{name} needs the package {_PACKAGES[extra]}: {install(extra)}")
+    def __bool__(self) -> bool:
+        """Whether any file is wanted."""
+        return any((self.csv, self.tum, self.bop, self.video, self.plot))
 
     def check_camera(self, rig: CameraRig) -> None:
-        """Refuse a camera that the rig has not."""
+        """Refuse a camera that the rig has not, and one without a file or the file without one."""
+        if (self.bop is None) != (self.camera is None):
+            raise click.UsageError("--bop and --camera belong together: BOP results are those of one camera")
         if self.camera is not None and self.camera not in rig.names:
             raise click.UsageError(f"--camera: found {self.camera}, expected one of {', '.join(rig.names)}")
 
-    def write(self, poses: Poses) -> None:
-        """Write all but the film.
+    def write(self, poses: Poses, keypoints_of: CuboidModel | None = None) -> None:
+        """Write all but the film; the table with the corners of an object, if one is given.
 
         Raises:
             TrackerError: a file cannot be written.
         """
         from tracker import viz
         from tracker.poses.exports import write_bop, write_csv, write_tum
-        from tracker.recordings.outcome.summary import best_kind
+        from tracker.summaries.summary import best_kind
 
         kind = best_kind(poses)
         if self.csv is not None:
-            write_csv(self.csv, poses)
+            write_csv(self.csv, poses, keypoints_of=keypoints_of)
         if self.tum is not None:
             write_tum(self.tum, poses, kind)
         if self.bop is not None:
@@ -98,6 +69,33 @@ class Outputs:
             write_bop(self.bop, poses, rig[rig.names.index(self.camera or "")], kind)
         if self.plot is not None:
             viz.write_trajectory_plot(self.plot, poses)
+
+
+output_options = gathered(
+    "outputs",
+    Outputs,
+    click.option(
+        "--csv", metavar="FILE", type=OutFile(".csv"), help="The poses as a table, one line a frame."
+    ),
+    click.option(
+        "--tum", metavar="FILE", type=OutFile(".tum", ".txt"), help="A trajectory in the TUM format."
+    ),
+    click.option("--bop", metavar="FILE", type=OutFile(".csv"), help="BOP results of the --camera."),
+    click.option("--camera", metavar="NAME", help="Camera of the BOP results, e.g. camera60."),
+    click.option(
+        "--video",
+        metavar="FILE",
+        type=OutFile(".mp4", extra="video"),
+        help="A film of the frames with the pose drawn in (.mp4).",
+    ),
+    click.option(
+        "--plot",
+        metavar="FILE",
+        type=OutFile(".png", extra="plot"),
+        help="A plot of the poses over time (.png).",
+    ),
+)
+"""The options of both, see Outputs."""
 
 
 def write_film(
@@ -121,8 +119,8 @@ def write_health_page(
     Raises:
         TrackerError: a frame cannot be read, or the page not be written.
     """
+    from tracker.calibration.by_object.health import health
     from tracker.pipeline import ObjectTracker
-    from tracker.upkeep.health import health
     from tracker.viz.health_page import write_health
 
     found = health(ObjectTracker(recipe.model, poses.about.rig, recipe.colors), log, poses, progress)

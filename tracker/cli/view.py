@@ -11,15 +11,23 @@ from typing import TYPE_CHECKING
 
 import click
 
-from tracker.cli.calibration import Cameras, calibration_options, rig_of
-from tracker.cli.names import colors_option, object_option
-from tracker.cli.part import part_options, refuse_no_part
-from tracker.cli.progress import bar
-from tracker.cli.protect import refuse_overwriting
+from tracker.cli.options import (
+    Cameras,
+    calibration_options,
+    colors_option,
+    object_option,
+    part_options,
+    quiet_option,
+    recover_option,
+    rig_of,
+)
+from tracker.cli.outputs import Command, OutFile, Recording
+from tracker.cli.render import bar
 from tracker.cli.track_outputs import observation
 from tracker.errors import LogError
 
 if TYPE_CHECKING:
+    from tracker.calibration.by_object.health import Sample
     from tracker.calibration.rig import CameraRig
     from tracker.conventions import Image
     from tracker.logs import Log
@@ -28,9 +36,6 @@ if TYPE_CHECKING:
     from tracker.pose.result import Observation
     from tracker.poses.poses import Poses
     from tracker.segmentation.color_model import ColorModel
-    from tracker.upkeep.health import Sample
-
-_FILE = click.Path(path_type=Path)
 
 _STAMP_TOLERANCE = 1e-6
 """Largest difference [s] between the stamps of a frame in a recording and in its file of poses."""
@@ -59,25 +64,25 @@ _Frames = Iterator[tuple[int, float, "Observation", Sequence["Image | None"], "S
 """What `Scene.show` takes of each frame."""
 
 
-@click.command(short_help="Show a recording in time and space.")
-@click.argument("source", metavar="LOG|POSES", type=_FILE)
-@click.option("--log", metavar="LOG", type=_FILE, help="The recording of the POSES, for its images.")
+@click.command(cls=Command, short_help="Show a recording in time and space.")
+@click.argument("source", metavar="LOG|POSES", type=Recording())
+@click.option("--log", metavar="LOG", type=Recording(), help="The recording of the POSES, for its images.")
 @object_option("that of the POSES")
 @calibration_options
 @click.option(
     "-o",
     "--output",
     metavar="FILE",
-    type=_FILE,
+    type=OutFile(".rrd"),
     help="Write a file for the viewer (.rrd).  [default: open the viewer; without a screen, a file here]",
 )
 @colors_option()
-@click.option("--recover", is_flag=True, help="Leave out what is damaged of a recording.")
+@recover_option
 @part_options
 @click.option(
     "--every", metavar="N", type=click.IntRange(1), default=1, help="Show each Nth frame.  [default: 1]"
 )
-@click.option("-q", "--quiet", is_flag=True, help="No progress bar, and nothing about the file.")
+@quiet_option("No progress bar, and nothing about the file.")
 def view(
     source: Path,
     log: Path | None,
@@ -104,11 +109,7 @@ def view(
     from tracker.viz.rerun_viewer import require_rerun
 
     require_rerun()
-    refuse_no_part(first, last)
     target = _target(source, output)
-    if target is not None:
-        others = (*cameras.calibration, object_name, colors_name)
-        refuse_overwriting({"-o": target}, (source, *([log] if log else [])), others)
     chosen = _Chosen(first, last, every)
     if is_poses_file(source):
         if any(cameras):
@@ -173,8 +174,6 @@ def _show(
 def _target(source: Path, output: Path | None) -> Path | None:
     """The file to write; None: a viewer is to be opened."""
     if output is not None:
-        if output.suffix.lower() != ".rrd":
-            raise click.UsageError(f"-o {output}: found suffix {output.suffix!r}, expected .rrd")
         return output
     if sys.platform in ("win32", "darwin") or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
         return None
@@ -249,7 +248,7 @@ def _tracked(log: Log, rig: CameraRig, model: CuboidModel, colors: ColorModel, c
 
 def _health(tracker: ObjectTracker, images: Sequence[Image | None], answer: Observation) -> Sample:
     """What a frame tells of the rig."""
-    from tracker.upkeep.health import sample, slow
+    from tracker.calibration.by_object.health import sample, slow
 
     motion = answer.filtered_object_pose
     return sample(tracker, images, still=motion is not None and slow(motion.velocity))

@@ -1,14 +1,19 @@
-"""Access to HDF5 files in which nothing is believed without a look; all that are read are read with it.
+"""Access to HDF5 files in which nothing is believed without a look, and a file to write them to.
 
 Only data that are in the file itself are read, unpacked with filters that come with the HDF5 library: no
 links to other files, no external or virtual storage, no plug-ins, no objects. Type, shape and the bytes
 that are stored are compared before anything is read. Texts are of fixed length: those of variable length
 lie in a heap without a checksum, and damage to it can make the library search without end.
+
+When the disk is full while a file is written, the library loses track of what it has open, and ends the
+process at the latest when that is closed. `Disk` keeps in memory what the disk does not take, so that the
+library can finish, and the fault is there to be told.
 """
 
 from __future__ import annotations
 
 import contextlib
+import io
 import math
 import os
 import struct
@@ -22,7 +27,7 @@ import numpy as np
 
 from tracker.conventions import Array
 from tracker.errors import LogError
-from tracker.files.reading import cannot_read
+from tracker.files.reading import cannot_read, open_regular
 
 MAX_CHUNK = 1 << 28
 """Largest block [bytes] that a field may be stored in."""
@@ -62,7 +67,8 @@ def faults_as_log_errors(what: str) -> Iterator[None]:
 
 
 def open_file(path: str | os.PathLike[str]) -> h5py.File:
-    """The file, for reading; OSError or what else h5py raises where it is none."""
+    """The regular file, for reading; OSError or what else h5py raises where it is none."""
+    open_regular(path).close()  # the library would wait for a pipe's writer
     # No lock is needed to read files that are replaced whole; network drives often cannot give one.
     return h5py.File(path, "r", locking=False)
 
@@ -74,9 +80,9 @@ class TooLong(LogError):
 def check_stated_end(path: Path) -> None:
     """LogError if the file is shorter than its head says, TooLong if it is longer."""
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             head = file.read(64)
-        size = path.stat().st_size
+            size = os.fstat(file.fileno()).st_size
     except OSError as error:
         raise cannot_read(path, error) from error
     if len(head) < 64:
@@ -274,3 +280,65 @@ def _check_blocks(dataset: h5py.Dataset, what: str) -> None:
     # Where damage hides that blocks are packed, the library takes them for whole and reads beyond their end.
     if not dataset.id.get_create_plist().get_nfilters() and stored % block:
         raise LogError(f"{what}: found {stored} bytes stored, expected blocks of {block}")
+
+
+class Disk(io.FileIO):
+    """The file-like object that h5py writes through; what `flush` returned from outlives the process.
+
+    Args:
+        path: of a file that does not exist yet.
+
+    Raises:
+        OSError: it cannot be made.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        super().__init__(path, "xb+")
+        self._at = self._end = 0
+        self._kept: list[tuple[int, bytes]] = []
+        self.fault: OSError | None = None
+        """The first thing that the disk refused."""
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        """Move to an offset from the beginning, or from the end."""
+        self._at = offset + (self._end if whence == os.SEEK_END else 0)
+        return self._at
+
+    def write(self, data: Any) -> int:
+        """Take all of it."""
+        content, done = bytes(data), 0
+        try:
+            while self.fault is None and done < len(content):
+                super().seek(self._at + done)
+                done += super().write(content[done:])
+        except OSError as error:
+            self.fault = error
+        if self.fault is not None:
+            self._kept.append((self._at, content))
+        self._at += len(content)
+        self._end = max(self._end, self._at)
+        return len(content)
+
+    def readinto(self, buffer: Any) -> int:
+        """Give back what was written, from the disk or from memory."""
+        start, size = self._at, min(len(buffer), self._end - self._at)
+        super().seek(start)
+        there = super().read(size)
+        content = bytearray(there.ljust(size, b"\0"))
+        for at, kept in self._kept:
+            first, last = max(start, at), min(start + size, at + len(kept))
+            if first < last:
+                content[first - start : last - start] = kept[first - at : last - at]
+        buffer[:size] = content
+        return size
+
+    def truncate(self, size: int | None = None) -> int:
+        """Make it so long; None: as far as it has been read or written."""
+        size = self._at if size is None else size
+        try:
+            if self.fault is None:
+                super().truncate(size)
+        except OSError as error:
+            self.fault = error
+        self._end = size
+        return size

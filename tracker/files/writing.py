@@ -80,7 +80,7 @@ def claimed(path: str | os.PathLike[str]) -> Iterator[None]:
     """Nobody else who asks may write this file until the `with` block ends, however it or the process ends.
 
     The claim is a lock on a hidden file beside it, gone at the end. On file systems that have no locks
-    there is none.
+    there is none. (filelock would be one more dependency of the core, for forty lines.)
 
     Raises:
         BlockingIOError: another run has claimed it.

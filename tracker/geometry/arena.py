@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import numbers
 from typing import Any
 
 import numpy as np
 
+from tracker.checks import is_number
 from tracker.conventions import FloatArray
-from tracker.errors import CalibrationError
+from tracker.errors import CalibrationError, shown
 
 LARGEST = 10.0
 """Greatest radius and height [m]: a larger one is stated in millimetres by mistake."""
@@ -72,7 +72,7 @@ class Arena:
 
 
 def _error(key: str, found: object, valid: str) -> CalibrationError:
-    return CalibrationError(f"arena: {key}: found {repr(found)[:60]}, expected {valid}")
+    return CalibrationError(f"arena: {key}: found {shown(found)}, expected {valid}")
 
 
 def _pair(key: str, value: Any) -> tuple[float, float]:
@@ -84,12 +84,6 @@ def _pair(key: str, value: Any) -> tuple[float, float]:
 
 
 def _number(key: str, value: Any, valid: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, numbers.Real):
+    if not is_number(value):
         raise _error(key, value, valid)
-    try:
-        number = float(value)
-    except OverflowError as error:  # a whole number beyond the greatest float
-        raise _error(key, value, valid) from error
-    if not math.isfinite(number):
-        raise _error(key, number, valid)
-    return number
+    return float(value)

@@ -7,12 +7,15 @@ The model is OpenCV's: p_camera = camera_from_world · p_world, x = X/Z, y = Y/Z
 from __future__ import annotations
 
 import dataclasses
+import functools
+import re
 
 import numpy as np
 import numpy.typing as npt
 
+from tracker.checks import float_rows, is_whole
 from tracker.conventions import Array, FloatArray
-from tracker.errors import CalibrationError
+from tracker.errors import CalibrationError, TrackerError, shown
 from tracker.geometry.distortion import COUNTS, distort, undistort
 
 ROTATION_TOLERANCE = 1e-6
@@ -22,7 +25,7 @@ MAX_SIZE = 32767
 """Largest width and height [px]: OpenCV's remapping stores coordinates in 16 bits."""
 
 FARTHEST = 1e4
-"""Greatest coordinate of a camera's translation [m]."""
+"""Greatest coordinate of a camera's translation [m], and greatest standard deviation."""
 
 FOCAL, CENTER = (1e-2, 1e6), 1e6
 """Bounds of a focal length, and greatest size of a principal point's coordinate [px]: parts of pictures have
@@ -30,6 +33,27 @@ theirs outside."""
 
 BENT = 1e6
 """Greatest size of a lens' coefficient."""
+
+_NAME = re.compile(r"[\w-]([\w. -]{0,98}[\w-])?")
+"""A camera's name: it becomes part of the names of files and of what pages show."""
+
+VIEW = 1.2
+"""Points are in view up to so many times the largest tangent of the image's rays: beyond, the lens may fold
+them back into the image."""
+
+
+def may_be_name(name: object) -> bool:
+    """Whether a camera can be called so."""
+    return isinstance(name, str) and _NAME.fullmatch(name) is not None
+
+
+def check_name(name: object, what: str, fault: type[TrackerError]) -> None:
+    """`fault`, which begins with `what`, where no camera can be called so."""
+    if not may_be_name(name):
+        raise fault(
+            f"{what}: found {shown(name)}, expected a text of up to 100 letters, digits, "
+            "'_' and '-', with '.' and ' ' in between"
+        )
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -41,7 +65,7 @@ class Camera:
     """
 
     name: str
-    """Name, e.g. `camera60`."""
+    """Name, e.g. `camera60`: up to 100 letters, digits, '_' and '-', with '.' and ' ' in between."""
     width: int
     """Image width [px]."""
     height: int
@@ -56,8 +80,7 @@ class Camera:
     """(4, 4) element-wise standard deviations of `camera_from_world`, or None where unknown."""
 
     def __post_init__(self) -> None:
-        if not isinstance(self.name, str) or not self.name:
-            raise CalibrationError(f"camera name: found {self.name!r}, expected a text that is not empty")
+        check_name(self.name, "camera_name", CalibrationError)
         for key in ("width", "height"):
             object.__setattr__(self, key, self._size(key, getattr(self, key)))
         for key, shape in (("matrix", (3, 3)), ("camera_from_world", (4, 4))):
@@ -66,26 +89,32 @@ class Camera:
         object.__setattr__(self, "distortion", self._array("distortion", self.distortion, *lens))
         if self.camera_from_world_std is not None:
             std = self._array("camera_from_world_std", self.camera_from_world_std, (4, 4))
-            if std.min() < 0:
-                raise self._error("camera_from_world_std", f"{std.min():g}", "no negative deviation")
+            if std.min() < 0 or std.max() > FARTHEST:
+                worst = std.min() if std.min() < 0 else std.max()
+                raise self._error("camera_from_world_std", f"{worst:g}", f"deviations from 0 to {FARTHEST:g}")
             object.__setattr__(self, "camera_from_world_std", std)
         self._check_matrix()
         self._check_transform()
+
+    def __repr__(self) -> str:
+        place = " ".join(f"{value:.3f}" for value in self.position)
+        focal = f"{self.matrix[0, 0]:.1f}, {self.matrix[1, 1]:.1f}"
+        return f"Camera({self.name!r}: {self.width}×{self.height} px, f {focal} px, at {place} m)"
 
     def _error(self, key: str, found: str, valid: str) -> CalibrationError:
         key = "camera_matrix" if key == "matrix" else key  # the name that files give it
         return CalibrationError(f"{self.name}: {key}: found {found}, expected {valid}")
 
     def _size(self, key: str, value: object) -> int:
-        if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not 0 < value <= MAX_SIZE:
-            raise self._error(key, repr(value)[:40], f"a whole number of pixels from 1 to {MAX_SIZE}")
+        if not is_whole(value) or not 0 < value <= MAX_SIZE:
+            raise self._error(key, shown(value), f"a whole number of pixels from 1 to {MAX_SIZE}")
         return int(value)
 
     def _array(self, key: str, value: object, *shapes: tuple[int, ...]) -> FloatArray:
         valid = " or ".join(map(str, shapes))
         try:
             array = np.array(value, dtype=np.float64)
-        except (TypeError, ValueError) as error:
+        except (TypeError, ValueError, OverflowError) as error:
             raise self._error(key, type(value).__name__, f"numbers of shape {valid}") from error
         if array.shape not in shapes:
             raise self._error(key, f"shape {array.shape}", f"shape {valid}")
@@ -133,31 +162,45 @@ class Camera:
     @property
     def position(self) -> FloatArray:
         """(3,) centre of projection in the world [m]."""
-        result: FloatArray = -self.camera_from_world[:3, :3].T @ self.camera_from_world[:3, 3]
-        return result
+        return -self.camera_from_world[:3, :3].T @ self.camera_from_world[:3, 3]
 
     def project(self, points_world: npt.ArrayLike) -> FloatArray:
         """Pixels (N, 2) of world points (N, 3) [m]; NaN for points that are not in front of the camera.
 
         Like OpenCV's, the distortion folds back far outside the image (beyond about 40° off the axis
-        with the platform's lenses): limit points to the field of view before trusting their pixels.
+        with the platform's lenses): `project_in_view` gives no pixels there.
         """
-        in_camera = self._in_camera(points_world)
-        distorted, _ = distort(in_camera[:, :2] / in_camera[:, 2:], self.distortion, jacobian=False)
-        return self._pixels(distorted)
+        return self.project_with_jacobian(points_world)[0]
 
     def project_with_jacobian(self, points_world: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Pixels (N, 2) of world points (N, 3) [m] and their derivatives (N, 2, 3) [px/m]; NaN as above."""
         in_camera = self._in_camera(points_world)
+        in_camera[in_camera[:, 2] <= 0] = np.nan
         normalized = in_camera[:, :2] / in_camera[:, 2:]
-        distorted, lens = distort(normalized, self.distortion, jacobian=True)
+        distorted, lens = distort(normalized, self.distortion)
         perspective = np.zeros((len(in_camera), 2, 3))
         perspective[:, 0, 0] = perspective[:, 1, 1] = 1
         perspective[:, :, 2] = -normalized
         perspective /= in_camera[:, 2, None, None]
-        focal = self.matrix[(0, 1), (0, 1)][:, None]
-        jacobian: FloatArray = focal * (lens @ perspective @ self.camera_from_world[:3, :3])
-        return self._pixels(distorted), jacobian
+        focal, center = self.matrix[(0, 1), (0, 1)], self.matrix[:2, 2]
+        jacobian: FloatArray = focal[:, None] * (lens @ perspective @ self.camera_from_world[:3, :3])
+        return distorted * focal + center, jacobian
+
+    @functools.cached_property
+    def largest_tangent(self) -> float:
+        """Largest tangent of the angle between the optical axis and the rays of the image's border."""
+        columns, rows = (np.linspace(-0.5, count - 0.5, 9) for count in (self.width, self.height))
+        pixels = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
+        tangents = np.linalg.norm(self.undistort(pixels), axis=1)
+        return float(tangents[np.isfinite(tangents)].max(initial=0.0))
+
+    def project_in_view(self, points_world: npt.ArrayLike) -> FloatArray:
+        """As `project`; NaN far beyond the field of view, too."""
+        points = float_rows(points_world, 3, f"{self.name}: points", CalibrationError).copy()
+        in_camera = self._in_camera(points)
+        tangent = np.hypot(in_camera[:, 0], in_camera[:, 1])
+        points[~(tangent < VIEW * self.largest_tangent * in_camera[:, 2])] = np.nan
+        return self.project(points)
 
     def undistort(self, pixels: npt.ArrayLike) -> FloatArray:
         """Normalised coordinates (N, 2) = (X/Z, Y/Z) without distortion of pixels (N, 2), to about 1e-12.
@@ -166,7 +209,7 @@ class Camera:
         concerns a few pixels in the corners of uncropped 720×540 images, and none of the others.
         """
         focal, center = self.matrix[(0, 1), (0, 1)], self.matrix[:2, 2]
-        target = (np.asarray(pixels, dtype=np.float64).reshape(-1, 2) - center) / focal
+        target = (float_rows(pixels, 2, f"{self.name}: pixels", CalibrationError) - center) / focal
         return undistort(target, self.distortion)
 
     def rays(self, pixels: npt.ArrayLike) -> FloatArray:
@@ -174,13 +217,12 @@ class Camera:
         normalized = self.undistort(pixels)
         directions = np.concatenate([normalized, np.ones((len(normalized), 1))], axis=1)
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-        result: FloatArray = directions @ self.camera_from_world[:3, :3]
-        return result
+        return directions @ self.camera_from_world[:3, :3]
 
     def cropped(self, left: int, top: int, width: int, height: int) -> Camera:
         """The camera of the image's part of `width` × `height` that starts at pixel (left, top)."""
         matrix = self.matrix.copy()
-        matrix[:2, 2] -= (left, top)
+        matrix[:2, 2] -= self._array("left and top", (left, top), (2,))
         return dataclasses.replace(self, width=width, height=height, matrix=matrix)
 
     def resized(self, width: int, height: int) -> Camera:
@@ -188,6 +230,7 @@ class Camera:
 
         Pixel centres are at whole numbers, so c' = (c + ½) s - ½ and f' = f s along each axis.
         """
+        width, height = self._size("width", width), self._size("height", height)
         scale = np.array([width / self.width, height / self.height])
         matrix = self.matrix.copy()
         matrix[(0, 1), (0, 1)] *= scale
@@ -204,15 +247,8 @@ class Camera:
         return dataclasses.replace(self, matrix=matrix)
 
     def _in_camera(self, points_world: npt.ArrayLike) -> FloatArray:
-        points = np.asarray(points_world, dtype=np.float64).reshape(-1, 3)
-        rotation, translation = self.camera_from_world[:3, :3], self.camera_from_world[:3, 3]
-        in_camera: FloatArray = points @ rotation.T + translation
-        in_camera[in_camera[:, 2] <= 0] = np.nan
-        return in_camera
-
-    def _pixels(self, distorted: FloatArray) -> FloatArray:
-        result: FloatArray = distorted * self.matrix[(0, 1), (0, 1)] + self.matrix[:2, 2]
-        return result
+        points = float_rows(points_world, 3, f"{self.name}: points", CalibrationError)
+        return points @ self.camera_from_world[:3, :3].T + self.camera_from_world[:3, 3]
 
 
 def rotation_deviation(matrix: Array) -> float:

@@ -8,64 +8,51 @@ from __future__ import annotations
 
 import numpy as np
 
-from tracker.conventions import Array
+from tracker.conventions import Array, FloatArray
 
 FACE_NAMES = ("+x", "-x", "+y", "-y", "+z", "-z")
 
-CORNER_SIGNS = np.array(
-    [[1 if k & 1 else -1, 1 if k & 2 else -1, 1 if k & 4 else -1] for k in range(8)], dtype=np.float64
-)
+CORNER_SIGNS = np.array([[1.0 if k >> axis & 1 else -1.0 for axis in range(3)] for k in range(8)])
 """(8, 3) signs of the corners; times half the size gives the corners in the object's frame."""
+
+KEYPOINT_SIGNS = CORNER_SIGNS[::-1]
+"""(8, 3) signs of the corners in the order of the platform's data sets: + where the bit of i is 0."""
 
 FACE_NORMALS = np.array(
     [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=np.float64
 )
 """(6, 3) outward normals in the object's frame."""
 
-
-def _edges() -> Array:
-    rows = []
-    for a in range(8):
-        for axis in range(3):
-            b = a | (1 << axis)
-            if b == a:
-                continue
-            faces = [
-                2 * other + (0 if CORNER_SIGNS[a, other] > 0 else 1) for other in range(3) if other != axis
-            ]
-            rows.append([a, b, *faces])
-    return np.array(rows, dtype=np.int64)
-
-
-EDGES = _edges()
+EDGES = np.array(
+    [
+        [a, a | 1 << axis, *(2 * other + (~a >> other & 1) for other in range(3) if other != axis)]
+        for a in range(8)
+        for axis in range(3)
+        if not a >> axis & 1
+    ],
+    dtype=np.int64,
+)
 """(12, 4) corner, corner, face, face: the ends of each edge and the two faces that meet in it."""
 
-
-def _face_corners() -> Array:
-    # Counter-clockwise seen from outside: start with the two in-face axes in right-handed order.
-    rows = []
-    for face in range(6):
-        axis, sign = face // 2, 1 if face % 2 == 0 else -1
-        u, v = (axis + 1) % 3, (axis + 2) % 3
-        turn = [(-1, -1), (1, -1), (1, 1), (-1, 1)]
-        if sign < 0:
-            turn = turn[::-1]
-        corners = []
-        for su, sv in turn:
-            signs = np.zeros(3)
-            signs[axis], signs[u], signs[v] = sign, su, sv
-            corners.append(sum(1 << i for i in range(3) if signs[i] > 0))
-        rows.append(corners)
-    return np.array(rows, dtype=np.int64)
-
-
-FACE_CORNERS = _face_corners()
+FACE_CORNERS = np.array(
+    [[1, 3, 7, 5], [4, 6, 2, 0], [2, 6, 7, 3], [1, 5, 4, 0], [4, 5, 7, 6], [2, 3, 1, 0]], dtype=np.int64
+)
 """(6, 4) corners of each face, counter-clockwise seen from outside."""
 
 
 def corners(size: Array) -> Array:
     """Corners (8, 3) [m] in the object's frame of a cuboid of edge lengths `size` (3,) [m]."""
     return CORNER_SIGNS * (np.asarray(size, dtype=np.float64) / 2)
+
+
+def keypoints(position: Array, rotation: Array, size: Array) -> FloatArray:
+    """Corners (..., 8, 3) [m] of cuboids at positions (..., 3) [m], turned by world from object (..., 3, 3).
+
+    Corner i lies on the + side of x, y, z where bit 0, 1, 2 of i is 0. size: edge lengths (..., 3) [m].
+    """
+    inside = KEYPOINT_SIGNS * (np.asarray(size, dtype=np.float64)[..., None, :] / 2)
+    result: FloatArray = position[..., None, :] + inside @ np.swapaxes(rotation, -1, -2)
+    return result
 
 
 def face_centers(size: Array) -> Array:

@@ -38,10 +38,8 @@ def tilt(coefficients: FloatArray) -> FloatArray:
     return result
 
 
-def distort(
-    normalized: FloatArray, coefficients: FloatArray, *, jacobian: bool
-) -> tuple[FloatArray, FloatArray]:
-    """Bent coordinates (N, 2) of normalised ones (N, 2), and their derivatives (N, 2, 2) if wanted."""
+def distort(normalized: FloatArray, coefficients: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Bent coordinates (N, 2) of normalised ones (N, 2), and their derivatives (N, 2, 2)."""
     k1, k2, p1, p2, k3 = coefficients[:5]
     x, y = normalized[:, 0], normalized[:, 1]
     r2 = x * x + y * y
@@ -55,30 +53,22 @@ def distort(
     bent = np.empty_like(normalized)
     bent[:, 0] = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
     bent[:, 1] = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
-    derivative = np.empty((len(normalized) if jacobian else 0, 2, 2))
-    if jacobian:
-        derivative[:, 0, 0] = radial + x * x * slope + 2 * p1 * y + 6 * p2 * x
-        derivative[:, 1, 1] = radial + y * y * slope + 6 * p1 * y + 2 * p2 * x
-        derivative[:, 0, 1] = derivative[:, 1, 0] = x * y * slope + 2 * p1 * x + 2 * p2 * y
+    derivative = np.empty((len(normalized), 2, 2))
+    derivative[:, 0, 0] = radial + x * x * slope + 2 * p1 * y + 6 * p2 * x
+    derivative[:, 1, 1] = radial + y * y * slope + 6 * p1 * y + 2 * p2 * x
+    derivative[:, 0, 1] = derivative[:, 1, 0] = x * y * slope + 2 * p1 * x + 2 * p2 * y
     if len(coefficients) > 8:
         s1, s2, s3, s4 = coefficients[8:12]
         bent += np.stack([r2 * (s1 + r2 * s2), r2 * (s3 + r2 * s4)], axis=1)
-        if jacobian:
-            along = 2 * np.stack([s1 + 2 * r2 * s2, s3 + 2 * r2 * s4], axis=1)
-            derivative += along[:, :, None] * normalized[:, None, :]
-    return _tilted(bent, derivative, coefficients) if len(coefficients) > 12 else (bent, derivative)
-
-
-def _tilted(
-    bent: FloatArray, derivative: FloatArray, coefficients: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    homography = tilt(coefficients)
-    seen = bent @ homography[:, :2].T + homography[:, 2]
-    result = seen[:, :2] / seen[:, 2:]
-    if len(derivative):
-        rows = homography[:2, :2] - result[:, :, None] * homography[2, :2]
+        along = 2 * np.stack([s1 + 2 * r2 * s2, s3 + 2 * r2 * s4], axis=1)
+        derivative += along[:, :, None] * normalized[:, None, :]
+    if len(coefficients) > 12:
+        homography = tilt(coefficients)
+        seen = bent @ homography[:, :2].T + homography[:, 2]
+        bent = seen[:, :2] / seen[:, 2:]
+        rows = homography[:2, :2] - bent[:, :, None] * homography[2, :2]
         derivative = (rows / seen[:, 2, None, None]) @ derivative
-    return result, derivative
+    return bent, derivative
 
 
 def undistort(target: FloatArray, coefficients: FloatArray) -> FloatArray:
@@ -86,7 +76,7 @@ def undistort(target: FloatArray, coefficients: FloatArray) -> FloatArray:
     solution = target.copy()
     with np.errstate(all="ignore"):  # a diverging row becomes NaN, and is reported as such
         for _ in range(_NEWTON_ITERATIONS):
-            value, slope = distort(solution, coefficients, jacobian=True)
+            value, slope = distort(solution, coefficients)
             error = value - target
             (a, b), (c, d) = slope[:, 0].T, slope[:, 1].T
             determinant = a * d - b * c

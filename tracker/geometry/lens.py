@@ -9,9 +9,8 @@ import numpy as np
 
 from tracker.compiled import compiled
 from tracker.conventions import Array
-from tracker.geometry.camera import Camera
-from tracker.geometry.distortion import COUNTS, padded, tilt
-from tracker.geometry.field_of_view import MARGIN, largest_tangent
+from tracker.geometry.camera import VIEW, Camera
+from tracker.geometry.distortion import padded, tilt
 
 LENS = np.dtype(
     [
@@ -22,7 +21,6 @@ LENS = np.dtype(
         ("center", np.float64, (2,)),  # cx, cy [px]
         ("distortion", np.float64, (14,)),  # all coefficients, those that are not told 0
         ("tilt", np.float64, (3, 3)),  # homography of the tilted sensor
-        ("plain", np.bool_),  # whether only the first five coefficients are there
         ("limit", np.float64),  # squared tangent beyond which the distortion may fold back into the picture
         ("width", np.int64),  # [px]
         ("height", np.int64),  # [px]
@@ -42,23 +40,22 @@ def stack_lenses(cameras: Sequence[Camera]) -> Array:
         lens["center"] = camera.matrix[0, 2], camera.matrix[1, 2]
         lens["distortion"] = padded(camera.distortion)
         lens["tilt"] = tilt(camera.distortion)
-        lens["plain"] = len(camera.distortion) == COUNTS[0]
-        lens["limit"] = (MARGIN * largest_tangent(camera)) ** 2
+        lens["limit"] = (VIEW * camera.largest_tangent) ** 2
         lens["width"], lens["height"] = camera.width, camera.height
     return lenses
 
 
 @compiled
-def bent(k, tilt, a, b):  # type: ignore[no-untyped-def]
-    """Where a lens of all 14 coefficients puts (a, b), and the derivatives: (u, v, ua, ub, va, vb)."""
-    s = a * a + b * b
+def _bent(lens, a, b):  # type: ignore[no-untyped-def]
+    """Where a lens puts (a, b), and the derivatives: (u, v, ua, ub, va, vb)."""
+    k, tilt, s = lens.distortion, lens.tilt, a * a + b * b
     below = 1.0 + s * (k[5] + s * (k[6] + s * k[7]))
     radial = (1.0 + s * (k[0] + s * (k[1] + s * k[4]))) / below
     slope = k[0] + s * (2.0 * k[1] + s * 3.0 * k[4])
     slope = (slope - radial * (k[5] + s * (2.0 * k[6] + s * 3.0 * k[7]))) / below
     x = a * radial + 2.0 * k[2] * a * b + k[3] * (s + 2.0 * a * a) + s * (k[8] + s * k[9])
     y = b * radial + k[2] * (s + 2.0 * b * b) + 2.0 * k[3] * a * b + s * (k[10] + s * k[11])
-    mixed = 2.0 * (a * b * slope + k[2] * a + k[3] * b)
+    mixed = 2.0 * a * b * slope + 2.0 * k[2] * a + 2.0 * k[3] * b
     prism_x, prism_y = 2.0 * (k[8] + 2.0 * s * k[9]), 2.0 * (k[10] + 2.0 * s * k[11])
     xa = radial + 2.0 * a * a * slope + 2.0 * k[2] * b + 6.0 * k[3] * a + prism_x * a
     xb, ya = mixed + prism_x * b, mixed + prism_y * a
@@ -74,54 +71,34 @@ def bent(k, tilt, a, b):  # type: ignore[no-untyped-def]
 @compiled
 def project(lenses, c, x, y, z):  # type: ignore[no-untyped-def]
     """Pixel (u, v) and depth of a world point (x, y, z) in camera c; depth -1 far out of view."""
-    r, t, k = lenses[c].rotation, lenses[c].translation, lenses[c].distortion
+    lens = lenses[c]
+    r, t = lens.rotation, lens.translation
     zc = r[2, 0] * x + r[2, 1] * y + r[2, 2] * z + t[2]
     inverse = 1.0 / max(zc, 1e-6)
     a = (r[0, 0] * x + r[0, 1] * y + r[0, 2] * z + t[0]) * inverse
     b = (r[1, 0] * x + r[1, 1] * y + r[1, 2] * z + t[1]) * inverse
-    s = a * a + b * b
-    if s > lenses[c].limit:
+    if a * a + b * b > lens.limit:
         zc = -1.0
-    if lenses[c].plain:
-        radial = 1.0 + s * (k[0] + s * (k[1] + s * k[4]))
-        u = a * radial + 2.0 * k[2] * a * b + k[3] * (s + 2.0 * a * a)
-        v = b * radial + k[2] * (s + 2.0 * b * b) + 2.0 * k[3] * a * b
-    else:
-        u, v, _, _, _, _ = bent(k, lenses[c].tilt, a, b)
-    return (
-        lenses[c].focal[0] * u + lenses[c].center[0],
-        lenses[c].focal[1] * v + lenses[c].center[1],
-        zc,
-    )
+    u, v, _, _, _, _ = _bent(lens, a, b)
+    return lens.focal[0] * u + lens.center[0], lens.focal[1] * v + lens.center[1], zc
 
 
 @compiled
 def project_with_jacobian(lenses, c, x, y, z, jacobian):  # type: ignore[no-untyped-def]
     """As `project`, and d(u, v)/d(x, y, z) into jacobian (2, 3)."""
-    r, t, k = lenses[c].rotation, lenses[c].translation, lenses[c].distortion
+    lens = lenses[c]
+    r, t = lens.rotation, lens.translation
     zc = max(r[2, 0] * x + r[2, 1] * y + r[2, 2] * z + t[2], 1e-6)
     inverse = 1.0 / zc
     a = (r[0, 0] * x + r[0, 1] * y + r[0, 2] * z + t[0]) * inverse
     b = (r[1, 0] * x + r[1, 1] * y + r[1, 2] * z + t[1]) * inverse
-    s = a * a + b * b
-    if lenses[c].plain:
-        radial = 1.0 + s * (k[0] + s * (k[1] + s * k[4]))
-        slope = k[0] + s * (2.0 * k[1] + s * 3.0 * k[4])
-        u = a * radial + 2.0 * k[2] * a * b + k[3] * (s + 2.0 * a * a)
-        v = b * radial + k[2] * (s + 2.0 * b * b) + 2.0 * k[3] * a * b
-        ua = radial + 2.0 * a * a * slope + 2.0 * k[2] * b + 6.0 * k[3] * a
-        ub = 2.0 * a * b * slope + 2.0 * k[2] * a + 2.0 * k[3] * b
-        va = ub
-        vb = radial + 2.0 * b * b * slope + 6.0 * k[2] * b + 2.0 * k[3] * a
-    else:
-        u, v, ua, ub, va, vb = bent(k, lenses[c].tilt, a, b)
-    fx, fy = lenses[c].focal[0], lenses[c].focal[1]
+    u, v, ua, ub, va, vb = _bent(lens, a, b)
     for i in range(3):
         da = (r[0, i] - a * r[2, i]) * inverse
         db = (r[1, i] - b * r[2, i]) * inverse
-        jacobian[0, i] = fx * (ua * da + ub * db)
-        jacobian[1, i] = fy * (va * da + vb * db)
-    return fx * u + lenses[c].center[0], fy * v + lenses[c].center[1], zc
+        jacobian[0, i] = lens.focal[0] * (ua * da + ub * db)
+        jacobian[1, i] = lens.focal[1] * (va * da + vb * db)
+    return lens.focal[0] * u + lens.center[0], lens.focal[1] * v + lens.center[1], zc
 
 
 @compiled
@@ -132,7 +109,7 @@ def rotate(rotation, vector, out):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def visible_faces(lenses, c, half, rotation, position, out):  # type: ignore[no-untyped-def]
+def face_heights(lenses, c, half, rotation, position, out):  # type: ignore[no-untyped-def]
     """Out (6,) = height of the camera's centre above each face's plane [m]; positive: it faces it."""
     for axis in range(3):
         along = 0.0

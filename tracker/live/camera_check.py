@@ -10,11 +10,11 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from tracker.calibration.board_absence import photo_blur
+from tracker.calibration.board.sighting import photo_blur
+from tracker.calibration.by_object.health import LEVELS, MOST_CLIPPED, brightness, clipped_share
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Image
-from tracker.live.shot import Shot, Source, SourceEnded
-from tracker.upkeep.picture import LEVELS, brightness, clipped_share
+from tracker.live.moment import ImageSet, ImageSource, SourceEnded
 
 MOST_MISSING = 0.01
 """Share of the pictures that may be missing."""
@@ -24,9 +24,6 @@ MOST_SKEW = 0.02
 
 MOST_AGE = 0.1
 """How old the latest picture of a set may be when it is handed over [s]."""
-
-MOST_CLIPPED = 0.15
-"""Share of pixels with a clipped channel; in recordings of the platform 0 to 0.06."""
 
 MOST_BLUR = 2.5
 """Standard deviation of the sharpest edges' blur [px]."""
@@ -44,7 +41,7 @@ class PictureLook(NamedTuple):
     level: float
     """Median grey level."""
     clipped: float
-    """Share of pixels with a clipped channel."""
+    """Pixels with a clipped channel [%]."""
     blur: float
     """Of its strongest edges [px]; NaN where it shows none."""
 
@@ -52,7 +49,7 @@ class PictureLook(NamedTuple):
     def of(cls, image: Image) -> PictureLook:
         """Look at a picture (H, W, 3), which takes some milliseconds."""
         grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
-        return cls(brightness(image), clipped_share(image), photo_blur(grey))
+        return cls(brightness(image), 100 * clipped_share(image), photo_blur(grey))
 
 
 @dataclass
@@ -123,9 +120,9 @@ class CameraLooks:
         level, clipped, blur = self.look
         if level < LEVELS[0]:
             found.append(f"dark, median grey level {level:.0f}: expose longer, or is the lens covered?")
-        if level > LEVELS[1] or clipped > MOST_CLIPPED:
+        if level > LEVELS[1] or clipped > 100 * MOST_CLIPPED:
             found.append(
-                f"over-exposed, median grey level {level:.0f}, {clipped:.0%} of its pixels are clipped: "
+                f"over-exposed, median grey level {level:.0f}, {clipped:.0f} % of its pixels are clipped: "
                 "expose for less long"
             )
         if blur > MOST_BLUR:
@@ -149,15 +146,15 @@ class SetLooks:
         """Sets per second [Hz]."""
         return (self.sets - 1) / self.seconds if self.seconds > 0 else float("nan")
 
-    def see(self, shot: Shot) -> None:
+    def see(self, taken: ImageSet) -> None:
         """Take in a set of pictures."""
         self.sets += 1
-        if any(image is not None for image in shot.images):
-            self.ages.append(shot.age)
+        if any(image is not None for image in taken.images):
+            self.ages.append(taken.age)
         for camera, image, fault, stamp in zip(
-            self.cameras, shot.images, shot.faults, shot.stamps, strict=True
+            self.cameras, taken.images, taken.faults, taken.stamps, strict=True
         ):
-            camera.see(image, fault, shot.timestamp - stamp)
+            camera.see(image, fault, taken.timestamp - stamp)
 
     def faults(self) -> list[str]:
         """What is wrong, camera by camera."""
@@ -169,7 +166,7 @@ class SetLooks:
         return found
 
 
-def look_at(source: Source, rig: CameraRig, seconds: float) -> SetLooks:
+def look_at(source: ImageSource, rig: CameraRig, seconds: float) -> SetLooks:
     """Look at what a source gives for some seconds, or to its end; the source is left open.
 
     Raises:
@@ -179,12 +176,12 @@ def look_at(source: Source, rig: CameraRig, seconds: float) -> SetLooks:
     end, first = time.monotonic() + seconds, 0.0
     while (left := end - time.monotonic()) > 0:
         try:
-            shot = source.next(min(left, 0.5))
+            taken = source.next(min(left, 0.5))
         except SourceEnded:
             break
-        if shot is not None:
+        if taken is not None:
             now = time.monotonic()
             first = first or now
-            looks.see(shot)
+            looks.see(taken)
             looks.seconds = now - first
     return looks

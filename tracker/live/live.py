@@ -14,9 +14,8 @@ import numpy as np
 
 from tracker.conventions import Image
 from tracker.errors import LiveError
-from tracker.live.moment import Moment, camera_faults, without_images
-from tracker.live.opening import FORMS, open_source
-from tracker.live.shot import Shot, Source, SourceEnded
+from tracker.live.moment import ImageSet, ImageSource, Moment, SourceEnded, camera_faults, without_images
+from tracker.live.sources import FORMS, open_source
 from tracker.pipeline import ObjectTracker
 from tracker.pose.result import MotionEstimate
 from tracker.warm_up import load
@@ -29,6 +28,9 @@ STAMPS_APART = 1.0
 
 _PATIENCE = 0.1
 """How long the thread waits at a time [s], before it looks whether it has to end."""
+
+CLOSING = 5.0
+"""How long `close` waits for a source that does not return [s]."""
 
 
 class Live:
@@ -52,7 +54,7 @@ class Live:
 
     def __init__(
         self,
-        source: Source | str | os.PathLike[str],
+        source: ImageSource | str | os.PathLike[str],
         tracker: ObjectTracker,
         *,
         listeners: Sequence[Callable[[Moment], None]] = (),
@@ -73,8 +75,8 @@ class Live:
         self._changed = threading.Condition()
         self._moments: deque[tuple[Moment, Callable[[float], MotionEstimate | None]]] = deque(maxlen=history)
         self._faults: deque[str] = deque(maxlen=100)
-        self._error: Exception | None = None
-        self._stopping, self._running = threading.Event(), True
+        self._error: BaseException | None = None
+        self._stopping, self._running, self._working = threading.Event(), True, False
         self._count = 0
         self._fault_counts = dict.fromkeys(tracker.rig.names, 0)
         self._jump_count = 0
@@ -90,6 +92,8 @@ class Live:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+        if kind is None and self._error is not None and not isinstance(self._error, Exception):
+            raise self._error
 
     @property
     def running(self) -> bool:
@@ -97,8 +101,12 @@ class Live:
         return self._running
 
     @property
-    def error(self) -> Exception | None:
-        """What broke the source or the tracker, None where nothing did."""
+    def error(self) -> BaseException | None:
+        """What broke the source or the tracker, None where nothing did.
+
+        A KeyboardInterrupt or SystemExit in the source is raised by `wait` as it is, and at the end of a
+        with-statement that nothing else ended.
+        """
         return self._error
 
     @property
@@ -124,6 +132,7 @@ class Live:
 
         Raises:
             LiveError: the source or the tracker broke; the message says how.
+            KeyboardInterrupt, SystemExit: the source raised it.
         """
         with self._changed:
             if after is None:
@@ -133,8 +142,10 @@ class Live:
             self._changed.wait_for(lambda: self._count - 1 > number or not self._running, timeout)
             if self._count - 1 > number:
                 return self._moments[-1][0]
-            if self._error is not None:
+            if isinstance(self._error, Exception):
                 raise LiveError(f"live: {self._error}") from self._error
+            if self._error is not None:
+                raise self._error
             return None
 
     def at(self, timestamp: float) -> MotionEstimate | None:
@@ -154,49 +165,65 @@ class Live:
         return None if known is None else known[1](timestamp)
 
     def close(self) -> None:
-        """End the tracking, and close the source; called again it does nothing."""
+        """End the tracking, and close the source; called again it does nothing.
+
+        A source that returns from `next` or `close` only after seconds is left to the thread, which closes it
+        then; `faults` tells of it.
+        """
         self._stopping.set()
-        if self._thread is not threading.current_thread():
-            self._thread.join()
+        if self._thread is threading.current_thread():
+            return
+        until = time.monotonic() + CLOSING
+        while self._running and (self._working or time.monotonic() < until):
+            self._thread.join(_PATIENCE)
+        if self._running:
+            self._note(f"the source does not return: not closed after {CLOSING:g} s")
+            self._end()
 
     def _run(self) -> None:
         try:
             while not self._stopping.is_set():
-                shot = self._source.next(_PATIENCE)
-                if shot is not None:
-                    self._take_in(shot)
+                taken = self._source.next(_PATIENCE)
+                if taken is not None and not self._stopping.is_set():
+                    self._working = True
+                    self._take_in(taken)
+                    self._working = False
         except SourceEnded:
             pass
-        except Exception as error:
+        except BaseException as error:  # of this thread nobody else would see it
             self._error = error
         finally:
+            self._working = False
             try:
                 self._source.close()
             except Exception as error:
                 self._note(f"the source could not be closed: {error}")
-            with self._changed:
-                self._running = False
-                self._changed.notify_all()
+            self._end()
 
-    def _take_in(self, shot: Shot) -> None:
+    def _end(self) -> None:
+        with self._changed:
+            self._running = False
+            self._changed.notify_all()
+
+    def _take_in(self, taken: ImageSet) -> None:
         start = time.perf_counter()
-        shot = self._checked(shot)
-        if shot.timestamp == self._last and not shot.fresh:
+        taken = self._checked(taken)
+        if taken.timestamp == self._last and not taken.fresh:
             return  # the same set again, which is no news
-        jump = self._jump(shot, start)
-        anew = shot.fresh or (self._last is not None and shot.timestamp < self._last)
+        jump = self._jump(taken, start)
+        anew = taken.fresh or (self._last is not None and taken.timestamp < self._last)
         if anew:
             self._tracker.reset()
-        observation = self._tracker.update(shot.images, shot.stamps)
-        self._last, self._begun = shot.timestamp, start
-        faults = camera_faults(self._tracker.rig.names, shot, observation.cameras)
+        observation = self._tracker.update(taken.images, taken.stamps)
+        self._last, self._begun = taken.timestamp, start
+        faults = camera_faults(self._tracker.rig.names, taken, observation.cameras)
         if jump is not None:
             self._note(f"stamps {jump}")
         self._jump_count += jump is not None
         self._fault_counts = {name: n + (name in faults) for name, n in self._fault_counts.items()}
-        latency = shot.age + time.perf_counter() - start
+        latency = taken.age + time.perf_counter() - start
         moment = Moment(
-            self._count, shot.timestamp, observation, shot, latency,
+            self._count, taken.timestamp, observation, taken, latency,
             faults, jump, self._fault_counts, self._jump_count,
         )  # fmt: skip
         with self._changed:
@@ -215,26 +242,26 @@ class Live:
                 self._listeners.remove(listener)
                 self._note(f"a listener is not called any more: {error}")
 
-    def _jump(self, shot: Shot, now: float) -> str | None:
+    def _jump(self, taken: ImageSet, now: float) -> str | None:
         """How stamps jumped since the last set, which came at `_begun`; None: they went on as time does."""
-        if self._last is None or shot.fresh:
+        if self._last is None or taken.fresh:
             return None
-        step, passed = shot.timestamp - self._last, now - self._begun
+        step, passed = taken.timestamp - self._last, now - self._begun
         if step < 0:
             return f"went back by {-step:.3f} s: what was before is forgotten"
         if step - passed > STAMPS_APART:
             return f"went on by {step:.3f} s within {passed:.3f} s"
         return None
 
-    def _checked(self, shot: Shot) -> Shot:
+    def _checked(self, taken: ImageSet) -> ImageSet:
         """The set without images that cannot be used, of which the others must not suffer."""
         rig = self._tracker.rig
-        if len(shot.images) != len(rig):
+        if len(taken.images) != len(rig):
             names = ", ".join(rig.names)
-            raise LiveError(f"source: found {len(shot.images)} images, expected one for each of {names}")
-        faults = dict(enumerate(shot.faults))
-        middle = self._usual_stamp(shot)
-        for c, (image, camera) in enumerate(zip(shot.images, rig, strict=True)):
+            raise LiveError(f"source: found {len(taken.images)} images, expected one for each of {names}")
+        faults = dict(enumerate(taken.faults))
+        middle = self._usual_stamp(taken)
+        for c, (image, camera) in enumerate(zip(taken.images, rig, strict=True)):
             if image is None:
                 continue
             shape = camera.height, camera.width, 3
@@ -243,33 +270,33 @@ class Live:
             elif image.shape != shape:
                 found = f"{image.shape[1]}x{image.shape[0]}"
                 faults[c] = f"found {found} px, expected {camera.width}x{camera.height} as it is calibrated"
-            elif abs(shot.stamps[c] - middle) > STAMPS_APART:
-                faults[c] = f"its stamp is {shot.stamps[c] - middle:+.3f} s from the others'"
+            elif abs(taken.stamps[c] - middle) > STAMPS_APART:
+                faults[c] = f"its stamp is {taken.stamps[c] - middle:+.3f} s from the others'"
             else:
                 continue
             self._note(f"{camera.name}: {faults[c]}")
-        unusable = {c for c, fault in faults.items() if fault != shot.faults[c]}
+        unusable = {c for c, fault in faults.items() if fault != taken.faults[c]}
         if not unusable:
-            return shot
+            return taken
 
         def usable(images: Sequence[Image | None]) -> tuple[Image | None, ...]:
             return tuple(None if c in unusable else image for c, image in enumerate(images))
 
         return replace(
-            shot,
-            images=usable(shot.images),
-            raw=None if shot.raw is None else usable(shot.raw),  # one of another size would end a recording
-            stamps=tuple(middle if c in unusable else stamp for c, stamp in enumerate(shot.stamps)),
+            taken,
+            images=usable(taken.images),
+            raw=None if taken.raw is None else usable(taken.raw),  # one of another size would end a recording
+            stamps=tuple(middle if c in unusable else stamp for c, stamp in enumerate(taken.stamps)),
             faults=tuple(faults.values()),
         )
 
-    def _usual_stamp(self, shot: Shot) -> float:
+    def _usual_stamp(self, taken: ImageSet) -> float:
         """The stamp that most agree with; of two that differ, the one that follows on what was before."""
-        given = [t for image, t in zip(shot.images, shot.stamps, strict=True) if image is not None]
+        given = [t for image, t in zip(taken.images, taken.stamps, strict=True) if image is not None]
         if len(given) == 2 and self._last is not None:
             last = self._last
             return min(given, key=lambda stamp: abs(stamp - last))
-        return float(np.median(given or shot.stamps))
+        return float(np.median(given or taken.stamps))
 
     def _note(self, fault: str) -> None:
         with self._changed:

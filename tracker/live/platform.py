@@ -25,8 +25,7 @@ from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray, Image
 from tracker.errors import LiveError
 from tracker.live.live import Live
-from tracker.live.moment import Moment
-from tracker.live.shot import Source
+from tracker.live.moment import ImageSource, Moment
 from tracker.logs import open_log
 from tracker.logs.frame import RecordedPose
 from tracker.logs.pictures import from_bayer
@@ -90,7 +89,7 @@ class Frontend:
     """
 
     def __init__(
-        self, source: Source, tracker: ObjectTracker, *, raw: bool = False, history: int = HISTORY
+        self, source: ImageSource, tracker: ObjectTracker, *, raw: bool = False, history: int = HISTORY
     ) -> None:
         self._rig, self._raw = tracker.rig, raw
         self._changed = threading.Condition()
@@ -142,6 +141,8 @@ class Frontend:
         with self._changed:
             while not (self._kept and self._kept[-1][0] >= t):
                 reason = self._fault or self._live.error
+                if isinstance(reason, (KeyboardInterrupt, SystemExit)):
+                    raise reason
                 if reason is not None or not self._live.running:
                     reason = reason or "the source has ended"
                     raise LiveError(f"observation {t}: will not come: {reason}")
@@ -176,14 +177,14 @@ class Frontend:
         return self.get_latest_observation().filtered_object_pose
 
     def _hear(self, moment: Moment) -> None:
-        shot = moment.shot
-        images = shot.raw if self._raw else shot.images
+        taken = moment.taken
+        images = taken.raw if self._raw else taken.images
         if images is None:
-            images = (None,) * len(shot.images)
-            if any(image is not None for image in shot.images):
+            images = (None,) * len(taken.images)
+            if any(image is not None for image in taken.images):
                 self._fault = "found images in colour, expected raw Bayer pixels"
                 return
-        cameras = tuple(map(CameraObservation, images, shot.stamps))
+        cameras = tuple(map(CameraObservation, images, taken.stamps))
         poses = map(ObjectPose.of, (moment.object_pose, moment.filtered_object_pose))
         with self._changed:
             self._kept.append((moment.sequence, moment.timestamp, CameraObjectObservation(cameras, *poses)))

@@ -8,10 +8,10 @@ import numpy as np
 
 from tracker.conventions import FloatArray, Image
 from tracker.errors import LogError
-from tracker.files.zarr import StoredArray, open_store
+from tracker.files.stores import StoredArray, open_store
 from tracker.logs.frame import LogFrame
+from tracker.logs.log import DEFAULT_NAMES, MAX_SIDE, MIN_SIDE, Source
 from tracker.logs.pictures import decode, from_bayer, from_quadrants
-from tracker.logs.source import DEFAULT_NAMES, MAX_SIDE, MIN_SIDE, Source
 
 CAMERA_RATE = 10.0
 """Of the cameras [Hz]."""

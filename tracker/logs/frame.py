@@ -10,6 +10,7 @@ import numpy as np
 
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import LogError
+from tracker.stamps import one_stamp
 
 MAX_DISTANCE = 10.0
 """Farthest recorded position [m] that is believed; the arena's radius is 0.2 m."""
@@ -17,11 +18,12 @@ MAX_DISTANCE = 10.0
 MAX_CONFIDENCE = 2.0
 """Largest recorded confidence that is believed: nominally 1, but a sum weighted by hand may exceed it."""
 
-MAX_STAMP = 1e11
-"""Largest stamp [s] that is believed: the year 5138."""
-
 MAX_GAP = 3600.0
 """Longest time [s] between two frames of one recording; a job of the platform lasts minutes."""
+
+EARLIEST = -MAX_GAP
+"""Least stamp [s] that is believed: a simulated clock may begin before its zero, while a time since the epoch
+whose sign is damaged is far below."""
 
 _APART = 1e-3  # s between frames without a stamp at the beginning and the end of a recording
 _ZERO_NORM = 1e-6  # an orientation that was never set, in memory that held zeros or nearly so
@@ -108,11 +110,12 @@ def pose_from_record(values: Array, *, what: str) -> RecordedPose | None:
     return RecordedPose(position, orientation / norm, confidence)
 
 
-def checked_stamp(value: float, *, what: str) -> float:
+def checked_stamp(value: object, *, what: str) -> float:
     """A stamp [s] that can be one; LogError otherwise."""
-    if not 0 <= value <= MAX_STAMP:
-        raise LogError(f"{what}: found the stamp {value:.6g} s, expected 0 to {MAX_STAMP:g} s")
-    return float(value)
+    stamp = one_stamp(value, f"{what}: stamp", LogError)
+    if stamp < EARLIEST:
+        raise LogError(f"{what}: found the stamp {stamp:.6g} s, expected at least {EARLIEST:g} s")
+    return stamp
 
 
 class StampOrder:

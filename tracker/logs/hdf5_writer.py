@@ -13,12 +13,13 @@ import numpy as np
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import LogError
-from tracker.files.hdf5_disk import Disk
+from tracker.files.hdf5 import Disk
 from tracker.logs.frame import checked_stamp
-from tracker.logs.hdf5 import FLUSHED, MAGIC
 from tracker.logs.hdf5_fields import write_settings
+from tracker.logs.hdf5_reader import FLUSHED, MAGIC
+from tracker.logs.log import Settings
 from tracker.logs.pictures import to_bayer
-from tracker.logs.source import Settings
+from tracker.stamps import seconds
 
 VERSION = (2, 1)
 """Attributes `format_version` and `format_version_minor`."""
@@ -122,7 +123,7 @@ class Hdf5LogWriter:
         stamp = checked_stamp(timestamp, what=where)
         stamps = np.full(len(self._rig), stamp)
         if camera_timestamps is not None:
-            given = np.asarray(camera_timestamps, np.float64)
+            given = seconds(camera_timestamps, f"{where}: camera_timestamps", LogError)
             if given.shape != stamps.shape:
                 raise LogError(f"{where}: found stamps of shape {given.shape}, expected {stamps.shape}")
             stamps = np.where(np.isnan(given), stamps, given)

@@ -23,10 +23,10 @@ import numpy as np
 
 from tracker.conventions import Image
 from tracker.errors import LogError
-from tracker.files import cannot_read
+from tracker.files import cannot_read, open_regular
 from tracker.logs.frame import LogFrame, checked_stamp, empty_frame, is_empty, pose_from_record
+from tracker.logs.log import MAX_SIDE, MIN_SIDE, Source
 from tracker.logs.pictures import from_bayer
-from tracker.logs.source import MAX_SIDE, MIN_SIDE, Source
 
 _CAMERAS = 3
 _EMPTY = (b"", struct.pack("<IQ", 1, 0), struct.pack("<Q", 0))
@@ -51,7 +51,7 @@ class NativeSource(Source):
     def __init__(self, path: Path, *, recover: bool) -> None:
         super().__init__(path)
         try:
-            self._raw = path.open("rb")
+            self._raw = open_regular(path)
             self.sequential = self._raw.read(len(_GZIP_MAGIC)) == _GZIP_MAGIC
         except OSError as error:
             raise cannot_read(path, error) from error

@@ -6,14 +6,14 @@ import functools
 import os
 from pathlib import Path
 
-from tracker.errors import LogError
-from tracker.files import cannot_read
-from tracker.logs.folders.films import SUFFIXES as FILM_SUFFIXES
-from tracker.logs.folders.layout import SUFFIXES as PICTURE_SUFFIXES
-from tracker.logs.folders.recording_file import FILE_NAME, STAMPS_NAME
-from tracker.logs.folders.source import TRUTH_FILE, FolderSource
-from tracker.logs.log import Log
-from tracker.logs.source import Source
+from tracker.checks import is_number, path_of
+from tracker.errors import LogError, shown
+from tracker.files import cannot_read, open_regular
+from tracker.logs.films import SUFFIXES as FILM_SUFFIXES
+from tracker.logs.folder import TRUTH_FILE, FolderSource
+from tracker.logs.folder_layout import SUFFIXES as PICTURE_SUFFIXES
+from tracker.logs.log import Log, Source
+from tracker.logs.recording_file import FILE_NAME, STAMPS_NAME
 
 DEFAULT_RATE = 10.0
 """Frames per second [Hz] of the platform's cameras."""
@@ -46,17 +46,18 @@ def open_log(path: str | os.PathLike[str], *, recover: bool = False, rate: float
     Raises:
         LogError: there is nothing, it is of no known kind, or its damage shows at once.
     """
-    if not 0 < rate <= 1e6:
-        raise LogError(f"rate: found {rate!r}, expected a number of Hz above 0")
-    root = Path(path)
+    if not is_number(rate) or not 0 < rate <= 1e6:
+        raise LogError(f"rate: found {shown(rate)}, expected a number of Hz above 0")
+    root = path_of(path, "path of a recording", LogError)
     try:
-        return Log(_source(root, recover, rate), recover=recover)
+        source = _source(root, recover, rate)
+        try:
+            return Log(source, recover=recover)
+        except LogError:
+            source.close()
+            raise
     except OSError as error:
         raise cannot_read(root, error) from error
-    except ValueError as error:
-        if "null byte" in str(error):
-            raise LogError("path of a log: found a null byte in it") from error
-        raise
 
 
 def recording_files(path: Path) -> list[Path]:
@@ -91,10 +92,10 @@ def _source(path: Path, recover: bool, rate: float) -> Source:
         raise LogError(f"{path}: found something else, expected a file or a folder")
     if path.suffix.lower() in FILM_SUFFIXES:
         return FolderSource(path, rate=rate)
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         is_hdf5 = file.read(len(_HDF5_MAGIC)) == _HDF5_MAGIC
     if is_hdf5:
-        from tracker.logs.hdf5 import Hdf5Source
+        from tracker.logs.hdf5_reader import Hdf5Source
 
         return Hdf5Source(path, recover=recover)
     from tracker.logs.native import NativeSource

@@ -11,7 +11,7 @@ import numpy as np
 from tracker.conventions import Image
 from tracker.errors import LogError
 from tracker.files.encoded import check, stated_size
-from tracker.logs.source import MAX_SIDE, MIN_SIDE
+from tracker.logs.log import MAX_SIDE, MIN_SIDE
 
 
 def from_bayer(raw: Image) -> Image:

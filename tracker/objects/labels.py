@@ -24,6 +24,9 @@ class Label(enum.IntEnum):
 COLOR_NAMES = tuple(label.name.lower() for label in Label)
 """Names by label: background, red, green, blue, cyan, magenta, yellow."""
 
+UNKNOWN = 255
+"""In a label map: what the pixel shows is not asked, as it is known to show a finger."""
+
 DISPLAY_COLORS_BGR: Image = np.array(
     [[0, 0, 0], [0, 0, 255], [0, 255, 0], [255, 0, 0], [255, 255, 0], [255, 0, 255], [0, 255, 255]],
     dtype=np.uint8,

@@ -29,8 +29,9 @@ from typing import Any
 
 import numpy as np
 
+from tracker.checks import is_number, path_of
 from tracker.conventions import Array, FloatArray
-from tracker.errors import ObjectModelError
+from tracker.errors import ObjectModelError, shown
 from tracker.files import read_bounded
 from tracker.geometry.cuboid import FACE_NAMES
 from tracker.objects.labels import COLOR_NAMES
@@ -83,7 +84,9 @@ class CuboidModel:
         for key in ("name", "colors"):
             value = getattr(self, key)
             if not isinstance(value, str) or not value:
-                raise ObjectModelError(f"object {key}: found {value!r}, expected a text that is not empty")
+                raise ObjectModelError(
+                    f"object {key}: found {shown(value)}, expected a text that is not empty"
+                )
         size = _numbers(self.name, "size", self.size, 3)
         if not ((size >= MIN_SIZE) & (size <= MAX_SIZE)).all():
             valid = f"edges from {MIN_SIZE} to {MAX_SIZE} m"
@@ -110,6 +113,13 @@ class CuboidModel:
         object.__setattr__(self, "rim", rim)
         object.__setattr__(self, "rim_std", rim_std)
 
+    def __repr__(self) -> str:
+        size = "×".join(f"{1e3 * edge:g}" for edge in self.size)
+        faces = ", ".join(
+            f"{face} {COLOR_NAMES[label]}" for face, label in zip(FACE_NAMES, self.face_labels, strict=True)
+        )
+        return f"CuboidModel({self.name!r}: {size} mm, {faces}; colours {self.colors!r})"
+
 
 def object_names() -> tuple[str, ...]:
     """Names of the objects that come with the package."""
@@ -127,13 +137,15 @@ def load_object(name_or_path: str | os.PathLike[str]) -> CuboidModel:
         ObjectModelError: the name is unknown (the message lists those that are), or the file is
             missing or malformed.
     """
-    text = os.fspath(name_or_path)
+    path = path_of(name_or_path, "object", ObjectModelError)
+    text = str(path)
     if text in object_names():
         return _parse((_DATA / f"{text}.toml").read_bytes(), text, folder=None)
-    path = Path(text)
     if path.suffix != ".toml":
         valid = ", ".join(object_names())
-        raise ObjectModelError(f"unknown object {text!r}; valid are {valid}, or the path of a .toml file")
+        raise ObjectModelError(
+            f"unknown object {shown(text)}; valid are {valid}, or the path of a .toml file"
+        )
     try:
         content = read_bounded(path, MAX_FILE_SIZE)
     except OSError as error:
@@ -202,9 +214,8 @@ def _numbers(name: str, key: str, value: Any, count: int) -> FloatArray:
     sequence = value.tolist() if isinstance(value, np.ndarray) else value
     valid = f"{count} finite numbers"
     if not isinstance(sequence, (list, tuple)) or len(sequence) != count:
-        raise ObjectModelError(f"{name}: {key}: found {sequence!r}, expected {valid}")
+        raise ObjectModelError(f"{name}: {key}: found {shown(sequence)}, expected {valid}")
     for item in sequence:
-        number = isinstance(item, (int, float, np.integer, np.floating)) and not isinstance(item, bool)
-        if not number or not abs(item) < 1e9:
-            raise ObjectModelError(f"{name}: {key}: found {item!r}, expected {valid}")
+        if not is_number(item) or not abs(item) < 1e9:
+            raise ObjectModelError(f"{name}: {key}: found {shown(item)}, expected {valid}")
     return np.array(sequence, dtype=np.float64)

@@ -13,8 +13,9 @@ import numpy as np
 
 from tracker.compiled import compiled
 from tracker.geometry.cuboid import CORNER_SIGNS, FACE_CORNERS
-from tracker.geometry.lens import apply_update, clamped, project, visible_faces
+from tracker.geometry.lens import apply_update, clamped, face_heights, project
 from tracker.geometry.linear import solve_positive
+from tracker.objects.labels import UNKNOWN
 from tracker.pose.fit import SEEN
 from tracker.pose.strips import MAX_STRIPS, STRIP, edge_strips
 
@@ -66,6 +67,8 @@ def _count_face(labels, pixels, face, label, area, seen):  # type: ignore[no-unt
         low, high = max(low, left - 1.0), min(high, right + 1.0)
         for i in range(max(left, math.ceil(low)), min(right, math.ceil(high) - 1) + 1):
             found = labels[j, i]
+            if found == UNKNOWN:
+                continue
             seen.predicted += 1
             seen.faces[face, found] += 1
             if found == label:
@@ -101,7 +104,7 @@ def explain(lenses, c, labels, box, rotation, position, one):  # type: ignore[no
             position[1] + rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * w,
             position[2] + rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * w,
         )  # fmt: skip
-    visible_faces(lenses, c, half, rotation, position, heights)
+    face_heights(lenses, c, half, rotation, position, heights)
     reach = radius * max(lenses[c].focal[0], lenses[c].focal[1]) / (z - radius) + RIM
     left, right = (
         clamped(u0 - reach, lenses[c].width),
@@ -113,7 +116,7 @@ def explain(lenses, c, labels, box, rotation, position, one):  # type: ignore[no
     )
     for j in range(top, bottom + 1):
         for i in range(left, right + 1):
-            one.extra += labels[j, i] > 0
+            one.extra += 0 < labels[j, i] < UNKNOWN
     for face in range(6):
         if heights[face] > 0.0:
             area = left, right, top, bottom
@@ -173,7 +176,7 @@ def _transition(labels, width, height, strip, reach):  # type: ignore[no-untyped
             score += 1.0
             seen_inside += 1
         elif outside == 0:
-            score -= 1.0 if label == 0 else 0.5
+            score -= 1.0 if label == 0 or label == UNKNOWN else 0.5
         elif label == outside:
             score -= 1.0
             support += 1

@@ -17,7 +17,7 @@ from tracker.objects.box import Box
 from tracker.pose.agreement import disagreement
 from tracker.pose.align import explanation_score
 from tracker.pose.evidence import evidence_of
-from tracker.pose.fit import LIKELY, Fit, Lag, OwnViews, Start
+from tracker.pose.fit import Fit, Lag, OwnViews, Start
 from tracker.pose.hypotheses import ENOUGH, POSITIONS, Hypothesis, Search, apart
 from tracker.pose.judge import (
     EXPECTED,
@@ -35,7 +35,7 @@ from tracker.pose.refiner import Refiner
 from tracker.pose.result import Status
 from tracker.pose.rivals import reversed_in_depth, turned_about_face
 from tracker.pose.support import table_of
-from tracker.pose.views import Sight
+from tracker.pose.views import Hidden, Sight
 from tracker.segmentation.color_model import ColorModel
 
 REFINED = 3
@@ -130,6 +130,7 @@ class PoseEstimator:
         *,
         thorough: bool = True,
         lag: Lag | None = None,
+        hidden: Hidden = None,
     ) -> Fit | Status:
         """The surest pose in pictures (H, W, 3), None where a camera gave none, or why there is none.
 
@@ -143,11 +144,12 @@ class PoseEstimator:
             timing: gains the milliseconds of each stage.
             thorough: whether there is a contest.
             lag: how far the pictures lag behind, None where they were taken at once.
+            hidden: masks of pixels whose labels count neither for nor against.
         """
         laps = [time.perf_counter()]
         pictures = self.reader.lit(images)
         laps.append(time.perf_counter())
-        sight = self.reader.labelled(images, pictures)
+        sight = self.reader.labelled(images, pictures, hidden=hidden)
         laps.append(time.perf_counter())
         found: Fit | Status = Status.NO_OBJECT_COLORS
         if sight.pictures["colored"].sum() >= MIN_PIXELS:
@@ -176,7 +178,7 @@ class PoseEstimator:
             other = self.without_worst(best.sight, best.fit, lag)
             found += [Found(other, best.sight)] if other is not best.fit else []
         if alone(best.fit):
-            rivals = self._rivals(best.sight, best.fit, LIKELY, lag, reversed_in_depth, turned_about_face)
+            rivals = self._rivals(best.sight, best.fit, None, lag, reversed_in_depth, turned_about_face)
             found += [Found(rival, best.sight) for rival in rivals]
         return found
 
@@ -262,7 +264,7 @@ class PoseEstimator:
         sight: Sight,
         rotation: FloatArray,
         position: FloatArray,
-        start: Start,
+        start: Start | None,
         lag: Lag | None = None,
         *,
         ask: bool = False,
@@ -290,7 +292,7 @@ class PoseEstimator:
         rotation: FloatArray,
         position: FloatArray,
         schedule: Schedule = SCHEDULE,
-        start: Start = LIKELY,
+        start: Start | None = None,
         lag: Lag | None = None,
         *,
         ask: bool = False,
@@ -309,7 +311,7 @@ class PoseEstimator:
         self,
         sight: Sight,
         fit: Fit,
-        start: Start,
+        start: Start | None,
         lag: Lag | None,
         *kinds: Callable[..., Iterator[tuple[FloatArray, FloatArray]]],
     ) -> list[Fit]:

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tracker.conventions import Array, FloatArray
+from tracker.objects.model import RIM_STD
 
 
 class Lag(NamedTuple):
@@ -32,17 +33,19 @@ class Lag(NamedTuple):
 
 
 class Start(NamedTuple):
-    """What the unknowns beside the pose are taken to be at first; the end is not bound to it."""
+    """What the unknowns beside the pose are taken to be at first; only the rim is drawn to it."""
 
     blur: float
     """Standard deviation of the pictures' steps [px of an object of reference size]."""
     exponent: float
     """Of the cameras' response, less 1."""
     rim: float
-    """Distance of the faces' borders from the nominal edges [m]."""
+    """Distance of the faces' borders from the nominal edges [m], …"""
+    rim_std: float
+    """… and its standard deviation: the end is drawn to it."""
 
 
-LIKELY = Start(blur=0.9, exponent=0.3, rim=0.0)
+LIKELY = Start(blur=0.9, exponent=0.3, rim=0.0, rim_std=RIM_STD)
 """Where nothing is known: an exponent between that of simulations and of cameras."""
 
 SEEN = np.dtype(

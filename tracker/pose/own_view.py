@@ -87,7 +87,7 @@ def see_alone(solution, cameras, work, information, moved, inliers):  # type: ig
             floor = (max(FLOOR, 0.7 * scatter) * camera.scale) ** 2
             weighing = limit, floor, trust_of(camera)
             accumulate(work.strips[c], work.found[c], camera, since, drawn, weighing, counted[0])
-            with_edges(cameras[c : c + 1], solution.own)
+            with_edges(cameras[c : c + 1], solution.feet, solution.own, solution.foot)
             for i in range(UNKNOWNS):
                 vector[i] = camera.gradient[i] - hold[i] * step[i]
                 for k in range(UNKNOWNS):

@@ -32,7 +32,7 @@ from tracker.pose.solve import (
     with_edges,
 )
 from tracker.pose.strips import collect, edge_strips
-from tracker.pose.support import lean, leaner
+from tracker.pose.support import lean, leaner, mark_feet
 from tracker.pose.views import pixels_of
 
 # Lengths in pixels are those of an object of reference size (`scale`), unless they say otherwise.
@@ -124,23 +124,23 @@ FOLLOWING = Schedule(
 def begin(model, pictures, solution, cameras, start):  # type: ignore[no-untyped-def]
     """What is known before a refinement begins at the pose of a solution; returns whether errors are stated.
 
-    start: blur, exponent and rim. What the velocity's change is expected to be was filled in before.
+    start: see Start. What the change of velocity is expected to be was filled in before.
     """
     radius2 = model.half[0] ** 2 + model.half[1] ** 2 + model.half[2] ** 2
     for i in range(6):
         solution.prior[i, i] = PRIOR[0] / radius2 if i < 3 else PRIOR[1]
     solution.prior[EXPONENT, EXPONENT], solution.prior[RIM, RIM] = (
         1.0 / EXPONENT_STD**2,
-        1.0 / model.rim[1] ** 2,
+        1.0 / start.rim_std**2,
     )
-    solution.shared[EXPONENT], solution.shared[RIM] = start[1], start[2]
+    solution.shared[EXPONENT], solution.shared[RIM] = start.exponent, start.rim
     solution.own, doubtful = EXPECTED_WEAR**2, False
     for c in range(len(cameras)):
         camera = cameras[c]
         camera.used = pictures[c].used
         camera.scale = relative_size(model.lenses, c, model.half, solution.position)
         camera.parts = 3 if pictures[c].mosaic >= 0 and camera.scale < FINE else 1
-        camera.blur = start[0] * camera.scale
+        camera.blur = start.blur * camera.scale
         offset_weights(model.calibration[c], solution.position, camera.weights)
         doubtful = doubtful or (camera.used and camera.weights[0, 0] < STATED)
     return doubtful
@@ -149,6 +149,7 @@ def begin(model, pictures, solution, cameras, start):  # type: ignore[no-untyped
 @compiled
 def lay(model, pictures, solution, cameras, schedule, step, work):  # type: ignore[no-untyped-def]
     """Lay strips along the edges at the present pose, as a step of the schedule wants them."""
+    mark_feet(model.table, model.half, solution)
     rotation, position = np.empty((3, 3)), np.empty(3)
     for c in range(len(cameras)):
         camera = cameras[c]
@@ -256,11 +257,11 @@ def _weigh(solution, cameras, least, scatter, work, seen):  # type: ignore[no-un
 
 
 @compiled
-def _pull(solution, rim):  # type: ignore[no-untyped-def]
+def _pull(solution, start):  # type: ignore[no-untyped-def]
     """What is shared is drawn to what it was before, as far as it is no pose."""
     n, shared = solution.size, solution.shared
     solution.pull[EXPONENT] = (LIKELY.exponent - shared[EXPONENT]) / EXPONENT_STD**2
-    solution.pull[RIM] = (rim[0] - shared[RIM]) / rim[1] ** 2
+    solution.pull[RIM] = (start.rim - shared[RIM]) / start.rim_std**2
     for i in range(UNKNOWNS, n):
         solution.pull[i] = 0.0
         for k in range(UNKNOWNS, n):
@@ -329,7 +330,7 @@ def _astray(cameras, work):  # type: ignore[no-untyped-def]
 @compiled
 def _solved(model, solution, cameras, share, late):  # type: ignore[no-untyped-def]
     """Solve for a step, the table's say included if it is late; False where there is none."""
-    with_edges(cameras, solution.own)
+    with_edges(cameras, solution.feet, solution.own, solution.foot)
     if not np.isfinite(solve(solution, cameras, share)):
         return False
     finish(solution)
@@ -345,7 +346,7 @@ def refine(model, pictures, schedule, start, solution, cameras, seen, work):  # 
     Gauss-Newton on the pose and on an offset η_c of each camera, which sees the object at the pose moved by
     η_c; the offsets' size is bound by what the calibration states of its errors.
 
-    pictures (C,) of PICTURE; start: blur, exponent and rim, see Start; cameras (C,) of CAMERA, of which
+    pictures (C,) of PICTURE; start: see Start; cameras (C,) of CAMERA, of which
     delay and lag are given; seen (C,) of SEEN, filled.
     """
     doubtful = begin(model, pictures, solution, cameras, start)
@@ -358,18 +359,16 @@ def refine(model, pictures, schedule, start, solution, cameras, seen, work):  # 
             share, stated = 1.0, 1.0
         rotation[:, :], position[:] = solution.rotation, solution.position
         measure_all(model, pictures, cameras, schedule, step, work)
-        scatter = take_stock(solution, cameras, start[0], work, seen)
+        scatter = take_stock(solution, cameras, start.blur, work, seen)
         rough = schedule.blur[step] > 0.0
         # Only once the cameras have come to terms does a table not keep the pose from where they see it, and
         # is what is left the edges' own.
         late = step > 0 and schedule.blur[step - 1] == 0.0
         for turn in range(ROUNDS):
-            _pull(solution, model.rim)
+            _pull(solution, start)
             _weigh(solution, cameras, schedule.tukey[step], scatter, work, seen)
             if turn == 0 and not rough:
-                share, stated, solution.own = sizes(
-                    solution, cameras, doubtful, 0.0 if late else solution.own
-                )
+                share, stated = sizes(solution, cameras, doubtful, late)
             if not _solved(model, solution, cameras, share, late):
                 solution.steps = len(schedule.blur)
                 return

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import statistics
 import threading
 from collections.abc import Sequence
@@ -31,6 +32,9 @@ from tracker.pose.solve import with_model_errors
 from tracker.pose.strips import MAX_STRIPS, PIXELS, STRIP
 from tracker.pose.support import NO_TABLE, Table
 
+SHOWN_RIM_STD = 1e-4
+"""Standard deviation of a rim that pictures have shown, at least [m]: it differs from side to side."""
+
 
 class Model(NamedTuple):
     """What never changes while an object is followed by fixed cameras."""
@@ -39,8 +43,6 @@ class Model(NamedTuple):
     """(3,) half edge lengths of the object [m]."""
     face_labels: Array
     """(6,) uint8."""
-    rim: tuple[float, float]
-    """Distance of the faces' borders from the nominal edges, and its standard deviation [m]."""
     lenses: Array
     """(C,) of LENS."""
     calibration: FloatArray
@@ -102,9 +104,8 @@ class Refiner:
         self, box: Box, cameras: Sequence[Camera], label_table: Array, table: Table = NO_TABLE
     ) -> None:
         known = np.linalg.inv(np.array([calibration_covariance(camera) for camera in cameras]))
-        self.model = Model(
-            box.half, box.face_labels, box.rim, stack_lenses(cameras), known, label_table, table
-        )
+        self.model = Model(box.half, box.face_labels, stack_lenses(cameras), known, label_table, table)
+        self.likely = LIKELY._replace(rim=box.rim[0], rim_std=box.rim[1])
         self._radius = box.radius
         self._local = LocalSpace(len(cameras))
 
@@ -126,7 +127,7 @@ class Refiner:
         rotation: FloatArray,
         position: FloatArray,
         schedule: Schedule = SCHEDULE,
-        start: Start = LIKELY,
+        start: Start | None = None,
         lag: Lag | None = None,
         *,
         ask: bool = False,
@@ -136,6 +137,7 @@ class Refiner:
         ask: with what each camera by itself sees. What label maps say of the fit is not counted yet.
         """
         solution, cameras = self.begun(rotation, position, lag)
+        start = start or self.likely
         count, work = len(cameras), self._local.work
         seen = np.zeros(count, SEEN)
         refine(self.model, pictures, schedule, start, solution[0], cameras, seen, work)
@@ -143,11 +145,12 @@ class Refiner:
         if ask:
             own = OwnViews(np.empty((count, 6, 6)), np.empty((count, 6)), np.empty(count))
             see_alone(solution[0], cameras, work, *own)
-        end, seen["squares"] = LIKELY, seen["squares"] / cameras["scale"] ** 2
+        end, seen["squares"] = start, seen["squares"] / cameras["scale"] ** 2
         one = solution[0]
         if one["converged"]:
             blur = statistics.median((cameras["blur"] / cameras["scale"])[cameras["used"]].tolist())
-            end = Start(blur, float(one["shared"][EXPONENT]), float(one["shared"][RIM]))
+            rim_std = max(math.sqrt(one["rim"]), SHOWN_RIM_STD)
+            end = Start(blur, float(one["shared"][EXPONENT]), float(one["shared"][RIM]), rim_std)
         return Fit(
             one["position"],
             one["rotation"],
@@ -167,11 +170,11 @@ class Refiner:
         pictures: Array,
         rotation: FloatArray,
         position: FloatArray,
-        start: Start = LIKELY,
+        start: Start | None = None,
         offsets: FloatArray | None = None,
         turns: int = 2,
-    ) -> tuple[Array, Workspace]:
-        """Cameras (C,) and this thread's work space, with the edges measured at a pose (3, 3), (3,) [m].
+    ) -> tuple[Array, Array, Workspace]:
+        """A solution, cameras (C,), this thread's work space: the edges measured at a pose (3, 3), (3,) [m].
 
         Args:
             pictures: (C,) of PICTURE.
@@ -183,6 +186,7 @@ class Refiner:
             turns: measurements, of which each takes its blur from the one before.
         """
         (solution, cameras), work = self.begun(rotation, position), self._local.work
+        start = start or self.likely
         last = len(SCHEDULE.blur) - 1
         begin(self.model, pictures, solution[0], cameras, start)
         if offsets is not None:
@@ -191,4 +195,4 @@ class Refiner:
         for _ in range(turns):
             measure_all(self.model, pictures, cameras, SCHEDULE, last, work)
             take_stock(solution[0], cameras, start.blur, work, np.zeros(len(cameras), SEEN))
-        return cameras, work
+        return solution[0], cameras, work

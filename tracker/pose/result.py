@@ -8,25 +8,33 @@ from typing import Any
 
 import numpy as np
 
+from tracker.checks import float_array
 from tracker.conventions import FloatArray
-from tracker.geometry import so3
+from tracker.errors import TrackerError
+from tracker.geometry import cuboid, so3
 
 
-class Status(enum.Enum):
-    """Why there is a pose, or none."""
+class Word(str, enum.Enum):
+    """A text of a fixed few: the value in comparisons, f-strings, `str()` and JSON."""
+
+    __str__ = str.__str__
+
+
+class Status(Word):
+    """Why there is a pose, or none; a text, such as "found"."""
 
     FOUND = "found"
     """The object was found; see the pose's confidence."""
-    NO_OBJECT_COLORS = "no object colours"
+    NO_OBJECT_COLORS = "no_object_colors"
     """No camera shows a patch in the colours of the object's faces."""
-    TOO_FEW_PIXELS = "too few pixels"
+    TOO_FEW_PIXELS = "too_few_pixels"
     """Face colours are in view, but too little of the object to fix a pose."""
-    INCONSISTENT_VIEWS = "inconsistent views"
+    INCONSISTENT_VIEWS = "inconsistent_views"
     """Face colours are in view, but no pose above the table explains them in the cameras together. With a
     pose, over time: the cameras contradict each other lastingly; the calibration is not to be trusted."""
-    POOR_FIT = "poor fit"
+    POOR_FIT = "poor_fit"
     """A pose explains the colours, but the edges do not lie where it puts them."""
-    OTHER_OBJECT = "other object"
+    OTHER_OBJECT = "other_object"
     """What is there has other colours or another shape: another object, or pictures in RGB for BGR."""
     AMBIGUOUS = "ambiguous"
     """Two different poses explain the images about equally well."""
@@ -40,14 +48,14 @@ class Status(enum.Enum):
     """Over time: the object was seen too long ago, or never."""
 
 
-class CameraUse(str, enum.Enum):
-    """What became of one camera's picture."""
+class CameraUse(Word):
+    """What became of one camera's picture; a text, such as "used"."""
 
     USED = "used"
     """The pose comes from it too, as far as the object is in view; or there is no pose."""
     CONTRADICTING = "contradicting"
     """It shows the object somewhere else or otherwise, or was left out since the others agree without it."""
-    NO_IMAGE = "no image"
+    NO_IMAGE = "no_image"
     """It gave none."""
     FROZEN = "frozen"
     """It is the same as before down to its noise, while others change."""
@@ -71,11 +79,13 @@ class PoseEstimate:
     """(6, 6) of position and rotation [m, rad]; calibration errors included as far as their size is known."""
     confidence: float
     """Probability that the pose is within 5 mm and 5° of the truth."""
+    size: FloatArray | None = field(default=None, kw_only=True)
+    """(3,) the object's edge lengths [m]; None where they are not known, as in files of poses."""
 
     def __post_init__(self) -> None:
-        for key, shape in (("position", (3,)), ("orientation", (4,)), ("covariance", (6, 6))):
-            array = np.array(getattr(self, key), dtype=np.float64).reshape(shape)
-            array.flags.writeable = False
+        known = () if self.size is None else (("size", (3,)),)
+        for key, shape in (("position", (3,)), ("orientation", (4,)), ("covariance", (6, 6)), *known):
+            array = float_array(getattr(self, key), shape, f"pose: {key}", TrackerError, finite=False)
             object.__setattr__(self, key, array)
 
     @property
@@ -91,6 +101,52 @@ class PoseEstimate:
         transform[:3, 3] = self.position
         return transform
 
+    @property
+    def keypoints(self) -> FloatArray:
+        """(8, 3) the object's corners in the world [m], in the order of the platform's data sets.
+
+        Corner i is on the + side of the object's x, y, z where bit 0, 1, 2 of i is 0.
+
+        Raises:
+            TrackerError: the pose does not know the object's size.
+        """
+        return cuboid.keypoints(self.position, self.rotation, self._known_size())
+
+    @property
+    def keypoint_covariances(self) -> FloatArray:
+        """(8, 3, 3) covariance of each corner [m²], along world axes: J Σ Jᵀ with J = [I, -[R s]×].
+
+        Raises:
+            TrackerError: the pose does not know the object's size.
+        """
+        lever = cuboid.keypoints(np.zeros(3), self.rotation, self._known_size())
+        jacobian = np.concatenate([np.tile(np.eye(3), (8, 1, 1)), -so3.hat(lever)], axis=-1)
+        result: FloatArray = jacobian @ self.covariance @ np.swapaxes(jacobian, -1, -2)
+        return result
+
+    def _known_size(self) -> FloatArray:
+        if self.size is None:
+            raise TrackerError(
+                "keypoints: found a pose without the object's size, as of files, expected one of a tracker; "
+                "tracker.tasks.move_object.keypoints(position, orientation, size) takes the size"
+            )
+        return self.size
+
+    def __repr__(self) -> str:
+        std = np.sqrt(np.diag(self.covariance))
+        place, off = (" ".join(f"{1e3 * value:.2f}" for value in part) for part in (self.position, std[:3]))
+        turn, turned = (
+            " ".join(f"{value:.{digits}f}" for value in part)
+            for part, digits in ((self.orientation, 4), (np.degrees(std[3:]), 2))
+        )
+        return (
+            f"{type(self).__name__}(position {place} ± {off} mm, orientation xyzw {turn} ± {turned}°, "
+            f"{self._more()}confidence {self.confidence:.3f})"
+        )
+
+    def _more(self) -> str:
+        return ""
+
     def as_json(self) -> dict[str, Any]:
         """Position, orientation, covariance and confidence as plain lists and numbers."""
         return {
@@ -101,7 +157,7 @@ class PoseEstimate:
         }
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class MotionEstimate(PoseEstimate):
     """Pose and velocity of the object in the world, fused over time."""
 
@@ -113,20 +169,27 @@ class MotionEstimate(PoseEstimate):
     def __post_init__(self) -> None:
         super().__post_init__()
         for key, shape in (("velocity", (6,)), ("velocity_covariance", (6, 6))):
-            array = np.array(getattr(self, key), dtype=np.float64).reshape(shape)
-            array.flags.writeable = False
+            array = float_array(getattr(self, key), shape, f"pose: {key}", TrackerError, finite=False)
             object.__setattr__(self, key, array)
 
+    def _more(self) -> str:
+        speed, turning = np.linalg.norm(self.velocity.reshape(2, 3), axis=1)
+        return f"{1e3 * speed:.0f} mm/s, {np.degrees(turning):.0f} °/s, "
 
-@dataclass(frozen=True, eq=False)
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Forecast(MotionEstimate):
     """Pose and velocity at a later moment: the covariance is that of the likely kinds of motion."""
 
     kinds: tuple[MotionKind, ...] = ()
     """What each kind of motion leads to, the likeliest first."""
 
+    def _more(self) -> str:
+        kinds = "".join(f"{kind.name} {kind.probability:.2f}, " for kind in self.kinds)
+        return super()._more() + kinds
 
-@dataclass(frozen=True, eq=False)
+
+@dataclass(frozen=True, eq=False, repr=False)
 class MotionKind(MotionEstimate):
     """The same if the object's motion is of one kind; the confidence holds if it is."""
 
@@ -134,6 +197,9 @@ class MotionKind(MotionEstimate):
     """Of the kind: "at rest", "pushed or carried", "thrown or dropped"."""
     probability: float
     """That the motion is of this kind."""
+
+    def _more(self) -> str:
+        return f"{super()._more()}{self.name} {self.probability:.2f}, "
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,3 +218,11 @@ class Observation:
     """Over time, where nothing was measured: why these images by themselves gave no pose."""
     cameras: tuple[CameraUse, ...] = ()
     """What became of each camera's picture, in the order of the rig."""
+
+    def __repr__(self) -> str:
+        poses = [repr(pose) for pose in (self.object_pose, self.filtered_object_pose) if pose is not None]
+        reason = "" if self.reason is None else f", since {self.reason}"
+        time = f"; {self.timing_ms['total']:.1f} ms" if "total" in self.timing_ms else ""
+        seen = f"; cameras {', '.join(self.cameras)}" if self.cameras else ""
+        lines = ",\n            ".join(poses) or "no pose"
+        return f"Observation({self.status}{reason}{seen}{time};\n            {lines})"

@@ -55,6 +55,8 @@ SOLUTION = np.dtype(
         ("position", np.float64, (3,)),  # [m]
         ("shared", np.float64, (MOVING,)),  # exponent, rim, change of velocity; the pose's are not used
         ("own", np.float64),  # variance of edges' own offsets [px² of an object of reference size]
+        ("feet", np.float64, (12,)),  # 1 for edges that may stand in a contact shadow, else 0
+        ("foot", np.float64),  # variance of how far colours end above such an edge [m²]
         ("prior", np.float64, (MOVING, MOVING)),  # information that there was before, and …
         ("pull", np.float64, (MOVING,)),  # … its right side
         ("known", np.float64, (MOVING, MOVING)),  # information with all else marginalised
@@ -63,6 +65,7 @@ SOLUTION = np.dtype(
         ("columns", np.float64, (MOVING, ROWS)),  # how the table's say depends on it, and …
         ("less", np.float64, (ROWS, ROWS)),  # … how much less uncertain that makes it
         ("covariance", np.float64, (6, 6)),  # of the pose [m, rad]
+        ("rim", np.float64),  # variance of the rim [m²]
         ("stands", np.float64),  # how well it stands: log odds over an object that may be anywhere
         ("converged", np.bool_),  # whether the last step was negligible
         ("steps", np.int64),  # how many there were

@@ -126,12 +126,13 @@ def accumulate(strips, found, camera, since, drawn, weighing, seen):  # type: ig
 
 
 @compiled
-def with_edges(cameras, own):  # type: ignore[no-untyped-def]
+def with_edges(cameras, feet, own, foot):  # type: ignore[no-untyped-def]
     """Fill the normal equations for edges' own offsets of a variance [px² of an object of reference size].
 
     All pieces of an edge may be off together, since it is worn, lit, or printed otherwise than the model has
-    it; see below equation (14) of docs/how-it-works.md. Returns minus twice the logarithm of the offsets'
-    likelihood as far as it depends on the edges' own.
+    it; see below equation (14) of docs/how-it-works.md. The colours above edges of which feet (12,) is 1 end
+    by a deviation with the variance `foot` [m²] too early, too. Returns minus twice the logarithm of the
+    offsets' likelihood as far as it depends on the edges' own.
     """
     unlikely = 0.0
     for c in range(len(cameras)):
@@ -143,10 +144,12 @@ def with_edges(cameras, own):  # type: ignore[no-untyped-def]
                 matrix[i, k] = camera.whole[i, k]
         if not camera.used:
             continue
-        variance, pivots = own * camera.scale**2, 1.0
+        pivots = 1.0
         for e in range(12):
             if edges[e, KNOWN] == 0.0:
                 continue
+            retracted = feet[e] * edges[e, ROW + RIM] / edges[e, KNOWN]
+            variance = own * camera.scale**2 + foot * retracted**2
             pull = edges[e, PULL] / (edges[e, KNOWN] + 1.0 / variance)
             pivots *= 1.0 + variance * edges[e, KNOWN]
             unlikely -= edges[e, PULL] * pull
@@ -335,7 +338,9 @@ def own_changes(solution, cameras):  # type: ignore[no-untyped-def]
 
 @compiled
 def marginal(solution):  # type: ignore[no-untyped-def]
-    """Fill covariance (6, 6) of the pose where all else is unknown; False where there is none.
+    """Fill covariance (6, 6) of the pose and the variance of the rim, each where all else is unknown.
+
+    Returns False where there is none.
 
     See equation (19) of docs/how-it-works.md.
     """
@@ -352,6 +357,10 @@ def marginal(solution):  # type: ignore[no-untyped-def]
         substitute(lower, column, column)
         for i in range(6):
             solution.covariance[i, k] = column[i]
+    column[:] = 0.0
+    column[RIM] = 1.0
+    substitute(lower, column, column)
+    solution.rim = column[RIM]
     return True
 
 

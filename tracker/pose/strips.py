@@ -13,7 +13,7 @@ import numpy as np
 
 from tracker.compiled import compiled
 from tracker.geometry.cuboid import CORNER_SIGNS, EDGES
-from tracker.geometry.lens import project, project_with_jacobian, rotate, visible_faces
+from tracker.geometry.lens import face_heights, project, project_with_jacobian, rotate
 from tracker.segmentation.light import CLIPPED
 
 PIECES = 24
@@ -173,7 +173,7 @@ def edge_strips(lenses, c, half, face_labels, rotation, position, spacing, margi
     spacing: distance between samples [px]; margin: how far they keep from the corners [px].
     """
     heights, pose = np.empty(6), (rotation, position)
-    visible_faces(lenses, c, half, rotation, position, heights)
+    face_heights(lenses, c, half, rotation, position, heights)
     a, b, local, outwards = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     # An edge so close to a camera is more than a picture can show.
     near = 0.5 * (half[0] + half[1] + half[2]) / 3.0

@@ -10,6 +10,7 @@ import numpy as np
 from tracker.compiled import compiled
 from tracker.conventions import FloatArray
 from tracker.geometry.arena import Arena
+from tracker.geometry.cuboid import EDGES as EDGES_OF
 from tracker.geometry.linear import factorise, substitute
 from tracker.pose.solution import ROWS
 
@@ -34,28 +35,51 @@ FACES, EDGES = 6.0, 6 * math.pi
 LIFTED = 2
 """The row of FLAT whose height is never negative."""
 
+BELOW, SHADOWED = -0.8, 0.01
+"""Height of a face's normal up to which it is the one below, and how high above the table, as well as that is
+known, the object may be held for its lowest edges to lie in its own shadow [m]."""
+
 
 class Table(NamedTuple):
     """What is known of the table."""
 
     known: bool
-    """Whether there is one that counts."""
+    """Whether there is one, and it counts that objects rest on it."""
     center: FloatArray
     """(2,) where its height is known [m]."""
     height: float
-    """z [m]."""
+    """z [m]; -inf where there is none."""
     variances: FloatArray
     """(3,) of its height [m²] and of its slopes [rad²]."""
 
 
 def table_of(arena: Arena, support: bool = True) -> Table:
-    """The table of an arena, if there is one; support: whether it is to count."""
+    """The table of an arena, if there is one; support: whether it counts that objects rest on it."""
     height, slope = arena.table_std
-    known = support and arena.table is not None
-    return Table(known, np.array(arena.center), arena.ground, np.array([height, slope, slope]) ** 2)
+    at = -math.inf if arena.table is None else arena.table
+    return Table(
+        support and math.isfinite(at), np.array(arena.center), at, np.array([height, slope, slope]) ** 2
+    )
 
 
-NO_TABLE = table_of(Arena(), support=False)
+NO_TABLE = table_of(Arena(table=None))
+
+
+@compiled
+def mark_feet(table, half, solution):  # type: ignore[no-untyped-def]
+    """Mark the edges of a solution that may stand in a contact shadow: of the face below, near the table."""
+    up, feet = solution.rotation[2], solution.feet
+    low = solution.position[2] - table.height
+    for k in range(3):
+        low -= abs(up[k]) * half[k]
+    feet[:] = 0.0
+    if low >= SHADOWED + 2.0 * math.sqrt(table.variances[0]):
+        return
+    for e in range(12):
+        for face in EDGES_OF[e, 2:]:
+            normal = up[face // 2] if face % 2 == 0 else -up[face // 2]
+            if normal < BELOW:
+                feet[e] = 1.0
 
 
 @compiled

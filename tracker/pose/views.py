@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import cv2
 import numpy as np
@@ -17,12 +17,12 @@ from tracker.compiled import compiled
 from tracker.conventions import Array, Image
 from tracker.geometry.camera import Camera
 from tracker.objects.box import Box
+from tracker.objects.labels import UNKNOWN
 from tracker.pose.scale import label_camera, label_factors
 from tracker.segmentation.color_model import ColorModel, fill_channels
 from tracker.segmentation.labels import label_of
 from tracker.segmentation.light import evened_level, fill_light, grey_world_gains
-from tracker.segmentation.mosaic import find_mosaic
-from tracker.segmentation.noise import LOUD, noise_std
+from tracker.segmentation.sensor import LOUD, find_mosaic, noise_level
 
 PICTURE = np.dtype(
     [
@@ -31,7 +31,7 @@ PICTURE = np.dtype(
         ("height", np.int64),  # [px]
         ("width", np.int64),  # [px]
         ("loud", np.bool_),  # whether labels are read from filtered pixels
-        ("mosaic", np.int64),  # which pixels measured red, or NONE (`segmentation.mosaic`)
+        ("mosaic", np.int64),  # which pixels measured red, or NO_MOSAIC (`segmentation.sensor`)
         ("gains", np.float64, (3,)),  # that make its greys grey
         ("tilt", np.float64, (2, 2)),  # slope of the light's colour over the picture (`segmentation.light`)
         ("channels", np.int32, (3, 256)),  # offsets into the label table of its levels
@@ -45,6 +45,10 @@ TILE = 4
 those beside them; elsewhere they are background."""
 
 
+Hidden: TypeAlias = Sequence[Array | None] | None
+"""For each camera a mask (H, W) bool of pixels whose labels count neither for nor against, or None."""
+
+
 class Sight(NamedTuple):
     """One set of pictures."""
 
@@ -54,6 +58,8 @@ class Sight(NamedTuple):
     """(C,) of PICTURE."""
     images: Sequence[Image | None]
     """(H, W, 3) BGR as the cameras gave them: `pictures` says where they lie."""
+    hidden: Hidden = None
+    """(H, W) masks of pixels whose labels are not asked."""
 
     @property
     def used(self) -> Array:
@@ -88,7 +94,7 @@ def pixels_of(picture):  # type: ignore[no-untyped-def]
 def look(image, normalise, pictures, c):  # type: ignore[no-untyped-def]
     """Fill in the light of camera c's picture (H, W, 3), and how loud it is; normalise: of ColorModel."""
     picture = pictures[c]
-    picture.loud = noise_std(image) >= LOUD
+    picture.loud = noise_level(image) >= LOUD
     picture.gains[0], picture.gains[1], picture.gains[2] = 1.0, 1.0, 1.0
     for k in range(4):
         picture.tilt[k // 2, k % 2] = 0.0
@@ -192,7 +198,7 @@ class Reader:
             if image is not None:
                 pictures["gains"][c], pictures["tilt"][c] = grey_world_gains(image), 0.0
                 fill_channels(pictures["gains"][c], pictures["channels"][c])
-        return self.labelled(sight.images, pictures)
+        return self.labelled(sight.images, pictures, hidden=sight.hidden)
 
     def lit(
         self,
@@ -218,7 +224,11 @@ class Reader:
         return pictures
 
     def labelled(
-        self, images: Sequence[Image | None], pictures: Array, windows: Sequence[Any] | None = None
+        self,
+        images: Sequence[Image | None],
+        pictures: Array,
+        windows: Sequence[Any] | None = None,
+        hidden: Hidden = None,
     ) -> Sight:
         """Those pictures with their labels.
 
@@ -227,6 +237,7 @@ class Reader:
             pictures: as of `lit`; how many pixels show colour is filled in.
             windows: left, top, right, bottom [px of the label map], elsewhere labels are background; None:
                 everything.
+            hidden: masks of pixels whose labels are UNKNOWN.
         """
         labels = np.zeros(self.shape, np.uint8)
         for c, image in enumerate(images):
@@ -235,7 +246,19 @@ class Reader:
                 window = (0, 0, image.shape[1] // by, image.shape[0] // by) if windows is None else windows[c]
                 calm = np.asarray(cv2.medianBlur(image, 3), dtype=np.uint8) if pictures["loud"][c] else image
                 fill_labels(image, calm, by, self.colors.label_table, window, pictures, c, labels)
-        return Sight(labels, pictures, tuple(images))
+                if hidden is not None and (mask := hidden[c]) is not None:
+                    pictures["colored"][c] -= _hide(labels[c], mask, by)
+        return Sight(labels, pictures, tuple(images), hidden)
+
+
+def _hide(labels: Array, mask: Array, by: int) -> int:
+    """Mark what a mask (H, W) hides in a label map of by × by pixels each; how many had a face's colour."""
+    rows, columns = mask.shape[0] // by, mask.shape[1] // by
+    covered = mask[: rows * by, : columns * by].reshape(rows, by, columns, by).any(axis=(1, 3))
+    part = labels[:rows, :columns]
+    lost = int(np.count_nonzero(part[covered]))
+    part[covered] = UNKNOWN
+    return lost
 
 
 def reader_of(box: Box, rig: CameraRig, colors: ColorModel) -> tuple[Reader, list[Camera]]:

@@ -15,10 +15,10 @@ from tracker.compiled import compiled
 from tracker.conventions import Array, FloatArray
 from tracker.geometry.arena import Arena
 from tracker.geometry.camera import Camera
-from tracker.geometry.field_of_view import project_in_view
 from tracker.geometry.lens import clamped, project, project_with_jacobian, stack_lenses
 from tracker.geometry.linear import solve_positive
 from tracker.objects.box import Box
+from tracker.objects.labels import UNKNOWN
 
 MIN_VOTE, MIN_SHARE = 0.15, 0.35
 """Least vote of a position: absolute, and as a share of the best."""
@@ -60,7 +60,7 @@ def integrate(labels, lenses, pictures, out):  # type: ignore[no-untyped-def]
             row = 0
             out[c, j + 1, 0] = 0
             for i in range(width):
-                row += labels[c, j, i] > 0
+                row += 0 < labels[c, j, i] < UNKNOWN
                 out[c, j + 1, i + 1] = out[c, j, i + 1] + row
 
 
@@ -128,7 +128,7 @@ def gather(lenses, labels, pictures, position, radius, stats):  # type: ignore[n
         for j in range(clamped(v - rv, height), min(height, clamped(v + rv, height) + 2)):
             for i in range(clamped(u - ru, width), min(width, clamped(u + ru, width) + 2)):
                 label = labels[c, j, i]
-                if label == 0 or ((i - u) / ru) ** 2 + ((j - v) / rv) ** 2 > 1.0:
+                if label == 0 or label == UNKNOWN or ((i - u) / ru) ** 2 + ((j - v) / rv) ** 2 > 1.0:
                     continue
                 stats[c, label, 0] += 1.0
                 stats[c, label, 1] += i
@@ -241,7 +241,7 @@ def _boxes(camera: Camera, points: FloatArray, radius: float, area: float) -> Ar
     """(N,) of BOXES of one camera for points (N, 3) [m]; area: mean area of the object's projections [m²]."""
     boxes = np.zeros(len(points), BOXES)
     depth = points @ camera.camera_from_world[2, :3] + camera.camera_from_world[2, 3]
-    pixels, size = project_in_view(camera, points), np.array([camera.width, camera.height])
+    pixels, size = camera.project_in_view(points), np.array([camera.width, camera.height])
     seen = (depth > 1.5 * radius) & ((pixels >= 0) & (pixels < size)).all(axis=1)
     pixels, focal = pixels[seen], camera.matrix[(0, 1), (0, 1)] / depth[seen, None]
     for name, share in (("wide", 1.0), ("tight", TIGHT)):

@@ -10,6 +10,7 @@ from tracker.conventions import Array
 from tracker.errors import LogError
 from tracker.poses.columns import FilteredColumns, MeasuredColumns, PoseColumns, float_array
 from tracker.poses.poses import KINDS, About, Kind, Poses
+from tracker.stamps import one_stamp
 
 
 class Answer(Protocol):
@@ -61,9 +62,10 @@ class PosesBuilder:
                 as `LogFrame` gives it; what it says has been judged there.
 
         Raises:
-            LogError: a pose lacks something, or has it in another shape; or the answer is not about as
-                many cameras as there are.
+            LogError: the time is none in seconds; a pose lacks something, or has it in another shape; or
+                the answer is not about as many cameras as there are.
         """
+        stamp = one_stamp(timestamp, f"frame {index}: timestamp", LogError)
         cameras = self._uses(answer)
         rows: dict[Kind, dict[str, Array] | None] = {
             "measured": _row("measured", answer.object_pose, MeasuredColumns),
@@ -71,7 +73,7 @@ class PosesBuilder:
             "recorded": _row("recorded", recorded, PoseColumns),
         }
         self._index.append(int(index))
-        self._timestamp.append(float(timestamp))
+        self._timestamp.append(stamp)
         self._status.append(_text(answer.status))
         self._cameras.append(cameras)
         for kind, row in rows.items():

@@ -145,9 +145,12 @@ def float_array(name: str, value: object, shape: tuple[int, ...]) -> FloatArray:
         LogError: `value` is of another shape, or no numbers.
     """
     try:
-        array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+        array = np.array(value)
+    except (TypeError, ValueError) as error:  # a ragged sequence
         raise LogError(f"{name}: found {type(value).__name__}, expected numbers of shape {shape}") from error
+    if array.dtype.kind not in "fiu":  # NumPy would take texts and times for numbers
+        raise LogError(f"{name}: found {described(array)}, expected numbers of shape {shape}")
+    array = array.astype(np.float64)
     if array.shape != shape:
         raise LogError(f"{name}: found shape {array.shape}, expected {shape}")
     array.flags.writeable = False

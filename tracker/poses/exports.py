@@ -14,9 +14,9 @@ from tracker.errors import LogError
 from tracker.files import told_as, whole_file, write_whole
 from tracker.geometry import so3
 from tracker.geometry.camera import Camera
+from tracker.objects.model import CuboidModel
 from tracker.poses.columns import PoseColumns
-from tracker.poses.poses import Kind, Poses
-from tracker.poses.table import CSV_HEADER, package
+from tracker.poses.poses import Kind, Poses, package
 
 BOP_HEADER = ("scene_id", "im_id", "obj_id", "score", "R", "t", "time")
 """First line of a file of BOP results."""
@@ -24,8 +24,10 @@ BOP_HEADER = ("scene_id", "im_id", "obj_id", "score", "R", "t", "time")
 _MM = 1000.0
 
 
-def write_csv(path: str | os.PathLike[str], poses: Poses) -> None:
+def write_csv(path: str | os.PathLike[str], poses: Poses, *, keypoints_of: CuboidModel | None = None) -> None:
     """Write one row a frame under CSV_HEADER, whole or not at all; cells without a value are empty.
+
+    keypoints_of: the object, whose corners are further columns.
 
     Numbers are written so that reading them gives the same bits. Standard deviations are square roots of
     the covariance's diagonal.
@@ -33,12 +35,13 @@ def write_csv(path: str | os.PathLike[str], poses: Poses) -> None:
     Raises:
         LogError: the file cannot be written.
     """
+    table = poses.table(keypoints_of)
     rows = (
         ["" if value != value else value for value in row]  # only NaN differs from itself
-        for row in zip(*(column.tolist() for column in poses.table().values()), strict=True)
+        for row in zip(*(column.tolist() for column in table.values()), strict=True)
     )
     with told_as(LogError, path):
-        write_whole(path, _table(CSV_HEADER, rows))
+        write_whole(path, _table(tuple(table), rows))
 
 
 def write_tum(path: str | os.PathLike[str], poses: Poses, kind: Kind = "filtered") -> None:
@@ -105,7 +108,9 @@ def write_bop(
         write_whole(path, _table(BOP_HEADER, rows))
 
 
-def write_parquet(path: str | os.PathLike[str], poses: Poses) -> None:
+def write_parquet(
+    path: str | os.PathLike[str], poses: Poses, *, keypoints_of: CuboidModel | None = None
+) -> None:
     """Write the columns of the CSV file as Parquet, whole or not at all; NaN becomes null.
 
     Raises:
@@ -113,7 +118,8 @@ def write_parquet(path: str | os.PathLike[str], poses: Poses) -> None:
         TrackerError: the package pyarrow is missing.
     """
     pa, pq = package("pyarrow"), package("pyarrow.parquet")
-    table = pa.table({name: pa.array(column, from_pandas=True) for name, column in poses.table().items()})
+    columns = poses.table(keypoints_of)
+    table = pa.table({name: pa.array(column, from_pandas=True) for name, column in columns.items()})
     with told_as(LogError, path), whole_file(path) as temporary:
         pq.write_table(table, temporary, compression="zstd")
 

@@ -18,10 +18,12 @@ import numpy as np
 
 from tracker.calibration.camera_info import CAMERA_DATASETS, read_camera
 from tracker.calibration.rig import CameraRig
+from tracker.checks import path_of
 from tracker.conventions import Array
 from tracker.errors import CalibrationError, LogError
 from tracker.files import hdf5, told_as, write_whole
 from tracker.geometry.camera import Camera
+from tracker.pose.result import CameraUse, Status
 from tracker.poses.poses import KINDS, About, Kind, Poses
 
 FORMAT = "trifinger-object-tracker poses"
@@ -60,6 +62,12 @@ _UNITS = {
     "tf_world_to_camera": "m",
     "tf_world_to_camera_std": "m",
 }
+_OLD_SPELLINGS = {
+    "no object colours": Status.NO_OBJECT_COLORS.value,
+    **{word.value.replace("_", " "): word.value for word in (*Status, *CameraUse)},
+}
+"""Statuses and uses of cameras in files up to version 0.1.0."""
+
 _MAX_NAMES = 256
 _MAX_CAMERAS = 1000
 
@@ -68,7 +76,7 @@ def write_poses(path: str | os.PathLike[str], poses: Poses) -> None:
     """Write a file that `read_poses` gives back to the bit, whole or not at all.
 
     Raises:
-        LogError: the file cannot be written, or a camera's name cannot be that of a group.
+        LogError: the file cannot be written.
     """
     try:
         content = _content(poses)
@@ -85,10 +93,12 @@ def read_poses(path: str | os.PathLike[str]) -> Poses:
         LogError: there is no such file, it is damaged, of another format or version, or holds what cannot
             be; the message names file, dataset, what was found and what would be valid.
     """
-    name = os.fspath(path)
+    path = path_of(path, "path of poses", LogError)
+    name = str(path)
     try:
         if not Path(path).is_file():
-            found = "a folder" if Path(path).is_dir() else "no such file"
+            there = "a folder" if Path(path).is_dir() else "a pipe or a device"
+            found = there if Path(path).exists() else "no such file"
             raise LogError(f"found {found}, expected a file of poses, as tracker track makes it")
         with hdf5.open_file(path) as file:
             return _poses(file)
@@ -143,7 +153,7 @@ def _content(poses: Poses) -> bytes:
                 group = file.create_group(name)
                 for column, array in columns.arrays().items():
                     _put(group, column, array)
-        _put(file, "camera_names", hdf5.encoded([_group_name(camera) for camera in poses.about.rig]))
+        _put(file, "camera_names", hdf5.encoded(list(poses.about.rig.names)))
         cameras = file.create_group("camera_info")
         for camera in poses.about.rig:
             _put_camera(cameras, camera)
@@ -166,12 +176,6 @@ def _put_texts(file: Any, name: str, texts: Array) -> None:
         raise LogError(f"{name}: found {len(names)} different ones, expected at most {_MAX_NAMES}")
     _put(file, name, codes.reshape(texts.shape).astype(np.uint8))
     file[name].attrs["names"] = hdf5.encoded(names.tolist())
-
-
-def _group_name(camera: Camera) -> str:
-    if "/" in camera.name or "\0" in camera.name or camera.name == ".":
-        raise LogError(f"camera name: found {camera.name!r}, expected one that can name a group of HDF5")
-    return camera.name
 
 
 def _put_camera(cameras: Any, camera: Camera) -> None:
@@ -236,9 +240,10 @@ def _check_format(file: Any) -> None:
 def _texts(file: Any, name: str, shape: tuple[int, ...]) -> Array:
     codes = hdf5.array(file, name, shape, "u")
     try:
-        names = hdf5.decoded(hdf5.attribute(file[name], "names", "S", None))
+        written = hdf5.decoded(hdf5.attribute(file[name], "names", "S", None))
     except LogError as error:
         raise LogError(f"/{name}: {error}") from error
+    names = [_OLD_SPELLINGS.get(text, text) for text in written]
     if codes.size and int(codes.max()) >= len(names):
         raise LogError(f"/{name}: found code {codes.max()}, expected codes below {len(names)}, one a name")
     return np.array(names, dtype=np.str_)[codes] if codes.size else np.zeros(shape, dtype=np.str_)

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from importlib import import_module
 from typing import Any, Literal
 
 import numpy as np
 
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray
-from tracker.errors import LogError
+from tracker.errors import LogError, TrackerError, shown
+from tracker.geometry import cuboid, so3
+from tracker.objects.model import CuboidModel
 from tracker.poses.columns import (
     FilteredColumns,
     MeasuredColumns,
@@ -19,7 +22,86 @@ from tracker.poses.columns import (
     float_array,
     refuse,
 )
-from tracker.poses.table import CSV_HEADER, along_frames, camera_cells, numbers_of, package
+from tracker.stamps import LATEST
+
+_POSE = ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw", "confidence")
+_STD = ("std_x_m", "std_y_m", "std_z_m", "std_rx_rad", "std_ry_rad", "std_rz_rad")
+_VELOCITY = ("vx_m_per_s", "vy_m_per_s", "vz_m_per_s", "wx_rad_per_s", "wy_rad_per_s", "wz_rad_per_s")
+_VELOCITY_STD = tuple(f"std_{name}" for name in _VELOCITY)
+
+CSV_HEADER = (
+    "frame",
+    "timestamp_s",
+    "status",
+    *(f"measured_{name}" for name in (*_POSE, *_STD)),
+    *(f"filtered_{name}" for name in (*_POSE, *_STD, *_VELOCITY, *_VELOCITY_STD)),
+    *(f"recorded_{name}" for name in _POSE),
+    "cameras",
+)
+"""Columns of the CSV file: always the same, with their units."""
+
+CAMERA_SEPARATOR = "|"
+"""Between what became of each camera's picture, in the column `cameras`."""
+
+_AXES = {3: "axis", 4: "xyzw", 6: "twist"}
+"""Names of axes by their lengths."""
+
+
+def numbers_of(
+    measured: MeasuredColumns, filtered: FilteredColumns, recorded: PoseColumns | None
+) -> FloatArray:
+    """(n, k) the columns of numbers under CSV_HEADER, after the status; NaN where there is none."""
+    parts = [
+        *_pose_and_std(measured),
+        *_pose_and_std(filtered),
+        filtered.velocity,
+        _std(filtered.velocity_covariance),
+        *_pose(PoseColumns.nothing(len(measured)) if recorded is None else recorded),
+    ]
+    return np.concatenate(parts, axis=1)
+
+
+def camera_cells(cameras: Array) -> Array:
+    """(n,) what became of each frame's pictures, as one text; from (n, C) texts."""
+    cells = [CAMERA_SEPARATOR.join(uses) if any(uses) else "" for uses in cameras.tolist()]
+    return np.array(cells, dtype=np.str_)
+
+
+def along_frames(kinds: Mapping[str, PoseColumns | None]) -> dict[str, tuple[tuple[str, ...], Array]]:
+    """Whole arrays of each kind of poses with the names of their axes, as xarray takes them."""
+    found = {}
+    for kind, columns in kinds.items():
+        for name, array in columns.arrays().items() if columns is not None else ():
+            axes = [_AXES[size] + ("_too" if k else "") for k, size in enumerate(array.shape[1:])]
+            found[f"{kind}_{name}"] = (("frame", *axes), array)
+    return found
+
+
+def package(name: str) -> Any:
+    """A package, or a part of one, that not everybody needs.
+
+    Raises:
+        TrackerError: it is missing.
+    """
+    try:
+        return import_module(name)
+    except ImportError as error:
+        missing = name.partition(".")[0]
+        raise TrackerError(f"this needs the package {missing}: pip install {missing}") from error
+
+
+def _pose(columns: PoseColumns) -> list[FloatArray]:
+    return [columns.position, columns.orientation, columns.confidence[:, None]]
+
+
+def _pose_and_std(columns: MeasuredColumns) -> list[FloatArray]:
+    return [*_pose(columns), _std(columns.covariance)]
+
+
+def _std(covariance: FloatArray) -> FloatArray:
+    result: FloatArray = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    return result
+
 
 Kind = Literal["measured", "filtered", "recorded"]
 """Which of a frame's poses."""
@@ -111,7 +193,8 @@ class Poses:
         bad = np.diff(self.index, prepend=-1) <= 0
         refuse("index", bad, self.index, "frame numbers from 0 on that increase")
         object.__setattr__(self, "timestamp", float_array("timestamp", self.timestamp, (count,)))
-        refuse("timestamp", ~np.isfinite(self.timestamp), self.timestamp, "a finite time in seconds")
+        bad = ~(np.abs(self.timestamp) <= LATEST)
+        refuse("timestamp", bad, self.timestamp, f"a time in seconds, up to {LATEST:g}")
         _freeze(self, "status", _texts("status", self.status, (count,)))
         if self.cameras is not None:
             _freeze(self, "cameras", _texts("cameras", self.cameras, (count, len(self.about.rig))))
@@ -124,6 +207,14 @@ class Poses:
                 raise LogError(f"{kind}: found {found}, expected {columns_type.__name__}")
             if len(columns) != count:
                 raise LogError(f"{kind}: found {len(columns)} frames, expected {count}")
+
+    def __repr__(self) -> str:
+        measured = np.count_nonzero(self.measured.has_pose)
+        seconds = f" over {self.timestamp[-1] - self.timestamp[0]:.1f} s" if len(self) else ""
+        return (
+            f"Poses({self.about.object_name} in {self.about.source!r}: {len(self)} frames{seconds}, "
+            f"{measured} with a measured and {np.count_nonzero(self.filtered.has_pose)} with a filtered pose)"
+        )
 
     def __len__(self) -> int:
         return len(self.index)
@@ -140,23 +231,55 @@ class Poses:
             cameras=None if self.cameras is None else self.cameras[rows],
         )
 
-    def table(self) -> dict[str, Array]:
-        """(n,) columns under the CSV file's header: numbers with NaN where there is none, and texts."""
+    def table(self, keypoints_of: CuboidModel | None = None) -> dict[str, Array]:
+        """(n,) columns under the CSV file's header: numbers with NaN where there is none, and texts.
+
+        keypoints_of: the object, whose corners are columns too, such as `filtered_keypoint0_x_m`.
+        """
         cells = camera_cells(_cameras(self))
         numbers = numbers_of(self.measured, self.filtered, self.recorded)
         columns = [self.index, self.timestamp, self.status, *numbers.T, cells]
-        return dict(zip(CSV_HEADER, columns, strict=True))
+        corners = {
+            f"{kind}_keypoint{i}_{axis}_m": points[:, i, k]
+            for kind, points in self.keypoints(keypoints_of).items()
+            for i in range(8)
+            for k, axis in enumerate("xyz")
+        }
+        return {**dict(zip(CSV_HEADER, columns, strict=True)), **corners}
 
-    def to_dataframe(self) -> Any:
-        """A pandas DataFrame, one row a frame, with the columns of the CSV file; see docs/poses.md.
+    def keypoints(self, model: CuboidModel | None) -> dict[Kind, FloatArray]:
+        """(n, 8, 3) corners [m] of the object in each kind of poses, NaN where there is none; {} of None.
+
+        Corner i is on the + side of the object's x, y, z where bit 0, 1, 2 of i is 0.
+
+        Raises:
+            LogError: the model is none.
+        """
+        if model is None:
+            return {}
+        if not isinstance(model, CuboidModel):
+            raise LogError(
+                f"keypoints: found {shown(model)}, expected an object, as tracker.load_object gives"
+            )
+        found = {}
+        for kind in KINDS:
+            columns = getattr(self, kind) or PoseColumns.nothing(len(self))
+            rotation = so3.matrix_from_quaternion(columns.orientation)
+            found[kind] = cuboid.keypoints(columns.position, rotation, model.size)
+        return found
+
+    def to_dataframe(self, keypoints_of: CuboidModel | None = None) -> Any:
+        """A pandas DataFrame, one row a frame, with the columns of `table`; see docs/poses.md.
 
         Raises:
             TrackerError: the package pandas is missing.
         """
-        return package("pandas").DataFrame(self.table()).set_index("frame")
+        return package("pandas").DataFrame(self.table(keypoints_of)).set_index("frame")
 
-    def to_xarray(self) -> Any:
+    def to_xarray(self, keypoints_of: CuboidModel | None = None) -> Any:
         """An xarray Dataset along `frame`, with whole vectors and covariances, e.g. `filtered_position`.
+
+        keypoints_of: the object, whose corners are variables too, such as `filtered_keypoints`.
 
         Raises:
             TrackerError: the package xarray is missing.
@@ -165,6 +288,8 @@ class Poses:
         if self.cameras is not None:
             variables["cameras"] = (("frame", "camera"), self.cameras)
         variables |= along_frames({kind: getattr(self, kind) for kind in KINDS})
+        for kind, points in self.keypoints(keypoints_of).items():
+            variables[f"{kind}_keypoints"] = (("frame", "keypoint", "axis"), points)
         coordinates = {
             "frame": self.index,
             "axis": list("xyz"),
@@ -237,3 +362,48 @@ def _texts(name: str, value: object, shape: tuple[int, ...]) -> Array:
 def _freeze(poses: Poses, name: str, array: Array) -> None:
     array.flags.writeable = False
     object.__setattr__(poses, name, array)
+
+
+def compare(poses: Poses, kind: Kind = "filtered") -> dict[str, float | None]:
+    """Differences to the recorded poses, in plain numbers.
+
+    Args:
+        poses: of a recording that has poses.
+        kind: which poses are compared with the recorded ones.
+
+    Returns:
+        `frames`: how many; `position_median_mm`, `position_p90_mm`, `angle_median_deg`, `angle_p90_deg` over
+        the frames where both have a pose, None where there is no such frame; and the shares of all frames
+        `share_both`, `share_only_found`, `share_only_recorded`, `share_neither`, None without any frame.
+
+    Raises:
+        LogError: the recording has no poses, or there is no such kind.
+    """
+    found, recorded = poses.columns(kind), poses.columns("recorded")
+    both = found.has_pose & recorded.has_pose
+    ours, theirs = found.take(both), recorded.take(both)
+    distance = 1e3 * np.linalg.norm(ours.position - theirs.position, axis=1)
+    angle = np.degrees(
+        so3.angle_between(
+            so3.matrix_from_quaternion(ours.orientation), so3.matrix_from_quaternion(theirs.orientation)
+        )
+    )
+    return {
+        "frames": float(len(poses)),
+        "position_median_mm": _quantile(distance, 0.5),
+        "position_p90_mm": _quantile(distance, 0.9),
+        "angle_median_deg": _quantile(angle, 0.5),
+        "angle_p90_deg": _quantile(angle, 0.9),
+        "share_both": _share(both),
+        "share_only_found": _share(found.has_pose & ~recorded.has_pose),
+        "share_only_recorded": _share(~found.has_pose & recorded.has_pose),
+        "share_neither": _share(~found.has_pose & ~recorded.has_pose),
+    }
+
+
+def _quantile(values: Array, share: float) -> float | None:
+    return float(np.quantile(values, share)) if len(values) else None
+
+
+def _share(chosen: Array) -> float | None:
+    return float(np.mean(chosen)) if len(chosen) else None

@@ -17,12 +17,14 @@ import numba
 import numpy as np
 import scipy
 
-import tracker
 from tracker.logs.opening import calibration_files, recording_files
 from tracker.recordings.recipe import Job
 
-_OTHER_ROOMS = ("cli", "viz", "learning", "upkeep", "live", "tasks")
-"""Rooms of the package on which no pose depends."""
+_OTHERS = (
+    *("batch", "cli", "color_learning", "calibration/board", "calibration/by_object", "live"),
+    *("summaries", "tasks", "viz"),
+)
+"""Parts of the package on which no pose depends."""
 
 
 def fingerprint(job: Job) -> str:
@@ -47,7 +49,7 @@ def code() -> str:
     """Hash of what computes poses: this package's sources, and the versions of the libraries below it."""
     versions = [module.__version__ for module in (np, scipy, cv2, numba)]
     digest = hashlib.sha256(repr(versions).encode())
-    root = Path(tracker.__file__).parent
+    root = Path(__file__).parents[1]
     for path in sorted(_sources(root)):
         digest.update(f"\0{path.relative_to(root)}\0".encode())
         digest.update(path.read_bytes())
@@ -56,7 +58,7 @@ def code() -> str:
 
 def _sources(root: Path) -> Iterator[Path]:
     for path in root.rglob("*.py"):
-        if path.relative_to(root).parts[0] not in _OTHER_ROOMS:
+        if not path.relative_to(root).as_posix().startswith(tuple(f"{name}/" for name in _OTHERS)):
             yield path
 
 

@@ -14,7 +14,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from tracker.calibration.rig import CameraRig
+from tracker.checks import is_whole
 from tracker.conventions import Image
+from tracker.errors import LogError, shown
 from tracker.objects.model import CuboidModel, load_object
 from tracker.pipeline import ObjectTracker
 from tracker.poses.builder import Answer
@@ -51,10 +53,10 @@ class Options:
     """Whether the calibration was halved without the quarter pixel."""
     resize_calibration: bool = False
     """Whether a calibration of another size is scaled to the images'."""
-    first: int = 0
+    start: int = 0
     """Number of the first frame that is tracked."""
-    last: int | None = None
-    """Number after that of the last one; None: the recording's end."""
+    stop: int | None = None
+    """Number of the first frame after them; None: the recording's end."""
     recover: bool = False
     """Whether to leave out what is damaged of a recording."""
     make_tracker: MakeTracker = ObjectTracker
@@ -98,13 +100,18 @@ class Recipe:
     """Whether the calibration of recordings was halved without the quarter pixel."""
     resize_calibration: bool = False
     """Whether a calibration of another size is scaled to the images'."""
-    first: int = 0
+    start: int = 0
     """Number of the first frame that is tracked."""
-    last: int | None = None
-    """Number after that of the last one; None: the recording's end."""
+    stop: int | None = None
+    """Number of the first frame after them; None: the recording's end."""
     recover: bool = False
     """Whether to leave out what is damaged of a recording."""
     make_tracker: MakeTracker = ObjectTracker
+
+    def __post_init__(self) -> None:
+        for name, number in (("start", self.start), ("stop", 0 if self.stop is None else self.stop)):
+            if not is_whole(number) or not 0 <= number < 2**63:
+                raise LogError(f"{name}: found {shown(number)}, expected the number of a frame, from 0 on")
 
     @classmethod
     def of(cls, options: Options) -> Recipe:
@@ -127,8 +134,8 @@ class Recipe:
             rig,
             options.correct_halved_principal_point,
             options.resize_calibration,
-            options.first,
-            options.last,
+            options.start,
+            options.stop,
             options.recover,
             options.make_tracker,
         )
@@ -139,7 +146,7 @@ class Recipe:
         make = self.make_tracker
         name = f"{make.__module__}.{getattr(make, '__qualname__', make)}"
         reading = (self.correct_halved_principal_point, self.resize_calibration, self.recover)
-        plain = (*reading, self.first, self.last, name)
+        plain = (*reading, self.start, self.stop, name)
         digest = hashlib.sha256(repr(plain).encode())
         cameras = () if self.rig is None else (*self.rig, self.rig.arena)
         for part in (self.model, self.colors, *cameras):

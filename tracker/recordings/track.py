@@ -6,22 +6,24 @@ import dataclasses
 import os
 import time
 from bisect import bisect_right
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 from tracker.calibration.rig import CameraRig
+from tracker.checks import path_of
 from tracker.errors import LogError, TrackerError
 from tracker.files import claimed
+from tracker.inputs import PathLike, colors_of, object_of, rig_of
 from tracker.logs import Log, open_log
 from tracker.logs.cameras import fitted_to, own_rig
-from tracker.objects.model import CuboidModel, load_object
+from tracker.objects.model import CuboidModel
 from tracker.poses.builder import PosesBuilder
 from tracker.poses.file import read_fingerprint, read_poses, write_poses
 from tracker.poses.poses import About, Poses
 from tracker.recordings.fingerprint import fingerprint
 from tracker.recordings.recipe import Job, Recipe
-from tracker.segmentation.color_model import ColorModel, load_colors
+from tracker.segmentation.color_model import ColorModel
 from tracker.version import version
 from tracker.warm_up import warm_up
 
@@ -47,13 +49,13 @@ class Tracked:
 
 def track(
     path: str | os.PathLike[str],
-    model: CuboidModel | str,
+    model: CuboidModel | PathLike,
     *,
     output: str | os.PathLike[str] | None = None,
-    rig: CameraRig | None = None,
-    colors: ColorModel | str | None = None,
-    first: int = 0,
-    last: int | None = None,
+    rig: CameraRig | PathLike | Iterable[PathLike] | None = None,
+    colors: ColorModel | PathLike | None = None,
+    start: int = 0,
+    stop: int | None = None,
     recover: bool = False,
     progress: Progress | None = None,
 ) -> Tracked:
@@ -64,10 +66,11 @@ def track(
         model: the object, or its name or TOML file.
         output: the file of poses to write, or to take if it is there already, whole and of the same
             recording, object, colours, cameras, frames and code; None: nothing is written.
-        rig: the cameras; None: those in or beside the recording.
+        rig: the cameras, or the folder of their calibration files, or these files; None: those in or beside
+            the recording.
         colors: a colour model, or its name or file; None: the object's own.
-        first: number of the first frame wanted.
-        last: number of the first frame not wanted any more; None: all.
+        start: number of the first frame to track.
+        stop: number of the first frame after those; None: all.
         recover: leave out what is damaged of the recording.
         progress: is told how many more frames are done.
 
@@ -77,16 +80,14 @@ def track(
         TrackerError: a name is unknown, a calibration is missing or does not fit.
         OSError: something cannot be read or written; BlockingIOError: another run is writing the file.
     """
-    found = load_object(model) if isinstance(model, str) else model
-    table = (
-        load_colors(found.colors if colors is None else colors)
-        if not isinstance(colors, ColorModel)
-        else colors
-    )
-    recipe = Recipe(found, table, rig, first=first, last=last, recover=recover)
-    if output is None:
-        return _tracked(Job(Path(path), Path(os.devnull), recipe), progress)
-    return run(Job(Path(path), Path(output), recipe), progress)
+    log = path_of(path, "path of a recording", LogError)
+    target = None if output is None else path_of(output, "output", LogError)
+    found = object_of(model)
+    cameras = None if rig is None else rig_of(rig)
+    recipe = Recipe(found, colors_of(colors, found), cameras, start=start, stop=stop, recover=recover)
+    if target is None:
+        return _tracked(Job(log, Path(os.devnull), recipe), progress)
+    return run(Job(log, target, recipe), progress)
 
 
 def run(job: Job, progress: Progress | None = None) -> Tracked:
@@ -112,16 +113,14 @@ def is_whole(job: Job, mark: str) -> bool:
 
 
 def chosen(log: Log, job: Job) -> tuple[int, int]:
-    """Number of the first frame to track, and that after the last; LogError where there is none."""
+    """Numbers of the first frame to track and of the first after those; LogError where there is none."""
     count, recipe = len(log), job.recipe
-    last = count if recipe.last is None else min(recipe.last, count)
-    if recipe.first and recipe.first >= count:
-        raise LogError(
-            f"{job.log}: found {count} frames, expected the first one wanted, {recipe.first}, below"
-        )
-    if recipe.first > last:
-        raise LogError(f"{job.log}: found frames from {recipe.first} to {last} wanted, expected some")
-    return recipe.first, last
+    start, stop = int(recipe.start), count if recipe.stop is None else min(int(recipe.stop), count)
+    if start and start >= count:
+        raise LogError(f"{job.log}: found {count} frames, expected one of number {start}")
+    if start > stop:
+        raise LogError(f"{job.log}: found frames from {start} to {stop} asked for, expected some")
+    return start, stop
 
 
 def rig_for(job: Job, log: Log) -> CameraRig:
@@ -146,10 +145,10 @@ def _kept(job: Job, progress: Progress | None) -> Tracked | None:
     except LogError:
         return None
     with open_log(job.log, recover=job.recipe.recover) as log:
-        first, last = chosen(log, job)
+        start, stop = chosen(log, job)
     if progress is not None:
-        progress(last - first)
-    return Tracked(poses, last - first, poses.about.fault or None, 0, 0.0)
+        progress(stop - start)
+    return Tracked(poses, stop - start, poses.about.fault or None, 0, 0.0)
 
 
 def _tracked(job: Job, progress: Progress | None) -> Tracked:
@@ -158,12 +157,12 @@ def _tracked(job: Job, progress: Progress | None) -> Tracked:
     changed = f"{job.log}: changed while it was read, is it still being written?"
     try:
         with open_log(job.log, recover=recipe.recover) as log:
-            first, last = chosen(log, job)
+            start, stop = chosen(log, job)
             rig = rig_for(job, log)
-            if first < last:
+            if start < stop:
                 warm_up()
             began = time.perf_counter()
-            poses = _follow(job, log[first:last], rig, progress)
+            poses = _follow(job, log[start:stop], rig, progress)
             seconds, fault = time.perf_counter() - began, log.fault
     except LogError as error:
         if fingerprint(job) != before:
@@ -174,7 +173,7 @@ def _tracked(job: Job, progress: Progress | None) -> Tracked:
             raise LogError(changed)
         fault = changed
     about = dataclasses.replace(poses.about, fingerprint=before, fault=unicode_text(fault or ""))
-    return Tracked(dataclasses.replace(poses, about=about), last - first, fault, len(poses), seconds)
+    return Tracked(dataclasses.replace(poses, about=about), stop - start, fault, len(poses), seconds)
 
 
 def _follow(job: Job, log: Log, rig: CameraRig, progress: Progress | None) -> Poses:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import functools
 import io
 import math
+import os
 import zipfile
 from dataclasses import dataclass
 from importlib import resources
@@ -18,10 +19,11 @@ from pathlib import Path
 
 import numpy as np
 
+from tracker.checks import float_array, path_of
 from tracker.compiled import compiled
 from tracker.conventions import Array, FloatArray
-from tracker.errors import ColorModelError
-from tracker.files import write_whole
+from tracker.errors import ColorModelError, shown
+from tracker.files import read_bounded, write_whole
 from tracker.objects.labels import COLOR_NAMES
 
 CLASSES = len(COLOR_NAMES)
@@ -62,14 +64,13 @@ class ColorModel:
     """Bring the scene's greys to one grey first; False for images of a renderer."""
 
     def __post_init__(self) -> None:
-        values = np.array(self.log_posterior, dtype=np.float64)
-        if values.shape != (CLASSES, NODES, NODES, NODES) or not np.isfinite(values).all():
-            raise ColorModelError(
-                f"colour model {self.name!r}: log posteriors are {values.shape}, "
-                f"finite values of shape {(CLASSES, NODES, NODES, NODES)} are needed"
-            )
-        values.flags.writeable = False
+        shape, what = (CLASSES, NODES, NODES, NODES), f"colour model {shown(self.name)}: log posteriors"
+        values = float_array(self.log_posterior, shape, what, ColorModelError)
         object.__setattr__(self, "log_posterior", values)
+
+    def __repr__(self) -> str:
+        light = "greys normalised" if self.normalise else "pictures as they are"
+        return f"ColorModel({self.name!r}: {', '.join(COLOR_NAMES[1:])}; {light})"
 
     @functools.cached_property
     def _dense(self) -> FloatArray:
@@ -93,13 +94,6 @@ class ColorModel:
         margin = self._dense[1:].max(axis=0) - self._dense[0]
         table = np.clip(np.rint(margin / _STEP), 0, 255).astype(np.uint8)
         return np.ascontiguousarray(table.transpose(2, 1, 0)).ravel()
-
-    @functools.cached_property
-    def probability_table(self) -> Array:
-        """(64³, 7) float32: the posterior of every class in each colour cell."""
-        weights = np.exp(self._dense)
-        weights /= weights.sum(axis=0)
-        return np.ascontiguousarray(weights.transpose(3, 2, 1, 0)).reshape(-1, CLASSES).astype(np.float32)
 
     def channel_tables(self, gains: Array) -> Array:
         """(3, 256) int32: each channel's offset of a level under `gains`; their sum is the cell."""
@@ -139,10 +133,7 @@ def _read(path: Path, name: str) -> ColorModel:
 
 def _entries(path: Path) -> tuple[Array, Array, Array]:
     """The arrays format, log_posterior and normalise, whatever they are."""
-    with path.open("rb") as file:
-        content = file.read(_MAX_BYTES + 1)
-    if len(content) > _MAX_BYTES:
-        raise ColorModelError(f"colour model {path}: more than {_MAX_BYTES} bytes; no more are read")
+    content = read_bounded(path, _MAX_BYTES)
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         sizes = {entry.filename.removesuffix(".npy"): entry.file_size for entry in archive.infolist()}
     missing = _KEYS - set(sizes)
@@ -180,11 +171,11 @@ def load_colors(name_or_path: str | Path) -> ColorModel:
 
     Raises ColorModelError where the name is unknown or the file malformed.
     """
-    name = str(name_or_path)
+    path = path_of(name_or_path, "colour model", ColorModelError)
+    name = str(path)
     if name in color_model_names():
         return _shipped(name)
-    path = Path(name_or_path)
-    if path.exists():
+    if os.path.exists(path):
         return _read(path, path.stem)
     if path.suffix == ".npz":
         raise ColorModelError(
@@ -192,6 +183,6 @@ def load_colors(name_or_path: str | Path) -> ColorModel:
             f"one of {', '.join(color_model_names())}"
         )
     raise ColorModelError(
-        f"unknown colour model {name!r}; known are {', '.join(color_model_names())}, "
+        f"unknown colour model {shown(name)}; known are {', '.join(color_model_names())}, "
         "or the path of an .npz file"
     )

@@ -15,15 +15,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from tracker.conventions import Array, FloatArray
 from tracker.errors import ImageError
 from tracker.segmentation.color_model import CLASSES, NODES, ColorModel, compand
-from tracker.segmentation.labelled import LabelledImage
-from tracker.segmentation.light import apply_gains, neutral_gains
+from tracker.segmentation.labelled import LabelledImage, surely_background
+from tracker.segmentation.light import apply_gains, find_light
 
 
 @dataclass(frozen=True)
@@ -97,15 +96,10 @@ def _draw(pixels: Array, count: int, jitter: FitOptions, rng: np.random.Generato
     balance = rng.normal(0, jitter.channel, (count, 3)) * wide
     added = rng.normal(0, jitter.haze, (count, 1)) * wide2 + rng.normal(0, jitter.noise, (count, 3))
     if jitter.shaded_share > 0:
-        chosen = _shaded(chosen, jitter, rng)
+        shaded = rng.uniform(size=(count, 1)) < jitter.shaded_share
+        left = np.where(shaded, rng.uniform(jitter.shade, 1, (count, 1)), 1.0)
+        chosen = left * chosen + (1 - left) * rng.uniform(0, jitter.veil, (count, 1))
     return np.clip(chosen * np.exp(light + balance) + added, 0, 255)
-
-
-def _shaded(levels: FloatArray, jitter: FitOptions, rng: np.random.Generator) -> FloatArray:
-    """Levels (N, 3) of which some are shaded and veiled."""
-    size = (len(levels), 1)
-    left = np.where(rng.uniform(size=size) < jitter.shaded_share, rng.uniform(jitter.shade, 1, size), 1.0)
-    return left * levels + (1 - left) * rng.uniform(0, jitter.veil, size)
 
 
 def image_histograms(labelled: LabelledImage, options: FitOptions, normalise: bool = True) -> Histograms:
@@ -113,13 +107,10 @@ def image_histograms(labelled: LabelledImage, options: FitOptions, normalise: bo
     rng = np.random.default_rng([options.seed, *labelled.name.encode()])
     image = labelled.image
     if normalise:
-        image = apply_gains(image, neutral_gains(image)[0])
+        image = apply_gains(image, find_light(image).gains)
     shown = np.unique(labelled.labels[labelled.labels > 0])
     pixels = {int(label): image[labelled.labels == label] for label in shown}
-    # Masks are drawn a little too small, so the rim around them belongs to neither side.
-    margin = 2 * (image.shape[0] // 50) + 1
-    near = cv2.dilate((labelled.labels > 0).astype(np.uint8), np.ones((margin, margin), np.uint8))
-    background = image[near == 0]
+    background = image[surely_background(labelled.labels)]
     if not len(background):
         raise ImageError(f"labelled image {labelled.name}: the masks leave no background; some is needed")
     return pixel_histograms({**pixels, 0: background}, options, rng)
@@ -163,12 +154,3 @@ def combine(
     smooth = np.stack([gaussian_filter(d, options.smoothing, mode="nearest") for d in density])
     log_posterior = np.log((smooth + 1e-9) * prior[:, None, None, None])
     return ColorModel(name, log_posterior - log_posterior.max(axis=0), normalise)
-
-
-def intersection_over_union(predicted: Array, truth: Array) -> dict[int, float]:
-    """IoU of every label that the truth (H, W) shows, over the whole image."""
-    result = {}
-    for label in np.unique(truth[truth > 0]):
-        a, b = predicted == label, truth == label
-        result[int(label)] = float((a & b).sum() / (a | b).sum())
-    return result

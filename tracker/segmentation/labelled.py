@@ -1,4 +1,4 @@
-"""Hand-labelled images: a picture and one mask for each face colour that it shows.
+"""Hand-labelled images, a picture and one mask for each face colour that it shows; and labels against them.
 
 Two layouts are read, and mixed folders are fine:
     NN_image.png     with NN_mask_red.png, NN_mask_green.png, …
@@ -9,17 +9,19 @@ A mask that is not there: the colour is not visible. A mask's pixel counts where
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from tracker.conventions import Image
+from tracker.conventions import Array, Image
 from tracker.errors import ImageError
 from tracker.files import read_bounded
 from tracker.files.encoded import READ, check, stated_size
 from tracker.objects.labels import COLOR_NAMES
+from tracker.segmentation.color_model import CLASSES
 
 MAX_PIXELS = 1 << 26
 """Most pixels of a picture that is read: eight thousand by eight thousand."""
@@ -98,4 +100,33 @@ def read_labelled(folder: str | Path) -> list[LabelledImage]:
             f"labelled images {folder}: none found; expected NN_image.png with NN_mask_red.png …, "
             "or cameraNN.png with rNN.png …"
         )
+    return result
+
+
+def surely_background(labels: Image) -> Array:
+    """Pixels (H, W) bool away from labels (H, W), and from the rim of masks, which are drawn too small."""
+    margin = 2 * (labels.shape[0] // 50) + 1
+    near = cv2.dilate((labels > 0).astype(np.uint8), np.ones((margin, margin), np.uint8))
+    return np.equal(near, 0)
+
+
+def confusion(pairs: Iterable[tuple[Image, Image]]) -> Array:
+    """Numbers (7, 7) of pixels by true label (row) and label found (column), of pairs (found, true).
+
+    Background counts away from the true labels only.
+    """
+    total = np.zeros((CLASSES, CLASSES), np.int64)
+    for found, truth in pairs:
+        use = (truth > 0) | surely_background(truth)
+        codes = CLASSES * truth[use].astype(np.int64) + found[use]
+        total += np.bincount(codes, minlength=CLASSES**2).reshape(CLASSES, CLASSES)
+    return total
+
+
+def intersection_over_union(predicted: Array, truth: Array) -> dict[int, float]:
+    """IoU of every label that the truth (H, W) shows, over the whole image."""
+    result = {}
+    for label in np.unique(truth[truth > 0]):
+        a, b = predicted == label, truth == label
+        result[int(label)] = float((a & b).sum() / (a | b).sum())
     return result

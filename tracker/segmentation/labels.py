@@ -80,12 +80,6 @@ def check_image(image: object, who: str = "image") -> Image:
     return image
 
 
-def in_even_light(image: Image, colors: ColorModel) -> tuple[Image, Light]:
-    """The image (H, W, 3) without the slope of its light's colour, and the light to read it in."""
-    light = find_light(image) if colors.normalise else AS_IT_IS
-    return evened(image, light), light
-
-
 def segment(image: Array, colors: ColorModel) -> Image:
     """Labels (H, W) uint8 of an image (H, W, 3) uint8 BGR: 0 background, 1 red … 6 yellow.
 
@@ -108,7 +102,8 @@ def labels_by_color(image: Image, colors: ColorModel) -> tuple[Image, Light, Ima
     if min(image.shape[:2]) / REFERENCE_SIZE > FINE:
         # Demosaicing leaves single wrong pixels at this resolution.
         image = np.asarray(cv2.medianBlur(image, 3), dtype=np.uint8)
-    image, light = in_even_light(image, colors)
+    light = find_light(image) if colors.normalise else AS_IT_IS
+    image = evened(image, light)
     labels = np.empty(image.shape[:2], np.uint8)
     look_up(image, colors.channel_tables(light.gains), colors.label_table, light.gains, labels)
     return image, light, labels
@@ -138,13 +133,3 @@ def keep_strongest(labels: Image, evidence: Array, scale: float) -> Image:
     strong = weight >= MIN_SHARE * weight.max()
     strong[0] = False
     return np.where(strong[things], kept, np.uint8(0))
-
-
-def class_probabilities(image: Image, colors: ColorModel) -> Array:
-    """Posterior (H, W, 7) float32 of background and the six colours at every pixel, without clean-up."""
-    image = check_image(image)
-    image, light = in_even_light(image, colors)
-    channels = colors.channel_tables(light.gains)
-    cells = sum(channels[c][image[..., c]] for c in range(3))
-    probabilities: Array = colors.probability_table[cells]
-    return probabilities

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from tracker.compiled import compiled
@@ -43,7 +44,7 @@ _LOG = np.log(np.maximum(np.arange(256), 0.5))
 
 
 @compiled
-def _sample(image, step, log_table, points):  # type: ignore[no-untyped-def]
+def _sample(image, step, points):  # type: ignore[no-untyped-def]
     """Points (5, N): log chroma b/g, r/g, place from -1 to 1 across and down, level of green; returns N."""
     height, width = image.shape[0], image.shape[1]
     count = 0
@@ -53,7 +54,7 @@ def _sample(image, step, log_table, points):  # type: ignore[no-untyped-def]
             high = max(b, g, r)
             if high >= CLIPPED or min(b, g, r) < 6 or high < 12:
                 continue
-            points[0, count], points[1, count] = log_table[b] - log_table[g], log_table[r] - log_table[g]
+            points[0, count], points[1, count] = _LOG[b] - _LOG[g], _LOG[r] - _LOG[g]
             points[2, count], points[3, count] = 2.0 * i / width - 1.0, 2.0 * j / height - 1.0
             points[4, count] = g
             count += 1
@@ -142,10 +143,10 @@ def _fit_plane(points, count, plane, reach, flat):  # type: ignore[no-untyped-de
 
 
 @compiled
-def _greys(image, step, log_table, points, plane):  # type: ignore[no-untyped-def]
+def _greys(image, step, points, plane):  # type: ignore[no-untyped-def]
     """Fill plane (2, 3) with the log chroma of the scene's greys; returns level of green, share of pixels."""
     plane[:] = 0.0
-    count = _sample(image, step, log_table, points)
+    count = _sample(image, step, points)
     if count < 50:
         return 0.0, 0.0
     plane[0, 0], plane[1, 0] = _mode(points, count)
@@ -194,7 +195,7 @@ def fill_light(image, gains, tilt):  # type: ignore[no-untyped-def]
     step = max(1, int(math.sqrt(image.shape[0] * image.shape[1] / SAMPLES)))
     points = np.empty((5, ((image.shape[0] // step) + 1) * ((image.shape[1] // step) + 1)))
     plane = np.empty((2, 3))
-    green, share = _greys(image, step, _LOG, points, plane)
+    green, share = _greys(image, step, points, plane)
     if green <= 0.0:
         return 0.0
     for k in range(3):
@@ -210,11 +211,12 @@ class Light:
     """The light in an image, by its greys."""
 
     gains: FloatArray
-    """(3,) factors that bring grey in the image's middle to TARGET_GREY; 1 where no grey can be found."""
+    """(3,) factors that bring grey in the image's middle to TARGET_GREY; 1 where no grey can be found (black,
+    white, monochrome)."""
     tilt: FloatArray
     """(2, 2) log of blue and of red over green, per half the image to the right and down; 0: even light."""
     share: float
-    """Share of the pixels that are grey; 0 where no grey can be found (black, white, monochrome)."""
+    """Share of the pixels that are grey; 0 where no grey can be found."""
 
 
 def find_light(image: Image) -> Light:
@@ -238,13 +240,11 @@ def evened_level(level, factor):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def even_out(image, blue, red, out):  # type: ignore[no-untyped-def]
-    """Out = image times factors of blue and red, each (of its row, of its column)."""
-    for j in range(image.shape[0]):
-        for i in range(image.shape[1]):
-            out[j, i, 0] = evened_level(image[j, i, 0], blue[0][j] * blue[1][i])
-            out[j, i, 1] = image[j, i, 1]
-            out[j, i, 2] = evened_level(image[j, i, 2], red[0][j] * red[1][i])
+def even_out(levels, factors):  # type: ignore[no-untyped-def]
+    """Multiply levels (H, W) by factors (H, W), in place."""
+    for j in range(levels.shape[0]):
+        for i in range(levels.shape[1]):
+            levels[j, i] = evened_level(levels[j, i], factors[j, i])
 
 
 def evened(image: Image, light: Light) -> Image:
@@ -252,19 +252,10 @@ def evened(image: Image, light: Light) -> Image:
     if not light.tilt.any():
         return image
     y, x = (2.0 * np.arange(size) / size - 1.0 for size in image.shape[:2])
-    blue, red = ((np.exp(-slope[1] * y), np.exp(-slope[0] * x)) for slope in light.tilt)
-    out = np.empty_like(image)
-    even_out(image, blue, red, out)
+    out = image.copy()
+    for channel, slope in zip((0, 2), light.tilt, strict=True):
+        even_out(out[..., channel], np.outer(np.exp(-slope[1] * y), np.exp(-slope[0] * x)))
     return out
-
-
-def neutral_gains(image: Image) -> tuple[FloatArray, float]:
-    """Gains (3,) that bring the most frequent chromaticity to TARGET_GREY, and its share of the pixels.
-
-    The share is 0, and the gains 1, where no grey can be found (a black, white or monochrome image).
-    """
-    light = find_light(image)
-    return light.gains, light.share
 
 
 def grey_world_gains(image: Image) -> FloatArray:
@@ -281,5 +272,4 @@ def apply_gains(image: Image, gains: FloatArray) -> Image:
     """The image with its channels multiplied by `gains` (3,), rounded and clipped to 8 bits."""
     levels = np.arange(256)[:, None] * np.asarray(gains)[None, :]
     tables = np.clip(np.rint(levels), 0, 255).astype(np.uint8)
-    channels = [tables[:, c][image[..., c]] for c in range(3)]
-    return np.stack(channels, axis=-1)
+    return np.asarray(cv2.LUT(image, tables[None]), dtype=np.uint8)

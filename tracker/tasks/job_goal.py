@@ -4,12 +4,11 @@
     [[0, [x, y, z]], [30000, [x, y, z]], …]                                           a trajectory
     [[x, y, z], … 25 of them]                                                         dice
 
-The last two may also stand as `goal` in an object, as they do in a job's configuration.
+The last two may also stand as `goal` in an object, as in a job's configuration, and dice as a pattern.
 """
 
 from __future__ import annotations
 
-import json
 import os
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -18,19 +17,18 @@ import numpy as np
 
 from tracker.conventions import FloatArray
 from tracker.errors import TaskError
-from tracker.files import read_bounded
 from tracker.objects.model import CuboidModel
 from tracker.tasks import move_object
+from tracker.tasks.goal_text import is_json, parse_json, read_text
 from tracker.tasks.move_object.checks import numbers
+from tracker.tasks.rearrange_dice.goal_files import places_of
+from tracker.tasks.rearrange_dice.patterns import parse_pattern
 
 FILE_NAME = "goal.json"
 """Name of the file in a job's folder."""
 
 STEPS_PER_SECOND = 1000.0
 """Control steps of the platform, in which trajectories count time [1/s]."""
-
-MAX_FILE_SIZE = 1_000_000
-"""Largest file [bytes] that is parsed; a trajectory has 1 kB."""
 
 Task = Literal["move_object", "trajectory", "rearrange_dice"]
 
@@ -83,13 +81,12 @@ def read_job_goal(path: str | os.PathLike[str]) -> JobGoal:
         TaskError: the file cannot be read, or holds no goal; the message names it.
     """
     try:
-        return _goal(json.loads(read_bounded(path, MAX_FILE_SIZE).decode("utf-8")))
+        text = read_text(path)
+        if not is_json(text):
+            return JobGoal("rearrange_dice", position=parse_pattern(text))
+        return _goal(parse_json(text))
     except TaskError as error:
         raise TaskError(f"{os.fspath(path)}: {error}") from error
-    except OSError as error:
-        raise TaskError(f"{os.fspath(path)}: cannot be read: {error.strerror or error}") from error
-    except (ValueError, RecursionError) as error:
-        raise TaskError(f"{os.fspath(path)}: found no JSON: {error}") from error
 
 
 def _goal(data: Any) -> JobGoal:
@@ -102,13 +99,11 @@ def _goal(data: Any) -> JobGoal:
     if not isinstance(data, list) or not data or not all(isinstance(entry, list) for entry in data):
         raise TaskError("found no goal, expected a pose, a trajectory or the positions of dice")
     if all(len(entry) == 2 for entry in data):
-        pairs = tuple((float(numbers("time", time)), tuple(position)) for time, position in data)
-        move_object.active_goal(pairs, 0)  # which checks them
-        return JobGoal("trajectory", trajectory=pairs)
-    positions = numbers("goal", data, finite=True)
-    if positions.ndim != 2 or positions.shape[1] != 3:
-        raise TaskError(f"goal: found shape {positions.shape}, expected positions (N, 3)")
-    return JobGoal("rearrange_dice", position=positions)
+        move_object.active_goal(data, 0)  # which checks them
+        return JobGoal(
+            "trajectory", trajectory=tuple((float(time), tuple(position)) for time, position in data)
+        )
+    return JobGoal("rearrange_dice", position=places_of(data))
 
 
 def _pose(level: Any, data: dict[str, Any]) -> JobGoal:

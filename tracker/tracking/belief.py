@@ -3,40 +3,52 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from tracker.checks import is_number
 from tracker.conventions import FloatArray
-from tracker.errors import TrackerError
+from tracker.errors import TrackerError, shown
 from tracker.geometry import so3
 from tracker.objects.box import Box
 from tracker.pose.fit import Fit
 from tracker.pose.judge import alone, apparent, fits, nearness, trust
 from tracker.pose.result import Forecast, MotionEstimate, MotionKind, PoseEstimate, Status
-from tracker.tracking.filter import MotionFilter, MotionState
-from tracker.tracking.motion import KINDS
+from tracker.tracking.motion import KINDS, MotionFilter, MotionState
 
 
 @dataclass(frozen=True)
 class TrackingOptions:
-    """When an object is believed to be where."""
+    """When an object is believed to be where.
+
+    Raises:
+        TrackerError: a value is no finite number, or negative.
+    """
 
     coast_seconds: float = 0.5
     """For so long after it was last seen its pose is predicted [s]; then it is lost."""
-    jump: tuple[float, float] = (0.04, math.radians(45))
+    max_jump: tuple[float, float] = (0.04, math.radians(45))
     """Difference from the prediction [m, rad] beyond which a measurement is implausible, …"""
-    speed: tuple[float, float] = (0.8, math.radians(400))
+    max_speed: tuple[float, float] = (0.8, math.radians(400))
     """… plus so much for every second since the object was last seen [m/s, rad/s]."""
-    sure: float = 0.95
+    jump_confidence: float = 0.95
     """Confidence from which an implausible measurement is believed at once; else another must agree."""
-    alone: float = 0.3
+    single_camera_share: float = 0.3
     """Share of these limits where one camera alone sees the object, which may take depth for turn."""
-    believed: float = 0.4
+    min_confidence: float = 0.4
     """Confidence of a measurement, if the calibration is right, from which it is believed at all."""
-    agree: tuple[float, float] = (0.02, math.radians(15))
-    """Difference of two measurements that agree [m, rad], plus half of `speed` for every second between."""
+    max_disagreement: tuple[float, float] = (0.02, math.radians(15))
+    """Difference of two measurements that agree [m, rad], plus half of `max_speed` a second."""
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value, pair = getattr(self, field.name), isinstance(field.default, tuple)
+            numbers = value if pair and isinstance(value, tuple | list) else (value,)
+            if len(numbers) != 1 + pair or not all(is_number(number) and number >= 0 for number in numbers):
+                valid = "two finite numbers that are" if pair else "a finite number that is"
+                raise TrackerError(f"{field.name}: found {shown(value)}, expected {valid} not negative")
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,16 +85,14 @@ class Belief(NamedTuple):
         """What is believed at the stamp [s] of the next pictures, and where the object is then, if known.
 
         Raises:
-            TrackerError: the stamp is not finite, or earlier than the last one.
+            TrackerError: the stamp is earlier than the last one.
         """
-        _check_stamp(timestamp)
         if self.timestamp is not None and timestamp < self.timestamp:
             raise TrackerError(
                 f"timestamp: found {timestamp:.6f} s after {self.timestamp:.6f} s, expected no earlier one; "
                 "reset() begins another recording"
             )
-        last, timestamp = self.timestamp, float(timestamp)
-        step = 0.0 if last is None else timestamp - last
+        step = 0.0 if self.timestamp is None else timestamp - self.timestamp
         moved = self._replace(timestamp=timestamp, step=step)
         motion = self._going_on(timestamp)
         if motion is None:
@@ -101,11 +111,11 @@ class Belief(NamedTuple):
     def plausible(self, expected: MotionState, fit: Fit) -> bool:
         """Whether a measurement may come from an object that was expected there."""
         shift, turn = _differences(fit, expected.rotation, expected.position)
-        share = self.options.alone if alone(fit) else 1.0
+        share = self.options.single_camera_share if alone(fit) else 1.0
         return all(
             difference <= share * (limit + speed * self._seconds_unseen)
             for difference, limit, speed in zip(
-                (shift, turn), self.options.jump, self.options.speed, strict=True
+                (shift, turn), self.options.max_jump, self.options.max_speed, strict=True
             )
         )
 
@@ -115,16 +125,13 @@ class Belief(NamedTuple):
         fitting: probability that the calibration leaves the pose where it is, see `judge.fits`.
         """
         assert self.timestamp is not None
-        if apparent(fit) < self.options.believed:
+        if apparent(fit) < self.options.min_confidence:
             return self, Status.COASTING
         if self.motion is not None and expected is not None and self.plausible(expected, fit):
             motion = self.motion.updated(fit.position, fit.rotation, fit.covariance)
             return self._believed(fit, motion, fitting), Status.TRACKING
-        sure = apparent(fit) >= self.options.sure
-        # Nothing turns over on the spot so fast: poor colours mislead in one image after the other.
-        if expected is None or not self._turned_over(expected, fit):
-            sure = sure or self._confirmed(fit)
-        if expected is not None and not sure:
+        sure = apparent(fit) >= self.options.jump_confidence
+        if expected is not None and not sure and not self._confirmed(fit):
             pending = Pending(self.timestamp, fit.position, fit.rotation)
             return self._replace(pending=pending), Status.COASTING
         motion = MotionFilter.start(fit.position, fit.rotation, fit.covariance)
@@ -139,12 +146,6 @@ class Belief(NamedTuple):
         assert self.seen is not None
         # Images that showed it elsewhere are none in which it was hidden, and could go far unseen.
         return self.step if self.pending is not None else self.timestamp - self.seen
-
-    def _turned_over(self, expected: MotionState, fit: Fit) -> bool:
-        """Whether a measurement is where the object was expected, but turned over."""
-        shift, turn = _differences(fit, expected.rotation, expected.position)
-        most = 3.0 * self.options.jump[1] + self.options.speed[1] * self._seconds_unseen
-        return shift < self.options.jump[0] and turn > most
 
     def _believed(self, fit: Fit, motion: MotionFilter, fitting: float) -> Belief:
         return self._replace(
@@ -164,7 +165,7 @@ class Belief(NamedTuple):
         return all(
             difference <= limit + 0.5 * speed * seconds
             for difference, limit, speed in zip(
-                (shift, turn), self.options.agree, self.options.speed, strict=True
+                (shift, turn), self.options.max_disagreement, self.options.max_speed, strict=True
             )
         )
 
@@ -174,9 +175,8 @@ class Belief(NamedTuple):
         box: the object; ground: height [m] below which no forecast has it, unless it was last seen lower.
 
         Raises:
-            TrackerError: the stamp is not finite, or earlier than that of the last pictures.
+            TrackerError: the stamp is earlier than that of the last pictures.
         """
-        _check_stamp(timestamp)
         if self.timestamp is not None and timestamp < self.timestamp:
             raise TrackerError(
                 f"timestamp: found {timestamp:.6f} s, before the last pictures at {self.timestamp:.6f} s; "
@@ -193,7 +193,7 @@ class Belief(NamedTuple):
         def told(state: MotionState) -> dict[str, Any]:
             raised = state.position.copy()
             raised[2] += max(ground - box.lowest(state.position, state.rotation), 0.0)
-            return self._told(state) | {"position": raised}
+            return self._told(state) | {"position": raised, "size": 2 * box.half}
 
         return Forecast(
             **told(fused),
@@ -202,11 +202,11 @@ class Belief(NamedTuple):
             ),
         )
 
-    def estimate(self) -> MotionEstimate | None:
-        """The fused estimate; None while the object is lost."""
+    def estimate(self, size: FloatArray | None = None) -> MotionEstimate | None:
+        """The fused estimate of an object of this size (3,) [m]; None while it is lost."""
         if self.seen is None or self.motion is None:
             return None
-        return MotionEstimate(**self._told(self.motion.state))
+        return MotionEstimate(**self._told(self.motion.state), size=size)
 
     def _told(self, state: MotionState) -> dict[str, Any]:
         """The fields of a MotionEstimate."""
@@ -221,11 +221,6 @@ class Belief(NamedTuple):
         }
 
 
-def _check_stamp(timestamp: float) -> None:
-    if not math.isfinite(timestamp):
-        raise TrackerError(f"timestamp: found {timestamp}, expected a finite number of seconds")
-
-
 def _differences(fit: Fit, rotation: FloatArray, position: FloatArray) -> tuple[float, float]:
     """Distance [m] and angle [rad] of a fit from a pose, good enough to compare with limits."""
     cosine = (float(np.vdot(fit.rotation, rotation)) - 1.0) / 2.0
@@ -233,7 +228,8 @@ def _differences(fit: Fit, rotation: FloatArray, position: FloatArray) -> tuple[
     return shift, math.acos(min(1.0, max(-1.0, cosine)))
 
 
-def measured(fit: Fit, fitting: float | None = None) -> PoseEstimate:
-    """The pose of a fit; `fitting` as of `see`, None: what the fit itself says of it."""
+def measured(fit: Fit, fitting: float | None = None, size: FloatArray | None = None) -> PoseEstimate:
+    """The pose of a fit; `fitting` as of `see`, None: what the fit itself says of it; size: the object's."""
     confidence = (fits(fit) if fitting is None else fitting) * apparent(fit)
-    return PoseEstimate(fit.position, so3.quaternion(fit.rotation), fit.covariance, confidence)
+    orientation = so3.quaternion(fit.rotation)
+    return PoseEstimate(fit.position, orientation, fit.covariance, confidence, size=size)

@@ -1,18 +1,23 @@
-"""What is remembered of each camera: whether its picture is new, its light, its noise."""
+"""What is remembered of the cameras: whether their pictures are new, their light, whether they agree."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from tracker.conventions import Array, Image
+from tracker.conventions import Array, FloatArray, Image
+from tracker.pose.agreement import probably_fits, size
+from tracker.pose.fit import Fit
+from tracker.pose.judge import contradicting, fits
 from tracker.pose.result import CameraUse
-from tracker.segmentation.noise import noise_level
+from tracker.segmentation.sensor import noise_level
+from tracker.tracking.motion import MotionState
 
 EVERY = 5
-"""Pictures of a camera after which its light and noise are looked at again."""
+"""Pictures after which a camera's light is looked at again, and cameras are asked whether they agree."""
 
 ROWS = 12
 """Rows of pixels that tell whether a picture has changed."""
@@ -23,6 +28,24 @@ NOISELESS = 0.5
 BLACK = 12
 """Level that some pixel of a picture must exceed [levels]."""
 
+SHARE = 0.2
+"""Of each look in what is remembered: an object at rest looks the same in one picture after the other."""
+
+LOOKS = 5
+"""Looks that a lasting contradiction takes."""
+
+CONTRADICTION = 2e-3
+"""Size of the cameras' errors [m] from which they contradict each other: each sees an object 3 mm or more off
+where others have it. The recorded platforms' own calibrations stay below 1 mm."""
+
+STILL = 0.005, math.radians(5)
+"""Speeds up to which an object is still [m/s, rad/s]: cameras that are grabbed one after the other see one
+that moves in different places."""
+
+RESTS = 0.9
+"""Probability that an object rests from which pictures that were taken one after another count: of one whose
+velocity is not known yet they show the motion."""
+
 
 class CameraMemory(NamedTuple):
     """What is remembered of one camera."""
@@ -31,13 +54,11 @@ class CameraMemory(NamedTuple):
     """Some rows of its last picture."""
     age: int | None = None
     """Pictures since its light was last looked at; None: it never was."""
-    doubt: int = 0
-    """How often of late it did not see what the others see; see `doubt`."""
 
 
 def usable(
     memories: Sequence[CameraMemory], images: Sequence[Image | None]
-) -> tuple[list[CameraMemory], list[Image | None], list[CameraUse]]:
+) -> tuple[tuple[CameraMemory, ...], list[Image | None], tuple[CameraUse, ...]]:
     """The pictures but those that are black, or frozen: the same, noise and all, while others change."""
     remembered, result, unchanged = list(memories), list(images), []
     uses = [CameraUse.NO_IMAGE if image is None else CameraUse.USED for image in images]
@@ -59,7 +80,7 @@ def usable(
         # Pictures of a simulation have no noise: where nothing moves in them they are the same.
         if image is not None and noise_level(image) > NOISELESS:
             result[c], uses[c] = None, CameraUse.FROZEN
-    return remembered, result, uses
+    return tuple(remembered), result, tuple(uses)
 
 
 def looked_at(
@@ -76,3 +97,59 @@ def looked_at(
         result.append(memory._replace(age=age))
         fresh.append(new)
     return tuple(result), fresh
+
+
+def after(uses: Sequence[CameraUse], fit: Fit) -> tuple[CameraUse, ...]:
+    """What became of the pictures, of which so much was known before a pose was measured."""
+    against = contradicting(fit)
+    return tuple(
+        CameraUse.CONTRADICTING if use is CameraUse.USED and (against[c] or c in fit.left_out) else use
+        for c, use in enumerate(uses)
+    )
+
+
+class Agreement(NamedTuple):
+    """What is remembered of how far the calibration is off."""
+
+    disagreement: FloatArray | None = None
+    """(S,) mean log likelihoods of `pose.agreement.SCALES`; None before the first look."""
+    fitting: float = 1.0
+    """Probability that the calibration leaves poses within 5 mm of the truth."""
+    looks: int = 0
+    age: int = EVERY
+    """Pictures since the last look."""
+
+    def due(self, expected: MotionState) -> bool:
+        """Whether the cameras are to be asked again, about an object that is expected there."""
+        return self.age + 1 >= EVERY and still(expected)
+
+    def after(self, fit: Fit, expected: MotionState | None, *, lagging: bool = False) -> Agreement:
+        """What is remembered after a pose of an object expected there; one that moves teaches nothing.
+
+        lagging: whether the pictures were taken one after another.
+        """
+        if fit.disagreement is None:
+            return self._replace(age=self.age + 1)
+        if expected is None or not still(expected) or (lagging and expected.at_rest < RESTS):
+            # It is all that is known of a first picture, unless what moved in between looks like it.
+            fitting = fits(fit) if self.disagreement is None and not lagging else self.fitting
+            return self._replace(fitting=fitting, age=self.age + 1)
+        looked = fit.disagreement - fit.disagreement.max()
+        before = looked if self.disagreement is None else self.disagreement
+        mean = (1.0 - SHARE) * before + SHARE * looked
+        return Agreement(mean, probably_fits(mean), self.looks + 1, 0)
+
+    @property
+    def contradicts(self) -> bool:
+        """Whether the cameras contradict each other lastingly: the calibration is of others."""
+        if self.disagreement is None or self.looks < LOOKS:
+            return False
+        return size(self.disagreement) > CONTRADICTION
+
+
+def still(state: MotionState) -> bool:
+    """Whether an object does not move so much that the cameras' moments matter."""
+    return all(
+        float(np.linalg.norm(part)) < limit
+        for part, limit in zip((state.velocity[:3], state.velocity[3:]), STILL, strict=True)
+    )

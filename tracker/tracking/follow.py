@@ -1,19 +1,22 @@
-"""Finds the object near where its motion lets it be expected, from what the pictures show around there."""
+"""One step over time: predict, measure near there or else anywhere, filter; and all that is remembered."""
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Sequence
+from typing import NamedTuple
 
-from tracker.conventions import FloatArray, Image
+from tracker.conventions import Array, FloatArray, Image
+from tracker.errors import TrackerError
 from tracker.pose.estimate import PoseEstimator
 from tracker.pose.fit import Fit, Lag, Start
 from tracker.pose.judge import alone, log_odds, rank, refusal
-from tracker.pose.views import Sight
-from tracker.tracking.cameras import looked_at
-from tracker.tracking.doubt import held_back
-from tracker.tracking.filter import MotionState
-from tracker.tracking.memory import Memory
+from tracker.pose.result import Observation, Status
+from tracker.pose.views import Hidden
+from tracker.tracking.belief import Belief, TrackingOptions, measured
+from tracker.tracking.cameras import Agreement, CameraMemory, after, looked_at, usable
+from tracker.tracking.motion import MotionState, unknown_velocity
 
 TOGETHER, ALONE = 1.2, 2.2
 """Least log odds of a fit near where the object was expected, with which it is not looked for farther away:
@@ -24,8 +27,50 @@ MOST_EXTRA = 0.08
 fits too, but leaves part of itself."""
 
 
+class Memory(NamedTuple):
+    """What is known before the next pictures."""
+
+    belief: Belief
+    """Of the object."""
+    cameras: tuple[CameraMemory, ...]
+    lights: Array | None = None
+    """(C,) of PICTURE, of the last pictures: their light as last looked at."""
+    start: Start | None = None
+    """What the unknowns beside the pose were in the last pictures; None: of none yet."""
+    agreement: Agreement = Agreement()
+    """Of how far the calibration is off."""
+    latest: Observation | None = None
+    """The last answer."""
+
+    @classmethod
+    def empty(cls, cameras: int, options: TrackingOptions | None = None) -> Memory:
+        """Of a tracker that has seen nothing."""
+        return cls(Belief(options or TrackingOptions()), (CameraMemory(),) * cameras)
+
+
+class Gate:
+    """A context that one thread may be in; a second one is told so, and does not wait."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+
+    def __reduce__(self) -> tuple[type, tuple[()]]:
+        # A copy of a tracker has a gate of its own.
+        return type(self), ()
+
+    def __enter__(self) -> None:
+        if not self._lock.acquire(blocking=False):
+            raise TrackerError(
+                "update: found another call of update or reset at work on this tracker; expected one caller "
+                "at a time: take a tracker for each recording (detect may be called from many threads)"
+            )
+
+    def __exit__(self, *_: object) -> None:
+        self._lock.release()
+
+
 class Follower:
-    """Looks for the object where it is expected; has no memory of its own.
+    """Follows one object from one set of images to the next; has no memory of its own.
 
     Args:
         estimator: of the pose.
@@ -37,61 +82,103 @@ class Follower:
     def __call__(
         self,
         images: Sequence[Image | None],
-        expected: MotionState,
+        timestamp: float,
+        delays: FloatArray,
         memory: Memory,
+        hidden: Hidden = None,
+    ) -> tuple[Observation, Memory]:
+        """The answer to the images of a stamp [s], each so much older (C,) [s], and the memory after them.
+
+        hidden: masks of pixels whose labels count neither for nor against.
+
+        Raises:
+            TrackerError: the stamp is earlier than the last one.
+        """
+        belief, expected = memory.belief.advance(timestamp)
+        cameras, given, uses = usable(memory.cameras, images)
+        memory, lag = memory._replace(belief=belief, cameras=cameras), None
+        if delays.any():
+            velocity, spread = unknown_velocity()
+            if expected is not None:
+                velocity, spread = expected.velocity, expected.covariance[6:, 6:]
+            lag = Lag(delays, velocity, spread)
+        timing: dict[str, float] = {}
+        outcome, memory = self._measure(given, expected, lag, memory, timing, hidden)
+        size, pose, status, reason = 2 * self._estimator.box.half, None, Status.COASTING, None
+        if isinstance(outcome, Status):
+            reason = outcome
+        else:
+            agreement = memory.agreement.after(outcome, expected, lagging=lag is not None)
+            belief, status = belief.see(outcome, expected, agreement.fitting)
+            uses = after(uses, outcome)
+            if status is Status.COASTING:  # found, but not believed yet: it teaches nothing
+                reason = Status.AMBIGUOUS
+            else:
+                memory = memory._replace(agreement=agreement)
+                pose = measured(outcome, agreement.fitting, size)
+                status = Status.INCONSISTENT_VIEWS if agreement.contradicts else status
+        filtered = belief.estimate(size)
+        if filtered is None:
+            status = Status.LOST
+        answer = Observation(pose, filtered, status, timing, reason, uses)
+        return answer, memory._replace(belief=belief._replace(unseen=pose is None), latest=answer)
+
+    def _measure(
+        self,
+        images: Sequence[Image | None],
+        expected: MotionState | None,
         lag: Lag | None,
+        memory: Memory,
         timing: dict[str, float],
+        hidden: Hidden,
+    ) -> tuple[Fit | Status, Memory]:
+        """The object in these images, near where it is expected or else anywhere, and what was learned."""
+        if all(image is None for image in images):
+            return Status.NO_OBJECT_COLORS, memory
+        near = None
+        if expected is not None:
+            near, memory = self._near(images, expected, lag, memory, timing, hidden)
+            if near is not None and settled(near) and memory.belief.plausible(expected, near):
+                return near, memory
+        found = self._estimator.find(images, timing, thorough=near is None, lag=lag, hidden=hidden)
+        if near is None or (not isinstance(found, Status) and rank(found) > rank(near)):
+            return found, memory
+        return near, memory
+
+    def _near(
+        self,
+        images: Sequence[Image | None],
+        expected: MotionState,
+        lag: Lag | None,
+        memory: Memory,
+        timing: dict[str, float],
+        hidden: Hidden,
     ) -> tuple[Fit | None, Memory]:
         """The object where it is expected, or not far from there, else None; and what was learned."""
-        lap = time.perf_counter()
-        sight, memory = self._glance(images, memory, expected.position)
-        split = time.perf_counter()
-        timing["segmentation"] = 1e3 * (split - lap)
-        unused = held_back(memory.cameras, images)
+        laps, estimator = [time.perf_counter()], self._estimator
+        cameras, fresh = looked_at(memory.cameras, images)
+        windows = [estimator.search.window(c, expected.position) for c in range(len(images))]
+        pictures = estimator.reader.lit(images, memory.lights, fresh)
+        sight = estimator.reader.labelled(images, pictures, windows, hidden)
+        laps.append(time.perf_counter())
         due = memory.agreement.due(expected)
-        fit = self._near(sight, unused, expected, memory.start, lag, ask=due)
+        fit = estimator.follow(sight, expected.rotation, expected.position, memory.start, lag, ask=due)
         if not settled(fit):
-            other = self._estimator.without_worst(sight, fit, lag)
+            other = estimator.without_worst(sight, fit, lag)
             fit = other if settled(other) else fit
-        memory = memory._replace(start=fit.end)
+        memory = memory._replace(cameras=cameras, lights=sight.pictures, start=fit.end)
         if not settled(fit):
             hypotheses = [(expected.rotation, expected.position)]
             if memory.belief.last_pose is not None:
                 hypotheses.append(memory.belief.last_pose)
-            far = self._estimator.follow_far(sight.without(*unused), hypotheses, lag)
-            if far is not None and unused:
-                far = self._estimator.heard(sight, far, unused)
+            far = estimator.follow_far(sight, hypotheses, lag)
             if far is not None and (refusal(fit) is not None or rank(far) > rank(fit)):
                 fit = far
         if due:
-            fit = self._estimator.examined(sight, fit, lag)
-        timing["pose"] = 1e3 * (time.perf_counter() - split)
+            fit = estimator.examined(sight, fit, lag)
+        laps.append(time.perf_counter())
+        timing["segmentation"], timing["pose"] = 1e3 * (laps[1] - laps[0]), 1e3 * (laps[2] - laps[1])
         return (fit if refusal(fit) is None else None), memory
-
-    def _near(
-        self,
-        sight: Sight,
-        left_out: Sequence[int],
-        expected: MotionState,
-        start: Start,
-        lag: Lag | None,
-        *,
-        ask: bool = False,
-    ) -> Fit:
-        """The fit nearest to the expected pose, made without some cameras, which are heard."""
-        used = sight.without(*left_out) if left_out else sight
-        fit = self._estimator.follow(used, expected.rotation, expected.position, start, lag, ask=ask)
-        return self._estimator.heard(sight, fit, left_out) if left_out else fit
-
-    def _glance(
-        self, images: Sequence[Image | None], memory: Memory, position: FloatArray
-    ) -> tuple[Sight, Memory]:
-        """What the images show around a position (3,) [m], and what is remembered of their cameras."""
-        cameras, fresh = looked_at(memory.cameras, images)
-        windows = [self._estimator.search.window(c, position) for c in range(len(images))]
-        reader = self._estimator.reader
-        sight = reader.labelled(images, reader.lit(images, memory.lights, fresh), windows)
-        return sight, memory._replace(cameras=cameras, lights=sight.pictures)
 
 
 def settled(fit: Fit | None) -> bool:

@@ -11,6 +11,7 @@ The state is position p, rotation R and velocity (v, ω) along world axes; its e
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +23,17 @@ from tracker.geometry.linear import congruence, factorise, product, substitute
 
 STATE = 12
 """Size of the error of the state."""
+
+MODE = np.dtype(
+    [
+        ("weight", np.float64),  # probability that the object moves in this way
+        ("position", np.float64, (3,)),  # [m]
+        ("rotation", np.float64, (3, 3)),  # world_from_object
+        ("velocity", np.float64, (6,)),  # of the centre [m/s] and of the rotation [rad/s]
+        ("covariance", np.float64, (STATE, STATE)),  # of what averages away over time
+    ]
+)
+"""What one kind of motion makes of all measurements."""
 
 
 class Motions(NamedTuple):
@@ -58,116 +70,118 @@ CONSTANT = 0.8
 """Share of a measurement's covariance that does not average away over time: errors of the calibration and of
 the object's model are the same in each image."""
 
+LIKELY = 0.95
+"""Probability that the kinds of motion together have which a forecast allows for: the likeliest of them."""
+
 
 @compiled
-def _difference(p1, r1, v1, p0, r0, v0, out):  # type: ignore[no-untyped-def]
-    """Out (12,) = error of state 0 that makes it state 1."""
+def _difference(one, other, out):  # type: ignore[no-untyped-def]
+    """Out (12,) = error of mode `other` that makes its state that of `one`."""
     turned = np.empty((3, 3))
-    product(r1, r0.T, turned)
+    product(one.rotation, other.rotation.T, turned)
     so3.log_into(turned, out[3:6])
     for i in range(3):
-        out[i] = p1[i] - p0[i]
+        out[i] = one.position[i] - other.position[i]
     for i in range(6):
-        out[6 + i] = v1[i] - v0[i]
+        out[6 + i] = one.velocity[i] - other.velocity[i]
 
 
 @compiled
-def moved(p, r, v, error):  # type: ignore[no-untyped-def]
-    """Move a state, in place, by an error (12,)."""
+def moved(mode, error):  # type: ignore[no-untyped-def]
+    """Move a mode's state, in place, by an error (12,)."""
     turn, turned = np.empty((3, 3)), np.empty((3, 3))
     so3.exp_into(error[3:6], turn)
-    product(turn, r, turned)
+    product(turn, mode.rotation, turned)
     for i in range(3):
-        p[i] += error[i]
+        mode.position[i] += error[i]
         for k in range(3):
-            r[i, k] = turned[i, k]
+            mode.rotation[i, k] = turned[i, k]
     for i in range(6):
-        v[i] += error[6 + i]
+        mode.velocity[i] += error[6 + i]
 
 
 @compiled
-def _spread(p, r, v, weights, to, errors, mean):  # type: ignore[no-untyped-def]
-    """Errors (M, 12) of state `to` that make it each of M states, and their mean (12,) under weights (M,)."""
+def _spread(modes, weights, to, errors, mean):  # type: ignore[no-untyped-def]
+    """Errors (M, 12) of mode `to` that make it each of M modes, and their mean (12,) under weights (M,)."""
     mean[:] = 0.0
-    for k in range(len(weights)):
-        _difference(p[k], r[k], v[k], p[to], r[to], v[to], errors[k])
+    for k in range(len(modes)):
+        _difference(modes[k], modes[to], errors[k])
         for i in range(STATE):
             mean[i] += weights[k] * errors[k, i]
 
 
 @compiled
-def _pool(covariance, weights, errors, mean, out):  # type: ignore[no-untyped-def]
-    """Out (12, 12): covariance of a mixture of states with covariances (M, 12, 12)."""
+def _pool(modes, weights, errors, mean, out):  # type: ignore[no-untyped-def]
+    """Out (12, 12): covariance of the mixture of M modes; weights, errors, mean: as of `_spread`."""
     out[:] = 0.0
-    for k in range(len(weights)):
+    for k in range(len(modes)):
+        covariance = modes[k].covariance
         for i in range(STATE):
             a = errors[k, i] - mean[i]
             for j in range(STATE):
-                out[i, j] += weights[k] * (covariance[k, i, j] + a * (errors[k, j] - mean[j]))
+                out[i, j] += weights[k] * (covariance[i, j] + a * (errors[k, j] - mean[j]))
 
 
 @compiled
-def mix(weights, transition, p, r, v, covariance):  # type: ignore[no-untyped-def]
+def mix(modes, transition):  # type: ignore[no-untyped-def]
     """Let the kinds of motion change into each other, in place; transition (M, M) from row to column.
 
     See equation (23) of docs/how-it-works.md.
     """
-    kinds = len(weights)
-    old_p, old_r, old_v, old = p.copy(), r.copy(), v.copy(), covariance.copy()
-    errors, mean = np.empty((kinds, STATE)), np.empty(STATE)
-    new, shares = np.empty(kinds), np.empty(kinds)
-    for j in range(kinds):
-        new[j] = 0.0
-        for i in range(kinds):
-            new[j] += transition[i, j] * weights[i]
-        for i in range(kinds):
-            shares[i] = transition[i, j] * weights[i] / new[j]
-        _spread(old_p, old_r, old_v, shares, j, errors, mean)
-        _pool(old, shares, errors, mean, covariance[j])
-        moved(p[j], r[j], v[j], mean)
-    for j in range(kinds):
-        weights[j] = new[j]
+    count, old = len(modes), modes.copy()
+    errors, mean, shares = np.empty((count, STATE)), np.empty(STATE), np.empty(count)
+    for j in range(count):
+        modes[j].weight = 0.0
+        for i in range(count):
+            modes[j].weight += transition[i, j] * old[i].weight
+        for i in range(count):
+            shares[i] = transition[i, j] * old[i].weight / modes[j].weight
+        _spread(old, shares, j, errors, mean)
+        _pool(old, shares, errors, mean, modes[j].covariance)
+        moved(modes[j], mean)
 
 
 @compiled
-def predict(dt, motions, p, r, v, covariance):  # type: ignore[no-untyped-def]
-    """Move every kind's state and covariance on by dt [s], in place.
+def predict(dt, motions, modes):  # type: ignore[no-untyped-def]
+    """Move every mode's state and covariance on by dt [s], in place.
 
     See equation (22) of docs/how-it-works.md.
     """
     turn, step, before, turned = np.empty((3, 3)), np.eye(STATE), np.empty((STATE, STATE)), np.empty((3, 3))
-    for k in range(len(p)):
+    for k in range(len(modes)):
+        p, r, v, covariance = modes[k].position, modes[k].rotation, modes[k].velocity, modes[k].covariance
         if motions.still[k]:
-            v[k] = 0.0
-            covariance[k, 6:, :] = 0.0
-            covariance[k, :, 6:] = 0.0
+            v[:] = 0.0
+            covariance[6:, :] = 0.0
+            covariance[:, 6:] = 0.0
         else:
-            so3.exp_into(dt * v[k, 3:], turn)
-            product(turn, r[k], turned)
+            so3.exp_into(dt * v[3:], turn)
+            product(turn, r, turned)
             for i in range(3):
-                p[k, i] += dt * v[k, i]
+                p[i] += dt * v[i]
                 for j in range(3):
-                    r[k, i, j] = turned[i, j]
+                    r[i, j] = turned[i, j]
                     step[3 + i, 3 + j] = turn[i, j]
             for i in range(6):
                 step[i, 6 + i] = dt
             for i in range(STATE):
                 for j in range(STATE):
-                    before[i, j] = covariance[k, i, j]
-            covariance[k] = 0.0
-            congruence(step, before, covariance[k])
+                    before[i, j] = covariance[i, j]
+            covariance[:] = 0.0
+            congruence(step, before, covariance)
         for i in range(6):
             kind = 0 if i < 3 else 1
             walk, push = motions.walk[k, kind] ** 2, motions.push[k, kind] ** 2
-            covariance[k, i, i] += walk * dt + push * dt**3 / 3.0
-            covariance[k, i, 6 + i] += push * dt**2 / 2.0
-            covariance[k, 6 + i, i] += push * dt**2 / 2.0
-            covariance[k, 6 + i, 6 + i] += push * dt
+            covariance[i, i] += walk * dt + push * dt**3 / 3.0
+            covariance[i, 6 + i] += push * dt**2 / 2.0
+            covariance[6 + i, i] += push * dt**2 / 2.0
+            covariance[6 + i, 6 + i] += push * dt
 
 
 @compiled
-def _correct(innovation, noise, p, r, v, covariance):  # type: ignore[no-untyped-def]
-    """Kalman's update of one state in place; returns the innovation's log likelihood up to a constant."""
+def _correct(innovation, noise, mode):  # type: ignore[no-untyped-def]
+    """Kalman's update of one mode in place; returns the innovation's log likelihood up to a constant."""
+    covariance = mode.covariance
     spread, lower, gain = np.empty((6, 6)), np.zeros((6, 6)), np.empty((STATE, 6))
     keep, before, error, pull = np.eye(STATE), covariance.copy(), np.empty(STATE), np.empty(6)
     for i in range(6):
@@ -185,7 +199,7 @@ def _correct(innovation, noise, p, r, v, covariance):  # type: ignore[no-untyped
         for j in range(6):
             error[i] += gain[i, j] * innovation[j]
             keep[i, j] -= gain[i, j]
-    moved(p, r, v, error)
+    moved(mode, error)
     # Joseph's form keeps it symmetric and positive.
     covariance[:] = 0.0
     congruence(keep, before, covariance)
@@ -194,46 +208,134 @@ def _correct(innovation, noise, p, r, v, covariance):  # type: ignore[no-untyped
 
 
 @compiled
-def update(position, rotation, noise, weights, p, r, v, covariance):  # type: ignore[no-untyped-def]
-    """Take a measurement with covariance `noise` (6, 6) into every kind's state, in place.
+def update(position, rotation, noise, modes):  # type: ignore[no-untyped-def]
+    """Take a measurement with covariance `noise` (6, 6) into every mode, in place.
 
     See equation (24) of docs/how-it-works.md.
     """
-    kinds = len(weights)
-    likelihood, innovation, turned = np.empty(kinds), np.empty(6), np.empty((3, 3))
-    for k in range(kinds):
+    count = len(modes)
+    likelihood, innovation, turned = np.empty(count), np.empty(6), np.empty((3, 3))
+    for k in range(count):
         for i in range(3):
-            innovation[i] = position[i] - p[k, i]
-        product(rotation, r[k].T, turned)
+            innovation[i] = position[i] - modes[k].position[i]
+        product(rotation, modes[k].rotation.T, turned)
         so3.log_into(turned, innovation[3:])
-        likelihood[k] = _correct(innovation, noise, p[k], r[k], v[k], covariance[k])
-    best = likelihood[0]
-    for k in range(kinds):
-        best = max(best, likelihood[k])
-    total = 0.0
-    for k in range(kinds):
-        weights[k] *= math.exp(likelihood[k] - best)
-        total += weights[k]
-    rest = 0.0
-    for k in range(kinds):
+        likelihood[k] = _correct(innovation, noise, modes[k])
+    best, total, rest = likelihood.max(), 0.0, 0.0
+    for k in range(count):
+        modes[k].weight *= math.exp(likelihood[k] - best)
+        total += modes[k].weight
+    for k in range(count):
         # A kind that is out of the question now may come back.
-        weights[k] = max(weights[k] / total, 1e-6)
-        rest += weights[k]
-    for k in range(kinds):
-        weights[k] /= rest
+        modes[k].weight = max(modes[k].weight / total, 1e-6)
+        rest += modes[k].weight
+    for k in range(count):
+        modes[k].weight /= rest
 
 
 @compiled
-def combine(weights, p, r, v, covariance, error, whole):  # type: ignore[no-untyped-def]
-    """All kinds together: error (12,) from the likeliest kind, and whole (12, 12); returns that kind.
+def combine(modes, mode, whole):  # type: ignore[no-untyped-def]
+    """All modes together: a mode (1,), whose covariance and weight stay, and the covariance whole (12, 12).
 
     See equation (25) of docs/how-it-works.md.
     """
     best = 0
-    for k in range(len(weights)):
-        if weights[k] > weights[best]:
+    for k in range(len(modes)):
+        if modes[k].weight > modes[best].weight:
             best = k
-    errors = np.empty((len(weights), STATE))
-    _spread(p, r, v, weights, best, errors, error)
-    _pool(covariance, weights, errors, error, whole)
-    return best
+    weights, errors, mean = np.empty(len(modes)), np.empty((len(modes), STATE)), np.empty(STATE)
+    for k in range(len(modes)):
+        weights[k] = modes[k].weight
+    _spread(modes, weights, best, errors, mean)
+    _pool(modes, weights, errors, mean, whole)
+    mode[0] = modes[best]
+    moved(mode[0], mean)
+
+
+def unknown_velocity() -> tuple[FloatArray, FloatArray]:
+    """Velocity (6,) [m/s, rad/s] of an object that was never seen before, and its covariance (6, 6)."""
+    return np.zeros(6), np.diag(np.repeat(np.square(START_STD), 3))
+
+
+@dataclass(frozen=True, eq=False)
+class MotionState:
+    """Where the object is and how it moves."""
+
+    position: FloatArray
+    """(3,) [m]."""
+    rotation: FloatArray
+    """(3, 3) world_from_object."""
+    velocity: FloatArray
+    """(6,) of the centre [m/s] and of the rotation [rad/s], along world axes."""
+    covariance: FloatArray
+    """(12, 12) of (δp, δθ, δv, δω)."""
+    at_rest: float
+    """Probability that the object does not move."""
+
+
+class MotionFilter(NamedTuple):
+    """What is known of a pose over time, for each kind of motion; nothing changes it."""
+
+    modes: Array
+    """(M,) of MODE, one for each of MOTIONS."""
+    noise: FloatArray
+    """(6, 6) covariance of the last measurement."""
+
+    @classmethod
+    def start(cls, position: FloatArray, rotation: FloatArray, noise: FloatArray) -> MotionFilter:
+        """What a first measurement with its covariance (6, 6) tells."""
+        modes = np.zeros(len(KINDS), MODE)
+        modes["weight"] = 1.0 / len(KINDS)
+        modes["position"], modes["rotation"] = position, rotation
+        modes["covariance"][:, :6, :6] = (1 - CONSTANT) * noise
+        modes["covariance"][~MOTIONS.still, 6:, 6:] = unknown_velocity()[1]
+        return cls(modes, noise)
+
+    def predicted(self, dt: float) -> MotionFilter:
+        """The same, moved on by dt [s]."""
+        stay, modes = np.exp(-dt / MOTIONS.lasting), self.modes.copy()
+        mix(modes, np.where(np.eye(len(stay)), stay, ((1 - stay) / (len(stay) - 1))[:, None]))
+        predict(dt, MOTIONS, modes)
+        return MotionFilter(modes, self.noise)
+
+    def slowed(self, dt: float) -> MotionFilter:
+        """The same with a velocity that has faded for dt [s], as of an object that is not seen."""
+        modes = self.modes.copy()
+        modes["velocity"] *= math.exp(-dt / DECAY)
+        return MotionFilter(modes, self.noise)
+
+    def updated(self, position: FloatArray, rotation: FloatArray, noise: FloatArray) -> MotionFilter:
+        """The same with a measurement and its covariance (6, 6) taken in."""
+        modes = self.modes.copy()
+        update(position, rotation, (1 - CONSTANT) * noise, modes)
+        return MotionFilter(modes, noise)
+
+    def forecast(self, dt: float) -> tuple[MotionState, list[tuple[int, float, MotionState]]]:
+        """Where the object is after dt [s] if its motion goes on; and if it is of each kind (number, weight).
+
+        Of the fused state the covariance is that of the likely kinds. That a motion may turn into another one
+        counts between pictures, not here: what seldom happens would hide what is nearly certain.
+        """
+        weights, modes = self.modes["weight"], self.modes.copy()
+        predict(dt, MOTIONS, modes)
+        order = np.argsort(-weights, kind="stable")
+        count = int(np.searchsorted(np.cumsum(weights[order]), LIKELY)) + 1
+        likely = np.zeros_like(weights)
+        likely[order[:count]] = weights[order[:count]]
+
+        def weighted(by: FloatArray) -> MotionState:
+            modes["weight"] = by
+            return MotionFilter(modes, self.noise).state
+
+        kinds = [(k, float(weights[k]), weighted(np.eye(len(order))[k])) for k in order.tolist()]
+        return weighted(likely / likely.sum()), kinds
+
+    @property
+    def state(self) -> MotionState:
+        """The fused estimate."""
+        mean, covariance = np.empty(1, MODE), np.empty((STATE, STATE))
+        combine(self.modes, mean, covariance)
+        covariance[:6, :6] += CONSTANT * self.noise
+        position, rotation, velocity = (mean[name][0] for name in ("position", "rotation", "velocity"))
+        at_rest = float(self.modes["weight"][MOTIONS.still].sum())
+        return MotionState(position, rotation, velocity, covariance, at_rest)

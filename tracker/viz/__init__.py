@@ -2,9 +2,8 @@
 
 from tracker.viz.colors_plot import write_colors_plot
 from tracker.viz.dice import dice_overlay
-from tracker.viz.film import write_film
 from tracker.viz.goal_picture import goal_picture
-from tracker.viz.image_files import IMAGE_SUFFIXES, write_image
+from tracker.viz.image_files import IMAGE_SUFFIXES, write_film, write_image
 from tracker.viz.overlays import overlay
 from tracker.viz.trajectory import write_trajectory_plot
 

@@ -11,8 +11,7 @@ import numpy as np
 from tracker.conventions import Array, FloatArray
 from tracker.objects.labels import COLOR_NAMES, DISPLAY_COLORS_BGR
 from tracker.viz import paint
-from tracker.viz.figure import figure_for, write_figure
-from tracker.viz.plots import rgb, style
+from tracker.viz.plots import figure_file, rgb
 
 SIZE = (12.0, 5.4)
 """Width and height of the picture [inch]."""
@@ -41,14 +40,11 @@ def write_colors_plot(
         ImageError: the suffix is another, or the file cannot be written.
         TrackerError: the optional package `matplotlib` is missing.
     """
-    figure = figure_for(path, SIZE)
-    figure.suptitle(title, color=rgb(paint.BRIGHT), fontsize=12)
-    left, right = figure.subplots(1, 2, width_ratios=(1, 1.15))
-    for axis in (left, right):
-        style(axis)
-    _draw_confusion(left, counts)
-    _draw_colors(right, pixels, better)
-    write_figure(path, figure)
+    with figure_file(path, SIZE) as figure:
+        figure.suptitle(title, color=rgb(paint.BRIGHT), fontsize=12)
+        left, right = figure.subplots(1, 2, width_ratios=(1, 1.15))
+        _draw_confusion(left, counts)
+        _draw_colors(right, pixels, better)
 
 
 def _draw_confusion(axis: Any, counts: Array) -> None:
@@ -67,8 +63,8 @@ def _draw_confusion(axis: Any, counts: Array) -> None:
             axis.text(column, row, text, ha="center", va="center", fontsize=9, color=rgb(color))
     axis.set_xticks(range(len(names)), names)
     axis.set_yticks(range(len(names)), names)
-    axis.set_xlabel("found as [% of the pixels]", color=rgb(paint.FAINT), fontsize=10)
-    axis.set_ylabel("is", color=rgb(paint.FAINT), fontsize=10)
+    axis.set_xlabel("found as [% of the pixels]")
+    axis.set_ylabel("is")
 
 
 def _draw_colors(axis: Any, pixels: Mapping[int, Array], better: Mapping[int, FloatArray]) -> None:
@@ -85,8 +81,8 @@ def _draw_colors(axis: Any, pixels: Mapping[int, Array], better: Mapping[int, Fl
     axis.annotate(
         "light, grey", (0, 0), (6, 6), textcoords="offset points", color=rgb(paint.BRIGHT), fontsize=9
     )
-    axis.set_xlabel("log red / green  (rings: a better set)", color=rgb(paint.FAINT), fontsize=10)
-    axis.set_ylabel("log blue / green", color=rgb(paint.FAINT), fontsize=10)
+    axis.set_xlabel("log red / green  (rings: a better set)")
+    axis.set_ylabel("log blue / green")
 
 
 def _chroma(levels: Array) -> tuple[FloatArray, FloatArray]:

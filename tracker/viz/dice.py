@@ -12,7 +12,6 @@ from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import TaskError
 from tracker.geometry.camera import Camera
-from tracker.geometry.field_of_view import project_in_view
 from tracker.tasks.rearrange_dice.assign import Assignment
 from tracker.tasks.rearrange_dice.goals import TOLERANCE, finite_positions
 from tracker.tasks.rearrange_dice.score import error_per_camera
@@ -66,7 +65,7 @@ def dice_overlay(
     def draw(index: int, panel: Image, view: Camera) -> None:
         _draw_masks(panel, goals[index], dice_masks[index])
         if centers is not None:
-            _draw_dots(panel, project_in_view(view, centers))
+            _draw_dots(panel, view.project_in_view(centers))
 
     row = panels(images, rig, draw)
     blocks = [*_pixel_blocks(rig.names, errors, dice_masks, title), *_dice_blocks(centers, assignment)]

@@ -1,13 +1,14 @@
-"""The footer: small tables below the views."""
+"""The footer: small tables below the views, such as an observation's numbers."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from tracker.conventions import Image
+from tracker.conventions import Array, Image
+from tracker.pose.result import Observation, PoseEstimate
 from tracker.viz import paint
 
 GOOD: paint.Color = (120, 200, 110)
@@ -22,48 +23,72 @@ _WIDTH, _MOST = 1000, 1.5
 """A strip wider than this [px] is written larger, up to so many times."""
 
 
-@dataclass(frozen=True)
-class Block:
+class Block(NamedTuple):
     """A small table of three lines: headings, values and what qualifies them."""
 
     lines: tuple[list[str], list[str], list[str]]
     color: paint.Color = paint.FAINT
     """Of the last line."""
 
-    def columns(self, scale: float) -> list[float]:
-        """Widths [px]."""
-        sized = zip(self.lines, _SIZES, strict=True)
-        widths = [[paint.text_width(cell, size * scale) for cell in line] for line, size in sized]
-        return [max(column) for column in zip(*widths, strict=True)]
-
-    def width(self, scale: float) -> float:
-        """Width [px]."""
-        columns = self.columns(scale)
-        return sum(columns) + _COLUMN * scale * (len(columns) - 1)
-
-    def draw(self, strip: Image, left: float, top: float, scale: float) -> None:
-        """Write the block with its upper left corner at (left, top) [px]; the first column is flush left."""
-        styles = zip(self.lines, _SIZES, (paint.FAINT, paint.BRIGHT, self.color), strict=True)
-        for row, (line, size, color) in enumerate(styles):
-            x, y = left, top + (row * _LINE + _SIZES[0]) * scale
-            for column, (cell, width) in enumerate(zip(line, self.columns(scale), strict=True)):
-                align = 0.0 if column == 0 else 1.0
-                paint.put_text(strip, cell, (x + align * width, y), color, size=size * scale, align=align)
-                x += width + _COLUMN * scale
-
 
 def footer(width: int, blocks: Iterable[Block]) -> Image:
-    """A strip `width` [px] wide of blocks side by side, which wrap where it is narrow."""
+    """A strip `width` [px] wide of blocks side by side, which wrap where it is narrow.
+
+    The first column of a block is flush left, others flush right.
+    """
     scale = float(np.clip(width / _WIDTH, 1.0, _MOST))
-    margin, line, left, top = _MARGIN * scale, _LINE * scale, _MARGIN * scale, _MARGIN * scale
-    places = []
+    sizes = [size * scale for size in _SIZES]
+    margin, line, between = _MARGIN * scale, _LINE * scale, _COLUMN * scale
+    left = top = margin
+    cells = []
     for block in blocks:
-        if left > margin and left + block.width(scale) > width - margin:
+        sized = [[(text, size) for text in texts] for texts, size in zip(block.lines, sizes, strict=True)]
+        widths = [max(paint.text_width(*cell) for cell in column) for column in zip(*sized, strict=True)]
+        whole = sum(widths) + between * (len(widths) - 1)
+        if left > margin and left + whole > width - margin:
             left, top = margin, top + 3 * line + margin / 2
-        places.append((block, left, top))
-        left += block.width(scale) + _SPACE * scale
-    height = round(top + 2 * line + _SIZES[0] * scale + margin)
+        for row, color in enumerate((paint.FAINT, paint.BRIGHT, block.color)):
+            starts = left + np.cumsum([0.0, *widths[:-1]]) + between * np.arange(len(widths))
+            ends = [starts[0], *(starts + widths)[1:]]
+            for column, (text, size) in enumerate(sized[row]):
+                at = float(ends[column]), top + row * line + sizes[0]
+                cells.append((text, at, color, size, float(column > 0)))
+        left += whole + _SPACE * scale
+    height = round(top + 2 * line + sizes[0] + margin)
     picture: Image = np.full((height, width, 3), paint.BACKGROUND, np.uint8)
-    for block, x, y in places:
-        block.draw(picture, x, y, scale)
+    for text, at, color, size, align in cells:
+        paint.put_text(picture, text, at, color, size=size, align=align)
     return picture
+
+
+def caption(name: str, observation: Observation, title: str) -> Iterable[Block]:
+    """Blocks of object, status and the pose's numbers; `title` stands above the object's name."""
+    measured, filtered = observation.object_pose, observation.filtered_object_pose
+    pose, status = filtered if measured is None else measured, observation.status.value
+    said = status if measured is not None else f"{'no pose' if pose is None else 'predicted'}: {status}"
+    yield Block(([title or "object"], [name], [said]), DOUBTFUL if measured is None else GOOD)
+    if pose is not None:
+        yield from _pose_blocks(pose)
+
+
+def _pose_blocks(pose: PoseEstimate) -> Iterable[Block]:
+    std = np.sqrt(np.diag(pose.covariance))
+    yield Block(
+        (
+            ["position", "x", "y", "z", ""],
+            ["", *_numbers(1e3 * pose.position, 2), "mm"],
+            ["std", *_numbers(1e3 * std[:3], 2), "mm"],
+        )
+    )
+    yield Block(
+        (
+            ["orientation", "x", "y", "z", "w"],
+            ["", *_numbers(pose.orientation, 4)],
+            ["std", *(f"{value}°" for value in _numbers(np.degrees(std[3:]), 2)), ""],
+        )
+    )
+    yield Block((["confidence"], [f"{pose.confidence:.3f}"], ["within 5 mm, 5°"]))
+
+
+def _numbers(values: Array, digits: int) -> list[str]:
+    return [f"{value:.{digits}f}".replace("-", "−") for value in values]

@@ -3,23 +3,18 @@
 from __future__ import annotations
 
 import base64
-import io
 import os
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from tracker.calibration.by_object.health import HEIGHT, OFTEN, QUANTITIES, Health, Quantity
 from tracker.conventions import FloatArray
-from tracker.errors import TrackerError, install
 from tracker.files import write_whole
-from tracker.upkeep.health import HEIGHT, OFTEN, QUANTITIES, Health, Quantity
 from tracker.viz import paint
-from tracker.viz.plots import rgb, style
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from tracker.viz.plots import figure, png, rgb
 
 COLORS: tuple[paint.Color, ...] = (
     (110, 120, 240), (125, 205, 125), (245, 165, 95), (225, 200, 90), (210, 140, 200), (90, 215, 250),
@@ -90,31 +85,22 @@ def _section(quantity: Quantity, time: FloatArray, values: FloatArray, names: tu
 
 def _plot(quantity: Quantity, time: FloatArray, values: FloatArray, names: tuple[str, ...]) -> bytes:
     """A PNG of one quantity over time, a line for each camera, limits dashed."""
-    figure = _figure()
-    axis: Any = figure.subplots()
-    style(axis)
-    for c, name in enumerate(names):
-        axis.plot(time, values[:, c], ".-", color=rgb(COLORS[c % len(COLORS)]), linewidth=1, ms=4, label=name)
-    known = values[np.isfinite(values)]
-    for limit in quantity.limits:
-        # A limit that is far away would flatten the lines.
-        if (
-            limit != 0.0
-            and known.size
-            and known.min() - np.ptp(known) - 1 <= limit <= known.max() + np.ptp(known) + 1
-        ):
-            axis.axhline(limit, color=rgb(paint.FAINT), linewidth=1, linestyle="--")
-    axis.set_xlabel("time [s]", color=rgb(paint.FAINT))
-    axis.set_ylabel(quantity.unit, color=rgb(paint.FAINT), fontsize=8)
-    axis.legend(frameon=False, labelcolor=rgb(paint.FAINT), ncols=len(names), fontsize=9)
-    content = io.BytesIO()
-    figure.savefig(content, format="png", facecolor=figure.get_facecolor())
-    return content.getvalue()
-
-
-def _figure() -> Figure:
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise TrackerError(f"plots need the package matplotlib: {install('plot')}") from error
-    return Figure(figsize=(11.0, 2.2), dpi=110, facecolor=rgb(paint.BACKGROUND), layout="constrained")
+    with figure((11.0, 2.2)) as picture:
+        axis: Any = picture.subplots()
+        for c, name in enumerate(names):
+            axis.plot(
+                time, values[:, c], ".-", color=rgb(COLORS[c % len(COLORS)]), linewidth=1, ms=4, label=name
+            )
+        known = values[np.isfinite(values)]
+        for limit in quantity.limits:
+            # A limit that is far away would flatten the lines.
+            if (
+                limit != 0.0
+                and known.size
+                and known.min() - np.ptp(known) - 1 <= limit <= known.max() + np.ptp(known) + 1
+            ):
+                axis.axhline(limit, color=rgb(paint.FAINT), linewidth=1, linestyle="--")
+        axis.set_xlabel("time [s]")
+        axis.set_ylabel(quantity.unit, fontsize=8)
+        axis.legend(ncols=len(names))
+        return png(picture)

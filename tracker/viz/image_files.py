@@ -1,18 +1,30 @@
-"""Image files."""
+"""Files of images, and films (.mp4) that every browser plays."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Iterable, Iterator
+from fractions import Fraction
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import cv2
+import numpy as np
 
-from tracker.conventions import Array
-from tracker.errors import ImageError
-from tracker.files import told_as, write_whole
+from tracker.conventions import Array, Image
+from tracker.errors import ImageError, TrackerError, install
+from tracker.files import told_as, whole_file, write_whole
+
+if TYPE_CHECKING:
+    from tracker.logs import Log
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
 """Formats of `write_image`."""
+
+MIN_RATE, MAX_RATE = 0.5, 60.0
+"""Slowest and fastest film of a recording [frames per second]."""
+
+_LOOK = 100  # frames that tell the rate
 
 
 def write_image(path: str | os.PathLike[str], image: Array) -> None:
@@ -30,3 +42,72 @@ def write_image(path: str | os.PathLike[str], image: Array) -> None:
     content = cv2.imencode(suffix, image, options)[1].tobytes()
     with told_as(ImageError, f"image {target}"):
         write_whole(target, content)
+
+
+def write_film(path: str | os.PathLike[str], pictures: Iterable[Image], rate: float) -> int:
+    """Write pictures (H, W, 3) BGR of one size as an H.264 film, whole or not at all.
+
+    Odd sizes lose their last row or column, which the format cannot hold.
+
+    Args:
+        path: ends in .mp4.
+        pictures: taken one by one, so that a long film needs no memory.
+        rate: pictures per second.
+
+    Returns:
+        The number of pictures.
+
+    Raises:
+        ImageError: the suffix is another, or the file cannot be written.
+        TrackerError: the optional package `av` is missing.
+    """
+    target = Path(path)
+    if target.suffix.lower() != ".mp4":
+        raise ImageError(f"film {target}: found suffix {target.suffix!r}, expected .mp4")
+    try:
+        import av
+    except ImportError as error:
+        raise TrackerError(f"films need the package av: {install('video')}") from error
+    count = 0
+    try:
+        with whole_file(target) as temporary, av.open(str(temporary), "w", format="mp4") as film:
+            stream = film.add_stream("libx264", rate=Fraction(rate).limit_denominator(1000))
+            stream.pix_fmt = "yuv420p"
+            stream.options = {"crf": "18", "preset": "veryfast"}
+            for picture in pictures:
+                height, width = (side - side % 2 for side in picture.shape[:2])
+                if count == 0:
+                    stream.height, stream.width = height, width
+                frame = av.VideoFrame.from_ndarray(picture[:height, :width].copy(), format="bgr24")
+                film.mux(stream.encode(frame))
+                count += 1
+            if count:
+                film.mux(stream.encode())
+    except OSError as error:
+        raise ImageError(f"film {target}: cannot be written: {error.strerror or error}") from error
+    return count
+
+
+def write_log_film(path: str | os.PathLike[str], log: Log, progress: Callable[[int], None]) -> None:
+    """Write frames as a film with the cameras side by side, black where one gave no image.
+
+    Raises:
+        TrackerError: a frame cannot be read, the film not be written, or the package av is missing.
+    """
+    steps = np.diff([frame.timestamp for frame in log[:_LOOK]])
+    steps = steps[steps > 0]
+    rate = float(np.clip(1 / np.median(steps), MIN_RATE, MAX_RATE)) if len(steps) else 10.0
+    write_film(path, _side_by_side(log, progress), rate)
+
+
+def _side_by_side(log: Log, progress: Callable[[int], None]) -> Iterator[Image]:
+    height = max((size[1] for size in log.image_sizes), default=0)
+    for frame in log:
+        pictures = []
+        for image, (width, rows) in zip(frame.images, log.image_sizes, strict=True):
+            canvas = np.zeros((height, width, 3), np.uint8)
+            if image is not None:
+                canvas[:rows] = image
+            pictures.append(canvas)
+        yield np.concatenate(pictures, axis=1)
+        progress(1)

@@ -7,16 +7,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from tracker.calibration.rig import CameraRig
+from tracker.checks import of_kind
 from tracker.conventions import Array, FloatArray, Image
+from tracker.errors import TrackerError
 from tracker.geometry import cuboid
 from tracker.geometry.camera import Camera
-from tracker.geometry.field_of_view import project_in_view
 from tracker.objects.labels import DISPLAY_COLORS_BGR
 from tracker.objects.model import CuboidModel
 from tracker.pose.result import Observation, PoseEstimate
 from tracker.viz import paint
-from tracker.viz.caption import caption
-from tracker.viz.footer import footer
+from tracker.viz.footer import caption, footer
 from tracker.viz.panels import panels
 
 SAMPLES = 17
@@ -48,6 +48,9 @@ def overlay(
     Raises:
         ImageError: the images do not fit the rig.
     """
+    of_kind(model, CuboidModel, "overlay: model", TrackerError, "tracker.load_object")
+    of_kind(observation, Observation, "overlay: observation", TrackerError, "ObjectTracker.detect")
+    of_kind(title, str, "overlay: title", TrackerError)
     pose = observation.object_pose
     if pose is None:
         pose = observation.filtered_object_pose
@@ -85,7 +88,7 @@ def _draw_object(panel: Image, view: Camera, model: CuboidModel, pose: PoseEstim
 
 def _project_line(view: Camera, start: Array, end: Array) -> FloatArray:
     """Pixels (SAMPLES, 2) of points from `start` to `end` [m]; NaN far outside the field of view."""
-    return project_in_view(view, start + np.linspace(0, 1, SAMPLES)[:, None] * (end - start))
+    return view.project_in_view(start + np.linspace(0, 1, SAMPLES)[:, None] * (end - start))
 
 
 def _finite_parts(points: FloatArray) -> list[FloatArray]:

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from tracker.calibration.rig import CameraRig
+from tracker.checks import check_sequence, of_kind
 from tracker.conventions import Image
 from tracker.errors import ImageError
 from tracker.geometry.camera import Camera
@@ -37,6 +38,8 @@ def panels(images: Sequence[Image | None], rig: CameraRig, draw: Draw) -> Image:
     Raises:
         ImageError: the images do not fit the rig.
     """
+    of_kind(rig, CameraRig, "overlay: rig", ImageError, "tracker.CameraRig.load")
+    check_sequence(images, "overlay: images", ImageError)
     if len(images) != len(rig):
         raise ImageError(
             f"overlay: found {len(images)} images, expected one of each of {', '.join(rig.names)}"
@@ -65,6 +68,7 @@ def _empty_panel(width: int, height: int) -> Image:
 
 def _scaled(image: Image, camera: Camera, size: tuple[int, int]) -> Image:
     expected = (camera.height, camera.width, 3)
+    of_kind(image, np.ndarray, f"overlay: {camera.name}", ImageError)
     if image.shape != expected or image.dtype != np.uint8:
         found = f"{image.dtype} {image.shape}"
         raise ImageError(f"overlay: {camera.name}: found an image {found}, expected uint8 {expected}")

@@ -9,7 +9,7 @@
       uncertainty/KIND         ellipsoid of the position, two standard deviations
       trajectory/KIND          one piece a frame; the view shows all pieces so far
     confidence/KIND, std_mm/KIND, std_deg/KIND, status
-    health/QUANTITY/CAMERA     see `upkeep.health`; health/table: height over the arena's table
+    health/QUANTITY/CAMERA     see `calibration.by_object.health`; health/table: height over the arena's table
 
 What is not there in a frame is cleared: there is never a stale pose.
 """
@@ -24,6 +24,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from tracker.calibration.by_object.health import HEIGHT, QUANTITIES, Sample, disagreement, of_picture
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import ImageError
@@ -32,7 +33,6 @@ from tracker.geometry.camera import Camera
 from tracker.objects.labels import DISPLAY_COLORS_BGR
 from tracker.objects.model import CuboidModel
 from tracker.pose.result import Observation, PoseEstimate, Status
-from tracker.upkeep.health import HEIGHT, QUANTITIES, Sample, disagreement, of_picture
 from tracker.viz.overlays import visible_edges
 
 SIGMAS = 2.0

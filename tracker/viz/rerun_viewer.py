@@ -1,8 +1,14 @@
-"""Opens what a `Scene` is sent to: a file, or a viewer on the screen."""
+"""Opens what a `Scene` is sent to: a file, or a viewer to which nobody but this machine can connect."""
 
 from __future__ import annotations
 
+import logging
 import os
+import signal
+import socket
+import subprocess
+import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
@@ -13,7 +19,7 @@ from tracker.calibration.rig import CameraRig
 from tracker.errors import ImageError, TrackerError, install
 from tracker.files import whole_file
 from tracker.objects.model import CuboidModel
-from tracker.viz.viewer_process import viewer_address
+from tracker.processes import python_command
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -23,6 +29,27 @@ if TYPE_CHECKING:
 
 APPLICATION = "trifinger-object-tracker"
 """Under this name the viewer remembers how its windows are arranged."""
+
+_LOG = logging.getLogger(__name__)
+
+HOST, PORT = "127.0.0.1", 9876
+"""Where the viewer listens; the port is Rerun's own, so that one that is open already is used."""
+
+_STARTING = 30.0
+"""How long the viewer may take until it listens [s]."""
+
+_SETTLING = 0.5
+"""How long it is watched after that [s]: without a screen it listens first, and ends then."""
+
+_ANSWERING = 5.0
+"""How long one that is open already may take to answer [s]."""
+
+_SETTINGS = b"\x04"
+"""Kind of the frame with which both sides of HTTP/2 begin (RFC 9113, 3.4 and 6.5); without a setting: …"""
+_HTTP2 = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + b"\0\0\0" + _SETTINGS + b"\0\0\0\0\0"
+
+_open: list[subprocess.Popen[bytes]] = []
+"""Viewers that were started: Python complains of a process that goes on and that nobody holds."""
 
 
 def require_rerun() -> None:
@@ -119,3 +146,79 @@ def _silent() -> Iterator[None]:
             del os.environ["RUST_LOG"]
         else:
             os.environ["RUST_LOG"] = before
+
+
+def viewer_address() -> str:
+    """Where a viewer listens, in Rerun's words; one is started where there is none.
+
+    One that is open already is used, whoever opened it, and a warning says so. Rerun's own `spawn` has it
+    listen on every interface of the machine, for anybody to send pictures to.
+
+    Raises:
+        TrackerError: it cannot be started, or what listens there is no viewer.
+    """
+    if not _answers():
+        _start()
+    elif _speaks_http2():
+        _LOG.warning("shown in the viewer that is open already, at %s:%d", HOST, PORT)
+    else:
+        raise TrackerError(
+            f"the viewer cannot be opened: found {HOST}:{PORT} in use by something that is no viewer; "
+            "a file (.rrd) can be written instead"
+        )
+    return f"rerun+http://{HOST}:{PORT}/proxy"
+
+
+def _command() -> list[str]:
+    listening = [f"--bind={HOST}", f"--port={PORT}"]
+    more = ("--memory-limit=75%", "--expect-data-soon")
+    return python_command("from rerun_cli.__main__ import main; sys.exit(main())", *listening, *more)
+
+
+def _start() -> None:
+    """Start the viewer, which stays open after this process."""
+    with tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as said:
+        try:
+            process = subprocess.Popen(
+                _command(),
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=said,
+                start_new_session=True,  # Ctrl-C is for the tracking
+            )
+        except OSError as error:
+            raise TrackerError(f"the viewer cannot be opened: {error}") from error
+        _open.append(process)
+        end = time.monotonic() + _STARTING
+        while process.poll() is None and time.monotonic() < end:
+            if _answers():
+                try:
+                    process.wait(_SETTLING)
+                except subprocess.TimeoutExpired:
+                    return
+            time.sleep(0.05)
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)  # what was started starts the viewer itself
+            process.wait()
+        said.seek(0)
+        reason = (said.read().strip() or "it does not listen").splitlines()[-1].split(": ")[-1].rstrip(".")
+    raise TrackerError(f"the viewer cannot be opened: {reason}; a file (.rrd) can be written instead")
+
+
+def _answers() -> bool:
+    try:
+        socket.create_connection((HOST, PORT), timeout=1.0).close()
+    except OSError:
+        return False
+    return True
+
+
+def _speaks_http2() -> bool:
+    """Whether what listens answers as every server of Rerun does; Rerun itself would wait for it in vain."""
+    try:
+        with socket.create_connection((HOST, PORT), timeout=_ANSWERING) as one:
+            one.settimeout(_ANSWERING)
+            one.sendall(_HTTP2)
+            return one.recv(9)[3:4] == _SETTINGS
+    except OSError:
+        return False

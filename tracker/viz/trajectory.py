@@ -5,17 +5,18 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Iterator
-from typing import Any
+from itertools import groupby
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from tracker.conventions import FloatArray
+from tracker.conventions import Array, FloatArray
 from tracker.geometry import so3
 from tracker.poses.columns import MeasuredColumns, PoseColumns
 from tracker.poses.poses import Poses
 from tracker.viz import paint
-from tracker.viz.figure import figure_for, write_figure
-from tracker.viz.plots import Series, draw_legend, draw_panel, draw_status, mark, patch, rgb, style
+from tracker.viz.footer import DOUBTFUL, GOOD
+from tracker.viz.plots import figure_file, rgb
 
 SIZE = (12.0, 10.0)
 """Width and height of the picture [inch]."""
@@ -24,6 +25,24 @@ _AXES: dict[str, paint.Color] = {"x": (110, 120, 240), "y": (125, 205, 125), "z"
 _ROTATION: paint.Color = (210, 140, 200)
 _RECORDED: paint.Color = (90, 215, 250)
 _SIGMAS = 2.0
+
+STATUS_COLORS: dict[str, paint.Color] = {
+    "found": GOOD,
+    "tracking": GOOD,
+    "refound": (225, 200, 90),
+    "coasting": DOUBTFUL,
+    "lost": (95, 85, 225),
+}
+"""Colours of a status strip; other statuses have those of _REASONS."""
+
+_REASONS: tuple[paint.Color, ...] = ((180, 110, 150), (185, 140, 90), (170, 150, 200), (105, 98, 92))
+_LABEL_X = -0.065  # left of the longest tick label, so that the labels of all panels are aligned
+_LEAST_SHARE = 0.003
+"""Share of the strip's width that the shortest run has, so that single frames are seen."""
+_LEAST = 2.0
+"""Least height of an axis that is fitted to its values."""
+_FEW = 250
+"""Frames up to which dots are drawn in full size."""
 
 
 def write_trajectory_plot(path: str | os.PathLike[str], poses: Poses, title: str = "") -> None:
@@ -42,23 +61,20 @@ def write_trajectory_plot(path: str | os.PathLike[str], poses: Poses, title: str
         ImageError: the suffix is another, or the file cannot be written.
         TrackerError: the optional package `matplotlib` is missing.
     """
-    figure = figure_for(path, SIZE)
-    with warnings.catch_warnings():
+    title = title or " · ".join(filter(None, (poses.about.object_name, poses.about.source)))
+    with warnings.catch_warnings(), figure_file(path, SIZE) as figure:
         warnings.filterwarnings("ignore", "Glyph")  # a title may hold any character
-        _draw(figure, poses, title or " · ".join(filter(None, (poses.about.object_name, poses.about.source))))
-        write_figure(path, figure)
+        _draw(figure, poses, title)
 
 
 def _draw(figure: Any, poses: Poses, title: str) -> None:
     time = poses.timestamp - poses.timestamp[:1]
     figure.get_layout_engine().set(h_pad=0.05, hspace=0.02, rect=(0.012, 0.012, 0.972, 0.974))
     axes = figure.subplots(6, 1, sharex=True, height_ratios=(0.32, 2, 2, 2, 2, 1.3))
-    for axis in axes:
-        style(axis)
-    draw_status(axes[0], time, poses.status)
+    _draw_status(axes[0], time, poses.status)
     for axis, series in zip(axes[1:], _series(poses), strict=True):
-        draw_panel(axis, time, series)
-    axes[5].set_xlabel("time since the first frame [s]", color=rgb(paint.FAINT), fontsize=10)
+        _draw_panel(axis, time, series)
+    axes[5].set_xlabel("time since the first frame [s]")
     if len(poses) > 1 and time.max() > time.min():
         axes[0].set_xlim(time.min(), time.max())
     elif not len(poses):
@@ -68,7 +84,7 @@ def _draw(figure: Any, poses: Poses, title: str) -> None:
     # A dollar sign in the name of a file begins no formula.
     heading = title.replace("$", r"\$")
     axes[0].set_title(heading, loc="left", color=rgb(paint.BRIGHT), fontsize=14, pad=30)
-    axes[0].set_title(share, loc="right", color=rgb(paint.FAINT), fontsize=10, pad=30)
+    axes[0].set_title(share, loc="right", fontsize=10, pad=30)
     _explain(axes[1], poses)
 
 
@@ -84,16 +100,16 @@ def _series(poses: Poses) -> Iterator[Series]:
     for k, (name, color) in enumerate(_AXES.items()):
         line, dots, circles = (1e3 * columns.position[:, k] for columns in (best, measured, recorded))
         band = 1e3 * _SIGMAS * np.sqrt(best.covariance[:, k, k])
-        yield Series(f"{name} [mm]", color, line, line - band, line + band, dots, circles, _RECORDED)
+        yield Series(f"{name} [mm]", color, line, line - band, line + band, dots, circles)
     first = _first_rotation(best, measured, recorded)
     line, dots, circles = (angles(columns.orientation, first) for columns in (best, measured, recorded))
     band = _SIGMAS * angle_std(best.orientation, first, best.covariance[:, 3:, 3:])
     low, high = np.maximum(line - band, 0), np.minimum(line + band, 180)
-    yield Series("rotation [°]", _ROTATION, line, low, high, dots, circles, _RECORDED)
+    yield Series("rotation [°]", _ROTATION, line, low, high, dots, circles)
     nothing = np.full(len(poses), np.nan)
     line, dots, circles = (columns.confidence for columns in (best, measured, recorded))
     limits = (-0.04, 1.04)
-    yield Series("confidence", paint.BRIGHT, line, nothing, nothing, dots, circles, _RECORDED, limits)
+    yield Series("confidence", paint.BRIGHT, line, nothing, nothing, dots, circles, limits)
 
 
 def _first_rotation(*kinds: PoseColumns) -> FloatArray:
@@ -142,11 +158,131 @@ def _explain(axis: Any, poses: Poses) -> None:
     fused = bool(poses.filtered.has_pose.any())
     handles: list[Any] = []
     if _best(poses).has_pose.any():
-        handles.append(mark(paint.BRIGHT, "filtered" if fused else "measured", "-"))
-        handles.append(patch(paint.BRIGHT, f"±{_SIGMAS:g}σ", 0.3))
+        handles.append(_mark(paint.BRIGHT, "filtered" if fused else "measured", "-"))
+        handles.append(_patch(paint.BRIGHT, f"±{_SIGMAS:g}σ", 0.3))
     if fused and poses.measured.has_pose.any():
-        handles.append(mark(paint.BRIGHT, "measured", "."))
+        handles.append(_mark(paint.BRIGHT, "measured", "."))
     if poses.recorded is not None:
-        handles.append(mark(_RECORDED, "recorded", "o"))
+        handles.append(_mark(_RECORDED, "recorded", "o"))
     if handles:
-        draw_legend(axis, handles, (1, 1.02), "lower right")
+        _draw_legend(axis, handles, (1, 1.02), "lower right")
+
+
+class Series(NamedTuple):
+    """What one panel shows of n frames; NaN where there is nothing."""
+
+    label: str
+    color: paint.Color
+    line: FloatArray
+    low: FloatArray
+    """Lower end of the band around the line."""
+    high: FloatArray
+    """Upper end."""
+    dots: FloatArray
+    circles: FloatArray
+    limits: tuple[float, float] | None = None
+    """Of the axis; None: fitted to the values, and not to the band, which can reach very far."""
+
+
+def _draw_panel(axis: Any, time: Array, series: Series) -> None:
+    """Draw a line with a band, dots and circles over time."""
+    color = rgb(series.color)
+    size = float(np.clip(np.sqrt(_FEW / max(len(time), 1)), 0.5, 1))
+    values = np.concatenate([series.line, series.dots, series.circles])
+    bottom, top = _limits(series, values[np.isfinite(values)])
+    if np.isfinite(series.low).any():
+        # A variance may have any size, a pixel's place may not.
+        far = 10 * (top - bottom)
+        low, high = (np.clip(end, bottom - far, top + far) for end in (series.low, series.high))
+        axis.fill_between(time, low, high, color=color, alpha=0.3, linewidth=0)
+    axis.plot(
+        time,
+        series.circles,
+        "o",
+        markersize=3.8 * size,
+        markeredgewidth=0.9 * size,
+        fillstyle="none",
+        color=rgb(_RECORDED),
+        alpha=0.8,
+    )
+    axis.plot(time, series.line, "-", linewidth=1.3, color=color)
+    axis.plot(time, series.dots, ".", markersize=4.4 * size, color=color)
+    axis.set_ylabel(series.label, color=color, fontsize=11)
+    axis.yaxis.set_label_coords(_LABEL_X, 0.5)
+    axis.set_ylim(bottom, top)
+    if not np.isfinite(values).any():
+        axis.set_yticks([])
+        axis.text(0.5, 0.5, "no pose", ha="center", transform=axis.transAxes)
+
+
+def _limits(series: Series, values: FloatArray) -> tuple[float, float]:
+    """Lower and upper end of a panel that shows finite values (k,)."""
+    if series.limits is not None:
+        return series.limits
+    low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 0.0)
+    room = max(0.08 * (high - low), (_LEAST - (high - low)) / 2)
+    return low - room, high + room
+
+
+def _draw_status(axis: Any, time: Array, status: Array) -> None:
+    """Draw a strip in the colour of each frame's status, with a legend above."""
+    axis.set(yticks=[], ylim=(0, 1))
+    axis.grid(False)
+    axis.spines[:].set_visible(False)
+    axis.set_ylabel("status", fontsize=11, rotation=0, ha="center", va="center")
+    axis.yaxis.set_label_coords(_LABEL_X, 0.5)
+    if not len(time):
+        return
+    last = time[-1] + (np.median(np.diff(time)) if len(time) > 1 else 0.1)
+    ends = np.append(time[1:], last)
+    colors = _status_colors(status)
+    least = _LEAST_SHARE * (last - time[0])
+    runs = []
+    row = 0
+    for name, frames in groupby(status.tolist()):
+        start, row = row, row + len(list(frames))
+        runs.append((max(ends[row - 1] - time[start], least), time[start], name))
+    for width, start_time, name in sorted(runs, reverse=True):  # short ones on top of long ones
+        axis.axvspan(start_time, start_time + width, color=rgb(colors[name]), linewidth=0)
+    _draw_legend(axis, [_patch(color, name) for name, color in colors.items()], (0, 1.1), "lower left")
+
+
+def _status_colors(status: Array) -> dict[str, paint.Color]:
+    """A colour for each status that occurs, the well-known ones first."""
+    names = sorted(set(status.tolist()))
+    reasons = [name for name in names if name not in STATUS_COLORS]
+    known = {name: color for name, color in STATUS_COLORS.items() if name in names}
+    return known | {name: _REASONS[number % len(_REASONS)] for number, name in enumerate(reasons)}
+
+
+def _draw_legend(axis: Any, handles: list[Any], at: tuple[float, float], corner: str) -> None:
+    """Write a legend in one line whose `corner` is at a place in units of the panel."""
+    axis.legend(
+        handles=handles,
+        loc=corner,
+        bbox_to_anchor=at,
+        ncols=max(1, len(handles)),
+        borderaxespad=0,
+        borderpad=0,
+        handlelength=1.4,
+        columnspacing=1.6,
+    )
+
+
+def _patch(color: paint.Color, label: str, opacity: float = 1.0) -> Any:
+    """A legend's area."""
+    from matplotlib.patches import Patch
+
+    return Patch(color=rgb(color), alpha=opacity, linewidth=0, label=label)
+
+
+def _mark(color: paint.Color, label: str, marker: Literal["-", ".", "o"]) -> Any:
+    """A legend's line, dot or circle."""
+    from matplotlib.lines import Line2D
+
+    if marker == "-":
+        return Line2D([], [], color=rgb(color), label=label)
+    fill: Literal["none", "full"] = "none" if marker == "o" else "full"
+    return Line2D(
+        [], [], color=rgb(color), linestyle="", marker=marker, markersize=4, fillstyle=fill, label=label
+    )

@@ -9,6 +9,7 @@ Goals are finite. A state may hold NaN where the object was not seen; its error 
 
 from __future__ import annotations
 
+from tracker.tasks.move_object.corners import keypoints, pose_from_keypoints
 from tracker.tasks.move_object.errors import long_axis_error, position_error, rotation_error
 from tracker.tasks.move_object.rewards import LEVELS, episode_reward, long_axis, reward, weighted_total
 from tracker.tasks.move_object.trajectory import Trajectory, active_goal, trajectory_reward
@@ -18,8 +19,10 @@ __all__ = [
     "Trajectory",
     "active_goal",
     "episode_reward",
+    "keypoints",
     "long_axis",
     "long_axis_error",
+    "pose_from_keypoints",
     "position_error",
     "reward",
     "rotation_error",

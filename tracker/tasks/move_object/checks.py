@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import reprlib
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from tracker.conventions import Array, FloatArray
-from tracker.errors import TaskError
+from tracker.errors import TaskError, shown
 
 LARGEST = 1e12
 """Largest size of a number, far above any that makes sense: squares of it do not overflow."""
@@ -34,12 +33,25 @@ def numbers(name: str, value: Any, *, finite: bool = False) -> FloatArray:
     except ValueError:
         found = np.asarray(None)
     if found.dtype.kind not in "iuf":
-        raise TaskError(f"{name}: found {reprlib.repr(value)}, expected numbers")
+        raise TaskError(f"{name}: found {shown(value)}, expected numbers")
     result: FloatArray = found.astype(np.float64)
     bad = ~(np.abs(result) <= LARGEST) & (finite | ~np.isnan(result))
     if bad.any():
         raise TaskError(f"{name}: found {result[bad][0]}, expected finite numbers up to {LARGEST:g}")
     return result
+
+
+def vectors(name: str, width: int, value: npt.ArrayLike, *, finite: bool = False) -> FloatArray:
+    """Vectors (..., width); TaskError where they are none."""
+    array = numbers(name, value, finite=finite)
+    if array.ndim == 0 or array.shape[-1] != width:
+        raise TaskError(f"{name}: found shape {array.shape}, expected (..., {width})")
+    return array
+
+
+def quaternion(name: str, value: npt.ArrayLike) -> FloatArray:
+    """Orientations (..., 4) xyzw, scaled to length 1; TaskError where they are none."""
+    return _unit(name, vectors(name, 4, value))
 
 
 def pair(what: str, width: int, goal: npt.ArrayLike, actual: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -48,11 +60,7 @@ def pair(what: str, width: int, goal: npt.ArrayLike, actual: npt.ArrayLike) -> t
     Raises:
         TaskError: one is malformed, or their leading axes do not fit together.
     """
-    first = numbers(f"goal_{what}", goal, finite=True)
-    second = numbers(what, actual)
-    for name, array in ((f"goal_{what}", first), (what, second)):
-        if array.ndim == 0 or array.shape[-1] != width:
-            raise TaskError(f"{name}: found shape {array.shape}, expected (..., {width})")
+    first, second = vectors(f"goal_{what}", width, goal, finite=True), vectors(what, width, actual)
     check_fit(f"goal_{what}", first.shape, what, second.shape)
     return first, second
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from tracker.checks import is_whole
 from tracker.conventions import FloatArray
-from tracker.errors import TaskError
+from tracker.errors import TaskError, shown
 from tracker.geometry import so3
 from tracker.tasks.move_object.checks import pair, quaternions
 
@@ -70,8 +71,8 @@ def long_axis_error(
     Raises:
         TaskError: an argument is malformed, or their leading axes do not fit together.
     """
-    if isinstance(axis, bool) or axis not in (0, 1, 2):
-        raise TaskError(f"axis: found {axis!r}, expected 0, 1 or 2")
+    if not is_whole(axis) or axis not in (0, 1, 2):
+        raise TaskError(f"axis: found {shown(axis)}, expected 0, 1 or 2")
     goal, actual = (
         so3.matrix_from_quaternion(one)[..., axis] for one in quaternions(goal_orientation, orientation)
     )

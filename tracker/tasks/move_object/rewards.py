@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from tracker.checks import is_whole, of_kind
 from tracker.conventions import FloatArray
-from tracker.errors import TaskError
+from tracker.errors import TaskError, shown
 from tracker.objects.model import CuboidModel
 from tracker.tasks.move_object.checks import check_fit, numbers
 from tracker.tasks.move_object.errors import long_axis_error, position_error, rotation_error
@@ -23,6 +24,7 @@ LONG = 2.0
 
 def long_axis(model: CuboidModel) -> int | None:
     """The object's long axis (0, 1 or 2): of an edge at least twice as long as the others; else None."""
+    of_kind(model, CuboidModel, "model", TaskError, "tracker.load_object")
     shorter, longest = np.sort(model.size)[1:]
     return int(np.argmax(model.size)) if longest >= LONG * shorter else None
 
@@ -106,8 +108,10 @@ def weighted_total(episode_rewards: Mapping[int, npt.ArrayLike], *, median: bool
     Raises:
         TaskError: a level is missing, unknown or without episodes.
     """
-    if set(episode_rewards) != set(LEVELS):
-        found = ", ".join(map(str, episode_rewards)) or "none"
+    of_kind(median, bool, "median", TaskError)
+    if not isinstance(episode_rewards, Mapping) or set(episode_rewards) != set(LEVELS):
+        levels = isinstance(episode_rewards, Mapping)
+        found = ", ".join(map(shown, episode_rewards)) or "none" if levels else shown(episode_rewards)
         raise TaskError(f"levels of episode rewards: found {found}, expected each of 1, 2, 3, 4")
     total = 0.0
     for level in LEVELS:
@@ -119,5 +123,5 @@ def weighted_total(episode_rewards: Mapping[int, npt.ArrayLike], *, median: bool
 
 
 def _check_level(level: Any) -> None:
-    if isinstance(level, bool) or not isinstance(level, (int, np.integer)) or level not in LEVELS:
-        raise TaskError(f"level: found {level!r}, expected 1, 2, 3 or 4")
+    if not is_whole(level) or level not in LEVELS:
+        raise TaskError(f"level: found {shown(level)}, expected 1, 2, 3 or 4")

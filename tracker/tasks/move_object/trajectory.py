@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import reprlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 
+from tracker.checks import check_sequence
 from tracker.conventions import FloatArray
-from tracker.errors import TaskError
+from tracker.errors import TaskError, shown
 from tracker.tasks.move_object.checks import numbers
 from tracker.tasks.move_object.errors import position_error
 
@@ -52,25 +52,19 @@ def trajectory_reward(trajectory: Trajectory, time: npt.ArrayLike, position: npt
 
 def _parsed(trajectory: Trajectory) -> tuple[FloatArray, FloatArray]:
     """Times (N,) and positions (N, 3) of a trajectory that has been checked."""
-    if isinstance(trajectory, (str, bytes, Mapping)) or not hasattr(trajectory, "__len__"):
-        kind = type(trajectory).__name__
-        raise TaskError(f"trajectory: found a {kind}, expected a list of pairs (time, position)")
+    check_sequence(trajectory, "trajectory", TaskError, "a list of pairs (time, position)")
     if len(trajectory) == 0:
         raise TaskError("trajectory: found no goals, expected at least one")
     times, positions = np.empty(len(trajectory)), np.empty((len(trajectory), 3))
     for k, entry in enumerate(trajectory):
         if not isinstance(entry, (tuple, list)) or len(entry) != 2:
-            raise TaskError(
-                f"trajectory: entry {k}: found {reprlib.repr(entry)}, expected a pair (time, position)"
-            )
+            raise TaskError(f"trajectory: entry {k}: found {shown(entry)}, expected a pair (time, position)")
         time, goal = (
             numbers(f"trajectory: {what} {k}", value, finite=True)
             for what, value in zip(("time", "position"), entry, strict=True)
         )
         if time.ndim or goal.shape != (3,):
-            raise TaskError(
-                f"trajectory: entry {k}: found {reprlib.repr(entry)}, expected a number and 3 numbers"
-            )
+            raise TaskError(f"trajectory: entry {k}: found {shown(entry)}, expected a number and 3 numbers")
         times[k], positions[k] = time, goal
     if times[0] != 0:
         raise TaskError(f"trajectory: found {times[0]:g} as the first time, expected 0")

@@ -11,8 +11,9 @@ import cv2
 import numpy as np
 
 from tracker.calibration.rig import CameraRig
+from tracker.checks import check_sequence, is_whole, of_kind
 from tracker.conventions import Array, FloatArray, Image
-from tracker.errors import ImageError, TaskError
+from tracker.errors import ImageError, TaskError, shown
 from tracker.geometry.camera import Camera
 from tracker.geometry.lens import stack_lenses
 from tracker.segmentation.labels import check_image
@@ -75,7 +76,12 @@ def locate(
         TaskError: a mask is malformed, or there are not as many as cameras.
         ImageError: an image is malformed, or there are not as many as cameras.
     """
+    of_kind(rig, CameraRig, "rig", TaskError, "tracker.CameraRig.load")
+    if not is_whole(most) or most < 0:
+        raise TaskError(f"most: found {shown(most)}, expected a number of dice")
     given: Sequence[Array | None] = [None] * len(rig) if images is None else images
+    for what, ones in (("masks of dice", masks), ("images", given)):
+        check_sequence(ones, what, TaskError)
     _check(rig, masks, given)
     found, gains = _finder(rig).find(masks, given)
     dice = []

@@ -10,7 +10,6 @@ import numpy as np
 
 from tracker.conventions import Array, FloatArray
 from tracker.geometry.camera import Camera
-from tracker.geometry.field_of_view import project_in_view
 from tracker.tasks.rearrange_dice.goals import DIE_WIDTH
 
 CELL = 0.002
@@ -115,7 +114,7 @@ class Plan:
 def _pixels(camera: Camera, height: float) -> tuple[Array, Array]:
     """Columns and rows (N, N) of the cells' centres at a height [m]; far outside where they are not seen."""
     points = np.stack([_X, _Y, np.full_like(_X, height)], axis=-1).reshape(-1, 3)
-    pixels = np.nan_to_num(project_in_view(camera, points), nan=-1e4).astype(np.float32)
+    pixels = np.nan_to_num(camera.project_in_view(points), nan=-1e4).astype(np.float32)
     columns, rows = pixels.T.reshape(2, _COUNT, _COUNT)
     return np.ascontiguousarray(columns), np.ascontiguousarray(rows)
 

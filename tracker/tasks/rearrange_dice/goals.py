@@ -7,6 +7,8 @@ import functools
 import numpy as np
 import numpy.typing as npt
 
+from tracker import errors
+from tracker.checks import is_whole
 from tracker.conventions import Array, FloatArray
 from tracker.errors import TaskError
 
@@ -70,9 +72,9 @@ def sample_goal(rng: int | np.random.Generator) -> FloatArray:
     Raises:
         TaskError: it is neither.
     """
-    whole = isinstance(rng, (int, np.integer)) and not isinstance(rng, bool) and rng >= 0
-    if not whole and not isinstance(rng, np.random.Generator):
-        raise TaskError(f"rng: found {rng!r:.60}, expected a whole number from 0 or a numpy.random.Generator")
+    if not isinstance(rng, np.random.Generator) and not (is_whole(rng) and rng >= 0):
+        found = errors.shown(rng)
+        raise TaskError(f"rng: found {found}, expected a whole number from 0 or a numpy.random.Generator")
     chosen = np.random.default_rng(rng).choice(len(_cells()), NUM_DICE, replace=False)
     return _cells()[chosen]
 

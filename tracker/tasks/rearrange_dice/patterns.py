@@ -14,6 +14,7 @@ import re
 import numpy as np
 import numpy.typing as npt
 
+from tracker.checks import of_kind
 from tracker.conventions import Array, FloatArray
 from tracker.errors import TaskError
 from tracker.tasks.rearrange_dice.goals import (
@@ -38,7 +39,7 @@ def parse_pattern(text: str) -> FloatArray:
     Raises:
         TaskError: the text is no pattern; rows and columns in the message count from 1.
     """
-    rows = _rows(text)
+    rows = _rows(of_kind(text, str, "pattern", TaskError))
     inside = in_arena(cell_centers())
     goal = np.zeros((CELLS_PER_ROW, CELLS_PER_ROW), np.bool_)
     for i, row in enumerate(rows):

@@ -8,11 +8,12 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from tracker.calibration.rig import CameraRig
+from tracker.checks import check_sequence, of_kind
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import TaskError
 from tracker.geometry import cuboid
 from tracker.geometry.camera import Camera
-from tracker.geometry.field_of_view import project_in_view
 from tracker.tasks.rearrange_dice.goals import DIE_WIDTH, TOLERANCE, finite_positions
 from tracker.tasks.rearrange_dice.masks import as_mask
 
@@ -42,7 +43,9 @@ def goal_masks(rig: Iterable[Camera], goal: npt.ArrayLike, *, exact: bool = Fals
     """
     centers = finite_positions(goal, "goal")
     draw = _exact_mask if exact else _filled_mask
-    return [draw(camera, centers) for camera in rig]
+    if not isinstance(rig, CameraRig):
+        check_sequence(rig, "rig", TaskError)
+    return [draw(of_kind(camera, Camera, "rig: camera", TaskError), centers) for camera in rig]
 
 
 def error(goal_masks: Sequence[npt.ArrayLike] | Array, dice_masks: Sequence[npt.ArrayLike] | Array) -> int:
@@ -67,6 +70,8 @@ def error_per_camera(
     Raises:
         TaskError: there is no mask, the two do not belong together, or one is not two-valued.
     """
+    for what, given in (("goal masks", goal_masks), ("dice masks", dice_masks)):
+        check_sequence(given, what, TaskError)
     if len(goal_masks) != len(dice_masks) or not len(goal_masks):
         raise TaskError(
             f"masks: found {len(goal_masks)} of the goal and {len(dice_masks)} of dice, "
@@ -87,7 +92,7 @@ def error_per_camera(
 def _box_pixels(camera: Camera, centers: FloatArray) -> FloatArray:
     """Pixels (N, 8, 2) of the corners of the boxes at `centers` (N, 3) [m]; NaN out of view."""
     corners = (centers[:, None] + _BOX).reshape(-1, 3)
-    return project_in_view(camera, corners).reshape(-1, 8, 2)
+    return camera.project_in_view(corners).reshape(-1, 8, 2)
 
 
 def _filled_mask(camera: Camera, centers: FloatArray) -> Image:

@@ -16,7 +16,7 @@ from tracker.conventions import Array, Image
 from tracker.segmentation.color_model import ColorModel, check_colors, load_colors
 from tracker.segmentation.labels import FINE, REFERENCE_SIZE, check_image
 from tracker.segmentation.light import TARGET_GREY, evened, find_light
-from tracker.segmentation.noise import calmed
+from tracker.segmentation.sensor import calmed
 
 CERTAIN = 32
 """Log odds, in 1/16, from which a pixel is taken for the inside of a face."""

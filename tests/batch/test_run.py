@@ -1,0 +1,418 @@
+from __future__ import annotations
+
+import csv
+import itertools
+import json
+import os
+import shutil
+import subprocess
+from contextlib import nullcontext
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.helpers import run_python
+from tests.helpers.recording_stubs import NoiseTracker, write_log
+from tracker.batch import jobs, results, run, tables, task
+from tracker.batch.results import output_of
+from tracker.batch.run import Batch, Pace, duration, only_run, read_batch, run_batch, write_batch
+from tracker.batch.task import agreed
+from tracker.batch.workers import here
+from tracker.errors import LogError, TrackerError
+from tracker.files import claimed
+from tracker.poses.file import read_poses
+from tracker.recordings import Job, Options, Recipe
+from tracker.recordings.fingerprint import fingerprint
+from tracker.summaries.row import COLUMNS
+
+COUNT = 5
+OPTIONS = Options("cube_v2", make_tracker=NoiseTracker)
+
+
+@pytest.fixture
+def recordings(tmp_path) -> Path:
+    for number in range(COUNT):
+        write_log(tmp_path / "in" / f"{number:03d}", 10 + number)
+    return tmp_path / "in"
+
+
+def wanted(recordings: Path, name: str = "out", options: Options = OPTIONS) -> Batch:
+    return Batch.of([f"{recordings}/*"], recordings.parent / name, options)
+
+
+def do(one: Batch) -> tuple[list[dict], int]:
+    """What was told of the recordings that were tracked, and how many were done before."""
+    told = []
+    with only_run(one):
+        write_batch(one)
+        run_batch(one, lambda: nullcontext(here), told.append)
+        tables.write_tables(one, tables.state(one), as_csv=True)
+    return [result for result in told if result is not None], told.count(None)
+
+
+def contents(folder: Path) -> dict[str, bytes | None]:
+    paths = sorted(folder.rglob("*"))
+    return {str(path.relative_to(folder)): path.read_bytes() if path.is_file() else None for path in paths}
+
+
+def test_names_mirror_paths_and_depend_on_nothing_else(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for given, expected in [
+        ("a/camera_data.dat", "a/camera_data.dat.poses.h5"),
+        ("./a//b/", "a/b.poses.h5"),
+        ("/data/x.h5", "data/x.h5.poses.h5"),
+        ("../a", f"{tmp_path.parent}/a.poses.h5".lstrip("/")),
+    ]:
+        assert output_of(Path(given), Path("out")) == Path("out") / expected
+
+
+def test_every_recording_has_a_result_and_again_nothing_is_done(recordings):
+    one = wanted(recordings)
+    tracked, before = do(one)
+    assert (len(tracked), before) == (COUNT, 0)
+    assert [result["frames"] for result in tracked] == [10 + number for number in range(COUNT)]
+    first = contents(one.folder)
+    assert do(one) == ([], COUNT)
+    assert contents(one.folder) == first
+    assert read_batch(one.folder).pairs == one.pairs
+    assert not [name for name in first if Path(name).name.startswith(".")]
+
+
+def test_broken_changed_and_missing_results_are_done_again_and_no_other(recordings):
+    one = wanted(recordings)
+    do(one)
+    whole = contents(one.folder)
+    outputs = [one.folder / output for _, output in one.pairs]
+    outputs[0].unlink()
+    outputs[1].write_bytes(outputs[1].read_bytes()[:-50])
+    results.summary_file(outputs[2]).unlink()
+    tracked, before = do(one)
+    assert sorted(result["frames"] for result in tracked) == [0, 10, 11]
+    assert before == COUNT - 3
+    assert contents(one.folder) == whole
+    os.utime(recordings / "003" / "camera_data.dat", (0, 0))
+    os.utime(recordings / "004" / "camera60.yml", (0, 0))
+    tracked, _ = do(one)
+    assert sorted(result["frames"] for result in tracked) == [13, 14]
+    goal = [[0, [0.0, 0.0, 0.05]], [500, [0.1, 0.0, 0.08]]]
+    (recordings / "002" / "goal.json").write_text(json.dumps(goal))
+    tracked, before = do(one)
+    assert ([result["frames"] for result in tracked], before) == ([0], COUNT - 1)
+    assert tables.state(one).lines[2]["task"] == "trajectory"
+    tracked, _ = do(wanted(recordings, options=Options("cube_v2", stop=4, make_tracker=NoiseTracker)))
+    assert [result["frames"] for result in tracked] == [4] * COUNT
+
+
+@pytest.mark.parametrize("after", [0, 1, 3])
+def test_a_run_that_was_ended_loses_nothing_and_does_nothing_twice(after, recordings, monkeypatch):
+    undisturbed = wanted(recordings, "undisturbed")
+    do(undisturbed)
+    one, count = wanted(recordings), itertools.count()
+    real = NoiseTracker.update
+
+    def interrupted(self, *arguments):
+        if next(count) > after * 12:
+            raise KeyboardInterrupt
+        return real(self, *arguments)
+
+    monkeypatch.setattr(NoiseTracker, "update", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        do(one)
+    done = len(list(one.folder.rglob("*.poses.h5")))
+    monkeypatch.setattr(NoiseTracker, "update", real)
+    tracked, before = do(one)
+    assert (len(tracked), before) == (COUNT - done, done)
+    assert contents(one.folder) == contents(undisturbed.folder)
+
+
+def test_what_fails_is_told_with_its_reason_and_the_others_are_done(recordings, monkeypatch):
+    spoilt, real, long = recordings / "001" / "camera_data.dat", task.run, ("b" * 243, "c" * 250)
+    content = spoilt.read_bytes()
+    spoilt.write_bytes(content[:-100])
+    (recordings / "notes.txt").write_text("no recording")
+    for name in long:
+        write_log(recordings / name, 3)
+
+    def failing(job):
+        if "002" in str(job.log):
+            raise ZeroDivisionError
+        return real(job)
+
+    monkeypatch.setattr(task, "run", failing)
+    one = wanted(recordings)
+    failures = {
+        Path(result["recording"]).name: result["failure"] for result in do(one)[0] if result["failure"]
+    }
+    assert failures.keys() == {"001", "002", "notes.txt", *long}
+    assert "001/camera_data.dat: found" in failures["001"]
+    assert "ZeroDivisionError" in failures["002"]
+    assert {failures[name].split(": ")[-1] for name in long} == {"File name too long"}
+    kept = {
+        Path(told["recording"]).name: told["reason"]
+        for told in json.loads((one.folder / "failures.json").read_text())
+    }
+    assert kept == {name: failures[name] for name in ("001", "002", "notes.txt")}
+    found = tables.state(one, {str(recordings / name): failures[name] for name in long})
+    assert (len(found.lines), len(found.failures), found.missing) == (COUNT - 2, 5, 0)
+    spoilt.write_bytes(content)
+    monkeypatch.setattr(task, "run", real)
+    for name in ("notes.txt", *long):
+        path = recordings / name
+        shutil.rmtree(path) if path.is_dir() else path.unlink()
+    tracked, before = do(wanted(recordings))
+    assert (len(tracked), before) == (2, COUNT - 2)
+    assert not (one.folder / "failures.json").exists()
+
+
+def test_a_reason_that_could_not_be_kept_is_told_by_who_saw_it(recordings):
+    one = wanted(recordings)
+    do(one)
+    logs = [log for log, _ in one.pairs]
+    for name in ("000.poses.h5", "001.poses.h5"):
+        next(one.folder.rglob(name)).unlink()
+    assert tables.state(one).failures == {}
+    found = tables.state(one, {logs[1]: "no space", logs[2]: "done since"})
+    assert (found.failures, found.missing, len(found.lines)) == ({logs[1]: "no space"}, 1, COUNT - 2)
+
+
+def test_a_result_that_another_run_is_making_is_left_to_it(recordings):
+    one = wanted(recordings)
+    target = one.folder / one.pairs[1][1]
+    target.parent.mkdir(parents=True)
+    with claimed(target):
+        tracked, _ = do(one)
+    assert "another run" in tracked[1]["failure"]
+    assert not results.failure_file(target).exists()
+
+
+def test_what_killed_runs_left_of_its_own_files_is_removed_and_nothing_else(tmp_path):
+    one = Batch(tmp_path, OPTIONS, (("/in/b", "a/b.poses.h5"), ("/in/d", "a/d.poses.h5")))
+    folder = tmp_path / "a"
+    own = ["a/.b.poses.h5.lock", "a/.b.poses.h5.abc_1234.tmp", "a/.b.summary.json.abc_1234.tmp"]
+    own += [f".{name}.abc_1234.tmp" for name in ("batch.json", "summary.csv", "failures.json")]
+    others = ["a/.mine", "a/.c.lock", "a/.c.poses.h5.lock", "a/.b.poses.h5.mine.tmp", ".cache.tmp"]
+    others += ["a/.d.poses.h5.abc_1234.tmp", ".git.lock", ".other.abc_1234.tmp", "c/.b.poses.h5.lock"]
+    for name in (*own, *others):
+        path = tmp_path / name / "content" if name.endswith(".tmp") else tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()
+    with claimed(folder / "d.poses.h5"), only_run(one):
+        there = {str(path.relative_to(tmp_path)) for path in tmp_path.rglob(".*")}
+        assert there == {*others, "a/.d.poses.h5.lock", ".batch.json.lock"}
+        with pytest.raises(BlockingIOError, match="another run"), only_run(one):
+            pass
+
+
+def test_nobody_waits_for_results_that_are_there(tmp_path, monkeypatch):
+    recipe = Recipe.of(OPTIONS)
+    pairs = [(f"/none/{number}", f"{number}.poses.h5") for number in range(3000)]
+    tasks = Batch(tmp_path, OPTIONS, tuple(pairs)).tasks(agreed(recipe))
+    for one in tasks[:-1]:
+        results.summary_file(Path(one.output)).touch()
+    looked = []
+    monkeypatch.setattr(run, "fingerprint", lambda job: looked.append(job) or "x")
+    missing = run.unfinished(tasks, recipe, lambda: None)
+    assert next(missing) is tasks[-1]
+    assert not looked
+    assert next(missing) is tasks[0]
+    assert len(looked) == 1
+
+
+def test_the_table_says_what_is_in_the_files(recordings):
+    goal = {"difficulty": 1, "goal": {"position": [0.01, 0.01, 0.01], "orientation": [0, 0, 0, 1]}}
+    (recordings / "002" / "goal.json").write_text(json.dumps(goal))
+    (recordings / "003" / "goal.json").write_text("{}")
+    one = wanted(recordings)
+    do(one)
+    with (one.folder / "summary.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["recording"] for row in rows] == [log for log, _ in one.pairs]
+    poses = read_poses(one.folder / rows[2]["output"])
+    assert int(rows[2]["frames"]) == len(poses) == 12
+    assert float(rows[2]["share_found"]) == np.mean(poses.measured.has_pose)
+    assert float(rows[2]["height_max_m"]) == poses.filtered.position[:, 2].max()
+    assert float(rows[2]["position_std_median_mm"]) == pytest.approx(1.0)
+    assert (rows[2]["task"], rows[2]["level"]) == ("move_object", "1")
+    assert float(rows[2]["reward_mean"]) < 0
+    assert rows[1]["task"] == ""
+    assert "found no goal" in rows[3]["goal_fault"]
+    assert rows[0]["worst_camera"] in ("camera180", "")
+    parquet = pytest.importorskip("pyarrow.parquet", reason="cluster: no module pyarrow")
+    table = parquet.read_table(one.folder / "summary.parquet")
+    assert table.column_names == list(COLUMNS)
+    assert table["frames"].to_pylist() == [10, 11, 12, 13, 14]
+    assert table["reward_mean"].to_pylist()[2] == float(rows[2]["reward_mean"])
+
+
+def test_a_bad_goal_costs_the_score_and_says_why_and_nothing_else(recordings):
+    for number, content in enumerate(["[[0, 5]]", "\0", "[[0, 0, 0.011]]", "[[0, [0, 0, 1e300]]]"]):
+        (recordings / f"{number:03d}" / "goal.json").write_text(content)
+    one = wanted(recordings)
+    assert [result["failure"] for result in do(one)[0]] == [None] * COUNT
+    lines = tables.state(one).lines
+    assert [line["frames"] for line in lines] == [10, 11, 12, 13, 14]
+    assert all("goal.json: " in line["goal_fault"] for line in lines[:4])
+    assert [line["reward_total"] for line in lines] == [None] * COUNT
+    assert lines[4]["goal_fault"] is None
+
+
+def test_the_jobs_of_a_list_do_all_of_it_once(recordings):
+    here = wanted(recordings, "here", Options("cube_v2", stop=1))
+    do(here)
+    one = wanted(recordings, options=Options("cube_v2", stop=1))
+    recipe = Recipe.of(one.options)
+    description = jobs.describe(one, one.tasks(agreed(recipe)), "slurm")
+    content = json.loads(description.list_text)
+    content["each"] = 2
+    description.write()
+    description.list_path.write_text(json.dumps(content))
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(2)
+    for number in (0, 1, 2, 1):
+        assert jobs.do_share(description.list_path, number) == 0
+    assert cv2.getNumThreads() == 1
+    cv2.setNumThreads(threads)
+    with pytest.raises(LogError, match="found 3 jobs"):
+        jobs.do_share(description.list_path, 3)
+    found = {name: data for name, data in contents(one.folder).items() if not name.startswith(".jobs")}
+    for name in ("batch.json", "summary.csv", "summary.parquet"):
+        assert name not in found
+    assert found.items() <= contents(here.folder).items()
+    assert len([name for name in found if name.endswith(".poses.h5")]) == COUNT
+    content["agreed"] = "other"
+    description.list_path.write_text(json.dumps(content))
+    with pytest.raises(TrackerError, match="submit it again"):
+        jobs.do_share(description.list_path, 0)
+
+
+def described(folder: Path, count: int, scheduler: str) -> jobs.Description:
+    one = Batch(folder, OPTIONS, tuple((f"/in/{number}", f"{number}.poses.h5") for number in range(count)))
+    return jobs.describe(one, one.tasks("x"), scheduler)
+
+
+EVIL = 'it\'s %a "folder"\n#SBATCH --mem=9\n$(touch owned) `touch owned`'
+
+
+def test_a_script_of_slurm_does_a_share_whatever_paths_are_called(tmp_path, monkeypatch):
+    folder = tmp_path / EVIL
+    folder.mkdir()
+    (tmp_path / "it's").mkdir()
+    python = tmp_path / "it's" / "a $(touch owned) `touch owned` python"
+    python.write_text('#!/bin/sh\npwd\nprintf "%s|" "$@" "$OMP_NUM_THREADS"\nexit 2\n')
+    python.chmod(0o700)
+    monkeypatch.setattr(jobs.sys, "executable", str(python))
+    description = described(folder, 10_500, "slurm")
+    assert "--array=0-954\n" in description.text  # thousands of recordings are some jobs
+    directives = [line for line in description.text.splitlines() if line.startswith("#SBATCH")]
+    assert directives[-1] == "#SBATCH --output=/dev/null"
+    assert "#SBATCH --mem=1500M" in directives
+    description.write()
+    place = description.path.parent
+    done = subprocess.run(
+        ["sh", description.path.name],
+        cwd=place,
+        env={**os.environ, "SLURM_ARRAY_TASK_ID": "7"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    # Elsewhere no file of others is taken for a module.
+    (log,) = (place / "logs").iterdir()
+    assert log.name == f"{description.path.stem}-7.out"
+    assert log.read_text() == f"/\n-m|tracker|batch|share|{description.list_path}|7|1|"
+    assert (done.returncode, done.stdout, done.stderr) == (2, "", "")
+    assert {path.name for path in tmp_path.rglob("*")} == {
+        *(python.name, "it's", ".jobs", "logs", folder.name),
+        *(description.path.name, description.list_path.name, log.name),
+    }
+
+
+def test_a_description_of_htcondor_does_a_share_whatever_paths_are_called(tmp_path, monkeypatch):
+    htcondor = pytest.importorskip("htcondor2", reason="htcondor: no module htcondor2")
+    with monkeypatch.context() as elsewhere:
+        elsewhere.setattr(jobs.sys, "executable", "/a $(arguments) 'b'/python")
+        description = described(tmp_path / EVIL, 25, "htcondor")
+    submit = htcondor.Submit(description.text)
+    assert [item["number"] for item in submit.itemdata()] == ["0", "1", "2"]
+    assert submit["executable"] == "/a $(DOLLAR)(arguments) 'b'/python"
+    assert submit["max_materialize"] == "200"
+    program, arguments = submit["arguments"].strip('"').removeprefix("-c '").split("' ")
+    assert arguments == f"batch share {description.list_path.name} $(number)"
+    (tmp_path / "cv2.py").write_text("raise SystemExit('a file of others was imported')")
+    done = run_python(["-c", program, "batch", "share", "none.json", "0"], tmp_path)
+    assert "none.json: cannot be read" in done.stderr
+
+
+def test_jobs_take_nothing_that_is_executed_from_the_folder_of_results(tmp_path, monkeypatch):
+    submitted = tmp_path / "sbatch"
+    submitted.write_text('#!/bin/sh\npwd\necho "$1"\necho "$NUMBA_CACHE_DIR"\n')
+    submitted.chmod(0o700)
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
+    monkeypatch.setenv("NUMBA_CACHE_DIR", "mine")
+    monkeypatch.chdir(tmp_path)
+    description = described(tmp_path / "out", 3, "slurm")
+    description.write()
+    place, name, kernels = description.submit().splitlines()
+    assert (place, name) == (str(description.path.parent), description.path.name)
+    assert kernels == str(tmp_path / "mine")
+    for scheduler in ("slurm", "htcondor"):
+        assert str(tmp_path) not in described(tmp_path / "out", 3, scheduler).text
+    monkeypatch.setattr(jobs.sys, "executable", "/a\nqueue/python")
+    for scheduler in ("slurm", "htcondor"):
+        with pytest.raises(TrackerError, match="line break"):
+            described(tmp_path, 3, scheduler)
+
+
+@pytest.mark.parametrize("output", ["/home/a.poses.h5", "../a.poses.h5", "b/../../a.poses.h5", "a.sh"])
+def test_no_list_leads_out_of_the_folder_of_results(output, tmp_path):
+    write_batch(Batch(tmp_path, OPTIONS, (("/in/a", output),)))
+    with pytest.raises(LogError, match="below the folder"):
+        read_batch(tmp_path)
+    content = {"options": OPTIONS.plain(), "agreed": "", "each": 1, "recordings": [["/in/a", output]]}
+    (tmp_path / "list.json").write_text(json.dumps(content))
+    with pytest.raises(LogError, match="below the folder"):
+        jobs.do_share(tmp_path / "list.json", 0)
+
+
+def test_the_pace_tells_how_long_the_others_will_take():
+    pace = Pace(10, began=100.0)
+    for _ in range(4):
+        pace.tell(None, 100.0)
+    assert str(pace) == "4 of 10 done"
+    pace.tell({"frames": 600, "failure": None}, 110.0)
+    pace.tell({"frames": 600, "failure": "x"}, 130.0)
+    assert str(pace) == "6 of 10 done, 40 frames/s, 1 min left, 1 failed"
+    assert [duration(s) for s in (0.2, 59.6, 3725, 90_000)] == ["0 s", "1 min", "1 h 2 min", "1 d 1 h"]
+
+
+@pytest.mark.parametrize(
+    "content", ["", "{}", "[]", '{"options": 3, "recordings": []}', '{"recordings": [[1]]}']
+)
+def test_a_folder_without_a_batch_is_told(content, tmp_path):
+    (tmp_path / "batch.json").write_text(content)
+    with pytest.raises(LogError, match="no batch"):
+        read_batch(tmp_path)
+
+
+def test_summaries_that_are_damaged_count_as_missing(recordings):
+    one = wanted(recordings)
+    do(one)
+    outputs = [one.folder / output for _, output in one.pairs]
+    for output, content in zip(outputs, ["", "[]", "{}", "[" * 100_000, "\x00"], strict=True):
+        results.summary_file(output).write_text(content)
+    assert tables.state(one).missing == COUNT
+    tracked, _ = do(one)
+    assert [result["frames"] for result in tracked] == [0] * COUNT
+
+
+def test_to_look_at_a_recording_takes_no_longer_among_many(tmp_path, monkeypatch):
+    log = write_log(tmp_path / "in" / "000", 3)
+    recipe = Recipe.of(OPTIONS)
+    entries = []
+    real = os.scandir
+    monkeypatch.setattr(os, "scandir", lambda path: entries.append(path) or real(path))
+    for given in (log, log.parent):
+        fingerprint(Job(given, tmp_path / "out.h5", recipe))
+    assert set(entries) == {log.parent}

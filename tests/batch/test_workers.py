@@ -1,0 +1,126 @@
+"""Processes that are ended from outside, interrupted, and left by the one that began them."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.helpers import ROOT
+from tracker.batch import workers
+from tracker.batch.workers import ONE_THREAD, WorkerError, engine, here, processes
+from tracker.errors import TrackerError
+
+
+def held(_: object) -> bool:
+    return signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+
+
+def environment(_: object) -> list[str | None]:
+    return [os.environ.get(name) for name in ONE_THREAD]
+
+
+def fail_once(mark: str) -> str:
+    """End the process the first time, fail the second time."""
+    path = Path(mark)
+    if path.name == "always" or not path.exists():
+        path.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    if path.name == "error":
+        raise ZeroDivisionError(mark)
+    return path.name
+
+
+def sleep(mark: str) -> None:
+    Path(mark).write_text(str(os.getpid()))
+    time.sleep(600)
+
+
+def alive(number: int) -> bool:
+    try:
+        state = Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()[0]
+    except OSError:
+        return False
+    return state != "Z"
+
+
+def until(holds) -> None:
+    deadline = time.monotonic() + 60
+    while not holds():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def test_who_ends_a_process_gets_another_and_only_the_task_that_does_it_always_fails(tmp_path):
+    tasks = [str(tmp_path / name) for name in ("a", "always", "b", "error", "c")]
+    with processes(2) as each:
+        found = {Path(task).name: result for task, result in each(fail_once, tasks)}
+    assert [found[name] for name in "abc"] == ["a", "b", "c"]
+    assert isinstance(found["error"], ZeroDivisionError)
+    assert isinstance(found["always"], WorkerError)
+
+
+@pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="system: no masks of signals")
+def test_a_worker_has_one_thread_and_never_sees_ctrl_c_even_while_it_begins():
+    before = environment(None)
+    with processes(1) as each:
+        assert list(each(held, [0])) == [(0, True)]
+        assert list(each(environment, [0])) == [(0, ["1"] * len(ONE_THREAD))]
+    assert environment(None) == before
+    assert not held(None)
+
+
+def test_tasks_are_taken_as_they_are_needed():
+    taken = []
+    with processes(1) as each:
+        for task, result in each(abs, (taken.append(k) or k for k in range(20))):
+            assert result == task
+            assert len(taken) <= task + 2 * workers.AHEAD
+    assert len(taken) == 20
+
+
+def test_an_interrupt_ends_the_processes_at_once(tmp_path):
+    mark = tmp_path / "worker"
+
+    def interrupt() -> None:
+        until(lambda: mark.exists() and mark.read_text())
+        signal.pthread_kill(threading.main_thread().ident, signal.SIGINT)
+
+    threading.Thread(target=interrupt, daemon=True).start()
+    with pytest.raises(KeyboardInterrupt), processes(1) as each:
+        list(each(sleep, [str(mark)]))
+    until(lambda: not alive(int(mark.read_text())))
+
+
+def test_workers_end_with_the_process_that_began_them(tmp_path):
+    mark = tmp_path / "worker"
+    program = "import sys; from tests.batch.test_workers import processes, sleep\n"
+    program += "with processes(1) as each: list(each(sleep, sys.argv[1:]))"
+    begun = subprocess.Popen([sys.executable, "-c", program, str(mark)], cwd=ROOT)
+    until(lambda: mark.exists() and mark.read_text())
+    begun.kill()
+    begun.wait()
+    until(lambda: not alive(int(mark.read_text())))
+
+
+def test_only_a_scheduler_of_others_needs_what_the_core_has_not(monkeypatch):
+    for name in ("dask", "distributed"):
+        monkeypatch.setitem(sys.modules, name, None)
+    with engine(2) as each:
+        assert sorted(each(abs, [1, 2])) == [(1, 1), (2, 2)]
+    with (
+        pytest.raises(TrackerError, match=r"--scheduler needs the package distributed.*cluster"),
+        engine(2, "x"),
+    ):
+        pass
+
+
+def test_one_job_is_this_process():
+    with engine(1) as each:
+        assert each is here

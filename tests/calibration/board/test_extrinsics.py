@@ -1,0 +1,264 @@
+"""Lenses from photos of a board, and places of cameras that all see it."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.helpers.boards import BOARD, LENS, photo, pose_towards, sighting
+from tracker.calibration.board.board import Board
+from tracker.calibration.board.extrinsics import place_cameras
+from tracker.calibration.board.intrinsics import fit_lens
+from tracker.calibration.board.sighting import find_board
+from tracker.calibration.files.calibrated import Calibrated, read_calibrated
+from tracker.errors import CalibrationError
+from tracker.geometry import so3
+from tracker.geometry.camera import Camera
+
+GIVEN = np.eye(4)
+GIVEN[:3, :3] = so3.exp([0, 0, 0.4])
+GIVEN[:3, 3] = (0.01, -0.02, 0.005)
+
+
+def looking(azimuth, height=0.4, distance=0.3):
+    """(4, 4) camera_from_world of a camera that looks at the arena's centre."""
+    position = np.array([distance * np.cos(azimuth), distance * np.sin(azimuth), height])
+    forward = -position / np.linalg.norm(position)
+    right = np.cross(forward, [0, 0, 1])
+    right /= np.linalg.norm(right)
+    rotation = np.stack([right, np.cross(forward, right), forward])
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation, -rotation @ position
+    return pose
+
+
+TRUE = [looking(azimuth) for azimuth in (1.0, 3.1, 5.2)]
+PLACES = [GIVEN, *(np.eye(4) for _ in range(2))]
+PLACES[1][:3, :3], PLACES[1][:3, 3] = so3.exp([0.3, -0.2, 2.0]), (0.03, 0.02, 0.05)
+PLACES[2][:3, :3], PLACES[2][:3, 3] = so3.exp([-0.2, 0.4, -1.0]), (-0.03, 0.03, 0.04)
+
+
+def lenses(count=3):
+    """Lenses of cameras that are said to be where they are not."""
+    matrix, distortion = LENS.arrays
+    one = Camera("camera", LENS.width, LENS.height, matrix, distortion, np.eye(4))
+    return [Calibrated(dataclasses.replace(one, name=f"camera{n}"), placed=False) for n in range(count)]
+
+
+def views(seed, pairs=None, noise=0.1):
+    """Photos by (camera, place), by default all."""
+    rng = np.random.default_rng(seed)
+    pairs = [(c, p) for c in range(3) for p in range(3)] if pairs is None else pairs
+    return {(c, p): sighting(f"{c} {p}", TRUE[c] @ PLACES[p], rng, noise=noise) for c, p in pairs}
+
+
+ALONE = [(c, 0) for c in range(3)]
+
+
+def test_without_noise_the_places_are_the_true_ones():
+    placed = place_cameras(lenses(), views(1, noise=0), GIVEN)
+    for one, true in zip(placed.cameras, TRUE, strict=True):
+        assert one.placed
+        assert one.camera.camera_from_world == pytest.approx(true, abs=1e-7)
+    for found, true in zip(placed.world_from_board, PLACES, strict=True):
+        assert found == pytest.approx(true, abs=1e-7)
+
+
+@pytest.mark.parametrize("pairs", [ALONE, None])
+def test_stated_deviations_of_places_are_those_of_their_errors(pairs):
+    errors = []
+    for seed in range(8):
+        placed = place_cameras(lenses(), views(seed, pairs), GIVEN)
+        for one, true in zip(placed.cameras, TRUE, strict=True):
+            std = one.camera.camera_from_world_std
+            errors.append(((one.camera.camera_from_world - true)[:3] / std[:3]).ravel())
+    assert 0.8 < (np.array(errors) ** 2).mean() < 1.6
+    assert np.abs(errors).max() < 5
+
+
+def test_more_places_make_cameras_more_certain():
+    def certainty(pairs):
+        cameras = place_cameras(lenses(), views(3, pairs), GIVEN).cameras
+        return np.array([np.linalg.norm(one.camera.camera_from_world_std[:3, 3]) for one in cameras])
+
+    assert (certainty(None) < certainty(ALONE)).all()
+
+
+def test_a_camera_is_placed_through_another_that_sees_the_given_place_or_named():
+    placed = place_cameras(lenses(), views(4, [(0, 0), (0, 1), (1, 1), (1, 2), (2, 2)], noise=0.0), GIVEN)
+    assert placed.cameras[2].camera.camera_from_world == pytest.approx(TRUE[2], abs=1e-6)
+    with pytest.raises(CalibrationError, match="camera1, camera2: found no photo of the board in its given"):
+        place_cameras(lenses(), views(5, [(0, 0), (1, 1), (2, 1)]), GIVEN)
+
+
+def test_a_photo_taken_after_the_board_moved_is_named():
+    seen = views(6)
+    moved = PLACES[2].copy()
+    moved[:3, 3] += (0.01, 0, 0)
+    seen[1, 2] = sighting("moved", TRUE[1] @ moved, np.random.default_rng(1))
+    placed = place_cameras(lenses(), seen, GIVEN)
+    assert set(placed.faults) == {(1, 2)}
+    assert "without it" in placed.faults[1, 2]
+    for one, true in zip(placed.cameras, TRUE, strict=True):
+        assert np.abs(one.camera.camera_from_world - true)[:3, 3].max() < 5e-4
+
+
+def of_another_focal_length(lens, factor):
+    matrix = lens.camera.matrix.copy()
+    matrix[0, 0] *= factor
+    return dataclasses.replace(lens, camera=dataclasses.replace(lens.camera, matrix=matrix))
+
+
+@pytest.mark.parametrize(
+    ("change", "pairs", "words"),
+    [
+        (lambda lens: of_another_focal_length(lens, 1.1), None, "2 of its 3 photos are .* the lens is not"),
+        (lambda lens: of_another_focal_length(lens, 1.3), ALONE, "its photos miss by.* the lens is not"),
+        (lambda lens: lens.resized(180, 135), None, "found 360x270 px, but the lens of camera1 .* 180x135"),
+    ],
+)
+def test_a_lens_of_another_camera_is_named(change, pairs, words):
+    wrong = lenses()
+    wrong[1] = change(wrong[1])
+    with pytest.raises(CalibrationError, match=f"(camera1|1 \\d): {words}"):
+        place_cameras(wrong, views(7, pairs), GIVEN)
+
+
+def test_a_corner_that_is_elsewhere_is_dropped():
+    seen = views(9)
+    seen[0, 0].pixels[3] += (5, 5)
+    placed = place_cameras(lenses(), seen, GIVEN)
+    assert len(placed.sightings[0, 0]) == len(seen[0, 0]) - 1
+    assert placed.rms(0) < 0.2
+
+
+@pytest.mark.parametrize("folders", [1, 2])
+def test_the_platforms_board_in_the_arena_is_met_by_every_camera(folders, real):
+    names = ("camera60", "camera180", "camera300")
+    known = [read_calibrated(real / "calibration" / "simulation" / f"{name}_full.yml") for name in names]
+    seen = {}
+    for place, folder in enumerate(("position_centered_5x7_board", "corner_in_center_3x3_board")[:folders]):
+        for number, name in enumerate(names):
+            image = cv2.imread(str(real / "charuco" / folder / f"{name}.png"))
+            seen[number, place] = find_board(f"{folder}/{name}", image, BOARD)
+    placed = place_cameras(known, seen, np.eye(4))
+    assert not placed.faults
+    for number, one in enumerate(placed.cameras):
+        assert placed.rms(number) <= 0.6
+        assert 0.25 < one.camera.position[2] < 0.5
+
+
+def sightings(seed, count=12, **options):
+    rng = np.random.default_rng(seed)
+    return [sighting(f"photo {n}", pose_towards(rng), rng, **options) for n in range(count)]
+
+
+def deviations(lens):
+    """Errors (9,) of fx, fy, cx, cy and the distortion, in standard deviations."""
+    camera, std = lens.calibrated.camera, lens.calibrated.matrix_std
+    places = (0, 1, 0, 1), (0, 1, 2, 2)
+    focal = (camera.matrix[places] - LENS.matrix) / std[places]
+    return np.concatenate([focal, (camera.distortion - LENS.distortion) / lens.calibrated.distortion_std])
+
+
+def test_stated_deviations_of_a_lens_are_those_of_its_errors():
+    errors = np.array([deviations(fit_lens("camera", sightings(seed), BOARD)) for seed in range(12)])
+    # The mean square of 108 errors, which hang together by lens, is within these limits in 99 of 100 cases.
+    assert 0.6 < (errors**2).mean() < 1.6
+    assert np.abs(errors).max() < 4
+
+
+def test_the_noise_is_told_and_photos_left_out_see_a_little_more():
+    lens = fit_lens("camera", sightings(5, noise=0.2), BOARD)
+    assert lens.rms == pytest.approx(0.2 * np.sqrt(2), rel=0.1)
+    assert lens.rms <= lens.left_out < 1.2 * lens.rms
+
+
+def test_a_lens_from_rendered_photos_is_the_true_one():
+    rng = np.random.default_rng(81)
+    images = [photo(pose_towards(rng), rng) for _ in range(12)]
+    found = [find_board(f"{n}", image, BOARD) for n, image in enumerate(images)]
+    lens = fit_lens("camera", found, BOARD)
+    assert lens.left_out < 0.2
+    assert all(one.fault is None for one in lens.photos)
+    assert np.abs(deviations(lens)).max() < 3.5
+    assert np.abs(lens.calibrated.camera.matrix[(0, 1), (0, 1)] - LENS.matrix[:2]).max() < 2
+
+
+def test_a_photo_of_a_bent_board_is_named_and_left_out():
+    seen = sightings(7)
+    bent = seen[4]
+    waves = np.stack([np.sin(20 * bent.points[:, 1]), np.cos(30 * bent.points[:, 0])], axis=1)
+    seen[4] = dataclasses.replace(bent, pixels=bent.pixels + 2 * waves)
+    lens = fit_lens("camera", seen, BOARD)
+    assert [n for n, one in enumerate(lens.photos) if one.fault is not None] == [4]
+    assert "misses by" in lens.photos[4].fault
+    without = fit_lens("camera", seen[:4] + seen[5:], BOARD)
+    assert lens.calibrated.camera.matrix == pytest.approx(without.calibrated.camera.matrix)
+
+
+def test_a_corner_that_is_elsewhere_is_dropped_and_no_other():
+    seen = sightings(8)
+    seen[2].pixels[5] += (6, -4)
+    wrong = seen[2].corners[5]
+    lens = fit_lens("camera", seen, BOARD)
+    assert [one.dropped for one in lens.photos] == [0, 0, 1, *[0] * 9]
+    assert wrong not in lens.photos[2].sighting.corners
+    assert np.abs(deviations(lens)).max() < 4
+
+
+def test_a_photo_with_few_corners_has_no_say():
+    seen = sightings(9)
+    seen[0] = seen[0].without(np.arange(len(seen[0])) >= 6)
+    lens = fit_lens("camera", seen, BOARD)
+    assert lens.photos[0].fault == "only 6 corners, expected 8"
+
+
+def of_two_sizes():
+    seen = sightings(13)
+    seen[3] = dataclasses.replace(seen[3], size=(720, 540))
+    return seen
+
+
+def of_two_lenses():
+    rng = np.random.default_rng(14)
+    lenses = [LENS, dataclasses.replace(LENS, distortion=(0.3, 0, 0, 0, 0), matrix=(250, 295, 190, 120))]
+    return [sighting(f"{n}", pose_towards(rng), rng, lens=lenses[n % 2]) for n in range(12)]
+
+
+def hardly_tilted(tilt, seed):
+    rng = np.random.default_rng(seed)
+    return [sighting(f"{n}", pose_towards(rng, tilt=tilt), rng) for n in range(8)]
+
+
+@pytest.mark.parametrize(
+    ("photos", "board", "words"),
+    [
+        (lambda: sightings(10, count=5), BOARD, r"camera: found 5 photos to go by, of 5 .* at least 6"),
+        (lambda: sightings(12), Board(5, 9, 0.04, 0.03), "no more than 5x7 squares .* expected 5x9"),
+        (of_two_sizes, BOARD, r"photo \d+ of 360x270 px, photo 3 of 720x540 px"),
+        (of_two_lenses, BOARD, r"photos left out miss by .* not of one camera"),
+        *[
+            (functools.partial(hardly_tilted, tilt, seed), BOARD, "too alike; tilt the board")
+            for tilt in (0.0, 0.02, 0.2)
+            for seed in (11, 12)
+        ],
+    ],
+)
+def test_photos_that_give_no_lens_are_refused_with_the_reason(photos, board, words):
+    with pytest.raises(CalibrationError, match=words):
+        fit_lens("camera", photos(), board)
+
+
+def test_the_platforms_photos_give_the_platforms_focal_length(real):
+    paths = sorted((real / "charuco" / "intrinsic_camera").glob("*.jpeg"))
+    assert len(paths) == 18
+    found = [find_board(path.name, cv2.imread(str(path)), BOARD) for path in paths]
+    lens = fit_lens("camera60", found, BOARD)
+    assert lens.left_out <= 0.45
+    assert np.abs(lens.calibrated.camera.matrix[(0, 1), (0, 1)] - 589.6).max() < 4
+    assert all(one.fault is None for one in lens.photos)

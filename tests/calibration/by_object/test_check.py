@@ -1,0 +1,218 @@
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import cv2
+import numpy as np
+import pytest
+
+import tracker
+from tests.helpers import make_camera
+from tracker.calibration.by_object.check import LIMIT, check, check_calibration
+from tracker.calibration.by_object.looks import OFTEN, Look
+from tracker.calibration.by_object.sightings import Stills
+from tracker.errors import CalibrationError
+from tracker.geometry import so3
+from tracker.geometry.cuboid import corners
+
+CAMERAS = [make_camera(azimuth) for azimuth in (60.0, 180.0, 300.0)]
+SIZE = np.array([0.065, 0.065, 0.065])
+KNOWN = np.diag(np.repeat([2e-4, 3e-3], 3) ** -2.0)
+
+
+def moved(camera, shift, turn):
+    """A camera that a file has elsewhere by a shift (3,) [m], and turned by (3,) [rad], in the world."""
+    rotation = camera.camera_from_world[:3, :3] @ so3.exp(turn)
+    transform = np.eye(4)
+    transform[:3, :3] = rotation
+    transform[:3, 3] = -rotation @ (camera.position + shift)
+    return dataclasses.replace(camera, camera_from_world=transform)
+
+
+def stated(camera, rng):
+    """A camera that is off by what its file states."""
+    transform = camera.camera_from_world.copy()
+    transform[:3, 3] += rng.normal(0, 5e-4, 3)
+    transform[:3, :3] = so3.exp(rng.normal(0, 1.5e-3, 3)) @ transform[:3, :3]
+    return dataclasses.replace(camera, camera_from_world=transform)
+
+
+def looks(true, given, count=20, seed=1):
+    """What each camera sees of an object in many places: truly in `true`, but taken to be in `given`."""
+    rng = np.random.default_rng(seed)
+    result = []
+    for _ in range(count):
+        place = np.eye(4)
+        place[:3, :3] = so3.exp(rng.normal(size=3))
+        place[:3, 3] = rng.uniform([-0.12, -0.12, 0.02], [0.12, 0.12, 0.08])
+        seen = [
+            np.linalg.inv(g.camera_from_world) @ t.camera_from_world @ place
+            for t, g in zip(true, given, strict=True)
+        ]
+        d = np.array([np.r_[s[:3, 3] - place[:3, 3], so3.log(s[:3, :3] @ place[:3, :3].T)] for s in seen])
+        noise = rng.normal(size=d.shape) / np.sqrt(np.diag(KNOWN))
+        # Of where all together have it, only what each sees beside counts.
+        ends = corners(SIZE) @ place[:3, :3].T + place[:3, 3]
+        result.append(Look(place[:3, 3], np.tile(KNOWN, (3, 1, 1)), d + noise, np.zeros(3, bool), ends))
+    return result
+
+
+def test_exact_cameras_fit():
+    found = check_calibration(looks(CAMERAS, CAMERAS), CAMERAS)
+    assert found.fits
+    assert not any(one.moved for one in found.cameras)
+    assert found.miss < 0.3 * LIMIT
+    assert [one.looks for one in found.cameras] == [20] * 3
+
+
+@pytest.mark.parametrize("c", range(3))
+@pytest.mark.parametrize(
+    ("shift", "turn"), [((4e-3, -2e-3, 1e-3), (0, 0, 0)), ((0, 0, 0), (0.006, -0.006, 0.004))]
+)
+def test_a_camera_that_was_moved_is_named_and_its_correction_undoes_it(c, shift, turn):
+    given = list(CAMERAS)
+    given[c] = moved(CAMERAS[c], np.array(shift), np.array(turn))
+    found = check_calibration(looks(CAMERAS, given), given)
+    assert not found.fits
+    assert [one.moved for one in found.cameras] == [k == c for k in range(3)]
+    mended = found.cameras[c].correction @ given[c].camera_from_world
+    np.testing.assert_allclose(mended[:3, :3], CAMERAS[c].camera_from_world[:3, :3], atol=2e-3)
+    point = np.array([0.02, -0.03, 0.03, 1.0])
+    # Along the line of sight it is known less well.
+    across = (mended @ point - CAMERAS[c].camera_from_world @ point)[:2]
+    np.testing.assert_allclose(across, 0.0, atol=0.6e-3)
+    assert found.cameras[c].shift == pytest.approx(np.linalg.norm(shift), abs=1.2e-3)
+
+
+def test_the_cameras_of_another_platform_do_not_fit_and_one_look_names_none():
+    rng = np.random.default_rng(3)
+    given = [moved(camera, rng.normal(0, 8e-3, 3), rng.normal(0, 0.02, 3)) for camera in CAMERAS]
+    found = check_calibration(looks(CAMERAS, given), given)
+    assert not found.fits
+    assert found.miss > LIMIT
+    given = [moved(CAMERAS[0], np.array([0.0, 0.012, 0.0]), np.zeros(3)), *CAMERAS[1:]]
+    found = check_calibration(looks(CAMERAS, given, count=OFTEN - 1), given)
+    assert not found.fits
+    assert not any(one.moved for one in found.cameras)
+
+
+def test_a_world_that_is_moved_as_a_whole_fits():
+    # Its cameras see the object where they have it, all of them.
+    shift, turn = np.array([0.02, -0.01, 0.03]), so3.exp([0.0, 0.0, 0.1])
+    place = np.eye(4)
+    place[:3, :3], place[:3, 3] = turn, shift
+    given = [
+        dataclasses.replace(c, camera_from_world=c.camera_from_world @ np.linalg.inv(place)) for c in CAMERAS
+    ]
+    seen = looks(CAMERAS, CAMERAS)
+    turned = np.kron(np.eye(2), turn)
+    world = [
+        Look(
+            turn @ one.position + shift,
+            turned @ one.information @ turned.T,
+            one.moved @ turned.T,
+            one.lost,
+            one.corners @ turn.T + shift,
+        )
+        for one in seen
+    ]
+    assert check_calibration(world, given).fits
+
+
+def test_errors_as_large_as_files_state_are_no_motion():
+    named = 0
+    for seed in range(12):
+        rng = np.random.default_rng([5, seed])
+        given = [stated(camera, rng) for camera in CAMERAS]
+        named += not check_calibration(looks(CAMERAS, given, seed=seed), given).fits
+    assert named <= 1
+
+
+def test_a_look_that_is_far_off_does_not_convict_a_camera():
+    seen = looks(CAMERAS, CAMERAS)
+    astray = seen[3].moved.copy()
+    astray[1, :3] += 0.03
+    seen[3] = seen[3]._replace(moved=astray)
+    assert check_calibration(seen, CAMERAS).fits
+
+
+def test_a_camera_that_is_hidden_is_not_asked_and_one_that_cannot_use_what_it_shows_is_named():
+    hidden = []
+    for one in looks(CAMERAS, CAMERAS):
+        known = one.information.copy()
+        known[2] = 0.0
+        hidden.append(one._replace(information=known))
+    found = check_calibration(hidden, CAMERAS)
+    assert found.fits
+    assert found.cameras[2].looks == 0
+    assert np.isnan(found.cameras[2].miss_px)
+    lost = [one._replace(lost=np.array([False, False, True])) for one in hidden]
+    found = check_calibration(lost, CAMERAS)
+    assert not found.fits
+    assert found.is_lost(found.cameras[2])
+
+
+def test_one_camera_or_no_look_is_refused():
+    with pytest.raises(CalibrationError, match="camera60 alone"):
+        check_calibration(looks(CAMERAS, CAMERAS), CAMERAS[:1])
+    with pytest.raises(CalibrationError, match="no picture"):
+        check_calibration([], CAMERAS)
+
+
+def test_stated_deviations_predict_the_misses_of_cameras_that_are_off_by_them():
+    std = np.zeros((4, 4))
+    std[:3, 3] = 5e-4
+    squares = []
+    for seed in range(40):
+        rng = np.random.default_rng([6, seed])
+        given = []
+        for camera in CAMERAS:
+            moves = np.stack([so3.hat(axis) @ camera.camera_from_world[:3, :3] for axis in np.eye(3)])
+            std[:3, :3] = 1.5e-3 * np.sqrt((moves**2).sum(axis=0))
+            given.append(dataclasses.replace(stated(camera, rng), camera_from_world_std=std))
+        for one in check_calibration(looks(CAMERAS, given, count=1, seed=seed), given).cameras:
+            squares.append((one.corners.seen**2, one.corners.stated**2))
+    seen, expected = np.sqrt(np.mean(squares, axis=0))
+    assert seen == pytest.approx(expected, rel=0.15)
+
+
+@pytest.mark.parametrize(
+    ("move", "part"), [((0, 0, 3e-3, 0, 0, 0), "shift"), ((0, 0, 0, 0, 0, 0.05), "shape")]
+)
+def test_a_shift_moves_all_corners_alike_and_a_turn_none_of_their_middle(move, part):
+    one = looks(CAMERAS, CAMERAS, count=1)[0]
+    seen = np.zeros((3, 6))
+    seen[1] = move
+    silent = [dataclasses.replace(CAMERAS[0], camera_from_world_std=None), *CAMERAS[1:]]
+    found = check_calibration([one._replace(moved=seen)], silent).cameras[1].corners
+    assert getattr(found, part) > 0.98 * found.seen > 0.5
+    assert found.shift**2 + found.shape**2 == pytest.approx(found.seen**2)
+    assert math.isnan(found.stated)
+
+
+def test_focal_lengths_that_differ_are_named_with_the_depth_that_they_leave_open():
+    given = []
+    for camera, ratio in zip(CAMERAS, (1.0074, 0.998, 1.0), strict=True):
+        matrix = camera.matrix.copy()
+        matrix[1, 1] = ratio * matrix[0, 0]
+        given.append(dataclasses.replace(camera, matrix=matrix))
+    seen = [one._replace(position=np.zeros(3)) for one in looks(CAMERAS, CAMERAS, count=1)]
+    found = check_calibration(seen, given, {"camera300": 0.01})
+    assert len(found.warnings) == 1
+    assert "camera60: fy/fx is 1.0074, expected 1 within 0.3 %" in found.warnings[0]
+    for one, off, given_one in zip(found.cameras, (0.0037, 0.001, 0.01), given, strict=True):
+        away = np.linalg.norm(given_one.position)
+        assert one.focal.depth == pytest.approx(off * away)
+        assert one.focal.needed == pytest.approx(2e-3 / away)
+
+
+@pytest.mark.parametrize(("name", "stated"), [("cube_v1", 1.44), ("cuboid_2x2x8_v2", 0.71)])
+def test_the_recorded_platforms_files_are_named_for_their_focal_lengths(name, stated, real):
+    rig = tracker.CameraRig.load(real / "pose" / name)
+    images = [cv2.imread(str(real / "pose" / name / f"{camera}.png")) for camera in rig.names]
+    model = tracker.load_object(name)
+    found = check(model, [Stills([images])], rig, tracker.load_colors(model.colors))
+    assert found.fits
+    assert np.mean([one.corners.stated for one in found.cameras]) == pytest.approx(stated, abs=0.1)
+    assert len(found.warnings) == 3

@@ -1,0 +1,93 @@
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+import tracker
+from synthetic.camera.sensor import Sensor
+from tests.calibration.by_object.test_check import moved
+from tests.helpers import ROOT
+from tests.helpers.stills import bare_scene, take
+from tracker.calibration.by_object.health import HEIGHT, MOST, QUANTITIES, health
+from tracker.logs import open_log
+from tracker.recordings.track import track
+from tracker.viz import write_image
+from tracker.viz.health_page import page
+
+FRAMES = 5
+
+
+@pytest.fixture(scope="module")
+def film(rig, tmp_path_factory):
+    """A folder of images of a cube at rest; camera300 is dark in the last two of them."""
+    folder = tmp_path_factory.mktemp("health") / "film"
+    rng = np.random.default_rng(11)
+    scene = bare_scene(tracker.load_object("cube_v2"), rng, kind="rest")
+    for k in range(FRAMES):
+        images = take(scene, rig.cameras, Sensor.realistic(), rng).images
+        if k >= FRAMES - 2:
+            images[2] = images[2] // 4
+        for name, image in zip(rig.names, images, strict=True):
+            (folder / name).mkdir(parents=True, exist_ok=True)
+            write_image(folder / name / f"{k:06d}.png", image)
+    return folder
+
+
+def measured(film, rig):
+    tracked = track(film, "cube_v2", rig=rig)
+    one = tracker.ObjectTracker(tracker.load_object("cube_v2"), rig)
+    with open_log(film) as log:
+        return health(one, log, tracked.poses)
+
+
+@pytest.fixture(scope="module")
+def well(film, rig):
+    return measured(film, rig)
+
+
+def test_a_rig_that_is_well_is_measured_to_be(well):
+    assert well.index.tolist() == list(range(FRAMES))
+    assert well.cameras == ("camera60", "camera180", "camera300")
+    for key in ("residual", "blur", "brightness", "clipping", "white balance"):
+        assert well.values[key].shape == (FRAMES, 3)
+        np.testing.assert_array_equal(well.beyond(key)[:2], 0.0)
+    assert np.nanmedian(np.abs(well.height)) < 0.5
+    assert well.check is None or well.check.fits
+
+
+def test_what_is_beyond_its_limit_in_some_frames_is_said_of_the_camera(well):
+    assert well.values["brightness"][:-2, 2].min() > QUANTITIES["brightness"].limits[0]
+    np.testing.assert_allclose(well.beyond("brightness"), [0.0, 0.0, 2 / FRAMES])
+    (said,) = (line for line in well.complaints() if "brightness" in line)
+    assert said.startswith("camera300: brightness")
+
+
+def test_a_camera_that_was_moved_disagrees_and_the_page_says_so(film, rig, well):
+    cameras = (rig[0], moved(rig[1], np.zeros(3), np.array([0.02, 0.0, 0.015])), rig[2])
+    ill = measured(film, tracker.CameraRig(cameras, rig.arena))
+    assert np.nanmedian(ill.values["disagreement"][:, 1]) > QUANTITIES["disagreement"].limits[1]
+    assert np.nanmedian(well.values["disagreement"][:, 1]) < 2.0
+    assert ill.check is not None
+    assert not ill.check.fits
+    assert "calibration does not fit" in page(ill, "film")
+    assert "calibration does not fit" not in page(well, "film")
+
+
+def test_a_page_needs_no_other_file_and_escapes_what_it_is_given(well):
+    text = page(well, "<film> & co")
+    assert "&lt;film&gt; &amp; co" in text
+    assert text.count("data:image/png;base64,") == len(QUANTITIES) + 1
+    assert not re.search(r'(src|href)="(?!data:)', text)
+
+
+def test_the_limits_are_those_that_the_documentation_states():
+    text = (ROOT / "docs" / "health.md").read_text(encoding="utf-8")
+    rows = {row.split("|")[1].strip(): row.split("|")[3] for row in text.splitlines() if row.startswith("| ")}
+    for key, quantity in {**QUANTITIES, "table": HEIGHT}.items():
+        stated = [float(number.replace("−", "-")) for number in re.findall(r"[−\d.]+\d|\d", rows[key])]
+        low, high = quantity.limits
+        assert round(high, 1) in stated
+        assert low in (*stated, 0.0, -high)
+    assert f"Up to {MOST} frames" in text

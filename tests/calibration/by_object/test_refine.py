@@ -1,0 +1,155 @@
+"""Cameras refined, and put on their table, by films of the object."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import tracker
+from tests.helpers.filmed import RIG
+from tests.helpers.moving_cube import carried, knocked, relative_errors
+from tests.helpers.resting_cube import rests
+from tracker.calibration.by_object.refine import refine_cameras
+from tracker.calibration.by_object.sightings import Shot, Stills
+from tracker.calibration.by_object.table import find_table, moved
+from tracker.errors import CalibrationError, NotBetterError
+from tracker.geometry import so3
+
+MODEL, COLORS = tracker.load_object("cube_v2"), tracker.load_colors("cube_v2")
+ALONE = tracker.CameraRig((RIG[0],))
+WRONG = knocked(RIG, seed=4)
+
+
+class Film:
+    """Pictures at 10 Hz, those of one frame up to `skew` [s] apart."""
+
+    def __init__(self, frames, skew=0.0):
+        self.frames, self.skew = frames, skew
+
+    def shots(self):
+        for k, images in enumerate(self.frames):
+            yield Shot(k, images, 0.1 * k + self.skew * np.arange(3) / 2, k == 0)
+
+    def images(self, numbers):
+        return (self.frames[number] for number in numbers)
+
+
+def stills():
+    return Stills([still.images for still in carried()])
+
+
+@pytest.fixture(scope="module")
+def found():
+    return refine_cameras(MODEL, [stills()], WRONG, COLORS)
+
+
+def test_cameras_come_to_stand_as_they_do(found):
+    before, after = relative_errors(WRONG, RIG), relative_errors(found.rig, RIG)
+    assert np.linalg.norm(before[:, :3], axis=1).max() > 1.5e-3
+    assert np.linalg.norm(after[:, :3], axis=1).max() < 0.3e-3
+    assert np.degrees(np.linalg.norm(after[:, 3:], axis=1).max()) < 0.05
+    assert found.after < 0.5 * found.before
+
+
+def test_what_is_stated_of_the_cameras_covers_their_errors(found):
+    error = relative_errors(found.rig, RIG)
+    assert (np.abs(error) < 4.0 * found.std).all()
+    # Edges of real objects err as well, of which these pictures have nothing.
+    assert 0.07 < np.sqrt(np.mean((error / found.std) ** 2)) < 0.15
+    assert all(camera.camera_from_world_std is not None for camera in found.rig)
+
+
+def test_the_rim_is_that_of_drawn_boxes_which_have_none(found):
+    rim, std = found.rim
+    assert 0.04e-3 < std < 0.3e-3  # better known than before, as far as edges can tell
+    assert abs(rim) < 3.0 * std
+
+
+def test_the_world_stays_where_the_old_cameras_have_it(found):
+    assert found.plane is None
+    for axis in range(3):
+        before, after = (np.mean([camera.position[axis] for camera in rig]) for rig in (WRONG, found.rig))
+        assert abs(before - after) < 1.5e-3
+
+
+def test_rests_bring_the_world_to_the_table():
+    lifted = np.eye(4)
+    lifted[2, 3] = 0.004
+    world = moved(WRONG, lifted)
+    both = [stills(), Stills([still.images for still in rests()])]
+    found = refine_cameras(MODEL, both, world, COLORS)
+    assert found.plane is not None
+    assert found.rig.arena.table == 0.0
+    pose = tracker.ObjectTracker(MODEL, found.rig).detect(rests()[0].images).object_pose
+    assert abs(pose.position[2] - 0.0325) < 0.2e-3
+
+
+EMPTY = [np.full((270, 270, 3), 110, np.uint8)] * 3
+
+
+@pytest.mark.parametrize(
+    ("film", "rig", "said"),
+    [
+        (stills, RIG, r"refused: edges in 9 frames held out.*as good as"),
+        (stills, ALONE, "camera60 alone"),
+        (lambda: Film([rests()[0].images] * 5), WRONG, "found 1 of the 18 different poses"),
+        (lambda: Stills([still.images for still in rests()] * 3), WRONG, "move and turn it"),
+        (lambda: Film([EMPTY] * 3), WRONG, "no frame in which cube_v2 is surely seen"),
+    ],
+    ids=["nothing to better", "one camera", "at rest", "never turned", "no object"],
+)
+def test_what_betters_no_calibration_is_refused_with_the_reason(film, rig, said):
+    kind = NotBetterError if said.startswith("refused") else CalibrationError
+    with pytest.raises(kind, match=said):
+        refine_cameras(MODEL, [film()], rig, COLORS)
+
+
+@pytest.fixture(scope="module")
+def lying():
+    return rests()
+
+
+def floating(height=0.005, degrees=1.0):
+    """(4, 4) to the true world from one that floats."""
+    out = np.eye(4)
+    out[:3, :3] = so3.exp(np.radians([degrees, 0.0, 0.0]))
+    out[2, 3] = height
+    return out
+
+
+def shown(lying):
+    return Stills([still.images for still in lying])
+
+
+@pytest.mark.parametrize("height", [0.005, -0.006])
+def test_a_floating_world_comes_down_to_the_table(lying, height):
+    found = find_table(MODEL, [shown(lying)], moved(RIG, floating(height)), COLORS)
+    assert len(found.plane.used) == len(lying)
+    for before, after in zip(RIG, found.rig, strict=True):
+        new_from_true = np.linalg.inv(after.camera_from_world) @ before.camera_from_world
+        assert abs(new_from_true[2, 3]) < 0.1e-3
+        assert np.degrees(np.linalg.norm(so3.log(new_from_true[:3, :3])[:2])) < 0.05
+    assert found.rig.arena.table == 0.0
+    assert found.rig.arena.table_std[0] < 0.5e-3
+
+
+def test_several_films_and_stills_count_together(lying):
+    parts = [shown(lying[:2]), shown(lying[2:])]
+    one = find_table(MODEL, parts, RIG, COLORS)
+    other = find_table(MODEL, [shown(lying)], RIG, COLORS)
+    assert one.plane.height == other.plane.height
+
+
+@pytest.mark.parametrize(
+    ("seen", "rig", "said"),
+    [
+        (lambda images: images, ALONE, "found camera60 alone, expected two cameras"),
+        (lambda images: [[one[0], None, None] for one in images], RIG, "one camera"),
+        (lambda images: images[:1] * 6, RIG, "lay it also near"),
+        (lambda images: np.full_like(images[:2], 110), RIG, "no picture in which cube_v2 is surely seen"),
+    ],
+    ids=["one camera", "seen by one camera", "one place", "no object"],
+)
+def test_what_shows_no_table_is_refused_with_the_reason(seen, rig, said, lying):
+    with pytest.raises(CalibrationError, match=said):
+        find_table(MODEL, [Stills(list(seen([still.images for still in lying])))], rig, COLORS)

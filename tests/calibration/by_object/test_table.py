@@ -1,0 +1,161 @@
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from tests.helpers import make_camera, numerical_jacobian
+from tracker.calibration.by_object.table import Rest, _equations, contact, fit_table, levelled
+from tracker.calibration.deviations import calibration_covariance
+from tracker.calibration.rig import CameraRig
+from tracker.errors import CalibrationError
+from tracker.geometry import so3
+
+SIZES = ((0.065, 0.065, 0.065), (0.02, 0.08, 0.02))
+RIG = CameraRig(tuple(make_camera(azimuth) for azimuth in (60, 180, 300)))
+OWN = np.diag(np.repeat(np.square([0.06e-3, 1e-3]), 3))
+
+
+def world(height=0.005, degrees=1.0, azimuth=0.7):
+    """Rotation and shift from the table's world to a tilted one that floats."""
+    axis = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+    return so3.exp(np.radians(degrees) * axis), np.array([0.0, 0.0, height])
+
+
+TILTED = world()
+
+
+def truth(tilt, shift, center=(0.0, 0.0)):
+    """Height and slopes of the table in that world."""
+    normal = tilt[:, 2]
+    slope = -normal[:2] / normal[2]
+    return np.array([shift[2] + slope @ center, *slope])
+
+
+def rests(count, rng, size=SIZES[0], *, held=0, placed=TILTED, radius=0.17, noise=1.0):
+    """Poses at rest and others held flat above the table, with their own errors."""
+    tilt, shift = placed
+    result = []
+    for k in range(count + held):
+        axis = rng.integers(3)
+        lying = so3.exp(np.eye(3)[axis] * np.pi / 2 * rng.integers(4))
+        angle, distance = rng.uniform(0, 2 * np.pi), radius * np.sqrt(rng.random())
+        rotation = so3.exp([0, 0, rng.uniform(0, 2 * np.pi)]) @ lying
+        lowest = np.abs(rotation[2]) @ size / 2
+        position = np.array([distance * np.cos(angle), distance * np.sin(angle), lowest])
+        if k >= count:
+            position[2] += rng.uniform(0.001, 0.03)
+            rotation = so3.exp(np.radians(rng.normal(0, 1.0, 3)) * [1, 1, 0]) @ rotation
+        error = noise * np.sqrt(np.diag(OWN)) * rng.normal(size=6)
+        position, rotation = tilt @ position + shift + error[:3], so3.exp(error[3:]) @ tilt @ rotation
+        # As three cameras with equal weights see an object at the origin.
+        result.append(Rest(position, rotation, OWN, np.tile(np.eye(6)[:, None] / 3, (1, 3, 1))))
+    return result
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_moves_of_the_equations_are_their_derivatives(size, rng):
+    size = np.array(size)
+    for rest in rests(6, rng, size):
+        values, design, moves = _equations(rest, size, (0.01, -0.02))
+
+        def left(error, rest=rest, slope=values[1:]):
+            turned = dataclasses.replace(
+                rest, position=rest.position + error[:3], rotation=so3.exp(error[3:]) @ rest.rotation
+            )
+            found, its, _ = _equations(turned, size, (0.01, -0.02))
+            return found - its @ [0.0, *slope]
+
+        np.testing.assert_allclose(numerical_jacobian(left, np.zeros(6)), moves, atol=1e-6)
+        np.testing.assert_allclose(
+            design[0, 1:], contact(size, rest.position, rest.rotation)[0][:2] - [0.01, -0.02]
+        )
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize(("height", "degrees"), [(0.0, 0.0), (0.005, 1.0), (-0.006, 2.0)])
+def test_exact_rests_give_the_table_exactly(size, height, degrees, rng):
+    placed = world(height, degrees)
+    found = fit_table(rests(8, rng, np.array(size), placed=placed, noise=0.0), np.array(size), RIG)
+    np.testing.assert_allclose([found.height, *found.slope], truth(*placed), atol=1e-9)
+    assert found.scatter < 1e-9
+    np.testing.assert_allclose(found.used, 1.0)
+
+
+def test_objects_held_flat_most_of_the_time_do_not_lift_the_table():
+    for seed in range(20):
+        found = fit_table(rests(10, np.random.default_rng(seed), held=40), np.array(SIZES[0]), RIG)
+        off = np.array([found.height, *found.slope]) - truth(*TILTED)
+        assert abs(off[0]) < 0.2e-3
+        assert np.degrees(np.linalg.norm(off[1:])) < 0.1
+
+
+def test_what_all_poses_share_is_not_averaged_away():
+    few, many = (
+        fit_table(rests(n, np.random.default_rng(1)), np.array(SIZES[0]), RIG).covariance for n in (8, 200)
+    )
+    shared = sum(calibration_covariance(camera) for camera in RIG)[2, 2] / 9
+    assert many[0, 0] < few[0, 0]
+    np.testing.assert_allclose(many[0, 0], shared, rtol=0.05)
+
+
+def test_the_covariance_covers_errors_of_the_cameras():
+    values = []
+    for seed in range(150):
+        rng = np.random.default_rng([2, seed])
+        roots = [np.linalg.cholesky(calibration_covariance(camera)) for camera in RIG]
+        moved = sum(root @ rng.normal(size=6) for root in roots) / 3
+        turn = so3.exp(moved[3:])
+        seen = [
+            dataclasses.replace(rest, position=rest.position + moved[:3], rotation=turn @ rest.rotation)
+            for rest in rests(8, rng)
+        ]
+        found = fit_table(seen, np.array(SIZES[0]), RIG)
+        off = np.array([found.height, *found.slope]) - truth(*TILTED)
+        values.append(off @ np.linalg.solve(found.covariance, off))
+    # The floors count for errors of real tables, which these poses have not.
+    assert 1.5 < np.mean(values) < 4.0
+
+
+@pytest.mark.parametrize("placed", [world(-0.005, 1.2), world(0, 0)])
+def test_in_the_new_world_the_table_is_level_and_the_rest_as_before(placed, rng):
+    found = fit_table(rests(8, rng, placed=placed, noise=0.0), np.array(SIZES[0]), RIG)
+    rig = levelled(RIG, found)
+    assert rig.arena.table == 0.0
+    assert rig.arena.table_std == found.std
+    for before, after in zip(RIG, rig, strict=True):
+        new_from_old = np.linalg.inv(after.camera_from_world) @ before.camera_from_world
+        # The table's points of the old world are at z = 0 in the new one, the middle at the same x and y.
+        points = np.array(
+            [[x, y, found.height + found.slope @ [x, y], 1.0] for x, y in ((0, 0), (0.1, 0), (0, 0.1))]
+        )
+        moved = points @ new_from_old.T
+        np.testing.assert_allclose(moved[:, 2], 0.0, atol=1e-9)
+        np.testing.assert_allclose(moved[0, :2], 0.0, atol=1e-9)
+        assert abs(so3.log(new_from_old[:3, :3])[2]) < 1e-9
+        np.testing.assert_allclose(after.camera_from_world_std[:3, 3], before.camera_from_world_std[:3, 3])
+        if not placed[1].any():
+            np.testing.assert_allclose(new_from_old, np.eye(4), atol=1e-9)
+            before, after = calibration_covariance(before), calibration_covariance(after)
+            np.testing.assert_allclose(after, before, rtol=1e-4, atol=1e-12)
+
+
+def in_a_line(rng):
+    return [
+        dataclasses.replace(rest, position=np.array([0.03 * k - 0.1, 0.05, rest.position[2]]))
+        for k, rest in enumerate(rests(8, rng, placed=world(0, 0)))
+    ]
+
+
+@pytest.mark.parametrize(
+    ("seen", "said"),
+    [
+        (lambda rng: rests(3, rng), "found 3 of the 5 places"),
+        (lambda rng: rests(1, rng, held=8), "to lie on one plane"),
+        (in_a_line, r"spread by 0 mm only.*lay it also near"),
+    ],
+)
+def test_rests_that_give_no_plane_are_refused_with_the_reason(seen, said, rng):
+    with pytest.raises(CalibrationError, match=said):
+        fit_table(seen(rng), np.array(SIZES[0]), RIG)

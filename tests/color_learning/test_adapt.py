@@ -1,0 +1,163 @@
+"""Colours learned without labels, against the true labels of the pixels."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import tracker
+from tests.helpers.filmed import RIG, footage_of, overlap, shots
+from tracker.color_learning.adapt import adapt
+from tracker.color_learning.frames import judge, shares
+from tracker.color_learning.lessons import Lesson, consistent, lesson, nodes_of, outline, owners
+from tracker.color_learning.models import from_names, nearest, refit
+from tracker.errors import NotBetterError
+from tracker.pipeline import ObjectTracker
+from tracker.pose.fit import Fit
+from tracker.segmentation.fit import FitOptions
+
+MODEL = tracker.load_object("cube_v2")
+OPTIONS = FitOptions(draws=5000)
+
+
+@pytest.fixture(scope="module")
+def other_film():
+    return shots("cube_v2", 3, seed=512)
+
+
+@pytest.fixture(scope="module")
+def learned(film):
+    start = tracker.load_colors("simulation")
+    return adapt(MODEL, [footage_of(film)], start, OPTIONS, name="mine", rounds=3)
+
+
+def test_colors_of_renderings_become_those_of_the_pictures(learned, other_film):
+    start = dataclasses.replace(tracker.load_colors("simulation"), normalise=True)
+    shipped = overlap(other_film, tracker.load_colors("cube_v2"))
+    before, after = overlap(other_film, start), overlap(other_film, learned.colors)
+    assert learned.after.explained > learned.before.explained
+    assert after - before > 0.8 * (shipped - before)
+
+
+def test_the_same_frames_give_the_same_colors(film):
+    start, footage = tracker.load_colors("simulation"), [footage_of(film[:4])]
+    one, two = (adapt(MODEL, footage, start, OPTIONS, name="mine", rounds=1).colors for _ in range(2))
+    assert (one.log_posterior == two.log_posterior).all()
+
+
+def test_another_object_is_refused(film):
+    cuboid = tracker.load_object("cuboid_2x2x8_v2")
+    with pytest.raises(NotBetterError, match="refused"):
+        adapt(cuboid, [footage_of(film)], tracker.load_colors("cube_v2"), OPTIONS, name="mine", rounds=2)
+
+
+def test_the_nearest_shipped_model_explains_most(film):
+    footage = footage_of(film)
+    judged = [dataclasses.replace(footage, held_out=footage.learned)]
+    best = judge(MODEL, judged, nearest(MODEL, [footage])).explained
+    for name in ("cube_v1", "cube_v2", "simulation"):
+        colors = dataclasses.replace(tracker.load_colors(name), normalise=True)
+        assert best >= judge(MODEL, judged, colors).explained
+
+
+def test_colors_that_are_not_shown_stay_as_they_were():
+    rng = np.random.default_rng(3)
+    before = tracker.load_colors("cube_v2")
+    pixels = [
+        {0: rng.integers(90, 130, (4000, 3)), 1: rng.integers((10, 20, 150), (30, 40, 170), (400, 3))}
+        for _ in range(6)
+    ]
+    model = refit(pixels, np.zeros(32**3, dtype=bool), [before], OPTIONS, "mine")
+    old = np.argmax(before.log_posterior, axis=0)
+    new = np.argmax(model.log_posterior, axis=0)
+    for label in range(2, 7):
+        sure = (old == label) & (before.log_posterior[0] < -2)
+        assert (new[sure] == label).mean() > 0.85
+
+
+def test_names_alone_tell_pure_colors():
+    labels = from_names(0).label_table.reshape(64, 64, 64)  # red, green, blue
+    for label, (blue, green, red) in enumerate(
+        [(0, 0, 1), (0, 1, 0), (1, 0, 0), (1, 1, 0), (1, 0, 1), (0, 1, 1)], start=1
+    ):
+        assert labels[50 * red, 50 * green, 50 * blue] == label
+
+
+COLORS = tracker.load_colors("cube_v2")
+
+
+def test_faces_of_the_outline_are_those_of_the_picture(film):
+    inside = total = 0
+    for shot in film:
+        for camera, labels in zip(RIG, shot.labels, strict=True):
+            seen = outline(MODEL, camera, shot.rotation, shot.position)
+            assert not (labels[~seen.around] > 0).any()
+            both = (labels > 0) & (seen.faces > 0)
+            assert (seen.faces[both] == labels[both]).all()
+            inside, total = inside + np.count_nonzero(both), total + np.count_nonzero(labels)
+    assert inside > 0.7 * total
+
+
+def test_an_object_out_of_view_has_no_outline():
+    assert outline(MODEL, RIG[0], np.eye(3), np.array([0.0, 0.0, 5.0])) is None
+
+
+@pytest.fixture(scope="module")
+def lessons(film) -> list[tuple[Lesson, np.ndarray]]:
+    """Lessons, and the true labels of their pixels."""
+    tracked, result = ObjectTracker(MODEL, RIG, COLORS), []
+    for shot in film:
+        fit = tracked.fit(shot.images)
+        assert isinstance(fit, Fit)
+        seen = lesson(MODEL, RIG, tuple(shot.images), fit, COLORS)
+        truth = []
+        for camera, labels in zip(RIG, shot.labels, strict=True):
+            mask = outline(MODEL, camera, fit.rotation, fit.position)
+            truth.append(labels[(mask.faces > 0) | ~mask.around])
+        result.append((seen, np.concatenate(truth)))
+    return result
+
+
+def test_what_hides_a_face_does_not_teach(lessons):
+    owner = owners([one for one, _ in lessons])
+    faces = np.concatenate([one.faces for one, _ in lessons])
+    truth = np.concatenate([labels for _, labels in lessons])
+    kept = owner[np.concatenate([nodes_of(one.levels) for one, _ in lessons])] == faces
+    hidden, shown = (faces > 0) & (truth == 0), (faces > 0) & (truth == faces)
+    assert np.count_nonzero(hidden) > 300
+    assert kept[hidden].mean() < 0.2
+    assert kept[shown].mean() > 0.9
+
+
+def test_a_frame_teaches_the_pixels_that_are_in_their_faces_colors(lessons):
+    taught, owner = consistent([one for one, _ in lessons]), owners([one for one, _ in lessons])
+    for pixels, (one, _) in zip(taught, lessons, strict=True):
+        assert len(pixels[0]) == np.count_nonzero(one.faces == 0)
+        for label in set(pixels) - {0}:
+            assert (owner[nodes_of(pixels[label])] == label).all()
+
+
+def test_a_grey_thing_that_hides_most_of_a_face_does_not_teach_it():
+    rng = np.random.default_rng(5)
+    levels = np.concatenate(
+        [
+            rng.normal([150, 152, 158], 2, (900, 3)),  # on the face
+            rng.normal([84, 89, 52], 3, (300, 3)),  # the face
+            rng.normal([90, 90, 90], 12, (9000, 3)),
+        ]
+    )
+    faces = np.repeat([4, 4, 0], [900, 300, 9000]).astype(np.uint8)
+    one = Lesson(np.rint(levels).astype(np.uint8), faces, faces, faces > 9)
+    kept = consistent([one])[0][4]
+    assert 250 < len(kept) <= 300
+    assert np.allclose(np.median(kept, axis=0), [84, 89, 52], atol=2)
+
+
+@pytest.mark.parametrize(
+    ("lengths", "count", "expected"),
+    [([100], 80, [80]), ([10, 100], 80, [10, 70]), ([100, 100], 80, [40, 40]), ([3, 4, 3], 80, [3, 4, 3])],
+)
+def test_recordings_share_the_frames(lengths, count, expected):
+    assert shares(lengths, count) == expected

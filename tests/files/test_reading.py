@@ -1,0 +1,98 @@
+from __future__ import annotations
+
+import os
+import signal
+from pathlib import Path
+
+import pytest
+
+import tracker
+from tests.helpers import make_camera
+from tracker.calibration.rig import CameraRig
+from tracker.errors import CalibrationError, TrackerError
+from tracker.files import open_regular, read_bounded
+from tracker.files.hdf5 import check_stated_end, open_file
+from tracker.files.stores import LmdbFile
+from tracker.logs.native import NativeSource
+from tracker.poses.file import is_poses_file, read_fingerprint, read_poses
+from tracker.segmentation.labelled import read_image
+
+
+@pytest.fixture(autouse=True)
+def soon():
+    """A read that waits fails after five seconds."""
+
+    def late(*_: object) -> None:
+        raise TimeoutError("a read waits for ever")
+
+    before = signal.signal(signal.SIGALRM, late)
+    signal.alarm(5)
+    yield
+    signal.alarm(0)
+    signal.signal(signal.SIGALRM, before)
+
+
+@pytest.mark.parametrize("read", [open_regular, lambda path: read_bounded(path, 100)])
+def test_what_is_no_regular_file_is_refused_without_waiting(read, tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "link").symlink_to("pipe")
+    for path in (tmp_path / "pipe", tmp_path / "link", Path("/dev/zero")):
+        with pytest.raises(OSError, match="expected a regular file"):
+            read(path)
+    with pytest.raises(IsADirectoryError):
+        read(tmp_path)
+    with pytest.raises(FileNotFoundError):
+        read(tmp_path / "none")
+
+
+def test_files_and_links_to_files_are_read_up_to_their_bound(tmp_path):
+    (tmp_path / "file").write_bytes(b"12345")
+    (tmp_path / "link").symlink_to("file")
+    assert read_bounded(tmp_path / "link", 5) == b"12345"
+    with pytest.raises(OSError, match="more than 4 bytes"):
+        read_bounded(tmp_path / "file", 4)
+
+
+@pytest.mark.parametrize("name", ["camera60.yml", "arena.toml"])
+def test_a_pipe_in_the_place_of_a_calibration_is_an_error(name, tmp_path):
+    CameraRig((make_camera(60),)).save(tmp_path)
+    (tmp_path / name).unlink(missing_ok=True)
+    os.mkfifo(tmp_path / name)
+    with pytest.raises(CalibrationError, match=r"expected a (regular )?file"):
+        CameraRig.load(tmp_path)
+    with pytest.raises(CalibrationError, match="regular file"):
+        CameraRig.load([tmp_path / name, tmp_path / "camera60.yml"])
+
+
+def frames_of(path: Path) -> list[tracker.LogFrame]:
+    with tracker.open_log(path) as log:
+        return list(log)
+
+
+@pytest.mark.parametrize(
+    ("name", "read"),
+    [
+        ("camera_data.dat", frames_of),
+        ("camera_data.dat", lambda path: NativeSource(path, recover=True)),
+        ("camera_data.h5", check_stated_end),
+        ("camera60.mp4", lambda path: frames_of(path.parent)),
+        ("camera60.png", lambda path: frames_of(path.parent)),
+        ("data.mdb", LmdbFile),
+        ("poses.h5", read_poses),
+        ("object.toml", tracker.load_object),
+        ("colors.npz", tracker.load_colors),
+        ("image.png", read_image),
+    ],
+)
+def test_a_pipe_in_the_place_of_any_file_is_an_error(name, read, tmp_path):
+    os.mkfifo(tmp_path / name)
+    with pytest.raises(TrackerError, match=rf"{name}: .*(regular file|expected a file|no such file)"):
+        read(tmp_path / name)
+
+
+def test_a_pipe_is_no_file_of_poses(tmp_path):
+    os.mkfifo(tmp_path / "poses.h5")
+    assert not is_poses_file(tmp_path / "poses.h5")
+    assert read_fingerprint(tmp_path / "poses.h5") == ""
+    with pytest.raises(OSError, match="regular file"):
+        open_file(tmp_path / "poses.h5")

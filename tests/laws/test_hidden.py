@@ -1,0 +1,119 @@
+"""Pixels known to show a finger: their colours count neither for nor against a pose."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import tracker
+from synthetic.camera.rigs import default_cameras
+from synthetic.camera.sensor import Sensor
+from tests.helpers.kept_stills import take
+from tests.helpers.stills import bare_scene
+from tracker.errors import ImageError
+
+MODEL = tracker.load_object("cube_v2")
+RIG = tracker.CameraRig(default_cameras(270))
+TRACKER = tracker.ObjectTracker(MODEL, RIG)
+SHAPE = (270, 270)
+
+
+@pytest.fixture(scope="module")
+def truth():
+    rng = np.random.default_rng(31)
+    return take(bare_scene(MODEL, rng), RIG.cameras, Sensor.realistic(), rng)
+
+
+def bits(pose):
+    return [pose.position.tobytes(), pose.orientation.tobytes(), pose.covariance.tobytes(), pose.confidence]
+
+
+@pytest.mark.parametrize("hidden", [[None] * 3, [np.zeros(SHAPE, bool)] * 3, dict.fromkeys(RIG.names)])
+def test_masks_of_nothing_change_no_bit(truth, hidden):
+    assert bits(TRACKER.detect(truth.images, hidden).object_pose) == bits(
+        TRACKER.detect(truth.images).object_pose
+    )
+    seen = []
+    for masks in (None, hidden):
+        TRACKER.reset()
+        answers = [TRACKER.update(truth.images, 0.1 * k, masks) for k in range(3)]
+        seen.append(bits(answers[-1].filtered_object_pose))
+    assert seen[0] == seen[1]
+
+
+def painted(truth):
+    """A finger in a face's colour before half of the object in each camera, and where it is."""
+    images, masks = [], []
+    for image, labels in zip(truth.images, truth.labels, strict=True):
+        rows, columns = np.nonzero(labels)
+        mask = np.zeros(SHAPE, bool)
+        mask[:, : int(np.median(columns)) + 1] = True
+        mask &= np.abs(np.arange(270)[:, None] - np.median(rows)) < 12
+        shown = image.copy()
+        shown[mask] = image[labels == labels[labels > 0][0]].mean(axis=0)
+        images.append(shown)
+        masks.append(mask)
+    return images, masks
+
+
+def counted(truth, images, hidden):
+    """What the label maps show of the true pose."""
+    search = TRACKER._estimator.search
+    sight = search.reader.labelled(images, search.reader.lit(images), hidden=hidden)
+    return search.counted(sight, truth.rotation, truth.position)
+
+
+def test_colours_of_hidden_pixels_do_not_count_against(truth):
+    images, masks = painted(truth)
+    without, known, clean = (
+        counted(truth, i, m) for i, m in ((images, None), (images, masks), (truth.images, None))
+    )
+    for seen in (known, clean):
+        against = (seen["wrong"] + seen["extra"] + seen["elsewhere"]).sum()
+        assert against < 0.2 * (without["wrong"] + without["extra"] + without["elsewhere"]).sum()
+    pose = TRACKER.detect(images, masks).object_pose
+    assert np.linalg.norm(pose.position - truth.position) < 1e-3
+
+
+def test_hidden_pixels_are_left_out_of_the_counts(truth):
+    masks = [np.zeros(SHAPE, bool) for _ in RIG]
+    for mask, labels in zip(masks, truth.labels, strict=True):
+        mask[: int(np.nonzero(labels)[0].mean())] = True
+    all_seen, half_seen = (counted(truth, truth.images, one) for one in (None, masks))
+    for name in ("predicted", "agree", "missing"):
+        assert (half_seen[name] <= all_seen[name]).all()
+    share = half_seen["predicted"] / all_seen["predicted"]
+    assert ((share > 0.2) & (share < 0.8)).all()
+    assert (half_seen["agree"] > 0.85 * half_seen["predicted"]).all()
+    assert (half_seen["missing"] + half_seen["wrong"] + half_seen["agree"] == half_seen["predicted"]).all()
+
+
+def test_what_is_hidden_altogether_is_not_found(truth):
+    answer = TRACKER.detect(truth.images, [np.ones(SHAPE, bool)] * 3)
+    assert answer.object_pose is None
+    assert answer.status == "no_object_colors"
+    one = TRACKER.detect(truth.images, [None, np.ones(SHAPE, bool), None])
+    pair = TRACKER.detect([truth.images[0], None, truth.images[2]])
+    assert np.linalg.norm(one.object_pose.position - pair.object_pose.position) < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("hidden", "says"),
+    [
+        (np.zeros(SHAPE, bool), "hidden: found 270, expected a mask"),
+        ([None, None], "hidden: found 2, expected a mask .* camera60, camera180, camera300"),
+        (
+            [None, None, np.zeros(SHAPE, np.uint8)],
+            r"hidden of camera300: found uint8 of shape .*, expected bool",
+        ),
+        ([np.zeros((270, 540), bool), None, None], r"camera60: found bool of shape \(270, 540\)"),
+        ([None, "mask.png", None], "hidden of camera180: found 'mask.png'"),
+        ({"camera60": None}, "hidden by camera: missing camera180, camera300"),
+        (True, "hidden: found True"),
+    ],
+)
+def test_what_are_no_masks_is_named(truth, hidden, says):
+    for call in (TRACKER.detect, lambda images, hidden: TRACKER.update(images, 0.0, hidden)):
+        TRACKER.reset()
+        with pytest.raises(ImageError, match=says):
+            call(truth.images, hidden)

@@ -1,0 +1,107 @@
+"""Pictures given to the wrong cameras are told from pictures that are wrong."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import shutil
+
+import cv2
+import numpy as np
+import pytest
+
+import tracker
+from synthetic.camera.sensor import Sensor
+from tests.helpers import ROOT, look_at
+from tests.helpers.stills import bare_scene, take
+from tracker.recordings.recipe import Job, Options, Recipe
+from tracker.recordings.track import run
+from tracker.summaries.row import row
+from tracker.summaries.swapped import lastingly_swapped, mistaken, swapped, told
+
+DEMO = ROOT / "tracker" / "demo"
+STRAIGHT = (0, 1, 2)
+NAMES = ("camera60", "camera180", "camera300")
+
+
+@pytest.fixture(scope="module")
+def demo():
+    """A tracker, and four sets of pictures that come with the package."""
+    with tracker.open_log(DEMO) as log:
+        return tracker.ObjectTracker(tracker.load_object("cube_v2"), log.rig), [
+            list(log[k].images) for k in (0, 5, 11, 17)
+        ]
+
+
+@pytest.mark.parametrize("order", [order for order in itertools.permutations(STRAIGHT) if order != STRAIGHT])
+def test_the_order_that_fits_is_found(demo, order):
+    one, sets = demo
+    given = [[images[k] for k in order] for images in sets]
+    found = swapped(one, given[0])
+    assert found is not None
+    assert [order[k] for k in found] == list(STRAIGHT)
+    assert lastingly_swapped(one, given) == found
+
+
+def test_nothing_is_said_of_pictures_that_fit_or_that_are_wrong(demo):
+    one, sets = demo
+    assert lastingly_swapped(one, sets) is None
+    for images, other in itertools.pairwise(sets):
+        mirrored = [images[0], np.ascontiguousarray(images[1][:, ::-1]), images[2]]
+        empty = [cv2.GaussianBlur(image, (0, 0), 40) for image in images]
+        for wrong in (images, mirrored, empty, [images[0], None, None], [images[0], images[1], other[2]]):
+            assert swapped(one, wrong) is None
+
+
+def test_other_channels_and_other_objects_are_named(demo):
+    one, sets = demo
+    other = tracker.ObjectTracker(tracker.load_object("cube_v1"), one.rig)
+    for images in sets:
+        assert mistaken(one, images, one.detect(images)) is None
+        turned = [np.ascontiguousarray(image[..., ::-1]) for image in images]
+        answer = one.detect(turned)
+        assert answer.object_pose is None or answer.object_pose.confidence < 0.5
+        assert "swapped" in mistaken(one, turned, answer)
+        answer = other.detect(images)
+        assert answer.object_pose is None or answer.object_pose.confidence < 0.5
+        assert "cube_v2" in mistaken(other, images, answer)
+
+
+def test_a_rig_that_looks_the_same_from_each_camera_cannot_tell(rig):
+    cameras = tuple(
+        dataclasses.replace(
+            rig[0], name=name, camera_from_world=look_at(np.array([0.4 * np.cos(a), 0.4 * np.sin(a), 0.4]))
+        )
+        for name, a in zip(NAMES, np.radians([60.0, 180.0, 300.0]), strict=True)
+    )
+    even, model = tracker.CameraRig(cameras), tracker.load_object("cube_v2")
+    rng = np.random.default_rng(3)
+    images = take(bare_scene(model, rng), cameras, Sensor.realistic(), rng).images
+    one = tracker.ObjectTracker(model, even)
+    for order in ((1, 2, 0), (1, 0, 2)):
+        assert swapped(one, [images[k] for k in order]) is None
+
+
+def test_a_recording_is_told_of_in_its_line_if_little_came_of_it(tmp_path):
+    for order, said in (
+        ((1, 0, 2), "the images of camera60 and camera180 look swapped"),
+        (STRAIGHT, None),
+    ):
+        log = tmp_path / "".join(map(str, order))
+        shutil.copytree(DEMO, log)
+        for folder in log.glob("0*"):
+            for k, name in zip(order, NAMES, strict=True):
+                shutil.copy(DEMO / folder.name / f"{NAMES[k]}.jpg", folder / f"{name}.jpg")
+        job = Job(log, tmp_path / "poses.h5", Recipe.of(Options("cube_v2", stop=8)))
+        tracked = run(job)
+        assert row(job, tracked)["swapped"] == said
+        shutil.rmtree(log)
+        assert row(job, tracked)["swapped"] is None
+
+
+def test_what_is_said_names_the_cameras():
+    assert told((1, 0, 2), NAMES) == "the images of camera60 and camera180 look swapped"
+    assert told((2, 0, 1), NAMES) == (
+        "the images of camera60, camera180 and camera300 look swapped: camera300's fits as that of camera60, "
+        "camera60's fits as that of camera180, camera180's fits as that of camera300"
+    )

@@ -1,0 +1,202 @@
+"""Jobs of HTCondor and Slurm: each does a share of the recordings that are missing.
+
+Descriptions are submitted in their own folder and name what is in it by plain names, so that no path of the
+user's has to be quoted for a shell or a scheduler, but that of Python.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import json
+import os
+import shlex
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from tracker.batch.run import MAX_LIST, Batch, is_whole, pairs_of
+from tracker.batch.task import Task, agreed, make_result
+from tracker.batch.workers import ONE_THREAD, alone, here
+from tracker.errors import LogError, TrackerError
+from tracker.files import read_bounded, write_whole
+from tracker.recordings.recipe import Options, Recipe
+
+Scheduler = Literal["htcondor", "slurm"]
+
+FOLDER = ".jobs"
+"""In the folder of results: lists of recordings, descriptions and logs of jobs."""
+
+RECORDINGS_A_JOB = 10
+"""So many, that loading costs little; …"""
+
+MOST_JOBS = 1000
+"""… and more where there would be more jobs than this: what Slurm takes at once unless told otherwise."""
+
+_THREADS = " ".join(f"{name}={value}" for name, value in ONE_THREAD.items())
+
+_PROGRAM = "import sys; sys.path[:] = filter(None, sys.path); from tracker.cli import main; main()"
+"""The command without the present folder, in which others may have put files, among Python's modules."""
+
+_HTCONDOR = f"""\
+# Recordings that are missing, several a job. Made by `tracker batch run --htcondor`; to be submitted here.
+executable = {{python}}
+arguments = "-c '{_PROGRAM}' batch share {{name}}.json $(number)"
+environment = "{_THREADS}"
+getenv = NUMBA_CACHE_DIR
+transfer_executable = false
+should_transfer_files = no
+log = logs/{{name}}.log
+output = logs/{{name}}-$(number).out
+error = logs/{{name}}-$(number).err
+request_cpus = 1
+request_memory = 1500
+# Jobs that wait in the queue or run at once.
+max_materialize = 200
+# A job is begun again where its machine failed. 2: a recording could not be done, which that would not mend.
+max_retries = 3
+retry_until = ExitCode == 0 || ExitCode == 2
+queue number from (
+{{numbers}}
+)
+"""
+
+_SLURM = f"""\
+#!/bin/sh
+# Recordings that are missing, several a job. Made by `tracker batch run --slurm`; to be submitted here.
+#SBATCH --job-name=tracker
+#SBATCH --array=0-{{last}}
+#SBATCH --ntasks=1
+#SBATCH --cpus-per-task=1
+#SBATCH --mem=1500M
+#SBATCH --requeue
+#SBATCH --output=/dev/null
+# Slurm would take a % in the path of this folder for a pattern.
+exec >>"logs/{{name}}-$SLURM_ARRAY_TASK_ID.out" 2>&1
+export {_THREADS}
+list=$PWD/{{name}}.json
+cd / || exit 1  # Python looks for modules in the present folder, in which others may have put files
+{{python}} -m tracker batch share "$list" "$SLURM_ARRAY_TASK_ID"
+code=$?
+# 2: a recording could not be done, which another attempt would not mend.
+if [ $code -ne 0 ] && [ $code -ne 2 ] && [ "${{{{SLURM_RESTART_COUNT:-0}}}}" -lt 3 ]; then
+    scontrol requeue "${{{{SLURM_ARRAY_JOB_ID}}}}_$SLURM_ARRAY_TASK_ID"
+fi
+exit $code
+"""
+
+
+@dataclass(frozen=True)
+class Description:
+    """What is submitted."""
+
+    scheduler: Scheduler
+    path: Path
+    """Where it is written."""
+    text: str
+    """Its content."""
+    list_text: str
+    """Content of the list of recordings beside it."""
+
+    @property
+    def list_path(self) -> Path:
+        """The list of recordings."""
+        return self.path.with_suffix(".json")
+
+    def write(self) -> None:
+        """Write both, and make the folder that jobs write to.
+
+        Raises:
+            OSError: they cannot be written.
+        """
+        (self.path.parent / "logs").mkdir(parents=True, exist_ok=True)
+        write_whole(self.list_path, self.list_text)
+        write_whole(self.path, self.text)
+
+    def submit(self) -> str:
+        """Submit it; what the scheduler says.
+
+        Jobs take compiled kernels from where this process does: beside the sources, or the user's own folder
+        NUMBA_CACHE_DIR. The folder of results, which others may write, holds nothing that is executed.
+
+        Raises:
+            TrackerError: its command is missing, or refuses.
+        """
+        command = {"htcondor": "condor_submit", "slurm": "sbatch"}[self.scheduler]
+        environment = dict(os.environ)
+        if "NUMBA_CACHE_DIR" in environment:
+            environment["NUMBA_CACHE_DIR"] = os.path.abspath(environment["NUMBA_CACHE_DIR"])
+        try:
+            done = subprocess.run(
+                [command, self.path.name],
+                cwd=self.path.parent,
+                env=environment,
+                capture_output=True,
+                text=True,
+                check=False,
+            )
+        except OSError as error:
+            raise TrackerError(
+                f"{command}: cannot be run: {error.strerror}; {self.path} is what it would be given"
+            ) from error
+        if done.returncode:
+            raise TrackerError(f"{command} {self.path}: {done.stderr.strip() or done.stdout.strip()}")
+        return done.stdout.strip()
+
+
+def describe(batch: Batch, tasks: Sequence[Task], scheduler: Scheduler) -> Description:
+    """The description of jobs for some recordings, at least one.
+
+    Raises:
+        TrackerError: the path of Python has a line break, which descriptions cannot have.
+    """
+    if not sys.executable.isprintable():
+        raise TrackerError(f"{sys.executable!r}: found a line break or the like, expected a path without")
+    each = max(RECORDINGS_A_JOB, -(-len(tasks) // MOST_JOBS))
+    content: dict[str, Any] = {
+        "options": batch.options.plain(),
+        "agreed": tasks[0].agreed,
+        "each": each,
+        "recordings": [[task.log, os.path.relpath(task.output, batch.folder)] for task in tasks],
+    }
+    list_text = json.dumps(content, indent=0) + "\n"
+    name = hashlib.sha256(list_text.encode()).hexdigest()[:12]
+    path = Path(os.path.abspath(batch.folder)) / FOLDER / name
+    count = -(-len(tasks) // each)
+    if scheduler == "slurm":
+        text = _SLURM.format(name=name, last=count - 1, python=shlex.quote(sys.executable))
+        return Description(scheduler, path.with_suffix(".sh"), text, list_text)
+    numbers = "\n".join(f"    {number}" for number in range(count))
+    python = sys.executable.replace("$", "$(DOLLAR)")
+    text = _HTCONDOR.format(name=name, numbers=numbers, python=python)
+    return Description(scheduler, path.with_suffix(".sub"), text, list_text)
+
+
+def do_share(list_path: Path, number: int) -> int:
+    """Do one job's share of a list, but for what is done; the number of recordings that could not be done.
+
+    Raises:
+        LogError: the list cannot be read, or there is no such job.
+        TrackerError: an object, colours or a calibration is unknown or malformed.
+    """
+    try:
+        content = json.loads(read_bounded(list_path, MAX_LIST))
+        options, mark = Options.of_plain(content["options"]), str(content["agreed"])
+        each, pairs = int(content["each"]), pairs_of(content)
+    except OSError as error:
+        raise LogError(f"{list_path}: cannot be read: {error.strerror}") from error
+    except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
+        raise LogError(f"{list_path}: found no list of recordings: {error}") from error
+    share = pairs[number * each : (number + 1) * each]
+    if number < 0 or not share:
+        raise LogError(f"{list_path}: found {-(-len(pairs) // each)} jobs, expected {number} below")
+    recipe = Recipe.of(options)
+    if agreed(recipe) != mark:
+        raise TrackerError(f"{list_path}: found a list of another version or other files, submit it again")
+    tasks = Batch(list_path.absolute().parent.parent, options, share).tasks(mark)
+    missing = [task for task in tasks if not is_whole(task, recipe)]
+    results = [result for _, result in here(functools.partial(alone, make_result), missing)]
+    return sum(isinstance(result, Exception) or result["failure"] is not None for result in results)

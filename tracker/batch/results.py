@@ -1,0 +1,136 @@
+"""What of a batch is done: a small file beside each file of poses.
+
+    a/b.dat.poses.h5       the poses
+    a/b.dat.summary.json   the line about them, and what they were made from
+    a/b.dat.failed.json    instead of these: why there are none
+
+The folder has those of all of them: what was asked for, the table, and what failed.
+
+The small files are all that a batch remembers, so that any number of processes on any machines can add to
+it. They hold no times and no names of machines: the same recordings give the same bytes.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from tracker.errors import LogError
+from tracker.files import read_bounded
+from tracker.recordings.recipe import Job
+from tracker.summaries.rewards import goal_file
+from tracker.summaries.row import COLUMNS
+
+SUFFIX = ".poses.h5"
+"""What the file of poses is called after its recording's name."""
+
+_LINE, _REASON = ".summary.json", ".failed.json"
+
+ASKED, TABLE, FAILURES = "batch.json", "summary", "failures.json"
+"""In the folder of results: what was asked for, the table without its suffix, and what failed."""
+
+OF_ALL = (ASKED, f"{TABLE}.parquet", f"{TABLE}.csv", FAILURES)
+"""What is written in the folder itself."""
+
+MAX_FILE_SIZE = 100_000
+"""Largest file [bytes] that is read; they have 2 kB."""
+
+
+def output_of(log: Path, folder: Path) -> Path:
+    """The file of poses of a recording in a folder: `folder/a/b.dat.poses.h5` of `a/b.dat`.
+
+    It depends on this recording alone, so that more of them can be added later. Relative paths are mirrored
+    as they are given, others from the file system's root on.
+    """
+    path = Path(os.path.normpath(log))
+    if path.is_absolute() or ".." in path.parts or not path.parts:
+        path = Path(os.path.abspath(log))
+        path = path.relative_to(path.anchor)
+    return folder / path.parent / f"{path.name}{SUFFIX}"
+
+
+def outputs_of(logs: Sequence[Path], folder: Path) -> list[Path]:
+    """The file of poses of each recording.
+
+    Raises:
+        LogError: a recording is given twice, or two would have the same file.
+    """
+    given: dict[str, Path] = {}
+    outputs: dict[Path, Path] = {}
+    for log in logs:
+        other = given.setdefault(os.path.abspath(log), log)
+        if other is not log:
+            raise LogError(f"{log}: found {other} too, expected each recording once")
+        other = outputs.setdefault(output_of(log, folder), log)
+        if other is not log:
+            raise LogError(
+                f"{log}: found {other} too, whose result has this name: give both as absolute paths"
+            )
+    return list(outputs)
+
+
+def summary_file(output: Path) -> Path:
+    """Where the line about a file of poses is."""
+    return output.with_name(output.name.removesuffix(SUFFIX) + _LINE)
+
+
+def failure_file(output: Path) -> Path:
+    """Where the reason is why there is no file of poses."""
+    return output.with_name(output.name.removesuffix(SUFFIX) + _REASON)
+
+
+def is_result(path: Path, folder: Path) -> bool:
+    """Whether this is a file that batches write to their folder of results, or a folder of nothing else.
+
+    Raises:
+        OSError: a folder cannot be read.
+    """
+    if path.is_dir() and not path.is_symlink():
+        inside = [entry for entry in path.iterdir() if not entry.name.startswith(".")]
+        return bool(inside) and all(is_result(entry, folder) for entry in inside)
+    return path.name.endswith((SUFFIX, _LINE, _REASON)) or (path.parent == folder and path.name in OF_ALL)
+
+
+def read_line(output: Path) -> dict[str, Any] | None:
+    """The line about a file of poses, which is there as it was when that was written; None: it is not."""
+    path = summary_file(output)
+    line = _read(path)
+    if line is None or not COLUMNS.keys() <= line.keys():
+        return None
+    try:
+        poses, about = output.stat(), path.stat()
+    except OSError:
+        return None
+    same = poses.st_size == line.get("bytes") and poses.st_mtime_ns <= about.st_mtime_ns
+    return line if same else None
+
+
+def read_failure(output: Path) -> str | None:
+    """Why there are no poses, as far as that is known."""
+    content = _read(failure_file(output))
+    return None if content is None else str(content.get("reason"))
+
+
+def is_done(job: Job, mark: str) -> bool:
+    """Whether a recording's result is there, of this fingerprint; the poses are not opened for that."""
+    line = read_line(job.output)
+    return line is not None and line.get("fingerprint") == mark and not _goal_is_newer(job)
+
+
+def _goal_is_newer(job: Job) -> bool:
+    try:
+        goal = goal_file(job.log).stat()
+    except OSError:
+        return False
+    return goal.st_mtime_ns > summary_file(job.output).stat().st_mtime_ns
+
+
+def _read(path: Path) -> dict[str, Any] | None:
+    try:
+        content = json.loads(read_bounded(path, MAX_FILE_SIZE))
+    except (OSError, ValueError, RecursionError):
+        return None
+    return content if isinstance(content, dict) else None

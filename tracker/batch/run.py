@@ -1,0 +1,247 @@
+"""Many recordings: which of them are done, and doing the others."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import json
+import os
+import re
+import shutil
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tracker.batch.patterns import recordings_of
+from tracker.batch.results import ASKED, OF_ALL, SUFFIX, failure_file, is_done, outputs_of, summary_file
+from tracker.batch.task import Task, agreed, keep_failure, make_result
+from tracker.batch.workers import Engine
+from tracker.errors import LogError, reason
+from tracker.files import claimed, lock_of, read_bounded, write_whole
+from tracker.recordings.fingerprint import fingerprint
+from tracker.recordings.recipe import Job, Options, Recipe
+
+MAX_LIST = 1 << 28
+"""Largest list of recordings [bytes]."""
+
+_LEFT = re.compile(r"(\..+?)\.(?:[a-z0-9_]{8}\.tmp|lock)", re.DOTALL)
+"""What `tracker.files` calls files while they are written: temporary folders and locks."""
+
+Told = Callable[[dict[str, Any] | None], None]
+"""Told of each recording that is finished what `make_result` returns; None: it was done before."""
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Recordings, what is looked for in them, and the folder of the results."""
+
+    folder: Path
+    """Of the results."""
+    options: Options
+    """What is looked for and how."""
+    pairs: tuple[tuple[str, str], ...]
+    """Of each recording its path and that of its file of poses, which is relative to the folder."""
+
+    @classmethod
+    def of(cls, recordings: Sequence[str], folder: Path, options: Options) -> Batch:
+        """A batch of paths, and of patterns such as `episodes/*`.
+
+        Raises:
+            LogError: a recording is given twice, or a pattern fits nothing.
+        """
+        logs = recordings_of(recordings, folder)
+        outputs = outputs_of(logs, Path())
+        pairs = ((os.path.abspath(log), str(output)) for log, output in zip(logs, outputs, strict=True))
+        return cls(folder, options.absolute(), tuple(pairs))
+
+    def tasks(self, mark: str) -> list[Task]:
+        """One for each recording; mark: see `Task.agreed`."""
+        root = os.path.abspath(self.folder)
+        return [Task(log, os.path.join(root, output), self.options, mark) for log, output in self.pairs]
+
+
+def write_batch(batch: Batch) -> None:
+    """Keep what was asked for; folders are made.
+
+    Raises:
+        OSError: the folder cannot be written.
+    """
+    batch.folder.mkdir(parents=True, exist_ok=True)
+    content = {"options": batch.options.plain(), "recordings": batch.pairs}
+    write_whole(batch.folder / ASKED, json.dumps(content, indent=0) + "\n")
+
+
+def read_batch(folder: Path) -> Batch:
+    """What was asked for.
+
+    Raises:
+        LogError: there is no such file in the folder, or it is malformed.
+    """
+    path = folder / ASKED
+    try:
+        content = json.loads(read_bounded(path, MAX_LIST))
+        return Batch(folder, Options.of_plain(content["options"]), pairs_of(content))
+    except OSError as error:
+        raise LogError(f"{path}: cannot be read, expected a folder of results: {error.strerror}") from error
+    except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
+        raise LogError(f"{path}: found no batch: {' '.join(str(error).split())}") from error
+
+
+def pairs_of(content: dict[str, Any]) -> tuple[tuple[str, str], ...]:
+    """The recordings in what a file says, see `Batch.pairs`; others may have written it.
+
+    Raises:
+        ValueError, TypeError, LookupError: it says something else, or a result is not below the folder.
+    """
+    pairs = tuple((str(log), str(output)) for log, output in content["recordings"])
+    for _, output in pairs:
+        if os.path.isabs(output) or os.pardir in Path(output).parts or not output.endswith(SUFFIX):
+            raise ValueError(f"found {output!r:.80} for a result, expected a path below the folder")
+    return pairs
+
+
+@contextlib.contextmanager
+def only_run(batch: Batch) -> Iterator[None]:
+    """Nobody else hands out recordings of this folder of results until the `with` block ends.
+
+    What killed runs and workers have left is removed.
+
+    Raises:
+        BlockingIOError: another run is at work.
+        OSError: the folder cannot be written.
+    """
+    batch.folder.mkdir(parents=True, exist_ok=True)
+    with claimed(batch.folder / ASKED):
+        _remove_leftovers(batch)
+        try:
+            yield
+        finally:
+            _remove_leftovers(batch)
+
+
+def run_batch(batch: Batch, begin: Callable[[], AbstractContextManager[Engine]], told: Told) -> int:
+    """Do what is missing; the number of recordings that could not be done.
+
+    Args:
+        batch: what is wanted.
+        begin: makes the engine, if there is anything to do.
+        told: is told of each recording.
+
+    Raises:
+        TrackerError: an object, colours or a calibration that all recordings need is unknown or malformed.
+    """
+    recipe = Recipe.of(batch.options)
+    failed = 0
+    missing = unfinished(batch.tasks(agreed(recipe)), recipe, lambda: told(None))
+    first = next(missing, None)
+    if first is None:
+        return 0
+    with begin() as engine:
+        for task, result in engine(make_result, itertools.chain([first], missing)):
+            if isinstance(result, Exception):  # its worker is gone, and could not say so
+                keep_failure(task, reason(result))
+                result = {"recording": task.log, "frames": 0, "seconds": 0.0, "failure": reason(result)}
+            failed += result["failure"] is not None
+            told(result)
+    return failed
+
+
+def unfinished(tasks: Sequence[Task], recipe: Recipe, done: Callable[[], None]) -> Iterator[Task]:
+    """The tasks without a result that is whole and of the same; `done` is called for each of the others.
+
+    Those without any come first: nobody waits until ten thousand others have been looked at.
+    """
+    some = []
+    for task in tasks:
+        if os.path.exists(summary_file(Path(task.output))):  # unlike Path's, of names too long, too
+            some.append(task)
+        else:
+            yield task
+    for task in some:
+        if is_whole(task, recipe):
+            done()
+        else:
+            yield task
+
+
+def is_whole(task: Task, recipe: Recipe) -> bool:
+    """Whether a recording's result is there, and of the same."""
+    job = Job(Path(task.log), Path(task.output), recipe)
+    try:
+        return is_done(job, fingerprint(job))
+    except OSError:
+        return False
+
+
+def _remove_leftovers(batch: Batch) -> None:
+    """Remove what killed runs were writing of this batch; what others are still writing stays.
+
+    Whoever gives `.` for the folder of results has files of his own in it, which may be hidden, too: only
+    names that follow from those of the batch's own files are looked at.
+    """
+    own = {lock_of(batch.folder / name): batch.folder / name for name in OF_ALL}
+    for _, output in batch.pairs:
+        path = batch.folder / output
+        own |= {lock_of(one): one for one in (path, summary_file(path), failure_file(path))}
+    for folder in {lock.parent for lock in own}:
+        with contextlib.suppress(OSError), os.scandir(folder) as entries:
+            for entry in list(entries):
+                found = _LEFT.fullmatch(entry.name)
+                target = own.get(folder / f"{found[1]}.lock") if found else None
+                if target is not None:
+                    mine = target.name == ASKED  # which this run has claimed
+                    with contextlib.suppress(OSError), contextlib.nullcontext() if mine else claimed(target):
+                        shutil.rmtree(entry.path, ignore_errors=True)
+
+
+@dataclass
+class Pace:
+    """How quickly recordings are done, and how long the others will take."""
+
+    total: int
+    """Recordings in all."""
+    done: int = 0
+    """Those that are finished, whoever did it."""
+    tracked: int = 0
+    """Those that this run has finished, …"""
+    frames: int = 0
+    """… and their frames."""
+    failed: int = 0
+    """Those that could not be done."""
+    began: float = 0.0
+    """When this run began [s], …"""
+    now: float = 0.0
+    """… and when it was last told of a recording."""
+
+    def tell(self, result: dict[str, Any] | None, now: float) -> None:
+        """Count a recording, see Told, at a time [s]."""
+        self.done += 1
+        if result is not None:
+            self.tracked += 1
+            self.frames += result["frames"]
+            self.failed += result["failure"] is not None
+        self.now = now
+
+    def __str__(self) -> str:
+        seconds = self.now - self.began
+        if not self.tracked or seconds <= 0:
+            return f"{self.done} of {self.total} done"
+        left = (self.total - self.done) * seconds / self.tracked
+        text = (
+            f"{self.done} of {self.total} done, {self.frames / seconds:.0f} frames/s, {duration(left)} left"
+        )
+        return f"{text}, {self.failed} failed" if self.failed else text
+
+
+def duration(seconds: float) -> str:
+    """`3 min 20 s`: the two largest units."""
+    units = (("d", 86400), ("h", 3600), ("min", 60), ("s", 1))
+    rest = round(seconds)
+    parts: list[str] = []
+    for name, size in units:
+        count, rest = divmod(rest, size)
+        if count or (name == "s" and not parts):
+            parts.append(f"{count} {name}")
+    return " ".join(parts[:2])

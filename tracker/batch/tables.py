@@ -1,0 +1,145 @@
+"""The table over all recordings of a batch, and what failed."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+import shlex
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from tracker.batch.results import (
+    FAILURES,
+    TABLE,
+    failure_file,
+    read_failure,
+    read_line,
+    summary_file,
+)
+from tracker.batch.run import Batch
+from tracker.errors import LogError, reason
+from tracker.files import lock_of, whole_file, write_whole
+from tracker.recordings.track import unicode_text
+from tracker.summaries.row import COLUMNS
+
+
+@dataclass(frozen=True)
+class State:
+    """How far a batch is."""
+
+    total: int
+    """Recordings that were asked for."""
+    lines: tuple[dict[str, Any], ...]
+    """About those that are done, in their order; whether they are of the same options is not looked at."""
+    failures: dict[str, str]
+    """Why others could not be done, by recording."""
+    running: int
+    """Files of poses that are being made right now, as far as can be seen."""
+    rate: float | None
+    """Recordings finished a second, over the last ten minutes of work [1/s]; None: unknown."""
+
+    @property
+    def missing(self) -> int:
+        """Recordings that are neither done nor have failed."""
+        return self.total - len(self.lines) - len(self.failures)
+
+
+RECENT = 600.0
+"""Time over which the pace is taken [s]."""
+
+
+def state(batch: Batch, told: Mapping[str, str] | None = None) -> State:
+    """What the folder of results says of a batch, whoever works on it.
+
+    Args:
+        batch: what is wanted.
+        told: reasons, by recording, of which there may be no file: of those that have failed just now.
+    """
+    lines, failures, stamps, running = [], {}, [], 0
+    for log, relative in batch.pairs:
+        output = batch.folder / relative
+        line = read_line(output)
+        running += os.path.exists(lock_of(output))
+        if line is not None:
+            lines.append({**line, "output": unicode_text(relative)})
+            stamps.append(summary_file(output).stat().st_mtime)
+        elif os.path.exists(failure_file(output)):  # unlike Path's, of names too long, too
+            failures[log] = read_failure(output) or "unknown"
+        elif told is not None and log in told:
+            failures[log] = told[log]
+    return State(len(batch.pairs), tuple(lines), failures, running, _rate(stamps))
+
+
+def _rate(stamps: list[float]) -> float | None:
+    recent = sorted(stamp for stamp in stamps if stamp > max(stamps) - RECENT)
+    if len(recent) < 2 or recent[-1] <= recent[0]:
+        return None
+    return (len(recent) - 1) / (recent[-1] - recent[0])
+
+
+def write_tables(batch: Batch, found: State, *, as_csv: bool) -> list[Path]:
+    """Write `summary.parquet` or `summary.csv`, and `failures.json`; what is of another time goes.
+
+    Without the package pyarrow the table is CSV.
+
+    Raises:
+        LogError: a file cannot be written; the others are. It says what is done, and what to do.
+    """
+    rows = [{name: line[name] for name in COLUMNS} for line in found.lines]
+    why = [{"recording": log, "reason": why} for log, why in found.failures.items()]
+    writers: dict[str, Callable[[Path], object]] = {}
+    if find_spec("pyarrow") is not None:
+        writers[f"{TABLE}.parquet"] = lambda path: write_parquet(path, rows)
+    if as_csv or not writers:
+        writers[f"{TABLE}.csv"] = lambda path: write_whole(path, _csv(rows))
+    writers[FAILURES] = lambda path: (
+        write_whole(path, json.dumps(why, indent=1) + "\n") if why else path.unlink(missing_ok=True)
+    )
+    refused = {}
+    for name, write in writers.items():
+        try:
+            write(batch.folder / name)
+        except OSError as error:
+            refused[name] = os.strerror(error.errno) if error.errno else reason(error)
+    if refused:
+        raise LogError(_told_of_refused(batch.folder, refused, found, as_csv=as_csv))
+    return [path for name in writers if (path := batch.folder / name).exists()]
+
+
+def _told_of_refused(folder: Path, refused: dict[str, str], found: State, *, as_csv: bool) -> str:
+    old = " (what is there is older)" if any((folder / name).exists() for name in refused) else ""
+    names = ", ".join(str(folder / name) for name in refused)
+    command = f"`tracker batch status {shlex.quote(str(folder))} --write{' --csv' * as_csv}`"
+    return (
+        f"{names}: cannot be written{old}: {'; '.join(dict.fromkeys(refused.values()))}. The results of "
+        f"{len(found.lines)} of {found.total} recordings are whole; when it can be, {command} writes this, "
+        "and the same `tracker batch run` again does what is missing"
+    )
+
+
+def write_parquet(path: Path, rows: Iterable[dict[str, Any]]) -> None:
+    """Write lines under COLUMNS as a Parquet file, whole or not at all.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    kinds = {str: pa.string(), int: pa.int64(), float: pa.float64()}
+    schema = pa.schema([(name, kinds[kind]) for name, kind in COLUMNS.items()])
+    with whole_file(path) as temporary:
+        pq.write_table(pa.Table.from_pylist(list(rows), schema=schema), temporary, compression="zstd")
+
+
+def _csv(rows: Iterable[dict[str, Any]]) -> str:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    writer.writerows(["" if value is None else value for value in row.values()] for row in rows)
+    return text.getvalue()

@@ -1,0 +1,1 @@
+"""Lenses and places of cameras, from photos of a board."""

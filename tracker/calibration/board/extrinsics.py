@@ -1,0 +1,292 @@
+"""Where cameras are in the world, from photos of a board that all of them look at.
+
+Unknown are the cameras and all places of the board but the first, which is given; the residuals are those
+of all corners in all photos together:
+    r = seen - project(camera_from_world · world_from_board · corner).
+Lenses are taken as they are. A deviation tells by how much a camera, with the lens of its file, may be off
+relative to the board's given place; what that place itself is off by moves all cameras alike.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from tracker.calibration.board.pose import MANY_TIMES, board_pose, misses, rms, transform, wrong_corners
+from tracker.calibration.board.sighting import BoardView
+from tracker.calibration.files.calibrated import Calibrated
+from tracker.conventions import FloatArray
+from tracker.errors import CalibrationError
+from tracker.geometry import so3
+
+MOST_RMS = 1.5e-3
+"""Largest RMS of a camera's photos [focal lengths], 0.9 px at 590: beyond it the lens is not the camera's."""
+
+Photo = tuple[int, int]
+"""Number of the camera, number of the board's place."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Placed:
+    """What photos of a board say of where cameras are."""
+
+    cameras: tuple[Calibrated, ...]
+    """In the order given, each with the standard deviations of its place."""
+    world_from_board: tuple[FloatArray, ...]
+    """(4, 4) places of the board, the first as given."""
+    residuals: Mapping[Photo, FloatArray]
+    """(N, 2) where corners are seen, less where the fit puts them [px], of every photo with a board."""
+    sightings: Mapping[Photo, BoardView]
+    """Without the corners that were dropped."""
+    faults: Mapping[Photo, str]
+    """What is wrong with the photos that the fit does not rest on."""
+
+    def rms(self, camera: int) -> float:
+        """Of a camera's photos that the fit rests on [px]."""
+        return rms([one for at, one in self.residuals.items() if at[0] == camera and at not in self.faults])
+
+
+def place_cameras(
+    lenses: Sequence[Calibrated], sightings: Mapping[Photo, BoardView], world_from_board: FloatArray
+) -> Placed:
+    """Fit the places of cameras, and of the board, to photos of the board in several places.
+
+    Args:
+        lenses: the cameras; where they are is not used.
+        sightings: what camera c sees of the board in its place b, by (c, b).
+        world_from_board: (4, 4) its place 0 [m].
+
+    Raises:
+        CalibrationError: a photo is of another size than its lens, a camera cannot be linked to the
+            board's given place, or a camera's lens does not fit its photos.
+    """
+    for (camera, _), sighting in sightings.items():
+        _require_size(lenses[camera], sighting)
+    photos, faults = _cleaned(lenses, sightings), dict[Photo, str]()
+    problem = _solved(lenses, photos, world_from_board)
+    while True:
+        used = {at: one for at, one in photos.items() if at not in faults}
+        odd = _odd_one(lenses, used, world_from_board)
+        if odd is None:
+            break
+        at, fault, problem = odd
+        faults[at] = fault
+    placed = problem.result(photos, faults)
+    _require_fit(placed)
+    return placed
+
+
+def _odd_one(
+    lenses: Sequence[Calibrated], photos: Mapping[Photo, BoardView], world_from_board: FloatArray
+) -> tuple[Photo, str, _Problem] | None:
+    """The photo that the others contradict, what is wrong with it, and the fit without it; or None.
+
+    It is the one without which the sum of squares falls most, by far more than its corners account for: a
+    fit to all spreads what one photo misses over many.
+    """
+    total = _squares(_solved(lenses, photos, world_from_board).residuals(photos))
+    alone = {at: _squares({at: _alone(lenses[at[0]], one)}) for at, one in photos.items()}
+    best: tuple[float, Photo, _Problem] | None = None
+    for at, one in photos.items():
+        others = {other: kept for other, kept in photos.items() if other != at}
+        if not _linked(len(lenses), list(others)):
+            continue
+        # No fit of the others is better than each alone: most photos are cleared without a fit.
+        least = sum(alone[other] for other in others)
+        if total - least <= _odd_gain(one, least, others):
+            continue
+        problem = _solved(lenses, others, world_from_board)
+        rest = _squares(problem.residuals(others))
+        if total - rest > _odd_gain(one, rest, others) and (best is None or rest < best[0]):
+            best = rest, at, problem
+    if best is None:
+        return None
+    rest, at, problem = best
+    missed = float(np.sqrt((total - rest) / len(photos[at])))
+    usual = float(np.sqrt(rest / sum(len(one) for other, one in photos.items() if other != at)))
+    return at, f"with it all miss by {missed:.2f} px for each of its corners, without it {usual:.2f}", problem
+
+
+def _odd_gain(photo: BoardView, rest: float, others: Mapping[Photo, BoardView]) -> float:
+    """What the sum of squares [px²] may rise by with a photo that the others do not contradict."""
+    return MANY_TIMES**2 * rest / sum(len(one) for one in others.values()) * len(photo)
+
+
+def _squares(residuals: Mapping[Photo, FloatArray]) -> float:
+    return float(sum((one**2).sum() for one in residuals.values()))
+
+
+def _alone(lens: Calibrated, sighting: BoardView) -> FloatArray:
+    """(N, 2) what a photo's corners miss where nothing but the lens is given [px]."""
+    matrix, distortion = lens.camera.matrix, lens.camera.distortion
+    return misses(sighting, board_pose(sighting, matrix, distortion), matrix, distortion)
+
+
+def _solved(
+    lenses: Sequence[Calibrated], photos: Mapping[Photo, BoardView], world_from_board: FloatArray
+) -> _Problem:
+    problem = _Problem(lenses, photos, world_from_board)
+    problem.solve()
+    return problem
+
+
+class _Problem:
+    """The unknowns: six of each camera (ω, δt of exp(ω) R, t + δt), then six of each further place."""
+
+    def __init__(
+        self,
+        lenses: Sequence[Calibrated],
+        photos: Mapping[Photo, BoardView],
+        world_from_board: FloatArray,
+    ) -> None:
+        self.lenses, self.photos = lenses, photos
+        self.cameras, self.places = _start(lenses, photos, world_from_board)
+        self.free = sorted(place for place in self.places if place != 0)
+        self.covariance = np.zeros((0, 0))
+
+    def solve(self) -> None:
+        fit = least_squares(self._stacked, np.zeros(6 * (len(self.cameras) + len(self.free))), method="lm")
+        self.cameras, self.places = self._moved(fit.x)
+        freedom = max(len(fit.fun) - len(fit.x), 1)
+        self.covariance = np.linalg.inv(fit.jac.T @ fit.jac) * (fit.fun @ fit.fun) / freedom
+
+    def residuals(self, photos: Mapping[Photo, BoardView]) -> dict[Photo, FloatArray]:
+        return self._residuals(photos, self.cameras, self.places)
+
+    def result(self, photos: Mapping[Photo, BoardView], faults: Mapping[Photo, str]) -> Placed:
+        known = {at: one for at, one in photos.items() if at[1] in self.places}
+        cameras = tuple(
+            _with_place(lens, self.cameras[n], self.covariance[6 * n : 6 * n + 6, 6 * n : 6 * n + 6])
+            for n, lens in enumerate(self.lenses)
+        )
+        places = tuple(self.places[place] for place in sorted(self.places))
+        return Placed(cameras, places, self.residuals(known), dict(photos), dict(faults))
+
+    def _stacked(self, unknowns: FloatArray) -> FloatArray:
+        residuals = self._residuals(self.photos, *self._moved(unknowns))
+        return np.concatenate([one.ravel() for one in residuals.values()])
+
+    def _residuals(
+        self,
+        photos: Mapping[Photo, BoardView],
+        cameras: Mapping[int, FloatArray],
+        places: Mapping[int, FloatArray],
+    ) -> dict[Photo, FloatArray]:
+        result = {}
+        for (camera, place), sighting in photos.items():
+            lens = self.lenses[camera].camera
+            pose = cameras[camera] @ places[place]
+            result[camera, place] = misses(sighting, pose, lens.matrix, lens.distortion)
+        return result
+
+    def _moved(self, unknowns: FloatArray) -> tuple[dict[int, FloatArray], dict[int, FloatArray]]:
+        steps = unknowns.reshape(-1, 6)
+        cameras = {n: _step(pose, steps[n]) for n, pose in self.cameras.items()}
+        further = {b: _step(self.places[b], steps[len(cameras) + n]) for n, b in enumerate(self.free)}
+        return cameras, {0: self.places[0], **further}
+
+
+def _step(pose: FloatArray, step: FloatArray) -> FloatArray:
+    out = transform(step[:3], step[3:])
+    out[:3, :3] = out[:3, :3] @ pose[:3, :3]
+    out[:3, 3] += pose[:3, 3]
+    return out
+
+
+def _start(
+    lenses: Sequence[Calibrated], photos: Mapping[Photo, BoardView], world_from_board: FloatArray
+) -> tuple[dict[int, FloatArray], dict[int, FloatArray]]:
+    """Cameras and places to begin with, from photo to photo, those with most corners first."""
+    poses = {
+        at: board_pose(one, lenses[at[0]].camera.matrix, lenses[at[0]].camera.distortion)
+        for at, one in photos.items()
+    }
+    cameras: dict[int, FloatArray] = {}
+    places = {0: world_from_board}
+    waiting = sorted(photos, key=lambda at: -len(photos[at]))
+    while True:
+        linked = [at for at in waiting if (at[0] in cameras) != (at[1] in places)]
+        if not linked:
+            break
+        camera, place = linked[0]
+        if place in places:
+            cameras[camera] = poses[camera, place] @ np.linalg.inv(places[place])
+        else:
+            places[place] = np.linalg.inv(cameras[camera]) @ poses[camera, place]
+    lost = [lens.camera.name for n, lens in enumerate(lenses) if n not in cameras]
+    if lost:
+        raise CalibrationError(
+            f"{', '.join(lost)}: found no photo of the board in its given place, nor one of another place "
+            "that a camera with such a photo sees too"
+        )
+    ordered = {n: _proper(cameras[n]) for n in range(len(lenses))}
+    return ordered, {place: _proper(pose) for place, pose in places.items()}
+
+
+def _proper(pose: FloatArray) -> FloatArray:
+    """A pose (4, 4) whose rotation is one to rounding."""
+    out = pose.copy()
+    out[:3, :3] = so3.nearest_rotation(pose[:3, :3])
+    return out
+
+
+def _linked(cameras: int, photos: Sequence[Photo]) -> bool:
+    """Whether photos link all cameras to place 0."""
+    found: set[int] = set()
+    places = {0}
+    while True:
+        more = {camera for camera, place in photos if place in places} - found
+        if not more:
+            return len(found) == cameras
+        found |= more
+        places |= {place for camera, place in photos if camera in found}
+
+
+def _cleaned(lenses: Sequence[Calibrated], photos: Mapping[Photo, BoardView]) -> dict[Photo, BoardView]:
+    """The sightings without corners that were not found where they are, each photo by itself."""
+    residuals = [_alone(lenses[camera], one) for (camera, _), one in photos.items()]
+    wrong = wrong_corners(residuals) if residuals else []
+    return {
+        at: one.without(mask) if len(one) - mask.sum() >= 2 * len(one) / 3 else one
+        for (at, one), mask in zip(photos.items(), wrong, strict=True)
+    }
+
+
+def _with_place(lens: Calibrated, camera_from_world: FloatArray, covariance: FloatArray) -> Calibrated:
+    """The camera at its place; element-wise deviations follow from those of (ω, δt)."""
+    std = np.zeros((4, 4))
+    turns = np.stack([so3.hat(axis) @ camera_from_world[:3, :3] for axis in np.eye(3)])
+    std[:3, :3] = np.sqrt(np.einsum("aij,ab,bij->ij", turns, covariance[:3, :3], turns))
+    std[:3, 3] = np.sqrt(np.diagonal(covariance)[3:])
+    camera = dataclasses.replace(
+        lens.camera, camera_from_world=_proper(camera_from_world), camera_from_world_std=std
+    )
+    return dataclasses.replace(lens, camera=camera, placed=True)
+
+
+def _require_size(lens: Calibrated, sighting: BoardView) -> None:
+    wanted = lens.camera.width, lens.camera.height
+    if sighting.size != wanted:
+        raise CalibrationError(
+            f"{sighting.photo}: found {sighting.size[0]}x{sighting.size[1]} px, but the lens of "
+            f"{lens.camera.name} is of images of {wanted[0]}x{wanted[1]} px"
+        )
+
+
+def _require_fit(placed: Placed) -> None:
+    for number, one in enumerate(placed.cameras):
+        name, limit = one.camera.name, MOST_RMS * float(one.camera.matrix.diagonal()[:2].min())
+        own = [at for at in placed.residuals if at[0] == number]
+        refused = sum(at in placed.faults for at in own)
+        if 2 * refused >= len(own):
+            found = f"{refused} of its {len(own)} photos are contradicted by others"
+        elif not placed.rms(number) <= limit:
+            found = f"its photos miss by {placed.rms(number):.2f} px RMS, expected at most {limit:.2f}"
+        else:
+            continue
+        raise CalibrationError(
+            f"{name}: {found}: the lens is not this camera's, or the board moved between cameras"
+        )

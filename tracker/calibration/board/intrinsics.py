@@ -1,0 +1,238 @@
+"""Focal lengths, principal point and distortion of a camera, from photos of a board.
+
+The fit is OpenCV's (Zhang, A flexible new technique for camera calibration, 2000); what is decided here is
+which photos it rests on, and whether it may be believed. Each photo is judged by a lens fitted without it:
+a lens fitted to all bends to the odd one.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from tracker.calibration.board.board import Board
+from tracker.calibration.board.pose import MANY_TIMES, board_pose, misses, rms, wrong_corners
+from tracker.calibration.board.sighting import BoardView, squares_shown
+from tracker.calibration.files.calibrated import Calibrated
+from tracker.conventions import FloatArray
+from tracker.errors import CalibrationError
+from tracker.geometry.camera import Camera
+
+FEWEST_PHOTOS = 6
+"""Which a lens is fitted to at least."""
+
+FEWEST_CORNERS = 8
+"""Of a photo that has a say in the lens."""
+
+MOST_FOCAL_STD = 0.01
+"""Largest standard deviation of the focal lengths [their own]; photos that are too alike leave more."""
+
+LEAST_TILT = 15.0
+"""Least angle [degrees] between the two boards that differ most; below it a fit finds any focal length, some
+with deviations that look small."""
+
+MOST_LEFT_OUT = 2e-3
+"""Largest RMS of photos left out [focal lengths], 1.2 px at 590: beyond it no such lens took the photos."""
+
+_MORE_TILT = "tilt the board by 30° to 45° in all directions"
+
+_PARTS = 6
+"""Into so many parts photos are divided, of which each is left out once."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class PhotoFit:
+    """What became of a photo."""
+
+    sighting: BoardView
+    """Without the corners that were dropped."""
+    residuals: FloatArray
+    """(N, 2) where corners are seen, less where the lens puts them [px]."""
+    left_out: float
+    """RMS [px] of its corners before a lens fitted without it."""
+    dropped: int
+    """Corners that were not found where they are."""
+    fault: str | None = None
+    """Why the lens does not rest on it, or None where it does."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Lens:
+    """What photos of a board say of a camera."""
+
+    calibrated: Calibrated
+    photos: tuple[PhotoFit, ...]
+    """In the order given."""
+    rms: float
+    """Of the photos that it rests on [px]."""
+    left_out: float
+    """Of the same photos, each before a lens fitted without it [px]."""
+    reach: float
+    """How far from the image's centre corners are seen [half its diagonal]; beyond it the lens is guessed."""
+
+
+def fit_lens(name: str, sightings: Sequence[BoardView], board: Board) -> Lens:
+    """Fit a lens to sightings of a board, and name those that do not belong.
+
+    Args:
+        name: the camera's.
+        sightings: one of each photo in which the board was found, all of one size.
+        board: it.
+
+    Raises:
+        CalibrationError: the photos differ in size, are too few or too alike, miss whole rows of the board,
+            or no lens fits them.
+    """
+    size = _one_size(name, sightings)
+    faults = {
+        number: f"only {len(one)} corners, expected {FEWEST_CORNERS}"
+        for number, one in enumerate(sightings)
+        if len(one) < FEWEST_CORNERS
+    }
+    enough = [number for number in range(len(sightings)) if number not in faults]
+    _require_photos(name, len(enough), len(sightings))
+    _require_whole_board(name, [sightings[number] for number in enough], board)
+    cleaned = list(sightings)
+    for number, one in zip(enough, _cleaned([sightings[n] for n in enough], size), strict=True):
+        cleaned[number] = one
+    left_out, strange = _judged(name, cleaned, enough, size)
+    faults |= strange
+    kept = [number for number in enough if number not in faults]
+    matrix, distortion, std = _fit([cleaned[n] for n in kept], size)
+    residuals = [_misses(one, matrix, distortion) for one in cleaned]
+    lens = Lens(
+        Calibrated(
+            Camera(name, *size, matrix, distortion, np.eye(4)),
+            np.array([[std[0], 0, std[2]], [0, std[1], std[3]], [0, 0, 0]]),
+            std[4:],
+            placed=False,
+        ),
+        tuple(
+            PhotoFit(one, residuals[n], left_out[n], len(sightings[n]) - len(one), faults.get(n))
+            for n, one in enumerate(cleaned)
+        ),
+        rms([residuals[n] for n in kept]),
+        float(np.sqrt(np.mean(left_out[kept] ** 2))),
+        _reach([cleaned[n] for n in kept], size),
+    )
+    _require_tilt(name, [board_pose(cleaned[n], matrix, distortion) for n in kept])
+    _require_belief(lens, std)
+    return lens
+
+
+def _judged(
+    name: str, sightings: Sequence[BoardView], numbers: Sequence[int], size: tuple[int, int]
+) -> tuple[FloatArray, dict[int, str]]:
+    """RMS (N,) of photos left out [px], NaN of those not in `numbers`; and what is wrong with which."""
+    left_out = np.full(len(sightings), np.nan)
+    faults: dict[int, str] = {}
+    kept = list(numbers)
+    while True:
+        left_out[kept] = _left_out([sightings[n] for n in kept], size)
+        usual = float(np.median(left_out[kept]))
+        worst = max(kept, key=lambda n: left_out[n])
+        if left_out[worst] <= MANY_TIMES * usual:
+            return left_out, faults
+        kept.remove(worst)
+        faults[worst] = f"misses by {left_out[worst]:.2f} px, the others by {usual:.2f}"
+        _require_photos(name, len(kept), len(sightings))
+
+
+def _fit(sightings: Sequence[BoardView], size: tuple[int, int]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Matrix (3, 3), distortion (5,), and the standard deviations (9,) of fx, fy, cx, cy, k1, …, k3."""
+    points = [one.points.astype(np.float32) for one in sightings]
+    pixels = [one.pixels.astype(np.float32) for one in sightings]
+    fitted = cv2.calibrateCameraExtended(points, pixels, size, np.eye(3), np.zeros(5))
+    matrix, distortion, std = (np.asarray(fitted[place], np.float64) for place in (1, 2, 5))
+    return matrix, distortion.ravel()[:5], std.ravel()[:9]
+
+
+def _misses(sighting: BoardView, matrix: FloatArray, distortion: FloatArray) -> FloatArray:
+    return misses(sighting, board_pose(sighting, matrix, distortion), matrix, distortion)
+
+
+def _cleaned(sightings: Sequence[BoardView], size: tuple[int, int]) -> list[BoardView]:
+    """The sightings without corners that were not found where they are."""
+    cleaned = list(sightings)
+    for _ in range(3):  # a gross one hides those beside it
+        matrix, distortion, _ = _fit(cleaned, size)
+        wrong = wrong_corners([_misses(one, matrix, distortion) for one in cleaned])
+        if not any(mask.any() for mask in wrong):
+            break
+        cleaned = [
+            one.without(mask) if len(one) - mask.sum() >= FEWEST_CORNERS else one
+            for one, mask in zip(cleaned, wrong, strict=True)
+        ]
+    return cleaned
+
+
+def _left_out(sightings: Sequence[BoardView], size: tuple[int, int]) -> list[float]:
+    """RMS [px] of each photo before a lens fitted without its part of the photos."""
+    parts = min(_PARTS, len(sightings))
+    result = [0.0] * len(sightings)
+    for part in range(parts):
+        matrix, distortion, _ = _fit([one for n, one in enumerate(sightings) if n % parts != part], size)
+        for number in range(part, len(sightings), parts):
+            result[number] = rms([_misses(sightings[number], matrix, distortion)])
+    return result
+
+
+def _reach(sightings: Sequence[BoardView], size: tuple[int, int]) -> float:
+    center = (np.array(size) - 1) / 2
+    farthest = max(np.linalg.norm(one.pixels - center, axis=1).max() for one in sightings)
+    return float(farthest / np.linalg.norm(center))
+
+
+def _one_size(name: str, sightings: Sequence[BoardView]) -> tuple[int, int]:
+    sizes = {one.size: one.photo for one in sightings}
+    if len(sizes) > 1:
+        found = ", ".join(f"{photo} of {size[0]}x{size[1]} px" for size, photo in sizes.items())
+        raise CalibrationError(f"{name}: found {found}; expected photos of one size")
+    return sightings[0].size if sightings else (0, 0)
+
+
+def _require_photos(name: str, found: int, all_photos: int) -> None:
+    if found < FEWEST_PHOTOS:
+        raise CalibrationError(
+            f"{name}: found {found} photos to go by, of {all_photos} with a board; expected at least "
+            f"{FEWEST_PHOTOS}, better 15, with the board tilted in all directions and out to the corners"
+        )
+
+
+def _require_whole_board(name: str, sightings: Sequence[BoardView], board: Board) -> None:
+    """A board of which no photo shows the last rows has fewer than was said."""
+    columns, rows = squares_shown(sightings, board)
+    if (columns, rows) != (board.columns, board.rows):
+        raise CalibrationError(
+            f"{name}: all {len(sightings)} photos show no more than {columns}x{rows} squares of the board, "
+            f"expected {board.columns}x{board.rows}; is that its size?"
+        )
+
+
+def _require_belief(lens: Lens, std: FloatArray) -> None:
+    camera = lens.calibrated.camera
+    focal = camera.matrix[(0, 1), (0, 1)]
+    limit = MOST_LEFT_OUT * float(focal.min())
+    if not lens.left_out <= limit:
+        raise CalibrationError(
+            f"{camera.name}: photos left out miss by {lens.left_out:.2f} px RMS, expected at most "
+            f"{limit:.2f}: the board is not flat, or the photos are not of one camera and focus"
+        )
+    if not (std[:2] <= MOST_FOCAL_STD * focal).all():
+        raise CalibrationError(
+            f"{camera.name}: the focal length is {focal[0]:.0f} ± {std[:2].max():.0f} px, expected it to "
+            f"{MOST_FOCAL_STD:.0%}: the photos are too alike; {_MORE_TILT}"
+        )
+
+
+def _require_tilt(name: str, poses: Sequence[FloatArray]) -> None:
+    normals = np.stack([pose[:3, 2] for pose in poses])
+    spread = float(np.rad2deg(np.arccos(np.clip((normals @ normals.T).min(), -1, 1))))
+    if spread < LEAST_TILT:
+        raise CalibrationError(
+            f"{name}: the board is tilted by no more than {spread:.0f}° from photo to photo, expected at "
+            f"least {LEAST_TILT:.0f}°: the photos are too alike; {_MORE_TILT}"
+        )

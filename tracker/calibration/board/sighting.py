@@ -1,0 +1,233 @@
+"""A board found in a photo: its corners to a fraction of a pixel, and how sharp they are; or why not."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Sequence
+from typing import Any
+
+import cv2
+import numpy as np
+
+from tracker.calibration.board.board import Board
+from tracker.conventions import Array, FloatArray, Image
+from tracker.errors import CalibrationError
+
+FEWEST_CORNERS = 4
+"""Of which a photo's pose can be told."""
+
+MOST_BLUR = 1.5
+"""Standard deviation [px] of the blur above which markers are lost and corners drift."""
+
+_FEWEST_MARKERS = 4
+"""From which on markers are those of a board."""
+
+_ACROSS, _ALONG = 0.11, 0.06
+"""Where an edge's profile is taken [edge lengths]: the marker begins beyond it."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class BoardView:
+    """What a photo shows of a board."""
+
+    photo: str
+    """Name of the photo."""
+    size: tuple[int, int]
+    """Width and height of the photo [px]."""
+    corners: Array
+    """(N,) numbers of the corners found, ascending."""
+    pixels: FloatArray
+    """(N, 2) where they are [px]."""
+    points: FloatArray
+    """(N, 3) where they are in the board's frame [m]."""
+    blur: float
+    """Standard deviation of the blur across the squares' edges, median [px]; NaN where no edge is seen."""
+
+    def __len__(self) -> int:
+        return len(self.corners)
+
+    def without(self, dropped: Array) -> BoardView:
+        """The sighting without the corners of a mask (N,)."""
+        kept = ~np.asarray(dropped, bool)
+        return dataclasses.replace(
+            self, corners=self.corners[kept], pixels=self.pixels[kept], points=self.points[kept]
+        )
+
+
+CLEAR = 0.7
+"""Half width of the window in which a corner is looked for, over its distance from the markers."""
+
+
+def find_board(photo: str, image: Image, board: Board) -> BoardView | None:
+    """The board in an image (H, W, 3) or (H, W), or None where fewer than FEWEST_CORNERS are found.
+
+    Corners are saddle points of the brightness, as OpenCV's `cornerSubPix` finds them, in windows that end
+    before the markers.
+    """
+    gray = grey(image)
+    pixels, numbers, _, _ = _detector(board).detectBoard(gray)
+    if numbers is None or len(numbers) < FEWEST_CORNERS:
+        return None
+    found = np.asarray(numbers).ravel()
+    places = np.asarray(pixels, np.float64).reshape(-1, 2)
+    order = np.argsort(found)
+    found, places = found[order], places[order]
+    if _on_a_line(board.corners[found, :2]):
+        return None
+    places = _refined(gray, places, found, board)
+    height, width = gray.shape
+    blur = edge_blur(gray, dict(zip(found.tolist(), places, strict=True)), board.columns - 1)
+    return BoardView(photo, (width, height), found, places, board.corners[found], blur)
+
+
+def _refined(gray: Image, places: FloatArray, found: Array, board: Board) -> FloatArray:
+    """Corners (N, 2) found once more, each as a saddle point: OpenCV 4's are off by half a pixel.
+
+    The windows end well before the markers, whose blurred edges would draw the corners towards them.
+    """
+    columns, apart = board.columns - 1, []
+    for k, number in enumerate(found):
+        neighbours = (found == number + 1) & ((number + 1) % columns != 0) | (found == number + columns)
+        apart += np.hypot(*(places[neighbours] - places[k]).T).tolist()
+    gap = 0.5 * (1.0 - board.marker / board.square) * float(np.median(apart)) if apart else 0.0
+    half = max(2, int(CLEAR * gap))
+    stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-3)
+    points = places.astype(np.float32).reshape(-1, 1, 2)
+    refined: Any = cv2.cornerSubPix(gray, points, (half, half), (-1, -1), stop)
+    return np.asarray(refined, np.float64).reshape(-1, 2)
+
+
+def grey(image: Image) -> Image:
+    """The brightness (H, W) of an image (H, W, 3) BGR or (H, W)."""
+    return image if image.ndim == 2 else np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
+
+
+def pattern_seen(images: Sequence[Image], board: Board) -> Board:
+    """The board in the pattern, old or today's, of which the images show more corners."""
+    if not board.two_patterns:
+        return board
+    counts = {}
+    for legacy in (board.legacy, not board.legacy):
+        tried = board.with_pattern(legacy)
+        counts[tried] = sum(len(find_board("", image, tried) or ()) for image in images)
+    return max(counts, key=lambda one: counts[one])
+
+
+def squares_shown(sightings: Sequence[BoardView], board: Board) -> tuple[int, int]:
+    """Columns and rows of squares within which all corners are that sightings show."""
+    grid: Array = np.zeros((board.rows - 1) * (board.columns - 1), bool)
+    for one in sightings:
+        grid[one.corners] = True
+    rows, columns = np.nonzero(grid.reshape(board.rows - 1, board.columns - 1))
+    return int(np.ptp(columns)) + 2, int(np.ptp(rows)) + 2
+
+
+def why_no_board(image: Image, board: Board) -> str:
+    """What is wrong with an image (H, W, 3) or (H, W) in which `find_board` finds nothing, in few words."""
+    gray = grey(image)
+    if find_board("", np.ascontiguousarray(gray[:, ::-1]), board) is not None:
+        return "the photo is mirrored"
+    blur = photo_blur(gray)
+    if blur > MOST_BLUR:
+        return f"the photo is blurred, its sharpest edges by {blur:.1f} px"
+    count = len(_markers(gray, board))
+    if count >= _FEWEST_MARKERS:
+        return f"its {count} markers do not lie as on a board of {board.columns}x{board.rows} squares"
+    if count:
+        return f"only {count} markers of {board.dictionary} found, no {FEWEST_CORNERS} corners between them"
+    return f"no marker of {board.dictionary} found"
+
+
+def require_size(photo: str, image: Image, board: Board) -> None:
+    """Refuse a board that is only part of the one in an image: it shows markers that the board has not.
+
+    Raises:
+        CalibrationError: it does.
+    """
+    edges = _markers(grey(image), board)
+    known = set(board.opencv.getIds().ravel().tolist())
+    usual = np.median([edge for number, edge in edges.items() if number in known] or [0.0])
+    # Specks of a photo are taken for markers, too, but are smaller.
+    more = [number for number, edge in edges.items() if number not in known and edge > 0.5 * usual]
+    if len(more) > 1:
+        raise CalibrationError(
+            f"{photo}: found the markers {', '.join(map(str, sorted(more)))}, which a board of "
+            f"{board.columns}x{board.rows} squares has not; expected the size of the whole board"
+        )
+
+
+def _markers(gray: Image, board: Board) -> dict[int, float]:
+    """Numbers of all markers in an image, and the length of their edges [px]."""
+    found: Any = cv2.aruco.ArucoDetector(board.markers).detectMarkers(gray)
+    corners, numbers = found[:2]
+    if numbers is None:
+        return {}
+    edges = [cv2.arcLength(one, True) / 4.0 for one in corners]
+    return dict(zip(np.asarray(numbers).ravel().tolist(), edges, strict=True))
+
+
+def photo_blur(gray: Image) -> float:
+    """Blur [px] of the strongest edges of an image (H, W), whatever it shows; NaN where it shows none.
+
+    An edge of blur σ loses its slope by the factor σ/√(σ² + s²) where the image is blurred by s more
+    (Zhuo and Sim, Defocus map estimation from a single image, 2011). Of rows and columns, which motion
+    blurs differently, the greater.
+    """
+    image = gray.astype(np.float32)
+    return max(_blur_along_rows(image), _blur_along_rows(np.ascontiguousarray(image.T)))
+
+
+def _blur_along_rows(image: Array) -> float:
+    more = 2.0
+    slope = np.abs(np.gradient(image, axis=1))
+    strong = slope >= max(float(np.quantile(slope, 0.995)), 1.0)
+    if not strong.any():
+        return float("nan")
+    again = cv2.GaussianBlur(image, (0, 1), more, sigmaY=1e-6)
+    slope_again = np.abs(np.gradient(again, axis=1))
+    ratio = float(np.median(slope[strong] / np.maximum(slope_again[strong], 1e-6)))
+    return more / float(np.sqrt(max(ratio**2 - 1, 1e-6)))
+
+
+def edge_blur(gray: Image, pixels: dict[int, FloatArray], columns: int) -> float:
+    """Blur [px] of the squares' edges between neighbouring corners, numbered along rows of `columns`.
+
+    A step that is blurred by a Gaussian of standard deviation σ has the greatest slope step/(√(2π) σ); of
+    blurs that differ along rows and columns, as those of a moving board do, the greater counts.
+    """
+    kinds: tuple[list[float], list[float]] = ([], [])
+    for number, start in pixels.items():
+        right = number + 1 if (number + 1) % columns else -1
+        for kind, neighbour in enumerate((right, number + columns)):
+            if neighbour in pixels:
+                kinds[kind].append(_profile_blur(gray, start, pixels[neighbour]))
+    medians = [float(np.median(kind)) for kind in kinds if kind]
+    return max(medians, default=float("nan"))
+
+
+def _profile_blur(gray: Image, start: FloatArray, end: FloatArray) -> float:
+    """Blur [px] of the edge between two corners, from the profile across its middle."""
+    along = end - start
+    length = float(np.hypot(*along))
+    across = np.array([-along[1], along[0]]) / length
+    steps = np.linspace(-_ACROSS * length, _ACROSS * length, 41)
+    values = np.zeros(len(steps))
+    for offset in (-_ALONG, 0.0, _ALONG):
+        where = ((start + end) / 2 + offset * along + steps[:, None] * across).astype(np.float32)
+        values += cv2.remap(gray, where[:, :1], where[:, 1:], cv2.INTER_LINEAR).ravel() / 3
+    slope = np.abs(np.gradient(values, steps)).max()
+    return float(np.ptp(values) / (np.sqrt(2 * np.pi) * max(slope, 1e-9)))
+
+
+@functools.lru_cache(maxsize=8)
+def _detector(board: Board) -> Any:
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    return cv2.aruco.CharucoDetector(board.opencv, cv2.aruco.CharucoParameters(), parameters)
+
+
+def _on_a_line(points: FloatArray) -> bool:
+    """Whether points (N, 2) are all on one line, which leaves the pose open."""
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return bool(spread[1] < 1e-6 * spread[0])

@@ -1,0 +1,1 @@
+"""Calibrations checked and mended by what recordings of a known object show."""

@@ -1,0 +1,259 @@
+"""Does a calibration fit? Judged by where each camera by itself sees an object that all see; see `looks`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tracker.calibration.by_object.expected import (
+    FOCAL,
+    SQUARE,
+    Corners,
+    FocalCheck,
+    corner_misses,
+    focal_check,
+)
+from tracker.calibration.by_object.looks import OFTEN, CameraErrors, Look
+from tracker.calibration.by_object.sightings import SLOW, Footage, Shot
+from tracker.calibration.rig import CameraRig
+from tracker.conventions import FloatArray
+from tracker.errors import CalibrationError
+from tracker.geometry import so3
+from tracker.geometry.camera import Camera
+from tracker.geometry.cuboid import corners
+from tracker.objects.model import CuboidModel
+from tracker.pipeline import ObjectTracker
+from tracker.pose.estimate import SHOWN, USED
+from tracker.pose.fit import Fit
+from tracker.pose.judge import EXPECTED, apparent
+from tracker.pose.result import Status
+from tracker.segmentation.color_model import ColorModel
+
+LEAST = 1
+"""Looks that a judgement takes."""
+
+LIMIT = 1.6 / FOCAL
+"""Angle [rad] by which cameras may miss what the others see, in the median over looks: 1.6 px on the
+platform, 3 mm at half a metre."""
+
+LOST = 0.6
+"""Share of the looks in which a camera should see the object and cannot use it, from which on it is named."""
+
+
+@dataclass(frozen=True, eq=False)
+class CameraCheck:
+    """What the looks say of one camera."""
+
+    name: str
+    looks: int
+    """In which it sees the object."""
+    lost: int
+    """In which it should, and cannot use what it shows."""
+    miss_px: float
+    """Median miss of what the others see [px]; NaN where it was not asked."""
+    moved: bool
+    """Whether it is not where the calibration has it."""
+    correction: FloatArray
+    """(4, 4) what reconciles it with the others: camera_from_world is correction · given."""
+    shift: float
+    """Length of the correction of the camera's place [m], …"""
+    turn: float
+    """… and its angle [rad]."""
+    corners: Corners
+    """What it misses of the corners, and what was to be expected."""
+    focal: FocalCheck
+    """What its focal length leaves open."""
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationCheck:
+    """Whether a calibration fits."""
+
+    cameras: tuple[CameraCheck, ...]
+    miss: float
+    """Median over the looks of the cameras' root mean square miss [rad]."""
+    looks: int
+    misses: FloatArray
+    """(looks, C, 2) by which each camera misses what the others see [px], right and down; NaN: not asked."""
+
+    @property
+    def fits(self) -> bool:
+        """Whether the calibration fits the pictures."""
+        return self.miss <= LIMIT and not any(one.moved or self.is_lost(one) for one in self.cameras)
+
+    @property
+    def warnings(self) -> list[str]:
+        """What the lenses' files say that is hardly true, a line each."""
+        return [
+            f"{one.name}: fy/fx is {one.focal.ratio:.4f}, expected 1 within {100 * SQUARE:g} %: depths that "
+            f"it sees alone may be off by {1e3 * one.focal.depth:.1f} mm"
+            for one in self.cameras
+            if not one.focal.is_square
+        ]
+
+    def is_lost(self, one: CameraCheck) -> bool:
+        """Whether a camera cannot use what it shows, as a rule."""
+        return one.lost >= max(OFTEN, LOST * self.looks)
+
+
+def check_calibration(
+    looks: Sequence[Look], cameras: Sequence[Camera], focal_std: Mapping[str, float] = {}
+) -> CalibrationCheck:
+    """Judge a calibration of two cameras or more by looks at still objects.
+
+    Args:
+        looks: at the object.
+        cameras: of the calibration.
+        focal_std: by the camera's name, the deviation of the focal length that its file states [itself].
+
+    Raises:
+        CalibrationError: there are too few cameras or looks.
+    """
+    if len(cameras) < 2:
+        raise CalibrationError(f"check: found {cameras[0].name} alone, expected two cameras or more")
+    if len(looks) < LEAST:
+        raise CalibrationError(
+            "check: found no picture in which two cameras see the object still; expected one or more, better "
+            "twenty"
+        )
+    problem = CameraErrors(looks, cameras)
+    free = problem.moved()
+    errors = problem.solve(free)[0]
+    misses = problem.misses()
+    expected = corner_misses(looks, cameras, problem)
+    result = []
+    for c, camera in enumerate(cameras):
+        lengths = np.linalg.norm(misses[:, c], axis=1)
+        asked = np.isfinite(lengths)
+        correction, shift, turn = _correction(camera, errors[c])
+        result.append(
+            CameraCheck(
+                camera.name,
+                int(np.count_nonzero(asked)),
+                int(sum(bool(look.lost[c]) for look in looks)),
+                float(np.median(lengths[asked])) if asked.any() else float("nan"),
+                c in free,
+                correction,
+                shift,
+                turn,
+                expected[c],
+                focal_check(camera, problem.distance[asked, c], focal_std),
+            )
+        )
+    return CalibrationCheck(tuple(result), _median_miss(misses, cameras), len(looks), misses)
+
+
+def misses_of(looks: Sequence[Look], cameras: Sequence[Camera]) -> FloatArray:
+    """(looks, C, 2) by which each camera misses what the others see [px], right and down; NaN: not known."""
+    return CameraErrors(looks, cameras).misses() if looks else np.zeros((0, len(cameras), 2))
+
+
+def _median_miss(misses: FloatArray, cameras: Sequence[Camera]) -> float:
+    """Median over the looks of the root mean square over the cameras [rad]."""
+    focal = np.array([np.sqrt(camera.matrix[0, 0] * camera.matrix[1, 1]) for camera in cameras])
+    squares = ((misses / focal[:, None]) ** 2).sum(axis=2)
+    asked = np.isfinite(squares).sum(axis=1) > 1
+    return float(np.median(np.sqrt(np.nanmean(squares[asked], axis=1)))) if asked.any() else 0.0
+
+
+def _correction(camera: Camera, error: FloatArray) -> tuple[FloatArray, float, float]:
+    """What undoes an error (a, w) of camera_from_world; how far it moves [m] and turns [rad] the camera."""
+    rotation = camera.camera_from_world[:3, :3]
+    back = np.eye(4)
+    back[:3, :3] = so3.exp(-rotation @ error[3:])
+    back[:3, 3] = camera.camera_from_world[:3, 3] - rotation @ error[:3]
+    back[:3, 3] -= back[:3, :3] @ camera.camera_from_world[:3, 3]
+    true = back @ camera.camera_from_world
+    place = -true[:3, :3].T @ true[:3, 3]
+    return back, float(np.linalg.norm(place - camera.position)), float(np.linalg.norm(error[3:]))
+
+
+MOST = 40
+"""Looks at a film, at most."""
+
+APART = 5
+"""Shots from one look at an object in the same place to the next."""
+
+SURE = 0.3
+"""Probability that a pose is the object, if the calibration fits, from which it is looked at: where it does
+not, few are."""
+
+
+def check(
+    model: CuboidModel,
+    footage: Sequence[Footage],
+    rig: CameraRig,
+    colors: ColorModel,
+    progress: Callable[[int], None] = lambda _: None,
+    focal_std: Mapping[str, float] = {},
+) -> CalibrationCheck:
+    """Whether a calibration fits films and stills of an object.
+
+    Args:
+        model: the object.
+        footage: of the rig's cameras, in the order of the rig.
+        rig: the cameras, two or more.
+        colors: the object's.
+        progress: is told how many more shots were seen.
+        focal_std: see `check_calibration`.
+
+    Raises:
+        CalibrationError: there is one camera only, or the object was seen still in too few shots.
+    """
+    tracker = ObjectTracker(model, rig, colors, table_prior=False)
+    looks: list[Look] = []
+    for one in footage:
+        chosen = list(_still(tracker, one, progress))
+        chosen = (
+            [chosen[k] for k in np.unique(np.linspace(0, len(chosen) - 1, MOST).astype(int))]
+            if chosen
+            else []
+        )
+        for images in one.images(chosen):
+            fit = tracker.fit(images)
+            if isinstance(fit, Fit) and fit.own is not None and apparent(fit) >= SURE:
+                looks.append(look_of(fit, model.size))
+    return check_calibration(looks, rig.cameras, focal_std)
+
+
+def look_of(fit: Fit, size: FloatArray) -> Look:
+    """What the cameras by themselves say of a pose of a cuboid of `size` (3,) [m]."""
+    assert fit.own is not None
+    seen = fit.cameras
+    used = fit.own.inliers >= USED
+    shown = seen["agree"] + seen["wrong"] + seen["extra"]
+    lost = (
+        ~used & (seen["predicted"] >= EXPECTED) & (shown > np.maximum(SHOWN[0], SHOWN[1] * seen["predicted"]))
+    )
+    lost[list(fit.left_out)] = True
+    known = np.where(used[:, None, None], fit.own.information, 0.0)
+    return Look(fit.position, known, fit.own.moved, lost, corners(size) @ fit.rotation.T + fit.position)
+
+
+def _still(tracker: ObjectTracker, footage: Footage, progress: Callable[[int], None]) -> Iterator[int]:
+    """Numbers of the shots that show the object still; stills do."""
+    tracker.reset()
+    last = -APART
+    for shot in footage.shots():
+        progress(1)
+        if shot.begins:
+            tracker.reset()
+            last = -APART
+        if all(image is None for image in shot.images):
+            continue
+        if shot.stamps is None or (_rests(tracker, shot) and shot.number >= last + APART):
+            last = shot.number
+            yield shot.number
+
+
+def _rests(tracker: ObjectTracker, shot: Shot) -> bool:
+    """Whether a film shows the object still in this shot."""
+    assert shot.stamps is not None
+    found = tracker.update(shot.images, shot.stamps.tolist())
+    state = found.filtered_object_pose
+    if found.object_pose is None or state is None or found.status in (Status.FOUND, Status.REFOUND):
+        return False
+    speeds = np.linalg.norm(state.velocity.reshape(2, 3), axis=1)
+    return bool((speeds < SLOW).all())

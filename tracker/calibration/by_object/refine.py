@@ -1,0 +1,176 @@
+"""Mends a calibration by what recordings of a moving object show: how the cameras stand to each other."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tracker.calibration.by_object.adjust import Adjusted, Frame, adjust, exact, widened
+from tracker.calibration.by_object.bundle import EXTRINSIC, FOCAL, relative_covariance
+from tracker.calibration.by_object.edges import EdgeReader
+from tracker.calibration.by_object.sightings import Footage, Sighting, all_sightings, different
+from tracker.calibration.by_object.table import TablePlane, broad, levelled, plane_of
+from tracker.calibration.deviations import element_std
+from tracker.calibration.rig import CameraRig
+from tracker.conventions import FloatArray
+from tracker.errors import CalibrationError, NotBetterError
+from tracker.objects.model import CuboidModel
+from tracker.pipeline import ObjectTracker
+from tracker.segmentation.color_model import ColorModel
+
+SURE = 0.15
+"""Least confidence of a pose that counts: a calibration that is off makes it low, and is to be mended."""
+
+JUDGED = 3
+"""One in so many frames judges what the others teach."""
+
+MISSED = 2.0
+"""Offset as which a larger one counts when cameras are judged [px of an object of reference size]."""
+
+GAIN = 0.05
+"""Share by which the held-out offsets must shrink."""
+
+FLOOR = 0.15e-3, np.radians(0.04)
+"""Standard deviations that are always stated: what a model of lenses and edges does not know [m, rad]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Refined:
+    """Cameras that fit the recordings, and how much better."""
+
+    rig: CameraRig
+    """The cameras."""
+    moved: FloatArray
+    """(C, 6) by how much each was off against the mean of all [m, rad], along world axes."""
+    std: FloatArray
+    """(C, 6) of that."""
+    lenses: FloatArray
+    """(C, 3) change of the focal length [1], and of the principal point [px]."""
+    before: float
+    """Root mean square offset of the edges in frames held out [px of an object of reference size]."""
+    after: float
+    """The same with cameras that those frames did not teach."""
+    rim: tuple[float, float]
+    """How far within its nominal edges the object's colours end, and how well that is known [m]."""
+    frames: int
+    """Frames that were used."""
+    plane: TablePlane | None
+    """The table in the refined cameras' world of before, where the object rested often enough to see it."""
+
+
+def refine_cameras(
+    model: CuboidModel,
+    footage: Sequence[Footage],
+    rig: CameraRig,
+    colors: ColorModel,
+    *,
+    focal: bool = False,
+    most: int = 90,
+    progress: Callable[[int], None] = lambda _: None,
+) -> Refined:
+    """The cameras that fit the object's edges in all frames together.
+
+    Cameras are taught by two thirds of the frames and judged by the others; if those are fitted better, the
+    final ones are taught by all. Where the world is, they cannot tell: x, y and yaw stay as the old cameras
+    have them on the average, and so do z and tilt unless the object rested often enough to show the table.
+
+    Args:
+        model: the object.
+        footage: of the rig's cameras, in the order of the rig.
+        rig: the cameras, two or more.
+        colors: the object's.
+        focal: whether focal lengths and principal points may be wrong, too.
+        most: frames that are used.
+        progress: is told how many more shots showed the object.
+
+    Raises:
+        CalibrationError: there is one camera only, or the object was seen in too few poses.
+        NotBetterError: held-out frames are fitted no better.
+    """
+    if len(rig) < 2:
+        raise CalibrationError(
+            f"refine: found {rig.names[0]} alone, expected two cameras or more, which stand to each other"
+        )
+    wide = widened(broad(rig))
+    tracker, edges = ObjectTracker(model, wide, colors, table_prior=False), EdgeReader(model, wide, colors)
+    seen = all_sightings(tracker, footage, SURE, progress)
+    frames = _frames(edges, footage, different(model.name, seen, most))
+    rim = model.rim, model.rim_std
+    taught = [frame for k, frame in enumerate(frames) if k % JUDGED]
+    judges = frames[::JUDGED]
+    lesson = adjust(edges, taught, rim, focal=focal)
+    before = misfit(edges.of(exact(rig)), judges)
+    after = misfit(edges.of(exact(_with(rig, lesson))), judges)
+    if not after < (1.0 - GAIN) * before:
+        raise NotBetterError(
+            f"refine: refused: edges in {len(judges)} frames held out are {before:.3f} px off with the "
+            f"calibration as it is, and {after:.3f} px with the one found; expected {GAIN:.0%} less: it is "
+            "as good as these recordings can tell"
+        )
+    final = adjust(edges, frames, rim, focal=focal)
+    found, plane = _with(rig, final), None
+    # Where it hardly rests, z and tilt stay as they are.
+    with contextlib.suppress(CalibrationError):
+        plane = plane_of(model, edges.of(found), footage, seen)
+    return Refined(
+        found if plane is None else levelled(found, plane),
+        *_told(final),
+        before,
+        after,
+        (final.step.rim, final.step.rim_std),
+        len(frames),
+        plane,
+    )
+
+
+def misfit(edges: EdgeReader, frames: Sequence[Frame]) -> float:
+    """Root mean square offset [px at reference size] of edges at the poses that fit best."""
+    squares, count = 0.0, 0
+    for frame in frames:
+        refined = edges.refine(frame.sight, frame.rotation, frame.position)
+        found = edges.contours(frame.sight, refined.rotation, refined.position, refined.end)
+        for one in found:
+            if one is not None:
+                left = one.offset - one.bloom * refined.end.exponent - one.rim * refined.end.rim
+                squares += float(np.minimum(left**2, MISSED**2).sum())
+                count += len(left)
+    return float(np.sqrt(squares / max(count, 1)))
+
+
+def _frames(
+    edges: EdgeReader, footage: Sequence[Footage], chosen: Sequence[tuple[int, Sighting]]
+) -> list[Frame]:
+    frames = []
+    for k, one in enumerate(footage):
+        mine = [sighting for number, sighting in chosen if number == k]
+        for sighting, images in zip(mine, one.images([s.number for s in mine]), strict=True):
+            frames.append(Frame(edges.sight(images), sighting.position, sighting.rotation))
+    return frames
+
+
+def _with(rig: CameraRig, adjusted: Adjusted) -> CameraRig:
+    """The rig with the cameras found, and how well they stand to each other."""
+    cameras = []
+    for camera, covariance in zip(adjusted.unknowns.cameras, _stated(adjusted), strict=True):
+        std = element_std(camera.camera_from_world[:3, :3], covariance)
+        cameras.append(dataclasses.replace(camera, camera_from_world_std=std))
+    return dataclasses.replace(rig, cameras=tuple(cameras))
+
+
+def _told(adjusted: Adjusted) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """How the cameras moved against their mean, its deviations, and how their lenses changed."""
+    errors = adjusted.unknowns.errors[:, EXTRINSIC]
+    std = np.stack([np.sqrt(np.diag(one)) for one in _stated(adjusted)])
+    return errors - errors.mean(axis=0), std, adjusted.unknowns.errors[:, FOCAL]
+
+
+def _stated(adjusted: Adjusted) -> FloatArray:
+    """(C, 6, 6) how well the cameras stand to each other."""
+    found: FloatArray = relative_covariance(adjusted.step.covariance) + np.diag(
+        np.repeat(np.square(FLOOR), 3)
+    )
+    return found

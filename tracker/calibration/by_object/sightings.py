@@ -1,0 +1,254 @@
+"""Where a known object was in recordings and sets of images, at rest or in poses that differ."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from tracker.conventions import FloatArray, Image
+from tracker.errors import CalibrationError
+from tracker.geometry import so3
+from tracker.logs import Log
+from tracker.pipeline import ObjectTracker
+
+Images = Sequence[Image | None]
+"""(H, W, 3) BGR of each camera of a rig, None where it gave none."""
+
+
+class Shot(NamedTuple):
+    """What the cameras gave at one moment."""
+
+    number: int
+    images: Images
+    stamps: FloatArray | None
+    """(C,) when the pictures were taken [s]; None: at a moment of their own."""
+    begins: bool
+    """Whether what was before does not matter."""
+
+
+class Footage(Protocol):
+    """A film, or stills."""
+
+    def shots(self) -> Iterator[Shot]:
+        """All of it, in order."""
+
+    def images(self, numbers: Sequence[int]) -> Iterator[Images]:
+        """The pictures of some shots, by number, which ascend."""
+
+
+class Film:
+    """A recording.
+
+    Args:
+        log: open as long as this is used.
+        stills: each of its frames was taken at a moment of its own.
+    """
+
+    def __init__(self, log: Log, *, stills: bool = False) -> None:
+        self._log, self._stills = log, stills or len(log) == 1
+
+    def shots(self) -> Iterator[Shot]:
+        """See Footage."""
+        starts = frozenset(self._log.episode_starts)
+        alone = {index for index in starts if index + 1 in starts or index + 1 == len(self._log)}
+        for frame in self._log:
+            still = self._stills or frame.index in alone
+            stamps = None if still else frame.camera_timestamps
+            yield Shot(frame.index, frame.images, stamps, still or frame.index in starts)
+
+    def images(self, numbers: Sequence[int]) -> Iterator[Images]:
+        """See Footage."""
+        if self._log.random_access:
+            yield from (self._log.frame(number).images for number in numbers)
+        else:
+            wanted = set(numbers)
+            yield from (frame.images for frame in self._log if frame.index in wanted)
+
+
+class Stills:
+    """Sets of pictures, each taken at a moment of its own."""
+
+    def __init__(self, sets: Sequence[Images]) -> None:
+        self._sets = sets
+
+    def shots(self) -> Iterator[Shot]:
+        """See Footage."""
+        return (Shot(k, images, None, True) for k, images in enumerate(self._sets))
+
+    def images(self, numbers: Sequence[int]) -> Iterator[Images]:
+        """See Footage."""
+        return (self._sets[number] for number in numbers)
+
+
+@dataclass(frozen=True, eq=False)
+class Sighting:
+    """The object in one shot."""
+
+    number: int
+    """Of the shot."""
+    position: FloatArray
+    """(3,) [m]."""
+    rotation: FloatArray
+    """(3, 3) world_from_object."""
+    velocity: FloatArray | None
+    """(6,) [m/s, rad/s]; None in a still."""
+    skew: float
+    """Time between the first and the last picture [s]."""
+    begins: bool
+    """Whether no sighting before it belongs to the same film."""
+
+
+def sightings(tracker: ObjectTracker, footage: Footage, least: float) -> Iterator[Sighting]:
+    """The shots in which a tracker sees the object with a confidence of at least `least`.
+
+    The tracker forgets what it saw before.
+
+    Raises:
+        LogError: the recording is damaged.
+        ImageError: a picture is not what the tracker's cameras give.
+    """
+    tracker.reset()
+    begins = True
+    for shot in footage.shots():
+        begins = begins or shot.begins
+        seen = _seen(tracker, shot, begins, least)
+        if seen is not None:
+            yield seen
+            begins = False
+
+
+def all_sightings(
+    tracker: ObjectTracker, footage: Sequence[Footage], least: float, progress: Callable[[int], None]
+) -> list[list[Sighting]]:
+    """Those of each footage; arguments and errors as of `sightings`, `progress` is told of each."""
+    seen: list[list[Sighting]] = []
+    for one in footage:
+        seen.append([])
+        for sighting in sightings(tracker, one, least):
+            seen[-1].append(sighting)
+            progress(1)
+    return seen
+
+
+def _seen(tracker: ObjectTracker, shot: Shot, begins: bool, least: float) -> Sighting | None:
+    if all(image is None for image in shot.images):
+        return None
+    if shot.begins:
+        tracker.reset()
+    if shot.stamps is None:
+        found, velocity, skew = tracker.detect(shot.images), None, 0.0
+    else:
+        given = shot.stamps[np.isfinite(shot.stamps)]
+        found = tracker.update(shot.images, shot.stamps.tolist())
+        filtered = found.filtered_object_pose
+        velocity, skew = filtered.velocity if filtered is not None else None, float(np.ptp(given))
+    pose = found.object_pose
+    if pose is None or pose.confidence < least or (shot.stamps is not None and velocity is None):
+        return None
+    return Sighting(shot.number, pose.position, pose.rotation, velocity, skew, begins)
+
+
+LEVEL = np.radians(6.0)
+"""Greatest tilt of an object's face against z = 0: that of an object at rest, and of the world's [rad]."""
+
+SLOW = 5e-3, np.radians(5.0)
+"""Velocities below which an object may be at rest [m/s, rad/s]."""
+
+FRAMES = 3
+"""Frames in a row of a film in which it must be."""
+
+SAME = 3e-3, np.radians(2.0)
+"""Motion within which an object at rest is still in the same place [m, rad]."""
+
+
+def resting(sightings: Iterable[Sighting]) -> list[Sighting]:
+    """One sighting of each place in which the object may rest; every still that shows it level is one.
+
+    It may be held still, too: who asks for rests must expect some of these.
+    """
+    runs: list[list[Sighting]] = []
+    for one in sightings:
+        if not (_level(one.rotation) and _still(one)):
+            continue
+        last = runs[-1] if runs else None
+        if last and not one.begins and one.velocity is not None and _stays(last, one):
+            last.append(one)
+        else:
+            runs.append([one])
+    return [run[len(run) // 2] for run in runs if run[0].velocity is None or len(run) >= FRAMES]
+
+
+def _level(rotation: FloatArray) -> bool:
+    return bool(np.abs(rotation[2]).max() > np.cos(LEVEL))
+
+
+def _still(one: Sighting) -> bool:
+    if one.velocity is None:
+        return True
+    speed, turning = np.linalg.norm(one.velocity[:3]), np.linalg.norm(one.velocity[3:])
+    return bool(speed < SLOW[0] and turning < SLOW[1])
+
+
+def _stays(run: list[Sighting], one: Sighting) -> bool:
+    """Whether a sighting follows those of a run without a gap, in the same place."""
+    moved = np.linalg.norm(one.position - run[0].position)
+    turned = so3.angle_between(one.rotation, run[0].rotation)
+    return bool(one.number == run[-1].number + 1 and moved < SAME[0] and turned < SAME[1])
+
+
+APART = 8e-3, np.radians(8.0)
+"""Motion from which on a pose is another one [m, rad]."""
+
+LEAST = 18
+"""Different poses that must be seen."""
+
+TURNED = np.radians(30.0)
+"""Turn between some of them [rad]: an object that is only moved shows the same edges."""
+
+SPREAD = 0.03
+"""Standard deviation of their places, as a length of all axes together [m]."""
+
+SMEARED = 0.3e-3
+"""Motion between the pictures of one frame beyond which it is left out [m]."""
+
+
+def different(name: str, seen: Sequence[Sequence[Sighting]], most: int) -> list[tuple[int, Sighting]]:
+    """Up to `most` sightings of the object `name` in poses that differ, each with the number of its footage.
+
+    Raises:
+        CalibrationError: there are too few.
+    """
+    sharp = [(k, one) for k, part in enumerate(seen) for one in part if _smear(one) < SMEARED]
+    if not sharp:
+        blurred = sum(map(len, seen))
+        more = f"; in {blurred} more it moved between the cameras' pictures" if blurred else ""
+        raise CalibrationError(f"refine: found no frame in which {name} is surely seen{more}")
+    chosen: list[tuple[int, Sighting]] = []
+    for k, one in sharp:
+        if all(_apart(one, other) for _, other in chosen):
+            chosen.append((k, one))
+    places = np.array([one.position for _, one in chosen])
+    turn = max(so3.angle_between(one.rotation, chosen[0][1].rotation) for _, one in chosen)
+    spread = float(np.sqrt(places.var(axis=0).sum()))
+    if len(chosen) < LEAST or spread < SPREAD or turn < TURNED:
+        raise CalibrationError(
+            f"refine: found {len(chosen)} of the {LEAST} different poses or more in which {name} must be "
+            f"seen; they spread by {1e3 * spread:.0f} mm (expected {1e3 * SPREAD:.0f}) and turn by up to "
+            f"{np.degrees(turn):.0f}° (expected {np.degrees(TURNED):.0f}): move and turn it all over the "
+            "arena"
+        )
+    picks = np.unique(np.linspace(0, len(chosen) - 1, min(most, len(chosen))).round().astype(int))
+    return [chosen[k] for k in picks]
+
+
+def _smear(one: Sighting) -> float:
+    """How far the object moved between the first and the last picture of a frame [m]."""
+    return 0.0 if one.velocity is None else one.skew * float(np.linalg.norm(one.velocity[:3]))
+
+
+def _apart(one: Sighting, other: Sighting) -> bool:
+    moved = np.linalg.norm(one.position - other.position)
+    return bool(moved > APART[0] or so3.angle_between(one.rotation, other.rotation) > APART[1])

@@ -1,0 +1,319 @@
+"""The table, as objects at rest show it: height and tilt from where their lowest faces are.
+
+Each pose at rest gives three equations: the height of its contact and two tilts of its lowest face. What it
+cannot give is told apart from what more poses average away: cameras that are off put all poses off together.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tracker.calibration.by_object.edges import EdgeReader
+from tracker.calibration.by_object.pose_errors import pose_errors
+from tracker.calibration.by_object.sightings import Footage, Sighting, all_sightings, resting
+from tracker.calibration.deviations import calibration_covariance, turned_std
+from tracker.calibration.rig import CameraRig
+from tracker.conventions import Array, FloatArray
+from tracker.errors import CalibrationError
+from tracker.geometry import so3
+from tracker.objects.model import CuboidModel
+from tracker.pipeline import ObjectTracker
+from tracker.pose.views import Sight
+from tracker.segmentation.color_model import ColorModel
+
+FLOOR = 0.3e-3, np.radians(0.15)
+"""Standard deviations of an object at rest that nothing states: of its height, since table and edges are worn
+[m], and of its tilt [rad]."""
+
+OUTLIER = 25.0
+"""Squared distance from the plane, in standard deviations, at which a pose counts no more (Tukey)."""
+
+LOWEST = 0.2
+"""Share of the poses that are taken to rest at first, the lowest: held objects are higher, never lower."""
+
+WIDER = (3.0, 2.0, 1.5) + (1.0,) * 12
+"""Factor on the standard deviations round by round."""
+
+LEAST = 5
+"""Poses that must rest on the plane."""
+
+SPREAD = 0.015
+"""Least standard deviation of the places of contact along the direction in which they vary least [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rest:
+    """An object that may lie on the table."""
+
+    position: FloatArray
+    """(3,) [m]."""
+    rotation: FloatArray
+    """(3, 3) world_from_object."""
+    own: FloatArray
+    """(6, 6) covariance of the errors that are this pose's alone [m, rad]."""
+    common: FloatArray
+    """(6, C, 6) by how much the pose moves with the cameras' errors (see `calibration.deviations`)."""
+
+
+@dataclass(frozen=True, eq=False)
+class TablePlane:
+    """A plane z = height + slope · ((x, y) - center)."""
+
+    center: tuple[float, float]
+    """x and y at which the height is told [m]."""
+    height: float
+    """[m]"""
+    slope: FloatArray
+    """(2,) along x and y."""
+    covariance: FloatArray
+    """(3, 3) of height and slopes; the cameras' errors included, which all poses share."""
+    used: Array
+    """(N,) weights of the poses, from 0 to 1."""
+    scatter: float
+    """Root mean square height of the poses that rest over the plane [m]."""
+
+    @property
+    def tilt(self) -> float:
+        """Angle between the plane and z = 0 [rad]."""
+        return float(np.arctan(np.hypot(*self.slope)))
+
+    @property
+    def std(self) -> tuple[float, float]:
+        """Standard deviations of the height [m], and of the tilt in its least certain direction [rad]."""
+        worst = np.linalg.eigvalsh(self.covariance[1:, 1:])[-1]
+        return float(np.sqrt(self.covariance[0, 0])), float(np.sqrt(worst))
+
+
+def contact(size: FloatArray, position: FloatArray, rotation: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Middle (3,) [m] of the lowest face of a cuboid of `size` (3,) [m], and its normal (3,) inwards."""
+    axis = int(np.argmax(np.abs(rotation[2])))
+    up = np.copysign(1.0, rotation[2, axis]) * rotation[:, axis]
+    return position - 0.5 * size[axis] * up, up
+
+
+def fit_table(rests: Sequence[Rest], size: FloatArray, rig: CameraRig) -> TablePlane:
+    """The plane on which a cuboid of `size` (3,) [m] rests, robust against poses in which it does not.
+
+    Raises:
+        CalibrationError: too few poses agree, or their places are too similar; what is missing is said.
+    """
+    center = rig.arena.center
+    if len(rests) < LEAST:
+        raise CalibrationError(
+            f"table: found {len(rests)} of the {LEAST} places or more, spread over the table, in which the "
+            "object must rest"
+        )
+    rows = [_equations(rest, size, center) for rest in rests]
+    values, designs, moves = (np.array(part) for part in zip(*rows, strict=True))
+    floor = np.diag(np.square([FLOOR[0], FLOOR[1], FLOOR[1]]))
+    own = np.array([move @ rest.own @ move.T + floor for move, rest in zip(moves, rests, strict=True)])
+    known = np.linalg.inv(own)
+    found, weights = _start(values, designs), np.ones(len(rests))
+    for wider in WIDER:
+        left = values - designs @ found
+        distance = np.einsum("ni,nij,nj->n", left, known, left) / wider**2
+        weights = np.clip(1.0 - distance / OUTLIER, 0.0, None) ** 2
+        if weights.sum() < LEAST - 1.0:
+            continue
+        weighted = np.einsum("n,nji,njk->nik", weights, designs, known)
+        normal = np.einsum("nij,njk->ik", weighted, designs)
+        found = np.linalg.solve(normal, np.einsum("nij,nj->i", weighted, values))
+    _refuse(weights, designs, center)
+    gain = np.linalg.solve(normal, weighted)
+    covariance = np.einsum("nij,njk,nlk->il", gain, own, gain)
+    shared = np.einsum("nij,njk,nkcm->icm", gain, moves, np.array([rest.common for rest in rests]))
+    for c, camera in enumerate(rig):
+        covariance += shared[:, c] @ calibration_covariance(camera) @ shared[:, c].T
+    left = (values - designs @ found)[:, 0]
+    scatter = float(np.sqrt((weights * left**2).sum() / weights.sum()))
+    return TablePlane(center, float(found[0]), found[1:], covariance, weights, scatter)
+
+
+def levelled(rig: CameraRig, plane: TablePlane) -> CameraRig:
+    """The same cameras in a world whose z = 0 is the plane; x, y and yaw stay as they are.
+
+    The world is turned about a level axis by the tilt, around the point of the plane at its centre, and
+    moved along z. Deviations of the cameras stay those of what they were: the plane's own are the arena's.
+    """
+    normal = np.array([-plane.slope[0], -plane.slope[1], 1.0])
+    axis = np.cross(normal, [0.0, 0.0, 1.0])
+    length = np.linalg.norm(axis)
+    turn = so3.exp(axis / length * plane.tilt) if length > 0.0 else np.eye(3)
+    place = np.array([*plane.center, 0.0])
+    world_from_level = np.eye(4)
+    world_from_level[:3, :3] = turn.T
+    world_from_level[:3, 3] = np.array([*plane.center, plane.height]) - turn.T @ place
+    arena = dataclasses.replace(rig.arena, table=0.0, table_std=plane.std)
+    return dataclasses.replace(moved(rig, world_from_level), arena=arena)
+
+
+def moved(rig: CameraRig, world_from_new: FloatArray) -> CameraRig:
+    """The same cameras in another world, of which (4, 4) leads to the present one; deviations go along."""
+    cameras = []
+    for camera in rig:
+        transform = camera.camera_from_world @ world_from_new
+        transform[:3, :3] = so3.nearest_rotation(transform[:3, :3])
+        std = camera.camera_from_world_std
+        if std is not None:
+            std = std.copy()
+            std[:3, :3] = turned_std(camera.camera_from_world[:3, :3], std[:3, :3], transform[:3, :3])
+        cameras.append(dataclasses.replace(camera, camera_from_world=transform, camera_from_world_std=std))
+    return dataclasses.replace(rig, cameras=tuple(cameras))
+
+
+def _equations(
+    rest: Rest, size: FloatArray, center: tuple[float, float]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """What a pose says of (height, slopes): values (3,) = design (3, 3) · plane, and its moves (3, 6).
+
+    The rows are the height of its contact and the slopes of its lowest face along x and y; moves are their
+    derivatives by the pose's error.
+    """
+    point, up = contact(size, rest.position, rest.rotation)
+    x, y = point[:2] - center
+    slope = -up[:2] / up[2]
+    values = np.array([point[2], *slope])
+    design = np.array([[1.0, x, y], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    # δup = δθ × up, and the contact is arm from the object's centre.
+    upwards, swing = -so3.hat(up), -so3.hat(point - rest.position)
+    moves = np.zeros((3, 6))
+    moves[0] = [-slope[0], -slope[1], 1.0, *(np.array([-slope[0], -slope[1], 1.0]) @ swing)]
+    moves[1:, 3:] = -(upwards[:2] + slope[:, None] * upwards[2]) / up[2]
+    return values, design, moves
+
+
+def _start(values: FloatArray, designs: FloatArray) -> FloatArray:
+    """Height and slopes (3,) to begin with: those of the lowest poses over a plane as tilted as most."""
+    slopes = np.median(values[:, 1:], axis=0)
+    heights = values[:, 0] - designs[:, 0, 1:] @ slopes
+    lowest = np.argsort(heights, kind="stable")[: max(2, round(LOWEST * len(heights)))]
+    return np.array([np.median(heights[lowest]), *slopes])
+
+
+def _refuse(weights: FloatArray, designs: FloatArray, center: tuple[float, float]) -> None:
+    """Raise where too few poses rest on the plane, or all near one line."""
+    if weights.sum() < LEAST - 1.0:
+        raise CalibrationError(
+            f"table: found {np.count_nonzero(weights)} of {len(weights)} poses at rest to lie on one plane, "
+            f"expected {LEAST} or more; was the object held, or did the cameras move?"
+        )
+    places = designs[:, 0, 1:]
+    middle = np.average(places, axis=0, weights=weights)
+    variances, axes = np.linalg.eigh(np.cov(places.T, aweights=weights, ddof=0))
+    if variances[0] < SPREAD**2:
+        spread, toward = np.sqrt(max(variances[0], 0.0)), axes[:, 0]
+        one, other = (middle + sign * 3.0 * SPREAD * toward + center for sign in (1.0, -1.0))
+        raise CalibrationError(
+            f"table: the object rested in places that spread by {1e3 * spread:.0f} mm only, expected "
+            f"{1e3 * SPREAD:.0f} mm to every side; lay it also near x, y = {one[0]:.2f}, {one[1]:.2f} m and "
+            f"{other[0]:.2f}, {other[1]:.2f} m"
+        )
+
+
+BROAD = 0.015, 0.05
+"""Standard deviations of the table's height [m] and tilt [rad] before it is found."""
+
+SURE = 0.5
+"""Least confidence of a pose that counts."""
+
+PIECES = 8
+"""Pieces of edges that a camera must show to have a say."""
+
+
+@dataclass(frozen=True, eq=False)
+class FoundTable:
+    """The table, and the calibration in a world whose z = 0 it is."""
+
+    rig: CameraRig
+    """The same cameras in that world, and its arena."""
+    plane: TablePlane
+    """The table in the world of before."""
+    shots: int
+    """Shots in which the object was surely seen."""
+
+
+def find_table(
+    model: CuboidModel,
+    footage: Sequence[Footage],
+    rig: CameraRig,
+    colors: ColorModel,
+    progress: Callable[[int], None] = lambda _: None,
+) -> FoundTable:
+    """The table as films and stills of an object show it that rests on it now and then.
+
+    Args:
+        model: the object.
+        footage: of the rig's cameras, in the order of the rig.
+        rig: the cameras, two or more.
+        colors: the object's.
+        progress: is told how many more shots showed the object.
+
+    Raises:
+        CalibrationError: there is one camera only, or the object rested in too few places.
+    """
+    refuse_one_camera(rig)
+    loose = broad(rig)
+    tracker, edges = ObjectTracker(model, loose, colors, table_prior=False), EdgeReader(model, loose, colors)
+    seen = all_sightings(tracker, footage, SURE, progress)
+    if not any(seen):
+        raise CalibrationError(f"table: found no picture in which {model.name} is surely seen")
+    plane = plane_of(model, edges, footage, seen)
+    return FoundTable(levelled(rig, plane), plane, sum(map(len, seen)))
+
+
+def broad(rig: CameraRig) -> CameraRig:
+    """The same cameras, of which it is hardly known where the table is."""
+    height, tilt = rig.arena.table_std
+    std = max(height, BROAD[0]), max(tilt, BROAD[1])
+    return dataclasses.replace(rig, arena=dataclasses.replace(rig.arena, table_std=std))
+
+
+def plane_of(
+    model: CuboidModel, edges: EdgeReader, footage: Sequence[Footage], seen: Sequence[Sequence[Sighting]]
+) -> TablePlane:
+    """The plane on which an object rests that was seen in footage, by the cameras of an edge reader.
+
+    Raises:
+        CalibrationError: it rested in too few places.
+    """
+    rests, lonely = [], 0
+    for one, part in zip(footage, seen, strict=True):
+        still = resting(part)
+        for sighting, images in zip(still, one.images([s.number for s in still]), strict=True):
+            rest = _rest(edges, sighting, edges.sight(images), model.rim_std)
+            if rest is not None:
+                rests.append(rest)
+            else:
+                lonely += 1
+    if len(rests) < LEAST <= len(rests) + lonely:
+        raise CalibrationError(
+            f"table: found {lonely} places in which one camera alone sees the object at rest, and "
+            f"{len(rests)} in which others do, expected {LEAST} of these: one camera's depth is not the "
+            "table's height"
+        )
+    return fit_table(rests, model.size, edges.rig)
+
+
+def refuse_one_camera(rig: CameraRig) -> None:
+    """Raise where a rig has one camera only."""
+    if len(rig) < 2:
+        raise CalibrationError(
+            f"table: found {rig.names[0]} alone, expected two cameras or more: one camera's depth is not the "
+            "table's height"
+        )
+
+
+def _rest(edges: EdgeReader, sighting: Sighting, sight: Sight, rim_std: float) -> Rest | None:
+    """The pose once more from one shot, with its errors; None where fewer than two cameras see its edges."""
+    refined = edges.refine(sight, sighting.rotation, sighting.position)
+    found = edges.contours(sight, refined.rotation, refined.position, refined.end)
+    if sum(one is not None and len(one.offset) >= PIECES for one in found) < 2:
+        return None
+    own, common = pose_errors(found, refined.position, edges.rig.cameras, rim_std)
+    if not np.isfinite(own).all():
+        return None
+    return Rest(refined.position, refined.rotation, own, common)

@@ -1,0 +1,1 @@
+"""Calibration files: the platform's cameras and the arena."""

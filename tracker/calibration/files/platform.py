@@ -1,0 +1,252 @@
+"""The platform's calibration files: one YAML file for each camera.
+
+Keys: camera_name, image_width, image_height and the matrices {rows, cols, data} camera_matrix,
+distortion_coefficients, tf_world_to_camera and tf_world_to_camera_std. Variants that are read too:
+files of early 2020 say projection_matrix for tf_world_to_camera; the deviations may be missing;
+matrices may carry `dt: d` and the tag `!!opencv-matrix`; a header may be there or not, in YAML's way
+or in OpenCV's (`%YAML:1.0`); distortions have 4, 5, 8, 12 or 14 coefficients in OpenCV's order. Files of
+ROS (camera_info) are of a lens alone, unless tf_world_to_camera is added to them.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Hashable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from tracker.conventions import FloatArray
+from tracker.errors import CalibrationError, shown
+from tracker.files import read_bounded, write_whole
+from tracker.geometry import so3
+from tracker.geometry.camera import MAX_SIZE, ROTATION_TOLERANCE, Camera, rotation_deviation
+from tracker.geometry.distortion import COUNTS
+
+MAX_FILE_SIZE = 100_000
+"""Largest file [bytes] that is parsed; real ones have 2 kB, and PyYAML takes seconds for a megabyte."""
+
+MAX_ROTATION_DEVIATION = 1e-2
+"""Largest |R Rᵀ - I| that is mended; real files, element-wise means of rotations, stay below 1e-4."""
+
+TRANSFORM_KEYS = ("tf_world_to_camera", "projection_matrix")
+"""What files call camera_from_world, today and in early 2020."""
+
+
+_ROS_KEY = "distortion_model"
+_ROS_MODELS = ("plumb_bob", "rational_polynomial")
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML of plain values only, in which a key stands once."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
+        seen: set[str] = set()
+        for key, _ in node.value:
+            # Merge keys can be nested so that they grow exponentially; no calibration needs them.
+            if key.tag == "tag:yaml.org,2002:merge":
+                raise yaml.constructor.ConstructorError(None, None, "merge key '<<'", key.start_mark)
+            if isinstance(key, yaml.ScalarNode) and key.value in seen:
+                raise yaml.constructor.ConstructorError(
+                    None, None, f"key {key.value!r} stands twice", key.start_mark
+                )
+            seen.add(str(key.value))
+        return super().construct_mapping(node, deep=deep)
+
+
+def _opencv_matrix(loader: _Loader, node: yaml.MappingNode) -> dict[Hashable, Any]:
+    return loader.construct_mapping(node, deep=True)
+
+
+_Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", _opencv_matrix)
+# YAML 1.1 takes 1e-05 for a text, yet writers of YAML 1.2 and of C++ print it for a number.
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float", re.compile(r"^[-+]?[0-9]+[eE][-+]?[0-9]+$"), list("-+0123456789")
+)
+
+
+def read_camera(path: str | os.PathLike[str], *, correct_halved_principal_point: bool = False) -> Camera:
+    """Read a calibration file of the platform.
+
+    The rotation, there an element-wise mean of rotations, is replaced by the nearest true one unless it
+    is one already.
+
+    Args:
+        path: the file.
+        correct_halved_principal_point: the file was made by halving K[:2] (the platform's
+            `*_cropped_and_downsampled.yml` and the 270×270 `camera*.yml` of a job's output), which puts
+            the principal point a quarter of a pixel too far right and down: take it back.
+
+    Raises:
+        CalibrationError: the file is missing, unreadable or malformed; the message names file and key.
+    """
+    data = read_mapping(Path(path))
+    try:
+        camera = camera_of(data)
+    except CalibrationError as error:
+        raise CalibrationError(f"{os.fspath(path)}: {error}") from error
+    return camera.with_halved_principal_point_corrected() if correct_halved_principal_point else camera
+
+
+def write_camera(camera: Camera, path: str | os.PathLike[str]) -> None:
+    """Write a calibration file of the platform, whole or not at all; `read_camera` returns the same bits.
+
+    Raises:
+        CalibrationError: the file cannot be written.
+    """
+    write_mapping(entries(camera), path)
+
+
+def entries(camera: Camera) -> dict[str, Any]:
+    """What a file says of a camera, key by key."""
+    data = {
+        "camera_name": camera.name,
+        "image_width": camera.width,
+        "image_height": camera.height,
+        "camera_matrix": matrix_entry(camera.matrix),
+        "distortion_coefficients": matrix_entry(camera.distortion[None]),
+        "tf_world_to_camera": matrix_entry(camera.camera_from_world),
+    }
+    if camera.camera_from_world_std is not None:
+        data["tf_world_to_camera_std"] = matrix_entry(camera.camera_from_world_std)
+    return data
+
+
+def write_mapping(data: dict[str, Any], path: str | os.PathLike[str]) -> None:
+    """Write a calibration file of these keys, whole or not at all.
+
+    Raises:
+        CalibrationError: the file cannot be written.
+    """
+    # With this header and lists in brackets (default_flow_style=None) OpenCV reads the file too.
+    text = "%YAML 1.1\n---\n" + yaml.safe_dump(
+        data, sort_keys=False, allow_unicode=True, default_flow_style=None, width=100
+    )
+    try:
+        write_whole(path, text)
+    except OSError as error:
+        raise CalibrationError(f"{os.fspath(path)}: cannot be written: {error.strerror or error}") from error
+
+
+def matrix_entry(matrix: FloatArray) -> dict[str, Any]:
+    """How a file says a matrix (R, C)."""
+    rows, cols = matrix.shape
+    return {"rows": rows, "cols": cols, "dt": "d", "data": matrix.ravel().tolist()}
+
+
+def read_mapping(path: Path) -> dict[Any, Any]:
+    """The keys of a calibration file; CalibrationError where it is not plain YAML of keys."""
+    try:
+        content = read_bounded(path, MAX_FILE_SIZE)
+    except (OSError, ValueError) as error:  # ValueError: a null byte in the path
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise CalibrationError(f"{path}: cannot be read: {reason}, expected a calibration") from error
+    try:
+        # OpenCV's header is not valid YAML; without it the document is.
+        text = re.sub(r"\A%YAML:1\.\d[^\n]*\n", "", content.decode("utf-8-sig"))
+        data = yaml.load(text, Loader=_Loader)
+    except RecursionError as error:
+        raise CalibrationError(f"{path}: nested too deeply, expected a calibration") from error
+    # PyYAML also lets through what Python raises on values such as the date 2001-99-99 or `!!bool 2`.
+    except (yaml.YAMLError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError) as error:
+        reason = " ".join(str(error).split())
+        raise CalibrationError(f"{path}: not plain YAML: {reason}") from error
+    if not isinstance(data, dict):
+        raise CalibrationError(f"{path}: found {shown(data)}, expected a mapping with the key camera_matrix")
+    if _ROS_KEY in data:
+        if data[_ROS_KEY] not in _ROS_MODELS:
+            valid = " or ".join(_ROS_MODELS)
+            raise CalibrationError(f"{path}: {_ROS_KEY}: found {shown(data[_ROS_KEY])}, expected {valid}")
+        # What ROS calls so is the lens of rectified images, 3×4.
+        data.pop("projection_matrix", None)
+    return data
+
+
+def camera_of(data: dict[Any, Any]) -> Camera:
+    """The camera of a file's keys; CalibrationError names the key that is missing or malformed."""
+    name = _require(data, "camera_name")
+    if not isinstance(name, str):
+        raise CalibrationError(f"camera_name: found {shown(name)}, expected a text")
+    if not any(key in data for key in TRANSFORM_KEYS) and "camera_matrix" in data:
+        found = ", ".join(sorted(map(str, data)))[:200]
+        raise CalibrationError(
+            f"key {TRANSFORM_KEYS[0]} is missing; found {found}: a lens alone; "
+            "`tracker calibrate extrinsics` finds where its camera is; or add that key, a 4×4 matrix"
+        )
+    transform_key = next((key for key in TRANSFORM_KEYS if key in data), TRANSFORM_KEYS[0])
+    transform = matrix_of(data, transform_key, (4, 4))
+    transform[:3, :3] = _rotation(transform[:3, :3], transform_key)
+    std_key = next((f"{key}_std" for key in TRANSFORM_KEYS if data.get(f"{key}_std") is not None), None)
+    std = None if std_key is None else matrix_of(data, std_key, (4, 4))
+    if std is not None and std.min() < 0:
+        raise CalibrationError(f"{std_key}: found {std.min():g}, expected no negative deviation")
+    if (transform[3] != (0, 0, 0, 1)).any():
+        found = transform[3].tolist()
+        raise CalibrationError(f"{transform_key}: found the last row {found}, expected [0, 0, 0, 1]")
+    return Camera(
+        name=name,
+        width=_whole(data, "image_width"),
+        height=_whole(data, "image_height"),
+        matrix=matrix_of(data, "camera_matrix", (3, 3)),
+        distortion=_distortion(data),
+        camera_from_world=transform,
+        camera_from_world_std=std,
+    )
+
+
+def _require(data: dict[Any, Any], key: str) -> Any:
+    if key not in data:
+        found = ", ".join(sorted(map(str, data)))[:200] or "nothing"
+        raise CalibrationError(f"key {key} is missing; found {found}")
+    return data[key]
+
+
+def _whole(data: dict[Any, Any], key: str) -> int:
+    value = _require(data, key)
+    if isinstance(value, bool) or not isinstance(value, int) or not 0 < value <= MAX_SIZE:
+        raise CalibrationError(f"{key}: found {shown(value)}, expected a whole number from 1 to {MAX_SIZE}")
+    return value
+
+
+def _distortion(data: dict[Any, Any]) -> FloatArray:
+    counts = (4, *COUNTS)
+    shapes = [shape for count in counts for shape in ((1, count), (count, 1))]
+    found = matrix_of(data, "distortion_coefficients", *shapes).ravel()
+    return np.append(found, 0.0) if len(found) == counts[0] else found  # OpenCV takes k3 = 0 then
+
+
+def matrix_of(data: dict[Any, Any], key: str, *shapes: tuple[int, int]) -> FloatArray:
+    """The matrix at `key`, of one of the shapes."""
+    entry = _require(data, key)
+    valid = " or ".join(f"{rows}×{cols}" for rows, cols in shapes)
+    if not isinstance(entry, dict):
+        raise CalibrationError(f"{key}: found {shown(entry)}, expected a mapping of rows, cols and data")
+    for part in ("rows", "cols", "data"):
+        if part not in entry:
+            raise CalibrationError(f"{key}: {part} is missing, expected rows, cols and data")
+    rows, cols, values = entry["rows"], entry["cols"], entry["data"]
+    if (rows, cols) not in shapes or any(isinstance(size, bool) for size in (rows, cols)):
+        raise CalibrationError(f"{key}: found {shown(rows)}×{shown(cols)}, expected {valid}")
+    if not isinstance(values, list) or len(values) != rows * cols:
+        found = f"{len(values)} values" if isinstance(values, list) else shown(values)
+        raise CalibrationError(f"{key}: data: found {found}, expected {int(rows * cols)} numbers")
+    return np.array([_number(value, key) for value in values]).reshape(int(rows), int(cols))
+
+
+def _number(value: Any, key: str) -> float:
+    # The bound also refuses NaN, and numbers whose squares overflow.
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) < 1e100:
+        raise CalibrationError(f"{key}: data: found {shown(value)}, expected a finite number")
+    return float(value)
+
+
+def _rotation(matrix: FloatArray, key: str) -> FloatArray:
+    """The nearest rotation; `matrix` itself, to the bit, where a Camera takes it as it is."""
+    deviation = rotation_deviation(matrix)
+    if deviation > MAX_ROTATION_DEVIATION:
+        found = f"a 3×3 part that deviates from a rotation by {deviation:.2g}"
+        raise CalibrationError(f"{key}: found {found}, expected at most {MAX_ROTATION_DEVIATION:g}")
+    return matrix if deviation <= ROTATION_TOLERANCE else so3.nearest_rotation(matrix)

@@ -1,0 +1,87 @@
+"""What callers give, told apart by kind: numbers, arrays of them, paths."""
+
+from __future__ import annotations
+
+import math
+import numbers
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TypeGuard, TypeVar
+
+import numpy as np
+
+from tracker.conventions import FloatArray
+from tracker.errors import TrackerError, shown
+
+Kind = TypeVar("Kind")
+
+
+def of_kind(given: object, kind: type[Kind], what: str, fault: type[TrackerError], how: str = "") -> Kind:
+    """The value itself if it is of a kind; `fault`, which names `what` and says `how` to get one, if not."""
+    if not isinstance(given, kind):
+        hint = f", as {how} gives" if how else ""
+        raise fault(f"{what}: found {shown(given)}, expected {kind.__name__}{hint}")
+    return given
+
+
+def check_sequence(given: object, what: str, fault: type[TrackerError], valid: str = "a sequence") -> None:
+    """Refuse what has no items, and texts, whose items nobody means, by a `fault` that names `what`."""
+    if isinstance(given, np.ndarray) and given.ndim:
+        return
+    if isinstance(given, str | bytes) or not isinstance(given, Sequence):
+        raise fault(f"{what}: found {shown(given)}, expected {valid}")
+
+
+def path_of(given: object, what: str, fault: type[TrackerError], valid: str = "a path") -> Path:
+    """A path; `fault`, which names `what`, where it is none or has a null byte in it."""
+    text = os.fspath(given) if isinstance(given, str | os.PathLike) else None
+    if not isinstance(text, str):
+        raise fault(f"{what}: found {shown(given)}, expected {valid}")
+    if "\0" in text:
+        raise fault(f"{what}: found a null byte in it, expected {valid}")
+    return Path(text)
+
+
+def is_whole(value: object) -> TypeGuard[int]:
+    """Whether it is a whole number of any kind; truth values and spans of time are none."""
+    return isinstance(value, int | np.integer) and not isinstance(value, bool | np.timedelta64)
+
+
+def is_number(value: object) -> bool:
+    """Whether it is one finite real number of any kind; truth values and spans of time are none."""
+    if isinstance(value, bool | np.timedelta64) or not isinstance(value, numbers.Real):
+        return False
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # a whole number beyond the greatest float
+        return False
+
+
+def float_rows(given: object, width: int, what: str, fault: type[TrackerError]) -> FloatArray:
+    """Rows (N, width) in double precision; `fault`, which names `what`, where the numbers make none."""
+    try:
+        array = np.asarray(given)
+    except (TypeError, ValueError):  # a ragged sequence
+        array = np.asarray(None)
+    if array.dtype.kind not in "iuf" or array.size % width:
+        raise fault(f"{what}: found {shown(given)}, expected numbers of shape (N, {width})")
+    return array.astype(np.float64, copy=False).reshape(-1, width)
+
+
+def float_array(
+    given: object, shape: tuple[int, ...], what: str, fault: type[TrackerError], *, finite: bool = True
+) -> FloatArray:
+    """A read-only copy in double precision; `fault`, which names `what`, where it is none of that shape."""
+    try:
+        array = np.array(given)
+    except (TypeError, ValueError):  # a ragged sequence
+        array = np.array(None)
+    if array.dtype.kind not in "iuf" or array.shape != shape:
+        found = f"shape {array.shape}" if array.dtype.kind in "iuf" else shown(given)
+        raise fault(f"{what}: found {found}, expected numbers of shape {shape}")
+    result: FloatArray = array.astype(np.float64, copy=False)
+    if finite and not np.isfinite(result).all():
+        raise fault(f"{what}: found values that are not finite, expected finite numbers")
+    result.flags.writeable = False
+    return result

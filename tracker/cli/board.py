@@ -1,0 +1,298 @@
+"""`tracker calibrate board` and `intrinsics`: a board to print, and a camera's lens from photos of it."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+from tracker.cli.options import together
+from tracker.cli.outputs import PICTURE, Command, OutFile, Recording
+from tracker.cli.pictures import silent_libraries
+from tracker.cli.render import listing, table
+from tracker.errors import CalibrationError
+
+if TYPE_CHECKING:
+    from tracker.calibration.board.board import Board
+    from tracker.calibration.board.intrinsics import Lens
+    from tracker.calibration.board.sighting import BoardView
+    from tracker.calibration.files.calibrated import Calibrated
+    from tracker.conventions import Image
+
+_Command = TypeVar("_Command", bound=Callable[..., Any])
+
+board_options = together(
+    click.option(
+        "--squares", required=True, metavar="CxR", help="Columns and rows of squares, black and white: 5x7."
+    ),
+    click.option("--square", required=True, type=float, metavar="M", help="Edge of a square [m]."),
+    click.option("--marker", required=True, type=float, metavar="M", help="Edge of a marker [m]."),
+    click.option(
+        "--dictionary",
+        default="DICT_APRILTAG_16h5",
+        show_default=True,
+        metavar="NAME",
+        help="Set of markers, as OpenCV calls it.",
+    ),
+)
+"""Of a board; their values are what `board_of` takes."""
+
+
+def board_of(squares: str, square: float, marker: float, dictionary: str, legacy: bool = False) -> Board:
+    """The board of the options.
+
+    Raises:
+        click.UsageError: --squares cannot be read.
+        CalibrationError: there is no such board.
+    """
+    from tracker.calibration.board.board import Board
+
+    sizes = re.fullmatch(r"(\d{1,4})[x×X](\d{1,4})", squares)
+    if sizes is None:
+        raise click.UsageError(f"--squares {squares!r}: expected columns and rows, e.g. 5x7")
+    return Board(int(sizes[1]), int(sizes[2]), square, marker, dictionary, legacy)
+
+
+def read_photos(paths: Sequence[Path]) -> list[Image]:
+    """The photos (H, W, 3) BGR; ImageError names the file that cannot be read."""
+    from tracker.segmentation.labelled import read_image
+
+    with silent_libraries():
+        return [read_image(path) for path in paths]
+
+
+def sightings_of(
+    photos: Sequence[str], images: Sequence[Image], board: Board
+) -> tuple[Board, list[BoardView | None], dict[str, str]]:
+    """The board in the pattern seen, what each photo shows of it, and why those without show none.
+
+    Raises:
+        CalibrationError: no photo shows the board, or the photos show another.
+    """
+    from tracker.calibration.board.sighting import (
+        MOST_BLUR,
+        find_board,
+        pattern_seen,
+        require_size,
+        why_no_board,
+    )
+
+    board = pattern_seen(images, board)
+    found: list[BoardView | None] = []
+    faults: dict[str, str] = {}
+    for photo, image in zip(photos, images, strict=True):
+        one = find_board(photo, image, board)
+        if one is None:
+            faults[photo] = why_no_board(image, board)
+        elif one.blur > MOST_BLUR:
+            faults[photo] = f"the photo is blurred, its edges by {one.blur:.1f} px"
+            one = None
+        found.append(one)
+    if all(one is None for one in found):
+        told = "; ".join(f"{why} ({count} ×)" for why, count in Counter(faults.values()).most_common(3))
+        raise CalibrationError(
+            f"board: found in none of {len(photos)} photos: {told}; expected photos of the board that "
+            "--dictionary, --squares, --square and --marker say"
+        )
+    clearest = max(range(len(found)), key=lambda n: len(found[n] or ()))
+    require_size(photos[clearest], images[clearest], board)
+    return board, found, faults
+
+
+def told_pattern(board: Board) -> str:
+    """Which pattern a board is of, as far as it can be told."""
+    if not board.two_patterns:
+        return f"{board} (with {board.rows} rows the old pattern and today's are the same)"
+    return f"{board}" if board.legacy else f"{board}, today's pattern"
+
+
+def _part(_: click.Context, option: click.Parameter, value: str | None) -> tuple[int, ...] | None:
+    """Width, height, left and top [px] of --crop; UsageError where it cannot be read."""
+    if value is None:
+        return None
+    part = re.fullmatch(r"(\d{1,5})x(\d{1,5})\+(\d{1,5})\+(\d{1,5})", value)
+    if part is None:
+        raise click.UsageError(f"{option.opts[0]} {value!r}: expected WxH+L+T, e.g. 540x540+88+0")
+    return tuple(int(number) for number in part.groups())
+
+
+size_options = together(
+    click.option(
+        "--crop",
+        callback=_part,
+        metavar="WxH+L+T",
+        help="Write NAME_cropped.yml too, of the photos' part of W×H px that starts at (L, T): on the "
+        "platform 540x540+88+0.",
+    ),
+    click.option(
+        "--halve",
+        is_flag=True,
+        help="Write NAME_downsampled.yml too, with --crop NAME_cropped_and_downsampled.yml: of halved "
+        "images, the quarter pixel right.",
+    ),
+)
+"""Of smaller images; their values are what `variants` takes."""
+
+
+def variants(
+    calibrated: Calibrated, path: Path, crop: tuple[int, ...] | None, halve: bool
+) -> dict[Path, Calibrated]:
+    """The files to write: `path` of the photos' size, and those of the options beside it.
+
+    Raises:
+        CalibrationError: the part is not inside of the photo.
+    """
+    files, last, suffix = {path: calibrated}, calibrated, ""
+    if crop is not None:
+        width, height, left, top = crop
+        last, suffix = calibrated.cropped(left, top, width, height), "_cropped"
+        files[path.with_stem(path.stem + suffix)] = last
+    if halve:
+        suffix += "_and_downsampled" if suffix else "_downsampled"
+        files[path.with_stem(path.stem + suffix)] = last.resized(
+            last.camera.width // 2, last.camera.height // 2
+        )
+    return files
+
+
+@click.command(cls=Command)
+@board_options
+@click.option(
+    "-o",
+    "--output",
+    required=True,
+    metavar="FILE",
+    type=OutFile(".pdf", ".svg", ".png"),
+    help="The page (.pdf, .svg or .png).",
+)
+@click.option("--legacy", is_flag=True, help="The pattern that OpenCV printed before 4.6 [even rows].")
+def board(squares: str, square: float, marker: float, dictionary: str, output: Path, legacy: bool) -> None:
+    """Write a ChArUco board as a page to print at its true size.
+
+    Print at 100 %, without fitting to the page, on something that stays flat, and measure a row of
+    squares afterwards: its length, divided by their number, is --square of the other commands.
+    """
+    from tracker.calibration.board.page import page_of, printed
+    from tracker.files import write_whole
+
+    page = page_of(board_of(squares, square, marker, dictionary, legacy))
+    write_whole(output, printed(page, output.suffix.lower()))
+    click.echo(f"{output}: {page.board}, on a page of {page.width:g}x{page.height:g} mm")
+
+
+@click.command(cls=Command)
+@click.argument("images", nargs=-1, required=True, metavar="IMAGE...", type=Recording())
+@board_options
+@click.option("--name", required=True, metavar="NAME", help="The camera's, e.g. camera60.")
+@click.option(
+    "-o",
+    "--output",
+    required=True,
+    metavar="FILE",
+    type=OutFile(".yml", ".yaml", new_folders=True),
+    help="Calibration file (.yml).",
+)
+@size_options
+@click.option(
+    "--plot", metavar="FILE", type=OutFile(*PICTURE), help="Draw what is missed where (.png, .jpg)."
+)
+def intrinsics(
+    images: tuple[Path, ...],
+    squares: str,
+    square: float,
+    marker: float,
+    dictionary: str,
+    name: str,
+    output: Path,
+    crop: tuple[int, ...] | None,
+    halve: bool,
+    plot: Path | None,
+) -> None:
+    """Focal length, principal point and distortion of a camera, from photos of a ChArUco board.
+
+    At least six photos, better fifteen, of the whole image's size: the board tilted by 30° to 45° in all
+    directions, near and far, out to the image's corners; sharp, with the camera's focus as it will stay.
+    Photos that do not belong are named and left out. Every photo is judged by a lens fitted without it.
+
+    The file states the standard deviation of every parameter. It does not say where the camera is:
+    `tracker calibrate extrinsics` adds that.
+    """
+    from tracker.calibration.board.intrinsics import fit_lens
+    from tracker.calibration.files.calibrated import write_calibrated
+    from tracker.geometry.camera import check_name
+
+    check_name(name, "--name", CalibrationError)
+    board = board_of(squares, square, marker, dictionary)
+    photos = [str(path) for path in images]
+    board, found, faults = sightings_of(photos, read_photos(images), board)
+    try:
+        lens = fit_lens(name, [one for one in found if one is not None], board)
+    except CalibrationError as error:
+        raise CalibrationError(
+            "; ".join([str(error), *(f"{p}: {why}" for p, why in faults.items())])
+        ) from error
+    files = variants(lens.calibrated, output, crop, halve)
+    output.parent.mkdir(parents=True, exist_ok=True)
+    for path, calibrated in files.items():
+        write_calibrated(calibrated, path)
+    if plot is not None:
+        _draw(lens, plot)
+    click.echo(_photo_table(lens, faults))
+    click.echo()
+    click.echo(
+        listing([["board", told_pattern(board)], *_found(lens), ["files", ", ".join(map(str, files))]])
+    )
+
+
+def _photo_table(lens: Lens, faults: dict[str, str]) -> str:
+    from tracker.calibration.board.pose import rms
+
+    rows = [["photo", "corners", "dropped", "blur [px]", "RMS [px]", "left out [px]"]]
+    for one in lens.photos:
+        numbers = [len(one.sighting), one.dropped]
+        sizes = [one.sighting.blur, rms([one.residuals]), one.left_out]
+        rows.append([one.sighting.photo, *map(str, numbers), *(f"{size:.2f}" for size in sizes)])
+    named = {one.sighting.photo: one.fault for one in lens.photos if one.fault is not None} | faults
+    return "\n".join([table(rows), *(f"not used: {photo}: {fault}" for photo, fault in named.items())])
+
+
+def _found(lens: Lens) -> list[list[str]]:
+    camera, std, bent = lens.calibrated.camera, lens.calibrated.matrix_std, lens.calibrated.distortion_std
+    assert std is not None
+    assert bent is not None
+
+    def told(values: list[tuple[float, float]], digits: int) -> str:
+        return ", ".join(f"{value:.{digits}f} ± {deviation:.{digits}f}" for value, deviation in values)
+
+    matrix = camera.matrix
+    used = sum(one.fault is None for one in lens.photos)
+    rows = [
+        ["focal lengths", told([(matrix[0, 0], std[0, 0]), (matrix[1, 1], std[1, 1])], 2) + " px"],
+        ["principal point", told([(matrix[0, 2], std[0, 2]), (matrix[1, 2], std[1, 2])], 2) + " px"],
+        ["distortion", told(list(zip(camera.distortion, bent, strict=True)), 4) + " (k1 k2 p1 p2 k3)"],
+        ["photos used", str(used)],
+        ["RMS", f"{lens.rms:.3f} px; before a lens fitted without them {lens.left_out:.3f} px"],
+    ]
+    if lens.reach < 0.9:
+        rows.append(
+            [
+                "note",
+                f"no corner beyond {lens.reach:.0%} of the way from the centre to the image's corners: "
+                "the distortion is guessed there",
+            ]
+        )
+    return rows
+
+
+def _draw(lens: Lens, picture: Path) -> None:
+    from tracker.viz.calibration_pictures import residual_picture
+    from tracker.viz.image_files import write_image
+
+    camera = lens.calibrated.camera
+    photos = [(one.sighting.pixels, one.residuals, one.fault is None) for one in lens.photos]
+    title = f"{camera.name}, {sum(one.fault is None for one in lens.photos)} photos"
+    write_image(picture, residual_picture(title, (camera.width, camera.height), photos))

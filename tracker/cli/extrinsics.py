@@ -1,0 +1,210 @@
+"""`tracker calibrate extrinsics`: where cameras are, from photos of a board that they all see."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from tracker.cli.board import (
+    board_of,
+    board_options,
+    read_photos,
+    sightings_of,
+    size_options,
+    told_pattern,
+    variants,
+)
+from tracker.cli.options import Vector
+from tracker.cli.outputs import Command, InFile, OutFolder, Recording, refuse_overwriting
+from tracker.cli.pictures import camera_in
+from tracker.cli.render import listing, table
+from tracker.errors import CalibrationError
+
+if TYPE_CHECKING:
+    from tracker.calibration.board.board import Board
+    from tracker.calibration.board.extrinsics import Photo, Placed
+    from tracker.calibration.board.sighting import BoardView
+    from tracker.calibration.files.calibrated import Calibrated
+    from tracker.conventions import FloatArray
+
+
+@click.command(cls=Command)
+@click.argument("folders", nargs=-1, required=True, metavar="FOLDER...", type=Recording())
+@board_options
+@click.option(
+    "--intrinsics",
+    required=True,
+    multiple=True,
+    metavar="PATH",
+    type=InFile(),
+    help="Folder of calibration files; or a file, once for each camera.",
+)
+@click.option("--pattern", metavar="GLOB", help="Which files of the folder to take, e.g. '*_full.yml'.")
+@click.option(
+    "--center", type=Vector(2), default=(0.0, 0.0), metavar="X,Y", help="The board's centre [m].  [0,0]"
+)
+@click.option("--height", type=float, default=0.0, metavar="Z", help="Of the board's print [m].  [0]")
+@click.option(
+    "--yaw",
+    type=float,
+    default=0.0,
+    metavar="DEG",
+    help="From the world's x axis to the board's rows, left to right [degrees].  [0]",
+)
+@click.option(
+    "-o", "--output", required=True, metavar="DIR", type=OutFolder(), help="For the calibration files."
+)
+@size_options
+@click.option("--plot", metavar="DIR", type=OutFolder(), help="Draw what is missed where, one PNG a camera.")
+def extrinsics(
+    folders: tuple[Path, ...],
+    squares: str,
+    square: float,
+    marker: float,
+    dictionary: str,
+    intrinsics: tuple[Path, ...],
+    pattern: str | None,
+    center: tuple[float, float],
+    height: float,
+    yaw: float,
+    output: Path,
+    crop: tuple[int, ...] | None,
+    halve: bool,
+    plot: Path | None,
+) -> None:
+    """Where the cameras are, from photos of a ChArUco board that lies in the arena.
+
+    Each FOLDER holds one photo of each camera, e.g. camera60.png, all of the board in one place. In the
+    first the board lies face up where --center, --height and --yaw say; in the others it may be anywhere,
+    and its places are found along with the cameras. More places make the cameras' places more certain.
+    """
+    from tracker.calibration.board.extrinsics import place_cameras
+    from tracker.calibration.files.calibrated import read_all_calibrated, write_calibrated
+
+    lenses = read_all_calibrated(intrinsics, pattern)
+    targets = {name: output / f"{name}.yml" for name in (lens.camera.name for lens in lenses)}
+    plots = {} if plot is None else {name: plot / f"{name}.png" for name in targets}
+    written = {f"-o for {name}": path for name, path in targets.items()}
+    refuse_overwriting(
+        written | {f"--plot for {name}": path for name, path in plots.items()}, folders, intrinsics
+    )
+    board = board_of(squares, square, marker, dictionary)
+    paths = photos_of(folders, [lens.camera.name for lens in lenses])
+    photos = [str(path) for path in paths.values()]
+    board, found, faults = sightings_of(photos, read_photos(list(paths.values())), board)
+    sightings = {at: one for at, one in zip(paths, found, strict=True) if one is not None}
+    try:
+        placed = place_cameras(lenses, sightings, _place(center, height, yaw))
+    except CalibrationError as error:
+        raise CalibrationError(
+            "; ".join([str(error), *(f"{p}: {why}" for p, why in faults.items())])
+        ) from error
+    output.mkdir(parents=True, exist_ok=True)
+    files: dict[Path, Calibrated] = {}
+    for one in placed.cameras:
+        files |= variants(one, targets[one.camera.name], crop, halve)
+    for path, calibrated in files.items():
+        write_calibrated(calibrated, path)
+    if plot is not None:
+        _draw(placed, plot)
+    click.echo(_photo_table(placed, faults))
+    click.echo()
+    click.echo(_camera_table(placed))
+    click.echo()
+    notes = _partly_seen(sightings, board)
+    click.echo(listing([["board", told_pattern(board)], *notes, ["files", ", ".join(map(str, files))]]))
+
+
+def photos_of(folders: Sequence[Path], cameras: Sequence[str]) -> dict[Photo, Path]:
+    """The photos by (camera, folder); a camera may lack one in some folders.
+
+    Raises:
+        CalibrationError: a folder is missing, holds several photos of a camera, one of another, or none.
+    """
+    photos: dict[Photo, Path] = {}
+    for place, folder in enumerate(folders):
+        if not folder.is_dir():
+            raise CalibrationError(f"{folder}: no such folder; expected one with a photo of each camera")
+        images = sorted(path for path in folder.iterdir() if path.suffix.lower() in (".png", ".jpg", ".jpeg"))
+        called = {path: camera_in(path.stem, cameras) for path in images}
+        for path, camera in called.items():
+            if camera not in (None, *cameras):
+                raise CalibrationError(f"{path}: named after {camera}, expected {', '.join(cameras)} alone")
+        found = 0
+        for number, camera in enumerate(cameras):
+            own = [path for path in images if called[path] == camera]
+            if len(own) > 1:
+                names = ", ".join(path.name for path in own)
+                raise CalibrationError(f"{folder}: found {names}, expected one photo of {camera}")
+            for path in own:
+                photos[number, place] = path
+            found += len(own)
+        if not found:
+            raise CalibrationError(f"{folder}: found no photo of {', '.join(cameras)}, e.g. {cameras[0]}.png")
+    return photos
+
+
+def _place(center: tuple[float, float], height: float, yaw: float) -> FloatArray:
+    """(4, 4) world_from_board of a board that lies face up."""
+    import numpy as np
+
+    from tracker.geometry import so3
+
+    place = np.eye(4)
+    place[:3, :3] = so3.exp([0, 0, np.deg2rad(yaw)])
+    place[:3, 3] = (*center, height)
+    return place
+
+
+def _photo_table(placed: Placed, faults: dict[str, str]) -> str:
+    from tracker.calibration.board.pose import rms
+
+    rows = [["photo", "corners", "blur [px]", "RMS [px]"]]
+    for at, residuals in placed.residuals.items():
+        one = placed.sightings[at]
+        rows.append([one.photo, str(len(one)), f"{one.blur:.2f}", f"{rms([residuals]):.2f}"])
+    named = {placed.sightings[at].photo: fault for at, fault in placed.faults.items()} | faults
+    return "\n".join([table(rows), *(f"not used: {photo}: {fault}" for photo, fault in named.items())])
+
+
+def _camera_table(placed: Placed) -> str:
+    import numpy as np
+
+    rows = [["camera", "x", "y", "z [mm]", "± [mm]", "± [°]", "RMS [px]"]]
+    for number, one in enumerate(placed.cameras):
+        camera, std = one.camera, one.camera.camera_from_world_std
+        assert std is not None
+        turned = float(np.rad2deg(np.linalg.norm(std[:3, :3]) / np.sqrt(2)))
+        known = [f"{1000 * np.linalg.norm(std[:3, 3]):.2f}", f"{turned:.3f}", f"{placed.rms(number):.3f}"]
+        rows.append([camera.name, *(f"{1000 * value:.1f}" for value in camera.position), *known])
+    return table(rows)
+
+
+def _partly_seen(sightings: dict[Photo, BoardView], board: Board) -> list[list[str]]:
+    """A board of another size would lie elsewhere: its centre is not where it is taken to be."""
+    from tracker.calibration.board.sighting import squares_shown
+
+    first = [one for (_, place), one in sightings.items() if place == 0]
+    if not first or squares_shown(first, board) == (board.columns, board.rows):
+        return []
+    columns, rows = squares_shown(first, board)
+    return [["note", f"of the board in its given place only {columns}x{rows} squares are seen"]]
+
+
+def _draw(placed: Placed, folder: Path) -> None:
+    from tracker.viz.calibration_pictures import residual_picture
+    from tracker.viz.image_files import write_image
+
+    folder.mkdir(parents=True, exist_ok=True)
+    for number, one in enumerate(placed.cameras):
+        photos = [
+            (placed.sightings[at].pixels, residuals, at not in placed.faults)
+            for at, residuals in placed.residuals.items()
+            if at[0] == number
+        ]
+        size = one.camera.width, one.camera.height
+        title = f"{one.camera.name}, {len(photos)} photos"
+        write_image(folder / f"{one.camera.name}.png", residual_picture(title, size, photos))

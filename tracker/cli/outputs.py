@@ -1,0 +1,274 @@
+"""What commands write: refused before any work is done where it cannot be, or would destroy something."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from tracker.errors import ColorModelError, LogError, install
+
+if TYPE_CHECKING:
+    from tracker.segmentation.color_model import ColorModel
+
+PICTURE = (".png", ".jpg", ".jpeg")
+"""Suffixes of the pictures that commands draw."""
+
+_PACKAGES = {"plot": "matplotlib", "video": "av"}
+"""By extra, what it brings."""
+
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+
+
+class Recording(click.Path):
+    """A recording, pictures or a folder of them that is read, with the calibration and all that is beside."""
+
+    def __init__(self, path_type: type = Path) -> None:
+        super().__init__(path_type=path_type)
+
+
+class Input:
+    """Marks the type of a parameter that names something else that is read, or may."""
+
+
+class InFile(Input, click.Path):
+    """A file or folder that is read."""
+
+    def __init__(self, path_type: type = Path) -> None:
+        super().__init__(path_type=path_type)
+
+
+class OutFile(click.Path):
+    """A file to write, refused if its name or its folder is none for it.
+
+    Args:
+        suffixes: of which its name has one.
+        extra: whose package makes it.
+        new_folders: whether folders that are missing are made.
+    """
+
+    def __init__(self, *suffixes: str, extra: str | None = None, new_folders: bool = False) -> None:
+        super().__init__(path_type=Path)
+        self.suffixes, self.extra, self.new_folders = suffixes, extra, new_folders
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """See click.ParamType."""
+        path, name = (
+            Path(os.fsdecode(super().convert(value, param, ctx))),
+            param.opts[0] if param else "output",
+        )
+        self.check(name, path)
+        return path
+
+    def check(self, name: str, path: Path) -> None:
+        """Refuse a path of the option `name`; click.ClickException says why."""
+        check_suffix(name, path, *self.suffixes)
+        if path.is_dir():
+            raise click.UsageError(f"{name} {path}: found a folder, expected a file")
+        require_folder(name, path, made=self.new_folders)
+        if self.extra is not None and find_spec(_PACKAGES[self.extra]) is None:
+            raise click.ClickException(
+                f"{name} needs the package {_PACKAGES[self.extra]}: {install(self.extra)}"
+            )
+
+
+class OutFolder(click.Path):
+    """A folder to write to, made with those above it where it is missing.
+
+    Args:
+        new: whether it may hold nothing yet.
+    """
+
+    def __init__(self, *, new: bool = False) -> None:
+        super().__init__(path_type=Path)
+        self.new = new
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """See click.ParamType."""
+        path, name = (
+            Path(os.fsdecode(super().convert(value, param, ctx))),
+            param.opts[0] if param else "output",
+        )
+        refuse_file(name, path)
+        require_folder(name, path, made=True)
+        if self.new and path.is_dir() and any(path.iterdir()):
+            raise click.UsageError(f"{name} {path}: found it in use, expected a new or an empty folder")
+        return path
+
+
+class Command(click.Command):
+    """A command that refuses to write over what it reads, as the types of its parameters say it."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """See click.Command."""
+        given = [(param, ctx.params.get(param.name or "")) for param in self.params]
+        files = {
+            param.opts[0]: value
+            for param, value in given
+            if isinstance(param.type, OutFile) and value is not None
+        }
+        refuse_overwriting(files, _paths(given, Recording), _paths(given, Input))
+        return super().invoke(ctx)
+
+
+def _paths(given: Iterable[tuple[click.Parameter, Any]], kind: type) -> list[Path]:
+    """Values of the parameters of a type, those that are given several times one by one."""
+    found = [value for param, value in given if isinstance(param.type, kind) and value is not None]
+    return [Path(path) for value in found for path in (value if isinstance(value, tuple) else (value,))]
+
+
+def refuse_overwriting(
+    files: Mapping[str, Path], recordings: Sequence[Path], others: Iterable[str | Path | None] = ()
+) -> None:
+    """Refuse outputs that are an input, or the same file.
+
+    Files are compared, not names: links, of either kind, are followed.
+
+    Args:
+        files: the outputs, by the option that names them.
+        recordings: inputs; with each of them its calibration is one, and all of its folder.
+        others: files and folders that are read too, such as a calibration; None or names that are no file
+            are passed over.
+
+    Raises:
+        click.UsageError: an output is refused.
+    """
+    seen: dict[str, str] = {}
+    for name, path in files.items():
+        other = seen.setdefault(os.path.realpath(path), name)
+        if other != name:
+            raise click.UsageError(f"{name} {path}: found the same file as for {other}")
+    existing = {identity: name for name, path in files.items() if (identity := _identity(path))}
+    if existing:
+        for kind, path in _inputs(recordings, others):
+            hit = existing.get(_identity(path) or (0, 0))
+            if hit is not None:
+                raise click.UsageError(f"{hit} {files[hit]}: that is {kind}")
+    _refuse_pictures(files, recordings)
+
+
+def check_suffix(name: str, path: Path, *suffixes: str) -> None:
+    """Refuse a file whose name says that it is something else.
+
+    Raises:
+        click.UsageError: the suffix is none of these.
+    """
+    if path.suffix.lower() not in suffixes:
+        found = f"suffix {path.suffix!r}" if path.suffix else "no suffix"
+        raise click.UsageError(f"{name} {path}: found {found}, expected {' or '.join(suffixes)}")
+
+
+def require_folder(name: str, path: Path, *, made: bool) -> None:
+    """Refuse a path below what is no folder or may not be written; `made`: what is missing will be made.
+
+    Raises:
+        click.UsageError: it is one.
+    """
+    folder = path.absolute().parent
+    while made and not folder.exists():
+        folder = folder.parent
+    if not folder.is_dir():
+        raise click.UsageError(f"{name} {path}: there is no folder {path.parent if not made else folder}")
+    if not os.access(folder, os.W_OK):
+        raise click.UsageError(f"{name} {path}: the folder {folder} may not be written")
+
+
+def refuse_file(name: str, path: Path) -> None:
+    """Refuse a folder of outputs that is a file.
+
+    Raises:
+        click.UsageError: it is one.
+    """
+    if path.exists() and not path.is_dir():
+        raise click.UsageError(f"{name} {path}: found a file, expected a folder")
+
+
+def refuse_other_poses(name: str, path: Path, object_name: str | None) -> None:
+    """Refuse to replace a file that holds no poses, or those of another object than is named.
+
+    One that is damaged may be replaced.
+
+    Raises:
+        click.UsageError: it does.
+    """
+    from tracker.files.hdf5 import open_file
+    from tracker.poses.file import is_poses_file, read_poses
+
+    if not path.is_file() or path.stat().st_size == 0:
+        return
+    if is_poses_file(path):
+        with suppress(LogError):
+            found = read_poses(path).about.object_name
+            if object_name not in (None, found):
+                raise click.UsageError(
+                    f"{name} {path}: found poses of {found}, expected those of {object_name}, another name, "
+                    "or --overwrite"
+                )
+        return
+    with path.open("rb") as file:
+        ours = file.read(len(_HDF5)) == _HDF5
+    if ours:
+        with suppress(OSError, RuntimeError), open_file(path):
+            ours = False
+    if not ours:
+        raise click.UsageError(f"{name} {path}: found a file that holds no poses, expected another name")
+
+
+def save_colors(model: ColorModel, target: Path) -> None:
+    """Write a colour model; ColorModelError where that fails."""
+    try:
+        model.save(target)
+    except OSError as error:
+        raise ColorModelError(f"colour model {target}: cannot be written: {error.strerror}") from error
+
+
+def _inputs(recordings: Sequence[Path], others: Iterable[str | Path | None]) -> Iterator[tuple[str, Path]]:
+    """All files that are read, and what they are."""
+    from tracker.logs.opening import calibration_files, recording_files
+
+    for recording in filter(Path.exists, recordings):
+        with suppress(OSError):  # what cannot be read is told when it is opened
+            what = "an input" if recording.suffix.lower() in PICTURE else "the recording"
+            for path in (recording, *recording_files(recording)):
+                yield what, path
+            folder = recording if recording.is_dir() else recording.parent
+            for path in calibration_files(recording):
+                yield "the recording's calibration", path
+            for path in folder.glob("*.json"):
+                yield "a file of the recording's folder", path
+    for other in others:
+        path = Path(other or "")
+        if other and path.is_dir():
+            for file in path.iterdir():
+                yield "an input", file
+        elif other:
+            yield "an input", path
+
+
+def _refuse_pictures(files: Mapping[str, Path], recordings: Sequence[Path]) -> None:
+    """Refuse pictures and films in a folder of such, of which they would be some the next time."""
+    from tracker.logs.opening import JOB_LOGS
+
+    folders = {
+        os.path.realpath(recording)
+        for recording in recordings
+        if recording.is_dir() and not any((recording / name).exists() for name in JOB_LOGS)
+    }
+    for name, path in files.items():
+        inside = folders & {str(parent) for parent in Path(os.path.realpath(path)).parents}
+        if inside and path.suffix.lower() in (*PICTURE, ".mp4"):
+            raise click.UsageError(f"{name} {path}: found a folder of images that are read, expected another")
+
+
+def _identity(path: Path) -> tuple[int, int] | None:
+    """What all links to a file have in common; None: there is none."""
+    try:
+        about = path.stat()
+    except OSError:
+        return None
+    return about.st_dev, about.st_ino

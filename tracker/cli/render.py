@@ -1,0 +1,49 @@
+"""What commands print for people: tables, lists, and a bar that says how far a long task is."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+
+
+def table(rows: Sequence[Sequence[str]], gap: int = 2) -> str:
+    """Lines of cells in columns as wide as their widest cell: the first flush left, the others right."""
+    count = max(len(row) for row in rows)
+    full = [[*row, *[""] * (count - len(row))] for row in rows]
+    widths = [max(len(cell) for cell in column) for column in zip(*full, strict=True)]
+    lines = []
+    for first, *others in full:
+        cells = [cell.rjust(width) for cell, width in zip(others, widths[1:], strict=True)]
+        lines.append((" " * gap).join([first.ljust(widths[0]), *cells]).rstrip())
+    return "\n".join(lines)
+
+
+def listing(rows: Sequence[Sequence[str]]) -> str:
+    """Lines of a label and a value, the values flush left below each other."""
+    widest = max(len(label) for label, _ in rows)
+    # A file's name may have several lines, which would be read as other labels.
+    return "\n".join(f"{label:{widest}}  {' '.join(value.splitlines())}" for label, value in rows)
+
+
+@contextmanager
+def bar(label: str, total: int, quiet: bool, unit: str = "frames") -> Iterator[Callable[[int], None]]:
+    """A function that is told how many more are done; a bar on stderr shows it, if that is a terminal.
+
+    The bar is gone when the `with` block ends, however it ends, so that what is said next has its own line.
+    """
+    if quiet or sys.stderr is None or not sys.stderr.isatty():
+        yield lambda _: None
+        return
+    from tqdm import tqdm
+
+    # Without the thread that would look after a bar which nobody moves.
+    tqdm.monitor_interval = 0
+    with tqdm(
+        total=total, desc=label, unit=f" {unit}", leave=False, dynamic_ncols=True, file=sys.stderr
+    ) as shown:
+
+        def advance(count: int) -> None:
+            shown.update(count)
+
+        yield advance

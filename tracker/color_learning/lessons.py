@@ -1,0 +1,189 @@
+"""What posed pictures teach: pixels of each face, and of everything else."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from scipy.ndimage import gaussian_filter
+
+from tracker.calibration.rig import CameraRig
+from tracker.color_learning.frames import Images
+from tracker.conventions import Array, FloatArray, Image
+from tracker.geometry.camera import Camera
+from tracker.geometry.cuboid import FACE_CORNERS, corners, visible_faces
+from tracker.objects.model import CuboidModel
+from tracker.pose.fit import Fit
+from tracker.segmentation.color_model import CLASSES, NODES, ColorModel, compand
+from tracker.segmentation.hues import hue_of
+from tracker.segmentation.labels import MIN_AREA, REFERENCE_SIZE, labels_by_color
+from tracker.segmentation.light import apply_gains
+
+RIM = 2.0
+"""What is left out along a face's borders [px at the reference size]: both sides mix there."""
+
+AROUND = 6.0
+"""What is left out around the object: its shine on the table and coloured fringes are in its colours."""
+
+_SHIFT = 4
+"""Fractional bits of OpenCV's polygon corners."""
+
+
+class Outline(NamedTuple):
+    """The object in one picture."""
+
+    faces: Image
+    """(H, W) label of the face that covers a pixel, 0 elsewhere and near the faces' borders."""
+    around: Array
+    """(H, W) bool: on the object or near it."""
+
+
+def outline(model: CuboidModel, camera: Camera, rotation: FloatArray, position: FloatArray) -> Outline | None:
+    """Faces of an object with rotation (3, 3) and position (3,) [m] before a camera; None: not in view."""
+    pixels = camera.project(corners(model.size) @ rotation.T + position)
+    shape = camera.height, camera.width
+    if not np.isfinite(pixels).all() or np.abs(pixels).max() > 1e4:
+        return None
+    scale = min(shape) / REFERENCE_SIZE
+    rim, reach = (2 * max(1, round(length * scale)) + 1 for length in (RIM, AROUND))
+    faces, solid = np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
+    visible = visible_faces(model.size, rotation.T @ (camera.position - position))
+    for face in np.flatnonzero(visible):
+        mask = np.zeros(shape, np.uint8)
+        corner = np.rint(pixels[FACE_CORNERS[face]] * (1 << _SHIFT)).astype(np.int32)
+        cv2.fillConvexPoly(mask, corner, 1, shift=_SHIFT)
+        solid |= mask
+        inner = cv2.erode(mask, _disc(rim), borderValue=0)
+        faces[inner > 0] = model.face_labels[face]
+    if not solid.any():
+        return None
+    return Outline(faces, cv2.dilate(solid, _disc(reach)) > 0)
+
+
+def _disc(size: int) -> Image:
+    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)), dtype=np.uint8)
+
+
+CONSISTENT = 4.0
+"""By how much more frequent a colour must be where the poses put a face than elsewhere: fingers that hide
+the face are to be seen elsewhere as well."""
+
+SMOOTHING = 0.7
+"""Standard deviation of the smoothing of the densities that are compared [nodes]."""
+
+PALEST, DARK = 1.25, 6.0
+"""Least ratio of a face's channels in neutral light, to each of which so much is added [levels]: dark greys
+are noisy."""
+
+LEAST = 20
+"""Pixels of a face in a frame from which its hue is told."""
+
+
+@dataclass(frozen=True, eq=False)
+class Lesson:
+    """One frame in neutral light, with the faces where a pose puts them."""
+
+    levels: Array
+    """(N, 3) uint8 BGR of the pixels on faces or away from the object."""
+    faces: Array
+    """(N,) label of the face that the pose puts there, 0 away from the object."""
+    found: Array
+    """(N,) label that the colour model gave."""
+    stray: Array
+    """(N,) bool: away from the object in a patch that looks like a face."""
+
+    def hues(self) -> dict[int, float]:
+        """Hue of what the colour model took for each face, where the pose puts that face."""
+        result = {}
+        for label in np.unique(self.faces[self.faces > 0]):
+            agree = (self.faces == label) & (self.found == label)
+            if np.count_nonzero(agree) >= LEAST:
+                result[int(label)] = hue_of(self.levels[agree])
+        return result
+
+
+def lesson(model: CuboidModel, rig: CameraRig, images: Images, fit: Fit, colors: ColorModel) -> Lesson:
+    """What a frame with a pose shows; `colors` is the model that the pose was found with."""
+    levels, faces, found, stray = [], [], [], []
+    for camera, image in zip(rig, images, strict=True):
+        if image is None:
+            continue
+        seen = outline(model, camera, fit.rotation, fit.position)
+        neutral, labels = _read(image, colors)
+        if seen is None:
+            continue
+        use = (seen.faces > 0) | ~seen.around
+        levels.append(neutral[use])
+        faces.append(seen.faces[use])
+        found.append(labels[use])
+        stray.append((_patches(labels) & ~seen.around)[use])
+    if not levels:
+        nothing = np.zeros(0, np.uint8)
+        return Lesson(np.zeros((0, 3), np.uint8), nothing, nothing, nothing > 0)
+    return Lesson(*(np.concatenate(parts) for parts in (levels, faces, found, stray)))
+
+
+def _patches(labels: Image) -> Array:
+    """(H, W) bool: whether a pixel belongs to a patch of one face colour that is no speck."""
+    least = MIN_AREA * (min(labels.shape) / REFERENCE_SIZE) ** 2
+    result = np.zeros(labels.shape, dtype=bool)
+    for label in np.unique(labels[labels > 0]):
+        mask = cv2.medianBlur((labels == label).astype(np.uint8), 3)
+        _, parts, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=4)
+        large = stats[:, cv2.CC_STAT_AREA] >= least
+        large[0] = False
+        result |= large[parts]
+    return result
+
+
+def _read(image: Image, colors: ColorModel) -> tuple[Image, Image]:
+    """The image in neutral light, and its labels without clean-up."""
+    even, light, labels = labels_by_color(image, colors)
+    return apply_gains(even, light.gains), labels
+
+
+def owners(lessons: Sequence[Lesson]) -> Array:
+    """(32³,) the face on which each colour is more frequent, in all frames together, than elsewhere; else 0.
+
+    What hides a face is seen elsewhere, too, and what a few wrong poses put there on other faces.
+    """
+    pairs = [(nodes_of(one.levels), one) for one in lessons]
+    density = np.stack([_density([n[one.faces == k] for n, one in pairs]) for k in range(CLASSES)])
+    best = np.argmax(density[1:], axis=0) + 1
+    own = np.take_along_axis(density, best[None], axis=0)[0]
+    return np.where((own > CONSISTENT * density[0]) & _colored(), best, 0).astype(np.uint8)
+
+
+def _colored() -> Array:
+    """(32³,) bool: the colours that are none of a grey thing, which may hide most of a face that is seen."""
+    levels = 255.0 * (np.indices((NODES,) * 3).reshape(3, -1) / (NODES - 1)) ** 2
+    return np.asarray(levels.max(axis=0) + DARK > PALEST * (levels.min(axis=0) + DARK))
+
+
+def consistent(lessons: Sequence[Lesson]) -> list[Mapping[int, Array]]:
+    """Pixels (N, 3) by label of each frame: of faces those in their own colours; 0: what is no object."""
+    owner = owners(lessons)
+    result: list[Mapping[int, Array]] = []
+    for one in lessons:
+        keep = (one.faces == 0) | (owner[nodes_of(one.levels)] == one.faces)
+        shown = np.unique(one.faces[keep])
+        result.append({int(label): one.levels[keep & (one.faces == label)] for label in shown})
+    return result
+
+
+def nodes_of(levels: Array) -> Array:
+    """(N,) nearest node of the colour model's grid, blue slowest, of pixels (N, 3)."""
+    cells = np.rint(compand(levels, NODES)).astype(np.int64)
+    return np.asarray(np.ravel_multi_index((cells[:, 0], cells[:, 1], cells[:, 2]), (NODES,) * 3))
+
+
+def _density(nodes: Sequence[Array]) -> FloatArray:
+    """Density (32³,) over the nodes, smoothed; zeros where there is no pixel."""
+    counts = np.bincount(np.concatenate(nodes), minlength=NODES**3).astype(np.float64)
+    if not counts.any():
+        return counts
+    grid = gaussian_filter(counts.reshape((NODES,) * 3), SMOOTHING, mode="nearest")
+    return np.asarray(grid.ravel() / counts.sum(), dtype=np.float64)

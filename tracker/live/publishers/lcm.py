@@ -1,0 +1,200 @@
+"""Poses for other processes, by LCM (the extra `lcm`): the type `lcmt_object_state` of `dairlib`."""
+
+from __future__ import annotations
+
+import os
+import re
+import struct
+from collections.abc import Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tracker.errors import LiveError, install
+from tracker.live.moment import Moment
+from tracker.objects.model import CuboidModel
+
+FINGERPRINT = 0x2D41F07A9260F694
+"""Of the type's layout, as LCM derives it from names, types and dimensions of its fields; every message
+begins with it."""
+
+POSITIONS = ("qw", "qx", "qy", "qz", "x", "y", "z")
+VELOCITIES = ("wx", "wy", "wz", "vx", "vy", "vz")
+"""What the numbers are called, after the body's name."""
+
+_BODY = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,39}")  # LCM takes channels of up to 63 characters
+
+SCHEMES = ("lcm", "udpm", "file")
+"""What an address begins with, before `://`."""
+
+DEFAULT = "udpm://239.255.76.67:7667?ttl=0"
+"""LCM's own; a time to live of 0 keeps messages on this machine."""
+
+_VARIABLE = "LCM_DEFAULT_URL"
+_FORMS = (
+    "lcm://, udpm://ADDRESS:PORT?ttl=0 with a group from 224.0.0.0 on and a ttl up to 255, or file://PATH"
+)
+_GROUP = re.compile(r"udpm://((?:22[4-9]|23\d)(?:\.\d{1,3}){3})(?::(\d{1,5}))?(?:\?ttl=(\d{1,3}))?")
+_BUFFER = re.compile(r"(?<=[?&])recv_buf_size=\d+&?")
+_NEW = "?mode=w"
+_PORT = 7667
+_HEADER = 28
+"""Of each event of a log, before channel and message [bytes]."""
+_ROUTE = "ip link set lo multicast on; ip route add 224.0.0.0/4 dev lo"
+
+
+def body_of(model: CuboidModel, name: str | None = None) -> str:
+    """What messages call the object: a name that is wanted, else `cube`, or `cuboid` where edges differ.
+
+    Raises:
+        LiveError: the name has other characters than letters, digits and _, or more than 40.
+    """
+    if name is None:
+        return "cube" if np.allclose(model.size, model.size[0]) else "cuboid"
+    if not _BODY.fullmatch(name):
+        raise LiveError(f"body: found {name!r}, expected a letter, then letters, digits and _, 40 at most")
+    return name
+
+
+def channel_of(body: str) -> str:
+    """Where messages of a body are published, such as `CUBE_STATE`."""
+    return f"{body.upper()}_STATE"
+
+
+def lcm_message_of(moment: Moment, object_name: str, body: str) -> bytes | None:
+    """The filtered pose of the newest images; None where the object is lost, which the type cannot say.
+
+    `utime` is the exposure of the latest image [µs], on the clock of the source's stamps, of cameras the
+    epoch's. Positions are a quaternion, w first, and the centre [m], of the object in the world; velocities
+    the rotation's [rad/s] and the centre's [m/s], both along world axes.
+    """
+    pose = moment.filtered_object_pose
+    if pose is None:
+        return None
+    x, y, z, w = pose.orientation
+    return b"".join(
+        [
+            struct.pack(">Qq", FINGERPRINT, round(1e6 * moment.timestamp)),
+            _text(object_name),
+            struct.pack(">ii", len(POSITIONS), len(VELOCITIES)),
+            _named(body, POSITIONS, (w, x, y, z, *pose.position)),
+            _named(body, VELOCITIES, (*pose.velocity[3:], *pose.velocity[:3])),
+        ]
+    )
+
+
+def _named(body: str, names: Sequence[str], values: Sequence[float]) -> bytes:
+    """Names, then numbers."""
+    texts = [_text(f"{body}_{name}") for name in names]
+    return b"".join([*texts, struct.pack(f">{len(names)}d", *values)])
+
+
+def _text(text: str) -> bytes:
+    content = text.encode() + b"\0"
+    return struct.pack(">I", len(content)) + content
+
+
+class LcmPublisher:
+    """Publishes the pose of each moment as `lcmt_object_state`; a listener of `Live`.
+
+    The channel is the body's name with `_STATE`. Where the object is lost nothing is published. Nothing is
+    ever received, and what cannot be sent is counted and forgotten.
+
+    Args:
+        address: `lcm://`, which is LCM's own default or what LCM_DEFAULT_URL says; `udpm://ADDRESS:PORT`, a
+            multicast group; `file://PATH`, a log of LCM that does not exist yet.
+        model: the object.
+        body: what messages call it; None: see `body_of`.
+        public: whether other machines may receive it, as a time to live of 1 or more has it.
+
+    Raises:
+        LiveError: the package is not installed, the address is none or reaches other machines, or LCM
+            cannot be set up there.
+    """
+
+    def __init__(
+        self, address: str, model: CuboidModel, *, body: str | None = None, public: bool = False
+    ) -> None:
+        self.address = _url(address, public)
+        """In LCM's words."""
+        self._name, self._body = model.name, body_of(model, body)
+        self.channel = channel_of(self._body)
+        self.fault: str | None = None
+        """How many messages the network did not take, and why not the last of them; or what a log lacks."""
+        self._unsent = 0
+        kind, _, rest = self.address.partition("://")
+        self._log = Path(rest.removesuffix(_NEW)) if kind == "file" else None
+        self._logged = 0
+        if find_spec("lcm") is None:
+            raise LiveError(f"publish: lcm is not installed: {install('lcm')}")
+        import lcm
+
+        try:
+            self._lcm: Any = lcm.LCM(self.address)
+        except RuntimeError as error:
+            route = f"; without a network it needs a route: {_ROUTE}"
+            raise LiveError(
+                f"publish {address}: LCM cannot be set up for {self.address}"
+                + ("" if self.address.startswith("file:") else route)
+            ) from error
+
+    def __call__(self, moment: Moment) -> None:
+        """Publish a moment."""
+        message = lcm_message_of(moment, self._name, self._body)
+        if message is None:
+            return
+        try:
+            self._lcm.publish(self.channel, message)
+        except OSError as error:  # of this moment; a network comes back
+            self._unsent += 1
+            self.fault = f"publish {self.address}: {self._unsent} messages were not sent; last: {error}"
+        self._logged += _HEADER + len(self.channel) + len(message)
+        self._look_at_log(closed=False)
+
+    def close(self) -> None:
+        """Free the address; nobody may be in a call."""
+        self._lcm = None
+        self._look_at_log(closed=True)
+
+    def _look_at_log(self, *, closed: bool) -> None:
+        """Whether the log has what it was given: LCM says nothing of a disk that is full."""
+        if self._log is None:
+            return
+        try:
+            found = self._log.stat()
+        except OSError as error:
+            self.fault = f"publish {self.address}: the log is gone: {error.strerror}"
+            return
+        # Before it is closed, the last of it waits in memory.
+        waiting = 0 if closed else 2 * found.st_blksize
+        if found.st_size < self._logged - waiting:
+            lacks = self._logged - found.st_size
+            self.fault = f"publish {self.address}: the log lacks {lacks} bytes, is the disk full?"
+
+
+def _url(address: str, public: bool) -> str:
+    """The address in LCM's words, put together anew: LCM reads nothing that was not looked at here."""
+    kind, _, rest = address.partition("://")
+    if address == "lcm://":
+        address = os.environ.get(_VARIABLE) or DEFAULT
+        if address.startswith("lcm:"):
+            raise LiveError(f"publish: {_VARIABLE}: found {address}, expected udpm://ADDRESS:PORT?ttl=0")
+    elif kind == "file" and rest and "?" not in rest:
+        path = Path(rest)
+        if path.exists() or not path.parent.is_dir():
+            raise LiveError(f"publish {address}: expected a new file, in a folder that there is")
+        return f"file://{rest}{_NEW}"
+    # How much may wait for who receives is nothing to who sends.
+    found = _GROUP.fullmatch(_BUFFER.sub("", address).rstrip("?&"))
+    group, port, ttl = found.groups() if found else ("", None, None)
+    bytes_of_group = [int(part) for part in group.split(".") if part]
+    if not (found and max(bytes_of_group) < 256 and 0 < int(port or _PORT) < 65536 and int(ttl or 0) < 256):
+        raise LiveError(f"publish: found {address}, expected {_FORMS}")
+    if int(ttl or 0) and not public:
+        raise LiveError(
+            f"publish {address}: other machines could receive it; expected ttl=0, or to be told that it is "
+            "meant to be public"
+        )
+    return f"udpm://{group}:{port or _PORT}?ttl={ttl or 0}"

@@ -1,0 +1,304 @@
+"""Several cameras that are asked together: each in a thread of its own, so that none waits for another."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import cv2
+import numpy as np
+
+from tracker.conventions import Image
+from tracker.errors import LiveError
+from tracker.live.moment import ImageSet, SourceEnded
+from tracker.logs.log import Settings as Settings
+from tracker.logs.pictures import from_bayer
+
+RATE = 10.0
+"""Sets of pictures per second [Hz], as on the platform."""
+
+LOOK_AGAIN = 1.0
+"""How often a camera that is lost is looked for [s]."""
+
+OPENING = 5.0
+"""How long the first set waits for cameras that are being opened [s]."""
+
+OPENING_LONG = 20.0
+"""How long to wait for the first of them all where one has neither been opened nor refused yet [s]."""
+
+_GRAB = 1.0
+"""Longest that a camera may take for a picture [s]; the set has gone on without it long before."""
+
+_UNTRIED = "not opened yet"
+
+
+class CameraLost(LiveError):
+    """The camera does not answer any more; it is to be closed and looked for again."""
+
+
+class CameraUnfit(LiveError):
+    """The camera is there, but cannot be used as it is set: to look for it again mends nothing."""
+
+
+class CameraEnded(SourceEnded):
+    """The camera has no more pictures, as was to be expected: a film's end."""
+
+
+class GrabFailed(LiveError):
+    """This picture failed; the next may come."""
+
+
+@dataclass(frozen=True, eq=False)
+class Grabbed:
+    """What a camera gave."""
+
+    image: Image
+    """(H, W, 3) uint8 BGR, or (H, W) raw Bayer pixels, red at even rows and columns."""
+    stamp: float
+    """When it was taken, on the clock of `time.time` [s]."""
+
+
+class LiveCamera(Protocol):
+    """A camera that has been opened."""
+
+    triggered: bool
+    """Whether it takes a picture only when asked; else it runs freely, and `grab` gives the next."""
+
+    def grab(self, timeout: float) -> Grabbed:
+        """A picture, waited for up to `timeout` [s].
+
+        Raises:
+            GrabFailed: there is none this time.
+            CameraLost: there will be none.
+            CameraEnded: there are no more.
+        """
+
+    def settings(self) -> Settings:
+        """What it is set to now: exposure, gain, white balance, as far as it tells them."""
+
+    def close(self) -> None:
+        """Free it."""
+
+
+@dataclass
+class _Slot:
+    """What a camera's thread has for the others."""
+
+    answered: int = 0
+    """Number of the newest set that it was asked for and has answered."""
+    picture: Grabbed | None = None
+    """Its answer; None: it failed, and `fault` says why."""
+    fault: str | None = _UNTRIED
+    there: bool = False
+    """Whether the camera is open."""
+    opened: bool = False
+    """Whether it ever was."""
+    ended: bool = False
+    unfit: CameraUnfit | None = None
+    """Why it could not be used when it was opened first."""
+    settings: Settings = field(default_factory=dict)
+    """What it was set to when it was opened last."""
+
+
+class CameraSet:
+    """A source of pictures that cameras take when they are asked together, at a steady rate.
+
+    A camera that fails once gives no image in that set; one that is lost, or not there yet, is opened as soon
+    as it is there. Sets go on at their rate whatever becomes of cameras, also when all of them are gone. Only
+    where not one could be opened within seconds, or one cannot be used as it is set from the beginning,
+    `next` raises LiveError (CameraUnfit), which names them.
+
+    Args:
+        openers: for each camera what opens it; LiveError where it cannot, which names it.
+        sizes: width and height of each camera's images [px]; pictures of twice the size are halved.
+        rate: sets per second [Hz].
+    """
+
+    def __init__(
+        self,
+        openers: Sequence[Callable[[], LiveCamera]],
+        sizes: Sequence[tuple[int, int]],
+        *,
+        rate: float = RATE,
+    ) -> None:
+        if not (np.isfinite(rate) and 0 < rate <= 1000):
+            raise LiveError(f"cameras: rate: found {rate:g}, expected above 0 and up to 1000 Hz")
+        self._sizes, self._period = list(sizes), 1 / rate
+        self._changed = threading.Condition()
+        self._slots = [_Slot() for _ in openers]
+        self._asked, self._deadline, self._closing = 0, 0.0, threading.Event()
+        self._waiting = False
+        self._tick = time.monotonic()
+        self._begun_by = self._tick + OPENING
+        self._threads = [
+            threading.Thread(target=self._run, args=(slot, opener), name="tracker.camera", daemon=True)
+            for slot, opener in zip(self._slots, openers, strict=True)
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    def next(self, timeout: float) -> ImageSet | None:
+        """See `ImageSource`."""
+        until = time.monotonic() + timeout
+        with self._changed:
+            # All are given the time to be opened once, so that the first sets are whole.
+            opening = max(0.0, min(until, self._begun_by) - time.monotonic())
+            if not self._changed.wait_for(self._tried, opening) and time.monotonic() < self._begun_by:
+                return None
+        self._refuse_if_none_is_there()
+        if not self._waiting:
+            if self._tick > until:
+                time.sleep(timeout)
+                return None
+            time.sleep(max(0.0, self._tick - time.monotonic()))
+            now = time.monotonic()
+            # Who comes late is not owed the sets in between.
+            self._tick = max(self._tick, now - self._period) + self._period
+            with self._changed:
+                self._asked += 1
+                self._deadline, self._waiting = now + max(0.9 * self._period, 0.02), True
+                self._changed.notify_all()
+        with self._changed:
+            for slot in self._slots:
+                if slot.unfit is not None:
+                    raise slot.unfit
+            self._changed.wait_for(self._complete, max(0.0, min(until, self._deadline) - time.monotonic()))
+            if not self._complete() and time.monotonic() < self._deadline:
+                return None
+            self._waiting = False
+            if any(slot.ended for slot in self._slots):
+                raise CameraEnded("cameras: a film has ended")
+            answers = [
+                (slot.picture, slot.fault) if slot.answered == self._asked else (None, slot.fault)
+                for slot in self._slots
+            ]
+        return self._image_set(answers)
+
+    @property
+    def settings(self) -> tuple[Settings, ...]:
+        """What each camera was set to when it was opened last; empty of one that never was."""
+        with self._changed:
+            return tuple(slot.settings for slot in self._slots)
+
+    def close(self) -> None:
+        """See `ImageSource`."""
+        self._closing.set()
+        with self._changed:
+            self._changed.notify_all()
+        until = time.monotonic() + 2 * _GRAB
+        for thread in self._threads:
+            thread.join(max(0.0, until - time.monotonic()))
+
+    def _refuse_if_none_is_there(self) -> None:
+        with self._changed:
+            late = time.monotonic() - self._begun_by
+            if any(slot.opened for slot in self._slots) or late < 0:
+                return
+            if self._tried() or late > OPENING_LONG - OPENING:
+                found = "; ".join(dict.fromkeys(str(slot.fault) for slot in self._slots))
+                raise LiveError(f"cameras: not one of {len(self._slots)} could be opened: {found}")
+
+    def _tried(self) -> bool:
+        return all(slot.fault is not _UNTRIED for slot in self._slots)
+
+    def _complete(self) -> bool:
+        """Whether all have answered who may be expected to: not who is gone, or hangs since two sets."""
+        answered = [slot.answered == self._asked for slot in self._slots]
+        gone = [slot.ended or not slot.there for slot in self._slots]
+        hangs = [slot.answered < self._asked - 2 for slot in self._slots]
+        if not any(answered):
+            return all(gone)  # if all are late, they are waited for
+        return all(any(state) for state in zip(answered, gone, hangs, strict=True))
+
+    def _image_set(self, answers: Sequence[tuple[Grabbed | None, str | None]]) -> ImageSet:
+        now = time.time()
+        pictures = [picture for picture, _ in answers]
+        images = tuple(
+            None if one is None else _developed(one.image, size)
+            for one, size in zip(pictures, self._sizes, strict=True)
+        )
+        stamps = tuple(now if one is None else one.stamp for one in pictures)
+        taken = [one.stamp for one in pictures if one is not None]
+        raw = None
+        if taken and all(one is None or one.image.ndim == 2 for one in pictures):
+            raw = tuple(None if one is None else one.image for one in pictures)
+        return ImageSet(
+            images,
+            stamps,
+            tuple(None if one is not None else fault or "no picture in time" for one, fault in answers),
+            raw=raw,
+            age=max(0.0, now - max(taken)) if taken else 0.0,
+        )
+
+    def _run(self, slot: _Slot, opener: Callable[[], LiveCamera]) -> None:
+        """A camera's thread."""
+        camera: LiveCamera | None = None
+        while not self._closing.is_set():
+            if camera is None:
+                camera = self._opened(slot, opener)
+                continue
+            with self._changed:
+                if camera.triggered:
+                    self._changed.wait_for(lambda: slot.answered < self._asked or self._closing.is_set())
+                asked = self._asked
+            if self._closing.is_set():
+                break
+            try:
+                self._answer(slot, asked, camera.grab(_GRAB), None)
+            except CameraEnded:
+                with self._changed:
+                    slot.ended = True
+                    self._changed.notify_all()
+                break
+            except Exception as error:
+                gone = isinstance(error, CameraLost) or not isinstance(error, LiveError)
+                self._answer(slot, asked, None, " ".join(str(error).split()), there=not gone)
+                if gone:
+                    _close(camera)
+                    camera = None
+        if camera is not None:
+            _close(camera)
+
+    def _opened(self, slot: _Slot, opener: Callable[[], LiveCamera]) -> LiveCamera | None:
+        try:
+            camera = opener()
+            settings = camera.settings()
+        except Exception as error:
+            with self._changed:
+                slot.fault = " ".join(str(error).split())
+                if isinstance(error, CameraUnfit) and not slot.opened:
+                    slot.unfit = error
+                self._changed.notify_all()
+                self._changed.wait_for(self._closing.is_set, LOOK_AGAIN)
+            return None
+        with self._changed:
+            slot.answered, slot.fault, slot.there, slot.opened = self._asked - 1, None, True, True
+            slot.settings = settings
+            self._changed.notify_all()
+        return camera
+
+    def _answer(
+        self, slot: _Slot, asked: int, picture: Grabbed | None, fault: str | None, *, there: bool = True
+    ) -> None:
+        with self._changed:
+            slot.answered, slot.picture, slot.fault, slot.there = asked, picture, fault, there
+            self._changed.notify_all()
+
+
+def _close(camera: LiveCamera) -> None:
+    try:
+        camera.close()
+    except Exception:
+        return  # it is gone already
+
+
+def _developed(image: Image, size: tuple[int, int]) -> Image:
+    """BGR (H, W, 3) of a picture, halved where the calibration is for half its size."""
+    image = from_bayer(image) if image.ndim == 2 else image
+    height, width = image.shape[:2]
+    if (width, height) == (2 * size[0], 2 * size[1]):
+        return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
+    return image

@@ -1,0 +1,174 @@
+"""Basler cameras, by pypylon (the extra `pylon`)."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+import warnings
+from collections.abc import Sequence
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+
+from tracker.errors import LiveError, install
+from tracker.live.sources.cameras import CameraLost, CameraUnfit, Grabbed, GrabFailed, Settings
+
+KEPT = (
+    "DeviceSerialNumber", "PixelFormat", "ExposureTime", "ExposureAuto", "Gain", "GainAuto", "Gamma",
+    "BlackLevel", "BalanceWhiteAuto",
+)  # fmt: skip
+"""Features that are told of every camera that has them; white balance has a ratio for each colour besides."""
+
+_RATIOS = ("Red", "Green", "Blue")
+_AS_THEY_ARE, _TURNED = slice(None), slice(None, None, -1)
+_COLORS = {
+    "BayerRG8": None,
+    "BGR8Packed": _AS_THEY_ARE,
+    "BGR8": _AS_THEY_ARE,
+    "RGB8Packed": _TURNED,
+    "RGB8": _TURNED,
+}
+"""Formats that are read, and the order of their channels to blue-green-red; None: raw pixels."""
+
+
+class PylonCamera:
+    """A Basler camera that is triggered by software.
+
+    The stamp is the middle of the exposure: the trigger's moment and half the exposure's time.
+
+    Args:
+        serial: its serial number.
+        settings: features that are set, in their order, before it begins; each is read back.
+
+    Raises:
+        LiveError: there is no such camera, or it is in use.
+        CameraUnfit: it does not take a setting, or its pictures cannot be read.
+    """
+
+    triggered = True
+
+    def __init__(self, serial: str, settings: Settings | None = None) -> None:
+        pylon = _pylon()
+        self._pylon, self.serial = pylon, serial
+        self._names = tuple(settings or {})
+        info = pylon.DeviceInfo()
+        info.SetSerialNumber(serial)
+        try:
+            self._camera = pylon.InstantCamera(pylon.TlFactory.GetInstance().CreateFirstDevice(info))
+            self._camera.Open()
+        except Exception as error:
+            raise self._fault("cannot be opened", error) from error
+        try:
+            for name, value in (settings or {}).items():
+                self._set(name, value)
+            self._set("TriggerSelector", "FrameStart")
+            self._set("TriggerMode", "On")
+            self._set("TriggerSource", "Software")
+            self.format = str(self._camera.PixelFormat.Value)
+            if self.format not in _COLORS:
+                raise CameraUnfit(
+                    f"pylon: {serial}: found the PixelFormat {self.format}, expected one of "
+                    f"{', '.join(_COLORS)}: give it in the settings"
+                )
+            self._exposure = float(self._camera.ExposureTime.Value) * 1e-6
+            self._camera.StartGrabbing(pylon.GrabStrategy_LatestImageOnly)
+        except LiveError:
+            self._camera.Close()
+            raise
+        except Exception as error:
+            self._camera.Close()
+            raise self._fault("cannot be made ready", error) from error
+
+    def grab(self, timeout: float) -> Grabbed:
+        """See `LiveCamera`."""
+        pylon, wait = self._pylon, max(1, round(1000 * timeout))
+        try:
+            self._camera.WaitForFrameTriggerReady(wait, pylon.TimeoutHandling_ThrowException)
+            stamp = time.time() + self._exposure / 2
+            self._camera.TriggerSoftware.Execute()
+            result = self._camera.RetrieveResult(wait, pylon.TimeoutHandling_ThrowException)
+        except pylon.TimeoutException as error:
+            if self._camera.IsCameraDeviceRemoved():
+                raise self._lost(error) from error
+            raise GrabFailed(f"pylon: {self.serial}: no picture within {timeout:g} s") from error
+        except Exception as error:
+            raise self._lost(error) from error
+        try:
+            if not result.GrabSucceeded():
+                raise GrabFailed(f"pylon: {self.serial}: {result.GetErrorDescription()}")
+            array = np.array(result.Array, dtype=np.uint8)
+        finally:
+            result.Release()
+        order = _COLORS[self.format]
+        return Grabbed(array if order is None else np.ascontiguousarray(array[:, :, order]), stamp)
+
+    def settings(self) -> dict[str, str | int | float | bool]:
+        """See `LiveCamera`; of KEPT and all that it was set to, by GenICam names."""
+        found: dict[str, str | int | float | bool] = {}
+        for name in dict.fromkeys((*KEPT, *self._names)):
+            with contextlib.suppress(Exception):  # it has no such feature, or does not tell it
+                found[name] = getattr(self._camera, name).Value
+        for color in _RATIOS:
+            with contextlib.suppress(Exception):
+                self._camera.BalanceRatioSelector.Value = color
+                found[f"BalanceRatio[{color}]"] = self._camera.BalanceRatio.Value
+        return found
+
+    def close(self) -> None:
+        """See `LiveCamera`."""
+        self._camera.Close()
+
+    def _set(self, name: str, value: str | int | float | bool) -> None:
+        try:
+            feature = getattr(self._camera, name)
+            feature.Value = value
+            found = feature.Value
+        except Exception as error:
+            what = f"does not take {name} = {value!r}"
+            if self._camera.IsCameraDeviceRemoved():
+                raise self._fault(what, error) from error
+            raise CameraUnfit(str(self._fault(what, error))) from error
+        # Cameras round times and gains to steps of theirs.
+        near = isinstance(value, float) and abs(found - value) <= 0.02 * abs(value) + 1e-3
+        if found != value and not near:
+            raise CameraUnfit(f"pylon: {self.serial}: {name}: found {found!r} after setting {value!r}")
+
+    def _fault(self, what: str, error: Exception) -> LiveError:
+        return LiveError(f"pylon: {self.serial} {what}: {_told(error)}")
+
+    def _lost(self, error: Exception) -> CameraLost:
+        return CameraLost(f"pylon: {self.serial} is lost: {_told(error)}")
+
+
+def pylon_serials(names: Sequence[str]) -> list[str]:
+    """Serial numbers of the cameras that call themselves (DeviceUserID) as a rig's are called, in its order.
+
+    Raises:
+        LiveError: one is missing; the message tells of those that are there.
+    """
+    devices = _pylon().TlFactory.GetInstance().EnumerateDevices()
+    found = {device.GetUserDefinedName(): device.GetSerialNumber() for device in devices}
+    missing = [name for name in names if name not in found]
+    if missing:
+        there = ", ".join(f"{device.GetSerialNumber()} {device.GetUserDefinedName()!r}" for device in devices)
+        raise LiveError(
+            f"pylon: found no camera that calls itself {', '.join(missing)}; there are {there or 'none'}; "
+            "name them by their serial numbers, pylon:SERIAL,…"
+        )
+    return [found[name] for name in names]
+
+
+def _pylon() -> Any:
+    if find_spec("pypylon") is None:
+        raise LiveError(f"pylon: pypylon is not installed: {install('pylon')}")
+    # While it is imported it warns of types of its own, and crashes where warnings are errors.
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        from pypylon import pylon
+    return pylon
+
+
+def _told(error: Exception) -> str:
+    """The first line of what pylon says, without the places in its code."""
+    return str(error).splitlines()[0].split(" : ")[0] if str(error) else type(error).__name__

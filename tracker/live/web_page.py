@@ -1,0 +1,197 @@
+"""A page in the browser on this machine that shows what is tracked, without ever holding up the tracking."""
+
+from __future__ import annotations
+
+import json
+import math
+import socket
+import threading
+import time
+from collections.abc import Callable, Sequence
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from importlib.resources import files
+from typing import Any
+
+import cv2
+
+from tracker.errors import LiveError
+from tracker.live.listeners import WAITING, Listener
+from tracker.live.moment import Moment
+from tracker.live.web_page_state import WebPageState
+from tracker.pipeline import ObjectTracker
+from tracker.viz.overlays import overlay
+
+LOOK_EVERY = 1.0
+"""How often the pictures are looked at for brightness, blur, residual and disagreement [s]."""
+
+WATCHED = 5.0
+"""How long after it was last asked for news a page counts as open [s]; without one nothing is looked at."""
+
+_HOST = "127.0.0.1"
+_JPEG_QUALITY = 85
+_POLL = 0.1  # for the end [s]
+_LONGEST = 1.0  # that a message is waited for [s]
+_TIMEOUT = 10.0  # of a browser that does not read what it is sent [s]
+_REFUSED = b"this page is for this machine only"
+
+CONNECTIONS = 16
+"""At a time; each takes a thread and a file of the process, of which cameras and recording need some."""
+
+
+class WebPage(Listener):
+    """Serves the page.
+
+    Only this machine can connect, and only under its own names: a site elsewhere that has the browser ask
+    here is refused. Connections beyond CONNECTIONS are closed. Nothing can be changed by it. What costs time
+    is done while a page is open only, in threads of their own.
+
+    Args:
+        port: where; 0: any that is free.
+        tracker: of the object and the cameras, for looks of its own: not the one that `Live` has.
+
+    Raises:
+        LiveError: the port is in use.
+    """
+
+    def __init__(self, port: int, tracker: ObjectTracker) -> None:
+        self._tracker, self._state = tracker, WebPageState(tracker)
+        self._moment: Moment | None = None
+        self._message = b""
+        self._picture = -1, b""
+        self._asked = self._looked = -math.inf
+        self.faults: Callable[[], Sequence[str]] = tuple
+        """Tells what went wrong; whoever knows it sets this."""
+        handler = type("Handler", (_Handler,), {"page": self})
+        try:
+            self._server = _Server((_HOST, port), handler)
+        except (OSError, OverflowError) as error:
+            raise LiveError(f"page {port}: the port cannot be used: {error}") from error
+        self.port: int = self._server.server_port
+        self.address = f"http://{_HOST}:{self.port}"
+        serve = self._server.serve_forever
+        self._serving = threading.Thread(target=serve, args=(_POLL,), name="tracker.page", daemon=True)
+        self._serving.start()
+        super().__init__(WAITING)
+
+    def close(self) -> None:
+        """End the page."""
+        super().close()
+        self._server.shutdown()
+        self._server.server_close()
+        self._serving.join()
+
+    @property
+    def is_open(self) -> bool:
+        """Whether a browser shows it."""
+        return time.monotonic() - self._asked < WATCHED
+
+    def message(self, after: str) -> bytes:
+        """The newest message, if not of the set `after`; empty: there is none within a second."""
+        self._asked = time.monotonic()
+
+        def is_newer() -> bool:
+            return self._moment is not None and str(self._moment.sequence) != after
+
+        with self._changed:
+            self._changed.wait_for(lambda: is_newer() or self._closing, _LONGEST)
+            return self._message if is_newer() else b""
+
+    def picture(self) -> bytes:
+        """The newest images with the pose, as a JPEG; empty where there are none yet."""
+        moment = self._moment
+        if moment is not None and self._picture[0] != moment.sequence:
+            image = overlay(moment.taken.images, self._tracker.rig, self._tracker.model, moment.observation)
+            content = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1].tobytes()
+            self._picture = moment.sequence, content
+        return self._picture[1]
+
+    def _take_in(self, moment: Moment) -> None:
+        self._state.see(moment)
+        if self._waiting:
+            return  # only the newest is shown
+        if self.is_open and time.monotonic() - self._looked > LOOK_EVERY:
+            self._state.look(moment)
+            self._looked = time.monotonic()
+        message = json.dumps(self._state.message(moment, self.faults()), allow_nan=False).encode()
+        with self._changed:
+            self._moment, self._message = moment, message
+            self._changed.notify_all()
+
+
+class _Server(ThreadingHTTPServer):
+    """Answers each connection in a thread, a few at a time."""
+
+    daemon_threads, block_on_close, request_queue_size = True, False, CONNECTIONS
+
+    def __init__(self, address: tuple[str, int], handler: type[BaseHTTPRequestHandler]) -> None:
+        self._free = threading.BoundedSemaphore(CONNECTIONS)
+        super().__init__(address, handler)
+
+    def process_request(self, request: socket.socket | tuple[bytes, socket.socket], client: Any) -> None:
+        """Answer in a new thread, or close the connection where too many are open."""
+        if not self._free.acquire(blocking=False):
+            self.shutdown_request(request)
+            return
+        try:
+            super().process_request(request, client)
+        except BaseException:
+            self._free.release()
+            raise
+
+    def process_request_thread(self, request: Any, client: Any) -> None:
+        """See `process_request`."""
+        try:
+            super().process_request_thread(request, client)
+        finally:
+            self._free.release()
+
+    def handle_error(self, request: Any, client: Any) -> None:
+        """Say nothing on stderr of a browser that went away."""
+
+
+class _Handler(BaseHTTPRequestHandler):
+    """Answers one browser."""
+
+    page: WebPage
+    timeout = _TIMEOUT
+
+    def do_GET(self) -> None:
+        """The page, the newest message or the newest picture."""
+        if not self._is_own():
+            self._answer(403, "text/html", _REFUSED)
+        elif self.path == "/":
+            self._answer(200, "text/html", files("tracker.live").joinpath("web_page.html").read_bytes())
+        elif self.path.startswith("/message"):
+            message = self.page.message(self.path.partition("?")[2])
+            self._answer(200 if message else 204, "application/json", message)
+        elif self.path.startswith("/picture"):
+            picture = self.page.picture()
+            self._answer(200 if picture else 204, "image/jpeg", picture)
+        else:
+            self._answer(404, "text/html", b"there is no such page")
+
+    def log_message(self, format: str, *args: Any) -> None:
+        """Say nothing on stderr."""
+
+    def _is_own(self) -> bool:
+        """Whether it is asked for under this machine's names, and not by a site elsewhere."""
+        hosts = [f"{name}:{self.page.port}" for name in (_HOST, "localhost")]
+        origin, site = self.headers.get("Origin"), self.headers.get("Sec-Fetch-Site", "none")
+        return (
+            self.headers.get("Host") in hosts
+            and origin in (None, *(f"http://{host}" for host in hosts))
+            # A link that leads here may be followed; an image or a script of another site may not ask.
+            and (site in ("none", "same-origin") or self.headers.get("Sec-Fetch-Dest") == "document")
+        )
+
+    def _answer(self, code: int, kind: str, content: bytes) -> None:
+        try:
+            self.send_response(code)
+            self.send_header("Content-Type", f"{kind}; charset=utf-8" if kind == "text/html" else kind)
+            self.send_header("Content-Length", str(len(content)))
+            self.send_header("Cache-Control", "no-store")
+            self.send_header("X-Frame-Options", "DENY")
+            self.end_headers()
+            self.wfile.write(content)
+        except OSError:
+            self.close_connection = True

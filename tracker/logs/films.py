@@ -1,0 +1,150 @@
+"""Films, one of each camera: their pictures by number, each at the time that the film states."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tracker.conventions import Image
+from tracker.errors import LogError, TrackerError, install
+from tracker.files import cannot_read, open_regular
+from tracker.logs.log import MAX_SIDE, MIN_SIDE
+
+SUFFIXES = (".mp4", ".avi", ".mkv", ".mov")
+"""Of films."""
+
+_MAX_PICTURES = 10_000_000
+
+_CONTAINERS = {"format_whitelist": "mov,matroska,avi", "protocol_whitelist": "file"}
+"""Others are not opened, whatever the content says: playlists would read the files that they name."""
+
+_BOXES = (b"ftyp", b"moov", b"mdat", b"wide", b"free", b"skip")
+_MATROSKA = b"\x1aE\xdf\xa3"
+"""First bytes of the containers; of MP4 and MOV after the length of their first box."""
+
+
+def check_container(path: Path) -> None:
+    """For libraries that cannot be limited to containers; LogError where the file is none of them."""
+    try:
+        with open_regular(path) as file:
+            head = file.read(12)
+    except OSError as error:
+        raise cannot_read(path, error) from error
+    avi = head[:4] == b"RIFF" and head[8:] == b"AVI "
+    if not avi and head[:4] != _MATROSKA and head[4:8] not in _BOXES:
+        raise LogError(f"{path}: found no film: it starts with {head!r}, expected MP4, MOV, MKV or AVI")
+
+
+class FilmFile:
+    """A film whose pictures are decoded when they are asked for.
+
+    Raises:
+        LogError: the file is no film, damaged, or holds no picture or absurd ones.
+        TrackerError: the optional package `av` is missing.
+    """
+
+    def __init__(self, path: Path) -> None:
+        try:
+            import av
+        except ImportError as error:
+            raise TrackerError(f"{path}: films need the package av: {install('video')}") from error
+        self.path = path
+        self._faults: tuple[type[BaseException], ...] = (av.FFmpegError, ValueError, MemoryError)
+        try:
+            open_regular(path).close()  # FFmpeg would wait for a pipe's writer
+            self._film: Any = av.open(str(path), "r", container_options=_CONTAINERS)
+        except OSError as error:
+            raise cannot_read(path, error) from error
+        except self._faults as error:
+            raise LogError(f"{path}: found no film: {' '.join(str(error).split())}") from error
+        try:
+            self._stream = self._video()
+            self._times = self._read_times()
+        except LogError:
+            self.close()
+            raise
+        self.size = (self._stream.width, self._stream.height)
+        """(width, height) [px] of the pictures."""
+        first, unit = self._times[0], self._stream.time_base
+        self.stamps: tuple[float, ...] = tuple(float((time - first) * unit) for time in self._times)
+        """When each picture is shown [s], from the first one on."""
+        self._next: Any = None  # decodes on from where the last picture was
+        self._ahead: int | None = None  # time of the picture decoded last
+
+    def _video(self) -> Any:
+        if not self._film.streams.video:
+            raise LogError(f"{self.path}: found no pictures, expected a film")
+        stream = self._film.streams.video[0]
+        if stream.codec_context is None:
+            raise LogError(f"{self.path}: found pictures in an unknown code, expected a film")
+        if not (MIN_SIDE <= stream.width <= MAX_SIDE and MIN_SIDE <= stream.height <= MAX_SIDE):
+            raise LogError(
+                f"{self.path}: found {stream.width}×{stream.height} px, expected {MIN_SIDE} to {MAX_SIDE}"
+            )
+        stream.thread_type = "NONE"  # cores are shared by recordings
+        stream.codec_context.options = {"err_detect": "explode"}  # else what is damaged is made up
+        return stream
+
+    def _read_times(self) -> list[int]:
+        """When each picture is shown, in the stream's own units, without decoding any."""
+        times: list[int] = []
+        try:
+            for packet in self._film.demux(self._stream):
+                if not packet.size:
+                    continue
+                time = packet.pts if packet.pts is not None else packet.dts
+                if time is None or len(times) >= _MAX_PICTURES:
+                    raise LogError(f"{self.path}: found pictures without a time, or too many")
+                times.append(time)
+        except self._faults as error:
+            raise LogError(f"{self.path}: damaged: {' '.join(str(error).split())}") from error
+        if not times or len(set(times)) != len(times):
+            raise LogError(f"{self.path}: found {len(times)} pictures, expected some, each at its own time")
+        return sorted(times)
+
+    def picture(self, number: int) -> Image:
+        """The picture (H, W, 3) BGR of a number; LogError if it is damaged."""
+        wanted = self._times[number]
+        try:
+            before = self._times[number - 1] if number else None
+            if self._next is None or self._ahead != before:
+                self._seek(wanted)
+            for frame in self._next:
+                self._ahead = frame.pts if frame.pts is not None else frame.dts
+                if (frame.width, frame.height) != self.size:
+                    found = f"{frame.width}×{frame.height} px, expected {self.size[0]}×{self.size[1]}"
+                    raise LogError(f"{self.path}: picture {number}: found {found} as before it")
+                if self._ahead == wanted:
+                    return np.asarray(frame.to_ndarray(format="bgr24"), np.uint8)
+                if self._ahead is not None and self._ahead > wanted:
+                    break
+        except self._faults as error:
+            self._next = None
+            raise LogError(f"{self.path}: picture {number}: {' '.join(str(error).split())}") from error
+        self._next = None
+        raise LogError(f"{self.path}: picture {number}: found none, the film is damaged")
+
+    def _seek(self, time: int) -> None:
+        """Go to the last key picture up to a time."""
+        self._film.seek(time, stream=self._stream, backward=True)
+        self._next, self._ahead = self._film.decode(self._stream), None
+
+    def close(self) -> None:
+        """Close the file."""
+        self._film.close()
+
+
+@dataclass(frozen=True, eq=False)
+class FilmPicture:
+    """A picture of a film."""
+
+    film: FilmFile
+    number: int
+
+    @property
+    def path(self) -> Path:
+        """The film's file."""
+        return self.film.path

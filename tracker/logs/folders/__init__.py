@@ -1,1 +1,0 @@
-"""Recordings that are folders of pictures, or films."""

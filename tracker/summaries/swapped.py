@@ -1,0 +1,155 @@
+"""Tells pictures that were given to the wrong cameras from pictures that are wrong."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from tracker.conventions import Image
+from tracker.errors import TrackerError
+from tracker.logs import open_log
+from tracker.objects.model import load_object, object_names
+from tracker.pipeline import ObjectTracker
+from tracker.pose.result import CameraUse, Observation, Status
+from tracker.poses.poses import Poses
+from tracker.recordings.recipe import Job
+from tracker.recordings.track import chosen, rig_for
+from tracker.summaries.summary import camera_shares, to_look_at
+
+SURE, UNSURE = 0.9, 0.75
+"""Confidence from which pictures fit, and up to which they do not."""
+
+_MOST_CAMERAS = 4  # for whose pictures all orders are tried, 24; with more only pairs are
+
+_MOST_SETS = 7  # a motion that blurs them, or a finger, may spoil some
+_AGREE = 2
+
+_MEASURED = 0.8
+"""Share of the frames with a measured pose below which a recording is looked at again."""
+
+
+def swapped(
+    tracker: ObjectTracker, images: Sequence[Image | None], answer: Observation | None = None
+) -> tuple[int, ...] | None:
+    """The one order in which pictures that do not fit the cameras do; None where none does, or several do.
+
+    A rig that looks the same from each of its cameras leaves several: there nothing can be told.
+
+    Args:
+        tracker: of the object and the cameras; `detect` is called.
+        images: of the cameras, as they were given.
+        answer: of `tracker.detect(images)`, if that is known.
+
+    Returns:
+        For each camera the number of the picture that fits it.
+    """
+    if sum(image is not None for image in images) < 2:
+        return None
+    if _confidence(answer or tracker.detect(images)) >= UNSURE:
+        return None
+    found = None
+    for order in _orders(len(images)):
+        given = [images[k] for k in order]
+        if any(_shape(one) != _shape(other) for one, other in zip(given, images, strict=True)):
+            continue
+        confidence = _confidence(tracker.detect(given))
+        if confidence < UNSURE:
+            continue
+        if confidence < SURE or found is not None:
+            return None
+        found = order
+    return found
+
+
+def mistaken(tracker: ObjectTracker, images: Sequence[Image | None], answer: Observation) -> str | None:
+    """What fits pictures that do not show the object: their channels swapped, or another shipped object."""
+    if _confidence(answer) >= UNSURE:
+        return None
+    turned = [None if image is None else np.ascontiguousarray(image[..., ::-1]) for image in images]
+    # A camera from which the object is hidden may seem to object: here that is no matter.
+    pose = tracker.detect(turned).object_pose
+    if pose is not None and pose.confidence >= UNSURE:
+        return f"{tracker.model.name} is found when red and blue are swapped: images are expected in BGR"
+    others = [load_object(name) for name in object_names() if name != tracker.model.name]
+    fitting = [
+        model.name
+        for model in others
+        if _confidence(ObjectTracker(model, tracker.rig).detect(images)) >= SURE
+    ]
+    return f"the images show {' or '.join(fitting)} rather than {tracker.model.name}" if fitting else None
+
+
+def lastingly_swapped(
+    tracker: ObjectTracker, sets: Iterable[Sequence[Image | None]]
+) -> tuple[int, ...] | None:
+    """The same of a recording, of which some sets of pictures are looked at: they have to agree."""
+    orders = []
+    for images in itertools.islice(sets, _MOST_SETS):
+        answer = tracker.detect(images)
+        if _confidence(answer) >= SURE:
+            return None
+        order = swapped(tracker, images, answer)
+        if order is not None:
+            orders.append(order)
+            if len(orders) == _AGREE:
+                break
+    return orders[0] if len(orders) == _AGREE and len(set(orders)) == 1 else None
+
+
+def told_of_recording(job: Job, poses: Poses) -> str | None:
+    """What is to be said of a tracked recording's cameras, see `told`; looked at only if little came of it.
+
+    A remark: where the recording cannot be read any more nothing is said, and its poses are what they are.
+    """
+    if not len(poses) or not _is_odd(poses):
+        return None
+    try:
+        with open_log(job.log, recover=True) as log:
+            rig = rig_for(job, log)
+            first, last = chosen(log, job)
+            # Of a recording that has to be read through, the first frames.
+            step = max(1, (last - first) // _MOST_SETS) if log.random_access else 1
+            sets = (frame.images for frame in log[first:last:step])
+            tracker = job.recipe.make_tracker(job.recipe.model, rig, job.recipe.colors)
+            order = lastingly_swapped(tracker, sets)
+    except (TrackerError, OSError):
+        return None
+    return None if order is None else told(order, rig.names)
+
+
+def told(order: Sequence[int], names: Sequence[str]) -> str:
+    """What is to be said of it, in one line."""
+    moved = [name for k, name in enumerate(names) if order[k] != k]
+    text = f"the images of {', '.join(moved[:-1])} and {moved[-1]} look swapped"
+    if len(moved) == 2:
+        return text
+    return f"{text}: " + ", ".join(
+        f"{names[k]}'s fits as that of {names[c]}" for c, k in enumerate(order) if c != k
+    )
+
+
+def _is_odd(poses: Poses) -> bool:
+    if np.mean(poses.measured.has_pose) < _MEASURED:
+        return True
+    cameras = to_look_at(camera_shares(poses) or {})
+    return any(CameraUse.CONTRADICTING in uses for uses in cameras.values())
+
+
+def _orders(count: int) -> Iterable[tuple[int, ...]]:
+    straight = tuple(range(count))
+    if count <= _MOST_CAMERAS:
+        return (order for order in itertools.permutations(straight) if order != straight)
+    return (tuple({a: b, b: a}.get(k, k) for k in straight) for a, b in itertools.combinations(straight, 2))
+
+
+def _confidence(answer: Observation) -> float:
+    """That of a pose to which no camera objects; 0 where there is none."""
+    if answer.object_pose is None or answer.status is not Status.FOUND:
+        return 0.0
+    return 0.0 if CameraUse.CONTRADICTING in answer.cameras else answer.object_pose.confidence
+
+
+def _shape(image: Image | None) -> tuple[int, ...] | None:
+    return None if image is None else image.shape

@@ -1,1 +1,0 @@
-"""Calibrations looked after, by what recordings of a known object show."""
