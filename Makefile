@@ -3,6 +3,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 CODE := tracker synthetic benchmarks examples scripts tests
+PROSE := README.md CHANGELOG.md CONTRIBUTING.md docs examples
 REAL ?= ../shared/real
 SCENES ?= 200
 WORKERS ?= $(shell nproc 2>/dev/null || echo 1)
@@ -46,7 +47,8 @@ release: $(STAMP)  ## build sdist and wheel, try the wheel alone with each Pytho
 package: $(STAMP) | build/scenes  ## set up the platform's own simulation package, with which some tests compare
 	$(BIN)/python -c 'from benchmarks.data.package.environment import interpreter; print(interpreter())'
 
-lint: $(STAMP)  ## check style, types and floors
+lint: $(STAMP)  ## check style, words, types and layers
+	$(BIN)/codespell --dictionary=- --dictionary=docs/style/words.txt $(PROSE)
 	$(BIN)/ruff check $(CODE)
 	$(BIN)/ruff format --check $(CODE)
 	$(BIN)/mypy

@@ -1,20 +1,17 @@
-"""Find a cube in one image of each camera; the images are those that `tracker demo` leaves."""
+"""Find a cube in one image per camera; the images are those that `tracker demo` leaves."""
 
 import cv2
-import numpy as np
 
 import tracker
 
-rig = tracker.CameraRig.load("tracker-demo")  # a folder with one calibration file per camera
-model = tracker.load_object("cube_v2")
-images = [cv2.imread(f"tracker-demo/000000/{name}.jpg") for name in rig.names]
+finder = tracker.ObjectTracker("cube_v2", "tracker-demo")  # the object, and its cameras' calibration
+images = [cv2.imread(f"tracker-demo/000000/{name}.jpg") for name in finder.rig.names]
 
-observation = tracker.ObjectTracker(model, rig).detect(images)
+observation = finder.detect(images)
 pose = observation.object_pose
 if pose is None:
     print("no pose:", observation.status)
 else:
-    std = np.sqrt(np.diag(pose.covariance))
-    print("position [mm]   ", 1e3 * pose.position, "+-", 1e3 * std[:3])
-    print("orientation xyzw", pose.orientation, "+-", np.degrees(std[3:]), "degrees")
+    print("position [m]    ", pose.position)
+    print("orientation xyzw", pose.orientation)
     print("confidence      ", pose.confidence)

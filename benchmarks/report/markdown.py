@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.data.sets import FULL
-from benchmarks.score.metrics import NOTHING, Table
+from benchmarks.score.metrics import NOTHING, Table, matches
 from benchmarks.score.tables import TABLES
 
 NOTES = Path(__file__).with_name("notes.md")
@@ -33,8 +33,9 @@ def document(about: Mapping[str, Any], figures: Figures, judged: Judged) -> str:
 
 def page(about: Mapping[str, Any], figures: Figures, judged: Judged) -> str:
     """What the page of figures shows."""
-    shown = [table for table in TABLES if table.page]
-    return "\n\n".join([summary(about), *targets(judged), *missing(figures), *tables(figures, shown)])
+    groups = {table.name: table.page for table in TABLES}
+    shown = [row for row in figures if matches(row["group"], groups[row["table"]])]
+    return "\n\n".join([summary(about), *targets(judged), *missing(figures), *tables(shown, TABLES)])
 
 
 def missing(figures: Figures) -> list[str]:

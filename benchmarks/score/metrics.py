@@ -105,8 +105,8 @@ class Table:
     """Into bins; None: there are none."""
     heads: tuple[str, str, str] = ("object", "", "")
     """Headings of object, group and bin; what is empty is left out."""
-    page: bool = True
-    """Whether it is shown on the page of figures, and not in the results alone."""
+    page: tuple[str, ...] = ()
+    """Patterns of the groups that the page of figures shows; the results show all."""
 
     def figures(self, frames: pd.DataFrame) -> Iterator[dict[str, Any]]:
         """A row for each group, object and bin: `table`, `group`, `object`, `bin`, `n`, and each metric."""

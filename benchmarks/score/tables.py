@@ -73,6 +73,9 @@ def by_rest(rows: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
             yield name, own
 
 
+_PAGE = ("realistic", "world", "two cameras", "one camera", "hard light", "poor images", "other calibration")
+"""Workloads that the page of figures shows."""
+
 NOT_THE_OBJECT = ("absent", "look-alike: *")
 """Workloads that do not show the object."""
 
@@ -106,6 +109,7 @@ TABLES: tuple[Table, ...] = (
         ANSWERS,
         without=NOT_THE_OBJECT,
         heads=("object", "workload", ""),
+        page=_PAGE,
     ),
     Table(
         "trust",
@@ -118,6 +122,7 @@ TABLES: tuple[Table, ...] = (
         TRUST,
         without=NOT_THE_OBJECT,
         heads=("object", "workload", ""),
+        page=_PAGE,
     ),
     Table(
         "finds",
@@ -127,6 +132,7 @@ TABLES: tuple[Table, ...] = (
         FINDS,
         NOT_THE_OBJECT,
         heads=("object", "workload", ""),
+        page=("*",),
     ),
     Table(
         "detect",
@@ -137,6 +143,7 @@ TABLES: tuple[Table, ...] = (
         "process.",
         (*TIMES, *map(_stage, STAGES)),
         heads=("object", "workload", ""),
+        page=_PAGE,
     ),
     Table(
         "visibility",
@@ -147,7 +154,6 @@ TABLES: tuple[Table, ...] = (
         ("realistic", "world", "two cameras", "one camera"),
         split=by_visibility(*VISIBLE),
         heads=("object", "workload", "visible"),
-        page=False,
     ),
     Table(
         "confidence",
@@ -158,7 +164,6 @@ TABLES: tuple[Table, ...] = (
         ("realistic", "world", "two cameras", "one camera", "hard light", "poor images"),
         split=by_confidence,
         heads=("object", "workload", "confidence"),
-        page=False,
     ),
     Table(
         "triplets",
@@ -186,6 +191,7 @@ TABLES: tuple[Table, ...] = (
             Metric("turn_deg", "turn", value("turn_deg"), "{:.2f}°", step=0.1),
         ),
         heads=("object", "left out", ""),
+        page=("camera?*",),
     ),
     Table(
         "two sizes",
@@ -196,7 +202,6 @@ TABLES: tuple[Table, ...] = (
             Metric("shift_mm", "shift", value("shift_mm"), "{:.2f} mm"),
             Metric("turn_deg", "turn", value("turn_deg"), "{:.2f}°"),
         ),
-        page=False,
     ),
     Table(
         "recorded, one camera",
@@ -234,6 +239,7 @@ TABLES: tuple[Table, ...] = (
             ),
         ),
         heads=("object", "by", ""),
+        page=("*",),
     ),
     Table(
         "segmentation",
@@ -271,6 +277,7 @@ TABLES: tuple[Table, ...] = (
         ),
         ("all", "every *", "world"),
         heads=("object", "given", ""),
+        page=("all", "world"),
     ),
     Table(
         "films, at rest",
@@ -323,6 +330,7 @@ TABLES: tuple[Table, ...] = (
         TIMES,
         ("all", "world", "world, *"),
         heads=("object", "given", ""),
+        page=("all", "world"),
     ),
     Table(
         "motion",
@@ -372,6 +380,7 @@ TABLES: tuple[Table, ...] = (
         ),
         split=by_visibility(*dice.BINS),
         heads=("", "scenes", "visible"),
+        page=("thrown, masks and images",),
     ),
     Table(
         "dice, reported",
@@ -400,6 +409,7 @@ TABLES: tuple[Table, ...] = (
             Metric("megabytes", "peak memory", value("megabytes"), "{:.0f} MB"),
         ),
         heads=("", "", ""),
+        page=("*",),
     ),
 )
 
