@@ -25,7 +25,7 @@ _TRUST = 4.0  # rate at which poses correct where a cube that is held is between
 _BELOW = 0.01  # of the tips, below the cube's middle, so that it does not tilt [m]
 _STIFF, _DAMPING = 300.0, 10.0  # a tip's force for being off its aim [N/m], and for its speed [N s/m]
 _RUBBER = 1.5  # friction of the tips, which in PyBullet is multiplied by that of the cube
-_NUDGE = 1e-6  # of joints, by which is told how they move the tips [rad]
+_NUDGE = 1e-6  # of joints, which shows how they move the tips [rad]
 
 _SIDES = BASE_ANGLES + np.pi / 2
 """(3,) directions in which the fingers are from the cube [rad], each near its own base, but for a turn of up
@@ -86,8 +86,8 @@ class Pushing:
             gap = _TIGHT if self._holding else _OPEN
             self._gap += float(np.clip(gap - self._gap, -_CLOSING * STEP, _CLOSING * STEP))
             way = goal - self._middle - self._cube if self._holding else self._cube
-            wanted = _shortened(_GAIN * way, _SPEED) if abs(self._gap - gap) < 1e-6 else np.zeros(2)
-            self._velocity = self._velocity + _shortened(wanted - self._velocity, _CHANGE * STEP)
+            speed = _shortened(_GAIN * way, _SPEED) if abs(self._gap - gap) < 1e-6 else np.zeros(2)
+            self._velocity = self._velocity + _shortened(speed - self._velocity, _CHANGE * STEP)
             self._middle = self._middle + STEP * self._velocity
         aims = self._aims()
         for _ in range(round(STEP / self.world.time_step)):
@@ -124,7 +124,7 @@ class Pushing:
         return np.column_stack([places, np.full(3, self._height)])
 
     def _release_motors(self) -> None:
-        # PyBullet's motors brake until they are told not to.
+        # PyBullet's motors brake until they are switched off.
         robot, joints, client = self.world.robot, self.world.joints, self.world.client
         off = {"controlMode": pybullet.VELOCITY_CONTROL, "forces": [0.0] * len(joints)}
         pybullet.setJointMotorControlArray(robot, joints, **off, physicsClientId=client)

@@ -1,4 +1,4 @@
-"""An object of one's own, tried on synthetic pictures before it is built."""
+"""Try an object of your own on synthetic images before it is built."""
 
 from pathlib import Path
 

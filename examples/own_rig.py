@@ -1,4 +1,4 @@
-"""A rig of one's own from numbers, here two cameras, written as files and looked at before it is used."""
+"""Build a rig of two cameras from numbers, write its files, and check it before use."""
 
 import numpy as np
 

@@ -16,5 +16,5 @@ while True:
     for camera, count in message["fault_counts"].items():
         if count > counts.setdefault(camera, count):  # of sets that were never fetched, too
             reason = message["faults"].get(camera, "well again")
-            print(f"{camera}: amiss in {count - counts[camera]} sets: {reason}")
+            print(f"{camera}: faults in {count - counts[camera]} sets: {reason}")
     counts = message["fault_counts"]

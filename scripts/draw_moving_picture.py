@@ -22,7 +22,9 @@ FRAMES, RATE, WIDTH = 30, 10, 720
 def draw(film: Path, picture: Path) -> None:
     """Write the film's first frames as an animated WebP."""
     with av.open(str(film)) as container:
-        images = [frame.to_image() for _, frame in zip(range(FRAMES), container.decode(video=0), strict=False)]
+        images = [
+            frame.to_image() for _, frame in zip(range(FRAMES), container.decode(video=0), strict=False)
+        ]
     size = WIDTH, round(WIDTH * images[0].height / images[0].width)
     first, *others = (image.resize(size, Image.Resampling.LANCZOS) for image in images)
     first.save(picture, save_all=True, append_images=others, duration=1000 // RATE, loop=0, quality=80)
@@ -31,6 +33,16 @@ def draw(film: Path, picture: Path) -> None:
 if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as folder:
         if len(sys.argv) == 1:
-            demo = [sys.executable, str(ROOT / "examples" / "demo.py"), "--frames", str(FRAMES), "--output", folder]
+            demo = [
+                sys.executable,
+                str(ROOT / "examples" / "demo.py"),
+                "--frames",
+                str(FRAMES),
+                "--output",
+                folder,
+            ]
             subprocess.run(demo, check=True)
-        draw(Path(sys.argv[1] if len(sys.argv) > 1 else f"{folder}/overlay.mp4"), ROOT / "docs" / "overlay.webp")
+        draw(
+            Path(sys.argv[1] if len(sys.argv) > 1 else f"{folder}/overlay.mp4"),
+            ROOT / "docs" / "overlay.webp",
+        )

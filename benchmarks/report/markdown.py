@@ -103,7 +103,7 @@ def summary(about: Mapping[str, Any]) -> str:
     """Commit, machine and scenes of a run."""
     drawn = {
         "development": "development scenes (a fixed seed; they may be looked at and worked on)",
-        "release": "release scenes (drawn anew from the commit's hash; nobody has seen them)",
+        "release": "release scenes (drawn from the commit's hash and seen by no one)",
     }.get(about.get("draw", ""), "scenes of another seed")
     few = " Too few scenes for the figures to mean much." if about.get("scenes", FULL) < FEW else ""
     changes = "" if about.get("clean", True) else " and changes"

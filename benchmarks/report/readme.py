@@ -10,7 +10,7 @@ from typing import Any
 from benchmarks.data.fingerprint import ROOT
 from benchmarks.data.toml_files import read_toml
 from benchmarks.judge.results import ResultsError
-from benchmarks.report.markdown import document, grid, page, summary
+from benchmarks.report.markdown import document, grid, page
 from tracker.files import write_whole
 
 README, PAGE, RESULTS = ROOT / "README.md", ROOT / "docs" / "figures.md", ROOT / "benchmarks" / "results.md"
@@ -67,7 +67,9 @@ def brief(published: Published) -> str:
         "that the generator knows, calibration errors too. ² Sharp edges. ³ The present C++ tracker, "
         "measured once; commit not recorded. Times: one thread."
     )
-    return f"{grid(heads, lines, 1)}\n\n{notes} {summary(published['about'])}"
+    about = published["about"]
+    origin = f"Commit {str(about['commit'])[:12]}, {about['scenes']} fresh scenes an object."
+    return f"{grid(heads, lines, 1)}\n\n{notes} {origin}"
 
 
 _OLD_ERROR, _OLD_SHARE = "{median_mm:.2f} mm, {median_deg:.1f}°", "{within_5[0]}–{within_5[1]} %"

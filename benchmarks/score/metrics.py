@@ -200,7 +200,7 @@ INSIDE = Metric(
 )
 MEDIAN_DEG = Metric("median_deg", "rotation, median", at("deg", 0.5), "{:.2f}°")
 NEES = Metric("median_nees", "NEES, median", at("nees", 0.5), "{:.1f}", "same")
-HONESTY = Metric("honesty", "said − right", _dishonesty, "{:.1f} points", step=1.0)
+HONESTY = Metric("honesty", "stated − right", _dishonesty, "{:.1f} points", step=1.0)
 
 ANSWERS = (
     MEDIAN,

@@ -116,7 +116,7 @@ TABLES: tuple[Table, ...] = (
         "accuracy",
         "Covariance and confidence",
         "NEES is dᵀ Σ⁻¹ d of the six errors d in the stated covariance Σ: if Σ is right, its median is "
-        "5.35 and 95 % lie inside the stated 95 % ellipsoid. Said − right: mean confidence of the poses "
+        "5.35 and 95 % lie inside the stated 95 % ellipsoid. Stated − right: mean confidence of the poses "
         "given against the share of them within 5 mm and 5°. The Brier score is the mean square of the "
         "same difference, pose by pose.",
         TRUST,
