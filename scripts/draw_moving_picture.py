@@ -32,17 +32,8 @@ def draw(film: Path, picture: Path) -> None:
 
 if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as folder:
+        film = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(folder) / "overlay.mp4"
         if len(sys.argv) == 1:
-            demo = [
-                sys.executable,
-                str(ROOT / "examples" / "demo.py"),
-                "--frames",
-                str(FRAMES),
-                "--output",
-                folder,
-            ]
-            subprocess.run(demo, check=True)
-        draw(
-            Path(sys.argv[1] if len(sys.argv) > 1 else f"{folder}/overlay.mp4"),
-            ROOT / "docs" / "overlay.webp",
-        )
+            demo = [sys.executable, str(ROOT / "examples" / "demo.py"), "--frames", str(FRAMES)]
+            subprocess.run([*demo, "--output", folder], check=True)
+        draw(film, ROOT / "docs" / "overlay.webp")
