@@ -303,7 +303,7 @@ def test_whatever_happens_is_one_line_without_traceback(raised, code, said, monk
     def fail(_: object) -> None:
         raise raised
 
-    monkeypatch.setattr("tracker.objects.model.load_object", fail)
+    monkeypatch.setattr("tracker.load_object", fail)
     with pytest.raises(SystemExit) as stop:
         cli.main(["detect", "--object", "cube_v2", "--calibration", "x", "x.png"])
     assert stop.value.code == code

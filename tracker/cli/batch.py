@@ -14,13 +14,14 @@ import click
 
 from tracker.cli.options import (
     Cameras,
+    Part,
+    Subject,
     calibration_options,
-    colors_option,
     json_option,
-    object_option,
     part_options,
     quiet_option,
-    recover_option,
+    recording_options,
+    subject_options,
 )
 from tracker.cli.outputs import refuse_file
 from tracker.cli.render import listing
@@ -40,12 +41,10 @@ def batch() -> None:
 
 @batch.command()
 @click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...")
-@object_option()
+@subject_options
 @click.option("-o", "--output", required=True, metavar="DIR", type=_FOLDER, help="Folder of the results.")
 @calibration_options
-@colors_option()
 @part_options
-@recover_option
 @click.option(
     "--jobs", metavar="N", type=click.IntRange(1), help="Processes here.  [default: one for each core]"
 )
@@ -57,13 +56,10 @@ def batch() -> None:
 @quiet_option("No progress, and no summary.")
 def run(
     recordings: tuple[str, ...],
-    object_name: str,
+    subject: Subject,
     output: Path,
     cameras: Cameras,
-    colors_name: str | None,
-    first: int,
-    last: int | None,
-    recover: bool,
+    part: Part,
     jobs: int | None,
     scheduler: str | None,
     htcondor: bool,
@@ -84,7 +80,6 @@ def run(
     tells more.
     """
     from tracker.batch.run import Batch
-    from tracker.recordings import Options
 
     refuse_file("-o", output)
     engines = {"--jobs": jobs, "--scheduler": scheduler, "--htcondor": htcondor, "--slurm": slurm}
@@ -95,11 +90,7 @@ def run(
         raise click.UsageError(
             "--dry-run prints what --htcondor or --slurm would submit, expected one of them"
         )
-    options = Options(
-        *(object_name, colors_name, *cameras),
-        *(first, last, recover),
-    )
-    wanted = Batch.of(recordings, output, options)
+    wanted = Batch.of(recordings, output, recording_options(subject, cameras, part))
     if htcondor or slurm:
         _submit(wanted, "htcondor" if htcondor else "slurm", dry_run, quiet)
     else:

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING
 
 import click
 
-from tracker.cli.options import together
-from tracker.cli.outputs import PICTURE, Command, OutFile, Recording
+from tracker.cli.options import gathered
+from tracker.cli.outputs import PICTURE, Command, Recording, file_option
 from tracker.cli.pictures import silent_libraries
 from tracker.cli.render import listing, table
 from tracker.errors import CalibrationError
@@ -21,11 +22,30 @@ if TYPE_CHECKING:
     from tracker.calibration.board.intrinsics import Lens
     from tracker.calibration.board.sighting import BoardView
     from tracker.calibration.files.calibrated import Calibrated
-    from tracker.conventions import Image
 
-_Command = TypeVar("_Command", bound=Callable[..., Any])
 
-board_options = together(
+@dataclass(frozen=True)
+class Printed:
+    """The board that the options say."""
+
+    squares: str
+    square: float
+    marker: float
+    dictionary: str
+
+    def board(self, legacy: bool = False) -> Board:
+        """It; UsageError where --squares cannot be read, CalibrationError where there is no such board."""
+        from tracker.calibration.board.board import Board
+
+        sizes = re.fullmatch(r"(\d{1,4})[x×X](\d{1,4})", self.squares)
+        if sizes is None:
+            raise click.UsageError(f"--squares {self.squares!r}: expected columns and rows, e.g. 5x7")
+        return Board(int(sizes[1]), int(sizes[2]), self.square, self.marker, self.dictionary, legacy)
+
+
+board_options = gathered(
+    "printed",
+    Printed,
     click.option(
         "--squares", required=True, metavar="CxR", help="Columns and rows of squares, black and white: 5x7."
     ),
@@ -39,38 +59,13 @@ board_options = together(
         help="Set of markers, as OpenCV calls it.",
     ),
 )
-"""Of a board; their values are what `board_of` takes."""
 
 
-def board_of(squares: str, square: float, marker: float, dictionary: str, legacy: bool = False) -> Board:
-    """The board of the options.
-
-    Raises:
-        click.UsageError: --squares cannot be read.
-        CalibrationError: there is no such board.
-    """
-    from tracker.calibration.board.board import Board
-
-    sizes = re.fullmatch(r"(\d{1,4})[x×X](\d{1,4})", squares)
-    if sizes is None:
-        raise click.UsageError(f"--squares {squares!r}: expected columns and rows, e.g. 5x7")
-    return Board(int(sizes[1]), int(sizes[2]), square, marker, dictionary, legacy)
-
-
-def read_photos(paths: Sequence[Path]) -> list[Image]:
-    """The photos (H, W, 3) BGR; ImageError names the file that cannot be read."""
-    from tracker.segmentation.labelled import read_image
-
-    with silent_libraries():
-        return [read_image(path) for path in paths]
-
-
-def sightings_of(
-    photos: Sequence[str], images: Sequence[Image], board: Board
-) -> tuple[Board, list[BoardView | None], dict[str, str]]:
+def sightings_of(paths: Sequence[Path], board: Board) -> tuple[Board, list[BoardView | None], dict[str, str]]:
     """The board in the pattern seen, what each photo shows of it, and why those without show none.
 
     Raises:
+        ImageError: a photo cannot be read.
         CalibrationError: no photo shows the board, or the photos show another.
     """
     from tracker.calibration.board.sighting import (
@@ -80,7 +75,11 @@ def sightings_of(
         require_size,
         why_no_board,
     )
+    from tracker.segmentation.labelled import read_image
 
+    photos = [str(path) for path in paths]
+    with silent_libraries():
+        images = [read_image(path) for path in paths]
     board = pattern_seen(images, board)
     found: list[BoardView | None] = []
     faults: dict[str, str] = {}
@@ -120,7 +119,31 @@ def _part(_: click.Context, option: click.Parameter, value: str | None) -> tuple
     return tuple(int(number) for number in part.groups())
 
 
-size_options = together(
+@dataclass(frozen=True)
+class Smaller:
+    """Which smaller images files are written of, besides those of the photos' size."""
+
+    crop: tuple[int, ...] | None
+    """Width, height, left and top [px] of a part."""
+    halve: bool
+
+    def variants(self, calibrated: Calibrated, path: Path) -> dict[Path, Calibrated]:
+        """The files to write, `path` and others beside it; CalibrationError where the part is not inside."""
+        files, last, suffix = {path: calibrated}, calibrated, ""
+        if self.crop is not None:
+            width, height, left, top = self.crop
+            last, suffix = calibrated.cropped(left, top, width, height), "_cropped"
+            files[path.with_stem(path.stem + suffix)] = last
+        if self.halve:
+            suffix += "_and_downsampled" if suffix else "_downsampled"
+            size = last.camera.width // 2, last.camera.height // 2
+            files[path.with_stem(path.stem + suffix)] = last.resized(*size)
+        return files
+
+
+size_options = gathered(
+    "smaller",
+    Smaller,
     click.option(
         "--crop",
         callback=_part,
@@ -135,52 +158,23 @@ size_options = together(
         "images, the quarter pixel right.",
     ),
 )
-"""Of smaller images; their values are what `variants` takes."""
-
-
-def variants(
-    calibrated: Calibrated, path: Path, crop: tuple[int, ...] | None, halve: bool
-) -> dict[Path, Calibrated]:
-    """The files to write: `path` of the photos' size, and those of the options beside it.
-
-    Raises:
-        CalibrationError: the part is not inside of the photo.
-    """
-    files, last, suffix = {path: calibrated}, calibrated, ""
-    if crop is not None:
-        width, height, left, top = crop
-        last, suffix = calibrated.cropped(left, top, width, height), "_cropped"
-        files[path.with_stem(path.stem + suffix)] = last
-    if halve:
-        suffix += "_and_downsampled" if suffix else "_downsampled"
-        files[path.with_stem(path.stem + suffix)] = last.resized(
-            last.camera.width // 2, last.camera.height // 2
-        )
-    return files
 
 
 @click.command(cls=Command)
 @board_options
-@click.option(
-    "-o",
-    "--output",
-    required=True,
-    metavar="FILE",
-    type=OutFile(".pdf", ".svg", ".png"),
-    help="The page (.pdf, .svg or .png).",
-)
+@file_option("-o", ".pdf", ".svg", ".png", required=True, help="The page (.pdf, .svg or .png).")
 @click.option("--legacy", is_flag=True, help="The pattern that OpenCV printed before 4.6 [even rows].")
-def board(squares: str, square: float, marker: float, dictionary: str, output: Path, legacy: bool) -> None:
+def board(printed: Printed, output: Path, legacy: bool) -> None:
     """Write a ChArUco board as a page to print at its true size.
 
     Print at 100 %, without fitting to the page, on something that stays flat, and measure a row of
     squares afterwards: its length, divided by their number, is --square of the other commands.
     """
-    from tracker.calibration.board.page import page_of, printed
+    from tracker.calibration.board import page as pages
     from tracker.files import write_whole
 
-    page = page_of(board_of(squares, square, marker, dictionary, legacy))
-    write_whole(output, printed(page, output.suffix.lower()))
+    page = pages.page_of(printed.board(legacy))
+    write_whole(output, pages.printed(page, output.suffix.lower()))
     click.echo(f"{output}: {page.board}, on a page of {page.width:g}x{page.height:g} mm")
 
 
@@ -188,28 +182,15 @@ def board(squares: str, square: float, marker: float, dictionary: str, output: P
 @click.argument("images", nargs=-1, required=True, metavar="IMAGE...", type=Recording())
 @board_options
 @click.option("--name", required=True, metavar="NAME", help="The camera's, e.g. camera60.")
-@click.option(
-    "-o",
-    "--output",
-    required=True,
-    metavar="FILE",
-    type=OutFile(".yml", ".yaml", new_folders=True),
-    help="Calibration file (.yml).",
-)
+@file_option("-o", ".yml", ".yaml", required=True, new_folders=True, help="Calibration file (.yml).")
 @size_options
-@click.option(
-    "--plot", metavar="FILE", type=OutFile(*PICTURE), help="Draw what is missed where (.png, .jpg)."
-)
+@file_option("--plot", *PICTURE, help="Draw what is missed where (.png, .jpg).")
 def intrinsics(
     images: tuple[Path, ...],
-    squares: str,
-    square: float,
-    marker: float,
-    dictionary: str,
+    printed: Printed,
     name: str,
     output: Path,
-    crop: tuple[int, ...] | None,
-    halve: bool,
+    smaller: Smaller,
     plot: Path | None,
 ) -> None:
     """Focal length, principal point and distortion of a camera, from photos of a ChArUco board.
@@ -226,16 +207,15 @@ def intrinsics(
     from tracker.geometry.camera import check_name
 
     check_name(name, "--name", CalibrationError)
-    board = board_of(squares, square, marker, dictionary)
-    photos = [str(path) for path in images]
-    board, found, faults = sightings_of(photos, read_photos(images), board)
+    board = printed.board()
+    board, found, faults = sightings_of(images, board)
     try:
         lens = fit_lens(name, [one for one in found if one is not None], board)
     except CalibrationError as error:
         raise CalibrationError(
             "; ".join([str(error), *(f"{p}: {why}" for p, why in faults.items())])
         ) from error
-    files = variants(lens.calibrated, output, crop, halve)
+    files = smaller.variants(lens.calibrated, output)
     output.parent.mkdir(parents=True, exist_ok=True)
     for path, calibrated in files.items():
         write_calibrated(calibrated, path)
@@ -256,8 +236,12 @@ def _photo_table(lens: Lens, faults: dict[str, str]) -> str:
         numbers = [len(one.sighting), one.dropped]
         sizes = [one.sighting.blur, rms([one.residuals]), one.left_out]
         rows.append([one.sighting.photo, *map(str, numbers), *(f"{size:.2f}" for size in sizes)])
-    named = {one.sighting.photo: one.fault for one in lens.photos if one.fault is not None} | faults
-    return "\n".join([table(rows), *(f"not used: {photo}: {fault}" for photo, fault in named.items())])
+    return photo_table(rows, {one.sighting.photo: one.fault for one in lens.photos if one.fault} | faults)
+
+
+def photo_table(rows: Sequence[Sequence[str]], faults: Mapping[str, str]) -> str:
+    """A table of photos, and below it why others are not used."""
+    return "\n".join([table(rows), *(f"not used: {photo}: {fault}" for photo, fault in faults.items())])
 
 
 def _found(lens: Lens) -> list[list[str]]:

@@ -3,29 +3,28 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
+import tracker
 from tracker.cli.board import board, intrinsics
 from tracker.cli.extrinsics import extrinsics
 from tracker.cli.options import (
     Cameras,
+    Subject,
     calibration_options,
-    colors_option,
+    gathered,
     json_option,
-    load_rig,
-    object_option,
     quiet_option,
     recover_option,
-    rig_of,
-    together,
+    subject_options,
 )
-from tracker.cli.outputs import PICTURE, Command, OutFile, OutFolder, Recording
+from tracker.cli.outputs import PICTURE, Command, OutFolder, Recording, file_option
 from tracker.cli.pictures import NO_IMAGE, read_images
 from tracker.cli.render import bar, listing, table
 from tracker.errors import CalibrationError, ImageError, ObjectModelError
@@ -34,8 +33,6 @@ if TYPE_CHECKING:
     from tracker.calibration.by_object.refine import Refined
     from tracker.calibration.by_object.sightings import Footage
     from tracker.calibration.by_object.table import FoundTable
-    from tracker.calibration.rig import CameraRig
-    from tracker.objects.model import CuboidModel
 
 
 @click.group(no_args_is_help=False, short_help="Calibrate cameras; check and mend calibrations.")
@@ -52,9 +49,76 @@ calibrate.add_command(intrinsics)
 calibrate.add_command(extrinsics)
 
 
-_inputs = together(
+class Opened(NamedTuple):
+    """What is to be looked at."""
+
+    model: tracker.CuboidModel
+    footage: list[Footage]
+    rig: tracker.CameraRig
+    colors: tracker.ColorModel
+    progress: Callable[[int], None]
+
+
+@dataclass(frozen=True)
+class Filmed:
+    """A known object in recordings, and in pictures, those of one moment one after the other."""
+
+    inputs: tuple[str, ...]
+    subject: Subject
+    cameras: Cameras
+    stills: bool
+    """Whether frames of recordings are no films."""
+    recover: bool
+    quiet: bool
+
+    @contextmanager
+    def opened(self) -> Iterator[Opened]:
+        """All of it; recordings are open within the `with` block.
+
+        Raises:
+            TrackerError: something cannot be read, or the cameras are not the same all over.
+        """
+        from tracker.calibration.by_object.sightings import Film, Stills
+
+        model, colors = self.subject.load()
+        pictures = [path for path in self.inputs if path == NO_IMAGE or Path(path).suffix.lower() in PICTURE]
+        rig = self.cameras.load() if self.cameras.calibration else None
+        footage: list[Footage] = []
+        frames = 0
+        with ExitStack() as stack:
+            for path in self.inputs:
+                if path in pictures:
+                    continue
+                log = stack.enter_context(tracker.open_log(path, recover=self.recover))
+                its = self.cameras.rig_of(Path(path), log)
+                _refuse_other(path, its, rig if rig is not None and footage else its)
+                rig = its
+                footage.append(Film(log, stills=self.stills))
+                frames += len(log)
+            if rig is None:
+                raise CalibrationError("images: found no calibration, expected --calibration")
+            if pictures:
+                resize = self.cameras.resize_calibration and not footage
+                rig, sets = _sets(pictures, rig, resize=resize)
+                footage.append(Stills(sets))
+                frames += len(sets)
+            progress = stack.enter_context(bar("frames", frames, self.quiet))
+            yield Opened(model, footage, rig, colors, progress)
+
+
+filmed_options = gathered(
+    "filmed",
+    Filmed,
     click.argument("inputs", nargs=-1, required=True, metavar="RECORDING|IMAGE...", type=Recording(str)),
-    object_option(),
+    subject_options,
+    calibration_options,
+    click.option(
+        "--stills",
+        is_flag=True,
+        help="Frames of folders are no films: each was taken by itself, at any moment.",
+    ),
+    recover_option,
+    quiet_option(),
 )
 _output = click.option(
     "-o",
@@ -64,64 +128,11 @@ _output = click.option(
     type=OutFolder(new=True),
     help="Folder of the calibration that is found, a new or an empty one.",
 )
-_reading = together(
-    calibration_options,
-    colors_option(),
-    click.option(
-        "--stills",
-        is_flag=True,
-        help="Frames of folders are no films: each was taken by itself, at any moment.",
-    ),
-    recover_option,
-    quiet_option(),
-)
 
 
-@contextmanager
-def opened(
-    inputs: Sequence[str],
-    cameras: Cameras,
-    stills: bool,
-    recover: bool,
-) -> Iterator[tuple[CameraRig, list[Footage], int]]:
-    """The rig, what it filmed, and how many frames that is; recordings are open within the `with` block.
-
-    Args:
-        inputs: recordings, and pictures, those of one moment one after the other.
-        cameras: as for `load_rig`; without a calibration the first recording's own is taken.
-        stills: frames of recordings are no films.
-        recover: damaged frames are left out.
-
-    Raises:
-        TrackerError: something cannot be read, or the cameras are not the same all over.
-    """
-    from tracker.calibration.by_object.sightings import Film, Stills
-    from tracker.logs import open_log
-
-    pictures = [path for path in inputs if path == NO_IMAGE or Path(path).suffix.lower() in PICTURE]
-    rig = load_rig(cameras) if cameras.calibration else None
-    footage: list[Footage] = []
-    frames = 0
-    with ExitStack() as stack:
-        for path in inputs:
-            if path in pictures:
-                continue
-            log = stack.enter_context(open_log(path, recover=recover))
-            its = rig_of(Path(path), log, cameras)
-            _refuse_other(path, its, rig if rig is not None and footage else its)
-            rig = its
-            footage.append(Film(log, stills=stills))
-            frames += len(log)
-        if rig is None:
-            raise CalibrationError("images: found no calibration, expected --calibration")
-        if pictures:
-            rig, sets = _sets(pictures, rig, resize=cameras.resize_calibration and not footage)
-            footage.append(Stills(sets))
-            frames += len(sets)
-        yield rig, footage, frames
-
-
-def _sets(pictures: Sequence[str], rig: CameraRig, *, resize: bool) -> tuple[CameraRig, list[Any]]:
+def _sets(
+    pictures: Sequence[str], rig: tracker.CameraRig, *, resize: bool
+) -> tuple[tracker.CameraRig, list[Any]]:
     """The rig of the pictures' size, and pictures of one moment each."""
     count = len(rig)
     if len(pictures) % count:
@@ -136,7 +147,7 @@ def _sets(pictures: Sequence[str], rig: CameraRig, *, resize: bool) -> tuple[Cam
     return rig, sets
 
 
-def _refuse_other(path: str, its: CameraRig, rig: CameraRig) -> None:
+def _refuse_other(path: str, its: tracker.CameraRig, rig: tracker.CameraRig) -> None:
     """Raise where a recording's cameras are not those of the recordings before it."""
     import numpy as np
 
@@ -153,26 +164,10 @@ def _refuse_other(path: str, its: CameraRig, rig: CameraRig) -> None:
 
 
 @calibrate.command(cls=Command)
-@_inputs
-@_reading
-@click.option(
-    "--plot",
-    metavar="FILE",
-    type=OutFile(*PICTURE),
-    help="Draw what each camera misses (.png, .jpg).",
-)
+@filmed_options
+@file_option("--plot", *PICTURE, help="Draw what each camera misses (.png, .jpg).")
 @json_option
-def check(
-    inputs: tuple[str, ...],
-    object_name: str,
-    cameras: Cameras,
-    colors_name: str | None,
-    stills: bool,
-    recover: bool,
-    quiet: bool,
-    plot: Path | None,
-    as_json: bool,
-) -> None:
+def check(filmed: Filmed, plot: Path | None, as_json: bool) -> None:
     """Say whether a calibration fits RECORDINGs, or IMAGEs moment by moment, of an object that is still.
 
     Each camera by itself is held against the others. One that is not where its file says is named, with
@@ -186,35 +181,27 @@ def check(
     """
     from tracker.calibration.by_object.check import check as look
     from tracker.cli.check_report import plain, stated, text
-    from tracker.objects.model import load_object
-    from tracker.segmentation.color_model import load_colors
 
-    focal_std, halved = stated(inputs, cameras)
-    model = load_object(object_name)
-    colors = load_colors(colors_name or model.colors)
-    with (
-        opened(inputs, cameras, stills, recover) as (rig, footage, frames),
-        bar("frames", frames, quiet) as progress,
-    ):
-        found = look(model, footage, rig, colors, progress, focal_std)
+    focal_std, halved = stated(filmed.inputs, filmed.cameras)
+    with filmed.opened() as given:
+        found = look(*given, focal_std)
     warnings = [*found.warnings, *halved]
     if plot is not None:
         from tracker.viz.calibration_pictures import check_picture
         from tracker.viz.image_files import write_image
 
-        write_image(plot, check_picture(found, rig))
+        write_image(plot, check_picture(found, given.rig))
     if as_json:
         click.echo(json.dumps(plain(found, warnings), allow_nan=False))
-    elif not quiet:
+    elif not filmed.quiet:
         click.echo(text(found, warnings))
     if not found.fits:
         click.get_current_context().exit(1)
 
 
 @calibrate.command("refine", cls=Command)
-@_inputs
+@filmed_options
 @_output
-@_reading
 @click.option("--focal", is_flag=True, help="Focal lengths and principal points may be wrong, too.")
 @click.option(
     "--frames",
@@ -225,18 +212,7 @@ def check(
     show_default=True,
     help="Frames that are used, in different poses; a third of them judges.",
 )
-def refine_command(
-    inputs: tuple[str, ...],
-    object_name: str,
-    output: Path,
-    cameras: Cameras,
-    colors_name: str | None,
-    stills: bool,
-    recover: bool,
-    quiet: bool,
-    focal: bool,
-    most: int,
-) -> None:
+def refine_command(filmed: Filmed, output: Path, focal: bool, most: int) -> None:
     """Find how the cameras stand to each other in RECORDINGs of an object that moves, or in many IMAGEs.
 
     The edges of the object in all frames together say it, if the object is seen all over the arena and in
@@ -250,21 +226,16 @@ def refine_command(
     colours end inside the nominal edges. It then stands wherever --object does.
     """
     from tracker.calibration.by_object.refine import refine_cameras
-    from tracker.objects.model import load_object
-    from tracker.segmentation.color_model import load_colors
 
-    model = load_object(object_name)
-    colors = load_colors(colors_name or model.colors)
-    given = opened(inputs, cameras, stills, recover)
-    with given as (rig, footage, frames), bar("frames", frames, quiet) as progress:
-        found = refine_cameras(model, footage, rig, colors, focal=focal, most=most, progress=progress)
+    with filmed.opened() as given:
+        found = refine_cameras(*given[:4], focal=focal, most=most, progress=given.progress)
     found.rig.save(output)
-    save_object(model, found.rim, output / "object.toml")
-    if not quiet:
+    save_object(given.model, found.rim, output / "object.toml")
+    if not filmed.quiet:
         click.echo(_refined(found, focal, output))
 
 
-def save_object(model: CuboidModel, rim: tuple[float, float], path: Path) -> None:
+def save_object(model: tracker.CuboidModel, rim: tuple[float, float], path: Path) -> None:
     """Write an object with another rim and its deviation [m]."""
     from tracker.files import told_as, write_whole
     from tracker.objects.model import to_toml
@@ -303,19 +274,9 @@ def _refined(found: Refined, focal: bool, output: Path) -> str:
 
 
 @calibrate.command("table", cls=Command)
-@_inputs
+@filmed_options
 @_output
-@_reading
-def table_command(
-    inputs: tuple[str, ...],
-    object_name: str,
-    output: Path,
-    cameras: Cameras,
-    colors_name: str | None,
-    stills: bool,
-    recover: bool,
-    quiet: bool,
-) -> None:
+def table_command(filmed: Filmed, output: Path) -> None:
     """Find the table in RECORDINGs, or in IMAGEs moment by moment, of an object that rests on it.
 
     Written is the calibration in a world whose z = 0 is the table (x, y and yaw stay as they were), and
@@ -324,18 +285,12 @@ def table_command(
     The object must rest in five places or more, spread over the table, on whichever face, and be seen by
     two cameras or more. It may be held, lifted and carried in between.
     """
-    from tracker.calibration.by_object.table import find_table, refuse_one_camera
-    from tracker.objects.model import load_object
-    from tracker.segmentation.color_model import load_colors
+    from tracker.calibration.by_object.table import find_table
 
-    model = load_object(object_name)
-    colors = load_colors(colors_name or model.colors)
-    with opened(inputs, cameras, stills, recover) as (rig, footage, frames):
-        refuse_one_camera(rig)
-        with bar("frames", frames, quiet) as progress:
-            found = find_table(model, footage, rig, colors, progress)
+    with filmed.opened() as given:
+        found = find_table(*given)
     found.rig.save(output)
-    if not quiet:
+    if not filmed.quiet:
         click.echo(_table_found(found, output))
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tracker.cli import learn
-from tracker.cli.outputs import Command, InFile, OutFile, Recording, save_colors
+from tracker.cli.outputs import Command, InFile, OutFile, Recording, file_option, save_colors
 from tracker.cli.pictures import silent_libraries
 from tracker.cli.render import table
 from tracker.errors import ImageError
@@ -147,13 +147,7 @@ colors.add_command(learn.new)
 @colors.command(cls=Command)
 @_folders
 @click.option("--name", metavar="NAME", help="Name of the model.  [default: that of the file]")
-@click.option(
-    "-o",
-    "--output",
-    metavar="FILE",
-    type=OutFile(".npz"),
-    help="The model's file (.npz).  [default: NAME.npz]",
-)
+@file_option("-o", ".npz", help="The model's file (.npz).  [default: NAME.npz]")
 @_others
 @_rendered
 @_seed
@@ -193,11 +187,8 @@ def fit(
 @click.option(
     "--cross-validate", is_flag=True, help="Measure a fit: on each image, fitted to all the others."
 )
-@click.option(
-    "--plot",
-    metavar="FILE",
-    type=OutFile(".png", extra="plot"),
-    help="Draw what is taken for what, and how near the colours are (.png).",
+@file_option(
+    "--plot", ".png", extra="plot", help="Draw what is taken for what, and how near the colours are (.png)."
 )
 @_others
 @_rendered

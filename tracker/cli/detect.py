@@ -9,37 +9,29 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tracker.cli.options import Cameras, calibration_options, colors_option, json_option, object_option
-from tracker.cli.outputs import PICTURE, Command, OutFile, Recording
-from tracker.cli.pictures import frame_option
+import tracker
+from tracker.cli.options import Cameras, Subject, calibration_options, json_option, subject_options
+from tracker.cli.outputs import PICTURE, Command, Recording, file_option
+from tracker.cli.pictures import frame_option, one_set
 from tracker.cli.render import listing
 
 if TYPE_CHECKING:
     from tracker.conventions import Image
-    from tracker.pipeline import ObjectTracker
-    from tracker.pose.result import Observation, PoseEstimate
 
 
 @click.command(cls=Command)
 @click.argument("images", nargs=-1, required=True, metavar="IMAGE...", type=Recording(str))
-@object_option()
+@subject_options
 @calibration_options
 @frame_option
-@colors_option()
 @json_option
-@click.option(
-    "--overlay",
-    metavar="FILE",
-    type=OutFile(*PICTURE),
-    help="Write the images with the pose drawn in (.png, .jpg).",
-)
+@file_option("--overlay", *PICTURE, help="Write the images with the pose drawn in (.png, .jpg).")
 @click.option("--exit-code", "tell", is_flag=True, help="Exit with 1 where the object is not found.")
 def detect(
     images: tuple[str, ...],
-    object_name: str,
+    subject: Subject,
     cameras: Cameras,
     frame: int | None,
-    colors_name: str | None,
     as_json: bool,
     overlay: Path | None,
     tell: bool,
@@ -57,40 +49,35 @@ def detect(
     The exit code is 0 also when the object is not found: then there is no pose, and the status says why.
     With --exit-code it is 1.
     """
-    from tracker.cli.pictures import one_set
-    from tracker.objects.model import load_object
-    from tracker.pipeline import ObjectTracker
-    from tracker.segmentation.color_model import load_colors
-
-    model = load_object(object_name)
-    colors = None if colors_name is None else load_colors(colors_name)
+    model, colors = subject.load()
     rig, pictures = one_set(images, cameras, frame)
-    tracker = ObjectTracker(model, rig, colors)
-    tracker.detect(pictures)  # loads the compiled code: the times printed are those of a running tracker
-    observation = tracker.detect(pictures)
+    finder = tracker.ObjectTracker(model, rig, colors)
+    finder.detect(pictures)  # loads the compiled code: the times printed are those of a running tracker
+    observation = finder.detect(pictures)
     if overlay is not None:
-        from tracker import viz
-
-        viz.write_image(overlay, viz.overlay(pictures, rig, model, observation))
+        tracker.viz.write_image(overlay, tracker.viz.overlay(pictures, rig, model, observation))
     click.echo(_json(model.name, observation) if as_json else _text(model.name, observation))
-    _warn(tracker, pictures, observation, rig.names)
+    _warn(finder, pictures, observation, rig.names)
     if tell and observation.object_pose is None:
         raise click.exceptions.Exit(1)
 
 
 def _warn(
-    tracker: ObjectTracker, images: Sequence[Image | None], answer: Observation, names: Sequence[str]
+    finder: tracker.ObjectTracker,
+    images: Sequence[Image | None],
+    answer: tracker.Observation,
+    names: Sequence[str],
 ) -> None:
     """Say so of one set of pictures, with what was found in it."""
     from tracker.summaries.swapped import mistaken, swapped, told
 
-    order = swapped(tracker, images, answer)
-    said = mistaken(tracker, images, answer) if order is None else told(order, names)
+    order = swapped(finder, images, answer)
+    said = mistaken(finder, images, answer) if order is None else told(order, names)
     if said is not None:
         click.echo(f"tracker: warning: {said}", err=True)
 
 
-def _json(name: str, observation: Observation) -> str:
+def _json(name: str, observation: tracker.Observation) -> str:
     pose = observation.object_pose
     result: dict[str, Any] = {"object": name, "status": observation.status.value, "pose": None}
     if pose is not None:
@@ -99,7 +86,7 @@ def _json(name: str, observation: Observation) -> str:
     return json.dumps(result, allow_nan=False)
 
 
-def _text(name: str, observation: Observation) -> str:
+def _text(name: str, observation: tracker.Observation) -> str:
     rows = [["object", name], ["status", observation.status.value]]
     times = ", ".join(f"{stage} {time:.2f}" for stage, time in observation.timing_ms.items())
     if observation.object_pose is not None:
@@ -108,7 +95,7 @@ def _text(name: str, observation: Observation) -> str:
     return listing(rows)
 
 
-def _pose_rows(pose: PoseEstimate) -> list[list[str]]:
+def _pose_rows(pose: tracker.PoseEstimate) -> list[list[str]]:
     import numpy as np
 
     from tracker.geometry import so3

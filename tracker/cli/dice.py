@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tracker.cli.options import Cameras, calibration_options, json_option
-from tracker.cli.outputs import PICTURE, Command, InFile, OutFile, OutFolder, Recording
+from tracker.cli.outputs import PICTURE, Command, InFile, OutFolder, Recording, file_option
 from tracker.cli.pictures import NO_IMAGE, frame_option
 from tracker.cli.render import listing, table
 
@@ -58,12 +58,7 @@ class _State:
     "--exact", is_flag=True, help="Goal areas to the pixel, not cut to whole pixels as the platform's."
 )
 @json_option
-@click.option(
-    "--overlay",
-    metavar="FILE",
-    type=OutFile(*PICTURE),
-    help="Write the images with dice and goal drawn in (.png, .jpg).",
-)
+@file_option("--overlay", *PICTURE, help="Write the images with dice and goal drawn in (.png, .jpg).")
 @click.option("--masks", metavar="DIR", type=OutFolder(), help="Write the masks of dice and goal (.png).")
 def dice(
     images: tuple[str, ...],

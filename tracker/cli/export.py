@@ -6,25 +6,17 @@ from pathlib import Path
 
 import click
 
-from tracker.cli.options import (
-    Cameras,
-    calibration_options,
-    object_option,
-    part_options,
-    quiet_option,
-    recover_option,
-    rig_of,
-)
-from tracker.cli.outputs import Command, InFile, OutFile, Recording, refuse_overwriting, require_folder
+import tracker
+from tracker.cli.options import Cameras, Part, calibration_options, object_option, part_options, quiet_option
+from tracker.cli.outputs import Command, InFile, Recording, file_option, refuse_overwriting, require_folder
 from tracker.cli.render import bar
 from tracker.cli.track_outputs import Outputs, output_options, write_film
-from tracker.errors import LogError
 
 
 @click.command(cls=Command, short_help="Write poses as CSV, Parquet, TUM, BOP, film or plot.")
 @click.argument("source", metavar="POSES", type=InFile())
 @output_options
-@click.option("--parquet", metavar="FILE", type=OutFile(".parquet", ".pq"), help="The table in Parquet.")
+@file_option("--parquet", ".parquet", ".pq", help="The table in Parquet.")
 @click.option("--keypoints", is_flag=True, help="Add the object's corners to --csv and --parquet.")
 @click.option(
     "--log", metavar="LOG", type=Recording(), help="The recording of the POSES, for the images of --video."
@@ -41,9 +33,6 @@ def export(
     quiet: bool,
 ) -> None:
     """Write the poses of a file that `tracker track` made in other formats. Nothing is tracked."""
-    from tracker.objects.model import load_object
-    from tracker.poses.file import read_poses
-
     video = outputs.video
     if not outputs and parquet is None:
         raise click.UsageError(
@@ -53,21 +42,20 @@ def export(
         raise click.UsageError("--video and --log belong together: a film is made of the recording's images")
     if keypoints and outputs.csv is None and parquet is None:
         raise click.UsageError("--keypoints: found no table to add them to, expected --csv or --parquet")
-    poses = read_poses(source)
+    poses = tracker.read_poses(source)
     outputs.check_camera(poses.about.rig)
-    corners_of = load_object(object_name or poses.about.object_name) if keypoints else None
+    corners_of = tracker.load_object(object_name or poses.about.object_name) if keypoints else None
     outputs.write(poses, corners_of)
     if parquet is not None:
         from tracker.poses.exports import write_parquet
 
         write_parquet(parquet, poses, keypoints_of=corners_of)
     if video is not None and log is not None:
-        from tracker.logs import open_log
         from tracker.logs.cameras import fitted_to
         from tracker.summaries.origin import refuse_others
 
-        model = load_object(object_name or poses.about.object_name)
-        with open_log(log, recover=True) as opened, bar("film", len(poses), quiet) as progress:
+        model = tracker.load_object(object_name or poses.about.object_name)
+        with tracker.open_log(log, recover=True) as opened, bar("film", len(poses), quiet) as progress:
             fitted_to(log, opened, poses.about.rig)
             refuse_others(source, poses, log, opened)
             write_film(video, opened, model, poses, progress)
@@ -85,15 +73,12 @@ def export(
 )
 @calibration_options
 @part_options
-@recover_option
 @quiet_option("No progress bar.")
 def convert(
     source: Path,
     output: Path,
     cameras: Cameras,
-    first: int,
-    last: int | None,
-    recover: bool,
+    part: Part,
     quiet: bool,
 ) -> None:
     """Write a recording in another format.
@@ -102,7 +87,6 @@ def convert(
     the calibration goes into it; images in colour become the mosaic that such cameras would have recorded.
     A folder of images (one for each camera, PNG) has the stamps as names, and the calibration in it.
     """
-    from tracker.logs import open_log
     from tracker.logs.convert import write_folder, write_hdf5
     from tracker.viz.image_files import write_log_film
 
@@ -115,19 +99,16 @@ def convert(
     require_folder("-o", output, made=False)
     if output.exists():
         raise click.UsageError(f"-o {output}: there is one already, expected a new one")
-    with open_log(source, recover=recover) as log:
-        if first and first >= len(log):
-            raise LogError(
-                f"{source}: found {len(log)} frames, expected the first one wanted, {first}, below"
-            )
-        part = log[first:last]
-        with bar(source.name, len(part), quiet) as progress:
+    with tracker.open_log(source, recover=part.recover) as log:
+        part.refuse_beyond(source, len(log))
+        frames = log[part.first : part.last]
+        with bar(source.name, len(frames), quiet) as progress:
             if suffix == ".mp4":
-                write_log_film(output, part, progress)
+                write_log_film(output, frames, progress)
             else:
-                rig = rig_of(source, log, cameras)
+                rig = cameras.rig_of(source, log)
                 write = write_folder if not suffix else write_hdf5
-                write(output, part, rig, progress)
+                write(output, frames, rig, progress)
         fault = log.fault
     if fault is not None:
         click.echo(f"tracker: warning: {fault}", err=True)

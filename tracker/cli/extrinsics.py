@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 import click
 
 from tracker.cli.board import (
-    board_of,
+    Printed,
+    Smaller,
     board_options,
-    read_photos,
+    photo_table,
     sightings_of,
     size_options,
     told_pattern,
-    variants,
 )
 from tracker.cli.options import Vector
 from tracker.cli.outputs import Command, InFile, OutFolder, Recording, refuse_overwriting
@@ -61,18 +61,14 @@ if TYPE_CHECKING:
 @click.option("--plot", metavar="DIR", type=OutFolder(), help="Draw what is missed where, one PNG a camera.")
 def extrinsics(
     folders: tuple[Path, ...],
-    squares: str,
-    square: float,
-    marker: float,
-    dictionary: str,
+    printed: Printed,
     intrinsics: tuple[Path, ...],
     pattern: str | None,
     center: tuple[float, float],
     height: float,
     yaw: float,
     output: Path,
-    crop: tuple[int, ...] | None,
-    halve: bool,
+    smaller: Smaller,
     plot: Path | None,
 ) -> None:
     """Where the cameras are, from photos of a ChArUco board that lies in the arena.
@@ -91,10 +87,9 @@ def extrinsics(
     refuse_overwriting(
         written | {f"--plot for {name}": path for name, path in plots.items()}, folders, intrinsics
     )
-    board = board_of(squares, square, marker, dictionary)
+    board = printed.board()
     paths = photos_of(folders, [lens.camera.name for lens in lenses])
-    photos = [str(path) for path in paths.values()]
-    board, found, faults = sightings_of(photos, read_photos(list(paths.values())), board)
+    board, found, faults = sightings_of(list(paths.values()), board)
     sightings = {at: one for at, one in zip(paths, found, strict=True) if one is not None}
     try:
         placed = place_cameras(lenses, sightings, _place(center, height, yaw))
@@ -105,7 +100,7 @@ def extrinsics(
     output.mkdir(parents=True, exist_ok=True)
     files: dict[Path, Calibrated] = {}
     for one in placed.cameras:
-        files |= variants(one, targets[one.camera.name], crop, halve)
+        files |= smaller.variants(one, targets[one.camera.name])
     for path, calibrated in files.items():
         write_calibrated(calibrated, path)
     if plot is not None:
@@ -166,8 +161,8 @@ def _photo_table(placed: Placed, faults: dict[str, str]) -> str:
     for at, residuals in placed.residuals.items():
         one = placed.sightings[at]
         rows.append([one.photo, str(len(one)), f"{one.blur:.2f}", f"{rms([residuals]):.2f}"])
-    named = {placed.sightings[at].photo: fault for at, fault in placed.faults.items()} | faults
-    return "\n".join([table(rows), *(f"not used: {photo}: {fault}" for photo, fault in named.items())])
+    unused = {placed.sightings[at].photo: fault for at, fault in placed.faults.items()}
+    return photo_table(rows, unused | faults)
 
 
 def _camera_table(placed: Placed) -> str:

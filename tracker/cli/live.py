@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+import tracker
 from tracker.cli.live_outputs import (
     LiveOutputs,
     Lookout,
@@ -18,21 +19,12 @@ from tracker.cli.live_outputs import (
     check_cameras,
     output_options,
 )
-from tracker.cli.options import (
-    Cameras,
-    calibration_options,
-    colors_option,
-    load_rig,
-    object_option,
-    quiet_option,
-    rig_of,
-)
+from tracker.cli.options import Cameras, Subject, calibration_options, quiet_option, subject_options
 from tracker.cli.outputs import Command, InFile, Recording
 from tracker.cli.signals import Ended
 from tracker.errors import LiveError
 
 if TYPE_CHECKING:
-    from tracker.calibration.rig import CameraRig
     from tracker.live import ImageSource, Live
 
 _ERRORS = 2  # OpenCV's LOG_LEVEL_ERROR
@@ -41,9 +33,8 @@ _CAMERAS = ("pylon", "opencv")  # as tracker.live.sources has them, which is not
 
 @click.command(cls=Command)
 @click.argument("source", metavar="SOURCE", type=Recording(str))
-@object_option()
+@subject_options
 @calibration_options
-@colors_option()
 @output_options
 @click.option(
     "--seconds",
@@ -72,9 +63,8 @@ _CAMERAS = ("pylon", "opencv")  # as tracker.live.sources has them, which is not
 @quiet_option()
 def live(
     source: str,
-    object_name: str,
+    subject: Subject,
     cameras: Cameras,
-    colors_name: str | None,
     wanted: Wanted,
     seconds: float | None,
     rate: float | None,
@@ -100,9 +90,6 @@ def live(
     with 1 where anything is wrong.
     """
     from tracker.live import Live
-    from tracker.objects.model import load_object
-    from tracker.pipeline import ObjectTracker
-    from tracker.segmentation.color_model import load_colors
 
     kind = source.partition(":")[0]
     _refuse_options_of_others(
@@ -112,9 +99,8 @@ def live(
     if check and (wanted or quiet):
         raise click.UsageError("--check: tracks nothing, so there is nothing to publish, record or show")
     quiet = quiet or wanted.as_json
-    model = load_object(object_name)
-    colors = None if colors_name is None else load_colors(colors_name)
-    given, rig = _source(source, kind, object_name, cameras, rate or 10.0, settings, speed or 1.0)
+    model, colors = subject.load()
+    given, rig = _source(source, kind, subject.object_name, cameras, rate or 10.0, settings, speed or 1.0)
     if check:
         with contextlib.closing(given):
             _draw(given, quiet)
@@ -127,11 +113,13 @@ def live(
         outputs = LiveOutputs(wanted, given, rig, model, colors, stack)
         _draw(given, quiet)
         listeners = [told.hear, *outputs.listeners]
-        follower = stack.enter_context(Live(given, ObjectTracker(model, rig, colors), listeners=listeners))
+        follower = stack.enter_context(
+            Live(given, tracker.ObjectTracker(model, rig, colors), listeners=listeners)
+        )
         unused.pop_all()  # it is closed by Live from here on
         outputs.know(follower)
         told.begin()
-        lookout = Lookout(lambda: ObjectTracker(model, rig, colors), rig.names)
+        lookout = Lookout(lambda: tracker.ObjectTracker(model, rig, colors), rig.names)
         stopped = _follow(follower, seconds, outputs, lookout, None if quiet else told)
     outputs.tell()
     error = follower.error
@@ -175,22 +163,21 @@ def _source(
     rate: float,
     settings: Path | None,
     speed: float,
-) -> tuple[ImageSource, CameraRig]:
+) -> tuple[ImageSource, tracker.CameraRig]:
     from tracker import live
     from tracker.live.sources import FORMS
-    from tracker.logs import open_log
 
     if kind == "simulation":
         simulation = live.Simulation(object_name)
         return simulation, simulation.rig
     if kind in _CAMERAS:
         _hush_opencv()
-        rig = load_rig(cameras)
+        rig = cameras.load()
         return live.open_cameras(source, rig, rate=rate, settings=settings), rig
     if not Path(source).exists():
         raise LiveError(f"{source}: no such file or folder, expected {FORMS}")
-    log = open_log(source)
-    rig = rig_of(Path(source), log, cameras)
+    log = tracker.open_log(source)
+    rig = cameras.rig_of(Path(source), log)
     return live.Replay(log, speed=speed), rig
 
 

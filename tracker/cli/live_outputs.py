@@ -13,20 +13,17 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+import tracker
 from tracker.cli.options import gathered
-from tracker.cli.outputs import OutFile
+from tracker.cli.outputs import file_option
 from tracker.cli.render import listing, table
 
 if TYPE_CHECKING:
-    from tracker.calibration.rig import CameraRig
     from tracker.live import ImageSource, Live, Moment
     from tracker.live.camera_check import SetLooks
     from tracker.live.listeners import Recorder, RerunView
     from tracker.live.publishers import Publisher
     from tracker.live.web_page import WebPage
-    from tracker.objects.model import CuboidModel
-    from tracker.pipeline import ObjectTracker
-    from tracker.segmentation.color_model import ColorModel
 
 
 @dataclass(frozen=True)
@@ -76,13 +73,9 @@ output_options = gathered(
         metavar="NAME",
         help="What LCM's messages call the object.  [default: cube, of another shape cuboid]",
     ),
-    click.option(
-        "--record", metavar="FILE", type=OutFile(".h5", ".hdf5"), help="Record images and poses (.h5)."
-    ),
+    file_option("--record", ".h5", ".hdf5", help="Record images and poses (.h5)."),
     click.option("--view", is_flag=True, help="Show images and poses in the viewer Rerun."),
-    click.option(
-        "--rrd", metavar="FILE", type=OutFile(".rrd"), help="Write what --view shows into a file (.rrd)."
-    ),
+    file_option("--rrd", ".rrd", help="Write what --view shows into a file (.rrd)."),
     click.option(
         "--page",
         metavar="PORT",
@@ -102,7 +95,7 @@ class LiveOutputs:
         source: whose settings are recorded.
         rig: the cameras.
         model: the object.
-        colors: its colours; None: the model's own.
+        colors: its colours.
         stack: closes it all.
 
     Raises:
@@ -113,9 +106,9 @@ class LiveOutputs:
         self,
         wanted: Wanted,
         source: ImageSource,
-        rig: CameraRig,
-        model: CuboidModel,
-        colors: ColorModel | None,
+        rig: tracker.CameraRig,
+        model: tracker.CuboidModel,
+        colors: tracker.ColorModel,
         stack: ExitStack,
     ) -> None:
         self.recorder: Recorder | None = None
@@ -143,9 +136,8 @@ class LiveOutputs:
             self._fallible[shown] = "the view has ended: "
         if wanted.page is not None:
             from tracker.live.web_page import WebPage
-            from tracker.pipeline import ObjectTracker
 
-            self._page = WebPage(wanted.page, ObjectTracker(model, rig, colors))
+            self._page = WebPage(wanted.page, tracker.ObjectTracker(model, rig, colors))
             self._add(self._page, stack)
             click.echo(f"page: {self._page.address}", err=True)
         if wanted.as_json:
@@ -299,9 +291,9 @@ class Lookout:
         names: of the cameras.
     """
 
-    def __init__(self, make_tracker: Callable[[], ObjectTracker], names: Sequence[str]) -> None:
+    def __init__(self, make_tracker: Callable[[], tracker.ObjectTracker], names: Sequence[str]) -> None:
         self._make, self._names = make_tracker, names
-        self._tracker: ObjectTracker | None = None
+        self._tracker: tracker.ObjectTracker | None = None
         self._pause = FIRST_LOOK
         self._due = time.monotonic() + self._pause
         self._orders: Counter[tuple[int, ...]] = Counter()
@@ -309,13 +301,12 @@ class Lookout:
 
     def look(self, moment: Moment | None) -> str | None:
         """What is to be said after the newest moment, once; None: nothing."""
-        from tracker.pose.result import CameraUse
         from tracker.summaries.swapped import SURE, swapped, told
 
         if self._over or moment is None:
             return None
-        pose = moment.object_pose
-        if pose is not None and pose.confidence >= SURE and CameraUse.CONTRADICTING not in moment.cameras:
+        pose, agreed = moment.object_pose, tracker.CameraUse.CONTRADICTING not in moment.cameras
+        if pose is not None and pose.confidence >= SURE and agreed:
             self._over = True
             return None
         if time.monotonic() < self._due:
@@ -336,7 +327,7 @@ SECONDS = 10.0
 """How long it is looked for, unless --seconds says otherwise."""
 
 
-def check_cameras(source: ImageSource, rig: CameraRig, seconds: float | None) -> None:
+def check_cameras(source: ImageSource, rig: tracker.CameraRig, seconds: float | None) -> None:
     """Print what was seen and what is wrong; exits with 1 where anything is."""
     from tracker.live.camera_check import look_at
 

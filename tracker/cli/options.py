@@ -5,17 +5,16 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable
+from dataclasses import astuple, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import click
 from click.shell_completion import CompletionItem
 
+import tracker
 from tracker.cli.outputs import InFile, Input
-
-if TYPE_CHECKING:
-    from tracker.calibration.rig import CameraRig
-    from tracker.logs import Log
+from tracker.errors import LogError
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 _ROOMS = Path(__file__).parents[1]
@@ -24,17 +23,6 @@ OBJECTS = tuple(sorted(path.stem for path in (_ROOMS / "objects" / "data").glob(
 
 COLORS = tuple(sorted(path.stem for path in (_ROOMS / "segmentation" / "data").glob("*.npz")))
 """The colour models that come with it."""
-
-
-def together(*options: Callable[[_Command], _Command]) -> Callable[[_Command], _Command]:
-    """Several options, in this order, as one decorator."""
-
-    def add(command: _Command) -> _Command:
-        for option in reversed(options):
-            command = option(command)
-        return command
-
-    return add
 
 
 def gathered(
@@ -47,7 +35,10 @@ def gathered(
         def with_one(**values: Any) -> Any:
             return command(**{name: kind(**{key: values.pop(key) for key in kind.__annotations__})}, **values)
 
-        return together(*options)(cast("_Command", with_one))
+        gathering = cast("_Command", with_one)
+        for option in reversed(options):
+            gathering = option(gathering)
+        return gathering
 
     return add
 
@@ -115,8 +106,27 @@ def colors_option(default: str = "the object's") -> Callable[[_Command], _Comman
     return click.option("--colors", "colors_name", metavar="NAME", type=_NameOrFile(COLORS), help=said)
 
 
-class Cameras(NamedTuple):
-    """What the options say, in the order of `tracker.recordings.Options`."""
+@dataclass(frozen=True)
+class Subject:
+    """What is looked for."""
+
+    object_name: str
+    """The object, or its TOML file."""
+    colors_name: str | None
+    """The colour model, or its file; None: the object's."""
+
+    def load(self) -> tuple[tracker.CuboidModel, tracker.ColorModel]:
+        """The object and its colours; TrackerError where one is unknown or malformed."""
+        model = tracker.load_object(self.object_name)
+        return model, tracker.load_colors(self.colors_name or model.colors)
+
+
+subject_options = gathered("subject", Subject, object_option(), colors_option())
+
+
+@dataclass(frozen=True)
+class Cameras:
+    """Where the calibration is, and what is done to it; UsageError where options contradict each other."""
 
     calibration: tuple[str, ...]
     """A folder of calibration files, or a file for each camera; none: that of the recording."""
@@ -127,8 +137,34 @@ class Cameras(NamedTuple):
     resize_calibration: bool
     """Whether a calibration of another size is scaled to the images'."""
 
+    def __post_init__(self) -> None:
+        if self.pattern is not None and not self.calibration:
+            raise click.UsageError("--pattern says which files of --calibration to take, and that is missing")
 
-_cameras = gathered(
+    def load(self) -> tracker.CameraRig:
+        """The rig that the options name, of the size that its files say; CalibrationError as for `load`."""
+        return tracker.CameraRig.load(
+            self.calibration[0] if len(self.calibration) == 1 else self.calibration,
+            pattern=self.pattern,
+            correct_halved_principal_point=self.correct_halved_principal_point,
+        )
+
+    def rig_of(self, path: Path, log: tracker.Log) -> tracker.CameraRig:
+        """The rig that the options name, else the recording's own, in the order of its images.
+
+        Raises:
+            CalibrationError: there is none, or it does not fit the recording.
+        """
+        from tracker.logs.cameras import fitted_to, own_rig
+
+        resize = self.resize_calibration
+        if self.calibration:
+            return fitted_to(path, log, self.load(), resize=resize)
+        correct = self.correct_halved_principal_point
+        return own_rig(path, log, correct_halved_principal_point=correct, resize=resize)
+
+
+calibration_options = gathered(
     "cameras",
     Cameras,
     click.option(
@@ -155,66 +191,40 @@ _cameras = gathered(
 )
 
 
-def calibration_options(command: _Command) -> _Command:
-    """Add the options to a command; it is called with their values as `cameras`, see Cameras."""
+@dataclass(frozen=True)
+class Part:
+    """What is read of a recording; UsageError where that is nothing."""
 
-    @functools.wraps(command)
-    def checked(*, cameras: Cameras, **values: Any) -> Any:
-        if cameras.pattern is not None and not cameras.calibration:
-            raise click.UsageError("--pattern says which files of --calibration to take, and that is missing")
-        return command(cameras=cameras, **values)
+    first: int
+    """Number of the first frame."""
+    last: int | None
+    """Number of the first frame after them; None: the recording's end."""
+    recover: bool
+    """Whether what is damaged is left out."""
 
-    return _cameras(cast("_Command", checked))
+    def __post_init__(self) -> None:
+        if self.last is not None and self.last <= self.first:
+            raise click.UsageError(f"--from {self.first} --to {self.last}: expected --to beyond --from")
 
-
-def load_rig(cameras: Cameras) -> CameraRig:
-    """The rig that the options name, of the size that its files say.
-
-    Raises:
-        CalibrationError: see `CameraRig.load`.
-    """
-    from tracker.calibration.rig import CameraRig
-
-    calibration = cameras.calibration
-    return CameraRig.load(
-        calibration[0] if len(calibration) == 1 else calibration,
-        pattern=cameras.pattern,
-        correct_halved_principal_point=cameras.correct_halved_principal_point,
-    )
+    def refuse_beyond(self, path: Path, count: int) -> None:
+        """LogError where so many frames end before it begins."""
+        if self.first and self.first >= count:
+            raise LogError(f"{path}: found {count} frames, expected --from {self.first} below")
 
 
-def rig_of(path: Path, log: Log, cameras: Cameras) -> CameraRig:
-    """The rig that the options name, without `--calibration` the recording's own, in the order of its images.
-
-    Raises:
-        CalibrationError: there is none, or it does not fit the recording.
-    """
-    from tracker.logs.cameras import fitted_to, own_rig
-
-    resize = cameras.resize_calibration
-    if cameras.calibration:
-        return fitted_to(path, log, load_rig(cameras), resize=resize)
-    correct = cameras.correct_halved_principal_point
-    return own_rig(path, log, correct_halved_principal_point=correct, resize=resize)
-
-
-_part = together(
+part_options = gathered(
+    "part",
+    Part,
     click.option(
         "--from", "first", metavar="N", type=click.IntRange(0), default=0, help="First frame wanted."
     ),
     click.option(
         "--to", "last", metavar="N", type=click.IntRange(1), help="First frame not wanted any more."
     ),
+    recover_option,
 )
 
 
-def part_options(command: _Command) -> _Command:
-    """`--from` and `--to`; the command gets the numbers `first`, and `last` or None, which is beyond."""
-
-    @functools.wraps(command)
-    def checked(*, first: int, last: int | None, **values: Any) -> Any:
-        if last is not None and last <= first:
-            raise click.UsageError(f"--from {first} --to {last}: expected --to beyond --from")
-        return command(first=first, last=last, **values)
-
-    return _part(cast("_Command", checked))
+def recording_options(subject: Subject, cameras: Cameras, part: Part) -> tracker.recordings.Options:
+    """The same for any process on any machine."""
+    return tracker.recordings.Options(*astuple(subject), *astuple(cameras), *astuple(part))

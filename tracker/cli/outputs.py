@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
@@ -15,6 +15,8 @@ from tracker.errors import ColorModelError, LogError, install
 
 if TYPE_CHECKING:
     from tracker.segmentation.color_model import ColorModel
+
+_Command = TypeVar("_Command", bound=Callable[..., Any])
 
 PICTURE = (".png", ".jpg", ".jpeg")
 """Suffixes of the pictures that commands draw."""
@@ -25,26 +27,44 @@ _PACKAGES = {"plot": "matplotlib", "video": "av"}
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 
 
-class Recording(click.Path):
-    """A recording, pictures or a folder of them that is read, with the calibration and all that is beside."""
+class _Read(click.Path):
+    """What is read."""
 
     def __init__(self, path_type: type = Path) -> None:
         super().__init__(path_type=path_type)
+
+
+class Recording(_Read):
+    """A recording, pictures or a folder of them, with the calibration and all that is beside."""
 
 
 class Input:
     """Marks the type of a parameter that names something else that is read, or may."""
 
 
-class InFile(Input, click.Path):
-    """A file or folder that is read."""
-
-    def __init__(self, path_type: type = Path) -> None:
-        super().__init__(path_type=path_type)
+class InFile(Input, _Read):
+    """A file or folder."""
 
 
-class OutFile(click.Path):
-    """A file to write, refused if its name or its folder is none for it.
+class _Output(click.Path):
+    """What is written, refused before any work is done if its name or its folder is none for it."""
+
+    def __init__(self) -> None:
+        super().__init__(path_type=Path)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """See click.ParamType."""
+        path = Path(os.fsdecode(super().convert(value, param, ctx)))
+        self.check(param.opts[0] if param else "output", path)
+        return path
+
+    def check(self, name: str, path: Path) -> None:
+        """Refuse a path of the option `name`; click.ClickException says why."""
+        raise NotImplementedError
+
+
+class OutFile(_Output):
+    """A file to write.
 
     Args:
         suffixes: of which its name has one.
@@ -53,20 +73,11 @@ class OutFile(click.Path):
     """
 
     def __init__(self, *suffixes: str, extra: str | None = None, new_folders: bool = False) -> None:
-        super().__init__(path_type=Path)
+        super().__init__()
         self.suffixes, self.extra, self.new_folders = suffixes, extra, new_folders
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """See click.ParamType."""
-        path, name = (
-            Path(os.fsdecode(super().convert(value, param, ctx))),
-            param.opts[0] if param else "output",
-        )
-        self.check(name, path)
-        return path
-
     def check(self, name: str, path: Path) -> None:
-        """Refuse a path of the option `name`; click.ClickException says why."""
+        """See _Output."""
         check_suffix(name, path, *self.suffixes)
         if path.is_dir():
             raise click.UsageError(f"{name} {path}: found a folder, expected a file")
@@ -77,7 +88,15 @@ class OutFile(click.Path):
             )
 
 
-class OutFolder(click.Path):
+def file_option(
+    name: str, *suffixes: str, help: str, required: bool = False, **kind: Any
+) -> Callable[[_Command], _Command]:
+    """An option that names a file to write, see OutFile; `-o` is also `--output`."""
+    names, written = ("-o", "--output") if name == "-o" else (name,), OutFile(*suffixes, **kind)
+    return click.option(*names, metavar="FILE", required=required, type=written, help=help)
+
+
+class OutFolder(_Output):
     """A folder to write to, made with those above it where it is missing.
 
     Args:
@@ -85,20 +104,15 @@ class OutFolder(click.Path):
     """
 
     def __init__(self, *, new: bool = False) -> None:
-        super().__init__(path_type=Path)
+        super().__init__()
         self.new = new
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """See click.ParamType."""
-        path, name = (
-            Path(os.fsdecode(super().convert(value, param, ctx))),
-            param.opts[0] if param else "output",
-        )
+    def check(self, name: str, path: Path) -> None:
+        """See _Output."""
         refuse_file(name, path)
         require_folder(name, path, made=True)
         if self.new and path.is_dir() and any(path.iterdir()):
             raise click.UsageError(f"{name} {path}: found it in use, expected a new or an empty folder")
-        return path
 
 
 class Command(click.Command):
@@ -153,22 +167,14 @@ def refuse_overwriting(
 
 
 def check_suffix(name: str, path: Path, *suffixes: str) -> None:
-    """Refuse a file whose name says that it is something else.
-
-    Raises:
-        click.UsageError: the suffix is none of these.
-    """
+    """UsageError for a file whose name says that it is something else than one of these suffixes."""
     if path.suffix.lower() not in suffixes:
         found = f"suffix {path.suffix!r}" if path.suffix else "no suffix"
         raise click.UsageError(f"{name} {path}: found {found}, expected {' or '.join(suffixes)}")
 
 
 def require_folder(name: str, path: Path, *, made: bool) -> None:
-    """Refuse a path below what is no folder or may not be written; `made`: what is missing will be made.
-
-    Raises:
-        click.UsageError: it is one.
-    """
+    """UsageError for a path below what is no folder or not to be written; `made`: what is missing will be."""
     folder = path.absolute().parent
     while made and not folder.exists():
         folder = folder.parent
@@ -179,23 +185,13 @@ def require_folder(name: str, path: Path, *, made: bool) -> None:
 
 
 def refuse_file(name: str, path: Path) -> None:
-    """Refuse a folder of outputs that is a file.
-
-    Raises:
-        click.UsageError: it is one.
-    """
+    """UsageError for a folder of outputs that is a file."""
     if path.exists() and not path.is_dir():
         raise click.UsageError(f"{name} {path}: found a file, expected a folder")
 
 
 def refuse_other_poses(name: str, path: Path, object_name: str | None) -> None:
-    """Refuse to replace a file that holds no poses, or those of another object than is named.
-
-    One that is damaged may be replaced.
-
-    Raises:
-        click.UsageError: it does.
-    """
+    """UsageError for a file that holds no poses, or another object's; a damaged one may be replaced."""
     from tracker.files.hdf5 import open_file
     from tracker.poses.file import is_poses_file, read_poses
 

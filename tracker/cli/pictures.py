@@ -7,20 +7,18 @@ import dataclasses
 import os
 import re
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING
 
 import click
 
-from tracker.cli.options import Cameras, load_rig, rig_of
-from tracker.errors import ImageError
+import tracker
+from tracker.cli.options import Cameras
+from tracker.errors import ImageError, LogError
 
 if TYPE_CHECKING:
-    from tracker.calibration.rig import CameraRig
     from tracker.conventions import Image
-
-_Command = TypeVar("_Command", bound=Callable[..., Any])
 
 NO_IMAGE = "none"
 """Given in place of an image: its camera gave none."""
@@ -37,7 +35,7 @@ frame_option = click.option(
 
 def one_set(
     images: Sequence[str], cameras: Cameras, frame: int | None
-) -> tuple[CameraRig, list[Image | None]]:
+) -> tuple[tracker.CameraRig, list[Image | None]]:
     """The cameras, and a picture of each in their order; None where it gave none.
 
     A single path that is no picture is a recording, or a folder of pictures, with a calibration of its own
@@ -54,16 +52,12 @@ def one_set(
         raise click.UsageError(
             "Missing option '--calibration': the folder with a file of each camera, like camera60.yml"
         )
-    rig = load_rig(cameras)
-    return read_images(images, rig, resize=cameras.resize_calibration)
+    return read_images(images, cameras.load(), resize=cameras.resize_calibration)
 
 
-def _frame_of(path: Path, cameras: Cameras, number: int) -> tuple[CameraRig, list[Image | None]]:
-    from tracker.errors import LogError
-    from tracker.logs import open_log
-
-    with open_log(path) as log:
-        rig = rig_of(path, log, cameras)
+def _frame_of(path: Path, cameras: Cameras, number: int) -> tuple[tracker.CameraRig, list[Image | None]]:
+    with tracker.open_log(path) as log:
+        rig = cameras.rig_of(path, log)
         if number >= len(log):
             raise LogError(f"{path}: found no frame {number}, expected one from 0 to {len(log) - 1}")
         return rig, list(log[number].images)
@@ -121,8 +115,8 @@ def camera_in(text: str, names: Sequence[str]) -> str | None:
 
 
 def read_images(
-    paths: Sequence[str], rig: CameraRig, *, resize: bool = False
-) -> tuple[CameraRig, list[Image | None]]:
+    paths: Sequence[str], rig: tracker.CameraRig, *, resize: bool = False
+) -> tuple[tracker.CameraRig, list[Image | None]]:
     """The rig of the images' sizes, and the images in its order, None where a camera gave none.
 
     Raises:

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tracker.cli.options import Cameras, calibration_options, object_option, quiet_option, rig_of
+import tracker
+from tracker.cli.options import Cameras, calibration_options, object_option, quiet_option
 from tracker.cli.render import bar, listing
 from tracker.errors import LogError
 
 if TYPE_CHECKING:
     from tracker.conventions import FloatArray
-    from tracker.poses.poses import Poses
     from tracker.tasks.job_goal import JobGoal
 
 _FILE = click.Path(path_type=Path)
@@ -83,40 +83,34 @@ def _of_object(
     quiet: bool,
 ) -> tuple[FloatArray, FloatArray]:
     """Times (n,) [s] and rewards (n,) of the poses of all frames."""
-    from tracker.logs import open_log
-    from tracker.objects.model import load_object
-    from tracker.poses.file import read_poses
-    from tracker.recordings import track
     from tracker.summaries.origin import seconds_since_beginning
     from tracker.summaries.summary import best_kind
 
     if poses_path is not None:
-        poses = read_poses(poses_path)
+        poses = tracker.read_poses(poses_path)
         _refuse_others(poses_path, poses, job, object_name)
     elif object_name is None:
         raise click.UsageError("expected --poses of this recording, or --object to track it")
     else:
-        with open_log(job) as log:
-            count, rig = len(log), rig_of(job, log, cameras)
+        with tracker.open_log(job) as log:
+            count, rig = len(log), cameras.rig_of(job, log)
         with bar(job.name, count, quiet) as progress:
-            poses = track(job, object_name, rig=rig, progress=progress).poses
-    model = load_object(object_name or poses.about.object_name)
+            poses = tracker.track(job, object_name, rig=rig, progress=progress).poses
+    model = tracker.load_object(object_name or poses.about.object_name)
     columns = poses.columns(best_kind(poses))
     seconds = seconds_since_beginning(job, poses)
     return seconds, goal.rewards(seconds, columns.position, columns.orientation, model)
 
 
-def _refuse_others(path: Path, poses: Poses, job: Path, object_name: str | None) -> None:
+def _refuse_others(path: Path, poses: tracker.Poses, job: Path, object_name: str | None) -> None:
     """Refuse poses of another recording, where it is there, or of another object."""
-    from tracker.logs import open_log
-    from tracker.objects.model import load_object
     from tracker.summaries.origin import refuse_others
 
     found = poses.about.object_name
-    if object_name is not None and load_object(object_name).name != found:
+    if object_name is not None and tracker.load_object(object_name).name != found:
         raise click.UsageError(f"--object {object_name}: found poses of {found} in {path}")
     try:
-        log = open_log(job, recover=True)
+        log = tracker.open_log(job, recover=True)
     except LogError:
         return  # often the poses and the goal are all that is kept of a job
     with log:
@@ -129,13 +123,12 @@ def _of_dice(
     """The same of dice: minus the number of pixels, over all images, that show dice outside the goal."""
     import numpy as np
 
-    from tracker.logs import open_log
     from tracker.tasks import rearrange_dice
 
     assert goal.position is not None
     stamps, rewards = [], []
-    with open_log(job) as log, bar(job.name, -(-len(log) // every), quiet) as progress:
-        masks = rearrange_dice.goal_masks(rig_of(job, log, cameras), goal.position)
+    with tracker.open_log(job) as log, bar(job.name, -(-len(log) // every), quiet) as progress:
+        masks = rearrange_dice.goal_masks(cameras.rig_of(job, log), goal.position)
         for frame in log[::every]:
             seen = [
                 (mask, image) for mask, image in zip(masks, frame.images, strict=True) if image is not None

@@ -4,25 +4,28 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import astuple
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+import tracker
 from tracker.cli.options import (
     Cameras,
+    Part,
+    Subject,
     calibration_options,
-    colors_option,
-    object_option,
     part_options,
     quiet_option,
-    recover_option,
+    recording_options,
+    subject_options,
 )
 from tracker.cli.outputs import (
     Command,
-    OutFile,
     Recording,
     check_suffix,
+    file_option,
     refuse_file,
     refuse_other_poses,
     refuse_overwriting,
@@ -42,7 +45,7 @@ CONTRADICTED = 0.02
 
 @click.command(cls=Command)
 @click.argument("logs", nargs=-1, required=True, metavar="LOG...", type=Recording())
-@object_option()
+@subject_options
 @click.option(
     "-o",
     "--output",
@@ -53,15 +56,9 @@ CONTRADICTED = 0.02
 )
 @click.option("--overwrite", is_flag=True, help="Replace poses of another object.")
 @calibration_options
-@colors_option()
 @part_options
 @output_options
-@click.option(
-    "--health",
-    metavar="FILE",
-    type=OutFile(".html", extra="plot"),
-    help="A page on cameras, light and calibration (.html).",
-)
+@file_option("--health", ".html", extra="plot", help="A page on cameras, light and calibration (.html).")
 @click.option(
     "--jobs",
     metavar="N",
@@ -69,22 +66,18 @@ CONTRADICTED = 0.02
     default=1,
     help="Processes that share the LOGs.  [default: 1]",
 )
-@recover_option
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object a recording.")
 @quiet_option("No progress bar, and no summary unless with --json.")
 def track(
     logs: tuple[Path, ...],
-    object_name: str,
+    subject: Subject,
     output: Path,
     overwrite: bool,
     cameras: Cameras,
-    colors_name: str | None,
-    first: int,
-    last: int | None,
+    part: Part,
     outputs: Outputs,
     health: Path | None,
     jobs: int,
-    recover: bool,
     as_json: bool,
     quiet: bool,
 ) -> None:
@@ -99,7 +92,7 @@ def track(
     """
     from tracker.batch.results import outputs_of
     from tracker.batch.task import Task, agreed
-    from tracker.recordings import Job, Options, Recipe
+    from tracker.recordings import Job, Recipe
 
     if len(logs) > 1 and (outputs or health):
         raise click.UsageError(f"found {len(logs)} LOGs, expected one for other files than those of poses")
@@ -107,11 +100,11 @@ def track(
     if inside:
         refuse_file("-o", output)
     targets = outputs_of(logs, output) if inside else [output]
-    options = Options(object_name, colors_name, *cameras, first, last, recover)
+    options = recording_options(subject, cameras, part)
     recipe = Recipe.of(options)
     for log, target in zip(logs, targets, strict=True):
         name = f"-o for {log}" if len(logs) > 1 else "-o"
-        refuse_overwriting({name: target}, logs, (object_name, colors_name, *cameras.calibration))
+        refuse_overwriting({name: target}, logs, (*astuple(subject), *cameras.calibration))
         check_suffix("-o", target, ".h5", ".hdf5")
         require_folder("-o", target, made=inside)
         refuse_other_poses("-o", target, None if overwrite else recipe.model.name)
@@ -125,12 +118,10 @@ def track(
 
 def _track_one(job: Job, outputs: Outputs, health: Path | None, as_json: bool, quiet: bool) -> None:
     from tracker.batch.task import described
-    from tracker.logs import open_log
-    from tracker.recordings import run
-    from tracker.recordings.track import chosen, rig_for
+    from tracker.recordings.track import chosen, rig_for, run
 
     log, recipe = job.log, job.recipe
-    with open_log(log, recover=recipe.recover) as opened:
+    with tracker.open_log(log, recover=recipe.recover) as opened:
         outputs.check_camera(rig_for(job, opened))
         first, last = chosen(opened, job)
     job.output.parent.mkdir(parents=True, exist_ok=True)
@@ -141,11 +132,11 @@ def _track_one(job: Job, outputs: Outputs, health: Path | None, as_json: bool, q
     outputs.write(tracked.poses)
     if outputs.video is not None:
         count = len(tracked.poses)
-        with open_log(log, recover=recipe.recover) as opened, bar("film", count, quiet) as progress:
+        with tracker.open_log(log, recover=recipe.recover) as opened, bar("film", count, quiet) as progress:
             write_film(outputs.video, opened, recipe.model, tracked.poses, progress)
     if health is not None:
         count = min(len(tracked.poses), 200)
-        with open_log(log, recover=recipe.recover) as opened, bar("health", count, quiet) as progress:
+        with tracker.open_log(log, recover=recipe.recover) as opened, bar("health", count, quiet) as progress:
             result["health"] = write_health_page(health, opened, recipe, tracked.poses, progress)
     _print(result, as_json, quiet)
 
@@ -204,17 +195,17 @@ def _say(message: str) -> None:
 
 def _camera_rows(cameras: dict[str, dict[str, float | None]] | None) -> list[list[str]]:
     """What is to be said of cameras that were not used for long, and where to look."""
-    from tracker.pose.result import CameraUse
     from tracker.summaries.summary import to_look_at
 
+    uses = tracker.CameraUse
     said = {
-        CameraUse.CONTRADICTING: (
+        uses.CONTRADICTING: (
             "contradicts the others in {:.1%} of the frames with a measured pose:",
             "was it moved after its calibration, is it mirrored or late, or in another one's place?",
         ),
-        CameraUse.NO_IMAGE: ("gave no image in {:.1%} of the frames:", "is it connected, is the log whole?"),
-        CameraUse.FROZEN: ("repeated an old image in {:.1%} of the frames:", "did it or its driver stop?"),
-        CameraUse.BLACK: ("gave a black image in {:.1%} of the frames:", "is it covered, is there light?"),
+        uses.NO_IMAGE: ("gave no image in {:.1%} of the frames:", "is it connected, is the log whole?"),
+        uses.FROZEN: ("repeated an old image in {:.1%} of the frames:", "did it or its driver stop?"),
+        uses.BLACK: ("gave a black image in {:.1%} of the frames:", "is it covered, is there light?"),
     }
     rows = []
     for name, shares in to_look_at(cameras or {}).items():
@@ -226,9 +217,7 @@ def _camera_rows(cameras: dict[str, dict[str, float | None]] | None) -> list[lis
 
 def _calibration_rows(statuses: dict[str, dict[str, float]]) -> list[list[str]]:
     """What is to be said of a calibration that the cameras contradict."""
-    from tracker.pose.result import Status
-
-    numbers = statuses.get(Status.INCONSISTENT_VIEWS.value, {"share": 0.0, "with_pose": 0.0})
+    numbers = statuses.get(tracker.Status.INCONSISTENT_VIEWS.value, {"share": 0.0, "with_pose": 0.0})
     share = numbers["share"] * numbers["with_pose"]
     if share < CONTRADICTED:
         return []

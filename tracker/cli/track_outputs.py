@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tracker.cli.options import gathered
-from tracker.cli.outputs import OutFile
+from tracker.cli.outputs import file_option
 
 if TYPE_CHECKING:
     from tracker.calibration.rig import CameraRig
@@ -74,26 +74,12 @@ class Outputs:
 output_options = gathered(
     "outputs",
     Outputs,
-    click.option(
-        "--csv", metavar="FILE", type=OutFile(".csv"), help="The poses as a table, one line a frame."
-    ),
-    click.option(
-        "--tum", metavar="FILE", type=OutFile(".tum", ".txt"), help="A trajectory in the TUM format."
-    ),
-    click.option("--bop", metavar="FILE", type=OutFile(".csv"), help="BOP results of the --camera."),
+    file_option("--csv", ".csv", help="The poses as a table, one line a frame."),
+    file_option("--tum", ".tum", ".txt", help="A trajectory in the TUM format."),
+    file_option("--bop", ".csv", help="BOP results of the --camera."),
     click.option("--camera", metavar="NAME", help="Camera of the BOP results, e.g. camera60."),
-    click.option(
-        "--video",
-        metavar="FILE",
-        type=OutFile(".mp4", extra="video"),
-        help="A film of the frames with the pose drawn in (.mp4).",
-    ),
-    click.option(
-        "--plot",
-        metavar="FILE",
-        type=OutFile(".png", extra="plot"),
-        help="A plot of the poses over time (.png).",
-    ),
+    file_option("--video", ".mp4", extra="video", help="A film of the frames with the pose drawn in (.mp4)."),
+    file_option("--plot", ".png", extra="plot", help="A plot of the poses over time (.png)."),
 )
 """The options of both, see Outputs."""
 

@@ -5,62 +5,36 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
+import tracker
 from tracker.cli.options import (
     Cameras,
+    Part,
+    Subject,
     calibration_options,
     colors_option,
     object_option,
     part_options,
     quiet_option,
-    recover_option,
-    rig_of,
 )
-from tracker.cli.outputs import Command, OutFile, Recording
+from tracker.cli.outputs import Command, Recording, file_option
 from tracker.cli.render import bar
 from tracker.cli.track_outputs import observation
 from tracker.errors import LogError
 
 if TYPE_CHECKING:
     from tracker.calibration.by_object.health import Sample
-    from tracker.calibration.rig import CameraRig
     from tracker.conventions import Image
-    from tracker.logs import Log
-    from tracker.objects.model import CuboidModel
-    from tracker.pipeline import ObjectTracker
-    from tracker.pose.result import Observation
-    from tracker.poses.poses import Poses
-    from tracker.segmentation.color_model import ColorModel
 
 _STAMP_TOLERANCE = 1e-6
 """Largest difference [s] between the stamps of a frame in a recording and in its file of poses."""
 
-
-@dataclass(frozen=True)
-class _Chosen:
-    """Which frames to show."""
-
-    first: int
-    last: int | None
-    """The first one not wanted any more; None: all are."""
-    every: int
-
-    def refuse_none(self, path: Path, count: int) -> None:
-        """Refuse a beginning beyond the end."""
-        if self.first and self.first >= count:
-            raise LogError(f"{path}: found {count} frames, expected --from {self.first} below")
-
-    def __contains__(self, index: int) -> bool:
-        in_range = index >= self.first and (self.last is None or index < self.last)
-        return in_range and (index - self.first) % self.every == 0
-
-
-_Frames = Iterator[tuple[int, float, "Observation", Sequence["Image | None"], "Sample | None"]]
+_Frames = Iterator[tuple[int, float, "tracker.Observation", Sequence["Image | None"], "Sample | None"]]
 """What `Scene.show` takes of each frame."""
 
 
@@ -69,15 +43,12 @@ _Frames = Iterator[tuple[int, float, "Observation", Sequence["Image | None"], "S
 @click.option("--log", metavar="LOG", type=Recording(), help="The recording of the POSES, for its images.")
 @object_option("that of the POSES")
 @calibration_options
-@click.option(
+@file_option(
     "-o",
-    "--output",
-    metavar="FILE",
-    type=OutFile(".rrd"),
+    ".rrd",
     help="Write a file for the viewer (.rrd).  [default: open the viewer; without a screen, a file here]",
 )
 @colors_option()
-@recover_option
 @part_options
 @click.option(
     "--every", metavar="N", type=click.IntRange(1), default=1, help="Show each Nth frame.  [default: 1]"
@@ -90,9 +61,7 @@ def view(
     cameras: Cameras,
     output: Path | None,
     colors_name: str | None,
-    recover: bool,
-    first: int,
-    last: int | None,
+    part: Part,
     every: int,
     quiet: bool,
 ) -> None:
@@ -103,60 +72,52 @@ def view(
 
     The viewer is Rerun: python3 -m pip install '.[rerun]'. `rerun FILE.rrd` opens a file.
     """
-    from tracker.logs import open_log
     from tracker.logs.cameras import fitted_to
-    from tracker.poses.file import is_poses_file, read_poses
+    from tracker.poses.file import is_poses_file
     from tracker.viz.rerun_viewer import require_rerun
 
     require_rerun()
     target = _target(source, output)
-    chosen = _Chosen(first, last, every)
     if is_poses_file(source):
-        if any(cameras):
+        if any(astuple(cameras)):
             raise click.UsageError(f"{source}: the calibration is in this file of poses, expected no other")
         if colors_name is not None:
             raise click.UsageError(f"--colors {colors_name}: {source} holds poses, nothing is tracked")
-        poses = read_poses(source)
+        poses = tracker.read_poses(source)
         model = _model_of(poses, object_name)
-        chosen.refuse_none(source, int(poses.index[-1]) + 1 if len(poses) else 0)
-        rows = [row for row, index in enumerate(poses.index.tolist()) if index in chosen]
+        wanted = _wanted(source, int(poses.index[-1]) + 1 if len(poses) else 0, part, every)
+        rows = [row for row, index in enumerate(poses.index.tolist()) if index in wanted]
         if log is None:
             _show(source, target, poses.about.rig, model, _from_poses(poses, rows), len(rows), quiet)
             return
-        with open_log(log, recover=recover) as opened:
+        with tracker.open_log(log, recover=part.recover) as opened:
             rig = fitted_to(log, opened, poses.about.rig)
             frames = _with_images(log, opened, rig, model, poses, rows, every)
             _show(source, target, rig, model, frames, len(rows), quiet)
         return
     if log is not None:
         raise click.UsageError(f"--log {log}: {source} is no file of poses, whose recording that could be")
-    with open_log(source, recover=recover) as opened:
+    with tracker.open_log(source, recover=part.recover) as opened:
         if object_name is None:
             raise click.UsageError(f"{source}: expected --object, to track this recording")
-        from tracker.objects.model import load_object
-        from tracker.segmentation.color_model import load_colors
+        model, colors = Subject(object_name, colors_name).load()
+        rig = cameras.rig_of(source, opened)
+        wanted = _wanted(source, len(opened), part, every)
+        frames = _tracked(opened[part.first : part.last], rig, model, colors, wanted)
+        _show(source, target, rig, model, frames, len(wanted), quiet)
 
-        model = load_object(object_name)
-        colors = load_colors(colors_name or model.colors)
-        rig = rig_of(source, opened, cameras)
-        chosen.refuse_none(source, len(opened))
-        part = range(len(opened))[first:last]
-        _show(
-            source,
-            target,
-            rig,
-            model,
-            _tracked(opened, rig, model, colors, chosen),
-            len(part[::every]),
-            quiet,
-        )
+
+def _wanted(path: Path, count: int, part: Part, every: int) -> range:
+    """Numbers of the frames to show, of so many."""
+    part.refuse_beyond(path, count)
+    return range(count)[part.first : part.last : every]
 
 
 def _show(
     source: Path,
     target: Path | None,
-    rig: CameraRig,
-    model: CuboidModel,
+    rig: tracker.CameraRig,
+    model: tracker.CuboidModel,
     frames: _Frames,
     count: int,
     quiet: bool,
@@ -183,10 +144,8 @@ def _target(source: Path, output: Path | None) -> Path | None:
     return target
 
 
-def _model_of(poses: Poses, object_name: str | None) -> CuboidModel:
-    from tracker.objects.model import load_object
-
-    model = load_object(object_name or poses.about.object_name)
+def _model_of(poses: tracker.Poses, object_name: str | None) -> tracker.CuboidModel:
+    model = tracker.load_object(object_name or poses.about.object_name)
     if model.name != poses.about.object_name:
         raise click.UsageError(
             f"--object: found {model.name}, expected {poses.about.object_name}, whose poses these are"
@@ -194,26 +153,24 @@ def _model_of(poses: Poses, object_name: str | None) -> CuboidModel:
     return model
 
 
-def _from_poses(poses: Poses, rows: Sequence[int]) -> _Frames:
+def _from_poses(poses: tracker.Poses, rows: Sequence[int]) -> _Frames:
     for row in rows:
         yield int(poses.index[row]), float(poses.timestamp[row]), observation(poses, row), (), None
 
 
 def _with_images(
     path: Path,
-    log: Log,
-    rig: CameraRig,
-    model: CuboidModel,
-    poses: Poses,
+    log: tracker.Log,
+    rig: tracker.CameraRig,
+    model: tracker.CuboidModel,
+    poses: tracker.Poses,
     rows: Sequence[int],
     every: int,
 ) -> _Frames:
     """The poses with the images of their frames; LogError where the recording is another."""
     if not rows:
         return
-    from tracker.pipeline import ObjectTracker
-
-    tracker = ObjectTracker(model, rig)
+    looker = tracker.ObjectTracker(model, rig)
     row_of = {int(poses.index[row]): row for row in rows}
     first, last = min(row_of), max(row_of)
     if last >= len(log):
@@ -229,26 +186,32 @@ def _with_images(
                 f"{stamp:.6f} s: the poses are those of another recording"
             )
         answer = observation(poses, row)
-        yield frame.index, stamp, answer, frame.images, _health(tracker, frame.images, answer)
+        yield frame.index, stamp, answer, frame.images, _health(looker, frame.images, answer)
 
 
-def _tracked(log: Log, rig: CameraRig, model: CuboidModel, colors: ColorModel, chosen: _Chosen) -> _Frames:
+def _tracked(
+    log: tracker.Log,
+    rig: tracker.CameraRig,
+    model: tracker.CuboidModel,
+    colors: tracker.ColorModel,
+    wanted: range,
+) -> _Frames:
     """The frames of a recording, tracked; also those that are not shown."""
-    from tracker.pipeline import ObjectTracker
-
-    tracker = ObjectTracker(model, rig, colors)
+    finder = tracker.ObjectTracker(model, rig, colors)
     starts = frozenset(log.episode_starts)
-    for frame in log[chosen.first : chosen.last]:
+    for frame in log:
         if frame.index in starts:
-            tracker.reset()
-        answer = tracker.update(frame.images, frame.timestamp)
-        if frame.index in chosen:
-            yield frame.index, frame.timestamp, answer, frame.images, _health(tracker, frame.images, answer)
+            finder.reset()
+        answer = finder.update(frame.images, frame.timestamp)
+        if frame.index in wanted:
+            yield frame.index, frame.timestamp, answer, frame.images, _health(finder, frame.images, answer)
 
 
-def _health(tracker: ObjectTracker, images: Sequence[Image | None], answer: Observation) -> Sample:
+def _health(
+    finder: tracker.ObjectTracker, images: Sequence[Image | None], answer: tracker.Observation
+) -> Sample:
     """What a frame tells of the rig."""
     from tracker.calibration.by_object.health import sample, slow
 
     motion = answer.filtered_object_pose
-    return sample(tracker, images, still=motion is not None and slow(motion.velocity))
+    return sample(finder, images, still=motion is not None and slow(motion.velocity))
