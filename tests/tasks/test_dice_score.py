@@ -122,11 +122,11 @@ def test_a_place_that_no_camera_sees_sets_no_pixel_and_one_around_it_all(exact):
     [
         (np.zeros((25, 2)), r"goal: found shape \(25, 2\), expected \(N, 3\)"),
         (np.zeros(3), r"goal: found shape \(3,\)"),
-        ([[0, 0, 0], [0, np.nan, 0]], "goal: position 1: found .*nan.*expected finite"),
-        ([[0, 0, np.inf]], "goal: position 0"),
-        ([["0", "0", "0"]], "goal: found values of type <U1"),
-        ([[0, 0, 0], [0, 0]], "goal: found lists of different lengths"),
-        ([[0, 0, 1j]], "goal: found values of type complex128"),
+        ([[0, 0, 0], [0, np.nan, 0]], "goal: found nan, expected finite"),
+        ([[0, 0, np.inf]], "goal: found inf, expected finite"),
+        ([["0", "0", "0"]], "goal: found .*expected numbers"),
+        ([[0, 0, 0], [0, 0]], "goal: found .*expected numbers"),
+        ([[0, 0, 1j]], "goal: found .*expected numbers"),
     ],
 )
 def test_a_goal_that_is_no_list_of_positions_is_refused(goal, said):

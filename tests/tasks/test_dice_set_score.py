@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from tests.helpers.dice_scenes import EDGE, RIG, dice_at, painted
 from tracker.geometry import so3
-from tracker.tasks.rearrange_dice import drawn_dice, search, set_score
+from tracker.tasks.rearrange_dice import finder, set_score
 from tracker.tasks.rearrange_dice.evidence import DICE, UNKNOWN, evidence, stack
 from tracker.tasks.rearrange_dice.finder import Finder
 
@@ -17,9 +17,9 @@ DICE_POSES = dice_at([(0.0, 0.01), (-0.09, 0.05), (0.06, 0.08), (0.02, -0.09)], 
 FINDER = Finder(RIG)
 
 
-def views_of(masks, images=(None, None, None)) -> drawn_dice.Views:
+def views_of(masks, images=(None, None, None)) -> set_score.Views:
     seen = [evidence(m if m is None else m // 255, i, (270, 270)) for m, i in zip(masks, images, strict=True)]
-    return drawn_dice.Views(FINDER._slopes, FINDER._lenses, *stack(seen))
+    return set_score.Views(FINDER._slopes, FINDER._lenses, *stack(seen))
 
 
 def canvas() -> set_score.Canvas:
@@ -27,14 +27,14 @@ def canvas() -> set_score.Canvas:
 
 
 @pytest.fixture(scope="module")
-def views() -> drawn_dice.Views:
+def views() -> set_score.Views:
     return views_of([painted(camera, DICE_POSES)[1] for camera in RIG])
 
 
-def drawn(views: drawn_dice.Views, dice: np.ndarray, c: int) -> tuple[np.ndarray, np.ndarray]:
+def drawn(views: set_score.Views, dice: np.ndarray, c: int) -> tuple[np.ndarray, np.ndarray]:
     """Classes and owners in one view."""
     room, window = canvas(), np.array([0, 0, 270, 270])
-    drawn_dice.draw(views, c, dice, -1, EDGE, window, room.heights[c], room.classes[c], room.owners[c])
+    set_score.draw(views, c, dice, -1, EDGE, window, room.heights[c], room.classes[c], room.owners[c])
     return room.classes[c], room.owners[c]
 
 
@@ -56,9 +56,9 @@ def test_a_pixel_shows_a_top_where_its_ray_meets_the_upper_face(views, c):
         place = so3.exp([0, 0, -die[3]]) @ (RIG[c].position + sink * ray - die[:3])
         reach = np.abs(place[:2]).max()
         if abs(reach - EDGE / 2) > 1e-5:
-            assert (kind in (drawn_dice.TOP, drawn_dice.TOP_RIM)) == (reach < EDGE / 2)
-        if kind in (drawn_dice.TOP, drawn_dice.TOP_RIM) and abs(reach - drawn_dice.PIPS * EDGE / 2) > 1e-5:
-            assert (kind == drawn_dice.TOP) == (reach < drawn_dice.PIPS * EDGE / 2)
+            assert (kind in (set_score.TOP, set_score.TOP_RIM)) == (reach < EDGE / 2)
+        if kind in (set_score.TOP, set_score.TOP_RIM) and abs(reach - set_score.PIPS * EDGE / 2) > 1e-5:
+            assert (kind == set_score.TOP) == (reach < set_score.PIPS * EDGE / 2)
 
 
 def test_the_nearer_of_two_dice_hides_the_other(views):
@@ -79,12 +79,12 @@ poses = st.tuples(
 
 @given(poses, poses)
 def test_overlap_is_symmetric_and_a_push_apart_ends_it(first, second):
-    reach = drawn_dice.overlap(first, second, EDGE)
-    assert reach == pytest.approx(drawn_dice.overlap(second, first, EDGE), abs=1e-12)
+    reach = set_score.overlap(first, second, EDGE)
+    assert reach == pytest.approx(set_score.overlap(second, first, EDGE), abs=1e-12)
     assert 0 <= reach <= 2 * EDGE
     lifted = second.copy()
     lifted[2] = first[2] + EDGE
-    assert drawn_dice.overlap(first, lifted, EDGE) == 0
+    assert set_score.overlap(first, lifted, EDGE) == 0
 
 
 @given(poses, poses)
@@ -97,7 +97,7 @@ def test_dice_overlap_where_their_squares_do(first, second):
         points = one[:2] + grid @ so3.exp([0, 0, one[3]])[:2, :2].T
         local = (points - other[:2]) @ so3.exp([0, 0, other[3]])[:2, :2]
         inside.append((np.abs(local) < EDGE / 2 - 1e-9).all(axis=1).any())
-    reach = drawn_dice.overlap(first, second, EDGE)
+    reach = set_score.overlap(first, second, EDGE)
     if any(inside):
         assert reach > 0
     if reach > 2e-3:
@@ -107,9 +107,9 @@ def test_dice_overlap_where_their_squares_do(first, second):
 def test_what_a_die_gains_is_what_the_whole_loses_without_it(views):
     room = canvas()
     for k in range(len(DICE_POSES)):
-        gain = set_score.settle(views, DICE_POSES.copy(), k, np.empty(0), 0.19, search.TERMS, room)
-        whole = set_score.total(views, DICE_POSES, search.TERMS, room)
-        without = set_score.total(views, np.delete(DICE_POSES, k, axis=0), search.TERMS, room)
+        gain = set_score.settle(views, DICE_POSES.copy(), k, np.empty(0), 0.19, finder.TERMS, room)
+        whole = set_score.total(views, DICE_POSES, finder.TERMS, room)
+        without = set_score.total(views, np.delete(DICE_POSES, k, axis=0), finder.TERMS, room)
         assert gain == pytest.approx(whole - without, rel=1e-4)
 
 
@@ -119,42 +119,42 @@ def test_a_die_that_was_pushed_away_settles_where_it_was(views):
     ):
         dice = DICE_POSES.copy()
         dice[k] += offset
-        set_score.settle(views, dice, k, search.STEPS, 0.19, search.TERMS, canvas())
+        set_score.settle(views, dice, k, finder.STEPS, 0.19, finder.TERMS, canvas())
         assert np.linalg.norm(dice[k, :2] - DICE_POSES[k, :2]) < 1.5e-3
 
 
 def test_the_true_dice_explain_more_than_any_others(views):
     rng = np.random.default_rng(3)
     room = canvas()
-    best = set_score.total(views, DICE_POSES, search.TERMS, room)
+    best = set_score.total(views, DICE_POSES, finder.TERMS, room)
     for _ in range(30):
         others = DICE_POSES + rng.normal(0, [0.004, 0.004, 0, 0.3], DICE_POSES.shape)
-        assert set_score.total(views, others, search.TERMS, room) < best
-    assert set_score.total(views, DICE_POSES[:0], search.TERMS, room) == 0
+        assert set_score.total(views, others, finder.TERMS, room) < best
+    assert set_score.total(views, DICE_POSES[:0], finder.TERMS, room) == 0
 
 
 def test_what_one_view_has_against_a_die_is_limited():
     masks = [painted(camera, DICE_POSES)[1] for camera in RIG]
     room = canvas()
-    seen = set_score.total(views_of(masks), DICE_POSES, search.TERMS, room)
+    seen = set_score.total(views_of(masks), DICE_POSES, finder.TERMS, room)
     masks[1] = np.zeros_like(masks[1])
-    hidden = set_score.total(views_of(masks), DICE_POSES, search.TERMS, room)
+    hidden = set_score.total(views_of(masks), DICE_POSES, finder.TERMS, room)
     masks[1] = None
-    unknown = set_score.total(views_of(masks), DICE_POSES, search.TERMS, room)
+    unknown = set_score.total(views_of(masks), DICE_POSES, finder.TERMS, room)
     assert hidden < unknown < seen
-    assert unknown - hidden <= len(DICE_POSES) * search.TERMS.hidden
+    assert unknown - hidden <= len(DICE_POSES) * finder.TERMS.hidden
 
 
 def test_evidence_tells_tops_from_sides_and_pips_from_blue():
     image, mask = painted(RIG[0], DICE_POSES)
     view = evidence(mask // 255, image, mask.shape)
     classes, _ = drawn(views_of([mask] * 3), DICE_POSES, 0)
-    inner = (view.mask == DICE) & (view.scores[drawn_dice.TOP] > 0)
-    tops = inner & ((classes == drawn_dice.TOP) | (classes == drawn_dice.TOP_RIM))
-    sides = inner & ((classes == drawn_dice.SIDE) | (classes == drawn_dice.SIDE_RIM))
+    inner = (view.mask == DICE) & (view.scores[set_score.TOP] > 0)
+    tops = inner & ((classes == set_score.TOP) | (classes == set_score.TOP_RIM))
+    sides = inner & ((classes == set_score.SIDE) | (classes == set_score.SIDE_RIM))
     assert view.shade[tops].mean() > 0.4
     assert view.shade[sides].mean() < -0.2
-    assert (view.scores[drawn_dice.TOP] >= view.scores[drawn_dice.TOP_RIM]).all()
+    assert (view.scores[set_score.TOP] >= view.scores[set_score.TOP_RIM]).all()
     unknown = evidence(None, None, (270, 270))
     assert (unknown.mask == UNKNOWN).all()
     assert not unknown.scores.any()

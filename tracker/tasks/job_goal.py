@@ -19,10 +19,8 @@ from tracker.conventions import FloatArray
 from tracker.errors import TaskError
 from tracker.objects.model import CuboidModel
 from tracker.tasks import move_object
-from tracker.tasks.goal_text import is_json, parse_json, read_text
-from tracker.tasks.move_object.checks import numbers
-from tracker.tasks.rearrange_dice.goal_files import places_of
-from tracker.tasks.rearrange_dice.patterns import parse_pattern
+from tracker.tasks.checks import numbers
+from tracker.tasks.rearrange_dice.goal_files import parse_pattern, places_of, read_as
 
 FILE_NAME = "goal.json"
 """Name of the file in a job's folder."""
@@ -75,18 +73,8 @@ class JobGoal:
 
 
 def read_job_goal(path: str | os.PathLike[str]) -> JobGoal:
-    """The goal in a job's file.
-
-    Raises:
-        TaskError: the file cannot be read, or holds no goal; the message names it.
-    """
-    try:
-        text = read_text(path)
-        if not is_json(text):
-            return JobGoal("rearrange_dice", position=parse_pattern(text))
-        return _goal(parse_json(text))
-    except TaskError as error:
-        raise TaskError(f"{os.fspath(path)}: {error}") from error
+    """The goal in a job's file; TaskError, which names it, where it cannot be read or holds none."""
+    return read_as(path, _goal, lambda text: JobGoal("rearrange_dice", position=parse_pattern(text)))
 
 
 def _goal(data: Any) -> JobGoal:

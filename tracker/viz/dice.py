@@ -12,7 +12,7 @@ from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import TaskError
 from tracker.geometry.camera import Camera
-from tracker.tasks.rearrange_dice.assign import Assignment
+from tracker.tasks.rearrange_dice import Assignment
 from tracker.tasks.rearrange_dice.goals import TOLERANCE, finite_positions
 from tracker.tasks.rearrange_dice.score import error_per_camera
 from tracker.viz import paint

@@ -10,9 +10,19 @@ Goals are finite. A state may hold NaN where the object was not seen; its error 
 from __future__ import annotations
 
 from tracker.tasks.move_object.corners import keypoints, pose_from_keypoints
-from tracker.tasks.move_object.errors import long_axis_error, position_error, rotation_error
-from tracker.tasks.move_object.rewards import LEVELS, episode_reward, long_axis, reward, weighted_total
-from tracker.tasks.move_object.trajectory import Trajectory, active_goal, trajectory_reward
+from tracker.tasks.move_object.rewards import (
+    LEVELS,
+    Trajectory,
+    active_goal,
+    episode_reward,
+    long_axis,
+    long_axis_error,
+    position_error,
+    reward,
+    rotation_error,
+    trajectory_reward,
+    weighted_total,
+)
 
 __all__ = [
     "LEVELS",

@@ -9,7 +9,7 @@ from tracker.checks import is_number
 from tracker.conventions import FloatArray
 from tracker.errors import TaskError, shown
 from tracker.geometry import cuboid, so3
-from tracker.tasks.move_object.checks import check_fit, numbers, quaternion, vectors
+from tracker.tasks.checks import check_fit, numbers, quaternion, vectors
 
 
 def keypoints(position: npt.ArrayLike, orientation: npt.ArrayLike, size: npt.ArrayLike) -> FloatArray:

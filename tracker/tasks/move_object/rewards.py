@@ -1,25 +1,96 @@
-"""Rewards of control steps, of episodes, and of all levels of difficulty."""
+"""Errors and rewards: of control steps, along trajectories of goals, of episodes, and of all levels."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
-from tracker.checks import is_whole, of_kind
+from tracker.checks import check_sequence, is_whole, of_kind
 from tracker.conventions import FloatArray
 from tracker.errors import TaskError, shown
+from tracker.geometry import so3
 from tracker.objects.model import CuboidModel
-from tracker.tasks.move_object.checks import check_fit, numbers
-from tracker.tasks.move_object.errors import long_axis_error, position_error, rotation_error
+from tracker.tasks.checks import check_fit, numbers, pair, quaternions
+
+XY_RANGE = 0.39
+"""Largest horizontal distance of two places: the arena's diameter [m]."""
+
+Z_RANGE = 0.1
+"""Height of the goals' space [m]."""
 
 LEVELS = (1, 2, 3, 4)
 """Levels of difficulty: on the table, lifted, anywhere in the air; 4 with an orientation."""
 
 LONG = 2.0
 """Least ratio of the longest edge to the next at which an object has a long axis."""
+
+Trajectory = Sequence[tuple[float, npt.ArrayLike]]
+"""Pairs of the time from which a goal is active, and its position (3,) [m]."""
+
+
+def position_error(goal_position: npt.ArrayLike, position: npt.ArrayLike) -> FloatArray:
+    """Errors (...) of positions: ½ (‖Δxy‖ / 0.39 m + |Δz| / 0.1 m), about 1 at most.
+
+    Args:
+        goal_position: (..., 3) [m].
+        position: (..., 3) [m].
+
+    Raises:
+        TaskError: an argument is malformed, or their leading axes do not fit together.
+    """
+    goal, actual = pair("position", 3, goal_position, position)
+    difference = actual - goal
+    across = np.linalg.norm(difference[..., :2], axis=-1)
+    result: FloatArray = (across / XY_RANGE + np.abs(difference[..., 2]) / Z_RANGE) / 2
+    return result
+
+
+def rotation_error(goal_orientation: npt.ArrayLike, orientation: npt.ArrayLike) -> FloatArray:
+    """Errors (...) in [0, 1] of orientations: the angle of the rotation between the two, divided by π.
+
+    Args:
+        goal_orientation: (..., 4) xyzw.
+        orientation: (..., 4) xyzw.
+
+    Raises:
+        TaskError: an argument is malformed, or their leading axes do not fit together.
+    """
+    goal, actual = quaternions(goal_orientation, orientation)
+    # Vector and scalar of goal⁻¹ · actual; exactly 0 where the two are equal.
+    vector = goal[..., 3:] * actual[..., :3] - actual[..., 3:] * goal[..., :3]
+    vector = vector - np.cross(goal[..., :3], actual[..., :3])
+    scalar = np.sum(goal * actual, axis=-1)
+    result: FloatArray = 2 * np.arctan2(np.linalg.norm(vector, axis=-1), np.abs(scalar)) / np.pi
+    return result
+
+
+def long_axis_error(
+    goal_orientation: npt.ArrayLike, orientation: npt.ArrayLike, *, axis: int = 1
+) -> FloatArray:
+    """Errors (...) in [0, 1] of the direction of one axis of the object: the angle, divided by π.
+
+    A turn about that axis costs nothing, a flip costs 1. The angle is exact to rounding. The platform's
+    package takes the arccosine of a cosine that it rounds to ten digits: it differs by up to 5e-11 rad over
+    the sine of the angle, and by up to 1e-5 rad near 0 and π.
+
+    Args:
+        goal_orientation: (..., 4) xyzw.
+        orientation: (..., 4) xyzw.
+        axis: 0, 1 or 2: the object's x, y or z.
+
+    Raises:
+        TaskError: an argument is malformed, or their leading axes do not fit together.
+    """
+    if not is_whole(axis) or axis not in (0, 1, 2):
+        raise TaskError(f"axis: found {shown(axis)}, expected 0, 1 or 2")
+    goal, actual = (
+        so3.matrix_from_quaternion(one)[..., axis] for one in quaternions(goal_orientation, orientation)
+    )
+    sine = np.linalg.norm(np.cross(goal, actual), axis=-1)
+    result: FloatArray = np.arctan2(sine, np.sum(goal * actual, axis=-1)) / np.pi
+    return result
 
 
 def long_axis(model: CuboidModel) -> int | None:
@@ -54,7 +125,8 @@ def reward(
     Raises:
         TaskError: an argument is missing or malformed, or leading axes do not fit together.
     """
-    _check_level(level)
+    if not is_whole(level) or level not in LEVELS:
+        raise TaskError(f"level: found {shown(level)}, expected 1, 2, 3 or 4")
     position_term = position_error(goal_position, position)
     if level < 4:
         return 0.0 - position_term  # a minus sign alone would make 0 negative
@@ -122,6 +194,59 @@ def weighted_total(episode_rewards: Mapping[int, npt.ArrayLike], *, median: bool
     return total
 
 
-def _check_level(level: Any) -> None:
-    if not is_whole(level) or level not in LEVELS:
-        raise TaskError(f"level: found {shown(level)}, expected 1, 2, 3 or 4")
+def active_goal(trajectory: Trajectory, time: npt.ArrayLike) -> FloatArray:
+    """Goals (..., 3) [m] that are active at times (...); each lasts until the next begins, the last for ever.
+
+    Args:
+        trajectory: pairs (time, position), e.g. [(0, (0, 0, 0.05)), (30000, (0.1, 0, 0.08))]; the first
+            begins at 0.
+        time: in the trajectory's unit; on the platform control steps of 1 ms.
+
+    Raises:
+        TaskError: the trajectory is malformed, or a time is before its beginning.
+    """
+    times, positions = _parsed(trajectory)
+    at = numbers("time", time, finite=True)
+    if (at < 0).any():
+        raise TaskError(f"time: found {at.min():g}, expected no time before the trajectory's beginning at 0")
+    result: FloatArray = positions[np.searchsorted(times, at, side="right") - 1]
+    return result
+
+
+def trajectory_reward(trajectory: Trajectory, time: npt.ArrayLike, position: npt.ArrayLike) -> FloatArray:
+    """Rewards (...) of one control step each: -e_position to the goals that are active at the times.
+
+    Args:
+        trajectory: see `active_goal`.
+        time: (...) in the trajectory's unit.
+        position: (..., 3) [m].
+
+    Raises:
+        TaskError: as `active_goal` and `position_error`.
+    """
+    return 0.0 - position_error(active_goal(trajectory, time), position)
+
+
+def _parsed(trajectory: Trajectory) -> tuple[FloatArray, FloatArray]:
+    """Times (N,) and positions (N, 3) of a trajectory that has been checked."""
+    check_sequence(trajectory, "trajectory", TaskError, "a list of pairs (time, position)")
+    if len(trajectory) == 0:
+        raise TaskError("trajectory: found no goals, expected at least one")
+    times, positions = np.empty(len(trajectory)), np.empty((len(trajectory), 3))
+    for k, entry in enumerate(trajectory):
+        if not isinstance(entry, (tuple, list)) or len(entry) != 2:
+            raise TaskError(f"trajectory: entry {k}: found {shown(entry)}, expected a pair (time, position)")
+        time, goal = (
+            numbers(f"trajectory: {what} {k}", value, finite=True)
+            for what, value in zip(("time", "position"), entry, strict=True)
+        )
+        if time.ndim or goal.shape != (3,):
+            raise TaskError(f"trajectory: entry {k}: found {shown(entry)}, expected a number and 3 numbers")
+        times[k], positions[k] = time, goal
+    if times[0] != 0:
+        raise TaskError(f"trajectory: found {times[0]:g} as the first time, expected 0")
+    late = np.flatnonzero(np.diff(times) <= 0)
+    if late.size:
+        k = int(late[0]) + 1
+        raise TaskError(f"trajectory: time {k}: found {times[k]:g}, expected more than {times[k - 1]:g}")
+    return times, positions

@@ -6,9 +6,14 @@ place of the goal is there. That takes a mask of the dice in each image, and a m
 camera; the error is the number of pixels that are in the first and not in the second.
 """
 
-from tracker.tasks.rearrange_dice.assign import Assignment, assign
 from tracker.tasks.rearrange_dice.finder import Die, locate
-from tracker.tasks.rearrange_dice.goal_files import read_goal, write_goal
+from tracker.tasks.rearrange_dice.goal_files import (
+    empty_pattern,
+    parse_pattern,
+    pattern,
+    read_goal,
+    write_goal,
+)
 from tracker.tasks.rearrange_dice.goals import (
     ARENA_RADIUS,
     CELLS_PER_ROW,
@@ -19,8 +24,14 @@ from tracker.tasks.rearrange_dice.goals import (
     sample_goal,
     validate_goal,
 )
-from tracker.tasks.rearrange_dice.patterns import empty_pattern, parse_pattern, pattern
-from tracker.tasks.rearrange_dice.score import error, error_per_camera, goal_masks, reward
+from tracker.tasks.rearrange_dice.score import (
+    Assignment,
+    assign,
+    error,
+    error_per_camera,
+    goal_masks,
+    reward,
+)
 from tracker.tasks.rearrange_dice.segment import segment_dice
 
 __all__ = [

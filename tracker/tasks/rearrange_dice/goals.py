@@ -7,10 +7,10 @@ import functools
 import numpy as np
 import numpy.typing as npt
 
-from tracker import errors
 from tracker.checks import is_whole
 from tracker.conventions import Array, FloatArray
-from tracker.errors import TaskError
+from tracker.errors import TaskError, shown
+from tracker.tasks.checks import numbers
 
 NUM_DICE = 25
 """Number of dice, and of places in a goal."""
@@ -26,9 +26,6 @@ ARENA_RADIUS = 0.19
 
 CELLS_PER_ROW = 17
 """Cells, each as wide as a die, along each side of the grid."""
-
-LARGEST = 1e100
-"""Coordinates are smaller [m], so that their squares do not overflow."""
 
 SLACK = 1e-9
 """Overlap of a place with the arena's border or floor that is due to rounding [m]."""
@@ -73,8 +70,8 @@ def sample_goal(rng: int | np.random.Generator) -> FloatArray:
         TaskError: it is neither.
     """
     if not isinstance(rng, np.random.Generator) and not (is_whole(rng) and rng >= 0):
-        found = errors.shown(rng)
-        raise TaskError(f"rng: found {found}, expected a whole number from 0 or a numpy.random.Generator")
+        valid = "a whole number from 0 or a numpy.random.Generator"
+        raise TaskError(f"rng: found {shown(rng)}, expected {valid}")
     chosen = np.random.default_rng(rng).choice(len(_cells()), NUM_DICE, replace=False)
     return _cells()[chosen]
 
@@ -94,47 +91,33 @@ def validate_goal(goal: npt.ArrayLike) -> FloatArray:
     if outside.any():
         first = int(np.argmax(outside))
         raise TaskError(
-            f"goal: position {first}, {shown(places[first])}: its die reaches {reach(places[first]):.4g} m "
+            f"goal: position {first}, {told(places[first])}: its die reaches {reach(places[first]):.4g} m "
             f"from the arena's centre, expected at most {ARENA_RADIUS} m"
         )
     low = places[:, 2] < DIE_WIDTH / 2 - SLACK
     if low.any():
         first = int(np.argmax(low))
         raise TaskError(
-            f"goal: position {first}, {shown(places[first])}: found the height {places[first, 2]:g} m, "
+            f"goal: position {first}, {told(places[first])}: found the height {places[first, 2]:g} m, "
             f"expected at least half a die, {DIE_WIDTH / 2} m"
         )
     return places
 
 
 def finite_positions(value: npt.ArrayLike, what: str) -> FloatArray:
-    """Positions as an array (N, 3) [m] of its own.
-
-    Args:
-        value: N positions; none will do.
-        what: name of the value in messages.
+    """Positions as an array (N, 3) [m] of its own; none will do.
 
     Raises:
-        TaskError: the value is something else, or not finite (LARGEST is as good as infinite).
+        TaskError: the value, which the message calls `what`, is something else, or not finite.
     """
-    try:
-        array = np.asarray(value)
-    except (TypeError, ValueError, OverflowError) as error:  # lists of different lengths
-        raise TaskError(f"{what}: found lists of different lengths, expected N × (x, y, z)") from error
-    if array.dtype.kind not in "iuf":
-        raise TaskError(f"{what}: found values of type {array.dtype}, expected numbers, N × (x, y, z)")
-    if array.size == 0 and array.ndim in (1, 2):
+    places = numbers(what, value, finite=True)
+    if places.size == 0 and places.ndim in (1, 2):
         return np.empty((0, 3))
-    if array.ndim != 2 or array.shape[1] != 3:
-        raise TaskError(f"{what}: found shape {array.shape}, expected (N, 3): N × (x, y, z)")
-    places: FloatArray = array.astype(np.float64)
-    faulty = ~(np.abs(places) < LARGEST).all(axis=1)
-    if faulty.any():
-        first = int(np.argmax(faulty))
-        raise TaskError(f"{what}: position {first}: found {shown(places[first])}, expected finite numbers")
+    if places.ndim != 2 or places.shape[1] != 3:
+        raise TaskError(f"{what}: found shape {places.shape}, expected (N, 3): N × (x, y, z)")
     return places
 
 
-def shown(position: Array) -> str:
+def told(position: Array) -> str:
     """A position in a message."""
     return f"({', '.join(f'{value:g}' for value in position)})"

@@ -1,12 +1,14 @@
-"""The task's score: pixels that show dice where there should be none."""
+"""The task's score: pixels that show dice where there should be none; and which die belongs where."""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterable, Sequence
 
 import cv2
 import numpy as np
 import numpy.typing as npt
+from scipy.optimize import linear_sum_assignment
 
 from tracker.calibration.rig import CameraRig
 from tracker.checks import check_sequence, of_kind
@@ -15,10 +17,12 @@ from tracker.errors import TaskError
 from tracker.geometry import cuboid
 from tracker.geometry.camera import Camera
 from tracker.tasks.rearrange_dice.goals import DIE_WIDTH, TOLERANCE, finite_positions
-from tracker.tasks.rearrange_dice.masks import as_mask
 
 TARGET_WIDTH = DIE_WIDTH + TOLERANCE
 """Edge of the boxes, with faces along the world's axes, in which dice count as placed [m]."""
+
+NO_DIE = -1
+"""Index of the die at a place that gets none."""
 
 _BOX = cuboid.corners(np.full(3, TARGET_WIDTH))
 _FARTHEST_PX = 2**15  # OpenCV's polygons overflow farther out
@@ -143,3 +147,91 @@ def _meets_box(inverse: FloatArray, center: FloatArray) -> Array:
     enters = np.fmax.reduce(np.fmin(low, high), axis=0)
     leaves = np.fmin.reduce(np.fmax(low, high), axis=0)
     return np.asarray((enters <= leaves) & (leaves > 0))
+
+
+def as_mask(value: npt.ArrayLike, what: str, size: tuple[int, int] | None = None) -> Image:
+    """The mask (H, W) as uint8, of 0 and 1 or of 0 and 255.
+
+    Args:
+        value: (H, W) of bool or whole numbers.
+        what: its name, for errors.
+        size: (H, W) that it must have.
+
+    Raises:
+        TaskError: it is of another shape or type, or not two-valued.
+    """
+    mask = np.ascontiguousarray(value)
+    if mask.dtype == np.bool_:
+        mask = mask.view(np.uint8)
+    if mask.dtype.kind not in "ui":
+        raise TaskError(f"{what}: found type {mask.dtype}, expected bool or whole numbers")
+    if mask.ndim != 2 or mask.size == 0:
+        raise TaskError(f"{what}: found shape {mask.shape}, expected (height, width)")
+    if size is not None and mask.shape != size:
+        raise TaskError(f"{what}: found shape {mask.shape}, expected {size}")
+    if mask.dtype != np.uint8:
+        if mask.min() < 0 or mask.max() > 255:
+            raise _not_two_valued(mask, what)
+        mask = mask.astype(np.uint8)
+    highest = int(cv2.norm(mask, cv2.NORM_INF))
+    if highest not in (0, 1, 255) or cv2.norm(mask, cv2.NORM_L1) != highest * cv2.countNonZero(mask):
+        raise _not_two_valued(mask, what)
+    return mask
+
+
+def _not_two_valued(mask: npt.NDArray[np.integer], what: str) -> TaskError:
+    found = np.unique(mask)
+    few = ", ".join(str(value) for value in found[:4])
+    more = ", …" if len(found) > 4 else ""
+    return TaskError(f"{what}: found the values {few}{more}, expected only 0 and 255, or only 0 and 1")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Assignment:
+    """Pairs of places and dice with the smallest sum of distances; arrays are read-only."""
+
+    die: Array
+    """(N,) index of the die for each of the goal's places, NO_DIE where there are not enough dice."""
+    distance: FloatArray
+    """(N,) distance [m] between place and die; NaN where there is no die."""
+
+    def __post_init__(self) -> None:
+        for key, kind in (("die", np.int64), ("distance", np.float64)):
+            values = np.array(getattr(self, key), dtype=kind)
+            values.flags.writeable = False
+            object.__setattr__(self, key, values)
+
+    @property
+    def pairs(self) -> list[tuple[int, int]]:
+        """(place, die) of every pair."""
+        return [(place, int(die)) for place, die in enumerate(self.die) if die != NO_DIE]
+
+    @property
+    def total(self) -> float:
+        """Sum of the distances [m]."""
+        return float(np.nansum(self.distance))
+
+    def count_within(self, distance: float = TOLERANCE) -> int:
+        """Number of places with a die at most `distance` [m] away."""
+        return int(np.count_nonzero(self.distance <= distance))
+
+
+def assign(goal: npt.ArrayLike, positions: npt.ArrayLike) -> Assignment:
+    """Pair the places of a goal with dice so that the sum of their distances is smallest.
+
+    With fewer dice than places, or more, as many pairs as there can be. Deterministic.
+
+    Args:
+        goal: (N, 3) [m] places in the world.
+        positions: (M, 3) [m] centres of dice in the world; none will do.
+
+    Raises:
+        TaskError: goal or positions are of another shape or not finite.
+    """
+    places, dice = finite_positions(goal, "goal"), finite_positions(positions, "dice")
+    distances = np.linalg.norm(places[:, None] - dice, axis=-1)
+    chosen, partners = linear_sum_assignment(distances)
+    die = np.full(len(places), NO_DIE, dtype=np.int64)
+    distance = np.full(len(places), np.nan)
+    die[chosen], distance[chosen] = partners, distances[chosen, partners]
+    return Assignment(die, distance)

@@ -1,4 +1,11 @@
-"""Compiled: how well a set of dice explains the views, and moves of one die that explain them better.
+"""Compiled: dice that lie flat, drawn into the views along each pixel's ray, and how well they explain these.
+
+A pixel's ray is described by how far it travels sideways while it sinks: at the height z it passes
+(x, y) = camera (x, y) + (camera z - z) · slope. Across a die that lies flat it therefore goes along a
+straight segment of the plane, from where it passes the height of the top to where it passes that of the foot;
+the die is hit on its top where the segment starts within the die's square, and on a side where it enters it.
+
+A die is a row (x, y, foot, yaw): its centre and the height of its lower face [m], its rotation about z [rad].
 
 The score of a set is the sum, over the pixels in which it shows dice, of what that explains. What a view
 has against a die (pixels in which it should be seen and is not) counts with a limit, since a finger may hide
@@ -13,7 +20,28 @@ from typing import NamedTuple
 import numpy as np
 
 from tracker.compiled import compiled
-from tracker.tasks.rearrange_dice.drawn_dice import NONE, bounds, draw, frame, look, overlap
+from tracker.conventions import Array, Image
+from tracker.geometry.lens import project
+
+NONE, SIDE, SIDE_RIM, TOP, TOP_RIM = range(5)
+"""What a pixel shows of the dice; the rim of a face is where it has no pips."""
+
+PIPS = 0.62
+"""Half the edge of the square that holds a face's pips, over half the edge of the face: on the real dice pips
+of 3.4 mm stand up to 4.4 mm from the middle of a face of 22 mm; the rest is for blur."""
+
+
+class Views(NamedTuple):
+    """What all cameras see, of one size; a camera's image may fill only a part of it."""
+
+    slopes: Array
+    """(C, H, W, 2) float32: how far a pixel's ray travels along x and y while it sinks by 1."""
+    lenses: Array
+    """(C,) of tracker.geometry.lens.LENS."""
+    scores: Array
+    """(C, 5, H, W) float32: what is gained where a pixel is explained by NONE … TOP_RIM."""
+    masks: Image
+    """(C, H, W): 1 where dice are seen, 2 where nothing is known, else 0."""
 
 
 class Terms(NamedTuple):
@@ -51,6 +79,99 @@ class Canvas(NamedTuple):
     """(C, H, W) int8."""
     owners: np.ndarray
     """(C, H, W) int16."""
+
+
+@compiled(inline="always")
+def look(sx, sy, above, ux, uy, cos, sin, edge):  # type: ignore[no-untyped-def]
+    """What a ray of slope (sx, sy) meets of a die, and how high above the die's foot [m].
+
+    above: height of the camera over the die's top; (ux, uy): its place in the die's frame [m].
+    """
+    half = 0.5 * edge
+    ax, ay = cos * sx + sin * sy, cos * sy - sin * sx
+    px, py = above * ax + ux, above * ay + uy
+    if abs(px) <= half and abs(py) <= half:
+        return (TOP if max(abs(px), abs(py)) <= PIPS * half else TOP_RIM), edge
+    dx, dy = edge * ax, edge * ay
+    qx, qy = px + dx, py + dy
+    if (px > half and qx > half) or (px < -half and qx < -half):
+        return NONE, -1.0
+    if (py > half and qy > half) or (py < -half and qy < -half):
+        return NONE, -1.0
+    share = 0.0
+    if abs(px) > half:
+        share = (math.copysign(half, px) - px) / dx
+    if abs(py) > half:
+        share = max(share, (math.copysign(half, py) - py) / dy)
+    x, y = abs(px + share * dx), abs(py + share * dy)
+    if x > half + 1e-9 or y > half + 1e-9:
+        return NONE, -1.0
+    reach = max(min(x, y), edge * abs(0.5 - share))
+    return (SIDE if reach <= PIPS * half else SIDE_RIM), edge * (1.0 - share)
+
+
+@compiled
+def bounds(lenses, c, die, edge, margin, out):  # type: ignore[no-untyped-def]
+    """Out (4,) = left, top, right, bottom of the pixels of camera c in which the die may be seen."""
+    left, top, right, bottom = 1e9, 1e9, -1e9, -1e9
+    cos, sin, half = math.cos(die[3]), math.sin(die[3]), 0.5 * edge
+    for k in range(8):
+        ox, oy = half if k & 1 else -half, half if k & 2 else -half
+        x, y = die[0] + cos * ox - sin * oy, die[1] + sin * ox + cos * oy
+        u, v, _ = project(lenses, c, x, y, die[2] + (edge if k & 4 else 0.0))
+        left, right, top, bottom = min(left, u), max(right, u), min(top, v), max(bottom, v)
+    width, height = lenses[c].width, lenses[c].height
+    out[0] = min(max(math.floor(left) - margin, 0), width)
+    out[1] = min(max(math.floor(top) - margin, 0), height)
+    out[2] = min(max(math.ceil(right) + 1 + margin, out[0]), width)
+    out[3] = min(max(math.ceil(bottom) + 1 + margin, out[1]), height)
+
+
+@compiled(inline="always")
+def frame(lenses, c, die, edge):  # type: ignore[no-untyped-def]
+    """Of camera c and a die: above, ux, uy, cos, sin as `look` takes them."""
+    cos, sin = math.cos(die[3]), math.sin(die[3])
+    cx, cy = lenses[c].position[0] - die[0], lenses[c].position[1] - die[1]
+    return lenses[c].position[2] - die[2] - edge, cos * cx + sin * cy, cos * cy - sin * cx, cos, sin
+
+
+@compiled
+def draw(views, c, dice, skip, edge, window, heights, classes, owners):  # type: ignore[no-untyped-def]
+    """Draw all dice but number `skip` into the window (4,) of camera c.
+
+    heights, classes, owners (H, W): where a pixel's ray first meets a die [m], of what it, and which.
+    """
+    for j in range(window[1], window[3]):
+        for i in range(window[0], window[2]):
+            heights[j, i], classes[j, i], owners[j, i] = -1.0, NONE, -1
+    own = np.empty(4, np.int64)
+    for k in range(len(dice)):
+        if k == skip:
+            continue
+        bounds(views.lenses, c, dice[k], edge, 0, own)
+        above, ux, uy, cos, sin = frame(views.lenses, c, dice[k], edge)
+        for j in range(max(own[1], window[1]), min(own[3], window[3])):
+            for i in range(max(own[0], window[0]), min(own[2], window[2])):
+                sx, sy = views.slopes[c, j, i, 0], views.slopes[c, j, i, 1]
+                shown, height = look(sx, sy, above, ux, uy, cos, sin, edge)
+                if shown != NONE and dice[k, 2] + height > heights[j, i]:
+                    heights[j, i], classes[j, i], owners[j, i] = dice[k, 2] + height, shown, k
+
+
+@compiled
+def overlap(a, b, edge):  # type: ignore[no-untyped-def]
+    """How far two dice reach into each other, by the least push that parts them [m]; 0 where they do not."""
+    lift = edge - abs(a[2] - b[2])
+    dx, dy = b[0] - a[0], b[1] - a[1]
+    if lift <= 0.0 or dx * dx + dy * dy >= 2.0 * edge * edge:
+        return 0.0
+    turn = b[3] - a[3]
+    reach = 0.5 * edge * (1.0 + abs(math.cos(turn)) + abs(math.sin(turn)))
+    least = lift
+    for yaw in (a[3], b[3]):
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        least = min(least, reach - abs(cos * dx + sin * dy), reach - abs(cos * dy - sin * dx))
+    return max(least, 0.0)
 
 
 @compiled

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from tracker.conventions import Array, FloatArray
 from tracker.errors import TaskError, shown
 
-LARGEST = 1e12
+LARGEST = 1e100
 """Largest size of a number, far above any that makes sense: squares of it do not overflow."""
 
 SHORTEST = 1e-9
