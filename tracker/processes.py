@@ -1,9 +1,11 @@
-"""Other processes of this Python, which import what this one imports."""
+"""Other processes of this Python: they import what this one imports, and see its variables."""
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
+from collections.abc import Iterator, Mapping
 
 
 def python_command(program: str, *arguments: str) -> list[str]:
@@ -14,3 +16,18 @@ def python_command(program: str, *arguments: str) -> list[str]:
     """
     paths = [os.fspath(path) for path in sys.path]
     return [sys.executable, "-c", f"import sys; sys.path[:] = {paths}; {program}", *arguments]
+
+
+@contextlib.contextmanager
+def environment(values: Mapping[str, str]) -> Iterator[None]:
+    """Variables of the environment that have these values within the `with` block."""
+    before = {name: os.environ.get(name) for name in values}
+    os.environ.update(values)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value

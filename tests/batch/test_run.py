@@ -17,14 +17,14 @@ from tests.helpers import run_python
 from tests.helpers.recording_stubs import NoiseTracker, write_log
 from tracker.batch import jobs, results, run, tables, task
 from tracker.batch.results import output_of
-from tracker.batch.run import Batch, Pace, duration, only_run, read_batch, run_batch, write_batch
+from tracker.batch.run import Batch, only_run, read_batch, run_batch, write_batch
 from tracker.batch.task import agreed
 from tracker.batch.workers import here
 from tracker.errors import LogError, TrackerError
 from tracker.files import claimed
 from tracker.poses.file import read_poses
 from tracker.recordings import Job, Options, Recipe
-from tracker.recordings.fingerprint import fingerprint
+from tracker.recordings.recipe import fingerprint
 from tracker.summaries.row import COLUMNS
 
 COUNT = 5
@@ -374,17 +374,6 @@ def test_no_list_leads_out_of_the_folder_of_results(output, tmp_path):
     (tmp_path / "list.json").write_text(json.dumps(content))
     with pytest.raises(LogError, match="below the folder"):
         jobs.do_share(tmp_path / "list.json", 0)
-
-
-def test_the_pace_tells_how_long_the_others_will_take():
-    pace = Pace(10, began=100.0)
-    for _ in range(4):
-        pace.tell(None, 100.0)
-    assert str(pace) == "4 of 10 done"
-    pace.tell({"frames": 600, "failure": None}, 110.0)
-    pace.tell({"frames": 600, "failure": "x"}, 130.0)
-    assert str(pace) == "6 of 10 done, 40 frames/s, 1 min left, 1 failed"
-    assert [duration(s) for s in (0.2, 59.6, 3725, 90_000)] == ["0 s", "1 min", "1 h 2 min", "1 d 1 h"]
 
 
 @pytest.mark.parametrize(

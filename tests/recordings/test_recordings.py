@@ -15,7 +15,7 @@ from tests.helpers.recording_stubs import NoiseTracker, make_job, write_log
 from tracker.errors import LogError
 from tracker.poses.file import read_poses
 from tracker.recordings import run, track
-from tracker.recordings.fingerprint import fingerprint
+from tracker.recordings.recipe import fingerprint
 from tracker.summaries.summary import summary
 
 FRAMES = 100

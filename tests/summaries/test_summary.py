@@ -15,8 +15,7 @@ from tracker.errors import LogError
 from tracker.pose.result import CameraUse
 from tracker.poses.poses import Poses
 from tracker.recordings import Tracked, run
-from tracker.summaries.origin import refuse_others, seconds_since_beginning
-from tracker.summaries.rewards import goal_columns, totals
+from tracker.summaries.rewards import goal_columns, refuse_others, seconds_since_beginning, totals
 from tracker.summaries.row import STEP, path_length
 from tracker.summaries.summary import summary, to_look_at
 

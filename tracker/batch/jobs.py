@@ -18,12 +18,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from tracker.batch.run import MAX_LIST, Batch, is_whole, pairs_of
+from tracker.batch.run import Batch, is_whole, read_asked
 from tracker.batch.task import Task, agreed, make_result
 from tracker.batch.workers import ONE_THREAD, alone, here
 from tracker.errors import LogError, TrackerError
-from tracker.files import read_bounded, write_whole
-from tracker.recordings.recipe import Options, Recipe
+from tracker.files import write_whole
+from tracker.recordings.recipe import Recipe
 
 Scheduler = Literal["htcondor", "slurm"]
 
@@ -107,11 +107,7 @@ class Description:
         return self.path.with_suffix(".json")
 
     def write(self) -> None:
-        """Write both, and make the folder that jobs write to.
-
-        Raises:
-            OSError: they cannot be written.
-        """
+        """Write both, and make the folder that jobs write to; OSError where they cannot be written."""
         (self.path.parent / "logs").mkdir(parents=True, exist_ok=True)
         write_whole(self.list_path, self.list_text)
         write_whole(self.path, self.text)
@@ -182,14 +178,7 @@ def do_share(list_path: Path, number: int) -> int:
         LogError: the list cannot be read, or there is no such job.
         TrackerError: an object, colours or a calibration is unknown or malformed.
     """
-    try:
-        content = json.loads(read_bounded(list_path, MAX_LIST))
-        options, mark = Options.of_plain(content["options"]), str(content["agreed"])
-        each, pairs = int(content["each"]), pairs_of(content)
-    except OSError as error:
-        raise LogError(f"{list_path}: cannot be read: {error.strerror}") from error
-    except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
-        raise LogError(f"{list_path}: found no list of recordings: {error}") from error
+    options, pairs, mark, each = read_asked(list_path)
     share = pairs[number * each : (number + 1) * each]
     if number < 0 or not share:
         raise LogError(f"{list_path}: found {-(-len(pairs) // each)} jobs, expected {number} below")

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from tracker.batch.patterns import recordings_of
 from tracker.batch.results import ASKED, OF_ALL, SUFFIX, failure_file, is_done, outputs_of, summary_file
@@ -20,8 +20,7 @@ from tracker.batch.task import Task, agreed, keep_failure, make_result
 from tracker.batch.workers import Engine
 from tracker.errors import LogError, reason
 from tracker.files import claimed, lock_of, read_bounded, write_whole
-from tracker.recordings.fingerprint import fingerprint
-from tracker.recordings.recipe import Job, Options, Recipe
+from tracker.recordings.recipe import Job, Options, Recipe, fingerprint
 
 MAX_LIST = 1 << 28
 """Largest list of recordings [bytes]."""
@@ -73,20 +72,34 @@ def write_batch(batch: Batch) -> None:
     write_whole(batch.folder / ASKED, json.dumps(content, indent=0) + "\n")
 
 
-def read_batch(folder: Path) -> Batch:
-    """What was asked for.
+class Asked(NamedTuple):
+    """What a list of recordings says, which others may have written."""
 
-    Raises:
-        LogError: there is no such file in the folder, or it is malformed.
-    """
-    path = folder / ASKED
+    options: Options
+    pairs: tuple[tuple[str, str], ...]
+    """See Batch."""
+    agreed: str
+    """See Task."""
+    each: int
+    """Recordings a job."""
+
+
+def read_asked(path: Path) -> Asked:
+    """The list in a file; LogError where there is no such file, or it is malformed."""
     try:
         content = json.loads(read_bounded(path, MAX_LIST))
-        return Batch(folder, Options.of_plain(content["options"]), pairs_of(content))
+        options, pairs = Options.of_plain(content["options"]), pairs_of(content)
+        return Asked(options, pairs, str(content.get("agreed", "")), int(content.get("each", 1)))
     except OSError as error:
-        raise LogError(f"{path}: cannot be read, expected a folder of results: {error.strerror}") from error
+        raise LogError(f"{path}: cannot be read, expected a list of recordings: {error.strerror}") from error
     except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
         raise LogError(f"{path}: found no batch: {' '.join(str(error).split())}") from error
+
+
+def read_batch(folder: Path) -> Batch:
+    """What was asked for in a folder of results; LogError as for `read_asked`."""
+    asked = read_asked(folder / ASKED)
+    return Batch(folder, asked.options, asked.pairs)
 
 
 def pairs_of(content: dict[str, Any]) -> tuple[tuple[str, str], ...]:
@@ -194,54 +207,3 @@ def _remove_leftovers(batch: Batch) -> None:
                     mine = target.name == ASKED  # which this run has claimed
                     with contextlib.suppress(OSError), contextlib.nullcontext() if mine else claimed(target):
                         shutil.rmtree(entry.path, ignore_errors=True)
-
-
-@dataclass
-class Pace:
-    """How quickly recordings are done, and how long the others will take."""
-
-    total: int
-    """Recordings in all."""
-    done: int = 0
-    """Those that are finished, whoever did it."""
-    tracked: int = 0
-    """Those that this run has finished, …"""
-    frames: int = 0
-    """… and their frames."""
-    failed: int = 0
-    """Those that could not be done."""
-    began: float = 0.0
-    """When this run began [s], …"""
-    now: float = 0.0
-    """… and when it was last told of a recording."""
-
-    def tell(self, result: dict[str, Any] | None, now: float) -> None:
-        """Count a recording, see Told, at a time [s]."""
-        self.done += 1
-        if result is not None:
-            self.tracked += 1
-            self.frames += result["frames"]
-            self.failed += result["failure"] is not None
-        self.now = now
-
-    def __str__(self) -> str:
-        seconds = self.now - self.began
-        if not self.tracked or seconds <= 0:
-            return f"{self.done} of {self.total} done"
-        left = (self.total - self.done) * seconds / self.tracked
-        text = (
-            f"{self.done} of {self.total} done, {self.frames / seconds:.0f} frames/s, {duration(left)} left"
-        )
-        return f"{text}, {self.failed} failed" if self.failed else text
-
-
-def duration(seconds: float) -> str:
-    """`3 min 20 s`: the two largest units."""
-    units = (("d", 86400), ("h", 3600), ("min", 60), ("s", 1))
-    rest = round(seconds)
-    parts: list[str] = []
-    for name, size in units:
-        count, rest = divmod(rest, size)
-        if count or (name == "s" and not parts):
-            parts.append(f"{count} {name}")
-    return " ".join(parts[:2])

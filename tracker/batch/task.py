@@ -11,8 +11,7 @@ from typing import Any
 from tracker.batch.results import failure_file, summary_file
 from tracker.errors import TrackerError, reason
 from tracker.files import write_whole
-from tracker.recordings.fingerprint import code
-from tracker.recordings.recipe import Job, Options, Recipe
+from tracker.recordings.recipe import Job, Options, Recipe, code
 from tracker.recordings.track import Tracked, run
 from tracker.summaries.row import row
 from tracker.summaries.summary import summary

@@ -19,6 +19,7 @@ from typing import Any, Protocol, TypeVar
 import cv2
 
 from tracker.errors import TrackerError, install
+from tracker.processes import environment
 from tracker.warm_up import warm_up
 
 _Task = TypeVar("_Task")
@@ -92,7 +93,7 @@ def processes(count: int) -> Iterator[Engine]:
     def submit(*arguments: Any) -> Future[Any]:
         return threads.submit(apply, *arguments)
 
-    with _environment(ONE_THREAD), ThreadPoolExecutor(count, initializer=_hold_interrupts) as threads:
+    with environment(ONE_THREAD), ThreadPoolExecutor(count, initializer=_hold_interrupts) as threads:
         try:
             yield functools.partial(_each, submit, lambda: count)
         except BaseException:
@@ -251,18 +252,3 @@ def _end_with_parent() -> None:
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
-
-
-@contextmanager
-def _environment(values: dict[str, str]) -> Iterator[None]:
-    """Variables that processes begun within see."""
-    before = {name: os.environ.get(name) for name in values}
-    os.environ.update(values)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value

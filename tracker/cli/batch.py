@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import json
-import sys
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
+from datetime import timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,11 +22,11 @@ from tracker.cli.options import (
     subject_options,
 )
 from tracker.cli.outputs import refuse_file
-from tracker.cli.render import listing
+from tracker.cli.render import bar, listing
 from tracker.errors import LogError
 
 if TYPE_CHECKING:
-    from tracker.batch.run import Batch, Told
+    from tracker.batch.run import Batch
     from tracker.batch.tables import State
 
 _FOLDER = click.Path(path_type=Path)
@@ -108,11 +106,17 @@ def _run(wanted: Batch, jobs: int | None, scheduler: str | None, as_csv: bool, q
     count = min(jobs or cores(), len(wanted.pairs))
     failures: dict[str, str] = {}
     fault = None
+
+    def tell(result: dict[str, Any] | None) -> None:
+        advance(1)
+        if result is not None and result["failure"] is not None:
+            failures[result["recording"]] = result["failure"]
+
     with only_run(wanted):
         write_batch(wanted)
         try:
-            with _progress(len(wanted.pairs), quiet, failures) as told:
-                run_batch(wanted, lambda: dask_workers(scheduler) if scheduler else processes(count), told)
+            with bar("recordings", len(wanted.pairs), quiet, "recordings") as advance:
+                run_batch(wanted, lambda: dask_workers(scheduler) if scheduler else processes(count), tell)
         except BaseException:
             with suppress(LogError):  # what ended the run is what is told
                 write_tables(wanted, state(wanted, failures), as_csv=as_csv)
@@ -200,41 +204,7 @@ def share(list_path: Path, number: int) -> None:
         click.get_current_context().exit(2)
 
 
-@contextmanager
-def _progress(total: int, quiet: bool, failures: dict[str, str]) -> Iterator[Told]:
-    """To be told of recordings, and keep why they failed; a line on stderr shows how far they are.
-
-    That line is there if stderr is a terminal.
-    """
-    from tracker.batch.run import Pace
-
-    pace = Pace(total, began=time.monotonic())
-
-    def count(result: dict[str, Any] | None) -> None:
-        pace.tell(result, time.monotonic())
-        if result is not None and result["failure"] is not None:
-            failures[result["recording"]] = result["failure"]
-
-    if quiet or sys.stderr is None or not sys.stderr.isatty():
-        yield count
-        return
-    from tqdm import tqdm
-
-    tqdm.monitor_interval = 0
-    line = "{percentage:3.0f}%|{bar}| {desc}"
-    with tqdm(total=total, bar_format=line, leave=False, dynamic_ncols=True, file=sys.stderr) as shown:
-
-        def told(result: dict[str, Any] | None) -> None:
-            count(result)
-            shown.set_description_str(str(pace), refresh=False)
-            shown.update(1)
-
-        yield told
-
-
 def _text(found: State) -> str:
-    from tracker.batch.run import duration
-
     rows = [
         ["recordings", str(found.total)],
         ["done", str(len(found.lines))],
@@ -246,7 +216,7 @@ def _text(found: State) -> str:
     if found.rate is not None:
         rows.append(["pace", f"{60 * found.rate:.1f} a minute"])
         if found.missing:
-            rows.append(["time left", duration(found.missing / found.rate)])
+            rows.append(["time left", str(timedelta(seconds=round(found.missing / found.rate)))])
     for recording, why in list(found.failures.items())[:5]:
         rows.append(["", why if recording in why else f"{recording}: {why}"])
     return listing(rows)

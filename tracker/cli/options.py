@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -227,4 +227,5 @@ part_options = gathered(
 
 def recording_options(subject: Subject, cameras: Cameras, part: Part) -> tracker.recordings.Options:
     """The same for any process on any machine."""
-    return tracker.recordings.Options(*astuple(subject), *astuple(cameras), *astuple(part))
+    names = {**vars(cameras), "start": part.first, "stop": part.last, "recover": part.recover}
+    return tracker.recordings.Options(subject.object_name, subject.colors_name, **names)

@@ -83,7 +83,7 @@ def _of_object(
     quiet: bool,
 ) -> tuple[FloatArray, FloatArray]:
     """Times (n,) [s] and rewards (n,) of the poses of all frames."""
-    from tracker.summaries.origin import seconds_since_beginning
+    from tracker.summaries.rewards import seconds_since_beginning
     from tracker.summaries.summary import best_kind
 
     if poses_path is not None:
@@ -104,7 +104,7 @@ def _of_object(
 
 def _refuse_others(path: Path, poses: tracker.Poses, job: Path, object_name: str | None) -> None:
     """Refuse poses of another recording, where it is there, or of another object."""
-    from tracker.summaries.origin import refuse_others
+    from tracker.summaries.rewards import refuse_others
 
     found = poses.about.object_name
     if object_name is not None and tracker.load_object(object_name).name != found:

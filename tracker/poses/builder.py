@@ -2,35 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from tracker.conventions import Array
 from tracker.errors import LogError
+from tracker.pose.result import Observation
 from tracker.poses.columns import FilteredColumns, MeasuredColumns, PoseColumns, float_array
 from tracker.poses.poses import KINDS, About, Kind, Poses
 from tracker.stamps import one_stamp
-
-
-class Answer(Protocol):
-    """What `ObjectTracker.update` returns, as far as it is needed here."""
-
-    @property
-    def object_pose(self) -> Any:
-        """The measured pose with position, orientation, covariance and confidence, or None."""
-
-    @property
-    def filtered_object_pose(self) -> Any:
-        """The fused pose, which has velocity and velocity_covariance too, or None."""
-
-    @property
-    def status(self) -> Any:
-        """An enum whose value is a text, or the text."""
-
-    @property
-    def cameras(self) -> Any:
-        """Such an enum or text for each camera, in the order of the rig; none where that is not known."""
 
 
 class PosesBuilder:
@@ -51,7 +32,7 @@ class PosesBuilder:
     def __len__(self) -> int:
         return len(self._index)
 
-    def append(self, index: int, timestamp: float, answer: Answer, recorded: Any = None) -> None:
+    def append(self, index: int, timestamp: float, answer: Observation, recorded: Any = None) -> None:
         """Add a frame.
 
         Args:
@@ -97,7 +78,7 @@ class PosesBuilder:
             cameras=self._camera_column() if any(any(uses) for uses in self._cameras) else None,
         )
 
-    def _uses(self, answer: Answer) -> list[str]:
+    def _uses(self, answer: Observation) -> list[str]:
         """What became of each camera's picture."""
         rig, uses = self._about.rig, [_text(use) for use in answer.cameras]
         if uses and len(uses) != len(rig):

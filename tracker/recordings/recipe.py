@@ -1,4 +1,8 @@
-"""What is looked for in recordings and how, the same for all of them; and one of them to be done."""
+"""What is looked for in recordings and how, the same for all of them, and what the poses of one depend on.
+
+A fingerprint tells whether poses of an earlier run fit. Names, sizes and times of change of the recording's
+files and of the calibration beside it stand for their content, which would take as long to read as to track.
+"""
 
 from __future__ import annotations
 
@@ -6,49 +10,42 @@ import dataclasses
 import functools
 import hashlib
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
+import cv2
+import numba
 import numpy as np
+import scipy
 
 from tracker.calibration.rig import CameraRig
 from tracker.checks import is_whole
-from tracker.conventions import Image
 from tracker.errors import LogError, shown
+from tracker.logs.opening import calibration_files, recording_files
 from tracker.objects.model import CuboidModel, load_object
 from tracker.pipeline import ObjectTracker
-from tracker.poses.builder import Answer
 from tracker.segmentation.color_model import ColorModel, load_colors
 
-
-class MovingTracker(Protocol):
-    """What of ObjectTracker is needed here."""
-
-    def update(self, images: Sequence[Image | None], timestamp: float) -> Answer:
-        """The poses at a time [s], with memory of those before."""
-
-    def reset(self) -> None:
-        """Forget everything."""
-
+_OTHERS = (
+    *("batch", "cli", "color_learning", "calibration/board", "calibration/by_object", "live"),
+    *("summaries", "tasks", "viz"),
+)
+"""Parts of the package on which no pose depends."""
 
 MakeTracker = Callable[[CuboidModel, CameraRig, ColorModel], Any]
-"""Makes a MovingTracker; can be pickled by its name."""
+"""Makes what has `update` and `reset` as ObjectTracker has them; can be pickled by its name."""
 
 
-@dataclass(frozen=True)
-class Options:
-    """What a user asks for, in plain values that any process on any machine understands."""
+@dataclass(frozen=True, kw_only=True)
+class Reading:
+    """How recordings are read, and what tracks.
 
-    object: str
-    """The object, or its TOML file."""
-    colors: str | None = None
-    """The colour model, or its file; None: the object's."""
-    calibration: tuple[str, ...] = ()
-    """A folder of calibration files, or a file for each camera; none: that of each recording."""
-    pattern: str | None = None
-    """Which files of the folder."""
+    Raises:
+        LogError: a number of a frame is none.
+    """
+
     correct_halved_principal_point: bool = False
     """Whether the calibration was halved without the quarter pixel."""
     resize_calibration: bool = False
@@ -60,6 +57,25 @@ class Options:
     recover: bool = False
     """Whether to leave out what is damaged of a recording."""
     make_tracker: MakeTracker = ObjectTracker
+
+    def __post_init__(self) -> None:
+        for name, number in (("start", self.start), ("stop", 0 if self.stop is None else self.stop)):
+            if not is_whole(number) or not 0 <= number < 2**63:
+                raise LogError(f"{name}: found {shown(number)}, expected the number of a frame, from 0 on")
+
+
+@dataclass(frozen=True)
+class Options(Reading):
+    """What a user asks for, in plain values that any process on any machine understands."""
+
+    object: str
+    """The object, or its TOML file."""
+    colors: str | None = None
+    """The colour model, or its file; None: the object's."""
+    calibration: tuple[str, ...] = ()
+    """A folder of calibration files, or a file for each camera; none: that of each recording."""
+    pattern: str | None = None
+    """Which files of the folder."""
 
     def absolute(self) -> Options:
         """The same where the working folder is another."""
@@ -87,7 +103,7 @@ class Options:
 
 
 @dataclass(frozen=True, eq=False)
-class Recipe:
+class Recipe(Reading):
     """The same, loaded."""
 
     model: CuboidModel
@@ -96,22 +112,6 @@ class Recipe:
     """Its colours."""
     rig: CameraRig | None = None
     """The cameras; None: those of each recording."""
-    correct_halved_principal_point: bool = False
-    """Whether the calibration of recordings was halved without the quarter pixel."""
-    resize_calibration: bool = False
-    """Whether a calibration of another size is scaled to the images'."""
-    start: int = 0
-    """Number of the first frame that is tracked."""
-    stop: int | None = None
-    """Number of the first frame after them; None: the recording's end."""
-    recover: bool = False
-    """Whether to leave out what is damaged of a recording."""
-    make_tracker: MakeTracker = ObjectTracker
-
-    def __post_init__(self) -> None:
-        for name, number in (("start", self.start), ("stop", 0 if self.stop is None else self.stop)):
-            if not is_whole(number) or not 0 <= number < 2**63:
-                raise LogError(f"{name}: found {shown(number)}, expected the number of a frame, from 0 on")
 
     @classmethod
     def of(cls, options: Options) -> Recipe:
@@ -128,17 +128,8 @@ class Recipe:
                 pattern=options.pattern,
                 correct_halved_principal_point=options.correct_halved_principal_point,
             )
-        return cls(
-            model,
-            load_colors(options.colors or model.colors),
-            rig,
-            options.correct_halved_principal_point,
-            options.resize_calibration,
-            options.start,
-            options.stop,
-            options.recover,
-            options.make_tracker,
-        )
+        reading = {field.name: getattr(options, field.name) for field in dataclasses.fields(Reading)}
+        return cls(model, load_colors(options.colors or model.colors), rig, **reading)
 
     @functools.cached_property
     def digest(self) -> str:
@@ -171,3 +162,44 @@ class Job:
     """The file of poses."""
     recipe: Recipe
     """What is looked for and how."""
+
+
+def fingerprint(job: Job) -> str:
+    """Hexadecimal digits that differ where the poses might.
+
+    Raises:
+        OSError: the recording cannot be looked at.
+    """
+    recipe = job.recipe
+    digest = hashlib.sha256(f"{code()}\0{recipe.digest}\0".encode())
+    digest.update(os.fsencode(os.path.abspath(job.log)))
+    files = list(recording_files(job.log))
+    if recipe.rig is None:
+        files += calibration_files(job.log)
+    for path in files:
+        digest.update(_about(path, job.log))
+    return digest.hexdigest()
+
+
+@functools.cache
+def code() -> str:
+    """Hash of what computes poses: this package's sources, and the versions of the libraries below it."""
+    versions = [module.__version__ for module in (np, scipy, cv2, numba)]
+    digest = hashlib.sha256(repr(versions).encode())
+    root = Path(__file__).parents[1]
+    for path in sorted(_sources(root)):
+        digest.update(f"\0{path.relative_to(root)}\0".encode())
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+def _sources(root: Path) -> Iterator[Path]:
+    for path in root.rglob("*.py"):
+        if not path.relative_to(root).as_posix().startswith(tuple(f"{name}/" for name in _OTHERS)):
+            yield path
+
+
+def _about(path: Path, log: Path) -> bytes:
+    about = path.stat()
+    name = os.fsencode(os.path.relpath(path, log))
+    return name + f"\0{about.st_size}\0{about.st_mtime_ns}\0".encode()

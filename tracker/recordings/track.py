@@ -21,8 +21,7 @@ from tracker.objects.model import CuboidModel
 from tracker.poses.builder import PosesBuilder
 from tracker.poses.file import read_fingerprint, read_poses, write_poses
 from tracker.poses.poses import About, Poses
-from tracker.recordings.fingerprint import fingerprint
-from tracker.recordings.recipe import Job, Recipe
+from tracker.recordings.recipe import Job, Recipe, fingerprint
 from tracker.segmentation.color_model import ColorModel
 from tracker.version import version
 from tracker.warm_up import warm_up

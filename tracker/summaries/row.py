@@ -8,11 +8,12 @@ import numpy as np
 
 from tracker.conventions import FloatArray
 from tracker.pose.result import CameraUse
-from tracker.poses.poses import Poses, compare
+from tracker.poses.columns import FilteredColumns
+from tracker.poses.poses import Poses
 from tracker.recordings.recipe import Job
 from tracker.recordings.track import Tracked, unicode_text
 from tracker.summaries.rewards import goal_columns
-from tracker.summaries.summary import best_kind
+from tracker.summaries.summary import best_kind, summary
 from tracker.summaries.swapped import told_of_recording
 
 STEP = 0.002
@@ -58,7 +59,7 @@ COLUMNS: dict[str, type] = {
 
 def row(job: Job, tracked: Tracked) -> dict[str, Any]:
     """The line about a recording, under COLUMNS; None where there is nothing to tell."""
-    poses = tracked.poses
+    poses, numbers = tracked.poses, summary(tracked)
     found: dict[str, Any] = {
         "recording": unicode_text(str(job.log)),
         "output": unicode_text(job.output.name),
@@ -68,8 +69,16 @@ def row(job: Job, tracked: Tracked) -> dict[str, Any]:
         "expected_frames": tracked.expected,
     }
     if len(poses):
-        found |= {**_shares(poses), **_sure(poses), **_worst(poses), **_motion(poses), **_recorded(poses)}
-        found |= {"swapped": told_of_recording(job, poses), **goal_columns(job.log, poses, job.recipe.model)}
+        shares = {f"share_{name}": float(np.mean(poses.status == name)) for name in ("coasting", "lost")}
+        recorded = {f"recorded_{name}": value for name, value in (numbers["recorded"] or {}).items()}
+        found |= {
+            "seconds": float(poses.timestamp[-1] - poses.timestamp[0]),
+            "share_found": numbers["measured"],
+            "share_filtered": numbers["filtered"],
+            "swapped": told_of_recording(job, poses),
+        }
+        found |= {**shares, **recorded, **_worst(numbers["cameras"] or {}), **_sure_and_far(poses)}
+        found |= goal_columns(job.log, poses, job.recipe.model)
     return {name: found.get(name) for name in COLUMNS}
 
 
@@ -83,53 +92,30 @@ def path_length(positions: FloatArray) -> float:
     return length
 
 
-def _shares(poses: Poses) -> dict[str, float]:
-    return {
-        "seconds": float(poses.timestamp[-1] - poses.timestamp[0]),
-        "share_found": float(np.mean(poses.measured.has_pose)),
-        "share_filtered": float(np.mean(poses.filtered.has_pose)),
-        "share_coasting": float(np.mean(poses.status == "coasting")),
-        "share_lost": float(np.mean(poses.status == "lost")),
-    }
-
-
-def _sure(poses: Poses) -> dict[str, float]:
-    columns = poses.filtered if best_kind(poses) == "filtered" else poses.measured
-    if not columns.has_pose.any():
+def _worst(cameras: dict[str, dict[str, float | None]]) -> dict[str, Any]:
+    """The camera that contradicts the others most, and in which share of the frames with a measured pose."""
+    shares = {name: its[CameraUse.CONTRADICTING.value] for name, its in cameras.items()}
+    known = {name: share for name, share in shares.items() if share is not None}
+    if not known:
         return {}
+    worst = max(known, key=known.__getitem__)
+    return {"worst_camera": worst if known[worst] else None, "worst_camera_contradicting": known[worst]}
+
+
+def _sure_and_far(poses: Poses) -> dict[str, float]:
+    """How sure the poses are, and where and how quickly the object went."""
+    columns = poses.filtered if best_kind(poses) == "filtered" else poses.measured
     some = columns.take(columns.has_pose)
+    if not len(some):
+        return {}
     std = np.sqrt(np.diagonal(some.covariance, axis1=1, axis2=2))
-    return {
+    found = {
         "confidence_median": float(np.median(some.confidence)),
         "position_std_median_mm": 1e3 * float(np.median(std[:, :3].max(axis=1))),
         "rotation_std_median_deg": float(np.degrees(np.median(std[:, 3:].max(axis=1)))),
+        "path_length_m": path_length(some.position),
+        "height_max_m": float(some.position[:, 2].max()),
     }
-
-
-def _worst(poses: Poses) -> dict[str, Any]:
-    """The camera that contradicts the others most, and in which share of the frames with a measured pose."""
-    if poses.cameras is None or not poses.measured.has_pose.any():
-        return {}
-    shares = np.mean(poses.cameras[poses.measured.has_pose] == CameraUse.CONTRADICTING.value, axis=0)
-    worst = int(np.argmax(shares))
-    name = poses.about.rig.names[worst] if shares[worst] else None
-    return {"worst_camera": name, "worst_camera_contradicting": float(shares[worst])}
-
-
-def _motion(poses: Poses) -> dict[str, float]:
-    columns = poses.columns(best_kind(poses))
-    positions = columns.position[columns.has_pose]
-    if not len(positions):
-        return {}
-    found = {"path_length_m": path_length(positions), "height_max_m": float(positions[:, 2].max())}
-    if poses.filtered.has_pose.any():
-        speed = np.linalg.norm(poses.filtered.velocity[poses.filtered.has_pose, :3], axis=1)
-        found["speed_p99_m_per_s"] = float(np.percentile(speed, FAST))
+    if isinstance(some, FilteredColumns):
+        found["speed_p99_m_per_s"] = float(np.percentile(np.linalg.norm(some.velocity[:, :3], axis=1), FAST))
     return found
-
-
-def _recorded(poses: Poses) -> dict[str, float | None]:
-    if poses.recorded is None:
-        return {}
-    numbers = compare(poses, best_kind(poses))
-    return {f"recorded_{name}": numbers[name] for name in numbers if name.startswith(("position", "angle"))}

@@ -19,7 +19,7 @@ from tracker.calibration.rig import CameraRig
 from tracker.errors import ImageError, TrackerError, install
 from tracker.files import whole_file
 from tracker.objects.model import CuboidModel
-from tracker.processes import python_command
+from tracker.processes import environment, python_command
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -80,7 +80,8 @@ def open_scene(path: str | os.PathLike[str] | None, rig: CameraRig, model: Cuboi
     if target is not None and target.suffix.lower() != ".rrd":
         raise ImageError(f"view {target}: found suffix {target.suffix!r}, expected .rrd")
     require_rerun()
-    with _silent():
+    # Errors are raised, and need not be on stderr in Rerun's own words, too.
+    with environment({"RUST_LOG": os.environ.get("RUST_LOG", "off")}):
         import rerun as rr
 
         from tracker.viz.rerun_scene import FLUSH_SECONDS, Scene, layout
@@ -132,20 +133,6 @@ def _check(path: Path) -> None:
         RrdReader(path).store()
     except ValueError as error:
         raise OSError(f"its end is missing: {error}") from error
-
-
-@contextmanager
-def _silent() -> Iterator[None]:
-    """While Rerun is imported: errors are raised, and need not be on stderr in its own words, too."""
-    before = os.environ.get("RUST_LOG")
-    os.environ["RUST_LOG"] = before or "off"
-    try:
-        yield
-    finally:
-        if before is None:
-            del os.environ["RUST_LOG"]
-        else:
-            os.environ["RUST_LOG"] = before
 
 
 def viewer_address() -> str:
