@@ -5,7 +5,7 @@ other, and are what processes and machines share. Each has one file of poses, wh
 from: what is there and whole is not made again.
 """
 
-from tracker.recordings.recipe import Job, Options, Recipe
+from tracker.recordings.recipe import Job, Options, Reading, Recipe
 from tracker.recordings.track import Tracked, run, track
 
-__all__ = ["Job", "Options", "Recipe", "Tracked", "run", "track"]
+__all__ = ["Job", "Options", "Reading", "Recipe", "Tracked", "run", "track"]
