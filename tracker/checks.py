@@ -7,7 +7,7 @@ import numbers
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TypeGuard, TypeVar
+from typing import Any, TypeGuard, TypeVar
 
 import numpy as np
 
@@ -58,6 +58,11 @@ def is_number(value: object) -> bool:
         return False
 
 
+def described(array: Any) -> str:
+    """Type and shape of an array, or of what has them as one, for messages."""
+    return f"{array.dtype} of shape {array.shape}"
+
+
 def float_rows(given: object, width: int, what: str, fault: type[TrackerError]) -> FloatArray:
     """Rows (N, width) in double precision; `fault`, which names `what`, where the numbers make none."""
     try:
@@ -77,8 +82,10 @@ def float_array(
         array = np.array(given)
     except (TypeError, ValueError):  # a ragged sequence
         array = np.array(None)
-    if array.dtype.kind not in "iuf" or array.shape != shape:
-        found = f"shape {array.shape}" if array.dtype.kind in "iuf" else shown(given)
+    numeric = array.dtype.kind in "iuf"
+    if not numeric or array.shape != shape:
+        other = described(array) if isinstance(given, np.ndarray) else shown(given)
+        found = f"shape {array.shape}" if numeric else other
         raise fault(f"{what}: found {found}, expected numbers of shape {shape}")
     result: FloatArray = array.astype(np.float64, copy=False)
     if finite and not np.isfinite(result).all():

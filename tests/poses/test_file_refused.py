@@ -207,8 +207,8 @@ def test_impossible_rows_are_refused(rng, name, rows, value, message):
 @pytest.mark.parametrize(
     ("name", "value", "message"),
     [
-        ("position", np.zeros((3, 2)), r"position: found shape \(3, 2\), expected \(3, 3\)"),
-        ("position", "text", "position: found <U4 of shape"),
+        ("position", np.zeros((3, 2)), r"position: found shape \(3, 2\), .* \(3, 3\)"),
+        ("position", "text", "position: found 'text', expected numbers"),
         ("covariance", np.zeros((2, 6, 6)), r"covariance: found shape \(2, 6, 6\)"),
         ("has_pose", np.ones(3), "has_pose: found float64"),
         ("has_pose", np.ones((3, 1), bool), r"has_pose: found bool of shape \(3, 1\)"),

@@ -91,7 +91,7 @@ def of(poses: Poses, **changes) -> Poses:
         ({"index": np.arange(3.0)}, "index: found float64"),
         ({"timestamp": np.array([0, np.nan, 1])}, "timestamp: row 1: found nan"),
         ({"timestamp": np.array([0, 1, 2e18])}, "timestamp: row 2: found 2e.18, expected a time in seconds"),
-        ({"timestamp": ["0", "1", "2"]}, "timestamp: found <U1 .*, expected numbers"),
+        ({"timestamp": ["0", "1", "2"]}, "timestamp: found a list of 3, expected numbers"),
         ({"timestamp": np.arange(3).astype("datetime64[ns]")}, "timestamp: found datetime64"),
         ({"timestamp": np.zeros(2)}, r"timestamp: found shape \(2,\)"),
         ({"status": np.zeros(3)}, "status: found float64"),

@@ -25,6 +25,7 @@ from typing import Any
 import h5py
 import numpy as np
 
+from tracker.checks import described
 from tracker.conventions import Array
 from tracker.errors import LogError
 from tracker.files.reading import cannot_read, open_regular
@@ -151,7 +152,7 @@ def array(file: Any, name: str, shape: tuple[int, ...], kinds: str, where: str =
     """
     stored = dataset(file, name, where)
     if stored.dtype.kind not in kinds or stored.shape != shape:
-        raise LogError(f"{where}{name}: found {shown(stored)}, expected {TYPES[kinds]} of shape {shape}")
+        raise LogError(f"{where}{name}: found {described(stored)}, expected {TYPES[kinds]} of shape {shape}")
     with faults_as_log_errors(f"{where}{name}"):
         size, there = math.prod(shape) * stored.dtype.itemsize, int(stored.id.get_storage_size())
         if size > max(_SMALL, _MAX_RATIO * there):
@@ -178,9 +179,9 @@ def attribute(item: Any, name: str, kinds: str, shape: tuple[int, ...] | None) -
     stored = item.attrs.get_id(name)
     # Before it is read: the library does not survive damaged texts.
     if stored.dtype.kind not in kinds or (len(stored.shape) != 1 if shape is None else stored.shape != shape):
-        raise LogError(f"{name}: found {shown(stored)}, expected {wanted}")
+        raise LogError(f"{name}: found {described(stored)}, expected {wanted}")
     if math.prod(stored.shape) * stored.dtype.itemsize > _MAX_ATTRIBUTE:
-        raise LogError(f"{name}: found {shown(stored)}, expected at most {_MAX_ATTRIBUTE} bytes")
+        raise LogError(f"{name}: found {described(stored)}, expected at most {_MAX_ATTRIBUTE} bytes")
     return np.asarray(item.attrs[name])
 
 
@@ -238,11 +239,6 @@ def check_unpacked(dataset: h5py.Dataset) -> None:
         skipped, packed = dataset.id.read_direct_chunk(dataset.id.get_chunk_info(number).chunk_offset)
         if not skipped >> place & 1:
             inflated(packed[: len(packed) - 4 * sum(sums[place:])], block)
-
-
-def shown(stored: Any) -> str:
-    """Type and shape of a dataset or an attribute in words, for messages."""
-    return f"{stored.dtype} of shape {stored.shape}"
 
 
 def _item(file: Any, name: str, what: str) -> Any:

@@ -19,6 +19,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from tracker.checks import described
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import LogError
 from tracker.files import cannot_read, hdf5, open_regular
@@ -44,7 +45,7 @@ class StoredImages:
         sides = len(shape) == 4 and all(MIN_SIDE <= side <= MAX_SIDE for side in shape[2:])
         if not sides or not 1 <= shape[1] <= MAX_CAMERAS or field.dtype != np.uint8:
             raise LogError(
-                f"{where}: images: found {field.dtype} of shape {shape}, expected uint8 of (frames, 1 to "
+                f"{where}: images: found {described(field)}, expected uint8 of (frames, 1 to "
                 f"{MAX_CAMERAS} cameras, {MIN_SIDE} to {MAX_SIDE} rows, as many columns)"
             )
         self._field = field
@@ -116,7 +117,7 @@ class Rows:
         """Args: a field of shape (n, width), or (n,) where width is 1; LogError if it is another."""
         shape = field.shape or ()
         if not shape or math.prod(shape[1:]) != width or field.dtype not in (np.float64, np.bool_, np.uint8):
-            raise LogError(f"{what}: found {hdf5.shown(field)}, expected {width} numbers for each frame")
+            raise LogError(f"{what}: found {described(field)}, expected {width} numbers for each frame")
         with hdf5.faults_as_log_errors(what):
             hdf5.check_unpacked(field)
         self._field, self._width, self._what = field, width, what
@@ -155,7 +156,7 @@ def read_names(field: h5py.Dataset, count: int, path: Path) -> tuple[str, ...]:
         size = _REFERENCE.size if variable else int(kind.get_size())
         offset = field.id.get_offset()
         if field.shape != (count,) or not (fixed or variable) or size > _MAX_NAME or offset is None:
-            raise LogError(f"found {field.dtype} of shape {field.shape}, expected {count} names")
+            raise LogError(f"found {described(field)}, expected {count} names")
         if field.id.get_storage_size() != count * size:
             raise LogError(f"found {field.id.get_storage_size()} bytes, expected {count * size}")
     try:
@@ -234,9 +235,7 @@ def _of_camera(file: h5py.File, name: str, where: str) -> Settings | None:
     if field is None:
         return None
     if field.dtype != np.uint8 or field.ndim != 1 or field.size > _MAX_SETTINGS:
-        raise LogError(
-            f"{what}: found {field.dtype} of shape {field.shape}, expected up to {_MAX_SETTINGS} bytes"
-        )
+        raise LogError(f"{what}: found {described(field)}, expected up to {_MAX_SETTINGS} bytes")
     with hdf5.faults_as_log_errors(what):
         values = json.loads(field[:].tobytes(), parse_constant=_refuse)
     plain = isinstance(values, dict) and all(

@@ -10,9 +10,10 @@ import numpy as np
 
 from tracker.calibration.camera_info import read_rig
 from tracker.calibration.rig import CameraRig
+from tracker.checks import described
 from tracker.conventions import Image
 from tracker.errors import LogError
-from tracker.files.hdf5 import TooLong, check_stated_end, faults_as_log_errors, find, open_file, shown, text
+from tracker.files.hdf5 import TooLong, check_stated_end, faults_as_log_errors, find, open_file, text
 from tracker.logs.frame import LogFrame, RecordedPose, checked_stamp, empty_frame, is_empty, pose_from_record
 from tracker.logs.hdf5_fields import Rows, StoredImages, read_names, read_settings
 from tracker.logs.log import DEFAULT_NAMES, Settings, Source
@@ -148,7 +149,7 @@ class Hdf5Source(Source):
             # Before it is read: the library does not survive damaged texts.
             whole = isinstance(attribute.get_type(), h5py.h5t.TypeIntegerID)
             if not whole or attribute.shape not in ((), (1,)) or attribute.dtype.itemsize > 8:
-                raise LogError(f"found {shown(attribute)}, expected a whole number")
+                raise LogError(f"found {described(attribute)}, expected a whole number")
             return int(np.asarray(self._file.attrs[name]).reshape(()))
 
     def _check_head(self) -> None:

@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from tracker.checks import float_array
 from tracker.conventions import Array
 from tracker.errors import LogError
 from tracker.pose.result import Observation
-from tracker.poses.columns import FilteredColumns, MeasuredColumns, PoseColumns, float_array
+from tracker.poses.columns import FilteredColumns, MeasuredColumns, PoseColumns
 from tracker.poses.poses import KINDS, About, Kind, Poses
 from tracker.stamps import one_stamp
 
@@ -116,5 +117,5 @@ def _row(kind: Kind, pose: Any, columns: type[PoseColumns]) -> dict[str, Array] 
             value = np.full(shape, np.nan)
         if value is None:  # which NumPy would take for NaN
             raise LogError(f"{kind} pose: {name}: found none, expected numbers of shape {shape}")
-        row[name] = float_array(f"{kind} pose: {name}", value, shape)
+        row[name] = float_array(value, shape, f"{kind} pose: {name}", LogError, finite=False)
     return row

@@ -11,6 +11,7 @@ from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
+from tracker.checks import described, float_array
 from tracker.conventions import Array, FloatArray
 from tracker.errors import LogError
 
@@ -57,7 +58,8 @@ class PoseColumns:
             raise LogError(f"has_pose: found {described(has_pose)}, expected bool of shape (n,)")
         _set(self, "has_pose", has_pose)
         for name, row_shape in self.ROW_SHAPES.items():
-            column = float_array(name, getattr(self, name), (len(has_pose), *row_shape))
+            shape = (len(has_pose), *row_shape)
+            column = float_array(getattr(self, name), shape, name, LogError, finite=False)
             _set(self, name, column)
             self._check_rows(name, column)
         self._check_values()
@@ -138,25 +140,6 @@ class FilteredColumns(MeasuredColumns):
         _check_covariance("velocity_covariance", self.has_pose, self.velocity_covariance)
 
 
-def float_array(name: str, value: object, shape: tuple[int, ...]) -> FloatArray:
-    """A read-only copy in double precision.
-
-    Raises:
-        LogError: `value` is of another shape, or no numbers.
-    """
-    try:
-        array = np.array(value)
-    except (TypeError, ValueError) as error:  # a ragged sequence
-        raise LogError(f"{name}: found {type(value).__name__}, expected numbers of shape {shape}") from error
-    if array.dtype.kind not in "fiu":  # NumPy would take texts and times for numbers
-        raise LogError(f"{name}: found {described(array)}, expected numbers of shape {shape}")
-    array = array.astype(np.float64)
-    if array.shape != shape:
-        raise LogError(f"{name}: found shape {array.shape}, expected {shape}")
-    array.flags.writeable = False
-    return array
-
-
 def refuse(name: str, bad: Array, column: Array, valid: str) -> None:
     """Raise a LogError that shows the first row of `column` where `bad` (n,) is true, if there is one."""
     if bad.any():
@@ -164,11 +147,6 @@ def refuse(name: str, bad: Array, column: Array, valid: str) -> None:
         found = " ".join(f"{value:g}" for value in column[row].ravel()[:6])
         more = " …" if column[row].size > 6 else ""
         raise LogError(f"{name}: row {row}: found {found}{more}, expected {valid}")
-
-
-def described(array: Array) -> str:
-    """Type and shape in words, for messages."""
-    return f"{array.dtype} of shape {array.shape}"
 
 
 def _check_covariance(name: str, has_pose: Array, column: FloatArray) -> None:

@@ -18,7 +18,7 @@ import numpy as np
 
 from tracker.calibration.camera_info import CAMERA_DATASETS, read_camera
 from tracker.calibration.rig import CameraRig
-from tracker.checks import path_of
+from tracker.checks import described, path_of
 from tracker.conventions import Array
 from tracker.errors import CalibrationError, LogError
 from tracker.files import hdf5, told_as, write_whole
@@ -252,7 +252,7 @@ def _texts(file: Any, name: str, shape: tuple[int, ...]) -> Array:
 def _rig(file: Any) -> CameraRig:
     dataset = hdf5.dataset(file, "camera_names")
     if dataset.ndim != 1 or dataset.dtype.kind != "S" or dataset.shape[0] > _MAX_CAMERAS:
-        found = hdf5.shown(dataset)
+        found = described(dataset)
         raise LogError(f"/camera_names: found {found}, expected up to {_MAX_CAMERAS} {hdf5.TYPES['S']}")
     return CameraRig(tuple(_camera(file, name) for name in hdf5.decoded(np.asarray(dataset[()]))))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from importlib import import_module
 from typing import Any, Literal
@@ -10,18 +10,12 @@ from typing import Any, Literal
 import numpy as np
 
 from tracker.calibration.rig import CameraRig
+from tracker.checks import described, float_array, of_kind
 from tracker.conventions import Array, FloatArray
-from tracker.errors import LogError, TrackerError, shown
+from tracker.errors import LogError, TrackerError
 from tracker.geometry import cuboid, so3
 from tracker.objects.model import CuboidModel
-from tracker.poses.columns import (
-    FilteredColumns,
-    MeasuredColumns,
-    PoseColumns,
-    described,
-    float_array,
-    refuse,
-)
+from tracker.poses.columns import FilteredColumns, MeasuredColumns, PoseColumns, refuse
 from tracker.stamps import LATEST
 
 _POSE = ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw", "confidence")
@@ -47,60 +41,13 @@ _AXES = {3: "axis", 4: "xyzw", 6: "twist"}
 """Names of axes by their lengths."""
 
 
-def numbers_of(
-    measured: MeasuredColumns, filtered: FilteredColumns, recorded: PoseColumns | None
-) -> FloatArray:
-    """(n, k) the columns of numbers under CSV_HEADER, after the status; NaN where there is none."""
-    parts = [
-        *_pose_and_std(measured),
-        *_pose_and_std(filtered),
-        filtered.velocity,
-        _std(filtered.velocity_covariance),
-        *_pose(PoseColumns.nothing(len(measured)) if recorded is None else recorded),
-    ]
-    return np.concatenate(parts, axis=1)
-
-
-def camera_cells(cameras: Array) -> Array:
-    """(n,) what became of each frame's pictures, as one text; from (n, C) texts."""
-    cells = [CAMERA_SEPARATOR.join(uses) if any(uses) else "" for uses in cameras.tolist()]
-    return np.array(cells, dtype=np.str_)
-
-
-def along_frames(kinds: Mapping[str, PoseColumns | None]) -> dict[str, tuple[tuple[str, ...], Array]]:
-    """Whole arrays of each kind of poses with the names of their axes, as xarray takes them."""
-    found = {}
-    for kind, columns in kinds.items():
-        for name, array in columns.arrays().items() if columns is not None else ():
-            axes = [_AXES[size] + ("_too" if k else "") for k, size in enumerate(array.shape[1:])]
-            found[f"{kind}_{name}"] = (("frame", *axes), array)
-    return found
-
-
 def package(name: str) -> Any:
-    """A package, or a part of one, that not everybody needs.
-
-    Raises:
-        TrackerError: it is missing.
-    """
+    """A package, or a part of one, that not everybody needs; TrackerError where it is missing."""
     try:
         return import_module(name)
     except ImportError as error:
         missing = name.partition(".")[0]
         raise TrackerError(f"this needs the package {missing}: pip install {missing}") from error
-
-
-def _pose(columns: PoseColumns) -> list[FloatArray]:
-    return [columns.position, columns.orientation, columns.confidence[:, None]]
-
-
-def _pose_and_std(columns: MeasuredColumns) -> list[FloatArray]:
-    return [*_pose(columns), _std(columns.covariance)]
-
-
-def _std(covariance: FloatArray) -> FloatArray:
-    result: FloatArray = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-    return result
 
 
 Kind = Literal["measured", "filtered", "recorded"]
@@ -192,7 +139,8 @@ class Poses:
         count = len(index)
         bad = np.diff(self.index, prepend=-1) <= 0
         refuse("index", bad, self.index, "frame numbers from 0 on that increase")
-        object.__setattr__(self, "timestamp", float_array("timestamp", self.timestamp, (count,)))
+        times = float_array(self.timestamp, (count,), "timestamp", LogError, finite=False)
+        object.__setattr__(self, "timestamp", times)
         bad = ~(np.abs(self.timestamp) <= LATEST)
         refuse("timestamp", bad, self.timestamp, f"a time in seconds, up to {LATEST:g}")
         _freeze(self, "status", _texts("status", self.status, (count,)))
@@ -236,9 +184,11 @@ class Poses:
 
         keypoints_of: the object, whose corners are columns too, such as `filtered_keypoint0_x_m`.
         """
-        cells = camera_cells(_cameras(self))
-        numbers = numbers_of(self.measured, self.filtered, self.recorded)
-        columns = [self.index, self.timestamp, self.status, *numbers.T, cells]
+        recorded = PoseColumns.nothing(len(self)) if self.recorded is None else self.recorded
+        filtered = [*_numbers(self.filtered), self.filtered.velocity, _std(self.filtered.velocity_covariance)]
+        numbers = np.concatenate([*_numbers(self.measured), *filtered, *_numbers(recorded)], axis=1)
+        cells = [CAMERA_SEPARATOR.join(uses) if any(uses) else "" for uses in _cameras(self).tolist()]
+        columns = [self.index, self.timestamp, self.status, *numbers.T, np.array(cells, dtype=np.str_)]
         corners = {
             f"{kind}_keypoint{i}_{axis}_m": points[:, i, k]
             for kind, points in self.keypoints(keypoints_of).items()
@@ -257,10 +207,7 @@ class Poses:
         """
         if model is None:
             return {}
-        if not isinstance(model, CuboidModel):
-            raise LogError(
-                f"keypoints: found {shown(model)}, expected an object, as tracker.load_object gives"
-            )
+        of_kind(model, CuboidModel, "keypoints", LogError, "tracker.load_object")
         found = {}
         for kind in KINDS:
             columns = getattr(self, kind) or PoseColumns.nothing(len(self))
@@ -287,7 +234,11 @@ class Poses:
         variables: dict[str, Any] = {"timestamp": ("frame", self.timestamp), "status": ("frame", self.status)}
         if self.cameras is not None:
             variables["cameras"] = (("frame", "camera"), self.cameras)
-        variables |= along_frames({kind: getattr(self, kind) for kind in KINDS})
+        for kind in KINDS:
+            columns: PoseColumns | None = getattr(self, kind)
+            for name, array in {} if columns is None else columns.arrays().items():
+                axes = [_AXES[size] + ("_too" if k else "") for k, size in enumerate(array.shape[1:])]
+                variables[f"{kind}_{name}"] = (("frame", *axes), array)
         for kind, points in self.keypoints(keypoints_of).items():
             variables[f"{kind}_keypoints"] = (("frame", "keypoint", "axis"), points)
         coordinates = {
@@ -345,6 +296,17 @@ def concatenate(parts: Sequence[Poses]) -> Poses:
 def _cameras(part: Poses) -> Array:
     """(n, C) what became of each picture, unknown where a part does not say."""
     return np.full((len(part), len(part.about.rig)), "") if part.cameras is None else part.cameras
+
+
+def _numbers(columns: PoseColumns) -> list[FloatArray]:
+    """Position, orientation, confidence and, of what was found, standard deviations: each (n, k)."""
+    std = [_std(columns.covariance)] if isinstance(columns, MeasuredColumns) else []
+    return [columns.position, columns.orientation, columns.confidence[:, None], *std]
+
+
+def _std(covariance: FloatArray) -> FloatArray:
+    result: FloatArray = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    return result
 
 
 def _is_unicode(text: str) -> bool:
