@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import shutil
-import tempfile
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
+import tracker
 from tracker.cli.outputs import Command, OutFolder
 from tracker.cli.render import listing
 from tracker.errors import TrackerError
-from tracker.files import told_as
+from tracker.files import told_as, whole_file
 
 if TYPE_CHECKING:
     from tracker.conventions import FloatArray
@@ -42,26 +40,26 @@ def demo(output: Path) -> None:
     """
     import numpy as np
 
-    from tracker import viz
-    from tracker.logs import open_log
-    from tracker.objects.model import load_object
-    from tracker.pipeline import ObjectTracker
-
     if output.exists():
         raise TrackerError(f"{output}: exists; expected a new folder, as by --output")
     told = json.loads((DATA / "truth.json").read_text(encoding="utf-8"))
-    model = load_object(told["object"])
-    with _made_whole(output) as folder, open_log(shutil.copytree(DATA, folder)) as log:
+    model = tracker.load_object(told["object"])
+    with (
+        told_as(TrackerError, output),
+        whole_file(output) as folder,
+        tracker.open_log(shutil.copytree(DATA, folder)) as log,
+    ):
         if log.rig is None:
             raise TrackerError(f"{output}: found no calibration in the recording")
-        tracker = ObjectTracker(model, log.rig)
+        finder = tracker.ObjectTracker(model, log.rig)
         errors: list[list[float]] = []
         times: list[float] = []
         for frame, truth in zip(log, told["poses"], strict=True):
             if not errors:
-                still = tracker.detect(frame.images)
-                viz.write_image(folder / "overlay.png", viz.overlay(frame.images, log.rig, model, still))
-            observation = tracker.update(frame.images, frame.timestamp)
+                still = finder.detect(frame.images)
+                picture = tracker.viz.overlay(frame.images, log.rig, model, still)
+                tracker.viz.write_image(folder / "overlay.png", picture)
+            observation = finder.update(frame.images, frame.timestamp)
             pose = observation.filtered_object_pose
             errors.append([np.nan] * 2 if pose is None else _error(pose.world_from_object, truth))
             times.append(observation.timing_ms["total"])
@@ -78,18 +76,6 @@ def demo(output: Path) -> None:
     click.echo("\nnext:")
     click.echo(f"  tracker detect --object {model.name} {output} --frame 7")
     click.echo(f"  tracker track {output} --object {model.name} -o poses.h5 --csv poses.csv")
-
-
-@contextlib.contextmanager
-def _made_whole(folder: Path) -> Iterator[Path]:
-    """A temporary folder's path; what is there when the `with` block ends well becomes the folder."""
-    with told_as(TrackerError, folder):
-        beside = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", suffix=".tmp", dir=folder.parent))
-        try:
-            yield beside / folder.name
-            (beside / folder.name).rename(folder)
-        finally:
-            shutil.rmtree(beside, ignore_errors=True)
 
 
 def _error(found: FloatArray, truth: dict[str, list[float]]) -> list[float]:

@@ -28,7 +28,7 @@ import numpy as np
 from tracker.checks import described
 from tracker.conventions import Array
 from tracker.errors import LogError
-from tracker.files.reading import cannot_read, open_regular
+from tracker.files.reading import open_regular, told_of
 
 MAX_CHUNK = 1 << 28
 """Largest block [bytes] that a field may be stored in."""
@@ -80,12 +80,9 @@ class TooLong(LogError):
 
 def check_stated_end(path: Path) -> None:
     """LogError if the file is shorter than its head says, TooLong if it is longer."""
-    try:
-        with open_regular(path) as file:
-            head = file.read(64)
-            size = os.fstat(file.fileno()).st_size
-    except OSError as error:
-        raise cannot_read(path, error) from error
+    with told_of(path), open_regular(path) as file:
+        head = file.read(64)
+        size = os.fstat(file.fileno()).st_size
     if len(head) < 64:
         raise LogError(f"{path}: found {size} bytes, expected an HDF5 file")
     offset = _END_OFFSET.get(head[8])

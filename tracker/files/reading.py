@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import os
 import stat
+from collections.abc import Iterator
 from io import BufferedReader
 
 from tracker.errors import LogError
@@ -40,6 +42,15 @@ def read_bounded(path: str | os.PathLike[str], largest: int) -> bytes:
     if len(content) > largest:
         raise OSError(errno.EFBIG, f"found more than {largest} bytes", os.fspath(path))
     return content
+
+
+@contextlib.contextmanager
+def told_of(path: str | os.PathLike[str]) -> Iterator[None]:
+    """What the operating system refuses while a recording is read is raised as LogError."""
+    try:
+        yield
+    except OSError as error:
+        raise cannot_read(path, error) from error
 
 
 def cannot_read(path: str | os.PathLike[str], error: OSError) -> LogError:

@@ -27,7 +27,7 @@ import numpy as np
 
 from tracker.conventions import Array
 from tracker.errors import LogError, install
-from tracker.files.reading import cannot_read, open_regular
+from tracker.files.reading import open_regular, told_of
 
 _PAGE_HEAD = 16
 _MAGIC, _VERSION = 0xBEEFC0DE, 1
@@ -50,11 +50,9 @@ class LmdbFile:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        try:
+        with told_of(path):
             self._file = open_regular(path)
             self.size = self._file.seek(0, 2)
-        except OSError as error:
-            raise cannot_read(path, error) from error
         try:
             self._open()
         except BaseException:
@@ -144,11 +142,9 @@ class LmdbFile:
     def _read(self, offset: int, size: int) -> bytes:
         if offset >= self.size:
             return b""
-        try:
+        with told_of(self._path):
             self._file.seek(offset)
             return self._file.read(min(size, self.size - offset))
-        except OSError as error:
-            raise cannot_read(self._path, error) from error
 
     def _damaged(self, found: str) -> LogError:
         return LogError(f"{self._path}: found {found}: it is no LMDB store, or damaged")

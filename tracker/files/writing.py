@@ -48,7 +48,7 @@ def write_whole(path: str | os.PathLike[str], content: bytes | str) -> None:
 
 @contextlib.contextmanager
 def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """A temporary file's path; what is there when the `with` block ends well becomes the file.
+    """A temporary path; the file or new folder that is there when the `with` block ends well takes the name.
 
     It is on the disk before it has its name, so that a power cut leaves the old or the new one. A symbolic
     link stays one: what it points to is replaced.

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import shutil
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -47,23 +44,15 @@ def write_folder(path: Path, log: Log, rig: CameraRig, progress: Progress) -> No
     Raises:
         LogError: a frame cannot be read, pictures differ but not their stamps, or a file cannot be written.
     """
-    try:
-        temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}.", suffix=".tmp", dir=path.parent))
-        try:
-            inside = temporary / path.name
-            for name in rig.names:
-                (inside / name).mkdir(parents=True)
-            rig.save(inside)
-            for frame in log:
-                for name, image, stamp in zip(rig.names, frame.images, frame.camera_timestamps, strict=True):
-                    if image is not None:
-                        _write_png(inside / name / f"{stamp:.9f}.png", image)
-                progress(1)
-            os.rename(inside, path)
-        finally:
-            shutil.rmtree(temporary, ignore_errors=True)
-    except OSError as error:
-        raise LogError(f"{path}: cannot be written: {error.strerror or error}") from error
+    with told_as(LogError, path), whole_file(path) as folder:
+        for name in rig.names:
+            (folder / name).mkdir(parents=True)
+        rig.save(folder)
+        for frame in log:
+            for name, image, stamp in zip(rig.names, frame.images, frame.camera_timestamps, strict=True):
+                if image is not None:
+                    _write_png(folder / name / f"{stamp:.9f}.png", image)
+            progress(1)
 
 
 def _write_png(path: Path, image: Image) -> None:

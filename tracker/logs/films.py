@@ -10,7 +10,7 @@ import numpy as np
 
 from tracker.conventions import Image
 from tracker.errors import LogError, TrackerError, install
-from tracker.files import cannot_read, open_regular
+from tracker.files import cannot_read, open_regular, told_of
 from tracker.logs.log import MAX_SIDE, MIN_SIDE
 
 SUFFIXES = (".mp4", ".avi", ".mkv", ".mov")
@@ -28,11 +28,8 @@ _MATROSKA = b"\x1aE\xdf\xa3"
 
 def check_container(path: Path) -> None:
     """For libraries that cannot be limited to containers; LogError where the file is none of them."""
-    try:
-        with open_regular(path) as file:
-            head = file.read(12)
-    except OSError as error:
-        raise cannot_read(path, error) from error
+    with told_of(path), open_regular(path) as file:
+        head = file.read(12)
     avi = head[:4] == b"RIFF" and head[8:] == b"AVI "
     if not avi and head[:4] != _MATROSKA and head[4:8] not in _BOXES:
         raise LogError(f"{path}: found no film: it starts with {head!r}, expected MP4, MOV, MKV or AVI")

@@ -11,7 +11,7 @@ import numpy as np
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Image
 from tracker.errors import LogError
-from tracker.files import cannot_read, read_bounded
+from tracker.files import read_bounded, told_of
 from tracker.logs.films import FilmPicture
 from tracker.logs.folder_layout import Picture, find_shots
 from tracker.logs.frame import LogFrame, checked_stamp
@@ -106,13 +106,12 @@ class FolderSource(Source):
         return None
 
     def _read_truth(self, file: Path) -> None:
+        text = _content(file, _MAX_TRUTH)
         try:
-            content = json.loads(read_bounded(file, _MAX_TRUTH).decode("utf-8"))
+            content = json.loads(text.decode("utf-8"))
             self._truth = {str(item["frame"]): float(item["timestamp"]) for item in content["frames"]}
             settings = {"rate": 10.0, "sequence": True, **content.get("settings", {})}
             settings["rate"] = max(1e-3, float(settings["rate"]))
-        except OSError as error:
-            raise cannot_read(file, error) from error
         except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
             raise LogError(f"{file}: found no stamps of frames: {' '.join(str(error).split())}") from error
         self.format += ", synthetic"
@@ -126,8 +125,6 @@ class FolderSource(Source):
         return (0, *(int(k) for k in np.flatnonzero(np.diff(stamps) > pause) + 1))
 
 
-def _content(file: Path) -> bytes:
-    try:
-        return read_bounded(file, _MAX_FILE)
-    except OSError as error:
-        raise cannot_read(file, error) from error
+def _content(file: Path, largest: int = _MAX_FILE) -> bytes:
+    with told_of(file):
+        return read_bounded(file, largest)

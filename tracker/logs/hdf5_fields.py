@@ -22,7 +22,7 @@ import numpy as np
 from tracker.checks import described
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import LogError
-from tracker.files import cannot_read, hdf5, open_regular
+from tracker.files import hdf5, open_regular, told_of
 from tracker.logs.log import MAX_SIDE, MIN_SIDE, Settings
 
 MAX_CAMERAS = 16
@@ -193,14 +193,11 @@ def _from_heap(path: Path, reference: bytes) -> bytes:
 
 
 def _bytes_at(path: Path, offset: int, size: int) -> bytes:
-    try:
-        with open_regular(path) as file:
-            if offset >= file.seek(0, 2):
-                raise LogError("beyond the end of the file")
-            file.seek(offset)
-            return file.read(size)
-    except OSError as error:
-        raise cannot_read(path, error) from error
+    with told_of(path), open_regular(path) as file:
+        if offset >= file.seek(0, 2):
+            raise LogError("beyond the end of the file")
+        file.seek(offset)
+        return file.read(size)
 
 
 def write_settings(file: h5py.File, names: Sequence[str], settings: Sequence[Settings]) -> None:

@@ -23,7 +23,7 @@ import numpy as np
 
 from tracker.conventions import Image
 from tracker.errors import LogError
-from tracker.files import cannot_read, open_regular
+from tracker.files import cannot_read, open_regular, told_of
 from tracker.logs.frame import LogFrame, checked_stamp, empty_frame, is_empty, pose_from_record
 from tracker.logs.log import MAX_SIDE, MIN_SIDE, Source
 from tracker.logs.pictures import from_bayer
@@ -50,11 +50,9 @@ class NativeSource(Source):
 
     def __init__(self, path: Path, *, recover: bool) -> None:
         super().__init__(path)
-        try:
+        with told_of(path):
             self._raw = open_regular(path)
             self.sequential = self._raw.read(len(_GZIP_MAGIC)) == _GZIP_MAGIC
-        except OSError as error:
-            raise cannot_read(path, error) from error
         try:
             # What a gzip file states of its content is modulo 2³², and stands at its very end.
             size = os.fstat(self._raw.fileno()).st_size

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from tracker.checks import is_number, path_of
 from tracker.errors import LogError, shown
-from tracker.files import cannot_read, open_regular
+from tracker.files import open_regular, told_of
 from tracker.logs.films import SUFFIXES as FILM_SUFFIXES
 from tracker.logs.folder import TRUTH_FILE, FolderSource
 from tracker.logs.folder_layout import SUFFIXES as PICTURE_SUFFIXES
@@ -49,15 +49,13 @@ def open_log(path: str | os.PathLike[str], *, recover: bool = False, rate: float
     if not is_number(rate) or not 0 < rate <= 1e6:
         raise LogError(f"rate: found {shown(rate)}, expected a number of Hz above 0")
     root = path_of(path, "path of a recording", LogError)
-    try:
+    with told_of(root):
         source = _source(root, recover, rate)
         try:
             return Log(source, recover=recover)
         except LogError:
             source.close()
             raise
-    except OSError as error:
-        raise cannot_read(root, error) from error
 
 
 def recording_files(path: Path) -> list[Path]:

@@ -24,7 +24,7 @@ import numpy as np
 
 from tracker.conventions import FloatArray
 from tracker.errors import LogError
-from tracker.files import cannot_read, read_bounded
+from tracker.files import read_bounded, told_of
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -121,9 +121,9 @@ def _stamps(folder: Path, cameras: int) -> FloatArray | None:
 
 
 def _content(path: Path) -> str:
+    with told_of(path):
+        content = read_bounded(path, _MAX_BYTES[path.name])
     try:
-        return read_bounded(path, _MAX_BYTES[path.name]).decode("utf-8-sig")
-    except OSError as error:
-        raise cannot_read(path, error) from error
+        return content.decode("utf-8-sig")
     except ValueError as error:
         raise LogError(f"{path}: found no text of UTF-8") from error
