@@ -14,7 +14,7 @@ from tracker.calibration.by_object.health import QUANTITIES, of_picture
 from tracker.calibration.rig import CameraRig
 from tracker.live import ImageSet, SourceEnded
 from tracker.live.camera_check import CameraLooks, PictureLook, look_at
-from tracker.live.web_page_state import LIMITS
+from tracker.live.web_page import LIMITS
 
 SIZE = (270, 270)
 

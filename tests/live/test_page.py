@@ -22,8 +22,7 @@ import tracker
 from tests.helpers.filmed import RIG, shots
 from tests.helpers.moments import estimate, moment
 from tracker.errors import LiveError
-from tracker.live.web_page import WebPage
-from tracker.live.web_page_state import WebPageState
+from tracker.live.web_page import WebPage, WebPageState
 from tracker.pose.result import CameraUse
 
 FOLLOWER = tracker.ObjectTracker(tracker.load_object("cube_v2"), RIG)
@@ -89,7 +88,7 @@ def test_the_page_shows_pose_and_cameras_as_they_are(page):
 
 def test_a_fault_that_has_passed_is_told_for_some_seconds(monkeypatch):
     now = 100.0
-    monkeypatch.setattr("tracker.live.web_page_state.time.monotonic", lambda: now)
+    monkeypatch.setattr("tracker.live.web_page.time.monotonic", lambda: now)
     state, last = WebPageState(FOLLOWER), []
     for number, seconds in enumerate((0.0, 4.0, 7.0)):
         now += seconds

@@ -8,8 +8,7 @@ from tests.viz.conftest import black, opencv_pixels
 from tracker.calibration.rig import CameraRig
 from tracker.tasks import rearrange_dice as dice
 from tracker.viz import dice_overlay, goal_picture
-from tracker.viz.dice import INSIDE, OUTSIDE
-from tracker.viz.goal_picture import DIE
+from tracker.viz.dice import DIE, INSIDE, OUTSIDE
 
 GAP = 6
 

@@ -1,10 +1,9 @@
 """Pictures for people: the estimate drawn into the images that it comes from, and their files."""
 
-from tracker.viz.colors_plot import write_colors_plot
-from tracker.viz.dice import dice_overlay
-from tracker.viz.goal_picture import goal_picture
+from tracker.viz.dice import dice_overlay, goal_picture
 from tracker.viz.image_files import IMAGE_SUFFIXES, write_film, write_image
 from tracker.viz.overlays import overlay
+from tracker.viz.plots import write_colors_plot
 from tracker.viz.trajectory import write_trajectory_plot
 
 __all__ = [

@@ -1,23 +1,174 @@
-"""The views side by side, with the estimate's edges drawn through the lens."""
+"""The views side by side, with the estimate's edges drawn through the lens, and small tables below them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
+from typing import NamedTuple
 
+import cv2
 import numpy as np
 
 from tracker.calibration.rig import CameraRig
-from tracker.checks import of_kind
+from tracker.checks import check_sequence, of_kind
 from tracker.conventions import Array, FloatArray, Image
-from tracker.errors import TrackerError
+from tracker.errors import ImageError, TrackerError
 from tracker.geometry import cuboid
 from tracker.geometry.camera import Camera
 from tracker.objects.labels import DISPLAY_COLORS_BGR
 from tracker.objects.model import CuboidModel
 from tracker.pose.result import Observation, PoseEstimate
 from tracker.viz import paint
-from tracker.viz.footer import caption, footer
-from tracker.viz.panels import panels
+
+MIN_HEIGHT = 400
+"""Images are scaled by the smallest whole number that makes them at least this high [px]."""
+
+GAP = 6
+"""Between panels [px]."""
+
+_NAME_SIZE = 14.0
+_EMPTY = (44, 38, 35)
+
+Draw = Callable[[int, Image, Camera], None]
+"""Draws into the panel of the camera of this index; the camera given is that of the scaled image."""
+
+
+def panels(images: Sequence[Image | None], rig: CameraRig, draw: Draw) -> Image:
+    """A row of all views.
+
+    Args:
+        images: (H, W, 3) uint8 BGR of each camera of the rig; None: the panel says that there is none.
+        rig: the cameras.
+        draw: called for each image there is.
+
+    Raises:
+        ImageError: the images do not fit the rig.
+    """
+    of_kind(rig, CameraRig, "overlay: rig", ImageError, "tracker.CameraRig.load")
+    check_sequence(images, "overlay: images", ImageError)
+    if len(images) != len(rig):
+        raise ImageError(
+            f"overlay: found {len(images)} images, expected one of each of {', '.join(rig.names)}"
+        )
+    height = max(camera.height * -(-MIN_HEIGHT // camera.height) for camera in rig)
+    parts: list[Image] = []
+    for index, (image, camera) in enumerate(zip(images, rig, strict=True)):
+        if parts:
+            parts.append(np.full((height, GAP, 3), paint.BACKGROUND, np.uint8))
+        size = (max(1, round(camera.width * height / camera.height)), height)
+        if image is None:
+            panel = _empty_panel(*size)
+        else:
+            panel = _scaled(image, camera, size)
+            draw(index, panel, camera.resized(*size))
+        _draw_name(panel, camera.name)
+        parts.append(panel)
+    return np.concatenate(parts, axis=1)
+
+
+def _empty_panel(width: int, height: int) -> Image:
+    panel: Image = np.full((height, width, 3), _EMPTY, np.uint8)
+    paint.put_text(panel, "no image", (width / 2, height / 2), paint.FAINT, size=18, align=0.5)
+    return panel
+
+
+def _scaled(image: Image, camera: Camera, size: tuple[int, int]) -> Image:
+    expected = (camera.height, camera.width, 3)
+    of_kind(image, np.ndarray, f"overlay: {camera.name}", ImageError)
+    if image.shape != expected or image.dtype != np.uint8:
+        found = f"{image.dtype} {image.shape}"
+        raise ImageError(f"overlay: {camera.name}: found an image {found}, expected uint8 {expected}")
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_CUBIC), dtype=np.uint8)
+
+
+def _draw_name(panel: Image, name: str) -> None:
+    left, top, right, bottom = 12, 12, 36 + paint.text_width(name, _NAME_SIZE), 26 + 1.7 * _NAME_SIZE
+    corners = np.array([(left, top), (right, top), (right, bottom), (left, bottom)], dtype=np.float64)
+    paint.fill(panel, corners, paint.BACKGROUND, 0.6)
+    paint.put_text(panel, name, (24, (top + bottom + _NAME_SIZE) / 2), paint.BRIGHT, size=_NAME_SIZE)
+
+
+GOOD: paint.Color = (120, 200, 110)
+DOUBTFUL: paint.Color = (80, 170, 245)
+"""Colours of a block's last line that say how it went."""
+
+_MARGIN, _LINE, _SPACE, _COLUMN = 24, 28, 50, 17
+"""Around the strip, between lines, blocks, and a block's columns [px]; all grow with the strip."""
+_SIZES = (10.0, 12.0, 12.0)
+"""Heights of the digits in a block's lines [px]."""
+_WIDTH, _MOST = 1000, 1.5
+"""A strip wider than this [px] is written larger, up to so many times."""
+
+
+class Block(NamedTuple):
+    """A small table of three lines: headings, values and what qualifies them."""
+
+    lines: tuple[list[str], list[str], list[str]]
+    color: paint.Color = paint.FAINT
+    """Of the last line."""
+
+
+def footer(width: int, blocks: Iterable[Block]) -> Image:
+    """A strip `width` [px] wide of blocks side by side, which wrap where it is narrow.
+
+    The first column of a block is flush left, others flush right.
+    """
+    scale = float(np.clip(width / _WIDTH, 1.0, _MOST))
+    sizes = [size * scale for size in _SIZES]
+    margin, line, between = _MARGIN * scale, _LINE * scale, _COLUMN * scale
+    left = top = margin
+    cells = []
+    for block in blocks:
+        sized = [[(text, size) for text in texts] for texts, size in zip(block.lines, sizes, strict=True)]
+        widths = [max(paint.text_width(*cell) for cell in column) for column in zip(*sized, strict=True)]
+        whole = sum(widths) + between * (len(widths) - 1)
+        if left > margin and left + whole > width - margin:
+            left, top = margin, top + 3 * line + margin / 2
+        for row, color in enumerate((paint.FAINT, paint.BRIGHT, block.color)):
+            starts = left + np.cumsum([0.0, *widths[:-1]]) + between * np.arange(len(widths))
+            ends = [starts[0], *(starts + widths)[1:]]
+            for column, (text, size) in enumerate(sized[row]):
+                at = float(ends[column]), top + row * line + sizes[0]
+                cells.append((text, at, color, size, float(column > 0)))
+        left += whole + _SPACE * scale
+    height = round(top + 2 * line + sizes[0] + margin)
+    picture: Image = np.full((height, width, 3), paint.BACKGROUND, np.uint8)
+    for text, at, color, size, align in cells:
+        paint.put_text(picture, text, at, color, size=size, align=align)
+    return picture
+
+
+def caption(name: str, observation: Observation, title: str) -> Iterable[Block]:
+    """Blocks of object, status and the pose's numbers; `title` stands above the object's name."""
+    measured, filtered = observation.object_pose, observation.filtered_object_pose
+    pose, status = filtered if measured is None else measured, observation.status.value
+    said = status if measured is not None else f"{'no pose' if pose is None else 'predicted'}: {status}"
+    yield Block(([title or "object"], [name], [said]), DOUBTFUL if measured is None else GOOD)
+    if pose is not None:
+        yield from _pose_blocks(pose)
+
+
+def _pose_blocks(pose: PoseEstimate) -> Iterable[Block]:
+    std = np.sqrt(np.diag(pose.covariance))
+    yield Block(
+        (
+            ["position", "x", "y", "z", ""],
+            ["", *_numbers(1e3 * pose.position, 2), "mm"],
+            ["std", *_numbers(1e3 * std[:3], 2), "mm"],
+        )
+    )
+    yield Block(
+        (
+            ["orientation", "x", "y", "z", "w"],
+            ["", *_numbers(pose.orientation, 4)],
+            ["std", *(f"{value}°" for value in _numbers(np.degrees(std[3:]), 2)), ""],
+        )
+    )
+    yield Block((["confidence"], [f"{pose.confidence:.3f}"], ["within 5 mm, 5°"]))
+
+
+def _numbers(values: Array, digits: int) -> list[str]:
+    return [f"{value:.{digits}f}".replace("-", "−") for value in values]
+
 
 SAMPLES = 17
 """Points per edge: the lens bends edges, so each is drawn as this many short lines."""

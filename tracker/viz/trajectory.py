@@ -15,7 +15,7 @@ from tracker.geometry import so3
 from tracker.poses.columns import MeasuredColumns, PoseColumns
 from tracker.poses.poses import Poses
 from tracker.viz import paint
-from tracker.viz.footer import DOUBTFUL, GOOD
+from tracker.viz.overlays import DOUBTFUL, GOOD
 from tracker.viz.plots import figure_file, rgb
 
 SIZE = (12.0, 10.0)
