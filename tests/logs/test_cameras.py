@@ -13,7 +13,7 @@ import tracker
 from tests.helpers import make_camera
 from tests.helpers.log_writers import CAMERAS, make_content, write_hdf5, write_picture
 from tracker.errors import CalibrationError, LogError
-from tracker.logs.cameras import fitted_to, own_rig
+from tracker.logs.cameras import fitted_to
 from tracker.logs.hdf5_writer import Hdf5LogWriter
 
 IMAGE = np.zeros((20, 30, 3), np.uint8)
@@ -69,13 +69,13 @@ def test_a_calibration_beside_that_lacks_a_camera_names_it(folder):
     rig = rig_of(*CAMERAS)
     rig.save(folder)
     with tracker.open_log(folder) as log:
-        assert own_rig(folder, log).names == CAMERAS
+        assert fitted_to(folder, log).names == CAMERAS
     (folder / "camera180.yml").unlink()
     with (
         tracker.open_log(folder) as log,
         pytest.raises(LogError, match=r"no calibration of camera180; expected"),
     ):
-        own_rig(folder, log)
+        fitted_to(folder, log)
 
 
 def write_hdf5_called(folder: Path, name: str) -> Path:

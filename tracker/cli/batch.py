@@ -10,17 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tracker.cli.options import (
-    Cameras,
-    Part,
-    Subject,
-    calibration_options,
-    json_option,
-    part_options,
-    quiet_option,
-    recording_options,
-    subject_options,
-)
+from tracker.cli import options
 from tracker.cli.outputs import refuse_file
 from tracker.cli.render import bar, listing
 from tracker.errors import LogError
@@ -39,10 +29,10 @@ def batch() -> None:
 
 @batch.command()
 @click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...")
-@subject_options
+@options.subject
 @click.option("-o", "--output", required=True, metavar="DIR", type=_FOLDER, help="Folder of the results.")
-@calibration_options
-@part_options
+@options.cameras
+@options.part
 @click.option(
     "--jobs", metavar="N", type=click.IntRange(1), help="Processes here.  [default: one for each core]"
 )
@@ -51,13 +41,13 @@ def batch() -> None:
 @click.option("--slurm", is_flag=True, help="Submit what is missing to Slurm.")
 @click.option("--dry-run", is_flag=True, help="Print what --htcondor or --slurm would submit.")
 @click.option("--csv", "as_csv", is_flag=True, help="Write the table as CSV, too.")
-@quiet_option("No progress, and no summary.")
+@options.quiet("No progress, and no summary.")
 def run(
     recordings: tuple[str, ...],
-    subject: Subject,
+    subject: options.Subject,
     output: Path,
-    cameras: Cameras,
-    part: Part,
+    cameras: options.Cameras,
+    part: options.Part,
     jobs: int | None,
     scheduler: str | None,
     htcondor: bool,
@@ -88,7 +78,7 @@ def run(
         raise click.UsageError(
             "--dry-run prints what --htcondor or --slurm would submit, expected one of them"
         )
-    wanted = Batch.of(recordings, output, recording_options(subject, cameras, part))
+    wanted = Batch.of(recordings, output, options.of_recordings(subject, cameras, part))
     if htcondor or slurm:
         _submit(wanted, "htcondor" if htcondor else "slurm", dry_run, quiet)
     else:
@@ -170,7 +160,7 @@ def _submit(wanted: Batch, scheduler: Any, dry_run: bool, quiet: bool) -> None:
 @click.argument("folder", metavar="DIR", type=_FOLDER)
 @click.option("--write", is_flag=True, help="Write the table and the failures as they are now.")
 @click.option("--csv", "as_csv", is_flag=True, help="Write the table as CSV, too.")
-@json_option
+@options.as_json
 def status(folder: Path, write: bool, as_csv: bool, as_json: bool) -> None:
     """Tell how far a batch is, whoever works on it.
 

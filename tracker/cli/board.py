@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from tracker.cli.options import gathered
+from tracker.cli import options
 from tracker.cli.outputs import PICTURE, Command, Recording, file_option
 from tracker.cli.pictures import silent_libraries
 from tracker.cli.render import listing, table
@@ -43,7 +43,7 @@ class Printed:
         return Board(int(sizes[1]), int(sizes[2]), self.square, self.marker, self.dictionary, legacy)
 
 
-board_options = gathered(
+board_options = options.gathered(
     "printed",
     Printed,
     click.option(
@@ -141,7 +141,7 @@ class Smaller:
         return files
 
 
-size_options = gathered(
+size_options = options.gathered(
     "smaller",
     Smaller,
     click.option(

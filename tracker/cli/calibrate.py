@@ -12,18 +12,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import click
 
 import tracker
+from tracker.cli import options
 from tracker.cli.board import board, intrinsics
 from tracker.cli.extrinsics import extrinsics
-from tracker.cli.options import (
-    Cameras,
-    Subject,
-    calibration_options,
-    gathered,
-    json_option,
-    quiet_option,
-    recover_option,
-    subject_options,
-)
 from tracker.cli.outputs import PICTURE, Command, OutFolder, Recording, file_option
 from tracker.cli.pictures import NO_IMAGE, read_images
 from tracker.cli.render import bar, listing, table
@@ -64,8 +55,8 @@ class Filmed:
     """A known object in recordings, and in pictures, those of one moment one after the other."""
 
     inputs: tuple[str, ...]
-    subject: Subject
-    cameras: Cameras
+    subject: options.Subject
+    cameras: options.Cameras
     stills: bool
     """Whether frames of recordings are no films."""
     recover: bool
@@ -106,19 +97,19 @@ class Filmed:
             yield Opened(model, footage, rig, colors, progress)
 
 
-filmed_options = gathered(
+filmed_options = options.gathered(
     "filmed",
     Filmed,
     click.argument("inputs", nargs=-1, required=True, metavar="RECORDING|IMAGE...", type=Recording(str)),
-    subject_options,
-    calibration_options,
+    options.subject,
+    options.cameras,
     click.option(
         "--stills",
         is_flag=True,
         help="Frames of folders are no films: each was taken by itself, at any moment.",
     ),
-    recover_option,
-    quiet_option(),
+    options.recover,
+    options.quiet(),
 )
 _output = click.option(
     "-o",
@@ -166,7 +157,7 @@ def _refuse_other(path: str, its: tracker.CameraRig, rig: tracker.CameraRig) -> 
 @calibrate.command(cls=Command)
 @filmed_options
 @file_option("--plot", *PICTURE, help="Draw what each camera misses (.png, .jpg).")
-@json_option
+@options.as_json
 def check(filmed: Filmed, plot: Path | None, as_json: bool) -> None:
     """Say whether a calibration fits RECORDINGs, or IMAGEs moment by moment, of an object that is still.
 

@@ -8,7 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tracker.cli.options import Cameras
+from tracker.cli import options
 from tracker.cli.render import listing, table
 from tracker.errors import TrackerError
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from tracker.calibration.by_object.check import CalibrationCheck
 
 
-def stated(inputs: Sequence[str], cameras: Cameras) -> tuple[dict[str, float], list[str]]:
+def stated(inputs: Sequence[str], cameras: options.Cameras) -> tuple[dict[str, float], list[str]]:
     """The deviations of focal lengths that the calibration's files state, and what to say of halved ones."""
     from tracker.calibration.files.calibrated import focal_deviations, halved_by_rows, read_calibrated
     from tracker.calibration.files.folder import calibration_files

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import tracker
-from tracker.cli.options import Cameras, Subject, calibration_options, json_option, subject_options
+from tracker.cli import options
 from tracker.cli.outputs import PICTURE, Command, Recording, file_option
 from tracker.cli.pictures import frame_option, one_set
 from tracker.cli.render import listing
@@ -21,16 +21,16 @@ if TYPE_CHECKING:
 
 @click.command(cls=Command)
 @click.argument("images", nargs=-1, required=True, metavar="IMAGE...", type=Recording(str))
-@subject_options
-@calibration_options
+@options.subject
+@options.cameras
 @frame_option
-@json_option
+@options.as_json
 @file_option("--overlay", *PICTURE, help="Write the images with the pose drawn in (.png, .jpg).")
 @click.option("--exit-code", "tell", is_flag=True, help="Exit with 1 where the object is not found.")
 def detect(
     images: tuple[str, ...],
-    subject: Subject,
-    cameras: Cameras,
+    subject: options.Subject,
+    cameras: options.Cameras,
     frame: int | None,
     as_json: bool,
     overlay: Path | None,

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tracker.cli.options import Cameras, calibration_options, json_option
+from tracker.cli import options
 from tracker.cli.outputs import PICTURE, Command, InFile, OutFolder, Recording, file_option
 from tracker.cli.pictures import NO_IMAGE, frame_option
 from tracker.cli.render import listing, table
@@ -45,7 +45,7 @@ class _State:
 
 @click.command(cls=Command, short_help="Find the dice in one IMAGE of each camera, and the error.")
 @click.argument("images", nargs=-1, required=True, metavar="IMAGE...", type=Recording(str))
-@calibration_options
+@options.cameras
 @frame_option
 @click.option(
     "--goal",
@@ -57,12 +57,12 @@ class _State:
 @click.option(
     "--exact", is_flag=True, help="Goal areas to the pixel, not cut to whole pixels as the platform's."
 )
-@json_option
+@options.as_json
 @file_option("--overlay", *PICTURE, help="Write the images with dice and goal drawn in (.png, .jpg).")
 @click.option("--masks", metavar="DIR", type=OutFolder(), help="Write the masks of dice and goal (.png).")
 def dice(
     images: tuple[str, ...],
-    cameras: Cameras,
+    cameras: options.Cameras,
     frame: int | None,
     goal_path: Path | None,
     exact: bool,

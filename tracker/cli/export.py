@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 import tracker
-from tracker.cli.options import Cameras, Part, calibration_options, object_option, part_options, quiet_option
+from tracker.cli import options
 from tracker.cli.outputs import Command, InFile, Recording, file_option, refuse_overwriting, require_folder
 from tracker.cli.render import bar
 from tracker.cli.track_outputs import Outputs, output_options, write_film
@@ -21,8 +21,8 @@ from tracker.cli.track_outputs import Outputs, output_options, write_film
 @click.option(
     "--log", metavar="LOG", type=Recording(), help="The recording of the POSES, for the images of --video."
 )
-@object_option("that of the POSES")
-@quiet_option("No progress bar.")
+@options.object_name("that of the POSES")
+@options.quiet("No progress bar.")
 def export(
     source: Path,
     outputs: Outputs,
@@ -71,14 +71,14 @@ def export(
     type=click.Path(path_type=Path),
     help="An HDF5 log (.h5), a film of all cameras side by side (.mp4), or a new folder of images.",
 )
-@calibration_options
-@part_options
-@quiet_option("No progress bar.")
+@options.cameras
+@options.part
+@options.quiet("No progress bar.")
 def convert(
     source: Path,
     output: Path,
-    cameras: Cameras,
-    part: Part,
+    cameras: options.Cameras,
+    part: options.Part,
     quiet: bool,
 ) -> None:
     """Write a recording in another format.

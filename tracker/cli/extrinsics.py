@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from tracker.cli import options
 from tracker.cli.board import (
     Printed,
     Smaller,
@@ -17,7 +18,6 @@ from tracker.cli.board import (
     size_options,
     told_pattern,
 )
-from tracker.cli.options import Vector
 from tracker.cli.outputs import Command, InFile, OutFolder, Recording, refuse_overwriting
 from tracker.cli.pictures import camera_in
 from tracker.cli.render import listing, table
@@ -44,7 +44,11 @@ if TYPE_CHECKING:
 )
 @click.option("--pattern", metavar="GLOB", help="Which files of the folder to take, e.g. '*_full.yml'.")
 @click.option(
-    "--center", type=Vector(2), default=(0.0, 0.0), metavar="X,Y", help="The board's centre [m].  [0,0]"
+    "--center",
+    type=options.Vector(2),
+    default=(0.0, 0.0),
+    metavar="X,Y",
+    help="The board's centre [m].  [0,0]",
 )
 @click.option("--height", type=float, default=0.0, metavar="Z", help="Of the board's print [m].  [0]")
 @click.option(

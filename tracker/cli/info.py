@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tracker.cli.options import json_option
+from tracker.cli import options
 from tracker.cli.render import listing
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ _GAP = 1.5
 @click.command()
 @click.argument("source", metavar="LOG|POSES", type=click.Path(path_type=Path))
 @click.option("--recover", is_flag=True, help="Leave out what is damaged of a recording, and tell of it.")
-@json_option
+@options.as_json
 def info(source: Path, recover: bool, as_json: bool) -> None:
     """Tell what is in a recording or in a file of poses.
 
@@ -74,10 +74,10 @@ def _of_log(path: Path, log: Log) -> dict[str, Any]:
 def _calibration(path: Path, log: Log) -> dict[str, Any]:
     """The cameras that are calibrated, and what keeps the calibration from fitting; None: nothing."""
     from tracker.errors import TrackerError
-    from tracker.logs.cameras import own_rig
+    from tracker.logs.cameras import fitted_to
 
     try:
-        return {"calibration": list(own_rig(path, log).names), "calibration_fault": None}
+        return {"calibration": list(fitted_to(path, log).names), "calibration_fault": None}
     except TrackerError as error:
         return {"calibration": None, "calibration_fault": str(error)}
 

@@ -10,16 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 import tracker
-from tracker.cli.options import (
-    Cameras,
-    Vector,
-    calibration_options,
-    colors_option,
-    gathered,
-    object_option,
-    quiet_option,
-    recover_option,
-)
+from tracker.cli import options
 from tracker.cli.outputs import Command, InFile, Recording, file_option, save_colors
 from tracker.cli.render import listing, table
 from tracker.errors import ColorModelError
@@ -36,7 +27,7 @@ class Lesson:
     recordings: tuple[Path, ...]
     output: Path
     """The colour model's file."""
-    cameras: Cameras
+    cameras: options.Cameras
     frames: int
     """That are looked at, about."""
     rounds: int
@@ -78,12 +69,12 @@ class Lesson:
             click.echo(_text(learned, self.output))
 
 
-lesson_options = gathered(
+lesson_options = options.gathered(
     "lesson",
     Lesson,
     click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...", type=Recording()),
     file_option("-o", ".npz", required=True, help="Colour model (.npz)."),
-    calibration_options,
+    options.cameras,
     click.option(
         "--frames",
         metavar="N",
@@ -98,15 +89,15 @@ lesson_options = gathered(
     click.option(
         "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the fit's draws."
     ),
-    recover_option,
-    quiet_option(),
+    options.recover,
+    options.quiet(),
 )
 
 
 @click.command(cls=Command)
 @lesson_options
-@object_option()
-@colors_option("the one of these that explains most, to begin with")
+@options.object_name()
+@options.colors("the one of these that explains most, to begin with")
 def adapt(lesson: Lesson, object_name: str, colors_name: str | None) -> None:
     """Fit a colour model to RECORDINGs of a known object, without labels.
 
@@ -126,7 +117,9 @@ def adapt(lesson: Lesson, object_name: str, colors_name: str | None) -> None:
 
 @click.command(cls=Command)
 @lesson_options
-@click.option("--size", metavar="X,Y,Z", type=Vector(3), help="Edge lengths along the object's axes [m].")
+@click.option(
+    "--size", metavar="X,Y,Z", type=options.Vector(3), help="Edge lengths along the object's axes [m]."
+)
 @click.option("--faces", metavar="+X=COLOUR,...", help="Colour of each face, e.g. +x=red,-x=magenta,...")
 @click.option(
     "--object",

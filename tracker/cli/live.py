@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import tracker
+from tracker.cli import options
 from tracker.cli.live_outputs import (
     LiveOutputs,
     Lookout,
@@ -19,7 +20,6 @@ from tracker.cli.live_outputs import (
     check_cameras,
     output_options,
 )
-from tracker.cli.options import Cameras, Subject, calibration_options, quiet_option, subject_options
 from tracker.cli.outputs import Command, InFile, Recording
 from tracker.cli.signals import Ended
 from tracker.errors import LiveError
@@ -33,8 +33,8 @@ _CAMERAS = ("pylon", "opencv")  # as tracker.live.sources has them, which is not
 
 @click.command(cls=Command)
 @click.argument("source", metavar="SOURCE", type=Recording(str))
-@subject_options
-@calibration_options
+@options.subject
+@options.cameras
 @output_options
 @click.option(
     "--seconds",
@@ -60,11 +60,11 @@ _CAMERAS = ("pylon", "opencv")  # as tracker.live.sources has them, which is not
 @click.option(
     "--check", is_flag=True, help="Look at the cameras for ten seconds, and say what is wrong with them."
 )
-@quiet_option()
+@options.quiet()
 def live(
     source: str,
-    subject: Subject,
-    cameras: Cameras,
+    subject: options.Subject,
+    cameras: options.Cameras,
     wanted: Wanted,
     seconds: float | None,
     rate: float | None,
@@ -79,7 +79,7 @@ def live(
     the calibration's, or `pylon:SERIAL,…` in its order; `opencv:0,1,2`, numbers, films or addresses; or
     `simulation`.
 
-    Cameras that fail are looked for again, and the tracking goes on with the others. Published is the
+    options.Cameras that fail are looked for again, and the tracking goes on with the others. Published is the
     filtered pose of the newest images. By ZeroMQ each message is one JSON object: version, sequence,
     timestamp, status, pose as that of `detect --json` or null, velocity or null, latency_ms, faults of
     cameras, a jump of stamps, and counts of both until then. By LCM (lcm://, udpm://ADDRESS:PORT?ttl=0,
@@ -92,7 +92,7 @@ def live(
     from tracker.live import Live
 
     kind = source.partition(":")[0]
-    _refuse_options_of_others(
+    _refuse_what_does_nothing(
         kind, source, {"--rate": rate, "--settings": settings, "--speed": speed}, cameras
     )
     wanted.refuse_what_does_nothing()
@@ -136,7 +136,9 @@ def live(
         raise stopped
 
 
-def _refuse_options_of_others(kind: str, source: str, given: dict[str, Any], cameras: Cameras) -> None:
+def _refuse_what_does_nothing(
+    kind: str, source: str, given: dict[str, Any], cameras: options.Cameras
+) -> None:
     """Refuse options that would do nothing with the source."""
     recording = kind not in (*_CAMERAS, "simulation")
     fitting = {"--rate": kind in _CAMERAS, "--settings": kind == "pylon", "--speed": recording}
@@ -159,7 +161,7 @@ def _source(
     source: str,
     kind: str,
     object_name: str,
-    cameras: Cameras,
+    cameras: options.Cameras,
     rate: float,
     settings: Path | None,
     speed: float,

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import tracker
-from tracker.cli.options import gathered
+from tracker.cli import options
 from tracker.cli.outputs import file_option
 from tracker.cli.render import listing, table
 
@@ -57,7 +57,7 @@ class Wanted:
             raise click.UsageError("--view: found with --rrd, expected one or the other")
 
 
-output_options = gathered(
+output_options = options.gathered(
     "wanted",
     Wanted,
     click.option(

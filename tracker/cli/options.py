@@ -43,11 +43,11 @@ def gathered(
     return add
 
 
-recover_option = click.option("--recover", is_flag=True, help="Leave out what is damaged of a recording.")
-json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+recover = click.option("--recover", is_flag=True, help="Leave out what is damaged of a recording.")
+as_json = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 
 
-def quiet_option(said: str = "Say nothing but errors.") -> Callable[[_Command], _Command]:
+def quiet(said: str = "Say nothing but errors.") -> Callable[[_Command], _Command]:
     """`--quiet`, which keeps a command from saying what `said` says."""
     return click.option("-q", "--quiet", is_flag=True, help=said)
 
@@ -92,7 +92,7 @@ class Vector(click.ParamType):  # type: ignore[type-arg]
         return found
 
 
-def object_option(default: str = "") -> Callable[[_Command], _Command]:
+def object_name(default: str = "") -> Callable[[_Command], _Command]:
     """`--object`, required unless `default` says which is taken without it."""
     said = f"{', '.join(OBJECTS)}, or a TOML file.{default and f'  [default: {default}]'}"
     return click.option(
@@ -100,7 +100,7 @@ def object_option(default: str = "") -> Callable[[_Command], _Command]:
     )
 
 
-def colors_option(default: str = "the object's") -> Callable[[_Command], _Command]:
+def colors(default: str = "the object's") -> Callable[[_Command], _Command]:
     """`--colors`; `default` says which are taken without it."""
     said = f"Colour model: {', '.join(COLORS)}, or a file (.npz).  [default: {default}]"
     return click.option("--colors", "colors_name", metavar="NAME", type=_NameOrFile(COLORS), help=said)
@@ -121,7 +121,7 @@ class Subject:
         return model, tracker.load_colors(self.colors_name or model.colors)
 
 
-subject_options = gathered("subject", Subject, object_option(), colors_option())
+subject = gathered("subject", Subject, object_name(), colors())
 
 
 @dataclass(frozen=True)
@@ -150,21 +150,15 @@ class Cameras:
         )
 
     def rig_of(self, path: Path, log: tracker.Log) -> tracker.CameraRig:
-        """The rig that the options name, else the recording's own, in the order of its images.
+        """The rig that the options name, else the recording's own, see `fitted_to`."""
+        from tracker.logs.cameras import fitted_to
 
-        Raises:
-            CalibrationError: there is none, or it does not fit the recording.
-        """
-        from tracker.logs.cameras import fitted_to, own_rig
-
-        resize = self.resize_calibration
-        if self.calibration:
-            return fitted_to(path, log, self.load(), resize=resize)
-        correct = self.correct_halved_principal_point
-        return own_rig(path, log, correct_halved_principal_point=correct, resize=resize)
+        correct, resize = self.correct_halved_principal_point, self.resize_calibration
+        rig = self.load() if self.calibration else None
+        return fitted_to(path, log, rig, correct_halved_principal_point=correct, resize=resize)
 
 
-calibration_options = gathered(
+cameras = gathered(
     "cameras",
     Cameras,
     click.option(
@@ -212,7 +206,7 @@ class Part:
             raise LogError(f"{path}: found {count} frames, expected --from {self.first} below")
 
 
-part_options = gathered(
+part = gathered(
     "part",
     Part,
     click.option(
@@ -221,11 +215,11 @@ part_options = gathered(
     click.option(
         "--to", "last", metavar="N", type=click.IntRange(1), help="First frame not wanted any more."
     ),
-    recover_option,
+    recover,
 )
 
 
-def recording_options(subject: Subject, cameras: Cameras, part: Part) -> tracker.recordings.Options:
+def of_recordings(subject: Subject, cameras: Cameras, part: Part) -> tracker.recordings.Options:
     """The same for any process on any machine."""
     names = {**vars(cameras), "start": part.first, "stop": part.last, "recover": part.recover}
     return tracker.recordings.Options(subject.object_name, subject.colors_name, **names)

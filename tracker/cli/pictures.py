@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import click
 
 import tracker
-from tracker.cli.options import Cameras
+from tracker.cli import options
 from tracker.errors import ImageError, LogError
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ frame_option = click.option(
 
 
 def one_set(
-    images: Sequence[str], cameras: Cameras, frame: int | None
+    images: Sequence[str], cameras: options.Cameras, frame: int | None
 ) -> tuple[tracker.CameraRig, list[Image | None]]:
     """The cameras, and a picture of each in their order; None where it gave none.
 
@@ -45,7 +45,12 @@ def one_set(
         TrackerError: pictures, calibration or recording cannot be read, or do not belong together.
     """
     if len(images) == 1 and images[0] != NO_IMAGE and Path(images[0]).suffix.lower() not in PICTURES:
-        return _frame_of(Path(images[0]), cameras, frame or 0)
+        path, number = Path(images[0]), frame or 0
+        with tracker.open_log(path) as log:
+            rig = cameras.rig_of(path, log)
+            if number >= len(log):
+                raise LogError(f"{path}: found no frame {number}, expected one from 0 to {len(log) - 1}")
+            return rig, list(log[number].images)
     if frame is not None:
         raise click.UsageError("--frame is one of a recording's or a folder's; found picture files")
     if not cameras.calibration:
@@ -53,14 +58,6 @@ def one_set(
             "Missing option '--calibration': the folder with a file of each camera, like camera60.yml"
         )
     return read_images(images, cameras.load(), resize=cameras.resize_calibration)
-
-
-def _frame_of(path: Path, cameras: Cameras, number: int) -> tuple[tracker.CameraRig, list[Image | None]]:
-    with tracker.open_log(path) as log:
-        rig = cameras.rig_of(path, log)
-        if number >= len(log):
-            raise LogError(f"{path}: found no frame {number}, expected one from 0 to {len(log) - 1}")
-        return rig, list(log[number].images)
 
 
 def of_cameras(paths: Sequence[str], names: Sequence[str]) -> list[str]:

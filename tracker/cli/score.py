@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import tracker
-from tracker.cli.options import Cameras, calibration_options, object_option, quiet_option
+from tracker.cli import options
 from tracker.cli.render import bar, listing
 from tracker.errors import LogError
 
@@ -24,19 +24,19 @@ _FILE = click.Path(path_type=Path)
 @click.argument("job", metavar="JOB", type=_FILE)
 @click.option("--goal", "goal_path", metavar="FILE", type=_FILE, help="Goal.  [default: JOB/goal.json]")
 @click.option("--poses", "poses_path", metavar="POSES", type=_FILE, help="Poses that were tracked before.")
-@object_option("that of the --poses")
-@calibration_options
+@options.object_name("that of the --poses")
+@options.cameras
 @click.option(
     "--every", metavar="N", type=click.IntRange(1), default=1, help="Look for dice in each Nth frame."
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object, with the reward of each frame.")
-@quiet_option("No progress bar.")
+@options.quiet("No progress bar.")
 def score(
     job: Path,
     goal_path: Path | None,
     poses_path: Path | None,
     object_name: str | None,
-    cameras: Cameras,
+    cameras: options.Cameras,
     every: int,
     as_json: bool,
     quiet: bool,
@@ -77,7 +77,7 @@ def score(
 def _of_object(
     job: Path,
     goal: JobGoal,
-    cameras: Cameras,
+    cameras: options.Cameras,
     poses_path: Path | None,
     object_name: str | None,
     quiet: bool,
@@ -118,7 +118,7 @@ def _refuse_others(path: Path, poses: tracker.Poses, job: Path, object_name: str
 
 
 def _of_dice(
-    job: Path, goal: JobGoal, cameras: Cameras, every: int, quiet: bool
+    job: Path, goal: JobGoal, cameras: options.Cameras, every: int, quiet: bool
 ) -> tuple[FloatArray, FloatArray]:
     """The same of dice: minus the number of pixels, over all images, that show dice outside the goal."""
     import numpy as np

@@ -11,16 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import tracker
-from tracker.cli.options import (
-    Cameras,
-    Part,
-    Subject,
-    calibration_options,
-    part_options,
-    quiet_option,
-    recording_options,
-    subject_options,
-)
+from tracker.cli import options
 from tracker.cli.outputs import (
     Command,
     Recording,
@@ -45,7 +36,7 @@ CONTRADICTED = 0.02
 
 @click.command(cls=Command)
 @click.argument("logs", nargs=-1, required=True, metavar="LOG...", type=Recording())
-@subject_options
+@options.subject
 @click.option(
     "-o",
     "--output",
@@ -55,8 +46,8 @@ CONTRADICTED = 0.02
     help="File of poses (.h5), or a folder.",
 )
 @click.option("--overwrite", is_flag=True, help="Replace poses of another object.")
-@calibration_options
-@part_options
+@options.cameras
+@options.part
 @output_options
 @file_option("--health", ".html", extra="plot", help="A page on cameras, light and calibration (.html).")
 @click.option(
@@ -67,14 +58,14 @@ CONTRADICTED = 0.02
     help="Processes that share the LOGs.  [default: 1]",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object a recording.")
-@quiet_option("No progress bar, and no summary unless with --json.")
+@options.quiet("No progress bar, and no summary unless with --json.")
 def track(
     logs: tuple[Path, ...],
-    subject: Subject,
+    subject: options.Subject,
     output: Path,
     overwrite: bool,
-    cameras: Cameras,
-    part: Part,
+    cameras: options.Cameras,
+    part: options.Part,
     outputs: Outputs,
     health: Path | None,
     jobs: int,
@@ -100,8 +91,8 @@ def track(
     if inside:
         refuse_file("-o", output)
     targets = outputs_of(logs, output) if inside else [output]
-    options = recording_options(subject, cameras, part)
-    recipe = Recipe.of(options)
+    asked = options.of_recordings(subject, cameras, part)
+    recipe = Recipe.of(asked)
     for log, target in zip(logs, targets, strict=True):
         name = f"-o for {log}" if len(logs) > 1 else "-o"
         refuse_overwriting({name: target}, logs, (*astuple(subject), *cameras.calibration))
@@ -112,7 +103,7 @@ def track(
         _track_one(Job(logs[0], targets[0], recipe), outputs, health, as_json, quiet)
         return
     mark = agreed(recipe)
-    tasks = [Task(str(log), str(path), options, mark) for log, path in zip(logs, targets, strict=True)]
+    tasks = [Task(str(log), str(path), asked, mark) for log, path in zip(logs, targets, strict=True)]
     _track_all(tasks, jobs, as_json, quiet)
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from tracker.cli.options import gathered
+from tracker.cli import options
 from tracker.cli.outputs import file_option
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ class Outputs:
             viz.write_trajectory_plot(self.plot, poses)
 
 
-output_options = gathered(
+output_options = options.gathered(
     "outputs",
     Outputs,
     file_option("--csv", ".csv", help="The poses as a table, one line a frame."),

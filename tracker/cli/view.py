@@ -12,16 +12,7 @@ from typing import TYPE_CHECKING
 import click
 
 import tracker
-from tracker.cli.options import (
-    Cameras,
-    Part,
-    Subject,
-    calibration_options,
-    colors_option,
-    object_option,
-    part_options,
-    quiet_option,
-)
+from tracker.cli import options
 from tracker.cli.outputs import Command, Recording, file_option
 from tracker.cli.render import bar
 from tracker.cli.track_outputs import observation
@@ -41,27 +32,27 @@ _Frames = Iterator[tuple[int, float, "tracker.Observation", Sequence["Image | No
 @click.command(cls=Command, short_help="Show a recording in time and space.")
 @click.argument("source", metavar="LOG|POSES", type=Recording())
 @click.option("--log", metavar="LOG", type=Recording(), help="The recording of the POSES, for its images.")
-@object_option("that of the POSES")
-@calibration_options
+@options.object_name("that of the POSES")
+@options.cameras
 @file_option(
     "-o",
     ".rrd",
     help="Write a file for the viewer (.rrd).  [default: open the viewer; without a screen, a file here]",
 )
-@colors_option()
-@part_options
+@options.colors()
+@options.part
 @click.option(
     "--every", metavar="N", type=click.IntRange(1), default=1, help="Show each Nth frame.  [default: 1]"
 )
-@quiet_option("No progress bar, and nothing about the file.")
+@options.quiet("No progress bar, and nothing about the file.")
 def view(
     source: Path,
     log: Path | None,
     object_name: str | None,
-    cameras: Cameras,
+    cameras: options.Cameras,
     output: Path | None,
     colors_name: str | None,
-    part: Part,
+    part: options.Part,
     every: int,
     quiet: bool,
 ) -> None:
@@ -100,14 +91,14 @@ def view(
     with tracker.open_log(source, recover=part.recover) as opened:
         if object_name is None:
             raise click.UsageError(f"{source}: expected --object, to track this recording")
-        model, colors = Subject(object_name, colors_name).load()
+        model, colors = options.Subject(object_name, colors_name).load()
         rig = cameras.rig_of(source, opened)
         wanted = _wanted(source, len(opened), part, every)
         frames = _tracked(opened[part.first : part.last], rig, model, colors, wanted)
         _show(source, target, rig, model, frames, len(wanted), quiet)
 
 
-def _wanted(path: Path, count: int, part: Part, every: int) -> range:
+def _wanted(path: Path, count: int, part: options.Part, every: int) -> range:
     """Numbers of the frames to show, of so many."""
     part.refuse_beyond(path, count)
     return range(count)[part.first : part.last : every]

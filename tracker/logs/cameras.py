@@ -11,31 +11,14 @@ from tracker.geometry.camera import Camera
 from tracker.logs.log import Log
 
 
-def own_rig(
+def fitted_to(
     path: str | os.PathLike[str],
     log: Log,
+    rig: CameraRig | None = None,
     *,
     correct_halved_principal_point: bool = False,
     resize: bool = False,
 ) -> CameraRig:
-    """The calibration in or beside a recording, in the order of its images; `resize`: see `fitted_to`.
-
-    Raises:
-        CalibrationError: there is none, or it does not fit the recording.
-    """
-    rig = log.rig
-    if rig is None:
-        raise CalibrationError(
-            f"{os.fspath(path)}: found no calibration in or beside it, expected --calibration, the "
-            "folder with a file of each camera, like camera60.yml"
-        )
-    if correct_halved_principal_point:
-        cameras = tuple(camera.with_halved_principal_point_corrected() for camera in rig)
-        rig = dataclasses.replace(rig, cameras=cameras)
-    return fitted_to(path, log, rig, resize=resize)
-
-
-def fitted_to(path: str | os.PathLike[str], log: Log, rig: CameraRig, *, resize: bool = False) -> CameraRig:
     """The rig in the order of a recording's images.
 
     Cameras are matched by their names. Only where none of the names is known are they taken in their order.
@@ -43,12 +26,23 @@ def fitted_to(path: str | os.PathLike[str], log: Log, rig: CameraRig, *, resize:
     Args:
         path: names the recording in errors.
         log: the recording.
-        rig: the cameras.
+        rig: the cameras; None: those whose calibration is in or beside the recording.
+        correct_halved_principal_point: whether that was halved without the quarter pixel.
         resize: scale the calibration to images of another size, but of the same shape.
 
     Raises:
-        CalibrationError: cameras or sizes of images are others.
+        CalibrationError: there is no calibration, or cameras or sizes of images are others.
     """
+    if rig is None:
+        rig = log.rig
+        if rig is None:
+            raise CalibrationError(
+                f"{os.fspath(path)}: found no calibration in or beside it, expected --calibration, the "
+                "folder with a file of each camera, like camera60.yml"
+            )
+        if correct_halved_principal_point:
+            cameras = tuple(camera.with_halved_principal_point_corrected() for camera in rig)
+            rig = dataclasses.replace(rig, cameras=cameras)
     where, names = os.fspath(path), log.camera_names
     known = set(rig.names) & set(names)
     if len(rig) != len(names) or (known and set(rig.names) != set(names)):

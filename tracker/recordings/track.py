@@ -16,7 +16,7 @@ from tracker.errors import LogError, TrackerError
 from tracker.files import claimed
 from tracker.inputs import PathLike, colors_of, object_of, rig_of
 from tracker.logs import Log, open_log
-from tracker.logs.cameras import fitted_to, own_rig
+from tracker.logs.cameras import fitted_to
 from tracker.objects.model import CuboidModel
 from tracker.poses.builder import PosesBuilder
 from tracker.poses.file import read_fingerprint, read_poses, write_poses
@@ -123,16 +123,9 @@ def chosen(log: Log, job: Job) -> tuple[int, int]:
 
 
 def rig_for(job: Job, log: Log) -> CameraRig:
-    """The cameras of a recording, in the order of its images.
-
-    Raises:
-        CalibrationError: there is no calibration, or it does not fit.
-    """
-    recipe = job.recipe
-    if recipe.rig is not None:
-        return fitted_to(job.log, log, recipe.rig, resize=recipe.resize_calibration)
-    correct = recipe.correct_halved_principal_point
-    return own_rig(job.log, log, correct_halved_principal_point=correct, resize=recipe.resize_calibration)
+    """The cameras of a recording, see `fitted_to`."""
+    correct, resize = job.recipe.correct_halved_principal_point, job.recipe.resize_calibration
+    return fitted_to(job.log, log, job.recipe.rig, correct_halved_principal_point=correct, resize=resize)
 
 
 def _kept(job: Job, progress: Progress | None) -> Tracked | None:
