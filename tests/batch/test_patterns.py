@@ -10,8 +10,7 @@ import pytest
 
 from tests.batch.test_run import do
 from tests.helpers.recording_stubs import NoiseTracker, write_log
-from tracker.batch.patterns import recordings_of
-from tracker.batch.results import outputs_of
+from tracker.batch.results import outputs_of, recordings_of
 from tracker.batch.run import Batch
 from tracker.errors import LogError
 from tracker.recordings import Options

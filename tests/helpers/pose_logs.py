@@ -13,7 +13,7 @@ from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray
 from tracker.geometry import so3
 from tracker.pose.result import CameraUse
-from tracker.poses.builder import PosesBuilder
+from tracker.poses.file import PosesBuilder
 from tracker.poses.poses import About, Poses
 
 START = 1.6e9 + 0.125

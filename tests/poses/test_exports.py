@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from tests.helpers.pose_logs import START, answer, make_about, random_pose, random_poses
 from tracker.errors import LogError
 from tracker.geometry import so3
-from tracker.poses.builder import PosesBuilder
 from tracker.poses.exports import write_bop, write_csv, write_tum
+from tracker.poses.file import PosesBuilder
 from tracker.poses.poses import CSV_HEADER
 
 

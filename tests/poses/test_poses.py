@@ -22,8 +22,8 @@ from tracker.calibration.rig import CameraRig
 from tracker.errors import LogError
 from tracker.geometry import so3
 from tracker.pose.result import CameraUse, Observation, PoseEstimate, Status
-from tracker.poses.builder import PosesBuilder
 from tracker.poses.columns import FilteredColumns, MeasuredColumns, PoseColumns
+from tracker.poses.file import PosesBuilder
 from tracker.poses.poses import Poses, compare, concatenate
 
 

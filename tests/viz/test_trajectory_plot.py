@@ -22,7 +22,7 @@ from tests.helpers.pose_logs import (
 )
 from tracker.errors import ImageError, TrackerError
 from tracker.geometry import so3
-from tracker.poses.builder import PosesBuilder
+from tracker.poses.file import PosesBuilder
 from tracker.viz import paint, write_trajectory_plot
 from tracker.viz.trajectory import STATUS_COLORS, angle_std, angles
 

@@ -14,8 +14,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from tracker.batch.patterns import recordings_of
-from tracker.batch.results import ASKED, OF_ALL, SUFFIX, failure_file, is_done, outputs_of, summary_file
+from tracker.batch.results import (
+    ASKED,
+    OF_ALL,
+    SUFFIX,
+    failure_file,
+    is_done,
+    outputs_of,
+    recordings_of,
+    summary_file,
+)
 from tracker.batch.task import Task, agreed, keep_failure, make_result
 from tracker.batch.workers import Engine
 from tracker.errors import LogError, reason

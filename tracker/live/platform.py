@@ -16,7 +16,6 @@ import os
 import threading
 from collections import deque
 from dataclasses import dataclass
-from types import TracebackType
 from typing import NamedTuple
 
 import numpy as np
@@ -100,9 +99,7 @@ class Frontend:
     def __enter__(self) -> Frontend:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.shutdown()
 
     @property

@@ -1,7 +1,18 @@
-"""The platform's HDF5 camera logs, versions 1 and 2, with the object's poses or without."""
+"""The platform's HDF5 camera logs, versions 1 and 2, with poses or without, read a part at a time.
+
+    images                      (n, C, H, W) uint8, raw Bayer pixels
+    timestamps, object_pose/…   (n, k) numbers of each frame
+    camera_names                (C,) texts
+    camera_info/NAME/settings   (k,) uint8: what a camera was set to, the text of a JSON object
+
+Settings are bytes rather than a text, since the library does not survive damaged texts.
+"""
 
 from __future__ import annotations
 
+import json
+import math
+import struct
 from contextlib import suppress
 from pathlib import Path
 
@@ -11,13 +22,195 @@ import numpy as np
 from tracker.calibration.camera_info import read_rig
 from tracker.calibration.rig import CameraRig
 from tracker.checks import described
-from tracker.conventions import Image
+from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import LogError
+from tracker.files import hdf5, open_regular, told_of
 from tracker.files.hdf5 import TooLong, check_stated_end, faults_as_log_errors, find, open_file, text
 from tracker.logs.frame import LogFrame, RecordedPose, checked_stamp, empty_frame, is_empty, pose_from_record
-from tracker.logs.hdf5_fields import Rows, StoredImages, read_names, read_settings
-from tracker.logs.log import DEFAULT_NAMES, Settings, Source
+from tracker.logs.log import DEFAULT_NAMES, MAX_SIDE, MIN_SIDE, Settings, Source
 from tracker.logs.pictures import from_bayer
+
+MAX_CAMERAS = 16
+
+_ROWS = 512  # rows of a small field that are read at once
+_MAX_SETTINGS = 1 << 16  # bytes of one camera
+_MAX_NAME = 400  # bytes: 100 letters
+_MAX_HEAP = 1 << 20
+_REFERENCE = struct.Struct("<IQI")  # length, address of the heap, number in it
+_HEAP_HEAD = struct.Struct("<4sB3xQ")
+_OBJECT_HEAD = struct.Struct("<HH4xQ")
+
+
+class StoredImages:
+    """The field `images`, (n, C, H, W) uint8."""
+
+    def __init__(self, field: h5py.Dataset, where: str) -> None:
+        """LogError if the field cannot be images."""
+        shape: tuple[int, ...] = field.shape or ()
+        sides = len(shape) == 4 and all(MIN_SIDE <= side <= MAX_SIDE for side in shape[2:])
+        if not sides or not 1 <= shape[1] <= MAX_CAMERAS or field.dtype != np.uint8:
+            raise LogError(
+                f"{where}: images: found {described(field)}, expected uint8 of (frames, 1 to "
+                f"{MAX_CAMERAS} cameras, {MIN_SIDE} to {MAX_SIDE} rows, as many columns)"
+            )
+        self._field = field
+        self.count, self.cameras, self.rows, self.columns = (int(side) for side in shape)
+        frame_bytes = self.cameras * self.rows * self.columns
+        stored = int(field.chunks[0]) if field.chunks else 1
+        # Frames that are packed together are unpacked together, else each would unpack them all again.
+        self._together = stored if 1 < stored <= self.count and stored * frame_bytes <= hdf5.MAX_CHUNK else 1
+        # To shuffle the bytes of numbers of one byte does nothing.
+        filters = [code for code in hdf5.filters_of(field) if code != h5py.h5z.FILTER_SHUFFLE]
+        gzipped = filters == [h5py.h5z.FILTER_DEFLATE]
+        self._whole_frames = gzipped and bool(field.chunks) and field.chunks[1:] == shape[1:]
+        self._start = 0
+        self._block: Image = np.empty((0, 0, 0, 0), np.uint8)
+
+    def read(self, index: int, what: str) -> Image:
+        """(C, H, W) raw pixels of a frame; LogError where they are damaged or were never written."""
+        if not self._start <= index < self._start + len(self._block):
+            start = index - index % self._together
+            with hdf5.faults_as_log_errors(f"{what}: images"):
+                block = self._unpacked(start) if self._whole_frames else self._read_by_library(start)
+            self._block, self._start = block, start
+        result: Image = self._block[index - self._start]
+        return result
+
+    def _read_by_library(self, start: int) -> Image:
+        if self._field.chunks:
+            self._check_chunks(start)
+        block: Image = self._field[start : start + self._together]
+        return block
+
+    def _unpacked(self, start: int) -> Image:
+        """What a block unpacks to, without trusting it to be no more than it should."""
+        chunks = self._field.chunks
+        first = start - start % chunks[0]
+        skipped, packed = self._field.id.read_direct_chunk((first, 0, 0, 0))
+        whole = math.prod(chunks)
+        gzip = hdf5.filters_of(self._field).index(h5py.h5z.FILTER_DEFLATE)
+        content = packed if skipped >> gzip & 1 else hdf5.inflated(packed, whole)
+        if len(content) != whole:
+            raise LogError(f"images at {first}: found {len(content)} bytes, expected {whole}")
+        frames = np.frombuffer(content, np.uint8).reshape(chunks)
+        last = min(start - first + self._together, self.count - first)
+        block: Image = frames[start - first : last].copy()  # the user's own, to change
+        return block
+
+    def _check_chunks(self, start: int) -> None:
+        """Refuse what the library passes silently: blocks that are missing, or cut off and not packed."""
+        chunks = self._field.chunks
+        whole = math.prod(chunks)
+        packed = self._field.id.get_create_plist().get_nfilters() > 0
+        for corner in np.ndindex(
+            *(-(-side // chunk) for side, chunk in zip(self._field.shape[1:], chunks[1:], strict=True))
+        ):
+            offset = (
+                start - start % chunks[0],
+                *(int(c) * k for c, k in zip(corner, chunks[1:], strict=True)),
+            )
+            # The same search as reading does; it raises where there is no block.
+            skipped, stored = self._field.id.read_direct_chunk(offset)
+            if (skipped or not packed) and len(stored) < whole:
+                raise LogError(f"images at {offset}: found {len(stored)} bytes, expected {whole}")
+
+
+class Rows:
+    """A field with a few numbers for each frame; a block of rows at a time is in memory."""
+
+    def __init__(self, field: h5py.Dataset, width: int, what: str) -> None:
+        """Args: a field of shape (n, width), or (n,) where width is 1; LogError if it is another."""
+        shape = field.shape or ()
+        if not shape or math.prod(shape[1:]) != width or field.dtype not in (np.float64, np.bool_, np.uint8):
+            raise LogError(f"{what}: found {described(field)}, expected {width} numbers for each frame")
+        with hdf5.faults_as_log_errors(what):
+            hdf5.check_unpacked(field)
+        self._field, self._width, self._what = field, width, what
+        self._start = 0
+        self._block: FloatArray = np.empty((0, width))
+
+    def __len__(self) -> int:
+        return int(self._field.shape[0])
+
+    def __getitem__(self, index: int) -> FloatArray:
+        """(width,) numbers of a frame."""
+        if not self._start <= index < self._start + len(self._block):
+            start = index - index % _ROWS
+            with hdf5.faults_as_log_errors(self._what):
+                rows: Array = self._field[start : start + _ROWS]
+                self._block = np.asarray(rows, dtype=np.float64).reshape(-1, self._width)
+            self._start = start
+        result: FloatArray = self._block[index - self._start]
+        return result
+
+
+def read_names(field: h5py.Dataset, count: int, path: Path) -> tuple[str, ...]:
+    """The names in the field `camera_names`; LogError if they are not `count` different ones.
+
+    Strings of variable length lie in a heap of the file, and in a damaged heap the HDF5 library reads
+    beyond its memory, which ends the process, or searches without end: so it does, in version 2.0 still,
+    with 39 of the 1,664 bits of a heap of three names flipped. Therefore these few bytes are read here.
+    """
+    what = f"{path}: camera_names"
+    with hdf5.faults_as_log_errors(what):
+        kind = field.id.get_type()
+        text = isinstance(kind, h5py.h5t.TypeStringID)
+        fixed = text and not kind.is_variable_str()
+        variable = (text and not fixed) or isinstance(kind, h5py.h5t.TypeVlenID)
+        # As the type of a reference h5py gives its size in memory.
+        size = _REFERENCE.size if variable else int(kind.get_size())
+        offset = field.id.get_offset()
+        if field.shape != (count,) or not (fixed or variable) or size > _MAX_NAME or offset is None:
+            raise LogError(f"found {described(field)}, expected {count} names")
+        if field.id.get_storage_size() != count * size:
+            raise LogError(f"found {field.id.get_storage_size()} bytes, expected {count * size}")
+    try:
+        data = _bytes_at(path, offset, count * size)
+        parts = [data[k * size : (k + 1) * size] for k in range(count)]
+        found = parts if fixed else [_from_heap(path, part) for part in parts]
+        names = tuple(name.rstrip(b"\0").decode("utf-8") for name in found)
+    except (struct.error, UnicodeDecodeError, LogError) as error:
+        raise LogError(f"{what}: found damaged names ({error}), expected {count}") from error
+    if len(set(names)) < count:
+        raise LogError(f"{what}: found {', '.join(names)!r}, expected {count} different names")
+    return names
+
+
+def _from_heap(path: Path, reference: bytes) -> bytes:
+    """The string that a reference means."""
+    length, address, wanted = _REFERENCE.unpack(reference)
+    if length > _MAX_NAME:
+        raise LogError(f"a name of {length} bytes")
+    magic, version, size = _HEAP_HEAD.unpack(_bytes_at(path, address, _HEAP_HEAD.size))
+    if magic != b"GCOL" or version != 1 or size > _MAX_HEAP:
+        raise LogError("no heap of names")
+    heap = _bytes_at(path, address, size)
+    at = _HEAP_HEAD.size
+    while at + _OBJECT_HEAD.size <= len(heap):
+        number, _, stored = _OBJECT_HEAD.unpack_from(heap, at)
+        at += _OBJECT_HEAD.size
+        if number == wanted and number and length <= stored:
+            return heap[at : at + length]
+        if number == 0:  # what is free
+            break
+        at += -(-stored // 8) * 8
+    raise LogError("a name that the heap does not hold")
+
+
+def _bytes_at(path: Path, offset: int, size: int) -> bytes:
+    with told_of(path), open_regular(path) as file:
+        if offset >= file.seek(0, 2):
+            raise LogError("beyond the end of the file")
+        file.seek(offset)
+        return file.read(size)
+
+
+def _refuse(constant: str) -> float:
+    raise ValueError(f"found {constant}, expected a finite number")
+
+
+_POSE = {"position": 3, "orientation": 4, "confidence": 1}
+"""Fields of a pose, and how many numbers each has."""
 
 MAGIC = 0x3CDA7A00
 VERSIONS = (1, 2)
@@ -71,20 +264,17 @@ class Hdf5Source(Source):
             raise LogError(f"{where}: timestamps is missing, expected a camera log")
         self._camera_stamps = stamps
         self._frame_stamps = self._rows("sensor_data_timestamps", 1)
-        self._position = self._rows("object_pose/position", 3)
-        self._orientation = self._rows("object_pose/orientation", 4)
-        self._confidence = self._rows("object_pose/confidence", 1)
+        poses = [self._rows(f"object_pose/{name}", width) for name, width in _POSE.items()]
         self._has_pose = self._rows("object_pose/has_pose", 1)
-        poses = [self._position, self._orientation, self._confidence]
-        if any(poses) and not all(poses):
+        self._poses = [rows for rows in poses if rows is not None]
+        if len(self._poses) not in (0, len(_POSE)):
             raise LogError(f"{where}: object_pose: expected position, orientation and confidence together")
-        self.format += ", with poses" if self._position else ""
+        self.format += ", with poses" if self._poses else ""
         self._take_count(recover)
 
     def _take_count(self, recover: bool) -> None:
-        fields = [self._camera_stamps, self._frame_stamps, self._position, self._orientation]
-        counts = {len(field) for field in [*fields, self._confidence, self._has_pose] if field is not None}
-        counts.add(self._images.count)
+        fields = [self._camera_stamps, self._frame_stamps, *self._poses, self._has_pose]
+        counts = {self._images.count, *(len(field) for field in fields if field is not None)}
         self.count = min(counts)
         if self._flushed is not None and self._flushed <= self.count:
             self.count = self._flushed
@@ -121,7 +311,23 @@ class Hdf5Source(Source):
 
     def settings(self) -> dict[str, Settings]:
         """See Source."""
-        return read_settings(self._file, self.camera_names, str(self.path))
+        found = {name: self._settings(f"camera_info/{name}/settings") for name in self.camera_names}
+        return {name: values for name, values in found.items() if values is not None}
+
+    def _settings(self, path: str) -> Settings | None:
+        field, what = find(self._file, path, f"{self.path}: "), f"{self.path}: {path}"
+        if field is None:
+            return None
+        if field.dtype != np.uint8 or field.ndim != 1 or field.size > _MAX_SETTINGS:
+            raise LogError(f"{what}: found {described(field)}, expected up to {_MAX_SETTINGS} bytes")
+        with faults_as_log_errors(what):
+            values = json.loads(field[:].tobytes(), parse_constant=_refuse)
+        if not isinstance(values, dict) or not all(
+            isinstance(value, (str, int, float, bool)) for value in values.values()
+        ):
+            raise LogError(f"{what}: expected names of settings with texts or numbers")
+        settings: Settings = values
+        return settings
 
     def close(self) -> None:
         """See Source."""
@@ -129,12 +335,10 @@ class Hdf5Source(Source):
             self._file.close()
 
     def _pose(self, index: int, where: str) -> RecordedPose | None:
-        if self._position is None or self._orientation is None or self._confidence is None:
+        if not self._poses or (self._has_pose is not None and not self._has_pose[index][0]):
             return None
-        if self._has_pose is not None and not self._has_pose[index][0]:
-            return None
-        parts = [self._position[index], self._orientation[index], self._confidence[index]]
-        return pose_from_record(np.concatenate(parts), what=f"{where}, object_pose")
+        numbers = np.concatenate([rows[index] for rows in self._poses])
+        return pose_from_record(numbers, what=f"{where}, object_pose")
 
     def _rows(self, name: str, width: int) -> Rows | None:
         field = find(self._file, name, f"{self.path}: ")

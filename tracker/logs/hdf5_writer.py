@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
+import math
 import os
 from collections.abc import Sequence
-from types import TracebackType
 from typing import Any
 
 import h5py
@@ -15,7 +16,6 @@ from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import LogError
 from tracker.files.hdf5 import Disk
 from tracker.logs.frame import checked_stamp
-from tracker.logs.hdf5_fields import write_settings
 from tracker.logs.hdf5_reader import FLUSHED, MAGIC
 from tracker.logs.log import Settings
 from tracker.logs.pictures import to_bayer
@@ -76,7 +76,7 @@ class Hdf5LogWriter:
             self._file = h5py.File(self._disk, "w")
             try:
                 self._begin(frame_rate, poses)
-                write_settings(self._file, rig.names, settings)
+                self._write_settings(settings)
                 self._check_disk()
             except BaseException:
                 self._file.close()
@@ -88,9 +88,7 @@ class Hdf5LogWriter:
     def __enter__(self) -> Hdf5LogWriter:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def __len__(self) -> int:
@@ -193,6 +191,16 @@ class Hdf5LogWriter:
             self._rows("object_pose/position", (3,))
             self._rows("object_pose/orientation", (4,))
             self._rows("object_pose/confidence")
+
+    def _write_settings(self, settings: Sequence[Settings]) -> None:
+        """Keep what is known of each camera; of one of which nothing is known there is no field."""
+        for name, values in zip(self._rig.names, settings or [{}] * len(self._rig), strict=True):
+            known = {
+                key: value for key, value in values.items() if isinstance(value, str) or math.isfinite(value)
+            }
+            if known:
+                content = json.dumps(known, allow_nan=False).encode()
+                self._file[f"camera_info/{name}/settings"] = np.frombuffer(content, np.uint8)
 
     def _rows(self, name: str, shape: tuple[int, ...] = (), dtype: Any = np.float64) -> None:
         self._file.create_dataset(

@@ -18,8 +18,7 @@ from tracker.inputs import PathLike, colors_of, object_of, rig_of
 from tracker.logs import Log, open_log
 from tracker.logs.cameras import fitted_to
 from tracker.objects.model import CuboidModel
-from tracker.poses.builder import PosesBuilder
-from tracker.poses.file import read_fingerprint, read_poses, write_poses
+from tracker.poses.file import PosesBuilder, read_fingerprint, read_poses, write_poses
 from tracker.poses.poses import About, Poses
 from tracker.recordings.recipe import Job, Recipe, fingerprint
 from tracker.segmentation.color_model import ColorModel
