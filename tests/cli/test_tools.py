@@ -112,7 +112,7 @@ def test_keypoints_are_columns_on_request(poses, tmp_path, run_here):
     refused = run_here("export", "poses.h5", "--tum", "a.tum", "--keypoints", folder=tmp_path)
     assert refused.returncode == 2
     assert "--keypoints: found no table" in refused.stderr
-    with pytest.raises(LogError, match="keypoints: found 'cube_v2', expected an object"):
+    with pytest.raises(LogError, match="keypoints: found 'cube_v2', expected CuboidModel"):
         poses.table("cube_v2")
 
 

@@ -10,7 +10,7 @@ import tracker
 from tracker.cli import options
 from tracker.cli.outputs import Command, InFile, Recording, file_option, refuse_overwriting, require_folder
 from tracker.cli.render import bar
-from tracker.cli.track_outputs import Outputs, output_options, write_film
+from tracker.cli.track_outputs import Outputs, output_options, write_tracked_film
 
 
 @click.command(cls=Command, short_help="Write poses as CSV, Parquet, TUM, BOP, film or plot.")
@@ -58,7 +58,7 @@ def export(
         with tracker.open_log(log, recover=True) as opened, bar("film", len(poses), quiet) as progress:
             fitted_to(log, opened, poses.about.rig)
             refuse_others(source, poses, log, opened)
-            write_film(video, opened, model, poses, progress)
+            write_tracked_film(video, opened, model, poses, progress)
 
 
 @click.command(cls=Command)

@@ -84,7 +84,7 @@ def _of_object(
 ) -> tuple[FloatArray, FloatArray]:
     """Times (n,) [s] and rewards (n,) of the poses of all frames."""
     from tracker.summaries.rewards import seconds_since_beginning
-    from tracker.summaries.summary import best_kind
+    from tracker.summaries.summary import best
 
     if poses_path is not None:
         poses = tracker.read_poses(poses_path)
@@ -97,7 +97,7 @@ def _of_object(
         with bar(job.name, count, quiet) as progress:
             poses = tracker.track(job, object_name, rig=rig, progress=progress).poses
     model = tracker.load_object(object_name or poses.about.object_name)
-    columns = poses.columns(best_kind(poses))
+    columns = best(poses)
     seconds = seconds_since_beginning(job, poses)
     return seconds, goal.rewards(seconds, columns.position, columns.orientation, model)
 

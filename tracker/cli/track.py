@@ -23,7 +23,7 @@ from tracker.cli.outputs import (
     require_folder,
 )
 from tracker.cli.render import bar, listing
-from tracker.cli.track_outputs import Outputs, output_options, write_film, write_health_page
+from tracker.cli.track_outputs import Outputs, output_options, write_health_page, write_tracked_film
 from tracker.errors import TrackerError, reason
 
 if TYPE_CHECKING:
@@ -124,7 +124,7 @@ def _track_one(job: Job, outputs: Outputs, health: Path | None, as_json: bool, q
     if outputs.video is not None:
         count = len(tracked.poses)
         with tracker.open_log(log, recover=recipe.recover) as opened, bar("film", count, quiet) as progress:
-            write_film(outputs.video, opened, recipe.model, tracked.poses, progress)
+            write_tracked_film(outputs.video, opened, recipe.model, tracked.poses, progress)
     if health is not None:
         count = min(len(tracked.poses), 200)
         with tracker.open_log(log, recover=recipe.recover) as opened, bar("health", count, quiet) as progress:

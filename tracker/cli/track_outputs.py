@@ -22,9 +22,6 @@ if TYPE_CHECKING:
     from tracker.poses.poses import Poses
     from tracker.recordings import Recipe
 
-MIN_RATE, MAX_RATE = 0.5, 60.0
-"""Slowest and fastest film [frames per second]."""
-
 
 @dataclass(frozen=True)
 class Outputs:
@@ -84,7 +81,7 @@ output_options = options.gathered(
 """The options of both, see Outputs."""
 
 
-def write_film(
+def write_tracked_film(
     path: Path, log: Log, model: CuboidModel, poses: Poses, progress: Callable[[int], None]
 ) -> None:
     """Write a film of the frames that have been tracked, one in memory at a time.
@@ -92,9 +89,9 @@ def write_film(
     Raises:
         TrackerError: a frame cannot be read, or the film not be written.
     """
-    from tracker import viz
+    from tracker.viz.image_files import film_rate, write_film
 
-    viz.write_film(path, _pictures(log, model, poses, progress), _rate(poses))
+    write_film(path, _pictures(log, model, poses, progress), film_rate(poses.timestamp))
 
 
 def write_health_page(
@@ -112,15 +109,6 @@ def write_health_page(
     found = health(ObjectTracker(recipe.model, poses.about.rig, recipe.colors), log, poses, progress)
     write_health(path, found, " · ".join(filter(None, (poses.about.object_name, poses.about.source))))
     return found.complaints()
-
-
-def _rate(poses: Poses) -> float:
-    """Frames per second of the recording; equal stamps, of repeated frames, tell nothing."""
-    import numpy as np
-
-    steps = np.diff(poses.timestamp)
-    steps = steps[steps > 0]
-    return float(np.clip(1 / np.median(steps), MIN_RATE, MAX_RATE)) if len(steps) else 10.0
 
 
 def _pictures(log: Log, model: CuboidModel, poses: Poses, progress: Callable[[int], None]) -> Iterator[Image]:

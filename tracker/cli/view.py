@@ -65,6 +65,7 @@ def view(
     """
     from tracker.logs.cameras import fitted_to
     from tracker.poses.file import is_poses_file
+    from tracker.recordings.track import answers
     from tracker.viz.rerun_viewer import require_rerun
 
     require_rerun()
@@ -94,7 +95,12 @@ def view(
         model, colors = options.Subject(object_name, colors_name).load()
         rig = cameras.rig_of(source, opened)
         wanted = _wanted(source, len(opened), part, every)
-        frames = _tracked(opened[part.first : part.last], rig, model, colors, wanted)
+        finder = tracker.ObjectTracker(model, rig, colors)
+        frames = (
+            (frame.index, frame.timestamp, answer, frame.images, _health(finder, frame.images, answer))
+            for frame, answer in answers(source, opened[part.first : part.last], finder)
+            if frame.index in wanted  # the others are tracked, too
+        )
         _show(source, target, rig, model, frames, len(wanted), quiet)
 
 
@@ -178,24 +184,6 @@ def _with_images(
             )
         answer = observation(poses, row)
         yield frame.index, stamp, answer, frame.images, _health(looker, frame.images, answer)
-
-
-def _tracked(
-    log: tracker.Log,
-    rig: tracker.CameraRig,
-    model: tracker.CuboidModel,
-    colors: tracker.ColorModel,
-    wanted: range,
-) -> _Frames:
-    """The frames of a recording, tracked; also those that are not shown."""
-    finder = tracker.ObjectTracker(model, rig, colors)
-    starts = frozenset(log.episode_starts)
-    for frame in log:
-        if frame.index in starts:
-            finder.reset()
-        answer = finder.update(frame.images, frame.timestamp)
-        if frame.index in wanted:
-            yield frame.index, frame.timestamp, answer, frame.images, _health(finder, frame.images, answer)
 
 
 def _health(

@@ -6,18 +6,20 @@ import dataclasses
 import os
 import time
 from bisect import bisect_right
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from tracker.calibration.rig import CameraRig
 from tracker.checks import path_of
 from tracker.errors import LogError, TrackerError
 from tracker.files import claimed
 from tracker.inputs import PathLike, colors_of, object_of, rig_of
-from tracker.logs import Log, open_log
+from tracker.logs import Log, LogFrame, open_log
 from tracker.logs.cameras import fitted_to
 from tracker.objects.model import CuboidModel
+from tracker.pose.result import Observation
 from tracker.poses.file import PosesBuilder, read_fingerprint, read_poses, write_poses
 from tracker.poses.poses import About, Poses
 from tracker.recordings.recipe import Job, Recipe, fingerprint
@@ -173,6 +175,19 @@ def _follow(job: Job, log: Log, rig: CameraRig, progress: Progress | None) -> Po
     tracker = recipe.make_tracker(recipe.model, rig, recipe.colors)
     name = unicode_text(job.log.name or job.log.resolve().name)
     builder = PosesBuilder(About(recipe.model.name, name, version(), rig))
+    for frame, answer in answers(job.log, log, tracker):
+        builder.append(frame.index, frame.timestamp, answer, frame.recorded_pose)
+        if progress is not None:
+            progress(1)
+    return builder.build()
+
+
+def answers(path: Path, log: Log, tracker: Any) -> Iterator[tuple[LogFrame, Observation]]:
+    """Each frame with what a tracker answers to it, which forgets what was before where something new starts.
+
+    Raises:
+        LogError: a frame is damaged, or does not fit the tracker.
+    """
     episode = -1
     for frame in log:
         before, episode = episode, bisect_right(log.episode_starts, frame.index)
@@ -181,11 +196,8 @@ def _follow(job: Job, log: Log, rig: CameraRig, progress: Progress | None) -> Po
         try:
             answer = tracker.update(frame.images, frame.timestamp)
         except TrackerError as error:
-            raise LogError(f"{job.log}: frame {frame.index}: {error}") from error
-        builder.append(frame.index, frame.timestamp, answer, frame.recorded_pose)
-        if progress is not None:
-            progress(1)
-    return builder.build()
+            raise LogError(f"{path}: frame {frame.index}: {error}") from error
+        yield frame, answer
 
 
 def unicode_text(text: str) -> str:

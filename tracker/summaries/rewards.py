@@ -12,7 +12,7 @@ from tracker.errors import LogError, TaskError, reason
 from tracker.logs import Log, open_log
 from tracker.objects.model import CuboidModel
 from tracker.poses.poses import Poses
-from tracker.summaries.summary import best_kind
+from tracker.summaries.summary import best
 from tracker.tasks.job_goal import FILE_NAME, STEPS_PER_SECOND, read_job_goal
 
 SAME = 1e-3
@@ -69,7 +69,7 @@ def goal_columns(log: Path, poses: Poses, model: CuboidModel) -> dict[str, Any]:
         found: dict[str, Any] = {"task": goal.task, "level": goal.level}
         if goal.task == "rearrange_dice":
             return found
-        columns = poses.columns(best_kind(poses))
+        columns = best(poses)
         seconds = seconds_since_beginning(log, poses)
         rewards = goal.rewards(seconds, columns.position, columns.orientation, model)
     except (TaskError, LogError, OSError) as error:

@@ -13,7 +13,7 @@ from tracker.poses.poses import Poses
 from tracker.recordings.recipe import Job
 from tracker.recordings.track import Tracked, unicode_text
 from tracker.summaries.rewards import goal_columns
-from tracker.summaries.summary import best_kind, summary
+from tracker.summaries.summary import best, summary
 from tracker.summaries.swapped import told_of_recording
 
 STEP = 0.002
@@ -104,8 +104,7 @@ def _worst(cameras: dict[str, dict[str, float | None]]) -> dict[str, Any]:
 
 def _sure_and_far(poses: Poses) -> dict[str, float]:
     """How sure the poses are, and where and how quickly the object went."""
-    columns = poses.filtered if best_kind(poses) == "filtered" else poses.measured
-    some = columns.take(columns.has_pose)
+    some = best(poses).take(best(poses).has_pose)
     if not len(some):
         return {}
     std = np.sqrt(np.diagonal(some.covariance, axis1=1, axis2=2))

@@ -8,6 +8,7 @@ import numpy as np
 
 from tracker.conventions import Array
 from tracker.pose.result import CameraUse
+from tracker.poses.columns import MeasuredColumns
 from tracker.poses.poses import Kind, Poses, compare
 from tracker.recordings.track import Tracked
 
@@ -22,8 +23,13 @@ finger in front of one or a push that blurs it makes some contradict the others.
 
 
 def best_kind(poses: Poses) -> Kind:
-    """The filtered poses, or the measured ones where nothing was filtered."""
+    """Which poses are told of: the filtered ones, or the measured ones where nothing was filtered."""
     return "filtered" if poses.filtered.has_pose.any() else "measured"
+
+
+def best(poses: Poses) -> MeasuredColumns:
+    """The poses of that kind."""
+    return poses.filtered if best_kind(poses) == "filtered" else poses.measured
 
 
 def to_look_at(cameras: dict[str, dict[str, float | None]]) -> dict[str, dict[CameraUse, float]]:
@@ -59,7 +65,7 @@ def summary(tracked: Tracked) -> dict[str, Any]:
     """
     poses = tracked.poses
     count, kind = len(poses), best_kind(poses)
-    columns = poses.filtered if kind == "filtered" else poses.measured
+    columns = best(poses)
     variance = np.diagonal(columns.covariance[columns.has_pose], axis1=1, axis2=2)
     std = np.median(np.sqrt(variance), axis=0) if len(variance) else None
     rate = tracked.new / tracked.seconds if tracked.new and tracked.seconds > 0 else None

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from tracker.conventions import Array, Image
 from tracker.errors import ImageError, TrackerError, install
@@ -94,10 +95,15 @@ def write_log_film(path: str | os.PathLike[str], log: Log, progress: Callable[[i
     Raises:
         TrackerError: a frame cannot be read, the film not be written, or the package av is missing.
     """
-    steps = np.diff([frame.timestamp for frame in log[:_LOOK]])
-    steps = steps[steps > 0]
-    rate = float(np.clip(1 / np.median(steps), MIN_RATE, MAX_RATE)) if len(steps) else 10.0
+    rate = film_rate([frame.timestamp for frame in log[:_LOOK]])
     write_film(path, _side_by_side(log, progress), rate)
+
+
+def film_rate(stamps: npt.ArrayLike) -> float:
+    """Frames per second of a film of frames at stamps (n,) [s]; repeated ones do not count."""
+    steps = np.diff(stamps)
+    steps = steps[steps > 0]
+    return float(np.clip(1 / np.median(steps), MIN_RATE, MAX_RATE)) if len(steps) else 10.0
 
 
 def _side_by_side(log: Log, progress: Callable[[int], None]) -> Iterator[Image]:

@@ -12,8 +12,9 @@ import numpy as np
 
 from tracker.conventions import Array, FloatArray
 from tracker.geometry import so3
-from tracker.poses.columns import MeasuredColumns, PoseColumns
+from tracker.poses.columns import PoseColumns
 from tracker.poses.poses import Poses
+from tracker.summaries.summary import best
 from tracker.viz import paint
 from tracker.viz.overlays import DOUBTFUL, GOOD
 from tracker.viz.plots import figure_file, rgb
@@ -79,7 +80,7 @@ def _draw(figure: Any, poses: Poses, title: str) -> None:
         axes[0].set_xlim(time.min(), time.max())
     elif not len(poses):
         axes[0].set_xticks([])
-    found = _best(poses).has_pose
+    found = best(poses).has_pose
     share = f"{np.mean(found):.1%} of {len(poses)} frames have a pose" if len(poses) else "no frames"
     # A dollar sign in the name of a file begins no formula.
     heading = title.replace("$", r"\$")
@@ -88,26 +89,21 @@ def _draw(figure: Any, poses: Poses, title: str) -> None:
     _explain(axes[1], poses)
 
 
-def _best(poses: Poses) -> MeasuredColumns:
-    """The poses that are shown as lines."""
-    return poses.filtered if poses.filtered.has_pose.any() else poses.measured
-
-
 def _series(poses: Poses) -> Iterator[Series]:
     """One panel after the other."""
-    best, measured = _best(poses), poses.measured
+    shown, measured = best(poses), poses.measured
     recorded = PoseColumns.nothing(len(poses)) if poses.recorded is None else poses.recorded
     for k, (name, color) in enumerate(_AXES.items()):
-        line, dots, circles = (1e3 * columns.position[:, k] for columns in (best, measured, recorded))
-        band = 1e3 * _SIGMAS * np.sqrt(best.covariance[:, k, k])
+        line, dots, circles = (1e3 * columns.position[:, k] for columns in (shown, measured, recorded))
+        band = 1e3 * _SIGMAS * np.sqrt(shown.covariance[:, k, k])
         yield Series(f"{name} [mm]", color, line, line - band, line + band, dots, circles)
-    first = _first_rotation(best, measured, recorded)
-    line, dots, circles = (angles(columns.orientation, first) for columns in (best, measured, recorded))
-    band = _SIGMAS * angle_std(best.orientation, first, best.covariance[:, 3:, 3:])
+    first = _first_rotation(shown, measured, recorded)
+    line, dots, circles = (angles(columns.orientation, first) for columns in (shown, measured, recorded))
+    band = _SIGMAS * angle_std(shown.orientation, first, shown.covariance[:, 3:, 3:])
     low, high = np.maximum(line - band, 0), np.minimum(line + band, 180)
     yield Series("rotation [°]", _ROTATION, line, low, high, dots, circles)
     nothing = np.full(len(poses), np.nan)
-    line, dots, circles = (columns.confidence for columns in (best, measured, recorded))
+    line, dots, circles = (columns.confidence for columns in (shown, measured, recorded))
     limits = (-0.04, 1.04)
     yield Series("confidence", paint.BRIGHT, line, nothing, nothing, dots, circles, limits)
 
@@ -157,7 +153,7 @@ def _explain(axis: Any, poses: Poses) -> None:
     """What line, band, dots and circles are."""
     fused = bool(poses.filtered.has_pose.any())
     handles: list[Any] = []
-    if _best(poses).has_pose.any():
+    if best(poses).has_pose.any():
         handles.append(_mark(paint.BRIGHT, "filtered" if fused else "measured", "-"))
         handles.append(_patch(paint.BRIGHT, f"±{_SIGMAS:g}σ", 0.3))
     if fused and poses.measured.has_pose.any():
