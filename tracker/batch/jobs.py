@@ -113,13 +113,10 @@ class Description:
         write_whole(self.path, self.text)
 
     def submit(self) -> str:
-        """Submit it; what the scheduler says.
+        """Submit it; what the scheduler says. TrackerError where its command is missing, or refuses.
 
         Jobs take compiled kernels from where this process does: beside the sources, or the user's own folder
         NUMBA_CACHE_DIR. The folder of results, which others may write, holds nothing that is executed.
-
-        Raises:
-            TrackerError: its command is missing, or refuses.
         """
         command = {"htcondor": "condor_submit", "slurm": "sbatch"}[self.scheduler]
         environment = dict(os.environ)
@@ -144,11 +141,7 @@ class Description:
 
 
 def describe(batch: Batch, tasks: Sequence[Task], scheduler: Scheduler) -> Description:
-    """The description of jobs for some recordings, at least one.
-
-    Raises:
-        TrackerError: the path of Python has a line break, which descriptions cannot have.
-    """
+    """Jobs for some recordings; TrackerError where the path of Python has a line break."""
     if not sys.executable.isprintable():
         raise TrackerError(f"{sys.executable!r}: found a line break or the like, expected a path without")
     each = max(RECORDINGS_A_JOB, -(-len(tasks) // MOST_JOBS))
@@ -172,12 +165,7 @@ def describe(batch: Batch, tasks: Sequence[Task], scheduler: Scheduler) -> Descr
 
 
 def do_share(list_path: Path, number: int) -> int:
-    """Do one job's share of a list, but for what is done; the number of recordings that could not be done.
-
-    Raises:
-        LogError: the list cannot be read, or there is no such job.
-        TrackerError: an object, colours or a calibration is unknown or malformed.
-    """
+    """Do one job's share of a list, but for what is done; how many recordings could not be done."""
     options, pairs, mark, each = read_asked(list_path)
     share = pairs[number * each : (number + 1) * each]
     if number < 0 or not share:

@@ -31,11 +31,8 @@ def recordings_of(given: Sequence[str], folder: Path) -> list[Path]:
     """The recordings that are named or fit a pattern, in the order of what is given.
 
     Of what fits a pattern the results of earlier runs are left out, so that the same command means the same
-    again wherever its folder of results is; and what several links lead to is taken once.
-
-    Args:
-        given: paths and patterns; what is there under a pattern's own name is a path.
-        folder: of the results.
+    again wherever its folder of results is; and what several links lead to is taken once. What is there under
+    a pattern's own name is a path.
 
     Raises:
         LogError: a pattern fits nothing.
@@ -145,11 +142,7 @@ def output_of(log: Path, folder: Path) -> Path:
 
 
 def outputs_of(logs: Sequence[Path], folder: Path) -> list[Path]:
-    """The file of poses of each recording.
-
-    Raises:
-        LogError: a recording is given twice, or two would have the same file.
-    """
+    """The file of poses of each recording; LogError where two recordings have the same."""
     given: dict[str, Path] = {}
     outputs: dict[Path, Path] = {}
     for log in logs:
@@ -175,11 +168,7 @@ def failure_file(output: Path) -> Path:
 
 
 def is_result(path: Path, folder: Path) -> bool:
-    """Whether this is a file that batches write to their folder of results, or a folder of nothing else.
-
-    Raises:
-        OSError: a folder cannot be read.
-    """
+    """Whether this is a file that batches write to their folder of results, or a folder of such."""
     if path.is_dir() and not path.is_symlink():
         inside = [entry for entry in path.iterdir() if not entry.name.startswith(".")]
         return bool(inside) and all(is_result(entry, folder) for entry in inside)

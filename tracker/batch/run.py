@@ -53,11 +53,7 @@ class Batch:
 
     @classmethod
     def of(cls, recordings: Sequence[str], folder: Path, options: Options) -> Batch:
-        """A batch of paths, and of patterns such as `episodes/*`.
-
-        Raises:
-            LogError: a recording is given twice, or a pattern fits nothing.
-        """
+        """A batch of paths and patterns, see `recordings_of`; LogError where a recording is given twice."""
         logs = recordings_of(recordings, folder)
         outputs = outputs_of(logs, Path())
         pairs = ((os.path.abspath(log), str(output)) for log, output in zip(logs, outputs, strict=True))
@@ -70,11 +66,7 @@ class Batch:
 
 
 def write_batch(batch: Batch) -> None:
-    """Keep what was asked for; folders are made.
-
-    Raises:
-        OSError: the folder cannot be written.
-    """
+    """Keep what was asked for; folders are made."""
     batch.folder.mkdir(parents=True, exist_ok=True)
     content = {"options": batch.options.plain(), "recordings": batch.pairs}
     write_whole(batch.folder / ASKED, json.dumps(content, indent=0) + "\n")
@@ -127,11 +119,7 @@ def pairs_of(content: dict[str, Any]) -> tuple[tuple[str, str], ...]:
 def only_run(batch: Batch) -> Iterator[None]:
     """Nobody else hands out recordings of this folder of results until the `with` block ends.
 
-    What killed runs and workers have left is removed.
-
-    Raises:
-        BlockingIOError: another run is at work.
-        OSError: the folder cannot be written.
+    What killed runs and workers have left is removed. BlockingIOError where another run is at work.
     """
     batch.folder.mkdir(parents=True, exist_ok=True)
     with claimed(batch.folder / ASKED):
@@ -149,9 +137,6 @@ def run_batch(batch: Batch, begin: Callable[[], AbstractContextManager[Engine]],
         batch: what is wanted.
         begin: makes the engine, if there is anything to do.
         told: is told of each recording.
-
-    Raises:
-        TrackerError: an object, colours or a calibration that all recordings need is unknown or malformed.
     """
     recipe = Recipe.of(batch.options)
     failed = 0

@@ -56,9 +56,7 @@ RECENT = 600.0
 def state(batch: Batch, told: Mapping[str, str] | None = None) -> State:
     """What the folder of results says of a batch, whoever works on it.
 
-    Args:
-        batch: what is wanted.
-        told: reasons, by recording, of which there may be no file: of those that have failed just now.
+    told: why recordings have failed just now, of which there may be no file.
     """
     lines, failures, stamps, running = [], {}, [], 0
     for log, relative in batch.pairs:

@@ -33,11 +33,7 @@ class Task:
 
     @property
     def job(self) -> Job:
-        """The same, loaded.
-
-        Raises:
-            TrackerError: something is unknown or malformed, or is not what it was to who handed it out.
-        """
+        """The same, loaded; TrackerError where it is not what it was to who handed it out."""
         return Job(Path(self.log), Path(self.output), _recipe(self.options, self.agreed))
 
 
@@ -47,11 +43,7 @@ def agreed(recipe: Recipe) -> str:
 
 
 def track_task(task: Task) -> dict[str, Any]:
-    """Track a recording and write its file of poses, or take the one that is there; see `described`.
-
-    Raises:
-        TrackerError, OSError: see `run`.
-    """
+    """Track a recording and write its file of poses, or take the one that is there; see `described`."""
     job = task.job
     job.output.parent.mkdir(parents=True, exist_ok=True)
     return described(job, run(job))

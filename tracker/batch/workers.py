@@ -193,11 +193,7 @@ class _Process:
         self._lock = threading.Lock()  # of the number, which must be that of a process of ours
 
     def apply(self, function: Callable[..., _Result], *arguments: Any) -> _Result:
-        """What a function gives.
-
-        Raises:
-            WorkerError: each process that had to do it was ended from outside.
-        """
+        """What a function gives; WorkerError where each process that had to do it was ended."""
         for _ in range(ATTEMPTS):
             try:
                 return self._begun().submit(function, *arguments).result()

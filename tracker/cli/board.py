@@ -62,12 +62,7 @@ board_options = options.gathered(
 
 
 def sightings_of(paths: Sequence[Path], board: Board) -> tuple[Board, list[BoardView | None], dict[str, str]]:
-    """The board in the pattern seen, what each photo shows of it, and why those without show none.
-
-    Raises:
-        ImageError: a photo cannot be read.
-        CalibrationError: no photo shows the board, or the photos show another.
-    """
+    """The board in the pattern seen, what each photo shows of it, and why those without show none."""
     from tracker.calibration.board.sighting import (
         MOST_BLUR,
         find_board,

@@ -64,11 +64,7 @@ class Filmed:
 
     @contextmanager
     def opened(self) -> Iterator[Opened]:
-        """All of it; recordings are open within the `with` block.
-
-        Raises:
-            TrackerError: something cannot be read, or the cameras are not the same all over.
-        """
+        """All of it, open within the `with` block; TrackerError where something is wrong with it."""
         from tracker.calibration.by_object.sightings import Film, Stills
 
         model, colors = self.subject.load()

@@ -36,11 +36,7 @@ class Lesson:
     quiet: bool
 
     def footage(self) -> list[Frames]:
-        """Frames of the recordings.
-
-        Raises:
-            TrackerError: a recording or its calibration cannot be read, or there are too few frames.
-        """
+        """Frames of the recordings; TrackerError where they cannot be read, or are too few."""
         from tracker.color_learning.frames import LEAST, frames_of, shares
 
         lengths = []
@@ -161,12 +157,7 @@ def new(
 def described(
     output: Path, size: tuple[float, float, float] | None, faces: str | None
 ) -> tracker.CuboidModel:
-    """The object of the options --size and --faces, with the name and the colours of the output.
-
-    Raises:
-        click.UsageError: an option is missing, or a face is given twice.
-        ObjectModelError: it is no object.
-    """
+    """The object of the options --size and --faces, with the name and the colours of the output."""
     import numpy as np
 
     from tracker.objects.model import face_labels_of

@@ -88,19 +88,7 @@ output_options = options.gathered(
 
 
 class LiveOutputs:
-    """All of it, opened; `listeners` hear of each moment.
-
-    Args:
-        wanted: by the options.
-        source: whose settings are recorded.
-        rig: the cameras.
-        model: the object.
-        colors: its colours.
-        stack: closes it all.
-
-    Raises:
-        TrackerError: something cannot be opened.
-    """
+    """All of it, opened, to be closed by the stack; `listeners` hear of each moment."""
 
     def __init__(
         self,
@@ -284,11 +272,7 @@ FIRST_LOOK = 1.0
 class Lookout:
     """Looks, until something is surely found, whether pictures of cameras that run come from the wrong ones.
 
-    A look takes as long as some detections, in the caller's thread; each waits twice as long as the last.
-
-    Args:
-        make_tracker: makes a tracker of the object and the cameras, for the looks alone.
-        names: of the cameras.
+    A look, by a tracker of its own, takes as long as some detections; each waits twice as long as the last.
     """
 
     def __init__(self, make_tracker: Callable[[], tracker.ObjectTracker], names: Sequence[str]) -> None:

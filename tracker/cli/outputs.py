@@ -64,13 +64,7 @@ class _Output(click.Path):
 
 
 class OutFile(_Output):
-    """A file to write.
-
-    Args:
-        suffixes: of which its name has one.
-        extra: whose package makes it.
-        new_folders: whether folders that are missing are made.
-    """
+    """A file to write, of one of the suffixes, made by the package of an extra."""
 
     def __init__(self, *suffixes: str, extra: str | None = None, new_folders: bool = False) -> None:
         super().__init__()
@@ -139,18 +133,10 @@ def _paths(given: Iterable[tuple[click.Parameter, Any]], kind: type) -> list[Pat
 def refuse_overwriting(
     files: Mapping[str, Path], recordings: Sequence[Path], others: Iterable[str | Path | None] = ()
 ) -> None:
-    """Refuse outputs that are an input, or the same file.
+    """UsageError where an output, by the option that names it, is an input or the same file as another.
 
-    Files are compared, not names: links, of either kind, are followed.
-
-    Args:
-        files: the outputs, by the option that names them.
-        recordings: inputs; with each of them its calibration is one, and all of its folder.
-        others: files and folders that are read too, such as a calibration; None or names that are no file
-            are passed over.
-
-    Raises:
-        click.UsageError: an output is refused.
+    Files are compared, not names: links, of either kind, are followed. With each recording its calibration is
+    an input, and all of its folder; `others` are files and folders that are read too, or None.
     """
     seen: dict[str, str] = {}
     for name, path in files.items():

@@ -40,9 +40,6 @@ def one_set(
 
     A single path that is no picture is a recording, or a folder of pictures, with a calibration of its own
     unless one is given. Which of several files is whose: see `of_cameras`.
-
-    Raises:
-        TrackerError: pictures, calibration or recording cannot be read, or do not belong together.
     """
     if len(images) == 1 and images[0] != NO_IMAGE and Path(images[0]).suffix.lower() not in PICTURES:
         path, number = Path(images[0]), frame or 0
@@ -64,10 +61,7 @@ def of_cameras(paths: Sequence[str], names: Sequence[str]) -> list[str]:
     """One set of files in the order of the cameras; NO_IMAGE stands for that of a camera that gave none.
 
     Files that are named after the cameras, or lie in folders that are, go to these. If none is, they come
-    in the cameras' order.
-
-    Raises:
-        ImageError: there are too few or too many, or their names contradict the cameras.
+    in the cameras' order. ImageError where there are too few or too many, or names contradict the cameras.
     """
     each = f"one for each of {', '.join(names)} ('{NO_IMAGE}' where a camera gave none)"
     if len(paths) != len(names):
@@ -114,12 +108,7 @@ def camera_in(text: str, names: Sequence[str]) -> str | None:
 def read_images(
     paths: Sequence[str], rig: tracker.CameraRig, *, resize: bool = False
 ) -> tuple[tracker.CameraRig, list[Image | None]]:
-    """The rig of the images' sizes, and the images in its order, None where a camera gave none.
-
-    Raises:
-        ImageError: an image cannot be read, or see `of_cameras`.
-        CalibrationError: an image is not of its camera's size; with `resize`: not of its shape.
-    """
+    """The rig of the images' sizes, and the images in its order, None where a camera gave none."""
     from tracker.logs.cameras import sized_for
     from tracker.segmentation.labelled import read_image
 

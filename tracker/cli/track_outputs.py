@@ -47,11 +47,7 @@ class Outputs:
             raise click.UsageError(f"--camera: found {self.camera}, expected one of {', '.join(rig.names)}")
 
     def write(self, poses: Poses, keypoints_of: CuboidModel | None = None) -> None:
-        """Write all but the film; the table with the corners of an object, if one is given.
-
-        Raises:
-            TrackerError: a file cannot be written.
-        """
+        """Write all but the film; the table with the corners of an object, if one is given."""
         from tracker import viz
         from tracker.poses.exports import write_bop, write_csv, write_tum
         from tracker.summaries.summary import best_kind
@@ -84,11 +80,7 @@ output_options = options.gathered(
 def write_tracked_film(
     path: Path, log: Log, model: CuboidModel, poses: Poses, progress: Callable[[int], None]
 ) -> None:
-    """Write a film of the frames that have been tracked, one in memory at a time.
-
-    Raises:
-        TrackerError: a frame cannot be read, or the film not be written.
-    """
+    """Write a film of the frames that have been tracked, one in memory at a time."""
     from tracker.viz.image_files import film_rate, write_film
 
     write_film(path, _pictures(log, model, poses, progress), film_rate(poses.timestamp))
@@ -97,11 +89,7 @@ def write_tracked_film(
 def write_health_page(
     path: Path, log: Log, recipe: Recipe, poses: Poses, progress: Callable[[int], None]
 ) -> list[str]:
-    """Write a page on the rig's health over the frames that have been tracked; what is not well.
-
-    Raises:
-        TrackerError: a frame cannot be read, or the page not be written.
-    """
+    """Write a page on the rig's health over the frames that have been tracked; what is not well."""
     from tracker.calibration.by_object.health import health
     from tracker.pipeline import ObjectTracker
     from tracker.viz.health_page import write_health

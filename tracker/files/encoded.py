@@ -36,10 +36,7 @@ def stated_size(data: bytes, formats: tuple[str, ...] = RECORDED) -> tuple[int, 
 def check(data: bytes, formats: tuple[str, ...] = RECORDED, *, appended: bool = False) -> None:
     """Look at a picture's integrity, as far as its format has means for it.
 
-    Args:
-        data: the file.
-        formats: those that it may have.
-        appended: a JPEG may have something behind its end, as photos of telephones; it is decoded then.
+    A JPEG with something `appended` behind its end, as photos of telephones have, is decoded.
 
     Raises:
         ValueError: a part of a PNG does not agree with its checksum, or the end of a PNG or JPEG is missing.

@@ -97,13 +97,7 @@ def check_stated_end(path: Path) -> None:
 def find(file: Any, name: str, where: str) -> h5py.Dataset | None:
     """The dataset at a path such as `object_pose/position`, with nothing read yet, or None.
 
-    Args:
-        file: file or group.
-        name: the path.
-        where: what stands before the path in errors.
-
-    Raises:
-        LogError: it cannot be trusted, or is none.
+    LogError where it cannot be trusted, or is none; `where` stands before the path in errors.
     """
     what = f"{where}{name}"
     item = _item(file, name, what)
@@ -134,14 +128,7 @@ def dataset(file: Any, name: str, where: str = "/") -> h5py.Dataset:
 
 
 def array(file: Any, name: str, shape: tuple[int, ...], kinds: str, where: str = "/") -> Array:
-    """The values of a dataset.
-
-    Args:
-        file: file or group.
-        name: of the dataset.
-        shape: the only valid one.
-        kinds: of valid types, a key of TYPES.
-        where: what stands before the name in errors.
+    """The values of a dataset of this shape and one of these `kinds`, a key of TYPES.
 
     Raises:
         LogError: there is no such dataset, it is of another type or shape, or fewer bytes are stored than
@@ -159,16 +146,10 @@ def array(file: Any, name: str, shape: tuple[int, ...], kinds: str, where: str =
 
 
 def attribute(item: Any, name: str, kinds: str, shape: tuple[int, ...] | None) -> Array:
-    """The value of an attribute of a file, group or dataset.
-
-    Args:
-        item: what has the attribute.
-        name: of the attribute.
-        kinds: of valid types, a key of TYPES.
-        shape: the only valid one; None: a list of any length.
+    """The value of an attribute of a file, group or dataset, of this shape (None: a list of any length).
 
     Raises:
-        LogError: there is no such attribute, or it is of another type, shape or size.
+        LogError: there is no such attribute, or it is none of these `kinds` (a key of TYPES), shape or size.
     """
     wanted = TYPES[kinds] + ("" if shape == () else ", a list of them")
     if name not in item.attrs:
@@ -276,14 +257,7 @@ def _check_blocks(dataset: h5py.Dataset, what: str) -> None:
 
 
 class Disk(io.FileIO):
-    """The file-like object that h5py writes through; what `flush` returned from outlives the process.
-
-    Args:
-        path: of a file that does not exist yet.
-
-    Raises:
-        OSError: it cannot be made.
-    """
+    """The new file that h5py writes through; what `flush` returned from outlives the process."""
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         super().__init__(path, "xb+")

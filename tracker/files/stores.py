@@ -42,11 +42,7 @@ _NO_PAGE = 2**64 - 1
 
 
 class LmdbFile:
-    """A database without further databases in it, open for reading.
-
-    Raises:
-        LogError: the file is no such database, or shorter than it says.
-    """
+    """A database without others in it, open for reading; LogError where it is none, or truncated."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -64,11 +60,7 @@ class LmdbFile:
         self._file.close()
 
     def get(self, key: str, largest: int) -> bytes | None:
-        """The value of a key, or None where there is none.
-
-        Raises:
-            LogError: the database is damaged on the way to it, or it has more than `largest` bytes.
-        """
+        """The value of a key, None where there is none; LogError where it has more than `largest` bytes."""
         wanted, number = key.encode("ascii"), self._root
         for _ in range(_MAX_DEPTH):
             if number == _NO_PAGE:

@@ -36,12 +36,7 @@ def told_as(fault: Callable[[str], Exception], what: str | os.PathLike[str]) -> 
 
 
 def write_whole(path: str | os.PathLike[str], content: bytes | str) -> None:
-    """Write a file under a temporary name beside its own, then rename it; text is written as UTF-8.
-
-    Raises:
-        OSError: the file cannot be written; what was there before is untouched.
-        ValueError: the path is none, for instance because of a null byte.
-    """
+    """Write a file, text as UTF-8, under a temporary name, then rename it; errors as for `whole_file`."""
     with whole_file(path) as temporary:
         temporary.write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
 

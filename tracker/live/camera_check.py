@@ -167,11 +167,7 @@ class SetLooks:
 
 
 def look_at(source: ImageSource, rig: CameraRig, seconds: float) -> SetLooks:
-    """Look at what a source gives for some seconds, or to its end; the source is left open.
-
-    Raises:
-        TrackerError: the source broke.
-    """
+    """Look at what a source gives for some seconds, or to its end; TrackerError where it breaks."""
     looks = SetLooks([CameraLooks(camera.name, (camera.width, camera.height)) for camera in rig])
     end, first = time.monotonic() + seconds, 0.0
     while (left := end - time.monotonic()) > 0:

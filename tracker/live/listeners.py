@@ -26,12 +26,9 @@ the next set comes, a second."""
 
 
 class Listener:
-    """Takes in moments in a thread of its own; of more than may wait the oldest is left out.
+    """Takes in moments in a thread of its own; of more than `waiting` the oldest is left out.
 
     Where it fails it takes in no more, and the tracking goes on.
-
-    Args:
-        waiting: how many moments may wait.
     """
 
     def __init__(self, waiting: int) -> None:
@@ -146,12 +143,7 @@ class Recorder(Listener):
 
 
 class RerunView(Listener):
-    """Shows moments in the viewer Rerun (the extra `rerun`), the newest; one that is too slow misses some.
-
-    Args:
-        path: a file (.rrd), which is there when this is closed; None: a viewer is opened.
-        rig: the cameras.
-        model: the object.
+    """Shows moments in the viewer Rerun, or a file (.rrd), the newest; one that is too slow misses some.
 
     Raises:
         TrackerError: the package is missing, or the viewer or the file cannot be opened.

@@ -120,13 +120,7 @@ class Moment:
 
 
 def camera_faults(names: Sequence[str], taken: ImageSet, uses: Sequence[CameraUse]) -> dict[str, str]:
-    """What was wrong with each camera, by its name; those that were well are left out.
-
-    Args:
-        names: of the cameras.
-        taken: the images.
-        uses: what became of them; empty where nobody knows.
-    """
+    """What was wrong with each camera, by its name; `uses`: what became of the images, or empty."""
     faults = {}
     for c, (name, image, fault) in enumerate(zip(names, taken.images, taken.faults, strict=True)):
         if image is None:

@@ -203,14 +203,7 @@ class Frontend:
 
 
 class LogReader:
-    """A recording, read at once; for long ones `tracker.open_log` holds one frame at a time.
-
-    Args:
-        path: the recording.
-
-    Raises:
-        LogError: it cannot be read.
-    """
+    """A recording, read at once; for long ones `tracker.open_log` holds one frame at a time."""
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.data: list[CameraObjectObservation] = []

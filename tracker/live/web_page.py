@@ -158,15 +158,11 @@ CONNECTIONS = 16
 
 
 class WebPage(Listener):
-    """Serves the page.
+    """Serves the page at a port of this machine; 0: any that is free.
 
     Only this machine can connect, and only under its own names: a site elsewhere that has the browser ask
     here is refused. Connections beyond CONNECTIONS are closed. Nothing can be changed by it. What costs time
-    is done while a page is open only, in threads of their own.
-
-    Args:
-        port: where; 0: any that is free.
-        tracker: of the object and the cameras, for looks of its own: not the one that `Live` has.
+    is done while a page is open only, in threads of their own, by a tracker that `Live` does not have.
 
     Raises:
         LiveError: the port is in use.

@@ -19,11 +19,7 @@ Progress = Callable[[int], None]
 
 
 def write_hdf5(path: Path, log: Log, rig: CameraRig, progress: Progress) -> None:
-    """Write frames as one of the platform's HDF5 logs, whole or not at all; what is raw stays so.
-
-    Raises:
-        LogError: a frame cannot be read, or the file not be written.
-    """
+    """Write frames as one of the platform's HDF5 logs, whole or not at all; what is raw stays so."""
     has_poses = any(frame.recorded_pose is not None for frame in log)
     with (
         told_as(LogError, path),
@@ -40,9 +36,6 @@ def write_folder(path: Path, log: Log, rig: CameraRig, progress: Progress) -> No
     """Write frames as a folder of PNG files for each camera, named by their stamps, with the calibration.
 
     The folder appears when all is written. A picture that a recorder repeated is there once.
-
-    Raises:
-        LogError: a frame cannot be read, pictures differ but not their stamps, or a file cannot be written.
     """
     with told_as(LogError, path), whole_file(path) as folder:
         for name in rig.names:

@@ -13,7 +13,7 @@ stamps close together.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -134,27 +134,24 @@ def _pictures(folder: Path) -> list[Path]:
     return sorted(item for item in _visible(folder) if item.suffix.lower() in SUFFIXES)
 
 
-def _camera_files(pictures: list[Path]) -> dict[str, Path]:
-    """The picture of each camera."""
+def _by_name(files: Iterable[Path], what: str) -> dict[str, Picture]:
+    """Files by their names without suffix, of which there is one each."""
     result: dict[str, Path] = {}
-    for file in pictures:
-        if _CAMERA.fullmatch(file.stem):
-            if file.stem in result:
-                raise LogError(
-                    f"{file}: found {result[file.stem].name} too, expected one picture of a camera"
-                )
-            result[file.stem] = file
-    return result
+    for file in files:
+        other = result.setdefault(file.stem, file)
+        if other is not file:
+            raise LogError(f"{file}: found {other.name} too, expected one picture of a {what}")
+    return dict(result)
+
+
+def _camera_files(pictures: list[Path]) -> dict[str, Picture]:
+    """The picture of each camera."""
+    return _by_name((file for file in pictures if _CAMERA.fullmatch(file.stem)), "camera")
 
 
 def _streams_files(folder: Path) -> dict[str, Picture]:
     """The pictures in a camera's folder by name, in order."""
-    result: dict[str, Path] = {}
-    for file in sorted(_pictures(folder), key=lambda file: natural_key(file.stem)):
-        if file.stem in result:
-            raise LogError(f"{file}: found {result[file.stem].name} too, expected one picture of a name")
-        result[file.stem] = file
-    return dict(result)
+    return _by_name(sorted(_pictures(folder), key=lambda file: natural_key(file.stem)), "name")
 
 
 def _of_films(root: Path) -> _Streams:
@@ -249,16 +246,22 @@ def _stamped(root: Path, shots: list[FrameFiles], stamps: FloatArray) -> list[Fr
 
 
 def _of_frames(
-    frames: list[tuple[str, dict[str, Path]]], rate: float
+    frames: list[tuple[str, dict[str, Picture]]], rate: float
 ) -> tuple[tuple[str, ...], list[FrameFiles]]:
     names = tuple(sorted({name for _, files in frames for name in files}, key=natural_key))
     keys = [key for key, _ in frames]
-    stamps = stamps_of_names(keys) or counted_stamps(keys, rate)
-    shots = [
-        FrameFiles(key, tuple(files.get(name) for name in names), (stamp,) * len(names))
-        for (key, files), stamp in zip(frames, stamps, strict=True)
+    pictures = [tuple(files.get(name) for name in names) for _, files in frames]
+    return names, _at_once(keys, pictures, stamps_of_names(keys) or counted_stamps(keys, rate))
+
+
+def _at_once(
+    keys: list[str], pictures: list[tuple[Picture | None, ...]], stamps: list[float]
+) -> list[FrameFiles]:
+    """Frames whose pictures have one stamp."""
+    return [
+        FrameFiles(key, files, (stamp,) * len(files))
+        for key, files, stamp in zip(keys, pictures, stamps, strict=True)
     ]
-    return names, shots
 
 
 def _of_streams(streams: _Streams, rate: float) -> tuple[tuple[str, ...], list[FrameFiles]]:
@@ -266,12 +269,8 @@ def _of_streams(streams: _Streams, rate: float) -> tuple[tuple[str, ...], list[F
     keys = sorted({key for files in streams.values() for key in files}, key=natural_key)
     stamps = stamps_of_names(keys)
     if stamps is None:
-        counted = counted_stamps(keys, rate)
-        shots = [
-            FrameFiles(key, tuple(streams[name].get(key) for name in names), (stamp,) * len(names))
-            for key, stamp in zip(keys, counted, strict=True)
-        ]
-        return names, shots
+        pictures = [tuple(streams[name].get(key) for name in names) for key in keys]
+        return names, _at_once(keys, pictures, counted_stamps(keys, rate))
     times = dict(zip(keys, stamps, strict=True))
     return names, list(_close_together([streams[name] for name in names], times, rate))
 

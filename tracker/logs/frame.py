@@ -81,16 +81,10 @@ def empty_frame(index: int, cameras: int) -> LogFrame:
 
 
 def pose_from_record(values: Array, *, what: str) -> RecordedPose | None:
-    """The pose of a record, or None where the recorder had none.
+    """The pose of a record (8,), or None where the recorder had none; LogError where it cannot be one.
 
-    The recorder says "none" in several ways: confidence 0, an orientation of zeros, or NaN.
-
-    Args:
-        values: (8,) position [m], quaternion x, y, z, w, confidence.
-        what: names the record in errors.
-
-    Raises:
-        LogError: the values cannot be a pose.
+    The recorder says "none" in several ways: confidence 0, an orientation of zeros, or NaN. The numbers are
+    position [m], quaternion x, y, z, w, confidence.
     """
     position, orientation, confidence = values[:3], values[3:7], float(values[7])
     # All values must be non-NaN: where the rotation was zero, the predecessor divided by its angle.

@@ -73,9 +73,7 @@ class Source(ABC):
 
 
 def rig_beside(folder: Path, names: tuple[str, ...]) -> CameraRig | None:
-    """The calibration in the folder, one file per camera, or None where there is none.
-
-    A camera's file is camera60.yml, or camera_calib_60.yml.
+    """The calibration in the folder, camera60.yml or camera_calib_60.yml of each camera; None without any.
 
     Raises:
         TrackerError: a file is malformed or of another camera, or only some of the cameras have one.

@@ -201,9 +201,6 @@ class NativeSource(Source):
         """Fill `data` with the content from a byte on, as far as there is any; the number of bytes.
 
         Of gzipped data what is skipped is unpacked, and reading backwards starts again.
-
-        Raises:
-            LogError: it is damaged.
         """
         try:
             self._file.seek(offset)

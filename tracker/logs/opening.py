@@ -59,11 +59,7 @@ def open_log(path: str | os.PathLike[str], *, recover: bool = False, rate: float
 
 
 def recording_files(path: Path) -> list[Path]:
-    """All files that `open_log` may read frames from, in the same order each time.
-
-    Raises:
-        OSError: a folder cannot be read.
-    """
+    """All files that `open_log` may read frames from, in the same order each time."""
     if not path.is_dir():
         return [path]
     found = [path / name for name in (*JOB_LOGS, STORE_FILE) if (path / name).is_file()]

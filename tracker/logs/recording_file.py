@@ -51,11 +51,7 @@ class RecordingFile:
 
 
 def read_recording_file(folder: Path) -> RecordingFile | None:
-    """What `recording.toml` and `stamps.csv` say; None where there is no such file.
-
-    Raises:
-        LogError: a file cannot be read or is malformed, or a pattern fits no file.
-    """
+    """What the two files say; None where there is no such file, LogError where one is malformed."""
     path = folder / FILE_NAME
     if not path.is_file():
         return None

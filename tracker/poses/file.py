@@ -48,14 +48,7 @@ class PosesBuilder:
         return len(self._index)
 
     def append(self, index: int, timestamp: float, answer: Observation, recorded: Any = None) -> None:
-        """Add a frame.
-
-        Args:
-            index: the frame's number in the recording.
-            timestamp: the frame's time [s].
-            answer: the tracker's.
-            recorded: the recording's own pose, with position, orientation and perhaps confidence, or None,
-                as `LogFrame` gives it; what it says has been judged there.
+        """Add a frame: its number and time [s], the tracker's answer, and the recording's own pose or None.
 
         Raises:
             LogError: the time is none in seconds; a pose lacks something, or has it in another shape; or
@@ -76,11 +69,7 @@ class PosesBuilder:
             self._rows[kind].append(row)
 
     def build(self) -> Poses:
-        """All frames so far.
-
-        Raises:
-            LogError: a pose or the order of the frames is not valid.
-        """
+        """All frames so far; LogError where a pose or the order of the frames is not valid."""
         has_recorded = any(row is not None for row in self._rows["recorded"])
         return Poses(
             index=np.array(self._index, dtype=np.int64),

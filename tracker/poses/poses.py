@@ -63,11 +63,7 @@ KINDS: dict[Kind, type[PoseColumns]] = {
 
 @dataclass(frozen=True, eq=False)
 class About:
-    """What the poses were made from, and by what.
-
-    Raises:
-        LogError: a text is none, or holds a null character or what is no Unicode (as file names can).
-    """
+    """What the poses were made from, and by what; LogError where a text cannot be kept."""
 
     object_name: str
     """The object, e.g. `cube_v2`."""

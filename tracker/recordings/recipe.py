@@ -165,11 +165,7 @@ class Job:
 
 
 def fingerprint(job: Job) -> str:
-    """Hexadecimal digits that differ where the poses might.
-
-    Raises:
-        OSError: the recording cannot be looked at.
-    """
+    """Hexadecimal digits that differ where the poses might."""
     recipe = job.recipe
     digest = hashlib.sha256(f"{code()}\0{recipe.digest}\0".encode())
     digest.update(os.fsencode(os.path.abspath(job.log)))

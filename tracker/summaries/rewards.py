@@ -20,11 +20,7 @@ SAME = 1e-3
 
 
 def refuse_others(path: Path, poses: Poses, recording: Path, log: Log) -> None:
-    """Refuse poses of another recording, as far as number and stamp of their first and last frame tell.
-
-    Raises:
-        LogError: they are, or one of these frames is damaged.
-    """
+    """LogError for poses of another recording, by number and stamp of first and last frame."""
     if not len(poses):
         return
     for row in (0, -1):

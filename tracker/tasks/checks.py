@@ -18,15 +18,10 @@ SHORTEST = 1e-9
 
 
 def numbers(name: str, value: Any, *, finite: bool = False) -> FloatArray:
-    """`value` in double precision.
-
-    Args:
-        name: what the message of an error calls it.
-        value: a number or an array of any shape.
-        finite: whether NaN is an error.
+    """A number or an array of any shape in double precision.
 
     Raises:
-        TaskError: it does not consist of numbers, or one is too large or NaN where it may not be.
+        TaskError: `name` does not consist of numbers, or one is too large or, where `finite`, NaN.
     """
     try:
         found: Array = np.asarray(value)
@@ -55,32 +50,20 @@ def quaternion(name: str, value: npt.ArrayLike) -> FloatArray:
 
 
 def pair(what: str, width: int, goal: npt.ArrayLike, actual: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Goals and states (..., width).
-
-    Raises:
-        TaskError: one is malformed, or their leading axes do not fit together.
-    """
+    """Goals and states (..., width); TaskError where one is malformed, or they do not fit together."""
     first, second = vectors(f"goal_{what}", width, goal, finite=True), vectors(what, width, actual)
     check_fit(f"goal_{what}", first.shape, what, second.shape)
     return first, second
 
 
 def quaternions(goal: npt.ArrayLike, actual: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Orientations of goals and states (..., 4) xyzw, scaled to length 1.
-
-    Raises:
-        TaskError: one is malformed, or their leading axes do not fit together.
-    """
+    """As `pair` for orientations (..., 4) xyzw, which are scaled to length 1."""
     first, second = pair("orientation", 4, goal, actual)
     return _unit("goal_orientation", first), _unit("orientation", second)
 
 
 def check_fit(name: str, shape: tuple[int, ...], other: str, other_shape: tuple[int, ...]) -> None:
-    """Check that shapes can be broadcast together.
-
-    Raises:
-        TaskError: they cannot.
-    """
+    """TaskError where shapes cannot be broadcast together."""
     try:
         np.broadcast_shapes(shape, other_shape)
     except ValueError:

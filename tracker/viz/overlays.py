@@ -33,16 +33,7 @@ Draw = Callable[[int, Image, Camera], None]
 
 
 def panels(images: Sequence[Image | None], rig: CameraRig, draw: Draw) -> Image:
-    """A row of all views.
-
-    Args:
-        images: (H, W, 3) uint8 BGR of each camera of the rig; None: the panel says that there is none.
-        rig: the cameras.
-        draw: called for each image there is.
-
-    Raises:
-        ImageError: the images do not fit the rig.
-    """
+    """A row of all views, each drawn into by `draw`; ImageError where images do not fit the rig."""
     of_kind(rig, CameraRig, "overlay: rig", ImageError, "tracker.CameraRig.load")
     check_sequence(images, "overlay: images", ImageError)
     if len(images) != len(rig):

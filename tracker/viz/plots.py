@@ -50,11 +50,7 @@ _STYLE: Any = {
 
 @contextmanager
 def figure(size: tuple[float, float]) -> Iterator[Figure]:
-    """An empty figure of a size [inch], to be drawn on in the with block.
-
-    Raises:
-        TrackerError: the optional package `matplotlib` is missing.
-    """
+    """An empty figure of a size [inch]; TrackerError where the package `matplotlib` is missing."""
     try:
         from matplotlib import rc_context
         from matplotlib.figure import Figure
@@ -67,12 +63,7 @@ def figure(size: tuple[float, float]) -> Iterator[Figure]:
 
 @contextmanager
 def figure_file(path: str | os.PathLike[str], size: tuple[float, float]) -> Iterator[Figure]:
-    """As `figure`; where the with block ends it is written as a PNG picture, whole or not at all.
-
-    Raises:
-        ImageError: the file's suffix is not .png, or it cannot be written.
-        TrackerError: the optional package `matplotlib` is missing.
-    """
+    """As `figure`; at the end of the `with` block it is written as a PNG picture, whole or not at all."""
     target = Path(path)
     if target.suffix.lower() != ".png":
         raise ImageError(f"plot {target}: found suffix {target.suffix!r}, expected .png")

@@ -61,13 +61,7 @@ Path = Sequence[str]
 
 
 class Scene:
-    """Sends frames to a stream of Rerun, one by one, and keeps none of them.
-
-    Args:
-        stream: where to; a file or a viewer has been attached to it.
-        rig: the cameras.
-        model: the object.
-    """
+    """Sends frames to a stream, to which a file or a viewer was attached, one by one, and keeps none."""
 
     def __init__(self, stream: rr.RecordingStream, rig: CameraRig, model: CuboidModel) -> None:
         self._stream, self._rig, self._model = stream, rig, model

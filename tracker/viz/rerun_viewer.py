@@ -53,11 +53,7 @@ _open: list[subprocess.Popen[bytes]] = []
 
 
 def require_rerun() -> None:
-    """Refuse where the optional package is missing.
-
-    Raises:
-        TrackerError: it is.
-    """
+    """TrackerError where the optional package is missing."""
     if find_spec("rerun") is None:
         raise TrackerError(f"the view needs the package rerun-sdk: {install('rerun')}")
 
@@ -67,8 +63,7 @@ def open_scene(path: str | os.PathLike[str] | None, rig: CameraRig, model: Cuboi
     """A scene to show frames in; what it is sent is written as it comes, so memory does not grow.
 
     Args:
-        path: the file, which ends in .rrd and appears whole when the `with` block ends, or not at all;
-            None: a viewer is opened.
+        path: the file (.rrd), which is there whole when the `with` block ends; None: a viewer is opened.
         rig: the cameras.
         model: the object.
 

@@ -17,16 +17,13 @@ def is_lcm(address: str) -> bool:
 def open_publisher(
     address: str, model: CuboidModel, *, body: str | None = None, public: bool = False
 ) -> Publisher:
-    """What publishes at an address: see `LcmPublisher` and `ZmqPublisher`.
+    """What publishes at an address such as `tcp://127.0.0.1:5555` or `lcm://`.
 
     Args:
-        address: e.g. `tcp://127.0.0.1:5555` (ZeroMQ), `lcm://`.
+        address: as ZmqPublisher and LcmPublisher take it.
         model: the object.
         body: what LCM's messages call it; None: `cube`, or `cuboid`.
         public: whether other machines may receive it.
-
-    Raises:
-        LiveError: the package is not installed, or the address cannot be used.
     """
     if is_lcm(address):
         return LcmPublisher(address, model, body=body, public=public)

@@ -106,11 +106,7 @@ def _same(one: CameraRig, other: CameraRig) -> bool:
 
 
 def settings_of(path: Path | None, serials: list[str]) -> dict[str, Mapping[str, Any]]:
-    """What each camera is set to, from a TOML file; nothing without one.
-
-    Raises:
-        LiveError: the file cannot be read, or a value is none that a feature takes.
-    """
+    """What each camera is set to, from a TOML file; LiveError where that is malformed."""
     if path is None:
         return {serial: {} for serial in serials}
     try:

@@ -68,13 +68,7 @@ class LiveCamera(Protocol):
     """Whether it takes a picture only when asked; else it runs freely, and `grab` gives the next."""
 
     def grab(self, timeout: float) -> Grabbed:
-        """A picture, waited for up to `timeout` [s].
-
-        Raises:
-            GrabFailed: there is none this time.
-            CameraLost: there will be none.
-            CameraEnded: there are no more.
-        """
+        """A picture within `timeout` [s]; GrabFailed, CameraLost or CameraEnded where there is none."""
 
     def settings(self) -> Settings:
         """What it is set to now: exposure, gain, white balance, as far as it tells them."""

@@ -26,11 +26,8 @@ class OpenCvCamera:
     """A camera by its number, a film by its file, or a stream by its address.
 
     The stamp is the moment at which the picture arrived, since OpenCV tells no other. A film gives one
-    picture each time it is asked, and ends.
-
-    Args:
-        what: e.g. `0`, `film.avi`, `rtsp://…`.
-        size: width and height that a camera by its number is asked for [px], which gives what it can.
+    picture each time it is asked, and ends. A camera by its number is asked for a size (width, height) [px],
+    and gives what it can.
 
     Raises:
         LiveError: it cannot be opened, or a file is no film.

@@ -33,13 +33,10 @@ _COLORS = {
 
 
 class PylonCamera:
-    """A Basler camera that is triggered by software.
+    """A Basler camera, by its serial number, that is triggered by software.
 
-    The stamp is the middle of the exposure: the trigger's moment and half the exposure's time.
-
-    Args:
-        serial: its serial number.
-        settings: features that are set, in their order, before it begins; each is read back.
+    The stamp is the middle of the exposure: the trigger's moment and half the exposure's time. Settings are
+    made in their order, and each is read back.
 
     Raises:
         LiveError: there is no such camera, or it is in use.

@@ -43,13 +43,7 @@ class Evidence(NamedTuple):
 
 
 def evidence(mask: Image | None, image: Image | None, size: tuple[int, int]) -> Evidence:
-    """The evidence of a mask (H, W), and of its image (H, W, 3) if there is one.
-
-    Args:
-        mask: not 0 where dice are seen; None: nothing is known.
-        image: BGR; None: only the mask counts.
-        size: (H, W).
-    """
+    """What a mask (H, W) of dice says, and its BGR image (H, W, 3) if there is one; no mask: nothing."""
     if mask is None:
         unknown = np.full(size, UNKNOWN, np.uint8)
         return Evidence(np.zeros((5, *size), np.float32), unknown, np.zeros(size, np.float32))

@@ -47,12 +47,7 @@ _HALF = int(np.ceil((DIE_WIDTH / 2 + OUTLINE) * np.sqrt(2) / CELL))
 
 
 class Plan:
-    """The planes, each cell with its pixel in each camera.
-
-    Args:
-        cameras: that see the table.
-        table: its height in their world [m].
-    """
+    """The planes, each cell with its pixel in each camera, over a table at a height [m] in their world."""
 
     def __init__(self, cameras: Sequence[Camera], table: float = 0.0) -> None:
         heights = [table + (k + 1) * DIE_WIDTH for k in range(LEVELS)]

@@ -105,11 +105,7 @@ def validate_goal(goal: npt.ArrayLike) -> FloatArray:
 
 
 def finite_positions(value: npt.ArrayLike, what: str) -> FloatArray:
-    """Positions as an array (N, 3) [m] of its own; none will do.
-
-    Raises:
-        TaskError: the value, which the message calls `what`, is something else, or not finite.
-    """
+    """Positions (N, 3) [m], perhaps none, as an array of its own; TaskError where `what` is none."""
     places = numbers(what, value, finite=True)
     if places.size == 0 and places.ndim in (1, 2):
         return np.empty((0, 3))

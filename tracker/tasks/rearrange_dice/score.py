@@ -150,15 +150,10 @@ def _meets_box(inverse: FloatArray, center: FloatArray) -> Array:
 
 
 def as_mask(value: npt.ArrayLike, what: str, size: tuple[int, int] | None = None) -> Image:
-    """The mask (H, W) as uint8, of 0 and 1 or of 0 and 255.
-
-    Args:
-        value: (H, W) of bool or whole numbers.
-        what: its name, for errors.
-        size: (H, W) that it must have.
+    """The mask (H, W), of 0 and 1, 0 and 255, or bool, as uint8.
 
     Raises:
-        TaskError: it is of another shape or type, or not two-valued.
+        TaskError: `what` is of another shape or type, or not two-valued.
     """
     mask = np.ascontiguousarray(value)
     if mask.dtype == np.bool_:
