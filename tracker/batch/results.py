@@ -94,13 +94,13 @@ def _below(root: str, parts: list[str], been: set[tuple[int, int, int]]) -> Iter
 def _each_once(paths: Iterable[str]) -> list[str]:
     """Of the paths that lead to one file or folder the one without links, the shortest, the first."""
     once: dict[str, str] = {}
-    for path in sorted(paths, key=lambda path: (_has_links(path), path.count(os.sep), path)):
+
+    def order(path: str) -> tuple[bool, int, str]:
+        return os.path.realpath(path) != os.path.abspath(path), path.count(os.sep), path
+
+    for path in sorted(paths, key=order):
         once.setdefault(os.path.realpath(path), path)
     return sorted(once.values())
-
-
-def _has_links(path: str) -> bool:
-    return os.path.realpath(path) != os.path.abspath(path)
 
 
 def _is_of_results(path: str, folder: str) -> bool:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+import tracker
 from tracker.cli import learn
 from tracker.cli.outputs import Command, InFile, OutFile, Recording, file_option, save_colors
 from tracker.cli.pictures import silent_libraries
@@ -16,7 +17,6 @@ from tracker.errors import ImageError
 
 if TYPE_CHECKING:
     from tracker.conventions import Array, FloatArray, Image
-    from tracker.segmentation.color_model import ColorModel
     from tracker.segmentation.hues import Paints
     from tracker.segmentation.labelled import LabelledImage
 
@@ -25,13 +25,6 @@ WEAK = 0.9
 
 FALSE = 0.1
 """Share of the pixels found in a colour that are of no such face above which it is weak, too."""
-
-
-def print_report(counts: Array, paints: Paints) -> None:
-    """Print what a confusion (7, 7) and the faces' colours tell."""
-    _print_confusion(counts)
-    _print_weak(counts)
-    _print_near(paints)
 
 
 def _print_confusion(counts: Array) -> None:
@@ -211,14 +204,12 @@ def check(
     Then it says which colours are taken for which, how near they are to each other and to the light, and
     which colours would be farther apart.
     """
-    from tracker.segmentation.color_model import load_colors
-
     if (colors_name is not None) == cross_validate:
         raise click.UsageError("expected either --colors NAME or --cross-validate")
     if not cross_validate and (others or rendered):
         raise click.UsageError("--others and --rendered are for --cross-validate")
     if colors_name is not None:
-        model = load_colors(colors_name)
+        model = tracker.load_colors(colors_name)
         images = _read(folders)
         models = [model] * len(images)
     else:
@@ -233,22 +224,22 @@ def check(
 
 
 def _report(
-    images: Sequence[LabelledImage], models: Sequence[ColorModel], plot: Path | None, name: str
+    images: Sequence[LabelledImage], models: Sequence[tracker.ColorModel], plot: Path | None, name: str
 ) -> None:
     """Measure each image by its model, print and draw."""
     from tracker.segmentation.hues import better_set, paints
     from tracker.segmentation.labelled import confusion
-    from tracker.segmentation.labels import segment
 
-    found = [segment(one.image, model) for one, model in zip(images, models, strict=True)]
+    found = [tracker.segment(one.image, model) for one, model in zip(images, models, strict=True)]
     _print_overlaps(images, found)
     counts = confusion((labels, one.labels) for labels, one in zip(found, images, strict=True))
     shown = paints(images)
-    print_report(counts, shown)
+    _print_confusion(counts)
+    _print_weak(counts)
+    _print_near(shown)
     if plot is not None:
-        from tracker import viz
-
-        viz.write_colors_plot(plot, counts, shown.pixels, better_set(shown.means()), f"colours: {name}")
+        better = better_set(shown.means())
+        tracker.viz.write_colors_plot(plot, counts, shown.pixels, better, f"colours: {name}")
         click.echo(f"\nplot: {plot}")
 
 
@@ -261,7 +252,7 @@ def _read(folders: Sequence[str]) -> list[LabelledImage]:
 
 def _fitter(
     images: Sequence[LabelledImage], others: Sequence[LabelledImage], rendered: bool, seed: int
-) -> Callable[[Sequence[int], str], ColorModel]:
+) -> Callable[[Sequence[int], str], tracker.ColorModel]:
     """A function that fits a model of some name to those of the images whose indices are given."""
     from tracker.segmentation.fit import FitOptions, combine, image_histograms
 
@@ -269,7 +260,7 @@ def _fitter(
     own = [image_histograms(image, options, normalise=not rendered) for image in images]
     theirs = [image_histograms(image, options, normalise=not rendered) for image in others]
 
-    def fit_to(chosen: Sequence[int], name: str) -> ColorModel:
+    def fit_to(chosen: Sequence[int], name: str) -> tracker.ColorModel:
         return combine([own[k] for k in chosen], theirs, options, name=name, normalise=not rendered)
 
     return fit_to

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import shutil
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
@@ -14,9 +13,6 @@ from tracker.cli.outputs import Command, OutFolder
 from tracker.cli.render import listing
 from tracker.errors import TrackerError
 from tracker.files import told_as, whole_file
-
-if TYPE_CHECKING:
-    from tracker.conventions import FloatArray
 
 DATA = Path(__file__).parents[1] / "demo"
 
@@ -78,7 +74,7 @@ def demo(output: Path) -> None:
     click.echo(f"  tracker track {output} --object {model.name} -o poses.h5 --csv poses.csv")
 
 
-def _error(found: FloatArray, truth: dict[str, list[float]]) -> list[float]:
+def _error(found: tracker.conventions.FloatArray, truth: dict[str, list[float]]) -> list[float]:
     """Distance [mm] and angle [deg] from the truth."""
     import numpy as np
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -14,9 +14,6 @@ from tracker.cli import options
 from tracker.cli.outputs import PICTURE, Command, Recording, file_option
 from tracker.cli.pictures import frame_option, one_set
 from tracker.cli.render import listing
-
-if TYPE_CHECKING:
-    from tracker.conventions import Image
 
 
 @click.command(cls=Command)
@@ -64,7 +61,7 @@ def detect(
 
 def _warn(
     finder: tracker.ObjectTracker,
-    images: Sequence[Image | None],
+    images: Sequence[tracker.conventions.Image | None],
     answer: tracker.Observation,
     names: Sequence[str],
 ) -> None:

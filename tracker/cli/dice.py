@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+import tracker
 from tracker.cli import options
 from tracker.cli.outputs import PICTURE, Command, InFile, OutFolder, Recording, file_option
-from tracker.cli.pictures import NO_IMAGE, frame_option
+from tracker.cli.pictures import NO_IMAGE, frame_option, one_set
 from tracker.cli.render import listing, table
 
 if TYPE_CHECKING:
-    from tracker.calibration.rig import CameraRig
     from tracker.conventions import FloatArray, Image
     from tracker.tasks.rearrange_dice import Assignment, Die
 
@@ -81,8 +81,6 @@ def dice(
     cameras: in a folder of calibrations that of the numbers in their names, else that of the files given.
     'none' in place of an IMAGE says that the camera gave none; it then counts for nothing.
     """
-    from tracker import viz
-    from tracker.cli.pictures import one_set
     from tracker.tasks.rearrange_dice import read_goal
 
     goal = None if goal_path is None else read_goal(goal_path)
@@ -95,7 +93,7 @@ def dice(
         _write_masks(masks, rig, state)
     if overlay is not None:
         positions = [die.position for die in state.dice]
-        picture = viz.dice_overlay(
+        picture = tracker.viz.dice_overlay(
             pictures,
             rig,
             state.goal_masks,
@@ -103,11 +101,13 @@ def dice(
             positions=positions,
             assignment=state.assignment,
         )
-        viz.write_image(overlay, picture)
+        tracker.viz.write_image(overlay, picture)
     click.echo(_json(rig, state) if as_json else _text(rig, state))
 
 
-def _evaluate(rig: CameraRig, images: Sequence[Image | None], goal: FloatArray | None, exact: bool) -> _State:
+def _evaluate(
+    rig: tracker.CameraRig, images: Sequence[Image | None], goal: FloatArray | None, exact: bool
+) -> _State:
     from tracker.tasks import rearrange_dice as task
 
     marks = [time.perf_counter()]
@@ -132,19 +132,17 @@ def _evaluate(rig: CameraRig, images: Sequence[Image | None], goal: FloatArray |
     return _State(masks, goals, errors, assignment, found, timing)
 
 
-def _write_masks(folder: Path, rig: CameraRig, state: _State) -> None:
-    from tracker import viz
-
+def _write_masks(folder: Path, rig: tracker.CameraRig, state: _State) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for index, name in enumerate(rig.names):
         mask = state.dice_masks[index]
         if mask is not None:
-            viz.write_image(folder / f"dice_{name}.png", mask)
+            tracker.viz.write_image(folder / f"dice_{name}.png", mask)
         if state.goal_masks is not None:
-            viz.write_image(folder / f"goal_{name}.png", state.goal_masks[index])
+            tracker.viz.write_image(folder / f"goal_{name}.png", state.goal_masks[index])
 
 
-def _json(rig: CameraRig, state: _State) -> str:
+def _json(rig: tracker.CameraRig, state: _State) -> str:
     result: dict[str, Any] = {
         "error": state.error,
         "error_per_camera": None if state.errors is None else dict(zip(rig.names, state.errors, strict=True)),
@@ -164,7 +162,7 @@ def _json(rig: CameraRig, state: _State) -> str:
     return json.dumps({**result, "timing_ms": state.timing_ms}, allow_nan=False)
 
 
-def _text(rig: CameraRig, state: _State) -> str:
+def _text(rig: tracker.CameraRig, state: _State) -> str:
     from tracker.tasks.rearrange_dice import TOLERANCE
 
     rows = []

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
+import tracker
 from tracker.cli import options
 from tracker.cli.render import listing
-
-if TYPE_CHECKING:
-    from tracker.conventions import FloatArray
-    from tracker.logs import Log
-    from tracker.poses.poses import Poses
+from tracker.errors import TrackerError
 
 _GAP = 1.5
 """Share of the usual time between two frames from which more is a gap."""
@@ -30,13 +27,12 @@ def info(source: Path, recover: bool, as_json: bool) -> None:
     All of it is read: format, frames, cameras and sizes, stamps and gaps, pictures that are missing, poses,
     and whether the calibration in or beside a recording is of its cameras and sizes.
     """
-    from tracker.logs import open_log
-    from tracker.poses.file import is_poses_file, read_poses
+    from tracker.poses.file import is_poses_file
 
     if is_poses_file(source):
-        found = _of_poses(read_poses(source))
+        found = _of_poses(tracker.read_poses(source))
     else:
-        with open_log(source, recover=recover) as log:
+        with tracker.open_log(source, recover=recover) as log:
             found = _of_log(source, log)
     if as_json:
         click.echo(json.dumps({"path": str(source), **found}, allow_nan=False))
@@ -44,7 +40,7 @@ def info(source: Path, recover: bool, as_json: bool) -> None:
         click.echo(listing([[name.replace("_", " "), _shown(value)] for name, value in found.items()]))
 
 
-def _of_log(path: Path, log: Log) -> dict[str, Any]:
+def _of_log(path: Path, log: tracker.Log) -> dict[str, Any]:
     import numpy as np
 
     stamps: list[float] = []
@@ -71,9 +67,8 @@ def _of_log(path: Path, log: Log) -> dict[str, Any]:
     }
 
 
-def _calibration(path: Path, log: Log) -> dict[str, Any]:
+def _calibration(path: Path, log: tracker.Log) -> dict[str, Any]:
     """The cameras that are calibrated, and what keeps the calibration from fitting; None: nothing."""
-    from tracker.errors import TrackerError
     from tracker.logs.cameras import fitted_to
 
     try:
@@ -82,7 +77,7 @@ def _calibration(path: Path, log: Log) -> dict[str, Any]:
         return {"calibration": None, "calibration_fault": str(error)}
 
 
-def _of_poses(poses: Poses) -> dict[str, Any]:
+def _of_poses(poses: tracker.Poses) -> dict[str, Any]:
     import numpy as np
 
     names, counts = np.unique(poses.status, return_counts=True)
@@ -107,7 +102,7 @@ def _of_poses(poses: Poses) -> dict[str, Any]:
     }
 
 
-def _times(stamps: FloatArray) -> dict[str, Any]:
+def _times(stamps: tracker.conventions.FloatArray) -> dict[str, Any]:
     """First and last stamp [s], usual rate [Hz], gaps, and frames that repeat the stamp before."""
     import numpy as np
 

@@ -7,14 +7,12 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import click
 
+import tracker
 from tracker.errors import ColorModelError, LogError, install
-
-if TYPE_CHECKING:
-    from tracker.segmentation.color_model import ColorModel
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 
@@ -179,13 +177,13 @@ def refuse_file(name: str, path: Path) -> None:
 def refuse_other_poses(name: str, path: Path, object_name: str | None) -> None:
     """UsageError for a file that holds no poses, or another object's; a damaged one may be replaced."""
     from tracker.files.hdf5 import open_file
-    from tracker.poses.file import is_poses_file, read_poses
+    from tracker.poses.file import is_poses_file
 
     if not path.is_file() or path.stat().st_size == 0:
         return
     if is_poses_file(path):
         with suppress(LogError):
-            found = read_poses(path).about.object_name
+            found = tracker.read_poses(path).about.object_name
             if object_name not in (None, found):
                 raise click.UsageError(
                     f"{name} {path}: found poses of {found}, expected those of {object_name}, another name, "
@@ -201,7 +199,7 @@ def refuse_other_poses(name: str, path: Path, object_name: str | None) -> None:
         raise click.UsageError(f"{name} {path}: found a file that holds no poses, expected another name")
 
 
-def save_colors(model: ColorModel, target: Path) -> None:
+def save_colors(model: tracker.ColorModel, target: Path) -> None:
     """Write a colour model; ColorModelError where that fails."""
     try:
         model.save(target)

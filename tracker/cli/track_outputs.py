@@ -9,17 +9,13 @@ from typing import TYPE_CHECKING
 
 import click
 
+import tracker
 from tracker.cli import options
 from tracker.cli.outputs import file_option
 
 if TYPE_CHECKING:
-    from tracker.calibration.rig import CameraRig
     from tracker.conventions import FloatArray, Image
-    from tracker.logs import Log
-    from tracker.objects.model import CuboidModel
-    from tracker.pose.result import Observation
     from tracker.poses.columns import MeasuredColumns
-    from tracker.poses.poses import Poses
     from tracker.recordings import Recipe
 
 
@@ -39,16 +35,15 @@ class Outputs:
         """Whether any file is wanted."""
         return any((self.csv, self.tum, self.bop, self.video, self.plot))
 
-    def check_camera(self, rig: CameraRig) -> None:
+    def check_camera(self, rig: tracker.CameraRig) -> None:
         """Refuse a camera that the rig has not, and one without a file or the file without one."""
         if (self.bop is None) != (self.camera is None):
             raise click.UsageError("--bop and --camera belong together: BOP results are those of one camera")
         if self.camera is not None and self.camera not in rig.names:
             raise click.UsageError(f"--camera: found {self.camera}, expected one of {', '.join(rig.names)}")
 
-    def write(self, poses: Poses, keypoints_of: CuboidModel | None = None) -> None:
+    def write(self, poses: tracker.Poses, keypoints_of: tracker.CuboidModel | None = None) -> None:
         """Write all but the film; the table with the corners of an object, if one is given."""
-        from tracker import viz
         from tracker.poses.exports import write_bop, write_csv, write_tum
         from tracker.summaries.summary import best_kind
 
@@ -61,7 +56,7 @@ class Outputs:
             rig = poses.about.rig
             write_bop(self.bop, poses, rig[rig.names.index(self.camera or "")], kind)
         if self.plot is not None:
-            viz.write_trajectory_plot(self.plot, poses)
+            tracker.viz.write_trajectory_plot(self.plot, poses)
 
 
 output_options = options.gathered(
@@ -78,7 +73,11 @@ output_options = options.gathered(
 
 
 def write_tracked_film(
-    path: Path, log: Log, model: CuboidModel, poses: Poses, progress: Callable[[int], None]
+    path: Path,
+    log: tracker.Log,
+    model: tracker.CuboidModel,
+    poses: tracker.Poses,
+    progress: Callable[[int], None],
 ) -> None:
     """Write a film of the frames that have been tracked, one in memory at a time."""
     from tracker.viz.image_files import film_rate, write_film
@@ -87,21 +86,20 @@ def write_tracked_film(
 
 
 def write_health_page(
-    path: Path, log: Log, recipe: Recipe, poses: Poses, progress: Callable[[int], None]
+    path: Path, log: tracker.Log, recipe: Recipe, poses: tracker.Poses, progress: Callable[[int], None]
 ) -> list[str]:
     """Write a page on the rig's health over the frames that have been tracked; what is not well."""
     from tracker.calibration.by_object.health import health
-    from tracker.pipeline import ObjectTracker
     from tracker.viz.health_page import write_health
 
-    found = health(ObjectTracker(recipe.model, poses.about.rig, recipe.colors), log, poses, progress)
+    found = health(tracker.ObjectTracker(recipe.model, poses.about.rig, recipe.colors), log, poses, progress)
     write_health(path, found, " · ".join(filter(None, (poses.about.object_name, poses.about.source))))
     return found.complaints()
 
 
-def _pictures(log: Log, model: CuboidModel, poses: Poses, progress: Callable[[int], None]) -> Iterator[Image]:
-    from tracker import viz
-
+def _pictures(
+    log: tracker.Log, model: tracker.CuboidModel, poses: tracker.Poses, progress: Callable[[int], None]
+) -> Iterator[Image]:
     rows = {index: row for row, index in enumerate(poses.index.tolist())}
     if not rows:
         return
@@ -113,14 +111,15 @@ def _pictures(log: Log, model: CuboidModel, poses: Poses, progress: Callable[[in
             continue
         title = f"{poses.timestamp[row] - poses.timestamp[0]:.1f} s"
         if height is None:
-            height = len(viz.overlay(frame.images, rig, model, _widest(), title=title))
-        yield _of_height(viz.overlay(frame.images, rig, model, observation(poses, row), title=title), height)
+            height = len(tracker.viz.overlay(frame.images, rig, model, _widest(), title=title))
+        yield _of_height(
+            tracker.viz.overlay(frame.images, rig, model, observation(poses, row), title=title), height
+        )
         progress(1)
 
 
-def observation(poses: Poses, row: int) -> Observation:
+def observation(poses: tracker.Poses, row: int) -> tracker.Observation:
     """What the tracker answered to a frame."""
-    from tracker.pose.result import CameraUse, MotionEstimate, Observation, PoseEstimate, Status
 
     def of(columns: MeasuredColumns) -> tuple[FloatArray, FloatArray, FloatArray, float]:
         arrays = columns.position[row], columns.orientation[row], columns.covariance[row]
@@ -129,22 +128,20 @@ def observation(poses: Poses, row: int) -> Observation:
     measured, filtered = poses.measured, poses.filtered
     motion = filtered.velocity[row], filtered.velocity_covariance[row]
     uses = [] if poses.cameras is None else poses.cameras[row].tolist()
-    return Observation(
-        PoseEstimate(*of(measured)) if measured.has_pose[row] else None,
-        MotionEstimate(*of(filtered), *motion) if filtered.has_pose[row] else None,
-        Status(str(poses.status[row])),
-        cameras=tuple(CameraUse(use) for use in uses if use),
+    return tracker.Observation(
+        tracker.PoseEstimate(*of(measured)) if measured.has_pose[row] else None,
+        tracker.MotionEstimate(*of(filtered), *motion) if filtered.has_pose[row] else None,
+        tracker.Status(str(poses.status[row])),
+        cameras=tuple(tracker.CameraUse(use) for use in uses if use),
     )
 
 
-def _widest() -> Observation:
+def _widest() -> tracker.Observation:
     """An answer whose caption is as high as any."""
     import numpy as np
 
-    from tracker.pose.result import Observation, PoseEstimate, Status
-
-    pose = PoseEstimate(np.full(3, -0.12345), np.full(4, -0.5), np.eye(6), 1.0)
-    return Observation(pose, None, max(Status, key=lambda status: len(status.value)))
+    pose = tracker.PoseEstimate(np.full(3, -0.12345), np.full(4, -0.5), np.eye(6), 1.0)
+    return tracker.Observation(pose, None, max(tracker.Status, key=lambda status: len(status.value)))
 
 
 def _of_height(picture: Image, height: int) -> Image:

@@ -80,7 +80,11 @@ def view(
         wanted = _wanted(source, int(poses.index[-1]) + 1 if len(poses) else 0, part, every)
         rows = [row for row, index in enumerate(poses.index.tolist()) if index in wanted]
         if log is None:
-            _show(source, target, poses.about.rig, model, _from_poses(poses, rows), len(rows), quiet)
+            alone: _Frames = (
+                (int(poses.index[row]), float(poses.timestamp[row]), observation(poses, row), (), None)
+                for row in rows
+            )
+            _show(source, target, poses.about.rig, model, alone, len(rows), quiet)
             return
         with tracker.open_log(log, recover=part.recover) as opened:
             rig = fitted_to(log, opened, poses.about.rig)
@@ -148,11 +152,6 @@ def _model_of(poses: tracker.Poses, object_name: str | None) -> tracker.CuboidMo
             f"--object: found {model.name}, expected {poses.about.object_name}, whose poses these are"
         )
     return model
-
-
-def _from_poses(poses: tracker.Poses, rows: Sequence[int]) -> _Frames:
-    for row in rows:
-        yield int(poses.index[row]), float(poses.timestamp[row]), observation(poses, row), (), None
 
 
 def _with_images(

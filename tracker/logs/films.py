@@ -108,7 +108,8 @@ class FilmFile:
         try:
             before = self._times[number - 1] if number else None
             if self._next is None or self._ahead != before:
-                self._seek(wanted)
+                self._film.seek(wanted, stream=self._stream, backward=True)  # to a key picture before it
+                self._next, self._ahead = self._film.decode(self._stream), None
             for frame in self._next:
                 self._ahead = frame.pts if frame.pts is not None else frame.dts
                 if (frame.width, frame.height) != self.size:
@@ -123,11 +124,6 @@ class FilmFile:
             raise LogError(f"{self.path}: picture {number}: {' '.join(str(error).split())}") from error
         self._next = None
         raise LogError(f"{self.path}: picture {number}: found none, the film is damaged")
-
-    def _seek(self, time: int) -> None:
-        """Go to the last key picture up to a time."""
-        self._film.seek(time, stream=self._stream, backward=True)
-        self._next, self._ahead = self._film.decode(self._stream), None
 
     def close(self) -> None:
         """Close the file."""

@@ -79,7 +79,7 @@ class PosesBuilder:
             filtered=FilteredColumns(**self._arrays("filtered")),
             recorded=PoseColumns(**self._arrays("recorded")) if has_recorded else None,
             about=self._about,
-            cameras=self._camera_column() if any(any(uses) for uses in self._cameras) else None,
+            cameras=np.array(self._cameras, np.str_) if any(any(uses) for uses in self._cameras) else None,
         )
 
     def _uses(self, answer: Observation) -> list[str]:
@@ -88,9 +88,6 @@ class PosesBuilder:
         if uses and len(uses) != len(rig):
             raise LogError(f"cameras: found {len(uses)}, expected {len(rig)}: {', '.join(rig.names)}")
         return uses or [""] * len(rig)
-
-    def _camera_column(self) -> Array:
-        return np.array(self._cameras, dtype=np.str_).reshape(len(self), len(self._about.rig))
 
     def _arrays(self, kind: Kind) -> dict[str, Array]:
         rows = self._rows[kind]

@@ -183,16 +183,12 @@ def code() -> str:
     versions = [module.__version__ for module in (np, scipy, cv2, numba)]
     digest = hashlib.sha256(repr(versions).encode())
     root = Path(__file__).parents[1]
-    for path in sorted(_sources(root)):
-        digest.update(f"\0{path.relative_to(root)}\0".encode())
-        digest.update(path.read_bytes())
+    others = tuple(f"{name}/" for name in _OTHERS)
+    for path in sorted(root.rglob("*.py")):
+        name = path.relative_to(root).as_posix()
+        if not name.startswith(others):
+            digest.update(f"\0{name}\0".encode() + path.read_bytes())
     return digest.hexdigest()
-
-
-def _sources(root: Path) -> Iterator[Path]:
-    for path in root.rglob("*.py"):
-        if not path.relative_to(root).as_posix().startswith(tuple(f"{name}/" for name in _OTHERS)):
-            yield path
 
 
 def _about(path: Path, log: Path) -> bytes:

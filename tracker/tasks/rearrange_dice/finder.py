@@ -123,9 +123,10 @@ def locate(
         check_sequence(ones, what, TaskError)
     _check(rig, masks, given)
     found, gains = _finder(rig).find(masks, given)
+    offset, slope = PROBABILITY[images is not None]
     dice = []
     for (x, y, foot, yaw), gain in zip(found[:most], gains[:most], strict=True):
-        probability = _probability(float(gain), images is not None)
+        probability = 1 / (1 + math.exp(-offset - slope * math.log(max(float(gain), 1.0))))
         if probability >= LEAST:
             turned = float((yaw + math.pi / 4) % (math.pi / 2) - math.pi / 4)
             position = np.array([x, y, foot + DIE_WIDTH / 2])
@@ -153,11 +154,6 @@ def _check(rig: CameraRig, masks: Sequence[Array | None], images: Sequence[Array
 PROBABILITY = {True: (-4.21, 1.571), False: (-2.62, 1.140)}
 """Log odds that a die is real: offset, and weight of the log of its gain; with images and with masks alone.
 Fitted by scripts/fit_dice_probability.py on rendered scenes."""
-
-
-def _probability(gain: float, shaded: bool) -> float:
-    offset, slope = PROBABILITY[shaded]
-    return 1 / (1 + math.exp(-offset - slope * math.log(max(gain, 1.0))))
 
 
 class Finder:
