@@ -27,7 +27,7 @@ import tracker
 from tracker.errors import LiveError
 from tracker.live import CameraSet, Live, Moment, Simulation
 from tracker.live.listeners import Recorder
-from tracker.live.publishers.zeromq import ZmqPublisher
+from tracker.live.publishers import ZmqPublisher
 from tracker.live.sources.cameras import CameraLost, Grabbed, GrabFailed
 from tracker.logs.hdf5_writer import Hdf5LogWriter
 

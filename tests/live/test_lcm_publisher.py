@@ -21,8 +21,8 @@ from tests.helpers import ROOT
 from tests.helpers.moments import estimate, moment
 from tests.helpers.needs import lack
 from tracker.errors import LiveError
-from tracker.live.publishers import lcm as lcm_publisher
-from tracker.live.publishers.lcm import (
+from tracker.live import publishers as lcm_publisher
+from tracker.live.publishers import (
     DEFAULT,
     FINGERPRINT,
     LcmPublisher,
@@ -34,7 +34,7 @@ from tracker.live.publishers.lcm import (
 needs_lcm = pytest.mark.skipif(importlib.util.find_spec("lcm") is None, reason="lcm: no module lcm")
 
 CUBE, CUBOID = tracker.load_object("cube_v2"), tracker.load_object("cuboid_2x2x8_v2")
-TYPE = re.search(r"package dairlib;.*?\n}\n", (ROOT / "docs" / "control-loop.md").read_text(), re.DOTALL)[0]
+TYPE = re.search(r"package dairlib;.*?\n}\n", (ROOT / "docs" / "live.md").read_text(), re.DOTALL)[0]
 """The type as the documentation has it."""
 FIELDS = re.findall(r"(\w+) (\w+)(?:\[(\w+)\])?;", TYPE)[1:]
 """Type, name and dimension of each field; the first match is the package."""

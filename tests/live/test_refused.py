@@ -15,8 +15,7 @@ from tests.helpers.needs import lack
 from tracker.errors import LiveError
 from tracker.live import ImageSet, Live, Replay
 from tracker.live.listeners import Recorder
-from tracker.live.publishers.lcm import LcmPublisher
-from tracker.live.publishers.zeromq import ZmqPublisher
+from tracker.live.publishers import LcmPublisher, ZmqPublisher
 from tracker.live.sources import open_cameras, settings_of
 from tracker.live.sources.cameras import CameraSet
 

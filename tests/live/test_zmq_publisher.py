@@ -18,7 +18,7 @@ from tests.helpers import ROOT
 from tests.helpers.moments import estimate, moment
 from tests.helpers.needs import lack
 from tracker.errors import LiveError
-from tracker.live.publishers.zeromq import ZmqPublisher, message_of
+from tracker.live.publishers import ZmqPublisher, message_of
 
 if find_spec("zmq") is None:
     lack("live", "pyzmq is not installed")
@@ -105,7 +105,7 @@ def test_the_example_prints_what_is_published(publisher):
         assert lines == ["tracking [0.25, -0.02, 0.0325]\n"] * 2
         count = 7
         line = next(line for line in process.stdout if line != lines[0])
-        assert line == "camera60: amiss in 2 sets: well again\n"
+        assert line == "camera60: faults in 2 sets: well again\n"
         done.set()
         publishing.join()
         process.kill()

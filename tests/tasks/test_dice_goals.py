@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from tracker.errors import TaskError
 from tracker.tasks import rearrange_dice as dice
 from tracker.tasks.job_goal import read_job_goal
-from tracker.tasks.rearrange_dice.goal_files import MAX_FILE_SIZE
+from tracker.tasks.rearrange_dice.goals import MAX_FILE_SIZE
 
 SEEDS = st.integers(0, 2**32)
 COORDINATES = st.floats(-0.3, 0.3)

@@ -268,7 +268,7 @@ def _found(lens: Lens) -> list[list[str]]:
 
 
 def _draw(lens: Lens, picture: Path) -> None:
-    from tracker.viz.calibration_pictures import residual_picture
+    from tracker.viz.calibration import residual_picture
     from tracker.viz.image_files import write_image
 
     camera = lens.calibrated.camera

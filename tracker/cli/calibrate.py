@@ -174,7 +174,7 @@ def check(filmed: Filmed, plot: Path | None, as_json: bool) -> None:
         found = look(*given, focal_std)
     warnings = [*found.warnings, *halved]
     if plot is not None:
-        from tracker.viz.calibration_pictures import check_picture
+        from tracker.viz.calibration import check_picture
         from tracker.viz.image_files import write_image
 
         write_image(plot, check_picture(found, given.rig))

@@ -194,7 +194,7 @@ def _partly_seen(sightings: dict[Photo, BoardView], board: Board) -> list[list[s
 
 
 def _draw(placed: Placed, folder: Path) -> None:
-    from tracker.viz.calibration_pictures import residual_picture
+    from tracker.viz.calibration import residual_picture
     from tracker.viz.image_files import write_image
 
     folder.mkdir(parents=True, exist_ok=True)

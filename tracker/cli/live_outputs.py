@@ -154,7 +154,7 @@ class LiveOutputs:
 
 
 def _print(moment: Moment) -> None:
-    from tracker.live.publishers.zeromq import message_of
+    from tracker.live.publishers import message_of
 
     click.echo(message_of(moment).decode())
 

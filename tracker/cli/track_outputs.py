@@ -90,7 +90,7 @@ def write_health_page(
 ) -> list[str]:
     """Write a page on the rig's health over the frames that have been tracked; what is not well."""
     from tracker.calibration.by_object.health import health
-    from tracker.viz.health_page import write_health
+    from tracker.viz.calibration import write_health
 
     found = health(tracker.ObjectTracker(recipe.model, poses.about.rig, recipe.colors), log, poses, progress)
     write_health(path, found, " · ".join(filter(None, (poses.about.object_name, poses.about.source))))

@@ -28,7 +28,7 @@ import numpy as np
 from tracker.checks import described
 from tracker.conventions import Array
 from tracker.errors import LogError
-from tracker.files.reading import open_regular, told_of
+from tracker.files import open_regular, told_of
 
 MAX_CHUNK = 1 << 28
 """Largest block [bytes] that a field may be stored in."""

@@ -27,7 +27,7 @@ import numpy as np
 
 from tracker.conventions import Array
 from tracker.errors import LogError, install
-from tracker.files.reading import open_regular, told_of
+from tracker.files import open_regular, told_of
 
 _PAGE_HEAD = 16
 _MAGIC, _VERSION = 0xBEEFC0DE, 1

@@ -20,7 +20,7 @@ from tracker.errors import TaskError
 from tracker.objects.model import CuboidModel
 from tracker.tasks import move_object
 from tracker.tasks.checks import numbers
-from tracker.tasks.rearrange_dice.goal_files import parse_pattern, places_of, read_as
+from tracker.tasks.rearrange_dice.goals import parse_pattern, places_of, read_as
 
 FILE_NAME = "goal.json"
 """Name of the file in a job's folder."""

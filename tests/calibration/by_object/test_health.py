@@ -14,7 +14,7 @@ from tracker.calibration.by_object.health import HEIGHT, MOST, QUANTITIES, healt
 from tracker.logs import open_log
 from tracker.recordings.track import track
 from tracker.viz import write_image
-from tracker.viz.health_page import page
+from tracker.viz.calibration import page
 
 FRAMES = 5
 
@@ -90,4 +90,4 @@ def test_the_limits_are_those_that_the_documentation_states():
         low, high = quantity.limits
         assert round(high, 1) in stated
         assert low in (*stated, 0.0, -high)
-    assert f"Up to {MOST} frames" in text
+    assert f"up to {MOST} frames" in text

@@ -7,13 +7,6 @@ camera; the error is the number of pixels that are in the first and not in the s
 """
 
 from tracker.tasks.rearrange_dice.finder import Die, locate
-from tracker.tasks.rearrange_dice.goal_files import (
-    empty_pattern,
-    parse_pattern,
-    pattern,
-    read_goal,
-    write_goal,
-)
 from tracker.tasks.rearrange_dice.goals import (
     ARENA_RADIUS,
     CELLS_PER_ROW,
@@ -21,8 +14,13 @@ from tracker.tasks.rearrange_dice.goals import (
     NUM_DICE,
     TOLERANCE,
     cells,
+    empty_pattern,
+    parse_pattern,
+    pattern,
+    read_goal,
     sample_goal,
     validate_goal,
+    write_goal,
 )
 from tracker.tasks.rearrange_dice.score import (
     Assignment,

@@ -1,14 +1,20 @@
-"""What each pixel says of the dice: seen or not, on a top or a side, on a pip or between pips."""
+"""What each pixel says of the dice: seen or not, on a top or a side, on a pip or between pips.
+
+And what that is from above: where in the plane of the dice's tops squares of a die's size may lie.
+"""
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 
-from tracker.conventions import Array, Image
+from tracker.conventions import Array, FloatArray, Image
+from tracker.geometry.camera import Camera
+from tracker.tasks.rearrange_dice.goals import DIE_WIDTH
 
 SHADE = 0.6
 """Gain of a pixel as bright as the tops if it is explained by a top, loss if by a side; and vice versa."""
@@ -100,3 +106,139 @@ def stack(views: Sequence[Evidence]) -> tuple[Array, Image]:
         h, w = view.mask.shape
         scores[c, :, :h, :w], masks[c, :h, :w] = view.scores, view.mask
     return scores, masks
+
+
+CELL = 0.002
+"""Edge of the plane's cells [m]."""
+
+REACH = 0.196
+"""Radius within which dice may lie, to their edges [m]."""
+
+LEVELS = 2
+"""Planes: the tops of dice on the table, and of dice on these."""
+
+STACKED = 0.25
+"""By how much the evidence of a die on another must be better, as a share of the best."""
+
+ENOUGH = 0.15
+"""Evidence from which a square is proposed, as a share of the best."""
+
+BORDER = 0.003
+"""Width of a square's outline [m]."""
+
+SLACK = 0.0005
+"""By how much neighbouring squares may overlap [m]."""
+
+_STYLES = ((0.5, 0.0), (0.9, 0.0), (0.5, 7.5))
+"""Weight of the outline, and first yaw [°]."""
+
+STYLES = len(_STYLES)
+"""Number of ways to fill crowds."""
+
+_COUNT = 2 * round(0.2 / CELL)
+_LINE = (np.arange(_COUNT) - (_COUNT - 1) / 2) * CELL
+_X, _Y = np.meshgrid(_LINE, _LINE)
+_HALF = int(np.ceil((DIE_WIDTH / 2 + BORDER) * np.sqrt(2) / CELL))
+"""Cells from the middle of a square to the farthest corner of its outline."""
+
+
+class Plan:
+    """The planes, each cell with its pixel in each camera, over a table at a height [m] in their world."""
+
+    def __init__(self, cameras: Sequence[Camera], table: float = 0.0) -> None:
+        heights = [table + (k + 1) * DIE_WIDTH for k in range(LEVELS)]
+        self._maps = [[_pixels(camera, height) for camera in cameras] for height in heights]
+        self._cameras, self._table = cameras, table
+
+    def at(self, table: float) -> Plan:
+        """The same for another height of the table."""
+        return Plan(self._cameras, table)
+
+    def project(self, ratings: Sequence[Array], known: int) -> list[Array]:
+        """Mean over the `known` cameras of their ratings (H, W) of each cell; one plane (N, N) a level."""
+        planes = []
+        for maps in self._maps:
+            plane = np.zeros_like(_X, dtype=np.float32)
+            for rating, where in zip(ratings, maps, strict=True):
+                plane += cv2.remap(rating, *where, cv2.INTER_LINEAR) / max(known, 1)
+            plane[np.hypot(_X, _Y) > REACH] = -1
+            planes.append(plane)
+        return planes
+
+    def propose(self, planes: Sequence[Array], style: int, most: int, enough: float = ENOUGH) -> FloatArray:
+        """Dice (N, 4) as (x, y, foot, yaw), best first: squares on cells that are rated well, side by side.
+
+        A square counts for more if nothing lies along its outline. What is taken no longer counts for
+        others, so that in a crowd one corner after the other is filled.
+
+        Args:
+            planes: (N, N) of each level, from -1 to 1.
+            style: 0 … STYLES - 1: crowds are filled in different orders.
+            most: number of dice.
+            enough: rating from which on a square is proposed.
+        """
+        squares, yaws = _templates(style)
+        planes = [plane.copy() for plane in planes]
+        fit = np.stack([[_filter(plane, square) for square in squares] for plane in planes])
+        fit -= STACKED * np.arange(len(planes), dtype=np.float32)[:, None, None, None]
+        best = fit.max(axis=1)
+        dice: list[tuple[float, ...]] = []
+        while len(dice) < most:
+            k, j, i = (int(n) for n in np.unravel_index(np.argmax(best), best.shape))
+            if best[k, j, i] < enough:
+                break
+            yaw = float(yaws[np.argmax(fit[k, :, j, i])])
+            dice.append((_LINE[i], _LINE[j], self._table + k * DIE_WIDTH, yaw))
+            part = _around(j, i, _HALF)
+            taken = _distance(_X[part] - _LINE[i], _Y[part] - _LINE[j], yaw) <= DIE_WIDTH / 2 - SLACK
+            planes[k][part][taken] = -1
+            changed, needed = _around(j, i, 2 * _HALF), _around(j, i, 3 * _HALF)
+            inner = tuple(
+                slice(a.start - b.start, a.stop - b.start) for a, b in zip(changed, needed, strict=True)
+            )
+            for n, square in enumerate(squares):
+                fit[(k, n, *changed)] = _filter(planes[k][needed], square)[inner] - STACKED * k
+            best[(k, *changed)] = fit[(k, slice(None), *changed)].max(axis=0)
+        return np.array(dice, dtype=np.float64).reshape(-1, 4)
+
+
+def _pixels(camera: Camera, height: float) -> tuple[Array, Array]:
+    """Columns and rows (N, N) of the cells' centres at a height [m]; far outside where they are not seen."""
+    points = np.stack([_X, _Y, np.full_like(_X, height)], axis=-1).reshape(-1, 3)
+    pixels = np.nan_to_num(camera.project_in_view(points), nan=-1e4).astype(np.float32)
+    columns, rows = pixels.T.reshape(2, _COUNT, _COUNT)
+    return np.ascontiguousarray(columns), np.ascontiguousarray(rows)
+
+
+def _around(j: int, i: int, reach: int) -> tuple[slice, slice]:
+    """The cells up to `reach` away."""
+    return (
+        slice(max(j - reach, 0), min(j + reach + 1, _COUNT)),
+        slice(max(i - reach, 0), min(i + reach + 1, _COUNT)),
+    )
+
+
+def _filter(plane: Array, square: Array) -> Array:
+    return np.asarray(cv2.filter2D(plane, -1, square, borderType=cv2.BORDER_CONSTANT))
+
+
+def _distance(x: Array, y: Array, yaw: float) -> Array:
+    """Largest of the two distances along the axes of a square about the origin, turned by yaw."""
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    return np.asarray(np.maximum(np.abs(cos * x + sin * y), np.abs(cos * y - sin * x)))
+
+
+@functools.cache
+def _templates(style: int) -> tuple[list[Array], FloatArray]:
+    """Squares with their outlines, and their yaws [rad]."""
+    outline, first = _STYLES[style]
+    yaws = np.radians(first + np.arange(0.0, 90.0, 15.0))
+    line = np.arange(-_HALF, _HALF + 1) * CELL
+    x, y = np.meshgrid(line, line)
+    squares = []
+    for yaw in yaws:
+        distance = _distance(x, y, yaw)
+        inside = distance <= DIE_WIDTH / 2
+        square = np.where(inside, 1.0, np.where(distance <= DIE_WIDTH / 2 + BORDER, -outline, 0.0))
+        squares.append((square / np.count_nonzero(inside)).astype(np.float32))
+    return squares, yaws

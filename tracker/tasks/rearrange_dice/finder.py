@@ -24,8 +24,7 @@ from tracker.geometry.camera import Camera
 from tracker.geometry.lens import stack_lenses
 from tracker.segmentation.labels import check_image
 from tracker.tasks.rearrange_dice import set_score
-from tracker.tasks.rearrange_dice.evidence import DICE, UNKNOWN, Evidence, evidence, stack, tops
-from tracker.tasks.rearrange_dice.from_above import STYLES, Plan
+from tracker.tasks.rearrange_dice.evidence import DICE, STYLES, UNKNOWN, Evidence, Plan, evidence, stack, tops
 from tracker.tasks.rearrange_dice.goals import DIE_WIDTH, NUM_DICE
 from tracker.tasks.rearrange_dice.score import as_mask
 from tracker.tasks.rearrange_dice.set_score import Canvas, Views, overlap

@@ -1,9 +1,11 @@
-"""Poses for other processes, by LCM (the extra `lcm`): the type `lcmt_object_state` of `dairlib`."""
+"""Poses for other processes: by ZeroMQ (the extra `live`), one JSON object a message; and by LCM (`lcm`)."""
 
 from __future__ import annotations
 
+import json
 import os
 import re
+import stat
 import struct
 from collections.abc import Sequence
 from importlib.util import find_spec
@@ -15,6 +17,110 @@ import numpy as np
 from tracker.errors import LiveError, install
 from tracker.live.moment import Moment
 from tracker.objects.model import CuboidModel
+
+VERSION = 3
+"""Of the message; it grows when a field changes its meaning or goes, not when one is added."""
+
+_FORMS = "tcp://127.0.0.1:PORT, ipc://PATH"
+_ADDRESS = re.compile(r"tcp://.+:(\d{1,5}|\*)|(ipc|inproc)://.+")
+_PORT = re.compile(r"(?<=:)\d+$")
+"""ZeroMQ takes one that is too large for another that is not."""
+_LOCAL = re.compile(r"tcp://(127(\.\d{1,3}){3}|localhost|\[::1\]):(\d{1,5}|\*)|(ipc|inproc)://.+")
+
+
+def message_of(moment: Moment) -> bytes:
+    """The message, UTF-8: the filtered pose of the newest images, or null where the object is lost.
+
+    Fields: `version`; `sequence`, of the set of images; `timestamp`, of its latest image [s]; `status`;
+    `pose`, with `position` (3) [m], `orientation` (4) xyzw, `covariance` (6, 6) of (δp, δθ) along world
+    axes [m, rad] and `confidence`, or null; `velocity` (6) [m/s, rad/s] or null; `latency_ms`, from the
+    latest image to the pose; `faults`, what was wrong with this set, texts by the camera's name; `jump`, how
+    all stamps jumped before it, or null; `fault_counts`, in how many sets since the start something was wrong
+    with each camera, and `jump_count`: of sets that a subscriber never fetched, they tell.
+    """
+    pose = moment.filtered_object_pose
+    content: dict[str, Any] = {
+        "version": VERSION,
+        "sequence": moment.sequence,
+        "timestamp": moment.timestamp,
+        "status": moment.status.value,
+        "pose": None if pose is None else pose.as_json(),
+        "velocity": None if pose is None else pose.velocity.tolist(),
+        "latency_ms": 1e3 * moment.latency,
+        "faults": dict(moment.faults),
+        "jump": moment.jump,
+        "fault_counts": dict(moment.fault_counts),
+        "jump_count": moment.jump_count,
+    }
+    return json.dumps(content, allow_nan=False).encode()
+
+
+class ZmqPublisher:
+    """Publishes each moment; a listener of `Live`.
+
+    A subscriber gets the newest message only: what it does not fetch is replaced, and one that hangs holds
+    up nobody. Nothing is ever received.
+
+    Args:
+        address: e.g. `tcp://127.0.0.1:5555`.
+        public: whether other machines may connect. Whoever can reach the address sees the poses.
+
+    Raises:
+        LiveError: pyzmq is not installed, the address is not this machine's own, cannot be bound, or names a
+            file that is no socket.
+    """
+
+    def __init__(self, address: str, *, public: bool = False) -> None:
+        if not _ADDRESS.fullmatch(address) or int((_PORT.search(address) or "0")[0]) > 65535:
+            raise LiveError(f"publish: found {address}, expected {_FORMS}, lcm://, udpm:// or file://")
+        if not (public or _LOCAL.fullmatch(address)):
+            raise LiveError(
+                f"publish {address}: other machines could connect to it; expected {_FORMS}, or to be told "
+                "that it is meant to be public"
+            )
+        if find_spec("zmq") is None:
+            raise LiveError(f"publish: pyzmq is not installed: {install('live')}")
+        import zmq
+
+        _refuse_file(address)
+        self._zmq = zmq
+        self._socket: Any = zmq.Context.instance().socket(zmq.PUB)
+        self._socket.setsockopt(zmq.CONFLATE, 1)
+        self._socket.setsockopt(zmq.LINGER, 0)
+        self._socket.setsockopt(zmq.IPV6, "[" in address)
+        try:
+            self._socket.bind(address)
+        except zmq.ZMQError as error:
+            self._socket.close()
+            raise LiveError(f"publish {address}: {error}") from error
+        self.address: str = self._socket.getsockopt_string(zmq.LAST_ENDPOINT)
+        """Where subscribers connect; with the port that was chosen for `*`."""
+        self.fault: str | None = None
+        """As `LcmPublisher` has it; nothing is left unsent here but what nobody fetched."""
+
+    def __call__(self, moment: Moment) -> None:
+        """Publish a moment."""
+        self._socket.send(message_of(moment), self._zmq.NOBLOCK)
+
+    def close(self) -> None:
+        """Free the address; nobody may be in a call."""
+        self._socket.close()
+
+
+def _refuse_file(address: str) -> None:
+    """Refuse a path where something other than a socket is: ZeroMQ would remove it."""
+    kind, _, path = address.partition("://")
+    if kind != "ipc" or path.startswith("@") or path == "*":  # an abstract name, or one that ZeroMQ chooses
+        return
+    try:
+        there = stat.S_ISSOCK(Path(path).lstat().st_mode)
+    except FileNotFoundError:
+        return
+    except (OSError, ValueError) as error:
+        raise LiveError(f"publish {address}: {error}") from error
+    if not there:
+        raise LiveError(f"publish {address}: found something other than a socket there, expected a new path")
+
 
 FINGERPRINT = 0x2D41F07A9260F694
 """Of the type's layout, as LCM derives it from names, types and dimensions of its fields; every message
@@ -33,13 +139,13 @@ DEFAULT = "udpm://239.255.76.67:7667?ttl=0"
 """LCM's own; a time to live of 0 keeps messages on this machine."""
 
 _VARIABLE = "LCM_DEFAULT_URL"
-_FORMS = (
+_LCM_FORMS = (
     "lcm://, udpm://ADDRESS:PORT?ttl=0 with a group from 224.0.0.0 on and a ttl up to 255, or file://PATH"
 )
 _GROUP = re.compile(r"udpm://((?:22[4-9]|23\d)(?:\.\d{1,3}){3})(?::(\d{1,5}))?(?:\?ttl=(\d{1,3}))?")
 _BUFFER = re.compile(r"(?<=[?&])recv_buf_size=\d+&?")
 _NEW = "?mode=w"
-_PORT = 7667
+_LCM_PORT = 7667
 _HEADER = 28
 """Of each event of a log, before channel and message [bytes]."""
 _ROUTE = "ip link set lo multicast on; ip route add 224.0.0.0/4 dev lo"
@@ -190,11 +296,36 @@ def _url(address: str, public: bool) -> str:
     found = _GROUP.fullmatch(_BUFFER.sub("", address).rstrip("?&"))
     group, port, ttl = found.groups() if found else ("", None, None)
     bytes_of_group = [int(part) for part in group.split(".") if part]
-    if not (found and max(bytes_of_group) < 256 and 0 < int(port or _PORT) < 65536 and int(ttl or 0) < 256):
-        raise LiveError(f"publish: found {address}, expected {_FORMS}")
-    if int(ttl or 0) and not public:
+    there, hops = int(port or _LCM_PORT), int(ttl or 0)
+    if not (found and max(bytes_of_group) < 256 and 0 < there < 65536 and hops < 256):
+        raise LiveError(f"publish: found {address}, expected {_LCM_FORMS}")
+    if hops and not public:
         raise LiveError(
             f"publish {address}: other machines could receive it; expected ttl=0, or to be told that it is "
             "meant to be public"
         )
-    return f"udpm://{group}:{port or _PORT}?ttl={ttl or 0}"
+    return f"udpm://{group}:{there}?ttl={hops}"
+
+
+Publisher = ZmqPublisher | LcmPublisher
+
+
+def is_lcm(address: str) -> bool:
+    """Whether LCM is to publish there, not ZeroMQ."""
+    return address.partition("://")[0] in SCHEMES
+
+
+def open_publisher(
+    address: str, model: CuboidModel, *, body: str | None = None, public: bool = False
+) -> Publisher:
+    """What publishes at an address such as `tcp://127.0.0.1:5555` or `lcm://`.
+
+    Args:
+        address: as ZmqPublisher and LcmPublisher take it.
+        model: the object.
+        body: what LCM's messages call it; None: `cube`, or `cuboid`.
+        public: whether other machines may receive it.
+    """
+    if is_lcm(address):
+        return LcmPublisher(address, model, body=body, public=public)
+    return ZmqPublisher(address, public=public)
