@@ -13,8 +13,9 @@ from tests.helpers.filmed import RIG, shots
 from tracker.calibration.by_object.health import QUANTITIES, of_picture
 from tracker.calibration.rig import CameraRig
 from tracker.live import ImageSet, SourceEnded
-from tracker.live.camera_check import CameraLooks, PictureLook, look_at
+from tracker.live.camera_check import CameraLooks, look_at
 from tracker.live.web_page import LIMITS
+from tracker.summaries.picture_look import PictureLook
 
 SIZE = (270, 270)
 

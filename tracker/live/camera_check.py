@@ -5,16 +5,13 @@ from __future__ import annotations
 import time
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
-import cv2
 import numpy as np
 
-from tracker.calibration.board.sighting import photo_blur
-from tracker.calibration.by_object.health import LEVELS, MOST_CLIPPED, brightness, clipped_share
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Image
 from tracker.live.moment import ImageSet, ImageSource, SourceEnded
+from tracker.summaries.picture_look import PictureLook
 
 MOST_MISSING = 0.01
 """Share of the pictures that may be missing."""
@@ -25,31 +22,11 @@ MOST_SKEW = 0.02
 MOST_AGE = 0.1
 """How old the latest picture of a set may be when it is handed over [s]."""
 
-MOST_BLUR = 2.5
-"""Standard deviation of the sharpest edges' blur [px]."""
-
 MOST_FROZEN = 0.02
 """Share of the pictures that may be the same to the bit as those before."""
 
 LOOK_EVERY = 0.5
 """How often brightness, clipping and blur are looked at [s]; it takes longer than the next picture."""
-
-
-class PictureLook(NamedTuple):
-    """How a picture looks, whatever it shows."""
-
-    level: float
-    """Median grey level."""
-    clipped: float
-    """Pixels with a clipped channel [%]."""
-    blur: float
-    """Of its strongest edges [px]; NaN where it shows none."""
-
-    @classmethod
-    def of(cls, image: Image) -> PictureLook:
-        """Look at a picture (H, W, 3), which takes some milliseconds."""
-        grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
-        return cls(brightness(image), 100 * clipped_share(image), photo_blur(grey))
 
 
 @dataclass
@@ -117,17 +94,7 @@ class CameraLooks:
             found.append(f"{self.frozen} of {self.pictures} pictures are the same as before: it hangs")
         if self.skew > MOST_SKEW:
             found.append(f"its pictures are {1e3 * self.skew:.0f} ms older than the latest: trigger together")
-        level, clipped, blur = self.look
-        if level < LEVELS[0]:
-            found.append(f"dark, median grey level {level:.0f}: expose longer, or is the lens covered?")
-        if level > LEVELS[1] or clipped > 100 * MOST_CLIPPED:
-            found.append(
-                f"over-exposed, median grey level {level:.0f}, {clipped:.0f} % of its pixels are clipped: "
-                "expose for less long"
-            )
-        if blur > MOST_BLUR:
-            found.append(f"blurred by {blur:.1f} px: focus, or does the camera shake?")
-        return found
+        return found + self.look.faults()
 
 
 @dataclass

@@ -21,10 +21,11 @@ import numpy as np
 
 from tracker.calibration.by_object.health import LEVELS, MOST_CLIPPED, QUANTITIES, disagreement, sample, slow
 from tracker.errors import LiveError
-from tracker.live.camera_check import MOST_BLUR, MOST_MISSING, MOST_SKEW, PictureLook
+from tracker.live.camera_check import MOST_MISSING, MOST_SKEW
 from tracker.live.listeners import WAITING, Listener
 from tracker.live.moment import Moment
 from tracker.pipeline import ObjectTracker
+from tracker.summaries.picture_look import MOST_BLUR, PictureLook
 from tracker.viz.overlays import overlay
 
 SPAN = 10.0
