@@ -169,3 +169,33 @@ def test_a_calibration_of_another_size_is_scaled_where_that_is_asked_for(detect,
 )
 def test_what_is_missing_is_said(given, words, detect):
     assert_one_line_error(detect(*given)[0], *words)
+
+
+def test_the_likely_cause_is_printed_and_drawn(detect, tmp_path):
+    for name in NAMES:
+        image = cv2.imread(str(PHOTOS / f"{name}.jpg"))
+        cv2.imwrite(str(tmp_path / f"{name}.png"), cv2.GaussianBlur(image, (0, 0), 15))
+    given = ["--calibration", DEMO, *(f"{name}.png" for name in NAMES), "--overlay", "drawn.png"]
+    result, found = detect(*given)
+    assert found["pose"] is None
+    (line,) = result.stderr.splitlines()
+    assert line.startswith("tracker: warning: camera60: blurred by ")
+    result, _ = detect("--calibration", DEMO, *files(PHOTOS, *NAMES), "--overlay", "good.png")
+    assert result.stderr == ""
+    heights = [len(cv2.imread(str(tmp_path / name))) for name in ("drawn.png", "good.png")]
+    assert heights[0] > 540 + 100
+    assert heights[0] != heights[1]
+
+
+def test_twelve_bits_in_sixteen_are_named_and_not_taken_for_black(detect, tmp_path):
+    for name in NAMES:
+        image = cv2.imread(str(PHOTOS / f"{name}.jpg")).astype(np.uint16)
+        cv2.imwrite(str(tmp_path / f"{name}.png"), image * 16)
+        cv2.imwrite(str(tmp_path / f"whole_{name}.png"), image * 256)
+    given = ["--calibration", DEMO]
+    result, _ = detect(*given, *(f"{name}.png" for name in NAMES))
+    assert_one_line_error(result, "16 bits, as of a camera of 12 bits", "image >> 4")
+    assert detect(*given, *(f"whole_{name}.png" for name in NAMES))[1]["pose"] is not None
+    images = [cv2.imread(str(tmp_path / f"{name}.png"), cv2.IMREAD_UNCHANGED) for name in NAMES]
+    with pytest.raises(tracker.TrackerError, match=r"uint8 is needed: \(image >> 4\)"):
+        tracker.ObjectTracker("cube_v2", DEMO).detect(images)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import re
 import shutil
 
 import cv2
@@ -17,7 +18,7 @@ from tests.helpers.stills import bare_scene, take
 from tracker.recordings.recipe import Job, Options, Recipe
 from tracker.recordings.track import run
 from tracker.summaries.row import row
-from tracker.summaries.swapped import lastingly_swapped, mistaken, swapped, told
+from tracker.summaries.swapped import lastingly_swapped, likely_cause, mistaken, swapped, told
 
 DEMO = ROOT / "tracker" / "demo"
 STRAIGHT = (0, 1, 2)
@@ -65,6 +66,24 @@ def test_other_channels_and_other_objects_are_named(demo):
         answer = other.detect(images)
         assert answer.object_pose is None or answer.object_pose.confidence < 0.5
         assert "cube_v2" in mistaken(other, images, answer)
+
+
+@pytest.mark.parametrize(
+    ("change", "cause"),
+    [
+        (lambda image: image, None),
+        (lambda image: np.ascontiguousarray(image[..., ::-1]), "red and blue are swapped"),
+        (lambda image: cv2.GaussianBlur(image, (0, 0), 12), "camera60: blurred by .* px: .*2 more such"),
+        (lambda image: image // 16, "camera60: dark, median grey level [0-9]: .*2 more such"),
+        (lambda image: np.minimum(image.astype(int) * 8, 255).astype(np.uint8), "camera60: over-exposed"),
+    ],
+)
+def test_the_likely_cause_of_a_miss_is_named(demo, change, cause):
+    one, sets = demo
+    images = [change(image) for image in sets[0]]
+    found = likely_cause(one, images, one.detect(images))
+    assert found is None if cause is None else re.search(cause, found)
+    assert found is None or "\n" not in found
 
 
 def test_a_rig_that_looks_the_same_from_each_camera_cannot_tell(rig):

@@ -153,6 +153,19 @@ def test_the_title_is_shown(rig):
     assert (plain != titled).any()
 
 
+@pytest.mark.parametrize("cameras", [1, 3])
+def test_a_note_stands_below_the_numbers_whatever_the_width(rig, cameras):
+    few, missed = CameraRig(rig.cameras[:cameras]), Observation(None, None, Status.POOR_FIT)
+    plain, noted, longer = (
+        overlay(black(few), few, MODEL, missed, note=note)
+        for note in ("", "blurred", "camera60: blurred " * 20)
+    )
+    np.testing.assert_array_equal(noted[: len(plain)], plain)
+    assert len(plain) < len(noted) < len(longer)
+    margin = longer[540:, -16:]
+    assert (margin == margin[0, 0]).all()
+
+
 def test_an_overlay_changes_nothing_and_is_always_the_same(rig, rng):
     images = [rng.integers(0, 256, image.shape, dtype=np.uint8) for image in black(rig)]
     copies = [image.copy() for image in images]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -41,37 +40,28 @@ def detect(
     come in the order of the cameras: in a folder of calibrations that of the numbers in their names, else
     that of the files given. 'none' in place of an IMAGE: that camera gave none.
 
-    Pictures that fit only in another order of the cameras are told of; they are taken as they are given.
+    Without a sure pose, a warning names the likely cause: pictures in another order than the cameras, red
+    and blue swapped, another object, bad exposure, blur. Pictures are used in the order given.
 
-    The exit code is 0 also when the object is not found: then there is no pose, and the status says why.
-    With --exit-code it is 1.
+    If the object is not found, there is no pose and the status says why. The exit code is 0 also then;
+    with --exit-code it is 1.
     """
+    from tracker.summaries.swapped import likely_cause
+
     model, colors = subject.load()
     rig, pictures = one_set(images, cameras, frame)
     finder = tracker.ObjectTracker(model, rig, colors)
     finder.detect(pictures)  # loads the compiled code: the times printed are those of a running tracker
     observation = finder.detect(pictures)
+    cause = likely_cause(finder, pictures, observation)
     if overlay is not None:
-        tracker.viz.write_image(overlay, tracker.viz.overlay(pictures, rig, model, observation))
+        picture = tracker.viz.overlay(pictures, rig, model, observation, note=cause or "")
+        tracker.viz.write_image(overlay, picture)
     click.echo(_json(model.name, observation) if as_json else _text(model.name, observation))
-    _warn(finder, pictures, observation, rig.names)
+    if cause is not None:
+        click.echo(f"tracker: warning: {cause}", err=True)
     if tell and observation.object_pose is None:
         raise click.exceptions.Exit(1)
-
-
-def _warn(
-    finder: tracker.ObjectTracker,
-    images: Sequence[tracker.conventions.Image | None],
-    answer: tracker.Observation,
-    names: Sequence[str],
-) -> None:
-    """Say so of one set of pictures, with what was found in it."""
-    from tracker.summaries.swapped import mistaken, swapped, told
-
-    order = swapped(finder, images, answer)
-    said = mistaken(finder, images, answer) if order is None else told(order, names)
-    if said is not None:
-        click.echo(f"tracker: warning: {said}", err=True)
 
 
 def _json(name: str, observation: tracker.Observation) -> str:

@@ -55,13 +55,24 @@ def read_image(path: Path) -> Image:
         check(content, READ, appended=True)
     except ValueError as error:
         raise ImageError(f"image {path}: {error}") from error
-    try:
-        image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR)
-    except cv2.error:  # more pixels than OpenCV reads
-        image = None
+    image = _decoded(content, cv2.IMREAD_COLOR)
     if image is None:
         raise ImageError(f"image {path}: not an image that can be read, or truncated")
+    if image.max() < 4096 >> 8:  # black, or so it looks where 8 of 16 bits are left of 12
+        deep = _decoded(content, cv2.IMREAD_UNCHANGED)
+        if deep is not None and deep.dtype == np.uint16 and 0 < deep.max() < 4096:
+            raise ImageError(
+                f"image {path}: found values up to {deep.max()} in 16 bits, as of a camera of 12 bits; "
+                "expected 8 bits: (image >> 4).astype(np.uint8)"
+            )
     return np.asarray(image, dtype=np.uint8)
+
+
+def _decoded(content: bytes, how: int) -> Array | None:
+    try:
+        return cv2.imdecode(np.frombuffer(content, np.uint8), how)
+    except cv2.error:  # more pixels than OpenCV reads
+        return None
 
 
 def _masks(path: Path) -> dict[int, Path]:

@@ -72,7 +72,9 @@ def check_image(image: object, who: str = "image") -> Image:
             f"{who}: {type(image).__name__} given; a NumPy array (H, W, 3) of uint8, BGR, is needed"
         )
     if image.dtype != np.uint8:
-        raise ImageError(f"{who}: dtype {image.dtype}; uint8 is needed")
+        bits = 12 if image.dtype == np.uint16 and image.max(initial=0) < 4096 else 16
+        remedy = f": (image >> {bits - 8}).astype(np.uint8)" if image.dtype == np.uint16 else ""
+        raise ImageError(f"{who}: dtype {image.dtype}; uint8 is needed{remedy}")
     if image.ndim != 3 or image.shape[2] != 3:
         raise ImageError(f"{who}: shape {image.shape}; (height, width, 3) is needed, BGR")
     if min(image.shape[:2]) < 16:

@@ -1,4 +1,4 @@
-"""Tells pictures that were given to the wrong cameras from pictures that are wrong."""
+"""Why an object is not found in pictures: they go to the wrong cameras, show something else, or are poor."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from tracker.pose.result import CameraUse, Observation, Status
 from tracker.poses.poses import Poses
 from tracker.recordings.recipe import Job
 from tracker.recordings.track import chosen, rig_for
+from tracker.summaries.picture_look import PictureLook
 from tracker.summaries.summary import camera_shares, to_look_at
 
 SURE, UNSURE = 0.9, 0.75
@@ -79,6 +80,31 @@ def mistaken(tracker: ObjectTracker, images: Sequence[Image | None], answer: Obs
         if _confidence(ObjectTracker(model, tracker.rig).detect(images)) >= SURE
     ]
     return f"the images show {' or '.join(fitting)} rather than {tracker.model.name}" if fitting else None
+
+
+def likely_cause(tracker: ObjectTracker, images: Sequence[Image | None], answer: Observation) -> str | None:
+    """Why the object is not found, or not surely, in one line; None where it is, or nothing is wrong.
+
+    What explains the pictures comes first, then what is wrong with them. Unless the pose is sure, this takes
+    as long as several detections.
+
+    Args:
+        tracker: of the object and the cameras; `detect` is called.
+        images: of the cameras.
+        answer: of `tracker.detect(images)`.
+    """
+    order = swapped(tracker, images, answer)
+    cause = mistaken(tracker, images, answer) if order is None else told(order, tracker.rig.names)
+    if cause is not None or _confidence(answer) >= UNSURE:
+        return cause
+    looks = {
+        name: PictureLook.of(image)
+        for name, image in zip(tracker.rig.names, images, strict=True)
+        if image is not None
+    }
+    faults = [f"{name}: {fault}" for name, look in looks.items() for fault in look.faults()]
+    more = f" ({len(faults) - 1} more such)" if len(faults) > 1 else ""
+    return f"{faults[0]}{more}" if faults else None
 
 
 def lastingly_swapped(

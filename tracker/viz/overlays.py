@@ -128,6 +128,25 @@ def footer(width: int, blocks: Iterable[Block]) -> Image:
     return picture
 
 
+def note_strip(width: int, text: str) -> Image:
+    """A strip `width` [px] wide with a remark, in as many lines as it takes."""
+    scale = float(np.clip(width / _WIDTH, 1.0, _MOST))
+    size, margin, step = _SIZES[1] * scale, _MARGIN * scale, 0.8 * _LINE * scale
+    lines = [""]
+    for word in text.split():
+        longer = f"{lines[-1]} {word}".lstrip()
+        if lines[-1] and paint.text_width(longer, size) > width - 2 * margin:
+            lines.append(word)
+        else:
+            lines[-1] = longer
+    picture: Image = np.full(
+        (round(size + (len(lines) - 1) * step + margin), width, 3), paint.BACKGROUND, np.uint8
+    )
+    for number, line in enumerate(lines):
+        paint.put_text(picture, line, (margin, size + number * step), DOUBTFUL, size=size)
+    return picture
+
+
 def caption(name: str, observation: Observation, title: str) -> Iterable[Block]:
     """Blocks of object, status and the pose's numbers; `title` stands above the object's name."""
     measured, filtered = observation.object_pose, observation.filtered_object_pose
@@ -174,6 +193,7 @@ def overlay(
     observation: Observation,
     *,
     title: str = "",
+    note: str = "",
 ) -> Image:
     """The views with the estimate's visible edges in them, and a caption with its numbers below.
 
@@ -186,6 +206,7 @@ def overlay(
         model: the object.
         observation: what the tracker found in the images.
         title: a line above the numbers, e.g. the time.
+        note: a remark below the numbers, e.g. why there is no pose.
 
     Raises:
         ImageError: the images do not fit the rig.
@@ -193,6 +214,7 @@ def overlay(
     of_kind(model, CuboidModel, "overlay: model", TrackerError, "tracker.load_object")
     of_kind(observation, Observation, "overlay: observation", TrackerError, "ObjectTracker.detect")
     of_kind(title, str, "overlay: title", TrackerError)
+    of_kind(note, str, "overlay: note", TrackerError)
     pose = observation.object_pose
     if pose is None:
         pose = observation.filtered_object_pose
@@ -202,7 +224,10 @@ def overlay(
             _draw_object(panel, view, model, pose)
 
     row = panels(images, rig, draw)
-    return np.concatenate([row, footer(row.shape[1], caption(model.name, observation, title))])
+    strips = [footer(row.shape[1], caption(model.name, observation, title))]
+    if note:
+        strips.append(note_strip(row.shape[1], note))
+    return np.concatenate([row, *strips])
 
 
 def visible_edges(view: Camera, model: CuboidModel, pose: PoseEstimate) -> list[FloatArray]:
