@@ -16,6 +16,7 @@ from tracker.objects.labels import DISPLAY_COLORS_BGR
 from tracker.objects.model import load_object
 from tracker.pose.result import Observation, PoseEstimate, Status
 from tracker.viz import overlay, write_image
+from tracker.viz.overlays import DOUBTFUL
 
 MODEL = load_object("cube_v2")
 POSITION = np.array([0.03, -0.02, 0.06])
@@ -77,14 +78,29 @@ def test_visible_edges_are_drawn_to_a_tenth_of_a_pixel_where_opencv_projects_the
             assert abs(profile @ offsets / profile.sum()) < 0.1
 
 
-def test_edges_that_the_object_hides_are_not_drawn(rig):
+def test_edges_that_the_object_hides_are_dashed_and_others_solid(rig):
     picture = overlay(black(rig), rig, MODEL, found())
+    shares = np.linspace(0.2, 0.8, 200)
     for index, camera in enumerate(rig):
-        panel = picture[:540, index * (540 + GAP) :]
-        hidden = edge_points((0.4, 0.5, 0.6))[~visible_edges(camera)]
-        assert len(hidden) == 3
-        for column, row in 2 * opencv_pixels(camera, hidden.reshape(-1, 3)) + 0.5:
-            assert panel[round(row), round(column)].min() < 10
+        panel = picture[:540, index * (540 + GAP) :].min(axis=2)
+        for points, visible in zip(edge_points(shares), visible_edges(camera), strict=True):
+            columns, rows = np.rint(2 * opencv_pixels(camera, points) + 0.5).astype(int).T
+            bright = panel[rows, columns] > 90
+            assert bright.mean() > 0.99 if visible else 0.25 < bright.mean() < 0.8
+            if not visible:
+                assert np.count_nonzero(np.diff(bright.astype(int)) == 1) >= 2
+
+
+@pytest.mark.parametrize(("confidence", "amber"), [(0.49, True), (0.5, False)])
+def test_a_hint_is_drawn_in_amber(rig, confidence, amber):
+    sure = found()
+    doubtful = dataclasses.replace(sure.object_pose, confidence=confidence)
+    picture = overlay(black(rig), rig, MODEL, dataclasses.replace(sure, object_pose=doubtful))
+    points = edge_points(np.linspace(0.2, 0.8, 50))[visible_edges(rig[0])].reshape(-1, 3)
+    columns, rows = np.rint(2 * opencv_pixels(rig[0], points) + 0.5).astype(int).T
+    blue, _, red = picture[rows, columns].astype(int).T
+    assert (np.median(red - blue) > 100) == amber
+    assert (picture[540:] == np.array(DOUBTFUL)).all(axis=2).any() == amber
 
 
 def test_a_face_is_tinted_in_its_colour(rig):

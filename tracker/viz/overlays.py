@@ -173,7 +173,9 @@ def _pose_blocks(pose: PoseEstimate) -> Iterable[Block]:
             ["std", *(f"{value}°" for value in _numbers(np.degrees(std[3:]), 2)), ""],
         )
     )
-    yield Block((["confidence"], [f"{pose.confidence:.3f}"], ["within 5 mm, 5°"]))
+    hint = pose.confidence < HINT
+    qualified = "hint only" if hint else "within 5 mm, 5°"
+    yield Block((["confidence"], [f"{pose.confidence:.3f}"], [qualified]), DOUBTFUL if hint else paint.FAINT)
 
 
 def _numbers(values: Array, digits: int) -> list[str]:
@@ -183,7 +185,12 @@ def _numbers(values: Array, digits: int) -> list[str]:
 SAMPLES = 17
 """Points per edge: the lens bends edges, so each is drawn as this many short lines."""
 
+HINT = 0.5
+"""Confidence below which a pose is but a hint: drawn in amber."""
+
 _TINT = 0.15
+_DASH, _DASH_GAP = 7.0, 6.0
+"""Lengths of a hidden edge's dashes and of the gaps between them [px]."""
 
 
 def overlay(
@@ -195,10 +202,11 @@ def overlay(
     title: str = "",
     note: str = "",
 ) -> Image:
-    """The views with the estimate's visible edges in them, and a caption with its numbers below.
+    """The views with the estimate's edges in them, and a caption with its numbers below.
 
-    Drawn is the pose measured in these images or, without one, the filtered pose. Edges that the object
-    itself hides are left out; those behind a finger are not, since the tracker does not know of fingers.
+    Drawn is the pose measured in these images or, without one, the filtered pose; in amber where its
+    confidence is below 0.5. Edges that the object itself hides are dashed; those behind a finger are not,
+    since the tracker does not know of fingers.
 
     Args:
         images: (H, W, 3) uint8 BGR of each camera of the rig; None: the panel says that there is none.
@@ -230,12 +238,31 @@ def overlay(
     return np.concatenate([row, *strips])
 
 
-def visible_edges(view: Camera, model: CuboidModel, pose: PoseEstimate) -> list[FloatArray]:
-    """Lines (N, 2) [px] of the object's edges that it does not hide itself, bent by the lens."""
+class Edges(NamedTuple):
+    """Lines (N, 2) [px] of an object's edges, bent by the lens."""
+
+    visible: list[FloatArray]
+    hidden: list[FloatArray]
+    """By the object itself."""
+
+
+def edges_in_view(view: Camera, model: CuboidModel, pose: PoseEstimate) -> Edges:
+    """The object's edges as a camera sees them, or would if the object did not hide them."""
     seen = cuboid.visible_faces(model.size, pose.rotation.T @ (view.position - pose.position))
     corners = pose.position + cuboid.corners(model.size) @ pose.rotation.T
-    edges = [_project_line(view, corners[a], corners[b]) for a, b, f, g in cuboid.EDGES if seen[f] or seen[g]]
-    return [part for edge in edges for part in _finite_parts(edge)]
+    found = Edges([], [])
+    for a, b, f, g in cuboid.EDGES:
+        parts = _finite_parts(_project_line(view, corners[a], corners[b]))
+        (found.visible if seen[f] or seen[g] else found.hidden).extend(parts)
+    return found
+
+
+def _dashes(line: FloatArray) -> list[FloatArray]:
+    """A line (N, 2) [px] cut into dashes (2, 2) of one length, with gaps between them."""
+    along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1)))
+    starts = np.arange(_DASH_GAP, along[-1] - _DASH, _DASH + _DASH_GAP)
+    ends = np.stack([starts, starts + _DASH], axis=1)
+    return list(np.stack([np.interp(ends, along, line[:, k]) for k in range(2)], axis=2))
 
 
 def _draw_object(panel: Image, view: Camera, model: CuboidModel, pose: PoseEstimate) -> None:
@@ -248,9 +275,12 @@ def _draw_object(panel: Image, view: Camera, model: CuboidModel, pose: PoseEstim
         outline = np.concatenate(sides)
         if np.isfinite(outline).all():
             paint.fill(panel, outline, DISPLAY_COLORS_BGR[model.face_labels[face]].tolist(), _TINT)
-    lines = visible_edges(view, model, pose)
-    paint.stroke(panel, lines, paint.BLACK, 3.6, 0.45)
-    paint.stroke(panel, lines, paint.WHITE, 1.4)
+    color = DOUBTFUL if pose.confidence < HINT else paint.WHITE
+    edges = edges_in_view(view, model, pose)
+    dashes = [dash for line in edges.hidden for dash in _dashes(line)]
+    for lines, opacity in ((dashes, 0.75), (edges.visible, 1.0)):
+        paint.stroke(panel, lines, paint.BLACK, 3.6, 0.45 * opacity)
+        paint.stroke(panel, lines, color, 1.4, opacity)
 
 
 def _project_line(view: Camera, start: Array, end: Array) -> FloatArray:

@@ -33,7 +33,7 @@ from tracker.geometry.camera import Camera
 from tracker.objects.labels import DISPLAY_COLORS_BGR
 from tracker.objects.model import CuboidModel
 from tracker.pose.result import Observation, PoseEstimate, Status
-from tracker.viz.overlays import visible_edges
+from tracker.viz.overlays import edges_in_view
 
 SIGMAS = 2.0
 """Half axes of the ellipsoid, in standard deviations."""
@@ -127,7 +127,7 @@ class Scene:
         self._show_object(kind, pose)
         self._put(("world", "uncertainty", kind), None if pose is None else _ellipsoid(pose, KINDS[kind]))
         for camera in self._rig:
-            lines = [] if pose is None else visible_edges(camera, self._model, pose)
+            lines = [] if pose is None else edges_in_view(camera, self._model, pose).visible
             # Rerun's pixels have their corner, not their centre, at whole numbers.
             strips = rr.LineStrips2D([line + 0.5 for line in lines], colors=[KINDS[kind]], radii=[0.6])
             self._put((*_image_path(camera), kind), strips if lines else None)
