@@ -41,11 +41,13 @@ def detect(
     that of the files given. 'none' in place of an IMAGE: that camera gave none.
 
     Without a sure pose, a warning names the likely cause: pictures in another order than the cameras, red
-    and blue swapped, another object, bad exposure, blur. Pictures are used in the order given.
+    and blue swapped, another object, bad exposure, blur. Pictures are used in the order given. A warning
+    also says if the object seems to float above the table or to sink into it.
 
     If the object is not found, there is no pose and the status says why. The exit code is 0 also then;
     with --exit-code it is 1.
     """
+    from tracker.summaries.off_table import off_table
     from tracker.summaries.swapped import likely_cause
 
     model, colors = subject.load()
@@ -53,13 +55,14 @@ def detect(
     finder = tracker.ObjectTracker(model, rig, colors)
     finder.detect(pictures)  # loads the compiled code: the times printed are those of a running tracker
     observation = finder.detect(pictures)
-    cause = likely_cause(finder, pictures, observation)
+    warning = likely_cause(finder, pictures, observation)
+    warning = warning or off_table(observation.object_pose, model, rig.arena)
     if overlay is not None:
-        picture = tracker.viz.overlay(pictures, rig, model, observation, note=cause or "")
+        picture = tracker.viz.overlay(pictures, rig, model, observation, note=warning or "")
         tracker.viz.write_image(overlay, picture)
     click.echo(_json(model.name, observation) if as_json else _text(model.name, observation))
-    if cause is not None:
-        click.echo(f"tracker: warning: {cause}", err=True)
+    if warning is not None:
+        click.echo(f"tracker: warning: {warning}", err=True)
     if tell and observation.object_pose is None:
         raise click.exceptions.Exit(1)
 

@@ -22,7 +22,9 @@ from tracker.calibration.by_object.looks import Look
 from tracker.calibration.by_object.sightings import SLOW
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray, Image
+from tracker.geometry.arena import Arena
 from tracker.logs import Log
+from tracker.objects.model import CuboidModel
 from tracker.pipeline import ObjectTracker
 from tracker.pose.fit import Fit
 from tracker.pose.judge import apparent
@@ -214,7 +216,7 @@ def sample(tracker: ObjectTracker, images: Sequence[Image | None], *, still: boo
         if isinstance(fit, Fit) and apparent(fit) >= SURE:
             _of_fit(fit, tracker.rig, values)
             if still:
-                height = _height(fit, tracker)
+                height = height_over_table(fit.position, fit.rotation, tracker.model, tracker.rig.arena)
                 look = None if fit.own is None else look_of(fit, tracker.model.size)
     return Sample(values, height, look)
 
@@ -256,10 +258,9 @@ def slow(velocity: FloatArray) -> bool:
     return bool((np.linalg.norm(velocity.reshape(2, 3), axis=1) < SLOW).all())
 
 
-def _height(fit: Fit, tracker: ObjectTracker) -> float:
-    """Height of a lowest point over the table [mm]; NaN without a table, or unless a face is level."""
-    down, table = np.abs(fit.rotation[2]), tracker.rig.arena.table
-    if table is None or down.max() < LEVEL:
+def height_over_table(position: FloatArray, rotation: FloatArray, model: CuboidModel, arena: Arena) -> float:
+    """Height of the lowest point over the table [mm]; NaN without a table, or unless a face is level."""
+    down = np.abs(rotation[2])
+    if arena.table is None or down.max() < LEVEL:
         return float("nan")
-    lowest = fit.position[2] - down @ (np.asarray(tracker.model.size) / 2)
-    return float(1e3 * (lowest - table))
+    return float(1e3 * (position[2] - down @ (np.asarray(model.size) / 2) - arena.table))
