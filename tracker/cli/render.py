@@ -28,9 +28,9 @@ def listing(rows: Sequence[Sequence[str]]) -> str:
 
 @contextmanager
 def bar(label: str, total: int, quiet: bool, unit: str = "frames") -> Iterator[Callable[[int], None]]:
-    """A function that is told how many more are done; a bar on stderr shows it, if that is a terminal.
+    """A function that takes how many more are done; a bar on stderr shows it, if that is a terminal.
 
-    The bar is gone when the `with` block ends, however it ends, so that what is said next has its own line.
+    The bar is gone when all is done or the `with` block ends, so that later messages have their own line.
     """
     if quiet or sys.stderr is None or not sys.stderr.isatty():
         yield lambda _: None
@@ -45,5 +45,7 @@ def bar(label: str, total: int, quiet: bool, unit: str = "frames") -> Iterator[C
 
         def advance(count: int) -> None:
             shown.update(count)
+            if shown.n >= total:  # what follows may take long
+                shown.close()
 
         yield advance
