@@ -99,6 +99,17 @@ def test_a_folder_that_holds_no_rig_is_named_with_what_it_holds(files, options, 
         CameraRig.load(tmp_path / "none" if files is None else tmp_path, **options)
 
 
+def test_files_that_are_not_named_after_cameras_are_taken_with_the_pattern_that_the_error_names(tmp_path):
+    for name, azimuth in (("left", 60), ("right", 180)):
+        camera = dataclasses.replace(make_camera(azimuth), name=name)
+        write_camera(camera, tmp_path / f"{name}.yml")
+    with pytest.raises(CalibrationError) as caught:
+        CameraRig.load(tmp_path)
+    assert "found left.yml, right.yml, expected a file like camera60.yml" in str(caught.value)
+    assert "--pattern '*.yml'" in str(caught.value)
+    assert CameraRig.load(tmp_path, pattern="*.yml").names == ("left", "right")
+
+
 @pytest.mark.parametrize(
     ("make", "said"),
     [

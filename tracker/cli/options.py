@@ -170,7 +170,9 @@ cameras = gathered(
         "[default: that of the recording]",
     ),
     click.option(
-        "--pattern", metavar="GLOB", help="Which files of the folder to take, e.g. '*_cropped.yml'."
+        "--pattern",
+        metavar="GLOB",
+        help="Which files of the folder to take, e.g. '*_cropped.yml'.  [default: '*camera*.yml']",
     ),
     click.option(
         "--correct-halved-principal-point",

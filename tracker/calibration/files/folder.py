@@ -12,17 +12,18 @@ from tracker.errors import CalibrationError
 def calibration_files(root: Path, pattern: str | None) -> list[Path]:
     """A folder's calibration files, or those whose names match; CalibrationError where there is none."""
     names = sorted(file.name for file in root.iterdir() if file.is_file())
+    yaml = [name for name in names if re.fullmatch(r"[^.].*\.ya?ml|[^.]\.ya?ml", name)]
     if pattern is None:
-        files = [
-            name for name in names if re.fullmatch(r"[^.].*\.ya?ml|[^.]\.ya?ml", name) and "camera" in name
-        ]
-        wanted = "a file like camera60.yml"
+        files, expected = [name for name in yaml if "camera" in name], "a file like camera60.yml"
+        if yaml:
+            star = f"*{Path(yaml[0]).suffix}"
+            expected += f", or --pattern '{star}' (in Python pattern='{star}') for other names"
     else:
         files = [name for name in names if fnmatchcase(name, pattern)]
-        wanted = f"a file that matches {pattern!r}"
+        expected = f"a file that matches {pattern!r}"
     if not files:
         found = ", ".join(names[:12]) or "no files"
-        raise CalibrationError(f"{root}: found {found}, expected {wanted}")
+        raise CalibrationError(f"{root}: found {found}, expected {expected}")
     return [root / name for name in files]
 
 
