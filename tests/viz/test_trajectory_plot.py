@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import builtins
 import dataclasses
+import itertools
 import os
 import subprocess
 import sys
@@ -22,9 +23,10 @@ from tests.helpers.pose_logs import (
 )
 from tracker.errors import ImageError, TrackerError
 from tracker.geometry import so3
+from tracker.pose.result import Status
 from tracker.poses.file import PosesBuilder
 from tracker.viz import paint, write_trajectory_plot
-from tracker.viz.trajectory import STATUS_COLORS, angle_std, angles
+from tracker.viz.trajectory import STATUS_COLORS, _series, _to_one_scale, angle_std, angles
 
 pytest.importorskip("matplotlib", reason="plot: no module matplotlib")
 
@@ -84,6 +86,25 @@ def test_the_strip_has_the_colours_of_the_statuses(path, rng):
     assert found[1] == pytest.approx(found[2], rel=0.2)
     # One frame of 400 is still seen.
     assert share_of(strip, STATUS_COLORS["refound"]) > 0
+
+
+def test_each_status_has_a_colour_of_its_own():
+    assert set(STATUS_COLORS) == {status.value for status in Status}
+    for one, other in itertools.combinations(STATUS_COLORS.values(), 2):
+        assert np.abs(np.subtract(one, other)).max() >= 20
+
+
+def test_equal_motions_along_the_axes_look_equal(rng):
+    builder = PosesBuilder(make_about())
+    for number, x in enumerate((0.0, 0.1)):
+        pose = moved(np.eye(3), np.array([x, 0.02, 0.03 + x / 10]))
+        pose.covariance = np.eye(6) * 1e-8
+        builder.append(number, START + number, answer(pose, None, "found"))
+    scaled = _to_one_scale(list(_series(builder.build())))
+    lengths = np.ptp([series.limits for series in scaled[:3]], axis=1)
+    np.testing.assert_allclose(lengths, 116.0)
+    for series in scaled:
+        assert series.limits is None or (series.limits[0] < series.values).all()
 
 
 def test_recorded_poses_are_seen(path, rng):

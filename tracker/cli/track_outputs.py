@@ -88,13 +88,14 @@ def write_tracked_film(
 def write_health_page(
     path: Path, log: tracker.Log, recipe: Recipe, poses: tracker.Poses, progress: Callable[[int], None]
 ) -> list[str]:
-    """Write a page on the rig's health over the frames that have been tracked; what is not well."""
+    """Write a page on the rig's health over the tracked frames; what is not well, or missing."""
     from tracker.calibration.by_object.health import health
     from tracker.viz.calibration import write_health
 
     found = health(tracker.ObjectTracker(recipe.model, poses.about.rig, recipe.colors), log, poses, progress)
     write_health(path, found, " · ".join(filter(None, (poses.about.object_name, poses.about.source))))
-    return found.complaints()
+    missing = found.missing()
+    return found.complaints() + ([] if missing is None else [missing])
 
 
 def _pictures(

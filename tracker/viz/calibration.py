@@ -110,9 +110,9 @@ def residual_picture(
 
 
 COLORS: tuple[paint.Color, ...] = (
-    (110, 120, 240), (125, 205, 125), (245, 165, 95), (225, 200, 90), (210, 140, 200), (90, 215, 250),
+    (245, 165, 95), (125, 205, 125), (210, 140, 200), (225, 200, 90), (90, 215, 250), (158, 148, 140),
 )  # fmt: skip
-"""Of the cameras, in their order."""
+"""Of the cameras, in their order; none is red, which marks what is beyond a limit."""
 
 _STYLE = """
 body { background: #16181d; color: #d8dadd; font: 15px/1.5 sans-serif; max-width: 1100px; margin: 2em auto; }
@@ -133,13 +133,17 @@ def write_health(path: str | os.PathLike[str], health: Health, title: str) -> No
 
 def page(health: Health, title: str) -> str:
     """The page."""
-    complaints = health.complaints()
-    verdict = "".join(f'<li class="bad">{escape(line)}</li>' for line in complaints)
-    parts = [
-        f"<h1>{escape(title)}</h1>",
-        f"<ul>{verdict}</ul>" if complaints else '<p class="good">Nothing to complain of.</p>',
-        _table(health),
-    ]
+    complaints, missing = health.complaints(), health.missing()
+    parts = [f"<h1>{escape(title)}</h1>"]
+    if complaints:
+        lines = "".join(f'<li class="bad">{escape(line)}</li>' for line in complaints)
+        parts.append(f"<ul>{lines}</ul>")
+    else:
+        what = "What was measured" if missing else "Everything"
+        parts.append(f'<p class="good">{what} is within its limits in most frames.</p>')
+    if missing:
+        parts.append(f'<p class="limit">{escape(missing[0].upper() + missing[1:])}.</p>')
+    parts.append(_table(health))
     for key, quantity in QUANTITIES.items():
         parts.append(_section(quantity, health.time, health.values[key], health.cameras))
     parts.append(_section(HEIGHT, health.time, health.height[:, None], ("object",)))
@@ -163,37 +167,47 @@ def _table(health: Health) -> str:
 
 def _median(values: FloatArray) -> str:
     known = values[np.isfinite(values)]
-    return f"{np.median(known):.2f}" if known.size else "–"
+    return _readable(float(np.median(known)), 2) if known.size else "–"
+
+
+def _readable(value: float, digits: int = 1) -> str:
+    """A number with few digits behind the point, and none that say nothing: 5.42373 as 5.4, 30.0 as 30."""
+    return f"{round(value, digits) + 0.0:g}".replace("-", "−")
 
 
 def _section(quantity: Quantity, time: FloatArray, values: FloatArray, names: tuple[str, ...]) -> str:
-    low, high = quantity.limits
+    low, high = map(_readable, quantity.limits)
+    heading = f"<h2>{escape(quantity.title)}</h2>"
+    if not np.isfinite(values).any():
+        return f'{heading}<p class="limit">not measured</p>'
     picture = base64.b64encode(_plot(quantity, time, values, names)).decode()
-    limit = f"well from {low:g} to {high:g} {escape(quantity.unit)}; else {escape(quantity.advice)}"
+    limit = f"limits: {low} to {high} {escape(quantity.unit)}; if beyond: {escape(quantity.advice)}"
     return (
-        f'<h2>{escape(quantity.title)}</h2><p class="limit">{limit}</p>'
+        f'{heading}<p class="limit">{limit}</p>'
         f'<img alt="{escape(quantity.title)}" src="data:image/png;base64,{picture}">'
     )
 
 
 def _plot(quantity: Quantity, time: FloatArray, values: FloatArray, names: tuple[str, ...]) -> bytes:
-    """A PNG of one quantity over time, a line for each camera, limits dashed."""
+    """A PNG of one quantity over time: a line for each camera, limits dashed, red where beyond them."""
+    low, high = quantity.limits
     with figure((11.0, 2.2)) as picture:
         axis: Any = picture.subplots()
         for c, name in enumerate(names):
-            axis.plot(
-                time, values[:, c], ".-", color=rgb(COLORS[c % len(COLORS)]), linewidth=1, ms=4, label=name
-            )
+            color = rgb(COLORS[c % len(COLORS)])
+            axis.plot(time, values[:, c], ".-", color=color, linewidth=1, ms=4, label=name)
+        beyond = np.where((values < low) | (values > high), values, np.nan)
+        axis.plot(time, beyond, ".", color=rgb(BAD), ms=6)
         known = values[np.isfinite(values)]
         for limit in quantity.limits:
             # A limit that is far away would flatten the lines.
-            if (
-                limit != 0.0
-                and known.size
-                and known.min() - np.ptp(known) - 1 <= limit <= known.max() + np.ptp(known) + 1
-            ):
+            if limit != 0.0 and known.min() - np.ptp(known) - 1 <= limit <= known.max() + np.ptp(known) + 1:
                 axis.axhline(limit, color=rgb(paint.FAINT), linewidth=1, linestyle="--")
+        if len(time) > 1 and np.ptp(time) > 0:
+            room = 0.01 * np.ptp(time)
+            axis.set_xlim(time.min() - room, time.max() + room)  # the same in all plots
         axis.set_xlabel("time [s]")
         axis.set_ylabel(quantity.unit, fontsize=8)
-        axis.legend(ncols=len(names))
+        axis.yaxis.set_label_coords(-0.05, 0.5)
+        axis.legend(ncols=len(names), loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0)
         return png(picture)

@@ -28,15 +28,20 @@ _RECORDED: paint.Color = (90, 215, 250)
 _SIGMAS = 2.0
 
 STATUS_COLORS: dict[str, paint.Color] = {
-    "found": GOOD,
     "tracking": GOOD,
+    "found": (160, 225, 195),
     "refound": (225, 200, 90),
     "coasting": DOUBTFUL,
     "lost": (95, 85, 225),
+    "no_object_colors": (105, 98, 92),
+    "too_few_pixels": (170, 150, 200),
+    "inconsistent_views": (180, 110, 150),
+    "poor_fit": (185, 140, 90),
+    "other_object": (120, 60, 110),
+    "ambiguous": (70, 120, 150),
 }
-"""Colours of a status strip; other statuses have those of _REASONS."""
+"""The colours of a status strip, the same in each plot."""
 
-_REASONS: tuple[paint.Color, ...] = ((180, 110, 150), (185, 140, 90), (170, 150, 200), (105, 98, 92))
 _LABEL_X = -0.065  # left of the longest tick label, so that the labels of all panels are aligned
 _LEAST_SHARE = 0.003
 """Share of the strip's width that the shortest run has, so that single frames are seen."""
@@ -73,7 +78,7 @@ def _draw(figure: Any, poses: Poses, title: str) -> None:
     figure.get_layout_engine().set(h_pad=0.05, hspace=0.02, rect=(0.012, 0.012, 0.972, 0.974))
     axes = figure.subplots(6, 1, sharex=True, height_ratios=(0.32, 2, 2, 2, 2, 1.3))
     _draw_status(axes[0], time, poses.status)
-    for axis, series in zip(axes[1:], _series(poses), strict=True):
+    for axis, series in zip(axes[1:], _to_one_scale(list(_series(poses))), strict=True):
         _draw_panel(axis, time, series)
     axes[5].set_xlabel("time since the first frame [s]")
     if len(poses) > 1 and time.max() > time.min():
@@ -106,6 +111,18 @@ def _series(poses: Poses) -> Iterator[Series]:
     line, dots, circles = (columns.confidence for columns in (shown, measured, recorded))
     limits = (-0.04, 1.04)
     yield Series("confidence", paint.BRIGHT, line, nothing, nothing, dots, circles, limits)
+
+
+def _to_one_scale(all_series: list[Series]) -> list[Series]:
+    """The series with x, y and z over axes of one length, so that equal motions look equal."""
+    limits = np.array([_limits(series) for series in all_series[: len(_AXES)]])
+    half = np.ptp(limits, axis=1).max() / 2
+    middles = limits.mean(axis=1)
+    scaled = [
+        series._replace(limits=(middle - half, middle + half))
+        for series, middle in zip(all_series, middles, strict=False)
+    ]
+    return scaled + all_series[len(_AXES) :]
 
 
 def _first_rotation(*kinds: PoseColumns) -> FloatArray:
@@ -179,13 +196,19 @@ class Series(NamedTuple):
     limits: tuple[float, float] | None = None
     """Of the axis; None: fitted to the values, and not to the band, which can reach very far."""
 
+    @property
+    def values(self) -> FloatArray:
+        """(k,) all that are finite of line, dots and circles."""
+        values: FloatArray = np.concatenate([self.line, self.dots, self.circles])
+        known: FloatArray = values[np.isfinite(values)]
+        return known
+
 
 def _draw_panel(axis: Any, time: Array, series: Series) -> None:
     """Draw a line with a band, dots and circles over time."""
     color = rgb(series.color)
     size = float(np.clip(np.sqrt(_FEW / max(len(time), 1)), 0.5, 1))
-    values = np.concatenate([series.line, series.dots, series.circles])
-    bottom, top = _limits(series, values[np.isfinite(values)])
+    bottom, top = _limits(series)
     if np.isfinite(series.low).any():
         # A variance may have any size, a pixel's place may not.
         far = 10 * (top - bottom)
@@ -206,15 +229,16 @@ def _draw_panel(axis: Any, time: Array, series: Series) -> None:
     axis.set_ylabel(series.label, color=color, fontsize=11)
     axis.yaxis.set_label_coords(_LABEL_X, 0.5)
     axis.set_ylim(bottom, top)
-    if not np.isfinite(values).any():
+    if not series.values.size:
         axis.set_yticks([])
         axis.text(0.5, 0.5, "no pose", ha="center", transform=axis.transAxes)
 
 
-def _limits(series: Series, values: FloatArray) -> tuple[float, float]:
-    """Lower and upper end of a panel that shows finite values (k,)."""
+def _limits(series: Series) -> tuple[float, float]:
+    """Lower and upper end of a series' panel."""
     if series.limits is not None:
         return series.limits
+    values = series.values
     low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 0.0)
     room = max(0.08 * (high - low), (_LEAST - (high - low)) / 2)
     return low - room, high + room
@@ -244,11 +268,10 @@ def _draw_status(axis: Any, time: Array, status: Array) -> None:
 
 
 def _status_colors(status: Array) -> dict[str, paint.Color]:
-    """A colour for each status that occurs, the well-known ones first."""
-    names = sorted(set(status.tolist()))
-    reasons = [name for name in names if name not in STATUS_COLORS]
+    """The colour of each status that occurs, in the order of STATUS_COLORS."""
+    names = set(status.tolist())
     known = {name: color for name, color in STATUS_COLORS.items() if name in names}
-    return known | {name: _REASONS[number % len(_REASONS)] for number, name in enumerate(reasons)}
+    return known | dict.fromkeys(sorted(names - known.keys()), paint.FAINT)
 
 
 def _draw_legend(axis: Any, handles: list[Any], at: tuple[float, float], corner: str) -> None:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import dataclasses
 import re
 
 import numpy as np
@@ -80,6 +81,20 @@ def test_a_page_needs_no_other_file_and_escapes_what_it_is_given(well):
     assert "&lt;film&gt; &amp; co" in text
     assert text.count("data:image/png;base64,") == len(QUANTITIES) + 1
     assert not re.search(r'(src|href)="(?!data:)', text)
+
+
+def test_what_was_not_measured_is_named_in_one_line_and_has_no_plot(well):
+    empty = {key: np.full((FRAMES, 3), np.nan) for key in ("residual", "disagreement", "blur")}
+    lost = dataclasses.replace(
+        well, values={**well.values, **empty}, height=np.full(FRAMES, np.nan), check=None
+    )
+    line = "not measured: residual, disagreement, blur, table; the object was not surely found"
+    assert lost.missing() == line
+    text = page(lost, "film")
+    assert f"N{line[1:]}." in text
+    assert text.count("data:image/png;base64,") == len(QUANTITIES) + 1 - 4
+    assert "within its limits" not in text  # camera300 is dark
+    assert "0 to 5.4 mrad" in page(well, "film")
 
 
 def test_the_limits_are_those_that_the_documentation_states():

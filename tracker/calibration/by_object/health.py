@@ -134,6 +134,16 @@ class Health:
             result.append("the calibration does not fit: tracker calibrate check says which camera moved")
         return result
 
+    def missing(self) -> str | None:
+        """What was never measured, and why, in one line; None where all was."""
+        measured = {**self.values, "table": self.height}
+        names = [key for key, values in measured.items() if not np.isfinite(values).any()]
+        if not names:
+            return None
+        seen = np.isfinite(self.values["residual"]).any()
+        why = "the object was not seen at rest" if seen else "the object was not surely found"
+        return f"not measured: {', '.join(names)}; {why}"
+
 
 def _beyond(values: FloatArray, quantity: Quantity) -> float:
     known = values[np.isfinite(values)]
