@@ -1,4 +1,4 @@
-"""Pictures given to the wrong cameras are told from pictures that are wrong."""
+"""Pictures given to the wrong cameras are not taken for pictures that are wrong."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tests.helpers.stills import bare_scene, take
 from tracker.recordings.recipe import Job, Options, Recipe
 from tracker.recordings.track import run
 from tracker.summaries.row import row
-from tracker.summaries.swapped import lastingly_swapped, likely_cause, mistaken, swapped, told
+from tracker.summaries.swapped import lastingly_swapped, likely_cause, mistaken, swap_message, swapped
 
 DEMO = ROOT / "tracker" / "demo"
 STRAIGHT = (0, 1, 2)
@@ -119,8 +119,8 @@ def test_a_recording_is_told_of_in_its_line_if_little_came_of_it(tmp_path):
 
 
 def test_what_is_said_names_the_cameras():
-    assert told((1, 0, 2), NAMES) == "the images of camera60 and camera180 look swapped"
-    assert told((2, 0, 1), NAMES) == (
+    assert swap_message((1, 0, 2), NAMES) == "the images of camera60 and camera180 look swapped"
+    assert swap_message((2, 0, 1), NAMES) == (
         "the images of camera60, camera180 and camera300 look swapped: camera300's fits as that of camera60, "
         "camera60's fits as that of camera180, camera180's fits as that of camera300"
     )

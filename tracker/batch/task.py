@@ -15,7 +15,7 @@ from tracker.recordings.recipe import Job, Options, Recipe, code
 from tracker.recordings.track import Tracked, run
 from tracker.summaries.row import row
 from tracker.summaries.summary import summary
-from tracker.summaries.swapped import told_of_recording
+from tracker.summaries.swapped import remark_on_recording
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Task:
     options: Options
     """What is looked for and how."""
     agreed: str
-    """What code and files the worker has to have: `agreed` of whoever hands out the task."""
+    """What code and files the worker has to have: `agreed` of the process that hands out the task."""
 
     @property
     def job(self) -> Job:
@@ -50,9 +50,9 @@ def track_task(task: Task) -> dict[str, Any]:
 
 
 def described(job: Job, tracked: Tracked) -> dict[str, Any]:
-    """`log`, `output`, `object`, what `summary` tells, and `swapped`, see `told_of_recording`."""
+    """`log`, `output`, `object`, what `summary` tells, and `swapped`, see `remark_on_recording`."""
     about = {"log": str(job.log), "output": str(job.output), "object": job.recipe.model.name}
-    return {**about, **summary(tracked), "swapped": told_of_recording(job, tracked.poses)}
+    return {**about, **summary(tracked), "swapped": remark_on_recording(job, tracked.poses)}
 
 
 def make_result(task: Task) -> dict[str, Any]:
@@ -62,7 +62,7 @@ def make_result(task: Task) -> dict[str, Any]:
         `recording`, `frames` that were tracked now, `seconds` that took, `failure`: the reason or None.
     """
     output = Path(task.output)
-    told: dict[str, Any] = {"recording": task.log, "frames": 0, "seconds": 0.0, "failure": None}
+    result: dict[str, Any] = {"recording": task.log, "frames": 0, "seconds": 0.0, "failure": None}
     try:
         output.parent.mkdir(parents=True, exist_ok=True)
         job = task.job
@@ -72,13 +72,13 @@ def make_result(task: Task) -> dict[str, Any]:
         write_whole(summary_file(output), json.dumps(line, indent=1, allow_nan=False) + "\n")
         failure_file(output).unlink(missing_ok=True)
     except BlockingIOError as error:
-        told["failure"] = reason(error)  # the other run will say how it went
+        result["failure"] = reason(error)  # the other run reports the outcome
     except Exception as error:  # whatever it is, the other recordings are to be done
-        told["failure"] = reason(error) if str(error) else repr(error)
-        keep_failure(task, told["failure"])
+        result["failure"] = reason(error) if str(error) else repr(error)
+        keep_failure(task, result["failure"])
     else:
-        told |= {"frames": tracked.new, "seconds": tracked.seconds}
-    return told
+        result |= {"frames": tracked.new, "seconds": tracked.seconds}
+    return result
 
 
 def keep_failure(task: Task, why: str) -> None:
@@ -90,7 +90,7 @@ def keep_failure(task: Task, why: str) -> None:
         content = {"recording": task.log, "reason": why}
         write_whole(failure_file(output), json.dumps(content, indent=1) + "\n")
     except OSError:
-        pass  # a full disk, for instance; it is told anyway
+        pass  # a full disk, for instance; the result holds the failure
 
 
 @functools.lru_cache(maxsize=2)

@@ -50,8 +50,8 @@ _COMPLETE = "_TRACKER_COMPLETE"
 """Environment variable of click's shell completion."""
 
 
-def _print_version(context: click.Context, _: click.Parameter, wanted: bool) -> None:
-    if not wanted or context.resilient_parsing:
+def _print_version(context: click.Context, _: click.Parameter, requested: bool) -> None:
+    if not requested or context.resilient_parsing:
         return
     click.echo(f"tracker {version()}")
     context.exit()
@@ -143,7 +143,7 @@ def _run(arguments: list[str]) -> int:
         last = traceback.extract_tb(error.__traceback__)[-1]
         where = f"{os.path.basename(last.filename)}:{last.lineno}"
         what = f"{type(error).__name__} in {where}: {error}"
-        return _fail(f"internal error, please report it if `tracker doctor` finds nothing amiss: {what}")
+        return _fail(f"internal error, please report it if `tracker doctor` finds no problem: {what}")
 
 
 def _fail(message: str, code: int = 2) -> int:

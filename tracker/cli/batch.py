@@ -78,22 +78,22 @@ def run(
         raise click.UsageError(
             "--dry-run prints what --htcondor or --slurm would submit, expected one of them"
         )
-    wanted = Batch.of(recordings, output, options.of_recordings(subject, cameras, part))
+    batch = Batch.of(recordings, output, options.of_recordings(subject, cameras, part))
     if htcondor or slurm:
-        _submit(wanted, "htcondor" if htcondor else "slurm", dry_run, quiet)
+        _submit(batch, "htcondor" if htcondor else "slurm", dry_run, quiet)
     else:
-        _run(wanted, jobs, scheduler, as_csv, quiet)
+        _run(batch, jobs, scheduler, as_csv, quiet)
 
 
-def _run(wanted: Batch, jobs: int | None, scheduler: str | None, as_csv: bool, quiet: bool) -> None:
+def _run(batch: Batch, jobs: int | None, scheduler: str | None, as_csv: bool, quiet: bool) -> None:
     from tracker.batch.results import FAILURES
     from tracker.batch.run import only_run, run_batch, write_batch
     from tracker.batch.tables import state, write_tables
     from tracker.batch.workers import cores, dask_workers, processes
     from tracker.recordings import Recipe
 
-    Recipe.of(wanted.options)  # what is wrong with it is told before anything begins
-    count = min(jobs or cores(), len(wanted.pairs))
+    Recipe.of(batch.options)  # faults are reported before anything begins
+    count = min(jobs or cores(), len(batch.pairs))
     failures: dict[str, str] = {}
     fault = None
 
@@ -102,57 +102,57 @@ def _run(wanted: Batch, jobs: int | None, scheduler: str | None, as_csv: bool, q
         if result is not None and result["failure"] is not None:
             failures[result["recording"]] = result["failure"]
 
-    with only_run(wanted):
-        write_batch(wanted)
+    with only_run(batch):
+        write_batch(batch)
         try:
-            with bar("recordings", len(wanted.pairs), quiet, "recordings") as advance:
-                run_batch(wanted, lambda: dask_workers(scheduler) if scheduler else processes(count), tell)
+            with bar("recordings", len(batch.pairs), quiet, "recordings") as advance:
+                run_batch(batch, lambda: dask_workers(scheduler) if scheduler else processes(count), tell)
         except BaseException:
-            with suppress(LogError):  # what ended the run is what is told
-                write_tables(wanted, state(wanted, failures), as_csv=as_csv)
+            with suppress(LogError):  # the reason why the run ended is reported
+                write_tables(batch, state(batch, failures), as_csv=as_csv)
             raise
-        found = state(wanted, failures)
+        found = state(batch, failures)
         try:
-            write_tables(wanted, found, as_csv=as_csv)
+            write_tables(batch, found, as_csv=as_csv)
         except LogError as error:
             fault = error
     if not quiet:
         click.echo(_text(found))
     if failures:
         first = f"the first: {next(iter(failures.values()))}"
-        where = first if fault else f"see {wanted.folder / FAILURES}"
-        click.echo(f"tracker: {len(failures)} of {len(wanted.pairs)} recordings failed, {where}", err=True)
+        where = first if fault else f"see {batch.folder / FAILURES}"
+        click.echo(f"tracker: {len(failures)} of {len(batch.pairs)} recordings failed, {where}", err=True)
     if fault is not None:
         raise fault
     if failures:
         click.get_current_context().exit(2)
 
 
-def _submit(wanted: Batch, scheduler: Any, dry_run: bool, quiet: bool) -> None:
+def _submit(batch: Batch, scheduler: Any, dry_run: bool, quiet: bool) -> None:
     from tracker.batch.jobs import describe
     from tracker.batch.run import only_run, unfinished, write_batch
     from tracker.batch.task import agreed
     from tracker.recordings import Recipe
     from tracker.warm_up import warm_up
 
-    recipe = Recipe.of(wanted.options)
-    tasks = list(unfinished(wanted.tasks(agreed(recipe)), recipe, lambda: None))
+    recipe = Recipe.of(batch.options)
+    tasks = list(unfinished(batch.tasks(agreed(recipe)), recipe, lambda: None))
     if not tasks:
         if not quiet:
-            click.echo(f"all {len(wanted.pairs)} recordings are done")
+            click.echo(f"all {len(batch.pairs)} recordings are done")
         return
-    description = describe(wanted, tasks, scheduler)
+    description = describe(batch, tasks, scheduler)
     if dry_run:
         click.echo(f"# {description.path}\n{description.text}", nl=False)
         return
-    with only_run(wanted):
-        write_batch(wanted)
+    with only_run(batch):
+        write_batch(batch)
         description.write()
         warm_up()  # once, not in each job
-        said = description.submit()
+        answer = description.submit()
     if not quiet:
         click.echo(
-            f"{said}\n{len(tasks)} recordings; tracker batch status {wanted.folder} tells how far they are"
+            f"{answer}\n{len(tasks)} recordings; tracker batch status {batch.folder} shows the progress"
         )
 
 
@@ -162,17 +162,17 @@ def _submit(wanted: Batch, scheduler: Any, dry_run: bool, quiet: bool) -> None:
 @click.option("--csv", "as_csv", is_flag=True, help="Write the table as CSV, too.")
 @options.as_json
 def status(folder: Path, write: bool, as_csv: bool, as_json: bool) -> None:
-    """Tell how far a batch is, whoever works on it.
+    """Show the progress of a batch, wherever it runs.
 
     DIR is the folder of its results.
     """
     from tracker.batch.run import read_batch
     from tracker.batch.tables import state, write_tables
 
-    wanted = read_batch(folder)
-    found = state(wanted)
+    batch = read_batch(folder)
+    found = state(batch)
     if write or as_csv:
-        write_tables(wanted, found, as_csv=as_csv)
+        write_tables(batch, found, as_csv=as_csv)
     if as_json:
         numbers = {"recordings": found.total, "done": len(found.lines), "failed": len(found.failures)}
         numbers |= {"missing": found.missing, "running": found.running}

@@ -87,9 +87,9 @@ def sightings_of(paths: Sequence[Path], board: Board) -> tuple[Board, list[Board
             one = None
         found.append(one)
     if all(one is None for one in found):
-        told = "; ".join(f"{why} ({count} ×)" for why, count in Counter(faults.values()).most_common(3))
+        why = "; ".join(f"{fault} ({count} ×)" for fault, count in Counter(faults.values()).most_common(3))
         raise CalibrationError(
-            f"board: found in none of {len(photos)} photos: {told}; expected photos of the board that "
+            f"board: found in none of {len(photos)} photos: {why}; expected photos of the board that "
             "--dictionary, --squares, --square and --marker say"
         )
     clearest = max(range(len(found)), key=lambda n: len(found[n] or ()))
@@ -98,7 +98,7 @@ def sightings_of(paths: Sequence[Path], board: Board) -> tuple[Board, list[Board
 
 
 def told_pattern(board: Board) -> str:
-    """Which pattern a board is of, as far as it can be told."""
+    """The pattern of a board, as far as it is known."""
     if not board.two_patterns:
         return f"{board} (with {board.rows} rows the old pattern and today's are the same)"
     return f"{board}" if board.legacy else f"{board}, today's pattern"
@@ -244,15 +244,15 @@ def _found(lens: Lens) -> list[list[str]]:
     assert std is not None
     assert bent is not None
 
-    def told(values: list[tuple[float, float]], digits: int) -> str:
+    def with_std(values: list[tuple[float, float]], digits: int) -> str:
         return ", ".join(f"{value:.{digits}f} ± {deviation:.{digits}f}" for value, deviation in values)
 
     matrix = camera.matrix
     used = sum(one.fault is None for one in lens.photos)
     rows = [
-        ["focal lengths", told([(matrix[0, 0], std[0, 0]), (matrix[1, 1], std[1, 1])], 2) + " px"],
-        ["principal point", told([(matrix[0, 2], std[0, 2]), (matrix[1, 2], std[1, 2])], 2) + " px"],
-        ["distortion", told(list(zip(camera.distortion, bent, strict=True)), 4) + " (k1 k2 p1 p2 k3)"],
+        ["focal lengths", with_std([(matrix[0, 0], std[0, 0]), (matrix[1, 1], std[1, 1])], 2) + " px"],
+        ["principal point", with_std([(matrix[0, 2], std[0, 2]), (matrix[1, 2], std[1, 2])], 2) + " px"],
+        ["distortion", with_std(list(zip(camera.distortion, bent, strict=True)), 4) + " (k1 k2 p1 p2 k3)"],
         ["photos used", str(used)],
         ["RMS", f"{lens.rms:.3f} px; before a lens fitted without them {lens.left_out:.3f} px"],
     ]

@@ -248,7 +248,7 @@ def _refined(found: Refined, focal: bool, output: Path) -> str:
         unknown += ", z and tilt (the object hardly rested: `tracker calibrate table` finds them)"
     if not focal:
         unknown += "; lenses (see --focal)"
-    told = [
+    summary = [
         ["before", f"{found.before:.3f} px, offset of edges in frames that did not teach"],
         ["after", f"{found.after:.3f} px"],
         ["rim", f"{1e3 * found.rim[0]:.2f} ± {1e3 * found.rim[1]:.2f} mm, of the object's edges"],
@@ -257,7 +257,7 @@ def _refined(found: Refined, focal: bool, output: Path) -> str:
         ["calibration", str(output)],
         ["object", f"{output / 'object.toml'}, with that rim"],
     ]
-    return f"{table(rows)}\n\n{listing(told)}"
+    return f"{table(rows)}\n\n{listing(summary)}"
 
 
 @calibrate.command("table", cls=Command)

@@ -26,7 +26,7 @@ def stated(inputs: Sequence[str], cameras: options.Cameras) -> tuple[dict[str, f
     if len(paths) == 1 and paths[0].is_dir():
         paths = calibration_files(paths[0], cameras.pattern)
     for recording in () if paths else inputs:
-        with suppress(OSError):  # what cannot be read is told when it is opened
+        with suppress(OSError):  # opening it reports what cannot be read
             paths += files_of(Path(recording))
     found = {}
     for path in paths:
@@ -35,9 +35,9 @@ def stated(inputs: Sequence[str], cameras: options.Cameras) -> tuple[dict[str, f
     halved = (
         [] if cameras.correct_halved_principal_point else [path for path in found if halved_by_rows(path)]
     )
-    said = "its principal point was halved to c/2, expected c/2 - 0.25 px"
+    fault = "its principal point was halved to c/2, expected c/2 - 0.25 px"
     return focal_deviations(found.values()), [
-        f"{path}: {said}: --correct-halved-principal-point mends it while it is read" for path in halved
+        f"{path}: {fault}: --correct-halved-principal-point mends it while it is read" for path in halved
     ]
 
 
@@ -84,18 +84,18 @@ def text(found: CalibrationCheck, warnings: Sequence[str]) -> str:
     """The result for people."""
     from tracker.calibration.by_object.expected import DEPTH, FOCAL
 
-    def told(value: float, digits: int) -> str:
+    def number(value: float, digits: int) -> str:
         return "" if math.isnan(value) else f"{value:.{digits}f}"
 
     rows = [["camera", "looks", "cannot use", "miss [px]", "moved [mm]", "turned [°]"]]
     for one in found.cameras:
         moved = [f"{1e3 * one.shift:.1f}", f"{math.degrees(one.turn):.2f}"] if one.moved else []
-        rows.append([one.name, str(one.looks), str(one.lost), told(one.miss_px, 2), *moved])
+        rows.append([one.name, str(one.looks), str(one.lost), number(one.miss_px, 2), *moved])
     expected = [["camera", "corners [px]", "stated", "shift", "shape", "fy/fx", "f ± [%]", "depth ± [mm]"]]
     for one in found.cameras:
         corners, focal = one.corners, one.focal
-        pixels = [told(px, 2) for px in (corners.seen, corners.stated, corners.shift, corners.shape)]
-        off = [told(100.0 * focal.off, 2), told(1e3 * focal.depth, 1)]
+        pixels = [number(px, 2) for px in (corners.seen, corners.stated, corners.shift, corners.shape)]
+        off = [number(100.0 * focal.off, 2), number(1e3 * focal.depth, 1)]
         expected.append([one.name, *pixels, f"{focal.ratio:.4f}", *off])
     focals = [one.focal for one in found.cameras if not math.isnan(one.focal.distance)]
     needed = min((one.needed for one in focals), default=math.nan)
@@ -106,7 +106,7 @@ def text(found: CalibrationCheck, warnings: Sequence[str]) -> str:
         ],
         [
             "depth",
-            f"of one camera: {1e3 * DEPTH:g} mm need its focal length right to {told(100.0 * needed, 2)} %",
+            f"of one camera: {1e3 * DEPTH:g} mm need its focal length right to {number(100.0 * needed, 2)} %",
         ],
         *(["warning", one] for one in warnings),
         ["looks", str(found.looks)],

@@ -95,13 +95,13 @@ def _print_near(paints: Paints) -> None:
 def _set_rows(means: Mapping[int, FloatArray], better: Mapping[int, FloatArray]) -> Sequence[Sequence[str]]:
     from tracker.objects.labels import COLOR_NAMES
 
-    def told(color: FloatArray) -> str:
+    def rgb_levels(color: FloatArray) -> str:
         return " ".join(f"{round(level):3d}" for level in color[::-1].tolist())
 
     rows = [["", "now", "better"]]
     for label, mean in means.items():
         same = bool((mean == better[label]).all())
-        rows.append([COLOR_NAMES[label], told(mean), "stays" if same else told(better[label])])
+        rows.append([COLOR_NAMES[label], rgb_levels(mean), "stays" if same else rgb_levels(better[label])])
     return rows
 
 

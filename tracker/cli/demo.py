@@ -38,8 +38,8 @@ def demo(output: Path) -> None:
 
     if output.exists():
         raise TrackerError(f"{output}: exists; expected a new folder, as by --output")
-    told = json.loads((DATA / "truth.json").read_text(encoding="utf-8"))
-    model = tracker.load_object(told["object"])
+    truths = json.loads((DATA / "truth.json").read_text(encoding="utf-8"))
+    model = tracker.load_object(truths["object"])
     with (
         told_as(TrackerError, output),
         whole_file(output) as folder,
@@ -50,7 +50,7 @@ def demo(output: Path) -> None:
         finder = tracker.ObjectTracker(model, log.rig)
         errors: list[list[float]] = []
         times: list[float] = []
-        for frame, truth in zip(log, told["poses"], strict=True):
+        for frame, truth in zip(log, truths["poses"], strict=True):
             if not errors:
                 still = finder.detect(frame.images)
                 picture = tracker.viz.overlay(frame.images, log.rig, model, still)

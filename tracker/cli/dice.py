@@ -117,8 +117,8 @@ def _evaluate(
     errors = None
     if goals is not None:
         errors = [
-            None if mask is None else task.error([wanted], [mask])
-            for wanted, mask in zip(goals, masks, strict=True)
+            None if mask is None else task.error([goal_mask], [mask])
+            for goal_mask, mask in zip(goals, masks, strict=True)
         ]
     marks.append(time.perf_counter())
     seen = [parts for parts in zip(rig, masks, images, strict=True) if parts[1] is not None]

@@ -51,9 +51,9 @@ class Finding(NamedTuple):
     remedy: str = ""
 
 
-@click.command(short_help="Tell what of this machine is amiss, and the remedy.")
+@click.command(short_help="Find problems of this machine, and their remedies.")
 def doctor() -> None:
-    """Look at this machine: versions, compiled code, OpenGL, extras, speed; what is amiss has its remedy.
+    """Check this machine: versions, compiled code, OpenGL, extras, speed. Each problem has its remedy.
 
     The exit code is 1 where something keeps the tracker from working.
     """
@@ -142,16 +142,16 @@ def _opencv() -> Finding:
     """Two OpenCVs write into one folder: whichever came last is imported, in part."""
     names = {(dist.metadata["Name"] or "").lower() for dist in metadata.distributions()}
     found = sorted(name for name in names if re.fullmatch(r"opencv[-_](contrib[-_])?python.*", name))
-    said, fault = ", ".join(f"{name} {_version(name)}" for name in found), _fault_of_module("cv2")
-    anew = f"python3 -m pip install {OPENCV}"
+    shown, fault = ", ".join(f"{name} {_version(name)}" for name in found), _fault_of_module("cv2")
+    install_again = f"python3 -m pip install {OPENCV}"
     if found:
-        anew = f"python3 -m pip uninstall -y {' '.join(found)}; {anew}"
+        install_again = f"python3 -m pip uninstall -y {' '.join(found)}; {install_again}"
     if fault is not None or not found:
         does_not = f" does not load: {fault}" if found else "not installed"
-        return Finding("OpenCV", False, f"{said}{does_not}", anew)
+        return Finding("OpenCV", False, f"{shown}{does_not}", install_again)
     if len(found) > 1:
-        return Finding("OpenCV", False, f"{len(found)} in one folder: {said}", anew)
-    return Finding("OpenCV", True, said)
+        return Finding("OpenCV", False, f"{len(found)} in one folder: {shown}", install_again)
+    return Finding("OpenCV", True, shown)
 
 
 def _cache() -> Finding:
@@ -164,8 +164,8 @@ def _cache() -> Finding:
     if folder is None or not (cached or os.access(folder, os.W_OK)):
         places = f"neither NUMBA_CACHE_DIR={asked}" if asked else "neither the folder of the tracker"
         remedy = "export NUMBA_CACHE_DIR=DIR, a folder that you can write to and that stays"
-        said = f"{places} nor ~/.cache/numba can be written: every process compiles for half a minute"
-        return Finding("cache", False, said, remedy)
+        shown = f"{places} nor ~/.cache/numba can be written: every process compiles for half a minute"
+        return Finding("cache", False, shown, remedy)
     compiled = "compiled" if cached else "not compiled yet, which will take half a minute"
     only = "" if os.access(folder, os.W_OK) else ", which can only be read"
     return Finding("cache", True, f"{folder}{only}: {compiled}")
@@ -184,8 +184,8 @@ def _speed() -> Finding:
             cv2.cvtColor(cv2.medianBlur(noise, 5), cv2.COLOR_BGR2HSV)
         times.append(time.perf_counter() - start)
     took = 1e3 * sorted(times)[len(times) // 2]
-    said = f"reference work {took:.1f} ms, so a detection about {DETECTION * took:.1f} ms"
-    return Finding("speed", True, f"{os.cpu_count()} cores; {said}")
+    shown = f"reference work {took:.1f} ms, so a detection about {DETECTION * took:.1f} ms"
+    return Finding("speed", True, f"{os.cpu_count()} cores; {shown}")
 
 
 def _extras() -> dict[str, list[str]]:

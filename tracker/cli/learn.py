@@ -53,7 +53,7 @@ class Lesson:
         return result
 
     def learn(self, model: tracker.CuboidModel, footage: list[Frames], start: tracker.ColorModel) -> None:
-        """Write what the frames teach; each round is told in a line."""
+        """Write what the frames teach; prints a line per round."""
         from tracker.color_learning.adapt import adapt as learn_colors
         from tracker.segmentation.fit import FitOptions
 
@@ -177,6 +177,6 @@ def _text(learned: Adapted, output: Path) -> str:
     kinds = table([["pixels that taught", *learned.pixels], ["", *map(str, learned.pixels.values())]])
     unseen = [color for color, count in learned.pixels.items() if not count]
     judged = f"{learned.before} of {learned.before.frames} frames that did not teach"
-    told = listing([["before", judged], ["after", str(learned.after)], ["colours", str(output)]])
+    summary = listing([["before", judged], ["after", str(learned.after)], ["colours", str(output)]])
     kept = [f"{color} was hardly seen: it stays as it was before" for color in unseen]
-    return "\n".join(["", kinds, *kept, "", told])
+    return "\n".join(["", kinds, *kept, "", summary])

@@ -15,8 +15,8 @@ from tracker.cli import options
 from tracker.cli.live_outputs import (
     LiveOutputs,
     Lookout,
-    Told,
-    Wanted,
+    Requested,
+    Statistics,
     check_cameras,
     output_options,
 )
@@ -65,7 +65,7 @@ def live(
     source: str,
     subject: options.Subject,
     cameras: options.Cameras,
-    wanted: Wanted,
+    requested: Requested,
     seconds: float | None,
     rate: float | None,
     settings: Path | None,
@@ -95,10 +95,10 @@ def live(
     _refuse_what_does_nothing(
         kind, source, {"--rate": rate, "--settings": settings, "--speed": speed}, cameras
     )
-    wanted.refuse_what_does_nothing()
-    if check and (wanted or quiet):
+    requested.refuse_what_does_nothing()
+    if check and (requested or quiet):
         raise click.UsageError("--check: tracks nothing, so there is nothing to publish, record or show")
-    quiet = quiet or wanted.as_json
+    quiet = quiet or requested.as_json
     model, colors = subject.load()
     given, rig = _source(source, kind, subject.object_name, cameras, rate or 10.0, settings, speed or 1.0)
     if check:
@@ -106,29 +106,29 @@ def live(
             _draw(given, quiet)
             check_cameras(given, rig, seconds)
         return
-    told = Told()
+    statistics = Statistics()
     with contextlib.ExitStack() as stack:
         unused = stack.enter_context(contextlib.ExitStack())
         unused.callback(given.close)
-        outputs = LiveOutputs(wanted, given, rig, model, colors, stack)
+        outputs = LiveOutputs(requested, given, rig, model, colors, stack)
         _draw(given, quiet)
-        listeners = [told.hear, *outputs.listeners]
+        listeners = [statistics.hear, *outputs.listeners]
         follower = stack.enter_context(
             Live(given, tracker.ObjectTracker(model, rig, colors), listeners=listeners)
         )
         unused.pop_all()  # it is closed by Live from here on
         outputs.know(follower)
-        told.begin()
+        statistics.begin()
         lookout = Lookout(lambda: tracker.ObjectTracker(model, rig, colors), rig.names)
-        stopped = _follow(follower, seconds, outputs, lookout, None if quiet else told)
+        stopped = _follow(follower, seconds, outputs, lookout, None if quiet else statistics)
     outputs.tell()
     error = follower.error
     if error is not None:
         raise LiveError(f"{source}: {error}") from error
     if not (quiet or isinstance(stopped, Ended)):
         left_out = getattr(given, "skipped", 0)
-        click.echo(told.summary(left_out, [*follower.faults, *outputs.faults()], outputs.recorder))
-    if told.only_faults:
+        click.echo(statistics.summary(left_out, [*follower.faults, *outputs.faults()], outputs.recorder))
+    if statistics.only_faults:
         raise LiveError(f"{source}: no camera ever gave an image")
     if outputs.recorder is not None and outputs.recorder.fault is not None:
         raise click.exceptions.Exit(2)
@@ -202,7 +202,11 @@ def _draw(source: ImageSource, quiet: bool) -> None:
 
 
 def _follow(
-    follower: Live, seconds: float | None, outputs: LiveOutputs, lookout: Lookout, told: Told | None
+    follower: Live,
+    seconds: float | None,
+    outputs: LiveOutputs,
+    lookout: Lookout,
+    statistics: Statistics | None,
 ) -> KeyboardInterrupt | None:
     """Wait for the end, and tell of what is found once a second, and of what fails at once.
 
@@ -219,7 +223,7 @@ def _follow(
             outputs.tell()
             if (swapped := lookout.look(follower.latest())) is not None:
                 click.echo(f"tracker: warning: {swapped}", err=True)
-            if told is not None and (line := told.due()):
+            if statistics is not None and (line := statistics.due()):
                 click.echo(line)
     except KeyboardInterrupt as stop:
         return stop

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Wanted:
+class Requested:
     """What the options ask for, each as the option of its name has it."""
 
     addresses: Sequence[str]
@@ -58,8 +58,8 @@ class Wanted:
 
 
 output_options = options.gathered(
-    "wanted",
-    Wanted,
+    "requested",
+    Requested,
     click.option(
         "--publish",
         "addresses",
@@ -84,7 +84,7 @@ output_options = options.gathered(
     ),
     click.option("--json", "as_json", is_flag=True, help="Print each message as it is published."),
 )
-"""Options of what it hands its poses to, see Wanted."""
+"""Options of the receivers of its poses, see Requested."""
 
 
 class LiveOutputs:
@@ -92,7 +92,7 @@ class LiveOutputs:
 
     def __init__(
         self,
-        wanted: Wanted,
+        requested: Requested,
         source: ImageSource,
         rig: tracker.CameraRig,
         model: tracker.CuboidModel,
@@ -104,35 +104,35 @@ class LiveOutputs:
         self._page: WebPage | None = None
         self._fallible: dict[Recorder | Publisher | RerunView, str] = {}
         self._told: set[Recorder | Publisher | RerunView] = set()
-        if wanted.record is not None:
+        if requested.record is not None:
             from tracker.live.listeners import Recorder
 
-            self.recorder = Recorder(wanted.record, rig, lambda: getattr(source, "settings", ()))
+            self.recorder = Recorder(requested.record, rig, lambda: getattr(source, "settings", ()))
             self._add(self.recorder, stack)
             self._fallible[self.recorder] = "the recording has ended: "
-        for address in wanted.addresses:
+        for address in requested.addresses:
             from tracker.live.publishers import open_publisher
 
-            publisher = open_publisher(address, model, body=wanted.body, public=wanted.public)
+            publisher = open_publisher(address, model, body=requested.body, public=requested.public)
             self._add(publisher, stack)
             self._fallible[publisher] = ""
-        if wanted.view or wanted.rrd:
+        if requested.view or requested.rrd:
             from tracker.live.listeners import RerunView
 
-            shown = RerunView(wanted.rrd, rig, model)
+            shown = RerunView(requested.rrd, rig, model)
             self._add(shown, stack)
             self._fallible[shown] = "the view has ended: "
-        if wanted.page is not None:
+        if requested.page is not None:
             from tracker.live.web_page import WebPage
 
-            self._page = WebPage(wanted.page, tracker.ObjectTracker(model, rig, colors))
+            self._page = WebPage(requested.page, tracker.ObjectTracker(model, rig, colors))
             self._add(self._page, stack)
             click.echo(f"page: {self._page.address}", err=True)
-        if wanted.as_json:
+        if requested.as_json:
             self.listeners.append(_print)
 
     def know(self, follower: Live) -> None:
-        """Whom they hear."""
+        """Take the faults of the follower, for the page."""
         if self._page is not None:
             self._page.faults = lambda: follower.faults
 
@@ -169,8 +169,8 @@ _STAMPS = ""
 """Stands for the stamps of all cameras where faults stand by cameras' names, none of which is empty."""
 
 
-class Told:
-    """Counts moments, in the tracking thread, for what is told in another."""
+class Statistics:
+    """Counts moments in the tracking thread; another thread prints the counts."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -251,7 +251,7 @@ class Told:
             rows.append(["latency", f"{median:.1f} ms in the median, {late:.1f} ms in the 99th percentile"])
         for name in filter(self._faults.__contains__, self._order):
             times, reason = self._faults[name], self._reasons[name]
-            rows.append([name or "stamps", f"amiss in {times} of {count} sets; last: {reason}"])
+            rows.append([name or "stamps", f"faulty in {times} of {count} sets; last: {reason}"])
         if recorder is not None:
             recorded = f"{recorder.recorded} sets in {recorder.path}" if recorder.recorded else "nothing"
             rows.append(["recorded", recorded])
@@ -284,8 +284,8 @@ class Lookout:
         self._over = False
 
     def look(self, moment: Moment | None) -> str | None:
-        """What is to be said after the newest moment, once; None: nothing."""
-        from tracker.summaries.swapped import SURE, swapped, told
+        """The warning after the newest moment, once; None: nothing."""
+        from tracker.summaries.swapped import SURE, swap_message, swapped
 
         if self._over or moment is None:
             return None
@@ -304,7 +304,7 @@ class Lookout:
         self._orders[order] += 1
         # A second look may be at the same scene, but not at the same noise.
         self._over = self._orders[order] == 2
-        return told(order, self._names) if self._over else None
+        return swap_message(order, self._names) if self._over else None
 
 
 SECONDS = 10.0

@@ -47,9 +47,9 @@ recover = click.option("--recover", is_flag=True, help="Leave out what is damage
 as_json = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 
 
-def quiet(said: str = "Say nothing but errors.") -> Callable[[_Command], _Command]:
-    """`--quiet`, which keeps a command from saying what `said` says."""
-    return click.option("-q", "--quiet", is_flag=True, help=said)
+def quiet(text: str = "Print errors only.") -> Callable[[_Command], _Command]:
+    """`--quiet`, with `text` as its help."""
+    return click.option("-q", "--quiet", is_flag=True, help=text)
 
 
 class _NameOrFile(Input, click.ParamType):  # type: ignore[type-arg]  # which older ones do not take
@@ -94,16 +94,16 @@ class Vector(click.ParamType):  # type: ignore[type-arg]
 
 def object_name(default: str = "") -> Callable[[_Command], _Command]:
     """`--object`, required unless `default` says which is taken without it."""
-    said = f"{', '.join(OBJECTS)}, or a TOML file.{default and f'  [default: {default}]'}"
+    text = f"{', '.join(OBJECTS)}, or a TOML file.{default and f'  [default: {default}]'}"
     return click.option(
-        "--object", "object_name", required=not default, metavar="NAME", type=_NameOrFile(OBJECTS), help=said
+        "--object", "object_name", required=not default, metavar="NAME", type=_NameOrFile(OBJECTS), help=text
     )
 
 
 def colors(default: str = "the object's") -> Callable[[_Command], _Command]:
     """`--colors`; `default` says which are taken without it."""
-    said = f"Colour model: {', '.join(COLORS)}, or a file (.npz).  [default: {default}]"
-    return click.option("--colors", "colors_name", metavar="NAME", type=_NameOrFile(COLORS), help=said)
+    text = f"Colour model: {', '.join(COLORS)}, or a file (.npz).  [default: {default}]"
+    return click.option("--colors", "colors_name", metavar="NAME", type=_NameOrFile(COLORS), help=text)
 
 
 @dataclass(frozen=True)
@@ -211,12 +211,8 @@ class Part:
 part = gathered(
     "part",
     Part,
-    click.option(
-        "--from", "first", metavar="N", type=click.IntRange(0), default=0, help="First frame wanted."
-    ),
-    click.option(
-        "--to", "last", metavar="N", type=click.IntRange(1), help="First frame not wanted any more."
-    ),
+    click.option("--from", "first", metavar="N", type=click.IntRange(0), default=0, help="First frame."),
+    click.option("--to", "last", metavar="N", type=click.IntRange(1), help="End: the frame after the last."),
     recover,
 )
 

@@ -212,7 +212,7 @@ def _inputs(recordings: Sequence[Path], others: Iterable[str | Path | None]) -> 
     from tracker.logs.opening import calibration_files, recording_files
 
     for recording in filter(Path.exists, recordings):
-        with suppress(OSError):  # what cannot be read is told when it is opened
+        with suppress(OSError):  # opening it reports what cannot be read
             what = "an input" if recording.suffix.lower() in PICTURE else "the recording"
             for path in (recording, *recording_files(recording)):
                 yield what, path

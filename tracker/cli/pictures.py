@@ -130,7 +130,7 @@ def read_images(
 @contextlib.contextmanager
 def silent_libraries() -> Iterator[None]:
     """Drop what compiled libraries write to stderr, e.g. what libpng thinks of a broken file."""
-    if sys.stderr is None:  # it was closed by whoever started us
+    if sys.stderr is None:  # it was closed by the parent process
         yield
         return
     sys.stderr.flush()

@@ -135,8 +135,8 @@ def _of_dice(
             ]
             stamps.append(frame.timestamp)
             found = [rearrange_dice.segment_dice(image) for _, image in seen]
-            wanted = [mask for mask, _ in seen]
-            rewards.append(float(-rearrange_dice.error(wanted, found)) if seen else float("nan"))
+            truths = [mask for mask, _ in seen]
+            rewards.append(float(-rearrange_dice.error(truths, found)) if seen else float("nan"))
             progress(1)
     seconds = np.array(stamps) - stamps[0] if stamps else np.zeros(0)
     return seconds, np.array(rewards)

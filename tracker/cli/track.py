@@ -133,21 +133,21 @@ def _track_one(job: Job, outputs: Outputs, health: Path | None, as_json: bool, q
 
 
 def _track_all(tasks: Sequence[Task], jobs: int, as_json: bool, quiet: bool) -> None:
-    """Track recordings side by side; what is said of them is in their order."""
+    """Track recordings side by side; messages about them are in their order."""
     from tracker.batch.task import track_task
     from tracker.batch.workers import engine
 
     number = {task.output: k for k, task in enumerate(tasks)}
     results: dict[int, dict[str, Any] | Exception] = {}
-    failed, told = False, 0
+    failed, reported = False, 0
     with engine(min(jobs, len(tasks))) as workers, bar("recordings", len(tasks), quiet, "recordings") as done:
         for task, result in workers(track_task, tasks):
             results[number[task.output]] = result
             done(1)
-            while told in results:
+            while reported in results:
                 # Of those that failed the others may well be whole; the exit code tells.
-                failed |= not _tell(results.pop(told), as_json, quiet)
-                told += 1
+                failed |= not _tell(results.pop(reported), as_json, quiet)
+                reported += 1
     if failed:
         click.get_current_context().exit(2)
 
@@ -185,14 +185,14 @@ def _say(message: str) -> None:
 
 
 def _camera_rows(cameras: dict[str, dict[str, float | None]] | None) -> list[list[str]]:
-    """What is to be said of cameras that were not used for long, and where to look."""
+    """Remarks on cameras that were often not used, and where to look."""
     from tracker.summaries.summary import to_look_at
 
     uses = tracker.CameraUse
-    said = {
+    remarks = {
         uses.CONTRADICTING: (
             "contradicts the others in {:.1%} of the frames with a measured pose:",
-            "was it moved after its calibration, is it mirrored or late, or in another one's place?",
+            "was it moved after its calibration, is it mirrored or late, or in the place of another?",
         ),
         uses.NO_IMAGE: ("gave no image in {:.1%} of the frames:", "is it connected, is the log whole?"),
         uses.FROZEN: ("repeated an old image in {:.1%} of the frames:", "did it or its driver stop?"),
@@ -201,13 +201,13 @@ def _camera_rows(cameras: dict[str, dict[str, float | None]] | None) -> list[lis
     rows = []
     for name, shares in to_look_at(cameras or {}).items():
         for number, (use, share) in enumerate(shares.items()):
-            found, look = said[use]
+            found, look = remarks[use]
             rows += [["" if number else name, found.format(share)], ["", f"  {look}"]]
     return rows
 
 
 def _calibration_rows(statuses: dict[str, dict[str, float]]) -> list[list[str]]:
-    """What is to be said of a calibration that the cameras contradict."""
+    """Remarks on a calibration that the cameras contradict."""
     numbers = statuses.get(tracker.Status.INCONSISTENT_VIEWS.value, {"share": 0.0, "with_pose": 0.0})
     share = numbers["share"] * numbers["with_pose"]
     if share < CONTRADICTED:

@@ -32,7 +32,7 @@ class Outputs:
     plot: Path | None
 
     def __bool__(self) -> bool:
-        """Whether any file is wanted."""
+        """Whether any file is requested."""
         return any((self.csv, self.tum, self.bop, self.video, self.plot))
 
     def check_camera(self, rig: tracker.CameraRig) -> None:

@@ -77,8 +77,8 @@ def view(
             raise click.UsageError(f"--colors {colors_name}: {source} holds poses, nothing is tracked")
         poses = tracker.read_poses(source)
         model = _model_of(poses, object_name)
-        wanted = _wanted(source, int(poses.index[-1]) + 1 if len(poses) else 0, part, every)
-        rows = [row for row, index in enumerate(poses.index.tolist()) if index in wanted]
+        chosen = _chosen(source, int(poses.index[-1]) + 1 if len(poses) else 0, part, every)
+        rows = [row for row, index in enumerate(poses.index.tolist()) if index in chosen]
         if log is None:
             alone: _Frames = (
                 (int(poses.index[row]), float(poses.timestamp[row]), observation(poses, row), (), None)
@@ -98,17 +98,17 @@ def view(
             raise click.UsageError(f"{source}: expected --object, to track this recording")
         model, colors = options.Subject(object_name, colors_name).load()
         rig = cameras.rig_of(source, opened)
-        wanted = _wanted(source, len(opened), part, every)
+        chosen = _chosen(source, len(opened), part, every)
         finder = tracker.ObjectTracker(model, rig, colors)
         frames = (
             (frame.index, frame.timestamp, answer, frame.images, _health(finder, frame.images, answer))
             for frame, answer in answers(source, opened[part.first : part.last], finder)
-            if frame.index in wanted  # the others are tracked, too
+            if frame.index in chosen  # the others are tracked, too
         )
-        _show(source, target, rig, model, frames, len(wanted), quiet)
+        _show(source, target, rig, model, frames, len(chosen), quiet)
 
 
-def _wanted(path: Path, count: int, part: options.Part, every: int) -> range:
+def _chosen(path: Path, count: int, part: options.Part, every: int) -> range:
     """Numbers of the frames to show, of so many."""
     part.refuse_beyond(path, count)
     return range(count)[part.first : part.last : every]

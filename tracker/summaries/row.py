@@ -14,13 +14,13 @@ from tracker.recordings.recipe import Job
 from tracker.recordings.track import Tracked, unicode_text
 from tracker.summaries.rewards import goal_columns
 from tracker.summaries.summary import best, summary
-from tracker.summaries.swapped import told_of_recording
+from tracker.summaries.swapped import remark_on_recording
 
 STEP = 0.002
 """Shortest movement [m] that counts in a path's length: less is how far poses of an object at rest differ."""
 
 FAST = 99.0
-"""Percentile of the speed that is told: a single frame says little."""
+"""Percentile of the speed that is reported: a single frame says little."""
 
 COLUMNS: dict[str, type] = {
     "recording": str,
@@ -75,7 +75,7 @@ def row(job: Job, tracked: Tracked) -> dict[str, Any]:
             "seconds": float(poses.timestamp[-1] - poses.timestamp[0]),
             "share_found": numbers["measured"],
             "share_filtered": numbers["filtered"],
-            "swapped": told_of_recording(job, poses),
+            "swapped": remark_on_recording(job, poses),
         }
         found |= {**shares, **recorded, **_worst(numbers["cameras"] or {}), **_sure_and_far(poses)}
         found |= goal_columns(job.log, poses, job.recipe.model)

@@ -23,7 +23,7 @@ finger in front of one or a push that blurs it makes some contradict the others.
 
 
 def best_kind(poses: Poses) -> Kind:
-    """Which poses are told of: the filtered ones, or the measured ones where nothing was filtered."""
+    """The kind of poses that is summed up: the filtered ones, else the measured ones."""
     return "filtered" if poses.filtered.has_pose.any() else "measured"
 
 

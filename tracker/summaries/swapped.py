@@ -36,7 +36,7 @@ def swapped(
 ) -> tuple[int, ...] | None:
     """The one order in which pictures that do not fit the cameras do; None where none does, or several do.
 
-    A rig that looks the same from each of its cameras leaves several: there nothing can be told.
+    A rig that looks the same from each of its cameras leaves several: there the order stays unknown.
 
     Args:
         tracker: of the object and the cameras; `detect` is called.
@@ -94,7 +94,7 @@ def likely_cause(tracker: ObjectTracker, images: Sequence[Image | None], answer:
         answer: of `tracker.detect(images)`.
     """
     order = swapped(tracker, images, answer)
-    cause = mistaken(tracker, images, answer) if order is None else told(order, tracker.rig.names)
+    cause = mistaken(tracker, images, answer) if order is None else swap_message(order, tracker.rig.names)
     if cause is not None or _confidence(answer) >= UNSURE:
         return cause
     looks = {
@@ -124,10 +124,10 @@ def lastingly_swapped(
     return orders[0] if len(orders) == _AGREE and len(set(orders)) == 1 else None
 
 
-def told_of_recording(job: Job, poses: Poses) -> str | None:
-    """What is to be said of a tracked recording's cameras, see `told`; looked at only if little came of it.
+def remark_on_recording(job: Job, poses: Poses) -> str | None:
+    """The `swap_message` of a tracked recording; looked at only if few poses came of it.
 
-    A remark: where the recording cannot be read any more nothing is said, and its poses are what they are.
+    None also where the recording cannot be read any more: its poses stay as they are.
     """
     if not len(poses) or not _is_odd(poses):
         return None
@@ -142,11 +142,11 @@ def told_of_recording(job: Job, poses: Poses) -> str | None:
             order = lastingly_swapped(tracker, sets)
     except (TrackerError, OSError):
         return None
-    return None if order is None else told(order, rig.names)
+    return None if order is None else swap_message(order, rig.names)
 
 
-def told(order: Sequence[int], names: Sequence[str]) -> str:
-    """What is to be said of it, in one line."""
+def swap_message(order: Sequence[int], names: Sequence[str]) -> str:
+    """A warning of cameras in a wrong order, in one line."""
     moved = [name for k, name in enumerate(names) if order[k] != k]
     text = f"the images of {', '.join(moved[:-1])} and {moved[-1]} look swapped"
     if len(moved) == 2:
