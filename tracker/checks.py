@@ -1,4 +1,4 @@
-"""What callers give, told apart by kind: numbers, arrays of them, paths."""
+"""Checks of arguments by kind: numbers, arrays of them, paths."""
 
 from __future__ import annotations
 

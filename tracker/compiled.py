@@ -34,7 +34,7 @@ def compiled(function: Callable[..., Any] | None = None, **options: Any) -> Any:
 
     A division by zero gives what NumPy gives: to check for it would cost time, and more of it to compile. So
     does an assignment of one array to another, whose error message is compiled as well: loops do without.
-    Where no folder can be written and none has it from before, each process compiles the function anew.
+    Where no folder can be written and none has it from before, each process compiles the function again.
     """
     if function is None:
         return lambda function: compiled(function, **options)
@@ -51,7 +51,7 @@ def compiled(function: Callable[..., Any] | None = None, **options: Any) -> Any:
 
 
 def _take_any_number(dispatcher: Any) -> None:
-    """Compile for numbers of a type where a caller has written out one, not for each of these anew."""
+    """Compile for numbers of a type where a caller has written out one, not once more for each of these."""
     template = dispatcher.get_call_template
 
     def get_call_template(arguments: Any, keywords: dict[str, Any]) -> Any:

@@ -34,7 +34,7 @@ RECORDINGS_A_JOB = 10
 """So many, that loading costs little; …"""
 
 MOST_JOBS = 1000
-"""… and more where there would be more jobs than this: what Slurm takes at once unless told otherwise."""
+"""… and more where there would be more jobs than this: what Slurm takes at once by default."""
 
 _THREADS = " ".join(f"{name}={value}" for name, value in ONE_THREAD.items())
 

@@ -54,7 +54,7 @@ def _fitting(given: str, folder: Path) -> list[str]:
 def _below(root: str, parts: list[str], been: set[tuple[int, int, int]]) -> Iterator[str]:
     """What fits a pattern below a folder; `**` stands for any number of folders, each of which is seen once.
 
-    `glob` would go through a link to a folder above anew for each link that it went through before.
+    `glob` would follow a link to a folder above again for each link that it followed before.
 
     Args:
         root: the folder; empty: the present one.

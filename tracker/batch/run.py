@@ -36,8 +36,8 @@ MAX_LIST = 1 << 28
 _LEFT = re.compile(r"(\..+?)\.(?:[a-z0-9_]{8}\.tmp|lock)", re.DOTALL)
 """What `tracker.files` calls files while they are written: temporary folders and locks."""
 
-Told = Callable[[dict[str, Any] | None], None]
-"""Told of each recording that is finished what `make_result` returns; None: it was done before."""
+Report = Callable[[dict[str, Any] | None], None]
+"""Takes what `make_result` returns of each finished recording; None: it was done before."""
 
 
 @dataclass(frozen=True)
@@ -130,17 +130,17 @@ def only_run(batch: Batch) -> Iterator[None]:
             _remove_leftovers(batch)
 
 
-def run_batch(batch: Batch, begin: Callable[[], AbstractContextManager[Engine]], told: Told) -> int:
+def run_batch(batch: Batch, begin: Callable[[], AbstractContextManager[Engine]], report: Report) -> int:
     """Do what is missing; the number of recordings that could not be done.
 
     Args:
-        batch: what is wanted.
+        batch: the recordings and options.
         begin: makes the engine, if there is anything to do.
-        told: is told of each recording.
+        report: takes the result of each recording.
     """
     recipe = Recipe.of(batch.options)
     failed = 0
-    missing = unfinished(batch.tasks(agreed(recipe)), recipe, lambda: told(None))
+    missing = unfinished(batch.tasks(agreed(recipe)), recipe, lambda: report(None))
     first = next(missing, None)
     if first is None:
         return 0
@@ -150,7 +150,7 @@ def run_batch(batch: Batch, begin: Callable[[], AbstractContextManager[Engine]],
                 keep_failure(task, reason(result))
                 result = {"recording": task.log, "frames": 0, "seconds": 0.0, "failure": reason(result)}
             failed += result["failure"] is not None
-            told(result)
+            report(result)
     return failed
 
 
@@ -184,7 +184,7 @@ def is_whole(task: Task, recipe: Recipe) -> bool:
 def _remove_leftovers(batch: Batch) -> None:
     """Remove what killed runs were writing of this batch; what others are still writing stays.
 
-    Whoever gives `.` for the folder of results has files of his own in it, which may be hidden, too: only
+    A user who gives `.` for the folder of results has other files in it, which may be hidden, too: only
     names that follow from those of the batch's own files are looked at.
     """
     own = {lock_of(batch.folder / name): batch.folder / name for name in OF_ALL}

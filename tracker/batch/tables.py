@@ -53,10 +53,10 @@ RECENT = 600.0
 """Time over which the pace is taken [s]."""
 
 
-def state(batch: Batch, told: Mapping[str, str] | None = None) -> State:
-    """What the folder of results says of a batch, whoever works on it.
+def state(batch: Batch, failed: Mapping[str, str] | None = None) -> State:
+    """What the folder of results says of a batch, wherever it runs.
 
-    told: why recordings have failed just now, of which there may be no file.
+    failed: why recordings have failed just now, of which there may be no file.
     """
     lines, failures, stamps, running = [], {}, [], 0
     for log, relative in batch.pairs:
@@ -68,8 +68,8 @@ def state(batch: Batch, told: Mapping[str, str] | None = None) -> State:
             stamps.append(summary_file(output).stat().st_mtime)
         elif os.path.exists(failure_file(output)):  # unlike Path's, of names too long, too
             failures[log] = read_failure(output) or "unknown"
-        elif told is not None and log in told:
-            failures[log] = told[log]
+        elif failed is not None and log in failed:
+            failures[log] = failed[log]
     return State(len(batch.pairs), tuple(lines), failures, running, _rate(stamps))
 
 

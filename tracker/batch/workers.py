@@ -115,7 +115,7 @@ def dask_workers(address: str) -> Iterator[Engine]:
     """
     try:
         dask: Any = import_module("dask")
-        # What Dask says of workers that are killed is said here in other words. It is kept from the import
+        # This module reports killed workers itself. Dask's own messages are off from the import
         # on: threads may tell of the end after it.
         with dask.config.set({"logging.distributed": "critical"}):
             distributed: Any = import_module("distributed")  # untyped

@@ -27,13 +27,13 @@ def rotation_vector_variance(rotation: FloatArray, element_std: FloatArray) -> F
     deviations are linear in the variances; they are solved for with the constraint of being positive.
     """
     design = np.stack([(so3.hat(axis) @ rotation).ravel() ** 2 for axis in np.eye(3)], axis=1)
-    wanted = np.asarray(element_std).ravel() ** 2
-    solution = np.asarray(np.linalg.lstsq(design, wanted, rcond=None)[0], dtype=np.float64)
+    variances = np.asarray(element_std).ravel() ** 2
+    solution = np.asarray(np.linalg.lstsq(design, variances, rcond=None)[0], dtype=np.float64)
     if solution.min() < 0.0:
         # Imported where it is needed, which is hardly ever: a fifth of the time to the first pose.
         from scipy.optimize import nnls
 
-        solution = nnls(design, wanted)[0]
+        solution = nnls(design, variances)[0]
     return solution
 
 

@@ -81,7 +81,7 @@ def adapt(
         options: of the fits.
         name: of the new colour model.
         rounds: most turns.
-        say: is told of each turn in one line.
+        say: takes a line about each turn.
 
     Raises:
         ColorModelError: the colours to begin with are misnamed.

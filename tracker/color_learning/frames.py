@@ -42,11 +42,11 @@ def frames_of(log: Log, rig: CameraRig, count: int) -> Frames:
     Raises:
         LogError: the recording is damaged.
     """
-    wanted = np.unique(np.linspace(0, len(log) - 1, min(count, len(log))).round().astype(int)).tolist()
+    numbers = np.unique(np.linspace(0, len(log) - 1, min(count, len(log))).round().astype(int)).tolist()
     if log.random_access:
-        frames = [log.frame(index).images for index in wanted]
+        frames = [log.frame(index).images for index in numbers]
     else:
-        chosen = set(wanted)
+        chosen = set(numbers)
         frames = [frame.images for frame in log if frame.index in chosen]
     frames = [images for images in frames if any(image is not None for image in images)]
     return Frames(rig, tuple(frames[::2]), tuple(frames[1::2]))
@@ -79,7 +79,7 @@ class Judgement:
     """Number of frames."""
 
     def __str__(self) -> str:
-        """As people are told of it."""
+        """For people to read."""
         return f"{self.explained:.1%} explained, {self.posed:.1%} posed"
 
 

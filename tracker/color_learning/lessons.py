@@ -79,7 +79,7 @@ PALEST, DARK = 1.25, 6.0
 are noisy."""
 
 LEAST = 20
-"""Pixels of a face in a frame from which its hue is told."""
+"""Pixels of a face in a frame from which its hue is known."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -142,13 +142,13 @@ def claimed(path: str | os.PathLike[str]) -> Iterator[None]:
     try:
         yield
     finally:
-        # While it is still locked: whoever opened it before sees that it has gone, and makes a new one.
+        # While it is still locked: another process that has it open sees that it has gone.
         lock.unlink(missing_ok=True)
         os.close(descriptor)
 
 
 def lock_of(path: str | os.PathLike[str]) -> Path:
-    """The hidden file beside a file, which is there while somebody has claimed that."""
+    """The hidden file beside a file, which exists while a process has claimed that file."""
     target = Path(os.path.realpath(path))
     return target.with_name(f".{_beginning(target.name)}.lock")
 

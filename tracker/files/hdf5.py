@@ -7,7 +7,7 @@ lie in a heap without a checksum, and damage to it can make the library search w
 
 When the disk is full while a file is written, the library loses track of what it has open, and ends the
 process at the latest when that is closed. `Disk` keeps in memory what the disk does not take, so that the
-library can finish, and the fault is there to be told.
+library can finish, and the fault can be reported.
 """
 
 from __future__ import annotations
@@ -151,13 +151,13 @@ def attribute(item: Any, name: str, kinds: str, shape: tuple[int, ...] | None) -
     Raises:
         LogError: there is no such attribute, or it is none of these `kinds` (a key of TYPES), shape or size.
     """
-    wanted = TYPES[kinds] + ("" if shape == () else ", a list of them")
+    expected = TYPES[kinds] + ("" if shape == () else ", a list of them")
     if name not in item.attrs:
-        raise LogError(f"{name}: found no such attribute, expected {wanted}")
+        raise LogError(f"{name}: found no such attribute, expected {expected}")
     stored = item.attrs.get_id(name)
     # Before it is read: the library does not survive damaged texts.
     if stored.dtype.kind not in kinds or (len(stored.shape) != 1 if shape is None else stored.shape != shape):
-        raise LogError(f"{name}: found {described(stored)}, expected {wanted}")
+        raise LogError(f"{name}: found {described(stored)}, expected {expected}")
     if math.prod(stored.shape) * stored.dtype.itemsize > _MAX_ATTRIBUTE:
         raise LogError(f"{name}: found {described(stored)}, expected at most {_MAX_ATTRIBUTE} bytes")
     return np.asarray(item.attrs[name])
@@ -266,9 +266,9 @@ class Disk(io.FileIO):
         self.fault: OSError | None = None
         """The first thing that the disk refused."""
 
-    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+    def seek(self, offset: int, origin: int = os.SEEK_SET) -> int:
         """Move to an offset from the beginning, or from the end."""
-        self._at = offset + (self._end if whence == os.SEEK_END else 0)
+        self._at = offset + (self._end if origin == os.SEEK_END else 0)
         return self._at
 
     def write(self, data: Any) -> int:

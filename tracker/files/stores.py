@@ -61,18 +61,18 @@ class LmdbFile:
 
     def get(self, key: str, largest: int) -> bytes | None:
         """The value of a key, None where there is none; LogError where it has more than `largest` bytes."""
-        wanted, number = key.encode("ascii"), self._root
+        sought, number = key.encode("ascii"), self._root
         for _ in range(_MAX_DEPTH):
             if number == _NO_PAGE:
                 return None
             page = self._page(number)
             keys, nodes = self._nodes(page, number)
             if _kind(page) & _LEAF:
-                place = bisect_left(keys, wanted)
-                there = place < len(keys) and keys[place] == wanted
+                place = bisect_left(keys, sought)
+                there = place < len(keys) and keys[place] == sought
                 return self._value(page, nodes[place], number, largest) if there else None
             # The first key of a branch is not there: it holds all that is less than the second.
-            low, middle, high, _ = _NODE.unpack_from(page, nodes[max(0, bisect_right(keys, wanted, 1) - 1)])
+            low, middle, high, _ = _NODE.unpack_from(page, nodes[max(0, bisect_right(keys, sought, 1) - 1)])
             number = low | middle << 16 | high << 32
         raise self._damaged(f"a tree deeper than {_MAX_DEPTH} pages")
 

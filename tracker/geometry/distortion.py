@@ -21,7 +21,7 @@ _NEWTON_TOLERANCE = 1e-12
 
 
 def padded(coefficients: FloatArray) -> FloatArray:
-    """The same as all 14 coefficients: those that are not told are 0."""
+    """The same as all 14 coefficients: those not given are 0."""
     result = np.zeros(COUNTS[-1])
     result[: len(coefficients)] = coefficients
     return result

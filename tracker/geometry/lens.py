@@ -19,7 +19,7 @@ LENS = np.dtype(
         ("position", np.float64, (3,)),  # the camera's centre in the world [m]
         ("focal", np.float64, (2,)),  # fx, fy [px]
         ("center", np.float64, (2,)),  # cx, cy [px]
-        ("distortion", np.float64, (14,)),  # all coefficients, those that are not told 0
+        ("distortion", np.float64, (14,)),  # all coefficients, those not given are 0
         ("tilt", np.float64, (3, 3)),  # homography of the tilted sensor
         ("limit", np.float64),  # squared tangent beyond which the distortion may fold back into the picture
         ("width", np.int64),  # [px]

@@ -92,7 +92,7 @@ def congruence(a, b, out):  # type: ignore[no-untyped-def]
 @compiled
 def median(values, n):  # type: ignore[no-untyped-def]
     """Median of the first n > 0 values, which change their order: Hoare's selection."""
-    low, high, wanted = 0, n - 1, n // 2
+    low, high, middle = 0, n - 1, n // 2
     while low < high:
         pivot, i, j = values[(low + high) // 2], low, high
         while i <= j:
@@ -104,16 +104,16 @@ def median(values, n):  # type: ignore[no-untyped-def]
                 values[i], values[j] = values[j], values[i]
                 i += 1
                 j -= 1
-        if wanted <= j:
+        if middle <= j:
             high = j
-        elif wanted >= i:
+        elif middle >= i:
             low = i
         else:
             break
-    upper = values[wanted]
+    upper = values[middle]
     if n % 2:
         return upper
     lower = values[0]
-    for i in range(1, wanted):
+    for i in range(1, middle):
         lower = max(lower, values[i])
     return 0.5 * (lower + upper)

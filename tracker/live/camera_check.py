@@ -38,7 +38,7 @@ class CameraLooks:
     """Width and height for which it is calibrated [px]."""
     pictures: int = 0
     missing: Counter[str] = field(default_factory=Counter)
-    """Counts of what was said where there was no picture."""
+    """Counts of the reasons for missing pictures."""
     frozen: int = 0
     skews: list[float] = field(default_factory=list)
     """How much older each picture was than the latest of its set [s]."""
@@ -86,8 +86,8 @@ class CameraLooks:
                     f"{sum(self.missing.values())} of {total} pictures are missing; {count} ×: {why}"
                 )
         for (width, height), count in self.other_sizes.items():
-            wanted = f"{self.size[0]}x{self.size[1]}"
-            found.append(f"{count} pictures have {width}x{height} px, but the calibration is of {wanted}")
+            expected = f"{self.size[0]}x{self.size[1]}"
+            found.append(f"{count} pictures have {width}x{height} px, but the calibration is of {expected}")
         if not self.pictures:
             return found
         if self.frozen > MOST_FROZEN * self.pictures:

@@ -1,4 +1,4 @@
-"""Live: a tracker in a thread of its own, and the newest of what it finds for whoever asks."""
+"""Live: a tracker in a thread of its own, and the newest of what it finds on request."""
 
 from __future__ import annotations
 
@@ -211,8 +211,8 @@ class Live:
         if taken.timestamp == self._last and not taken.fresh:
             return  # the same set again, which is no news
         jump = self._jump(taken, start)
-        anew = taken.fresh or (self._last is not None and taken.timestamp < self._last)
-        if anew:
+        restarts = taken.fresh or (self._last is not None and taken.timestamp < self._last)
+        if restarts:
             self._tracker.reset()
         observation = self._tracker.update(taken.images, taken.stamps)
         self._last, self._begun = taken.timestamp, start
@@ -227,7 +227,7 @@ class Live:
             faults, jump, self._fault_counts, self._jump_count,
         )  # fmt: skip
         with self._changed:
-            if anew:
+            if restarts:
                 self._moments.clear()
             if self._moments:
                 old, forecast = self._moments[-1]

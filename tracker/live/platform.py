@@ -1,7 +1,7 @@
 """The platform's names, over any source: its control loops run unchanged against what is here.
 
 Names and meanings are those of the platform's observations, front ends and log reader. Two things differ,
-and both are said here only:
+and both are stated here only:
 
 - The platform has an object pose in every observation. Where the object was not found, there is none to
   give: position and orientation are then NaN, so that nobody computes with them unnoticed, and the
@@ -41,7 +41,7 @@ class CameraObservation(NamedTuple):
     """One camera's image."""
 
     image: Image | None
-    """(H, W, 3) uint8 BGR; or raw Bayer pixels (H, W) where those are wanted; None: the camera gave none."""
+    """(H, W, 3) uint8 BGR; or raw Bayer pixels (H, W) on request; None: the camera gave none."""
     timestamp: float
     """When it was taken [s]."""
 

@@ -63,7 +63,7 @@ class ZmqPublisher:
 
     Args:
         address: e.g. `tcp://127.0.0.1:5555`.
-        public: whether other machines may connect. Whoever can reach the address sees the poses.
+        public: whether other machines may connect. Anyone who can reach the address sees the poses.
 
     Raises:
         LiveError: pyzmq is not installed, the address is not this machine's own, cannot be bound, or names a
@@ -75,8 +75,8 @@ class ZmqPublisher:
             raise LiveError(f"publish: found {address}, expected {_FORMS}, lcm://, udpm:// or file://")
         if not (public or _LOCAL.fullmatch(address)):
             raise LiveError(
-                f"publish {address}: other machines could connect to it; expected {_FORMS}, or to be told "
-                "that it is meant to be public"
+                f"publish {address}: other machines could connect to it; expected {_FORMS}, or public=True "
+                "(--public)"
             )
         if find_spec("zmq") is None:
             raise LiveError(f"publish: pyzmq is not installed: {install('live')}")
@@ -152,7 +152,7 @@ _ROUTE = "ip link set lo multicast on; ip route add 224.0.0.0/4 dev lo"
 
 
 def body_of(model: CuboidModel, name: str | None = None) -> str:
-    """What messages call the object: a name that is wanted, else `cube`, or `cuboid` where edges differ.
+    """What messages call the object: the given name, else `cube`, or `cuboid` where edges differ.
 
     Raises:
         LiveError: the name has other characters than letters, digits and _, or more than 40.
@@ -281,7 +281,7 @@ class LcmPublisher:
 
 
 def _url(address: str, public: bool) -> str:
-    """The address in LCM's words, put together anew: LCM reads nothing that was not looked at here."""
+    """The address in LCM's words, put together from checked parts: LCM reads nothing else."""
     kind, _, rest = address.partition("://")
     if address == "lcm://":
         address = os.environ.get(_VARIABLE) or DEFAULT
@@ -301,8 +301,7 @@ def _url(address: str, public: bool) -> str:
         raise LiveError(f"publish: found {address}, expected {_LCM_FORMS}")
     if hops and not public:
         raise LiveError(
-            f"publish {address}: other machines could receive it; expected ttl=0, or to be told that it is "
-            "meant to be public"
+            f"publish {address}: other machines could receive it; expected ttl=0, or public=True (--public)"
         )
     return f"udpm://{group}:{there}?ttl={hops}"
 

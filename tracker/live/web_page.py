@@ -32,7 +32,7 @@ SPAN = 10.0
 """Over which rates, skews and missing pictures are counted [s]."""
 
 LATENCIES = 600
-"""Latencies of which percentiles are told: a minute of cameras at 10 Hz."""
+"""Latencies whose percentiles are shown: a minute of cameras at 10 Hz."""
 
 PERCENTILES = (50, 90, 99, 100)
 
@@ -88,7 +88,7 @@ class WebPageState:
             look["residual"] = math.nan if found is None else float(found.values["residual"][c])
 
     def message(self, moment: Moment, faults: Sequence[str]) -> dict[str, Any]:
-        """What the page is told of a moment; null stands for what is not known.
+        """What the page gets of a moment; null stands for what is not known.
 
         Fields: `sequence`; `time` [s]; `status`; `position` [mm], `std_mm` and `std_deg` (3), and
         `confidence` of the filtered pose; `measured`, whether these images show it; `latency` [ms] and
@@ -176,7 +176,7 @@ class WebPage(Listener):
         self._picture = -1, b""
         self._asked = self._looked = -math.inf
         self.faults: Callable[[], Sequence[str]] = tuple
-        """Tells what went wrong; whoever knows it sets this."""
+        """Returns what went wrong; set by the caller."""
         handler = type("Handler", (_Handler,), {"page": self})
         try:
             self._server = _Server((_HOST, port), handler)

@@ -72,14 +72,16 @@ def sized_for(size: tuple[int, int], camera: Camera, where: str, *, resize: bool
     width, height = size
     if (camera.width, camera.height) == size:
         return camera
-    told = (
+    found = (
         f"{where}: found images of {width}×{height} px, but {camera.name} is calibrated for "
         f"{camera.width}×{camera.height}"
     )
     if abs(width * camera.height / camera.width - height) >= 1:
         raise CalibrationError(
-            f"{told}, which is of another shape: expected whole images, or a calibration of what they show"
+            f"{found}, which is of another shape: expected whole images, or a calibration of what they show"
         )
     if not resize:
-        raise CalibrationError(f"{told}; where they are the same images scaled, --resize-calibration fits it")
+        raise CalibrationError(
+            f"{found}; where they are the same images scaled, --resize-calibration fits it"
+        )
     return camera.resized(width, height)

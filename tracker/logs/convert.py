@@ -15,7 +15,7 @@ from tracker.logs.hdf5_writer import Hdf5LogWriter
 from tracker.logs.log import Log
 
 Progress = Callable[[int], None]
-"""Told how many more frames are done."""
+"""Takes how many more frames are done."""
 
 
 def write_hdf5(path: Path, log: Log, rig: CameraRig, progress: Progress) -> None:

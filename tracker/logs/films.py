@@ -104,20 +104,20 @@ class FilmFile:
 
     def picture(self, number: int) -> Image:
         """The picture (H, W, 3) BGR of a number; LogError if it is damaged."""
-        wanted = self._times[number]
+        sought = self._times[number]
         try:
             before = self._times[number - 1] if number else None
             if self._next is None or self._ahead != before:
-                self._film.seek(wanted, stream=self._stream, backward=True)  # to a key picture before it
+                self._film.seek(sought, stream=self._stream, backward=True)  # to a key picture before it
                 self._next, self._ahead = self._film.decode(self._stream), None
             for frame in self._next:
                 self._ahead = frame.pts if frame.pts is not None else frame.dts
                 if (frame.width, frame.height) != self.size:
                     found = f"{frame.width}×{frame.height} px, expected {self.size[0]}×{self.size[1]}"
                     raise LogError(f"{self.path}: picture {number}: found {found} as before it")
-                if self._ahead == wanted:
+                if self._ahead == sought:
                     return np.asarray(frame.to_ndarray(format="bgr24"), np.uint8)
-                if self._ahead is not None and self._ahead > wanted:
+                if self._ahead is not None and self._ahead > sought:
                     break
         except self._faults as error:
             self._next = None

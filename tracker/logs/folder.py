@@ -118,7 +118,7 @@ class FolderSource(Source):
         self.episode_starts = self._starts(settings)
 
     def _starts(self, settings: dict[str, Any]) -> tuple[int, ...]:
-        """Where the synthetic robot starts anew: with each single scene, and after a pause in a sequence."""
+        """Where the synthetic robot starts again: with each single scene, and after a pause in a sequence."""
         truth = self._truth or {}
         stamps = np.array([truth.get(shot.name, np.nan) for shot in self._shots])
         pause = _PAUSE / settings["rate"] if settings["sequence"] else 0.0

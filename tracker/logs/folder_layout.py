@@ -100,9 +100,9 @@ def find_shots(root: Path, rate: float) -> tuple[tuple[str, ...], list[FrameFile
     """
     if root.is_file():
         return _of_streams({_name_of_lone_camera(root.stem): _film(root)}, rate)
-    told = read_recording_file(root)
-    if told is not None:
-        return _of_told(root, told, rate)
+    stated = read_recording_file(root)
+    if stated is not None:
+        return _of_stated(root, stated, rate)
     here = _pictures(root)
     folders = sorted((item for item in _visible(root) if item.is_dir()), key=lambda f: natural_key(f.name))
     cameras = {folder.name: folder for folder in folders if _CAMERA.fullmatch(folder.name)}
@@ -185,11 +185,11 @@ def _name_of_lone_camera(name: str) -> str:
     return name if may_be_name(name) else "camera"
 
 
-def _of_told(root: Path, told: RecordingFile, rate: float) -> tuple[tuple[str, ...], list[FrameFiles]]:
+def _of_stated(root: Path, stated: RecordingFile, rate: float) -> tuple[tuple[str, ...], list[FrameFiles]]:
     """The frames of a folder that says which files are whose."""
-    counted = told.stamps is not None or told.rate is not None
+    counted = stated.stamps is not None or stated.rate is not None
     streams: _Streams = {}
-    for name, files in told.cameras.items():
+    for name, files in stated.cameras.items():
         some = list(files.values())
         if some[0].suffix.lower() not in films.SUFFIXES:
             streams[name] = {key: files[key] for key in sorted(files, key=natural_key)}
@@ -205,13 +205,13 @@ def _of_told(root: Path, told: RecordingFile, rate: float) -> tuple[tuple[str, .
             name: {f"{k:06d}": picture for k, picture in enumerate(files.values())}
             for name, files in streams.items()
         }
-    names, shots = _of_streams(streams, told.rate or rate)
+    names, shots = _of_streams(streams, stated.rate or rate)
     order = [names.index(name) for name in streams]
     shots = [
         FrameFiles(shot.name, tuple(shot.files[c] for c in order), tuple(shot.stamps[c] for c in order))
         for shot in shots
     ]
-    return tuple(streams), shots if told.stamps is None else _stamped(root, shots, told.stamps)
+    return tuple(streams), shots if stated.stamps is None else _stamped(root, shots, stated.stamps)
 
 
 def _is_film(files: dict[str, Picture]) -> bool:

@@ -178,7 +178,7 @@ def read_names(field: h5py.Dataset, count: int, path: Path) -> tuple[str, ...]:
 
 def _from_heap(path: Path, reference: bytes) -> bytes:
     """The string that a reference means."""
-    length, address, wanted = _REFERENCE.unpack(reference)
+    length, address, sought = _REFERENCE.unpack(reference)
     if length > _MAX_NAME:
         raise LogError(f"a name of {length} bytes")
     magic, version, size = _HEAP_HEAD.unpack(_bytes_at(path, address, _HEAP_HEAD.size))
@@ -189,7 +189,7 @@ def _from_heap(path: Path, reference: bytes) -> bytes:
     while at + _OBJECT_HEAD.size <= len(heap):
         number, _, stored = _OBJECT_HEAD.unpack_from(heap, at)
         at += _OBJECT_HEAD.size
-        if number == wanted and number and length <= stored:
+        if number == sought and number and length <= stored:
             return heap[at : at + length]
         if number == 0:  # what is free
             break
@@ -228,7 +228,7 @@ class Hdf5Source(Source):
         end_fault: LogError | None = None
         try:
             check_stated_end(path)
-        except TooLong as error:  # as a killed writer leaves it, if it is one's
+        except TooLong as error:  # as a killed writer leaves it, if it is a writer's
             end_fault = error
         except LogError as error:
             if not recover:
@@ -359,8 +359,8 @@ class Hdf5Source(Source):
     def _check_head(self) -> None:
         # Written from a C++ int, or from Python as int64.
         magic = self._attribute("magic")
-        if magic is None and (said := self._said_format()):
-            raise LogError(f"{self.path}: found a file of {said!r:.60}, expected a camera log in HDF5")
+        if magic is None and (stated := self._said_format()):
+            raise LogError(f"{self.path}: found a file of {stated!r:.60}, expected a camera log in HDF5")
         if magic != MAGIC:
             found = "none" if magic is None else f"{magic:#x}"
             raise LogError(f"{self.path}: magic: found {found}, expected {MAGIC:#x} of a camera log in HDF5")

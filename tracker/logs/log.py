@@ -263,7 +263,7 @@ class Log:
             raise LogError(f"{self._source.path}: the log is closed")
 
     def _note(self, index: int, error: LogError) -> bool:
-        """Keep what is wrong, where that is wanted."""
+        """Keep the fault, where faults are left out."""
         if self._recover and self._open[0]:
             self._faults.setdefault(index, str(error))
             return True

@@ -40,14 +40,14 @@ _MAX_RATE = 1e6
 
 @dataclass(frozen=True, eq=False)
 class RecordingFile:
-    """What is said."""
+    """What the file states."""
 
     cameras: dict[str, dict[str, Path]]
     """Of each camera its files, by what the pattern's `*` stands for, in the order of their names."""
     rate: float | None
-    """Frames per second [Hz], or None where it is not said."""
+    """Frames per second [Hz], or None where it is not stated."""
     stamps: FloatArray | None
-    """(frames, 1) or (frames, cameras) times [s], or None where they are not said."""
+    """(frames, 1) or (frames, cameras) times [s], or None where they are not stated."""
 
 
 def read_recording_file(folder: Path) -> RecordingFile | None:

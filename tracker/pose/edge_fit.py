@@ -4,7 +4,7 @@ Near an edge the image is a sum of blurred steps between surfaces of locally con
 inside, the face or background outside, and, where a face is narrow, what lies beyond it. With the steps
 where the pose puts them, the colours and a small shift of the edge follow together from linear least
 squares over the pixels themselves. Gains, exposure and shading cancel because only the colours on the spot
-count, and a narrow face is told apart from its neighbours' blur.
+count, and a narrow face stays apart from its neighbours' blur.
 
 The idea of local colour statistics on both sides of a contour is that of R. Hanek and M. Beetz, "The
 Contracting Curve Density Algorithm", IJCV 59(3), 2004; here the colours are eliminated in closed form

@@ -230,9 +230,9 @@ class PoseEstimator:
         """The fit of a hypothesis by a schedule."""
         sight = one.sight.without(*one.left_out)
         fit = self.refine(sight, one.rotation, one.position, schedule, lag=lag, ask=schedule is not ROUGH)
-        return Found(self.heard(one.sight, fit, one.left_out) if one.left_out else fit, one.sight)
+        return Found(self.counted(one.sight, fit, one.left_out) if one.left_out else fit, one.sight)
 
-    def heard(self, sight: Sight, fit: Fit, left_out: Sequence[int]) -> Fit:
+    def counted(self, sight: Sight, fit: Fit, left_out: Sequence[int]) -> Fit:
         """A fit with what all cameras of a sight say of it, also those that were left out when it was made.
 
         Those are witnesses only: colours beside the object count as seen elsewhere, since a picture that is
@@ -255,7 +255,7 @@ class PoseEstimator:
         left_out = (*fit.left_out, max(used, key=lambda c: float(against[c])))
         rest = sight.without(*left_out)
         other = self.refine(rest, fit.rotation, fit.position, FOLLOWING, fit.end, lag, ask=True)
-        other = self.heard(sight, other, left_out)
+        other = self.counted(sight, other, left_out)
         better = supporters(other) >= max(ENOUGH, supporters(fit)) and confidence(other) > confidence(fit)
         return other if better else fit
 

@@ -166,7 +166,7 @@ def weigh(seen, face_labels, stands, numbers, cameras):  # type: ignore[no-untyp
     count = len(seen)
     options, known, tied = np.empty((count, 6, 8)), np.empty((count, 6)), np.empty((6, 8))
     tied[:, :] = 0.0
-    said, lost = math.log(1.0 - numbers.misread), math.log(numbers.misread)
+    correct, lost = math.log(1.0 - numbers.misread), math.log(numbers.misread)
     for c in range(count):
         for face in range(6):
             _options(seen[c].faces[face], numbers, options[c, face])
@@ -174,11 +174,11 @@ def weigh(seen, face_labels, stands, numbers, cameras):  # type: ignore[no-untyp
             for k in range(MIXED + 1):
                 value = options[c, face, k]
                 if seen[c].faces[face].sum() > 0:
-                    value = np.logaddexp(value + said, known[c, face] + lost)
+                    value = np.logaddexp(value + correct, known[c, face] + lost)
                 options[c, face, k] = value
                 tied[face, k] += value
     shows, blind = math.log(1.0 - numbers.hidden), math.log(numbers.hidden)
-    heard, lone = 0, np.empty((4, count))
+    count_seen, lone = 0, np.empty((4, count))
     nothing = 0.0
     for c in range(count):
         one = seen[c]
@@ -193,21 +193,21 @@ def weigh(seen, face_labels, stands, numbers, cameras):  # type: ignore[no-untyp
             unknown += known[c, face]
         colored = one.extra + max(one.elsewhere, 0)
         outside = numbers.outside * math.log1p(colored / (0.3 * one.predicted + 30.0))
-        lone[0, heard] = np.logaddexp(shows + own - outside, blind - outside)
-        lone[1, heard] = np.logaddexp(shows + other - outside, blind - outside)
-        lone[2, heard] = np.logaddexp(shows + own - edges, blind)
-        lone[3, heard] = unknown
+        lone[0, count_seen] = np.logaddexp(shows + own - outside, blind - outside)
+        lone[1, count_seen] = np.logaddexp(shows + other - outside, blind - outside)
+        lone[2, count_seen] = np.logaddexp(shows + own - edges, blind)
+        lone[3, count_seen] = unknown
         broken = math.log(numbers.broken) + unknown
-        whole = np.logaddexp(lone[0, heard], broken)
+        whole = np.logaddexp(lone[0, count_seen], broken)
         cameras[c, 0], cameras[c, 1] = math.exp(shows + own - outside - whole), math.exp(broken - whole)
-        heard += 1
+        count_seen += 1
         nothing += _sum(
             math.log(1.0 - numbers.colored), math.log(numbers.colored) + unknown,
             math.log(numbers.alike) + own - outside,
         )  # fmt: skip
-    here = _together(lone[0], lone[3], heard, numbers) + numbers.stands * stands
-    body = _together(lone[1], lone[3], heard, numbers) + numbers.stands * stands
-    return here, body, _together(lone[2], lone[3], heard, numbers), nothing
+    here = _together(lone[0], lone[3], count_seen, numbers) + numbers.stands * stands
+    body = _together(lone[1], lone[3], count_seen, numbers) + numbers.stands * stands
+    return here, body, _together(lone[2], lone[3], count_seen, numbers), nothing
 
 
 def evidence_of(seen: Array, face_labels: Array, stands: float) -> Evidence:

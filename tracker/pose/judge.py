@@ -18,7 +18,7 @@ EXPECTED = 20
 
 ASTRAY = 30, 0.15
 """Least number, as a share of the pixels expected, too, of pixels in the object's colours where it is not, by
-which a camera that does not see the object there is said to see it elsewhere."""
+which a camera that does not see the object there counts as seeing it elsewhere."""
 
 MIN_VIEW = 4.0
 """Weight of the pieces of edges on which a camera must agree to count as seeing the object."""

@@ -56,7 +56,7 @@ LONGEST = 0.4, 0.3
 """Longest step [radii of the object, rad]: strips say nothing on what lies farther away."""
 
 STRAY = 0.15
-"""Motion of a strip at which its pixels are collected anew [half widths]."""
+"""Motion of a strip at which its pixels are collected again [half widths]."""
 
 ROUNDS = 2
 """Solutions with robust weights for each measurement of the offsets."""
@@ -158,7 +158,7 @@ def lay(model, pictures, solution, cameras, schedule, step, work):  # type: igno
             camera.motion[i], camera.since[i] = 0.0, 0.0
         if not camera.used:
             continue
-        # After a rough step strips are laid anew.
+        # After a rough step strips are laid out again.
         rough, scale = schedule.blur[step] > 0.0, camera.scale
         blur = schedule.blur[step] * scale if rough else camera.blur
         camera.reach = max(LEAST_REACH, REACH[0] * scale + REACH[1] * blur)
@@ -198,7 +198,7 @@ def measure_all(model, pictures, cameras, schedule, step, work):  # type: ignore
 
 @compiled
 def take_stock(solution, cameras, likely, work, seen):  # type: ignore[no-untyped-def]
-    """Count the strips and judge the blurs anew; returns how far the residuals scatter [px].
+    """Count the strips and judge the blurs again; returns how far the residuals scatter [px].
 
     likely: blur of a picture that does not show it where no other does either.
     """

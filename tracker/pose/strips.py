@@ -43,7 +43,7 @@ STRIP = np.dtype(
 """A piece of a visible edge."""
 
 MIN_FACE = 1.5
-"""A face narrower than this [px] gives no edges: its colour cannot be told from its neighbours' blur."""
+"""A face narrower than this [px] gives no edges: its colour mixes with its neighbours' blur."""
 
 _SIGNS = CORNER_SIGNS
 _EDGES = EDGES
@@ -246,7 +246,7 @@ def _in_view(strip, reach, width, height):  # type: ignore[no-untyped-def]
 def _collect(image, tilt, strip, reach, at, pixels):  # type: ignore[no-untyped-def]
     """Signed distances [px] and colours of a strip's pixels; returns their count.
 
-    at: the first one's place, by how much they are apart, which of a mosaic's pixels measured red, and the
+    at: the place of the first, by how much they are apart, which of a mosaic's pixels measured red, and the
     channel of which only those pixels count that measured it.
     """
     start, stride, red, channel = at

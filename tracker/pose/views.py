@@ -192,7 +192,7 @@ class Reader:
         return self.labelled(images, self.lit(images))
 
     def in_grey_world(self, sight: Sight) -> Sight:
-        """The same pictures with their light judged anew, by the mean of all pixels."""
+        """The same pictures with their light estimated again, by the mean of all pixels."""
         pictures = sight.pictures.copy()
         for c, image in enumerate(sight.images):
             if image is not None:

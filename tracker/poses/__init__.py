@@ -1,1 +1,1 @@
-"""The poses that were found in a recording: collected, kept, compared, and told to others."""
+"""The poses that were found in a recording: collected, kept, compared and exported."""

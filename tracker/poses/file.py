@@ -225,7 +225,7 @@ def read_fingerprint(path: str | os.PathLike[str]) -> str:
 
 def _content(poses: Poses) -> bytes:
     """The file's bytes, made in memory: an hour at 10 Hz has 40 MB before compression."""
-    # The layout of HDF5 1.10 (2016) has checksums, and is a fifth of the older one's size in short files.
+    # The layout of HDF5 1.10 (2016) has checksums; short files take a fifth of the older layout's size.
     libver = ("v110", "v110")
     # A file of its own in memory: an image of an open one has wrong checksums before HDF5 2.0.
     content = io.BytesIO()

@@ -28,7 +28,7 @@ from tracker.version import version
 from tracker.warm_up import warm_up
 
 Progress = Callable[[int], None]
-"""Told now and then how many more frames are tracked."""
+"""Takes, now and then, how many more frames are tracked."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +72,7 @@ def track(
         start: number of the first frame to track.
         stop: number of the first frame after those; None: all.
         recover: leave out what is damaged of the recording.
-        progress: is told how many more frames are done.
+        progress: takes how many more frames are done.
 
     Raises:
         LogError: the recording is damaged and not to be recovered, it changed while it was read, or the

@@ -28,7 +28,7 @@ MAX_OFF = 45.0
 """Farthest hue from that of its name [degrees]."""
 
 MAX_GAIN = 30.0
-"""Names dealt out anew among the faces that are seen may bring their hues so much nearer in all [degrees]."""
+"""Other names for the faces that are seen may bring their hues at most so much nearer in all [degrees]."""
 
 BRIGHTNESS, CHANNEL, LEVEL = 0.35, 0.07, 6.0
 """Standard deviations of the log of a face's brightness (light and shade), of the log of each channel, and of

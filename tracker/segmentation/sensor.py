@@ -28,7 +28,7 @@ STEP = 5
 """A mosaic is looked for in every so many-th row and column; odd, so that all places of the pattern occur."""
 
 ENOUGH = 100
-"""Pixels that differ from their neighbours, by which a mosaic is told."""
+"""Pixels that differ from their neighbours, that show a mosaic."""
 
 
 @compiled
@@ -89,7 +89,7 @@ def find_mosaic(image):  # type: ignore[no-untyped-def]
     """
     height, width = image.shape[0], image.shape[1]
     for red in range(4):
-        told, fits = 0, True
+        differing, fits = 0, True
         for j in range(2, height - 2, STEP):
             for i in range(2, width - 2, STEP):
                 flat = True
@@ -101,9 +101,9 @@ def find_mosaic(image):  # type: ignore[no-untyped-def]
                 fits = _obeys(image, j, i, red)
                 if not fits:
                     break
-                told += 1
-            if not fits or told >= ENOUGH:
+                differing += 1
+            if not fits or differing >= ENOUGH:
                 break
-        if fits and told >= ENOUGH:
+        if fits and differing >= ENOUGH:
             return red
     return NO_MOSAIC

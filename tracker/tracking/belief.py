@@ -190,15 +190,16 @@ class Belief(NamedTuple):
             rotation, position = self.last_pose
             ground = min(ground, box.lowest(position, rotation))
 
-        def told(state: MotionState) -> dict[str, Any]:
+        def forecast_of(state: MotionState) -> dict[str, Any]:
             raised = state.position.copy()
             raised[2] += max(ground - box.lowest(state.position, state.rotation), 0.0)
             return self._told(state) | {"position": raised, "size": 2 * box.half}
 
         return Forecast(
-            **told(fused),
+            **forecast_of(fused),
             kinds=tuple(
-                MotionKind(**told(state), name=KINDS[k], probability=weight) for k, weight, state in kinds
+                MotionKind(**forecast_of(state), name=KINDS[k], probability=weight)
+                for k, weight, state in kinds
             ),
         )
 

@@ -49,7 +49,7 @@ class Memory(NamedTuple):
 
 
 class Gate:
-    """A context that one thread may be in; a second one is told so, and does not wait."""
+    """A context that one thread may be in; a second one gets an error, and does not wait."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()

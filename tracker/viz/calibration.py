@@ -56,7 +56,7 @@ def check_picture(found: CalibrationCheck, rig: CameraRig) -> Image:
 
 
 def verdict(found: CalibrationCheck, one: CameraCheck) -> str:
-    """What is said of a camera, in a line."""
+    """The verdict on a camera, in a line."""
     if one.moved:
         return f"moved: {1e3 * one.shift:.1f} mm, {np.degrees(one.turn):.2f}°"
     if found.is_lost(one):

@@ -88,11 +88,11 @@ def _draw_masks(panel: Image, goal: Array | None, dice: Array | None) -> None:
     if goal is None:
         _tint(panel, seen, INSIDE, _INSIDE_OPACITY)
         return
-    wanted = goal != 0
-    _tint(panel, wanted & ~seen, paint.WHITE, _AREA_OPACITY)
-    _tint(panel, wanted & seen, INSIDE, _INSIDE_OPACITY)
-    _tint(panel, seen & ~wanted, OUTSIDE, _OUTSIDE_OPACITY)
-    lines = _outlines(wanted, panel.shape[1], panel.shape[0])
+    target = goal != 0
+    _tint(panel, target & ~seen, paint.WHITE, _AREA_OPACITY)
+    _tint(panel, target & seen, INSIDE, _INSIDE_OPACITY)
+    _tint(panel, seen & ~target, OUTSIDE, _OUTSIDE_OPACITY)
+    lines = _outlines(target, panel.shape[1], panel.shape[0])
     paint.stroke(panel, lines, paint.BLACK, 3.0, 0.35)
     paint.stroke(panel, lines, paint.WHITE, 1.2)
 
@@ -146,8 +146,8 @@ def _dice_blocks(centers: FloatArray | None, assignment: Assignment | None) -> I
         yield Block((["dice"], found, [""]))
         return
     placed = assignment.count_within(TOLERANCE)
-    told = f"{placed} within {1e3 * TOLERANCE:g} mm of their place"
-    yield Block((["dice"], found, [told]), GOOD if placed == len(assignment.die) else DOUBTFUL)
+    result = f"{placed} within {1e3 * TOLERANCE:g} mm of their place"
+    yield Block((["dice"], found, [result]), GOOD if placed == len(assignment.die) else DOUBTFUL)
 
 
 DIE: paint.Color = (255, 150, 70)

@@ -151,8 +151,8 @@ def caption(name: str, observation: Observation, title: str) -> Iterable[Block]:
     """Blocks of object, status and the pose's numbers; `title` stands above the object's name."""
     measured, filtered = observation.object_pose, observation.filtered_object_pose
     pose, status = filtered if measured is None else measured, observation.status.value
-    said = status if measured is not None else f"{'no pose' if pose is None else 'predicted'}: {status}"
-    yield Block(([title or "object"], [name], [said]), DOUBTFUL if measured is None else GOOD)
+    state = status if measured is not None else f"{'no pose' if pose is None else 'predicted'}: {status}"
+    yield Block(([title or "object"], [name], [state]), DOUBTFUL if measured is None else GOOD)
     if pose is not None:
         yield from _pose_blocks(pose)
 

@@ -133,8 +133,8 @@ def _check(path: Path) -> None:
 def viewer_address() -> str:
     """Where a viewer listens, in Rerun's words; one is started where there is none.
 
-    One that is open already is used, whoever opened it, and a warning says so. Rerun's own `spawn` has it
-    listen on every interface of the machine, for anybody to send pictures to.
+    One that is open already is used, by any process, and a warning says so. Rerun's own `spawn` has it
+    listen on every interface of the machine, for anyone to send pictures to.
 
     Raises:
         TrackerError: it cannot be started, or what listens there is no viewer.
@@ -159,13 +159,13 @@ def _command() -> list[str]:
 
 def _start() -> None:
     """Start the viewer, which stays open after this process."""
-    with tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as said:
+    with tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as output:
         try:
             process = subprocess.Popen(
                 _command(),
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
-                stderr=said,
+                stderr=output,
                 start_new_session=True,  # Ctrl-C is for the tracking
             )
         except OSError as error:
@@ -182,8 +182,8 @@ def _start() -> None:
         if process.poll() is None:
             os.killpg(process.pid, signal.SIGKILL)  # what was started starts the viewer itself
             process.wait()
-        said.seek(0)
-        reason = (said.read().strip() or "it does not listen").splitlines()[-1].split(": ")[-1].rstrip(".")
+        output.seek(0)
+        reason = (output.read().strip() or "it does not listen").splitlines()[-1].split(": ")[-1].rstrip(".")
     raise TrackerError(f"the viewer cannot be opened: {reason}; a file (.rrd) can be written instead")
 
 

@@ -268,11 +268,11 @@ def _with_place(lens: Calibrated, camera_from_world: FloatArray, covariance: Flo
 
 
 def _require_size(lens: Calibrated, sighting: BoardView) -> None:
-    wanted = lens.camera.width, lens.camera.height
-    if sighting.size != wanted:
+    expected = lens.camera.width, lens.camera.height
+    if sighting.size != expected:
         raise CalibrationError(
             f"{sighting.photo}: found {sighting.size[0]}x{sighting.size[1]} px, but the lens of "
-            f"{lens.camera.name} is of images of {wanted[0]}x{wanted[1]} px"
+            f"{lens.camera.name} is of images of {expected[0]}x{expected[1]} px"
         )
 
 

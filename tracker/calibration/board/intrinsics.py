@@ -203,7 +203,7 @@ def _require_photos(name: str, found: int, all_photos: int) -> None:
 
 
 def _require_whole_board(name: str, sightings: Sequence[BoardView], board: Board) -> None:
-    """A board of which no photo shows the last rows has fewer than was said."""
+    """A board of which no photo shows the last rows has fewer rows than stated."""
     columns, rows = squares_shown(sightings, board)
     if (columns, rows) != (board.columns, board.rows):
         raise CalibrationError(

@@ -15,7 +15,7 @@ from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import CalibrationError
 
 FEWEST_CORNERS = 4
-"""Of which a photo's pose can be told."""
+"""From which a photo's pose follows."""
 
 MOST_BLUR = 1.5
 """Standard deviation [px] of the blur above which markers are lost and corners drift."""

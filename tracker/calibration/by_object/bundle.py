@@ -1,7 +1,7 @@
 """Bundle adjustment of cameras over the edges of an object in many poses.
 
 Unknown are the pose of each frame, δ_f = (δp, δθ); of each camera its error e_c = (a, w) (see `deviations`),
-the exponent γ_c of its response and, where wanted, its focal length and principal point k_c; and the object's
+the exponent γ_c of its response and, on request, its focal length and principal point k_c; and the object's
 rim ρ.
 With J the motion of a piece of an edge with the pose, and B(p) that of an object at p with a camera's error,
 its offset [px] is
@@ -65,7 +65,7 @@ class Posed(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Unknowns:
-    """What is known of the cameras so far, and how far they have come from where they were said to be."""
+    """The cameras as known so far, and how far they are from where their files have them."""
 
     cameras: tuple[Camera, ...]
     """As they are now taken to be."""

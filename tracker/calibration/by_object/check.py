@@ -196,7 +196,7 @@ def check(
         footage: of the rig's cameras, in the order of the rig.
         rig: the cameras, two or more.
         colors: the object's.
-        progress: is told how many more shots were seen.
+        progress: takes how many more shots were seen.
         focal_std: see `check_calibration`.
 
     Raises:

@@ -69,7 +69,7 @@ class EdgeReader:
             position: of the object's centre.
             start: blur of the pictures, and the exponent and rim with which the object is drawn.
             offsets: (C, 6) by which each camera is known to see the object moved [m, rad]: the edges are
-                looked for there. What is handed out is told from the pose itself all the same.
+                looked for there. The offsets returned are still relative to the pose itself.
         """
         solution, cameras, work = self._refiner.edges(sight.pictures, rotation, position, start, offsets)
         result: list[Contour | None] = []

@@ -26,7 +26,7 @@ SQUARE = 0.003
 """Share by which the two focal lengths of a camera may differ: those of a board's photos differ by 0.001."""
 
 DEPTH = 2e-3
-"""Error of one camera's depth for which it is said how well its focal length must be known [m]."""
+"""Error of one camera's depth for which the needed accuracy of its focal length is given [m]."""
 
 
 @dataclass(frozen=True)

@@ -55,7 +55,7 @@ LEVEL = float(np.cos(np.radians(3.0)))
 """Of the angle between a face and z = 0, up to which an object rests on it."""
 
 OFTEN = 0.1
-"""Share of the frames beyond a limit, from which on it is said."""
+"""Share of the frames beyond a limit, from which on it is named."""
 
 
 class Quantity(NamedTuple):
@@ -160,22 +160,22 @@ def health(
         tracker: of its object and cameras.
         log: the recording.
         poses: of its frames.
-        progress: is told how many more frames were looked at.
+        progress: takes how many more frames were looked at.
 
     Raises:
         LogError: the recording is damaged.
         ImageError: a picture is not what the tracker's cameras give.
     """
     rows = np.unique(np.linspace(0, len(poses) - 1, MOST).astype(int)) if len(poses) else np.zeros(0, int)
-    wanted = dict(zip(poses.index[rows].tolist(), rows.tolist(), strict=True))
+    row_of = dict(zip(poses.index[rows].tolist(), rows.tolist(), strict=True))
     count, rig = len(tracker.rig), tracker.rig
     values = {key: np.full((len(rows), count), np.nan) for key in QUANTITIES}
     height = np.full(len(rows), np.nan)
     looks: list[Look] = []
     looked: list[int] = []
     last = -APART
-    for n, frame in enumerate(frame for frame in log if frame.index in wanted):
-        found = sample(tracker, frame.images, still=_still(poses, wanted[frame.index]))
+    for n, frame in enumerate(frame for frame in log if frame.index in row_of):
+        found = sample(tracker, frame.images, still=_still(poses, row_of[frame.index]))
         for key, value in found.values.items():
             values[key][n] = value
         height[n] = found.height
@@ -210,7 +210,7 @@ def sample(tracker: ObjectTracker, images: Sequence[Image | None], *, still: boo
     Args:
         tracker: of the object and cameras; nothing of its memory is used or changed.
         images: one of each camera (H, W, 3) uint8 BGR, None where there is none.
-        still: whether the object does not move: else nothing is said of table and disagreement.
+        still: whether the object does not move: else table and disagreement stay unknown.
 
     Raises:
         ImageError: a picture is not what the tracker's cameras give.

@@ -3,7 +3,7 @@
 A camera c whose transform is off by ξ_c = (a, w), see `deviations`, sees an object at P moved by
 d_c = -G(P) ξ_c, with G(P) = [I, -[P]×; 0, I]. Over many looks at still objects, each with a pose of its own,
 the ξ_c follow by least squares with the poses eliminated; what all cameras have in common stays as it is.
-What the files state of errors is the prior, and a camera is said to have moved if the looks are much more
+What the files state of errors is the prior, and a camera counts as moved if the looks are much more
 probable with its ξ_c left free.
 """
 
@@ -40,7 +40,7 @@ SAME = 20.0
 """Looks after which errors of a camera's view no longer average away."""
 
 MOVED = 8.0
-"""Gain in log likelihood from which a camera is said to have moved."""
+"""Gain in log likelihood from which a camera counts as moved."""
 
 EVIDENT = -13.5
 """The same of the log evidence, for which it is enough that the others agree much better than stated. LOOSE

@@ -85,7 +85,7 @@ def refine_cameras(
         colors: the object's.
         focal: whether focal lengths and principal points may be wrong, too.
         most: frames that are used.
-        progress: is told how many more shots showed the object.
+        progress: takes how many more shots showed the object.
 
     Raises:
         CalibrationError: there is one camera only, or the object was seen in too few poses.

@@ -64,8 +64,8 @@ class Film:
         if self._log.random_access:
             yield from (self._log.frame(number).images for number in numbers)
         else:
-            wanted = set(numbers)
-            yield from (frame.images for frame in self._log if frame.index in wanted)
+            chosen = set(numbers)
+            yield from (frame.images for frame in self._log if frame.index in chosen)
 
 
 class Stills:
@@ -123,7 +123,7 @@ def sightings(tracker: ObjectTracker, footage: Footage, least: float) -> Iterato
 def all_sightings(
     tracker: ObjectTracker, footage: Sequence[Footage], least: float, progress: Callable[[int], None]
 ) -> list[list[Sighting]]:
-    """Those of each footage; arguments and errors as of `sightings`, `progress` is told of each."""
+    """Those of each footage; arguments and errors as of `sightings`, `progress` takes each."""
     seen: list[list[Sighting]] = []
     for one in footage:
         seen.append([])

@@ -1,7 +1,7 @@
 """The table, as objects at rest show it: height and tilt from where their lowest faces are.
 
 Each pose at rest gives three equations: the height of its contact and two tilts of its lowest face. What it
-cannot give is told apart from what more poses average away: cameras that are off put all poses off together.
+cannot give is kept apart from what more poses average away: cameras that are off put all poses off together.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class TablePlane:
     """A plane z = height + slope · ((x, y) - center)."""
 
     center: tuple[float, float]
-    """x and y at which the height is told [m]."""
+    """x and y of the place whose height is given [m]."""
     height: float
     """[m]"""
     slope: FloatArray
@@ -99,7 +99,7 @@ def fit_table(rests: Sequence[Rest], size: FloatArray, rig: CameraRig) -> TableP
     """The plane on which a cuboid of `size` (3,) [m] rests, robust against poses in which it does not.
 
     Raises:
-        CalibrationError: too few poses agree, or their places are too similar; what is missing is said.
+        CalibrationError: too few poses agree, or their places are too similar (the message says which).
     """
     center = rig.arena.center
     if len(rests) < LEAST:
@@ -250,7 +250,7 @@ def find_table(
         footage: of the rig's cameras, in the order of the rig.
         rig: the cameras, two or more.
         colors: the object's.
-        progress: is told how many more shots showed the object.
+        progress: takes how many more shots showed the object.
 
     Raises:
         CalibrationError: there is one camera only, or the object rested in too few places.
@@ -280,7 +280,7 @@ def plane_of(
     Raises:
         CalibrationError: it rested in too few places.
     """
-    rests, lonely = [], 0
+    rests, single = [], 0
     for one, part in zip(footage, seen, strict=True):
         still = resting(part)
         for sighting, images in zip(still, one.images([s.number for s in still]), strict=True):
@@ -288,10 +288,10 @@ def plane_of(
             if rest is not None:
                 rests.append(rest)
             else:
-                lonely += 1
-    if len(rests) < LEAST <= len(rests) + lonely:
+                single += 1
+    if len(rests) < LEAST <= len(rests) + single:
         raise CalibrationError(
-            f"table: found {lonely} places in which one camera alone sees the object at rest, and "
+            f"table: found {single} places in which one camera alone sees the object at rest, and "
             f"{len(rests)} in which others do, expected {LEAST} of these: one camera's depth is not the "
             "table's height"
         )

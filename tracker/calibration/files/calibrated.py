@@ -123,7 +123,7 @@ def focal_deviations(found: Iterable[Calibrated]) -> dict[str, float]:
 def halved_by_rows(path: Path) -> bool:
     """Whether a file's principal point c/2 was halved with K[:2], where pixel centres ask for c/2 - ¼.
 
-    It is seen by the file of twice the size beside it, else told by the name that the platform gives to such
+    The file of twice the size beside it shows this, else the name that the platform gives to such
     files; those that state their deviations are of this package, which does it right.
     """
     mine = read_calibrated(path)

@@ -18,7 +18,7 @@ KEPT = (
     "DeviceSerialNumber", "PixelFormat", "ExposureTime", "ExposureAuto", "Gain", "GainAuto", "Gamma",
     "BlackLevel", "BalanceWhiteAuto",
 )  # fmt: skip
-"""Features that are told of every camera that has them; white balance has a ratio for each colour besides."""
+"""Features reported of every camera that has them; white balance also has a ratio for each colour."""
 
 _RATIOS = ("Red", "Green", "Blue")
 _AS_THEY_ARE, _TURNED = slice(None), slice(None, None, -1)

@@ -1,4 +1,4 @@
-"""The simulated platform as a source: a short film, drawn before it is shown, that goes on to and fro."""
+"""The simulated platform as a source: a short film, drawn first, then played forwards and backwards."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FRAMES = 40
 class Simulation:
     """A source that shows a film of the generator `synthetic`, at 10 Hz without end.
 
-    The generator is looked for when it is needed only: the tracker does not rest on it. What is wrong is told
+    The generator is looked for when it is needed only: the tracker does not rest on it. Faults are raised
     at once; the film is drawn by `draw`, or when the first pictures are asked for, which then come late.
 
     Args:

@@ -67,7 +67,7 @@ TABLE_SURE = 150.0
 """Gain of dice whose heights tell that of the table."""
 
 TABLE_OFF = 0.002
-"""Height of the table from which on the proposals are made anew [m]."""
+"""Height of the table from which on the proposals are made again [m]."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -107,7 +107,7 @@ def locate(
         masks: (H, W) of 0/1, 0/255 or bool for each camera, as `segment_dice` gives them; None: the camera
             gave no image.
         images: (H, W, 3) uint8 BGR of each camera. Tops are brighter than sides, and pips keep away from
-            edges: with them dice in a crowd are told apart better than by masks alone.
+            edges: with them dice in a crowd are separated better than by masks alone.
         most: number of dice that there are.
 
     Raises:

@@ -106,14 +106,14 @@ def validate_goal(goal: npt.ArrayLike) -> FloatArray:
     if outside.any():
         first = int(np.argmax(outside))
         raise TaskError(
-            f"goal: position {first}, {told(places[first])}: its die reaches {reach(places[first]):.4g} m "
+            f"goal: position {first}, {as_text(places[first])}: its die reaches {reach(places[first]):.4g} m "
             f"from the arena's centre, expected at most {ARENA_RADIUS} m"
         )
     low = places[:, 2] < DIE_WIDTH / 2 - SLACK
     if low.any():
         first = int(np.argmax(low))
         raise TaskError(
-            f"goal: position {first}, {told(places[first])}: found the height {places[first, 2]:g} m, "
+            f"goal: position {first}, {as_text(places[first])}: found the height {places[first, 2]:g} m, "
             f"expected at least half a die, {DIE_WIDTH / 2} m"
         )
     return places
@@ -129,7 +129,7 @@ def finite_positions(value: npt.ArrayLike, what: str) -> FloatArray:
     return places
 
 
-def told(position: Array) -> str:
+def as_text(position: Array) -> str:
     """A position in a message."""
     return f"({', '.join(f'{value:g}' for value in position)})"
 
@@ -291,12 +291,12 @@ def pattern(goal: npt.ArrayLike) -> str:
     for index, (place, (i, j)) in enumerate(zip(places, cells, strict=True)):
         if np.abs(place - centers[i, j]).max() > ON_CELL:
             raise TaskError(
-                f"goal: position {index}: found {told(place)}, expected the centre of a cell; "
-                f"the nearest is {told(centers[i, j])}"
+                f"goal: position {index}: found {as_text(place)}, expected the centre of a cell; "
+                f"the nearest is {as_text(centers[i, j])}"
             )
         if filled[i, j]:
             raise TaskError(
-                f"goal: position {index}: found {told(place)} a second time, expected different cells"
+                f"goal: position {index}: found {as_text(place)} a second time, expected different cells"
             )
         filled[i, j] = True
     return _text(filled)

@@ -83,13 +83,13 @@ def error_per_camera(
         )
     errors = []
     for index, (goal, dice) in enumerate(zip(goal_masks, dice_masks, strict=True)):
-        wanted, seen = as_mask(goal, f"goal mask {index}"), as_mask(dice, f"dice mask {index}")
-        if wanted.shape != seen.shape:
+        target, seen = as_mask(goal, f"goal mask {index}"), as_mask(dice, f"dice mask {index}")
+        if target.shape != seen.shape:
             raise TaskError(
-                f"dice mask {index}: found shape {seen.shape}, expected the goal's {wanted.shape}"
+                f"dice mask {index}: found shape {seen.shape}, expected the goal's {target.shape}"
             )
         # 1 and 255 have a bit in common, so masks of either kind go together.
-        errors.append(cv2.countNonZero(seen) - cv2.countNonZero(cv2.bitwise_and(seen, wanted)))
+        errors.append(cv2.countNonZero(seen) - cv2.countNonZero(cv2.bitwise_and(seen, target)))
     return tuple(errors)
 
 
