@@ -71,7 +71,7 @@ _OPTIONS = (
         "--release",
         "released",
         is_flag=True,
-        help="Draw scenes anew from the commit's hash, as for publishing; else development scenes.",
+        help="Draw new scenes from the commit's hash, as for publishing; else development scenes.",
     ),
     click.option("--seed", type=click.IntRange(min=0), help="Of other scenes than these two."),
     _real,

@@ -28,7 +28,7 @@ STEP, MISFIT = 30.0, 0.08
 """Least step of values across an edge, and greatest root mean square residual relative to it."""
 
 _BLOCK = 6
-"""Edge of the squares [sites] in which noise is told from light."""
+"""Edge of the squares [sites] in which noise is separated from light."""
 
 
 @dataclass(frozen=True, eq=False)

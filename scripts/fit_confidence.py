@@ -157,8 +157,8 @@ class Model:
 
         def loss(x: FloatArray) -> float:
             values = {name: _meant(name, v) for name, v in zip(names, x, strict=True)}
-            said = np.clip(self.confidence(values), MISTAKES, 1 - MISTAKES)
-            cost = -np.where(self.right > 0, np.log(said), np.log1p(-said))
+            stated = np.clip(self.confidence(values), MISTAKES, 1 - MISTAKES)
+            cost = -np.where(self.right > 0, np.log(stated), np.log1p(-stated))
             return (
                 float((self.weight * cost)[use].sum() / self.weight[use].sum())
                 + 1e-4 * ((x - first) ** 2).sum()
@@ -195,10 +195,10 @@ def main(scenes: int) -> None:
     tried = model.confidence(model.fit(start, ~held))
     for group in dict.fromkeys(model.group):
         rows = held & (model.group == group)
-        said, right = tried[rows], model.right[rows]
+        stated, right = tried[rows], model.right[rows]
         print(
-            f"{group}: {rows.sum()} fits, said {said.mean():.3f}, right {right.mean():.3f}, "
-            f"Brier score {np.mean((said - right) ** 2):.4f}"
+            f"{group}: {rows.sum()} fits, stated {stated.mean():.3f}, right {right.mean():.3f}, "
+            f"Brier score {np.mean((stated - right) ** 2):.4f}"
         )
     found = model.fit(start, np.ones(len(held), bool))
     print({name: float(f"{value:.3g}") for name, value in found.items()})

@@ -33,8 +33,8 @@ MOST = 8
 """Environments that are kept; of more, those go that were used the longest ago."""
 
 
-def wanted() -> str:
-    """What pyproject.toml wants installed; the whole file where no parser of it is at hand."""
+def requirements() -> str:
+    """What pyproject.toml requires; the whole file where no parser of it is at hand."""
     text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
     if tomllib is None:
         return text
@@ -44,11 +44,11 @@ def wanted() -> str:
 
 def key(arguments: Sequence[str]) -> str:
     """Name of the kept environment of this interpreter that has what pip's arguments ask for."""
-    told = [sys.version, os.path.realpath(sys.executable), *arguments]
-    told += [wanted() for argument in arguments if argument.startswith(".")]
+    key_parts = [sys.version, os.path.realpath(sys.executable), *arguments]
+    key_parts += [requirements() for argument in arguments if argument.startswith(".")]
     files = [Path(name) for flag, name in itertools.pairwise(arguments) if flag == "-r"]
-    told += [path.read_text(encoding="utf-8") for path in (Path(__file__), *files)]
-    return hashlib.sha256("\0".join(told).encode()).hexdigest()[:16]
+    key_parts += [path.read_text(encoding="utf-8") for path in (Path(__file__), *files)]
+    return hashlib.sha256("\0".join(key_parts).encode()).hexdigest()[:16]
 
 
 @contextlib.contextmanager

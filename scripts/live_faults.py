@@ -2,8 +2,8 @@
 
     python scripts/live_faults.py [--times N] [--away SECONDS]
 
-Cameras that are pretended give a film of the simulated platform; faults are theirs, a subscriber's, the
-disk's, and the end of the whole process. Of each is told whether tracking goes on, what it says meanwhile,
+Simulated cameras give a film of the simulated platform; faults are theirs, a subscriber's, the
+disk's, and the end of the whole process. Printed of each: whether tracking goes on, its statuses meanwhile,
 and after how many whole sets of pictures the object is found again; of recordings, how much is lost.
 """
 
@@ -99,7 +99,7 @@ class Run:
         self, name: str, times: int, seconds: float, state: str = "", off: float = 0.0, cameras: int = 1
     ) -> None:
         """Have a fault, and tell what became of it."""
-        needed, said, faults = [], set[str](), dict[str, str]()
+        needed, statuses, faults = [], set[str](), dict[str, str]()
         for _ in range(times):
             before = len(self.moments)
             for camera in range(cameras):
@@ -108,7 +108,7 @@ class Run:
                 self.faults.off[camera] = off
             time.sleep(seconds)
             during = self.moments[before:]
-            said |= {
+            statuses |= {
                 f"{m.status.value} ({', '.join(sorted(u.value for u in m.cameras))})" for m in during[1:]
             }
             for moment in during:
@@ -123,7 +123,7 @@ class Run:
             needed.append(next((n for n, m in enumerate(clear, 1) if m.object_pose is not None), None))
         going = "goes on" if self.live.running else f"has ended: {self.live.error}"
         print(
-            f"{name}: {going}; posed in set {needed} of a clear view; said {sorted(said)}, {faults}",
+            f"{name}: {going}; posed in set {needed} of a clear view; statuses {sorted(statuses)}, {faults}",
             flush=True,
         )
 
@@ -192,8 +192,8 @@ def record(path: Path) -> None:
     """Record for ever; for `killed`."""
     film = Simulation("cube_v2", frames=2)
     recorder = Recorder(path, film.rig)
-    told = lambda m: print(json.dumps({"sequence": m.sequence, "timestamp": m.timestamp}), flush=True)  # noqa: E731
-    run = Run(film, [recorder, told])
+    print_moment = lambda m: print(json.dumps({"sequence": m.sequence, "timestamp": m.timestamp}), flush=True)  # noqa: E731
+    run = Run(film, [recorder, print_moment])
     while run.live.running:
         time.sleep(1.0)
 

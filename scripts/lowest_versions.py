@@ -63,9 +63,9 @@ def main() -> None:
     parser.add_argument("--python", default=this, metavar="VERSION", help="default: this one")
     arguments = parser.parse_args()
     runners = [one for one in requirements("dev", python=arguments.python) if one.name in RUNNERS]
-    wanted = [*requirements(*arguments.extras, python=arguments.python), *runners]
+    needed = [*requirements(*arguments.extras, python=arguments.python), *runners]
     versions: dict[str, Version] = {}
-    for one in wanted:
+    for one in needed:
         name = canonicalize_name(one.name)
         versions[name] = max(lowest(one), versions.get(name, lowest(one)))
     for name, version in sorted(versions.items()):

@@ -2,7 +2,7 @@
 
     python scripts/make_demo.py
 
-Writes tracker/demo anew: 20 frames at 10 Hz as JPEG, the cameras' calibration, and truth.json.
+Writes tracker/demo: 20 frames at 10 Hz as JPEG, the cameras' calibration, and truth.json.
 """
 
 from __future__ import annotations

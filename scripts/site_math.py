@@ -56,7 +56,7 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
     numbers = [int(number) for number in NUMBER.findall(markdown)]
     if numbers != list(range(1, len(numbers) + 1)):
         raise ValueError(f"equations are numbered {numbers}, expected 1, 2, 3 …")
-    # Between two fences: words, then the next one's language and text.
+    # Between two fences: words, then the language and text of the next.
     parts = FENCE.split(markdown)
     words = (INLINE.sub(_inline, part) for part in parts[::3])
     blocks = (_block(*fence) for fence in zip(parts[1::3], parts[2::3], strict=True))

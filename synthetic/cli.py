@@ -72,7 +72,7 @@ def commands() -> None:
     "--look-alike",
     default=None,
     metavar="KIND",
-    help="What is not the object in its place, see synthetic.world.look_alikes.KINDS; no pose is told.",
+    help="What is not the object in its place, see synthetic.world.look_alikes.KINDS; there is no true pose.",
 )
 def dataset(
     object_name: str,
@@ -91,7 +91,7 @@ def dataset(
     5 magenta, 6 yellow; of dice their number, 1 to 25, and the truth's "object" is the list of all dice.
 
     With the effect `calibration` each frame's folder holds the calibration that is given for it, in whose
-    world the truth is told; the cameras as they truly are stand in the truth. With `timing` the truth has
+    world the truth is given; the cameras as they truly are stand in the truth. With `timing` the truth has
     stamp and pose of each camera.
     """
     from synthetic.effects import Effects

@@ -36,7 +36,7 @@ class Effects:
     """Tape, cables, cloth and tools on the wall, at its foot and outside, half of them in the colours of
     faces; never in front of the object."""
     sizes: bool = False
-    """Each axis of the object is up to 0.3 mm longer or shorter than it is said to be."""
+    """Each axis of the object is up to 0.3 mm longer or shorter than stated."""
     fringes: bool = False
     """Lateral chromatic aberration."""
     skewed_psf: bool = False

@@ -35,7 +35,7 @@ class Frame:
     renderer: str
     """Which renderer made it."""
     calibrated: Calibrated
-    """The cameras as they are and as they are said to be."""
+    """The cameras as they are and as their calibration states them."""
     stamps: FloatArray
     """(cameras,) when each picture was taken: the middle of its exposure [s]; the latest is `timestamp`."""
     scenes: tuple[PlatformScene, ...]
@@ -46,12 +46,15 @@ class Frame:
     @property
     def objects(self) -> tuple[ObjectState, ...]:
         """The object, or all dice, exactly, at `timestamp` and in the calibrated world; empty: none."""
-        return tuple(self.calibrated.told(state) for state in self.scene.objects)
+        return tuple(self.calibrated.in_calibrated_world(state) for state in self.scene.objects)
 
     @property
     def objects_at_stamps(self) -> tuple[tuple[ObjectState, ...], ...]:
         """The same at the stamp of each camera."""
-        return tuple(tuple(self.calibrated.told(state) for state in scene.objects) for scene in self.scenes)
+        return tuple(
+            tuple(self.calibrated.in_calibrated_world(state) for state in scene.objects)
+            for scene in self.scenes
+        )
 
     @property
     def rig(self) -> CameraRig:
@@ -81,7 +84,7 @@ class Frame:
         }
 
     def _more(self) -> list[dict[str, Any]]:
-        """What of each camera needs to be told where it is not as it is said to be, or takes its own time."""
+        """What differs per camera: its calibration, if it is not as stated, and its stamp and poses."""
         result: list[dict[str, Any]] = [{} for _ in self.rig]
         if self.calibrated.calibrated_from_world is not None:
             for entry, camera in zip(result, self.rig, strict=True):

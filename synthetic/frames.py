@@ -134,11 +134,11 @@ class FrameMaker(Closing):
         self._stack.close()
 
     def chunk(
-        self, number: int, wanted: Container[int] | None = None, emptied: Container[int] = ()
+        self, number: int, chosen: Container[int] | None = None, emptied: Container[int] = ()
     ) -> Iterator[Frame]:
-        """The frames of a chunk in order, or those whose numbers are wanted.
+        """The frames of a chunk in order, or those whose numbers are in `chosen`.
 
-        Those whose numbers are in `emptied` are given a second time, after the first if that is wanted, with
+        Those whose numbers are in `emptied` are given a second time, after the first if that is chosen, with
         the same light, fingers and noise but without any object.
         """
         crew = self._crew(number)
@@ -150,10 +150,10 @@ class FrameMaker(Closing):
                 taken = []
             # Of a group of coded pictures each needs those before.
             left = range(index, index - place + crew.group)
-            if wanted is not None and not any(k in wanted or k in emptied for k in left):
+            if chosen is not None and not any(k in chosen or k in emptied for k in left):
                 continue
             frame = self._frame(index, timestamp, scene_at, crew)
-            if wanted is None or index in wanted:
+            if chosen is None or index in chosen:
                 yield self._recorded(frame, taken, crew)
             if index in emptied:
                 emptied_at = functools.partial(_emptied, scene_at)
@@ -171,7 +171,7 @@ class FrameMaker(Closing):
         return still_at(scene, number * PERIOD, self._effects, self.options.seed, number)
 
     def _dressed(self, tidy: PlatformScene, number: int) -> PlatformScene:
-        """A scene with a look-alike, if one is wanted, and with effects."""
+        """A scene with a look-alike, if one is chosen, and with effects."""
         kind, seed = self.options.look_alike, self.options.seed
         if kind is not None:
             tidy = look_alike(tidy, kind, stream("look_alike", seed, number))

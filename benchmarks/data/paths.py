@@ -1,4 +1,4 @@
-"""Motions whose pose is known at any time: an object that flies to and fro between points of the arena."""
+"""Motions whose pose is known at any time: an object that flies between points of the arena."""
 
 from __future__ import annotations
 

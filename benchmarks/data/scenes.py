@@ -59,10 +59,10 @@ class Scene:
     rotation: FloatArray | None
     """(3, 3) world from object."""
     cameras: FloatArray | None = None
-    """(2, cameras, 46) cameras as they truly are, and as they are said to be; None: as the set has them."""
+    """(2, cameras, 46) true cameras, and as their calibration states them; None: as the set has them."""
 
     def rigs(self, usual: CameraRig) -> tuple[CameraRig, CameraRig]:
-        """The true cameras, and those that a user is told of; `usual` are those of the set."""
+        """The true cameras, and those of the calibration given to a user; `usual` are those of the set."""
         return rigs_of(self.cameras, usual)
 
     @property
@@ -117,15 +117,15 @@ def _scene_of(frame: Frame) -> Scene:
 
 
 def rigs_of(cameras: FloatArray | None, usual: CameraRig) -> tuple[CameraRig, CameraRig]:
-    """True and told cameras from what `cameras_of` gave."""
+    """True and stated cameras from what `cameras_of` gave."""
     if cameras is None:
         return usual, usual
-    true, told = (dataclasses.replace(usual, cameras=tuple(map(_camera, usual, rows))) for rows in cameras)
-    return true, told
+    true, stated = (dataclasses.replace(usual, cameras=tuple(map(_camera, usual, rows))) for rows in cameras)
+    return true, stated
 
 
 def cameras_of(frame: Frame) -> FloatArray | None:
-    """(2, cameras, 46) true and told cameras of a frame; None where both are the set's own."""
+    """(2, cameras, 46) true and stated cameras of a frame; None where both are the set's own."""
     if frame.given is frame.rig:
         return None
     return np.array([[_row(camera) for camera in rig] for rig in (frame.rig, frame.given)])

@@ -28,7 +28,7 @@ CACHE = ROOT / "build" / "scenes"
 S = TypeVar("S")
 
 Maker = Callable[[int, Collection[int]], Iterable[tuple[int, S]]]
-"""Makes those items of a chunk that are wanted: number of the chunk, numbers of items to items."""
+"""Makes some items of a chunk: number of the chunk, numbers of items to items."""
 
 
 def packed(item: Any) -> bytes:
@@ -116,10 +116,10 @@ class Store(Generic[S]):
             return None
 
 
-def prepare(wanted: Iterable[tuple[Store[Any], Iterable[int]]], workers: int) -> None:
+def prepare(requests: Iterable[tuple[Store[Any], Iterable[int]]], workers: int) -> None:
     """Render what is not there yet of several stores, all in the same processes."""
     tasks: list[tuple[Store[Any], int, list[int]]] = []
-    for store, numbers in wanted:
+    for store, numbers in requests:
         chunks: dict[int, list[int]] = {}
         for number in store.missing(numbers):
             chunks.setdefault(number // store.chunk, []).append(number)
@@ -145,7 +145,7 @@ class _Renders:
         def work(task: tuple[Store[Any], int, list[int]]) -> Iterator[int]:
             store, chunk, numbers = task
             if store.folder not in known:
-                # Tasks come store by store: what made the one before is no longer wanted.
+                # Tasks come store by store: the maker of the last one is no longer needed.
                 known.clear()
                 known[store.folder] = store.maker()
                 store.folder.mkdir(parents=True, exist_ok=True)

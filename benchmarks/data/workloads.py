@@ -187,7 +187,7 @@ def case(
         other: a scene of another moment, where the workload asks for one.
     """
     rng = np.random.default_rng([stream(seed, "workload", workload.name, object_name), scene.index])
-    true_rig, told = scene.rigs(usual)
+    true_rig, stated = scene.rigs(usual)
     images: Sequence[Image] = scene.images
     if workload.disturb is not None:
         images = workload.disturb(images, rng)
@@ -202,6 +202,6 @@ def case(
         workload,
         scene,
         [np.ascontiguousarray(image) if k in used else None for k, image in enumerate(images)],
-        told if workload.believed is None else workload.believed(told, rng),
+        stated if workload.believed is None else workload.believed(stated, rng),
         true_rig,
     )

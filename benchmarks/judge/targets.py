@@ -22,7 +22,7 @@ def judge(results: Results) -> list[dict[str, Any]]:
     """All targets that were measured, in the file's order.
 
     Returns:
-        For each its `name`, `object`, `n`, what is `wanted`, `reached` and its 95 % interval `low` to `high`
+        For each its `name`, `object`, `n`, the `target`, `reached` and its 95 % interval `low` to `high`
         as texts, and the `verdict`: `met` or `missed` where the whole interval is, else `undecided`.
     """
     return [
@@ -56,14 +56,14 @@ def _judged(target: dict[str, Any], kind: str, results: Results) -> Iterator[dic
         "name": target["name"],
         "object": kind,
         "n": len(own),
-        "wanted": _wanted(metric, least, most),
+        "target": _target(metric, least, most),
         "reached": metric.text(value) + (f" ({beside.text(beside.of(own))})" if beside else ""),
         "interval": f"{metric.text(low)} to {metric.text(high)}".replace(NOTHING, "?"),
         "verdict": "met" if met else "missed" if missed else "undecided",
     }
 
 
-def _wanted(metric: Metric, least: float, most: float) -> str:
+def _target(metric: Metric, least: float, most: float) -> str:
     if math.isinf(most):
         return f"≥ {metric.text(least)}"
     return f"≤ {metric.text(most)}" if math.isinf(least) else f"{metric.text(least)} to {metric.text(most)}"

@@ -68,7 +68,7 @@ def measure_accuracy(
 
 def _wanted(sets: Iterable[tuple[str, str]], plan: Plan) -> Iterator[tuple[Store[Scene], Sequence[int]]]:
     for name, base in sets:
-        # What the package cannot draw is told where it is measured.
+        # Measuring reports what the package cannot draw.
         with contextlib.suppress(PackageError):
             scenes = scene_set(name, base, plan)
             yield scenes.store, scenes.numbers

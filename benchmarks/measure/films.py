@@ -77,7 +77,7 @@ def _realistic(name: str, store: FilmStore) -> Iterator[pd.DataFrame]:
 
 
 def _world(name: str, store: FilmStore) -> Iterator[pd.DataFrame]:
-    """By all cameras and by each alone, of the calibration that a user is told of."""
+    """By all cameras and by each alone, of the calibration given to a user."""
     films = [list(store.frames(film, range(store.length))) for film in range(FILMS)]
     model = tracker.load_object(name)
     trackers = [tracker.ObjectTracker(model, rigs_of(film[0].cameras, rig())[1]) for film in films]
@@ -101,7 +101,7 @@ def _films(
 
 
 def play(own: tracker.ObjectTracker, frames: Iterable[FilmFrame], camera: int | None = None) -> pd.DataFrame:
-    """Give a film to a tracker that begins anew, all cameras' pictures or those of one alone.
+    """Give a film to a tracker that starts from nothing, all cameras' pictures or those of one alone.
 
     Returns:
         A row for each frame: `timestamp`, `present`, `status`, `visible` to the cameras that are given,
@@ -112,14 +112,14 @@ def play(own: tracker.ObjectTracker, frames: Iterable[FilmFrame], camera: int | 
     rows, poses = [], []
     for frame in _read_ahead(frames):
         images = [image if camera in (None, k) else None for k, image in enumerate(frame.images)]
-        said, times = in_turn(functools.partial(own.update, images, frame.timestamp), images)
-        measured, filtered = said.object_pose, said.filtered_object_pose
+        answer, times = in_turn(functools.partial(own.update, images, frame.timestamp), images)
+        measured, filtered = answer.object_pose, answer.filtered_object_pose
         seen = frame.visible_fraction if camera is None else frame.visible_fraction[camera]
         true = true_pose(frame.position, frame.rotation)
         row: dict[str, Any] = {
             "timestamp": frame.timestamp,
             "present": frame.position is not None,
-            "status": said.status.value,
+            "status": answer.status.value,
             "visible": float(np.mean(seen)),
             "found": filtered is not None,
             "confidence": np.nan if filtered is None else float(filtered.confidence),

@@ -82,13 +82,13 @@ def scores(images: Sequence[LabelledImage], colors: ColorModel, least: float = 0
 
 
 def _row(title: str, values: list[tuple[int, float]], target: float | None = None) -> str:
-    wanted = "" if target is None else f" (≥ {target})"
+    limit = "" if target is None else f" (≥ {target})"
     ious = np.array([value for _, value in values])
     colors = []
     for label in range(1, 7):
         own = [value for key, value in values if key == label]
         colors.append(f"{COLOR_NAMES[label]} {np.mean(own):.2f}" if own else f"{COLOR_NAMES[label]} -")
-    return f"| {title} | {len(ious)} | {ious.mean():.3f}{wanted} | {', '.join(colors)} |"
+    return f"| {title} | {len(ious)} | {ious.mean():.3f}{limit} | {', '.join(colors)} |"
 
 
 def likeness_table(real: Path, scenes: int, quality: str) -> str:

@@ -61,7 +61,7 @@ def measure_motion(
 def play(
     own: tracker.ObjectTracker, frames: Iterable[MotionFrame], given: Callable[[MotionFrame], Given]
 ) -> pd.DataFrame:
-    """Give a film to a tracker that begins anew.
+    """Give a film to a tracker that starts from nothing.
 
     Returns:
         A row for each frame: `moving`, `steady`, and mm, deg, nees of the measured and the filtered pose and
@@ -70,10 +70,10 @@ def play(
     own.reset()
     rows = []
     for frame in frames:
-        said = own.update(*given(frame))
+        answer = own.update(*given(frame))
         poses = (
-            ("measured", said.object_pose, frame.latest),
-            ("filtered", said.filtered_object_pose, frame.latest),
+            ("measured", answer.object_pose, frame.latest),
+            ("filtered", answer.filtered_object_pose, frame.latest),
             ("predicted", own.predict(frame.timestamp + AHEAD), frame.ahead),
         )
         row: dict[str, Any] = {"moving": frame.moving, "steady": frame.steady}

@@ -22,7 +22,7 @@ from tracker.segmentation.labelled import LabelledImage, intersection_over_union
 LIGHT_SEED = 11
 
 FOCAL = 295.0
-"""Of the pictures in whose pixels misses are told, whatever the size of the recorded ones [px]."""
+"""Of the pictures in whose pixels misses are given, whatever the size of the recorded ones [px]."""
 
 NOISE = 1.5
 """Deviation of the noise that is added to the pictures of a film [levels]: about what they have."""

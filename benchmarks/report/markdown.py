@@ -85,7 +85,7 @@ def targets(judged: Judged) -> list[str]:
         "interval lies within the target, outside it, or on both sides."
     )
     lines = [
-        [row[key] for key in ("name", "object", "wanted", "reached", "interval")]
+        [row[key] for key in ("name", "object", "target", "reached", "interval")]
         + [str(row["n"]), VERDICTS[row["verdict"]]]
         for row in judged
     ]

@@ -52,7 +52,7 @@ class Shown:
     images: Sequence[Image | None]
     """(H, W, 3) uint8 BGR of each camera of the rig, None where it gave none."""
     rig: tracker.CameraRig
-    """The cameras as they are; not as the tracker was told, where the two differ."""
+    """The cameras as they are; not as the tracker's calibration has them, where the two differ."""
     model: tracker.CuboidModel
     """The object."""
     estimate: tuple[FloatArray, FloatArray] | None

@@ -1,4 +1,4 @@
-"""Figures of films that were played: what `update` said of frame after frame, a row each."""
+"""Figures of films that were played: what `update` answered frame after frame, a row each."""
 
 from __future__ import annotations
 

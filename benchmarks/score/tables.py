@@ -80,7 +80,7 @@ NOT_THE_OBJECT = ("absent", "look-alike: *")
 """Workloads that do not show the object."""
 
 _STATED = (
-    Metric("said", "stated", lambda rows: 100 * rows.confidence.mean(), "{:.1f} %"),
+    Metric("stated", "stated", lambda rows: 100 * rows.confidence.mean(), "{:.1f} %"),
     Metric("right", "right", lambda rows: percent(right(rows)), "{:.1f} %"),
 )
 
@@ -391,7 +391,7 @@ TABLES: tuple[Table, ...] = (
             Metric(
                 "invented", "invented", share(lambda rows: ~rows.right.astype(bool)), "{:.2f} %", share=True
             ),
-            Metric("said", "mean probability", lambda rows: 100 * rows.probability.mean(), "{:.1f} %"),
+            Metric("stated", "mean probability", lambda rows: 100 * rows.probability.mean(), "{:.1f} %"),
             Metric("brier", "Brier score", dice.brier, "{:.4f}"),
         ),
         heads=("", "scenes", ""),

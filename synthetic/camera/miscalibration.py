@@ -1,7 +1,7 @@
 """Calibrations that are wrong: their world is not the table's, and cameras are not where they say.
 
 What is defined by a calibration cannot be wrong: a world that floats above the table is a world all the
-same, and truth is told in it. What cameras do not agree on are errors.
+same, and truth is given in it. What cameras do not agree on are errors.
 """
 
 from __future__ import annotations
@@ -39,12 +39,12 @@ KNOCK = 0.003, np.radians(0.5)
 """By so much, either moved [m] or turned [rad]."""
 
 _BOARD = np.array([[x, y, 0.0] for x in np.linspace(-0.14, 0.14, 7) for y in np.linspace(-0.14, 0.14, 7)])
-"""Where a board lay [m] when the cameras' poses were found, with what their lenses were said to be."""
+"""Where a board lay [m] when the cameras' poses were found, with their lenses as stated."""
 
 
 @dataclass(frozen=True, eq=False)
 class Calibrated:
-    """A rig as it is and as it is said to be."""
+    """A rig as it is and as its calibration states it."""
 
     rig: CameraRig
     """The cameras as they truly are, in the calibrated world."""
@@ -53,7 +53,7 @@ class Calibrated:
     calibrated_from_world: FloatArray | None = None
     """(4, 4) from the world of the simulation [m]; None: the same world."""
 
-    def told(self, state: ObjectState) -> ObjectState:
+    def in_calibrated_world(self, state: ObjectState) -> ObjectState:
         """Where an object of the simulation is in the calibrated world, exactly."""
         if self.calibrated_from_world is None:
             return state
@@ -88,12 +88,12 @@ def _posed(camera: Camera, camera_from_world: FloatArray) -> Camera:
 
 
 def _given(camera: Camera, rng: np.random.Generator) -> Camera:
-    """What is said of a camera."""
+    """A camera as its calibration states it."""
     turn_std = np.exp(rng.normal(0.0, 0.25)) * STATED[1]
     move_std = np.exp(rng.normal(0.0, 0.15)) * STATED[0]
-    said = _with_board(camera, _with_wrong_lens(camera, rng))
+    stated = _with_board(camera, _with_wrong_lens(camera, rng))
     move, turn = move_std * _heavy(rng, 3), turn_std * _heavy(rng, 3)
-    transform = said.camera_from_world.copy()
+    transform = stated.camera_from_world.copy()
     transform[:3, :3] = so3.exp(turn) @ transform[:3, :3]
     transform[:3, 3] += move
     knocked, turned, axis = rng.random() < KNOCKED, rng.random() < 0.5, rng.standard_normal(3)
@@ -109,7 +109,7 @@ def _given(camera: Camera, rng: np.random.Generator) -> Camera:
         turns = [so3.hat(unit) @ transform[:3, :3] for unit in np.eye(3)]
         std[:3, :3] = turn_std * np.sqrt(np.sum(np.square(turns), axis=0))
         std[:3, 3] = move_std
-    return dataclasses.replace(_posed(said, transform), camera_from_world_std=std)
+    return dataclasses.replace(_posed(stated, transform), camera_from_world_std=std)
 
 
 def _heavy(rng: np.random.Generator, count: int) -> FloatArray:
@@ -130,14 +130,14 @@ def _with_wrong_lens(camera: Camera, rng: np.random.Generator) -> Camera:
     return dataclasses.replace(camera, matrix=matrix, distortion=distortion)
 
 
-def _with_board(true: Camera, said: Camera) -> Camera:
-    """`said` where a board shows it to be that is seen by `true`: a wrong lens puts a camera elsewhere."""
+def _with_board(true: Camera, stated: Camera) -> Camera:
+    """`stated`, placed where a board seen by `true` shows it to be: a wrong lens puts a camera elsewhere."""
     rotation, translation = true.camera_from_world[:3, :3], true.camera_from_world[:3, 3]
     start, _ = cv2.Rodrigues(rotation.copy())
     pixels, _ = cv2.projectPoints(_BOARD, start, translation, true.matrix, true.distortion)
     _, turn, move = cv2.solvePnP(
-        _BOARD, pixels, said.matrix, said.distortion, start.copy(), translation.reshape(3, 1).copy(), True
+        _BOARD, pixels, stated.matrix, stated.distortion, start.copy(), translation.reshape(3, 1).copy(), True
     )
     transform = np.eye(4)
     transform[:3, :3], transform[:3, 3] = cv2.Rodrigues(turn)[0], move.ravel()
-    return _posed(said, transform)
+    return _posed(stated, transform)

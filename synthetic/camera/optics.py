@@ -96,7 +96,7 @@ class Fringes:
 class Coma:
     """A skewed point spread: the comet of a lens whose parts are not quite on one axis.
 
-    Its middle stays where the point is: what it shifts a calibration has already told. A cheap lens at F/1.4
+    Its middle stays where the point is: a calibration already contains the shift. A cheap lens at F/1.4
     to F/2.8 leaves comets of up to 20 µm, three times the width of a pixel of the platform's cameras.
     """
 

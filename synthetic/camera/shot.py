@@ -38,7 +38,7 @@ class Quality:
         sensor = Sensor.sample(rng, path)
         if self.sensor_height is not None:
             return sensor
-        # Four pixels' charge is one's: less noise, and a blur of half as many, wider pixels.
+        # One pixel has the charge of four: less noise, and a blur of half as many, wider pixels.
         return dataclasses.replace(
             sensor,
             psf_sigma=float(np.hypot(0.5 * sensor.psf_sigma, 0.3)),

@@ -171,7 +171,7 @@ class Crew:
     units: tuple[Unit, ...]
     """Each camera, in the simulation's world."""
     calibrated: Calibrated
-    """The same in the calibrated world, and what is said of them."""
+    """The same in the calibrated world, and the stated cameras."""
     timing: Timing | None = None
     """When their pictures are taken; None: all at once and in no time."""
     compression: Compression | None = None
@@ -186,7 +186,7 @@ class Crew:
         """The last of the pictures of all cameras as a recording gives them back.
 
         Args:
-            taken: (H, W, 3) BGR of each camera, from the beginning of the last one's group on.
+            taken: (H, W, 3) BGR of each camera, from the beginning of the last group on.
             raw: they are recorded and given back as mosaics (H, W).
         """
         images = taken[-1]

@@ -88,10 +88,12 @@ def finish_bop(
     for usual in rig:
         files: dict[str, dict[str, Any]] = {"camera": {}, "gt": {}, "gt_info": {}}
         for entry in entries:
-            key, told = int(entry["frame"]), entry.get("cameras", {}).get(usual.name, {})
+            key, camera_entry = int(entry["frame"]), entry.get("cameras", {}).get(usual.name, {})
             keys = ("matrix", "distortion", "camera_from_world")
-            changes: dict[str, Any] = {key: np.array(told[key]) for key in keys if key in told}
-            camera, found = dataclasses.replace(usual, **changes), told.get("object", entry["object"])
+            changes: dict[str, Any] = {
+                key: np.array(camera_entry[key]) for key in keys if key in camera_entry
+            }
+            camera, found = dataclasses.replace(usual, **changes), camera_entry.get("object", entry["object"])
             items = found if isinstance(found, list) else [] if found is None else [found]
             poses = [camera.camera_from_world @ _world_from_object(item) for item in items]
             masks = [scene / f"{kind}_{camera.name}" / f"{key:06d}" for kind in ("mask", "mask_visib")]

@@ -69,7 +69,7 @@ class Task:
     """Frames that one worker makes in order."""
 
     chunk: int
-    wanted: tuple[int, ...]
+    numbers: tuple[int, ...]
 
 
 @dataclass(frozen=True)
@@ -85,8 +85,8 @@ class MakerFactory:
         maker = FrameMaker(self.options.frames, self.options.rig())
 
         def work(task: Task) -> Iterator[dict[str, Any]]:
-            frames = maker.chunk(task.chunk, frozenset(task.wanted))
-            for frame in itertools.islice(frames, len(task.wanted)):
+            frames = maker.chunk(task.chunk, frozenset(task.numbers))
+            for frame in itertools.islice(frames, len(task.numbers)):
                 if self.options.bop:
                     write_bop_frame(self.folder / "bop", frame)
                 write_frame(self.folder, frame, maker.rig.names)
@@ -171,9 +171,9 @@ def _tasks(options: DatasetOptions, done: set[int]) -> list[Task]:
     result = []
     for chunk in range(-(-options.count // size)):
         numbers = range(chunk * size, min((chunk + 1) * size, options.count))
-        wanted = tuple(number for number in numbers if number not in done)
-        if wanted:
-            result.append(Task(chunk, wanted))
+        missing = tuple(number for number in numbers if number not in done)
+        if missing:
+            result.append(Task(chunk, missing))
     return result
 
 
@@ -249,9 +249,9 @@ def _save_rig(root: Path, rig: CameraRig) -> None:
     rig.save(root)
 
 
-def _refuse_difference(root: Path, found: dict[str, Any], wanted: dict[str, Any]) -> None:
-    found, wanted = ({**head, **head.get("settings", {})} for head in (found, wanted))
-    for key, value in wanted.items():
+def _refuse_difference(root: Path, found: dict[str, Any], expected: dict[str, Any]) -> None:
+    found, expected = ({**head, **head.get("settings", {})} for head in (found, expected))
+    for key, value in expected.items():
         if key != "settings" and found.get(key) != value:
             raise DatasetError(
                 f"{root}: found a data set made with {key} {found.get(key)!r}, expected {value!r}; "

@@ -16,7 +16,7 @@ _NEAR_M, _FAR_M = 0.02, 5.0
 
 
 def import_pyrender() -> ModuleType:
-    """Import pyrender 0.1.45, which relies on a screen unless told otherwise, and on NumPy 1.
+    """Import pyrender 0.1.45, which relies on a screen by default, and on NumPy 1.
 
     PYOPENGL_PLATFORM and PYGLET_HEADLESS stay set, since pyrender reads them again later.
 

@@ -58,7 +58,7 @@ def with_effects(scene: PlatformScene, effects: Effects, seed: int, number: int)
 
     Args:
         scene: a tidy one.
-        effects: those wanted.
+        effects: those requested.
         seed: of everything random.
         number: of the single scene or of the motion.
     """

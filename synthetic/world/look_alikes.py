@@ -1,4 +1,4 @@
-"""Look-alikes: what somebody may put in the object's place that is not it, and that no tracker should report.
+"""Look-alikes: other things in the object's place, which no tracker should report.
 
 Each kind is a function from the true object's body, which it takes away, to bodies in its place. Labels are
 those of the colours that are seen; the true arrangement of faces is never among them.

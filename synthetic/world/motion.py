@@ -119,7 +119,7 @@ def _pictures(
 def _scene_at(
     platform: Platform, look: Look, lighting: Lighting, kind: str, known: tuple[_Known, ...], time: float
 ) -> PlatformScene:
-    """The scene at a time between moments; before the first one, that one's."""
+    """The scene at a time between moments; before the first, that of the first."""
     k = next((k for k in range(1, len(known)) if known[k].time >= time), len(known) - 1)
     share = max(0.0, 1.0 - (known[k].time - time) / PERIOD)
     moment = between(known[k - 1].moment, known[k].moment, share)

@@ -100,7 +100,7 @@ class World(Closing):
 
     def _load_robot(self, assets: Path) -> None:
         p = self._bullet
-        # Links may then collide with each other, once let_fingers_collide has said which.
+        # Links may then collide with each other, once let_fingers_collide has chosen them.
         flags = p.URDF_USE_INERTIA_FROM_FILE | p.URDF_USE_SELF_COLLISION
         self.robot = p.loadURDF(str(assets / URDF), useFixedBase=True, flags=flags)
         self.links: dict[int, str] = {}

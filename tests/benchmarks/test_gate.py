@@ -28,7 +28,7 @@ def baseline() -> Results:
 
 
 def changed(run: Results, **columns) -> Results:
-    """The same run with columns of the accuracy made anew from its frame."""
+    """The same run with columns of the accuracy computed again from its frame."""
     after = copy.deepcopy(run)
     frame = after.frames["accuracy"]
     after.frames["accuracy"] = frame.assign(**{key: make(frame) for key, make in columns.items()})

@@ -46,13 +46,13 @@ class Knowing:
     """A tracker that knows where the object of `frame_of` is, but for `off` [m]."""
 
     def __init__(self, off=0.0) -> None:
-        self.off, self.said, self.resets = off, [], 0
+        self.off, self.given, self.resets = off, [], 0
 
     def reset(self):
         self.resets += 1
 
     def update(self, images, timestamp):
-        self.said.append((int(images[0][0, 0, 0]), timestamp))
+        self.given.append((int(images[0][0, 0, 0]), timestamp))
         answer = self.predict(float(np.max(timestamp)))
         return SimpleNamespace(object_pose=answer, filtered_object_pose=None)
 
@@ -150,12 +150,12 @@ def test_a_frame_is_given_with_the_stamps_of_its_way(way):
     own = Knowing()
     played = play(own, [frame_of(k) for k in range(3)], GIVEN[way])
     assert own.resets == 1
-    for k, (first_pixel, stamps) in enumerate(own.said):
+    for k, (first_pixel, stamps) in enumerate(own.given):
         assert first_pixel == k + (0 if way == TOGETHER else 100)
         assert stamps == (frame_of(k).stamps.tolist() if way == OWN_STAMPS else k / 10)
     units = ["mm", "deg", "nees"]
-    for said in ("measured", "predicted"):
-        np.testing.assert_allclose(played[[f"{said}_{unit}" for unit in units]], 0, atol=1e-9)
+    for kind in ("measured", "predicted"):
+        np.testing.assert_allclose(played[[f"{kind}_{unit}" for unit in units]], 0, atol=1e-9)
     assert played.filtered_mm.isna().all()
 
 

@@ -78,7 +78,7 @@ def test_an_environment_whose_python_has_gone_is_made_anew(tmp_path, commands):
 
 
 def test_a_command_that_fails_says_why_in_one_line():
-    assert run([sys.executable, "-c", "print('said')"]) == "said\n"
+    assert run([sys.executable, "-c", "print('printed')"]) == "printed\n"
     with pytest.raises(PackageError, match=f"^{PACKAGE}: the reason$"):
         run([sys.executable, "-c", "import sys; sys.exit('more\\nthe reason')"])
     with pytest.raises(PackageError, match="No such file"):

@@ -171,7 +171,7 @@ def test_fourteen_targets_are_judged_for_both_kinds_of_object():
     judged = judge(made)
     assert len({row["name"] for row in judged}) == 14
     assert len(judged) == 28
-    assert all(row["reached"] and row["interval"] and row["wanted"] for row in judged)
+    assert all(row["reached"] and row["interval"] and row["target"] for row in judged)
 
 
 def test_the_code_of_a_run_is_that_of_its_sources():

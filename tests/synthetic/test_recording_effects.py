@@ -43,11 +43,11 @@ def pixels(rig, points):
 def test_truth_in_a_floating_world_is_where_the_cameras_see_it(seed):
     calibrated = miscalibrated(RIG, rng(seed))
     state = ObjectState("cube", np.array([0.05, -0.07, 0.0325]), so3.exp(np.array([0.1, 0.2, 0.3])))
-    told = calibrated.told(state)
+    stated = calibrated.in_calibrated_world(state)
     corners = rng(1).uniform(-0.03, 0.03, (20, 3))
     seen, expected = (
         pixels(rig, corners @ one.rotation.T + one.position)
-        for rig, one in ((calibrated.rig, told), (RIG, state))
+        for rig, one in ((calibrated.rig, stated), (RIG, state))
     )
     np.testing.assert_allclose(seen, expected, atol=1e-9)
 
@@ -90,7 +90,7 @@ def test_an_exact_calibration_is_the_rig_itself():
     calibrated = exactly(RIG)
     state = ObjectState("cube", np.zeros(3), np.eye(3))
     assert calibrated.rig is calibrated.given is RIG
-    assert calibrated.told(state) is state
+    assert calibrated.in_calibrated_world(state) is state
 
 
 @pytest.mark.parametrize("kind", ["jpeg", "mosaic", "h264"])

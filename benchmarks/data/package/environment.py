@@ -43,7 +43,7 @@ def interpreter(folder: Path = CACHE, *, install: bool = True) -> Path:
         return Path(chosen)
     root = folder.resolve() / f"{PACKAGE}-{VERSION}"
     python, stamp = root / "bin" / "python", root / ".installed"
-    # The stamp is made last, so that what an interruption left half made is made anew; an interpreter that
+    # The stamp is made last, so that what an interruption left unfinished is made again; an interpreter that
     # has gone since then is a link to a Python that was removed.
     if stamp.is_file() and python.is_file():
         return python

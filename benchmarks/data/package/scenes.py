@@ -38,7 +38,7 @@ LENS_MARGIN = 27
 
 @dataclass(frozen=True)
 class Drawing:
-    """How the package's pictures are drawn, and what the tracker is told of its cameras."""
+    """How the package's pictures are drawn, and which cameras the tracker is given."""
 
     scale: int = 1
     """Points along each axis of a pixel: 1 as the package draws, 4 for smooth edges."""
