@@ -75,7 +75,7 @@ def nowhere(tmp_path, monkeypatch):
     """Folder of a copy of the package, beside which, as anywhere else, no kernel can be kept."""
     leave_out = shutil.ignore_patterns("__pycache__", "*.nb[ci]")
     shutil.copytree(PACKAGE, tmp_path / "tracker", ignore=leave_out)
-    # A file where a folder is wanted stops everybody; a folder's permissions do not stop root.
+    # A file where a folder is needed stops every user; a folder's permissions do not stop root.
     for folder in {path.parent for path in tmp_path.rglob("*.py")}:
         (folder / "__pycache__").touch()
     (tmp_path / "file").touch()
@@ -167,7 +167,7 @@ def answer(folder, script, sender):
     sender.send(printed.getvalue())
 
 
-def anew(folder, script):
+def in_new_process(folder, script):
     """What a script prints as JSON in a new process, which finds numba loaded."""
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload([__name__])
@@ -202,15 +202,15 @@ def edit(toy, name, old, new):
     os.utime(path, (stamp, stamp))
 
 
-def test_a_change_in_what_a_kernel_calls_or_imports_leads_to_machine_code_anew(toy):
-    assert anew(toy, TOY) == [7.0, 0]
-    assert anew(toy, TOY) == [7.0, 1]
+def test_a_change_in_what_a_kernel_calls_or_imports_leads_to_new_machine_code(toy):
+    assert in_new_process(toy, TOY) == [7.0, 0]
+    assert in_new_process(toy, TOY) == [7.0, 1]
     edit(toy, "inner.py", "1.0", "2.0")
-    assert anew(toy, TOY) == [8.0, 0]
+    assert in_new_process(toy, TOY) == [8.0, 0]
     edit(toy, "constants.py", "2.0", "3.0")
-    assert anew(toy, TOY) == [11.0, 0]
+    assert in_new_process(toy, TOY) == [11.0, 0]
     edit(toy, "unrelated.py", "0", "1")
-    assert anew(toy, TOY) == [11.0, 1]
+    assert in_new_process(toy, TOY) == [11.0, 1]
 
 
 def test_machine_code_of_older_sources_is_removed_but_for_the_latest(toy):
@@ -218,7 +218,7 @@ def test_machine_code_of_older_sources_is_removed_but_for_the_latest(toy):
     for k in range(4):
         edit(toy, "constants.py", f"{k + 1}.0" if k else "2.0", f"{k + 2}.0")
         before = kept(toy)
-        anew(toy, TOY)
+        in_new_process(toy, TOY)
         folders += kept(toy) - before
     assert len(folders) == 4
     assert kept(toy) == set(folders[-2:])
@@ -226,23 +226,23 @@ def test_machine_code_of_older_sources_is_removed_but_for_the_latest(toy):
 
 def test_copies_of_a_package_share_machine_code_where_a_folder_is_named(toy):
     shared = f"import numba\nnumba.config.CACHE_DIR = {str(toy / 'shared')!r}\n"
-    assert anew(toy, shared + TOY) == [7.0, 0]
+    assert in_new_process(toy, shared + TOY) == [7.0, 0]
     shutil.copytree(toy / "toy", toy / "elsewhere" / "toy")
-    assert anew(toy / "elsewhere", shared + TOY) == [7.0, 1]
+    assert in_new_process(toy / "elsewhere", shared + TOY) == [7.0, 1]
     edit(toy / "elsewhere", "inner.py", "1.0", "2.0")
-    assert anew(toy / "elsewhere", shared + TOY) == [8.0, 0]
-    assert anew(toy, shared + TOY) == [7.0, 1]
+    assert in_new_process(toy / "elsewhere", shared + TOY) == [8.0, 0]
+    assert in_new_process(toy, shared + TOY) == [7.0, 1]
     assert kept(toy) == kept(toy / "elsewhere") == set()
 
 
-def test_kept_machine_code_that_is_damaged_is_made_anew(toy):
-    anew(toy, TOY)
+def test_kept_machine_code_that_is_damaged_is_made_again(toy):
+    in_new_process(toy, TOY)
     for pattern in ("*.nbi", "*.nbc"):
         (folder,) = kept(toy)
         for file in folder.glob(pattern):
             file.write_bytes(b"none")
-        assert anew(toy, TOY) == [7.0, 0]
-    assert anew(toy, TOY) == [7.0, 1]
+        assert in_new_process(toy, TOY) == [7.0, 0]
+    assert in_new_process(toy, TOY) == [7.0, 1]
 
 
 def test_machine_code_of_others_is_read_where_none_can_be_kept(toy):
@@ -254,12 +254,12 @@ def refuse(self):
 
 caching._CacheLocator.ensure_cache_path = refuse
 """
-    assert anew(toy, read_only + TOY) == [7.0, 0]
+    assert in_new_process(toy, read_only + TOY) == [7.0, 0]
     assert kept(toy) == set()
-    assert anew(toy, TOY) == [7.0, 0]
-    assert anew(toy, read_only + TOY) == [7.0, 1]
+    assert in_new_process(toy, TOY) == [7.0, 0]
+    assert in_new_process(toy, read_only + TOY) == [7.0, 1]
     edit(toy, "inner.py", "1.0", "2.0")
-    assert anew(toy, read_only + TOY) == [8.0, 0]
+    assert in_new_process(toy, read_only + TOY) == [8.0, 0]
     assert len(kept(toy)) == 1
 
 
@@ -272,4 +272,4 @@ folder = pathlib.Path(outer.stats.cache_path)
 shutil.rmtree(folder)
 folder.touch()
 """
-    assert anew(toy, gone + TOY) == [7.0, 0]
+    assert in_new_process(toy, gone + TOY) == [7.0, 0]

@@ -38,18 +38,18 @@ def recordings(tmp_path) -> Path:
     return tmp_path / "in"
 
 
-def wanted(recordings: Path, name: str = "out", options: Options = OPTIONS) -> Batch:
+def batch_of(recordings: Path, name: str = "out", options: Options = OPTIONS) -> Batch:
     return Batch.of([f"{recordings}/*"], recordings.parent / name, options)
 
 
 def do(one: Batch) -> tuple[list[dict], int]:
-    """What was told of the recordings that were tracked, and how many were done before."""
-    told = []
+    """Results of the recordings that were tracked, and how many were done before."""
+    results = []
     with only_run(one):
         write_batch(one)
-        run_batch(one, lambda: nullcontext(here), told.append)
+        run_batch(one, lambda: nullcontext(here), results.append)
         tables.write_tables(one, tables.state(one), as_csv=True)
-    return [result for result in told if result is not None], told.count(None)
+    return [result for result in results if result is not None], results.count(None)
 
 
 def contents(folder: Path) -> dict[str, bytes | None]:
@@ -69,7 +69,7 @@ def test_names_mirror_paths_and_depend_on_nothing_else(tmp_path, monkeypatch):
 
 
 def test_every_recording_has_a_result_and_again_nothing_is_done(recordings):
-    one = wanted(recordings)
+    one = batch_of(recordings)
     tracked, before = do(one)
     assert (len(tracked), before) == (COUNT, 0)
     assert [result["frames"] for result in tracked] == [10 + number for number in range(COUNT)]
@@ -81,7 +81,7 @@ def test_every_recording_has_a_result_and_again_nothing_is_done(recordings):
 
 
 def test_broken_changed_and_missing_results_are_done_again_and_no_other(recordings):
-    one = wanted(recordings)
+    one = batch_of(recordings)
     do(one)
     whole = contents(one.folder)
     outputs = [one.folder / output for _, output in one.pairs]
@@ -101,15 +101,15 @@ def test_broken_changed_and_missing_results_are_done_again_and_no_other(recordin
     tracked, before = do(one)
     assert ([result["frames"] for result in tracked], before) == ([0], COUNT - 1)
     assert tables.state(one).lines[2]["task"] == "trajectory"
-    tracked, _ = do(wanted(recordings, options=Options("cube_v2", stop=4, make_tracker=NoiseTracker)))
+    tracked, _ = do(batch_of(recordings, options=Options("cube_v2", stop=4, make_tracker=NoiseTracker)))
     assert [result["frames"] for result in tracked] == [4] * COUNT
 
 
 @pytest.mark.parametrize("after", [0, 1, 3])
 def test_a_run_that_was_ended_loses_nothing_and_does_nothing_twice(after, recordings, monkeypatch):
-    undisturbed = wanted(recordings, "undisturbed")
+    undisturbed = batch_of(recordings, "undisturbed")
     do(undisturbed)
-    one, count = wanted(recordings), itertools.count()
+    one, count = batch_of(recordings), itertools.count()
     real = NoiseTracker.update
 
     def interrupted(self, *arguments):
@@ -127,7 +127,7 @@ def test_a_run_that_was_ended_loses_nothing_and_does_nothing_twice(after, record
     assert contents(one.folder) == contents(undisturbed.folder)
 
 
-def test_what_fails_is_told_with_its_reason_and_the_others_are_done(recordings, monkeypatch):
+def test_what_fails_is_reported_with_its_reason_and_the_others_are_done(recordings, monkeypatch):
     spoilt, real, long = recordings / "001" / "camera_data.dat", task.run, ("b" * 243, "c" * 250)
     content = spoilt.read_bytes()
     spoilt.write_bytes(content[:-100])
@@ -141,7 +141,7 @@ def test_what_fails_is_told_with_its_reason_and_the_others_are_done(recordings, 
         return real(job)
 
     monkeypatch.setattr(task, "run", failing)
-    one = wanted(recordings)
+    one = batch_of(recordings)
     failures = {
         Path(result["recording"]).name: result["failure"] for result in do(one)[0] if result["failure"]
     }
@@ -150,8 +150,8 @@ def test_what_fails_is_told_with_its_reason_and_the_others_are_done(recordings, 
     assert "ZeroDivisionError" in failures["002"]
     assert {failures[name].split(": ")[-1] for name in long} == {"File name too long"}
     kept = {
-        Path(told["recording"]).name: told["reason"]
-        for told in json.loads((one.folder / "failures.json").read_text())
+        Path(failure["recording"]).name: failure["reason"]
+        for failure in json.loads((one.folder / "failures.json").read_text())
     }
     assert kept == {name: failures[name] for name in ("001", "002", "notes.txt")}
     found = tables.state(one, {str(recordings / name): failures[name] for name in long})
@@ -161,13 +161,13 @@ def test_what_fails_is_told_with_its_reason_and_the_others_are_done(recordings, 
     for name in ("notes.txt", *long):
         path = recordings / name
         shutil.rmtree(path) if path.is_dir() else path.unlink()
-    tracked, before = do(wanted(recordings))
+    tracked, before = do(batch_of(recordings))
     assert (len(tracked), before) == (2, COUNT - 2)
     assert not (one.folder / "failures.json").exists()
 
 
-def test_a_reason_that_could_not_be_kept_is_told_by_who_saw_it(recordings):
-    one = wanted(recordings)
+def test_a_reason_that_could_not_be_kept_is_reported_by_its_run(recordings):
+    one = batch_of(recordings)
     do(one)
     logs = [log for log, _ in one.pairs]
     for name in ("000.poses.h5", "001.poses.h5"):
@@ -178,7 +178,7 @@ def test_a_reason_that_could_not_be_kept_is_told_by_who_saw_it(recordings):
 
 
 def test_a_result_that_another_run_is_making_is_left_to_it(recordings):
-    one = wanted(recordings)
+    one = batch_of(recordings)
     target = one.folder / one.pairs[1][1]
     target.parent.mkdir(parents=True)
     with claimed(target):
@@ -224,7 +224,7 @@ def test_the_table_says_what_is_in_the_files(recordings):
     goal = {"difficulty": 1, "goal": {"position": [0.01, 0.01, 0.01], "orientation": [0, 0, 0, 1]}}
     (recordings / "002" / "goal.json").write_text(json.dumps(goal))
     (recordings / "003" / "goal.json").write_text("{}")
-    one = wanted(recordings)
+    one = batch_of(recordings)
     do(one)
     with (one.folder / "summary.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
@@ -249,7 +249,7 @@ def test_the_table_says_what_is_in_the_files(recordings):
 def test_a_bad_goal_costs_the_score_and_says_why_and_nothing_else(recordings):
     for number, content in enumerate(["[[0, 5]]", "\0", "[[0, 0, 0.011]]", "[[0, [0, 0, 1e300]]]"]):
         (recordings / f"{number:03d}" / "goal.json").write_text(content)
-    one = wanted(recordings)
+    one = batch_of(recordings)
     assert [result["failure"] for result in do(one)[0]] == [None] * COUNT
     lines = tables.state(one).lines
     assert [line["frames"] for line in lines] == [10, 11, 12, 13, 14]
@@ -259,9 +259,9 @@ def test_a_bad_goal_costs_the_score_and_says_why_and_nothing_else(recordings):
 
 
 def test_the_jobs_of_a_list_do_all_of_it_once(recordings):
-    here = wanted(recordings, "here", Options("cube_v2", stop=1))
+    here = batch_of(recordings, "here", Options("cube_v2", stop=1))
     do(here)
-    one = wanted(recordings, options=Options("cube_v2", stop=1))
+    one = batch_of(recordings, options=Options("cube_v2", stop=1))
     recipe = Recipe.of(one.options)
     description = jobs.describe(one, one.tasks(agreed(recipe)), "slurm")
     content = json.loads(description.list_text)
@@ -379,14 +379,14 @@ def test_no_list_leads_out_of_the_folder_of_results(output, tmp_path):
 @pytest.mark.parametrize(
     "content", ["", "{}", "[]", '{"options": 3, "recordings": []}', '{"recordings": [[1]]}']
 )
-def test_a_folder_without_a_batch_is_told(content, tmp_path):
+def test_a_folder_without_a_batch_is_reported(content, tmp_path):
     (tmp_path / "batch.json").write_text(content)
     with pytest.raises(LogError, match="no batch"):
         read_batch(tmp_path)
 
 
 def test_summaries_that_are_damaged_count_as_missing(recordings):
-    one = wanted(recordings)
+    one = batch_of(recordings)
     do(one)
     outputs = [one.folder / output for _, output in one.pairs]
     for output, content in zip(outputs, ["", "[]", "{}", "[" * 100_000, "\x00"], strict=True):

@@ -63,7 +63,7 @@ def results(tmp_path) -> Path:
 
 @pytest.fixture
 def submit(slurm, recordings, results, run_here, monkeypatch) -> Callable[[], str]:
-    """Gives the command, always the same, to Slurm; what it said."""
+    """Gives the command, always the same, to Slurm; what it prints."""
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
 
     def submit_it() -> str:
@@ -106,9 +106,9 @@ def numbers(run_here, results: Path) -> dict[str, int]:
 def test_a_job_whose_process_is_killed_is_begun_again_and_a_second_run_does_nothing(
     slurm, submit, results, here, run_here
 ):
-    said = submit()
-    assert f"{COUNT} recordings" in said
-    job = said.split("Submitted batch job ")[1].split()[0]
+    printed = submit()
+    assert f"{COUNT} recordings" in printed
+    job = printed.split("Submitted batch job ")[1].split()[0]
     until(lambda: done(results), slurm.folder)
     os.kill(worker_of(results), signal.SIGKILL)
     before = done(results)
@@ -118,8 +118,8 @@ def test_a_job_whose_process_is_killed_is_begun_again_and_a_second_run_does_noth
     assert "Restarts=0" in slurm.ask("scontrol", "--oneliner", "show", "job", f"{job}_1")
     assert contents(results) == here
     assert before.items() <= done(results).items()
-    told = numbers(run_here, results)
-    assert (told["done"], told["failed"], told["missing"], told["running"]) == (COUNT, 0, 0, 0)
+    counts = numbers(run_here, results)
+    assert (counts["done"], counts["failed"], counts["missing"], counts["running"]) == (COUNT, 0, 0, 0)
     whole = done(results)
     assert submit() == f"all {COUNT} recordings are done\n"
     assert not slurm.jobs()
@@ -134,9 +134,9 @@ def test_what_jobs_that_are_cancelled_have_left_is_done_by_the_same_command(
     slurm.ask("scancel", job)
     slurm.finish()
     before = done(results)
-    told = numbers(run_here, results)
-    assert (told["done"], told["failed"], told["running"]) == (len(before), 0, 0)
-    assert told["missing"] == COUNT - len(before) > 0
+    counts = numbers(run_here, results)
+    assert (counts["done"], counts["failed"], counts["running"]) == (len(before), 0, 0)
+    assert counts["missing"] == COUNT - len(before) > 0
     assert f"\n{COUNT - len(before)} recordings" in submit()
     slurm.finish()
     assert contents(results) == here

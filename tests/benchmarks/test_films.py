@@ -108,7 +108,7 @@ def test_the_wait_begins_when_the_view_has_been_clear():
     assert waits == [3, 1, 0]
 
 
-def test_what_is_said_of_an_object_that_is_away():
+def test_answers_while_the_object_is_away_count_as_invented():
     number = np.arange(30)
     measured = (number < 5) | (number >= 26)
     own = film(

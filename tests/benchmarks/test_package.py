@@ -35,7 +35,7 @@ def test_an_interpreter_that_is_chosen_has_to_be_there(tmp_path, monkeypatch):
         interpreter(tmp_path)
 
 
-def test_nothing_is_installed_where_that_is_not_wanted(tmp_path):
+def test_nothing_is_installed_unless_requested(tmp_path):
     with pytest.raises(PackageError, match="not installed"):
         interpreter(tmp_path, install=False)
     assert not list(tmp_path.iterdir())
@@ -51,7 +51,7 @@ def test_an_environment_is_made_once(tmp_path, commands):
     assert len(commands) == count
 
 
-def test_what_an_interruption_left_half_made_is_made_anew(tmp_path, commands, monkeypatch):
+def test_what_an_interruption_left_unfinished_is_made_again(tmp_path, commands, monkeypatch):
     def interrupted(command: list[str]) -> str:
         if "install" in command:
             raise KeyboardInterrupt
@@ -69,7 +69,7 @@ def test_what_an_interruption_left_half_made_is_made_anew(tmp_path, commands, mo
     assert not (root / "half a package").exists()
 
 
-def test_an_environment_whose_python_has_gone_is_made_anew(tmp_path, commands):
+def test_an_environment_whose_python_has_gone_is_made_again(tmp_path, commands):
     python = interpreter(tmp_path)
     python.unlink()
     with pytest.raises(PackageError, match="not installed"):

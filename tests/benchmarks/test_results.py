@@ -29,7 +29,7 @@ def test_results_survive_the_disk(tmp_path):
 
 
 @pytest.mark.parametrize("content", [None, "no JSON", "[]", '{"about": {}, "accuracy": [1]}'])
-def test_what_is_no_file_of_results_is_told_by_name(tmp_path, content):
+def test_what_is_no_file_of_results_is_reported_by_name(tmp_path, content):
     if content is not None:
         (tmp_path / "results.json").write_text(content)
     with pytest.raises(ResultsError, match=r"results\.json"):
@@ -79,7 +79,7 @@ def test_parts_of_different_trees_or_scenes_are_not_put_together(measured):
     assert set(run("films", "dice", whole=True).frames) == {"films", "dice"}
 
 
-def test_a_run_that_was_broken_off_goes_on_and_a_finished_one_begins_anew(measured, monkeypatch):
+def test_a_run_that_was_broken_off_goes_on_and_a_finished_one_starts_again(measured, monkeypatch):
     run, _, count = measured
     with monkeypatch.context() as patch:
         patch.setitem(runs.PARTS, "dice", lambda run: 1 / 0)

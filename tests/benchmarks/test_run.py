@@ -58,7 +58,7 @@ def test_an_error_is_one_line(tmp_path, monkeypatch, capsys):
     assert "nowhere" in line
 
 
-def test_who_lacks_a_package_is_told_what_to_install(monkeypatch, capsys):
+def test_a_missing_package_is_named_with_what_to_install(monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "benchmarks.program", None)
     with pytest.raises(SystemExit) as stop:
         runpy.run_module("benchmarks", run_name="__main__")

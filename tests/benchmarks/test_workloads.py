@@ -148,7 +148,7 @@ def test_a_scene_survives_the_disk(rng):
         assert unpacked(Scene, packed(before)[:1000]) is None
 
 
-def test_cameras_that_are_not_what_they_are_said_to_be_go_with_their_scene(rng):
+def test_cameras_that_are_not_as_stated_go_with_their_scene(rng):
     usual, moved = rig(), disturbances.moved_rig(rig(), rng)
     rows = np.array([[scenes._row(camera) for camera in cameras] for cameras in (usual, moved)])
     one = dataclasses.replace(scene(rng), cameras=rows)

@@ -239,7 +239,7 @@ def test_all_files_of_a_folder_come_in_the_cameras_order(calibrated, tmp_path):
         read_all_calibrated([tmp_path])
 
 
-def test_a_principal_point_halved_with_its_rows_is_told_from_one_that_was_halved_right(tmp_path):
+def test_a_principal_point_halved_with_its_rows_is_distinguished_from_one_that_was_halved_right(tmp_path):
     whole = make_camera().resized(540, 540)
     matrix = whole.matrix.copy()
     matrix[:2] /= 2
@@ -258,7 +258,7 @@ def test_a_principal_point_halved_with_its_rows_is_told_from_one_that_was_halved
         assert halved_by_rows(tmp_path / "alone" / name) == name.startswith("a_")
 
 
-def test_the_platforms_own_halved_files_are_told(real):
+def test_the_platforms_own_halved_files_are_reported(real):
     files = sorted((real / "calibration" / "simulation").glob("*.yml"))
     assert [halved_by_rows(path) for path in files] == ["downsampled" in path.name for path in files]
 

@@ -59,7 +59,7 @@ def test_other_files_in_a_folder_do_not_disturb(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("names", "said", "patterns"),
+    ("names", "message", "patterns"),
     [
         (
             ("camera{}_full", "camera{}_cropped", "camera{}_cropped_and_downsampled"),
@@ -71,11 +71,11 @@ def test_other_files_in_a_folder_do_not_disturb(tmp_path):
     ],
     ids=["three sizes", "a variant without a suffix", "two robots"],
 )
-def test_variants_of_a_camera_are_named_with_patterns_that_select_them(names, said, patterns, tmp_path):
+def test_variants_of_a_camera_are_named_with_patterns_that_select_them(names, message, patterns, tmp_path):
     for name in names:
         for azimuth in (60, 180, 300):
             write_camera(make_camera(azimuth), tmp_path / f"{name.format(azimuth)}.yml")
-    with pytest.raises(CalibrationError, match=said) as caught:
+    with pytest.raises(CalibrationError, match=message) as caught:
         CameraRig.load(tmp_path)
     for pattern in patterns:
         assert pattern in str(caught.value)
@@ -83,7 +83,7 @@ def test_variants_of_a_camera_are_named_with_patterns_that_select_them(names, sa
 
 
 @pytest.mark.parametrize(
-    ("files", "options", "said"),
+    ("files", "options", "message"),
     [
         ({}, {}, r"found no files, expected a file like camera60\.yml"),
         ({"info.json": "{}"}, {}, r"found info\.json"),
@@ -92,10 +92,10 @@ def test_variants_of_a_camera_are_named_with_patterns_that_select_them(names, sa
         (None, {}, "none: cannot be read: No such file"),
     ],
 )
-def test_a_folder_that_holds_no_rig_is_named_with_what_it_holds(files, options, said, tmp_path):
+def test_a_folder_that_holds_no_rig_is_named_with_what_it_holds(files, options, message, tmp_path):
     for name, text in (files or {}).items():
         (tmp_path / name).write_text(text)
-    with pytest.raises(CalibrationError, match=said):
+    with pytest.raises(CalibrationError, match=message):
         CameraRig.load(tmp_path / "none" if files is None else tmp_path, **options)
 
 
@@ -111,7 +111,7 @@ def test_files_that_are_not_named_after_cameras_are_taken_with_the_pattern_that_
 
 
 @pytest.mark.parametrize(
-    ("make", "said"),
+    ("make", "message"),
     [
         (lambda: CameraRig(()), "found no camera"),
         (lambda: CameraRig.load([]), "found no camera"),
@@ -129,8 +129,8 @@ def test_files_that_are_not_named_after_cameras_are_taken_with_the_pattern_that_
         (lambda: CameraRig.load(".", pattern=5), "pattern: found 5, expected a text"),
     ],
 )
-def test_what_is_no_rig_is_refused(make, said):
-    with pytest.raises(CalibrationError, match=said):
+def test_what_is_no_rig_is_refused(make, message):
+    with pytest.raises(CalibrationError, match=message):
         make()
 
 
@@ -141,13 +141,13 @@ def test_what_is_no_rig_is_refused(make, said):
 def test_a_name_that_could_be_more_than_a_name_is_refused_where_it_is_read_and_where_it_is_made(
     name, tmp_path
 ):
-    said = "camera_name: found .* expected a text of up to 100 letters"
-    with pytest.raises(CalibrationError, match=said):
+    message = "camera_name: found .* expected a text of up to 100 letters"
+    with pytest.raises(CalibrationError, match=message):
         dataclasses.replace(make_camera(), name=name)
     data = {**entries(make_camera()), "camera_name": name}
     write_mapping(data, tmp_path / "camera60.yml")
     for read in (CameraRig.load, lambda folder: read_calibrated(folder / "camera60.yml")):
-        with pytest.raises(CalibrationError, match=said):
+        with pytest.raises(CalibrationError, match=message):
             read(tmp_path)
 
 
@@ -157,7 +157,7 @@ def test_names_of_letters_digits_and_marks_are_kept(name, tmp_path):
     assert CameraRig.load(tmp_path).names == (name,)
 
 
-def test_a_rig_that_cannot_be_saved_is_told_and_leaves_nothing(tmp_path):
+def test_a_rig_that_cannot_be_saved_is_reported_and_leaves_nothing(tmp_path):
     (tmp_path / "file").write_text("")
     for folder in (tmp_path / "file", "a\0b", 5):
         with pytest.raises(CalibrationError, match="cannot be made a folder"):

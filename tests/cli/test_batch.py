@@ -94,9 +94,9 @@ def test_killed_workers_and_runs_lose_nothing_and_do_nothing_twice(recordings, u
 def scheduler(tmp_path) -> Iterator[str]:
     """The address of a scheduler that others have begun, with one worker."""
     pytest.importorskip("distributed", reason="cluster: no module distributed")
-    told = tmp_path / "scheduler.json"
+    address = tmp_path / "scheduler.json"
     begin = "from distributed.cli import dask_{0}; dask_{0}.main()"
-    common = ["--scheduler-file", told, "--host", "127.0.0.1"]
+    common = ["--scheduler-file", address, "--host", "127.0.0.1"]
     commands = [
         ["-c", begin.format("scheduler"), *common, "--port", "0", "--no-dashboard"],
         ["-c", begin.format("worker"), *common, "--nthreads", "1", "--no-dashboard", "--no-nanny"],
@@ -112,11 +112,11 @@ def scheduler(tmp_path) -> Iterator[str]:
     ]
     deadline = time.monotonic() + 120
     try:
-        while not (told.exists() and told.read_text().rstrip().endswith("}")):
+        while not (address.exists() and address.read_text().rstrip().endswith("}")):
             assert processes[0].poll() is None
             assert time.monotonic() < deadline
             time.sleep(0.02)
-        yield json.loads(told.read_text())["address"]
+        yield json.loads(address.read_text())["address"]
     finally:
         # Asked to end together, each of them may wait for the other's word.
         for process in processes:
@@ -143,7 +143,9 @@ def test_ctrl_c_is_one_line_and_leaves_what_is_done(recordings, undisturbed, tmp
     assert not list(tmp_path.rglob(".*"))
 
 
-def test_a_full_disk_is_told_with_what_is_done_and_what_to_do(recordings, tmp_path, run_here, monkeypatch):
+def test_a_full_disk_is_reported_with_what_is_done_and_what_to_do(
+    recordings, tmp_path, run_here, monkeypatch
+):
     def full(path: Path, *_: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device", str(path))
 
@@ -174,15 +176,15 @@ def test_a_full_disk_is_told_with_what_is_done_and_what_to_do(recordings, tmp_pa
     assert len(state(read_batch(tmp_path)).lines) == 2
 
 
-def test_status_is_told_for_people_and_programs(recordings, tmp_path, run_here):
+def test_status_is_reported_for_people_and_programs(recordings, tmp_path, run_here):
     pairs = [(str(path), f"{path.name}.poses.h5") for path in sorted(recordings.iterdir())]
     pairs[1] = ("/in/first\nsecond", pairs[1][1])
     write_batch(Batch(tmp_path, Options("cube_v2"), tuple(pairs)))
     (tmp_path / "001.failed.json").write_text('{"reason": "it is broken"}')
-    told = run_here("batch", "status", tmp_path)
-    assert told.returncode == 0, told.stderr
-    assert f"missing     {COUNT - 1}" in told.stdout
-    assert "  /in/first second: it is broken\n" in told.stdout
+    shown = run_here("batch", "status", tmp_path)
+    assert shown.returncode == 0, shown.stderr
+    assert f"missing     {COUNT - 1}" in shown.stdout
+    assert "  /in/first second: it is broken\n" in shown.stdout
     numbers = json.loads(run_here("batch", "status", tmp_path, "--json", "--write").stdout)
     assert (numbers["recordings"], numbers["done"], numbers["failed"], numbers["missing"]) == (COUNT, 0, 1, 4)
     assert (tmp_path / "failures.json").is_file()
@@ -206,7 +208,7 @@ def test_a_dry_run_prints_and_writes_nothing(scheduler, word, recordings, tmp_pa
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         ("{all} -o out --slurm --htcondor", "one of them"),
         ("{all} -o out --jobs 2 --scheduler tcp://127.0.0.1:1", "one of them"),
@@ -222,12 +224,12 @@ def test_a_dry_run_prints_and_writes_nothing(scheduler, word, recordings, tmp_pa
     ],
 )
 def test_wrong_usage_is_one_line_and_leaves_nothing(
-    arguments, said, recordings, tmp_path, run_here, monkeypatch
+    arguments, message, recordings, tmp_path, run_here, monkeypatch
 ):
     monkeypatch.setattr("tracker.batch.workers.CONNECT_SECONDS", 0.5)
     given = arguments.format(all=f"{recordings}/*", folder=recordings).split()
     if given[0] != "status":
         chosen = () if "--object" in given else ("--object", "cube_v2")
         given = ["run", *given, *chosen]
-    assert_one_line_error(run_here("batch", *given, folder=tmp_path), said)
+    assert_one_line_error(run_here("batch", *given, folder=tmp_path), message)
     assert not list(tmp_path.rglob("*.poses.h5"))

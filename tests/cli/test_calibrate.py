@@ -221,8 +221,8 @@ def test_a_camera_that_was_knocked_is_named_and_drawn(pictures, run_here, tmp_pa
     assert all("fy/fx" in one for one in found["warnings"])
     picture = cv2.imread(str(tmp_path / "check.png"))
     assert picture.shape[1] == 3 * picture.shape[0] * 420 // 496
-    told = run_here("calibrate", "check", *files, "--object", "cube_v2", "--calibration", folder / "wrong")
-    assert "does not fit: camera180 is not where it has it" in told.stdout
+    shown = run_here("calibrate", "check", *files, "--object", "cube_v2", "--calibration", folder / "wrong")
+    assert "does not fit: camera180 is not where it has it" in shown.stdout
 
 
 CUBE = ("--object", "cube_v2")
@@ -240,7 +240,7 @@ def wrong(tmp_path_factory):
     return folder
 
 
-def test_the_refined_calibration_is_written_and_told_of(moving, wrong, tmp_path, run_here):
+def test_the_refined_calibration_is_written_and_summarised(moving, wrong, tmp_path, run_here):
     target = tmp_path / "mended"
     result = run_here(
         "calibrate", "refine", moving, *CUBE, "--stills", "--calibration", wrong, "--focal", "-o", target
@@ -287,7 +287,7 @@ def resting(tmp_path_factory):
     return folder
 
 
-def test_a_calibration_on_the_table_is_written_and_told_of(resting, tmp_path, run_here):
+def test_a_calibration_on_the_table_is_written_and_summarised(resting, tmp_path, run_here):
     target = tmp_path / "mended"
     result = run_here("calibrate", "table", resting, "--stills", *CUBE, "-o", target)
     assert result.returncode == 0, result.stderr
@@ -332,7 +332,7 @@ def test_pictures_may_be_named_moment_by_moment(resting, tmp_path, run_here):
         ("table {resting} {cube}", ["-o"]),
     ],
 )
-def test_what_cannot_be_done_is_told_in_a_line(arguments, words, resting, tmp_path, run_here):
+def test_what_cannot_be_done_is_reported_in_a_line(arguments, words, resting, tmp_path, run_here):
     used = tmp_path / "used"
     used.mkdir()
     (used / "camera60.yml").write_text("old")

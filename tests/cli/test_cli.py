@@ -80,14 +80,14 @@ def test_a_shell_completes_commands_objects_and_colours(words, expected, monkeyp
     assert result.stdout.split() == [expected]
 
 
-def test_exit_codes_have_one_meaning_said_in_the_help_and_in_the_documentation(run_here):
-    said, page = run_here("--help").stdout, (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
+def test_exit_codes_have_one_meaning_given_in_the_help_and_in_the_documentation(run_here):
+    shown, page = run_here("--help").stdout, (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
     for code, what in cli.EXIT_CODES.items():
-        assert f"  {code:<4} {what}\n" in said
+        assert f"  {code:<4} {what}\n" in shown
         assert f"| {code} | {what} |\n" in page.replace("`", "")
 
 
-def test_the_version_is_said():
+def test_the_version_is_printed():
     result = run("--version")
     assert result.returncode == 0
     assert result.stdout.startswith("tracker ")
@@ -131,9 +131,9 @@ def test_nothing_found_is_an_answer_and_no_error(demo, tmp_path, run_here):
     assert found["pose"] is None
     assert found["status"] == "no_object_colors"
     assert (tmp_path / "out.jpg").is_file()
-    told = run_here(*detect_arguments(demo, **grey), "--exit-code")
-    assert "no_object_colors" in told.stdout
-    assert told.returncode == 1
+    shown = run_here(*detect_arguments(demo, **grey), "--exit-code")
+    assert "no_object_colors" in shown.stdout
+    assert shown.returncode == 1
     assert run_here(*detect_arguments(demo), "--exit-code").returncode == 0
 
 
@@ -293,13 +293,13 @@ def test_output_that_cannot_be_written_is_one_line():
 
 
 @pytest.mark.parametrize(
-    ("raised", "code", "said"),
+    ("raised", "code", "message"),
     [
         (KeyboardInterrupt(), 130, "tracker: interrupted\n"),
         (RuntimeError("two\nlines"), 2, "RuntimeError in test_cli.py"),
     ],
 )
-def test_whatever_happens_is_one_line_without_traceback(raised, code, said, monkeypatch, capsys):
+def test_whatever_happens_is_one_line_without_traceback(raised, code, message, monkeypatch, capsys):
     def fail(_: object) -> None:
         raise raised
 
@@ -308,6 +308,6 @@ def test_whatever_happens_is_one_line_without_traceback(raised, code, said, monk
         cli.main(["detect", "--object", "cube_v2", "--calibration", "x", "x.png"])
     assert stop.value.code == code
     printed = capsys.readouterr()
-    assert said in printed.err
+    assert message in printed.err
     assert len(printed.err.splitlines()) == 1
     assert printed.out == ""

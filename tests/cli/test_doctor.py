@@ -62,7 +62,7 @@ def test_two_opencvs_are_one_too_many(monkeypatch):
     assert "uninstall -y opencv-python opencv-python-headless" in text
 
 
-def test_an_opencv_of_which_another_ones_removal_left_the_folder_is_told(monkeypatch, tmp_path):
+def test_an_opencv_of_which_another_ones_removal_left_the_folder_is_reported(monkeypatch, tmp_path):
     (tmp_path / "cv2").mkdir()
     installed = [SimpleNamespace(metadata={"Name": doctor.OPENCV})]
     monkeypatch.setattr(doctor.metadata, "distributions", lambda: installed)
@@ -80,7 +80,7 @@ def test_an_opencv_of_which_another_ones_removal_left_the_folder_is_told(monkeyp
 
 
 @pytest.mark.parametrize("asked", [None, "/some/where"])
-def test_a_place_for_compiled_code_is_told(monkeypatch, asked):
+def test_a_place_for_compiled_code_is_reported(monkeypatch, asked):
     monkeypatch.setattr(doctor.os, "access", lambda *_: False)
     monkeypatch.setattr(warm_up, "kernels_are_cached", lambda: True)
     code, text = report()
@@ -97,7 +97,7 @@ def test_a_place_for_compiled_code_is_told(monkeypatch, asked):
     assert "export NUMBA_CACHE_DIR=DIR" in text
 
 
-def test_libraries_that_are_there_and_do_not_load_are_told(monkeypatch, tmp_path):
+def test_libraries_that_are_there_and_do_not_load_are_reported(monkeypatch, tmp_path):
     (tmp_path / "empty.so").touch()
     monkeypatch.setattr(doctor.ctypes.util, "find_library", lambda _: str(tmp_path / "empty.so"))
     finding = doctor._opengl()

@@ -18,7 +18,7 @@ def recording(tmp_path_factory):
     return write_recording(tmp_path_factory.mktemp("film") / "recording", shots("cube_v2", 6, seed=513))
 
 
-def test_adapted_colors_are_written_and_told_of(recording, tmp_path, run_here):
+def test_adapted_colors_are_written_and_summarised(recording, tmp_path, run_here):
     target = tmp_path / "mine.npz"
     arguments = ("--object", "cube_v2", "--colors", "simulation", "-o", target, *QUICK)
     result = run_here("colors", "adapt", recording, *arguments)

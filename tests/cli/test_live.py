@@ -31,7 +31,7 @@ def recording(tmp_path_factory):
     return write_recording(tmp_path_factory.mktemp("live") / "recording", many)
 
 
-def test_a_recording_is_replayed_told_and_recorded(recording, tmp_path, run_here):
+def test_a_recording_is_replayed_printed_and_recorded(recording, tmp_path, run_here):
     target = tmp_path / "log.h5"
     result = run_here("live", recording, "--object", "cube_v2", "--record", target)
     assert result.returncode == 0, result.stderr
@@ -68,7 +68,7 @@ def test_poses_are_published_by_several_ways_at_once(recording, tmp_path, run_he
     assert {event.channel for event in events} == {"BOX_STATE"}
 
 
-def test_it_ends_when_it_is_told_to(recording, run_here):
+def test_it_ends_on_request(recording, run_here):
     result = run_here("live", recording, "--object", "cube_v2", "--seconds", "0.05", "--speed", "0.1")
     assert result.returncode == 0, result.stderr
     assert "sets of images  1," in result.stdout
@@ -77,7 +77,7 @@ def test_it_ends_when_it_is_told_to(recording, run_here):
 @pytest.mark.parametrize(
     ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)]
 )
-def test_a_signal_ends_it_with_its_files_whole_and_is_told_by_the_exit_code(
+def test_a_signal_ends_it_with_its_files_whole_and_is_reported_by_the_exit_code(
     number, code, recording, tmp_path, run_here, monkeypatch
 ):
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -163,9 +163,7 @@ def test_a_check_of_dark_cameras_exits_with_1(tmp_path, run_here):
     assert f"{RIG.names[0]}: " not in result.stdout
 
 
-def test_a_recording_that_ends_is_told_even_to_who_wants_to_hear_of_errors_only(
-    recording, tmp_path, run_here, monkeypatch
-):
+def test_a_recording_that_ends_is_reported_even_with_quiet(recording, tmp_path, run_here, monkeypatch):
     def refuse(*_):
         raise tracker.errors.LogError("no space is left")
 
@@ -234,12 +232,12 @@ def images():
     return shots("cube_v2", 1, seed=702)[0].images
 
 
-def test_cameras_in_the_wrong_order_are_told_once_two_looks_agree(images, follower, monkeypatch):
+def test_cameras_in_the_wrong_order_are_reported_once_two_looks_agree(images, follower, monkeypatch):
     monkeypatch.setattr("tracker.cli.live_outputs.FIRST_LOOK", 0.0)
     one = moment(0, (images[1], images[0], images[2]))
     lookout = Lookout(lambda: follower, RIG.names)
-    said = [lookout.look(one) for _ in range(3)]
-    assert said == [None, f"the images of {RIG.names[0]} and {RIG.names[1]} look swapped", None]
+    warnings = [lookout.look(one) for _ in range(3)]
+    assert warnings == [None, f"the images of {RIG.names[0]} and {RIG.names[1]} look swapped", None]
 
 
 def test_once_the_object_is_surely_found_nobody_looks_any_more(images, follower, monkeypatch):

@@ -1,4 +1,4 @@
-"""One set of pictures: files in any order, a frame of a folder, and what is said where names disagree."""
+"""One set of pictures: files in any order, a frame of a folder, and the messages where names disagree."""
 
 from __future__ import annotations
 
@@ -127,7 +127,7 @@ def test_files_go_to_the_cameras_that_they_or_their_folders_are_named_after(path
     assert all(part in one for one, part in zip(found, expected, strict=True))
 
 
-def test_swapped_pictures_are_told_and_taken_as_they_are(detect, tmp_path, run_here):
+def test_swapped_pictures_are_reported_and_taken_as_they_are(detect, tmp_path, run_here):
     for number in range(4):
         (tmp_path / "log" / f"{number:06d}").mkdir(parents=True)
         for name, other in zip(NAMES, ("camera180", "camera60", "camera300"), strict=True):
@@ -135,15 +135,15 @@ def test_swapped_pictures_are_told_and_taken_as_they_are(detect, tmp_path, run_h
                 DEMO / f"{number:06d}" / f"{other}.jpg", tmp_path / "log" / f"{number:06d}" / f"{name}.jpg"
             )
     result, found = detect("--calibration", DEMO, tmp_path / "log")
-    said = "the images of camera60 and camera180 look swapped"
-    assert result.stderr.splitlines() == [f"tracker: warning: {said}"]
+    warning = "the images of camera60 and camera180 look swapped"
+    assert result.stderr.splitlines() == [f"tracker: warning: {warning}"]
     assert found["pose"] is None or found["pose"]["confidence"] < 0.5
     tracked = run_here(
         *("track", tmp_path / "log", "--object", "cube_v2", "--calibration", DEMO, "--quiet"),
         *("-o", tmp_path / "poses.h5"),
         folder=tmp_path,
     )
-    assert tracked.stderr.splitlines() == [f"tracker: warning: {tmp_path / 'log'}: {said}"]
+    assert tracked.stderr.splitlines() == [f"tracker: warning: {tmp_path / 'log'}: {warning}"]
 
 
 def test_a_calibration_of_another_size_is_scaled_where_that_is_asked_for(detect, tmp_path):
@@ -167,7 +167,7 @@ def test_a_calibration_of_another_size_is_scaled_where_that_is_asked_for(detect,
         (["--calibration", DEMO, "--frame", "1", *files(DEMO / "000003", *NAMES)], ["--frame"]),
     ],
 )
-def test_what_is_missing_is_said(given, words, detect):
+def test_what_is_missing_is_named(given, words, detect):
     assert_one_line_error(detect(*given)[0], *words)
 
 

@@ -37,7 +37,7 @@ CODES = {signal.SIGHUP: 129, signal.SIGINT: 130, signal.SIGTERM: 143}
 
 
 @pytest.fixture(autouse=True)
-def heard():
+def not_ignored():
     """A run in the background hands on that Ctrl-C is ignored."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
@@ -86,16 +86,16 @@ def test_what_nohup_has_ignored_stays_ignored():
 
 
 def test_threads_other_than_the_main_one_are_left_as_they_are():
-    told = []
+    hooks = []
 
     def work() -> None:
         with ended_by_signals():
-            told.append(sys.unraisablehook)
+            hooks.append(sys.unraisablehook)
 
     thread = threading.Thread(target=work)
     thread.start()
     thread.join()
-    assert told == [sys.unraisablehook]
+    assert hooks == [sys.unraisablehook]
 
 
 @pytest.mark.parametrize("number", CODES)

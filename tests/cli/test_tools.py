@@ -182,7 +182,7 @@ def others(poses, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("command", "said"),
+    ("command", "message"),
     [
         ("export poses.h5", "--csv"),
         ("export poses.h5 --csv poses.csv", "that is an input"),
@@ -211,11 +211,11 @@ def others(poses, tmp_path):
         ("score job", "--object"),
     ],
 )
-def test_what_cannot_be_done_is_one_line_and_leaves_nothing(command, said, others, run_here):
+def test_what_cannot_be_done_is_one_line_and_leaves_nothing(command, message, others, run_here):
     if "--video" in command:
         pytest.importorskip("av", reason="video: no module av")
     before = sorted(others.rglob("*"))
-    assert_one_line_error(run_here(*command.split(), folder=others), said)
+    assert_one_line_error(run_here(*command.split(), folder=others), message)
     assert sorted(others.rglob("*")) == before
 
 

@@ -150,9 +150,9 @@ def test_a_camera_that_is_mirrored_is_named_with_what_to_look_at(filmed, tmp_pat
     result = run_here(*base, "-o", tmp_path / "poses.h5")
     lines = [line.strip() for line in result.stdout.splitlines()]
     (number,) = (k for k, line in enumerate(lines) if line.startswith("camera"))
-    name, said = re.split(r"  +", lines[number])
+    name, remark = re.split(r"  +", lines[number])
     assert name == "camera180"
-    share = re.fullmatch(r"contradicts the others in (.*)% of the frames with a measured pose:", said)
+    share = re.fullmatch(r"contradicts the others in (.*)% of the frames with a measured pose:", remark)
     assert float(share[1]) > 80
     assert "mirrored" in lines[number + 1]
     shown = observation(read_poses(tmp_path / "poses.h5"), FRAMES - 1)
@@ -178,7 +178,7 @@ def test_frames_can_be_chosen_and_the_calibration_be_given(filmed, tmp_path, run
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (["-o", "no/poses.h5"], "there is no folder"),
         (["-o", "poses.h5", "--from", "9"], "found 5 frames"),
@@ -216,7 +216,7 @@ def test_frames_can_be_chosen_and_the_calibration_be_given(filmed, tmp_path, run
         (["nothing.dat", "-o", "poses.h5"], "nothing.dat"),
     ],
 )
-def test_wrong_usage_is_one_line_and_leaves_nothing(arguments, said, tmp_path, run_here):
+def test_wrong_usage_is_one_line_and_leaves_nothing(arguments, message, tmp_path, run_here):
     write_log(tmp_path / "log", 5)
     for name in ("bare", "other"):
         (tmp_path / name).mkdir()
@@ -236,7 +236,7 @@ def test_wrong_usage_is_one_line_and_leaves_nothing(arguments, said, tmp_path, r
     first = ("bare/camera_data.dat", "log", "nothing.dat")
     log = [] if arguments[0] in first or arguments[-1] == "imgs" else ["log"]
     chosen = [] if "--object" in arguments else ["--object", "cube_v2"]
-    assert_one_line_error(run_here(*log, *chosen, *arguments, folder=tmp_path), said)
+    assert_one_line_error(run_here(*log, *chosen, *arguments, folder=tmp_path), message)
     assert contents(tmp_path) == before
 
 

@@ -28,7 +28,7 @@ def blocks(language: str, *pages: str) -> list[str]:
 
 
 def commands() -> list[str]:
-    """What a shell is told on all pages, without remarks."""
+    """The shell commands of all pages, without remarks."""
     lines = (line for block in blocks("sh") for line in block.replace("\\\n", " ").splitlines())
-    told = (re.sub(r"\s+", " ", line.partition(" # ")[0]).strip() for line in lines)
-    return list(dict.fromkeys(filter(None, told)))
+    found = (re.sub(r"\s+", " ", line.partition(" # ")[0]).strip() for line in lines)
+    return list(dict.fromkeys(filter(None, found)))

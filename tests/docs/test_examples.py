@@ -34,21 +34,21 @@ def test_the_page_shows_the_examples_and_names_every_one():
     assert set(re.findall(r"`(\w+\.py)`", PAGE)) == {path.name for path in EXAMPLES.glob("*.py")} - made
 
 
-def test_a_loop_is_told_where_to_act(working, run_script):
+def test_a_loop_gets_the_pose_at_which_to_act(working, run_script):
     lines = run_script(EXAMPLES / "control_loop.py", folder=working).stdout.splitlines()
     assert len(lines) == 4
     assert lines[-1].startswith("act at [0.11")
 
 
 def test_rewards_come_from_images(working, run_script):
-    said = run_script(EXAMPLES / "reward_from_images.py", folder=working).stdout
-    assert re.fullmatch(r"reward -0\.\d+ of 4 frames, 0 of them unknown\n", said)
+    printed = run_script(EXAMPLES / "reward_from_images.py", folder=working).stdout
+    assert re.fullmatch(r"reward -0\.\d+ of 4 frames, 0 of them unknown\n", printed)
 
 
 def test_what_was_tracked_is_plotted_and_not_tracked_again(working, run_script):
     pytest.importorskip("matplotlib", reason="plot: no module matplotlib")
-    said = run_script(EXAMPLES / "retrack.py", folder=working).stdout
-    assert said.count("100 % of them sure, 4 tracked now") == 2
+    printed = run_script(EXAMPLES / "retrack.py", folder=working).stdout
+    assert printed.count("100 % of them sure, 4 tracked now") == 2
     assert run_script(EXAMPLES / "retrack.py", folder=working).stdout.count(", 0 tracked now") == 2
     (working / "tracker-demo.h5").rename(working / "poses.h5")
     run_script(EXAMPLES / "plot_poses.py", folder=working)
@@ -56,15 +56,15 @@ def test_what_was_tracked_is_plotted_and_not_tracked_again(working, run_script):
 
 
 def test_a_rig_of_ones_own_is_saved_and_loaded(tmp_path, run_script):
-    said = run_script(EXAMPLES / "own_rig.py", folder=tmp_path).stdout
-    assert [line.split()[0] for line in said.splitlines()] == ["left", "right"]
+    printed = run_script(EXAMPLES / "own_rig.py", folder=tmp_path).stdout
+    assert [line.split()[0] for line in printed.splitlines()] == ["left", "right"]
     assert (tmp_path / "my_rig" / "arena.toml").is_file()
 
 
 def test_an_object_of_ones_own_is_found(tmp_path, run_script):
     skip_without_platform()
-    said = run_script(EXAMPLES / "own_object.py", folder=tmp_path).stdout
-    off = [float(line.split()[0]) for line in said.splitlines()]
+    printed = run_script(EXAMPLES / "own_object.py", folder=tmp_path).stdout
+    off = [float(line.split()[0]) for line in printed.splitlines()]
     assert len(off) == 3
     assert max(off) < 0.5
 

@@ -80,7 +80,8 @@ def test_code_and_document_name_each_other_at_every_equation():
         assert holder in holders()[number], f"equation ({number}) in {holder}"
     for path in ROOT.glob("tracker/**/*.py"):
         text = " ".join(path.read_text(encoding="utf-8").split())
-        assert {int(number) for number in re.findall(r"[Ee]quation \((\d+)\)", text)} <= set(holders()), path
+        numbers = re.findall(r"(?i:equation) \((\d+)\)", text)
+        assert {int(number) for number in numbers} <= set(holders()), path
 
 
 def test_the_script_draws_every_picture(tmp_path, run_script):

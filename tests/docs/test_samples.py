@@ -158,9 +158,9 @@ def test_the_sample_of_poses_gives_what_its_remarks_say(tmp_path, monkeypatch, r
     poses = names["poses"]
     assert len(poses) == 6
     sizes = {"n": 6, "C": 3, "3": 3}
-    told = re.findall(r"^(.+?) +# \(([\w, ]+?),?\)", block, re.MULTILINE)
-    assert len(told) == 3
-    for expression, shape in told:
+    stated = re.findall(r"^(.+?) +# \(([\w, ]+?),?\)", block, re.MULTILINE)
+    assert len(stated) == 3
+    for expression, shape in stated:
         assert eval(expression, names).shape == tuple(sizes[size] for size in shape.split(", ")), expression
 
 
@@ -176,8 +176,8 @@ def test_the_sample_of_recordings_reads_one(tmp_path, monkeypatch, capsys):
 
 def test_the_sample_of_a_folder_with_names_of_its_own_is_read(tmp_path, rng):
     pytest.importorskip("av", reason="video: no module av")
-    told = [block for block in blocks("toml", "docs/recordings") if "[cameras]" in block]
-    (tmp_path / "recording.toml").write_text(told[0], encoding="utf-8")
+    stated = [block for block in blocks("toml", "docs/recordings") if "[cameras]" in block]
+    (tmp_path / "recording.toml").write_text(stated[0], encoding="utf-8")
     images = list(rng.integers(0, 256, (3, 48, 64, 3), np.uint8))
     (tmp_path / "left").mkdir()
     for number, image in enumerate(images):
@@ -193,8 +193,8 @@ def test_the_sample_of_a_folder_with_names_of_its_own_is_read(tmp_path, rng):
 
 def test_the_sample_of_an_arena_is_that_of_the_sample_in_python(tmp_path, working, monkeypatch):
     monkeypatch.chdir(working)
-    (told,) = blocks("toml", "docs/own-rig")
-    (tmp_path / "arena.toml").write_text(told, encoding="utf-8")
+    (stated,) = blocks("toml", "docs/own-rig")
+    (tmp_path / "arena.toml").write_text(stated, encoding="utf-8")
     (same,) = blocks("python", "docs/own-rig")
     assert read_arena(tmp_path) == run_block(same)["arena"]
 

@@ -11,7 +11,7 @@ from tests.helpers import ROOT
 
 
 def begin(*arguments: object) -> subprocess.Popen[bytes]:
-    """Begin `tracker` with arguments, in a group of processes that can be told to end together."""
+    """Begin `tracker` with arguments, in a group of processes that can be ended together."""
     return subprocess.Popen(
         [sys.executable, "-m", "tracker", *map(str, arguments)],
         cwd=ROOT,

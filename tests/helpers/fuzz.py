@@ -1,7 +1,7 @@
 """Files damaged at random from a seed, read in a process with limits of memory and time.
 
 A crash of a compiled library, a loop without end and a memory that fills are seen as answers; the process
-is begun anew after each.
+starts again after each.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ class Answer:
     seed: int
     kind: str
     """`read`, whether or not with an error of the tracker; `raised` another one; `died`."""
-    told: Any
+    outcome: Any
     """What the reader returned, or what was raised, or the signal."""
 
 
@@ -109,7 +109,7 @@ def damaged(sample: Sample, seed: int) -> bytes:
 
 
 def frames_of(path: Path, recover: bool) -> tuple[str | None, list[tuple[int, list[int]]]]:
-    """What is said to be wrong, and of each frame number and checksums of the images."""
+    """The fault, and of each frame its number and checksums of the images."""
     frames, fault = [], None
     try:
         with tracker.open_log(path, recover=recover) as log:

@@ -1,4 +1,4 @@
-"""Pictures of a cube all over the arena, and cameras that are not where they are said to be."""
+"""Pictures of a cube all over the arena, and cameras that are not where their calibration has them."""
 
 from __future__ import annotations
 

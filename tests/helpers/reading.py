@@ -49,7 +49,7 @@ def attribute(key: str, value: Any = None, at: str = "/") -> Change:
 
 
 def made(name: str, *arguments: Any, **options: Any) -> Change:
-    """A dataset made anew, of which nothing is written."""
+    """A dataset made again, of which nothing is written."""
 
     def change(file: h5py.File) -> None:
         del file[name]

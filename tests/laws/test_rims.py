@@ -1,4 +1,4 @@
-"""How far the colours end within the nominal edges: several cameras see it, one alone is told by them."""
+"""How far the colours end within the nominal edges: several cameras see it, one alone must be given it."""
 
 from __future__ import annotations
 

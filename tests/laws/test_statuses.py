@@ -67,7 +67,7 @@ def upside_down(images):
 
 
 def wavy(image, reach=11.0, period=9.0):
-    """The image with every row and every column moved to and fro by `reach` pixels."""
+    """The image with every row and every column shifted back and forth by `reach` pixels."""
     y, x = np.indices(image.shape[:2]).astype(np.float32)
     moved = (
         base + np.float32(reach) * np.sin(2 * np.pi * other / period) for base, other in ((x, y), (y, x))

@@ -104,12 +104,12 @@ CALLS = {
 @pytest.mark.parametrize("name", CALLS)
 def test_what_cannot_be_taken_is_named_in_one_line(name):
     call, arguments = CALLS[name]
-    said = []
+    messages = []
     for key in arguments:
         for value in STRANGE:
             try:
                 call(**{**arguments, key: value})
             except tracker.TrackerError as error:
-                said.append(str(error))
-    assert len(said) > 10
-    assert not [text for text in said if "\n" in text]
+                messages.append(str(error))
+    assert len(messages) > 10
+    assert not [text for text in messages if "\n" in text]

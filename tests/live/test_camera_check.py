@@ -64,8 +64,8 @@ def test_a_picture_is_as_bright_live_as_in_the_health_of_a_recording(image):
     lamp = image.copy()
     lamp[:100] = 255
     for one in (image, lamp):
-        look, told = PictureLook.of(one), of_picture(one)
-        assert (told["brightness"], told["clipping"]) == (look.level, look.clipped)
+        look, measured = PictureLook.of(one), of_picture(one)
+        assert (measured["brightness"], measured["clipping"]) == (look.level, look.clipped)
     assert LIMITS["level"] == QUANTITIES["brightness"].limits
 
 
@@ -103,7 +103,7 @@ def test_sets_are_looked_at_until_the_source_ends(image):
     ]
 
 
-def test_a_source_that_gives_nothing_is_told():
+def test_a_source_that_gives_nothing_is_reported():
     source = SimpleNamespace(next=time.sleep)
     looks = look_at(source, RIG, 0.05)
     assert looks.faults() == ["no pictures came at all"]

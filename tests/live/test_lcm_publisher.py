@@ -120,7 +120,7 @@ def test_where_the_object_is_lost_there_is_no_message():
     assert content_of(moment(0)) is None
 
 
-def test_bodies_are_called_after_their_shape_or_as_is_wanted():
+def test_bodies_are_called_after_their_shape_or_as_given():
     assert [body_of(CUBE), body_of(CUBOID), body_of(CUBOID, "box_2")] == ["cube", "cuboid", "box_2"]
     assert [channel_of("cube"), channel_of("box_2")] == ["CUBE_STATE", "BOX_2_STATE"]
     assert decoded(content_of(moment(0, pose=estimate()), "box_2"))["velocity_names"][0] == "box_2_wx"
@@ -202,7 +202,7 @@ def test_nothing_listens_where_poses_are_published(group):
 
 
 @needs_lcm
-def test_a_log_that_cannot_be_written_is_told_without_words_on_networks(monkeypatch, tmp_path):
+def test_a_log_that_cannot_be_written_is_reported_without_words_on_networks(monkeypatch, tmp_path):
     def refuse(_):
         raise RuntimeError
 
@@ -245,7 +245,7 @@ def test_a_network_that_is_gone_ends_nothing(tmp_path):
     assert publisher.fault.endswith("3 messages were not sent; last: Network is unreachable")
 
 
-def test_what_lcm_is_told_is_what_was_looked_at(monkeypatch):
+def test_lcm_gets_the_address_that_was_checked(monkeypatch):
     url = lcm_publisher._url
     monkeypatch.delenv("LCM_DEFAULT_URL", raising=False)
     assert url("lcm://", False) == "udpm://239.255.76.67:7667?ttl=0"

@@ -85,7 +85,7 @@ def drain(live):
     live.close()
 
 
-def heard(*given, **options):
+def received(*given, **options):
     moments = []
     mean = MeanTracker()
     source = Given(*given, **options)
@@ -96,7 +96,7 @@ def heard(*given, **options):
 
 
 def test_every_set_is_answered_in_order_and_the_latest_stays():
-    live, _, moments = heard(*(shot(n, 10 + n) for n in range(5)))
+    live, _, moments = received(*(shot(n, 10 + n) for n in range(5)))
     assert [one.sequence for one in moments] == [0, 1, 2, 3, 4]
     assert [one.timestamp for one in moments] == [10, 11, 12, 13, 14]
     assert [one.object_pose[0] for one in moments] == [0, 1, 2, 3, 4]
@@ -136,8 +136,8 @@ def test_of_sets_that_wait_only_the_newest_counts():
     assert pushed.replaced == 4
 
 
-def test_at_tells_a_moment_to_come_from_all_that_was_seen_and_one_passed_from_what_was_known():
-    live, _, _ = heard(*(shot(n, 10 + n) for n in range(5)))
+def test_at_gives_a_moment_to_come_from_all_that_was_seen_and_one_passed_from_what_was_known():
+    live, _, _ = received(*(shot(n, 10 + n) for n in range(5)))
     assert live.at(14.5) == (14, 14.5)
     assert live.at(12.5) == (12, 12.5)
     assert live.at(9.0) is None
@@ -145,14 +145,14 @@ def test_at_tells_a_moment_to_come_from_all_that_was_seen_and_one_passed_from_wh
 
 
 def test_only_the_newest_moment_keeps_its_images():
-    live, _, moments = heard(*(shot(n, n) for n in range(3)))
+    live, _, moments = received(*(shot(n, n) for n in range(3)))
     assert live.latest().taken.images[0] is not None
-    assert moments[0].taken.images[0] is not None  # whoever listens may keep them
+    assert moments[0].taken.images[0] is not None  # listeners may keep them
     assert next(known[0].taken.images for known in live._moments) == (None,) * 3
 
 
-def test_stamps_that_go_back_begin_anew_and_are_told():
-    live, mean, moments = heard(shot(1, 100.0), shot(2, 100.1), shot(3, 50.0), shot(4, 50.1))
+def test_stamps_that_go_back_start_again_and_are_reported():
+    live, mean, moments = received(shot(1, 100.0), shot(2, 100.1), shot(3, 50.0), shot(4, 50.1))
     assert mean.resets == 1
     assert [one.timestamp for one in moments] == [100.0, 100.1, 50.0, 50.1]
     assert "went back by 50.1" in live.faults[0]
@@ -162,8 +162,8 @@ def test_stamps_that_go_back_begin_anew_and_are_told():
     assert live.at(100.2) is None
 
 
-def test_stamps_that_run_ahead_of_time_are_told_and_go_on():
-    live, mean, moments = heard(shot(1, 100.0), shot(2, 100.1), shot(3, 107.1), shot(4, 107.2))
+def test_stamps_that_run_ahead_of_time_are_reported_and_go_on():
+    live, mean, moments = received(shot(1, 100.0), shot(2, 100.1), shot(3, 107.1), shot(4, 107.2))
     assert mean.resets == 0
     assert [one.jump is None for one in moments] == [True, True, False, True]
     assert re.fullmatch(r"went on by 7\.000 s within [\d.]+ s", moments[2].jump)
@@ -174,23 +174,23 @@ def test_each_moment_tells_in_how_many_sets_a_camera_failed_until_then():
     image = np.zeros(SHAPE, np.uint8)
     whole, gone = (image,) * 3, (image, None, image)
     sets = [ImageSet(images, (float(n),) * 3) for n, images in enumerate([whole, gone, whole, gone, whole])]
-    _, _, moments = heard(*sets)
+    _, _, moments = received(*sets)
     assert [dict(one.fault_counts) for one in moments] == [
         {"camera0": 0, "camera1": n, "camera2": 0} for n in (0, 1, 1, 2, 2)
     ]
 
 
-def test_a_picture_that_cannot_be_used_is_told_with_its_camera():
+def test_a_picture_that_cannot_be_used_is_reported_with_its_camera():
     images = (np.zeros(SHAPE, np.uint8), None, np.zeros(SHAPE, np.uint8))
     uses = (CameraUse.FROZEN, CameraUse.NO_IMAGE, CameraUse.CONTRADICTING)
-    told = camera_faults(
+    faults = camera_faults(
         ("a", "b", "c"), ImageSet(images, (1.0,) * 3, (None, "the buffer failed", None)), uses
     )
-    assert told == {"a": "frozen", "b": "the buffer failed"}
+    assert faults == {"a": "frozen", "b": "the buffer failed"}
 
 
 def test_an_episode_that_begins_is_no_fault():
-    live, mean, _ = heard(shot(1, 0.0, fresh=True), shot(2, 0.1), shot(3, 0.2, fresh=True))
+    live, mean, _ = received(shot(1, 0.0, fresh=True), shot(2, 0.1), shot(3, 0.2, fresh=True))
     assert mean.resets == 2
     assert live.faults == ()
 
@@ -201,7 +201,7 @@ def test_a_camera_whose_stamp_jumps_is_left_out_of_that_set(off, cameras):
     image = np.full(SHAPE, 1, np.uint8)
     images = (image, image, image if cameras == 3 else None)
     jumped = ImageSet(images, (1.1, 1.1 + off, 1.1))
-    live, mean, moments = heard(ImageSet(images, (1.0,) * 3), jumped, ImageSet(images, (1.2,) * 3))
+    live, mean, moments = received(ImageSet(images, (1.0,) * 3), jumped, ImageSet(images, (1.2,) * 3))
     assert mean.seen[1] == (1, None, *mean.seen[0][2:])
     assert [one.timestamp for one in moments] == [1.0, 1.1, 1.2]
     assert "camera1: its stamp is" in live.faults[0]
@@ -213,14 +213,14 @@ def test_a_camera_whose_stamp_jumps_is_left_out_of_that_set(off, cameras):
 
 def test_an_image_of_another_size_does_not_take_the_others_with_it():
     images = (np.zeros(SHAPE, np.uint8), np.zeros((2, 2, 3), np.uint8), np.zeros(SHAPE))
-    live, mean, _ = heard(ImageSet(images, (1.0,) * 3))
+    live, mean, _ = received(ImageSet(images, (1.0,) * 3))
     assert mean.seen == [(0.0, None, None)]
     assert "camera1: found 2x2 px, expected 6x4 as it is calibrated" in live.faults
     assert any(fault.startswith("camera2: found float64") for fault in live.faults)
 
 
-def test_a_source_that_breaks_says_so_to_whoever_waits():
-    live, _, moments = heard(shot(1, 1.0), error=LiveError("camera60: gone for good"))
+def test_a_source_that_breaks_says_so_to_those_who_wait():
+    live, _, moments = received(shot(1, 1.0), error=LiveError("camera60: gone for good"))
     assert len(moments) == 1
     assert live.latest() is not None
     with pytest.raises(LiveError, match="camera60: gone for good"):
@@ -245,7 +245,7 @@ def test_a_source_that_asks_to_end_reaches_the_caller_as_it_is(asked):
 
 
 def test_images_of_another_count_end_it_with_the_names():
-    live, _, _ = heard(ImageSet((np.zeros(SHAPE, np.uint8),) * 2, (1.0,) * 2))
+    live, _, _ = received(ImageSet((np.zeros(SHAPE, np.uint8),) * 2, (1.0,) * 2))
     with pytest.raises(LiveError, match="found 2 images, expected one for each of camera0, camera1, camera2"):
         live.wait()
 
@@ -288,7 +288,7 @@ def test_closing_ends_a_thread_that_waits_for_images():
     assert live.wait() is None
 
 
-def test_a_source_that_does_not_return_is_left_and_told(monkeypatch):
+def test_a_source_that_does_not_return_is_left_and_reported(monkeypatch):
     monkeypatch.setattr("tracker.live.live.CLOSING", 0.2, raising=False)
     go_on, moments = threading.Event(), []
 
@@ -355,7 +355,7 @@ def test_stamps_are_pushed_as_whatever_holds_them(kind):
 def test_raw_pixels_of_a_picture_that_cannot_be_used_are_left_out_with_it():
     image, raw = np.zeros(SHAPE, np.uint8), np.zeros(SHAPE[:2], np.uint8)
     one = ImageSet((image, image[:2], image), (0.0,) * 3, raw=(raw, raw[:2], raw))
-    _, _, moments = heard(one)
+    _, _, moments = received(one)
     assert [found is None for found in moments[0].taken.raw] == [False, True, False]
 
 
@@ -364,7 +364,7 @@ def test_a_fault_of_every_set_does_not_drive_out_another(monkeypatch):
     image = np.zeros(SHAPE, np.uint8)
     small = [ImageSet((image, image[:2], image), (float(n),) * 3) for n in range(120)]
     jump = ImageSet((image,) * 3, (-1.0,) * 3)
-    live, _, _ = heard(ImageSet((image,) * 3, (0.0,) * 3), jump, *small)
+    live, _, _ = received(ImageSet((image,) * 3, (0.0,) * 3), jump, *small)
     assert len(live.faults) == 2
     assert "went back" in live.faults[0]
     assert live.faults[1].startswith("camera1: found 6x2 px")

@@ -1,4 +1,4 @@
-"""The page in the browser: what it is told, who may see it, and that it holds up nobody."""
+"""The page in the browser: what it gets, who may see it, and that it delays nothing."""
 
 from __future__ import annotations
 
@@ -70,12 +70,12 @@ def test_the_page_shows_pose_and_cameras_as_they_are(page):
     )
     assert observation.object_pose is not None
     page.faults = lambda: ["something"]
-    told = next_message(page, one)
-    assert told["sequence"] == 7
-    assert told["position"] == pytest.approx([50.0, -20.0, 32.5])
-    assert told["latency_ms"] == pytest.approx([12.0] * 4)
-    assert told["faults"] == ["something"]
-    first, gone, last = told["cameras"]
+    message = next_message(page, one)
+    assert message["sequence"] == 7
+    assert message["position"] == pytest.approx([50.0, -20.0, 32.5])
+    assert message["latency_ms"] == pytest.approx([12.0] * 4)
+    assert message["faults"] == ["something"]
+    first, gone, last = message["cameras"]
     assert (gone["use"], gone["fault"], gone["missing"]) == ("no_image", "its plug is out", 100.0)
     assert (gone["last_fault"], gone["last_fault_age"]) == ("its plug is out", 0.0)
     assert first["last_fault"] is None
@@ -86,7 +86,7 @@ def test_the_page_shows_pose_and_cameras_as_they_are(page):
     assert last["skew"] == pytest.approx(2.0)
 
 
-def test_a_fault_that_has_passed_is_told_for_some_seconds(monkeypatch):
+def test_a_fault_that_has_passed_is_reported_for_some_seconds(monkeypatch):
     now = 100.0
     monkeypatch.setattr("tracker.live.web_page.time.monotonic", lambda: now)
     state, last = WebPageState(FOLLOWER), []

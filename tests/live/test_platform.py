@@ -162,7 +162,7 @@ def test_an_interrupt_in_the_source_reaches_who_waits():
         robot.get_latest_observation()
 
 
-def test_raw_pixels_are_handed_on_where_they_are_wanted():
+def test_raw_pixels_are_handed_on_on_request():
     raw = tuple(np.random.default_rng(c).integers(0, 256, (540, 540), np.uint8) for c in range(3))
     images = tuple(cv2.resize(from_bayer(one), (270, 270)) for one in raw)
     with Frontend(Once(ImageSet(images, (1.0,) * 3, raw=raw)), Cube(), raw=True) as robot:
@@ -172,7 +172,7 @@ def test_raw_pixels_are_handed_on_where_they_are_wanted():
     assert np.array_equal(convert_image(images[0]), images[0])
 
 
-def test_colours_are_refused_where_raw_pixels_are_wanted(film):
+def test_colours_are_refused_where_raw_pixels_are_requested(film):
     with (
         Frontend(Once(ImageSet(tuple(film), (1.0,) * 3)), Cube(), raw=True) as robot,
         pytest.raises(LiveError, match="found images in colour, expected raw Bayer pixels"),

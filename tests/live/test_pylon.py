@@ -64,10 +64,10 @@ def test_pictures_are_the_cameras_to_the_bit_and_stamped_when_they_were_taken(ca
     assert before < given[0].stamp < given[1].stamp <= time.time() + 1e-3
 
 
-def test_what_a_camera_is_set_to_is_told(camera):
-    told = camera.settings()
-    assert (told["ExposureTime"], told["PixelFormat"]) == (1500.0, "BayerRG8")
-    assert "Gain" in told
+def test_what_a_camera_is_set_to_is_reported(camera):
+    settings = camera.settings()
+    assert (settings["ExposureTime"], settings["PixelFormat"]) == (1500.0, "BayerRG8")
+    assert "Gain" in settings
 
 
 def test_a_failed_buffer_is_one_picture_that_is_missing(camera):

@@ -80,8 +80,8 @@ def test_what_cameras_were_set_to_is_kept(tmp_path, run_here):
     recorder.close()
     with tracker.open_log(tmp_path / "log.h5") as log:
         assert log.settings == {"camera60": settings[0], "camera180": {"BalanceWhiteAuto": "Off"}}
-    told = run_here("info", tmp_path / "log.h5").stdout
-    assert "camera60 ExposureTime 1500.0, Gain 0" in told
+    shown = run_here("info", tmp_path / "log.h5").stdout
+    assert "camera60 ExposureTime 1500.0, Gain 0" in shown
 
 
 def test_settings_that_are_damaged_are_refused(tmp_path):

@@ -40,7 +40,7 @@ class Frames(Log):
 
 
 class Clock:
-    """Time that passes only while somebody sleeps."""
+    """Time that passes only during sleep."""
 
     def __init__(self):
         self.now = 5000.0

@@ -117,7 +117,7 @@ def test_jpeg_is_read_in_colour(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("added", "said"),
+    ("added", "message"),
     [
         ({"1/camera60.png": np.zeros((20, 31, 3), np.uint8)}, "31×20 px, expected 30×20"),
         ({"0/camera60.jpg": picture(0, 0)}, "one picture of a camera"),
@@ -131,16 +131,16 @@ def test_jpeg_is_read_in_colour(tmp_path):
         ],
     ],
 )
-def test_a_folder_that_is_no_recording_is_refused_with_the_reason(tmp_path, added, said):
+def test_a_folder_that_is_no_recording_is_refused_with_the_reason(tmp_path, added, message):
     ((path, content),) = added.items()
-    if said != "no pictures of cameras":
+    if message != "no pictures of cameras":
         write_triplets(tmp_path, ["0", "1"])
     (tmp_path / path).parent.mkdir(exist_ok=True)
     if isinstance(content, str):
         (tmp_path / path).write_text(content)
     else:
         write_picture(tmp_path / path, content)
-    with pytest.raises(LogError, match=said):
+    with pytest.raises(LogError, match=message):
         frames_of(tmp_path)
 
 
@@ -269,7 +269,7 @@ def test_films_of_different_length_leave_a_camera_without_image(tmp_path):
 
 
 @pytest.mark.parametrize("damage", [lambda b: b"", lambda b: b[: len(b) // 2], lambda b: b"no film" * 100])
-def test_what_is_no_film_is_told(tmp_path, damage):
+def test_what_is_no_film_is_reported(tmp_path, damage):
     film = write_film(tmp_path / "camera60.mp4", pictures(0, 12))
     film.write_bytes(damage(film.read_bytes()))
     with pytest.raises(LogError, match=r"camera60\.mp4: found no film"):
@@ -336,7 +336,7 @@ def test_a_file_says_which_pictures_are_whose(tmp_path, left, right):
     assert {tmp_path / "recording.toml", tmp_path / left.format(2)} < set(files)
 
 
-def test_films_and_pictures_go_together_and_stamps_may_be_told(tmp_path):
+def test_films_and_pictures_go_together_and_stamps_may_be_given(tmp_path):
     write_film(tmp_path / "some.mp4", pictures(0, 3))
     write_numbers(tmp_path / "r", 1, 3)
     (tmp_path / "recording.toml").write_text(PATTERNS.format("some.mp4", "r/*.png"))
@@ -356,9 +356,9 @@ def test_a_films_first_picture_belongs_to_the_lowest_number_beside_it(tmp_path):
         if k != 2:
             write_picture(tmp_path / f"r{k + 1}.png", image)
     (tmp_path / "recording.toml").write_text("rate = 50\n" + PATTERNS.format("some.mp4", "r*.png"))
-    wanted = expected(4, 2)
-    wanted[2][1] = None
-    assert shades(tmp_path)[:2] == (wanted, [0.0, 0.02, 0.04, 0.06])
+    shown = expected(4, 2)
+    shown[2][1] = None
+    assert shades(tmp_path)[:2] == (shown, [0.0, 0.02, 0.04, 0.06])
 
 
 def test_pictures_without_common_names_are_counted(tmp_path):

@@ -7,7 +7,7 @@ What no reader can notice, and these tests therefore allow:
 - In a plain native log nothing protects pixels; a flipped bit there gives another image. Nor small changes
   of stamps that stay in order, nor of a pose that stays one. The flag `continuous` carries nothing.
 - In a gzipped log the checksum is at the end: frames given before are in doubt when it disagrees, and that is
-  said then.
+  stated then.
 - In an HDF5 log images are protected by gzip's checksum; stamps, poses and calibration are not, as above.
 """
 
@@ -79,10 +79,10 @@ def made(folder: Path) -> list[Sample]:
         for camera in ("camera180", "camera300"):
             (places[name] / "0").mkdir(exist_ok=True)
             (places[name] / "0" / f"{camera}{suffix}").write_bytes(pictures[suffix])
-    told = b'[cameras]\nleft = "left/*.png"\nright = "r*.png"\n'
+    recording = b'[cameras]\nleft = "left/*.png"\nright = "r*.png"\n'
     for name in ("recording.toml", "stamps.csv"):
         (places[name] / "left").mkdir()
-        (places[name] / "recording.toml").write_bytes(told)
+        (places[name] / "recording.toml").write_bytes(recording)
         for file in ("left/1.png", "left/2.png", "r1.png", "r2.png"):
             (places[name] / file).write_bytes(pictures[".png"])
     larger = [content.bgr(k, 0).repeat(4, axis=0).repeat(4, axis=1) for k in range(4)]
@@ -110,7 +110,7 @@ def made(folder: Path) -> list[Sample]:
         ),
         sample("png of a log", pictures[".png"], "log of frames", "0/camera60.png", heads=((8, 33),)),
         sample("jpeg of a log", pictures[".jpg"], "log of frames", "0/camera60.jpg", heads=((0, 200),)),
-        sample("recording.toml", told, "log around", "recording.toml", **text),
+        sample("recording.toml", recording, "log around", "recording.toml", **text),
         sample("stamps.csv", b"1.5,1.501\n1.6,1.601\n", "log around", "stamps.csv", **text),
         sample("film", folder / "film.mp4", "log around", "camera60.mp4"),
         sample("object.toml", to_toml(load_object("cube_v2")).encode(), "object", "object.toml", **text),
@@ -142,8 +142,8 @@ def all_read(answers: list[Answer]) -> list[Answer]:
 
 @pytest.mark.parametrize("name", MADE)
 def test_a_damaged_file_of_any_kind_gives_an_error_in_one_line_or_what_it_says(of_made, name):
-    told = [answer.told for answer in all_read(of_made[name])]
-    faults = [one[0][0] if isinstance(one, list) else one for one in told]
+    outcomes = [answer.outcome for answer in all_read(of_made[name])]
+    faults = [one[0][0] if isinstance(one, list) else one for one in outcomes]
     assert sum(isinstance(fault, str) for fault in faults) > 0.2 * VARIANTS
 
 
@@ -152,8 +152,8 @@ def test_damage_gives_errors_or_frames_that_are_whole(real: Path, of_recorded, n
     _, whole = frames_of(real / "logs" / name, recover=False)
     noticed, recovered = 0, 0
     for answer in all_read(of_recorded[name]):
-        (fault, frames), (said, given) = answer.told
-        assert (fault is None) <= (said is None), answer.seed
+        (fault, frames), (known, given) = answer.outcome
+        assert (fault is None) <= (known is None), answer.seed
         if name != NATIVE[0] and name != NATIVE[1] and fault is None:
             # Checksums: without notice images are those of the whole recording.
             assert frames == whole, answer.seed
@@ -163,6 +163,6 @@ def test_damage_gives_errors_or_frames_that_are_whole(real: Path, of_recorded, n
         if name in HDF5:
             assert all(frame in whole for frame in given), answer.seed
         noticed += fault is not None
-        recovered += bool(given) and said is not None
+        recovered += bool(given) and known is not None
     assert noticed > 0.4 * VARIANTS
     assert recovered > 0.05 * VARIANTS

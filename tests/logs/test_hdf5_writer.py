@@ -117,7 +117,7 @@ def test_what_does_not_fit_is_refused_and_changes_nothing(tmp_path):
     images = list(content.raw[0])
     with Hdf5LogWriter(tmp_path / "log.h5", tiny_rig()) as writer:
         writer.append(images, 1.0)
-        for given, stamp, stamps, said in [
+        for given, stamp, stamps, message in [
             (images[:2], 2.0, None, "2 images, expected 3"),
             ([images[0][1:], *images[1:]], 2.0, None, "camera60: found uint8 of shape"),
             ([images[0].astype(float), *images[1:]], 2.0, None, "float64"),
@@ -131,7 +131,7 @@ def test_what_does_not_fit_is_refused_and_changes_nothing(tmp_path):
             (images, 2.0, [2.0, 2.0, 2e18], "is it in nanoseconds"),
             (images, 2.0, [1.0, 2.0], "stamps of shape"),
         ]:
-            with pytest.raises(LogError, match=said):
+            with pytest.raises(LogError, match=message):
                 writer.append(given, stamp, stamps)
         writer.append(images, 2.0, [2.0, float("nan"), 2.5])
     with tracker.open_log(tmp_path / "log.h5") as log:
@@ -184,14 +184,14 @@ for size in sys.argv[2:]:
 """
 
 
-def test_a_full_disk_is_told_and_what_was_flushed_before_stays(tmp_path):
+def test_a_full_disk_is_reported_and_what_was_flushed_before_stays(tmp_path):
     """In a process of its own: the HDF5 library ends it where a disk refuses something."""
     result = run_python(["-c", FULL, tmp_path, 0, 3000, 40_000, 50_000, 60_000], check=True)
     assert result.stderr == ""
     flushed = []
     for line in result.stdout.splitlines():
-        size, done, told = line.split(" ", 2)
-        assert told == "there.h5: cannot be written: File too large"
+        size, done, answer = line.split(" ", 2)
+        assert answer == "there.h5: cannot be written: File too large"
         flushed.append(int(done) - int(done) % 5)
         if flushed[-1]:
             with tracker.open_log(tmp_path / f"{size}.h5", recover=True) as log:

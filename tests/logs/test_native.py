@@ -79,7 +79,7 @@ def test_clocks_may_begin_before_their_zero(tmp_path, convert):
 @pytest.mark.parametrize("packed", [False, True])
 @pytest.mark.parametrize("count", [1, 4])
 @pytest.mark.parametrize("variant", VARIANTS, ids=lambda v: "-".join(str(x) for x in v.values()))
-def test_every_variant_is_told_from_its_records(tmp_path, variant, count, packed):
+def test_every_variant_is_recognised_by_its_records(tmp_path, variant, count, packed):
     content = make_content(count)
     path = write_native(tmp_path / "camera_data.dat", content, packed=packed, **variant)
     with tracker.open_log(path) as log:
@@ -245,7 +245,7 @@ def test_a_truncated_log_gives_the_frames_before(tmp_path, cut):
         assert "truncated" in log.fault
 
 
-def test_a_gzip_checksum_that_disagrees_is_told_at_the_end(tmp_path):
+def test_a_gzip_checksum_that_disagrees_is_reported_at_the_end(tmp_path):
     data = bytearray(gzip.compress(native_bytes(make_content(3)), 1))
     data[-8] ^= 1
     path = tmp_path / "log"

@@ -79,7 +79,7 @@ def test_cameras_whose_errors_are_not_stated_are_exact(rig, stated):
     assert begin(refiner.model, pictures, solution[0], states, LIKELY) is stated
 
 
-def test_a_pose_that_cannot_be_written_compiles_nothing_anew(rig, still):
+def test_a_pose_that_cannot_be_written_compiles_nothing_again(rig, still):
     one = tracker.ObjectTracker(MODEL, rig)
     fit, sight = one.fit(still.images), one._estimator.reader(still.images)
     before = len(refine.refine.signatures)

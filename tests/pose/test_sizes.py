@@ -110,7 +110,7 @@ def test_share_is_high_where_cameras_disagree_and_low_where_they_agree(rng):
 
 
 @pytest.mark.parametrize("share", [0.001, 1.0])
-def test_worn_edges_are_told_from_cameras_that_are_off(rng, share):
+def test_worn_edges_are_distinguished_from_cameras_that_are_off(rng, share):
     sharp = [Problem(rng, share).sizes() for _ in range(60)]
     worn = [Problem(rng, share, 0.2**2).sizes() for _ in range(60)]
     own = [found[2] for found in worn]

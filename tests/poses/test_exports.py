@@ -156,12 +156,12 @@ def test_results_fit_a_data_set_that_was_exported(tmp_path, rng):
         rows = read_bop(path)
         assert [str(row["im_id"]) for row in rows] == list(truth)
         for row in rows:
-            (wanted,) = truth[str(row["im_id"])]
-            assert row["obj_id"] == wanted["obj_id"]
+            (expected,) = truth[str(row["im_id"])]
+            assert row["obj_id"] == expected["obj_id"]
             assert str(row["obj_id"]) in models
             assert row["scene_id"] == int(scene.name)
-            assert row["R"].ravel() == pytest.approx(wanted["cam_R_m2c"], abs=1e-12)
-            assert row["t"] == pytest.approx(wanted["cam_t_m2c"], abs=1e-9)
+            assert row["R"].ravel() == pytest.approx(expected["cam_R_m2c"], abs=1e-12)
+            assert row["t"] == pytest.approx(expected["cam_t_m2c"], abs=1e-9)
 
 
 def test_a_pose_without_a_score_is_no_result(tmp_path, rng):

@@ -59,7 +59,7 @@ OTHER = CameraRig((make_camera(60), make_camera(180), make_camera(301, "camera30
 
 
 @pytest.mark.parametrize(
-    ("make", "said"),
+    ("make", "message"),
     [
         (lambda poses: concatenate([poses, of(poses, object_name="cuboid_2x2x8_v2")]), "part 1: found"),
         (lambda poses: concatenate([poses, of(poses, rig=OTHER)]), "part 1: found"),
@@ -74,8 +74,8 @@ OTHER = CameraRig((make_camera(60), make_camera(180), make_camera(301, "camera30
         ],
     ],
 )
-def test_what_poses_do_not_have_or_what_does_not_belong_together_is_refused(make, said, rng):
-    with pytest.raises(LogError, match=said):
+def test_what_poses_do_not_have_or_what_does_not_belong_together_is_refused(make, message, rng):
+    with pytest.raises(LogError, match=message):
         make(random_poses(rng, 3, recorded=False))
 
 
@@ -196,16 +196,16 @@ def test_later_changes_of_a_pose_do_not_reach_the_columns(rng):
 
 
 @pytest.mark.parametrize(
-    ("make", "said"),
+    ("make", "message"),
     [
         (lambda pose: answer(None, pose, ""), "filtered pose: velocity: found none"),
         (lambda pose: answer(flat(pose), None, ""), r"measured pose: position: found shape \(2,\), exp"),
         (lambda _: answer(None, None, "", ["used"] * 2), "cameras: found 2, expected 3: camera60, camera180"),
     ],
 )
-def test_an_answer_that_does_not_fit_is_refused_before_it_is_added(make, said, rng):
+def test_an_answer_that_does_not_fit_is_refused_before_it_is_added(make, message, rng):
     builder = PosesBuilder(make_about())
-    with pytest.raises(LogError, match=said):
+    with pytest.raises(LogError, match=message):
         builder.append(0, 0.0, make(random_pose(rng)))
     assert len(builder) == len(builder.build()) == 0
 

@@ -45,14 +45,14 @@ def read_only(tmp_path) -> Path:
     return Path("/sys") if os.access(folder, os.W_OK) else folder
 
 
-def test_what_the_disk_has_no_room_for_is_told_and_all_else_is_done(tmp_path):
+def test_what_the_disk_has_no_room_for_is_named_and_all_else_is_done(tmp_path):
     for name, frames in (("a", 5), ("b", 300), ("c", 6)):
         write_log(tmp_path / "in" / name, frames)
     options = Options("cube_v2", make_tracker=NoiseTracker)
-    one, told = Batch.of([f"{tmp_path}/in/*"], tmp_path / "out", options), []
+    one, results = Batch.of([f"{tmp_path}/in/*"], tmp_path / "out", options), []
     with no_file_longer_than(30_000):
-        run_batch(one, lambda: contextlib.nullcontext(here), told.append)
-    assert [result["failure"] and result["failure"].split(": ", 1)[1] for result in told] == [
+        run_batch(one, lambda: contextlib.nullcontext(here), results.append)
+    assert [result["failure"] and result["failure"].split(": ", 1)[1] for result in results] == [
         None,
         "cannot be written: File too large",
         None,
@@ -61,9 +61,9 @@ def test_what_the_disk_has_no_room_for_is_told_and_all_else_is_done(tmp_path):
     assert (len(found.lines), len(found.failures)) == (2, 1)
     assert len(read_poses(one.folder / one.pairs[2][1])) == 6
     assert not list((tmp_path / "out").rglob("*.tmp"))
-    told.clear()
-    run_batch(one, lambda: contextlib.nullcontext(here), told.append)
-    assert [result and result["failure"] for result in told] == [None] * 3
+    results.clear()
+    run_batch(one, lambda: contextlib.nullcontext(here), results.append)
+    assert [result and result["failure"] for result in results] == [None] * 3
     assert len(state(one).lines) == 3
 
 
@@ -91,7 +91,7 @@ def whole(tmp_path, name) -> tuple:
 
 
 @pytest.mark.parametrize("name", WRITERS)
-def test_a_place_that_cannot_be_written_is_told_in_one_line(name, read_only, whole, tmp_path):
+def test_a_place_that_cannot_be_written_is_reported_in_one_line(name, read_only, whole, tmp_path):
     for folder in (read_only, tmp_path / "none"):
         with pytest.raises(TrackerError) as raised:
             WRITERS[name](folder / name, *whole)
@@ -101,7 +101,7 @@ def test_a_place_that_cannot_be_written_is_told_in_one_line(name, read_only, who
 
 
 @pytest.mark.parametrize("name", WRITERS)
-def test_a_full_disk_is_told_in_one_line_and_leaves_what_was_there(name, tmp_path, whole):
+def test_a_full_disk_is_reported_in_one_line_and_leaves_what_was_there(name, tmp_path, whole):
     (tmp_path / "out").mkdir()
     target = tmp_path / "out" / name
     if name not in NEW:
@@ -115,7 +115,7 @@ def test_a_full_disk_is_told_in_one_line_and_leaves_what_was_there(name, tmp_pat
 
 
 @pytest.mark.parametrize("name", NEW)
-def test_a_recording_that_grows_while_it_is_converted_is_told(name, tmp_path, whole):
+def test_a_recording_that_grows_while_it_is_converted_is_reported(name, tmp_path, whole):
     poses, log = whole
     with (tmp_path / "log").open("ab") as file:
         file.write(b"more")

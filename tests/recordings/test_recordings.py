@@ -51,9 +51,9 @@ def test_every_frame_is_there_once_as_a_loop_of_ones_own_has_it(log, expected, t
 def test_a_log_that_has_to_be_read_through_gives_the_same(expected, tmp_path):
     packed = write_log(tmp_path / "packed", FRAMES, packed=True)
     (tmp_path / "plain.h5").write_bytes(expected)
-    told: list[int] = []
-    result = run(make_job(packed, tmp_path / "poses.h5"), told.append)
-    assert sum(told) == result.new == result.expected == FRAMES
+    done: list[int] = []
+    result = run(make_job(packed, tmp_path / "poses.h5"), done.append)
+    assert sum(done) == result.new == result.expected == FRAMES
     about = read_poses(tmp_path / "plain.h5").about
     assert_same(dataclasses.replace(result.poses, about=about), read_poses(tmp_path / "plain.h5"))
 
@@ -62,9 +62,9 @@ def test_what_is_whole_is_not_tracked_again(log, expected, tmp_path):
     job = make_job(log, tmp_path / "poses.h5")
     first = run(job)
     os.utime(job.output, ns=(0, 0))
-    told: list[int] = []
-    again = run(dataclasses.replace(job), told.append)
-    assert (again.new, again.expected, sum(told)) == (0, FRAMES, FRAMES)
+    done: list[int] = []
+    again = run(dataclasses.replace(job), done.append)
+    assert (again.new, again.expected, sum(done)) == (0, FRAMES, FRAMES)
     assert_same(first.poses, again.poses)
     assert job.output.stat().st_mtime_ns == 0
     assert job.output.read_bytes() == expected
@@ -145,7 +145,7 @@ def interrupt(_: int) -> None:
 
 
 @pytest.mark.parametrize(
-    ("changes", "while_it_runs", "raised", "said"),
+    ("changes", "while_it_runs", "raised", "message"),
     [
         ({"make_tracker": Complaining}, lambda log: None, LogError, "frame 0: images"),
         ({"start": -1}, lambda log: None, LogError, "start: found -1, expected the number of a frame"),
@@ -157,9 +157,9 @@ def interrupt(_: int) -> None:
     ],
     ids=["complaining", "before 0", "a text", "half", "beyond the end", "the recording grows", "interrupted"],
 )
-def test_a_run_that_fails_leaves_nothing(changes, while_it_runs, raised, said, tmp_path):
+def test_a_run_that_fails_leaves_nothing(changes, while_it_runs, raised, message, tmp_path):
     log = write_log(tmp_path / "log", FRAMES)
-    with pytest.raises(raised, match=said):
+    with pytest.raises(raised, match=message):
         run(make_job(log, tmp_path / "poses.h5", **changes), lambda _: while_it_runs(log))
     assert os.listdir(tmp_path) == ["log"]
 

@@ -231,7 +231,7 @@ def test_both_layouts_of_labelled_images_are_read(layout, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("given", "message"),
     [
         (lambda folder: load_colors("pink"), r"'pink'.*cube_v1.*simulation"),
         (lambda folder: load_colors("missing.npz"), r"missing\.npz: no such file"),
@@ -244,13 +244,13 @@ def test_both_layouts_of_labelled_images_are_read(layout, tmp_path):
         (lambda folder: image_histograms(COVERED, OPTIONS), "covered.*background"),
     ],
 )
-def test_what_cannot_be_read_or_taught_is_named(given, said, tmp_path):
+def test_what_cannot_be_read_or_taught_is_named(given, message, tmp_path):
     (tmp_path / "empty").mkdir()
     (tmp_path / "nothing.png").write_bytes(b"")
     (tmp_path / "text.png").write_bytes(b"text")
     cv2.imwrite(str(tmp_path / "01_image.png"), np.zeros((20, 20, 3), np.uint8))
     cv2.imwrite(str(tmp_path / "01_mask_red.png"), np.zeros((20, 30), np.uint8))
-    with pytest.raises((ColorModelError, ImageError), match=said):
+    with pytest.raises((ColorModelError, ImageError), match=message):
         given(tmp_path)
 
 

@@ -256,7 +256,7 @@ def raw() -> np.ndarray:
 
 
 @pytest.mark.parametrize("code", BAYER)
-def test_every_pattern_is_told_from_its_interpolation_and_changes_where_rows_are_cut_off(raw, code):
+def test_every_pattern_is_distinguished_from_its_interpolation_and_changes_where_rows_are_cut_off(raw, code):
     image = cv2.cvtColor(raw, code)
     assert find_mosaic(image) == BAYER[code]
     assert find_mosaic(np.ascontiguousarray(image[1:])) == BAYER[code] ^ 2

@@ -71,7 +71,7 @@ def test_time_counts_from_the_recording_s_first_frame_wherever_poses_begin(tmp_p
 
 
 @pytest.mark.parametrize("packed", [False, True])
-def test_poses_of_another_recording_are_told_from_its_own(packed, tmp_path):
+def test_poses_of_another_recording_are_distinguished_from_its_own(packed, tmp_path):
     log = write_log(tmp_path / "log", FRAMES, packed=packed)
     own = run(make_job(log, tmp_path / "own.h5", start=2)).poses
     with tracker.open_log(log) as opened:

@@ -44,7 +44,7 @@ def test_the_order_that_fits_is_found(demo, order):
     assert lastingly_swapped(one, given) == found
 
 
-def test_nothing_is_said_of_pictures_that_fit_or_that_are_wrong(demo):
+def test_there_is_no_warning_of_pictures_that_fit_or_that_are_wrong(demo):
     one, sets = demo
     assert lastingly_swapped(one, sets) is None
     for images, other in itertools.pairwise(sets):
@@ -101,8 +101,8 @@ def test_a_rig_that_looks_the_same_from_each_camera_cannot_tell(rig):
         assert swapped(one, [images[k] for k in order]) is None
 
 
-def test_a_recording_is_told_of_in_its_line_if_little_came_of_it(tmp_path):
-    for order, said in (
+def test_a_recording_is_marked_in_its_line_if_little_came_of_it(tmp_path):
+    for order, message in (
         ((1, 0, 2), "the images of camera60 and camera180 look swapped"),
         (STRAIGHT, None),
     ):
@@ -113,12 +113,12 @@ def test_a_recording_is_told_of_in_its_line_if_little_came_of_it(tmp_path):
                 shutil.copy(DEMO / folder.name / f"{NAMES[k]}.jpg", folder / f"{name}.jpg")
         job = Job(log, tmp_path / "poses.h5", Recipe.of(Options("cube_v2", stop=8)))
         tracked = run(job)
-        assert row(job, tracked)["swapped"] == said
+        assert row(job, tracked)["swapped"] == message
         shutil.rmtree(log)
         assert row(job, tracked)["swapped"] is None
 
 
-def test_what_is_said_names_the_cameras():
+def test_the_warning_names_the_cameras():
     assert swap_message((1, 0, 2), NAMES) == "the images of camera60 and camera180 look swapped"
     assert swap_message((2, 0, 1), NAMES) == (
         "the images of camera60, camera180 and camera300 look swapped: camera300's fits as that of camera60, "

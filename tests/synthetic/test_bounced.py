@@ -45,11 +45,11 @@ def test_a_far_patch_gives_by_its_solid_angle_and_both_cosines():
     distance, area = 0.05, 1e-6
     for angle in (0.0, 0.4, 1.0):
         place = distance * np.array([np.sin(angle), 0.0, np.cos(angle)])
-        wanted = ALBEDO * LIGHT * np.cos(angle) ** 2 * area / (np.pi * distance**2)
-        np.testing.assert_allclose(given(patch(place, area=area)), wanted, rtol=1e-3)
+        expected = ALBEDO * LIGHT * np.cos(angle) ** 2 * area / (np.pi * distance**2)
+        np.testing.assert_allclose(given(patch(place, area=area)), expected, rtol=1e-3)
         # A round thing of that section faces everything.
         round_one = given(patch(place, (0.0, 0.0, 0.0), area))
-        np.testing.assert_allclose(round_one, wanted / np.cos(angle), rtol=1e-3)
+        np.testing.assert_allclose(round_one, expected / np.cos(angle), rtol=1e-3)
 
 
 def test_what_lies_behind_or_turns_away_or_is_the_same_body_gives_nothing():

@@ -201,13 +201,15 @@ def test_the_bop_files_tell_true_cameras_each_picture_at_its_own_moment_and_colo
             json.loads((scene / f"scene_{kind}_{name}.json").read_text()) for kind in ("camera", "gt")
         )
         for entry in truth_of(tmp_path / "set")["frames"]:
-            key, told = str(int(entry["frame"])), entry["cameras"][name]
+            key, taken = str(int(entry["frame"])), entry["cameras"][name]
             true = dataclasses.replace(
-                usual, matrix=np.array(told["matrix"]), camera_from_world=np.array(told["camera_from_world"])
+                usual,
+                matrix=np.array(taken["matrix"]),
+                camera_from_world=np.array(taken["camera_from_world"]),
             )
             (pose,) = poses[key]
             bop = seen_in_bop(cameras[key], pose, size)
-            np.testing.assert_allclose(bop, project_truth(true, told["object"], corners(size)), atol=1e-6)
+            np.testing.assert_allclose(bop, project_truth(true, taken["object"], corners(size)), atol=1e-6)
             apart.append(np.abs(bop - project_truth(true, entry["object"], corners(size))).max())
             mask_within(scene, name, key, bop)
             colored = cv2.imread(str(scene / f"rgb_{name}" / f"{int(key):06d}.png"), cv2.IMREAD_UNCHANGED)

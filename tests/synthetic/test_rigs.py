@@ -60,7 +60,7 @@ def test_a_robots_name_is_its_recorded_calibration(name, real):
     assert all(camera.height == 270 for camera in rig)
 
 
-def test_a_name_that_is_none_is_told_from_a_robot_whose_files_are_missing(monkeypatch, tmp_path):
+def test_a_name_that_is_none_is_distinguished_from_a_robot_whose_files_are_missing(monkeypatch, tmp_path):
     with pytest.raises(CalibrationError, match="found no such folder, expected one, or one of simulation"):
         choose_rig("r2", 0)
     monkeypatch.setattr(rigs, "RECORDED", tmp_path)

@@ -1,4 +1,4 @@
-"""Cuboids with rims and prints: geometry that can be said in closed form."""
+"""Cuboids with rims and prints: geometry that has a closed form."""
 
 from __future__ import annotations
 

@@ -49,14 +49,14 @@ def package(tmp_path_factory: pytest.TempPathFactory) -> Package:
 
 def assert_same_masks(package: Package, files: list[Path]) -> None:
     rig = CameraRig.load(files)
-    said = package("masks", *files)
+    answer = package("masks", *files)
     drawn = []
     for k in range(len(rig)):
-        shape = tuple(said[f"shape{k}"])
-        bits = np.unpackbits(said[f"mask{k}"], count=int(np.prod(shape)))
+        shape = tuple(answer[f"shape{k}"])
+        bits = np.unpackbits(answer[f"mask{k}"], count=int(np.prod(shape)))
         drawn.append(np.where(bits.reshape(shape), np.uint8(255), np.uint8(0)))
-    assert len(said["goal"]) >= 100
-    for number, goal in enumerate(said["goal"]):
+    assert len(answer["goal"]) >= 100
+    for number, goal in enumerate(answer["goal"]):
         masks = rearrange_dice.goal_masks(rig, goal)
         for camera, mask, expected in zip(rig, masks, drawn, strict=True):
             assert mask.dtype == np.uint8
@@ -77,8 +77,8 @@ def test_goal_masks_of_every_robot_are_the_packages_to_the_pixel(robot, package,
 
 
 def test_the_error_of_dice_is_the_packages(package):
-    said = package("dice")
-    for goal, dice, cost in zip(said["goal"], said["dice"], said["cost"], strict=True):
+    answer = package("dice")
+    for goal, dice, cost in zip(answer["goal"], answer["dice"], answer["cost"], strict=True):
         assert rearrange_dice.error(goal, dice) == cost
         assert rearrange_dice.error(list(goal), list(dice)) == cost
 
@@ -116,9 +116,9 @@ def test_rewards_of_the_long_axis_are_the_packages_but_for_its_rounding(poses):
 
 
 def test_goals_and_rewards_along_trajectories_are_the_packages(package):
-    said = package("trajectories")
+    answer = package("trajectories")
     for starts, goals, times, states, active, cost in zip(
-        *(said[key] for key in ("start", "goal", "time", "position", "active", "cost")), strict=True
+        *(answer[key] for key in ("start", "goal", "time", "position", "active", "cost")), strict=True
     ):
         trajectory = list(zip(starts, goals, strict=True))
         np.testing.assert_array_equal(move_object.active_goal(trajectory, times), active)

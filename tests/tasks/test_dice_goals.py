@@ -95,7 +95,7 @@ def test_rounding_does_not_invalidate_a_goal(angle, quarter):
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
         (lambda goal: goal[:24], "found 24 positions, expected 25"),
         (lambda goal: [], "found 0 positions, expected 25"),
@@ -112,8 +112,8 @@ def test_rounding_does_not_invalidate_a_goal(angle, quarter):
         (lambda goal: goal - (0.4, 0, 0), "position 0.*its die reaches .*expected at most 0.19 m"),
     ],
 )
-def test_a_faulty_goal_is_refused_with_its_fault(change, said):
-    with pytest.raises(TaskError, match=said):
+def test_a_faulty_goal_is_refused_with_its_fault(change, message):
+    with pytest.raises(TaskError, match=message):
         dice.validate_goal(change(dice.sample_goal(0)))
 
 
@@ -171,7 +171,7 @@ def test_text_after_the_rows_means_nothing(end, newline):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         (pattern_with((0, 0, ".")), r"row 1, column 1: found '\.', expected '#' outside the arena"),
         (pattern_with((0, 0, "X")), "row 1, column 1: found 'X', expected '#' outside"),
@@ -193,8 +193,8 @@ def test_text_after_the_rows_means_nothing(end, newline):
         (pattern_with().replace("..", "XX", 1), "times 'X', expected 25"),
     ],
 )
-def test_a_faulty_pattern_is_refused_with_row_and_column(text, said):
-    with pytest.raises(TaskError, match=said):
+def test_a_faulty_pattern_is_refused_with_row_and_column(text, message):
+    with pytest.raises(TaskError, match=message):
         dice.parse_pattern(text)
 
 
@@ -226,7 +226,7 @@ def test_json_keeps_every_bit(tmp_path_factory, seed):
     np.testing.assert_array_equal(dice.read_goal(path), goal)
 
 
-def test_what_a_file_holds_is_told_from_its_content(tmp_path):
+def test_what_a_file_holds_is_recognised_by_its_content(tmp_path):
     goal = dice.sample_goal(1)
     contents = [
         json.dumps(goal.tolist()),
@@ -245,7 +245,7 @@ FIRST = GOAL[1 : GOAL.index("]") + 1]
 
 
 @pytest.mark.parametrize(
-    ("content", "said"),
+    ("content", "message"),
     [
         ("", "an empty file"),
         (" \n", "an empty file"),
@@ -280,10 +280,10 @@ FIRST = GOAL[1 : GOAL.index("]") + 1]
         ("X" + dice.empty_pattern()[1:], "row 1, column 1"),
     ],
 )
-def test_a_faulty_file_is_named_with_its_fault(tmp_path, content, said):
+def test_a_faulty_file_is_named_with_its_fault(tmp_path, content, message):
     path = tmp_path / "goal.json"
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
-    with pytest.raises(TaskError, match=said) as raised:
+    with pytest.raises(TaskError, match=message) as raised:
         dice.read_goal(path)
     assert str(raised.value).startswith(f"{path}: ")
     assert len(str(raised.value)) < len(str(path)) + 250
@@ -317,7 +317,7 @@ OFF_CELLS = dice.sample_goal(0) * 0.9 + [0, 0, 0.01]
 
 
 @pytest.mark.parametrize(
-    ("name", "goal", "said"),
+    ("name", "goal", "message"),
     [
         ("goal.yaml", dice.sample_goal(0), r"found suffix '\.yaml', expected \.json, or \.txt"),
         ("goal", dice.sample_goal(0), "found no suffix"),
@@ -328,8 +328,8 @@ OFF_CELLS = dice.sample_goal(0) * 0.9 + [0, 0, 0.01]
         ("goal.txt", OFF_CELLS, "expected the centre of a cell"),
     ],
 )
-def test_a_goal_that_cannot_be_written_is_told_and_leaves_nothing(tmp_path, name, goal, said):
+def test_a_goal_that_cannot_be_written_is_named_and_leaves_nothing(tmp_path, name, goal, message):
     (tmp_path / "taken.json").mkdir()
-    with pytest.raises(TaskError, match=said):
+    with pytest.raises(TaskError, match=message):
         dice.write_goal(f"{tmp_path}/{name}", goal)
     assert os.listdir(tmp_path) == ["taken.json"]

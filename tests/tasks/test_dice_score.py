@@ -118,7 +118,7 @@ def test_a_place_that_no_camera_sees_sets_no_pixel_and_one_around_it_all(exact):
 
 
 @pytest.mark.parametrize(
-    ("goal", "said"),
+    ("goal", "message"),
     [
         (np.zeros((25, 2)), r"goal: found shape \(25, 2\), expected \(N, 3\)"),
         (np.zeros(3), r"goal: found shape \(3,\)"),
@@ -129,8 +129,8 @@ def test_a_place_that_no_camera_sees_sets_no_pixel_and_one_around_it_all(exact):
         ([[0, 0, 1j]], "goal: found .*expected numbers"),
     ],
 )
-def test_a_goal_that_is_no_list_of_positions_is_refused(goal, said):
-    with pytest.raises(TaskError, match=said):
+def test_a_goal_that_is_no_list_of_positions_is_refused(goal, message):
+    with pytest.raises(TaskError, match=message):
         dice.goal_masks(RIG, goal)
     for goal_of, positions, name in ((goal, [], "goal"), ([], goal, "dice")):
         with pytest.raises(TaskError, match=f"{name}: "):
@@ -169,7 +169,7 @@ MASK = np.zeros((4, 5), np.uint8)
 
 
 @pytest.mark.parametrize(
-    ("goals", "seen", "said"),
+    ("goals", "seen", "message"),
     [
         ([MASK], [MASK, MASK], "found 1 of the goal and 2 of dice"),
         ([], [], "found 0 of the goal and 0 of dice, expected one of each"),
@@ -185,8 +185,8 @@ MASK = np.zeros((4, 5), np.uint8)
         ([np.arange(20, dtype=np.uint8).reshape(4, 5)], [MASK], "found the values 0, 1, 2, 3, …, expected"),
     ],
 )
-def test_masks_that_are_none_or_do_not_belong_together_are_refused(goals, seen, said):
-    with pytest.raises(TaskError, match=said):
+def test_masks_that_are_none_or_do_not_belong_together_are_refused(goals, seen, message):
+    with pytest.raises(TaskError, match=message):
         dice.error(goals, seen)
 
 

@@ -230,7 +230,7 @@ def test_the_dice_move_with_the_world(lift, yaw):
 
 
 @pytest.mark.parametrize(
-    ("masks", "images", "said"),
+    ("masks", "images", "message"),
     [
         (lambda m: m[:2], lambda i: None, "found 2, expected one of each of camera60, camera180, camera300"),
         (lambda m: [m[0], m[1][:100], m[2]], lambda i: None, r"camera180: found shape \(100, 270\)"),
@@ -239,7 +239,7 @@ def test_the_dice_move_with_the_world(lift, yaw):
         (lambda m: m, lambda i: [i[0][:100], *i[1:]], "camera60: found 270×100 px, expected 270×270"),
     ],
 )
-def test_what_does_not_belong_to_the_rig_is_refused(masks, images, said):
+def test_what_does_not_belong_to_the_rig_is_refused(masks, images, message):
     given = views(SCATTERED)
-    with pytest.raises((TaskError, ImageError), match=said):
+    with pytest.raises((TaskError, ImageError), match=message):
         locate(RIG, masks(given[1]), images(given[0]))

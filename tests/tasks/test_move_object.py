@@ -99,7 +99,7 @@ def test_long_axis_error_is_the_angle_of_the_axis_over_pi_and_a_turn_about_it_co
     across = np.cross(along, rng.normal(size=goal[:, :3].shape))
     across *= angle / np.linalg.norm(across, axis=1, keepdims=True)
     tilted = turned(turned(goal, across), rng.uniform(-np.pi, np.pi, (len(goal), 1)) * along)
-    chosen = {} if axis == 1 else {"axis": axis}  # y if nothing else is said
+    chosen = {} if axis == 1 else {"axis": axis}  # y by default
     error = move_object.long_axis_error(goal, tilted, **chosen)
     np.testing.assert_allclose(error, angle / np.pi, rtol=0, atol=1e-15)
 

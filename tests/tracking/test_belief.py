@@ -165,7 +165,7 @@ def test_an_unsure_jump_is_believed_when_the_next_images_confirm_it(track, leap)
 
 
 @pytest.mark.parametrize("leap", LEAPS)
-def test_a_confirmed_jump_begins_a_motion_anew(track, leap):
+def test_a_confirmed_jump_begins_a_new_motion(track, leap):
     fit = made_fit(*LEAPS[leap], sure=False)
     assert follow(track, [fit, fit, fit], start=1.02, dt=0.02) == [
         Status.COASTING, Status.REFOUND, Status.TRACKING,

@@ -1,4 +1,4 @@
-"""What is remembered and said of each camera."""
+"""What is remembered and reported of each camera."""
 
 from __future__ import annotations
 
@@ -138,7 +138,7 @@ def hidden(c):
     return with_cameras(made_fit(), c, agree=0, missing=410, usable=0.0, inliers=0.0, squares=0.0)
 
 
-def test_what_is_said_of_a_picture_goes_before_what_the_pose_says():
+def test_the_verdict_on_a_picture_goes_before_that_of_the_pose():
     uses = [CameraUse.BLACK, CameraUse.USED, CameraUse.FROZEN]
     assert after(uses, astray(0)) == tuple(uses)
     assert after(USED, astray(0)) == (CameraUse.CONTRADICTING, CameraUse.USED, CameraUse.USED)
@@ -167,14 +167,14 @@ def test_a_black_picture_counts_as_none(rig, film):
 
 
 def test_a_camera_that_is_mirrored_for_a_while_costs_nothing_and_is_used_again(rig, film):
-    tracker, said = new(rig), []
+    tracker, uses = new(rig), []
     for k, images in enumerate(film):
         if 2 <= k < 9:
             images = [images[0], np.ascontiguousarray(images[1][:, ::-1]), images[2]]
         answer = tracker.update(images, DT * k)
         assert answer.object_pose is not None
-        said.append(answer.cameras[1].value)
+        uses.append(answer.cameras[1].value)
     # Then the mirrored object begins to cover the true one.
-    assert said[2:6] == ["contradicting"] * 4
-    assert said[:2] == ["used"] * 2
-    assert said[-1] == "used"
+    assert uses[2:6] == ["contradicting"] * 4
+    assert uses[:2] == ["used"] * 2
+    assert uses[-1] == "used"

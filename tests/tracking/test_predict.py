@@ -219,9 +219,9 @@ AGES = [(0.0, 0.01, 0.02), (0.02, 0.0, 0.01), (0.0, 0.01, 0.01)]
 @pytest.mark.parametrize("ages", AGES)
 def test_stamps_of_each_camera_are_much_better_than_one_for_all(rig, ages):
     film = film_of(rig, ages)
-    told, untold = new(rig), new(rig)
-    with_stamps = [told.update(images, [STEP * k - age for age in ages]) for k, images in enumerate(film)]
-    without = play(untold, film, dt=STEP)
+    stamped, plain = new(rig), new(rig)
+    with_stamps = [stamped.update(images, [STEP * k - age for age in ages]) for k, images in enumerate(film)]
+    without = play(plain, film, dt=STEP)
     assert np.median(errors(with_stamps)) < 0.25 * np.median(errors(without))
     assert errors(with_stamps).max() < 0.5
     for k, answer in enumerate(with_stamps[4:], 4):

@@ -87,7 +87,7 @@ def test_a_refused_detection_does_not_disturb_the_others(rig, sets):
 
 
 class Held:
-    """Lets a tracker's update stop in its middle until it is told to go on."""
+    """Lets a tracker's update stop in its middle until it may go on."""
 
     def __init__(self, one, monkeypatch):
         self.inside, self.go_on = threading.Event(), threading.Event()

@@ -203,7 +203,7 @@ def test_a_written_png_is_read_back_to_the_bit(tmp_path, rng):
 
 
 @pytest.mark.parametrize(
-    ("name", "said"),
+    ("name", "message"),
     [
         ("a.gif", "'.gif', expected one of .png"),
         ("a", "no suffix"),
@@ -212,9 +212,9 @@ def test_a_written_png_is_read_back_to_the_bit(tmp_path, rng):
         ("a\0.png", "cannot be written"),
     ],
 )
-def test_a_file_that_cannot_be_written_is_named(name, said, tmp_path):
+def test_a_file_that_cannot_be_written_is_named(name, message, tmp_path):
     (tmp_path / "taken.png").mkdir()
-    with pytest.raises(ImageError, match=said):
+    with pytest.raises(ImageError, match=message):
         write_image(tmp_path / name, np.zeros((4, 4, 3), np.uint8))
     assert [path.name for path in tmp_path.iterdir()] == ["taken.png"]
 

@@ -22,7 +22,7 @@ def test_letters_of_many_languages_and_signs_of_units_are_drawn():
     assert written("a").any()
 
 
-def test_text_is_as_wide_as_is_said_and_starts_and_ends_where_it_is_asked_to():
+def test_text_is_as_wide_as_stated_and_starts_and_ends_where_it_should():
     text, image_width = "Würfel ±0.5°", 300
     width = paint.text_width(text, 16.0)
     for align in (0.0, 0.5, 1.0):

@@ -69,7 +69,7 @@ def test_what_a_frame_tells_of_the_rig_is_drawn_where_there_is_something(height,
 
 @needs_rerun
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (["poses.h5", "-o", "view.txt"], ".rrd"),
         (["poses.h5", "-o", "no/view.rrd"], "no folder"),
@@ -83,11 +83,11 @@ def test_what_a_frame_tells_of_the_rig_is_drawn_where_there_is_something(height,
         (["log", "-o", "v.rrd", "--object", "cube_v2", "--colors", "no"], "'no'"),
     ],
 )
-def test_wrong_usage_is_one_line_and_leaves_nothing(arguments, said, tmp_path, run_here):
+def test_wrong_usage_is_one_line_and_leaves_nothing(arguments, message, tmp_path, run_here):
     write_poses(tmp_path / "poses.h5", random_poses(np.random.default_rng(1), 5))
     write_log(tmp_path / "log", 5)
     before = sorted(tmp_path.rglob("*"))
-    assert_one_line_error(run_here("view", *arguments, folder=tmp_path), said)
+    assert_one_line_error(run_here("view", *arguments, folder=tmp_path), message)
     assert sorted(tmp_path.rglob("*")) == before
 
 

@@ -134,7 +134,7 @@ def test_nothing_half_written_stays(path, rng, monkeypatch):
     assert os.listdir(path.parent) == [path.name]
 
 
-def test_a_missing_package_is_said(path, rng, monkeypatch):
+def test_a_missing_package_is_named(path, rng, monkeypatch):
     original = builtins.__import__
 
     def refusing(name, *arguments, **options):
@@ -155,13 +155,13 @@ def test_importing_the_pictures_does_not_import_matplotlib():
 
 def test_angles_are_those_from_the_reference(rng):
     reference = random_rotations(rng, 1)[0]
-    wanted = np.array([0.0, 1e-6, 20.0, 90.0, 179.9])
+    expected = np.array([0.0, 1e-6, 20.0, 90.0, 179.9])
     axes = rng.normal(size=(5, 3))
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
-    turned = so3.exp(axes * np.radians(wanted)[:, None]) @ reference
+    turned = so3.exp(axes * np.radians(expected)[:, None]) @ reference
     orientation = np.concatenate([so3.quaternion_from_matrix(turned), np.full((1, 4), np.nan)])
     found = angles(orientation, reference)
-    assert found[:5] == pytest.approx(wanted, abs=1e-9)
+    assert found[:5] == pytest.approx(expected, abs=1e-9)
     assert np.isnan(found[5])
     assert angles(np.empty((0, 4)), reference).shape == (0,)
 

@@ -55,7 +55,7 @@ def test_nobody_but_this_machine_can_connect_to_the_viewer(port, monkeypatch):
         assert [line.split()[3] for line in lines] == [f"127.0.0.1:{port}"]
 
 
-def test_a_viewer_that_is_open_is_used_and_that_is_said(port, monkeypatch, caplog):
+def test_a_viewer_that_is_open_is_used_with_a_warning(port, monkeypatch, caplog):
     viewer = subprocess.Popen([*COMMAND(), "--serve-grpc"], stderr=subprocess.DEVNULL, start_new_session=True)
     viewer_process._open.append(viewer)
     deadline = time.monotonic() + 120
@@ -87,7 +87,7 @@ def test_a_file_of_the_present_folder_is_not_taken_for_the_viewer(tmp_path, monk
 
 
 @pytest.mark.parametrize("seconds", [0.0, 0.2])
-def test_a_viewer_that_ends_is_told_with_its_reason(seconds, port, monkeypatch):
+def test_a_viewer_that_ends_is_reported_with_its_reason(seconds, port, monkeypatch):
     """Before it listens, and after."""
     program = (
         "import socket, sys, time\n"

@@ -135,7 +135,7 @@ def test_corners_are_found_where_they_are(photos):
 
 
 @pytest.mark.parametrize("blur", [0.5, 0.8, 1.1])
-def test_blur_is_told_in_pixels(blur, photos):
+def test_blur_is_given_in_pixels(blur, photos):
     rng = np.random.default_rng(72)
     image = photo(photos[0][0], rng, blur=blur)
     pixels = np.sqrt(blur**2 + 1 / 12)  # a pixel's own width
@@ -160,7 +160,7 @@ def test_blur_is_told_in_pixels(blur, photos):
         ],
     ],
 )
-def test_why_a_board_is_not_found_is_told(change, board, why, photos):
+def test_why_a_board_is_not_found_is_reported(change, board, why, photos):
     image = change(photos[1][1])
     assert find_board("photo", image, board) is None
     assert why in why_no_board(image, board)

@@ -43,7 +43,7 @@ PLACES[2][:3, :3], PLACES[2][:3, 3] = so3.exp([-0.2, 0.4, -1.0]), (-0.03, 0.03, 
 
 
 def lenses(count=3):
-    """Lenses of cameras that are said to be where they are not."""
+    """Lenses of cameras whose stated places are wrong."""
     matrix, distortion = LENS.arrays
     one = Camera("camera", LENS.width, LENS.height, matrix, distortion, np.eye(4))
     return [Calibrated(dataclasses.replace(one, name=f"camera{n}"), placed=False) for n in range(count)]
@@ -172,7 +172,7 @@ def test_stated_deviations_of_a_lens_are_those_of_its_errors():
     assert np.abs(errors).max() < 4
 
 
-def test_the_noise_is_told_and_photos_left_out_see_a_little_more():
+def test_the_noise_is_known_and_photos_left_out_see_a_little_more():
     lens = fit_lens("camera", sightings(5, noise=0.2), BOARD)
     assert lens.rms == pytest.approx(0.2 * np.sqrt(2), rel=0.1)
     assert lens.rms <= lens.left_out < 1.2 * lens.rms

@@ -58,11 +58,11 @@ def test_a_rig_that_is_well_is_measured_to_be(well):
     assert well.check is None or well.check.fits
 
 
-def test_what_is_beyond_its_limit_in_some_frames_is_said_of_the_camera(well):
+def test_what_is_beyond_its_limit_in_some_frames_is_named_with_the_camera(well):
     assert well.values["brightness"][:-2, 2].min() > QUANTITIES["brightness"].limits[0]
     np.testing.assert_allclose(well.beyond("brightness"), [0.0, 0.0, 2 / FRAMES])
-    (said,) = (line for line in well.complaints() if "brightness" in line)
-    assert said.startswith("camera300: brightness")
+    (line,) = (text for text in well.complaints() if "brightness" in text)
+    assert line.startswith("camera300: brightness")
 
 
 def test_a_camera_that_was_moved_disagrees_and_the_page_says_so(film, rig, well):

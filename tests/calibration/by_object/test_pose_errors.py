@@ -107,8 +107,8 @@ def test_what_is_stated_element_by_element_reads_back_as_the_same_covariance(azi
     # Errors along the camera's own axes, which is all that elements can state.
     turned = np.kron(np.eye(2), rotation.T)
     stated = turned @ np.diag(rng.uniform(0.2, 2.0, 6) * 1e-6) @ turned.T
-    told = dataclasses.replace(camera, camera_from_world_std=element_std(rotation, stated))
-    np.testing.assert_allclose(calibration_covariance(told), stated, rtol=1e-5, atol=1e-11)
+    known = dataclasses.replace(camera, camera_from_world_std=element_std(rotation, stated))
+    np.testing.assert_allclose(calibration_covariance(known), stated, rtol=1e-5, atol=1e-11)
 
 
 def test_edges_that_may_stand_in_a_shadow_say_less(rng):

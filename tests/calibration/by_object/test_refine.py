@@ -88,7 +88,7 @@ EMPTY = [np.full((270, 270, 3), 110, np.uint8)] * 3
 
 
 @pytest.mark.parametrize(
-    ("film", "rig", "said"),
+    ("film", "rig", "message"),
     [
         (stills, RIG, r"refused: edges in 9 frames held out.*as good as"),
         (stills, ALONE, "camera60 alone"),
@@ -98,9 +98,9 @@ EMPTY = [np.full((270, 270, 3), 110, np.uint8)] * 3
     ],
     ids=["nothing to better", "one camera", "at rest", "never turned", "no object"],
 )
-def test_what_betters_no_calibration_is_refused_with_the_reason(film, rig, said):
-    kind = NotBetterError if said.startswith("refused") else CalibrationError
-    with pytest.raises(kind, match=said):
+def test_what_betters_no_calibration_is_refused_with_the_reason(film, rig, message):
+    kind = NotBetterError if message.startswith("refused") else CalibrationError
+    with pytest.raises(kind, match=message):
         refine_cameras(MODEL, [film()], rig, COLORS)
 
 
@@ -141,7 +141,7 @@ def test_several_films_and_stills_count_together(lying):
 
 
 @pytest.mark.parametrize(
-    ("seen", "rig", "said"),
+    ("seen", "rig", "message"),
     [
         (lambda images: images, ALONE, "found camera60 alone, expected two cameras"),
         (lambda images: [[one[0], None, None] for one in images], RIG, "one camera"),
@@ -150,6 +150,6 @@ def test_several_films_and_stills_count_together(lying):
     ],
     ids=["one camera", "seen by one camera", "one place", "no object"],
 )
-def test_what_shows_no_table_is_refused_with_the_reason(seen, rig, said, lying):
-    with pytest.raises(CalibrationError, match=said):
+def test_what_shows_no_table_is_refused_with_the_reason(seen, rig, message, lying):
+    with pytest.raises(CalibrationError, match=message):
         find_table(MODEL, [Stills(list(seen([still.images for still in lying])))], rig, COLORS)

@@ -52,7 +52,7 @@ def test_poses_that_were_seen_are_not_taken_again_and_too_few_refused(rng):
         different("cube", [anywhere(10, rng)], 100)
 
 
-def test_no_more_are_taken_than_wanted_and_they_are_spread_evenly(rng):
+def test_no_more_are_taken_than_requested_and_they_are_spread_evenly(rng):
     numbers = [one.number for _, one in different("cube", [anywhere(90, rng)], 30)]
     assert len(numbers) == 30
     assert numbers[0] == 0

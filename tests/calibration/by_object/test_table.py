@@ -149,13 +149,13 @@ def in_a_line(rng):
 
 
 @pytest.mark.parametrize(
-    ("seen", "said"),
+    ("seen", "message"),
     [
         (lambda rng: rests(3, rng), "found 3 of the 5 places"),
         (lambda rng: rests(1, rng, held=8), "to lie on one plane"),
         (in_a_line, r"spread by 0 mm only.*lay it also near"),
     ],
 )
-def test_rests_that_give_no_plane_are_refused_with_the_reason(seen, said, rng):
-    with pytest.raises(CalibrationError, match=said):
+def test_rests_that_give_no_plane_are_refused_with_the_reason(seen, message, rng):
+    with pytest.raises(CalibrationError, match=message):
         fit_table(seen(rng), np.array(SIZES[0]), RIG)
