@@ -3,7 +3,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 CODE := tracker synthetic benchmarks examples scripts tests
-PROSE := README.md CHANGELOG.md CONTRIBUTING.md docs examples tracker synthetic benchmarks scripts tests
+PROSE := README.md CHANGELOG.md CONTRIBUTING.md docs $(CODE)
 REAL ?= ../shared/real
 SCENES ?= 200
 WORKERS ?= $(shell nproc 2>/dev/null || echo 1)
@@ -48,8 +48,7 @@ package: $(STAMP) | build/scenes  ## set up the platform's own simulation packag
 	$(BIN)/python -c 'from benchmarks.data.package.environment import interpreter; print(interpreter())'
 
 lint: $(STAMP)  ## check style, words, types and layers
-	$(BIN)/codespell --dictionary=- --dictionary=docs/style/words.txt --ignore-words-list shepperd \
-		--skip tracker/viz/fonts $(PROSE)
+	$(BIN)/codespell --dictionary=- --dictionary=docs/style/words.txt $(PROSE)
 	$(BIN)/ruff check $(CODE)
 	$(BIN)/ruff format --check $(CODE)
 	$(BIN)/mypy
