@@ -120,6 +120,15 @@ def face_heights(lenses, c, half, rotation, position, out):  # type: ignore[no-u
 
 
 @compiled
+def copy_pose(rotation, position, new_rotation, new_position):  # type: ignore[no-untyped-def]
+    """Copy a pose into other arrays, without the check of shapes that compiles as long as a kernel."""
+    for i in range(3):
+        new_position[i] = position[i]
+        for j in range(3):
+            new_rotation[i, j] = rotation[i, j]
+
+
+@compiled
 def apply_update(rotation, position, update):  # type: ignore[no-untyped-def]
     """Move a pose in place by update (6,): p += δp, R = exp(δθ) R."""
     for i in range(3):

@@ -13,7 +13,7 @@ import numpy as np
 
 from tracker.compiled import compiled
 from tracker.geometry.cuboid import CORNER_SIGNS, FACE_CORNERS
-from tracker.geometry.lens import apply_update, clamped, face_heights, project
+from tracker.geometry.lens import apply_update, clamped, copy_pose, face_heights, project
 from tracker.geometry.linear import solve_positive
 from tracker.objects.labels import UNKNOWN
 from tracker.pose.fit import SEEN
@@ -138,7 +138,7 @@ def hear(lenses, labels, pictures, box, rotation, position, lags, seen):  # type
         if not pictures[c].used:
             one.elsewhere = pictures[c].colored
             continue
-        turned[:, :], moved[:] = rotation, position
+        copy_pose(rotation, position, turned, moved)
         apply_update(turned, moved, lags[c])
         explain(lenses, c, labels[c], box, turned, moved, one)
         one.elsewhere = pictures[c].colored - one.agree - one.wrong - one.extra

@@ -9,7 +9,7 @@ import numpy as np
 
 from tracker.compiled import compiled
 from tracker.conventions import Array, FloatArray
-from tracker.geometry.lens import apply_update
+from tracker.geometry.lens import apply_update, copy_pose
 from tracker.geometry.linear import median
 from tracker.pose.edge_fit import measure
 from tracker.pose.fit import LIKELY
@@ -357,7 +357,7 @@ def refine(model, pictures, schedule, start, solution, cameras, seen, work):  # 
         if stray:
             lay(model, pictures, solution, cameras, schedule, step, work)
             share, stated = 1.0, 1.0
-        rotation[:, :], position[:] = solution.rotation, solution.position
+        copy_pose(solution.rotation, solution.position, rotation, position)
         measure_all(model, pictures, cameras, schedule, step, work)
         scatter = take_stock(solution, cameras, start.blur, work, seen)
         rough = schedule.blur[step] > 0.0

@@ -122,7 +122,8 @@ def likely_rotations(lenses, labels, pictures, box, position, grid, out):  # typ
         for h in range(len(costs)):
             if costs[h] < costs[best]:
                 best = h
-        out[k] = rotations[best]
+        for i in range(9):
+            out[k, i // 3, i % 3] = rotations[best, i // 3, i % 3]
         for h in near[best]:
             costs[h] = np.inf
 

@@ -174,7 +174,8 @@ def centre(lenses, labels, pictures, radius, position):  # type: ignore[no-untyp
     stats, before = np.empty((len(pictures), 7, 3)), np.empty(3)
     for _ in range(CENTRING_ROUNDS):
         gather(lenses, labels, pictures, position, radius, stats)
-        before[:] = position
+        for i in range(3):
+            before[i] = position[i]
         _toward(lenses, stats, radius, position)
         for i in range(3):
             position[i] = before[i] + min(0.8 * radius, max(-0.8 * radius, position[i] - before[i]))
