@@ -50,7 +50,14 @@ def times_three_and_four(value):
 def test_numbers_that_callers_write_out_share_one_compilation():
     assert times_three_and_four(1.5) == 10.5
     for number in (3, 4):  # as a caller asks that is not on disk yet
-        times.get_call_template((types.float64, types.literal(number)), {})
+        template, *_ = times.get_call_template((types.float64, types.literal(number)), {})
+        assert len(template.cases) == 1
+
+
+def test_what_kernels_call_has_no_machine_code_of_its_own():
+    assert times_three_and_four(1.5) == 10.5
+    assert not times.signatures
+    assert times(1.5, 3) == 4.5
     assert len(times.signatures) == 1
 
 

@@ -17,8 +17,10 @@ from pathlib import Path
 from typing import Any
 
 import numba
-from numba.core import config, types
+from numba.core import compiler, config, sigutils, types
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
+from numba.core.codegen import JITCodeLibrary
+from numba.core.typing.templates import make_concrete_template
 
 _KERNEL = re.compile(r"^ *@_?compiled\b", re.MULTILINE)
 _IMPORT = re.compile(r"^(?:from|import) +([\w.]+)(?: +import +(\([^)]*\)|.*))?", re.MULTILINE)
@@ -43,22 +45,63 @@ def compiled(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     # Here, what has a private name is called by kernels alone.
     usual["no_cpython_wrapper"] = function.__module__.startswith("tracker.") and function.__name__[0] == "_"
     dispatcher = numba.njit(**{**usual, **options})(function)
-    _take_any_number(dispatcher)
+    _have_called_as_part(dispatcher)
     # Without a place for its cache numba raises RuntimeError.
     with contextlib.suppress(RuntimeError, OSError):
         dispatcher._cache = _Cache(function)  # type: ignore[no-untyped-call]
     return dispatcher
 
 
-def _take_any_number(dispatcher: Any) -> None:
-    """Compile for numbers of a type where a caller has written out one, not once more for each of these."""
-    template = dispatcher.get_call_template
+class _Part(JITCodeLibrary):
+    """A function for others to link: it is optimised in each of them, and has no machine code of its own."""
+
+    def finalize(self) -> None:
+        for library in dict.fromkeys(self._linking_libraries):
+            self._final_module.link_in(library._get_module_for_linking(), preserve=True)
+        self._finalize_dynamic_globals()  # type: ignore[no-untyped-call]
+        self._finalized = True
+
+
+def _have_called_as_part(dispatcher: Any) -> None:
+    """Have kernels that call a kernel compile it as a part of themselves; nothing of it is kept on disk.
+
+    Numba would optimise a kernel that is called, make machine code of it, link what it has optimised into
+    the caller and optimise it there again, which takes half as long again and inlines less. Numbers that a
+    caller writes out count as any of their type, so that none is compiled for.
+    """
+    parts: dict[tuple[types.Type, ...], Any] = {}
 
     def get_call_template(arguments: Any, keywords: dict[str, Any]) -> Any:
         plain: Callable[[Any], Any] = types.unliteral
-        return template(tuple(map(plain, arguments)), {name: plain(kind) for name, kind in keywords.items()})
+        named = {name: plain(kind) for name, kind in keywords.items()}
+        signature, folded = dispatcher.fold_argument_types(tuple(map(plain, arguments)), named)
+        if folded not in parts:
+            parts[folded] = _compiled_as_part(dispatcher, folded)
+        name = dispatcher.py_func.__name__
+        signatures = [part.signature for part in parts.values()]
+        template = make_concrete_template(name, name, signatures)  # type: ignore[no-untyped-call]
+        return template, signature, folded, {}
 
-    dispatcher.get_call_template = get_call_template
+    def get_overload(signature: Any) -> Any:
+        arguments, _ = sigutils.normalize_signature(signature)  # type: ignore[no-untyped-call]
+        return parts[tuple(arguments)].library
+
+    dispatcher.get_call_template, dispatcher.get_overload = get_call_template, get_overload
+
+
+def _compiled_as_part(dispatcher: Any, arguments: tuple[types.Type, ...]) -> Any:
+    """What numba knows of a kernel with arguments of some types, compiled for others to link."""
+    description = dispatcher.targetdescr
+    flags: Any = compiler.Flags()  # type: ignore[no-untyped-call]
+    description.options.parse_as_flags(flags, dispatcher.targetoptions)
+    flags.no_compile = flags.no_cpython_wrapper = flags.no_cfunc_wrapper = True
+    context, function = description.target_context, dispatcher.py_func
+    library = _Part(context.codegen(), function.__qualname__)  # type: ignore[no-untyped-call]
+    result = compiler.compile_extra(  # type: ignore[no-untyped-call]
+        description.typing_context, context, function, arguments, None, flags, {}, library=library
+    )
+    context.insert_user_function(library, result.fndesc, [library])
+    return result
 
 
 def is_cached(function: Any) -> bool:
