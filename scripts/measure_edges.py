@@ -10,7 +10,7 @@ that they themselves show, and averaged. Of each one: how far the brightness goe
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import click
@@ -34,7 +34,10 @@ SEARCH = 3.0
 """How far from the projected edge the picture's may lie [px]."""
 
 LEAST = 12
-"""Profiles that an edge needs."""
+"""Profiles that an edge needs; one on which the object stands, half as many."""
+
+STANDING = 0.003
+"""Ends of an edge on which the object stands are no higher than this above its lowest corner [m]."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -50,7 +53,11 @@ class EdgeProfile:
     stray: float
     """Standard deviation of single profiles from the line [px]."""
     offset: float
-    """Of the line from where the pose has it, in the middle [px]."""
+    """Of the line from where the pose has it, in the middle [px]; outwards of outer edges."""
+    lower: bool = False
+    """An outer edge on which the object stands, as the pose has it."""
+    px_per_mm: float = np.nan
+    """Pixels to a millimetre at the edge's middle."""
 
     @property
     def over(self) -> float:
@@ -97,12 +104,20 @@ def edge_profiles(triplet: Triplet) -> Iterator[EdgeProfile]:
             other = next(face for face in faces if face != seen[0])
             labels = [int(triplet.model.face_labels[face]) for face in (seen[0], other)]
             middle = view.camera.project(centers[seen[:1]])[0]
-            profile = _profile(view, line, middle, labels[0], labels[1] if len(seen) == 2 else 0)
+            lower = len(seen) == 1 and np.ptp([*points[[a, b], 2], points[:, 2].min()]) < STANDING
+            labels[1] *= len(seen) == 2
+            profile = _profile(view, line, middle, labels, LEAST // 2 if lower else LEAST)
             if profile is not None:
-                yield profile
+                away = np.linalg.norm(view.camera.position - points[[a, b]].mean(axis=0))
+                scale = 1e-3 * float(view.camera.matrix[0, 0] / away)
+                yield dataclasses.replace(profile, lower=bool(lower), px_per_mm=scale)
 
 
-def _profile(view: View, line: FloatArray, middle: FloatArray, first: int, second: int) -> EdgeProfile | None:
+def _profile(
+    view: View, line: FloatArray, middle: FloatArray, labels: Sequence[int], least: int
+) -> EdgeProfile | None:
+    """Of a face and what is beside it, by their labels; None: fewer than `least` profiles show it."""
+    first, second = labels
     tangent = line[-1] - line[0]
     length = float(np.linalg.norm(tangent))
     normal = np.array([-tangent[1], tangent[0]]) / length
@@ -115,7 +130,7 @@ def _profile(view: View, line: FloatArray, middle: FloatArray, first: int, secon
     sides = [scale * (SIDE[0] + SIDE[1]) / 2 * sign for sign in (-1, 1)]
     at = [_sampled(view.labels, line, normal, np.array([side])) for side in sides]
     kept = (at[0][:, 0] == first) & (at[1][:, 0] == second)
-    if kept.sum() < LEAST:
+    if kept.sum() < least:
         return None
     line = line[kept]
     values = _sampled(view.image, line, normal, offsets).astype(np.float64)
@@ -130,7 +145,7 @@ def _profile(view: View, line: FloatArray, middle: FloatArray, first: int, secon
     share = (values - levels[0]) @ step / (step @ step)
     crossing = _crossings(share, offsets)
     good = np.isfinite(crossing)
-    if good.sum() < LEAST:
+    if good.sum() < least:
         return None
     along = np.linspace(-1, 1, len(line))
     for _ in range(3):
@@ -183,6 +198,20 @@ def summary(profiles: Iterable[EdgeProfile]) -> list[str]:
     return cells
 
 
+def feet(profiles: Iterable[EdgeProfile]) -> list[str]:
+    """Cells of the table of where faces end that are lighter than what is behind them.
+
+    Over edges on which the object stands, and over its other outer edges.
+    """
+    outer = [p for p in profiles if not p.inner and p.sides[0].max() > p.sides[1].max()]
+    cells: list[str] = []
+    for lower in (True, False):
+        offsets = np.array([[p.offset, p.offset / p.px_per_mm] for p in outer if p.lower == lower])
+        cells.append(f"{len(offsets)}")
+        cells += [f"{one.mean():.2f} ± {one.std():.2f}" for one in offsets.T]
+    return cells
+
+
 @click.command()
 @click.argument("real", type=click.Path(exists=True, file_okay=False, path_type=Path))
 @click.option("--effects", default="none", help="Of the rendered pictures.")
@@ -194,6 +223,7 @@ def main(real: Path, effects: str, draws: int, seed: int, blur: float | None) ->
     head = ["edges", "beyond 5 [%]", "beyond", "90 %", "over/under", "width [px]", "stray [px]"]
     click.echo("| pictures | " + " | ".join([*head, *(f"outer {title}" for title in head)]) + " |")
     click.echo("|---" * (1 + 2 * len(head)) + "|")
+    rows = []
     for name in POSED:
         record = recorded(real, name)
         with Platform(name) as platform:
@@ -204,8 +234,12 @@ def main(real: Path, effects: str, draws: int, seed: int, blur: float | None) ->
                     restaged(platform, record, seed + draw, Effects.of(effects), blur=blur)
                 )
             ]
-        for title, profiles in (("recorded", edge_profiles(record)), (effects, made)):
+        for title, profiles in (("recorded", list(edge_profiles(record))), (effects, made)):
             click.echo(f"| {name}, {title} | " + " | ".join(summary(profiles)) + " |")
+            rows.append(f"| {name}, {title} | " + " | ".join(feet(profiles)) + " |")
+    head = ["lower edges", "colours end off the contour [px]", "[mm]"]
+    click.echo("\n| pictures | " + " | ".join([*head, *(f"other {title}" for title in head)]) + " |")
+    click.echo("|---" * (1 + 2 * len(head)) + "|\n" + "\n".join(rows))
 
 
 if __name__ == "__main__":

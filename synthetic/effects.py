@@ -20,7 +20,8 @@ class Effects:
     """One switch for each effect."""
 
     chamfers: bool = False
-    """Edges of the object are rounded or chamfered by 0.3 to 1 mm, with glints and dark seams."""
+    """Edges of the object are rounded or chamfered by up to 1 mm, about as recorded ones, with glints and
+    dark seams."""
     focus: bool = False
     """Blur differs from camera to camera, and with depth."""
     response: bool = False
@@ -29,6 +30,8 @@ class Effects:
     """Faces have texture, prints with rounded borders, and a gloss each."""
     reflections: bool = False
     """Object, table and fingers give each other of their colours."""
+    contact: bool = False
+    """Where the object stands, its foot and the table are in each other's shade."""
     table: bool = False
     """The table is semi-gloss, with soft highlights, scratches and dust; crosses and rings are painted on it
     in the colours of faces."""

@@ -63,6 +63,8 @@ class Body:
     """Relative standard deviation of the reflectance over the surface (grain, dirt)."""
     faces: bool = False
     """Groups 0 to 5 are the faces of a cuboid along the body's axes, in the order of FACE_NAMES."""
+    rim: float = 0.0
+    """How far within its edges the colours of such a cuboid end where it is worn, about [m]."""
     coats: FloatArray | None = None
     """(G, 2) clear coat of each colour group: how much of it there is, 0 to 1, and by how much it blurs what
     it mirrors [rad]; None: there is none."""
@@ -153,6 +155,9 @@ class PlatformScene:
     """What kind of scene it is, for the ground truth file (JSON values only)."""
     patches: Patches | None = None
     """What lights its neighbours; None: nothing does."""
+    contact: tuple[float, float] = (0.0, 0.0)
+    """Share of the sky's light that a cuboid and the table take from each other where it stands, 0 to 1, and
+    how far that reaches [m]: see `synthetic.render.contact`."""
 
     def emptied(self) -> PlatformScene:
         """The same without its objects, and without what stands in for them."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 
+from synthetic.render.contact import add_contact
 from synthetic.render.hits import hits_of_codes, labels_of_codes, shared
 from synthetic.render.raster import Layers, PinholeView, paint
 from synthetic.render.shading import add_bounced, shade
@@ -42,6 +43,7 @@ class Renderer:
             if not maps:
                 maps.append(shadows_of(surfaces, scene.lighting))
             reach = reach_of(hits, view, maps[0], scene.lighting)
+            add_contact(reach, hits, scene)
         color = shade(hits, view, surfaces, scene.lighting, reach)
         if scene.patches is not None:
             add_bounced(color, scene, scene.patches, hits, surfaces)

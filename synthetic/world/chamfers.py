@@ -17,20 +17,17 @@ from synthetic.scene import Body, Mesh, PlatformScene
 from tracker.conventions import Array, FloatArray
 from tracker.geometry.cuboid import CORNER_SIGNS, EDGES, FACE_CORNERS, FACE_NORMALS, corners
 
-WIDTH_M = (0.0003, 0.001)
-"""Least and greatest width of a rim, measured along a face [m]; wide ones are more frequent."""
+WIDTH_M, SPREAD_M = 0.001, 0.0005
+"""Greatest width of a rim, measured along a face, and how far it is from that of the recorded object [m]."""
 
 CUT = 0.3
 """Share of objects whose edges are cut flat instead of round."""
 
-WORN = 0.5
-"""Share of edges whose rim shows the pale stuff below the colour; others hold dirt."""
-
 LOST = (0.1, 0.4)
 """Share of the colour that is gone from a worn rim."""
 
-SEAM = (0.0, 0.15)
-"""Reflectance of a rim that holds dirt, of what it was."""
+SEAM = (0.05, 0.5)
+"""Greatest reflectance of rims that hold dirt, of what it was; of one object."""
 
 PALE = 0.7
 """Reflectance [1] of what is below the colour."""
@@ -57,21 +54,23 @@ class Rims:
     """(2,) as a row of `Body.coats`."""
 
 
-def random_rims(rng: np.random.Generator) -> Rims:
-    """Rims drawn from `rng`."""
-    worn = np.repeat(rng.random(_EDGES) < WORN, 2)
+def random_rims(rng: np.random.Generator, usual: float) -> Rims:
+    """Rims drawn from `rng`, most likely of a `usual` width [m]; any share of them pale, others dirty."""
+    usual = min(usual, WIDTH_M)
+    worn = np.repeat(rng.random(_EDGES) < rng.random(), 2)
     return Rims(
-        width=float(WIDTH_M[0] + (WIDTH_M[1] - WIDTH_M[0]) * np.sqrt(rng.random())),
+        width=float(rng.triangular(max(usual - SPREAD_M, 0.0), usual, min(usual + SPREAD_M, WIDTH_M))),
         cut=bool(rng.random() < CUT),
         pale=rng.uniform(*LOST, 2 * _EDGES) * worn,
-        dirt=np.where(worn, 1.0, rng.uniform(*SEAM, 2 * _EDGES)),
+        dirt=np.where(worn, 1.0, rng.uniform(0.0, rng.uniform(*SEAM), 2 * _EDGES)),
         coat=rng.uniform([0.3, 0.1], [1.0, 0.4]),
     )
 
 
 def chamfered(scene: PlatformScene, rng: np.random.Generator) -> PlatformScene:
     """The scene with rims, drawn from `rng`, around its cuboid."""
-    rims = random_rims(rng)
+    usual = max((body.rim for body in scene.bodies if body.faces), default=0.0)
+    rims = random_rims(rng, usual)
     bodies = tuple(with_rims(body, rims) if body.faces else body for body in scene.bodies)
     return dataclasses.replace(scene, bodies=bodies)
 

@@ -28,6 +28,11 @@ MOVING, SPEED, RATE = 1 / 2, 0.3, 2.0
 as fingers push and carry."""
 
 
+CONTACT, CONTACT_M = (0.0, 1.0), (0.002, 0.008)
+"""Share of the sky's light that is gone where the object stands, and how far that reaches [m]: see
+`scripts/measure_edges.py`."""
+
+
 def resized(scene: PlatformScene, rng: np.random.Generator) -> PlatformScene:
     """The scene with a cuboid whose edges are a little off; its centre stays."""
     change = rng.uniform(-SIZE_M, SIZE_M, 3)
@@ -42,12 +47,18 @@ def resized(scene: PlatformScene, rng: np.random.Generator) -> PlatformScene:
     return dataclasses.replace(scene, bodies=bodies)
 
 
+def standing(scene: PlatformScene, rng: np.random.Generator) -> PlatformScene:
+    """The scene with shade, drawn from `rng`, where its cuboid stands."""
+    return dataclasses.replace(scene, contact=(float(rng.uniform(*CONTACT)), float(rng.uniform(*CONTACT_M))))
+
+
 _CHANGES: dict[str, Callable[[PlatformScene, np.random.Generator], PlatformScene]] = {
     "sizes": resized,
     "chamfers": chamfered,
     "surface": printed,
     "table": worn,
     "reflections": reflecting,
+    "contact": standing,
     "clutter": cluttered,
 }
 """In the order in which they are made."""

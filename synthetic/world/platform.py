@@ -138,9 +138,8 @@ class Platform(Closing):
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = state.rotation, state.position
         gloss = float(look.gloss[1])
-        return Body(
-            state.name, self._object_mesh, pose, colors, labels, gloss, look.dirt, self.model is not None
-        )
+        faces, rim = self.model is not None, 0.0 if self.model is None else self.model.rim
+        return Body(state.name, self._object_mesh, pose, colors, labels, gloss, look.dirt, faces, rim)
 
     def _surroundings(self, look: Look) -> list[Body]:
         nothing = np.zeros(1, dtype=np.uint8)

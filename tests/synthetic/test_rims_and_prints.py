@@ -10,7 +10,7 @@ pytest.importorskip("trimesh", reason="platform: no module trimesh")
 import trimesh
 
 from synthetic.scene import Body, Mesh
-from synthetic.world.chamfers import group_faces, random_rims, rimmed_box, with_rims
+from synthetic.world.chamfers import SEAM, SPREAD_M, WIDTH_M, group_faces, random_rims, rimmed_box, with_rims
 from synthetic.world.meshes import box
 from synthetic.world.prints import printed_mesh, random_prints, with_prints
 from tracker.geometry.cuboid import EDGES, FACE_NORMALS
@@ -73,7 +73,7 @@ def test_a_point_of_a_rim_has_the_label_of_the_face_it_looks_like(cut):
 def test_rims_and_prints_keep_labels_and_pose():
     rng = np.random.default_rng(3)
     tidy = body(SIZES[0])
-    changed = with_prints(with_rims(tidy, random_rims(rng)), random_prints(rng))
+    changed = with_prints(with_rims(tidy, random_rims(rng, 0.0005)), random_prints(rng))
     assert len(changed.labels) == len(changed.colors) == len(changed.coats) == 60
     assert len(changed.mesh.groups) == len(changed.mesh.triangles)
     assert set(np.unique(changed.mesh.groups)) == set(range(60))
@@ -96,3 +96,17 @@ def test_a_print_covers_its_face_up_to_the_margin_and_the_rounded_corners(size):
         # An arc of three segments lies within the circle by 1.1 % of its quarter's area.
         whole = np.prod(sides - 2 * margin) - (4 - np.pi) * corner**2
         np.testing.assert_allclose(areas[face], whole, rtol=0, atol=0.05 * np.pi * corner**2)
+
+
+def test_rims_are_about_as_wide_as_those_of_the_object_and_dirty_or_pale_by_any_share():
+    rng = np.random.default_rng(4)
+    for usual in (0.0002, 0.0005, 0.0009):
+        rims = [random_rims(rng, usual) for _ in range(300)]
+        widths = np.array([one.width for one in rims])
+        assert (widths >= max(usual - SPREAD_M, 0)).all()
+        assert (widths <= WIDTH_M).all()
+        assert np.median(widths) == pytest.approx(usual, abs=0.0002)
+        dirty = np.array([(one.dirt < 1).mean() for one in rims])
+        assert dirty.min() < 0.1
+        assert dirty.max() > 0.9
+        assert max(one.dirt[one.dirt < 1].max(initial=0.0) for one in rims) <= SEAM[1]

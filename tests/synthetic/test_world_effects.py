@@ -23,7 +23,7 @@ from synthetic.render.check import labels_and_depth
 from synthetic.render.renderer import shared_renderer
 from synthetic.world.effects import MOVING, SIZE_M, SPEED, still_at, with_effects
 
-SCENE_EFFECTS = ("sizes", "chamfers", "surface", "table", "reflections", "clutter")
+SCENE_EFFECTS = ("sizes", "chamfers", "surface", "table", "reflections", "contact", "clutter")
 
 
 @functools.cache
