@@ -62,9 +62,9 @@ def test_face_and_table_darken_alike_towards_their_common_line():
     face = np.stack([np.full(50, 0.03), np.zeros(50), distance], axis=1)
     table = np.stack([0.03 + distance, np.zeros(50), np.zeros(50)], axis=1)
     for strength in (0.3, 1.0):
-        wanted = 1 - strength * hidden(distance, WIDTH)
-        np.testing.assert_allclose(left(face, 1, scene(strength)), wanted, atol=1e-6)
-        np.testing.assert_allclose(left(table, 0, scene(strength)), wanted, atol=1e-5)
+        expected = 1 - strength * hidden(distance, WIDTH)
+        np.testing.assert_allclose(left(face, 1, scene(strength)), expected, atol=1e-6)
+        np.testing.assert_allclose(left(table, 0, scene(strength)), expected, atol=1e-5)
 
 
 def test_none_is_the_old_picture_and_a_lifted_box_has_none():
