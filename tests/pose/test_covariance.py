@@ -6,7 +6,7 @@ import pytest
 from tests.helpers import make_camera
 from tracker.calibration.deviations import calibration_covariance, rotation_vector_variance
 from tracker.geometry import so3
-from tracker.pose.solve import MODEL_STD, offset_weights, with_model_errors
+from tracker.pose.solve import MODEL_STD, add_model_errors, offset_weights
 
 
 def test_camera_offset_is_what_samples_of_the_calibration_show(rng):
@@ -34,13 +34,13 @@ def test_camera_offset_is_what_samples_of_the_calibration_show(rng):
 def test_a_covariance_is_never_less_than_the_models_errors(rng, radius):
     root = 1e-3 * rng.normal(size=(6, 6))
     measured = root @ root.T
-    before = measured.copy()
-    stated = with_model_errors(measured, radius)
-    np.testing.assert_array_equal(measured, before)
+    stated, nothing, transposed = measured.copy(), np.zeros((6, 6)), np.asfortranarray(measured)
+    for covariance in (stated, nothing, transposed):
+        add_model_errors(covariance, radius)
     np.testing.assert_array_equal(stated, stated.T)
     shift, turn = MODEL_STD
     errors = np.diag(np.repeat(np.square([shift * radius, turn]), 3))
     np.testing.assert_allclose(stated - errors, measured, rtol=1e-6, atol=1e-18)
-    np.testing.assert_allclose(with_model_errors(np.zeros((6, 6)), radius), errors, rtol=1e-12)
-    # Transposed in memory, as a solver may leave it.
-    np.testing.assert_array_equal(with_model_errors(np.asfortranarray(measured), radius), stated)
+    np.testing.assert_allclose(nothing, errors, rtol=1e-12)
+    # In memory as a solver may leave it.
+    np.testing.assert_array_equal(transposed, stated)

@@ -381,12 +381,12 @@ _FOR_AND_AGAINST = ("agree", 1), ("extra", -1), ("wrong", -1)
 def _astray(sight: Sight, fit: Fit, own: OwnViews) -> list[int]:
     """Cameras that may see the object elsewhere."""
     result = []
-    for c in np.flatnonzero(sight.used).tolist():
-        seen = fit.cameras[c]
-        if seen["predicted"] < EXPECTED:
+    for c, used in enumerate(sight.used.tolist()):
+        seen = fit.counts[c]
+        if not used or seen["predicted"] < EXPECTED:
             continue
-        odd = int(seen["extra"]) + int(seen["wrong"])
-        shown = odd + int(seen["agree"]) > max(SHOWN[0], SHOWN[1] * seen["predicted"])
+        odd = seen["extra"] + seen["wrong"]
+        shown = odd + seen["agree"] > max(SHOWN[0], SHOWN[1] * seen["predicted"])
         few = own.inliers[c] < USED and shown
         if c in fit.left_out or odd > (FEW_ODD if few else ODD) * seen["expected"]:
             result.append(c)

@@ -66,7 +66,7 @@ SEEN = np.dtype(
 )
 """What one camera's picture says of a pose."""
 
-_NUMBERS = (SEEN.names or ())[:-1]
+_NUMBERS = list(SEEN.names or ())[:-1]
 
 
 class Evidence(NamedTuple):
@@ -135,15 +135,9 @@ class Fit:
 
     def total(self, name: str) -> float:
         """Sum of a field of SEEN over the cameras."""
-        return self._totals[name]
+        return sum(one[name] for one in self.counts)
 
     @functools.cached_property
-    def rows(self) -> list[tuple[float, ...]]:
+    def counts(self) -> list[dict[str, float]]:
         """The records of SEEN as plain numbers: to read them one by one costs more than to judge them."""
-        rows: list[tuple[float, ...]] = self.cameras[list(_NUMBERS)].tolist()
-        return rows
-
-    @functools.cached_property
-    def _totals(self) -> dict[str, float]:
-        columns = zip(*self.rows, strict=True)
-        return {name: float(sum(column)) for name, column in zip(_NUMBERS, columns, strict=True)}
+        return [dict(zip(_NUMBERS, row, strict=True)) for row in self.cameras[_NUMBERS].tolist()]

@@ -10,7 +10,7 @@ import numpy as np
 from tracker.conventions import FloatArray
 from tracker.geometry.probability import probability_within
 from tracker.pose.agreement import probably_fits
-from tracker.pose.fit import SEEN, Fit
+from tracker.pose.fit import Fit
 from tracker.pose.result import Status
 
 EXPECTED = 20
@@ -39,32 +39,28 @@ NEARNESS = 1.06, 0.93
 """Log odds that a pose is as near as that, and their growth with those which its covariance states: a
 covariance may be too small or too large. Fitted by scripts/fit_confidence.py."""
 
-_INLIERS, _PREDICTED, *_OUTSIDE = (
-    (SEEN.names or ()).index(name) for name in ("inliers", "predicted", "extra", "elsewhere", "wrong")
-)
-
 
 def alone(fit: Fit) -> bool:
     """Whether the pose rests on what one camera sees."""
-    return sum(row[_INLIERS] >= MIN_VIEW for row in fit.rows) < 2
+    return sum(one["inliers"] >= MIN_VIEW for one in fit.counts) < 2
 
 
 def supporters(fit: Fit) -> int:
     """How many cameras probably see the object where the fit has it."""
-    return int(np.count_nonzero(fit.evidence.shows > 0.5))
+    return sum(shows > 0.5 for shows in fit.evidence.shows.tolist())
 
 
 def unanimous(fit: Fit) -> bool:
     """Whether all cameras in whose pictures the object should be see it where the fit has it."""
-    return supporters(fit) == np.count_nonzero(fit.cameras["predicted"] > 0)
+    return supporters(fit) == sum(one["predicted"] > 0 for one in fit.counts)
 
 
 @functools.lru_cache(maxsize=32)
 def contradicting(fit: Fit) -> tuple[bool, ...]:
     """Whether each camera sees the object elsewhere, or something else where the fit has it."""
     result = []
-    for row, shows, broken in zip(fit.rows, fit.evidence.shows, fit.evidence.broken, strict=True):
-        predicted, outside = row[_PREDICTED], sum(row[k] for k in _OUTSIDE)
+    for one, shows, broken in zip(fit.counts, fit.evidence.shows, fit.evidence.broken, strict=True):
+        predicted, outside = one["predicted"], one["extra"] + one["elsewhere"] + one["wrong"]
         astray = outside >= max(ASTRAY[0], ASTRAY[1] * predicted) or broken > 0.5
         result.append(bool(predicted >= EXPECTED and shows <= 0.5 and astray))
     return tuple(result)
@@ -83,8 +79,8 @@ def log_odds(fit: Fit) -> float:
 
 def disputed(fit: Fit) -> int:
     """How many cameras outvote a single one that shows the object: each of them may be right instead."""
-    against = sum(contradicting(fit))
-    return against if against > 1 and supporters(fit) < 2 else 0
+    against = sum(contradicting(fit)) if supporters(fit) < 2 else 0
+    return against if against > 1 else 0
 
 
 def trust(fit: Fit) -> float:

@@ -45,7 +45,7 @@ def _without_shared(matrix, out):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def see_alone(solution, cameras, work, information, moved, inliers):  # type: ignore[no-untyped-def]
+def see_alone(solution, cameras, work, own):  # type: ignore[no-untyped-def]
     """Solve for the pose of each camera by itself, as if no calibration bound it to the others.
 
     The offsets are those measured last. Other than in the joint solution all that lies within the strips
@@ -55,10 +55,9 @@ def see_alone(solution, cameras, work, information, moved, inliers):  # type: ig
         solution: the joint one.
         cameras: as it left them; their sums are overwritten.
         work: where the offsets are.
-        information: (C, 6, 6), filled: on the pose that the camera sees; zero where it sees nothing.
-        moved: (C, 6), filled: that pose less the joint one [m, rad].
-        inliers: (C,), filled: weight of the pieces of edges that it rests on.
+        own: OwnViews, filled.
     """
+    information, moved, inliers = own
     matrix, lower, vector = np.empty((UNKNOWNS, UNKNOWNS)), np.empty((UNKNOWNS, UNKNOWNS)), np.empty(UNKNOWNS)
     step, since, hold = np.empty(UNKNOWNS), np.empty(6), np.empty(UNKNOWNS)
     counted = np.zeros(1, SEEN)

@@ -13,6 +13,7 @@ from tracker.geometry.lens import apply_update, copy_pose
 from tracker.geometry.linear import median
 from tracker.pose.edge_fit import measure
 from tracker.pose.fit import LIKELY
+from tracker.pose.own_view import see_alone
 from tracker.pose.scale import relative_size
 from tracker.pose.sizes import sizes
 from tracker.pose.solution import EXPONENT, RIM, UNKNOWNS
@@ -20,6 +21,7 @@ from tracker.pose.solve import (
     FLOOR,
     TUKEY,
     accumulate,
+    add_model_errors,
     finish,
     marginal,
     offset_weights,
@@ -340,14 +342,11 @@ def _solved(model, solution, cameras, share, late):  # type: ignore[no-untyped-d
 
 
 @compiled
-def refine(model, pictures, schedule, start, solution, cameras, seen, work):  # type: ignore[no-untyped-def]
-    """Move the pose of a solution in place to where it fits the pictures' edges best.
+def _approach(model, pictures, schedule, start, solution, cameras, seen, work):  # type: ignore[no-untyped-def]
+    """Move the pose of a solution, in place; arguments as of `refine`.
 
     Gauss-Newton on the pose and on an offset η_c of each camera, which sees the object at the pose moved by
     η_c; the offsets' size is bound by what the calibration states of its errors.
-
-    pictures (C,) of PICTURE; start: see Start; cameras (C,) of CAMERA, of which
-    delay and lag are given; seen (C,) of SEEN, filled.
     """
     doubtful = begin(model, pictures, solution, cameras, start)
     radius = math.sqrt(model.half[0] ** 2 + model.half[1] ** 2 + model.half[2] ** 2)
@@ -386,3 +385,32 @@ def refine(model, pictures, schedule, start, solution, cameras, seen, work):  # 
         solution.converged = False
     elif model.table.known and late:
         leaner(solution)
+    add_model_errors(solution.covariance, radius)
+
+
+@compiled
+def refine(model, pictures, schedule, start, solution, cameras, seen, work, own):  # type: ignore[no-untyped-def]
+    """Move the pose of a solution in place to where it fits the pictures' edges best.
+
+    Args:
+        model: see `refiner.Model`.
+        pictures: (C,) of PICTURE.
+        schedule: the steps.
+        start: see Start.
+        solution: of SOLUTION, filled; its pose is where to begin.
+        cameras: (C,) of CAMERA, filled, of which delay and lag are given.
+        seen: (C,) of SEEN, filled but for what label maps say.
+        work: see `refiner.Workspace`.
+        own: OwnViews of all cameras, filled; of none: they are not asked.
+    """
+    _approach(model, pictures, schedule, start, solution, cameras, seen, work)
+    if len(own.inliers) > 0:
+        see_alone(solution, cameras, work, own)
+    count = 0
+    for c in range(len(cameras)):
+        camera = cameras[c]
+        seen[c].squares /= camera.scale**2
+        if camera.used:
+            work.widths[count] = camera.blur / camera.scale
+            count += 1
+    solution.blur = median(work.widths, count) if count > 0 else start.blur

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import statistics
 import threading
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -17,7 +16,6 @@ from tracker.geometry.lens import stack_lenses
 from tracker.objects.box import Box
 from tracker.pose.edge_fit import OFFSET, scratch
 from tracker.pose.fit import LIKELY, SEEN, Fit, Lag, OwnViews, Start
-from tracker.pose.own_view import see_alone
 from tracker.pose.refine import (
     SCHEDULE,
     Schedule,
@@ -28,7 +26,6 @@ from tracker.pose.refine import (
     take_stock,
 )
 from tracker.pose.solution import CAMERA, EXPONENT, MOVING, RIM, SOLUTION, UNKNOWNS
-from tracker.pose.solve import with_model_errors
 from tracker.pose.strips import MAX_STRIPS, PIXELS, STRIP
 from tracker.pose.support import NO_TABLE, Table
 
@@ -106,7 +103,6 @@ class Refiner:
         known = np.linalg.inv(np.array([calibration_covariance(camera) for camera in cameras]))
         self.model = Model(box.half, box.face_labels, stack_lenses(cameras), known, label_table, table)
         self.likely = LIKELY._replace(rim=box.rim[0], rim_std=box.rim[1])
-        self._radius = box.radius
         self._local = LocalSpace(len(cameras))
 
     def begun(
@@ -138,23 +134,19 @@ class Refiner:
         """
         solution, cameras = self.begun(rotation, position, lag)
         start = start or self.likely
-        count, work = len(cameras), self._local.work
-        seen = np.zeros(count, SEEN)
-        refine(self.model, pictures, schedule, start, solution[0], cameras, seen, work)
-        own = None
-        if ask:
-            own = OwnViews(np.empty((count, 6, 6)), np.empty((count, 6)), np.empty(count))
-            see_alone(solution[0], cameras, work, *own)
-        end, seen["squares"] = start, seen["squares"] / cameras["scale"] ** 2
-        one = solution[0]
+        count = len(cameras) if ask else 0
+        seen = np.zeros(len(cameras), SEEN)
+        own = OwnViews(np.empty((count, 6, 6)), np.empty((count, 6)), np.empty(count))
+        refine(self.model, pictures, schedule, start, solution[0], cameras, seen, self._local.work, own)
+        end, one = start, solution[0]
         if one["converged"]:
-            blur = statistics.median((cameras["blur"] / cameras["scale"])[cameras["used"]].tolist())
             rim_std = max(math.sqrt(one["rim"]), SHOWN_RIM_STD)
-            end = Start(blur, float(one["shared"][EXPONENT]), float(one["shared"][RIM]), rim_std)
+            exponent, rim = one["shared"][[EXPONENT, RIM]].tolist()
+            end = Start(float(one["blur"]), exponent, rim, rim_std)
         return Fit(
             one["position"],
             one["rotation"],
-            with_model_errors(one["covariance"], self._radius),
+            one["covariance"],
             seen,
             bool(one["converged"]),
             iterations=int(one["steps"]),
@@ -162,7 +154,7 @@ class Refiner:
             stands=float(one["stands"]),
             offsets=cameras["offset"][:, :6].copy(),
             lags=None if lag is None else cameras["lag"].copy(),
-            own=own,
+            own=own if ask else None,
         )
 
     def edges(

@@ -66,6 +66,7 @@ SOLUTION = np.dtype(
         ("less", np.float64, (ROWS, ROWS)),  # … how much less uncertain that makes it
         ("covariance", np.float64, (6, 6)),  # of the pose [m, rad]
         ("rim", np.float64),  # variance of the rim [m²]
+        ("blur", np.float64),  # median of the pictures' [px of an object of reference size]
         ("stands", np.float64),  # how well it stands: log odds over an object that may be anywhere
         ("converged", np.bool_),  # whether the last step was negligible
         ("steps", np.int64),  # how many there were

@@ -13,7 +13,6 @@ import math
 import numpy as np
 
 from tracker.compiled import compiled
-from tracker.conventions import FloatArray
 from tracker.geometry.linear import factorise, median, substitute
 from tracker.pose.solution import EDGE, EXPONENT, KNOWN, OWN, PULL, RIM, ROW, UNKNOWNS
 
@@ -387,13 +386,14 @@ def offset_weights(calibration, position, out):  # type: ignore[no-untyped-def]
             out[i, j] = total
 
 
-def with_model_errors(covariance: FloatArray, radius: float) -> FloatArray:
-    """The covariance (6, 6) of a pose with what no number of samples averages away; radius: of the object.
+@compiled
+def add_model_errors(covariance, radius):  # type: ignore[no-untyped-def]
+    """Add to the covariance (6, 6) of a pose what no number of samples averages away; radius: of the object.
 
     This is equation (19) of docs/how-it-works.md.
     """
-    result: FloatArray = 0.5 * (covariance + covariance.T)
-    diagonal = result.ravel()[::7]
-    diagonal[:3] += (MODEL_STD[0] * radius) ** 2
-    diagonal[3:] += MODEL_STD[1] ** 2
-    return result
+    for i in range(6):
+        for k in range(i + 1):
+            covariance[i, k] = 0.5 * (covariance[i, k] + covariance[k, i])
+            covariance[k, i] = covariance[i, k]
+        covariance[i, i] += (MODEL_STD[0] * radius) ** 2 if i < 3 else MODEL_STD[1] ** 2
