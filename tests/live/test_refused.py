@@ -51,7 +51,7 @@ def test_what_is_none_is_refused(make, words):
     [
         ("Gain = [1]", r"Gain: found \[1\]"),
         ('["c"]\nGain = 1', "expected one of a, b"),
-        ("Gain", "cannot be read"),
+        ("Gain", "not a TOML file"),
     ],
 )
 def test_settings_that_are_none_are_refused(text, words, tmp_path):

@@ -19,12 +19,12 @@ from tracker.errors import LogError
 pytest.importorskip("lmdb", reason="datasets: no module lmdb")
 pytest.importorskip("numcodecs", reason="datasets: no module numcodecs")
 
-COMPRESSORS = [None, {"id": "zlib", "level": 1}, {"id": "blosc", "cname": "lz4", "clevel": 5, "shuffle": 1}]
+COMPRESSORS = [None, {"id": "blosc", "cname": "lz4", "clevel": 5, "shuffle": 1}]
 
 
 @pytest.mark.parametrize("reorder", [True, False])
 @pytest.mark.parametrize("coding", ["vlen-bytes", "vlen-array"])
-@pytest.mark.parametrize("compressor", COMPRESSORS, ids=["plain", "zlib", "blosc"])
+@pytest.mark.parametrize("compressor", COMPRESSORS, ids=["plain", "blosc"])
 def test_stores_are_read(tmp_path, reorder, coding, compressor):
     content = make_content(5)
     folder = write_store(tmp_path / "x.zarr", content, reorder=reorder, coding=coding, compressor=compressor)
@@ -85,7 +85,15 @@ def swap(old: bytes, new: bytes):
         ("images/.zarray", lambda data: b"{}", None, "expected zarr 2"),
         ("images/.zarray", lambda data: b"[", None, "no JSON"),
         ("images/.zarray", swap(b"vlen-bytes", b"pickle"), None, "coded as .'pickle'"),
-        ("images/.zarray", swap(b"null", b'{"id": "pickle"}'), None, "packed by 'pickle'"),
+        *[
+            (
+                "images/.zarray",
+                swap(b"null", b'{"id": "%s"}' % packer),
+                None,
+                rf"packed by '{packer.decode()}'",
+            )
+            for packer in (b"pickle", b"zlib", b"gzip", b"bz2", b"lzma", b"lz4", b"zstd")
+        ],
         ("images/.zarray", swap(b"[15]", b"[16]"), None, "multiple of 3"),
         ("images/.zattrs", swap(b"[24, 28]", b"[24]"), None, "image_shape"),
         ("images/.zattrs", swap(b"[24, 28]", b"[24, 30]"), 0, "28×24 px, expected 30×24"),
@@ -116,27 +124,20 @@ def test_damage_is_named(tmp_path, key, change, frames, message):
 
 
 ZEROS = 50_000_000 * b"\0"
-BOMBS = [
-    ({"id": "zstd", "level": 1}, "a size of 50000000 bytes stated"),
-    ({"id": "lz4"}, "a size of 50000000 bytes stated"),
-    ({"id": "blosc", "cname": "zlib", "clevel": 9, "shuffle": 0}, "a size of 50000000 bytes stated"),
-    ({"id": "zlib", "level": 9}, "33 bytes before its end"),
-    ({"id": "gzip", "level": 9}, "33 bytes before its end"),
-    ({"id": "bz2", "level": 9}, "33 bytes before its end"),
-]
 
 
-@pytest.mark.parametrize(("compressor", "message"), BOMBS, ids=[str(c["id"]) for c, _ in BOMBS])
-def test_no_more_is_unpacked_than_a_block_holds(tmp_path, compressor, message):
+@pytest.mark.parametrize("inner", ["zlib", "zstd", "lz4"])
+def test_no_more_is_unpacked_than_a_block_holds(tmp_path, inner):
     import numcodecs
 
+    compressor = {"id": "blosc", "cname": inner, "clevel": 9, "shuffle": 0}
     folder = write_store(tmp_path / "x.zarr", make_content(2), shown=range(6), compressor=compressor)
     with tracker.open_log(folder) as log:
         assert len(list(log)) == 2
     packed = numcodecs.get_codec(compressor).encode(ZEROS)
     edit(folder, "obs_to_image_index/0", lambda data: bytes(packed))
     tracemalloc.start()
-    with pytest.raises(LogError, match=f"obs_to_image_index: block 0: cannot be unpacked: .*{message}"):
+    with pytest.raises(LogError, match=r"index: block 0: cannot be unpacked: .*of 50000000 bytes stated"):
         tracker.open_log(folder)
     assert tracemalloc.get_traced_memory()[1] < 5_000_000
     tracemalloc.stop()

@@ -108,7 +108,7 @@ def test_the_format_in_the_docstring_is_valid(tmp_path):
         ("[0.05, 0.06, 0.07]", "[0.05, 0.06, true]", "size: found True"),
         ("[0.05, 0.06, 0.07]", "[50, 60, 70]", "edges from 0.005 to 0.5 m"),
         ("[0.05, 0.06, 0.07]", "[0.05, 0.06, 0.004]", "edges from"),
-        ("size =", "length =", "unknown key 'length'; valid are name, size"),
+        ("size =", "length =", "unknown key .length., expected some of name, size"),
         ("size = [0.05, 0.06, 0.07]", "", "'size' is missing"),
         ('"mine"', "3", "name: found 3"),
         ('"mine"', '"mine', "not a TOML file"),

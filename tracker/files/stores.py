@@ -8,17 +8,15 @@ that is missing, ends the whole process. Here pages are read, and every number i
     node  = u32 size | u16 marks | u16 length of the key | key | data, or where they start
     node of a branch = 48 bits of the page below | u16 length of the key | the least key there
 
-Of arrays only lists of byte strings and of plain numbers are decoded; codecs that could run code (pickle) are
-refused. What a block unpacks to is bounded before it is unpacked.
+Of arrays only lists of byte strings and of plain numbers are decoded, plain or packed by Blosc as zarr packs
+them by itself; codecs that could run code (pickle) are refused. What a block unpacks to is bounded before it
+is unpacked.
 """
 
 from __future__ import annotations
 
-import bz2
 import json
-import lzma
 import struct
-import zlib
 from bisect import bisect_left, bisect_right
 from pathlib import Path
 from typing import Any
@@ -156,15 +154,7 @@ MAX_NUMBERS = 1 << 27
 _MAX_JSON = 1 << 20  # bytes
 _MAX_LEFT_OUT = 1 << 16  # blocks; those that hold nothing but the fill value may be left out
 _RAGGED = ("vlen-bytes", "vlen-array")
-_UNPACKERS: dict[str, Any] = {
-    "zlib": lambda: zlib.decompressobj(zlib.MAX_WBITS),
-    "gzip": lambda: zlib.decompressobj(16 + zlib.MAX_WBITS),
-    "bz2": bz2.BZ2Decompressor,
-    "lzma": lambda: lzma.LZMADecompressor(memlimit=MAX_BLOCK),
-}
-"""Packers whose blocks state no size: numcodecs takes memory for whatever they unpack to, these do not."""
-_STATING = ("blosc", "lz4", "zstd")
-"""Packers whose blocks state what they unpack to."""
+_PACKER = "blosc"
 
 
 def open_store(folder: Path) -> LmdbFile:
@@ -275,30 +265,23 @@ class StoredArray:
         fill = meta["fill_value"]
         self._fill = fill if isinstance(fill, (int, float)) else None
         self._packer = meta["compressor"]
-        known = (*_STATING, *_UNPACKERS)
-        if self._packer is not None and self._packer["id"] not in known:
+        if self._packer is not None and self._packer["id"] != _PACKER:
             found = str(self._packer["id"])[:40]
-            raise LogError(f"{self._where}: found blocks packed by {found!r}, expected {', '.join(known)}")
+            raise LogError(f"{self._where}: found blocks packed by {found!r}, expected {_PACKER} or none")
 
     def _unpacked(self, data: bytes, largest: int, what: str) -> bytes:
         if self._packer is None:
             return data
-        kind = self._packer["id"]
+        # Bytes 4 to 8 of a block state what it unpacks to, bytes 12 to 16 its own length.
+        stated, length = int.from_bytes(data[4:8], "little"), int.from_bytes(data[12:16], "little")
         try:
-            if kind in _UNPACKERS:
-                unpacker = _UNPACKERS[kind]()
-                content = bytes(unpacker.decompress(data, largest + 1))
-                if not unpacker.eof:
-                    raise LogError(f"{len(content)} bytes before its end, expected at most {largest}")
-                return content
-            stated = _stated_size(kind, data)
-            if stated is None or stated > largest:
-                raise LogError(f"a size of {stated} bytes stated, expected at most {largest}")
+            if length != len(data) or stated > largest:
+                found = f"{len(data)} of {length} bytes, of which a size of {stated} bytes stated"
+                raise LogError(f"found {found}, expected at most {largest}")
             import numcodecs
 
             return bytes(numcodecs.get_codec(self._packer).decode(data))
-        # Every codec raises errors of its own for damaged data.
-        except Exception as error:
+        except Exception as error:  # whatever it stumbles over
             raise LogError(f"{what}: cannot be unpacked: {' '.join(str(error).split())}") from error
 
     def _json(self, key: str) -> dict[str, Any] | None:
@@ -312,24 +295,6 @@ class StoredArray:
         if not isinstance(value, dict):
             raise LogError(f"{self._where}/{key}: found no JSON object")
         return value
-
-
-def _stated_size(kind: str, data: bytes) -> int | None:
-    """What a block says that it unpacks to [bytes]; None where it does not, or is not whole."""
-    if kind == "lz4":
-        return int.from_bytes(data[:4], "little") if len(data) > 4 else None
-    if kind == "blosc":
-        whole = len(data) >= 16 and int.from_bytes(data[12:16], "little") == len(data)
-        return int.from_bytes(data[4:8], "little") if whole else None
-    # Zstandard, RFC 8878: magic number, description, perhaps a window's and a dictionary's, size.
-    if len(data) < 18 or data[:4] != b"\x28\xb5\x2f\xfd":
-        return None
-    about = data[4]
-    single = about >> 5 & 1
-    at = 5 + (1 - single) + (0, 1, 2, 4)[about & 3]
-    width = (single, 2, 4, 8)[about >> 6]
-    size = int.from_bytes(data[at : at + width], "little")
-    return size + 256 * (width == 2) if width else None
 
 
 def _split(data: bytes, what: str) -> list[bytes]:

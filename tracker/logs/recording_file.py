@@ -15,7 +15,6 @@ each camera, in the order of [cameras].
 from __future__ import annotations
 
 import re
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,15 +24,11 @@ import numpy as np
 from tracker.conventions import FloatArray
 from tracker.errors import LogError
 from tracker.files import read_bounded, told_of
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
+from tracker.files.toml import MAX_FILE_SIZE, parse_toml
 
 FILE_NAME, STAMPS_NAME = "recording.toml", "stamps.csv"
 
-_MAX_BYTES = {FILE_NAME: 100_000, STAMPS_NAME: 100_000_000}
+_MAX_STAMPS = 100_000_000  # bytes
 _MAX_CAMERAS = 16
 _MAX_RATE = 1e6
 
@@ -55,13 +50,9 @@ def read_recording_file(folder: Path) -> RecordingFile | None:
     path = folder / FILE_NAME
     if not path.is_file():
         return None
-    try:
-        values = tomllib.loads(_content(path))
-    except (ValueError, RecursionError) as error:
-        raise LogError(f"{path}: not a TOML file: {' '.join(str(error).split())}") from error
-    unknown = sorted(set(values) - {"cameras", "rate"})
-    if unknown:
-        raise LogError(f"{path}: found unknown key {unknown[0]!r}, expected cameras or rate")
+    with told_of(path):
+        content = read_bounded(path, MAX_FILE_SIZE)
+    values = parse_toml(content, path, LogError, ("cameras", "rate"))
     patterns = values.get("cameras")
     if not isinstance(patterns, dict) or not 0 < len(patterns) <= _MAX_CAMERAS:
         raise LogError(f"{path}: cameras: expected a table of 1 to {_MAX_CAMERAS} patterns by cameras' names")
@@ -106,20 +97,13 @@ def _stamps(folder: Path, cameras: int) -> FloatArray | None:
     path = folder / STAMPS_NAME
     if not path.is_file():
         return None
+    with told_of(path):
+        content = read_bounded(path, _MAX_STAMPS)
     try:
-        rows = [line.split(",") for line in _content(path).splitlines() if line.strip()]
+        rows = [line.split(",") for line in content.decode("utf-8-sig").splitlines() if line.strip()]
         stamps = np.array(rows, np.float64)
     except ValueError as error:
         raise LogError(f"{path}: found no table of numbers: {' '.join(str(error).split())}") from error
     if stamps.ndim != 2 or stamps.shape[1] not in (1, cameras) or not np.isfinite(stamps).all():
         raise LogError(f"{path}: expected finite numbers, one or {cameras} in each line")
     return stamps
-
-
-def _content(path: Path) -> str:
-    with told_of(path):
-        content = read_bounded(path, _MAX_BYTES[path.name])
-    try:
-        return content.decode("utf-8-sig")
-    except ValueError as error:
-        raise LogError(f"{path}: found no text of UTF-8") from error

@@ -22,7 +22,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
-import sys
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -33,21 +32,14 @@ from tracker.checks import is_number, path_of
 from tracker.conventions import Array, FloatArray
 from tracker.errors import ObjectModelError, shown
 from tracker.files import read_bounded
+from tracker.files.toml import MAX_FILE_SIZE, parse_toml
 from tracker.geometry.cuboid import FACE_NAMES
 from tracker.objects.labels import COLOR_NAMES
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 MIN_SIZE, MAX_SIZE = 0.005, 0.5
 """Shortest and longest edge [m] that a model may have."""
 
 _KEYS = ("name", "size", "faces", "colors", "rim", "rim_std")
-
-MAX_FILE_SIZE = 100_000
-"""Largest file of an object [bytes]; one has about 300."""
 
 RIM_STD = 0.0003
 """Standard deviation of an unknown rim, which covers those of real objects [m]."""
@@ -169,13 +161,7 @@ def to_toml(model: CuboidModel) -> str:
 
 
 def _parse(content: bytes, source: str, folder: Path | None) -> CuboidModel:
-    try:
-        data = tomllib.loads(content.decode("utf-8"))
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
-        raise ObjectModelError(f"{source}: not a TOML file: {error}") from error
-    unknown = sorted(set(data) - set(_KEYS))
-    if unknown:
-        raise ObjectModelError(f"{source}: unknown key {unknown[0]!r}; valid are {', '.join(_KEYS)}")
+    data = parse_toml(content, source, ObjectModelError, _KEYS)
     for key in ("name", "size", "faces"):
         if key not in data:
             raise ObjectModelError(f"{source}: key {key!r} is missing; expected are {', '.join(_KEYS)}")

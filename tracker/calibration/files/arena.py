@@ -12,23 +12,15 @@ A key that is left out has the value shown, which is that of `geometry.arena.Are
 from __future__ import annotations
 
 import dataclasses
-import sys
 from pathlib import Path
 
 from tracker.errors import CalibrationError
 from tracker.files import read_bounded, told_as, write_whole
+from tracker.files.toml import MAX_FILE_SIZE, parse_toml
 from tracker.geometry.arena import Arena
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 FILE_NAME = "arena.toml"
 """Name of the file in the folder of the camera files."""
-
-MAX_FILE_SIZE = 100_000
-"""Largest such file [bytes]; one has about 200."""
 
 NO_TABLE = "none"
 
@@ -49,16 +41,7 @@ def read_arena(folder: Path) -> Arena:
         return Arena()
     except OSError as error:
         raise CalibrationError(f"{path}: cannot be read: {error.strerror or error}") from error
-    try:
-        values = tomllib.loads(content.decode("utf-8"))
-    # Besides its own errors, the parser lets through those of numbers and of values nested too deeply.
-    except (ValueError, RecursionError) as error:
-        raise CalibrationError(f"{path}: not a TOML file: {error}") from error
-    unknown = sorted(set(values) - set(_KEYS))
-    if unknown:
-        raise CalibrationError(
-            f"{path}: found unknown key {unknown[0]!r}, expected some of {', '.join(_KEYS)}"
-        )
+    values = parse_toml(content, path, CalibrationError, _KEYS)
     if values.get("table") == NO_TABLE:
         values["table"] = None
     try:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import os
-import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -14,21 +13,14 @@ import numpy as np
 from tracker.calibration.rig import CameraRig
 from tracker.errors import LiveError
 from tracker.files import read_bounded
+from tracker.files.toml import MAX_FILE_SIZE, parse_toml
 from tracker.live.moment import ImageSource
 from tracker.live.sources.cameras import RATE, CameraSet, LiveCamera
 from tracker.live.sources.replay import Replay
 from tracker.live.sources.simulation import Simulation
 from tracker.pipeline import ObjectTracker
 
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
-
 CAMERAS, SIMULATION = ("pylon", "opencv"), "simulation"
-MAX_SETTINGS = 100_000
-"""Largest file of settings [bytes]."""
-
 FORMS = "a recording's path, pylon, pylon:SERIAL,…, opencv:0,1,2 or simulation"
 
 
@@ -110,9 +102,10 @@ def settings_of(path: Path | None, serials: list[str]) -> dict[str, Mapping[str,
     if path is None:
         return {serial: {} for serial in serials}
     try:
-        values = tomllib.loads(read_bounded(path, MAX_SETTINGS).decode("utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
+        content = read_bounded(path, MAX_FILE_SIZE)
+    except (OSError, ValueError) as error:  # ValueError: a null byte in the path
         raise LiveError(f"settings {path}: cannot be read: {error}") from error
+    values = parse_toml(content, f"settings {path}", LiveError)
     common = {name: value for name, value in values.items() if not isinstance(value, dict)}
     own = {name: value for name, value in values.items() if isinstance(value, dict)}
     unknown = sorted(set(own) - set(serials))
