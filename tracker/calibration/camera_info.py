@@ -6,13 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from tracker.calibration.files.platform import MAX_ROTATION_DEVIATION
+from tracker.calibration.files.platform import rotation_of
 from tracker.calibration.rig import CameraRig
-from tracker.conventions import FloatArray
 from tracker.errors import CalibrationError, LogError
 from tracker.files import hdf5
-from tracker.geometry import so3
-from tracker.geometry.camera import ROTATION_TOLERANCE, Camera, rotation_deviation
+from tracker.geometry.camera import Camera
 from tracker.geometry.distortion import COUNTS
 
 CAMERA_DATASETS = {
@@ -64,17 +62,6 @@ def read_camera(file: Any, name: str, size: tuple[int, int], where: str) -> Came
             shape = stored.shape if stored.shape in _LENSES else _LENSES[0]
         values = hdf5.array(file, f"{group}/{key}", shape, "fiu", where).astype(np.float64)
         arrays[attribute] = values.ravel() if attribute == "distortion" else values
-    _mend(arrays["camera_from_world"], f"{where}{group}/tf_world_to_camera")
+    transform = arrays["camera_from_world"]
+    transform[:3, :3] = rotation_of(transform[:3, :3], f"{where}{group}/tf_world_to_camera", LogError)
     return Camera(name=name, width=size[0], height=size[1], **arrays)
-
-
-def _mend(transform: FloatArray, what: str) -> None:
-    """Make the 3×3 part a rotation; LogError where it is far from one."""
-    deviation = rotation_deviation(transform[:3, :3])
-    if deviation > MAX_ROTATION_DEVIATION:
-        raise LogError(
-            f"{what}: found a 3×3 part that deviates from a rotation by {deviation:.2g}, expected at most "
-            f"{MAX_ROTATION_DEVIATION:g}"
-        )
-    if deviation > ROTATION_TOLERANCE:  # the platform stores element-wise means of rotations
-        transform[:3, :3] = so3.nearest_rotation(transform[:3, :3])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -11,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from tracker.calibration.files.arena import read_arena, write_arena
-from tracker.calibration.files.folder import calibration_files, camera_order, refuse_variants
+from tracker.calibration.files.folder import read_folder
 from tracker.calibration.files.platform import read_camera, write_camera
 from tracker.checks import of_kind, path_of
 from tracker.errors import CalibrationError, shown
@@ -102,25 +103,14 @@ class CameraRig:
         of_kind(correct_halved_principal_point, bool, "correct_halved_principal_point", CalibrationError)
         if pattern is not None and not isinstance(pattern, str):
             raise CalibrationError(f"pattern: found {shown(pattern)}, expected a text, e.g. '*_cropped.yml'")
-        if not isinstance(path, (str, os.PathLike)):
-            alone = not isinstance(path, Iterable) or isinstance(path, bytes | np.ndarray)
-            items: Any = [path] if alone else path
-            files = [path_of(item, "camera rig", CalibrationError, FILES) for item in items]
-            return cls._of_files(files, correct_halved_principal_point)
-        root = path_of(path, "camera rig", CalibrationError, FILES)
-        if not os.path.isdir(root):
-            return cls._of_files([root], correct_halved_principal_point)
-        files = calibration_files(root, pattern)
-        cameras = {file: _read(file, correct_halved_principal_point) for file in files}
-        refuse_variants(root, {file.name: camera.name for file, camera in cameras.items()})
-        ordered = sorted(cameras, key=lambda file: camera_order(cameras[file].name, file.name))
-        return cls(tuple(cameras[file] for file in ordered), read_arena(root))
-
-    @classmethod
-    def _of_files(cls, files: list[Path], correct_halved_principal_point: bool) -> CameraRig:
-        cameras = tuple(_read(file, correct_halved_principal_point) for file in files)
+        alone = not isinstance(path, Iterable) or isinstance(path, str | os.PathLike | bytes | np.ndarray)
+        items: Any = [path] if alone else path
+        files = [path_of(item, "camera rig", CalibrationError, FILES) for item in items]
+        read = functools.partial(read_camera, correct_halved_principal_point=correct_halved_principal_point)
+        if alone and os.path.isdir(files[0]):
+            return cls(read_folder(files[0], pattern, read, lambda one: one.name), read_arena(files[0]))
         folders = {file.parent.resolve() for file in files}
-        return cls(cameras, read_arena(files[0].parent) if len(folders) == 1 else Arena())
+        return cls(tuple(map(read, files)), read_arena(files[0].parent) if len(folders) == 1 else Arena())
 
     def save(self, folder: str | os.PathLike[str]) -> None:
         """Write one platform file per camera, e.g. `camera60.yml`, so that `load(folder)` finds them.
@@ -147,7 +137,3 @@ class CameraRig:
         return dataclasses.replace(
             self, cameras=tuple(camera.resized(width, height) for camera in self.cameras)
         )
-
-
-def _read(path: Path, correct_halved_principal_point: bool) -> Camera:
-    return read_camera(path, correct_halved_principal_point=correct_halved_principal_point)

@@ -65,7 +65,7 @@ class Filmed:
     @contextmanager
     def opened(self) -> Iterator[Opened]:
         """All of it, open within the `with` block; TrackerError where something is wrong with it."""
-        from tracker.calibration.by_object.sightings import Film, Stills
+        from tracker.calibration.by_object.sightings import Footage
 
         model, colors = self.subject.load()
         pictures = [path for path in self.inputs if path == NO_IMAGE or Path(path).suffix.lower() in PICTURE]
@@ -80,14 +80,14 @@ class Filmed:
                 its = self.cameras.rig_of(Path(path), log)
                 _refuse_other(path, its, rig if rig is not None and footage else its)
                 rig = its
-                footage.append(Film(log, stills=self.stills))
+                footage.append(Footage(log, stills=self.stills))
                 frames += len(log)
             if rig is None:
                 raise CalibrationError("images: found no calibration, expected --calibration")
             if pictures:
                 resize = self.cameras.resize_calibration and not footage
                 rig, sets = _sets(pictures, rig, resize=resize)
-                footage.append(Stills(sets))
+                footage.append(Footage(sets))
                 frames += len(sets)
             progress = stack.enter_context(bar("frames", frames, self.quiet))
             yield Opened(model, footage, rig, colors, progress)

@@ -43,7 +43,7 @@ def stated(inputs: Sequence[str], cameras: options.Cameras) -> tuple[dict[str, f
 
 def plain(found: CalibrationCheck, warnings: Sequence[str]) -> dict[str, Any]:
     """The result in plain numbers; null where one is not known."""
-    from tracker.calibration.by_object.expected import DEPTH, FOCAL
+    from tracker.calibration.by_object.check import DEPTH, FOCAL
 
     def known(value: float) -> float | None:
         return None if math.isnan(value) else value
@@ -82,7 +82,7 @@ def plain(found: CalibrationCheck, warnings: Sequence[str]) -> dict[str, Any]:
 
 def text(found: CalibrationCheck, warnings: Sequence[str]) -> str:
     """The result for people."""
-    from tracker.calibration.by_object.expected import DEPTH, FOCAL
+    from tracker.calibration.by_object.check import DEPTH, FOCAL
 
     def number(value: float, digits: int) -> str:
         return "" if math.isnan(value) else f"{value:.{digits}f}"

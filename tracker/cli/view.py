@@ -189,7 +189,8 @@ def _health(
     finder: tracker.ObjectTracker, images: Sequence[Image | None], answer: tracker.Observation
 ) -> Sample:
     """What a frame tells of the rig."""
-    from tracker.calibration.by_object.health import sample, slow
+    from tracker.calibration.by_object.health import sample
+    from tracker.calibration.by_object.sightings import slow
 
     motion = answer.filtered_object_pose
     return sample(finder, images, still=motion is not None and slow(motion.velocity))

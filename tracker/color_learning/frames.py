@@ -9,7 +9,7 @@ import numpy as np
 
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Image
-from tracker.logs import Log
+from tracker.logs.log import Log, evenly
 from tracker.objects.model import CuboidModel
 from tracker.pipeline import ObjectTracker
 from tracker.pose.fit import Fit
@@ -42,12 +42,7 @@ def frames_of(log: Log, rig: CameraRig, count: int) -> Frames:
     Raises:
         LogError: the recording is damaged.
     """
-    numbers = np.unique(np.linspace(0, len(log) - 1, min(count, len(log))).round().astype(int)).tolist()
-    if log.random_access:
-        frames = [log.frame(index).images for index in numbers]
-    else:
-        chosen = set(numbers)
-        frames = [frame.images for frame in log if frame.index in chosen]
+    frames = [frame.images for frame in log.pick(evenly(len(log), count))]
     frames = [images for images in frames if any(image is not None for image in images)]
     return Frames(rig, tuple(frames[::2]), tuple(frames[1::2]))
 

@@ -19,7 +19,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from tracker.calibration.by_object.health import LEVELS, MOST_CLIPPED, QUANTITIES, disagreement, sample, slow
+from tracker.calibration.by_object.health import LEVELS, MOST_CLIPPED, QUANTITIES, disagreement, sample
+from tracker.calibration.by_object.sightings import slow
 from tracker.errors import LiveError
 from tracker.live.camera_check import MOST_MISSING, MOST_SKEW
 from tracker.live.listeners import WAITING, Listener

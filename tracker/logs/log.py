@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import overload
+
+import numpy as np
 
 from tracker.calibration.rig import CameraRig
 from tracker.errors import LogError
@@ -21,6 +23,12 @@ MIN_SIDE, MAX_SIDE = 8, 4096
 
 Settings = Mapping[str, str | int | float | bool]
 """Values of exposure, gain, white balance and others, by the names that the camera's maker gives them."""
+
+
+def evenly(count: int, most: int) -> list[int]:
+    """Up to `most` of the numbers 0 … count - 1, spread evenly."""
+    chosen = np.linspace(0, count - 1, min(most, count)).round().astype(int)
+    return [int(number) for number in np.unique(chosen)]
 
 
 class Source(ABC):
@@ -191,6 +199,14 @@ class Log:
         if not -len(self) <= number < len(self):
             raise IndexError(f"frame {number}: expected -{len(self)} to {len(self) - 1}")
         return self._read(self._indices[number])
+
+    def pick(self, numbers: Sequence[int]) -> Iterator[LogFrame]:
+        """Frames by their numbers, which ascend, as quickly as the format allows; errors as of `frame`."""
+        if self.random_access:
+            yield from map(self.frame, numbers)
+        else:
+            chosen = set(numbers)
+            yield from (frame for number, frame in enumerate(self) if number in chosen)
 
     @property
     def format(self) -> str:

@@ -11,7 +11,7 @@ import tracker
 from tests.helpers import make_camera
 from tracker.calibration.by_object.check import LIMIT, check, check_calibration
 from tracker.calibration.by_object.looks import OFTEN, Look
-from tracker.calibration.by_object.sightings import Stills
+from tracker.calibration.by_object.sightings import Footage
 from tracker.errors import CalibrationError
 from tracker.geometry import so3
 from tracker.geometry.cuboid import corners
@@ -212,7 +212,7 @@ def test_the_recorded_platforms_files_are_named_for_their_focal_lengths(name, st
     rig = tracker.CameraRig.load(real / "pose" / name)
     images = [cv2.imread(str(real / "pose" / name / f"{camera}.png")) for camera in rig.names]
     model = tracker.load_object(name)
-    found = check(model, [Stills([images])], rig, tracker.load_colors(model.colors))
+    found = check(model, [Footage([images])], rig, tracker.load_colors(model.colors))
     assert found.fits
     assert np.mean([one.corners.stated for one in found.cameras]) == pytest.approx(stated, abs=0.1)
     assert len(found.warnings) == 3

@@ -10,7 +10,7 @@ from tests.helpers.filmed import RIG
 from tests.helpers.moving_cube import carried, knocked, relative_errors
 from tests.helpers.resting_cube import rests
 from tracker.calibration.by_object.refine import refine_cameras
-from tracker.calibration.by_object.sightings import Shot, Stills
+from tracker.calibration.by_object.sightings import Footage, Shot
 from tracker.calibration.by_object.table import find_table, moved
 from tracker.errors import CalibrationError, NotBetterError
 from tracker.geometry import so3
@@ -35,7 +35,7 @@ class Film:
 
 
 def stills():
-    return Stills([still.images for still in carried()])
+    return Footage([still.images for still in carried()])
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +76,7 @@ def test_rests_bring_the_world_to_the_table():
     lifted = np.eye(4)
     lifted[2, 3] = 0.004
     world = moved(WRONG, lifted)
-    both = [stills(), Stills([still.images for still in rests()])]
+    both = [stills(), Footage([still.images for still in rests()])]
     found = refine_cameras(MODEL, both, world, COLORS)
     assert found.plane is not None
     assert found.rig.arena.table == 0.0
@@ -93,7 +93,7 @@ EMPTY = [np.full((270, 270, 3), 110, np.uint8)] * 3
         (stills, RIG, r"refused: edges in 9 frames held out.*as good as"),
         (stills, ALONE, "camera60 alone"),
         (lambda: Film([rests()[0].images] * 5), WRONG, "found 1 of the 18 different poses"),
-        (lambda: Stills([still.images for still in rests()] * 3), WRONG, "move and turn it"),
+        (lambda: Footage([still.images for still in rests()] * 3), WRONG, "move and turn it"),
         (lambda: Film([EMPTY] * 3), WRONG, "no frame in which cube_v2 is surely seen"),
     ],
     ids=["nothing to better", "one camera", "at rest", "never turned", "no object"],
@@ -118,7 +118,7 @@ def floating(height=0.005, degrees=1.0):
 
 
 def shown(lying):
-    return Stills([still.images for still in lying])
+    return Footage([still.images for still in lying])
 
 
 @pytest.mark.parametrize("height", [0.005, -0.006])
@@ -152,4 +152,4 @@ def test_several_films_and_stills_count_together(lying):
 )
 def test_what_shows_no_table_is_refused_with_the_reason(seen, rig, message, lying):
     with pytest.raises(CalibrationError, match=message):
-        find_table(MODEL, [Stills(list(seen([still.images for still in lying])))], rig, COLORS)
+        find_table(MODEL, [Footage(list(seen([still.images for still in lying])))], rig, COLORS)

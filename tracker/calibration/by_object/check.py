@@ -1,4 +1,12 @@
-"""Does a calibration fit? Judged by where each camera by itself sees an object that all see; see `looks`."""
+"""Does a calibration fit? Judged by where each camera by itself sees an object that all see; see `looks`.
+
+It also says what misses a calibration's stated deviations let expect, and what a lens leaves open.
+
+A camera k whose error is ξ_k (see `looks`) sees an object at P moved by -G ξ_k. Against the pose of the
+others camera c then sees it moved by d = -Σ_k M_k G ξ_k, with M_c = 1 and M_k the share of k in that pose,
+negative. A corner moves by A d in the picture, with A its Jacobian, so what stated covariances Σ_k let expect
+of its square is the trace of A Σ_k (M_k G Σ_k Gᵀ M_kᵀ) Aᵀ.
+"""
 
 from __future__ import annotations
 
@@ -7,22 +15,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tracker.calibration.by_object.expected import (
-    FOCAL,
-    SQUARE,
-    Corners,
-    FocalCheck,
-    corner_misses,
-    focal_check,
-)
 from tracker.calibration.by_object.looks import OFTEN, CameraErrors, Look
-from tracker.calibration.by_object.sightings import SLOW, Footage, Shot
+from tracker.calibration.by_object.sightings import Footage, Shot, slow
+from tracker.calibration.deviations import calibration_covariance
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray
 from tracker.errors import CalibrationError
 from tracker.geometry import so3
 from tracker.geometry.camera import Camera
 from tracker.geometry.cuboid import corners
+from tracker.logs.log import evenly
 from tracker.objects.model import CuboidModel
 from tracker.pipeline import ObjectTracker
 from tracker.pose.estimate import SHOWN, USED
@@ -31,8 +33,60 @@ from tracker.pose.judge import EXPECTED, apparent
 from tracker.pose.result import Status
 from tracker.segmentation.color_model import ColorModel
 
-LEAST = 1
-"""Looks that a judgement takes."""
+FOCAL = 295.0
+"""Focal length of the pictures in whose pixels cameras are compared, whatever their own [px]."""
+
+SQUARE = 0.003
+"""Share by which the two focal lengths of a camera may differ: those of a board's photos differ by 0.001."""
+
+DEPTH = 2e-3
+"""Error of one camera's depth for which the needed accuracy of its focal length is given [m]."""
+
+
+@dataclass(frozen=True)
+class Corners:
+    """By how much a camera misses the object's corners where the others have them.
+
+    Of each look the root mean square over the corners, of those the median [px at FOCAL]; NaN: not asked.
+    """
+
+    seen: float
+    """What the looks show."""
+    shift: float
+    """The part of it that the corners of a look have in common: where the object is."""
+    shape: float
+    """The rest: how large the object is, and how it is turned."""
+    stated: float
+    """What the deviations that the cameras' files state let expect; NaN where one states none."""
+
+
+@dataclass(frozen=True)
+class FocalCheck:
+    """What a focal length leaves open of the depth that a camera alone sees."""
+
+    ratio: float
+    """Of the focal lengths, fy over fx."""
+    off: float
+    """Share by which the focal length may be off: the deviation that the camera's file states, at least half
+    of what the two focal lengths differ by."""
+    distance: float
+    """From the camera to the object, median over the looks [m]; NaN: not asked."""
+
+    @property
+    def depth(self) -> float:
+        """Error of the camera's depth that follows [m]."""
+        return self.off * self.distance
+
+    @property
+    def needed(self) -> float:
+        """Share to which the focal length must be right for an error of DEPTH."""
+        return DEPTH / self.distance
+
+    @property
+    def is_square(self) -> bool:
+        """Whether pixels are as high as wide, within SQUARE."""
+        return abs(self.ratio - 1.0) <= SQUARE
+
 
 LIMIT = 1.6 / FOCAL
 """Angle [rad] by which cameras may miss what the others see, in the median over looks: 1.6 px on the
@@ -113,7 +167,7 @@ def check_calibration(
     """
     if len(cameras) < 2:
         raise CalibrationError(f"check: found {cameras[0].name} alone, expected two cameras or more")
-    if len(looks) < LEAST:
+    if not looks:
         raise CalibrationError(
             "check: found no picture in which two cameras see the object still; expected one or more, better "
             "twenty"
@@ -145,9 +199,48 @@ def check_calibration(
     return CalibrationCheck(tuple(result), _median_miss(misses, cameras), len(looks), misses)
 
 
-def misses_of(looks: Sequence[Look], cameras: Sequence[Camera]) -> FloatArray:
-    """(looks, C, 2) by which each camera misses what the others see [px], right and down; NaN: not known."""
-    return CameraErrors(looks, cameras).misses() if looks else np.zeros((0, len(cameras), 2))
+def corner_misses(looks: Sequence[Look], cameras: Sequence[Camera], problem: CameraErrors) -> list[Corners]:
+    """What each camera misses of the corners, and what was to be expected."""
+    stated = all(one.camera_from_world_std is not None and one.camera_from_world_std.any() for one in cameras)
+    covariances = np.array([calibration_covariance(one) for one in cameras])
+    result = []
+    for c, camera in enumerate(cameras):
+        rows = []
+        for f, look in enumerate(looks):
+            shares = problem.shares(f, c)
+            if shares is None:
+                continue
+            motion = _corner_motion(camera, look)
+            moves = (motion @ np.einsum("kij,kj->i", shares, look.moved)).reshape(-1, 2)
+            shift = moves.mean(axis=0)
+            feigned = motion @ shares @ problem.lever[f]
+            expected = np.einsum("kni,kij,knj->", feigned, covariances, feigned) / len(moves)
+            rows.append(
+                [(moves**2).sum(1).mean(), shift @ shift, ((moves - shift) ** 2).sum(1).mean(), expected]
+            )
+        seen, shift, shape, expected = np.sqrt(np.median(rows, axis=0)) if rows else [float("nan")] * 4
+        result.append(
+            Corners(float(seen), float(shift), float(shape), float(expected) if stated else float("nan"))
+        )
+    return result
+
+
+def focal_check(camera: Camera, distances: FloatArray, focal_std: Mapping[str, float]) -> FocalCheck:
+    """What a camera's lens leaves open at distances (N,) [m]; `focal_std`: see `check_calibration`."""
+    fx, fy = camera.matrix[0, 0], camera.matrix[1, 1]
+    off = max(abs(fy / fx - 1.0) / 2.0, focal_std.get(camera.name, 0.0))
+    return FocalCheck(
+        float(fy / fx), float(off), float(np.median(distances)) if len(distances) else float("nan")
+    )
+
+
+def _corner_motion(camera: Camera, look: Look) -> FloatArray:
+    """(2 N, 6) motion of a look's corners in a camera's picture with the object's pose [px at FOCAL]."""
+    _, jacobian = camera.project_with_jacobian(look.corners)
+    swing = np.stack([-so3.hat(arm) for arm in look.corners - look.position])
+    motion = np.concatenate([jacobian, jacobian @ swing], axis=2)
+    motion *= FOCAL / camera.matrix[(0, 1), (0, 1)][:, None]
+    return np.asarray(motion.reshape(-1, 6))
 
 
 def _median_miss(misses: FloatArray, cameras: Sequence[Camera]) -> float:
@@ -206,12 +299,7 @@ def check(
     looks: list[Look] = []
     for one in footage:
         chosen = list(_still(tracker, one, progress))
-        chosen = (
-            [chosen[k] for k in np.unique(np.linspace(0, len(chosen) - 1, MOST).astype(int))]
-            if chosen
-            else []
-        )
-        for images in one.images(chosen):
+        for images in one.images([chosen[k] for k in evenly(len(chosen), MOST)]):
             fit = tracker.fit(images)
             if isinstance(fit, Fit) and fit.own is not None and apparent(fit) >= SURE:
                 looks.append(look_of(fit, model.size))
@@ -255,5 +343,4 @@ def _rests(tracker: ObjectTracker, shot: Shot) -> bool:
     state = found.filtered_object_pose
     if found.object_pose is None or state is None or found.status in (Status.FOUND, Status.REFOUND):
         return False
-    speeds = np.linalg.norm(state.velocity.reshape(2, 3), axis=1)
-    return bool((speeds < SLOW).all())
+    return slow(state.velocity)

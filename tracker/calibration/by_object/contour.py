@@ -1,12 +1,19 @@
-"""What a camera's picture says of the edges of a posed object: equations that are linear in small changes."""
+"""What a camera's picture says of the edges of a posed object: equations that are linear in small changes.
+
+A pose's errors are its own, and those of the cameras, which all poses share.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from tracker.calibration.deviations import calibration_covariance
 from tracker.conventions import Array, FloatArray
+from tracker.geometry import so3
+from tracker.geometry.camera import Camera
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,3 +65,54 @@ class Contour:
                 common = its @ columns
                 total -= np.outer(common, common) / (its.sum() + 1.0 / variance)
         return total
+
+
+OWN = 0.05
+"""Standard deviation of what all pieces of an edge have in common [px]."""
+
+EXPONENT_STD = 0.5
+"""Standard deviation of a camera's exponent of response."""
+
+FAR = 2.0
+"""Offset from which on a piece is taken to be of something else [px]."""
+
+_VAGUE = np.diag(np.repeat([1e-2, 3e-1], 3) ** -2.0)
+"""(6, 6) information that holds what no camera sees [m, rad]."""
+
+
+def seen_motion(position: FloatArray) -> FloatArray:
+    """(6, 6) how an object at a position (3,) seems to move with a camera's error (a, w) [m, rad]."""
+    motion = np.eye(6)
+    motion[:3, 3:] = -so3.hat(position)
+    return motion
+
+
+def pose_information(contour: Contour, rim_std: float) -> FloatArray:
+    """(6, 6) what a camera's edges say of a pose, where exponent and rim are unknown [1/m², 1/rad²]."""
+    columns = np.column_stack([contour.jacobian, contour.bloom, contour.rim])
+    found = contour.information(columns, (np.abs(contour.offset) < FAR).astype(float), OWN**2)
+    other = found[6:, 6:] + np.diag([EXPONENT_STD**-2, rim_std**-2])
+    result: FloatArray = found[:6, :6] - found[:6, 6:] @ np.linalg.solve(other, found[6:, :6])
+    return result
+
+
+def pose_errors(
+    contours: Sequence[Contour | None], position: FloatArray, cameras: Sequence[Camera], rim_std: float
+) -> tuple[FloatArray, FloatArray]:
+    """Covariance (6, 6) of a pose's own errors, and how it moves (6, C, 6) with the errors of the cameras.
+
+    With H_c the information of camera c's edges, and D_c the covariance of what its stated error feigns at
+    `position` (3,) [m], the pose is the mean of what the cameras say, weighted by M_c = (H_c⁻¹ + D_c)⁻¹.
+    """
+    inner, motions, weights = [], [], []
+    for contour, camera in zip(contours, cameras, strict=True):
+        motion = seen_motion(position)
+        found = np.zeros((6, 6)) if contour is None else pose_information(contour, rim_std)
+        feigned = motion @ calibration_covariance(camera) @ motion.T
+        kept = np.linalg.inv(np.eye(6) + found @ feigned)
+        inner.append(kept @ found @ kept.T)
+        weights.append(kept @ found)
+        motions.append(motion)
+    total = np.linalg.inv(sum(weights) + _VAGUE)
+    own: FloatArray = total @ (sum(inner) + _VAGUE) @ total.T
+    return own, np.stack([total @ w @ m for w, m in zip(weights, motions, strict=True)], axis=1)

@@ -16,14 +16,13 @@ from tracker.calibration.by_object.check import (
     CalibrationCheck,
     check_calibration,
     look_of,
-    misses_of,
 )
-from tracker.calibration.by_object.looks import Look
-from tracker.calibration.by_object.sightings import SLOW
+from tracker.calibration.by_object.looks import CameraErrors, Look
+from tracker.calibration.by_object.sightings import slow
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray, Image
 from tracker.geometry.arena import Arena
-from tracker.logs import Log
+from tracker.logs.log import Log, evenly
 from tracker.objects.model import CuboidModel
 from tracker.pipeline import ObjectTracker
 from tracker.pose.fit import Fit
@@ -166,16 +165,15 @@ def health(
         LogError: the recording is damaged.
         ImageError: a picture is not what the tracker's cameras give.
     """
-    rows = np.unique(np.linspace(0, len(poses) - 1, MOST).astype(int)) if len(poses) else np.zeros(0, int)
-    row_of = dict(zip(poses.index[rows].tolist(), rows.tolist(), strict=True))
+    rows = evenly(len(poses), MOST)
     count, rig = len(tracker.rig), tracker.rig
     values = {key: np.full((len(rows), count), np.nan) for key in QUANTITIES}
     height = np.full(len(rows), np.nan)
     looks: list[Look] = []
     looked: list[int] = []
     last = -APART
-    for n, frame in enumerate(frame for frame in log if frame.index in row_of):
-        found = sample(tracker, frame.images, still=_still(poses, row_of[frame.index]))
+    for n, frame in enumerate(log.pick(poses.index[rows].tolist())):
+        found = sample(tracker, frame.images, still=_still(poses, rows[n]))
         for key, value in found.values.items():
             values[key][n] = value
         height[n] = found.height
@@ -234,7 +232,7 @@ def sample(tracker: ObjectTracker, images: Sequence[Image | None], *, still: boo
 def disagreement(looks: Sequence[Look], rig: CameraRig) -> FloatArray:
     """(looks, C) by which each camera misses what the others see [mrad]; NaN: not known."""
     angles = [camera.matrix[[0, 1], [0, 1]] for camera in rig]
-    misses: FloatArray = 1e3 * np.linalg.norm(misses_of(looks, rig.cameras) / angles, axis=2)
+    misses: FloatArray = 1e3 * np.linalg.norm(CameraErrors(looks, rig.cameras).misses() / angles, axis=2)
     return misses
 
 
@@ -261,11 +259,6 @@ def _still(poses: Poses, row: int) -> bool:
     """Whether the object did not move in a frame."""
     columns = poses.filtered
     return slow(columns.velocity[row]) if columns.has_pose[row] else len(poses) == 1
-
-
-def slow(velocity: FloatArray) -> bool:
-    """Whether an object with a velocity (6,) [m/s, rad/s] is at rest."""
-    return bool((np.linalg.norm(velocity.reshape(2, 3), axis=1) < SLOW).all())
 
 
 def height_over_table(position: FloatArray, rotation: FloatArray, model: CuboidModel, arena: Arena) -> float:

@@ -14,9 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tracker.calibration.by_object.contour import seen_motion
 from tracker.calibration.deviations import calibration_covariance
 from tracker.conventions import Array, FloatArray
-from tracker.geometry import so3
 from tracker.geometry.camera import Camera
 
 OFTEN = 3
@@ -75,7 +75,7 @@ class CameraErrors:
     def __init__(self, looks: Sequence[Look], cameras: Sequence[Camera]) -> None:
         self.cameras, count = cameras, len(cameras)
         self.moved_by = np.array([look.moved for look in looks])
-        self.lever = np.array([_lever(look.position) for look in looks])
+        self.lever = np.array([seen_motion(look.position) for look in looks])
         self.known = np.zeros((len(looks), count, 6, 6))
         self.distance = np.empty((len(looks), count))
         for f, look in enumerate(looks):
@@ -189,13 +189,6 @@ class CameraErrors:
         seen = self.moved_by + np.einsum("fij,cj->fci", self.lever, errors)
         off = seen - self._poses(weights[..., None, None] * self.known, seen)[:, None]
         return np.asarray(np.einsum("fci,fcij,fcj->fc", off, self.known, off))
-
-
-def _lever(position: FloatArray) -> FloatArray:
-    """(6, 6) G of the module's docstring at a position (3,)."""
-    lever = np.eye(6)
-    lever[:3, 3:] = -so3.hat(position)
-    return lever
 
 
 def _view_errors(camera: Camera, distance: float) -> FloatArray:

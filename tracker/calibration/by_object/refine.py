@@ -1,4 +1,7 @@
-"""Mends a calibration by what recordings of a moving object show: how the cameras stand to each other."""
+"""Mends a calibration by what recordings of a moving object show: how the cameras stand to each other.
+
+Bundle adjustment over pictures: read edges, solve, move cameras and poses, and read again.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +12,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tracker.calibration.by_object.adjust import Adjusted, Frame, adjust, exact, widened
-from tracker.calibration.by_object.bundle import EXTRINSIC, FOCAL, relative_covariance
+from tracker.calibration.by_object.bundle import (
+    EXTRINSIC,
+    FOCAL,
+    LEAST_STD,
+    Posed,
+    Prior,
+    Step,
+    Unknowns,
+    relative_covariance,
+    solve,
+)
 from tracker.calibration.by_object.edges import EdgeReader
 from tracker.calibration.by_object.sightings import Footage, Sighting, all_sightings, different
 from tracker.calibration.by_object.table import TablePlane, broad, levelled, plane_of
@@ -18,9 +30,105 @@ from tracker.calibration.deviations import element_std
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray
 from tracker.errors import CalibrationError, NotBetterError
+from tracker.geometry import so3
+from tracker.geometry.camera import Camera
 from tracker.objects.model import CuboidModel
 from tracker.pipeline import ObjectTracker
+from tracker.pose.views import Sight
 from tracker.segmentation.color_model import ColorModel
+
+ITERATIONS = 10
+"""Steps, at most."""
+
+SETTLED = 0.02e-3, np.radians(0.002)
+"""Change of a camera below which it has settled [m, rad]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """Pictures of the object in a pose."""
+
+    sight: Sight
+    """What they say."""
+    position: FloatArray
+    """(3,) about where it is [m]."""
+    rotation: FloatArray
+    """(3, 3) world_from_object, about."""
+
+
+@dataclass(frozen=True, eq=False)
+class Adjusted:
+    """Cameras that fit the edges of all frames."""
+
+    unknowns: Unknowns
+    """The cameras, and what else was unknown."""
+    step: Step
+    """The last one."""
+    iterations: int
+    converged: bool
+
+
+def widened(rig: CameraRig) -> CameraRig:
+    """The same cameras, stated to be at most as good as LEAST_STD."""
+    return _with_stds(rig, [_wider(camera) for camera in rig])
+
+
+def exact(rig: CameraRig) -> CameraRig:
+    """The same cameras, stated to be exact."""
+    return _with_stds(rig, [None] * len(rig))
+
+
+def adjust(edges: EdgeReader, frames: Sequence[Frame], rim: tuple[float, float], *, focal: bool) -> Adjusted:
+    """The cameras that fit the frames' edges best.
+
+    Args:
+        edges: reader of the cameras as they were, with deviations that leave them room (see `widened`).
+        frames: in which the object is seen by some of them.
+        rim: of the object, and its standard deviation [m].
+        focal: whether focal lengths and principal points are unknown, too.
+    """
+    prior = Prior.of(edges.rig.cameras, rim, focal=focal)
+    now = Unknowns.of(edges.rig.cameras, rim[0])
+    poses, starts, offsets = [], [], []
+    for frame in frames:
+        refined = edges.refine(frame.sight, frame.rotation, frame.position)
+        poses.append((refined.rotation, refined.position))
+        starts.append(refined.end)
+        # At first the cameras see the object beside where they should.
+        offsets.append(refined.offsets)
+    aims: Sequence[FloatArray | None] = offsets
+    converged, done = False, 0
+    while not converged and done < ITERATIONS:
+        reader = edges.of(dataclasses.replace(edges.rig, cameras=now.cameras))
+        read = [
+            Posed(position, reader.contours(frame.sight, rotation, position, start, aim))
+            for frame, (rotation, position), start, aim in zip(frames, poses, starts, aims, strict=True)
+        ]
+        step = solve(read, now, prior)
+        now = now.moved(step.change, step.rim)
+        poses = [
+            (so3.exp(change[3:]) @ rotation, position + change[:3])
+            for (rotation, position), change in zip(poses, step.poses, strict=True)
+        ]
+        aims = [None] * len(frames)
+        shift, turn = (np.linalg.norm(step.change[:, k : k + 3], axis=1).max() for k in (0, 3))
+        converged = bool(shift < SETTLED[0] and turn < SETTLED[1])
+        done += 1
+    return Adjusted(now, step, done, converged)
+
+
+def _with_stds(rig: CameraRig, stds: Sequence[FloatArray | None]) -> CameraRig:
+    cameras = (
+        dataclasses.replace(camera, camera_from_world_std=std) for camera, std in zip(rig, stds, strict=True)
+    )
+    return dataclasses.replace(rig, cameras=tuple(cameras))
+
+
+def _wider(camera: Camera) -> FloatArray:
+    least = element_std(camera.camera_from_world[:3, :3], np.diag(np.repeat(np.square(LEAST_STD), 3)))
+    std = camera.camera_from_world_std
+    return least if std is None else np.maximum(std, least)
+
 
 SURE = 0.15
 """Least confidence of a pose that counts: a calibration that is off makes it low, and is to be mended."""
@@ -154,11 +262,14 @@ def _frames(
 
 def _with(rig: CameraRig, adjusted: Adjusted) -> CameraRig:
     """The rig with the cameras found, and how well they stand to each other."""
-    cameras = []
-    for camera, covariance in zip(adjusted.unknowns.cameras, _stated(adjusted), strict=True):
-        std = element_std(camera.camera_from_world[:3, :3], covariance)
-        cameras.append(dataclasses.replace(camera, camera_from_world_std=std))
-    return dataclasses.replace(rig, cameras=tuple(cameras))
+    found = dataclasses.replace(rig, cameras=adjusted.unknowns.cameras)
+    return _with_stds(
+        found,
+        [
+            element_std(camera.camera_from_world[:3, :3], covariance)
+            for camera, covariance in zip(found, _stated(adjusted), strict=True)
+        ],
+    )
 
 
 def _told(adjusted: Adjusted) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
 from tracker.conventions import FloatArray, Image
 from tracker.errors import CalibrationError
 from tracker.geometry import so3
-from tracker.logs import Log
+from tracker.logs.log import Log, evenly
 from tracker.pipeline import ObjectTracker
 
 Images = Sequence[Image | None]
@@ -29,29 +29,24 @@ class Shot(NamedTuple):
     """Whether what was before does not matter."""
 
 
-class Footage(Protocol):
-    """A film, or stills."""
+class Footage:
+    """A recording, or sets of pictures.
+
+    Args:
+        source: the recording, open as long as this is used; or sets, each taken at a moment of its own.
+        stills: each of the recording's frames was taken at a moment of its own.
+    """
+
+    def __init__(self, source: Log | Sequence[Images], *, stills: bool = False) -> None:
+        self._log = source if isinstance(source, Log) else None
+        self._sets = () if isinstance(source, Log) else source
+        self._stills = stills or len(source) == 1
 
     def shots(self) -> Iterator[Shot]:
         """All of it, in order."""
-
-    def images(self, numbers: Sequence[int]) -> Iterator[Images]:
-        """The pictures of some shots, by number, which ascend."""
-
-
-class Film:
-    """A recording.
-
-    Args:
-        log: open as long as this is used.
-        stills: each of its frames was taken at a moment of its own.
-    """
-
-    def __init__(self, log: Log, *, stills: bool = False) -> None:
-        self._log, self._stills = log, stills or len(log) == 1
-
-    def shots(self) -> Iterator[Shot]:
-        """See Footage."""
+        if self._log is None:
+            yield from (Shot(k, images, None, True) for k, images in enumerate(self._sets))
+            return
         starts = frozenset(self._log.episode_starts)
         alone = {index for index in starts if index + 1 in starts or index + 1 == len(self._log)}
         for frame in self._log:
@@ -60,27 +55,10 @@ class Film:
             yield Shot(frame.index, frame.images, stamps, still or frame.index in starts)
 
     def images(self, numbers: Sequence[int]) -> Iterator[Images]:
-        """See Footage."""
-        if self._log.random_access:
-            yield from (self._log.frame(number).images for number in numbers)
-        else:
-            chosen = set(numbers)
-            yield from (frame.images for frame in self._log if frame.index in chosen)
-
-
-class Stills:
-    """Sets of pictures, each taken at a moment of its own."""
-
-    def __init__(self, sets: Sequence[Images]) -> None:
-        self._sets = sets
-
-    def shots(self) -> Iterator[Shot]:
-        """See Footage."""
-        return (Shot(k, images, None, True) for k, images in enumerate(self._sets))
-
-    def images(self, numbers: Sequence[int]) -> Iterator[Images]:
-        """See Footage."""
-        return (self._sets[number] for number in numbers)
+        """The pictures of some shots, by number, which ascend."""
+        if self._log is None:
+            return (self._sets[number] for number in numbers)
+        return (frame.images for frame in self._log.pick(numbers))
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,7 +149,8 @@ def resting(sightings: Iterable[Sighting]) -> list[Sighting]:
     """
     runs: list[list[Sighting]] = []
     for one in sightings:
-        if not (_level(one.rotation) and _still(one)):
+        level = np.abs(one.rotation[2]).max() > np.cos(LEVEL)
+        if not level or not (one.velocity is None or slow(one.velocity)):
             continue
         last = runs[-1] if runs else None
         if last and not one.begins and one.velocity is not None and _stays(last, one):
@@ -181,15 +160,9 @@ def resting(sightings: Iterable[Sighting]) -> list[Sighting]:
     return [run[len(run) // 2] for run in runs if run[0].velocity is None or len(run) >= FRAMES]
 
 
-def _level(rotation: FloatArray) -> bool:
-    return bool(np.abs(rotation[2]).max() > np.cos(LEVEL))
-
-
-def _still(one: Sighting) -> bool:
-    if one.velocity is None:
-        return True
-    speed, turning = np.linalg.norm(one.velocity[:3]), np.linalg.norm(one.velocity[3:])
-    return bool(speed < SLOW[0] and turning < SLOW[1])
+def slow(velocity: FloatArray) -> bool:
+    """Whether an object with a velocity (6,) [m/s, rad/s] is at rest."""
+    return bool((np.linalg.norm(velocity.reshape(2, 3), axis=1) < SLOW).all())
 
 
 def _stays(run: list[Sighting], one: Sighting) -> bool:
@@ -240,8 +213,7 @@ def different(name: str, seen: Sequence[Sequence[Sighting]], most: int) -> list[
             f"{np.degrees(turn):.0f}° (expected {np.degrees(TURNED):.0f}): move and turn it all over the "
             "arena"
         )
-    picks = np.unique(np.linspace(0, len(chosen) - 1, min(most, len(chosen))).round().astype(int))
-    return [chosen[k] for k in picks]
+    return [chosen[k] for k in evenly(len(chosen), most)]
 
 
 def _smear(one: Sighting) -> float:

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tracker.calibration.by_object.contour import pose_errors
 from tracker.calibration.by_object.edges import EdgeReader
-from tracker.calibration.by_object.pose_errors import pose_errors
 from tracker.calibration.by_object.sightings import Footage, Sighting, all_sightings, resting
 from tracker.calibration.deviations import calibration_covariance, turned_std
 from tracker.calibration.rig import CameraRig

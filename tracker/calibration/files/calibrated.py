@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from tracker.calibration.files import platform
-from tracker.calibration.files.folder import calibration_files, camera_order, refuse_variants
+from tracker.calibration.files.folder import read_folder, refuse_variants
 from tracker.conventions import FloatArray
 from tracker.errors import CalibrationError
 from tracker.geometry.camera import Camera
@@ -99,16 +99,11 @@ def read_all_calibrated(paths: Sequence[Path], pattern: str | None = None) -> tu
     Raises:
         CalibrationError: a file is missing or malformed, or the folder holds none or several of a camera.
     """
-    if len(paths) != 1 or not paths[0].is_dir():
-        found = {path: read_calibrated(path) for path in paths}
-        refuse_variants(Path(), {str(path): one.camera.name for path, one in found.items()})
-        return tuple(found.values())
-    found = {path: read_calibrated(path) for path in calibration_files(paths[0], pattern)}
-    refuse_variants(paths[0], {path.name: one.camera.name for path, one in found.items()})
-    return tuple(
-        found[path]
-        for path in sorted(found, key=lambda path: camera_order(found[path].camera.name, path.name))
-    )
+    if len(paths) == 1 and paths[0].is_dir():
+        return read_folder(paths[0], pattern, read_calibrated, lambda one: one.camera.name)
+    found = {path: read_calibrated(path) for path in paths}
+    refuse_variants(Path(), {str(path): one.camera.name for path, one in found.items()})
+    return tuple(found.values())
 
 
 def focal_deviations(found: Iterable[Calibrated]) -> dict[str, float]:

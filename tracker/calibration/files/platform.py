@@ -20,8 +20,8 @@ import numpy as np
 import yaml
 
 from tracker.conventions import FloatArray
-from tracker.errors import CalibrationError, shown
-from tracker.files import read_bounded, write_whole
+from tracker.errors import CalibrationError, TrackerError, shown
+from tracker.files import read_bounded, told_as, write_whole
 from tracker.geometry import so3
 from tracker.geometry.camera import MAX_SIZE, ROTATION_TOLERANCE, Camera, rotation_deviation
 from tracker.geometry.distortion import COUNTS
@@ -125,10 +125,8 @@ def write_mapping(data: dict[str, Any], path: str | os.PathLike[str]) -> None:
     text = "%YAML 1.1\n---\n" + yaml.safe_dump(
         data, sort_keys=False, allow_unicode=True, default_flow_style=None, width=100
     )
-    try:
+    with told_as(CalibrationError, path):
         write_whole(path, text)
-    except OSError as error:
-        raise CalibrationError(f"{os.fspath(path)}: cannot be written: {error.strerror or error}") from error
 
 
 def matrix_entry(matrix: FloatArray) -> dict[str, Any]:
@@ -178,7 +176,7 @@ def camera_of(data: dict[Any, Any]) -> Camera:
         )
     transform_key = next((key for key in TRANSFORM_KEYS if key in data), TRANSFORM_KEYS[0])
     transform = matrix_of(data, transform_key, (4, 4))
-    transform[:3, :3] = _rotation(transform[:3, :3], transform_key)
+    transform[:3, :3] = rotation_of(transform[:3, :3], transform_key, CalibrationError)
     std_key = next((f"{key}_std" for key in TRANSFORM_KEYS if data.get(f"{key}_std") is not None), None)
     std = None if std_key is None else matrix_of(data, std_key, (4, 4))
     if std is not None and std.min() < 0:
@@ -243,10 +241,13 @@ def _number(value: Any, key: str) -> float:
     return float(value)
 
 
-def _rotation(matrix: FloatArray, key: str) -> FloatArray:
-    """The nearest rotation; `matrix` itself, to the bit, where a Camera takes it as it is."""
+def rotation_of(matrix: FloatArray, what: str, fault: type[TrackerError]) -> FloatArray:
+    """The nearest rotation; `matrix` (3, 3) itself, to the bit, where a Camera takes it as it is.
+
+    The platform stores element-wise means of rotations. `fault`, which names `what`, where it is none.
+    """
     deviation = rotation_deviation(matrix)
     if deviation > MAX_ROTATION_DEVIATION:
         found = f"a 3×3 part that deviates from a rotation by {deviation:.2g}"
-        raise CalibrationError(f"{key}: found {found}, expected at most {MAX_ROTATION_DEVIATION:g}")
+        raise fault(f"{what}: found {found}, expected at most {MAX_ROTATION_DEVIATION:g}")
     return matrix if deviation <= ROTATION_TOLERANCE else so3.nearest_rotation(matrix)
