@@ -8,8 +8,7 @@ import functools
 import cv2
 import numpy as np
 
-from tracker.calibration.board.board import Board
-from tracker.calibration.board.page import Page, page_image
+from tracker.calibration.board.board import Board, Page, page_image
 from tracker.calibration.board.sighting import BoardView
 from tracker.conventions import FloatArray, Image
 

@@ -165,11 +165,12 @@ def board(printed: Printed, output: Path, legacy: bool) -> None:
     Print at 100 %, without fitting to the page, on something that stays flat, and measure a row of
     squares afterwards: its length, divided by their number, is --square of the other commands.
     """
-    from tracker.calibration.board import page as pages
+    from tracker.calibration.board.board import page_of
+    from tracker.calibration.board.board import printed as content_of
     from tracker.files import write_whole
 
-    page = pages.page_of(printed.board(legacy))
-    write_whole(output, pages.printed(page, output.suffix.lower()))
+    page = page_of(printed.board(legacy))
+    write_whole(output, content_of(page, output.suffix.lower()))
     click.echo(f"{output}: {page.board}, on a page of {page.width:g}x{page.height:g} mm")
 
 

@@ -12,8 +12,7 @@ import pytest
 from PIL import Image as Pillow
 
 from tests.helpers.boards import BOARD, LENS, photo, pose_towards, seen_pixels
-from tracker.calibration.board.board import Board
-from tracker.calibration.board.page import page_image, page_of, printed
+from tracker.calibration.board.board import Board, page_image, page_of, printed
 from tracker.calibration.board.sighting import (
     find_board,
     pattern_seen,

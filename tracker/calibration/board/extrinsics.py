@@ -11,11 +11,20 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
 
-from tracker.calibration.board.pose import MANY_TIMES, board_pose, misses, rms, transform, wrong_corners
+from tracker.calibration.board.pose import (
+    MANY_TIMES,
+    board_pose,
+    least_misses,
+    misses,
+    rms,
+    transform,
+    wrong_corners,
+)
 from tracker.calibration.board.sighting import BoardView
 from tracker.calibration.files.calibrated import Calibrated
 from tracker.conventions import FloatArray
@@ -66,48 +75,101 @@ def place_cameras(
     for (camera, _), sighting in sightings.items():
         _require_size(lenses[camera], sighting)
     photos, faults = _cleaned(lenses, sightings), dict[Photo, str]()
-    problem = _solved(lenses, photos, world_from_board)
+    fit = _fitted(lenses, photos, world_from_board)
     while True:
         used = {at: one for at, one in photos.items() if at not in faults}
         odd = _odd_one(lenses, used, world_from_board)
         if odd is None:
             break
-        at, fault, problem = odd
-        faults[at] = fault
-    placed = problem.result(photos, faults)
+        at, faults[at], fit = odd
+    placed = Placed(
+        tuple(
+            _with_place(lens, fit.cameras[n], fit.covariance[6 * n : 6 * n + 6, 6 * n : 6 * n + 6])
+            for n, lens in enumerate(lenses)
+        ),
+        tuple(fit.places[place] for place in sorted(fit.places)),
+        _residuals(lenses, {at: one for at, one in photos.items() if at[1] in fit.places}, fit),
+        photos,
+        faults,
+    )
     _require_fit(placed)
     return placed
 
 
+class _Fit(NamedTuple):
+    """Where cameras and board are."""
+
+    cameras: Mapping[int, FloatArray]
+    """(4, 4) camera_from_world of each."""
+    places: Mapping[int, FloatArray]
+    """(4, 4) world_from_board of each."""
+    covariance: FloatArray
+    """Of six unknowns of each camera (ω, δt of exp(ω) R, t + δt), then of six of each further place."""
+
+
+def _fitted(
+    lenses: Sequence[Calibrated], photos: Mapping[Photo, BoardView], world_from_board: FloatArray
+) -> _Fit:
+    """The fit to photos; CalibrationError where they do not link all cameras to place 0."""
+    cameras, places = _start(lenses, photos, world_from_board)
+    free = sorted(place for place in places if place != 0)
+
+    def moved(unknowns: FloatArray, covariance: FloatArray) -> _Fit:
+        steps = unknowns.reshape(-1, 6)
+        further = {b: _step(places[b], steps[len(cameras) + n]) for n, b in enumerate(free)}
+        placed = {n: _step(pose, steps[n]) for n, pose in cameras.items()}
+        return _Fit(placed, {0: places[0], **further}, covariance)
+
+    def missed(unknowns: FloatArray) -> FloatArray:
+        found = _residuals(lenses, photos, moved(unknowns, nothing))
+        return np.concatenate([one.ravel() for one in found.values()])
+
+    nothing = np.zeros((0, 0))
+    fit = least_squares(missed, np.zeros(6 * (len(cameras) + len(free))), method="lm")
+    variance = (fit.fun @ fit.fun) / max(len(fit.fun) - len(fit.x), 1)
+    return moved(fit.x, np.linalg.inv(fit.jac.T @ fit.jac) * variance)
+
+
+def _residuals(
+    lenses: Sequence[Calibrated], photos: Mapping[Photo, BoardView], fit: _Fit
+) -> dict[Photo, FloatArray]:
+    result = {}
+    for (camera, place), sighting in photos.items():
+        pose = fit.cameras[camera] @ fit.places[place]
+        result[camera, place] = misses(sighting, pose, *_lens(lenses[camera]))
+    return result
+
+
 def _odd_one(
     lenses: Sequence[Calibrated], photos: Mapping[Photo, BoardView], world_from_board: FloatArray
-) -> tuple[Photo, str, _Problem] | None:
+) -> tuple[Photo, str, _Fit] | None:
     """The photo that the others contradict, what is wrong with it, and the fit without it; or None.
 
     It is the one without which the sum of squares falls most, by far more than its corners account for: a
     fit to all spreads what one photo misses over many.
     """
-    total = _squares(_solved(lenses, photos, world_from_board).residuals(photos))
-    alone = {at: _squares({at: _alone(lenses[at[0]], one)}) for at, one in photos.items()}
-    best: tuple[float, Photo, _Problem] | None = None
+    total = _squares(_residuals(lenses, photos, _fitted(lenses, photos, world_from_board)))
+    alone = {at: float((least_misses(one, *_lens(lenses[at[0]])) ** 2).sum()) for at, one in photos.items()}
+    best: tuple[float, Photo, _Fit] | None = None
     for at, one in photos.items():
         others = {other: kept for other, kept in photos.items() if other != at}
-        if not _linked(len(lenses), list(others)):
-            continue
         # No fit of the others is better than each alone: most photos are cleared without a fit.
         least = sum(alone[other] for other in others)
-        if total - least <= _odd_gain(one, least, others):
+        if not others or total - least <= _odd_gain(one, least, others):
             continue
-        problem = _solved(lenses, others, world_from_board)
-        rest = _squares(problem.residuals(others))
+        try:
+            fit = _fitted(lenses, others, world_from_board)
+        except CalibrationError:  # it links a camera to the others
+            continue
+        rest = _squares(_residuals(lenses, others, fit))
         if total - rest > _odd_gain(one, rest, others) and (best is None or rest < best[0]):
-            best = rest, at, problem
+            best = rest, at, fit
     if best is None:
         return None
-    rest, at, problem = best
+    rest, at, fit = best
     missed = float(np.sqrt((total - rest) / len(photos[at])))
     usual = float(np.sqrt(rest / sum(len(one) for other, one in photos.items() if other != at)))
-    return at, f"with it all miss by {missed:.2f} px for each of its corners, without it {usual:.2f}", problem
+    return at, f"with it all miss by {missed:.2f} px for each of its corners, without it {usual:.2f}", fit
 
 
 def _odd_gain(photo: BoardView, rest: float, others: Mapping[Photo, BoardView]) -> float:
@@ -115,78 +177,12 @@ def _odd_gain(photo: BoardView, rest: float, others: Mapping[Photo, BoardView]) 
     return MANY_TIMES**2 * rest / sum(len(one) for one in others.values()) * len(photo)
 
 
+def _lens(one: Calibrated) -> tuple[FloatArray, FloatArray]:
+    return one.camera.matrix, one.camera.distortion
+
+
 def _squares(residuals: Mapping[Photo, FloatArray]) -> float:
     return float(sum((one**2).sum() for one in residuals.values()))
-
-
-def _alone(lens: Calibrated, sighting: BoardView) -> FloatArray:
-    """(N, 2) what a photo's corners miss where nothing but the lens is given [px]."""
-    matrix, distortion = lens.camera.matrix, lens.camera.distortion
-    return misses(sighting, board_pose(sighting, matrix, distortion), matrix, distortion)
-
-
-def _solved(
-    lenses: Sequence[Calibrated], photos: Mapping[Photo, BoardView], world_from_board: FloatArray
-) -> _Problem:
-    problem = _Problem(lenses, photos, world_from_board)
-    problem.solve()
-    return problem
-
-
-class _Problem:
-    """The unknowns: six of each camera (ω, δt of exp(ω) R, t + δt), then six of each further place."""
-
-    def __init__(
-        self,
-        lenses: Sequence[Calibrated],
-        photos: Mapping[Photo, BoardView],
-        world_from_board: FloatArray,
-    ) -> None:
-        self.lenses, self.photos = lenses, photos
-        self.cameras, self.places = _start(lenses, photos, world_from_board)
-        self.free = sorted(place for place in self.places if place != 0)
-        self.covariance = np.zeros((0, 0))
-
-    def solve(self) -> None:
-        fit = least_squares(self._stacked, np.zeros(6 * (len(self.cameras) + len(self.free))), method="lm")
-        self.cameras, self.places = self._moved(fit.x)
-        freedom = max(len(fit.fun) - len(fit.x), 1)
-        self.covariance = np.linalg.inv(fit.jac.T @ fit.jac) * (fit.fun @ fit.fun) / freedom
-
-    def residuals(self, photos: Mapping[Photo, BoardView]) -> dict[Photo, FloatArray]:
-        return self._residuals(photos, self.cameras, self.places)
-
-    def result(self, photos: Mapping[Photo, BoardView], faults: Mapping[Photo, str]) -> Placed:
-        known = {at: one for at, one in photos.items() if at[1] in self.places}
-        cameras = tuple(
-            _with_place(lens, self.cameras[n], self.covariance[6 * n : 6 * n + 6, 6 * n : 6 * n + 6])
-            for n, lens in enumerate(self.lenses)
-        )
-        places = tuple(self.places[place] for place in sorted(self.places))
-        return Placed(cameras, places, self.residuals(known), dict(photos), dict(faults))
-
-    def _stacked(self, unknowns: FloatArray) -> FloatArray:
-        residuals = self._residuals(self.photos, *self._moved(unknowns))
-        return np.concatenate([one.ravel() for one in residuals.values()])
-
-    def _residuals(
-        self,
-        photos: Mapping[Photo, BoardView],
-        cameras: Mapping[int, FloatArray],
-        places: Mapping[int, FloatArray],
-    ) -> dict[Photo, FloatArray]:
-        result = {}
-        for (camera, place), sighting in photos.items():
-            lens = self.lenses[camera].camera
-            pose = cameras[camera] @ places[place]
-            result[camera, place] = misses(sighting, pose, lens.matrix, lens.distortion)
-        return result
-
-    def _moved(self, unknowns: FloatArray) -> tuple[dict[int, FloatArray], dict[int, FloatArray]]:
-        steps = unknowns.reshape(-1, 6)
-        cameras = {n: _step(pose, steps[n]) for n, pose in self.cameras.items()}
-        further = {b: _step(self.places[b], steps[len(cameras) + n]) for n, b in enumerate(self.free)}
-        return cameras, {0: self.places[0], **further}
 
 
 def _step(pose: FloatArray, step: FloatArray) -> FloatArray:
@@ -200,10 +196,7 @@ def _start(
     lenses: Sequence[Calibrated], photos: Mapping[Photo, BoardView], world_from_board: FloatArray
 ) -> tuple[dict[int, FloatArray], dict[int, FloatArray]]:
     """Cameras and places to begin with, from photo to photo, those with most corners first."""
-    poses = {
-        at: board_pose(one, lenses[at[0]].camera.matrix, lenses[at[0]].camera.distortion)
-        for at, one in photos.items()
-    }
+    poses = {at: board_pose(one, *_lens(lenses[at[0]])) for at, one in photos.items()}
     cameras: dict[int, FloatArray] = {}
     places = {0: world_from_board}
     waiting = sorted(photos, key=lambda at: -len(photos[at]))
@@ -233,21 +226,9 @@ def _proper(pose: FloatArray) -> FloatArray:
     return out
 
 
-def _linked(cameras: int, photos: Sequence[Photo]) -> bool:
-    """Whether photos link all cameras to place 0."""
-    found: set[int] = set()
-    places = {0}
-    while True:
-        more = {camera for camera, place in photos if place in places} - found
-        if not more:
-            return len(found) == cameras
-        found |= more
-        places |= {place for camera, place in photos if camera in found}
-
-
 def _cleaned(lenses: Sequence[Calibrated], photos: Mapping[Photo, BoardView]) -> dict[Photo, BoardView]:
     """The sightings without corners that were not found where they are, each photo by itself."""
-    residuals = [_alone(lenses[camera], one) for (camera, _), one in photos.items()]
+    residuals = [least_misses(one, *_lens(lenses[camera])) for (camera, _), one in photos.items()]
     wrong = wrong_corners(residuals) if residuals else []
     return {
         at: one.without(mask) if len(one) - mask.sum() >= 2 * len(one) / 3 else one

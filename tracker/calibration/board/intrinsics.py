@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from tracker.calibration.board.board import Board
-from tracker.calibration.board.pose import MANY_TIMES, board_pose, misses, rms, wrong_corners
+from tracker.calibration.board.pose import MANY_TIMES, board_pose, least_misses, rms, wrong_corners
 from tracker.calibration.board.sighting import BoardView, squares_shown
 from tracker.calibration.files.calibrated import Calibrated
 from tracker.conventions import FloatArray
@@ -102,7 +102,7 @@ def fit_lens(name: str, sightings: Sequence[BoardView], board: Board) -> Lens:
     faults |= strange
     kept = [number for number in enough if number not in faults]
     matrix, distortion, std = _fit([cleaned[n] for n in kept], size)
-    residuals = [_misses(one, matrix, distortion) for one in cleaned]
+    residuals = [least_misses(one, matrix, distortion) for one in cleaned]
     lens = Lens(
         Calibrated(
             Camera(name, *size, matrix, distortion, np.eye(4)),
@@ -150,16 +150,12 @@ def _fit(sightings: Sequence[BoardView], size: tuple[int, int]) -> tuple[FloatAr
     return matrix, distortion.ravel()[:5], std.ravel()[:9]
 
 
-def _misses(sighting: BoardView, matrix: FloatArray, distortion: FloatArray) -> FloatArray:
-    return misses(sighting, board_pose(sighting, matrix, distortion), matrix, distortion)
-
-
 def _cleaned(sightings: Sequence[BoardView], size: tuple[int, int]) -> list[BoardView]:
     """The sightings without corners that were not found where they are."""
     cleaned = list(sightings)
     for _ in range(3):  # a gross one hides those beside it
         matrix, distortion, _ = _fit(cleaned, size)
-        wrong = wrong_corners([_misses(one, matrix, distortion) for one in cleaned])
+        wrong = wrong_corners([least_misses(one, matrix, distortion) for one in cleaned])
         if not any(mask.any() for mask in wrong):
             break
         cleaned = [
@@ -176,7 +172,7 @@ def _left_out(sightings: Sequence[BoardView], size: tuple[int, int]) -> list[flo
     for part in range(parts):
         matrix, distortion, _ = _fit([one for n, one in enumerate(sightings) if n % parts != part], size)
         for number in range(part, len(sightings), parts):
-            result[number] = rms([_misses(sightings[number], matrix, distortion)])
+            result[number] = rms([least_misses(sightings[number], matrix, distortion)])
     return result
 
 

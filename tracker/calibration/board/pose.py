@@ -51,6 +51,11 @@ def misses(
     return result
 
 
+def least_misses(sighting: BoardView, matrix: FloatArray, distortion: FloatArray) -> FloatArray:
+    """(N, 2) what the corners miss at the pose that fits them best [px]."""
+    return misses(sighting, board_pose(sighting, matrix, distortion), matrix, distortion)
+
+
 def rms(residuals: Sequence[FloatArray]) -> float:
     """Root mean square length [px] of residuals (N, 2); NaN of none."""
     together = [one for one in residuals if len(one)]
