@@ -110,43 +110,23 @@ def _filled_mask(camera: Camera, centers: FloatArray) -> Image:
 
 def _exact_mask(camera: Camera, centers: FloatArray) -> Image:
     mask: Image = np.zeros((camera.height, camera.width), np.uint8)
-    parts = [_part(camera, pixels) for pixels in _box_pixels(camera, centers)]
-    needed = np.zeros(mask.shape, np.bool_)
-    for part in parts:
-        needed[part] = True
-    rows, columns = np.nonzero(needed)
-    inverse = np.full((3, *mask.shape), np.nan)
+    pixels = _box_pixels(camera, centers)
+    near = np.ones_like(mask)
+    if (np.abs(pixels) < _FARTHEST_PX).all():
+        # The lens bends the edges outwards between the corners.
+        margin = 2 + int(0.1 * np.ptp(pixels, axis=1).max(initial=0))
+        near = np.asarray(cv2.dilate(_filled_mask(camera, centers), np.ones((2 * margin + 1,) * 2)), np.uint8)
+    rows, columns = np.nonzero(near)
     with np.errstate(divide="ignore"):  # a ray along a face has an infinite inverse
-        inverse[:, rows, columns] = 1 / camera.rays(np.stack([columns, rows], axis=1)).T
-    for center, part in zip(centers, parts, strict=True):
-        mask[part][_meets_box(inverse[:, part[0], part[1]], center - camera.position)] = 255
+        inverse = 1 / camera.rays(np.stack([columns, rows], axis=1))
+    for center in centers - camera.position:
+        # A ray is inside the box where it is between each of the three pairs of parallel planes.
+        low, high = ((center + offset) * inverse for offset in (-TARGET_WIDTH / 2, TARGET_WIDTH / 2))
+        enters = np.fmax.reduce(np.fmin(low, high), axis=1)
+        leaves = np.fmin.reduce(np.fmax(low, high), axis=1)
+        met = (enters <= leaves) & (leaves > 0)
+        mask[rows[met], columns[met]] = 255
     return mask
-
-
-def _part(camera: Camera, pixels: FloatArray) -> tuple[slice, slice]:
-    """Rows and columns of the image that hold the box of these corners (8, 2) [px]."""
-    if not (np.abs(pixels) < _FARTHEST_PX).all():
-        return slice(0, camera.height), slice(0, camera.width)
-    # The lens bends the edges outwards between the corners.
-    margin = 2 + 0.1 * np.ptp(pixels, axis=0)
-    left, top = np.clip(np.floor(pixels.min(axis=0) - margin), 0, (camera.width, camera.height)).astype(int)
-    right, bottom = np.clip(
-        np.ceil(pixels.max(axis=0) + margin) + 1, 0, (camera.width, camera.height)
-    ).astype(int)
-    return slice(top, bottom), slice(left, right)
-
-
-def _meets_box(inverse: FloatArray, center: FloatArray) -> Array:
-    """Which rays from the origin with 1/direction `inverse` (3, H, W) meet the box at `center` (3,) [m].
-
-    A ray is inside the box where it is between each of the three pairs of parallel planes.
-    """
-    low, high = (
-        (center + offset)[:, None, None] * inverse for offset in (-TARGET_WIDTH / 2, TARGET_WIDTH / 2)
-    )
-    enters = np.fmax.reduce(np.fmin(low, high), axis=0)
-    leaves = np.fmin.reduce(np.fmax(low, high), axis=0)
-    return np.asarray((enters <= leaves) & (leaves > 0))
 
 
 def as_mask(value: npt.ArrayLike, what: str, size: tuple[int, int] | None = None) -> Image:

@@ -1,4 +1,11 @@
-"""Errors and rewards: of control steps, along trajectories of goals, of episodes, and of all levels."""
+"""Errors and rewards of the platform's tasks that move an object: to a goal, or along a trajectory of goals.
+
+Positions are of the object's centre in the world [m], orientations quaternions (x, y, z, w) of any length
+but 0; plain lists, as in a goal's JSON file, do as well as arrays. Every function works on one state or on
+many, such as all of an episode: leading axes are broadcast over.
+
+Goals are finite. A state may hold NaN where the object was not seen; its error and reward are NaN too.
+"""
 
 from __future__ import annotations
 
@@ -7,12 +14,28 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from tracker.checks import check_sequence, is_whole, of_kind
+from tracker.checks import check_sequence, is_number, is_whole, of_kind
 from tracker.conventions import FloatArray
 from tracker.errors import TaskError, shown
-from tracker.geometry import so3
+from tracker.geometry import cuboid, so3
 from tracker.objects.model import CuboidModel
-from tracker.tasks.checks import check_fit, numbers, pair, quaternions
+from tracker.tasks.checks import check_fit, numbers, pair, quaternion, quaternions, vectors
+
+__all__ = [
+    "LEVELS",
+    "Trajectory",
+    "active_goal",
+    "episode_reward",
+    "keypoints",
+    "long_axis",
+    "long_axis_error",
+    "pose_from_keypoints",
+    "position_error",
+    "reward",
+    "rotation_error",
+    "trajectory_reward",
+    "weighted_total",
+]
 
 XY_RANGE = 0.39
 """Largest horizontal distance of two places: the arena's diameter [m]."""
@@ -250,3 +273,67 @@ def _parsed(trajectory: Trajectory) -> tuple[FloatArray, FloatArray]:
         k = int(late[0]) + 1
         raise TaskError(f"trajectory: time {k}: found {times[k]:g}, expected more than {times[k - 1]:g}")
     return times, positions
+
+
+def keypoints(position: npt.ArrayLike, orientation: npt.ArrayLike, size: npt.ArrayLike) -> FloatArray:
+    """Corners (..., 8, 3) [m] in the world of a box.
+
+    Corner i is on the + side of the object's x, y, z where bit 0, 1, 2 of i is 0.
+
+    Args:
+        position: (..., 3) of the box's centre [m]; NaN where it was not seen gives NaN.
+        orientation: (..., 4) xyzw.
+        size: (3,) edge lengths [m], as a model's `size`.
+
+    Raises:
+        TaskError: an argument is malformed, or their leading axes do not fit together.
+    """
+    places, turns = vectors("position", 3, position), quaternion("orientation", orientation)
+    check_fit("position", places.shape[:-1], "orientation", turns.shape[:-1])
+    return cuboid.keypoints(places, so3.matrix_from_quaternion(turns), _size(size))
+
+
+def pose_from_keypoints(
+    corners: npt.ArrayLike, size: npt.ArrayLike, *, tolerance: float = 1e-3
+) -> tuple[FloatArray, FloatArray]:
+    """Position (..., 3) [m] and orientation (..., 4) xyzw of the box that has these corners.
+
+    The rotation is that of the least squares over all corners (Kabsch); the orientation's w is not negative.
+
+    Args:
+        corners: (..., 8, 3) [m] in the order of `keypoints`; NaN where it was not seen gives NaN.
+        size: (3,) edge lengths [m].
+        tolerance: largest distance [m] of a corner from that of the box.
+
+    Raises:
+        TaskError: an argument is malformed, or the corners are not those of a box of this size: one is
+            farther away than `tolerance`, or they are in another order.
+    """
+    if not is_number(tolerance):
+        raise TaskError(f"tolerance: found {shown(tolerance)}, expected a finite distance [m]")
+    found, edges = numbers("keypoints", corners), _size(size)
+    if found.shape[-2:] != (8, 3):
+        raise TaskError(f"keypoints: found shape {found.shape}, expected (..., 8, 3)")
+    unseen = np.isnan(found.sum(axis=(-2, -1), keepdims=True))
+    # Anything that can be decomposed stands in for what was not seen.
+    seen = np.where(unseen, cuboid.keypoints(np.zeros(3), np.eye(3), edges), found)
+    position = seen.mean(axis=-2)
+    inside = cuboid.KEYPOINT_SIGNS * (edges / 2)
+    rotation = so3.nearest_rotation(np.swapaxes(seen - position[..., None, :], -1, -2) @ inside)
+    off = np.linalg.norm(seen - cuboid.keypoints(position, rotation, edges), axis=-1).max(initial=0)
+    if not off <= tolerance:
+        size_mm = "×".join(f"{1e3 * edge:g}" for edge in edges)
+        raise TaskError(
+            f"keypoints: found a corner {1e3 * off:.3g} mm from that of a box of {size_mm} mm, expected at "
+            f"most {1e3 * tolerance:g} mm, corner i on the + side of x, y, z where bit 0, 1, 2 of i is 0"
+        )
+    orientation = so3.quaternion_from_matrix(rotation)
+    nan = unseen[..., 0]
+    return np.where(nan, np.nan, position), np.where(nan, np.nan, orientation)
+
+
+def _size(size: npt.ArrayLike) -> FloatArray:
+    edges = numbers("size", size, finite=True)
+    if edges.shape != (3,) or edges.min() <= 0:
+        raise TaskError(f"size: found {shown(size)}, expected three lengths above 0 m")
+    return edges
