@@ -5,7 +5,6 @@ Rows of frames without a pose are NaN throughout, so that no stale pose can be t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, TypeVar
 
@@ -56,11 +55,11 @@ class PoseColumns:
         has_pose = np.array(self.has_pose)
         if has_pose.dtype != np.bool_ or has_pose.ndim != 1:
             raise LogError(f"has_pose: found {described(has_pose)}, expected bool of shape (n,)")
-        _set(self, "has_pose", has_pose)
+        freeze(self, "has_pose", has_pose)
         for name, row_shape in self.ROW_SHAPES.items():
             shape = (len(has_pose), *row_shape)
             column = float_array(getattr(self, name), shape, name, LogError, finite=False)
-            _set(self, name, column)
+            freeze(self, name, column)
             self._check_rows(name, column)
         self._check_values()
 
@@ -80,12 +79,6 @@ class PoseColumns:
         """`count` frames without a pose."""
         rows = {name: np.full((count, *shape), np.nan) for name, shape in cls.ROW_SHAPES.items()}
         return cls(has_pose=np.zeros(count, np.bool_), **rows)
-
-    @classmethod
-    def joined(cls: type[Columns], parts: Sequence[Columns]) -> Columns:
-        """The frames of all parts, one after the other; there is at least one part."""
-        arrays = [part.arrays() for part in parts]
-        return cls(**{name: np.concatenate([part[name] for part in arrays]) for name in arrays[0]})
 
     def _check_rows(self, name: str, column: FloatArray) -> None:
         rows = column.reshape(len(column), int(np.prod(column.shape[1:])))
@@ -171,6 +164,7 @@ def _refuse_rows(name: str, rows: Array, column: FloatArray, valid: str) -> None
     refuse(name, bad, column, valid)
 
 
-def _set(instance: PoseColumns, name: str, array: Array) -> None:
+def freeze(instance: object, name: str, array: Array) -> None:
+    """Make an array read-only and the value of a frozen dataclass's field."""
     array.flags.writeable = False
     object.__setattr__(instance, name, array)
