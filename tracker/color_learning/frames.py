@@ -9,7 +9,7 @@ import numpy as np
 
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Image
-from tracker.logs.log import Log, evenly
+from tracker.logs.log import Log, evenly, picked
 from tracker.objects.model import CuboidModel
 from tracker.pipeline import ObjectTracker
 from tracker.pose.fit import Fit
@@ -42,7 +42,7 @@ def frames_of(log: Log, rig: CameraRig, count: int) -> Frames:
     Raises:
         LogError: the recording is damaged.
     """
-    frames = [frame.images for frame in log.pick(evenly(len(log), count))]
+    frames = [frame.images for frame in picked(log, evenly(len(log), count))]
     frames = [images for images in frames if any(image is not None for image in images)]
     return Frames(rig, tuple(frames[::2]), tuple(frames[1::2]))
 

@@ -162,27 +162,19 @@ def _beginning(name: str) -> str:
 def _locked(lock: Path) -> int:
     """Descriptor of the lock's file, which is locked and has this name."""
     while True:
-        descriptor = os.open(lock, os.O_RDWR | os.O_CREAT, 0o666)
-        try:
-            if fcntl is not None:
-                with _where_there_are_locks():
+        with contextlib.ExitStack() as undo:
+            descriptor = os.open(lock, os.O_RDWR | os.O_CREAT, 0o666)
+            undo.callback(os.close, descriptor)
+            try:
+                if fcntl is not None:
                     fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError as error:
+                if error.errno not in _NO_LOCKS:
+                    raise
             with contextlib.suppress(FileNotFoundError):
                 if os.path.samestat(os.fstat(descriptor), lock.stat()):
+                    undo.pop_all()
                     return descriptor
-        except BaseException:
-            os.close(descriptor)
-            raise
-        os.close(descriptor)
-
-
-@contextlib.contextmanager
-def _where_there_are_locks() -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        if error.errno not in _NO_LOCKS:
-            raise
 
 
 def _to_disk(path: Path) -> None:

@@ -168,6 +168,15 @@ def text(file: Any, key: str) -> str:
     return decoded(attribute(file, key, "S", ()))[0]
 
 
+def text_of(path: str | os.PathLike[str], key: str) -> str | None:
+    """The text in an attribute of a file; None where there is none, or no HDF5 file, or a damaged one."""
+    try:
+        with open_file(path) as file:
+            return text(file, key)
+    except (LogError, OSError, KeyError, RuntimeError, ValueError, TypeError):
+        return None  # what else it is, or what is wrong with it, says who opens it as such
+
+
 def encoded(texts: list[str]) -> Array:
     """Texts as an array (k,) of UTF-8 of one length, without null characters."""
     contents = [text.encode("utf-8") for text in texts]

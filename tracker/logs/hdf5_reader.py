@@ -25,7 +25,7 @@ from tracker.checks import described
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import LogError
 from tracker.files import hdf5, open_regular, told_of
-from tracker.files.hdf5 import TooLong, check_stated_end, faults_as_log_errors, find, open_file, text
+from tracker.files.hdf5 import TooLong, check_stated_end, faults_as_log_errors, find, open_file, text_of
 from tracker.logs.frame import LogFrame, RecordedPose, checked_stamp, empty_frame, is_empty, pose_from_record
 from tracker.logs.log import DEFAULT_NAMES, MAX_SIDE, MIN_SIDE, Settings, Source
 from tracker.logs.pictures import from_bayer
@@ -351,15 +351,14 @@ class Hdf5Source(Source):
                 return None
             attribute = self._file.attrs.get_id(name)
             # Before it is read: the library does not survive damaged texts.
-            whole = isinstance(attribute.get_type(), h5py.h5t.TypeIntegerID)
-            if not whole or attribute.shape not in ((), (1,)) or attribute.dtype.itemsize > 8:
+            if attribute.dtype.kind not in "iu" or attribute.shape not in ((), (1,)):
                 raise LogError(f"found {described(attribute)}, expected a whole number")
             return int(np.asarray(self._file.attrs[name]).reshape(()))
 
     def _check_head(self) -> None:
         # Written from a C++ int, or from Python as int64.
         magic = self._attribute("magic")
-        if magic is None and (stated := self._said_format()):
+        if magic is None and (stated := text_of(self.path, "format")):  # as files of poses do
             raise LogError(f"{self.path}: found a file of {stated!r:.60}, expected a camera log in HDF5")
         if magic != MAGIC:
             found = "none" if magic is None else f"{magic:#x}"
@@ -368,13 +367,6 @@ class Hdf5Source(Source):
         if version not in VERSIONS:
             raise LogError(f"{self.path}: format_version: found {version}, expected 1 or 2")
         self.format = f"HDF5 camera log, version {version}.{minor or 0}"
-
-    def _said_format(self) -> str | None:
-        """What other files say that they are, files of poses for instance."""
-        try:
-            return text(self._file, "format")
-        except (LogError, OSError, KeyError, RuntimeError, ValueError, TypeError):
-            return None
 
     def _check_sizes(self) -> None:
         images = self._images

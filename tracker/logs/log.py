@@ -200,14 +200,6 @@ class Log:
             raise IndexError(f"frame {number}: expected -{len(self)} to {len(self) - 1}")
         return self._read(self._indices[number])
 
-    def pick(self, numbers: Sequence[int]) -> Iterator[LogFrame]:
-        """Frames by their numbers, which ascend, as quickly as the format allows; errors as of `frame`."""
-        if self.random_access:
-            yield from map(self.frame, numbers)
-        else:
-            chosen = set(numbers)
-            yield from (frame for number, frame in enumerate(self) if number in chosen)
-
     @property
     def format(self) -> str:
         """The recording's format, in words."""
@@ -284,3 +276,12 @@ class Log:
             self._faults.setdefault(index, str(error))
             return True
         return False
+
+
+def picked(log: Log, numbers: Sequence[int]) -> Iterator[LogFrame]:
+    """Frames of a log by ascending numbers, as quickly as its format allows; errors as of `frame`."""
+    if log.random_access:
+        yield from map(log.frame, numbers)
+    else:
+        chosen = set(numbers)
+        yield from (frame for number, frame in enumerate(log) if number in chosen)

@@ -207,20 +207,12 @@ def read_poses(path: str | os.PathLike[str]) -> Poses:
 
 def is_poses_file(path: str | os.PathLike[str]) -> bool:
     """Whether a file says that it is one of poses, whether or not it is whole."""
-    try:
-        with hdf5.open_file(path) as file:
-            return hdf5.text(file, "format") == FORMAT
-    except (LogError, OSError, KeyError, RuntimeError, ValueError, TypeError):
-        return False  # what else it is, or what is wrong with it, says who opens it as such
+    return hdf5.text_of(path, "format") == FORMAT
 
 
 def read_fingerprint(path: str | os.PathLike[str]) -> str:
     """What a file of poses says that it was made from; empty where it is none, or does not say."""
-    try:
-        with hdf5.open_file(path) as file:
-            return hdf5.text(file, "fingerprint") if "fingerprint" in file.attrs else ""
-    except (LogError, OSError, KeyError, RuntimeError, ValueError, TypeError):
-        return ""
+    return hdf5.text_of(path, "fingerprint") or ""
 
 
 def _content(poses: Poses) -> bytes:

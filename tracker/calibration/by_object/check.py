@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tracker.calibration.by_object.looks import OFTEN, CameraErrors, Look
-from tracker.calibration.by_object.sightings import Footage, Shot, slow
+from tracker.calibration.by_object.sightings import Footage, Shot, require_two, slow
 from tracker.calibration.deviations import calibration_covariance
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray
@@ -165,8 +165,7 @@ def check_calibration(
     Raises:
         CalibrationError: there are too few cameras or looks.
     """
-    if len(cameras) < 2:
-        raise CalibrationError(f"check: found {cameras[0].name} alone, expected two cameras or more")
+    require_two(cameras, "check")
     if not looks:
         raise CalibrationError(
             "check: found no picture in which two cameras see the object still; expected one or more, better "

@@ -22,7 +22,7 @@ from tracker.calibration.by_object.sightings import slow
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray, Image
 from tracker.geometry.arena import Arena
-from tracker.logs.log import Log, evenly
+from tracker.logs.log import Log, evenly, picked
 from tracker.objects.model import CuboidModel
 from tracker.pipeline import ObjectTracker
 from tracker.pose.fit import Fit
@@ -172,7 +172,7 @@ def health(
     looks: list[Look] = []
     looked: list[int] = []
     last = -APART
-    for n, frame in enumerate(log.pick(poses.index[rows].tolist())):
+    for n, frame in enumerate(picked(log, poses.index[rows].tolist())):
         found = sample(tracker, frame.images, still=_still(poses, rows[n]))
         for key, value in found.values.items():
             values[key][n] = value

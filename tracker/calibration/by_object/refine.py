@@ -24,7 +24,13 @@ from tracker.calibration.by_object.bundle import (
     solve,
 )
 from tracker.calibration.by_object.edges import EdgeReader
-from tracker.calibration.by_object.sightings import Footage, Sighting, all_sightings, different
+from tracker.calibration.by_object.sightings import (
+    Footage,
+    Sighting,
+    all_sightings,
+    different,
+    require_two,
+)
 from tracker.calibration.by_object.table import TablePlane, broad, levelled, plane_of
 from tracker.calibration.deviations import element_std
 from tracker.calibration.rig import CameraRig
@@ -199,10 +205,7 @@ def refine_cameras(
         CalibrationError: there is one camera only, or the object was seen in too few poses.
         NotBetterError: held-out frames are fitted no better.
     """
-    if len(rig) < 2:
-        raise CalibrationError(
-            f"refine: found {rig.names[0]} alone, expected two cameras or more, which stand to each other"
-        )
+    require_two(rig.cameras, "refine", ", which stand to each other")
     wide = widened(broad(rig))
     tracker, edges = ObjectTracker(model, wide, colors, table_prior=False), EdgeReader(model, wide, colors)
     seen = all_sightings(tracker, footage, SURE, progress)

@@ -11,7 +11,8 @@ import numpy as np
 from tracker.conventions import FloatArray, Image
 from tracker.errors import CalibrationError
 from tracker.geometry import so3
-from tracker.logs.log import Log, evenly
+from tracker.geometry.camera import Camera
+from tracker.logs.log import Log, evenly, picked
 from tracker.pipeline import ObjectTracker
 
 Images = Sequence[Image | None]
@@ -27,6 +28,12 @@ class Shot(NamedTuple):
     """(C,) when the pictures were taken [s]; None: at a moment of their own."""
     begins: bool
     """Whether what was before does not matter."""
+
+
+def require_two(cameras: Sequence[Camera], what: str, why: str = "") -> None:
+    """Refuse a rig of one camera; CalibrationError names what asks, and why."""
+    if len(cameras) < 2:
+        raise CalibrationError(f"{what}: found {cameras[0].name} alone, expected two cameras or more{why}")
 
 
 class Footage:
@@ -58,7 +65,7 @@ class Footage:
         """The pictures of some shots, by number, which ascend."""
         if self._log is None:
             return (self._sets[number] for number in numbers)
-        return (frame.images for frame in self._log.pick(numbers))
+        return (frame.images for frame in picked(self._log, numbers))
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,13 @@ import numpy as np
 
 from tracker.calibration.by_object.contour import pose_errors
 from tracker.calibration.by_object.edges import EdgeReader
-from tracker.calibration.by_object.sightings import Footage, Sighting, all_sightings, resting
+from tracker.calibration.by_object.sightings import (
+    Footage,
+    Sighting,
+    all_sightings,
+    require_two,
+    resting,
+)
 from tracker.calibration.deviations import calibration_covariance, turned_std
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray
@@ -255,7 +261,7 @@ def find_table(
     Raises:
         CalibrationError: there is one camera only, or the object rested in too few places.
     """
-    refuse_one_camera(rig)
+    require_two(rig.cameras, "table", ": one camera's depth is not the table's height")
     loose = broad(rig)
     tracker, edges = ObjectTracker(model, loose, colors, table_prior=False), EdgeReader(model, loose, colors)
     seen = all_sightings(tracker, footage, SURE, progress)
@@ -296,15 +302,6 @@ def plane_of(
             "table's height"
         )
     return fit_table(rests, model.size, edges.rig)
-
-
-def refuse_one_camera(rig: CameraRig) -> None:
-    """Raise where a rig has one camera only."""
-    if len(rig) < 2:
-        raise CalibrationError(
-            f"table: found {rig.names[0]} alone, expected two cameras or more: one camera's depth is not the "
-            "table's height"
-        )
 
 
 def _rest(edges: EdgeReader, sighting: Sighting, sight: Sight, rim_std: float) -> Rest | None:
