@@ -11,7 +11,7 @@ from typing import Any, TypeGuard, TypeVar
 
 import numpy as np
 
-from tracker.conventions import FloatArray
+from tracker.conventions import Array, FloatArray
 from tracker.errors import TrackerError, shown
 
 Kind = TypeVar("Kind")
@@ -56,6 +56,12 @@ def is_number(value: object) -> bool:
         return math.isfinite(value)
     except OverflowError:  # a whole number beyond the greatest float
         return False
+
+
+def freeze(instance: object, name: str, array: Array) -> None:
+    """Make an array read-only, and the value of a field of a frozen dataclass."""
+    array.flags.writeable = False
+    object.__setattr__(instance, name, array)
 
 
 def described(array: Any) -> str:

@@ -16,7 +16,7 @@ import numpy as np
 
 from tracker.color_learning.frames import Frames, Judgement, judge
 from tracker.color_learning.lessons import Lesson, consistent, lesson, nodes_of
-from tracker.color_learning.models import from_names, learned_labels, refit
+from tracker.color_learning.models import from_names, learned, refit
 from tracker.conventions import Array
 from tracker.errors import ColorModelError, NotBetterError
 from tracker.objects.labels import COLOR_NAMES
@@ -110,7 +110,10 @@ def adapt(
         say(f"round {turn + 1}: {len(lessons)} frames of confidence {gate:g} teach; {after}")
         better = after.explained > best.after.explained + GAIN
         if better:
-            best = Adapted(colors, before, after, _counts(pixels))
+            counts = learned(pixels)
+            best = Adapted(
+                colors, before, after, {COLOR_NAMES[k]: counts.get(k, 0) for k in range(1, CLASSES)}
+            )
         idle = 0 if better else idle + 1
         if idle >= PATIENCE and gate == GATES[-1]:
             break
@@ -152,7 +155,7 @@ def _checked(pixels: list[Mapping[int, Array]]) -> list[Mapping[int, Array]]:
     """The pixels, if the faces in all frames together have the hues of their names."""
     hues = {
         label: hue_of(np.concatenate([one[label] for one in pixels if label in one]))
-        for label in learned_labels(pixels)
+        for label in learned(pixels)
     }
     if wrong := _told_wrong(misnamed(hues)):
         raise _Stuck(wrong)
@@ -166,9 +169,3 @@ def _told_wrong(wrong: Mapping[int, int]) -> str:
         for label, like in wrong.items()
     ]
     return "faces are mistaken for each other: " + ", ".join(parts) if parts else ""
-
-
-def _counts(pixels: Sequence[Mapping[int, Array]]) -> dict[str, int]:
-    known = learned_labels(pixels)
-    counts = {k: sum(len(one.get(k, ())) for one in pixels) for k in range(1, CLASSES)}
-    return {COLOR_NAMES[k]: count if k in known else 0 for k, count in counts.items()}

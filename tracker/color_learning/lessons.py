@@ -112,9 +112,10 @@ def lesson(model: CuboidModel, rig: CameraRig, images: Images, fit: Fit, colors:
         if image is None:
             continue
         seen = outline(model, camera, fit.rotation, fit.position)
-        neutral, labels = _read(image, colors)
         if seen is None:
             continue
+        even, light, labels = labels_by_color(image, colors)  # without clean-up
+        neutral = apply_gains(even, light.gains)
         use = (seen.faces > 0) | ~seen.around
         levels.append(neutral[use])
         faces.append(seen.faces[use])
@@ -137,12 +138,6 @@ def _patches(labels: Image) -> Array:
         large[0] = False
         result |= large[parts]
     return result
-
-
-def _read(image: Image, colors: ColorModel) -> tuple[Image, Image]:
-    """The image in neutral light, and its labels without clean-up."""
-    even, light, labels = labels_by_color(image, colors)
-    return apply_gains(even, light.gains), labels
 
 
 def owners(lessons: Sequence[Lesson]) -> Array:

@@ -83,10 +83,10 @@ MOST = 200_000
 """Pixels of the background that are kept of a group."""
 
 
-def learned_labels(pixels: Sequence[Mapping[int, Array]]) -> tuple[int, ...]:
-    """Face colours of which there is enough to learn from."""
+def learned(pixels: Sequence[Mapping[int, Array]]) -> dict[int, int]:
+    """Pixels of each face colour of which there is enough to learn from."""
     counts = {label: sum(len(one.get(label, ())) for one in pixels) for label in range(1, CLASSES)}
-    return tuple(label for label, count in counts.items() if count >= ENOUGH)
+    return {label: count for label, count in counts.items() if count >= ENOUGH}
 
 
 def refit(
@@ -108,7 +108,7 @@ def refit(
         name: of the new model.
     """
     rng = np.random.default_rng([options.seed, *name.encode()])
-    labels = learned_labels(pixels)
+    labels = learned(pixels)
     histograms: list[Histograms] = []
     for group in range(min(GROUPS, len(pixels))):
         chosen = pixels[group :: min(GROUPS, len(pixels))]

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tracker.checks import freeze
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import LogError
 from tracker.stamps import one_stamp
@@ -42,10 +43,8 @@ class RecordedPose:
     """What the recorder's tracker thought of it, nominally 0 to 1; not a probability."""
 
     def __post_init__(self) -> None:
-        for key, shape in (("position", (3,)), ("orientation", (4,))):
-            array = np.array(getattr(self, key), dtype=np.float64).reshape(shape)
-            array.flags.writeable = False
-            object.__setattr__(self, key, array)
+        freeze(self, "position", np.array(self.position, dtype=np.float64).reshape(3))
+        freeze(self, "orientation", np.array(self.orientation, dtype=np.float64).reshape(4))
 
 
 @dataclass(frozen=True, eq=False)

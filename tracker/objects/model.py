@@ -28,7 +28,7 @@ from typing import Any
 
 import numpy as np
 
-from tracker.checks import is_number, path_of
+from tracker.checks import freeze, is_number, path_of
 from tracker.conventions import Array, FloatArray
 from tracker.errors import ObjectModelError, shown
 from tracker.files import read_bounded
@@ -87,7 +87,6 @@ class CuboidModel:
         if sorted(labels.tolist()) != list(range(1, len(COLOR_NAMES))):
             found = labels.tolist()
             raise ObjectModelError(f"{self.name}: face_labels: found {found}, expected each of 1 to 6 once")
-        face_labels = labels.astype(np.int64)
         rim, rim_std = (
             _numbers(self.name, key, [getattr(self, key)], 1).item() for key in ("rim", "rim_std")
         )
@@ -98,10 +97,8 @@ class CuboidModel:
         if not LEAST_RIM_STD <= rim_std <= largest:
             valid = f"from {LEAST_RIM_STD:g} to {largest:g} m"
             raise ObjectModelError(f"{self.name}: rim_std: found {rim_std:g}, expected {valid}")
-        for array in (size, face_labels):
-            array.flags.writeable = False
-        object.__setattr__(self, "size", size)
-        object.__setattr__(self, "face_labels", face_labels)
+        freeze(self, "size", size)
+        freeze(self, "face_labels", labels.astype(np.int64))
         object.__setattr__(self, "rim", rim)
         object.__setattr__(self, "rim_std", rim_std)
 

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
-from tracker.checks import described, float_array
+from tracker.checks import described, float_array, freeze
 from tracker.conventions import Array, FloatArray
 from tracker.errors import LogError
 
@@ -162,9 +162,3 @@ def _refuse_rows(name: str, rows: Array, column: FloatArray, valid: str) -> None
     bad = np.zeros(len(column), np.bool_)
     bad[rows] = True
     refuse(name, bad, column, valid)
-
-
-def freeze(instance: object, name: str, array: Array) -> None:
-    """Make an array read-only and the value of a frozen dataclass's field."""
-    array.flags.writeable = False
-    object.__setattr__(instance, name, array)

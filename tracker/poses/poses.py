@@ -9,12 +9,12 @@ from typing import Any, Literal
 import numpy as np
 
 from tracker.calibration.rig import CameraRig
-from tracker.checks import described, float_array, of_kind
+from tracker.checks import described, float_array, freeze, of_kind
 from tracker.conventions import Array, FloatArray
 from tracker.errors import LogError, TrackerError
 from tracker.geometry import cuboid, so3
 from tracker.objects.model import CuboidModel
-from tracker.poses.columns import FilteredColumns, MeasuredColumns, PoseColumns, freeze, refuse
+from tracker.poses.columns import FilteredColumns, MeasuredColumns, PoseColumns, refuse
 from tracker.stamps import LATEST
 
 _POSE = ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw", "confidence")

@@ -69,12 +69,12 @@ def find_board(photo: str, image: Image, board: Board) -> BoardView | None:
     pixels, numbers, _, _ = _detector(board).detectBoard(gray)
     if numbers is None or len(numbers) < FEWEST_CORNERS:
         return None
+    if board.opencv.checkCharucoCornersCollinear(numbers):  # which leaves the pose open
+        return None
     found = np.asarray(numbers).ravel()
     places = np.asarray(pixels, np.float64).reshape(-1, 2)
     order = np.argsort(found)
     found, places = found[order], places[order]
-    if _on_a_line(board.corners[found, :2]):
-        return None
     places = _refined(gray, places, found, board)
     height, width = gray.shape
     blur = edge_blur(gray, dict(zip(found.tolist(), places, strict=True)), board.columns - 1)
@@ -225,9 +225,3 @@ def _detector(board: Board) -> Any:
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
     return cv2.aruco.CharucoDetector(board.opencv, cv2.aruco.CharucoParameters(), parameters)
-
-
-def _on_a_line(points: FloatArray) -> bool:
-    """Whether points (N, 2) are all on one line, which leaves the pose open."""
-    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    return bool(spread[1] < 1e-6 * spread[0])

@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 
 from tracker.calibration.rig import CameraRig
-from tracker.checks import check_sequence, is_whole, of_kind
+from tracker.checks import check_sequence, freeze, is_whole, of_kind
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import ImageError, TaskError, shown
 from tracker.geometry.camera import Camera
@@ -84,9 +84,7 @@ class Die:
     """Log likelihood that it adds to that of the others, in pixels that it explains."""
 
     def __post_init__(self) -> None:
-        position = np.array(self.position, dtype=np.float64)
-        position.flags.writeable = False
-        object.__setattr__(self, "position", position)
+        freeze(self, "position", np.array(self.position, dtype=np.float64))
 
 
 def locate(

@@ -102,20 +102,14 @@ def validate_goal(goal: npt.ArrayLike) -> FloatArray:
     places = finite_positions(goal, "goal")
     if len(places) != NUM_DICE:
         raise TaskError(f"goal: found {len(places)} positions, expected {NUM_DICE}")
-    outside = ~in_arena(places)
-    if outside.any():
-        first = int(np.argmax(outside))
-        raise TaskError(
-            f"goal: position {first}, {as_text(places[first])}: its die reaches {reach(places[first]):.4g} m "
-            f"from the arena's centre, expected at most {ARENA_RADIUS} m"
-        )
-    low = places[:, 2] < DIE_WIDTH / 2 - SLACK
-    if low.any():
-        first = int(np.argmax(low))
-        raise TaskError(
-            f"goal: position {first}, {as_text(places[first])}: found the height {places[first, 2]:g} m, "
-            f"expected at least half a die, {DIE_WIDTH / 2} m"
-        )
+    for index, place in enumerate(places):
+        what = f"goal: position {index}, {as_text(place)}"
+        if not in_arena(place):
+            found = f"its die reaches {reach(place):.4g} m from the arena's centre"
+            raise TaskError(f"{what}: {found}, expected at most {ARENA_RADIUS} m")
+        if place[2] < DIE_WIDTH / 2 - SLACK:
+            valid = f"at least half a die, {DIE_WIDTH / 2} m"
+            raise TaskError(f"{what}: found the height {place[2]:g} m, expected {valid}")
     return places
 
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
 from tracker.calibration.rig import CameraRig
-from tracker.checks import check_sequence, of_kind
+from tracker.checks import check_sequence, freeze, of_kind
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import TaskError
 from tracker.geometry import cuboid
@@ -171,10 +171,8 @@ class Assignment:
     """(N,) distance [m] between place and die; NaN where there is no die."""
 
     def __post_init__(self) -> None:
-        for key, kind in (("die", np.int64), ("distance", np.float64)):
-            values = np.array(getattr(self, key), dtype=kind)
-            values.flags.writeable = False
-            object.__setattr__(self, key, values)
+        freeze(self, "die", np.array(self.die, dtype=np.int64))
+        freeze(self, "distance", np.array(self.distance, dtype=np.float64))
 
     @property
     def pairs(self) -> list[tuple[int, int]]:
