@@ -6,14 +6,14 @@ import functools
 import os
 from pathlib import Path
 
-from tracker.checks import is_number, path_of
-from tracker.errors import LogError, shown
+from tracker.checks import path_of
+from tracker.errors import LogError
 from tracker.files import open_regular, told_of
 from tracker.logs.films import SUFFIXES as FILM_SUFFIXES
 from tracker.logs.folder import TRUTH_FILE, FolderSource
 from tracker.logs.folder_layout import SUFFIXES as PICTURE_SUFFIXES
 from tracker.logs.log import Log, Source
-from tracker.logs.recording_file import FILE_NAME, STAMPS_NAME
+from tracker.logs.recording_file import FILE_NAME, STAMPS_NAME, check_rate
 
 DEFAULT_RATE = 10.0
 """Frames per second [Hz] of the platform's cameras."""
@@ -46,8 +46,7 @@ def open_log(path: str | os.PathLike[str], *, recover: bool = False, rate: float
     Raises:
         LogError: there is nothing, it is of no known kind, or its damage shows at once.
     """
-    if not is_number(rate) or not 0 < rate <= 1e6:
-        raise LogError(f"rate: found {shown(rate)}, expected a number of Hz above 0")
+    check_rate(rate, "rate")
     root = path_of(path, "path of a recording", LogError)
     with told_of(root):
         source = _source(root, recover, rate)

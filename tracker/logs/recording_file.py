@@ -21,8 +21,9 @@ from typing import Any
 
 import numpy as np
 
+from tracker.checks import is_number
 from tracker.conventions import FloatArray
-from tracker.errors import LogError
+from tracker.errors import LogError, shown
 from tracker.files import read_bounded, told_of
 from tracker.files.toml import MAX_FILE_SIZE, parse_toml
 
@@ -57,7 +58,8 @@ def read_recording_file(folder: Path) -> RecordingFile | None:
     if not isinstance(patterns, dict) or not 0 < len(patterns) <= _MAX_CAMERAS:
         raise LogError(f"{path}: cameras: expected a table of 1 to {_MAX_CAMERAS} patterns by cameras' names")
     cameras = {name: _files(path, name, pattern) for name, pattern in patterns.items()}
-    return RecordingFile(cameras, _rate(path, values.get("rate")), _stamps(folder, len(cameras)))
+    rate = check_rate(values["rate"], f"{path}: rate") if "rate" in values else None
+    return RecordingFile(cameras, rate, _stamps(folder, len(cameras)))
 
 
 def _files(path: Path, camera: str, pattern: Any) -> dict[str, Path]:
@@ -85,11 +87,10 @@ def _files(path: Path, camera: str, pattern: Any) -> dict[str, Path]:
     return found
 
 
-def _rate(path: Path, value: Any) -> float | None:
-    if value is None:
-        return None
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value <= _MAX_RATE:
-        raise LogError(f"{path}: rate: found {value!r:.60}, expected a number of Hz above 0")
+def check_rate(value: Any, what: str) -> float:
+    """A rate [Hz]; LogError, which names `what`, where it is none."""
+    if not is_number(value) or not 0 < value <= _MAX_RATE:
+        raise LogError(f"{what}: found {shown(value)}, expected a number of Hz above 0")
     return float(value)
 
 

@@ -70,8 +70,6 @@ class Adjusted:
     """The cameras, and what else was unknown."""
     step: Step
     """The last one."""
-    iterations: int
-    converged: bool
 
 
 def widened(rig: CameraRig) -> CameraRig:
@@ -103,8 +101,7 @@ def adjust(edges: EdgeReader, frames: Sequence[Frame], rim: tuple[float, float],
         # At first the cameras see the object beside where they should.
         offsets.append(refined.offsets)
     aims: Sequence[FloatArray | None] = offsets
-    converged, done = False, 0
-    while not converged and done < ITERATIONS:
+    for _ in range(ITERATIONS):
         reader = edges.of(dataclasses.replace(edges.rig, cameras=now.cameras))
         read = [
             Posed(position, reader.contours(frame.sight, rotation, position, start, aim))
@@ -118,9 +115,9 @@ def adjust(edges: EdgeReader, frames: Sequence[Frame], rim: tuple[float, float],
         ]
         aims = [None] * len(frames)
         shift, turn = (np.linalg.norm(step.change[:, k : k + 3], axis=1).max() for k in (0, 3))
-        converged = bool(shift < SETTLED[0] and turn < SETTLED[1])
-        done += 1
-    return Adjusted(now, step, done, converged)
+        if shift < SETTLED[0] and turn < SETTLED[1]:
+            break
+    return Adjusted(now, step)
 
 
 def _with_stds(rig: CameraRig, stds: Sequence[FloatArray | None]) -> CameraRig:
