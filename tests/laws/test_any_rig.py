@@ -158,6 +158,28 @@ def test_cameras_that_look_away_neither_help_nor_harm(rig, scenes, references, n
 
 
 @pytest.mark.parametrize("name", OBJECTS)
+@pytest.mark.parametrize("degrees", [55, 60, 65, 75])
+def test_cameras_that_look_far_aside_neither_help_nor_harm(rig, scenes, references, name, degrees):
+    more = []
+    for n, axis in enumerate(((0, 1, 0), (-1, 0, 0))):
+        turn = np.eye(4)
+        turn[:3, :3] = so3.exp(np.radians(degrees) * np.asarray(axis, dtype=float))
+        for camera in rig:
+            moved = turn @ camera.camera_from_world
+            more.append(dataclasses.replace(camera, name=f"{camera.name}_{n}", camera_from_world=moved))
+    for k in range(2):
+        scene, images, reference = scene_of(name, k)[0], scenes[name][k].images, references[name][k]
+        others = take(scene, more, Sensor.realistic(), np.random.default_rng(1), points=1)
+        blind = [c for c, labels in enumerate(others.labels) if not labels.any()]
+        assert blind
+        wider = tracker.CameraRig((*rig.cameras, *(more[c] for c in blind)))
+        fit = new(name, wider).fit([*images, *(others.images[c] for c in blind)])
+        assert fit.cameras["expected"][3:].sum() == 0
+        assert fit.cameras["predicted"][3:].sum() == 0
+        assert abs(log_odds(fit) - log_odds(reference)) < 0.5
+
+
+@pytest.mark.parametrize("name", OBJECTS)
 def test_cameras_without_images_are_as_if_there_were_none(rig, scenes, references, name):
     one = new(name, tracker.CameraRig((*rig.cameras, *away(rig, 10, UP))))
     for truth, reference in zip(scenes[name], references[name], strict=True):
@@ -254,6 +276,17 @@ def test_a_ramp_of_coloured_light_leaves_the_labels(scenes, name, share, blue, r
             lit.append(overlap(tracker.segment(ramp(image, share * blue, share * red), colors), labels))
         assert np.mean(plain) > 0.7
         assert np.mean(lit) > 0.9 * np.mean(plain)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.15, 0.2, 0.3])
+@pytest.mark.parametrize("k", [1, 3, 4, 5, 7])
+def test_a_slight_ramp_of_coloured_light_leaves_the_labels(rig, share, k):
+    colors, truth = tracker.load_colors(OBJECTS[1]), rendered(OBJECTS[1], k, rig.cameras)
+    pairs = list(zip(truth.images, truth.labels, strict=True))
+    plain = np.mean([overlap(tracker.segment(image, colors), labels) for image, labels in pairs])
+    for blue, red in ((share, -share), (-share, share)):
+        lit = [overlap(tracker.segment(ramp(image, blue, red), colors), labels) for image, labels in pairs]
+        assert np.mean(lit) > 0.9 * plain
 
 
 @pytest.mark.parametrize("name", OBJECTS)

@@ -1,7 +1,8 @@
 """Zarr 2 arrays in an LMDB database, read block by block, trusting nothing.
 
 The LMDB library maps the file to memory and follows whatever number stands in it: a damaged one, or a page
-that is missing, ends the whole process. Here pages are read, and every number is compared with the file.
+that is missing, ends the whole process. Here pages are read, and every number is compared with the file; a
+process of its own that may end with the library would take as many lines, and hand every image on by a pipe.
 
     file  = page 0, page 1 (heads, of which the newer counts), pages of the tree, pages of large values
     page  = u64 number | 2 bytes | u16 kind | u16 end of the offsets | 2 bytes | u16 offsets of nodes …
