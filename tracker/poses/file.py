@@ -24,7 +24,7 @@ from tracker.errors import CalibrationError, LogError
 from tracker.files import hdf5, told_as, write_whole
 from tracker.geometry.camera import Camera
 from tracker.pose.result import CameraUse, Observation, Status
-from tracker.poses.columns import FilteredColumns, MeasuredColumns, PoseColumns
+from tracker.poses.columns import PoseColumns
 from tracker.poses.poses import KINDS, About, Kind, Poses
 from tracker.stamps import one_stamp
 
@@ -38,14 +38,11 @@ class PosesBuilder:
 
     def __init__(self, about: About) -> None:
         self._about = about
-        self._index: list[int] = []
-        self._timestamp: list[float] = []
-        self._status: list[str] = []
-        self._cameras: list[list[str]] = []
+        self._frames: list[tuple[int, float, str, list[str]]] = []
         self._rows: dict[Kind, list[dict[str, Array] | None]] = {kind: [] for kind in KINDS}
 
     def __len__(self) -> int:
-        return len(self._index)
+        return len(self._frames)
 
     def append(self, index: int, timestamp: float, answer: Observation, recorded: Any = None) -> None:
         """Add a frame: its number and time [s], the tracker's answer, and the recording's own pose or None.
@@ -55,50 +52,38 @@ class PosesBuilder:
                 the answer is not about as many cameras as there are.
         """
         stamp = one_stamp(timestamp, f"frame {index}: timestamp", LogError)
-        cameras = self._uses(answer)
-        rows: dict[Kind, dict[str, Array] | None] = {
-            "measured": _row("measured", answer.object_pose, MeasuredColumns),
-            "filtered": _row("filtered", answer.filtered_object_pose, FilteredColumns),
-            "recorded": _row("recorded", recorded, PoseColumns),
-        }
-        self._index.append(int(index))
-        self._timestamp.append(stamp)
-        self._status.append(_text(answer.status))
-        self._cameras.append(cameras)
-        for kind, row in rows.items():
+        rig, uses = self._about.rig, [_text(use) for use in answer.cameras]
+        if uses and len(uses) != len(rig):
+            raise LogError(f"cameras: found {len(uses)}, expected {len(rig)}: {', '.join(rig.names)}")
+        poses = answer.object_pose, answer.filtered_object_pose, recorded
+        rows = [_row(kind, pose) for kind, pose in zip(KINDS, poses, strict=True)]
+        self._frames.append((int(index), stamp, _text(answer.status), uses or [""] * len(rig)))
+        for kind, row in zip(KINDS, rows, strict=True):
             self._rows[kind].append(row)
 
     def build(self) -> Poses:
         """All frames so far; LogError where a pose or the order of the frames is not valid."""
-        has_recorded = any(row is not None for row in self._rows["recorded"])
+        index, timestamp, status, cameras = zip(*self._frames, strict=True) if self._frames else ((),) * 4
+        columns: dict[Kind, Any] = {kind: self._columns(kind) for kind in KINDS}
+        if not any(columns["recorded"].has_pose):
+            columns["recorded"] = None
         return Poses(
-            index=np.array(self._index, dtype=np.int64),
-            timestamp=np.array(self._timestamp, dtype=np.float64),
-            status=np.array(self._status, dtype=np.str_),
-            measured=MeasuredColumns(**self._arrays("measured")),
-            filtered=FilteredColumns(**self._arrays("filtered")),
-            recorded=PoseColumns(**self._arrays("recorded")) if has_recorded else None,
+            index=np.array(index, dtype=np.int64),
+            timestamp=np.array(timestamp, dtype=np.float64),
+            status=np.array(status, dtype=np.str_),
+            **columns,
             about=self._about,
-            cameras=np.array(self._cameras, np.str_) if any(any(uses) for uses in self._cameras) else None,
+            cameras=np.array(cameras, np.str_) if any(any(uses) for uses in cameras) else None,
         )
 
-    def _uses(self, answer: Observation) -> list[str]:
-        """What became of each camera's picture."""
-        rig, uses = self._about.rig, [_text(use) for use in answer.cameras]
-        if uses and len(uses) != len(rig):
-            raise LogError(f"cameras: found {len(uses)}, expected {len(rig)}: {', '.join(rig.names)}")
-        return uses or [""] * len(rig)
-
-    def _arrays(self, kind: Kind) -> dict[str, Array]:
-        rows = self._rows[kind]
+    def _columns(self, kind: Kind) -> PoseColumns:
+        rows, columns = self._rows[kind], KINDS[kind]
         arrays: dict[str, Array] = {"has_pose": np.array([row is not None for row in rows], dtype=np.bool_)}
-        for name, shape in KINDS[kind].ROW_SHAPES.items():
-            column = np.full((len(rows), *shape), np.nan)
-            for number, row in enumerate(rows):
-                if row is not None:
-                    column[number] = row[name]
-            arrays[name] = column
-        return arrays
+        for name, shape in columns.ROW_SHAPES.items():
+            nothing = np.full(shape, np.nan)
+            values = [nothing if row is None else row[name] for row in rows]
+            arrays[name] = np.array(values, np.float64).reshape(len(rows), *shape)
+        return columns(**arrays)
 
 
 def _text(word: Any) -> str:
@@ -106,11 +91,11 @@ def _text(word: Any) -> str:
     return str(getattr(word, "value", word))
 
 
-def _row(kind: Kind, pose: Any, columns: type[PoseColumns]) -> dict[str, Array] | None:
+def _row(kind: Kind, pose: Any) -> dict[str, Array] | None:
     """Copies of what a pose has to say, by the column's name."""
     if pose is None:
         return None
-    row: dict[str, Array] = {}
+    row, columns = dict[str, Array](), KINDS[kind]
     for name, shape in columns.ROW_SHAPES.items():
         value = getattr(pose, name, None)
         if value is None and name in columns.MAY_BE_UNKNOWN:

@@ -148,11 +148,7 @@ class Plan:
     def __init__(self, cameras: Sequence[Camera], table: float = 0.0) -> None:
         heights = [table + (k + 1) * DIE_WIDTH for k in range(LEVELS)]
         self._maps = [[_pixels(camera, height) for camera in cameras] for height in heights]
-        self._cameras, self._table = cameras, table
-
-    def at(self, table: float) -> Plan:
-        """The same for another height of the table."""
-        return Plan(self._cameras, table)
+        self.cameras, self._table = cameras, table
 
     def project(self, ratings: Sequence[Array], known: int) -> list[Array]:
         """Mean over the `known` cameras of their ratings (H, W) of each cell; one plane (N, N) a level."""

@@ -230,7 +230,7 @@ class Search:
         table = self._find_table(dice)
         if abs(table) > TABLE_OFF:
             self._terms = self._terms._replace(table=table)
-            self._plan = self._plan.at(table)
+            self._plan = Plan(self._plan.cameras, table)
             starts = self._starts()
             dice = self._improve(dice, rounds=1)
         score, others = self._total(dice), np.concatenate(starts[1:])
