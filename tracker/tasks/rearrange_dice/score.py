@@ -118,12 +118,12 @@ def _exact_mask(camera: Camera, centers: FloatArray) -> Image:
         near = np.asarray(cv2.dilate(_filled_mask(camera, centers), np.ones((2 * margin + 1,) * 2)), np.uint8)
     rows, columns = np.nonzero(near)
     with np.errstate(divide="ignore"):  # a ray along a face has an infinite inverse
-        inverse = 1 / camera.rays(np.stack([columns, rows], axis=1))
+        inverse = 1 / np.ascontiguousarray(camera.rays(np.stack([columns, rows], axis=1)).T)
     for center in centers - camera.position:
         # A ray is inside the box where it is between each of the three pairs of parallel planes.
-        low, high = ((center + offset) * inverse for offset in (-TARGET_WIDTH / 2, TARGET_WIDTH / 2))
-        enters = np.fmax.reduce(np.fmin(low, high), axis=1)
-        leaves = np.fmin.reduce(np.fmax(low, high), axis=1)
+        low, high = ((center + offset)[:, None] * inverse for offset in (-TARGET_WIDTH / 2, TARGET_WIDTH / 2))
+        enters = np.fmax.reduce(np.fmin(low, high), axis=0)
+        leaves = np.fmin.reduce(np.fmax(low, high), axis=0)
         met = (enters <= leaves) & (leaves > 0)
         mask[rows[met], columns[met]] = 255
     return mask
