@@ -14,7 +14,7 @@ import pytest
 
 from tests.helpers import ROOT
 from tracker.batch import workers
-from tracker.batch.workers import ONE_THREAD, WorkerError, engine, here, processes
+from tracker.batch.workers import ONE_THREAD, WorkerError, dask_workers, engine, here, processes
 from tracker.errors import TrackerError
 
 
@@ -116,7 +116,7 @@ def test_only_a_scheduler_of_others_needs_what_the_core_has_not(monkeypatch):
         assert sorted(each(abs, [1, 2])) == [(1, 1), (2, 2)]
     with (
         pytest.raises(TrackerError, match=r"--scheduler needs the package distributed.*cluster"),
-        engine(2, "x"),
+        dask_workers("x"),
     ):
         pass
 

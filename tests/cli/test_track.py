@@ -31,8 +31,8 @@ from tests.helpers.log_writers import make_content, write_hdf5, write_picture
 from tests.helpers.pose_logs import assert_same
 from tests.helpers.recording_stubs import write_log
 from tests.helpers.stills import posed_scene, take
+from tracker.cli.export import _of_height, observation
 from tracker.cli.track import CONTRADICTED, _calibration_rows
-from tracker.cli.track_outputs import _of_height, observation
 from tracker.files import claimed
 from tracker.geometry import so3
 from tracker.objects.model import to_toml

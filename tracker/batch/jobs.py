@@ -93,13 +93,14 @@ exit $code
 class Description:
     """What is submitted."""
 
-    scheduler: Scheduler
+    command: str
+    """That submits it."""
     path: Path
-    """Where it is written."""
+    """Where it is written; the list of recordings is beside it."""
     text: str
     """Its content."""
     list_text: str
-    """Content of the list of recordings beside it."""
+    """Content of the list."""
 
     @property
     def list_path(self) -> Path:
@@ -118,25 +119,19 @@ class Description:
         Jobs take compiled kernels from where this process does: beside the sources, or the user's own folder
         NUMBA_CACHE_DIR. The folder of results, which others may write, holds nothing that is executed.
         """
-        command = {"htcondor": "condor_submit", "slurm": "sbatch"}[self.scheduler]
-        environment = dict(os.environ)
-        if "NUMBA_CACHE_DIR" in environment:
-            environment["NUMBA_CACHE_DIR"] = os.path.abspath(environment["NUMBA_CACHE_DIR"])
+        place, name = os.path.split(self.path)
+        kernels = os.environ.get("NUMBA_CACHE_DIR")
+        own = {"NUMBA_CACHE_DIR": os.path.abspath(kernels)} if kernels is not None else {}
         try:
             done = subprocess.run(
-                [command, self.path.name],
-                cwd=self.path.parent,
-                env=environment,
-                capture_output=True,
-                text=True,
-                check=False,
+                [self.command, name], cwd=place, env={**os.environ, **own}, capture_output=True, text=True
             )
         except OSError as error:
             raise TrackerError(
-                f"{command}: cannot be run: {error.strerror}; {self.path} is what it would be given"
+                f"{self.command}: cannot be run: {error.strerror}; {self.path} is what it would be given"
             ) from error
         if done.returncode:
-            raise TrackerError(f"{command} {self.path}: {done.stderr.strip() or done.stdout.strip()}")
+            raise TrackerError(f"{self.command} {self.path}: {done.stderr.strip() or done.stdout.strip()}")
         return done.stdout.strip()
 
 
@@ -157,23 +152,22 @@ def describe(batch: Batch, tasks: Sequence[Task], scheduler: Scheduler) -> Descr
     count = -(-len(tasks) // each)
     if scheduler == "slurm":
         text = _SLURM.format(name=name, last=count - 1, python=shlex.quote(sys.executable))
-        return Description(scheduler, path.with_suffix(".sh"), text, list_text)
+        return Description("sbatch", path.with_suffix(".sh"), text, list_text)
     numbers = "\n".join(f"    {number}" for number in range(count))
     python = sys.executable.replace("$", "$(DOLLAR)")
     text = _HTCONDOR.format(name=name, numbers=numbers, python=python)
-    return Description(scheduler, path.with_suffix(".sub"), text, list_text)
+    return Description("condor_submit", path.with_suffix(".sub"), text, list_text)
 
 
 def do_share(list_path: Path, number: int) -> int:
     """Do one job's share of a list, but for what is done; how many recordings could not be done."""
-    options, pairs, mark, each = read_asked(list_path)
-    share = pairs[number * each : (number + 1) * each]
+    batch, mark, each = read_asked(list_path, list_path.absolute().parent.parent)
+    share = batch.tasks(mark)[number * each : (number + 1) * each]
     if number < 0 or not share:
-        raise LogError(f"{list_path}: found {-(-len(pairs) // each)} jobs, expected {number} below")
-    recipe = Recipe.of(options)
+        raise LogError(f"{list_path}: found {-(-len(batch.pairs) // each)} jobs, expected {number} below")
+    recipe = Recipe.of(batch.options)
     if agreed(recipe) != mark:
         raise TrackerError(f"{list_path}: found a list of another version or other files, submit it again")
-    tasks = Batch(list_path.absolute().parent.parent, options, share).tasks(mark)
-    missing = [task for task in tasks if not is_whole(task, recipe)]
+    missing = [task for task in share if not is_whole(task, recipe)]
     results = [result for _, result in here(functools.partial(alone, make_result), missing)]
     return sum(isinstance(result, Exception) or result["failure"] is not None for result in results)

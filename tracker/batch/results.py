@@ -37,18 +37,17 @@ def recordings_of(given: Sequence[str], folder: Path) -> list[Path]:
     Raises:
         LogError: a pattern fits nothing.
     """
-    return [Path(path) for one in given for path in _fitting(one, folder)]
-
-
-def _fitting(given: str, folder: Path) -> list[str]:
-    if os.path.exists(given) or not glob.has_magic(given):
-        return [given]
-    found = _each_once(_below("", given.split(os.sep), set()))
+    found: list[str] = []
     results = os.path.realpath(folder)
-    found = [path for path in found if not _is_of_results(os.path.realpath(path), results)]
-    if not found:
-        raise LogError(f"{given}: found nothing that fits this pattern, expected recordings")
-    return found
+    for one in given:
+        fitting = [one]
+        if glob.has_magic(one) and not os.path.exists(one):
+            some = _each_once(_below("", one.split(os.sep), set()))
+            fitting = [path for path in some if not _is_of_results(os.path.realpath(path), results)]
+        if not fitting:
+            raise LogError(f"{one}: found nothing that fits this pattern, expected recordings")
+        found += fitting
+    return [Path(path) for path in found]
 
 
 def _below(root: str, parts: list[str], been: set[tuple[int, int, int]]) -> Iterator[str]:
@@ -93,14 +92,12 @@ def _below(root: str, parts: list[str], been: set[tuple[int, int, int]]) -> Iter
 
 def _each_once(paths: Iterable[str]) -> list[str]:
     """Of the paths that lead to one file or folder the one without links, the shortest, the first."""
-    once: dict[str, str] = {}
-
-    def order(path: str) -> tuple[bool, int, str]:
-        return os.path.realpath(path) != os.path.abspath(path), path.count(os.sep), path
-
-    for path in sorted(paths, key=order):
-        once.setdefault(os.path.realpath(path), path)
-    return sorted(once.values())
+    once: dict[str, tuple[bool, int, str]] = {}
+    for path in paths:
+        real = os.path.realpath(path)
+        order = real != os.path.abspath(path), path.count(os.sep), path
+        once[real] = min(order, once.get(real, order))
+    return sorted(path for *_, path in once.values())
 
 
 def _is_of_results(path: str, folder: str) -> bool:
@@ -198,15 +195,13 @@ def read_failure(output: Path) -> str | None:
 def is_done(job: Job, mark: str) -> bool:
     """Whether a recording's result is there, of this fingerprint; the poses are not opened for that."""
     line = read_line(job.output)
-    return line is not None and line.get("fingerprint") == mark and not _goal_is_newer(job)
-
-
-def _goal_is_newer(job: Job) -> bool:
+    if line is None or line.get("fingerprint") != mark:
+        return False
     try:
         goal = goal_file(job.log).stat()
     except OSError:
-        return False
-    return goal.st_mtime_ns > summary_file(job.output).stat().st_mtime_ns
+        return True
+    return goal.st_mtime_ns <= summary_file(job.output).stat().st_mtime_ns
 
 
 def _read(path: Path) -> dict[str, Any] | None:

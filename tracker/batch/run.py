@@ -75,21 +75,23 @@ def write_batch(batch: Batch) -> None:
 class Asked(NamedTuple):
     """What a list of recordings says, which others may have written."""
 
-    options: Options
-    pairs: tuple[tuple[str, str], ...]
-    """See Batch."""
+    batch: Batch
     agreed: str
     """See Task."""
     each: int
     """Recordings a job."""
 
 
-def read_asked(path: Path) -> Asked:
-    """The list in a file; LogError where there is no such file, or it is malformed."""
+def read_asked(path: Path, folder: Path) -> Asked:
+    """The list in a file, for a folder of results; LogError where there is none, or it is malformed."""
     try:
         content = json.loads(read_bounded(path, MAX_LIST))
-        options, pairs = Options.of_plain(content["options"]), pairs_of(content)
-        return Asked(options, pairs, str(content.get("agreed", "")), int(content.get("each", 1)))
+        pairs = tuple((str(log), str(output)) for log, output in content["recordings"])
+        for _, output in pairs:
+            if os.path.isabs(output) or os.pardir in Path(output).parts or not output.endswith(SUFFIX):
+                raise ValueError(f"found {output!r:.80} for a result, expected a path below the folder")
+        batch = Batch(folder, Options.of_plain(content["options"]), pairs)
+        return Asked(batch, str(content.get("agreed", "")), int(content.get("each", 1)))
     except OSError as error:
         raise LogError(f"{path}: cannot be read, expected a list of recordings: {error.strerror}") from error
     except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
@@ -98,21 +100,7 @@ def read_asked(path: Path) -> Asked:
 
 def read_batch(folder: Path) -> Batch:
     """What was asked for in a folder of results; LogError as for `read_asked`."""
-    asked = read_asked(folder / ASKED)
-    return Batch(folder, asked.options, asked.pairs)
-
-
-def pairs_of(content: dict[str, Any]) -> tuple[tuple[str, str], ...]:
-    """The recordings in what a file says, see `Batch.pairs`; others may have written it.
-
-    Raises:
-        ValueError, TypeError, LookupError: it says something else, or a result is not below the folder.
-    """
-    pairs = tuple((str(log), str(output)) for log, output in content["recordings"])
-    for _, output in pairs:
-        if os.path.isabs(output) or os.pardir in Path(output).parts or not output.endswith(SUFFIX):
-            raise ValueError(f"found {output!r:.80} for a result, expected a path below the folder")
-    return pairs
+    return read_asked(folder / ASKED, folder).batch
 
 
 @contextlib.contextmanager

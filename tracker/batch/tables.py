@@ -103,29 +103,21 @@ def write_tables(batch: Batch, found: State, *, as_csv: bool) -> list[Path]:
         try:
             write(batch.folder / name)
         except OSError as error:
-            refused[name] = os.strerror(error.errno) if error.errno else reason(error)
-    if refused:
-        raise LogError(_told_of_refused(batch.folder, refused, found, as_csv=as_csv))
-    return [path for name in writers if (path := batch.folder / name).exists()]
-
-
-def _told_of_refused(folder: Path, refused: dict[str, str], found: State, *, as_csv: bool) -> str:
-    old = " (what is there is older)" if any((folder / name).exists() for name in refused) else ""
-    names = ", ".join(str(folder / name) for name in refused)
-    command = f"`tracker batch status {shlex.quote(str(folder))} --write{' --csv' * as_csv}`"
-    return (
-        f"{names}: cannot be written{old}: {'; '.join(dict.fromkeys(refused.values()))}. The results of "
-        f"{len(found.lines)} of {found.total} recordings are whole; when it can be, {command} writes this, "
-        "and the same `tracker batch run` again does what is missing"
+            refused[batch.folder / name] = os.strerror(error.errno) if error.errno else reason(error)
+    if not refused:
+        return [path for name in writers if (path := batch.folder / name).exists()]
+    old = " (what is there is older)" if any(path.exists() for path in refused) else ""
+    command = f"`tracker batch status {shlex.quote(str(batch.folder))} --write{' --csv' * as_csv}`"
+    names, why_not = ", ".join(map(str, refused)), "; ".join(dict.fromkeys(refused.values()))
+    raise LogError(
+        f"{names}: cannot be written{old}: {why_not}. The results of {len(found.lines)} of {found.total} "
+        f"recordings are whole; when it can be, {command} writes this, and the same `tracker batch run` "
+        "again does what is missing"
     )
 
 
 def write_parquet(path: Path, rows: Iterable[dict[str, Any]]) -> None:
-    """Write lines under COLUMNS as a Parquet file, whole or not at all.
-
-    Raises:
-        OSError: the file cannot be written.
-    """
+    """Write lines under COLUMNS as a Parquet file, whole or not at all; OSError if it cannot be."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 

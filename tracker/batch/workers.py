@@ -14,7 +14,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager
 from importlib import import_module
 from multiprocessing import connection, get_context, parent_process, resource_tracker
-from typing import Any, Protocol, TypeVar
+from typing import Any
 
 import cv2
 
@@ -22,8 +22,9 @@ from tracker.errors import TrackerError, install
 from tracker.processes import environment
 from tracker.warm_up import warm_up
 
-_Task = TypeVar("_Task")
-_Result = TypeVar("_Result")
+Engine = Callable[[Callable[[Any], Any], Iterable[Any]], Iterator[tuple[Any, Any]]]
+"""Applies a function to tasks, which do not depend on each other and are taken as they are needed; gives each
+task with what came of it, or the Exception, as they are finished."""
 
 AHEAD = 2
 """Tasks handed out for each worker: none waits, and a scheduler stays small."""
@@ -46,25 +47,11 @@ class WorkerError(TrackerError):
     """A worker process was ended from outside, and others too that took its task."""
 
 
-class Engine(Protocol):
-    """Applies a function to tasks, which do not depend on each other.
-
-    What came of them is given as they are finished; they are taken as they are needed.
-    """
-
-    def __call__(
-        self, function: Callable[[_Task], _Result], tasks: Iterable[_Task]
-    ) -> Iterator[tuple[_Task, _Result | Exception]]:
-        """The tasks with what came of them."""
-
-
-def here(
-    function: Callable[[_Task], _Result], tasks: Iterable[_Task]
-) -> Iterator[tuple[_Task, _Result | Exception]]:
+def here(function: Callable[[Any], Any], tasks: Iterable[Any]) -> Iterator[tuple[Any, Any]]:
     """An Engine: this process."""
     for task in tasks:
         try:
-            result: _Result | Exception = function(task)
+            result = function(task)
         except Exception as error:
             result = error
         yield task, result
@@ -83,19 +70,16 @@ def processes(count: int) -> Iterator[Engine]:
     workers = [_Process() for _ in range(count)]
     idle = list(workers)
 
-    def apply(function: Callable[..., Any], *arguments: Any) -> Any:
+    def apply(*task: Any) -> Any:
         worker = idle.pop()  # there are as many as threads
         try:
-            return worker.apply(function, *arguments)
+            return worker.apply(*task)
         finally:
             idle.append(worker)
 
-    def submit(*arguments: Any) -> Future[Any]:
-        return threads.submit(apply, *arguments)
-
     with environment(ONE_THREAD), ThreadPoolExecutor(count, initializer=_hold_interrupts) as threads:
         try:
-            yield functools.partial(_each, submit, lambda: count)
+            yield functools.partial(_each, functools.partial(threads.submit, apply), lambda: count)
         except BaseException:
             threads.shutdown(wait=False, cancel_futures=True)
             for worker in workers:
@@ -114,11 +98,12 @@ def dask_workers(address: str) -> Iterator[Engine]:
         TrackerError: the package distributed is missing, or the scheduler does not answer.
     """
     try:
-        dask: Any = import_module("dask")
+        import dask
+
         # This module reports killed workers itself. Dask's own messages are off from the import
         # on: threads may tell of the end after it.
         with dask.config.set({"logging.distributed": "critical"}):
-            distributed: Any = import_module("distributed")  # untyped
+            distributed: Any = import_module("distributed")  # its types are no whole
     except ImportError as error:
         raise TrackerError(f"--scheduler needs the package distributed: {install('cluster')}") from error
     try:
@@ -126,9 +111,7 @@ def dask_workers(address: str) -> Iterator[Engine]:
     except (OSError, ValueError) as error:
         raise TrackerError(f"scheduler {address}: does not answer: {error}") from error
 
-    def each(
-        function: Callable[[_Task], _Result], tasks: Iterable[_Task]
-    ) -> Iterator[tuple[_Task, _Result | Exception]]:
+    def each(function: Callable[[Any], Any], tasks: Iterable[Any]) -> Iterator[tuple[Any, Any]]:
         submit = client.get_executor(pure=False).submit
         for task, result in _each(submit, lambda: sum(client.nthreads().values()), function, tasks):
             lost = isinstance(result, distributed.KilledWorker)
@@ -138,10 +121,8 @@ def dask_workers(address: str) -> Iterator[Engine]:
         yield each
 
 
-def engine(jobs: int, scheduler: str | None = None) -> AbstractContextManager[Engine]:
-    """This process where one job is enough, else processes, or the workers of a scheduler."""
-    if scheduler is not None:
-        return dask_workers(scheduler)
+def engine(jobs: int) -> AbstractContextManager[Engine]:
+    """This process where one job is enough, else processes."""
     return contextlib.nullcontext(here) if jobs == 1 else processes(jobs)
 
 
@@ -150,7 +131,7 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def alone(function: Callable[[_Task], _Result], task: _Task) -> _Result:
+def alone(function: Callable[[Any], Any], task: Any) -> Any:
     """Apply a function to a task, with one thread for OpenCV, which no variable tells."""
     cv2.setNumThreads(1)  # the workers share the cores, more threads would only wait for each other
     return function(task)
@@ -159,12 +140,12 @@ def alone(function: Callable[[_Task], _Result], task: _Task) -> _Result:
 def _each(
     submit: Callable[..., Future[Any]],
     count: Callable[[], int],
-    function: Callable[[_Task], _Result],
-    tasks: Iterable[_Task],
-) -> Iterator[tuple[_Task, _Result | Exception]]:
+    function: Callable[[Any], Any],
+    tasks: Iterable[Any],
+) -> Iterator[tuple[Any, Any]]:
     """See Engine; `submit` is that of an executor which has `count` workers."""
     todo = iter(tasks)
-    handed: dict[Future[_Result], _Task] = {}
+    handed: dict[Future[Any], Any] = {}
 
     def hand_out() -> None:
         for task in itertools.islice(todo, max(0, AHEAD * max(1, count()) - len(handed))):
@@ -192,7 +173,7 @@ class _Process:
         self._over = False
         self._lock = threading.Lock()  # of the number, which must be that of a process of ours
 
-    def apply(self, function: Callable[..., _Result], *arguments: Any) -> _Result:
+    def apply(self, function: Callable[..., Any], *arguments: Any) -> Any:
         """What a function gives; WorkerError where each process that had to do it was ended."""
         for _ in range(ATTEMPTS):
             try:
@@ -229,13 +210,12 @@ class _Process:
     def _end(self) -> None:
         if self._number is not None:
             with contextlib.suppress(OSError):
-                os.kill(self._number, signal.SIGTERM if os.name == "nt" else signal.SIGKILL)
+                os.kill(self._number, signal.SIGKILL)
 
 
 def _hold_interrupts() -> None:
     """Let no process that this thread begins see Ctrl-C, which a terminal sends to all: we end them."""
-    if hasattr(signal, "pthread_sigmask"):
-        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
 
 
 def _end_with_parent() -> None:

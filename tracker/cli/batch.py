@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tracker.cli import options
-from tracker.cli.outputs import refuse_file
+from tracker.cli.outputs import output_option, refuse_file
 from tracker.cli.render import bar, listing
 from tracker.errors import LogError
 
@@ -30,12 +30,10 @@ def batch() -> None:
 @batch.command()
 @click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...")
 @options.subject
-@click.option("-o", "--output", required=True, metavar="DIR", type=_FOLDER, help="Folder of the results.")
+@output_option(_FOLDER, "DIR", "Folder of the results.")
 @options.cameras
 @options.part
-@click.option(
-    "--jobs", metavar="N", type=click.IntRange(1), help="Processes here.  [default: one for each core]"
-)
+@options.whole("--jobs", "Processes here.  [default: one for each core]")
 @click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler, whose workers do it instead.")
 @click.option("--htcondor", is_flag=True, help="Submit what is missing to HTCondor.")
 @click.option("--slurm", is_flag=True, help="Submit what is missing to Slurm.")

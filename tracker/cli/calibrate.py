@@ -15,7 +15,7 @@ import tracker
 from tracker.cli import options
 from tracker.cli.board import board, intrinsics
 from tracker.cli.extrinsics import extrinsics
-from tracker.cli.outputs import PICTURE, Command, OutFolder, Recording, file_option
+from tracker.cli.outputs import PICTURE, Command, OutFolder, Recording, file_option, output_option
 from tracker.cli.pictures import NO_IMAGE, read_images
 from tracker.cli.render import bar, listing, table
 from tracker.errors import CalibrationError, ImageError, ObjectModelError
@@ -107,13 +107,8 @@ filmed_options = options.gathered(
     options.recover,
     options.quiet(),
 )
-_output = click.option(
-    "-o",
-    "--output",
-    required=True,
-    metavar="DIR",
-    type=OutFolder(new=True),
-    help="Folder of the calibration that is found, a new or an empty one.",
+_output = output_option(
+    OutFolder(new=True), "DIR", "Folder of the calibration that is found, a new or an empty one."
 )
 
 
@@ -190,14 +185,13 @@ def check(filmed: Filmed, plot: Path | None, as_json: bool) -> None:
 @filmed_options
 @_output
 @click.option("--focal", is_flag=True, help="Focal lengths and principal points may be wrong, too.")
-@click.option(
+@options.whole(
     "--frames",
-    "most",
-    metavar="N",
-    type=click.IntRange(18, 1000),
+    "Frames that are used, in different poses; a third of them judges.",
     default=90,
-    show_default=True,
-    help="Frames that are used, in different poses; a third of them judges.",
+    least=18,
+    most=1000,
+    to="most",
 )
 def refine_command(filmed: Filmed, output: Path, focal: bool, most: int) -> None:
     """Find how the cameras stand to each other in RECORDINGs of an object that moves, or in many IMAGEs.

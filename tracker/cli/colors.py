@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 import tracker
-from tracker.cli import learn
+from tracker.cli import learn, options
 from tracker.cli.outputs import Command, InFile, OutFile, Recording, file_option, save_colors
 from tracker.cli.pictures import silent_libraries
 from tracker.cli.render import table
@@ -118,9 +118,6 @@ _rendered = click.option(
     is_flag=True,
     help="The images come from a renderer with one light: take their colours as they are.",
 )
-_seed = click.option(
-    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the fit's draws."
-)
 
 
 @click.group(no_args_is_help=False, short_help="Fit, learn and check the colours of objects.")
@@ -143,7 +140,7 @@ colors.add_command(learn.new)
 @file_option("-o", ".npz", help="The model's file (.npz).  [default: NAME.npz]")
 @_others
 @_rendered
-@_seed
+@options.seed
 def fit(
     folders: tuple[str, ...],
     name: str | None,
@@ -185,7 +182,7 @@ def fit(
 )
 @_others
 @_rendered
-@_seed
+@options.seed
 def check(
     folders: tuple[str, ...],
     colors_name: str | None,
@@ -256,12 +253,12 @@ def _fitter(
     """A function that fits a model of some name to those of the images whose indices are given."""
     from tracker.segmentation.fit import FitOptions, combine, image_histograms
 
-    options = FitOptions(seed=seed)
-    own = [image_histograms(image, options, normalise=not rendered) for image in images]
-    theirs = [image_histograms(image, options, normalise=not rendered) for image in others]
+    draws = FitOptions(seed=seed)
+    own = [image_histograms(image, draws, normalise=not rendered) for image in images]
+    theirs = [image_histograms(image, draws, normalise=not rendered) for image in others]
 
     def fit_to(chosen: Sequence[int], name: str) -> tracker.ColorModel:
-        return combine([own[k] for k in chosen], theirs, options, name=name, normalise=not rendered)
+        return combine([own[k] for k in chosen], theirs, draws, name=name, normalise=not rendered)
 
     return fit_to
 

@@ -2,15 +2,144 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 import tracker
 from tracker.cli import options
-from tracker.cli.outputs import Command, InFile, Recording, file_option, refuse_overwriting, require_folder
+from tracker.cli.outputs import (
+    Command,
+    InFile,
+    Recording,
+    file_option,
+    output_option,
+    refuse_overwriting,
+    require_folder,
+)
 from tracker.cli.render import bar
-from tracker.cli.track_outputs import Outputs, output_options, write_tracked_film
+
+if TYPE_CHECKING:
+    from tracker.conventions import FloatArray, Image
+    from tracker.poses.columns import MeasuredColumns
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """Files with poses in other formats, None where not requested."""
+
+    csv: Path | None
+    tum: Path | None
+    bop: Path | None
+    camera: str | None
+    """Whose BOP results."""
+    video: Path | None
+    plot: Path | None
+
+    def __bool__(self) -> bool:
+        """Whether any file is requested."""
+        return any((self.csv, self.tum, self.bop, self.video, self.plot))
+
+    def check_camera(self, rig: tracker.CameraRig) -> None:
+        """Refuse a camera that the rig has not, and one without a file or the file without one."""
+        if (self.bop is None) != (self.camera is None):
+            raise click.UsageError("--bop and --camera belong together: BOP results are those of one camera")
+        if self.camera is not None and self.camera not in rig.names:
+            raise click.UsageError(f"--camera: found {self.camera}, expected one of {', '.join(rig.names)}")
+
+    def write(self, poses: tracker.Poses, keypoints_of: tracker.CuboidModel | None = None) -> None:
+        """Write all but the film; the table with the corners of an object, if one is given."""
+        from tracker.poses.exports import write_bop, write_csv, write_tum
+        from tracker.summaries.summary import best_kind
+
+        kind = best_kind(poses)
+        if self.csv is not None:
+            write_csv(self.csv, poses, keypoints_of=keypoints_of)
+        if self.tum is not None:
+            write_tum(self.tum, poses, kind)
+        if self.bop is not None:
+            rig = poses.about.rig
+            write_bop(self.bop, poses, rig[rig.names.index(self.camera or "")], kind)
+        if self.plot is not None:
+            tracker.viz.write_trajectory_plot(self.plot, poses)
+
+
+output_options = options.gathered(
+    "outputs",
+    Outputs,
+    file_option("--csv", ".csv", help="The poses as a table, one line a frame."),
+    file_option("--tum", ".tum", ".txt", help="A trajectory in the TUM format."),
+    file_option("--bop", ".csv", help="BOP results of the --camera."),
+    click.option("--camera", metavar="NAME", help="Camera of the BOP results, e.g. camera60."),
+    file_option("--video", ".mp4", extra="video", help="A film of the frames with the pose drawn in (.mp4)."),
+    file_option("--plot", ".png", extra="plot", help="A plot of the poses over time (.png)."),
+)
+"""The options of both, see Outputs."""
+
+
+def write_tracked_film(
+    path: Path,
+    log: tracker.Log,
+    model: tracker.CuboidModel,
+    poses: tracker.Poses,
+    progress: Callable[[int], None],
+) -> None:
+    """Write a film of the frames that have been tracked, one in memory at a time."""
+    from tracker.viz.image_files import film_rate
+
+    tracker.viz.write_film(path, _pictures(log, model, poses, progress), film_rate(poses.timestamp))
+
+
+def _pictures(
+    log: tracker.Log, model: tracker.CuboidModel, poses: tracker.Poses, progress: Callable[[int], None]
+) -> Iterator[Image]:
+    rows = {index: row for row, index in enumerate(poses.index.tolist())}
+    height = 0
+    for frame in log[min(rows, default=0) : max(rows, default=-1) + 1]:
+        if (row := rows.get(frame.index)) is not None:
+            title = f"{poses.timestamp[row] - poses.timestamp[0]:.1f} s"
+            shown = frame.images, poses.about.rig, model
+            height = height or len(tracker.viz.overlay(*shown, _widest(), title=title))
+            yield _of_height(tracker.viz.overlay(*shown, observation(poses, row), title=title), height)
+            progress(1)
+
+
+def observation(poses: tracker.Poses, row: int) -> tracker.Observation:
+    """What the tracker answered to a frame."""
+
+    def of(columns: MeasuredColumns) -> tuple[FloatArray, FloatArray, FloatArray, float]:
+        arrays = columns.position[row], columns.orientation[row], columns.covariance[row]
+        return *arrays, float(columns.confidence[row])
+
+    measured, filtered = poses.measured, poses.filtered
+    motion = filtered.velocity[row], filtered.velocity_covariance[row]
+    uses = [] if poses.cameras is None else poses.cameras[row].tolist()
+    return tracker.Observation(
+        tracker.PoseEstimate(*of(measured)) if measured.has_pose[row] else None,
+        tracker.MotionEstimate(*of(filtered), *motion) if filtered.has_pose[row] else None,
+        tracker.Status(str(poses.status[row])),
+        cameras=tuple(tracker.CameraUse(use) for use in uses if use),
+    )
+
+
+def _widest() -> tracker.Observation:
+    """An answer whose caption is as high as any."""
+    import numpy as np
+
+    pose = tracker.PoseEstimate(np.full(3, -0.12345), np.full(4, -0.5), np.eye(6), 1.0)
+    return tracker.Observation(pose, None, max(tracker.Status, key=lambda status: len(status.value)))
+
+
+def _of_height(picture: Image, height: int) -> Image:
+    """Captions wrap, but the pictures of a film are of one size."""
+    import numpy as np
+
+    missing = max(0, height - len(picture))
+    rows = np.repeat(picture[-1:], missing, axis=0)  # the caption's ground
+    return np.concatenate([picture[:height], rows])
 
 
 @click.command(cls=Command, short_help="Write poses as CSV, Parquet, TUM, BOP, film or plot.")
@@ -63,24 +192,15 @@ def export(
 
 @click.command(cls=Command)
 @click.argument("source", metavar="LOG", type=Recording())
-@click.option(
-    "-o",
-    "--output",
-    required=True,
-    metavar="FILE|DIR",
-    type=click.Path(path_type=Path),
-    help="An HDF5 log (.h5), a film of all cameras side by side (.mp4), or a new folder of images.",
+@output_option(
+    click.Path(path_type=Path),
+    "FILE|DIR",
+    "An HDF5 log (.h5), a film of all cameras side by side (.mp4), or a new folder of images.",
 )
 @options.cameras
 @options.part
 @options.quiet("No progress bar.")
-def convert(
-    source: Path,
-    output: Path,
-    cameras: options.Cameras,
-    part: options.Part,
-    quiet: bool,
-) -> None:
+def convert(source: Path, output: Path, cameras: options.Cameras, part: options.Part, quiet: bool) -> None:
     """Write a recording in another format.
 
     An HDF5 log is one of the platform, version 2.1: raw pixels, stamps and poses are kept to the bit, and

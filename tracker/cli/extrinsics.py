@@ -18,7 +18,7 @@ from tracker.cli.board import (
     size_options,
     told_pattern,
 )
-from tracker.cli.outputs import Command, InFile, OutFolder, Recording, refuse_overwriting
+from tracker.cli.outputs import Command, InFile, OutFolder, Recording, output_option, refuse_overwriting
 from tracker.cli.pictures import camera_in
 from tracker.cli.render import listing, table
 from tracker.errors import CalibrationError
@@ -58,9 +58,7 @@ if TYPE_CHECKING:
     metavar="DEG",
     help="From the world's x axis to the board's rows, left to right [degrees].  [0]",
 )
-@click.option(
-    "-o", "--output", required=True, metavar="DIR", type=OutFolder(), help="For the calibration files."
-)
+@output_option(OutFolder(), "DIR", "For the calibration files.")
 @size_options
 @click.option("--plot", metavar="DIR", type=OutFolder(), help="Draw what is missed where, one PNG a camera.")
 def extrinsics(

@@ -58,8 +58,8 @@ class Lesson:
         from tracker.segmentation.fit import FitOptions
 
         say: Callable[[str], None] = (lambda _: None) if self.quiet else click.echo
-        options, name = FitOptions(seed=self.seed), self.output.stem
-        learned = learn_colors(model, footage, start, options, name=name, rounds=self.rounds, say=say)
+        draws, name = FitOptions(seed=self.seed), self.output.stem
+        learned = learn_colors(model, footage, start, draws, name=name, rounds=self.rounds, say=say)
         save_colors(learned.colors, self.output)
         if not self.quiet:
             click.echo(_text(learned, self.output))
@@ -71,20 +71,15 @@ lesson_options = options.gathered(
     click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...", type=Recording()),
     file_option("-o", ".npz", required=True, help="Colour model (.npz)."),
     options.cameras,
-    click.option(
+    options.whole(
         "--frames",
-        metavar="N",
-        type=click.IntRange(10, 2000),
+        "Frames that are looked at, spread evenly; half of them only judge.",
         default=80,
-        show_default=True,
-        help="Frames that are looked at, spread evenly; half of them only judge.",
+        least=10,
+        most=2000,
     ),
-    click.option(
-        "--rounds", metavar="N", type=click.IntRange(1, 50), default=8, show_default=True, help="Most turns."
-    ),
-    click.option(
-        "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the fit's draws."
-    ),
+    options.whole("--rounds", "Most turns.", default=8, most=50),
+    options.seed,
     options.recover,
     options.quiet(),
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import os
 import time
 from pathlib import Path
@@ -79,7 +80,7 @@ def live(
     the calibration's, or `pylon:SERIAL,…` in its order; `opencv:0,1,2`, numbers, films or addresses; or
     `simulation`.
 
-    options.Cameras that fail are looked for again, and the tracking goes on with the others. Published is the
+    Cameras that fail are looked for again, and the tracking goes on with the others. Published is the
     filtered pose of the newest images. By ZeroMQ each message is one JSON object: version, sequence,
     timestamp, status, pose as that of `detect --json` or null, velocity or null, latency_ms, faults of
     cameras, a jump of stamps, and counts of both until then. By LCM (lcm://, udpm://ADDRESS:PORT?ttl=0,
@@ -107,19 +108,18 @@ def live(
             check_cameras(given, rig, seconds)
         return
     statistics = Statistics()
+    make_tracker = functools.partial(tracker.ObjectTracker, model, rig, colors)
     with contextlib.ExitStack() as stack:
         unused = stack.enter_context(contextlib.ExitStack())
         unused.callback(given.close)
-        outputs = LiveOutputs(requested, given, rig, model, colors, stack)
+        outputs = LiveOutputs(requested, given, make_tracker(), stack)
         _draw(given, quiet)
         listeners = [statistics.hear, *outputs.listeners]
-        follower = stack.enter_context(
-            Live(given, tracker.ObjectTracker(model, rig, colors), listeners=listeners)
-        )
+        follower = stack.enter_context(Live(given, make_tracker(), listeners=listeners))
         unused.pop_all()  # it is closed by Live from here on
         outputs.know(follower)
         statistics.begin()
-        lookout = Lookout(lambda: tracker.ObjectTracker(model, rig, colors), rig.names)
+        lookout = Lookout(make_tracker, rig.names)
         stopped = _follow(follower, seconds, outputs, lookout, None if quiet else statistics)
     outputs.tell()
     error = follower.error
@@ -173,7 +173,11 @@ def _source(
         simulation = live.Simulation(object_name)
         return simulation, simulation.rig
     if kind in _CAMERAS:
-        _hush_opencv()
+        import cv2
+
+        if "OPENCV_LOG_LEVEL" not in os.environ:
+            # Each second it would tell of a camera that it cannot open. In cv2 itself until OpenCV 5.
+            getattr(cv2.utils, "logging", cv2).setLogLevel(_ERRORS)
         rig = cameras.load()
         return live.open_cameras(source, rig, rate=rate, settings=settings), rig
     if not Path(source).exists():
@@ -181,14 +185,6 @@ def _source(
     log = tracker.open_log(source)
     rig = cameras.rig_of(Path(source), log)
     return live.Replay(log, speed=speed), rig
-
-
-def _hush_opencv() -> None:
-    """Have OpenCV say nothing, unless that is asked for, each second of a camera that it cannot open."""
-    import cv2
-
-    if "OPENCV_LOG_LEVEL" not in os.environ:
-        getattr(cv2.utils, "logging", cv2).setLogLevel(_ERRORS)  # in cv2 itself until OpenCV 5
 
 
 def _draw(source: ImageSource, quiet: bool) -> None:

@@ -91,42 +91,34 @@ class LiveOutputs:
     """All of it, opened, to be closed by the stack; `listeners` hear of each moment."""
 
     def __init__(
-        self,
-        requested: Requested,
-        source: ImageSource,
-        rig: tracker.CameraRig,
-        model: tracker.CuboidModel,
-        colors: tracker.ColorModel,
-        stack: ExitStack,
+        self, requested: Requested, source: ImageSource, finder: tracker.ObjectTracker, stack: ExitStack
     ) -> None:
+        from tracker.live.listeners import Recorder, RerunView
+        from tracker.live.publishers import open_publisher
+        from tracker.live.web_page import WebPage
+
+        rig, model = finder.rig, finder.model
         self.recorder: Recorder | None = None
         self.listeners: list[Callable[[Moment], None]] = []
         self._page: WebPage | None = None
-        self._fallible: dict[Recorder | Publisher | RerunView, str] = {}
-        self._told: set[Recorder | Publisher | RerunView] = set()
+        self._fallible: dict[Recorder | Publisher | RerunView | WebPage, str] = {}
+        self._told: set[object] = set()
+
+        def add(output: Recorder | Publisher | RerunView | WebPage, what: str = "") -> None:
+            stack.callback(output.close)
+            self.listeners.append(output)
+            self._fallible[output] = what
+
         if requested.record is not None:
-            from tracker.live.listeners import Recorder
-
             self.recorder = Recorder(requested.record, rig, lambda: getattr(source, "settings", ()))
-            self._add(self.recorder, stack)
-            self._fallible[self.recorder] = "the recording has ended: "
+            add(self.recorder, "the recording has ended: ")
         for address in requested.addresses:
-            from tracker.live.publishers import open_publisher
-
-            publisher = open_publisher(address, model, body=requested.body, public=requested.public)
-            self._add(publisher, stack)
-            self._fallible[publisher] = ""
+            add(open_publisher(address, model, body=requested.body, public=requested.public))
         if requested.view or requested.rrd:
-            from tracker.live.listeners import RerunView
-
-            shown = RerunView(requested.rrd, rig, model)
-            self._add(shown, stack)
-            self._fallible[shown] = "the view has ended: "
+            add(RerunView(requested.rrd, rig, model), "the view has ended: ")
         if requested.page is not None:
-            from tracker.live.web_page import WebPage
-
-            self._page = WebPage(requested.page, tracker.ObjectTracker(model, rig, colors))
-            self._add(self._page, stack)
+            self._page = WebPage(requested.page, finder)
+            add(self._page, "the page has ended: ")
             click.echo(f"page: {self._page.address}", err=True)
         if requested.as_json:
             self.listeners.append(_print)
@@ -147,10 +139,6 @@ class LiveOutputs:
             if one.fault and one not in self._told:
                 self._told.add(one)
                 click.echo(f"{what}{one.fault}", err=True)
-
-    def _add(self, output: Recorder | Publisher | RerunView | WebPage, stack: ExitStack) -> None:
-        stack.callback(output.close)
-        self.listeners.append(output)
 
 
 def _print(moment: Moment) -> None:
@@ -176,13 +164,11 @@ class Statistics:
         self._lock = threading.Lock()
         self._statuses: Counter[str] = Counter()
         self._faults: Counter[str] = Counter()
-        self._lately: Counter[str] = Counter()
         self._reasons: dict[str, str] = {}
         self._posed = self._seen = False
-        self._order: dict[str, None] = {}
         self._latencies: deque[float] = deque(maxlen=_LATENCIES)
         self._newest: Moment | None = None
-        self._told_count = 0
+        self._told_count, self._told_faults = 0, Counter[str]()
         self.begin()
 
     def begin(self) -> None:
@@ -191,18 +177,14 @@ class Statistics:
 
     def hear(self, moment: Moment) -> None:
         """A listener of `Live`."""
+        faults = {**moment.faults, **({} if moment.jump is None else {_STAMPS: moment.jump})}
         with self._lock:
+            self._newest = moment
             self._statuses[moment.status.value] += 1
             self._latencies.append(moment.latency)
-            self._newest = moment
             self._posed |= moment.object_pose is not None
             self._seen |= any(image is not None for image in moment.taken.images)
-            faults = dict(moment.faults)
-            if moment.jump is not None:
-                faults[_STAMPS] = moment.jump
-            self._order |= dict.fromkeys([_STAMPS, *moment.fault_counts, *faults])
             self._faults.update(faults.keys())
-            self._lately.update(faults.keys())
             self._reasons.update(faults)
 
     @property
@@ -213,16 +195,15 @@ class Statistics:
     def due(self) -> str | None:
         """A line about the last second, once it has passed."""
         now = time.monotonic()
-        if now - self._told_at < 1.0:
+        passed = now - self._told_at
+        if passed < 1.0:
             return None
         with self._lock:
-            count, moment = sum(self._statuses.values()), self._newest
-            lately, self._lately = self._lately, Counter()
-            reasons = dict(self._reasons)
-        sets = count - self._told_count
-        rate = sets / (now - self._told_at)
-        self._told_at, self._told_count = now, count
-        parts = [f"{now - self._begin:7.1f} s", f"{rate:5.1f} Hz"]
+            count, moment = self._statuses.total(), self._newest
+            faults, reasons = self._faults.copy(), dict(self._reasons)
+        sets, lately = count - self._told_count, faults - self._told_faults
+        self._told_at, self._told_count, self._told_faults = now, count, faults
+        parts = [f"{now - self._begin:7.1f} s", f"{sets / passed:5.1f} Hz"]
         if moment is None:
             return "  ".join([*parts, "no images yet"])
         parts.append(f"{moment.status.value:10}")
@@ -231,27 +212,27 @@ class Statistics:
             place = " ".join(f"{1000 * value:7.1f}" for value in pose.position)
             parts.append(f"{place} mm  confidence {pose.confidence:.2f}")
         parts.append(f"latency {1000 * moment.latency:.1f} ms")
-        faults = [f"{name or 'stamps'}: {reasons[name]} ({n} of {sets} sets)" for name, n in lately.items()]
-        return "  ".join([*parts, *faults])
+        recent = [f"{name or 'stamps'}: {reasons[name]} ({n} of {sets} sets)" for name, n in lately.items()]
+        return "  ".join([*parts, *recent])
 
     def summary(self, left_out: int, faults: Sequence[str], recorder: Any = None) -> str:
         """What there was in all."""
         import numpy as np
 
-        count = sum(self._statuses.values())
+        count = self._statuses.total()
         rows = [["sets of images", f"{count}, and {left_out} that came while others were worked on"]]
         if count:
-            statuses = ", ".join(
-                f"{name} {100 * n / count:.1f} %" for name, n in self._statuses.most_common()
-            )
+            shares = [f"{name} {100 * n / count:.1f} %" for name, n in self._statuses.most_common()]
             median, late = np.percentile(1e3 * np.array(self._latencies), [50, 99])
-            rows.append(["status", statuses])
+            rows.append(["status", ", ".join(shares)])
             if not self._posed:
                 rows.append(["", _NEVER if self._seen else _NO_IMAGE])
             rows.append(["latency", f"{median:.1f} ms in the median, {late:.1f} ms in the 99th percentile"])
-        for name in filter(self._faults.__contains__, self._order):
-            times, reason = self._faults[name], self._reasons[name]
-            rows.append([name or "stamps", f"faulty in {times} of {count} sets; last: {reason}"])
+        cameras = () if self._newest is None else self._newest.fault_counts  # in their order
+        for name in dict.fromkeys((_STAMPS, *cameras, *self._faults)):
+            if times := self._faults[name]:
+                text = f"faulty in {times} of {count} sets; last: {self._reasons[name]}"
+                rows.append([name or "stamps", text])
         if recorder is not None:
             recorded = f"{recorder.recorded} sets in {recorder.path}" if recorder.recorded else "nothing"
             rows.append(["recorded", recorded])
@@ -261,8 +242,7 @@ class Statistics:
                 rows.append(["", f"ended before its time: {recorder.fault}"])
         known = {f"{name}: {last}" if name else f"stamps {last}" for name, last in self._reasons.items()}
         more = [fault for fault in faults if fault not in known]
-        rows += [["fault", fault] for fault in more[-5:]]
-        return listing(rows)
+        return listing([*rows, *(["fault", fault] for fault in more[-5:])])
 
 
 FIRST_LOOK = 1.0
@@ -273,11 +253,14 @@ class Lookout:
     """Looks, until something is surely found, whether pictures of cameras that run come from the wrong ones.
 
     A look, by a tracker of its own, takes as long as some detections; each waits twice as long as the last.
+
+    Args:
+        make_tracker: the tracker, new or as it was.
+        names: of the cameras.
     """
 
     def __init__(self, make_tracker: Callable[[], tracker.ObjectTracker], names: Sequence[str]) -> None:
         self._make, self._names = make_tracker, names
-        self._tracker: tracker.ObjectTracker | None = None
         self._pause = FIRST_LOOK
         self._due = time.monotonic() + self._pause
         self._orders: Counter[tuple[int, ...]] = Counter()
@@ -295,8 +278,7 @@ class Lookout:
             return None
         if time.monotonic() < self._due:
             return None
-        self._tracker = self._tracker or self._make()
-        order = swapped(self._tracker, moment.taken.images)
+        order = swapped(self._make(), moment.taken.images)
         self._pause *= 2
         self._due = time.monotonic() + self._pause
         if order is None:

@@ -13,7 +13,7 @@ import click
 from click.shell_completion import CompletionItem
 
 import tracker
-from tracker.cli.outputs import InFile, Input
+from tracker.cli.outputs import InFile
 from tracker.errors import LogError
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
@@ -43,7 +43,18 @@ def gathered(
     return add
 
 
+def whole(
+    name: str, help: str, *, default: int | None = None, least: int = 1, most: int | None = None, to: str = ""
+) -> Callable[[_Command], _Command]:
+    """An option of a whole number, whose default is shown; `to`: the argument that it becomes."""
+    kind, names = click.IntRange(least, most), (name, to) if to else (name,)
+    return click.option(
+        *names, metavar="N", type=kind, default=default, show_default=default is not None, help=help
+    )
+
+
 recover = click.option("--recover", is_flag=True, help="Leave out what is damaged of a recording.")
+seed = whole("--seed", "Seed of the fit's draws.", least=0, default=0)
 as_json = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 
 
@@ -52,12 +63,11 @@ def quiet(text: str = "Print errors only.") -> Callable[[_Command], _Command]:
     return click.option("-q", "--quiet", is_flag=True, help=text)
 
 
-class _NameOrFile(Input, click.ParamType):  # type: ignore[type-arg]  # which older ones do not take
+class _NameOrFile(InFile):
     """One of some names, or a file."""
 
-    name = "name"
-
     def __init__(self, names: tuple[str, ...]) -> None:
+        super().__init__(str)
         self.names = names
 
     def shell_complete(
@@ -211,8 +221,8 @@ class Part:
 part = gathered(
     "part",
     Part,
-    click.option("--from", "first", metavar="N", type=click.IntRange(0), default=0, help="First frame."),
-    click.option("--to", "last", metavar="N", type=click.IntRange(1), help="End: the frame after the last."),
+    whole("--from", "First frame.", least=0, default=0, to="first"),
+    whole("--to", "End: the frame after the last.", to="last"),
     recover,
 )
 

@@ -13,6 +13,7 @@ import click
 
 import tracker
 from tracker.errors import ColorModelError, LogError, install
+from tracker.files import told_as
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 
@@ -25,23 +26,15 @@ _PACKAGES = {"plot": "matplotlib", "video": "av"}
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 
 
-class _Read(click.Path):
-    """What is read."""
+class InFile(click.Path):
+    """A file or folder that is read."""
 
     def __init__(self, path_type: type = Path) -> None:
         super().__init__(path_type=path_type)
 
 
-class Recording(_Read):
+class Recording(InFile):
     """A recording, pictures or a folder of them, with the calibration and all that is beside."""
-
-
-class Input:
-    """Marks the type of a parameter that names something else that is read, or may."""
-
-
-class InFile(Input, _Read):
-    """A file or folder."""
 
 
 class _Output(click.Path):
@@ -88,6 +81,11 @@ def file_option(
     return click.option(*names, metavar="FILE", required=required, type=written, help=help)
 
 
+def output_option(kind: click.ParamType[Any], metavar: str, help: str) -> Callable[[_Command], _Command]:
+    """`-o`, which is required, for what is no file of one format."""
+    return click.option("-o", "--output", required=True, metavar=metavar, type=kind, help=help)
+
+
 class OutFolder(_Output):
     """A folder to write to, made with those above it where it is missing.
 
@@ -112,20 +110,17 @@ class Command(click.Command):
 
     def invoke(self, ctx: click.Context) -> Any:
         """See click.Command."""
-        given = [(param, ctx.params.get(param.name or "")) for param in self.params]
-        files = {
-            param.opts[0]: value
-            for param, value in given
-            if isinstance(param.type, OutFile) and value is not None
-        }
-        refuse_overwriting(files, _paths(given, Recording), _paths(given, Input))
+        files: dict[str, Path] = {}
+        read: dict[bool, list[Path]] = {True: [], False: []}
+        for param in self.params:
+            value = ctx.params.get(param.name or "")
+            if isinstance(param.type, OutFile) and value is not None:
+                files[param.opts[0]] = value
+            elif isinstance(param.type, InFile) and value is not None:
+                several = value if isinstance(value, tuple) else (value,)
+                read[isinstance(param.type, Recording)] += map(Path, several)
+        refuse_overwriting(files, read[True], read[False])
         return super().invoke(ctx)
-
-
-def _paths(given: Iterable[tuple[click.Parameter, Any]], kind: type) -> list[Path]:
-    """Values of the parameters of a type, those that are given several times one by one."""
-    found = [value for param, value in given if isinstance(param.type, kind) and value is not None]
-    return [Path(path) for value in found for path in (value if isinstance(value, tuple) else (value,))]
 
 
 def refuse_overwriting(
@@ -201,10 +196,8 @@ def refuse_other_poses(name: str, path: Path, object_name: str | None) -> None:
 
 def save_colors(model: tracker.ColorModel, target: Path) -> None:
     """Write a colour model; ColorModelError where that fails."""
-    try:
+    with told_as(ColorModelError, f"colour model {target}"):
         model.save(target)
-    except OSError as error:
-        raise ColorModelError(f"colour model {target}: cannot be written: {error.strerror}") from error
 
 
 def _inputs(recordings: Sequence[Path], others: Iterable[str | Path | None]) -> Iterator[tuple[str, Path]]:

@@ -25,12 +25,7 @@ NO_IMAGE = "none"
 
 PICTURES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"}
 
-frame_option = click.option(
-    "--frame",
-    type=click.IntRange(min=0),
-    metavar="N",
-    help="Which frame of a recording or folder.  [default: 0]",
-)
+frame_option = options.whole("--frame", "Which frame of a recording or folder.  [default: 0]", least=0)
 
 
 def one_set(

@@ -26,9 +26,7 @@ _FILE = click.Path(path_type=Path)
 @click.option("--poses", "poses_path", metavar="POSES", type=_FILE, help="Poses that were tracked before.")
 @options.object_name("that of the --poses")
 @options.cameras
-@click.option(
-    "--every", metavar="N", type=click.IntRange(1), default=1, help="Look for dice in each Nth frame."
-)
+@options.whole("--every", "Look for dice in each Nth frame.", default=1)
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object, with the reward of each frame.")
 @options.quiet("No progress bar.")
 def score(

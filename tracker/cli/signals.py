@@ -9,7 +9,6 @@ import threading
 from collections.abc import Iterator
 
 _AGAIN_SECONDS = 0.01
-_SIGNALS = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
 
 class Ended(KeyboardInterrupt):
@@ -44,11 +43,12 @@ def ended_by_signals() -> Iterator[None]:
         if not isinstance(dropped.exc_value, KeyboardInterrupt):
             hook(dropped)
             return
-        main = threading.main_thread().ident
         number = getattr(dropped.exc_value, "number", signal.SIGINT)
-        threading.Timer(_AGAIN_SECONDS, _send, [main, number]).start()
+        # To that thread: it is to be woken where it waits.
+        main = threading.main_thread().ident
+        threading.Timer(_AGAIN_SECONDS, signal.pthread_kill, [main, number]).start()
 
-    heeded = [number for number in _SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
+    heeded = [n for n in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(n) is not signal.SIG_IGN]
     before, hook = {number: signal.signal(number, end) for number in heeded}, sys.unraisablehook
     sys.unraisablehook = again
     try:
@@ -57,10 +57,3 @@ def ended_by_signals() -> Iterator[None]:
         sys.unraisablehook = hook
         for number, handler in before.items():
             signal.signal(number, handler)
-
-
-def _send(thread: int, number: int) -> None:
-    if hasattr(signal, "pthread_kill"):  # which wakes a thread that waits, too
-        signal.pthread_kill(thread, number)
-    else:
-        signal.raise_signal(number)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import astuple
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,23 +12,24 @@ import click
 
 import tracker
 from tracker.cli import options
+from tracker.cli.export import Outputs, output_options, write_tracked_film
 from tracker.cli.outputs import (
     Command,
     Recording,
     check_suffix,
     file_option,
+    output_option,
     refuse_file,
     refuse_other_poses,
     refuse_overwriting,
     require_folder,
 )
 from tracker.cli.render import bar, listing
-from tracker.cli.track_outputs import Outputs, output_options, write_health_page, write_tracked_film
 from tracker.errors import TrackerError, reason
 
 if TYPE_CHECKING:
     from tracker.batch.task import Task
-    from tracker.recordings import Job
+    from tracker.recordings import Job, Recipe
 
 CONTRADICTED = 0.02
 """Share of the frames with a pose that cameras contradict, from which the calibration is named."""
@@ -37,26 +38,13 @@ CONTRADICTED = 0.02
 @click.command(cls=Command)
 @click.argument("logs", nargs=-1, required=True, metavar="LOG...", type=Recording())
 @options.subject
-@click.option(
-    "-o",
-    "--output",
-    required=True,
-    metavar="FILE|DIR",
-    type=click.Path(path_type=Path),
-    help="File of poses (.h5), or a folder.",
-)
+@output_option(click.Path(path_type=Path), "FILE|DIR", "File of poses (.h5), or a folder.")
 @click.option("--overwrite", is_flag=True, help="Replace poses of another object.")
 @options.cameras
 @options.part
 @output_options
 @file_option("--health", ".html", extra="plot", help="A page on cameras, light and calibration (.html).")
-@click.option(
-    "--jobs",
-    metavar="N",
-    type=click.IntRange(1),
-    default=1,
-    help="Processes that share the LOGs.  [default: 1]",
-)
+@options.whole("--jobs", "Processes that share the LOGs.", default=1)
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object a recording.")
 @options.quiet("No progress bar, and no summary unless with --json.")
 def track(
@@ -128,8 +116,21 @@ def _track_one(job: Job, outputs: Outputs, health: Path | None, as_json: bool, q
     if health is not None:
         count = min(len(tracked.poses), 200)
         with tracker.open_log(log, recover=recipe.recover) as opened, bar("health", count, quiet) as progress:
-            result["health"] = write_health_page(health, opened, recipe, tracked.poses, progress)
+            result["health"] = _write_health_page(health, opened, recipe, tracked.poses, progress)
     _print(result, as_json, quiet)
+
+
+def _write_health_page(
+    path: Path, log: tracker.Log, recipe: Recipe, poses: tracker.Poses, progress: Callable[[int], None]
+) -> list[str]:
+    """Write a page on the rig's health over the tracked frames; what is not well, or missing."""
+    from tracker.calibration.by_object.health import health
+    from tracker.viz.calibration import write_health
+
+    found = health(tracker.ObjectTracker(recipe.model, poses.about.rig, recipe.colors), log, poses, progress)
+    write_health(path, found, " · ".join(filter(None, (poses.about.object_name, poses.about.source))))
+    missing = found.missing()
+    return found.complaints() + ([] if missing is None else [missing])
 
 
 def _track_all(tasks: Sequence[Task], jobs: int, as_json: bool, quiet: bool) -> None:

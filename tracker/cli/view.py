@@ -13,9 +13,9 @@ import click
 
 import tracker
 from tracker.cli import options
+from tracker.cli.export import observation
 from tracker.cli.outputs import Command, Recording, file_option
 from tracker.cli.render import bar
-from tracker.cli.track_outputs import observation
 from tracker.errors import LogError
 
 if TYPE_CHECKING:
@@ -41,9 +41,7 @@ _Frames = Iterator[tuple[int, float, "tracker.Observation", Sequence["Image | No
 )
 @options.colors()
 @options.part
-@click.option(
-    "--every", metavar="N", type=click.IntRange(1), default=1, help="Show each Nth frame.  [default: 1]"
-)
+@options.whole("--every", "Show each Nth frame.", default=1)
 @options.quiet("No progress bar, and nothing about the file.")
 def view(
     source: Path,
@@ -137,7 +135,7 @@ def _target(source: Path, output: Path | None) -> Path | None:
     """The file to write; None: a viewer is to be opened."""
     if output is not None:
         return output
-    if sys.platform in ("win32", "darwin") or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
+    if sys.platform == "darwin" or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
         return None
     target = Path(f"{source.resolve().stem}.rrd")
     if target.exists():
