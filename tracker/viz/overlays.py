@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
@@ -132,16 +133,9 @@ def note_strip(width: int, text: str) -> Image:
     """A strip `width` [px] wide with a remark, in as many lines as it takes."""
     scale = float(np.clip(width / _WIDTH, 1.0, _MOST))
     size, margin, step = _SIZES[1] * scale, _MARGIN * scale, 0.8 * _LINE * scale
-    lines = [""]
-    for word in text.split():
-        longer = f"{lines[-1]} {word}".lstrip()
-        if lines[-1] and paint.text_width(longer, size) > width - 2 * margin:
-            lines.append(word)
-        else:
-            lines[-1] = longer
-    picture: Image = np.full(
-        (round(size + (len(lines) - 1) * step + margin), width, 3), paint.BACKGROUND, np.uint8
-    )
+    lines = textwrap.wrap(text, int((width - 2 * margin) / paint.text_width("n", size)))
+    height = round(size + (len(lines) - 1) * step + margin)
+    picture: Image = np.full((height, width, 3), paint.BACKGROUND, np.uint8)
     for number, line in enumerate(lines):
         paint.put_text(picture, line, (margin, size + number * step), DOUBTFUL, size=size)
     return picture

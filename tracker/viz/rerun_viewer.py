@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import os
 import signal
 import socket
@@ -30,23 +29,14 @@ if TYPE_CHECKING:
 APPLICATION = "trifinger-object-tracker"
 """Under this name the viewer remembers how its windows are arranged."""
 
-_LOG = logging.getLogger(__name__)
-
-HOST, PORT = "127.0.0.1", 9876
-"""Where the viewer listens; the port is Rerun's own, so that one that is open already is used."""
+HOST = "127.0.0.1"
+"""Where the viewer listens, at a port that is free: Rerun's own may be another user's viewer."""
 
 _STARTING = 30.0
 """How long the viewer may take until it listens [s]."""
 
 _SETTLING = 0.5
 """How long it is watched after that [s]: without a screen it listens first, and ends then."""
-
-_ANSWERING = 5.0
-"""How long one that is open already may take to answer [s]."""
-
-_SETTINGS = b"\x04"
-"""Kind of the frame with which both sides of HTTP/2 begin (RFC 9113, 3.4 and 6.5); without a setting: …"""
-_HTTP2 = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + b"\0\0\0" + _SETTINGS + b"\0\0\0\0\0"
 
 _open: list[subprocess.Popen[bytes]] = []
 """Viewers that were started: Python complains of a process that goes on and that nobody holds."""
@@ -87,7 +77,7 @@ def open_scene(path: str | os.PathLike[str] | None, rig: CameraRig, model: Cuboi
             yield Scene(stream, rig, model)
         return
     try:
-        stream.connect_grpc(viewer_address(), default_blueprint=layout(rig))
+        stream.connect_grpc(start_viewer(), default_blueprint=layout(rig))
     except RuntimeError as error:
         raise TrackerError(f"the viewer cannot be reached: {error}") from error
     try:
@@ -130,39 +120,25 @@ def _check(path: Path) -> None:
         raise OSError(f"its end is missing: {error}") from error
 
 
-def viewer_address() -> str:
-    """Where a viewer listens, in Rerun's words; one is started where there is none.
+def _command(port: int) -> list[str]:
+    more = (f"--bind={HOST}", f"--port={port}", "--memory-limit=75%", "--expect-data-soon")
+    return python_command("from rerun_cli.__main__ import main; sys.exit(main())", *more)
 
-    One that is open already is used, by any process, and a warning says so. Rerun's own `spawn` has it
-    listen on every interface of the machine, for anyone to send pictures to.
+
+def start_viewer() -> str:
+    """Start a viewer, which stays open after this process; where it listens, in Rerun's words.
+
+    Rerun's own `spawn` has it listen on every interface of the machine, for anyone to send pictures to.
 
     Raises:
-        TrackerError: it cannot be started, or what listens there is no viewer.
+        TrackerError: it cannot be started.
     """
-    if not _answers():
-        _start()
-    elif _speaks_http2():
-        _LOG.warning("shown in the viewer that is open already, at %s:%d", HOST, PORT)
-    else:
-        raise TrackerError(
-            f"the viewer cannot be opened: found {HOST}:{PORT} in use by something that is no viewer; "
-            "a file (.rrd) can be written instead"
-        )
-    return f"rerun+http://{HOST}:{PORT}/proxy"
-
-
-def _command() -> list[str]:
-    listening = [f"--bind={HOST}", f"--port={PORT}"]
-    more = ("--memory-limit=75%", "--expect-data-soon")
-    return python_command("from rerun_cli.__main__ import main; sys.exit(main())", *listening, *more)
-
-
-def _start() -> None:
-    """Start the viewer, which stays open after this process."""
+    with socket.create_server((HOST, 0)) as one:
+        port = one.getsockname()[1]
     with tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as output:
         try:
             process = subprocess.Popen(
-                _command(),
+                _command(port),
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=output,
@@ -173,11 +149,11 @@ def _start() -> None:
         _open.append(process)
         end = time.monotonic() + _STARTING
         while process.poll() is None and time.monotonic() < end:
-            if _answers():
+            if _answers(port):
                 try:
                     process.wait(_SETTLING)
                 except subprocess.TimeoutExpired:
-                    return
+                    return f"rerun+http://{HOST}:{port}/proxy"
             time.sleep(0.05)
         if process.poll() is None:
             os.killpg(process.pid, signal.SIGKILL)  # what was started starts the viewer itself
@@ -187,20 +163,9 @@ def _start() -> None:
     raise TrackerError(f"the viewer cannot be opened: {reason}; a file (.rrd) can be written instead")
 
 
-def _answers() -> bool:
+def _answers(port: int) -> bool:
     try:
-        socket.create_connection((HOST, PORT), timeout=1.0).close()
+        socket.create_connection((HOST, port), timeout=1.0).close()
     except OSError:
         return False
     return True
-
-
-def _speaks_http2() -> bool:
-    """Whether what listens answers as every server of Rerun does; Rerun itself would wait for it in vain."""
-    try:
-        with socket.create_connection((HOST, PORT), timeout=_ANSWERING) as one:
-            one.settimeout(_ANSWERING)
-            one.sendall(_HTTP2)
-            return one.recv(9)[3:4] == _SETTINGS
-    except OSError:
-        return False

@@ -6,7 +6,7 @@ import os
 import warnings
 from collections.abc import Iterator
 from itertools import groupby
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -78,8 +78,8 @@ def _draw(figure: Any, poses: Poses, title: str) -> None:
     figure.get_layout_engine().set(h_pad=0.05, hspace=0.02, rect=(0.012, 0.012, 0.972, 0.974))
     axes = figure.subplots(6, 1, sharex=True, height_ratios=(0.32, 2, 2, 2, 2, 1.3))
     _draw_status(axes[0], time, poses.status)
-    for axis, series in zip(axes[1:], _to_one_scale(list(_series(poses))), strict=True):
-        _draw_panel(axis, time, series)
+    panels = zip(axes[1:], _to_one_scale(list(_series(poses))), strict=True)
+    drawn, *_ = [_draw_panel(axis, time, series) for axis, series in panels]
     axes[5].set_xlabel("time since the first frame [s]")
     if len(poses) > 1 and time.max() > time.min():
         axes[0].set_xlim(time.min(), time.max())
@@ -91,7 +91,11 @@ def _draw(figure: Any, poses: Poses, title: str) -> None:
     heading = title.replace("$", r"\$")
     axes[0].set_title(heading, loc="left", color=rgb(paint.BRIGHT), fontsize=14, pad=30)
     axes[0].set_title(share, loc="right", fontsize=10, pad=30)
-    _explain(axes[1], poses)
+    fused, recorded = bool(poses.filtered.has_pose.any()), poses.recorded is not None
+    some, both = bool(found.any()), fused and bool(poses.measured.has_pose.any())
+    names = ("filtered" if fused else "measured", f"±{_SIGMAS:g}σ", "measured", "recorded")
+    there = zip(drawn, names, (some, some, both, recorded), strict=True)
+    _explain(axes[1], {name: one for one, name, is_there in there if is_there}, "right")
 
 
 def _series(poses: Poses) -> Iterator[Series]:
@@ -166,21 +170,6 @@ def _rotation_vectors(orientation: FloatArray, reference: FloatArray) -> FloatAr
     return result
 
 
-def _explain(axis: Any, poses: Poses) -> None:
-    """What line, band, dots and circles are."""
-    fused = bool(poses.filtered.has_pose.any())
-    handles: list[Any] = []
-    if best(poses).has_pose.any():
-        handles.append(_mark(paint.BRIGHT, "filtered" if fused else "measured", "-"))
-        handles.append(_patch(paint.BRIGHT, f"±{_SIGMAS:g}σ", 0.3))
-    if fused and poses.measured.has_pose.any():
-        handles.append(_mark(paint.BRIGHT, "measured", "."))
-    if poses.recorded is not None:
-        handles.append(_mark(_RECORDED, "recorded", "o"))
-    if handles:
-        _draw_legend(axis, handles, (1, 1.02), "lower right")
-
-
 class Series(NamedTuple):
     """What one panel shows of n frames; NaN where there is nothing."""
 
@@ -204,34 +193,26 @@ class Series(NamedTuple):
         return known
 
 
-def _draw_panel(axis: Any, time: Array, series: Series) -> None:
-    """Draw a line with a band, dots and circles over time."""
+def _draw_panel(axis: Any, time: Array, series: Series) -> tuple[Any, ...]:
+    """Draw a line with a band, dots and circles over time; these four, for a legend."""
     color = rgb(series.color)
     size = float(np.clip(np.sqrt(_FEW / max(len(time), 1)), 0.5, 1))
     bottom, top = _limits(series)
-    if np.isfinite(series.low).any():
-        # A variance may have any size, a pixel's place may not.
-        far = 10 * (top - bottom)
-        low, high = (np.clip(end, bottom - far, top + far) for end in (series.low, series.high))
-        axis.fill_between(time, low, high, color=color, alpha=0.3, linewidth=0)
-    axis.plot(
-        time,
-        series.circles,
-        "o",
-        markersize=3.8 * size,
-        markeredgewidth=0.9 * size,
-        fillstyle="none",
-        color=rgb(_RECORDED),
-        alpha=0.8,
-    )
-    axis.plot(time, series.line, "-", linewidth=1.3, color=color)
-    axis.plot(time, series.dots, ".", markersize=4.4 * size, color=color)
+    # A variance may have any size, a pixel's place may not.
+    far = 10 * (top - bottom)
+    low, high = (np.clip(end, bottom - far, top + far) for end in (series.low, series.high))
+    band = axis.fill_between(time, low, high, color=color, alpha=0.3, linewidth=0)
+    ring = {"ms": 3.8 * size, "mew": 0.9 * size, "fillstyle": "none", "color": rgb(_RECORDED), "alpha": 0.8}
+    (circles,) = axis.plot(time, series.circles, "o", **ring)
+    (line,) = axis.plot(time, series.line, "-", linewidth=1.3, color=color)
+    (dots,) = axis.plot(time, series.dots, ".", markersize=4.4 * size, color=color)
     axis.set_ylabel(series.label, color=color, fontsize=11)
     axis.yaxis.set_label_coords(_LABEL_X, 0.5)
     axis.set_ylim(bottom, top)
     if not series.values.size:
         axis.set_yticks([])
         axis.text(0.5, 0.5, "no pose", ha="center", transform=axis.transAxes)
+    return line, band, dots, circles
 
 
 def _limits(series: Series) -> tuple[float, float]:
@@ -264,7 +245,16 @@ def _draw_status(axis: Any, time: Array, status: Array) -> None:
         runs.append((max(ends[row - 1] - time[start], least), time[start], name))
     for width, start_time, name in sorted(runs, reverse=True):  # short ones on top of long ones
         axis.axvspan(start_time, start_time + width, color=rgb(colors[name]), linewidth=0)
-    _draw_legend(axis, [_patch(color, name) for name, color in colors.items()], (0, 1.1), "lower left")
+    bars = {name: axis.bar(time[0], 0.0, 0.0, color=rgb(color)) for name, color in colors.items()}
+    _explain(axis, bars, "left")
+
+
+def _explain(axis: Any, shown: dict[str, Any], side: str) -> None:
+    """A legend in one line above the panel, from its left or right end."""
+    if shown:
+        place: dict[str, Any] = {"loc": f"lower {side}", "bbox_to_anchor": (float(side == "right"), 1.1)}
+        place |= {"borderaxespad": 0, "borderpad": 0, "handlelength": 1.4, "columnspacing": 1.6}
+        axis.legend(shown.values(), shown, ncols=len(shown), **place)
 
 
 def _status_colors(status: Array) -> dict[str, paint.Color]:
@@ -272,36 +262,3 @@ def _status_colors(status: Array) -> dict[str, paint.Color]:
     names = set(status.tolist())
     known = {name: color for name, color in STATUS_COLORS.items() if name in names}
     return known | dict.fromkeys(sorted(names - known.keys()), paint.FAINT)
-
-
-def _draw_legend(axis: Any, handles: list[Any], at: tuple[float, float], corner: str) -> None:
-    """Write a legend in one line whose `corner` is at a place in units of the panel."""
-    axis.legend(
-        handles=handles,
-        loc=corner,
-        bbox_to_anchor=at,
-        ncols=max(1, len(handles)),
-        borderaxespad=0,
-        borderpad=0,
-        handlelength=1.4,
-        columnspacing=1.6,
-    )
-
-
-def _patch(color: paint.Color, label: str, opacity: float = 1.0) -> Any:
-    """A legend's area."""
-    from matplotlib.patches import Patch
-
-    return Patch(color=rgb(color), alpha=opacity, linewidth=0, label=label)
-
-
-def _mark(color: paint.Color, label: str, marker: Literal["-", ".", "o"]) -> Any:
-    """A legend's line, dot or circle."""
-    from matplotlib.lines import Line2D
-
-    if marker == "-":
-        return Line2D([], [], color=rgb(color), label=label)
-    fill: Literal["none", "full"] = "none" if marker == "o" else "full"
-    return Line2D(
-        [], [], color=rgb(color), linestyle="", marker=marker, markersize=4, fillstyle=fill, label=label
-    )
