@@ -12,8 +12,6 @@ from tracker.conventions import Image
 from tracker.errors import LiveError
 from tracker.pose.result import CameraUse, MotionEstimate, Observation, PoseEstimate, Status
 
-_UNFIT = (CameraUse.FROZEN, CameraUse.BLACK)
-
 
 class SourceEnded(LiveError):
     """There are no more images, as was to be expected: a recording's end."""
@@ -125,7 +123,7 @@ def camera_faults(names: Sequence[str], taken: ImageSet, uses: Sequence[CameraUs
     for c, (name, image, fault) in enumerate(zip(names, taken.images, taken.faults, strict=True)):
         if image is None:
             faults[name] = fault or CameraUse.NO_IMAGE.value
-        elif uses and uses[c] in _UNFIT:
+        elif uses and uses[c] in (CameraUse.FROZEN, CameraUse.BLACK):
             faults[name] = uses[c].value
     return faults
 

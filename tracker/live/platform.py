@@ -125,25 +125,15 @@ class Frontend:
         Raises:
             LiveError: none will come.
         """
-        return self._newest()[0]
+        return self._waited()[-1][0]
 
     def get_oldest_timeindex(self) -> int:
         """Time index of the oldest observation that is kept; LiveError where none will come."""
-        self._newest()
-        with self._changed:
-            return self._kept[0][0]
+        return self._waited()[0][0]
 
     def wait_until_timeindex(self, t: int) -> None:
         """Wait until there is an observation of time index t; LiveError where none will come."""
-        with self._changed:
-            while not (self._kept and self._kept[-1][0] >= t):
-                reason = self._fault or self._live.error
-                if isinstance(reason, (KeyboardInterrupt, SystemExit)):
-                    raise reason
-                if reason is not None or not self._live.running:
-                    reason = reason or "the source has ended"
-                    raise LiveError(f"observation {t}: will not come: {reason}")
-                self._changed.wait(_PATIENCE)
+        self._waited(t)
 
     def get_observation(self, t: int) -> CameraObjectObservation:
         """The observation of time index t, waited for if it is to come.
@@ -159,7 +149,7 @@ class Frontend:
 
     def get_latest_observation(self) -> CameraObjectObservation:
         """The newest observation, waited for if there is none yet; LiveError where none will come."""
-        return self._newest()[2]
+        return self._waited()[-1][2]
 
     def get_camera_observation(self, t: int | None = None) -> CameraObjectObservation:
         """The newest observation, whatever the robot's step t; LiveError where none will come."""
@@ -187,19 +177,24 @@ class Frontend:
             self._kept.append((moment.sequence, moment.timestamp, CameraObjectObservation(cameras, *poses)))
             self._changed.notify_all()
 
-    def _newest(self) -> tuple[int, float, CameraObjectObservation]:
-        self.wait_until_timeindex(0)
-        with self._changed:
-            return self._kept[-1]
-
     def _at(self, t: int) -> tuple[int, float, CameraObjectObservation]:
-        self.wait_until_timeindex(t)
+        kept = {one[0]: one for one in self._waited(t)}
+        if t not in kept:
+            raise LiveError(f"observation {t}: not kept any more, the oldest is {min(kept)}")
+        return kept[t]
+
+    def _waited(self, t: int = 0) -> list[tuple[int, float, CameraObjectObservation]]:
+        """All that is kept, once there is one of time index t or later."""
         with self._changed:
-            found = next((kept for kept in self._kept if kept[0] == t), None)
-            oldest = self._kept[0][0]
-        if found is None:
-            raise LiveError(f"observation {t}: not kept any more, the oldest is {oldest}")
-        return found
+            while not (self._kept and self._kept[-1][0] >= t):
+                reason = self._fault or self._live.error
+                if isinstance(reason, (KeyboardInterrupt, SystemExit)):
+                    raise reason
+                if reason is not None or not self._live.running:
+                    reason = reason or "the source has ended"
+                    raise LiveError(f"observation {t}: will not come: {reason}")
+                self._changed.wait(_PATIENCE)
+            return list(self._kept)
 
 
 class LogReader:

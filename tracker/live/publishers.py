@@ -9,8 +9,10 @@ import stat
 import struct
 from collections.abc import Sequence
 from importlib.util import find_spec
+from ipaddress import IPv4Address
 from pathlib import Path
 from typing import Any
+from urllib.parse import parse_qsl, urlsplit
 
 import numpy as np
 
@@ -142,8 +144,6 @@ _VARIABLE = "LCM_DEFAULT_URL"
 _LCM_FORMS = (
     "lcm://, udpm://ADDRESS:PORT?ttl=0 with a group from 224.0.0.0 on and a ttl up to 255, or file://PATH"
 )
-_GROUP = re.compile(r"udpm://((?:22[4-9]|23\d)(?:\.\d{1,3}){3})(?::(\d{1,5}))?(?:\?ttl=(\d{1,3}))?")
-_BUFFER = re.compile(r"(?<=[?&])recv_buf_size=\d+&?")
 _NEW = "?mode=w"
 _LCM_PORT = 7667
 _HEADER = 28
@@ -292,18 +292,24 @@ def _url(address: str, public: bool) -> str:
         if path.exists() or not path.parent.is_dir():
             raise LiveError(f"publish {address}: expected a new file, in a folder that there is")
         return f"file://{rest}{_NEW}"
-    # How much may wait for who receives is nothing to who sends.
-    found = _GROUP.fullmatch(_BUFFER.sub("", address).rstrip("?&"))
-    group, port, ttl = found.groups() if found else ("", None, None)
-    bytes_of_group = [int(part) for part in group.split(".") if part]
-    there, hops = int(port or _LCM_PORT), int(ttl or 0)
-    if not (found and max(bytes_of_group) < 256 and 0 < there < 65536 and hops < 256):
+    try:
+        found = urlsplit(address)
+        group, port = IPv4Address(found.hostname or ""), _LCM_PORT if found.port is None else found.port
+        options = parse_qsl(found.query, strict_parsing=bool(found.query))
+        # How much may wait for who receives is nothing to who sends.
+        given = {key: int(value) for key, value in options if key != "recv_buf_size"}
+        hops = given.pop("ttl", 0)
+        valid = (found.scheme, found.path, given) == ("udpm", "", {}) and len(options) == len(dict(options))
+        valid &= group.is_multicast and port > 0 and 0 <= hops < 256
+    except ValueError:
+        valid = False
+    if not valid:
         raise LiveError(f"publish: found {address}, expected {_LCM_FORMS}")
     if hops and not public:
         raise LiveError(
             f"publish {address}: other machines could receive it; expected ttl=0, or public=True (--public)"
         )
-    return f"udpm://{group}:{there}?ttl={hops}"
+    return f"udpm://{group}:{port}?ttl={hops}"
 
 
 Publisher = ZmqPublisher | LcmPublisher

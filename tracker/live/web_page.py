@@ -73,7 +73,7 @@ class WebPageState:
             for image, stamp in zip(taken.images, taken.stamps, strict=True)
         )
         self._seen.append((now, skews))
-        self._faults.update((name, (now, fault)) for name, fault in moment.faults.items())
+        self._faults |= {name: (now, fault) for name, fault in moment.faults.items()}
         while self._seen[0][0] < now - SPAN:
             self._seen.popleft()
 
