@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
+import tracker
 from tracker.cli import options
 from tracker.cli.outputs import PICTURE, Command, Recording, file_option
 from tracker.cli.pictures import silent_libraries
@@ -22,6 +24,7 @@ if TYPE_CHECKING:
     from tracker.calibration.board.intrinsics import Lens
     from tracker.calibration.board.sighting import BoardView
     from tracker.calibration.files.calibrated import Calibrated
+    from tracker.conventions import FloatArray
 
 
 @dataclass(frozen=True)
@@ -97,6 +100,25 @@ def sightings_of(paths: Sequence[Path], board: Board) -> tuple[Board, list[Board
     return board, found, faults
 
 
+@contextmanager
+def named(faults: Mapping[str, str]) -> Iterator[None]:
+    """A CalibrationError names the photos, too, that are not used, and why."""
+    try:
+        yield
+    except CalibrationError as error:
+        why = (f"{photo}: {fault}" for photo, fault in faults.items())
+        raise CalibrationError("; ".join([str(error), *why])) from error
+
+
+def draw(path: Path, calibrated: Calibrated, photos: Sequence[tuple[FloatArray, FloatArray, bool]]) -> None:
+    """Draw what is missed where in the photos of a camera, see `residual_picture`."""
+    from tracker.viz.calibration import residual_picture
+
+    camera, used = calibrated.camera, sum(counts for *_, counts in photos)
+    title = f"{camera.name}, {used} photos"
+    tracker.viz.write_image(path, residual_picture(title, (camera.width, camera.height), photos))
+
+
 def told_pattern(board: Board) -> str:
     """The pattern of a board, as far as it is known."""
     if not board.two_patterns:
@@ -122,18 +144,25 @@ class Smaller:
     """Width, height, left and top [px] of a part."""
     halve: bool
 
-    def variants(self, calibrated: Calibrated, path: Path) -> dict[Path, Calibrated]:
-        """The files to write, `path` and others beside it; CalibrationError where the part is not inside."""
-        files, last, suffix = {path: calibrated}, calibrated, ""
-        if self.crop is not None:
-            width, height, left, top = self.crop
-            last, suffix = calibrated.cropped(left, top, width, height), "_cropped"
-            files[path.with_stem(path.stem + suffix)] = last
-        if self.halve:
-            suffix += "_and_downsampled" if suffix else "_downsampled"
-            size = last.camera.width // 2, last.camera.height // 2
-            files[path.with_stem(path.stem + suffix)] = last.resized(*size)
-        return files
+    def write(self, cameras: Iterable[tuple[Calibrated, Path]]) -> str:
+        """Write files of cameras and those beside; which. CalibrationError where the part is not inside."""
+        from tracker.calibration.files.calibrated import write_calibrated
+
+        files: dict[Path, Calibrated] = {}
+        for calibrated, path in cameras:
+            files[path], last, suffix = calibrated, calibrated, ""
+            if self.crop is not None:
+                width, height, left, top = self.crop
+                last, suffix = calibrated.cropped(left, top, width, height), "_cropped"
+                files[path.with_stem(path.stem + suffix)] = last
+            if self.halve:
+                suffix += "_and_downsampled" if suffix else "_downsampled"
+                size = last.camera.width // 2, last.camera.height // 2
+                files[path.with_stem(path.stem + suffix)] = last.resized(*size)
+        for path, calibrated in files.items():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_calibrated(calibrated, path)
+        return ", ".join(map(str, files))
 
 
 size_options = options.gathered(
@@ -199,29 +228,18 @@ def intrinsics(
     `tracker calibrate extrinsics` adds that.
     """
     from tracker.calibration.board.intrinsics import fit_lens
-    from tracker.calibration.files.calibrated import write_calibrated
     from tracker.geometry.camera import check_name
 
     check_name(name, "--name", CalibrationError)
     board = printed.board()
     board, found, faults = sightings_of(images, board)
-    try:
+    with named(faults):
         lens = fit_lens(name, [one for one in found if one is not None], board)
-    except CalibrationError as error:
-        raise CalibrationError(
-            "; ".join([str(error), *(f"{p}: {why}" for p, why in faults.items())])
-        ) from error
-    files = smaller.variants(lens.calibrated, output)
-    output.parent.mkdir(parents=True, exist_ok=True)
-    for path, calibrated in files.items():
-        write_calibrated(calibrated, path)
+    files = smaller.write([(lens.calibrated, output)])
     if plot is not None:
-        _draw(lens, plot)
-    click.echo(_photo_table(lens, faults))
-    click.echo()
-    click.echo(
-        listing([["board", told_pattern(board)], *_found(lens), ["files", ", ".join(map(str, files))]])
-    )
+        draw(plot, lens.calibrated, [(p.sighting.pixels, p.residuals, p.fault is None) for p in lens.photos])
+    summary = listing([["board", told_pattern(board)], *_found(lens), ["files", files]])
+    click.echo(f"{_photo_table(lens, faults)}\n\n{summary}")
 
 
 def _photo_table(lens: Lens, faults: dict[str, str]) -> str:
@@ -258,21 +276,6 @@ def _found(lens: Lens) -> list[list[str]]:
         ["RMS", f"{lens.rms:.3f} px; before a lens fitted without them {lens.left_out:.3f} px"],
     ]
     if lens.reach < 0.9:
-        rows.append(
-            [
-                "note",
-                f"no corner beyond {lens.reach:.0%} of the way from the centre to the image's corners: "
-                "the distortion is guessed there",
-            ]
-        )
+        beyond = f"beyond {lens.reach:.0%} of the way from the centre to the image's corners"
+        rows.append(["note", f"no corner {beyond}: the distortion is guessed there"])
     return rows
-
-
-def _draw(lens: Lens, picture: Path) -> None:
-    from tracker.viz.calibration import residual_picture
-    from tracker.viz.image_files import write_image
-
-    camera = lens.calibrated.camera
-    photos = [(one.sighting.pixels, one.residuals, one.fault is None) for one in lens.photos]
-    title = f"{camera.name}, {sum(one.fault is None for one in lens.photos)} photos"
-    write_image(picture, residual_picture(title, (camera.width, camera.height), photos))

@@ -282,14 +282,8 @@ def _table_found(found: FoundTable, output: Path) -> str:
     used, still, (height, tilt) = np.count_nonzero(plane.used > 0.5), len(plane.used), plane.std
     slopes = np.degrees(np.arctan(plane.slope))
     rows = [
-        [
-            "at rest",
-            f"in {used} places of {still} where it was still; seen in {found.shots} frames",
-        ],
-        [
-            "height [mm]",
-            f"{1e3 * plane.height:+.2f} ± {1e3 * height:.2f}, of the table in the old world",
-        ],
+        ["at rest", f"in {used} places of {still} where it was still; seen in {found.shots} frames"],
+        ["height [mm]", f"{1e3 * plane.height:+.2f} ± {1e3 * height:.2f}, of the table in the old world"],
         ["tilt [°]", f"{slopes[0]:+.2f} along x, {slopes[1]:+.2f} along y, ± {np.degrees(tilt):.2f}"],
         ["scatter [mm]", f"{1e3 * plane.scatter:.2f}, of objects at rest over the table"],
         ["calibration", str(output)],

@@ -45,9 +45,29 @@ def plain(found: CalibrationCheck, warnings: Sequence[str]) -> dict[str, Any]:
     """The result in plain numbers; null where one is not known."""
     from tracker.calibration.by_object.check import DEPTH, FOCAL
 
-    def known(value: float) -> float | None:
-        return None if math.isnan(value) else value
-
+    cameras = []
+    for one in found.cameras:
+        corners, focal = one.corners, one.focal
+        numbers = {
+            "name": one.name,
+            "looks": one.looks,
+            "cannot_use": one.lost,
+            "miss_px": one.miss_px,
+            "moved": one.moved,
+            "correction": one.correction.tolist(),
+            "shift_mm": 1e3 * one.shift,
+            "turn_deg": math.degrees(one.turn),
+            "corners_seen_px": corners.seen,
+            "corners_stated_px": corners.stated,
+            "corners_shift_px": corners.shift,
+            "corners_shape_px": corners.shape,
+            "distance_m": focal.distance,
+            "focal_ratio": focal.ratio,
+            "focal_off_percent": 100.0 * focal.off,
+            "focal_needed_percent": 100.0 * focal.needed,
+            "depth_off_mm": 1e3 * focal.depth,
+        }
+        cameras.append({name: None if value != value else value for name, value in numbers.items()})
     return {
         "fits": found.fits,
         "looks": found.looks,
@@ -55,28 +75,7 @@ def plain(found: CalibrationCheck, warnings: Sequence[str]) -> dict[str, Any]:
         "warnings": list(warnings),
         "corners_focal_length_px": FOCAL,
         "depth_needed_mm": 1e3 * DEPTH,
-        "cameras": [
-            {
-                "name": one.name,
-                "looks": one.looks,
-                "cannot_use": one.lost,
-                "miss_px": known(one.miss_px),
-                "moved": one.moved,
-                "correction": one.correction.tolist(),
-                "shift_mm": 1e3 * one.shift,
-                "turn_deg": math.degrees(one.turn),
-                "corners_seen_px": known(one.corners.seen),
-                "corners_stated_px": known(one.corners.stated),
-                "corners_shift_px": known(one.corners.shift),
-                "corners_shape_px": known(one.corners.shape),
-                "distance_m": known(one.focal.distance),
-                "focal_ratio": one.focal.ratio,
-                "focal_off_percent": 100.0 * one.focal.off,
-                "focal_needed_percent": known(100.0 * one.focal.needed),
-                "depth_off_mm": known(1e3 * one.focal.depth),
-            }
-            for one in found.cameras
-        ],
+        "cameras": cameras,
     }
 
 
@@ -98,21 +97,12 @@ def text(found: CalibrationCheck, warnings: Sequence[str]) -> str:
         off = [number(100.0 * focal.off, 2), number(1e3 * focal.depth, 1)]
         expected.append([one.name, *pixels, f"{focal.ratio:.4f}", *off])
     focals = [one.focal for one in found.cameras if not math.isnan(one.focal.distance)]
-    needed = min((one.needed for one in focals), default=math.nan)
-    rows_below = [
-        [
-            "corners",
-            f"of the object, missed; what files state lets expect so much; at a focal length of {FOCAL:g} px",
-        ],
-        [
-            "depth",
-            f"of one camera: {1e3 * DEPTH:g} mm need its focal length right to {number(100.0 * needed, 2)} %",
-        ],
-        *(["warning", one] for one in warnings),
-        ["looks", str(found.looks)],
-        ["verdict", _verdict(found)],
-    ]
-    return "\n".join([table(rows), "", table(expected), "", listing(rows_below)])
+    needed = number(100.0 * min((one.needed for one in focals), default=math.nan), 2)
+    seen = f"of the object, missed; what files state lets expect so much; at a focal length of {FOCAL:g} px"
+    depth = f"of one camera: {1e3 * DEPTH:g} mm need its focal length right to {needed} %"
+    below = [["corners", seen], ["depth", depth], *(["warning", one] for one in warnings)]
+    below += [["looks", str(found.looks)], ["verdict", _verdict(found)]]
+    return "\n".join([table(rows), "", table(expected), "", listing(below)])
 
 
 def _verdict(found: CalibrationCheck) -> str:

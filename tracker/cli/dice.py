@@ -85,22 +85,16 @@ def dice(
 
     goal = None if goal_path is None else read_goal(goal_path)
     rig, pictures = one_set(images, cameras, frame)
-    _evaluate(
-        rig, pictures, goal, exact
-    )  # loads compiled code: the times printed are those of a running loop
+    _evaluate(rig, pictures, goal, exact)  # loads compiled code: times are to be those of a running loop
     state = _evaluate(rig, pictures, goal, exact)
     if masks is not None:
         _write_masks(masks, rig, state)
     if overlay is not None:
-        positions = [die.position for die in state.dice]
-        picture = tracker.viz.dice_overlay(
-            pictures,
-            rig,
-            state.goal_masks,
-            state.dice_masks,
-            positions=positions,
-            assignment=state.assignment,
-        )
+        found: dict[str, Any] = {
+            "positions": [die.position for die in state.dice],
+            "assignment": state.assignment,
+        }
+        picture = tracker.viz.dice_overlay(pictures, rig, state.goal_masks, state.dice_masks, **found)
         tracker.viz.write_image(overlay, picture)
     click.echo(_json(rig, state) if as_json else _text(rig, state))
 

@@ -57,18 +57,21 @@ def doctor() -> None:
 
     The exit code is 1 where something keeps the tracker from working.
     """
-    worst = 0
-    for group, findings in (("", _needed()), ("if you want it", _optional())):
-        if group:
-            click.echo(f"\n{group}:")
-        for finding in findings:
-            mark = "ok" if finding.good else ("--" if group else "!!")
-            click.echo(f"{mark}  {finding.what:12} {finding.found}")
-            if finding.remedy:
-                click.echo(f"{'':17}{finding.remedy}")
-            if not group and not finding.good:
-                worst = 1
-    raise click.exceptions.Exit(worst)
+    well = _print(_needed(), "!!")
+    click.echo("\nif you want it:")
+    _print(_optional(), "--")
+    raise click.exceptions.Exit(not well)
+
+
+def _print(findings: Iterator[Finding], mark: str) -> bool:
+    """Print findings, `mark` before those that are not good; whether all are."""
+    well = True
+    for finding in findings:
+        well &= finding.good
+        click.echo(f"{'ok' if finding.good else mark}  {finding.what:12} {finding.found}")
+        if finding.remedy:
+            click.echo(f"{'':17}{finding.remedy}")
+    return well
 
 
 def _needed() -> Iterator[Finding]:

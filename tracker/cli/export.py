@@ -220,8 +220,8 @@ def convert(source: Path, output: Path, cameras: options.Cameras, part: options.
     if output.exists():
         raise click.UsageError(f"-o {output}: there is one already, expected a new one")
     with tracker.open_log(source, recover=part.recover) as log:
-        part.refuse_beyond(source, len(log))
-        frames = log[part.first : part.last]
+        chosen = part.of(source, len(log))
+        frames = log[chosen.start : chosen.stop]
         with bar(source.name, len(frames), quiet) as progress:
             if suffix == ".mp4":
                 write_log_film(output, frames, progress)

@@ -13,6 +13,8 @@ from tracker.cli.board import (
     Printed,
     Smaller,
     board_options,
+    draw,
+    named,
     photo_table,
     sightings_of,
     size_options,
@@ -27,7 +29,6 @@ if TYPE_CHECKING:
     from tracker.calibration.board.board import Board
     from tracker.calibration.board.extrinsics import Photo, Placed
     from tracker.calibration.board.sighting import BoardView
-    from tracker.calibration.files.calibrated import Calibrated
     from tracker.conventions import FloatArray
 
 
@@ -80,7 +81,7 @@ def extrinsics(
     and its places are found along with the cameras. More places make the cameras' places more certain.
     """
     from tracker.calibration.board.extrinsics import place_cameras
-    from tracker.calibration.files.calibrated import read_all_calibrated, write_calibrated
+    from tracker.calibration.files.calibrated import read_all_calibrated
 
     lenses = read_all_calibrated(intrinsics, pattern)
     targets = {name: output / f"{name}.yml" for name in (lens.camera.name for lens in lenses)}
@@ -93,26 +94,17 @@ def extrinsics(
     paths = photos_of(folders, [lens.camera.name for lens in lenses])
     board, found, faults = sightings_of(list(paths.values()), board)
     sightings = {at: one for at, one in zip(paths, found, strict=True) if one is not None}
-    try:
+    with named(faults):
         placed = place_cameras(lenses, sightings, _place(center, height, yaw))
-    except CalibrationError as error:
-        raise CalibrationError(
-            "; ".join([str(error), *(f"{p}: {why}" for p, why in faults.items())])
-        ) from error
-    output.mkdir(parents=True, exist_ok=True)
-    files: dict[Path, Calibrated] = {}
-    for one in placed.cameras:
-        files |= smaller.variants(one, targets[one.camera.name])
-    for path, calibrated in files.items():
-        write_calibrated(calibrated, path)
-    if plot is not None:
-        _draw(placed, plot)
-    click.echo(_photo_table(placed, faults))
-    click.echo()
-    click.echo(_camera_table(placed))
-    click.echo()
-    notes = _partly_seen(sightings, board)
-    click.echo(listing([["board", told_pattern(board)], *notes, ["files", ", ".join(map(str, files))]]))
+    files = smaller.write((one, targets[one.camera.name]) for one in placed.cameras)
+    for number, one in enumerate(placed.cameras):
+        if (picture := plots.get(one.camera.name)) is not None:
+            own = {at: missed for at, missed in placed.residuals.items() if at[0] == number}
+            photos = [(placed.sightings[at].pixels, own[at], at not in placed.faults) for at in own]
+            picture.parent.mkdir(parents=True, exist_ok=True)
+            draw(picture, one, photos)
+    summary = [["board", told_pattern(board)], *_partly_seen(sightings, board), ["files", files]]
+    click.echo("\n\n".join([_photo_table(placed, faults), _camera_table(placed), listing(summary)]))
 
 
 def photos_of(folders: Sequence[Path], cameras: Sequence[str]) -> dict[Photo, Path]:
@@ -189,19 +181,3 @@ def _partly_seen(sightings: dict[Photo, BoardView], board: Board) -> list[list[s
         return []
     columns, rows = squares_shown(first, board)
     return [["note", f"of the board in its given place only {columns}x{rows} squares are seen"]]
-
-
-def _draw(placed: Placed, folder: Path) -> None:
-    from tracker.viz.calibration import residual_picture
-    from tracker.viz.image_files import write_image
-
-    folder.mkdir(parents=True, exist_ok=True)
-    for number, one in enumerate(placed.cameras):
-        photos = [
-            (placed.sightings[at].pixels, residuals, at not in placed.faults)
-            for at, residuals in placed.residuals.items()
-            if at[0] == number
-        ]
-        size = one.camera.width, one.camera.height
-        title = f"{one.camera.name}, {len(photos)} photos"
-        write_image(folder / f"{one.camera.name}.png", residual_picture(title, size, photos))

@@ -212,10 +212,11 @@ class Part:
         if self.last is not None and self.last <= self.first:
             raise click.UsageError(f"--from {self.first} --to {self.last}: expected --to beyond --from")
 
-    def refuse_beyond(self, path: Path, count: int) -> None:
-        """LogError where so many frames end before it begins."""
+    def of(self, path: Path, count: int) -> range:
+        """Numbers of its frames, of so many; LogError where they end before it begins."""
         if self.first and self.first >= count:
             raise LogError(f"{path}: found {count} frames, expected --from {self.first} below")
+        return range(count)[self.first : self.last]
 
 
 part = gathered(

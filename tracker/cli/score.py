@@ -128,13 +128,11 @@ def _of_dice(
     with tracker.open_log(job) as log, bar(job.name, -(-len(log) // every), quiet) as progress:
         masks = rearrange_dice.goal_masks(cameras.rig_of(job, log), goal.position)
         for frame in log[::every]:
-            seen = [
-                (mask, image) for mask, image in zip(masks, frame.images, strict=True) if image is not None
-            ]
+            seen = [c for c, image in enumerate(frame.images) if image is not None]
+            found = [rearrange_dice.segment_dice(image) for image in frame.images if image is not None]
             stamps.append(frame.timestamp)
-            found = [rearrange_dice.segment_dice(image) for _, image in seen]
-            truths = [mask for mask, _ in seen]
-            rewards.append(float(-rearrange_dice.error(truths, found)) if seen else float("nan"))
+            error = rearrange_dice.error([masks[c] for c in seen], found) if seen else float("nan")
+            rewards.append(float(-error))
             progress(1)
     seconds = np.array(stamps) - stamps[0] if stamps else np.zeros(0)
     return seconds, np.array(rewards)

@@ -190,11 +190,9 @@ def _camera_rows(cameras: dict[str, dict[str, float | None]] | None) -> list[lis
     from tracker.summaries.summary import to_look_at
 
     uses = tracker.CameraUse
+    moved = "was it moved after its calibration, is it mirrored or late, or in the place of another?"
     remarks = {
-        uses.CONTRADICTING: (
-            "contradicts the others in {:.1%} of the frames with a measured pose:",
-            "was it moved after its calibration, is it mirrored or late, or in the place of another?",
-        ),
+        uses.CONTRADICTING: ("contradicts the others in {:.1%} of the frames with a measured pose:", moved),
         uses.NO_IMAGE: ("gave no image in {:.1%} of the frames:", "is it connected, is the log whole?"),
         uses.FROZEN: ("repeated an old image in {:.1%} of the frames:", "did it or its driver stop?"),
         uses.BLACK: ("gave a black image in {:.1%} of the frames:", "is it covered, is there light?"),
@@ -213,13 +211,9 @@ def _calibration_rows(statuses: dict[str, dict[str, float]]) -> list[list[str]]:
     share = numbers["share"] * numbers["with_pose"]
     if share < CONTRADICTED:
         return []
-    return [
-        [
-            "calibration",
-            f"in {share:.1%} of the frames cameras contradict each other lastingly: it does not fit;",
-        ],
-        ["", "  is it that of these cameras? tracker calibrate check says which one moved"],
-    ]
+    why = f"in {share:.1%} of the frames cameras contradict each other lastingly: it does not fit;"
+    ask = "  is it that of these cameras? tracker calibrate check says which one moved"
+    return [["calibration", why], ["", ask]]
 
 
 def _text(result: dict[str, Any]) -> str:

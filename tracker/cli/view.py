@@ -75,7 +75,7 @@ def view(
             raise click.UsageError(f"--colors {colors_name}: {source} holds poses, nothing is tracked")
         poses = tracker.read_poses(source)
         model = _model_of(poses, object_name)
-        chosen = _chosen(source, int(poses.index[-1]) + 1 if len(poses) else 0, part, every)
+        chosen = part.of(source, int(poses.index[-1]) + 1 if len(poses) else 0)[::every]
         rows = [row for row, index in enumerate(poses.index.tolist()) if index in chosen]
         if log is None:
             alone: _Frames = (
@@ -96,7 +96,7 @@ def view(
             raise click.UsageError(f"{source}: expected --object, to track this recording")
         model, colors = options.Subject(object_name, colors_name).load()
         rig = cameras.rig_of(source, opened)
-        chosen = _chosen(source, len(opened), part, every)
+        chosen = part.of(source, len(opened))[::every]
         finder = tracker.ObjectTracker(model, rig, colors)
         frames = (
             (frame.index, frame.timestamp, answer, frame.images, _health(finder, frame.images, answer))
@@ -104,12 +104,6 @@ def view(
             if frame.index in chosen  # the others are tracked, too
         )
         _show(source, target, rig, model, frames, len(chosen), quiet)
-
-
-def _chosen(path: Path, count: int, part: options.Part, every: int) -> range:
-    """Numbers of the frames to show, of so many."""
-    part.refuse_beyond(path, count)
-    return range(count)[part.first : part.last : every]
 
 
 def _show(
