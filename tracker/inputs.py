@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from tracker.calibration.rig import CameraRig
-from tracker.checks import check_sequence
+from tracker.checks import check_sequence, described
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import ImageError, TrackerError, shown
 from tracker.objects.model import CuboidModel, load_object
@@ -68,14 +68,14 @@ def check_images(images: Images, rig: CameraRig, least: int = 1) -> list[Image |
     """
     names = ", ".join(rig.names)
     given: Any = images
-    if isinstance(given, Mapping):
-        given = _by_camera("images", given, rig.names, ImageError)
-    elif isinstance(given, str | bytes) or not isinstance(given, Sequence | np.ndarray):
+    if isinstance(images, Mapping):
+        given = _by_camera("images", images, rig.names, ImageError)
+    if isinstance(given, str | bytes) or not isinstance(given, Sequence | np.ndarray):
         raise ImageError(
             f"images: {type(given).__name__} given; a sequence of images is needed, or a dict by camera: "
             f"{names}"
         )
-    elif isinstance(given, np.ndarray) and given.ndim != 4:
+    if isinstance(given, np.ndarray) and given.ndim != 4:
         raise ImageError(f"images: one array of shape {given.shape} given; a sequence of images is needed")
     if len(given) != len(rig):
         raise ImageError(
@@ -117,18 +117,16 @@ def check_hidden(hidden: Images | None, rig: CameraRig) -> list[Array | None] | 
         return None
     valid = f"a mask (H, W) of bool or None for each camera: {', '.join(rig.names)}"
     given: Any = hidden
-    if isinstance(given, Mapping):
-        given = _by_camera("hidden", given, rig.names, ImageError)
+    if isinstance(hidden, Mapping):
+        given = _by_camera("hidden", hidden, rig.names, ImageError)
     check_sequence(given, "hidden", ImageError, valid)
     if len(given) != len(rig):
         raise ImageError(f"hidden: found {len(given)}, expected {valid}")
     masks: list[Array | None] = []
     for mask, camera in zip(given, rig, strict=True):
-        size = (camera.height, camera.width)
-        if mask is not None and (
-            not isinstance(mask, np.ndarray) or (mask.dtype, mask.shape) != (bool, size)
-        ):
-            found = f"{mask.dtype} of shape {mask.shape}" if isinstance(mask, np.ndarray) else shown(mask)
+        size, is_array = (camera.height, camera.width), isinstance(mask, np.ndarray)
+        if mask is not None and (not is_array or (mask.dtype, mask.shape) != (bool, size)):
+            found = described(mask) if is_array else shown(mask)
             raise ImageError(f"hidden of {camera.name}: found {found}, expected bool of shape {size}")
         masks.append(np.ascontiguousarray(mask) if mask is not None and mask.any() else None)
     return masks if any(mask is not None for mask in masks) else None

@@ -85,20 +85,11 @@ def commands() -> None:
     """
 
 
-commands.add_command(demo.demo)
-commands.add_command(detect.detect)
-commands.add_command(track.track)
-commands.add_command(view.view)
-commands.add_command(live.live)
-commands.add_command(batch.batch)
-commands.add_command(info.info)
-commands.add_command(export.export)
-commands.add_command(export.convert)
-commands.add_command(dice.dice)
-commands.add_command(score.score)
-commands.add_command(calibrate.calibrate)
-commands.add_command(colors.colors)
-commands.add_command(doctor.doctor)
+for _one in (
+    *(demo.demo, detect.detect, track.track, view.view, live.live, batch.batch, info.info, export.export),
+    *(export.convert, dice.dice, score.score, calibrate.calibrate, colors.colors, doctor.doctor),
+):
+    commands.add_command(_one)
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:

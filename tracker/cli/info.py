@@ -43,6 +43,8 @@ def info(source: Path, recover: bool, as_json: bool) -> None:
 def _of_log(path: Path, log: tracker.Log) -> dict[str, Any]:
     import numpy as np
 
+    from tracker.logs.cameras import fitted_to
+
     stamps: list[float] = []
     without = dict.fromkeys(log.camera_names, 0)
     poses = 0
@@ -51,6 +53,11 @@ def _of_log(path: Path, log: tracker.Log) -> dict[str, Any]:
         poses += frame.recorded_pose is not None
         for name, image in zip(log.camera_names, frame.images, strict=True):
             without[name] += image is None
+    calibration: dict[str, Any] = {"calibration": None, "calibration_fault": None}
+    try:
+        calibration["calibration"] = list(fitted_to(path, log).names)
+    except TrackerError as error:
+        calibration["calibration_fault"] = str(error)
     return {
         "format": log.format,
         "frames": len(log),
@@ -61,20 +68,10 @@ def _of_log(path: Path, log: tracker.Log) -> dict[str, Any]:
         "without_image": {name: count for name, count in without.items() if count},
         "recorded_poses": poses,
         "episodes": len(log.episode_starts),
-        **_calibration(path, log),
+        **calibration,
         "settings": {name: dict(values) for name, values in log.settings.items()},
         "fault": log.fault,
     }
-
-
-def _calibration(path: Path, log: tracker.Log) -> dict[str, Any]:
-    """The cameras that are calibrated, and what keeps the calibration from fitting; None: nothing."""
-    from tracker.logs.cameras import fitted_to
-
-    try:
-        return {"calibration": list(fitted_to(path, log).names), "calibration_fault": None}
-    except TrackerError as error:
-        return {"calibration": None, "calibration_fault": str(error)}
 
 
 def _of_poses(poses: tracker.Poses) -> dict[str, Any]:

@@ -20,7 +20,6 @@ from tracker.cli.render import listing, table
 
 if TYPE_CHECKING:
     from tracker.live import ImageSource, Live, Moment
-    from tracker.live.camera_check import SetLooks
     from tracker.live.listeners import Recorder, RerunView
     from tracker.live.publishers import Publisher
     from tracker.live.web_page import WebPage
@@ -298,18 +297,13 @@ def check_cameras(source: ImageSource, rig: tracker.CameraRig, seconds: float | 
     from tracker.live.camera_check import look_at
 
     looks = look_at(source, rig, seconds or SECONDS)
-    click.echo(_table(looks))
-    click.echo()
-    faults = looks.faults()
-    click.echo("\n".join(faults) if faults else "nothing is wrong with the cameras")
-    if faults:
-        raise click.exceptions.Exit(1)
-
-
-def _table(looks: SetLooks) -> str:
     rows = [["camera", "pictures", "missing", "late [ms]", "grey level", "clipped [%]", "blur [px]"]]
     for one in looks.cameras:
         level, clipped, blur = one.look
         numbers = [f"{1e3 * one.skew:.1f}", f"{level:.0f}", f"{clipped:.1f}", f"{blur:.2f}"]
         rows.append([one.name, str(one.pictures), str(sum(one.missing.values())), *numbers])
-    return f"{looks.sets} sets in {looks.seconds:.1f} s, {looks.rate:.1f} Hz\n{table(rows)}"
+    faults = looks.faults()
+    click.echo(f"{looks.sets} sets in {looks.seconds:.1f} s, {looks.rate:.1f} Hz\n{table(rows)}\n")
+    click.echo("\n".join(faults) if faults else "nothing is wrong with the cameras")
+    if faults:
+        raise click.exceptions.Exit(1)

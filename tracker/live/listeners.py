@@ -67,7 +67,12 @@ class Listener:
 
     def _run(self) -> None:
         try:
-            while (moment := self._next()) is not None:
+            while True:
+                with self._changed:
+                    self._changed.wait_for(lambda: bool(self._waiting) or self._closing)
+                    if not self._waiting:
+                        break
+                    moment = self._waiting.popleft()
                 self._take_in(moment)
         except Exception as error:
             self.fault = " ".join(str(error).split())
@@ -75,11 +80,6 @@ class Listener:
             self._finish()
         except TrackerError as error:
             self.fault = self.fault or str(error)
-
-    def _next(self) -> Moment | None:
-        with self._changed:
-            self._changed.wait_for(lambda: bool(self._waiting) or self._closing)
-            return self._waiting.popleft() if self._waiting else None
 
 
 class Recorder(Listener):

@@ -10,7 +10,7 @@ import dataclasses
 import functools
 import hashlib
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -141,15 +141,11 @@ class Recipe(Reading):
         digest = hashlib.sha256(repr(plain).encode())
         cameras = () if self.rig is None else (*self.rig, self.rig.arena)
         for part in (self.model, self.colors, *cameras):
-            for content in _fields(part):
+            for field in dataclasses.fields(part):
+                value = getattr(part, field.name)
+                content = value.tobytes() if isinstance(value, np.ndarray) else repr(value).encode()
                 digest.update(hashlib.sha256(content).digest())
         return digest.hexdigest()
-
-
-def _fields(part: Any) -> Iterator[bytes]:
-    for field in dataclasses.fields(part):
-        value = getattr(part, field.name)
-        yield value.tobytes() if isinstance(value, np.ndarray) else repr(value).encode()
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,7 +169,8 @@ def fingerprint(job: Job) -> str:
     if recipe.rig is None:
         files += calibration_files(job.log)
     for path in files:
-        digest.update(_about(path, job.log))
+        about, name = path.stat(), os.fsencode(os.path.relpath(path, job.log))
+        digest.update(name + f"\0{about.st_size}\0{about.st_mtime_ns}\0".encode())
     return digest.hexdigest()
 
 
@@ -189,9 +186,3 @@ def code() -> str:
         if not name.startswith(others):
             digest.update(f"\0{name}\0".encode() + path.read_bytes())
     return digest.hexdigest()
-
-
-def _about(path: Path, log: Path) -> bytes:
-    about = path.stat()
-    name = os.fsencode(os.path.relpath(path, log))
-    return name + f"\0{about.st_size}\0{about.st_mtime_ns}\0".encode()

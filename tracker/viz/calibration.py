@@ -157,17 +157,13 @@ def _table(health: Health) -> str:
         "<tr><th></th>" + "".join(f"<th>{escape(name)}</th>" for name in health.cameras) + "<th></th></tr>"
     ]
     for key, quantity in QUANTITIES.items():
-        cells = [
-            f'<td class="{"bad" if share > OFTEN else ""}">{_median(column)}</td>'
-            for column, share in zip(health.values[key].T, health.beyond(key), strict=True)
-        ]
+        cells = []
+        for column, share in zip(health.values[key].T, health.beyond(key), strict=True):
+            known = column[np.isfinite(column)]
+            median = _readable(float(np.median(known)), 2) if known.size else "–"
+            cells.append(f'<td class="{"bad" if share > OFTEN else ""}">{median}</td>')
         rows.append(f"<tr><td>{key}</td>{''.join(cells)}<td>{escape(quantity.unit)}</td></tr>")
     return f"<table>{''.join(rows)}</table>"
-
-
-def _median(values: FloatArray) -> str:
-    known = values[np.isfinite(values)]
-    return _readable(float(np.median(known)), 2) if known.size else "–"
 
 
 def _readable(value: float, digits: int = 1) -> str:

@@ -47,29 +47,26 @@ def panels(images: Sequence[Image | None], rig: CameraRig, draw: Draw) -> Image:
         if parts:
             parts.append(np.full((height, GAP, 3), paint.BACKGROUND, np.uint8))
         size = (max(1, round(camera.width * height / camera.height)), height)
+        panel: Image = np.full((*size[::-1], 3), _EMPTY, np.uint8)
         if image is None:
-            panel = _empty_panel(*size)
+            middle = size[0] / 2, height / 2
+            paint.put_text(panel, "no image", middle, paint.FAINT, size=18, align=0.5)
         else:
-            panel = _scaled(image, camera, size)
+            refuse_unfit(image, camera, "overlay")
+            cv2.resize(image, size, panel, interpolation=cv2.INTER_CUBIC)
             draw(index, panel, camera.resized(*size))
         _draw_name(panel, camera.name)
         parts.append(panel)
     return np.concatenate(parts, axis=1)
 
 
-def _empty_panel(width: int, height: int) -> Image:
-    panel: Image = np.full((height, width, 3), _EMPTY, np.uint8)
-    paint.put_text(panel, "no image", (width / 2, height / 2), paint.FAINT, size=18, align=0.5)
-    return panel
-
-
-def _scaled(image: Image, camera: Camera, size: tuple[int, int]) -> Image:
+def refuse_unfit(image: object, camera: Camera, what: str) -> None:
+    """ImageError, which names `what`, for what is no image (H, W, 3) uint8 of the camera's size."""
+    array: Array = of_kind(image, np.ndarray, f"{what}: {camera.name}", ImageError)
     expected = (camera.height, camera.width, 3)
-    of_kind(image, np.ndarray, f"overlay: {camera.name}", ImageError)
-    if image.shape != expected or image.dtype != np.uint8:
-        found = f"{image.dtype} {image.shape}"
-        raise ImageError(f"overlay: {camera.name}: found an image {found}, expected uint8 {expected}")
-    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_CUBIC), dtype=np.uint8)
+    if array.shape != expected or array.dtype != np.uint8:
+        found = f"{array.dtype} {array.shape}"
+        raise ImageError(f"{what}: {camera.name}: found an image {found}, expected uint8 {expected}")
 
 
 def _draw_name(panel: Image, name: str) -> None:

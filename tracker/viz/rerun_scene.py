@@ -27,13 +27,12 @@ import rerun.blueprint as rrb
 from tracker.calibration.by_object.health import HEIGHT, QUANTITIES, Sample, disagreement, of_picture
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray, Image
-from tracker.errors import ImageError
 from tracker.geometry import cuboid, so3
 from tracker.geometry.camera import Camera
 from tracker.objects.labels import DISPLAY_COLORS_BGR
 from tracker.objects.model import CuboidModel
 from tracker.pose.result import Observation, PoseEstimate, Status
-from tracker.viz.overlays import edges_in_view
+from tracker.viz.overlays import edges_in_view, refuse_unfit
 
 SIGMAS = 2.0
 """Half axes of the ellipsoid, in standard deviations."""
@@ -103,7 +102,10 @@ class Scene:
         poses = {"measured": observation.object_pose, "filtered": observation.filtered_object_pose}
         for kind, pose in poses.items():
             self._show_pose(kind, pose)
-        self._show_status(observation.status)
+        if observation.status is not self._status:
+            self._status = observation.status
+            level = rr.TextLogLevel.WARN if self._status in _BAD else rr.TextLogLevel.INFO
+            self._log(("status",), rr.TextLog(self._status.value, level=level))
         self._count += 1
         if self._count % _FLUSH_FRAMES == 0:
             self._stream.flush(timeout_sec=FLUSH_SECONDS)
@@ -148,18 +150,12 @@ class Scene:
             self._put(path, None)
             return
         if path not in self._shown:  # again after it had been cleared
-            shape = _mesh(self._model) if kind == "measured" else _frame(self._model, KINDS[kind])
-            self._put(path, shape)
+            frame = rr.Boxes3D(half_sizes=[self._model.size / 2], colors=[KINDS[kind]], radii=[5e-4])
+            self._put(path, _mesh(self._model) if kind == "measured" else frame)
         place = rr.Transform3D(
             translation=pose.position, quaternion=rr.Quaternion(xyzw=pose.orientation.astype(np.float32))
         )
         self._log(path, place)
-
-    def _show_status(self, status: Status) -> None:
-        if status is not self._status:
-            self._status = status
-            level = rr.TextLogLevel.WARN if status in _BAD else rr.TextLogLevel.INFO
-            self._log(("status",), rr.TextLog(status.value, level=level))
 
     def _set_up(self) -> None:
         """What does not change."""
@@ -253,10 +249,7 @@ def _pinhole(camera: Camera) -> tuple[Any, Any]:
 
 
 def _jpeg(camera: Camera, image: Image) -> Any:
-    expected = (camera.height, camera.width, 3)
-    if image.shape != expected or image.dtype != np.uint8:
-        found = f"{image.dtype} {image.shape}"
-        raise ImageError(f"view: {camera.name}: found an image {found}, expected uint8 {expected}")
+    refuse_unfit(image, camera, "view")
     content = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1].tobytes()
     return rr.EncodedImage(contents=content, media_type="image/jpeg")
 
@@ -273,10 +266,6 @@ def _mesh(model: CuboidModel) -> Any:
         vertex_colors=np.repeat(colors, 4, axis=0),
         albedo_factor=(255, 255, 255, _FACE_ALPHA),
     )
-
-
-def _frame(model: CuboidModel, color: tuple[int, int, int]) -> Any:
-    return rr.Boxes3D(half_sizes=[model.size / 2], colors=[color], radii=[5e-4])
 
 
 def _ellipsoid(pose: PoseEstimate, color: tuple[int, int, int]) -> Any:

@@ -106,7 +106,12 @@ def _series(poses: Poses) -> Iterator[Series]:
         line, dots, circles = (1e3 * columns.position[:, k] for columns in (shown, measured, recorded))
         band = 1e3 * _SIGMAS * np.sqrt(shown.covariance[:, k, k])
         yield Series(f"{name} [mm]", color, line, line - band, line + band, dots, circles)
-    first = _first_rotation(shown, measured, recorded)
+    posed = next((columns for columns in (shown, measured, recorded) if columns.has_pose.any()), None)
+    first = (
+        np.eye(3)
+        if posed is None
+        else so3.matrix_from_quaternion(posed.orientation[np.argmax(posed.has_pose)])
+    )
     line, dots, circles = (angles(columns.orientation, first) for columns in (shown, measured, recorded))
     band = _SIGMAS * angle_std(shown.orientation, first, shown.covariance[:, 3:, 3:])
     low, high = np.maximum(line - band, 0), np.minimum(line + band, 180)
@@ -127,14 +132,6 @@ def _to_one_scale(all_series: list[Series]) -> list[Series]:
         for series, middle in zip(all_series, middles, strict=False)
     ]
     return scaled + all_series[len(_AXES) :]
-
-
-def _first_rotation(*kinds: PoseColumns) -> FloatArray:
-    """(3, 3) of the first frame that has a pose of the first kind that has any."""
-    for columns in kinds:
-        if columns.has_pose.any():
-            return so3.matrix_from_quaternion(columns.orientation[np.argmax(columns.has_pose)])
-    return np.eye(3)
 
 
 def angles(orientation: FloatArray, reference: FloatArray) -> FloatArray:
@@ -236,7 +233,9 @@ def _draw_status(axis: Any, time: Array, status: Array) -> None:
         return
     last = time[-1] + (np.median(np.diff(time)) if len(time) > 1 else 0.1)
     ends = np.append(time[1:], last)
-    colors = _status_colors(status)
+    names = set(status.tolist())
+    colors = {name: color for name, color in STATUS_COLORS.items() if name in names}
+    colors |= dict.fromkeys(sorted(names - colors.keys()), paint.FAINT)
     least = _LEAST_SHARE * (last - time[0])
     runs = []
     row = 0
@@ -255,10 +254,3 @@ def _explain(axis: Any, shown: dict[str, Any], side: str) -> None:
         place: dict[str, Any] = {"loc": f"lower {side}", "bbox_to_anchor": (float(side == "right"), 1.1)}
         place |= {"borderaxespad": 0, "borderpad": 0, "handlelength": 1.4, "columnspacing": 1.6}
         axis.legend(shown.values(), shown, ncols=len(shown), **place)
-
-
-def _status_colors(status: Array) -> dict[str, paint.Color]:
-    """The colour of each status that occurs, in the order of STATUS_COLORS."""
-    names = set(status.tolist())
-    known = {name: color for name, color in STATUS_COLORS.items() if name in names}
-    return known | dict.fromkeys(sorted(names - known.keys()), paint.FAINT)

@@ -36,7 +36,11 @@ def open_source(source: str | os.PathLike[str], tracker: ObjectTracker) -> Image
         return open_cameras(text, tracker.rig)
     if text == SIMULATION:
         simulation = Simulation(tracker.model.name)
-        if not _same(simulation.rig, tracker.rig):
+        own, its = (
+            [[*camera.matrix.ravel(), *camera.camera_from_world.ravel()] for camera in rig]
+            for rig in (simulation.rig, tracker.rig)
+        )
+        if len(own) != len(its) or not np.allclose(own, its):
             simulation.close()
             raise LiveError(
                 "simulation: found a tracker of other cameras; expected a tracker.live.Simulation in "
@@ -86,15 +90,6 @@ def open_cameras(
             f"source {source}: found {len(which)} cameras, expected one for each of {', '.join(rig.names)}"
         )
     return CameraSet(openers, sizes, rate=rate)
-
-
-def _same(one: CameraRig, other: CameraRig) -> bool:
-    """Whether two rigs have the same cameras in the same places."""
-
-    def numbers(rig: CameraRig) -> list[list[float]]:
-        return [[*camera.matrix.ravel(), *camera.camera_from_world.ravel()] for camera in rig]
-
-    return len(one) == len(other) and np.allclose(numbers(one), numbers(other))
 
 
 def settings_of(path: Path | None, serials: list[str]) -> dict[str, Mapping[str, Any]]:
