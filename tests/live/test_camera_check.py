@@ -15,7 +15,7 @@ from tracker.calibration.rig import CameraRig
 from tracker.live import ImageSet, SourceEnded
 from tracker.live.camera_check import CameraLooks, look_at
 from tracker.live.web_page import LIMITS
-from tracker.summaries.picture_look import PictureLook
+from tracker.summaries.remarks import PictureLook
 
 SIZE = (270, 270)
 

@@ -56,7 +56,7 @@ class Clock:
 @pytest.fixture
 def clock(monkeypatch):
     one = Clock()
-    monkeypatch.setattr("tracker.live.sources.replay.time", one)
+    monkeypatch.setattr("tracker.live.sources.without_cameras.time", one)
     return one
 
 

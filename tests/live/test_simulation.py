@@ -13,7 +13,7 @@ from tests.helpers.filmed import RIG
 from tests.helpers.synthetic_needs import skip_without_platform
 from tracker.errors import LiveError
 from tracker.live.sources import open_source
-from tracker.live.sources.simulation import Simulation, _to_and_fro
+from tracker.live.sources.without_cameras import Simulation, _to_and_fro
 
 
 def test_a_film_goes_to_and_fro():
@@ -39,7 +39,7 @@ def test_a_tracker_of_other_cameras_is_refused(monkeypatch):
     def drawn():
         yield pytest.fail("it is drawn")
 
-    monkeypatch.setattr("tracker.live.sources.simulation._maker", maker)
+    monkeypatch.setattr("tracker.live.sources.without_cameras._maker", maker)
     model = tracker.load_object("cube_v2")
     assert open_source("simulation", tracker.ObjectTracker(model, RIG)).rig is RIG
     other = tracker.CameraRig((RIG.cameras[1], RIG.cameras[0], *RIG.cameras[2:]), arena=RIG.arena)
@@ -58,7 +58,7 @@ def test_the_film_is_drawn_when_it_is_asked_for_and_no_longer_than_one_waits(mon
             yield one
 
     maker = SimpleNamespace(rig=RIG, chunk=chunk, close=lambda: closed.append(True))
-    monkeypatch.setattr("tracker.live.sources.simulation._maker", lambda *_: maker)
+    monkeypatch.setattr("tracker.live.sources.without_cameras._maker", lambda *_: maker)
     source = Simulation("cube_v2", frames=3)
     assert not drawn
     assert source.next(0.01) is None
@@ -73,6 +73,6 @@ def test_the_film_is_drawn_when_it_is_asked_for_and_no_longer_than_one_waits(mon
 
 
 def test_without_the_generator_it_says_what_to_install(monkeypatch):
-    monkeypatch.setattr("tracker.live.sources.simulation.find_spec", lambda name: None)
+    monkeypatch.setattr("tracker.live.sources.without_cameras.find_spec", lambda name: None)
     with pytest.raises(LiveError, match=r"pip install .*\[synthetic\]"):
         Simulation("cube_v2")

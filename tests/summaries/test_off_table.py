@@ -12,7 +12,7 @@ from tests.helpers import ROOT
 from tracker.geometry import so3
 from tracker.objects.model import load_object
 from tracker.pose.result import PoseEstimate
-from tracker.summaries.off_table import off_table
+from tracker.summaries.remarks import off_table
 
 MODEL = load_object("cube_v2")
 ARENA = tracker.Arena(table=0.01)

@@ -17,8 +17,8 @@ from tests.helpers import ROOT, look_at
 from tests.helpers.stills import bare_scene, take
 from tracker.recordings.recipe import Job, Options, Recipe
 from tracker.recordings.track import run
+from tracker.summaries.remarks import lastingly_swapped, likely_cause, mistaken, swap_message, swapped
 from tracker.summaries.row import row
-from tracker.summaries.swapped import lastingly_swapped, likely_cause, mistaken, swap_message, swapped
 
 DEMO = ROOT / "tracker" / "demo"
 STRAIGHT = (0, 1, 2)

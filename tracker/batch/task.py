@@ -13,9 +13,9 @@ from tracker.errors import TrackerError, reason
 from tracker.files import write_whole
 from tracker.recordings.recipe import Job, Options, Recipe, code
 from tracker.recordings.track import Tracked, run
+from tracker.summaries.remarks import remark_on_recording
 from tracker.summaries.row import row
 from tracker.summaries.summary import summary
-from tracker.summaries.swapped import remark_on_recording
 
 
 @dataclass(frozen=True)

@@ -47,8 +47,7 @@ def detect(
     If the object is not found, there is no pose and the status says why. The exit code is 0 also then;
     with --exit-code it is 1.
     """
-    from tracker.summaries.off_table import off_table
-    from tracker.summaries.swapped import likely_cause
+    from tracker.summaries.remarks import likely_cause, off_table
 
     model, colors = subject.load()
     rig, pictures = one_set(images, cameras, frame)

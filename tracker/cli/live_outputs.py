@@ -267,7 +267,7 @@ class Lookout:
 
     def look(self, moment: Moment | None) -> str | None:
         """The warning after the newest moment, once; None: nothing."""
-        from tracker.summaries.swapped import SURE, swap_message, swapped
+        from tracker.summaries.remarks import SURE, swap_message, swapped
 
         if self._over or moment is None:
             return None

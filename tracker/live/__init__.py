@@ -15,6 +15,6 @@ from tracker.live.moment import Moment as Moment
 from tracker.live.moment import SourceEnded as SourceEnded
 from tracker.live.sources import open_cameras as open_cameras
 from tracker.live.sources.cameras import CameraSet as CameraSet
-from tracker.live.sources.pushed import Pushed as Pushed
-from tracker.live.sources.replay import Replay as Replay
-from tracker.live.sources.simulation import Simulation as Simulation
+from tracker.live.sources.without_cameras import Pushed as Pushed
+from tracker.live.sources.without_cameras import Replay as Replay
+from tracker.live.sources.without_cameras import Simulation as Simulation

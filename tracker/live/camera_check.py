@@ -11,7 +11,7 @@ import numpy as np
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Image
 from tracker.live.moment import ImageSet, ImageSource, SourceEnded
-from tracker.summaries.picture_look import PictureLook
+from tracker.summaries.remarks import PictureLook
 
 MOST_MISSING = 0.01
 """Share of the pictures that may be missing."""

@@ -26,7 +26,7 @@ from tracker.live.camera_check import MOST_MISSING, MOST_SKEW
 from tracker.live.listeners import WAITING, Listener
 from tracker.live.moment import Moment
 from tracker.pipeline import ObjectTracker
-from tracker.summaries.picture_look import MOST_BLUR, PictureLook
+from tracker.summaries.remarks import MOST_BLUR, PictureLook
 from tracker.viz.overlays import overlay
 
 SPAN = 10.0

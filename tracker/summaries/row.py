@@ -12,9 +12,9 @@ from tracker.poses.columns import FilteredColumns
 from tracker.poses.poses import Poses
 from tracker.recordings.recipe import Job
 from tracker.recordings.track import Tracked, unicode_text
+from tracker.summaries.remarks import remark_on_recording
 from tracker.summaries.rewards import goal_columns
 from tracker.summaries.summary import best, summary
-from tracker.summaries.swapped import remark_on_recording
 
 STEP = 0.002
 """Shortest movement [m] that counts in a path's length: less is how far poses of an object at rest differ."""

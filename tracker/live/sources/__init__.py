@@ -16,8 +16,7 @@ from tracker.files import read_bounded
 from tracker.files.toml import MAX_FILE_SIZE, parse_toml
 from tracker.live.moment import ImageSource
 from tracker.live.sources.cameras import RATE, CameraSet, LiveCamera
-from tracker.live.sources.replay import Replay
-from tracker.live.sources.simulation import Simulation
+from tracker.live.sources.without_cameras import Replay, Simulation
 from tracker.pipeline import ObjectTracker
 
 CAMERAS, SIMULATION = ("pylon", "opencv"), "simulation"

@@ -1,22 +1,38 @@
-"""Why an object is not found in pictures: they go to the wrong cameras, show something else, or are poor."""
+"""Remarks on what cameras show: why an object is not found, or seems to be off its table.
+
+Pictures go to the wrong cameras, show something else, or are poor.
+"""
 
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterable, Sequence
+from typing import NamedTuple
 
+import cv2
 import numpy as np
 
+from tracker.calibration.board.sighting import photo_blur
+from tracker.calibration.by_object.health import (
+    HEIGHT,
+    LEVELS,
+    MOST_CLIPPED,
+    brightness,
+    clipped_share,
+    height_over_table,
+)
 from tracker.conventions import Image
 from tracker.errors import TrackerError
+from tracker.geometry.arena import SURE as SURE_OF_TABLE
+from tracker.geometry.arena import Arena
 from tracker.logs import open_log
-from tracker.objects.model import load_object, object_names
+from tracker.objects.model import CuboidModel, load_object, object_names
 from tracker.pipeline import ObjectTracker
-from tracker.pose.result import CameraUse, Observation, Status
+from tracker.pose.result import CameraUse, Observation, PoseEstimate, Status
 from tracker.poses.poses import Poses
 from tracker.recordings.recipe import Job
 from tracker.recordings.track import chosen, rig_for
-from tracker.summaries.picture_look import PictureLook
 from tracker.summaries.summary import camera_shares, to_look_at
 
 SURE, UNSURE = 0.9, 0.75
@@ -179,3 +195,64 @@ def _confidence(answer: Observation) -> float:
 
 def _shape(image: Image | None) -> tuple[int, ...] | None:
     return None if image is None else image.shape
+
+
+TRUSTED = 0.5
+"""Confidence from which a pose counts."""
+
+
+def off_table(pose: PoseEstimate | None, model: CuboidModel, arena: Arena) -> str | None:
+    """By how much an object is off the table on which it seems to rest, and the remedy, in one line.
+
+    It seems to rest if a face is level, and no higher than the table may be. None if it is off by less than
+    two standard deviations or the limit of HEIGHT, or nothing is known.
+    """
+    if pose is None or pose.confidence < TRUSTED:
+        return None
+    height, std = (
+        height_over_table(pose.position, pose.rotation, model, arena),
+        1e3 * math.sqrt(pose.covariance[2, 2]),
+    )
+    highest = SURE_OF_TABLE * 1e3 * math.hypot(arena.table_std[0], 1e-3 * std)
+    if not max(2.0 * std, HEIGHT.limits[1]) < abs(height) <= highest:
+        return None
+    where = "floats {:.1f} mm above" if height > 0 else "sinks {:.1f} mm into"
+    return (
+        f"{model.name} {where.format(abs(height))} the table (± {std:.1f} mm): if it rests, "
+        "`tracker calibrate table RECORDING -o DIR` finds the table"
+    )
+
+
+MOST_BLUR = 2.5
+"""Standard deviation of the sharpest edges' blur [px]."""
+
+
+class PictureLook(NamedTuple):
+    """Exposure and sharpness of a picture, or their medians over several."""
+
+    level: float
+    """Median grey level."""
+    clipped: float
+    """Pixels with a clipped channel [%]."""
+    blur: float
+    """Of its strongest edges [px]; NaN where it shows none."""
+
+    @classmethod
+    def of(cls, image: Image) -> PictureLook:
+        """Look at a picture (H, W, 3), which takes some milliseconds."""
+        grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
+        return cls(brightness(image), 100 * clipped_share(image), photo_blur(grey))
+
+    def faults(self) -> list[str]:
+        """What is wrong, and what may help."""
+        found = []
+        if self.level < LEVELS[0]:
+            found.append(f"dark, median grey level {self.level:.0f}: expose longer, or is the lens covered?")
+        if self.level > LEVELS[1] or self.clipped > 100 * MOST_CLIPPED:
+            found.append(
+                f"over-exposed, median grey level {self.level:.0f}, {self.clipped:.0f} % of its pixels are "
+                "clipped: expose for less long"
+            )
+        if self.blur > MOST_BLUR:
+            found.append(f"blurred by {self.blur:.1f} px: focus, or does the camera shake?")
+        return found
