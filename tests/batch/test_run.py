@@ -15,10 +15,9 @@ import pytest
 
 from tests.helpers import run_python
 from tests.helpers.recording_stubs import NoiseTracker, write_log
-from tracker.batch import jobs, results, run, tables, task
+from tracker.batch import jobs, results, run, tables
 from tracker.batch.results import output_of
-from tracker.batch.run import Batch, only_run, read_batch, run_batch, write_batch
-from tracker.batch.task import agreed
+from tracker.batch.run import Batch, agreed, only_run, read_batch, run_batch, write_batch
 from tracker.batch.workers import here
 from tracker.errors import LogError, TrackerError
 from tracker.files import claimed
@@ -128,7 +127,7 @@ def test_a_run_that_was_ended_loses_nothing_and_does_nothing_twice(after, record
 
 
 def test_what_fails_is_reported_with_its_reason_and_the_others_are_done(recordings, monkeypatch):
-    spoilt, real, long = recordings / "001" / "camera_data.dat", task.run, ("b" * 243, "c" * 250)
+    spoilt, real, long = recordings / "001" / "camera_data.dat", run.run, ("b" * 243, "c" * 250)
     content = spoilt.read_bytes()
     spoilt.write_bytes(content[:-100])
     (recordings / "notes.txt").write_text("no recording")
@@ -140,7 +139,7 @@ def test_what_fails_is_reported_with_its_reason_and_the_others_are_done(recordin
             raise ZeroDivisionError
         return real(job)
 
-    monkeypatch.setattr(task, "run", failing)
+    monkeypatch.setattr(run, "run", failing)
     one = batch_of(recordings)
     failures = {
         Path(result["recording"]).name: result["failure"] for result in do(one)[0] if result["failure"]
@@ -157,7 +156,7 @@ def test_what_fails_is_reported_with_its_reason_and_the_others_are_done(recordin
     found = tables.state(one, {str(recordings / name): failures[name] for name in long})
     assert (len(found.lines), len(found.failures), found.missing) == (COUNT - 2, 5, 0)
     spoilt.write_bytes(content)
-    monkeypatch.setattr(task, "run", real)
+    monkeypatch.setattr(run, "run", real)
     for name in ("notes.txt", *long):
         path = recordings / name
         shutil.rmtree(path) if path.is_dir() else path.unlink()

@@ -149,6 +149,9 @@ def test_a_full_disk_is_reported_with_what_is_done_and_what_to_do(
     def full(path: Path, *_: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device", str(path))
 
+    def full_but_for_the_list(path: Path, content: str) -> None:
+        (write_whole if path.name == "batch.json" else full)(path, content)
+
     def full_for_one(job: Job) -> Tracked:
         if "001" in job.log.name:
             full(job.output)
@@ -157,11 +160,12 @@ def test_a_full_disk_is_reported_with_what_is_done_and_what_to_do(
     monkeypatch.setattr("tracker.batch.workers.processes", lambda _: nullcontext(here))
     base = ["batch", "run", f"{recordings}/00[01]", "--object", "cube_v2", "-o", tmp_path, "--to", 4]
     with monkeypatch.context() as disk:
-        disk.setattr("tracker.batch.task.run", full_for_one)
-        for name in ("task.write_whole", "tables.write_whole", "tables.write_parquet"):
-            disk.setattr(f"tracker.batch.{name}", full)
+        disk.setattr("tracker.batch.run.run", full_for_one)
+        disk.setattr("tracker.batch.run.write_whole", full_but_for_the_list)
+        for name in ("write_whole", "write_parquet"):
+            disk.setattr(f"tracker.batch.tables.{name}", full)
         nothing = run_here(*base)
-        disk.setattr("tracker.batch.task.write_whole", write_whole)
+        disk.setattr("tracker.batch.run.write_whole", write_whole)
         some = run_here(*base, "-q")
     assert (nothing.returncode, some.returncode) == (2, 2)
     assert "failed      2" in nothing.stdout

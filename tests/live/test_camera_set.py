@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tracker.errors import LiveError
-from tracker.live.sources import opencv
+from tracker.live.sources import drivers
 from tracker.live.sources.cameras import CameraEnded, CameraLost, CameraSet, CameraUnfit, Grabbed, GrabFailed
 from tracker.logs.pictures import from_bayer
 
@@ -269,10 +269,10 @@ def test_opencv_opens_no_file_that_a_film_names(tmp_path):
     film = cv2.VideoWriter(str(tmp_path / "a.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 10, (64, 48))
     film.write(np.zeros((48, 64, 3), np.uint8))
     film.release()
-    opencv.OpenCvCamera(str(tmp_path / "a.avi")).close()
+    drivers.OpenCvCamera(str(tmp_path / "a.avi")).close()
     (tmp_path / "b.avi").write_text("ffconcat version 1.0\nfile 'a.avi'\n")
     with pytest.raises(LiveError, match="found no film: it starts with b'ffconcat ver'"):
-        opencv.OpenCvCamera(str(tmp_path / "b.avi"))
+        drivers.OpenCvCamera(str(tmp_path / "b.avi"))
 
 
 def test_films_are_read_by_opencv_picture_by_picture(tmp_path):
@@ -311,11 +311,11 @@ def test_a_camera_by_its_number_is_asked_for_pictures_of_the_calibrations_size(m
         def set(self, name, value):
             asked[self.number, name] = value
 
-    monkeypatch.setattr(opencv.cv2, "VideoCapture", Capture)
-    opencv.OpenCvCamera("2", (1280, 720))
+    monkeypatch.setattr(drivers.cv2, "VideoCapture", Capture)
+    drivers.OpenCvCamera("2", (1280, 720))
     assert asked[2, cv2.CAP_PROP_FRAME_WIDTH] == 1280
     assert asked[2, cv2.CAP_PROP_FRAME_HEIGHT] == 720
-    opencv.OpenCvCamera("rtsp://somewhere", (1280, 720))
+    drivers.OpenCvCamera("rtsp://somewhere", (1280, 720))
     assert ("rtsp://somewhere", cv2.CAP_PROP_FRAME_WIDTH) not in asked
 
 

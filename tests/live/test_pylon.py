@@ -23,7 +23,7 @@ if find_spec("pypylon") is None:
     lack("pylon", "pypylon is not installed")
 os.environ.setdefault("PYLON_CAMEMU", "3")
 
-from tracker.live.sources.pylon import PylonCamera, pylon_serials
+from tracker.live.sources.drivers import PylonCamera, pylon_serials
 
 SERIALS = ["0815-0000", "0815-0001", "0815-0002"]
 

@@ -18,8 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from tracker.batch.run import Batch, is_whole, read_asked
-from tracker.batch.task import Task, agreed, make_result
+from tracker.batch.run import Batch, Task, agreed, is_whole, make_result, read_asked
 from tracker.batch.workers import ONE_THREAD, alone, here
 from tracker.errors import LogError, TrackerError
 from tracker.files import write_whole

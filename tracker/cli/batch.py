@@ -128,8 +128,7 @@ def _run(batch: Batch, jobs: int | None, scheduler: str | None, as_csv: bool, qu
 
 def _submit(batch: Batch, scheduler: Any, dry_run: bool, quiet: bool) -> None:
     from tracker.batch.jobs import describe
-    from tracker.batch.run import only_run, unfinished, write_batch
-    from tracker.batch.task import agreed
+    from tracker.batch.run import agreed, only_run, unfinished, write_batch
     from tracker.recordings import Recipe
     from tracker.warm_up import warm_up
 

@@ -28,7 +28,7 @@ from tracker.cli.render import bar, listing
 from tracker.errors import TrackerError, reason
 
 if TYPE_CHECKING:
-    from tracker.batch.task import Task
+    from tracker.batch.run import Task
     from tracker.recordings import Job, Recipe
 
 CONTRADICTED = 0.02
@@ -70,7 +70,7 @@ def track(
     again. Poses of another object are not replaced without --overwrite. docs/poses.md describes the files.
     """
     from tracker.batch.results import outputs_of
-    from tracker.batch.task import Task, agreed
+    from tracker.batch.run import Task, agreed
     from tracker.recordings import Job, Recipe
 
     if len(logs) > 1 and (outputs or health):
@@ -96,7 +96,7 @@ def track(
 
 
 def _track_one(job: Job, outputs: Outputs, health: Path | None, as_json: bool, quiet: bool) -> None:
-    from tracker.batch.task import described
+    from tracker.batch.run import described
     from tracker.recordings.track import chosen, rig_for, run
 
     log, recipe = job.log, job.recipe
@@ -135,7 +135,7 @@ def _write_health_page(
 
 def _track_all(tasks: Sequence[Task], jobs: int, as_json: bool, quiet: bool) -> None:
     """Track recordings side by side; messages about them are in their order."""
-    from tracker.batch.task import track_task
+    from tracker.batch.run import track_task
     from tracker.batch.workers import engine
 
     number = {task.output: k for k, task in enumerate(tasks)}

@@ -16,6 +16,7 @@ from tracker.files import read_bounded
 from tracker.files.toml import MAX_FILE_SIZE, parse_toml
 from tracker.live.moment import ImageSource
 from tracker.live.sources.cameras import RATE, CameraSet, LiveCamera
+from tracker.live.sources.drivers import OpenCvCamera, PylonCamera, pylon_serials
 from tracker.live.sources.without_cameras import Replay, Simulation
 from tracker.pipeline import ObjectTracker
 
@@ -70,14 +71,10 @@ def open_cameras(
     sizes = [(camera.width, camera.height) for camera in rig]
     openers: list[Callable[[], LiveCamera]]
     if kind == "pylon":
-        from tracker.live.sources.pylon import PylonCamera, pylon_serials
-
         which = which or pylon_serials(rig.names)
         chosen = settings_of(settings, which)
         openers = [functools.partial(PylonCamera, serial, chosen[serial]) for serial in which]
     elif kind == "opencv" and settings is None:
-        from tracker.live.sources.opencv import OpenCvCamera
-
         openers = [
             functools.partial(OpenCvCamera, one, size) for one, size in zip(which, sizes, strict=False)
         ]
