@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.helpers import run_python
+from tests.helpers import contents, run_python
 from tests.helpers.recording_stubs import NoiseTracker, write_log
 from tracker.batch import jobs, results, run, tables
 from tracker.batch.results import output_of
@@ -49,11 +49,6 @@ def do(one: Batch) -> tuple[list[dict], int]:
         run_batch(one, lambda: nullcontext(here), results.append)
         tables.write_tables(one, tables.state(one), as_csv=True)
     return [result for result in results if result is not None], results.count(None)
-
-
-def contents(folder: Path) -> dict[str, bytes | None]:
-    paths = sorted(folder.rglob("*"))
-    return {str(path.relative_to(folder)): path.read_bytes() if path.is_file() else None for path in paths}
 
 
 def test_names_mirror_paths_and_depend_on_nothing_else(tmp_path, monkeypatch):

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from tests.helpers import ROOT
+from tests.helpers.begun import until
 from tracker.batch import workers
 from tracker.batch.workers import ONE_THREAD, WorkerError, dask_workers, engine, here, processes
 from tracker.errors import TrackerError
@@ -48,13 +49,6 @@ def alive(number: int) -> bool:
     except OSError:
         return False
     return state != "Z"
-
-
-def until(holds) -> None:
-    deadline = time.monotonic() + 60
-    while not holds():
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
 
 
 def test_who_ends_a_process_gets_another_and_only_the_task_that_does_it_always_fails(tmp_path):

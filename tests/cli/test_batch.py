@@ -6,15 +6,14 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
 
-from tests.helpers import ROOT
-from tests.helpers.begun import begin
+from tests.helpers import ROOT, contents
+from tests.helpers.begun import begin, until
 from tests.helpers.command import assert_one_line_error
 from tests.helpers.recording_stubs import write_log
 from tracker.batch.results import summary_file
@@ -25,10 +24,6 @@ from tracker.files import write_whole
 from tracker.recordings import Job, Options, Tracked, run
 
 COUNT, FRAMES = 5, 5
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 @pytest.fixture(scope="module")
@@ -52,12 +47,8 @@ def undisturbed(recordings, tmp_path_factory: pytest.TempPathFactory) -> dict[st
 def start(recordings: Path, folder: Path) -> subprocess.Popen[bytes]:
     """A run of two workers that is at work on recordings."""
     process = begin("batch", "run", f"{recordings}/*", "--object", "cube_v2", "-o", folder, "--jobs", 2)
-    deadline = time.monotonic() + 120
     # What a killed run has left is gone when there are workers.
-    while not (workers_of(process) and list(folder.rglob(".*.poses.h5.lock"))):
-        assert process.poll() is None, process.communicate()
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
+    until(lambda: workers_of(process) and list(folder.rglob(".*.poses.h5.lock")), process)
     return process
 
 
@@ -110,12 +101,8 @@ def scheduler(tmp_path) -> Iterator[str]:
         )
         for command in commands
     ]
-    deadline = time.monotonic() + 120
     try:
-        while not (address.exists() and address.read_text().rstrip().endswith("}")):
-            assert processes[0].poll() is None
-            assert time.monotonic() < deadline
-            time.sleep(0.02)
+        until(lambda: address.exists() and address.read_text().rstrip().endswith("}"), processes[0])
         yield json.loads(address.read_text())["address"]
     finally:
         # Asked to end together, each of them may wait for the other's word.

@@ -13,7 +13,6 @@ import struct
 import subprocess
 import sys
 import termios
-import time
 from pathlib import Path
 
 import cv2
@@ -24,8 +23,8 @@ import tracker
 from synthetic.camera.rigs import default_cameras
 from synthetic.camera.sensor import Sensor
 from tests.calibration.by_object.test_health import film  # noqa: F401
-from tests.helpers import ROOT, run_python
-from tests.helpers.begun import begin
+from tests.helpers import ROOT, contents, run_python
+from tests.helpers.begun import begin, until
 from tests.helpers.command import Run, assert_one_line_error
 from tests.helpers.log_writers import make_content, write_hdf5, write_picture
 from tests.helpers.pose_logs import assert_same
@@ -254,11 +253,6 @@ def test_poses_of_another_object_are_replaced_only_where_that_is_asked_for(tmp_p
     run_here(*base, "cube_v2", folder=tmp_path).check_returncode()
 
 
-def contents(folder: Path) -> dict[Path, bytes | None]:
-    """All that is in a folder."""
-    return {path: path.read_bytes() if path.is_file() else None for path in folder.rglob("*")}
-
-
 def test_of_several_recordings_the_whole_ones_are_tracked(tmp_path, run_here):
     for name in ("first", "second", "third"):
         write_log(tmp_path / name, 3)
@@ -309,11 +303,7 @@ def test_pictures_of_a_film_have_one_height():
 def start_long(logs: list[Path], output: Path, jobs: int) -> subprocess.Popen[bytes]:
     """A run that takes long enough to be ended; all its processes are at work, each on a recording."""
     process = begin("track", *logs, "--object", "cube_v2", "-o", output, "--jobs", jobs)
-    deadline = time.monotonic() + 120
-    while len(list(output.parent.rglob(".*.lock"))) < jobs:
-        assert process.poll() is None
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+    until(lambda: len(list(output.parent.rglob(".*.lock"))) == jobs, process)
     return process
 
 

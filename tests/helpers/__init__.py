@@ -37,6 +37,12 @@ def run_python(
     )
 
 
+def contents(folder: Path) -> dict[str, bytes | None]:
+    """All that is in a folder, by its path from there; None of folders."""
+    paths = sorted(folder.rglob("*"))
+    return {str(path.relative_to(folder)): path.read_bytes() if path.is_file() else None for path in paths}
+
+
 def numerical_jacobian(function: Callable[[FloatArray], Array], at: Array, step: float = 1e-6) -> FloatArray:
     """Central differences of `function` (n,) -> (...) at `at` (n,): derivatives (..., n)."""
     at = np.asarray(at, dtype=np.float64)

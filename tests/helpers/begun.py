@@ -6,6 +6,8 @@ import os
 import signal
 import subprocess
 import sys
+import time
+from collections.abc import Callable
 
 from tests.helpers import ROOT
 
@@ -22,3 +24,12 @@ def begin(*arguments: object) -> subprocess.Popen[bytes]:
         # A test run in the background hands on that Ctrl-C is ignored; a terminal's command does not.
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
+
+
+def until(holds: Callable[[], object], *processes: subprocess.Popen[bytes]) -> None:
+    """Wait until something holds, while processes go on that are to bring it about."""
+    deadline = time.monotonic() + 120
+    while not holds():
+        assert all(process.poll() is None for process in processes)
+        assert time.monotonic() < deadline
+        time.sleep(0.02)

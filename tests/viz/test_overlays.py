@@ -205,7 +205,7 @@ def test_a_written_png_is_read_back_to_the_bit(tmp_path, rng):
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("a.gif", "'.gif', expected one of .png"),
+        ("a.gif", "'.gif', expected .png or .jpg"),
         ("a", "no suffix"),
         ("nowhere/a.png", "cannot be written: there is no folder /.*nowhere"),
         ("taken.png", "cannot be written"),

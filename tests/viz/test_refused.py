@@ -47,7 +47,7 @@ def test_images_that_do_not_fit_the_rig_are_refused(images, words):
             None,
             [MASKS[0], MASKS[1][:9], None],
             None,
-            r"camera180: found a dice mask \(9, 270\)",
+            r"found a dice mask \(9, 270\)",
         ),
         (TaskError, BLACK, MASKS, [MASKS[0] / 255, None, None], None, "found type float64"),
         (TaskError, BLACK, MASKS, MASKS, [[0.0, 0.0]], "dice: found shape"),

@@ -13,7 +13,7 @@ import click
 
 import tracker
 from tracker.errors import ColorModelError, LogError, install
-from tracker.files import told_as
+from tracker.files import check_suffix, told_as
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 
@@ -63,7 +63,7 @@ class OutFile(_Output):
 
     def check(self, name: str, path: Path) -> None:
         """See _Output."""
-        check_suffix(name, path, *self.suffixes)
+        check_suffix(path, self.suffixes, name, click.UsageError)
         if path.is_dir():
             raise click.UsageError(f"{name} {path}: found a folder, expected a file")
         require_folder(name, path, made=self.new_folders)
@@ -143,13 +143,6 @@ def refuse_overwriting(
             if hit is not None:
                 raise click.UsageError(f"{hit} {files[hit]}: that is {kind}")
     _refuse_pictures(files, recordings)
-
-
-def check_suffix(name: str, path: Path, *suffixes: str) -> None:
-    """UsageError for a file whose name says that it is something else than one of these suffixes."""
-    if path.suffix.lower() not in suffixes:
-        found = f"suffix {path.suffix!r}" if path.suffix else "no suffix"
-        raise click.UsageError(f"{name} {path}: found {found}, expected {' or '.join(suffixes)}")
 
 
 def require_folder(name: str, path: Path, *, made: bool) -> None:

@@ -16,7 +16,6 @@ from tracker.cli.export import Outputs, output_options, write_tracked_film
 from tracker.cli.outputs import (
     Command,
     Recording,
-    check_suffix,
     file_option,
     output_option,
     refuse_file,
@@ -26,6 +25,7 @@ from tracker.cli.outputs import (
 )
 from tracker.cli.render import bar, listing
 from tracker.errors import TrackerError, reason
+from tracker.files import check_suffix
 
 if TYPE_CHECKING:
     from tracker.batch.run import Task
@@ -84,7 +84,7 @@ def track(
     for log, target in zip(logs, targets, strict=True):
         name = f"-o for {log}" if len(logs) > 1 else "-o"
         refuse_overwriting({name: target}, logs, (*astuple(subject), *cameras.calibration))
-        check_suffix("-o", target, ".h5", ".hdf5")
+        check_suffix(target, (".h5", ".hdf5"), "-o", click.UsageError)
         require_folder("-o", target, made=inside)
         refuse_other_poses("-o", target, None if overwrite else recipe.model.name)
     if len(logs) == 1:

@@ -8,7 +8,7 @@ import os
 import shutil
 import stat
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from io import BufferedReader
 from pathlib import Path
 
@@ -59,6 +59,13 @@ def told_of(path: str | os.PathLike[str]) -> Iterator[None]:
 def cannot_read(path: str | os.PathLike[str], error: OSError) -> LogError:
     """What the operating system says, in one line."""
     return LogError(f"{os.fspath(path)}: cannot be read: {error.strerror or error}")
+
+
+def check_suffix(path: Path, suffixes: Sequence[str], what: str, fault: type[Exception]) -> None:
+    """`fault`, which names `what`, for a file whose name says that it is of none of these kinds."""
+    if path.suffix.lower() not in suffixes:
+        found = f"suffix {path.suffix!r}" if path.suffix else "no suffix"
+        raise fault(f"{what} {path}: found {found}, expected {' or '.join(suffixes)}")
 
 
 try:

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from tracker.conventions import Array, Image
 from tracker.errors import ImageError, TrackerError, install
-from tracker.files import told_as, whole_file, write_whole
+from tracker.files import check_suffix, told_as, whole_file, write_whole
 
 if TYPE_CHECKING:
     from tracker.logs import Log
@@ -35,10 +35,8 @@ def write_image(path: str | os.PathLike[str], image: Array) -> None:
         ImageError: the suffix is not one of IMAGE_SUFFIXES, or the file cannot be written.
     """
     target = Path(path)
+    check_suffix(target, IMAGE_SUFFIXES, "image", ImageError)
     suffix = target.suffix.lower()
-    if suffix not in IMAGE_SUFFIXES:
-        found = f"suffix {target.suffix!r}" if target.suffix else "no suffix"
-        raise ImageError(f"image {target}: found {found}, expected one of {', '.join(IMAGE_SUFFIXES)}")
     options = [cv2.IMWRITE_PNG_COMPRESSION, 5] if suffix == ".png" else [cv2.IMWRITE_JPEG_QUALITY, 95]
     content = cv2.imencode(suffix, image, options)[1].tobytes()
     with told_as(ImageError, f"image {target}"):
@@ -63,8 +61,7 @@ def write_film(path: str | os.PathLike[str], pictures: Iterable[Image], rate: fl
         TrackerError: the optional package `av` is missing.
     """
     target = Path(path)
-    if target.suffix.lower() != ".mp4":
-        raise ImageError(f"film {target}: found suffix {target.suffix!r}, expected .mp4")
+    check_suffix(target, (".mp4",), "film", ImageError)
     try:
         import av
     except ImportError as error:

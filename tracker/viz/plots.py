@@ -16,7 +16,7 @@ import numpy as np
 
 from tracker.conventions import Array, FloatArray
 from tracker.errors import ImageError, TrackerError, install
-from tracker.files import told_as, write_whole
+from tracker.files import check_suffix, told_as, write_whole
 from tracker.objects.labels import COLOR_NAMES, DISPLAY_COLORS_BGR
 from tracker.viz import paint
 
@@ -65,8 +65,7 @@ def figure(size: tuple[float, float]) -> Iterator[Figure]:
 def figure_file(path: str | os.PathLike[str], size: tuple[float, float]) -> Iterator[Figure]:
     """As `figure`; at the end of the `with` block it is written as a PNG picture, whole or not at all."""
     target = Path(path)
-    if target.suffix.lower() != ".png":
-        raise ImageError(f"plot {target}: found suffix {target.suffix!r}, expected .png")
+    check_suffix(target, (".png",), "plot", ImageError)
     with figure(size) as drawn:
         yield drawn
         content = png(drawn)

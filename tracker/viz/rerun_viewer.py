@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from tracker.calibration.rig import CameraRig
 from tracker.errors import ImageError, TrackerError, install
-from tracker.files import whole_file
+from tracker.files import check_suffix, whole_file
 from tracker.objects.model import CuboidModel
 from tracker.processes import environment, python_command
 
@@ -62,8 +62,8 @@ def open_scene(path: str | os.PathLike[str] | None, rig: CameraRig, model: Cuboi
         TrackerError: the optional package `rerun-sdk` is missing, or the viewer cannot be opened.
     """
     target = None if path is None else Path(path)
-    if target is not None and target.suffix.lower() != ".rrd":
-        raise ImageError(f"view {target}: found suffix {target.suffix!r}, expected .rrd")
+    if target is not None:
+        check_suffix(target, (".rrd",), "view", ImageError)
     require_rerun()
     # Errors are raised, and need not be on stderr in Rerun's own words, too.
     with environment({"RUST_LOG": os.environ.get("RUST_LOG", "off")}):

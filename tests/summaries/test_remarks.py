@@ -1,4 +1,4 @@
-"""Pictures given to the wrong cameras are not taken for pictures that are wrong."""
+"""Pictures given to the wrong cameras are not taken for wrong pictures; objects off their table are named."""
 
 from __future__ import annotations
 
@@ -15,9 +15,19 @@ import tracker
 from synthetic.camera.sensor import Sensor
 from tests.helpers import ROOT, look_at
 from tests.helpers.stills import bare_scene, take
+from tracker.geometry import so3
+from tracker.objects.model import load_object
+from tracker.pose.result import PoseEstimate
 from tracker.recordings.recipe import Job, Options, Recipe
 from tracker.recordings.track import run
-from tracker.summaries.remarks import lastingly_swapped, likely_cause, mistaken, swap_message, swapped
+from tracker.summaries.remarks import (
+    lastingly_swapped,
+    likely_cause,
+    mistaken,
+    off_table,
+    swap_message,
+    swapped,
+)
 from tracker.summaries.row import row
 
 DEMO = ROOT / "tracker" / "demo"
@@ -124,3 +134,53 @@ def test_the_warning_names_the_cameras():
         "the images of camera60, camera180 and camera300 look swapped: camera300's fits as that of camera60, "
         "camera60's fits as that of camera180, camera180's fits as that of camera300"
     )
+
+
+MODEL = load_object("cube_v2")
+ARENA = tracker.Arena(table=0.01)
+
+
+def resting(height: float, std: float = 2e-4, tilt: float = 0.0, confidence: float = 0.95) -> PoseEstimate:
+    """A cube on a face, its centre `height` [m] too high, turned by `tilt` [rad]."""
+    rotation = so3.exp([tilt, 0.0, 0.0]) @ so3.exp([0.0, 0.0, 0.7]) @ so3.exp([np.pi / 2, 0.0, 0.0])
+    position = np.array([0.05, -0.02, 0.01 + MODEL.size[2] / 2 + height])
+    return PoseEstimate(position, so3.quaternion_from_matrix(rotation), np.eye(6) * std**2, confidence)
+
+
+@pytest.mark.parametrize(
+    ("height", "std", "words"),
+    [
+        (4.2e-3, 2e-4, "cube_v2 floats 4.2 mm above the table (± 0.2 mm)"),
+        (-3.1e-3, 1e-3, "cube_v2 sinks 3.1 mm into the table (± 1.0 mm)"),
+        (4.2e-3, 2.2e-3, None),
+        (-2.8e-3, 1e-4, None),
+        (0.0, 1e-4, None),
+        (0.03, 1e-3, None),
+    ],
+)
+def test_an_object_off_the_table_by_two_deviations_is_named_with_the_remedy(height, std, words):
+    found = off_table(resting(height, std), MODEL, ARENA)
+    assert (found is None) == (words is None)
+    if words is not None:
+        assert found.startswith(words)
+        assert "`tracker calibrate table RECORDING -o DIR`" in found
+
+
+def test_nothing_is_named_unless_it_seems_to_rest():
+    high = resting(5e-3)
+    assert off_table(high, MODEL, ARENA)
+    assert off_table(resting(5e-3, tilt=0.1), MODEL, ARENA) is None
+    assert off_table(resting(5e-3, confidence=0.4), MODEL, ARENA) is None
+    assert off_table(None, MODEL, ARENA) is None
+    assert off_table(high, MODEL, dataclasses.replace(ARENA, table=None)) is None
+    assert off_table(high, MODEL, dataclasses.replace(ARENA, table_std=(1e-3, 0.0))) is None
+
+
+def test_a_table_that_is_not_at_the_height_of_the_world_is_named_by_detect(run_here, tmp_path):
+    arena = tmp_path / "calibration"
+    rig = tracker.CameraRig.load(ROOT / "tracker" / "demo")
+    dataclasses.replace(rig, arena=tracker.Arena(table=-0.004)).save(arena)
+    given = ["detect", "--object", "cube_v2", ROOT / "tracker" / "demo"]
+    assert run_here(*given).stderr == ""
+    (line,) = run_here(*given, "--calibration", arena).stderr.splitlines()
+    assert line.startswith("tracker: warning: cube_v2 floats 3.9 mm above the table")
