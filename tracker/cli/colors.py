@@ -1,21 +1,193 @@
-"""`tracker colors`: fit a colour model to hand-labelled images, and measure one."""
+"""`tracker colors`: colours learned from recordings, or from hand-labelled images, and measured."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 import tracker
-from tracker.cli import learn, options
+from tracker.cli import options
 from tracker.cli.outputs import Command, InFile, OutFile, Recording, file_option, save_colors
 from tracker.cli.pictures import silent_libraries
-from tracker.errors import ImageError
+from tracker.cli.render import listing, table
+from tracker.errors import ColorModelError, ImageError
 
 if TYPE_CHECKING:
+    from tracker.color_learning.adapt import Adapted
+    from tracker.color_learning.frames import Frames
     from tracker.segmentation.labelled import LabelledImage
+
+
+@click.group(no_args_is_help=False, short_help="Fit, learn and check the colours of objects.")
+def colors() -> None:
+    """Fit a colour model to labelled images, and measure one.
+
+    A FOLDER of labelled images holds NN_image.png with one mask for each colour that it shows,
+    NN_mask_red.png, NN_mask_green.png and so on; or cameraNN.png with rNN.png, gNN.png, bNN.png, cNN.png,
+    mNN.png, yNN.png. A mask's pixel counts where it is not black.
+    """
+
+
+@dataclass(frozen=True)
+class Lesson:
+    """What colours are learned from, and how."""
+
+    recordings: tuple[Path, ...]
+    output: Path
+    """The colour model's file."""
+    cameras: options.Cameras
+    frames: int
+    """That are looked at, about."""
+    rounds: int
+    seed: int
+    recover: bool
+    quiet: bool
+
+    def footage(self) -> list[Frames]:
+        """Frames of the recordings; TrackerError where they cannot be read, or are too few."""
+        from tracker.color_learning.frames import LEAST, frames_of, shares
+
+        lengths = []
+        for path in self.recordings:
+            with tracker.open_log(path, recover=self.recover) as log:
+                lengths.append(len(log))
+        result = []
+        for path, count in zip(self.recordings, shares(lengths, self.frames), strict=True):
+            with tracker.open_log(path, recover=self.recover) as log:
+                result.append(frames_of(log, self.cameras.rig_of(path, log), count))
+        found = sum(len(one.learned) + len(one.held_out) for one in result)
+        if found < LEAST:
+            raise ColorModelError(f"recordings: found {found} frames with images, expected at least {LEAST}")
+        return result
+
+    def learn(self, model: tracker.CuboidModel, footage: list[Frames], start: tracker.ColorModel) -> None:
+        """Write what the frames teach; prints a line per round."""
+        from tracker.color_learning.adapt import adapt as learn_colors
+        from tracker.segmentation.fit import FitOptions
+
+        say: Callable[[str], None] = (lambda _: None) if self.quiet else click.echo
+        draws, name = FitOptions(seed=self.seed), self.output.stem
+        learned = learn_colors(model, footage, start, draws, name=name, rounds=self.rounds, say=say)
+        save_colors(learned.colors, self.output)
+        if not self.quiet:
+            click.echo(_learned(learned, self.output))
+
+
+lesson_options = options.gathered(
+    "lesson",
+    Lesson,
+    click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...", type=Recording()),
+    file_option("-o", ".npz", required=True, help="Colour model (.npz)."),
+    options.cameras,
+    options.whole(
+        "--frames",
+        "Frames that are looked at, spread evenly; half of them only judge.",
+        default=80,
+        least=10,
+        most=2000,
+    ),
+    options.whole("--rounds", "Most turns.", default=8, most=50),
+    options.seed,
+    options.recover,
+    options.quiet(),
+)
+
+
+@colors.command(cls=Command)
+@lesson_options
+@options.object_name()
+@options.colors("the one of these that explains most, to begin with")
+def adapt(lesson: Lesson, object_name: str, colors_name: str | None) -> None:
+    """Fit a colour model to RECORDINGs of a known object, without labels.
+
+    Where poses are sure, they say what is a face. The colours fitted to that find more poses, round by
+    round; frames that did not teach decide whether they are better. If they are not, nothing is written,
+    and the exit code is 1.
+
+    Then give the file to `--colors` of other commands, or name it in the object's TOML file.
+    """
+    from tracker.color_learning.models import nearest
+
+    model = tracker.load_object(object_name)
+    start = tracker.load_colors(colors_name) if colors_name is not None else None
+    footage = lesson.footage()
+    lesson.learn(model, footage, start or nearest(model, footage))
+
+
+@colors.command(cls=Command)
+@lesson_options
+@click.option(
+    "--size", metavar="X,Y,Z", type=options.Vector(3), help="Edge lengths along the object's axes [m]."
+)
+@click.option("--faces", metavar="+X=COLOUR,...", help="Colour of each face, e.g. +x=red,-x=magenta,...")
+@click.option(
+    "--object",
+    "object_name",
+    metavar="FILE",
+    type=InFile(str),
+    help="The object's TOML file, if there is one.",
+)
+def new(
+    lesson: Lesson,
+    size: tuple[float, float, float] | None,
+    faces: str | None,
+    object_name: str | None,
+) -> None:
+    """Fit a colour model to RECORDINGs of a new object, of which only size and names of colours are known.
+
+    It begins with the hues that the names promise, and goes on as `adapt` does. Beside the colour model
+    it writes the object's TOML file, unless --object gives one; its path then stands wherever an object's
+    name does.
+    """
+    from tracker.color_learning.models import from_names
+    from tracker.files import write_whole
+    from tracker.objects.model import to_toml
+
+    description = lesson.output.with_suffix(".toml")
+    if object_name is not None and (size is not None or faces is not None):
+        raise click.UsageError("found --object with --size or --faces, expected one or the other")
+    if object_name is None and description.exists():
+        raise click.UsageError(f"{description}: found already, and not to be overwritten; expected --object")
+    known = None if object_name is None else tracker.load_object(object_name)
+    model = known or described(lesson.output, size, faces)
+    lesson.learn(model, lesson.footage(), from_names(lesson.seed))
+    if object_name is None:
+        write_whole(description, to_toml(model))
+        if not lesson.quiet:
+            click.echo(f"object   {description}")
+
+
+def described(
+    output: Path, size: tuple[float, float, float] | None, faces: str | None
+) -> tracker.CuboidModel:
+    """The object of the options --size and --faces, with the name and the colours of the output."""
+    import numpy as np
+
+    from tracker.objects.model import face_labels_of
+
+    if size is None or faces is None:
+        raise click.UsageError("expected --size and --faces, or --object")
+    pairs = [part.strip().partition("=") for part in faces.split(",")]
+    doubled = sorted({face for face, _, _ in pairs if sum(face == other for other, _, _ in pairs) > 1})
+    if doubled:
+        raise click.UsageError(f"--faces: {doubled[0]} is given twice, expected each face once")
+    labels = face_labels_of({face: color for face, _, color in pairs})
+    return tracker.CuboidModel(output.stem, np.array(size), labels, output.name)
+
+
+def _learned(learned: Adapted, output: Path) -> str:
+    """What the colour model is made of."""
+    kinds = table([["pixels that taught", *learned.pixels], ["", *map(str, learned.pixels.values())]])
+    unseen = [color for color, count in learned.pixels.items() if not count]
+    judged = f"{learned.before} of {learned.before.frames} frames that did not teach"
+    summary = listing([["before", judged], ["after", str(learned.after)], ["colours", str(output)]])
+    kept = [f"{color} was hardly seen: it stays as it was before" for color in unseen]
+    return "\n".join(["", kinds, *kept, "", summary])
+
 
 _folders = click.argument("folders", nargs=-1, required=True, metavar="FOLDER...", type=Recording(str))
 _others = click.option(
@@ -30,20 +202,6 @@ _rendered = click.option(
     is_flag=True,
     help="The images come from a renderer with one light: take their colours as they are.",
 )
-
-
-@click.group(no_args_is_help=False, short_help="Fit, learn and check the colours of objects.")
-def colors() -> None:
-    """Fit a colour model to labelled images, and measure one.
-
-    A FOLDER of labelled images holds NN_image.png with one mask for each colour that it shows,
-    NN_mask_red.png, NN_mask_green.png and so on; or cameraNN.png with rNN.png, gNN.png, bNN.png, cNN.png,
-    mNN.png, yNN.png. A mask's pixel counts where it is not black.
-    """
-
-
-colors.add_command(learn.adapt)
-colors.add_command(learn.new)
 
 
 @colors.command(cls=Command)
