@@ -6,6 +6,7 @@ import contextlib
 import functools
 import os
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -90,8 +91,6 @@ def live(
     --check tracks nothing: it tells of missing and late pictures, brightness, clipping and blur, and exits
     with 1 where anything is wrong.
     """
-    from tracker.live import Live
-
     kind = source.partition(":")[0]
     _refuse_what_does_nothing(
         kind, source, {"--rate": rate, "--settings": settings, "--speed": speed}, cameras
@@ -107,29 +106,44 @@ def live(
             _draw(given, quiet)
             check_cameras(given, rig, seconds)
         return
-    statistics = Statistics()
     make_tracker = functools.partial(tracker.ObjectTracker, model, rig, colors)
+    _track(source, given, make_tracker, requested, seconds, quiet)
+
+
+def _track(
+    name: str,
+    given: ImageSource,
+    make_tracker: Callable[[], tracker.ObjectTracker],
+    requested: Requested,
+    seconds: float | None,
+    quiet: bool,
+) -> None:
+    """Follow the source of a name to its end, or that of the time, or a signal."""
+    from tracker.live import Live
+
+    statistics = Statistics()
     with contextlib.ExitStack() as stack:
         unused = stack.enter_context(contextlib.ExitStack())
         unused.callback(given.close)
-        outputs = LiveOutputs(requested, given, make_tracker(), stack)
+        finder = make_tracker()
+        outputs = LiveOutputs(requested, given, finder, stack)
         _draw(given, quiet)
         listeners = [statistics.hear, *outputs.listeners]
         follower = stack.enter_context(Live(given, make_tracker(), listeners=listeners))
         unused.pop_all()  # it is closed by Live from here on
         outputs.know(follower)
         statistics.begin()
-        lookout = Lookout(make_tracker, rig.names)
+        lookout = Lookout(make_tracker, finder.rig.names)
         stopped = _follow(follower, seconds, outputs, lookout, None if quiet else statistics)
     outputs.tell()
     error = follower.error
     if error is not None:
-        raise LiveError(f"{source}: {error}") from error
+        raise LiveError(f"{name}: {error}") from error
     if not (quiet or isinstance(stopped, Ended)):
         left_out = getattr(given, "skipped", 0)
         click.echo(statistics.summary(left_out, [*follower.faults, *outputs.faults()], outputs.recorder))
     if statistics.only_faults:
-        raise LiveError(f"{source}: no camera ever gave an image")
+        raise LiveError(f"{name}: no camera ever gave an image")
     if outputs.recorder is not None and outputs.recorder.fault is not None:
         raise click.exceptions.Exit(2)
     if stopped is not None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import astuple
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -63,63 +64,44 @@ def view(
     """
     from tracker.logs.cameras import fitted_to
     from tracker.poses.file import is_poses_file
-    from tracker.recordings.track import answers
-    from tracker.viz.rerun_viewer import require_rerun
+    from tracker.viz.rerun_viewer import open_scene, require_rerun
 
     require_rerun()
     target = _target(source, output)
-    if is_poses_file(source):
-        if any(astuple(cameras)):
-            raise click.UsageError(f"{source}: the calibration is in this file of poses, expected no other")
-        if colors_name is not None:
-            raise click.UsageError(f"--colors {colors_name}: {source} holds poses, nothing is tracked")
-        poses = tracker.read_poses(source)
-        model = _model_of(poses, object_name)
-        chosen = part.of(source, int(poses.index[-1]) + 1 if len(poses) else 0)[::every]
-        rows = [row for row, index in enumerate(poses.index.tolist()) if index in chosen]
-        if log is None:
-            alone: _Frames = (
-                (int(poses.index[row]), float(poses.timestamp[row]), observation(poses, row), (), None)
-                for row in rows
-            )
-            _show(source, target, poses.about.rig, model, alone, len(rows), quiet)
-            return
-        with tracker.open_log(log, recover=part.recover) as opened:
-            rig = fitted_to(log, opened, poses.about.rig)
-            frames = _with_images(log, opened, rig, model, poses, rows, every)
-            _show(source, target, rig, model, frames, len(rows), quiet)
-        return
-    if log is not None:
-        raise click.UsageError(f"--log {log}: {source} is no file of poses, whose recording that could be")
-    with tracker.open_log(source, recover=part.recover) as opened:
-        if object_name is None:
-            raise click.UsageError(f"{source}: expected --object, to track this recording")
-        model, colors = options.Subject(object_name, colors_name).load()
-        rig = cameras.rig_of(source, opened)
-        chosen = part.of(source, len(opened))[::every]
-        finder = tracker.ObjectTracker(model, rig, colors)
-        frames = (
-            (frame.index, frame.timestamp, answer, frame.images, _health(finder, frame.images, answer))
-            for frame, answer in answers(source, opened[part.first : part.last], finder)
-            if frame.index in chosen  # the others are tracked, too
-        )
-        _show(source, target, rig, model, frames, len(chosen), quiet)
-
-
-def _show(
-    source: Path,
-    target: Path | None,
-    rig: tracker.CameraRig,
-    model: tracker.CuboidModel,
-    frames: _Frames,
-    count: int,
-    quiet: bool,
-) -> None:
-    from tracker.viz.rerun_viewer import open_scene
-
-    with open_scene(target, rig, model) as scene, bar(source.name, count, quiet) as progress:
-        for frame in frames:
-            scene.show(*frame)
+    frames: _Frames
+    with ExitStack() as stack:
+        if is_poses_file(source):
+            if any(astuple(cameras)):
+                raise click.UsageError(f"{source}: the calibration is in this file of poses, expected none")
+            if colors_name is not None:
+                raise click.UsageError(f"--colors {colors_name}: {source} holds poses, nothing is tracked")
+            poses = tracker.read_poses(source)
+            model, rig = _model_of(poses, object_name), poses.about.rig
+            chosen = part.of(source, int(poses.index[-1]) + 1 if len(poses) else 0)[::every]
+            rows = [row for row, index in enumerate(poses.index.tolist()) if index in chosen]
+            count = len(rows)
+            if log is None:
+                index, stamp = poses.index.tolist(), poses.timestamp.tolist()
+                frames = ((index[row], stamp[row], observation(poses, row), (), None) for row in rows)
+            else:
+                opened = stack.enter_context(tracker.open_log(log, recover=part.recover))
+                rig = fitted_to(log, opened, rig)
+                frames = _with_images(log, opened, rig, model, poses, rows, every)
+        else:
+            if log is not None:
+                raise click.UsageError(f"--log {log}: {source} is no file of poses, expected those of it")
+            opened = stack.enter_context(tracker.open_log(source, recover=part.recover))
+            if object_name is None:
+                raise click.UsageError(f"{source}: expected --object, to track this recording")
+            model, colors = options.Subject(object_name, colors_name).load()
+            rig = cameras.rig_of(source, opened)
+            chosen = part.of(source, len(opened))[::every]
+            count, finder = len(chosen), tracker.ObjectTracker(model, rig, colors)
+            frames = _tracked(source, opened[part.first : part.last], finder, chosen)
+        scene = stack.enter_context(open_scene(target, rig, model))
+        progress = stack.enter_context(bar(source.name, count, quiet))
+        for shown in frames:
+            scene.show(*shown)
             progress(1)
     if target is not None and not quiet:
         click.echo(f"wrote {target}; rerun {target} shows it")
@@ -144,6 +126,15 @@ def _model_of(poses: tracker.Poses, object_name: str | None) -> tracker.CuboidMo
             f"--object: found {model.name}, expected {poses.about.object_name}, whose poses these are"
         )
     return model
+
+
+def _tracked(path: Path, log: tracker.Log, finder: tracker.ObjectTracker, chosen: range) -> _Frames:
+    """The chosen frames with what is found; the others are tracked, too."""
+    from tracker.recordings.track import answers
+
+    for frame, answer in answers(path, log, finder):
+        if frame.index in chosen:
+            yield frame.index, frame.timestamp, answer, frame.images, _health(finder, frame.images, answer)
 
 
 def _with_images(
