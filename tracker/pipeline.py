@@ -23,6 +23,7 @@ from tracker.inputs import (
 )
 from tracker.objects.box import Box
 from tracker.objects.model import CuboidModel
+from tracker.pose.agreement import contradict
 from tracker.pose.estimate import PoseEstimator
 from tracker.pose.fit import Fit
 from tracker.pose.result import CameraUse, Forecast, Observation, Status
@@ -93,7 +94,8 @@ class ObjectTracker:
         if isinstance(fit, Status):
             return Observation(None, None, fit, timing, cameras=uses)
         pose = measured(fit, size=self.model.size)
-        return Observation(pose, None, Status.FOUND, timing, cameras=after(uses, fit))
+        reason = Status.CALIBRATION_DOUBTFUL if contradict(fit.disagreement) else None
+        return Observation(pose, None, Status.FOUND, timing, reason, after(uses, fit))
 
     def reset(self) -> None:
         """Forget what `update` remembers: the next images are the first of another recording.

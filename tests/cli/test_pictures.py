@@ -199,3 +199,15 @@ def test_twelve_bits_in_sixteen_are_named_and_not_taken_for_black(detect, tmp_pa
     images = [cv2.imread(str(tmp_path / f"{name}.png"), cv2.IMREAD_UNCHANGED) for name in NAMES]
     with pytest.raises(tracker.TrackerError, match=r"uint8 is needed: \(image >> 4\)"):
         tracker.ObjectTracker("cube_v2", DEMO).detect(images)
+
+
+def test_cameras_that_contradict_each_other_get_a_warning_beside_the_pose(detect, tmp_path):
+    rig = tracker.CameraRig.load(DEMO)
+    moved = rig[0].camera_from_world.copy()
+    moved[:3, 3] += [8e-3, 0.0, 0.0]
+    first = dataclasses.replace(rig[0], camera_from_world=moved)
+    tracker.CameraRig((first, *rig.cameras[1:])).save(tmp_path / "moved")
+    result, found = detect("--calibration", tmp_path / "moved", *files(PHOTOS, *NAMES))
+    assert found["pose"] is not None
+    assert "tracker calibrate check" in result.stderr
+    assert detect("--calibration", DEMO, *files(PHOTOS, *NAMES))[0].stderr == ""

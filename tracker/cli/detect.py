@@ -42,12 +42,13 @@ def detect(
 
     Without a sure pose, a warning names the likely cause: pictures in another order than the cameras, red
     and blue swapped, another object, bad exposure, blur. Pictures are used in the order given. A warning
-    also says if the object seems to float above the table or to sink into it.
+    also says if the cameras contradict each other, and if the object seems to float above the table or to
+    sink into it.
 
     If the object is not found, there is no pose and the status says why. The exit code is 0 also then;
     with --exit-code it is 1.
     """
-    from tracker.summaries.remarks import likely_cause, off_table
+    from tracker.summaries.remarks import DOUBTFUL, likely_cause, off_table
 
     model, colors = subject.load()
     rig, pictures = one_set(images, cameras, frame)
@@ -55,6 +56,8 @@ def detect(
     finder.detect(pictures)  # loads the compiled code: the times printed are those of a running tracker
     observation = finder.detect(pictures)
     warning = likely_cause(finder, pictures, observation)
+    if warning is None and observation.reason is tracker.Status.CALIBRATION_DOUBTFUL:
+        warning = DOUBTFUL
     warning = warning or off_table(observation.object_pose, model, rig.arena)
     if overlay is not None:
         picture = tracker.viz.overlay(pictures, rig, model, observation, note=warning or "")

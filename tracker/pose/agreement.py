@@ -37,6 +37,10 @@ OTHERS = 2e-3
 """Standard deviation [m] from which on errors are not those of a camera that moved, but of another
 platform's calibration, whose world is elsewhere, too."""
 
+CONTRADICTION = 2e-3
+"""Size of the cameras' errors [m] from which they contradict each other: each sees an object 3 mm or more off
+where others have it. The recorded platforms' own calibrations stay below 1 mm."""
+
 NEAR = 5e-3
 """Distance from the truth that a confidence promises [m]."""
 
@@ -132,6 +136,11 @@ def probabilities(likelihoods: FloatArray) -> FloatArray:
 def size(likelihoods: FloatArray) -> float:
     """By how much the cameras disagree: the expected SCALES [m], as their logarithms have it."""
     return float(np.exp(probabilities(likelihoods) @ np.log(SCALES)))
+
+
+def contradict(likelihoods: FloatArray | None) -> bool:
+    """Whether cameras disagree so much that their calibration is doubtful; None: they were not asked."""
+    return likelihoods is not None and size(likelihoods) > CONTRADICTION
 
 
 def _within(std: FloatArray) -> FloatArray:

@@ -47,6 +47,12 @@ _MEASURED = 0.8
 """Share of the frames with a measured pose below which a recording is looked at again."""
 
 
+DOUBTFUL = (
+    "the cameras contradict each other: the calibration may be of other cameras, or one was moved; "
+    "see tracker calibrate check"
+)
+
+
 def swapped(
     tracker: ObjectTracker, images: Sequence[Image | None], answer: Observation | None = None
 ) -> tuple[int, ...] | None:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tracker.conventions import Array, FloatArray, Image
-from tracker.pose.agreement import probably_fits, size
+from tracker.pose.agreement import contradict, probably_fits
 from tracker.pose.fit import Fit
 from tracker.pose.judge import contradicting, fits
 from tracker.pose.result import CameraUse
@@ -33,10 +33,6 @@ SHARE = 0.2
 
 LOOKS = 5
 """Looks that a lasting contradiction takes."""
-
-CONTRADICTION = 2e-3
-"""Size of the cameras' errors [m] from which they contradict each other: each sees an object 3 mm or more off
-where others have it. The recorded platforms' own calibrations stay below 1 mm."""
 
 STILL = 0.005, math.radians(5)
 """Speeds up to which an object is still [m/s, rad/s]: cameras that are grabbed one after the other see one
@@ -142,9 +138,7 @@ class Agreement(NamedTuple):
     @property
     def contradicts(self) -> bool:
         """Whether the cameras contradict each other lastingly: the calibration is of others."""
-        if self.disagreement is None or self.looks < LOOKS:
-            return False
-        return size(self.disagreement) > CONTRADICTION
+        return self.looks >= LOOKS and contradict(self.disagreement)
 
 
 def still(state: MotionState) -> bool:
