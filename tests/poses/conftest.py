@@ -4,6 +4,7 @@ import pytest
 
 from tests.helpers.pose_logs import random_poses
 from tracker.poses.file import write_poses
+from tracker.poses.poses import concatenate
 
 
 @pytest.fixture
@@ -14,5 +15,7 @@ def path(tmp_path):
 @pytest.fixture
 def written(path, rng):
     """A file of five frames that have all poses but those of frame 2."""
-    write_poses(path, random_poses(rng, 5, share=1, gap=2))
+    poses = random_poses(rng, 5, share=1)
+    gap = random_poses(rng, 1, share=0, first=2)
+    write_poses(path, concatenate([poses[:2], gap, poses[3:]]))
     return path

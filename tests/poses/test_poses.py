@@ -1,4 +1,4 @@
-"""Poses of a recording: built frame by frame, compared with recorded ones."""
+"""Poses of a recording: built frame by frame, joined, compared with recorded ones."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from tests.helpers import make_camera
 from tests.helpers.pose_logs import (
     answer,
     arrays_of,
@@ -17,12 +18,19 @@ from tests.helpers.pose_logs import (
     random_pose,
     random_poses,
 )
+from tracker.calibration.rig import CameraRig
 from tracker.errors import LogError
 from tracker.geometry import so3
 from tracker.pose.result import CameraUse, Observation, PoseEstimate, Status
 from tracker.poses.columns import FilteredColumns, MeasuredColumns, PoseColumns
 from tracker.poses.file import PosesBuilder
-from tracker.poses.poses import Poses, compare
+from tracker.poses.poses import Poses, compare, concatenate
+
+
+def test_parts_joined_are_the_whole(rng):
+    whole = random_poses(rng, 20)
+    assert_same(concatenate([whole[:7], whole[7:7], whole[7:]]), whole)
+    assert_same(concatenate([whole]), whole)
 
 
 def test_slices_and_masks_keep_rows_together(rng):
@@ -34,9 +42,29 @@ def test_slices_and_masks_keep_rows_together(rng):
     assert_same(poses[::3], poses[np.arange(0, 12, 3)])
 
 
+def test_parts_that_lack_something_join_those_with_it(rng):
+    first = random_poses(rng, 3, recorded=False, cameras=False)
+    second = random_poses(rng, 4, share=1, first=3)
+    second = dataclasses.replace(second, about=make_about(source="b.dat"))
+    joined = concatenate([first, second])
+    assert joined.recorded.has_pose.tolist() == [False] * 3 + [True] * 4
+    assert (joined.cameras[:3] == "").all()
+    assert joined.cameras[3:].tolist() == second.cameras.tolist()
+    assert joined.about.source == "a.dat, b.dat"
+    alone = concatenate([first])
+    assert alone.recorded is alone.cameras is None
+
+
+OTHER = CameraRig((make_camera(60), make_camera(180), make_camera(301, "camera300")))
+
+
 @pytest.mark.parametrize(
     ("make", "message"),
     [
+        (lambda poses: concatenate([poses, of(poses, object_name="cuboid_2x2x8_v2")]), "part 1: found"),
+        (lambda poses: concatenate([poses, of(poses, rig=OTHER)]), "part 1: found"),
+        (lambda poses: concatenate([poses, poses]), "row 3: found 0, expected frame numbers"),
+        (lambda poses: concatenate([]), "at least one"),
         (lambda poses: poses.columns("guessed"), "expected one of measured, filtered, recorded"),
         (lambda poses: poses.columns("recorded"), r"a\.dat: found no recorded poses"),
         (compare, "no recorded poses"),
@@ -46,7 +74,7 @@ def test_slices_and_masks_keep_rows_together(rng):
         ],
     ],
 )
-def test_what_poses_do_not_have_is_refused(make, message, rng):
+def test_what_poses_do_not_have_or_what_does_not_belong_together_is_refused(make, message, rng):
     with pytest.raises(LogError, match=message):
         make(random_poses(rng, 3, recorded=False))
 

@@ -5,6 +5,7 @@ Rows of frames without a pose are NaN throughout, so that no stale pose can be t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, TypeVar
 
@@ -79,6 +80,12 @@ class PoseColumns:
         """`count` frames without a pose."""
         rows = {name: np.full((count, *shape), np.nan) for name, shape in cls.ROW_SHAPES.items()}
         return cls(has_pose=np.zeros(count, np.bool_), **rows)
+
+    @classmethod
+    def joined(cls: type[Columns], parts: Sequence[Columns]) -> Columns:
+        """The frames of all parts, one after the other; there is at least one part."""
+        arrays = [part.arrays() for part in parts]
+        return cls(**{name: np.concatenate([part[name] for part in arrays]) for name in arrays[0]})
 
     def _check_rows(self, name: str, column: FloatArray) -> None:
         rows = column.reshape(len(column), int(np.prod(column.shape[1:])))

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from importlib import import_module
 from typing import Any, Literal
 
 import numpy as np
 
 from tracker.calibration.rig import CameraRig
-from tracker.checks import described, float_array, freeze, of_kind
+from tracker.checks import described, float_array, of_kind
 from tracker.conventions import Array, FloatArray
 from tracker.errors import LogError, TrackerError
 from tracker.geometry import cuboid, so3
@@ -85,6 +86,18 @@ class About:
                     f"{name}: found {ascii(value)[:80]}, expected Unicode text without null characters"
                 )
 
+    def agrees_with(self, other: About) -> bool:
+        """Whether object and cameras are the same, to the bit."""
+        return (
+            self.object_name == other.object_name
+            and self.rig.names == other.rig.names
+            and all(
+                np.array_equal(getattr(first, field.name), getattr(second, field.name))
+                for first, second in zip(self.rig, other.rig, strict=True)
+                for field in fields(first)
+            )
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class Poses:
@@ -118,7 +131,7 @@ class Poses:
         index = np.array(self.index)
         if index.ndim != 1 or (index.size and index.dtype.kind not in "iu"):
             raise LogError(f"index: found {described(index)}, expected whole numbers of shape (n,)")
-        freeze(self, "index", index.astype(np.int64))
+        _freeze(self, "index", index.astype(np.int64))
         count = len(index)
         bad = np.diff(self.index, prepend=-1) <= 0
         refuse("index", bad, self.index, "frame numbers from 0 on that increase")
@@ -126,9 +139,9 @@ class Poses:
         object.__setattr__(self, "timestamp", times)
         bad = ~(np.abs(self.timestamp) <= LATEST)
         refuse("timestamp", bad, self.timestamp, f"a time in seconds, up to {LATEST:g}")
-        freeze(self, "status", _texts("status", self.status, (count,)))
+        _freeze(self, "status", _texts("status", self.status, (count,)))
         if self.cameras is not None:
-            freeze(self, "cameras", _texts("cameras", self.cameras, (count, len(self.about.rig))))
+            _freeze(self, "cameras", _texts("cameras", self.cameras, (count, len(self.about.rig))))
         for kind, columns_type in KINDS.items():
             columns: object = getattr(self, kind)
             if kind == "recorded" and columns is None:
@@ -170,8 +183,7 @@ class Poses:
         recorded = PoseColumns.nothing(len(self)) if self.recorded is None else self.recorded
         filtered = [*_numbers(self.filtered), self.filtered.velocity, _std(self.filtered.velocity_covariance)]
         numbers = np.concatenate([*_numbers(self.measured), *filtered, *_numbers(recorded)], axis=1)
-        uses = [[""]] * len(self) if self.cameras is None else self.cameras.tolist()
-        cells = [CAMERA_SEPARATOR.join(one) if any(one) else "" for one in uses]
+        cells = [CAMERA_SEPARATOR.join(uses) if any(uses) else "" for uses in _cameras(self).tolist()]
         columns = [self.index, self.timestamp, self.status, *numbers.T, np.array(cells, dtype=np.str_)]
         corners = {
             f"{kind}_keypoint{i}_{axis}_m": points[:, i, k]
@@ -248,6 +260,40 @@ class Poses:
         return columns
 
 
+def concatenate(parts: Sequence[Poses]) -> Poses:
+    """The poses of consecutive parts of one recording; sources that differ are listed.
+
+    Raises:
+        LogError: there is no part, their frames do not follow each other, or object or cameras differ.
+    """
+    if not parts:
+        raise LogError("parts: found none, expected at least one")
+    first = parts[0].about
+    for number, part in enumerate(parts):
+        if not first.agrees_with(part.about):
+            found = f"{part.about.object_name} seen by {', '.join(part.about.rig.names)}"
+            expected = f"{first.object_name} seen by {', '.join(first.rig.names)} of the same calibration"
+            raise LogError(f"part {number}: found {found}, expected {expected}")
+    recorded = [PoseColumns.nothing(len(part)) if part.recorded is None else part.recorded for part in parts]
+    cameras = [_cameras(part) for part in parts]
+    sources = dict.fromkeys(part.about.source for part in parts)
+    return Poses(
+        index=np.concatenate([part.index for part in parts]),
+        timestamp=np.concatenate([part.timestamp for part in parts]),
+        status=np.concatenate([part.status for part in parts]),
+        measured=MeasuredColumns.joined([part.measured for part in parts]),
+        filtered=FilteredColumns.joined([part.filtered for part in parts]),
+        recorded=PoseColumns.joined(recorded) if any(part.recorded is not None for part in parts) else None,
+        about=About(first.object_name, ", ".join(sources), first.tracker_version, first.rig),
+        cameras=np.concatenate(cameras) if any(part.cameras is not None for part in parts) else None,
+    )
+
+
+def _cameras(part: Poses) -> Array:
+    """(n, C) what became of each picture, unknown where a part does not say."""
+    return np.full((len(part), len(part.about.rig)), "") if part.cameras is None else part.cameras
+
+
 def _numbers(columns: PoseColumns) -> list[FloatArray]:
     """Position, orientation, confidence and, of what was found, standard deviations: each (n, k)."""
     std = [_std(columns.covariance)] if isinstance(columns, MeasuredColumns) else []
@@ -269,6 +315,11 @@ def _texts(name: str, value: object, shape: tuple[int, ...]) -> Array:
     if texts.shape != shape or (texts.size and texts.dtype.kind != "U"):
         raise LogError(f"{name}: found {described(texts)}, expected texts of shape {shape}")
     return texts.astype(np.str_)
+
+
+def _freeze(poses: Poses, name: str, array: Array) -> None:
+    array.flags.writeable = False
+    object.__setattr__(poses, name, array)
 
 
 def compare(poses: Poses, kind: Kind = "filtered") -> dict[str, float | None]:
