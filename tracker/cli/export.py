@@ -23,7 +23,7 @@ from tracker.cli.outputs import (
 from tracker.cli.render import bar
 
 if TYPE_CHECKING:
-    from tracker.conventions import FloatArray, Image
+    from tracker.conventions import Array, FloatArray, Image
     from tracker.poses.columns import MeasuredColumns
 
 
@@ -50,14 +50,19 @@ class Outputs:
         if self.camera is not None and self.camera not in rig.names:
             raise click.UsageError(f"--camera: found {self.camera}, expected one of {', '.join(rig.names)}")
 
-    def write(self, poses: tracker.Poses, keypoints_of: tracker.CuboidModel | None = None) -> None:
-        """Write all but the film; the table with the corners of an object, if one is given."""
+    def write(
+        self,
+        poses: tracker.Poses,
+        keypoints_of: tracker.CuboidModel | None = None,
+        more: dict[str, Array] | None = None,
+    ) -> None:
+        """Write all but the film; the table with the corners of an object, if one is given, and `more`."""
         from tracker.poses.exports import write_bop, write_csv, write_tum
         from tracker.summaries.summary import best_kind
 
         kind = best_kind(poses)
         if self.csv is not None:
-            write_csv(self.csv, poses, keypoints_of=keypoints_of)
+            write_csv(self.csv, poses, keypoints_of=keypoints_of, more=more)
         if self.tum is not None:
             write_tum(self.tum, poses, kind)
         if self.bop is not None:
@@ -148,6 +153,9 @@ def _of_height(picture: Image, height: int) -> Image:
 @file_option("--parquet", ".parquet", ".pq", help="The table in Parquet.")
 @click.option("--keypoints", is_flag=True, help="Add the object's corners to --csv and --parquet.")
 @click.option(
+    "--robot-log", metavar="FILE", type=InFile(), help="Add the robot's states to --csv and --parquet."
+)
+@click.option(
     "--log", metavar="LOG", type=Recording(), help="The recording of the POSES, for the images of --video."
 )
 @options.object_name("that of the POSES")
@@ -157,11 +165,14 @@ def export(
     outputs: Outputs,
     parquet: Path | None,
     keypoints: bool,
+    robot_log: Path | None,
     log: Path | None,
     object_name: str | None,
     quiet: bool,
 ) -> None:
     """Write the poses of a file that `tracker track` made in other formats. Nothing is tracked."""
+    from tracker.logs import read_robot_log
+
     video = outputs.video
     if not outputs and parquet is None:
         raise click.UsageError(
@@ -169,16 +180,18 @@ def export(
         )
     if (video is None) != (log is None):
         raise click.UsageError("--video and --log belong together: a film is made of the recording's images")
-    if keypoints and outputs.csv is None and parquet is None:
-        raise click.UsageError("--keypoints: found no table to add them to, expected --csv or --parquet")
+    for name, given in {"--keypoints": keypoints, "--robot-log": robot_log}.items():
+        if given and outputs.csv is None and parquet is None:
+            raise click.UsageError(f"{name}: found no table to add to, expected --csv or --parquet")
     poses = tracker.read_poses(source)
     outputs.check_camera(poses.about.rig)
     corners_of = tracker.load_object(object_name or poses.about.object_name) if keypoints else None
-    outputs.write(poses, corners_of)
+    more = read_robot_log(robot_log).at(poses.timestamp).columns() if robot_log else None
+    outputs.write(poses, corners_of, more)
     if parquet is not None:
         from tracker.poses.exports import write_parquet
 
-        write_parquet(parquet, poses, keypoints_of=corners_of)
+        write_parquet(parquet, poses, keypoints_of=corners_of, more=more)
     if video is not None and log is not None:
         from tracker.logs.cameras import fitted_to
         from tracker.summaries.rewards import refuse_others

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -24,10 +24,17 @@ BOP_HEADER = ("scene_id", "im_id", "obj_id", "score", "R", "t", "time")
 _MM = 1000.0
 
 
-def write_csv(path: str | os.PathLike[str], poses: Poses, *, keypoints_of: CuboidModel | None = None) -> None:
+def write_csv(
+    path: str | os.PathLike[str],
+    poses: Poses,
+    *,
+    keypoints_of: CuboidModel | None = None,
+    more: Mapping[str, Array] | None = None,
+) -> None:
     """Write one row a frame under CSV_HEADER, whole or not at all; cells without a value are empty.
 
-    keypoints_of: the object, whose corners are further columns.
+    keypoints_of: the object, whose corners are further columns. more: columns (n,) by name, such as those of
+    `tracker.logs.RobotState`.
 
     Numbers are written so that reading them gives the same bits. Standard deviations are square roots of
     the covariance's diagonal.
@@ -35,7 +42,7 @@ def write_csv(path: str | os.PathLike[str], poses: Poses, *, keypoints_of: Cuboi
     Raises:
         LogError: the file cannot be written.
     """
-    table = poses.table(keypoints_of)
+    table = {**poses.table(keypoints_of), **(more or {})}
     rows = (
         ["" if value != value else value for value in row]  # only NaN differs from itself
         for row in zip(*(column.tolist() for column in table.values()), strict=True)
@@ -109,16 +116,20 @@ def write_bop(
 
 
 def write_parquet(
-    path: str | os.PathLike[str], poses: Poses, *, keypoints_of: CuboidModel | None = None
+    path: str | os.PathLike[str],
+    poses: Poses,
+    *,
+    keypoints_of: CuboidModel | None = None,
+    more: Mapping[str, Array] | None = None,
 ) -> None:
-    """Write the columns of the CSV file as Parquet, whole or not at all; NaN becomes null.
+    """Write the columns of the CSV file as Parquet, whole or not at all; NaN becomes null. See `write_csv`.
 
     Raises:
         LogError: the file cannot be written.
         TrackerError: the package pyarrow is missing.
     """
     pa, pq = package("pyarrow"), package("pyarrow.parquet")
-    columns = poses.table(keypoints_of)
+    columns = {**poses.table(keypoints_of), **(more or {})}
     table = pa.table({name: pa.array(column, from_pandas=True) for name, column in columns.items()})
     with told_as(LogError, path), whole_file(path) as temporary:
         pq.write_table(table, temporary, compression="zstd")

@@ -1,0 +1,222 @@
+"""The robot's states at the moments of the images, from the platform's robot logs.
+
+A log is text, a line a step under a header of names, or binary, version 2; either may be gzipped.
+"""
+
+from __future__ import annotations
+
+import gzip
+import os
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from itertools import islice
+from typing import BinaryIO, NamedTuple, cast
+
+import numpy as np
+
+from tracker.checks import described, float_array, path_of
+from tracker.conventions import Array, FloatArray
+from tracker.errors import LogError
+from tracker.files import open_regular, told_of
+from tracker.logs.frame import LogFrame
+from tracker.logs.log import Log
+from tracker.stamps import in_range, seconds
+
+MAX_STEPS = 4_000_000
+"""Longest log that is read, an hour at 1 kHz."""
+
+MAX_LINE = 1 << 16
+"""Longest line [bytes]; they have 3 kB."""
+
+_JOINTS = 9
+_MILLISECONDS = 1e11  # stamps above count these
+_VERSION = 2
+_BLOCK = 4096  # steps that are read at once
+_RECORD = np.dtype(
+    [("step", "<i8"), ("timestamp", "<f8"), ("repetitions", "<u4"), ("error", "<i4"), ("message", "S64")]
+    + [(name, "<f8", _JOINTS) for name in ("position", "velocity", "torque")]
+    + [("tip_force", "<f8", 3), ("actions", "<f8", 8 * _JOINTS)]
+)
+_UNITS = {"position": "rad", "velocity": "rad_per_s", "torque": "nm"}
+
+
+@dataclass(frozen=True, eq=False)
+class RobotState:
+    """The robot at some moments, of any shape S; NaN before the log's first step and after its last."""
+
+    position: FloatArray
+    """S + (J,) angles of the joints [rad], interpolated between two steps."""
+    velocity: FloatArray | None
+    """S + (J,) their velocities [rad/s]."""
+    torque: FloatArray | None
+    """S + (J,) their torques [N m]."""
+    gap: FloatArray
+    """S time between the two steps [s]; infinite where the log has none on one side."""
+
+    def columns(self) -> dict[str, Array]:
+        """Of n moments (n,) columns for tables, e.g. `robot_position_0_rad`, and `robot_gap_s`."""
+        found: dict[str, Array] = {}
+        for name, unit in _UNITS.items():
+            values: FloatArray | None = getattr(self, name)
+            if values is not None:
+                found |= {f"robot_{name}_{k}_{unit}": column for k, column in enumerate(values.T)}
+        return {**found, "robot_gap_s": self.gap}
+
+
+@dataclass(frozen=True, eq=False)
+class RobotLog:
+    """The robot's states at all steps. Arrays are copied and read-only.
+
+    Raises:
+        LogError: an array is of the wrong shape or not finite, there are fewer than two steps, or stamps go
+            backwards.
+    """
+
+    timestamp: FloatArray
+    """(n,) time of each step, on the cameras' clock [s]."""
+    position: FloatArray
+    """(n, J) angles of the joints [rad]."""
+    velocity: FloatArray | None = None
+    """(n, J) their velocities [rad/s]; None: unknown."""
+    torque: FloatArray | None = None
+    """(n, J) their torques [N m]; None: unknown."""
+
+    def __post_init__(self) -> None:
+        times = in_range(np.array(seconds(self.timestamp, "timestamp", LogError)), "timestamp", LogError)
+        if times.ndim != 1 or len(times) < 2:
+            raise LogError(f"timestamp: found {described(times)}, expected times of two steps or more")
+        back = np.diff(times) < 0
+        if back.any():
+            k = int(np.argmax(back)) + 1
+            raise LogError(f"timestamp: step {k}: found {times[k]:.6f} s after {times[k - 1]:.6f} s")
+        times.flags.writeable = False
+        object.__setattr__(self, "timestamp", times)
+        shape = np.shape(self.position)
+        if len(shape) != 2:
+            raise LogError(f"position: found shape {shape}, expected (n, J)")
+        for field in fields(self)[1:]:
+            given = getattr(self, field.name)
+            if given is not None:
+                array = float_array(given, (len(times), shape[1]), field.name, LogError)
+                object.__setattr__(self, field.name, array)
+
+    def at(self, stamps: float | FloatArray) -> RobotState:
+        """The states at moments of any shape [s]; LogError where they are no times in seconds."""
+        times = seconds(stamps, "stamps", LogError)
+        after = np.clip(np.searchsorted(self.timestamp, times, side="right"), 1, len(self.timestamp) - 1)
+        start, stop = self.timestamp[after - 1], self.timestamp[after]
+        inside = (times >= self.timestamp[0]) & (times <= self.timestamp[-1])
+        weight = np.where(stop > start, (times - start) / np.where(stop > start, stop - start, 1), 1.0)
+        weight = np.where(inside, weight, np.nan)[..., None]
+
+        def between(values: FloatArray) -> FloatArray:
+            return (1 - weight) * values[after - 1] + weight * values[after]
+
+        velocity = None if self.velocity is None else between(self.velocity)
+        torque = None if self.torque is None else between(self.torque)
+        return RobotState(between(self.position), velocity, torque, np.where(inside, stop - start, np.inf))
+
+
+class Paired(NamedTuple):
+    """A set of images, and the robot at its stamp."""
+
+    frame: LogFrame
+    robot: RobotState
+
+
+def paired(log: Log, robot_log: RobotLog | str | os.PathLike[str]) -> Iterator[Paired]:
+    """Each set of images of a recording with the robot's state at its stamp.
+
+    Args:
+        log: the recording, as `open_log` gives it; or a part of one.
+        robot_log: the platform's robot log, or its states, see `read_robot_log`.
+
+    Raises:
+        LogError: one of them is malformed or damaged.
+    """
+    states = robot_log if isinstance(robot_log, RobotLog) else read_robot_log(robot_log)
+    return (Paired(frame, states.at(frame.timestamp)) for frame in log)
+
+
+def read_robot_log(path: str | os.PathLike[str]) -> RobotLog:
+    """Read `robot_data.dat` or `.csv` of the platform, gzipped or not.
+
+    Raises:
+        LogError: there is none, it is damaged, or too long.
+    """
+    where = path_of(path, "path of a robot log", LogError)
+    try:
+        with told_of(where), open_regular(where) as raw:
+            packed = raw.read(2) == b"\x1f\x8b"
+            raw.seek(0)
+            with cast("BinaryIO", gzip.open(raw) if packed else raw) as file:
+                head = file.read(4)
+                blocks = _records(file) if head == struct.pack("<I", _VERSION) else _lines(file, head)
+                return RobotLog(**_joined(blocks))
+    except (LogError, EOFError, zlib.error) as error:
+        if isinstance(error, LogError) and str(error).startswith(str(where)):
+            raise
+        raise LogError(f"{where}: {' '.join(str(error).split())}") from error
+
+
+def _joined(blocks: Iterator[dict[str, Array]]) -> dict[str, FloatArray]:
+    """All steps of the blocks; stamps in seconds."""
+    parts, count = [], 0
+    for block in blocks:
+        count += len(block["timestamp"])
+        if count > MAX_STEPS:
+            raise LogError(f"found more than {MAX_STEPS} steps, expected a log of a job")
+        parts.append(block)
+    if not parts:
+        raise LogError("found no steps, expected two or more")
+    joined = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    if np.nanmax(joined["timestamp"], initial=0) > _MILLISECONDS:
+        joined["timestamp"] = joined["timestamp"] / 1000
+    return joined
+
+
+def _records(file: BinaryIO) -> Iterator[dict[str, Array]]:
+    """The steps of a binary log after its version."""
+    head = file.read(8)
+    count = int.from_bytes(head, "little")
+    if len(head) < 8 or count > MAX_STEPS:
+        raise LogError(f"found {count} steps stated, expected at most {MAX_STEPS}")
+    for first in range(0, count, _BLOCK):
+        chosen = min(_BLOCK, count - first)
+        content = file.read(chosen * _RECORD.itemsize)
+        if len(content) < chosen * _RECORD.itemsize:
+            there = first + len(content) // _RECORD.itemsize
+            raise LogError(f"found {there} records of {_RECORD.itemsize} bytes, expected {count}")
+        records = np.frombuffer(content, _RECORD)
+        yield {name: records[name] for name in ("timestamp", *_UNITS)}
+    if file.read(1):
+        raise LogError(f"found bytes after record {count - 1}, expected the file's end")
+
+
+def _lines(file: BinaryIO, head: bytes) -> Iterator[dict[str, Array]]:
+    """The steps of a log in lines, of which the first begins with `head`."""
+    header = head + file.readline(MAX_LINE)
+    if not header.startswith(b"#"):
+        found = f"{header[:20]!r} at its beginning"
+        raise LogError(f"found {found}, expected a robot log: #time_index timestamp …, or version {_VERSION}")
+    names = header.decode("ascii", "replace").lstrip("#").split()
+    chosen = {"timestamp": ["timestamp"]}
+    chosen |= {name: [f"observation_{name}_{k}" for k in range(_JOINTS)] for name in _UNITS}
+    missing = [one for name in ("timestamp", "position") for one in chosen[name] if one not in names]
+    if missing:
+        raise LogError(f"header: found no column {missing[0]}, expected it")
+    chosen = {name: columns for name, columns in chosen.items() if set(columns) <= set(names)}
+    places = [names.index(column) for columns in chosen.values() for column in columns]
+    splits = np.cumsum([len(columns) for columns in chosen.values()])[:-1]
+    lines, number = iter(lambda: file.readline(MAX_LINE), b""), 2
+    while block := list(islice(lines, _BLOCK)):
+        try:
+            table = np.loadtxt(block, usecols=places, ndmin=2, comments=None)
+        except ValueError as error:
+            last = number + len(block) - 1
+            raise LogError(f"lines {number} to {last}: {error}") from error
+        number += len(block)
+        parts = dict(zip(chosen, np.split(table, splits, axis=1), strict=True))
+        yield {**parts, "timestamp": parts["timestamp"][:, 0]}
