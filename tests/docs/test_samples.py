@@ -22,6 +22,7 @@ from tests.helpers import ROOT
 from tests.helpers.boards import LENS, photo, pose_towards
 from tests.helpers.log_writers import make_content, write_native
 from tests.helpers.pose_logs import random_poses
+from tests.logs.test_robot_log import text
 from tracker import cli
 from tracker.calibration.files.arena import read_arena
 from tracker.calibration.rig import CameraRig
@@ -35,6 +36,7 @@ NOT_RUN = {
     "python3 -m pip install '.[cluster]'": "asks a registry; the tests are run with all extras",
     "tracker demo": "makes the folder that the others read; tests/cli/test_demo.py",
     "tracker live simulation --object": "20 s of fingers; tests/live/test_simulation.py takes fewer",
+    "tracker batch run NAME.zarr": "a data set of gigabytes; tests/batch/test_stores.py writes small ones",
     "tracker live pylon --object": "cameras by Basler; tests/live/test_pylon.py has the emulated ones",
     "tracker live opencv:0,1,2 --object": "cameras",
     "python -m synthetic": "renders for minutes; tests/synthetic/test_dataset.py makes a few scenes",
@@ -48,7 +50,7 @@ PROGRAMS: dict[str, click.Command] = {
     "python -m benchmarks": benchmark_commands,
 }
 
-RUN_HERE = ("docs/poses", "docs/recordings", "docs/batch")
+RUN_HERE = ("docs/poses", "docs/recordings", "docs/batch", "docs/learning")
 """Pages whose Python is no example but run in this file."""
 
 
@@ -172,6 +174,15 @@ def test_the_sample_of_recordings_reads_one(tmp_path, monkeypatch, capsys):
     first, *frames = capsys.readouterr().out.splitlines()
     assert "3" in first.split()
     assert [line.split()[0] for line in frames] == ["0", "1", "2"]
+
+
+def test_the_sample_of_robot_states_pairs_images_with_them(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    write_native(tmp_path / "camera_data.dat", make_content(3))
+    (tmp_path / "robot_data.dat").write_bytes(text())
+    run_block(*blocks("python", "docs/learning"))
+    printed = capsys.readouterr().out
+    assert [line.split()[0] for line in printed.splitlines() if line[0].isdigit()] == ["0", "1", "2"]
 
 
 def test_the_sample_of_a_folder_with_names_of_its_own_is_read(tmp_path, rng):

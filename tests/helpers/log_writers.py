@@ -132,6 +132,7 @@ def write_store(
     compressor: dict[str, object] | None = None,
     shown: Sequence[int] | None = None,
     ends: Sequence[int] = (),
+    observations: np.ndarray | None = None,
     chunk: int = 4,
     length: int | None = None,
     map_size: int = 1 << 24,
@@ -176,6 +177,22 @@ def write_store(
                     block = np.zeros(chunk, "<i8")
                     block[: len(numbers[start : start + chunk])] = numbers[start : start + chunk]
                     put(f"{name}/{start // chunk}", block.tobytes())
+        if observations is not None:
+            tile = (7, 50)  # which fits neither rows nor columns
+            meta = {
+                "zarr_format": 2,
+                "shape": observations.shape,
+                "chunks": tile,
+                "dtype": "<f4",
+                "order": "F",
+            }
+            meta.update(filters=None, compressor=compressor, fill_value=0.0)
+            put("observations/.zarray", json.dumps(meta).encode())
+            for i, j in np.ndindex(-(-len(observations) // 7), -(-observations.shape[1] // 50)):
+                block = np.zeros(tile, "<f4")
+                part = observations[7 * i : 7 * i + 7, 50 * j : 50 * j + 50]
+                block[: part.shape[0], : part.shape[1]] = part
+                put(f"observations/{i}.{j}", block.tobytes("F"))
     environment.close()
     (folder / "lock.mdb").unlink()
     return folder

@@ -121,6 +121,15 @@ ASKED, TABLE, FAILURES = "batch.json", "summary", "failures.json"
 OF_ALL = (ASKED, f"{TABLE}.parquet", f"{TABLE}.csv", FAILURES)
 """What is written in the folder itself."""
 
+IMAGES, STEPS, ZARR, REPORT = "images.parquet", "steps.parquet", "poses.zarr", "report.json"
+"""In the folder of the episodes of an image store, see `store_tables`."""
+
+_EPISODE = "episode-"
+"""What the file of poses of each episode is called before its number, in a folder called as the store."""
+
+OF_STORE = (IMAGES, STEPS, ZARR, REPORT)
+"""All of these."""
+
 MAX_FILE_SIZE = 100_000
 """Largest file [bytes] that is read; they have 2 kB."""
 
@@ -154,6 +163,17 @@ def outputs_of(logs: Sequence[Path], folder: Path) -> list[Path]:
     return list(outputs)
 
 
+def output_of_episode(store: Path, number: int, folder: Path) -> Path:
+    """The file of poses of an episode of a store: `folder/a/b.zarr/episode-00012.poses.h5` of `a/b.zarr`."""
+    output = output_of(store, folder)
+    return output.with_name(output.name.removesuffix(SUFFIX)) / f"{_EPISODE}{number:05d}{SUFFIX}"
+
+
+def is_episode(output: Path) -> bool:
+    """Whether a file of poses is called like that of an episode."""
+    return output.name.startswith(_EPISODE)
+
+
 def summary_file(output: Path) -> Path:
     """Where the line about a file of poses is."""
     return output.with_name(output.name.removesuffix(SUFFIX) + _LINE)
@@ -166,6 +186,8 @@ def failure_file(output: Path) -> Path:
 
 def is_result(path: Path, folder: Path) -> bool:
     """Whether this is a file that batches write to their folder of results, or a folder of such."""
+    if path.name in OF_STORE and path.parent != folder:
+        return True
     if path.is_dir() and not path.is_symlink():
         inside = [entry for entry in path.iterdir() if not entry.name.startswith(".")]
         return bool(inside) and all(is_result(entry, folder) for entry in inside)

@@ -18,9 +18,11 @@ from typing import Any, NamedTuple
 from tracker.batch.results import (
     ASKED,
     OF_ALL,
+    OF_STORE,
     SUFFIX,
     failure_file,
     is_done,
+    is_episode,
     outputs_of,
     recordings_of,
     summary_file,
@@ -47,6 +49,13 @@ class Task:
     """What is looked for and how."""
     agreed: str
     """What code and files the worker has to have: `agreed` of the process that hands out the task."""
+    part: str = ""
+    """Which part of the recording, in words; empty: all of it."""
+
+    @property
+    def name(self) -> str:
+        """What it is called in reports."""
+        return f"{self.log}: {self.part}" if self.part else self.log
 
     @property
     def job(self) -> Job:
@@ -79,7 +88,7 @@ def make_result(task: Task) -> dict[str, Any]:
         `recording`, `frames` that were tracked now, `seconds` that took, `failure`: the reason or None.
     """
     output = Path(task.output)
-    result: dict[str, Any] = {"recording": task.log, "frames": 0, "seconds": 0.0, "failure": None}
+    result: dict[str, Any] = {"recording": task.name, "frames": 0, "seconds": 0.0, "failure": None}
     try:
         output.parent.mkdir(parents=True, exist_ok=True)
         job = task.job
@@ -104,7 +113,7 @@ def keep_failure(task: Task, why: str) -> None:
     try:
         output.parent.mkdir(parents=True, exist_ok=True)
         summary_file(output).unlink(missing_ok=True)
-        content = {"recording": task.log, "reason": why}
+        content = {"recording": task.name, "reason": why}
         write_whole(failure_file(output), json.dumps(content, indent=1) + "\n")
     except OSError:
         pass  # a full disk, for instance; the result holds the failure
@@ -218,8 +227,14 @@ def run_batch(batch: Batch, begin: Callable[[], AbstractContextManager[Engine]],
         report: takes the result of each recording.
     """
     recipe = Recipe.of(batch.options)
+    return run_tasks(unfinished(batch.tasks(agreed(recipe)), recipe, lambda: report(None)), begin, report)
+
+
+def run_tasks(
+    missing: Iterator[Task], begin: Callable[[], AbstractContextManager[Engine]], report: Report
+) -> int:
+    """Do some tasks; the number of those that could not be done."""
     failed = 0
-    missing = unfinished(batch.tasks(agreed(recipe)), recipe, lambda: report(None))
     first = next(missing, None)
     if first is None:
         return 0
@@ -227,7 +242,7 @@ def run_batch(batch: Batch, begin: Callable[[], AbstractContextManager[Engine]],
         for task, result in engine(make_result, itertools.chain([first], missing)):
             if isinstance(result, Exception):  # its worker is gone, and could not say so
                 keep_failure(task, reason(result))
-                result = {"recording": task.log, "frames": 0, "seconds": 0.0, "failure": reason(result)}
+                result = {"recording": task.name, "frames": 0, "seconds": 0.0, "failure": reason(result)}
             failed += result["failure"] is not None
             report(result)
     return failed
@@ -269,7 +284,8 @@ def _remove_leftovers(batch: Batch) -> None:
     own = {lock_of(batch.folder / name): batch.folder / name for name in OF_ALL}
     for _, output in batch.pairs:
         path = batch.folder / output
-        own |= {lock_of(one): one for one in (path, summary_file(path), failure_file(path))}
+        beside = [path.with_name(name) for name in OF_STORE] if is_episode(path) else []
+        own |= {lock_of(one): one for one in (path, summary_file(path), failure_file(path), *beside)}
     for folder in {lock.parent for lock in own}:
         with contextlib.suppress(OSError), os.scandir(folder) as entries:
             for entry in list(entries):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 from contextlib import suppress
 from datetime import timedelta
@@ -12,12 +13,14 @@ import click
 
 from tracker.cli import options
 from tracker.cli.outputs import output_option, refuse_file
-from tracker.cli.render import bar, listing
+from tracker.cli.render import bar, listing, table
 from tracker.errors import LogError
 
 if TYPE_CHECKING:
     from tracker.batch.run import Batch
+    from tracker.batch.stores import Retracking
     from tracker.batch.tables import State
+    from tracker.recordings import Options
 
 _FOLDER = click.Path(path_type=Path)
 
@@ -32,6 +35,7 @@ def batch() -> None:
 @options.subject
 @output_option(_FOLDER, "DIR", "Folder of the results.")
 @options.cameras
+@click.option("--robot", metavar="NAME", help="Robot of image stores, e.g. r1.  [default: each episode's]")
 @options.part
 @options.whole("--jobs", "Processes here.  [default: one for each core]")
 @click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler, whose workers do it instead.")
@@ -45,6 +49,7 @@ def run(
     subject: options.Subject,
     output: Path,
     cameras: options.Cameras,
+    robot: str | None,
     part: options.Part,
     jobs: int | None,
     scheduler: str | None,
@@ -59,6 +64,9 @@ def run(
     RECORDING is what `tracker track` takes, or a pattern in quotes: 'episodes/*'. Each gets a file of poses
     in DIR under its own path, and a line in DIR/summary.parquet; what could not be done is in
     DIR/failures.json, with the reason.
+
+    Of image stores with --calibration DIR of several robots (r1_camera60.yml, …) each episode is tracked with
+    the calibration of its robot; docs/learning.md tells what comes of them.
 
     The same command again does what is missing, changed or damaged, and nothing else, whatever ended the run
     before. `tracker batch status DIR` tells how far it is, also of what HTCondor or Slurm are doing. The
@@ -76,21 +84,51 @@ def run(
         raise click.UsageError(
             "--dry-run prints what --htcondor or --slurm would submit, expected one of them"
         )
-    batch = Batch.of(recordings, output, options.of_recordings(subject, cameras, part))
+    asked = options.of_recordings(subject, cameras, part)
+    stores = _stores(recordings, output, asked, robot)
     if htcondor or slurm:
+        if stores is not None:
+            raise click.UsageError("image stores of several robots: expected --jobs or --scheduler")
+        batch = Batch.of(recordings, output, asked)
         _submit(batch, "htcondor" if htcondor else "slurm", dry_run, quiet)
     else:
-        _run(batch, jobs, scheduler, as_csv, quiet)
+        _run(stores or Batch.of(recordings, output, asked), jobs, scheduler, as_csv, quiet)
 
 
-def _run(batch: Batch, jobs: int | None, scheduler: str | None, as_csv: bool, quiet: bool) -> None:
+def _stores(
+    recordings: tuple[str, ...], output: Path, asked: Options, robot: str | None
+) -> Retracking | None:
+    """The work on image stores of several robots; None where they are other recordings, or of one rig."""
+    from tracker.calibration.files.robots import robots_in
+
+    one_folder = len(asked.calibration) == 1 and asked.pattern is None
+    if not one_folder or not robots_in(Path(asked.calibration[0])):
+        if robot is not None:
+            raise click.UsageError("--robot: expected --calibration DIR with files like r1_camera60.yml")
+        return None
+    from tracker.batch.stores import Retracking, are_stores
+
+    if are_stores(recordings, output):
+        return Retracking.of(recordings, output, asked, robot)
+    if robot is not None:
+        raise click.UsageError(f"--robot is for image stores; for others --pattern '{robot}_*'")
+    return None
+
+
+def _run(
+    work: Batch | Retracking, jobs: int | None, scheduler: str | None, as_csv: bool, quiet: bool
+) -> None:
     from tracker.batch.results import FAILURES
-    from tracker.batch.run import only_run, run_batch, write_batch
+    from tracker.batch.run import Batch, only_run, run_batch, write_batch
     from tracker.batch.tables import state, write_tables
     from tracker.batch.workers import cores, dask_workers, processes
     from tracker.recordings import Recipe
 
-    Recipe.of(batch.options)  # faults are reported before anything begins
+    if isinstance(work, Batch):
+        batch, stores = work, None
+        Recipe.of(batch.options)  # faults are reported before anything begins
+    else:
+        batch, stores = work.batch, work
     count = min(jobs or cores(), len(batch.pairs))
     failures: dict[str, str] = {}
     fault = None
@@ -104,7 +142,8 @@ def _run(batch: Batch, jobs: int | None, scheduler: str | None, as_csv: bool, qu
         write_batch(batch)
         try:
             with bar("recordings", len(batch.pairs), quiet, "recordings") as advance:
-                run_batch(batch, lambda: dask_workers(scheduler) if scheduler else processes(count), tell)
+                begin = functools.partial(dask_workers, scheduler) if scheduler else lambda: processes(count)
+                stores.run(begin, tell) if stores else run_batch(batch, begin, tell)
         except BaseException:
             with suppress(LogError):  # the reason why the run ended is reported
                 write_tables(batch, state(batch, failures), as_csv=as_csv)
@@ -112,10 +151,13 @@ def _run(batch: Batch, jobs: int | None, scheduler: str | None, as_csv: bool, qu
         found = state(batch, failures)
         try:
             write_tables(batch, found, as_csv=as_csv)
+            reports = stores.write_tables() if stores else {}
         except LogError as error:
-            fault = error
+            fault, reports = error, {}
     if not quiet:
         click.echo(_text(found))
+        for store, report in reports.items():
+            click.echo(f"\n{store}\n{_of_robots(report)}")
     if failures:
         first = f"the first: {next(iter(failures.values()))}"
         where = first if fault else f"see {batch.folder / FAILURES}"
@@ -189,6 +231,23 @@ def share(list_path: Path, number: int) -> None:
     if failed:
         click.echo(f"tracker: {failed} recordings failed", err=True)
         click.get_current_context().exit(2)
+
+
+def _of_robots(report: dict[str, Any]) -> str:
+    """How poses differ from the stored ones, a line for each robot."""
+    columns = {
+        "frames": ("frames", "{:.0f}"),
+        "position_median_mm": ("median mm", "{:.1f}"),
+        "angle_median_deg": ("median °", "{:.1f}"),
+        "share_within_5mm": ("within 5 mm", "{:.1%}"),
+        "share_turned": ("turned", "{:.1%}"),
+        "delay_s": ("delay s", "{:.2f}"),
+    }
+    rows = [["", *(label for label, _ in columns.values())]]
+    for robot, numbers in report["robots"].items():
+        cells = [(numbers[name], form) for name, (_, form) in columns.items()]
+        rows.append([robot, *("-" if value is None else form.format(value) for value, form in cells)])
+    return table(rows) if len(rows) > 1 else "the store has no poses to compare with"
 
 
 def _text(found: State) -> str:

@@ -20,7 +20,7 @@ import json
 import struct
 from bisect import bisect_left, bisect_right
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -221,7 +221,7 @@ class StoredArray:
         """Items of a block; LogError if they are missing or damaged."""
         what = f"{self._where}: block {number}"
         expected = min(self._chunk, self._length - number * self._chunk)
-        data = self._store.get(f"{self._name}/{number}", MAX_BLOCK)
+        data = self._store.get(f"{self._name}/{self._key(number)}", MAX_BLOCK)
         if data is None and self._fill is not None and self._dtype is not None:
             try:
                 return np.full(expected, self._dtype.type(self._fill), self._dtype)  # what zarr leaves out
@@ -241,6 +241,10 @@ class StoredArray:
         if len(items) < expected:
             raise LogError(f"{what}: found {len(items)} items, expected {expected}")
         return items[:expected]
+
+    def _key(self, number: int) -> str:
+        """What a block is called in the store."""
+        return str(number)
 
     def _take(self, meta: dict[str, Any]) -> None:
         (length,), (chunk,) = meta["shape"], meta["chunks"]
@@ -296,6 +300,41 @@ class StoredArray:
         if not isinstance(value, dict):
             raise LogError(f"{self._where}/{key}: found no JSON object")
         return value
+
+
+class StoredRows(StoredArray):
+    """A two-dimensional array of numbers, of which one block of rows is in memory.
+
+    Its blocks are those of a one-dimensional array: zarr keeps them in full size at the edges, too.
+    """
+
+    def rows(self, number: int) -> Array:
+        """(k, width) of one block of rows; LogError if they are missing or damaged."""
+        first = number * self._across
+        tiles = [self.block(first + k) for k in range(self._across)]
+        shaped = [np.reshape(tile, self._tile, order=self._order) for tile in tiles]
+        return np.concatenate(shaped, axis=1)[: self.shape[0] - number * self._tile[0], : self.shape[1]]
+
+    @property
+    def row_blocks(self) -> int:
+        """Number of blocks of rows."""
+        return -(-self.shape[0] // self._tile[0])
+
+    def _key(self, number: int) -> str:
+        return ".".join(map(str, divmod(number, self._across)))
+
+    def _take(self, meta: dict[str, Any]) -> None:
+        (rows, width), (deep, wide) = meta["shape"], meta["chunks"]
+        if not all(isinstance(k, int) and k > 0 for k in (rows + 1, width, deep, wide)):
+            raise ValueError
+        self.shape: tuple[int, int] = (rows, width)
+        self._tile: tuple[int, int] = (deep, wide)
+        self._across: int = -(-width // wide)
+        self._order: Literal["C", "F"] = "F" if meta.get("order") == "F" else "C"
+        size = deep * wide
+        super()._take({**meta, "shape": [self.row_blocks * self._across * size], "chunks": [size]})
+        if self.ragged:
+            raise ValueError
 
 
 def _split(data: bytes, what: str) -> list[bytes]:

@@ -1,0 +1,235 @@
+"""Image stores of several robots: whose calibration, what comes of them, and the errors of damaged ones."""
+
+from __future__ import annotations
+
+import json
+import re
+from contextlib import nullcontext
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.helpers import robot_stores
+from tests.helpers.command import assert_one_line_error
+from tests.helpers.needs import lack
+from tests.helpers.recording_stubs import tiny_rig
+from tests.helpers.robot_stores import (
+    EPISODES,
+    LATE,
+    SHOWN,
+    STEPS,
+    KnowingTracker,
+    position,
+    write,
+    write_robots,
+)
+from tests.logs.test_datasets import edit, head
+from tracker.batch.run import only_run, write_batch
+from tracker.batch.stores import Retracking
+from tracker.batch.workers import here
+from tracker.poses.file import read_poses
+from tracker.poses.zarr_group import ROWS, RowsWriter
+from tracker.recordings import Options
+
+pytest.importorskip("lmdb", reason="datasets: no module lmdb")
+pytest.importorskip("numcodecs", reason="datasets: no module numcodecs")
+pq = pytest.importorskip("pyarrow.parquet", reason="cluster: no module pyarrow")
+
+
+@pytest.fixture(scope="module")
+def robots(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_robots(tmp_path_factory.mktemp("robots"))
+
+
+def do(store: Path, folder: Path, robots: Path, **options) -> tuple[list[dict | None], dict]:
+    """Results of the episodes, None of those that were done before, and the report."""
+    asked = Options("cube_v2", calibration=(str(robots),), make_tracker=KnowingTracker, **options)
+    plan, results = Retracking.of([str(store)], folder, asked), []
+    with only_run(plan.batch):
+        write_batch(plan.batch)
+        plan.run(lambda: nullcontext(here), results.append)
+        reports = plan.write_tables()
+    return results, reports.get(str(store), {})
+
+
+def place(store: Path, folder: Path) -> Path:
+    return folder / store.relative_to(store.anchor)
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def read_array(folder: Path) -> np.ndarray:
+    """As the format's description says."""
+    about = json.loads((folder / ".zarray").read_text())
+    assert (about["compressor"], about["order"], about["zarr_format"]) == (None, "C", 2)
+    blocks = sorted(
+        (path for path in folder.iterdir() if path.name[0] != "."), key=lambda p: int(p.name.split(".")[0])
+    )
+    parts = [np.fromfile(path, about["dtype"]).reshape(about["chunks"]) for path in blocks]
+    return np.concatenate(parts)[: about["shape"][0]]
+
+
+@pytest.mark.parametrize("task", ["push", "lift"])
+@pytest.mark.parametrize("writer", ["by hand", "zarr"])
+def test_episodes_have_their_robots_cameras_and_tables_fit_the_store(task, writer, robots, tmp_path):
+    zarr = None
+    if writer == "zarr":
+        zarr = pytest.importorskip("zarr", reason="zarr: no module zarr")
+        if not hasattr(zarr, "LMDBStore"):
+            lack("zarr", f"{zarr.__version__} cannot write LMDB stores")
+    store, folder = write(tmp_path / "a.zarr", task, zarr=zarr), tmp_path / "out"
+    results, report = do(store, folder, robots)
+    found = place(store, folder)
+    assert [result["failure"] for result in results] == [None] * 3
+    for number, (first, last, robot) in enumerate(EPISODES):
+        poses = read_poses(found / f"episode-{number:05d}.poses.h5")
+        np.testing.assert_array_equal(poses.index, np.arange(first // 5, last // 5))
+        focal = tiny_rig()[0].matrix[0, 0]
+        assert poses.about.rig[0].matrix[0, 0] == pytest.approx(focal * (1 + robot / 100))
+    group = found / "poses.zarr"
+    shapes = {"object_position": (3,), "object_orientation": (4,), "object_keypoints": (8, 3)}
+    for name, shape in {**shapes, "confidence": (1,), "covariance": (6, 6)}.items():
+        by_step, by_image = read_array(group / name), read_array(group / "images" / name)
+        assert (by_step.shape, by_image.shape) == ((STEPS, *shape), (STEPS // 5, *shape))
+        np.testing.assert_array_equal(by_step, by_image[SHOWN])
+    expected = position(np.arange(STEPS // 5) / 10)
+    expected[10] = np.nan
+    np.testing.assert_allclose(read_array(group / "images" / "object_position"), expected, atol=1e-7)
+    images, steps = pq.read_table(found / "images.parquet"), pq.read_table(found / "steps.parquet")
+    assert (images.num_rows, steps.num_rows) == (STEPS // 5, STEPS)
+    assert steps["robot"].to_pylist() == [f"r{r}" for first, last, r in EPISODES for _ in range(first, last)]
+    assert images["robot_position_3_rad"].to_pylist()[4] == pytest.approx(20.3)
+    assert images["filtered_covariance"].to_pylist()[0][:1] == [pytest.approx(1e-6)]
+    assert steps["filtered_x_m"].to_pylist()[50:55] == [None] * 5
+    assert report == json.loads((found / "report.json").read_text())
+    assert (report["task"], list(report["robots"]), len(report["episodes"])) == (task, ["r1", "r3"], 3)
+    r1, r3 = report["robots"]["r1"], report["robots"]["r3"]
+    assert r1["delay_s"] == pytest.approx(LATE, abs=0.005)
+    assert r3["bias_mm"][2] == pytest.approx(-6, abs=0.01)
+    assert (r1["share_turned"], r1["stored_flips"], r1["flips"]) == (1 / 20, 2, 0)
+    assert (r3["share_turned"], r3["stored_flips"]) == (0, 0)
+    assert r1["stored_delay_s"] == pytest.approx(0.12)
+
+
+def test_no_delay_is_told_of_an_object_at_rest(tmp_path, robots, monkeypatch):
+    monkeypatch.setattr(
+        robot_stores, "position", lambda t: np.broadcast_to([0.0, 0.0, 0.03], (*np.shape(t), 3))
+    )
+    _, report = do(write(tmp_path / "a.zarr"), tmp_path / "out", robots)
+    assert report["robots"]["r1"]["delay_s"] is None
+    assert report["robots"]["r1"]["share_within_5mm"] == 1
+
+
+def test_zarr_itself_reads_the_group(robots, tmp_path):
+    zarr = pytest.importorskip("zarr", reason="zarr: no module zarr")
+    do(write(tmp_path / "a.zarr"), tmp_path / "out", robots)
+    group = zarr.open_group(str(place(tmp_path / "a.zarr", tmp_path / "out") / "poses.zarr"), mode="r")
+    np.testing.assert_allclose(group["object_position"][5], position(0.1), atol=1e-7)
+    assert np.isnan(group["images"]["object_keypoints"][10]).all()
+
+
+def test_arrays_longer_than_a_block_are_whole(tmp_path, rng):
+    rows = rng.normal(size=(2 * ROWS + 5, 2)).astype(np.float32)
+    writer = RowsWriter(tmp_path / "x", (2,))
+    for part in (rows[:7], rows[7 : ROWS + 7], rows[ROWS + 7 :]):
+        writer.append(part)
+    writer.pad_to(3 * ROWS)
+    writer.close()
+    found = read_array(tmp_path / "x")
+    np.testing.assert_array_equal(found[: len(rows)], rows)
+    assert len(found) == 3 * ROWS
+    assert np.isnan(found[len(rows) :]).all()
+
+
+def test_an_interrupted_run_goes_on_with_the_missing_episodes(robots, tmp_path, monkeypatch):
+    store = write(tmp_path / "a.zarr")
+    do(store, tmp_path / "whole", robots)
+    real = KnowingTracker.update
+
+    def interrupted(self, images, timestamp):
+        if timestamp > 2:
+            raise KeyboardInterrupt
+        return real(self, images, timestamp)
+
+    monkeypatch.setattr(KnowingTracker, "update", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        do(store, tmp_path / "out", robots)
+    assert not list((tmp_path / "out").rglob("*.parquet"))
+    monkeypatch.setattr(KnowingTracker, "update", real)
+    results, _ = do(store, tmp_path / "out", robots)
+    assert sorted(result is None for result in results) == [False, False, True]
+    assert contents(tmp_path / "out") == contents(tmp_path / "whole")
+    again, _ = do(store, tmp_path / "out", robots)
+    assert again == [None] * 3
+    assert contents(tmp_path / "out") == contents(tmp_path / "whole")
+
+
+OTHER = robot_stores.observations("push")
+
+
+def with_robots(numbers) -> np.ndarray:
+    rows = OTHER.copy()
+    rows[:, 78] = numbers
+    return rows
+
+
+@pytest.mark.parametrize(
+    ("changes", "damage", "message"),
+    [
+        ({"observations": None}, None, "found none with a robot_id, expected 97 numbers .* --robot"),
+        ({"observations": OTHER[:, :96]}, None, "found none with a robot_id"),
+        ({"observations": with_robots(2)}, None, "episode 0: found robot r2, expected .*r1, r3; --robot"),
+        ({"observations": with_robots(SHOWN)}, None, "episode 0: robot_id: found 0, 1, 2, 3, 4, expected"),
+        ({"observations": with_robots(np.nan)}, None, "episode 0: robot_id: found nan"),
+        ({"observations": OTHER[:-1]}, None, f"observations: found {STEPS - 1} steps, expected {STEPS}"),
+        ({"ends": [5, 5]}, None, "episode_ends: found 5, expected steps that increase"),
+        ({"ends": [STEPS]}, None, f"episode_ends: found {STEPS}"),
+        ({"ends": []}, None, "episode_ends: found none"),
+        ({}, ("observations/1.0", lambda data: data[:-1]), "observations: block 2: found 1399 bytes"),
+        ({}, ("observations/.zarray", head(shape=[220, 10**9])), "observations: found .* items stated"),
+        ({}, ("observations/.zarray", head(chunks=[0, 50])), "observations: .zarray: .* expected zarr 2"),
+        ({}, ("obs_to_image_index/.zarray", lambda data: None), "obs_to_image_index is missing"),
+    ],
+)  # fmt: skip
+def test_a_damaged_store_is_one_error_and_leaves_nothing(
+    changes, damage, message, robots, tmp_path, run_here
+):
+    store = write(tmp_path / "a.zarr", **changes)
+    if damage is not None:
+        edit(store, *damage)
+    base = ["batch", "run", store, "--calibration", robots, "--object", "cube_v2", "-o", tmp_path / "out"]
+    result = run_here(*base, "--jobs", 1)
+    assert_one_line_error(result, "a.zarr")
+    assert re.search(message, result.stderr), result.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_command_tracks_a_named_robot_and_reports_a_damaged_episode(
+    robots, tmp_path, run_here, monkeypatch
+):
+    monkeypatch.setattr("tracker.batch.workers.processes", lambda _: nullcontext(here))
+    store, folder = write(tmp_path / "a.zarr", observations=with_robots(2)), tmp_path / "out"
+    base = ["batch", "run", store, "--calibration", robots, "--object", "cube_v2", "-o", folder]
+    done = run_here(*base, "--robot", "r1", "--from", 8, "--to", 14)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "within 5 mm" in done.stdout
+    assert "\nr1 " in done.stdout
+    assert read_array(place(store, folder) / "poses.zarr" / "object_position").shape == (STEPS, 3)
+    pattern = run_here("batch", "run", f"{tmp_path}/**/*.zarr", *base[3:], "--robot", "r1", "--to", 14, "-q")
+    assert (pattern.returncode, pattern.stderr) == (0, "")
+    edit(store, "images/12", lambda data: data[:-9])
+    failed = run_here(*base, "--robot", "r1", "-q", "-o", tmp_path / "two")
+    assert failed.returncode == 2
+    assert failed.stderr.startswith("tracker: 1 of 3 recordings failed, see ")
+    reasons = json.loads((tmp_path / "two" / "failures.json").read_text())
+    assert [one["recording"] for one in reasons] == [f"{store}: episode 1"]
+    assert not list((tmp_path / "two").rglob("images.parquet"))
+    status = json.loads(run_here("batch", "status", tmp_path / "two", "--json").stdout)
+    assert (status["done"], status["failed"]) == (2, 1)
+    twice = ["batch", "run", store, store, *base[3:], "--robot", "r1"]
+    assert_one_line_error(run_here(*twice), "expected each recording once")
+    for wrong, words in [("r9", "--robot: found r9"), ("", "expected one of r1, r3")]:
+        assert_one_line_error(run_here(*base, "--robot", wrong), words)

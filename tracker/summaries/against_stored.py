@@ -1,0 +1,119 @@
+"""How poses differ from those that a data set brings along: by how much, how late, how often grossly."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tracker.conventions import Array, FloatArray
+from tracker.geometry import so3
+from tracker.poses.columns import PoseColumns
+from tracker.poses.poses import Poses, compare, concatenate
+from tracker.summaries.summary import best_kind
+
+NEAR = 0.005
+"""Difference of positions [m] up to which a stored pose counts as near."""
+
+FLIP = np.radians(45)
+"""Angle [rad] from which orientations show other faces, and above any turn from one image to the next."""
+
+LAGS = np.linspace(-0.1, 0.5, 61)
+"""Delays [s] that are tried."""
+
+MOVING = 0.005
+"""Least standard deviation of the positions [m] from which a delay shows."""
+
+_GROSS = 0.1
+"""Difference of positions [m] above which a stored pose says nothing about the delay."""
+
+
+class Compared(NamedTuple):
+    """One episode."""
+
+    poses: Poses
+    """With the stored poses as the recorded ones."""
+    delay: FloatArray
+    """(n,) delay [s] that is stored with each of these."""
+
+
+def differences(parts: Sequence[Compared]) -> dict[str, Any]:
+    """Differences over episodes of one robot; None where nothing is known.
+
+    Returns:
+        What `compare` returns; `bias_mm`, medians of ours minus stored along x, y, z; `share_within_5mm` and
+        `share_turned`, of the frames where both have a pose: nearer than NEAR, turned by more than FLIP;
+        `flips` and `stored_flips`, changes of the orientation by more than FLIP from one frame to the next;
+        `delay_s`, see `delay`; `stored_delay_s`, the median of what the data set says.
+    """
+    whole = concatenate([part.poses for part in parts])
+    kind = best_kind(whole)
+    ours, theirs = whole.columns(kind), whole.columns("recorded")
+    both = ours.has_pose & theirs.has_pose
+    shift = (ours.position - theirs.position)[both]
+    angle = so3.angle_between(_rotations(ours)[both], _rotations(theirs)[both])
+    stated = np.concatenate([part.delay for part in parts])
+    some = len(shift) > 0
+    return {
+        **compare(whole, kind),
+        "bias_mm": (1e3 * np.median(shift, axis=0)).tolist() if some else None,
+        "share_within_5mm": float(np.mean(np.linalg.norm(shift, axis=1) < NEAR)) if some else None,
+        "share_turned": float(np.mean(angle > FLIP)) if some else None,
+        "flips": sum(_flips(part.poses.columns(kind)) for part in parts),
+        "stored_flips": sum(_flips(part.poses.columns("recorded")) for part in parts),
+        "delay_s": delay([part.poses for part in parts]),
+        "stored_delay_s": float(np.median(stated)) if len(stated) else None,
+    }
+
+
+def delay(parts: Sequence[Poses]) -> float | None:
+    """How much later [s] recorded positions show what ours do: where both agree best as functions of time.
+
+    The correlation is that of deviations from each part's mean, so neither a bias nor a scale matters. None
+    where the object hardly moves, or no delay within LAGS is best.
+    """
+    products, ours_squared = np.zeros(len(LAGS)), np.zeros(len(LAGS))
+    theirs_squared, count = 0.0, 0
+    for poses in parts:
+        ours, theirs, times = poses.columns(best_kind(poses)), poses.columns("recorded"), poses.timestamp
+        if not ours.has_pose.any():
+            continue
+        own = ours.position[ours.has_pose], times[ours.has_pose]
+        window = theirs.has_pose & (times >= own[1][0] + LAGS[-1]) & (times <= own[1][-1] + LAGS[0])
+        window[window] = np.linalg.norm(_at(times[window], *own) - theirs.position[window], axis=1) < _GROSS
+        if not window.any():
+            continue
+        shown = _centred(theirs.position[window])
+        shifted = [_centred(_at(times[window] - lag, *own)) for lag in LAGS]
+        products += [np.sum(one * shown) for one in shifted]
+        ours_squared += [np.sum(one * one) for one in shifted]
+        theirs_squared, count = theirs_squared + float(np.sum(shown * shown)), count + len(shown)
+    if not count or min(theirs_squared, ours_squared.min()) < count * MOVING**2:
+        return None
+    agreement = products / np.sqrt(ours_squared * theirs_squared)
+    best = int(np.argmax(agreement))
+    if best in (0, len(LAGS) - 1):
+        return None
+    before, at, after = agreement[best - 1 : best + 2]
+    curve = before - 2 * at + after
+    return float(LAGS[best] + (0.5 * (before - after) / curve if curve else 0.0) * (LAGS[1] - LAGS[0]))
+
+
+def _at(times: FloatArray, positions: FloatArray, stamps: FloatArray) -> FloatArray:
+    return np.stack([np.interp(times, stamps, positions[:, k]) for k in range(3)], axis=1)
+
+
+def _centred(positions: FloatArray) -> FloatArray:
+    result: FloatArray = positions - positions.mean(axis=0)
+    return result
+
+
+def _flips(columns: PoseColumns) -> int:
+    rotations, has_pose = _rotations(columns), columns.has_pose
+    follow = has_pose[1:] & has_pose[:-1]
+    return int(np.sum(so3.angle_between(rotations[1:][follow], rotations[:-1][follow]) > FLIP))
+
+
+def _rotations(columns: PoseColumns) -> Array:
+    return so3.matrix_from_quaternion(columns.orientation)
