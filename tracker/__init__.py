@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from tracker import errors as errors
     from tracker import geometry as geometry
     from tracker import live as live
+    from tracker import noise as noise
     from tracker import recordings as recordings
     from tracker import tasks as tasks
     from tracker import viz as viz
@@ -65,7 +66,7 @@ else:  # not seen by type checkers, which would take any name for one that exist
         "segment": "segmentation",
         "track": "recordings.track",
     }
-    _MODULES = ("conventions", "errors", "geometry", "live", "recordings", "tasks", "viz")
+    _MODULES = ("conventions", "errors", "geometry", "live", "noise", "recordings", "tasks", "viz")
 
     __all__ = sorted(_HOMES)
 

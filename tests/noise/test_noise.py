@@ -1,0 +1,179 @@
+"""The tracker's errors for simulators: laws of the model, whatever its numbers."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import tracker
+from tracker.noise.model import UNITS, preset_names
+from tracker.noise.state import NoiseState
+
+N = 4000
+
+NONE = {group: dict.fromkeys(names, 0.0) for group, names in UNITS.items()}
+NONE["missed"]["found"] = NONE["confidence"]["clear"] = 1.0
+
+
+def state_of(count: int = N, seed: int = 1, **changes: dict[str, float]) -> NoiseState:
+    values = {group: {**NONE[group], **changes.get(group, {})} for group in NONE}
+    return NoiseState(values, np.random.default_rng(seed), count)
+
+
+def truths(count: int = N, visible: float = 1.0):
+    rng = np.random.default_rng(7)
+    return rng.normal(size=(count, 3)), rng.normal(size=(count, 4)), np.full(count, visible)
+
+
+def same(one, other) -> bool:
+    pairs = ((getattr(one, f.name), getattr(other, f.name)) for f in dataclasses.fields(one))
+    return all(np.array_equal(a, b, equal_nan=a.dtype.kind == "f") for a, b in pairs)
+
+
+@pytest.mark.parametrize("name", ["platform", "platform_refined", "predecessor"])
+def test_the_same_seed_gives_the_same_bits_and_numbers_are_stated(name):
+    assert name in preset_names()
+    model = tracker.noise.NoiseModel.load(name)
+    runs = [model.start(np.random.default_rng(3), 50) for _ in range(2)]
+    for _ in range(20):
+        first, again = (run.step(*truths(50, 0.2), 0.1) for run in runs)
+        assert same(first, again)
+    assert model.about
+    assert all(
+        number.unit == UNITS[group][key] for group in UNITS for key, number in model.numbers[group].items()
+    )
+
+
+def test_a_model_without_errors_gives_the_truth():
+    p, q, v = truths()
+    for _ in range(3):
+        seen = state_of().step(p, q, v, 0.1)
+        assert seen.found.all()
+        assert np.array_equal(seen.position, p)
+        np.testing.assert_allclose(seen.orientation, q / np.linalg.norm(q, axis=1)[:, None], atol=1e-15)
+        assert (seen.confidence == 1.0).all()
+        assert (seen.delay == 0.0).all()
+
+
+def test_a_bias_stays_for_an_episode_and_another_one_has_another():
+    state, truth = state_of(position={"bias": 1e-3}), truths()
+    one, two = (state.step(*truth, 0.1).position for _ in range(2))
+    assert np.array_equal(one, two)
+    which = np.arange(N) % 3 == 0
+    state.reset(which)
+    assert np.array_equal((state.step(*truth, 0.1).position == one).all(axis=1), ~which)
+    assert (one - truth[0]).std() == pytest.approx(1e-3, rel=0.03)
+
+
+@pytest.mark.parametrize("steps", [1, 5])
+def test_correlation_is_the_stated_one_in_however_many_steps(steps):
+    error = {"slow": 1e-3, "seconds": 0.5, "travel": 1e9}
+    state, truth = state_of(position=error), truths()
+    begin = state.step(*truth, 0.1).position - truth[0]
+    for _ in range(steps):
+        end = state.step(*truth, 0.3 / steps).position - truth[0]
+    assert np.corrcoef(begin.ravel(), end.ravel())[0, 1] == pytest.approx(np.exp(-0.6), abs=0.03)
+    assert end.std() == pytest.approx(1e-3, rel=0.03)
+
+
+def test_errors_are_forgotten_on_the_way_as_stated():
+    state, (p, q, v) = state_of(position={"slow": 1e-3, "seconds": 1e9, "travel": 0.02}), truths()
+    moved = p + np.array([0.01, 0.0, 0.0])
+    begin, end = state.step(p, q, v, 0.1).position - p, state.step(moved, q, v, 0.1).position - moved
+    assert np.corrcoef(begin.ravel(), end.ravel())[0, 1] == pytest.approx(np.exp(-0.5), abs=0.03)
+
+
+def test_rotations_are_perturbed_along_world_axes():
+    state, (p, q, v) = state_of(rotation={"fast": 0.02}), truths()
+    seen = state.step(p, q, v, 0.1)
+    rotation = tracker.geometry.so3.matrix_from_quaternion
+    turn = tracker.geometry.so3.log(rotation(seen.orientation) @ np.swapaxes(rotation(q), 1, 2))
+    np.testing.assert_allclose(turn.std(axis=0), 0.02, rtol=0.05)
+    np.testing.assert_allclose(np.linalg.norm(seen.orientation, axis=1), 1.0)
+
+
+def test_what_is_hidden_more_is_seen_worse():
+    spread = [
+        (state_of(position={"fast": 1e-3, "visible": 1.0}).step(*truth, 0.1).position - truth[0]).std()
+        for truth in (truths(visible=1.0), truths(visible=0.5))
+    ]
+    assert spread[1] == pytest.approx(2.0 * spread[0])
+
+
+def test_misses_last_as_stated_and_never_bear_a_pose():
+    state, truth = state_of(missed={"lost": 1.0, "found": 4.0}), truths()
+    seen = [state.step(*truth, 0.05) for _ in range(200)]
+    found = np.array([one.found for one in seen])
+    assert found.mean() == pytest.approx(0.8, abs=0.01)
+    back = found[1:][~found[:-1]].mean()
+    assert back == pytest.approx(0.8 * (1.0 - np.exp(-0.25)), rel=0.03)
+    for one in seen:
+        assert np.array_equal(np.isnan(one.position).all(axis=1), ~one.found)
+        assert np.array_equal(np.isnan(one.orientation).all(axis=1), ~one.found)
+        assert (one.confidence[~one.found] == 0.0).all()
+        assert np.isfinite(one.delay).all()
+
+
+def test_gross_errors_come_and_go_as_stated_and_stay_as_they_are():
+    own = {"rate": 0.5, "seconds": 0.4, "distance": 0.02, "angle": 0.5}
+    state, truth = state_of(gross=own), truths()
+    off = np.array([np.linalg.norm(state.step(*truth, 0.1).position - truth[0], axis=1) for _ in range(100)])
+    assert np.allclose(off[off > 1e-9], 0.02)
+    gross = off > 1e-9
+    assert gross[1:][gross[:-1]].mean() > np.exp(-0.25)
+    assert gross[20:].mean() == pytest.approx(0.5 / (0.5 + 1 / 0.4), rel=0.2)
+
+
+def test_environments_together_are_distributed_as_each_alone():
+    model = tracker.noise.NoiseModel.load("platform")
+    truth = truths(1, 0.7)
+    rng = np.random.default_rng(5)
+    alone = np.array([model.start(rng, 1).step(*truth, 0.1).position[0] for _ in range(2000)]) - truth[0]
+    many = model.start(rng, 2000).step(*(np.repeat(x, 2000, axis=0) for x in truth), 0.1).position - truth[0]
+    sizes = [np.quantile(np.linalg.norm(x, axis=1), [0.25, 0.5, 0.75]) for x in (alone, many)]
+    np.testing.assert_allclose(*sizes, rtol=0.1)
+
+
+P, Q, V = truths(2)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((P[:1], Q, V, 0.1), r"position: found shape \(1, 3\), expected"),
+        ((P * np.nan, Q, V, 0.1), "position: found values that are not finite"),
+        ((P, 0 * Q, V, 0.1), "orientation: found one of length 0"),
+        ((P, Q, V + 1, 0.1), "visible: found 2 to 2, expected shares"),
+        ((P, Q, V, 0.0), "dt: found 0.0, expected"),
+    ],
+)
+def test_what_is_no_step_is_refused_with_the_reason(arguments, message):
+    with pytest.raises(tracker.TrackerError, match=message):
+        state_of(2).step(*arguments)
+
+
+def test_what_is_no_model_or_start_is_refused_with_the_reason(tmp_path):
+    load, rng = tracker.noise.NoiseModel.load, np.random.default_rng(0)
+    with pytest.raises(tracker.TrackerError, match="expected one of platform, platform_refined, predecessor"):
+        load("robot")
+    with pytest.raises(tracker.TrackerError, match="count: found 0"):
+        load("platform").start(rng, 0)
+    with pytest.raises(tracker.TrackerError, match="rng: found 3"):
+        load("platform").start(3, 1)  # type: ignore[arg-type]
+    with pytest.raises(tracker.TrackerError, match="which: found"):
+        state_of(2).reset([2])
+    preset = (tracker.noise.model._DATA / "platform.toml").read_text(encoding="utf-8")
+    path = tmp_path / "own.toml"
+    path.write_text(preset, encoding="utf-8")
+    assert load(path).numbers == load("platform").numbers
+    for old, new, message in (
+        ('unit = "m"', 'unit = "mm"', "position.bias: found"),
+        ("[delay]", "[delays]", "'delay' is missing|'delays' is unknown"),
+        ("bias =", "bias", "not a TOML file"),
+        ("value = ", "value = -", "found value -"),
+    ):
+        path.write_text(preset.replace(old, new, 1), encoding="utf-8")
+        with pytest.raises(tracker.TrackerError, match=message):
+            load(path)
