@@ -23,6 +23,7 @@ from benchmarks.judge.results import Results, ResultsError, read_results, write_
 from benchmarks.judge.targets import judge
 from benchmarks.measure.accuracy import again
 from benchmarks.measure.likeness import main as likeness
+from benchmarks.report import noise as noise_report
 from benchmarks.report import readme
 from benchmarks.report.markdown import document
 from benchmarks.report.plots import write_plots
@@ -231,6 +232,19 @@ def gate(output: Path, cache: Path, real: Path | None, baseline: Path, update: s
     if worse:
         sys.exit(1)
     click.echo("nothing is worse than the baseline allows")
+
+
+@main.command()
+@click.option("--object", "name", type=click.Choice(OBJECTS), default=OBJECTS[0], show_default=True)
+@click.option("--seed", type=click.IntRange(min=0), default=DEVELOPMENT, help="Of the films that are fitted.")
+@click.option("--check", type=click.IntRange(min=0), default=4242, help="Of those that judge the model.")
+@click.option("--refined", is_flag=True, help="With cameras as a refinement leaves them.")
+@click.option("--workers", default=2, show_default=True, help="Processes that render.")
+@_cache
+@click.option("-o", "--output", type=_FILE, default=Path("noise.toml"), show_default=True)
+def noise(name: str, seed: int, check: int, refined: bool, workers: int, cache: Path, output: Path) -> None:
+    """Measure the tracker's errors on films, and write them as a model for simulators."""
+    click.echo(noise_report.measured(name, (seed, check), workers, cache, output, refined=refined))
 
 
 main.add_command(likeness, "likeness")

@@ -23,11 +23,25 @@ from tracker.conventions import FloatArray, Image
 RATE = 10.0
 """Frames per second [Hz]."""
 
-STYLES: dict[str, tuple[str, ...]] = {"realistic": (), "world": EFFECTS}
-"""Effects of the real world that films of a style show."""
 
-KIND = "mixed"
-"""Of motion: pushed, tumbled, lifted, carried, dropped."""
+@dataclass(frozen=True)
+class Style:
+    """What films of a style show."""
+
+    effects: tuple[str, ...] = ()
+    """Of the real world."""
+    kinds: tuple[str, ...] = ("mixed",)
+    """Of motion, film after film; mixed: pushed, tumbled, lifted, carried, dropped."""
+    quality: str = "default"
+    """Key of `synthetic.camera.shot.QUALITIES`."""
+
+
+STYLES = {
+    "realistic": Style(),
+    "world": Style(EFFECTS),
+    "errors": Style(EFFECTS, ("push", "tumble", "carry", "drop"), "fast"),
+}
+"""Those of `errors` are many, so they are rendered without the lamps' shadows."""
 
 ABSENT = 20
 """Frames for which an object that vanishes is away."""
@@ -104,25 +118,28 @@ class FilmStore:
         return self.store.scenes(self.numbers(film, frames, empty=empty))
 
 
-def _maker(object_name: str, effects: tuple[str, ...], seed: int, length: int) -> Maker[FilmFrame]:
-    options = FrameOptions(
-        object_name,
-        seed,
-        sequence=True,
-        size=SIZE,
-        rate=RATE,
-        kind=KIND,
-        dropped=0.0,
-        length=length,
-        effects=effects,
-    )
-    maker = FrameMaker(options)
+def _maker(object_name: str, style: Style, seed: int, length: int) -> Maker[FilmFrame]:
+    @functools.cache
+    def maker(kind: str) -> FrameMaker:
+        options = FrameOptions(
+            object_name,
+            seed,
+            style.quality,
+            sequence=True,
+            size=SIZE,
+            rate=RATE,
+            kind=kind,
+            dropped=0.0,
+            length=length,
+            effects=style.effects,
+        )
+        return FrameMaker(options)
 
     def make(film: int, numbers: Collection[int]) -> Iterator[tuple[int, FilmFrame]]:
         first = film * length
         places = [divmod(number - 2 * film * length, length) for number in numbers]
         whole, emptied = ({first + frame for empty, frame in places if empty == part} for part in (0, 1))
-        for frame in maker.chunk(film, whole, emptied):
+        for frame in maker(style.kinds[film % len(style.kinds)]).chunk(film, whole, emptied):
             yield frame.index + first + length * (not frame.objects), _film_frame(frame)
 
     return make

@@ -74,9 +74,13 @@ def miscalibrated(rig: CameraRig, rng: np.random.Generator) -> Calibrated:
     floating[:3, 3] = floating[:3, :3] @ [0.0, 0.0, -height]
     back = np.linalg.inv(floating)
     true = [_posed(camera, camera.camera_from_world @ back) for camera in rig]
-    given = [_given(camera, rng) for camera in true]
-    rigs = [dataclasses.replace(rig, cameras=tuple(cameras)) for cameras in (true, given)]
-    return Calibrated(rigs[0], rigs[1], floating)
+    own = dataclasses.replace(rig, cameras=tuple(true))
+    return Calibrated(own, stated(own, rng), floating)
+
+
+def stated(rig: CameraRig, rng: np.random.Generator) -> CameraRig:
+    """True cameras as one more calibration states them."""
+    return dataclasses.replace(rig, cameras=tuple(_given(camera, rng) for camera in rig))
 
 
 def _posed(camera: Camera, camera_from_world: FloatArray) -> Camera:
@@ -91,9 +95,9 @@ def _given(camera: Camera, rng: np.random.Generator) -> Camera:
     """A camera as its calibration states it."""
     turn_std = np.exp(rng.normal(0.0, 0.25)) * STATED[1]
     move_std = np.exp(rng.normal(0.0, 0.15)) * STATED[0]
-    stated = _with_board(camera, _with_wrong_lens(camera, rng))
+    board = _with_board(camera, _with_wrong_lens(camera, rng))
     move, turn = move_std * _heavy(rng, 3), turn_std * _heavy(rng, 3)
-    transform = stated.camera_from_world.copy()
+    transform = board.camera_from_world.copy()
     transform[:3, :3] = so3.exp(turn) @ transform[:3, :3]
     transform[:3, 3] += move
     knocked, turned, axis = rng.random() < KNOCKED, rng.random() < 0.5, rng.standard_normal(3)
@@ -109,7 +113,7 @@ def _given(camera: Camera, rng: np.random.Generator) -> Camera:
         turns = [so3.hat(unit) @ transform[:3, :3] for unit in np.eye(3)]
         std[:3, :3] = turn_std * np.sqrt(np.sum(np.square(turns), axis=0))
         std[:3, 3] = move_std
-    return dataclasses.replace(_posed(stated, transform), camera_from_world_std=std)
+    return dataclasses.replace(_posed(board, transform), camera_from_world_std=std)
 
 
 def _heavy(rng: np.random.Generator, count: int) -> FloatArray:

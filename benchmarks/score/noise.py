@@ -1,0 +1,267 @@
+"""A model of the tracker's errors, fitted to films and compared with others.
+
+An episode is an array (T, 16): time [s], visible share, errors (δp, δθ) [m, rad], confidence, and the true
+position [m] and orientation (xyzw); errors and confidence are nan where nothing was found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from scipy.optimize import least_squares, minimize
+
+from tracker.conventions import Array, FloatArray
+from tracker.noise.model import UNITS
+from tracker.noise.state import NoiseState
+
+GROSS = 5e-3, np.radians(5.0)
+"""A larger error is gross [m, rad]."""
+
+COPIES = 12
+"""So often each episode is put through a model."""
+
+HIDDEN = 0.6
+"""Visible share below which errors are judged apart."""
+
+LAGS = 1, 10
+"""Of the correlations [frames]: 0.1 s and 1 s."""
+
+WEIGHTS = np.array([3.0, 3.0, *[1.0] * 10, 5.0, 5.0])
+"""Of the figures in the fit: median, 90th percentile and correlations count most."""
+
+PULL = 0.5
+"""By how much the logarithm of a number is drawn to where the fit begins."""
+
+FITTED = {
+    "bias": (6e-4, 3e-3), "bias_spread": (0.5, 0.5), "slow": (4e-4, 4e-3), "fast": (5e-5, 1e-3),
+    "fast_spread": (0.5, 0.5), "seconds": (10.0, 10.0), "travel": (0.04, 0.03), "visible": (0.5, 1.0),
+}  # fmt: skip
+"""Where the fit of an error's numbers begins: of the position [m], of the rotation [rad]."""
+
+Values = dict[str, dict[str, float]]
+
+
+def simulated(values: Mapping[str, Mapping[str, float]], episodes: Sequence[Array], seed: int = 0) -> Array:
+    """(N · COPIES, T, 16) the same truths put through a model."""
+    truth = np.repeat(np.stack(episodes), COPIES, axis=0)
+    state = NoiseState(values, np.random.default_rng(seed), len(truth))
+    result = truth.copy()
+    for k in range(truth.shape[1]):
+        now = truth[:, k]
+        dt = float(np.median(now[:, 0] - truth[:, k - 1, 0])) if k else 0.1
+        seen = state.step(now[:, 9:12], now[:, 12:], np.clip(now[:, 1], 0.0, 1.0), dt)
+        result[:, k, 2:5] = seen.position - now[:, 9:12]
+        result[:, k, 5:8] = _turn(now[:, 12:], seen.orientation)
+        result[:, k, 8] = np.where(seen.found, seen.confidence, np.nan)
+    return result
+
+
+def _turn(true: Array, seen: Array) -> FloatArray:
+    """Rotation vectors (N, 3), by quaternions, of small turns."""
+    v, w = true[:, :3], true[:, 3:]
+    a, b = seen[:, :3], seen[:, 3:]
+    part = w * a - b * v - np.cross(a, v)
+    whole = w * b + np.sum(a * v, axis=1, keepdims=True)
+    result: FloatArray = 2.0 * part / np.where(whole < 0, -1.0, 1.0)
+    return result
+
+
+def correlation(errors: Array, lag: int) -> float:
+    """Of errors (N, T, 3) about zero, `lag` frames apart; gross ones are left out by the caller."""
+    a, b = errors[:, :-lag], errors[:, lag:]
+    both = np.isfinite(a[..., 0]) & np.isfinite(b[..., 0])
+    a, b = a[both], b[both]
+    return float(np.sum(a * b) / np.sqrt(np.sum(a * a) * np.sum(b * b)))
+
+
+def usual(episodes: Array, part: int) -> Array:
+    """(N, T, 3) errors of a part (0: position, 1: rotation) where neither is gross; nan elsewhere."""
+    errors = episodes[..., 2:8].reshape(*episodes.shape[:2], 2, 3)
+    size = np.linalg.norm(errors, axis=3)
+    return np.where(np.all(size < GROSS, axis=2)[..., None], errors[:, :, part], np.nan)
+
+
+def figures(episodes: Array, part: int) -> FloatArray:
+    """What the numbers of a part are fitted to; all positive."""
+    errors = usual(episodes, part)
+    size, hidden = np.linalg.norm(errors, axis=2), episodes[..., 1] < HIDDEN
+    bias = np.nanmedian(errors, axis=1)
+    left = np.linalg.norm(errors - bias[:, None], axis=2)
+    jump = np.linalg.norm(np.diff(errors, axis=1), axis=2)
+    still = np.linalg.norm(np.diff(episodes[..., 9:12], axis=1), axis=2) < 2e-4
+    kept = [max(correlation(errors, lag), 0.01) for lag in LAGS]
+    quantiles = [
+        np.nanquantile(values, share)
+        for values, share in [
+            (size, 0.5), (size, 0.9), (size[~hidden], 0.5), (size[hidden], 0.5), (size[hidden], 0.9),
+            (np.linalg.norm(bias, axis=1), 0.5), (np.linalg.norm(bias, axis=1), 0.9),
+            (left, 0.5), (left, 0.9), (jump[still], 0.5), (jump[still], 0.9), (jump[~still], 0.5),
+        ]
+    ]  # fmt: skip
+    return np.array([*quantiles, *kept])
+
+
+def fit(episodes: Sequence[Array], films: Sequence[int], values: Values) -> dict[str, dict[str, Any]]:
+    """Numbers of a model, each a value and an interval of 95 % by the spread over films.
+
+    Args:
+        episodes: all of one length.
+        films: number of each episode's film.
+        values: of a model, to begin with; those of the delay stay.
+    """
+    whole = np.stack(episodes)
+    found: dict[str, dict[str, Any]] = {"missed": _missed(whole), **_sure(whole)}
+    for group in ("missed", "gross", "confidence"):
+        values[group] = {key: value for key, (value, _) in found[group].items()}
+    for part, group in enumerate(("position", "rotation")):
+        found[group] = _error(whole, np.array(films), part, group, values)
+        values[group] = {key: value for key, (value, _) in found[group].items()}
+    return found
+
+
+def _error(whole: Array, films: Array, part: int, group: str, values: Values) -> dict[str, Any]:
+    expected, start = figures(whole, part), np.log([pair[part] for pair in FITTED.values()])
+
+    def misses(logs: FloatArray) -> FloatArray:
+        values[group] = dict(zip(FITTED, np.exp(logs).tolist(), strict=True))
+        off = np.log(figures(simulated(values, list(whole)), part) / expected)
+        result: FloatArray = np.concatenate([WEIGHTS * off, PULL * (logs - start)])
+        return result
+
+    best = least_squares(misses, start, diff_step=0.03, max_nfev=25, loss="soft_l1", f_scale=0.3)
+    rng = np.random.default_rng(0)
+    draws = []
+    for _ in range(100):
+        chosen = np.concatenate(
+            [np.flatnonzero(films == f) for f in rng.choice(np.unique(films), len(np.unique(films)))]
+        )
+        draws.append(np.log(figures(whole[chosen], part)))
+    spread = WEIGHTS[:, None] * np.cov(np.array(draws).T) * WEIGHTS
+    # What the pull to the start knows counts as well.
+    gain, rows = np.linalg.pinv(best.jac), len(expected)
+    taught, pulled = gain[:, :rows], gain[:, rows:]
+    error = np.sqrt(np.diag(taught @ spread @ taught.T + pulled @ pulled.T))
+    return {
+        key: (np.exp(log), np.exp([log - 1.96 * e, log + 1.96 * e]))
+        for key, log, e in zip(FITTED, best.x, error, strict=True)
+    }
+
+
+def _missed(whole: Array) -> dict[str, Any]:
+    """Rates of the chain, by likelihood."""
+    found, v = np.isfinite(whole[..., 2]), whole[:, 1:, 1].ravel()
+    before, after = found[:, :-1].ravel(), found[:, 1:].ravel()
+
+    def surprise(logs: FloatArray) -> float:
+        a, b, c, d = np.exp(logs)
+        lost, back = a * np.exp(-b * v), c * np.exp(np.minimum(d * v, 40.0))
+        rest = back / (lost + back)
+        p = np.clip(rest + (before - rest) * np.exp(-0.1 * (lost + back)), 1e-6, 1 - 1e-6)
+        return float(-np.sum(np.where(after, np.log(p), np.log(1 - p))))
+
+    best = minimize(
+        surprise, np.log([30.0, 15.0, 0.02, 25.0]), method="Nelder-Mead", options={"maxiter": 2000}
+    )
+    error = np.sqrt(np.diag(_inverse_hessian(surprise, best.x)))
+    names = "lost", "lost_visible", "found", "found_visible"
+    return {
+        key: (np.exp(log), np.exp([log - 1.96 * e, log + 1.96 * e]))
+        for key, log, e in zip(names, best.x, error, strict=True)
+    }
+
+
+def _inverse_hessian(surprise: Any, at: FloatArray, step: float = 0.02) -> FloatArray:
+    units = step * np.eye(len(at))
+    hessian = np.array(
+        [
+            [
+                surprise(at + a + b) - surprise(at + a - b) - surprise(at - a + b) + surprise(at - a - b)
+                for a in units
+            ]
+            for b in units
+        ]
+    )
+    result: FloatArray = np.abs(np.linalg.pinv(hessian / (4.0 * step**2)))
+    return result
+
+
+def _sure(whole: Array) -> dict[str, dict[str, Any]]:
+    """Confidence by regression, gross errors by counting."""
+    size = np.linalg.norm(whole[..., 2:8].reshape(*whole.shape[:2], 2, 3), axis=3)
+    c, v = whole[..., 8], np.clip(whole[..., 1], 0.05, 1.0)
+    given = np.isfinite(c) & (c < 1.0) & (c > 0.0)
+    columns = np.stack([np.ones_like(v), np.log(v), -size[..., 0], -size[..., 1]], axis=-1)[given]
+    logit = np.log(c[given] / (1.0 - c[given]))
+    best = np.linalg.lstsq(columns, logit, rcond=None)[0]
+    left = float(np.std(logit - columns @ best))
+    # Errors stay for about a second: so many frames count once.
+    error = 1.96 * left * np.sqrt(10.0 * np.diag(np.linalg.inv(columns.T @ columns)))
+    ends = [np.maximum(best - error, 0.0), best + error]
+    clear = [1.0 / (1.0 + np.exp(-x)) for x in (best[0], best[0] - error[0], best[0] + error[0])]
+    confidence = {
+        "clear": (clear[0], clear[1:]),
+        **{key: (max(best[k], 0.0), [ends[0][k], max(ends[1][k], 0.0)])
+           for k, key in enumerate(("visible", "distance", "angle"), start=1)},
+        "spread": (left, [0.9 * left, 1.1 * left]),
+    }  # fmt: skip
+    gross = np.any(size > GROSS, axis=2)
+    begins = int(np.sum(gross[:, 1:] & ~gross[:, :-1]) + gross[:, 0].sum())
+    slope = 6.0
+    time = 0.1 * float(np.sum(np.exp(-slope * v[np.isfinite(size[..., 0])])))
+    ways = size[gross] if gross.any() else np.array([GROSS])
+    mean = 0.1 * max(int(gross.sum()), 1) / max(begins, 1)
+    few = 1.96 / np.sqrt(max(begins, 1))
+    return {
+        "confidence": confidence,
+        "gross": {
+            "rate": (
+                begins / time,
+                [max(begins - 2 * begins**0.5, 0.0) / time, (begins + 2 * begins**0.5 + 3) / time],
+            ),
+            "visible": (slope, [0.0, 20.0]),
+            "seconds": (mean, [0.5 * mean, mean * np.exp(few)]),
+            "distance": tuple(_about(float(np.median(ways[:, 0])), few)),
+            "angle": tuple(_about(float(np.median(ways[:, 1])), few)),
+            "spread": tuple(_about(float(np.std(np.log(ways[:, 0]))) or 0.3, few)),
+        },
+    }
+
+
+def _about(value: float, few: float) -> tuple[float, list[float]]:
+    return value, [value * np.exp(-few), value * np.exp(few)]
+
+
+def agreement(measured: Array, modelled: Array) -> list[tuple[str, float, float]]:
+    """Figures of both: name, measured, modelled."""
+    rows = []
+    for part, (name, scale) in enumerate((("position [mm]", 1e3), ("rotation [°]", 180 / np.pi))):
+        pairs = [
+            scale * np.linalg.norm(e[..., 2:8].reshape(*e.shape[:2], 2, 3)[:, :, part], axis=2)
+            for e in (measured, modelled)
+        ]
+        for label, share in (("median", 0.5), ("90th percentile", 0.9)):
+            one, other = (float(np.nanquantile(x, share)) for x in pairs)
+            rows.append((f"{name}, {label}", one, other))
+        for lag in LAGS:
+            one, other = (correlation(usual(e, part), lag) for e in (measured, modelled))
+            rows.append((f"{name}, correlation at {lag / 10:g} s", one, other))
+    one, other = (100 * float(np.mean(np.isnan(e[..., 2]))) for e in (measured, modelled))
+    rows.append(("missed [%]", one, other))
+    return rows
+
+
+def to_toml(about: str, found: Mapping[str, Mapping[str, Any]]) -> str:
+    """A model's file."""
+    lines = [f'about = "{about}"']
+    for group, units in UNITS.items():
+        lines += ["", f"[{group}]"]
+        for key, unit in units.items():
+            value, interval = found[group][key]
+            ends = ", ".join(f"{x:.3g}" for x in interval)
+            if len(interval):
+                low, high = (float(f"{x:.3g}") for x in interval)
+                value = min(max(float(f"{value:.3g}"), low), high)
+            lines.append(f'{key} = {{value = {value:.3g}, unit = "{unit}", interval = [{ends}]}}')
+    return "\n".join([*lines, ""])
