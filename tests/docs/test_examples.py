@@ -55,6 +55,13 @@ def test_what_was_tracked_is_plotted_and_not_tracked_again(working, run_script):
     assert (working / "height.png").stat().st_size > 10_000
 
 
+def test_a_policy_sees_late_and_noisy_poses(tmp_path, run_script):
+    printed = run_script(EXAMPLES / "noisy_poses.py", folder=tmp_path).stdout
+    known, off = re.fullmatch(r"(\d+)% known, (\d+\.\d) mm off in the median\n", printed).groups()
+    assert int(known) > 90
+    assert 1.0 < float(off) < 8.0
+
+
 def test_a_rig_of_ones_own_is_saved_and_loaded(tmp_path, run_script):
     printed = run_script(EXAMPLES / "own_rig.py", folder=tmp_path).stdout
     assert [line.split()[0] for line in printed.splitlines()] == ["left", "right"]
