@@ -112,7 +112,8 @@ class NoiseState:
             delay["spread"] * self._rng.standard_normal(self.count)
         )
         seen, turned = p + error[:3].T, _turned(error[3:], q)
-        seen[~found] = turned[~found] = np.nan
+        missed = np.flatnonzero(~found)
+        seen[missed] = turned[missed] = np.nan
         self._last, self._fresh[:] = (p, q), False
         return Seen(seen, turned, found, np.where(found, confidence, 0.0), late)
 
@@ -139,7 +140,7 @@ class NoiseState:
         return p, q / length[:, None], v
 
     def _kept(self, p: FloatArray, q: FloatArray, dt: float) -> FloatArray:
-        """(6, N) share of the slow errors that is not forgotten."""
+        """(2, N) share of the slow errors that is not forgotten."""
         shift = p - self._last[0]
         chord = 1.0 - np.abs(np.einsum("ij,ij->i", q, self._last[1]))
         way = np.sqrt(np.einsum("ij,ij->i", shift, shift)) + RADIUS * np.sqrt(8.0 * np.maximum(chord, 0.0))
@@ -148,20 +149,22 @@ class NoiseState:
             np.maximum([one[key] for one in (self._values["position"], self._values["rotation"])], 1e-12)
             for key in ("seconds", "travel")
         )
-        return np.repeat(np.exp(-dt / seconds[:, None] - way / travel[:, None]), 3, axis=0)
+        kept: FloatArray = np.exp(-dt / seconds[:, None] - way / travel[:, None])
+        return kept
 
     def _errors(self, keep: FloatArray, clear: FloatArray, gross: FloatArray) -> FloatArray:
         """(6, N) [m, rad]."""
-        of, rng = self._of, self._rng
+        of = {key: numbers[::3, None] for key, numbers in self._of.items()}
         # Single precision is drawn in half the time.
-        drawn = rng.standard_normal((12, self.count), dtype=np.float32)
-        self._slow *= keep
-        self._slow += np.sqrt(1.0 - keep * keep) * drawn[:6]
-        heavy = np.exp(of["fast_spread"][::3] * rng.standard_normal((2, self.count), dtype=np.float32))
-        hidden = np.exp(-of["visible"][::3] * np.log(clear))
-        fast = of["fast"] * np.repeat(heavy * hidden, 3, axis=0) * drawn[6:]
-        slow = of["slow"] * self._scale * (np.repeat(hidden, 3, axis=0) * self._slow)
-        result: FloatArray = self._bias + slow + fast + gross
+        drawn = self._rng.standard_normal((14, self.count), dtype=np.float32)
+        result: FloatArray = self._bias + gross
+        parts, slow = result.reshape(2, 3, -1), self._slow.reshape(2, 3, -1)
+        kept, spread = keep[:, None], drawn[12:, None]
+        slow *= kept
+        slow += np.sqrt(1.0 - kept * kept) * drawn[:6].reshape(2, 3, -1)
+        hidden = of["visible"] * np.log(clear)
+        parts += of["slow"] * self._scale[::3, None] * np.exp(-hidden) * slow
+        parts += of["fast"] * np.exp(of["fast_spread"] * spread - hidden) * drawn[6:12].reshape(2, 3, -1)
         return result
 
     def _gross_now(self, v: FloatArray, dt: float) -> FloatArray:
@@ -208,13 +211,10 @@ def _turned(turn: FloatArray, q: FloatArray) -> FloatArray:
     half = 0.5 * np.sqrt(np.einsum("ij,ij->j", turn, turn))
     x, y, z = turn * (0.5 * np.sinc(half / np.pi))
     w = np.cos(half)
-    a, b, c, d = q.T
-    return np.stack(
-        [
-            w * a + x * d + y * c - z * b,
-            w * b - x * c + y * d + z * a,
-            w * c + x * b - y * a + z * d,
-            w * d - x * a - y * b - z * c,
-        ],
-        axis=1,
-    )
+    a, b, c, d = np.ascontiguousarray(q.T)
+    result = np.empty_like(q)
+    result[:, 0] = w * a + x * d + y * c - z * b
+    result[:, 1] = w * b - x * c + y * d + z * a
+    result[:, 2] = w * c + x * b - y * a + z * d
+    result[:, 3] = w * d - x * a - y * b - z * c
+    return result
