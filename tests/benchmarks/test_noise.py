@@ -1,0 +1,74 @@
+"""Errors on films: covers hide what they say, and a model agrees with what it made."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from benchmarks.data.films import FilmFrame
+from benchmarks.data.scenes import rig
+from benchmarks.measure.noise import covered, mended
+from benchmarks.report.noise import write_plot
+from benchmarks.score import noise as score
+from synthetic.camera.miscalibration import stated
+from tracker.noise import NoiseModel
+
+
+def made_up(count: int = 40, length: int = 30):
+    """Episodes of an object that rests and then moves, without any error."""
+    rng = np.random.default_rng(2)
+    rows = np.zeros((count, length, 16))
+    rows[..., 0], rows[..., 1], rows[..., 15] = 0.1 * np.arange(length), 0.8, 1.0
+    rows[:, :, 1] = rng.uniform(0.1, 1.0, (count, 1))
+    rows[:, length // 2 :, 9] = 0.02 * np.arange(length - length // 2)
+    return list(rows)
+
+
+def values_of(model: NoiseModel):
+    return {group: {key: n.value for key, n in numbers.items()} for group, numbers in model.numbers.items()}
+
+
+def test_a_model_agrees_with_what_it_made(tmp_path):
+    values = values_of(NoiseModel.load("platform"))
+    one, other = (score.simulated(values, made_up(), seed) for seed in (1, 2))
+    for name, first, second in score.agreement(one, other):
+        assert abs(second / first - 1.0) < 0.15, name
+    write_plot(one, other, tmp_path / "plot.png")
+    assert (tmp_path / "plot.png").stat().st_size > 5000
+
+
+def test_a_file_that_is_written_is_read_again(tmp_path):
+    model, path = NoiseModel.load("platform"), tmp_path / "noise.toml"
+    found = {
+        group: {key: (number.value, number.interval or ()) for key, number in numbers.items()}
+        for group, numbers in model.numbers.items()
+    }
+    path.write_text(score.to_toml("again", found), encoding="utf-8")
+    assert NoiseModel.load(path).numbers == model.numbers
+    assert path.stat().st_size < 5000
+
+
+def test_rates_of_misses_are_found_again():
+    values = values_of(NoiseModel.load("platform"))
+    own = values["missed"] = {"lost": 3.0, "lost_visible": 2.0, "found": 2.0, "found_visible": 1.0}
+    found = score._missed(score.simulated(values, made_up(), 3))
+    for key, (value, (low, high)) in found.items():
+        assert low <= value <= high
+        assert abs(value - own[key]) < 0.25 * own[key], key
+
+
+def test_covers_hide_the_share_that_they_say(rng):
+    image = np.full((270, 270, 3), 255, np.uint8)
+    one = FilmFrame(0.0, (image,) * 3, np.ones(3), np.array([0.0, 0.0, 0.0325]), np.eye(3))
+    frames = covered([one] * 40, rig(), np.full(3, 0.065), rng)
+    shares = np.array([1.0 - frame.visible_fraction for frame in frames])
+    painted = np.array([[(i < 255).any() for i in frame.images] for frame in frames])
+    assert 0.2 < (shares > 0).mean() < 0.9
+    assert painted[shares > 0.2].all()
+    assert not painted[shares == 0].any()
+
+
+def test_refined_cameras_are_near_the_true_ones(rng):
+    given = stated(rig(), rng)
+    for camera, true in zip(mended(rig(), given, rng), rig(), strict=True):
+        off = camera.camera_from_world[:3, 3] - true.camera_from_world[:3, 3]
+        assert 0.0 < np.linalg.norm(off) < 0.6e-3
