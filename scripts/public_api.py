@@ -17,7 +17,7 @@ ROOT = Path(__file__).resolve().parents[1]
 SNAPSHOT = ROOT / "tests" / "public_api.txt"
 ROOMS = (
     *("tracker.tasks.move_object", "tracker.tasks.rearrange_dice"),
-    *("tracker.live", "tracker.logs", "tracker.recordings", "tracker.viz"),
+    *("tracker.live", "tracker.logs", "tracker.noise", "tracker.recordings", "tracker.viz"),
 )
 _SHOWN = re.compile(r"^::: ([\w.]+)$", re.MULTILINE)
 

@@ -1,6 +1,6 @@
 """The tracker's errors, for simulators: noisy poses from true ones, for many environments at once."""
 
-from tracker.noise.model import NoiseModel, Number, NumbersOf
+from tracker.noise.model import NoiseModel, Number
 from tracker.noise.state import NoiseState, Seen
 
-__all__ = ["NoiseModel", "NoiseState", "Number", "NumbersOf", "Seen"]
+__all__ = ["NoiseModel", "NoiseState", "Number", "Seen"]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
@@ -14,12 +13,8 @@ import numpy as np
 from tracker.checks import is_number, is_whole, path_of
 from tracker.errors import TrackerError, shown
 from tracker.files import read_bounded
+from tracker.files.toml import parse_toml
 from tracker.noise.state import NoiseState
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 _ERROR = ("bias", "bias_spread", "slow", "fast", "fast_spread", "seconds", "travel", "visible")
 
@@ -119,10 +114,7 @@ def preset_names() -> Sequence[str]:
 
 
 def _parsed(content: bytes, source: str) -> NoiseModel:
-    try:
-        data = tomllib.loads(content.decode("utf-8"))
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
-        raise TrackerError(f"noise model {source}: not a TOML file: {error}") from error
+    data = parse_toml(content, f"noise model {source}", TrackerError)
     about = data.pop("about", "")
     _same_keys(data, UNITS, source)
     groups = {}
