@@ -94,7 +94,7 @@ class ObjectTracker:
         if isinstance(fit, Status):
             return Observation(None, None, fit, timing, cameras=uses)
         pose = measured(fit, size=self.model.size)
-        reason = Status.CALIBRATION_DOUBTFUL if contradict(fit.disagreement) else None
+        reason = Status.INCONSISTENT_VIEWS if contradict(fit.disagreement) else None
         return Observation(pose, None, Status.FOUND, timing, reason, after(uses, fit))
 
     def reset(self) -> None:

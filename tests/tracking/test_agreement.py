@@ -75,6 +75,6 @@ def test_over_time_a_wrong_calibration_is_named_and_a_right_one_is_not(rig):
         assert answers[-1].object_pose is not None
         sure = lasting is Status.TRACKING
         assert (answers[-1].object_pose.confidence > 0.9) is sure
-        doubt = None if sure else Status.CALIBRATION_DOUBTFUL
+        doubt = None if sure else Status.INCONSISTENT_VIEWS
         assert {one.detect(images).reason for images in film} == {doubt}
         assert (answers[-1].filtered_object_pose.confidence > 0.9) is sure

@@ -56,7 +56,7 @@ def detect(
     finder.detect(pictures)  # loads the compiled code: the times printed are those of a running tracker
     observation = finder.detect(pictures)
     warning = likely_cause(finder, pictures, observation)
-    if warning is None and observation.reason is tracker.Status.CALIBRATION_DOUBTFUL:
+    if warning is None and observation.reason is tracker.Status.INCONSISTENT_VIEWS:
         warning = DOUBTFUL
     warning = warning or off_table(observation.object_pose, model, rig.arena)
     if overlay is not None:

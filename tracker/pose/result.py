@@ -36,8 +36,6 @@ class Status(Word):
     """A pose explains the colours, but the edges do not lie where it puts them."""
     OTHER_OBJECT = "other_object"
     """What is there has other colours or another shape: another object, or pictures in RGB for BGR."""
-    CALIBRATION_DOUBTFUL = "calibration_doubtful"
-    """As the `reason` beside a pose: the cameras contradict each other by more than calibrations are off."""
     AMBIGUOUS = "ambiguous"
     """Two different poses explain the images about equally well."""
     TRACKING = "tracking"
@@ -217,8 +215,10 @@ class Observation:
     timing_ms: dict[str, float] = field(default_factory=dict)
     """Wall-clock time of each stage [ms]."""
     reason: Status | None = None
-    """Over time, where nothing was measured: why these images by themselves gave no pose. Of `detect`, with a
-    pose: CALIBRATION_DOUBTFUL, or None."""
+    """Over time, where nothing was measured: why these images by themselves gave no pose.
+
+    Of `detect`, beside a pose: INCONSISTENT_VIEWS where the cameras contradict each other, so that their
+    calibration is doubtful."""
     cameras: tuple[CameraUse, ...] = ()
     """What became of each camera's picture, in the order of the rig."""
 

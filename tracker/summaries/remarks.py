@@ -48,8 +48,8 @@ _MEASURED = 0.8
 
 
 DOUBTFUL = (
-    "the cameras contradict each other: the calibration may be of other cameras, or one was moved; "
-    "see tracker calibrate check"
+    "the calibration is doubtful, since the cameras contradict each other: one may have been moved, "
+    "or the files are of others; see tracker calibrate check"
 )
 
 
