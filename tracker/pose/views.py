@@ -118,26 +118,24 @@ def _slopes(picture, width, height):  # type: ignore[no-untyped-def]
     return across, down
 
 
-@compiled(inline="always")
-def _read(b, g, r, j, i, slopes, picture, table):  # type: ignore[no-untyped-def]
-    """The label of levels at row j and column i of a label map, in even light."""
-    across, down = slopes
-    if across.shape[1] > 0:
-        b = evened_level(b, across[0, i] * down[0, j])
-        r = evened_level(r, across[1, i] * down[1, j])
-    return label_of(b, g, r, picture.channels, table, picture.gains)
-
-
 @compiled
 def _near_color(image, picture, by, table, window, slopes):  # type: ignore[no-untyped-def]
-    """Tiles (h, w) of a label map that show a face's colour in a window, and those beside them."""
-    left, top, right, bottom = window
+    """Tiles (h, w) of a label map that show a face's colour in a window, and those beside them.
+
+    A function for what is done to each pixel here and below would count references to the arrays that it is
+    given, which takes ten times as long as all else.
+    """
+    (left, top, right, bottom), (across, down) = window, slopes
+    even = across.shape[1] == 0
     near = np.zeros((image.shape[0] // by // TILE + 3, image.shape[1] // by // TILE + 3), np.bool_)
     for m in range(top // TILE, (bottom - 1) // TILE + 1):
         for n in range(left // TILE, (right - 1) // TILE + 1):
             j, i = m * TILE, n * TILE
-            b, g, r = image[by * j, by * i, 0], image[by * j, by * i, 1], image[by * j, by * i, 2]
-            if _read(b, g, r, j, i, slopes, picture, table) > 0:
+            b, r = np.int64(image[by * j, by * i, 0]), np.int64(image[by * j, by * i, 2])
+            if not even:
+                b = evened_level(b, across[0, i] * down[0, j])
+                r = evened_level(r, across[1, i] * down[1, j])
+            if label_of(b, image[by * j, by * i, 1], r, picture.channels, table, picture.gains) > 0:
                 for beside in range(9):
                     near[m + beside // 3, n + beside % 3] = True
     return near[1:-1, 1:-1]
@@ -153,8 +151,8 @@ def fill_labels(image, calm, by, table, window, pictures, c, labels):  # type: i
     """
     picture, (left, top, right, bottom) = pictures[c], window
     picture.mosaic = find_mosaic(image)
-    slopes = _slopes(picture, image.shape[1] // by, image.shape[0] // by)
-    near = _near_color(calm, picture, by, table, window, slopes)
+    across, down = _slopes(picture, image.shape[1] // by, image.shape[0] // by)
+    near, even = _near_color(calm, picture, by, table, window, (across, down)), across.shape[1] == 0
     # A little more than one over the area, so that whole numbers stay.
     area, share, count = by * by, (1.0 + 1e-9) / (by * by), 0
     for j in range(top, bottom):
@@ -168,8 +166,11 @@ def fill_labels(image, calm, by, table, window, pictures, c, labels):  # type: i
                         b += calm[y, x, 0]
                         g += calm[y, x, 1]
                         r += calm[y, x, 2]
-                mean = int(b * share), int(g * share), int(r * share)
-                label = _read(mean[0], mean[1], mean[2], j, i, slopes, picture, table)
+                b, g, r = int(b * share), int(g * share), int(r * share)
+                if not even:
+                    b = evened_level(b, across[0, i] * down[0, j])
+                    r = evened_level(r, across[1, i] * down[1, j])
+                label = label_of(b, g, r, picture.channels, table, picture.gains)
                 labels[c, j, i] = label
                 count += label > 0
     picture.colored = count
