@@ -119,17 +119,16 @@ def _depths(lenses, c, pose, a, b, faces, line):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _place(lenses, c, pose, local, axis, normal, outwards, strip):  # type: ignore[no-untyped-def]
+def _place(lenses, c, rotation, position, local, axis, outwards, jacobian, strip):  # type: ignore[no-untyped-def]
     """Fill in the place of a piece whose middle is at `local` (3,) of the object, and how it moves.
 
-    axis: of the edge; normal: about that of its image; outwards: as of `_outwards`.
+    axis: of the edge; outwards: as of `_outwards`; jacobian (2, 3): to work in; strip: its normal is about
+    that of the edge's image.
     """
-    rotation, position = pose
-    world, jacobian = np.empty(3), np.empty((2, 3))
-    rotate(rotation, local, world)
-    u, v, _ = project_with_jacobian(
-        lenses, c, world[0] + position[0], world[1] + position[1], world[2] + position[2], jacobian
-    )
+    x = rotation[0, 0] * local[0] + rotation[0, 1] * local[1] + rotation[0, 2] * local[2]
+    y = rotation[1, 0] * local[0] + rotation[1, 1] * local[1] + rotation[1, 2] * local[2]
+    z = rotation[2, 0] * local[0] + rotation[2, 1] * local[1] + rotation[2, 2] * local[2]
+    u, v, _ = project_with_jacobian(lenses, c, x + position[0], y + position[1], z + position[2], jacobian)
     # The normal of the edge's image here: perpendicular to its projected direction.
     du, dv = 0.0, 0.0
     for i in range(3):
@@ -137,7 +136,7 @@ def _place(lenses, c, pose, local, axis, normal, outwards, strip):  # type: igno
         dv += jacobian[1, i] * rotation[i, axis]
     norm = math.hypot(du, dv)
     su, sv = dv / norm, -du / norm
-    if su * normal[0] + sv * normal[1] < 0.0:
+    if su * strip.normal[0] + sv * strip.normal[1] < 0.0:
         su, sv = -su, -sv
     strip.pixel[0], strip.pixel[1] = u, v
     strip.normal[0], strip.normal[1] = su, sv
@@ -145,9 +144,9 @@ def _place(lenses, c, pose, local, axis, normal, outwards, strip):  # type: igno
     jy = su * jacobian[0, 1] + sv * jacobian[1, 1]
     jz = su * jacobian[0, 2] + sv * jacobian[1, 2]
     strip.jacobian[0], strip.jacobian[1], strip.jacobian[2] = jx, jy, jz
-    strip.jacobian[3] = world[1] * jz - world[2] * jy
-    strip.jacobian[4] = world[2] * jx - world[0] * jz
-    strip.jacobian[5] = world[0] * jy - world[1] * jx
+    strip.jacobian[3] = y * jz - z * jy
+    strip.jacobian[4] = z * jx - x * jz
+    strip.jacobian[5] = x * jy - y * jx
     strip.rim = -(jx * outwards[0] + jy * outwards[1] + jz * outwards[2])
 
 
@@ -175,6 +174,7 @@ def edge_strips(lenses, c, half, face_labels, rotation, position, spacing, margi
     heights, pose = np.empty(6), (rotation, position)
     face_heights(lenses, c, half, rotation, position, heights)
     a, b, local, outwards = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    jacobian = np.empty((2, 3))
     # An edge so close to a camera is more than a picture can show.
     near = 0.5 * (half[0] + half[1] + half[2]) / 3.0
     count = 0
@@ -206,7 +206,8 @@ def edge_strips(lenses, c, half, face_labels, rotation, position, spacing, margi
             for i in range(3):
                 local[i] = a[i] + share * (b[i] - a[i])
             strip = out[count]
-            _place(lenses, c, pose, local, axis, (nu, nv), outwards, strip)
+            strip.normal[0], strip.normal[1] = nu, nv
+            _place(lenses, c, rotation, position, local, axis, outwards, jacobian, strip)
             strip.edge = e
             strip.inside = face_labels[face]
             strip.outside = face_labels[neighbour] if inner else 0

@@ -65,9 +65,10 @@ def integrate(labels, lenses, pictures, out):  # type: ignore[no-untyped-def]
 
 
 @compiled(inline="always")
-def _colored(integral, box):  # type: ignore[no-untyped-def]
+def _colored(integrals, c, box):  # type: ignore[no-untyped-def]
     left, top, right, bottom = box[0], box[1], box[2], box[3]
-    return integral[bottom, right] - integral[top, right] - integral[bottom, left] + integral[top, left]
+    low, high = integrals[c, bottom, right] - integrals[c, bottom, left], integrals[c, top, right]
+    return low - high + integrals[c, top, left]
 
 
 @compiled
@@ -86,9 +87,9 @@ def vote(integrals, boxes, pictures, votes):  # type: ignore[no-untyped-def]
             if not pictures[c].used or at.share == 0.0:
                 continue
             number += 1.0
-            wide = _colored(integrals[c], at.wide)
+            wide = _colored(integrals, c, at.wide)
             if wide > 0:
-                tight = _colored(integrals[c], at.tight)
+                tight = _colored(integrals, c, at.tight)
                 total += min(wide * at.share, one) + min(tight * at.share, one)
         # A camera that cannot see the point does not count, but the more agree the better.
         votes[p] = total / number
