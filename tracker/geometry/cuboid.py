@@ -51,7 +51,9 @@ def keypoints(position: Array, rotation: Array, size: Array) -> FloatArray:
     Corner i lies on the + side of x, y, z where bit 0, 1, 2 of i is 0. size: edge lengths (..., 3) [m].
     """
     inside = KEYPOINT_SIGNS * (np.asarray(size, dtype=np.float64)[..., None, :] / 2)
-    result: FloatArray = position[..., None, :] + inside @ np.swapaxes(rotation, -1, -2)
+    # A product of matrices would be rounded otherwise where memory begins elsewhere: its bits would differ.
+    x, y, z = (inside[..., k, None] * rotation[..., None, :, k] for k in range(3))
+    result: FloatArray = position[..., None, :] + (x + y + z)
     return result
 
 
