@@ -411,6 +411,6 @@ def refine(model, pictures, schedule, start, solution, cameras, seen, work, own)
         camera = cameras[c]
         seen[c].squares /= camera.scale**2
         if camera.used:
-            work.widths[count] = camera.blur / camera.scale
+            work.residuals[count] = camera.blur / camera.scale
             count += 1
-    solution.blur = median(work.widths, count) if count > 0 else start.blur
+    solution.blur = median(work.residuals, count) if count > 0 else start.blur
