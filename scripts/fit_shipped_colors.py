@@ -17,10 +17,10 @@ from pathlib import Path
 
 import numpy as np
 
+from tracker.color_learning.fit import FitOptions, Histograms, combine, image_histograms
+from tracker.color_learning.labelled import LabelledImage, read_image, read_labelled
 from tracker.objects.labels import COLOR_NAMES
 from tracker.segmentation.color_model import ColorModel
-from tracker.segmentation.fit import FitOptions, Histograms, combine, image_histograms
-from tracker.segmentation.labelled import LabelledImage, read_image, read_labelled
 from tracker.segmentation.light import apply_gains, find_light
 
 OBJECTS = ("cube_v1", "cube_v2", "cube_v3", "cuboid_2x2x8_v2")

@@ -20,9 +20,9 @@ import numpy as np
 from fit_shipped_colors import dice_image, labelled_images
 
 from synthetic.camera.sensor import RESPONSE_GAMMA, linear
+from tracker.color_learning.labelled import LabelledImage
 from tracker.conventions import Array, FloatArray, Image
 from tracker.objects.labels import COLOR_NAMES
-from tracker.segmentation.labelled import LabelledImage
 from tracker.segmentation.light import TARGET_GREY, find_light
 
 DATA = Path(__file__).resolve().parent.parent / "synthetic" / "look" / "data" / "face_colors.json"

@@ -24,9 +24,9 @@ from synthetic.world.effects import with_effects
 from synthetic.world.fingers import random_fingers
 from synthetic.world.placement import lowest
 from synthetic.world.platform import Platform
+from tracker.color_learning.labelled import read_labelled
 from tracker.conventions import Array, FloatArray, Image
 from tracker.geometry.camera import Camera
-from tracker.segmentation.labelled import read_labelled
 
 POSED = {"cube_v1": "new", "cube_v2": "new", "cuboid_2x2x8_v2": "old"}
 """Objects that there is a triplet of, and how its pictures were recorded."""

@@ -14,8 +14,8 @@ import tracker
 from benchmarks.data.fingerprint import ROOT
 from synthetic.camera.rigs import ROBOTS, choose_rig, sized
 from tracker.calibration.rig import CameraRig
+from tracker.color_learning.labelled import LabelledImage, read_labelled
 from tracker.geometry.camera import Camera
-from tracker.segmentation.labelled import LabelledImage, read_labelled
 
 POSED = ("cube_v1", "cube_v2", "cuboid_2x2x8_v2")
 SEGMENTED = ("cube_v1", "cube_v2", "cube_v3", "cuboid_2x2x8_v2")

@@ -18,11 +18,11 @@ import numpy as np
 import tracker
 from benchmarks.data.recorded import SEGMENTED, labelled_images, real_folder
 from synthetic.frames import frames
+from tracker.color_learning.fit import FitOptions, combine, image_histograms
+from tracker.color_learning.labelled import LabelledImage, intersection_over_union
 from tracker.conventions import Image
 from tracker.objects.labels import COLOR_NAMES
 from tracker.segmentation.color_model import ColorModel
-from tracker.segmentation.fit import FitOptions, combine, image_histograms
-from tracker.segmentation.labelled import LabelledImage, intersection_over_union
 
 SEED = 90210
 """Of the synthetic pictures; other than the one that colours and light were adjusted with."""

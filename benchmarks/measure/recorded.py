@@ -13,11 +13,11 @@ import pandas as pd
 import tracker
 from benchmarks.data.recorded import SEGMENTED, labelled_images, triplets
 from benchmarks.score.errors import apart, placed, projected
+from tracker.color_learning.fit import FitOptions, combine, image_histograms
+from tracker.color_learning.labelled import LabelledImage, intersection_over_union
 from tracker.conventions import FloatArray, Image
 from tracker.geometry.camera import Camera
 from tracker.geometry.cuboid import FACE_CORNERS, corners
-from tracker.segmentation.fit import FitOptions, combine, image_histograms
-from tracker.segmentation.labelled import LabelledImage, intersection_over_union
 
 LIGHT_SEED = 11
 

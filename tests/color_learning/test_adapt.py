@@ -10,13 +10,13 @@ import pytest
 import tracker
 from tests.helpers.filmed import RIG, footage_of, overlap, shots
 from tracker.color_learning.adapt import adapt
+from tracker.color_learning.fit import FitOptions
 from tracker.color_learning.frames import judge, shares
 from tracker.color_learning.lessons import Lesson, consistent, lesson, nodes_of, outline, owners
 from tracker.color_learning.models import from_names, nearest, refit
 from tracker.errors import NotBetterError
 from tracker.pipeline import ObjectTracker
 from tracker.pose.fit import Fit
-from tracker.segmentation.fit import FitOptions
 
 MODEL = tracker.load_object("cube_v2")
 OPTIONS = FitOptions(draws=5000)

@@ -9,13 +9,13 @@ import pytest
 import tracker
 from tests.helpers import make_camera
 from tracker.calibration.rig import CameraRig
+from tracker.color_learning.labelled import read_image
 from tracker.errors import CalibrationError, TrackerError
 from tracker.files import open_regular, read_bounded
 from tracker.files.hdf5 import check_stated_end, open_file
 from tracker.files.stores import LmdbFile
 from tracker.logs.native import NativeSource
 from tracker.poses.file import is_poses_file, read_fingerprint, read_poses
-from tracker.segmentation.labelled import read_image
 
 
 @pytest.fixture(autouse=True)

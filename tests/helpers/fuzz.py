@@ -147,7 +147,7 @@ def _poses(path: Path) -> None:
 
 
 def _picture(path: Path) -> None:
-    from tracker.segmentation.labelled import read_image
+    from tracker.color_learning.labelled import read_image
 
     read_image(path)
 

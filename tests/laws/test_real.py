@@ -10,8 +10,8 @@ import pytest
 import tracker
 from benchmarks.data.recorded import POSED, labelled_images, triplet
 from benchmarks.measure.recorded import inside_distances, light_changes
-from tracker.segmentation.fit import FitOptions, combine, image_histograms
-from tracker.segmentation.labelled import intersection_over_union, read_labelled
+from tracker.color_learning.fit import FitOptions, combine, image_histograms
+from tracker.color_learning.labelled import intersection_over_union, read_labelled
 
 
 def posed(real: Path, name: str):

@@ -73,7 +73,7 @@ def sightings_of(paths: Sequence[Path], board: Board) -> tuple[Board, list[Board
         require_size,
         why_no_board,
     )
-    from tracker.segmentation.labelled import read_image
+    from tracker.color_learning.labelled import read_image
 
     photos = [str(path) for path in paths]
     with silent_libraries():

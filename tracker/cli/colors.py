@@ -19,7 +19,7 @@ from tracker.errors import ColorModelError, ImageError
 if TYPE_CHECKING:
     from tracker.color_learning.adapt import Adapted
     from tracker.color_learning.frames import Frames
-    from tracker.segmentation.labelled import LabelledImage
+    from tracker.color_learning.labelled import LabelledImage
 
 
 @click.group(no_args_is_help=False, short_help="Fit, learn and check the colours of objects.")
@@ -67,7 +67,7 @@ class Lesson:
     def learn(self, model: tracker.CuboidModel, footage: list[Frames], start: tracker.ColorModel) -> None:
         """Write what the frames teach; prints a line per round."""
         from tracker.color_learning.adapt import adapt as learn_colors
-        from tracker.segmentation.fit import FitOptions
+        from tracker.color_learning.fit import FitOptions
 
         say: Callable[[str], None] = (lambda _: None) if self.quiet else click.echo
         draws, name = FitOptions(seed=self.seed), self.output.stem
@@ -296,7 +296,7 @@ def check(
 
 
 def _read(folders: Sequence[str]) -> list[LabelledImage]:
-    from tracker.segmentation.labelled import read_labelled
+    from tracker.color_learning.labelled import read_labelled
 
     with silent_libraries():
         return [image for folder in folders for image in read_labelled(folder)]
@@ -306,7 +306,7 @@ def _fitter(
     images: Sequence[LabelledImage], others: Sequence[LabelledImage], rendered: bool, seed: int
 ) -> Callable[[Sequence[int], str], tracker.ColorModel]:
     """A function that fits a model of some name to those of the images whose indices are given."""
-    from tracker.segmentation.fit import FitOptions, combine, image_histograms
+    from tracker.color_learning.fit import FitOptions, combine, image_histograms
 
     draws = FitOptions(seed=seed)
     own = [image_histograms(image, draws, normalise=not rendered) for image in images]

@@ -10,10 +10,10 @@ import numpy as np
 
 import tracker
 from tracker.cli.render import table
+from tracker.color_learning.hues import LIGHT, NEAR, Paints, better_set, distances, paints
+from tracker.color_learning.labelled import LabelledImage, confusion, intersection_over_union
 from tracker.conventions import Array, FloatArray, Image
 from tracker.objects.labels import COLOR_NAMES
-from tracker.segmentation.hues import LIGHT, NEAR, Paints, better_set, distances, paints
-from tracker.segmentation.labelled import LabelledImage, confusion, intersection_over_union
 
 WEAK = 0.9
 """Share of a colour's pixels that are found below which it is weak."""

@@ -104,8 +104,8 @@ def read_images(
     paths: Sequence[str], rig: tracker.CameraRig, *, resize: bool = False
 ) -> tuple[tracker.CameraRig, list[Image | None]]:
     """The rig of the images' sizes, and the images in its order, None where a camera gave none."""
+    from tracker.color_learning.labelled import read_image
     from tracker.logs.cameras import sized_for
-    from tracker.segmentation.labelled import read_image
 
     images: list[Image | None] = []
     cameras = []

@@ -14,7 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tracker.color_learning.fit import FitOptions
 from tracker.color_learning.frames import Frames, Judgement, judge
+from tracker.color_learning.hues import hue_of, hues_of_model, misnamed
 from tracker.color_learning.lessons import Lesson, consistent, lesson, nodes_of
 from tracker.color_learning.models import from_names, learned, refit
 from tracker.conventions import Array
@@ -25,8 +27,6 @@ from tracker.pipeline import ObjectTracker
 from tracker.pose.fit import Fit
 from tracker.pose.judge import confidence
 from tracker.segmentation.color_model import CLASSES, NODES, ColorModel
-from tracker.segmentation.fit import FitOptions
-from tracker.segmentation.hues import hue_of, hues_of_model, misnamed
 
 GATES = (0.3, 0.5, 0.7, 0.8, 0.9)
 """Least confidence of the poses that teach, round by round: at first few are sure."""

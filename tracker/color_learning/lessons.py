@@ -12,13 +12,13 @@ from scipy.ndimage import gaussian_filter
 
 from tracker.calibration.rig import CameraRig
 from tracker.color_learning.frames import Images
+from tracker.color_learning.hues import hue_of
 from tracker.conventions import Array, FloatArray, Image
 from tracker.geometry.camera import Camera
 from tracker.geometry.cuboid import FACE_CORNERS, corners, visible_faces
 from tracker.objects.model import CuboidModel
 from tracker.pose.fit import Fit
 from tracker.segmentation.color_model import CLASSES, NODES, ColorModel, compand
-from tracker.segmentation.hues import hue_of
 from tracker.segmentation.labels import MIN_AREA, REFERENCE_SIZE, labels_by_color
 from tracker.segmentation.light import apply_gains
 

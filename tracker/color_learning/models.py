@@ -7,13 +7,13 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from tracker.color_learning.fit import FitOptions, Histograms, combine, pixel_histograms
 from tracker.color_learning.frames import Frames, judge
+from tracker.color_learning.hues import NAMED_HUES, bgr_of_hue
 from tracker.color_learning.lessons import nodes_of
 from tracker.conventions import Array, FloatArray
 from tracker.objects.model import CuboidModel
 from tracker.segmentation.color_model import CLASSES, ColorModel, color_model_names, load_colors
-from tracker.segmentation.fit import FitOptions, Histograms, combine, pixel_histograms
-from tracker.segmentation.hues import NAMED_HUES, bgr_of_hue
 
 TRIED = 12
 """Frames on which the models compete."""

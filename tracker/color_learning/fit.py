@@ -18,10 +18,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
+from tracker.color_learning.labelled import LabelledImage, surely_background
 from tracker.conventions import Array, FloatArray
 from tracker.errors import ImageError
 from tracker.segmentation.color_model import CLASSES, NODES, ColorModel, compand
-from tracker.segmentation.labelled import LabelledImage, surely_background
 from tracker.segmentation.light import apply_gains, find_light
 
 

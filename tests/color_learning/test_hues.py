@@ -9,9 +9,7 @@ import pytest
 from scipy.ndimage import zoom
 
 import tracker
-from tracker.errors import ColorModelError
-from tracker.segmentation.color_model import ColorModel, color_model_names, load_colors
-from tracker.segmentation.hues import (
+from tracker.color_learning.hues import (
     LIGHT,
     NAMED_HUES,
     better_set,
@@ -24,7 +22,9 @@ from tracker.segmentation.hues import (
     misnamed,
     paints,
 )
-from tracker.segmentation.labelled import LabelledImage, confusion
+from tracker.color_learning.labelled import LabelledImage, confusion
+from tracker.errors import ColorModelError
+from tracker.segmentation.color_model import ColorModel, color_model_names, load_colors
 from tracker.tasks.rearrange_dice.segment import segment_dice
 
 CUBOIDS = ("cube_v1", "cube_v2", "cube_v3", "cuboid_2x2x8_v2", "simulation")

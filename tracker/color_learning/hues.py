@@ -16,9 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from tracker.color_learning.labelled import LabelledImage
 from tracker.conventions import Array, FloatArray
 from tracker.segmentation.color_model import CLASSES, NODES, ColorModel
-from tracker.segmentation.labelled import LabelledImage
 from tracker.segmentation.light import apply_gains, evened, find_light
 
 NAMED_HUES: FloatArray = np.array([np.nan, 12.0, 100.0, 212.0, 178.0, 312.0, 52.0])

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from tests.helpers.stated_sizes import OF_SIZE, encoded
+from tracker.color_learning.fit import FitOptions, combine, image_histograms
+from tracker.color_learning.labelled import LabelledImage, intersection_over_union, read_image, read_labelled
 from tracker.errors import ColorModelError, ImageError
 from tracker.objects.labels import COLOR_NAMES
 from tracker.segmentation import load_colors, segment
-from tracker.segmentation.fit import FitOptions, combine, image_histograms
-from tracker.segmentation.labelled import LabelledImage, intersection_over_union, read_image, read_labelled
 from tracker.segmentation.light import apply_gains
 
 SIZE = 160
