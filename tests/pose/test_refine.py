@@ -69,7 +69,7 @@ def test_every_start_nearby_leads_to_the_same_pose(trackers, scenes, name):
             fit = estimator.refine(sight, rotation, position, SCHEDULE)
             assert fit.converged
             # Ended within `negligible` of the best pose, both of them.
-            assert np.abs(deviation(fit, reference)).max() < 2 * np.sqrt(SCHEDULE.negligible[0])
+            assert np.abs(deviation(fit, reference)).max() < 2 * np.sqrt(SCHEDULE.negligible)
             # A start so near that the first whole step is negligible ends before the blur has settled.
             within = 0.15 if fit.iterations > 3 else 0.3
             alike.append(np.allclose(np.diag(fit.covariance), np.diag(reference.covariance), rtol=within))
