@@ -244,7 +244,9 @@ def edges_at(scene: Scene, rotation: FloatArray, position: FloatArray, start: St
 def before_and_after(scene: Scene) -> tuple[Edges, Edges]:
     """Strips at the best hypothesis after alignment on the label maps, and at the pose refined from it."""
     estimator, sight = scene.estimator, scene.sight
-    best = estimator.search.likeliest(estimator.search.begun(sight, found_positions(scene)[:1], slice(2)))[0]
+    best = estimator.search.likeliest(
+        sight, estimator.search.begun(sight, found_positions(scene)[:1], slice(2))
+    )[0]
     fit = estimator.refine(sight, best.rotation, best.position)
     return edges_at(scene, best.rotation, best.position, fit.end), edges_at(
         scene, fit.rotation, fit.position, fit.end

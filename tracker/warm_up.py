@@ -151,7 +151,7 @@ def _sight() -> Sight:
 
 def _read() -> None:
     image = np.random.default_rng(0).integers(0, 255, (_SIZE, _SIZE, 3)).astype(np.uint8)
-    _estimator().reader.in_grey_world(_estimator().reader([image]))
+    _estimator().reader([image])
 
 
 def _search() -> None:

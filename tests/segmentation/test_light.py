@@ -19,7 +19,6 @@ from tracker.segmentation.light import (
     apply_gains,
     evened,
     find_light,
-    grey_world_gains,
 )
 from tracker.segmentation.sensor import LOUD, NO_MOSAIC, calmed, find_mosaic, noise_level
 
@@ -147,7 +146,6 @@ def test_without_any_grey_the_image_is_left_as_it_is(color):
     light = find_light(np.full((100, 100, 3), color, np.uint8))
     np.testing.assert_array_equal(light.gains, 1)
     assert light.share == 0
-    assert np.isfinite(grey_world_gains(np.full((50, 50, 3), color, np.uint8))).all()
 
 
 def test_clipped_greys_do_not_pull_the_colour_of_grey():
@@ -157,13 +155,6 @@ def test_clipped_greys_do_not_pull_the_colour_of_grey():
     found = find_light(exposed(scene, (1.2, 1.0, 0.9))).gains
     ratio = found * (1.2, 1.0, 0.9) / reference
     np.testing.assert_allclose(ratio / ratio[1], 1, atol=0.02)
-
-
-@given(gains=st.tuples(factor, factor, factor))
-def test_the_grey_world_inverts_the_lights_gains_too(gains):
-    scene = np.clip(grey_scene(4), 0, 190)
-    reference = grey_world_gains(exposed(scene))
-    np.testing.assert_allclose(grey_world_gains(exposed(scene, gains)) * gains / reference, 1, atol=0.02)
 
 
 @given(gains=st.tuples(factor, factor, factor))

@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -30,7 +30,7 @@ from tracker.pose.judge import (
     trust,
     unanimous,
 )
-from tracker.pose.refine import FOLLOWING, FROM_THERE, ROUGH, SCHEDULE, Schedule
+from tracker.pose.refine import FIRST, FOLLOWING, FROM_THERE, SCHEDULE, Schedule
 from tracker.pose.refiner import Refiner
 from tracker.pose.result import Status
 from tracker.pose.rivals import reversed_in_depth, turned_about_face
@@ -51,7 +51,7 @@ CLEAR = 0.5
 """Probability that a fit sits on the object, where all cameras see it, from which no other place is tried."""
 
 COMPETING, BEHIND = 4, 10.0
-"""Hypotheses that compete, and rank by which one may be behind the best after a rough step and still win."""
+"""Hypotheses that compete, and rank by which one may be behind the best after a step and still win."""
 
 RECONCILABLE = 16.8
 """Squared distance of two fits of one pose, in standard deviations: 99 % are nearer (χ² of 6)."""
@@ -73,17 +73,6 @@ a camera alone has many poses that do so a little."""
 
 TURNED = math.radians(12)
 """Turn beyond which its own pose is another optimum."""
-
-
-class Found(NamedTuple):
-    """A fit, and what it was found in."""
-
-    fit: Fit
-    sight: Sight
-
-
-def _ranked(one: Found) -> float:
-    return rank(one.fit)
 
 
 def _clear(fit: Fit) -> bool:
@@ -135,9 +124,9 @@ class PoseEstimator:
         """The surest pose in pictures (H, W, 3), None where a camera gave none, or why there is none.
 
         Most pictures are settled by the first hypothesis. Where its fit is not sure, others enter a contest:
-        at other places and turns, in the light of the grey world, without each of the cameras, of which one
-        that is tinted, mirrored or of another moment spoils what the others see. How well they explain the
-        label maps decides which few are refined.
+        at other places and turns, and without each of the cameras, since one that is tinted, mirrored or of
+        another moment spoils what the others see. How well they explain the label maps decides which few are
+        refined.
 
         Args:
             images: one for each camera.
@@ -154,41 +143,39 @@ class PoseEstimator:
         found: Fit | Status = Status.NO_OBJECT_COLORS
         if sight.pictures["colored"].sum() >= MIN_PIXELS:
             candidates = self.candidates(sight, thorough, lag)
-            found = self._best(candidates, lag) if candidates else Status.TOO_FEW_PIXELS
+            found = self._best(sight, candidates, lag) if candidates else Status.TOO_FEW_PIXELS
         laps.append(time.perf_counter())
         for k, stage in enumerate(("light", "segmentation", "pose")):
             timing[stage] = timing.get(stage, 0.0) + 1e3 * (laps[k + 1] - laps[k])
         return found
 
-    def candidates(self, sight: Sight, thorough: bool = True, lag: Lag | None = None) -> list[Found]:
+    def candidates(self, sight: Sight, thorough: bool = True, lag: Lag | None = None) -> list[Fit]:
         """Fits from which the best is chosen; arguments as of `find`."""
         places = self.search.positions(sight.labels, sight.pictures, POSITIONS)
         first = next(places, None)
         if first is None:
             return []
-        found: list[Found] = []
-        self._contest(self.search.likeliest(self.search.begun(sight, [first], slice(1))), found, lag)
-        if thorough and not (found and settled(found[0].fit)):
-            everywhere = not (found and _clear(found[0].fit))
-            self._contest(self.search.others(sight, first, places, everywhere=everywhere), found, lag)
-        if not found:
-            return found
-        best = max(found, key=_ranked)
-        if thorough and not settled(best.fit):
-            other = self.without_worst(best.sight, best.fit, lag)
-            found += [Found(other, best.sight)] if other is not best.fit else []
-        if alone(best.fit):
-            rivals = self._rivals(best.sight, best.fit, None, lag, reversed_in_depth, turned_about_face)
-            found += [Found(rival, best.sight) for rival in rivals]
-        return found
+        begun = self.search.begun(sight, [first], slice(1))
+        fits = self._contest(sight, self.search.likeliest(sight, begun), [], lag)
+        if thorough and not (fits and settled(fits[0])):
+            others = self.search.others(sight, first, places, everywhere=not (fits and _clear(fits[0])))
+            fits += self._contest(sight, others, fits, lag)
+        if not fits:
+            return fits
+        best = max(fits, key=rank)
+        if thorough and not settled(best):
+            other = self.without_worst(sight, best, lag)
+            fits += [other] if other is not best else []
+        if alone(best):
+            fits += self._rivals(sight, best, None, lag, reversed_in_depth, turned_about_face)
+        return fits
 
-    def _best(self, found: list[Found], lag: Lag | None) -> Fit | Status:
+    def _best(self, sight: Sight, fits: list[Fit], lag: Lag | None) -> Fit | Status:
         """The likeliest fit, if it is accepted, or why it is not."""
-        found.sort(key=_ranked, reverse=True)
-        fits = [one.fit for one in found]
+        fits = sorted(fits, key=rank, reverse=True)
         reason = None
         # A pose beyond the arena is none, but what looks like one more than like the best is doubtful.
-        for best, sight in sorted(found, key=lambda one: not one.fit.inside):
+        for best in sorted(fits, key=lambda one: not one.inside):
             fit = replace(best, lead=lead(best, fits, self.box.radius))
             refused = refusal(fit)
             if refused is None:
@@ -198,39 +185,43 @@ class PoseEstimator:
                 break
         return reason or Status.INCONSISTENT_VIEWS
 
-    def _contest(self, hypotheses: list[Hypothesis], found: list[Found], lag: Lag | None) -> None:
-        """Refine the best of hypotheses that explain the label maps about as well as the best fit, or better.
+    def _contest(
+        self, sight: Sight, hypotheses: list[Hypothesis], before: list[Fit], lag: Lag | None
+    ) -> list[Fit]:
+        """Fits of hypotheses that explain the label maps about as well as the best fit before, or better.
 
-        A rough step of the refinement tells which are clearly behind, or the same as better ones.
+        The refinement's first step tells which are clearly behind, or the same as better ones.
         """
         chosen: list[Hypothesis] = []
-        known: list[Fit | Hypothesis] = [one.fit for one in found]
-        least = CLOSE * max((explanation_score(one.fit.cameras) for one in found), default=0.0)
+        known: list[Fit | Hypothesis] = [*before]
+        least = CLOSE * max((explanation_score(fit.cameras) for fit in before), default=0.0)
+        several = np.count_nonzero(sight.used) > 1
         for one in hypotheses:
-            if len(chosen) == COMPETING or (one.score < least and np.count_nonzero(one.sight.used) > 1):
+            if len(chosen) == COMPETING or (one.score < least and several):
                 break
             if all(apart(one, other, self.box.radius) for other in (*known, *chosen)):
                 chosen.append(one)
         if len(chosen) < 2:
-            found += [self._refined(one, SCHEDULE, lag) for one in chosen]
-            return
-        rough = [(self._refined(one, ROUGH, lag).fit, one) for one in chosen]
-        rough.sort(key=lambda pair: -rank(pair[0]))
-        for fit, one in rough:
-            if len(found) == REFINED or rank(fit) < rank(rough[0][0]) - BEHIND:
-                return
+            return [self._refined(sight, one, SCHEDULE, lag) for one in chosen]
+        begun = [(self._refined(sight, one, FIRST, lag), one) for one in chosen]
+        begun.sort(key=lambda pair: -rank(pair[0]))
+        found: list[Fit] = []
+        for fit, one in begun:
+            if len(before) + len(found) == REFINED or rank(fit) < rank(begun[0][0]) - BEHIND:
+                break
             if all(apart(fit, other, self.box.radius) for other in known):
-                begun = one._replace(rotation=fit.rotation, position=fit.position)
-                found.append(self._refined(begun, FROM_THERE, lag))
-                known += [fit, found[-1].fit]
-                if settled(found[-1].fit):
-                    return
+                further = one._replace(rotation=fit.rotation, position=fit.position)
+                found.append(self._refined(sight, further, FROM_THERE, lag))
+                known += [fit, found[-1]]
+                if settled(found[-1]):
+                    break
+        return found
 
-    def _refined(self, one: Hypothesis, schedule: Schedule, lag: Lag | None) -> Found:
+    def _refined(self, sight: Sight, one: Hypothesis, schedule: Schedule, lag: Lag | None) -> Fit:
         """The fit of a hypothesis by a schedule."""
-        sight = one.sight.without(*one.left_out)
-        fit = self.refine(sight, one.rotation, one.position, schedule, lag=lag, ask=schedule is not ROUGH)
-        return Found(self.counted(one.sight, fit, one.left_out) if one.left_out else fit, one.sight)
+        used = sight.without(*one.left_out)
+        fit = self.refine(used, one.rotation, one.position, schedule, lag=lag, ask=schedule is not FIRST)
+        return self.counted(sight, fit, one.left_out) if one.left_out else fit
 
     def counted(self, sight: Sight, fit: Fit, left_out: Sequence[int]) -> Fit:
         """A fit with what all cameras of a sight say of it, also those that were left out when it was made.

@@ -54,8 +54,6 @@ class Hypothesis(NamedTuple):
     """(3, 3) world_from_object."""
     position: FloatArray
     """(3,) [m]."""
-    sight: Sight
-    """In which light it was found."""
     left_out: tuple[int, ...] = ()
     """Cameras without which it was found."""
 
@@ -117,8 +115,8 @@ class Search:
         tried: list[Hypothesis] = []
         for place in places:
             likely_rotations(self.lenses, sight.labels, pictures, self.faces, place, self.grid, turns)
-            tried += [Hypothesis(0.0, turn.copy(), place, sight, left_out) for turn in turns[which]]
-        return self._aligned(tried, REACHES[:1])
+            tried += [Hypothesis(0.0, turn.copy(), place, left_out) for turn in turns[which]]
+        return self._aligned(sight, tried, REACHES[:1])
 
     def others(
         self, sight: Sight, first: FloatArray, places: Iterable[FloatArray], *, everywhere: bool
@@ -129,8 +127,7 @@ class Search:
             sight: of the pictures.
             first: the likeliest place (3,) [m].
             places: the others.
-            everywhere: whether there are hypotheses at other places, without each of the cameras, and in the
-                light of the grey world, too.
+            everywhere: whether there are hypotheses at other places and without each of the cameras, too.
         """
         found = self.begun(sight, [first], slice(1, TURNS))
         if everywhere:
@@ -139,32 +136,28 @@ class Search:
             for c in used if len(used) > ENOUGH else ():
                 rest = sight.without(c).pictures
                 found += self.begun(sight, self.positions(sight.labels, rest, 1), slice(FEW), (c,))
-            if self.reader.colors.normalise:
-                grey = self.reader.in_grey_world(sight)
-                found += self.begun(grey, self.positions(grey.labels, grey.pictures, 1), slice(FEW))
-        return self.likeliest(found)
+        return self.likeliest(sight, found)
 
-    def likeliest(self, begun: Sequence[Hypothesis]) -> list[Hypothesis]:
+    def likeliest(self, sight: Sight, begun: Sequence[Hypothesis]) -> list[Hypothesis]:
         """The best of hypotheses that have been begun, aligned to the end, best first."""
         best = sorted(begun, key=lambda one: -one.score)[:ALIGNED]
-        aligned = [hypothesis for one in best for hypothesis in self._aligned([one], REACHES[1:])]
+        aligned = [hypothesis for one in best for hypothesis in self._aligned(sight, [one], REACHES[1:])]
         return sorted(aligned, key=lambda one: -one.score)
 
     def near(self, sight: Sight, poses: Sequence[tuple[FloatArray, FloatArray]]) -> Hypothesis | None:
         """What poses (3, 3), (3,) [m] that may be off by 3 cm and 30° lead to, at best."""
-        tried = [Hypothesis(0.0, rotation, position, sight) for rotation, position in poses]
-        return max(self._aligned(tried, FAR_REACHES), key=lambda one: one.score, default=None)
+        tried = [Hypothesis(0.0, rotation, position) for rotation, position in poses]
+        return max(self._aligned(sight, tried, FAR_REACHES), key=lambda one: one.score, default=None)
 
-    def _aligned(self, tried: Sequence[Hypothesis], reaches: Array) -> list[Hypothesis]:
-        """Those hypotheses of one sight, aligned by steps of these reaches, whose edges are to be seen.
+    def _aligned(self, sight: Sight, tried: Sequence[Hypothesis], reaches: Array) -> list[Hypothesis]:
+        """Those hypotheses, aligned by steps of these reaches, whose edges are to be seen.
 
-        All cameras of the sight judge what is aligned without some.
+        They were found without the same cameras, and all judge them.
         """
         if not tried:
             return []
         rotations = np.array([one.rotation for one in tried])
         positions, scores = np.array([one.position for one in tried]), np.empty(len(tried))
-        sight = tried[0].sight
         try_hypotheses(
             self.lenses, sight.labels, sight.without(*tried[0].left_out).pictures, sight.pictures, self.faces,
             rotations, positions, reaches, scores,

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tracker.compiled import compiled
-from tracker.conventions import Array, FloatArray
+from tracker.conventions import FloatArray
 from tracker.geometry.lens import apply_update, copy_pose
 from tracker.geometry.linear import median
 from tracker.pose.edge_fit import measure
@@ -98,7 +98,7 @@ SCHEDULE = Schedule(piece=5.0, tukey=np.array([3.0, 1.0] + [0.5] * 6), negligibl
 """From a hypothesis. A step is about a twentieth of the one before (squared). Where few pixels decide, pieces
 come and go from step to step, and the pose stays restless."""
 
-ROUGH, FROM_THERE = (SCHEDULE._replace(tukey=SCHEDULE.tukey[part]) for part in (slice(1), slice(1, None)))
+FIRST, FROM_THERE = (SCHEDULE._replace(tukey=SCHEDULE.tukey[part]) for part in (slice(1), slice(1, None)))
 """Its first step, and the others."""
 
 FOLLOWING = Schedule(piece=6.0, tukey=np.array([1.0] + [0.5] * 4), negligible=2.0)
@@ -211,7 +211,7 @@ def take_stock(solution, cameras, likely, work, seen):  # type: ignore[no-untype
         else:
             camera.blur = 0.0
     for c in range(len(cameras)):
-        # A camera that shows narrow faces only takes its blur from the others.
+        # A camera that shows few edges takes its blur from the others.
         if cameras[c].blur == 0.0 or not cameras[c].used:
             cameras[c].blur = cameras[c].scale * (known_blur / knowing if knowing > 0 else likely)
         seen[c].blur = cameras[c].blur

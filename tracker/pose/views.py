@@ -21,7 +21,7 @@ from tracker.objects.labels import UNKNOWN
 from tracker.pose.scale import label_camera, label_factors
 from tracker.segmentation.color_model import ColorModel, fill_channels
 from tracker.segmentation.labels import label_of
-from tracker.segmentation.light import evened_level, fill_light, grey_world_gains
+from tracker.segmentation.light import evened_level, fill_light
 from tracker.segmentation.sensor import LOUD, find_mosaic, noise_level
 
 PICTURE = np.dtype(
@@ -191,15 +191,6 @@ class Reader:
     def __call__(self, images: Sequence[Image | None]) -> Sight:
         """What pictures (H, W, 3) say, None where a camera gave none; each in the light of its own greys."""
         return self.labelled(images, self.lit(images))
-
-    def in_grey_world(self, sight: Sight) -> Sight:
-        """The same pictures with their light estimated again, by the mean of all pixels."""
-        pictures = sight.pictures.copy()
-        for c, image in enumerate(sight.images):
-            if image is not None:
-                pictures["gains"][c], pictures["tilt"][c] = grey_world_gains(image), 0.0
-                fill_channels(pictures["gains"][c], pictures["channels"][c])
-        return self.labelled(sight.images, pictures, hidden=sight.hidden)
 
     def lit(
         self,

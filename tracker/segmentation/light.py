@@ -258,16 +258,6 @@ def evened(image: Image, light: Light) -> Image:
     return out
 
 
-def grey_world_gains(image: Image) -> FloatArray:
-    """Gains (3,) that bring the mean of each channel to that of the platform's usual images.
-
-    A second opinion where the wall is clipped: clipped pixels still pull their channel's mean.
-    """
-    step = max(1, int(np.sqrt(image.shape[0] * image.shape[1] / SAMPLES)))
-    mean = image[step // 2 :: step, step // 2 :: step].reshape(-1, 3).mean(axis=0)
-    return np.asarray(0.8 * TARGET_GREY / np.maximum(mean, 1.0), dtype=np.float64)
-
-
 def apply_gains(image: Image, gains: FloatArray) -> Image:
     """The image with its channels multiplied by `gains` (3,), rounded and clipped to 8 bits."""
     levels = np.arange(256)[:, None] * np.asarray(gains)[None, :]
