@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import json
 from contextlib import suppress
+from dataclasses import dataclass
 from datetime import timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,6 +18,7 @@ from tracker.cli.render import bar, listing, table
 from tracker.errors import LogError
 
 if TYPE_CHECKING:
+    from tracker.batch.jobs import Scheduler
     from tracker.batch.run import Batch
     from tracker.batch.stores import Retracking
     from tracker.batch.tables import State
@@ -30,32 +32,62 @@ def batch() -> None:
     """Find an object's pose in thousands of recordings, and tell how far that is."""
 
 
+@dataclass(frozen=True)
+class Engine:
+    """Who does the work; UsageError where options contradict each other."""
+
+    jobs: int | None
+    """Processes here."""
+    scheduler: str | None
+    """Address of a Dask scheduler."""
+    htcondor: bool
+    slurm: bool
+    dry_run: bool
+    """Whether what would be submitted is printed only."""
+
+    def __post_init__(self) -> None:
+        given = (self.jobs, self.scheduler, self.htcondor, self.slurm)
+        names = ("--jobs", "--scheduler", "--htcondor", "--slurm")
+        chosen = [name for name, value in zip(names, given, strict=True) if value]
+        if len(chosen) > 1:
+            raise click.UsageError(f"found {' and '.join(chosen)}, expected one of them")
+        if self.dry_run and self.submits is None:
+            raise click.UsageError(
+                "--dry-run prints what --htcondor or --slurm would submit, expected one of them"
+            )
+
+    @property
+    def submits(self) -> Scheduler | None:
+        """To what jobs are submitted; None: to nothing."""
+        return "htcondor" if self.htcondor else "slurm" if self.slurm else None
+
+
+engine_options = options.gathered(
+    "engine",
+    Engine,
+    options.whole("--jobs", "Processes here.  [default: one for each core]"),
+    click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler, whose workers do it instead."),
+    click.option("--htcondor", is_flag=True, help="Submit what is missing to HTCondor."),
+    click.option("--slurm", is_flag=True, help="Submit what is missing to Slurm."),
+    click.option("--dry-run", is_flag=True, help="Print what --htcondor or --slurm would submit."),
+)
+as_csv_option = click.option("--csv", "as_csv", is_flag=True, help="Write the table as CSV, too.")
+
+
 @batch.command()
 @click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...")
-@options.subject
 @output_option(_FOLDER, "DIR", "Folder of the results.")
-@options.cameras
+@options.asked
 @click.option("--robot", metavar="NAME", help="Robot of image stores, e.g. r1.  [default: each episode's]")
-@options.part
-@options.whole("--jobs", "Processes here.  [default: one for each core]")
-@click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler, whose workers do it instead.")
-@click.option("--htcondor", is_flag=True, help="Submit what is missing to HTCondor.")
-@click.option("--slurm", is_flag=True, help="Submit what is missing to Slurm.")
-@click.option("--dry-run", is_flag=True, help="Print what --htcondor or --slurm would submit.")
-@click.option("--csv", "as_csv", is_flag=True, help="Write the table as CSV, too.")
+@engine_options
+@as_csv_option
 @options.quiet("No progress, and no summary.")
 def run(
     recordings: tuple[str, ...],
-    subject: options.Subject,
     output: Path,
-    cameras: options.Cameras,
+    asked: options.Asked,
     robot: str | None,
-    part: options.Part,
-    jobs: int | None,
-    scheduler: str | None,
-    htcondor: bool,
-    slurm: bool,
-    dry_run: bool,
+    engine: Engine,
     as_csv: bool,
     quiet: bool,
 ) -> None:
@@ -76,23 +108,15 @@ def run(
     from tracker.batch.run import Batch
 
     refuse_file("-o", output)
-    engines = {"--jobs": jobs, "--scheduler": scheduler, "--htcondor": htcondor, "--slurm": slurm}
-    chosen = [name for name, value in engines.items() if value]
-    if len(chosen) > 1:
-        raise click.UsageError(f"found {' and '.join(chosen)}, expected one of them")
-    if dry_run and not (htcondor or slurm):
-        raise click.UsageError(
-            "--dry-run prints what --htcondor or --slurm would submit, expected one of them"
-        )
-    asked = options.of_recordings(subject, cameras, part)
-    stores = _stores(recordings, output, asked, robot)
-    if htcondor or slurm:
-        if stores is not None:
-            raise click.UsageError("image stores of several robots: expected --jobs or --scheduler")
-        batch = Batch.of(recordings, output, asked)
-        _submit(batch, "htcondor" if htcondor else "slurm", dry_run, quiet)
+    sought = asked.options()
+    stores = _stores(recordings, output, sought, robot)
+    work = stores or Batch.of(recordings, output, sought)
+    if engine.submits is None:
+        _run(work, engine, as_csv, quiet)
+    elif isinstance(work, Batch):
+        _submit(work, engine.submits, engine.dry_run, quiet)
     else:
-        _run(stores or Batch.of(recordings, output, asked), jobs, scheduler, as_csv, quiet)
+        raise click.UsageError("image stores of several robots: expected --jobs or --scheduler")
 
 
 def _stores(
@@ -115,9 +139,7 @@ def _stores(
     return None
 
 
-def _run(
-    work: Batch | Retracking, jobs: int | None, scheduler: str | None, as_csv: bool, quiet: bool
-) -> None:
+def _run(work: Batch | Retracking, engine: Engine, as_csv: bool, quiet: bool) -> None:
     from tracker.batch.results import FAILURES
     from tracker.batch.run import Batch, only_run, run_batch, write_batch
     from tracker.batch.tables import state, write_tables
@@ -129,7 +151,7 @@ def _run(
         Recipe.of(batch.options)  # faults are reported before anything begins
     else:
         batch, stores = work.batch, work
-    count = min(jobs or cores(), len(batch.pairs))
+    count = min(engine.jobs or cores(), len(batch.pairs))
     failures: dict[str, str] = {}
     fault = None
 
@@ -142,7 +164,8 @@ def _run(
         write_batch(batch)
         try:
             with bar("recordings", len(batch.pairs), quiet, "recordings") as advance:
-                begin = functools.partial(dask_workers, scheduler) if scheduler else lambda: processes(count)
+                address = engine.scheduler
+                begin = functools.partial(dask_workers, address) if address else lambda: processes(count)
                 stores.run(begin, tell) if stores else run_batch(batch, begin, tell)
         except BaseException:
             with suppress(LogError):  # the reason why the run ended is reported
@@ -168,7 +191,7 @@ def _run(
         click.get_current_context().exit(2)
 
 
-def _submit(batch: Batch, scheduler: Any, dry_run: bool, quiet: bool) -> None:
+def _submit(batch: Batch, scheduler: Scheduler, dry_run: bool, quiet: bool) -> None:
     from tracker.batch.jobs import describe
     from tracker.batch.run import agreed, only_run, unfinished, write_batch
     from tracker.recordings import Recipe
@@ -198,7 +221,7 @@ def _submit(batch: Batch, scheduler: Any, dry_run: bool, quiet: bool) -> None:
 @batch.command()
 @click.argument("folder", metavar="DIR", type=_FOLDER)
 @click.option("--write", is_flag=True, help="Write the table and the failures as they are now.")
-@click.option("--csv", "as_csv", is_flag=True, help="Write the table as CSV, too.")
+@as_csv_option
 @options.as_json
 def status(folder: Path, write: bool, as_csv: bool, as_json: bool) -> None:
     """Show the progress of a batch, wherever it runs.

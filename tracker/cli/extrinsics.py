@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -32,6 +33,47 @@ if TYPE_CHECKING:
     from tracker.conventions import FloatArray
 
 
+@dataclass(frozen=True)
+class Given:
+    """Where the board lies face up in the first folder."""
+
+    center: tuple[float, float]
+    height: float
+    yaw: float
+
+    def world_from_board(self) -> FloatArray:
+        """(4, 4)."""
+        import numpy as np
+
+        from tracker.geometry import so3
+
+        place = np.eye(4)
+        place[:3, :3] = so3.exp([0, 0, np.deg2rad(self.yaw)])
+        place[:3, 3] = (*self.center, self.height)
+        return place
+
+
+given_options = options.gathered(
+    "given",
+    Given,
+    click.option(
+        "--center",
+        type=options.Vector(2),
+        default=(0.0, 0.0),
+        metavar="X,Y",
+        help="The board's centre [m].  [0,0]",
+    ),
+    click.option("--height", type=float, default=0.0, metavar="Z", help="Of the board's print [m].  [0]"),
+    click.option(
+        "--yaw",
+        type=float,
+        default=0.0,
+        metavar="DEG",
+        help="From the world's x axis to the board's rows, left to right [degrees].  [0]",
+    ),
+)
+
+
 @click.command(cls=Command)
 @click.argument("folders", nargs=-1, required=True, metavar="FOLDER...", type=Recording())
 @board_options
@@ -44,21 +86,7 @@ if TYPE_CHECKING:
     help="Folder of calibration files; or a file, once for each camera.",
 )
 @click.option("--pattern", metavar="GLOB", help="Which files of the folder to take, e.g. '*_full.yml'.")
-@click.option(
-    "--center",
-    type=options.Vector(2),
-    default=(0.0, 0.0),
-    metavar="X,Y",
-    help="The board's centre [m].  [0,0]",
-)
-@click.option("--height", type=float, default=0.0, metavar="Z", help="Of the board's print [m].  [0]")
-@click.option(
-    "--yaw",
-    type=float,
-    default=0.0,
-    metavar="DEG",
-    help="From the world's x axis to the board's rows, left to right [degrees].  [0]",
-)
+@given_options
 @output_option(OutFolder(), "DIR", "For the calibration files.")
 @size_options
 @click.option("--plot", metavar="DIR", type=OutFolder(), help="Draw what is missed where, one PNG a camera.")
@@ -67,9 +95,7 @@ def extrinsics(
     printed: Printed,
     intrinsics: tuple[Path, ...],
     pattern: str | None,
-    center: tuple[float, float],
-    height: float,
-    yaw: float,
+    given: Given,
     output: Path,
     smaller: Smaller,
     plot: Path | None,
@@ -95,7 +121,7 @@ def extrinsics(
     board, found, faults = sightings_of(list(paths.values()), board)
     sightings = {at: one for at, one in zip(paths, found, strict=True) if one is not None}
     with named(faults):
-        placed = place_cameras(lenses, sightings, _place(center, height, yaw))
+        placed = place_cameras(lenses, sightings, given.world_from_board())
     files = smaller.write((one, targets[one.camera.name]) for one in placed.cameras)
     for number, one in enumerate(placed.cameras):
         if (picture := plots.get(one.camera.name)) is not None:
@@ -134,18 +160,6 @@ def photos_of(folders: Sequence[Path], cameras: Sequence[str]) -> dict[Photo, Pa
         if not found:
             raise CalibrationError(f"{folder}: found no photo of {', '.join(cameras)}, e.g. {cameras[0]}.png")
     return photos
-
-
-def _place(center: tuple[float, float], height: float, yaw: float) -> FloatArray:
-    """(4, 4) world_from_board of a board that lies face up."""
-    import numpy as np
-
-    from tracker.geometry import so3
-
-    place = np.eye(4)
-    place[:3, :3] = so3.exp([0, 0, np.deg2rad(yaw)])
-    place[:3, 3] = (*center, height)
-    return place
 
 
 def _photo_table(placed: Placed, faults: dict[str, str]) -> str:

@@ -7,8 +7,9 @@ import functools
 import os
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -33,6 +34,35 @@ _ERRORS = 2  # OpenCV's LOG_LEVEL_ERROR
 _CAMERAS = ("pylon", "opencv")  # as tracker.live.sources has them, which is not imported for --help
 
 
+@dataclass(frozen=True)
+class Pace:
+    """How a source gives its images; each only some sources know."""
+
+    rate: float | None
+    settings: Path | None
+    speed: float | None
+
+    def refuse_what_does_nothing(self, source: str, cameras: options.Cameras) -> None:
+        """Refuse options that would do nothing with the source."""
+        kind = source.partition(":")[0]
+        recording = kind not in (*_CAMERAS, "simulation")
+        fitting = {"rate": kind in _CAMERAS, "settings": kind == "pylon", "speed": recording}
+        for name, value in vars(self).items():
+            if value is not None and not fitting[name]:
+                raise click.UsageError(f"--{name}: does nothing with the source {source}")
+        if kind == "simulation" != source:
+            raise click.UsageError(f"{source}: expected simulation, of which there is one")
+        if kind == "simulation" and cameras.calibration:
+            raise click.UsageError("--calibration: the simulation has its own")
+        if kind in _CAMERAS and not cameras.calibration:
+            raise click.UsageError(f"{source}: expected --calibration")
+        if kind in _CAMERAS and cameras.resize_calibration:
+            raise click.UsageError(
+                f"--resize-calibration: found the cameras of {source}, whose pictures have the "
+                "calibration's size"
+            )
+
+
 @click.command(cls=Command)
 @click.argument("source", metavar="SOURCE", type=Recording(str))
 @options.subject
@@ -44,20 +74,27 @@ _CAMERAS = ("pylon", "opencv")  # as tracker.live.sources has them, which is not
     type=click.FloatRange(0, min_open=True),
     help="End after so long.  [default: at the source's end, or with Ctrl-C]",
 )
-@click.option(
-    "--rate",
-    metavar="HZ",
-    type=click.FloatRange(0, 1000, min_open=True),
-    help="Sets of pictures per second, of cameras.  [default: 10]",
-)
-@click.option(
-    "--settings", metavar="FILE", type=InFile(), help="What pylon's cameras are set to (TOML, GenICam names)."
-)
-@click.option(
-    "--speed",
-    metavar="X",
-    type=click.FloatRange(0, min_open=True),
-    help="Replay a recording X times as fast.",
+@options.gathered(
+    "pace",
+    Pace,
+    click.option(
+        "--rate",
+        metavar="HZ",
+        type=click.FloatRange(0, 1000, min_open=True),
+        help="Sets of pictures per second, of cameras.  [default: 10]",
+    ),
+    click.option(
+        "--settings",
+        metavar="FILE",
+        type=InFile(),
+        help="What pylon's cameras are set to (TOML, GenICam names).",
+    ),
+    click.option(
+        "--speed",
+        metavar="X",
+        type=click.FloatRange(0, min_open=True),
+        help="Replay a recording X times as fast.",
+    ),
 )
 @click.option(
     "--check", is_flag=True, help="Look at the cameras for ten seconds, and say what is wrong with them."
@@ -69,9 +106,7 @@ def live(
     cameras: options.Cameras,
     requested: Requested,
     seconds: float | None,
-    rate: float | None,
-    settings: Path | None,
-    speed: float | None,
+    pace: Pace,
     check: bool,
     quiet: bool,
 ) -> None:
@@ -91,16 +126,13 @@ def live(
     --check tracks nothing: it tells of missing and late pictures, brightness, clipping and blur, and exits
     with 1 where anything is wrong.
     """
-    kind = source.partition(":")[0]
-    _refuse_what_does_nothing(
-        kind, source, {"--rate": rate, "--settings": settings, "--speed": speed}, cameras
-    )
+    pace.refuse_what_does_nothing(source, cameras)
     requested.refuse_what_does_nothing()
     if check and (requested or quiet):
         raise click.UsageError("--check: tracks nothing, so there is nothing to publish, record or show")
     quiet = quiet or requested.as_json
     model, colors = subject.load()
-    given, rig = _source(source, kind, subject.object_name, cameras, rate or 10.0, settings, speed or 1.0)
+    given, rig = _source(source, subject.object_name, cameras, pace)
     if check:
         with contextlib.closing(given):
             _draw(given, quiet)
@@ -150,55 +182,28 @@ def _track(
         raise stopped
 
 
-def _refuse_what_does_nothing(
-    kind: str, source: str, given: dict[str, Any], cameras: options.Cameras
-) -> None:
-    """Refuse options that would do nothing with the source."""
-    recording = kind not in (*_CAMERAS, "simulation")
-    fitting = {"--rate": kind in _CAMERAS, "--settings": kind == "pylon", "--speed": recording}
-    for name, value in given.items():
-        if value is not None and not fitting[name]:
-            raise click.UsageError(f"{name}: does nothing with the source {source}")
-    if kind == "simulation" != source:
-        raise click.UsageError(f"{source}: expected simulation, of which there is one")
-    if kind == "simulation" and cameras.calibration:
-        raise click.UsageError("--calibration: the simulation has its own")
-    if kind in _CAMERAS and not cameras.calibration:
-        raise click.UsageError(f"{source}: expected --calibration")
-    if kind in _CAMERAS and cameras.resize_calibration:
-        raise click.UsageError(
-            f"--resize-calibration: found the cameras of {source}, whose pictures have the calibration's size"
-        )
-
-
 def _source(
-    source: str,
-    kind: str,
-    object_name: str,
-    cameras: options.Cameras,
-    rate: float,
-    settings: Path | None,
-    speed: float,
+    source: str, object_name: str, cameras: options.Cameras, pace: Pace
 ) -> tuple[ImageSource, tracker.CameraRig]:
     from tracker import live
     from tracker.live.sources import FORMS
 
-    if kind == "simulation":
+    if source == "simulation":
         simulation = live.Simulation(object_name)
         return simulation, simulation.rig
-    if kind in _CAMERAS:
+    if source.partition(":")[0] in _CAMERAS:
         import cv2
 
         if "OPENCV_LOG_LEVEL" not in os.environ:
             # Each second it would tell of a camera that it cannot open. In cv2 itself until OpenCV 5.
             getattr(cv2.utils, "logging", cv2).setLogLevel(_ERRORS)
         rig = cameras.load()
-        return live.open_cameras(source, rig, rate=rate, settings=settings), rig
+        return live.open_cameras(source, rig, rate=pace.rate or 10.0, settings=pace.settings), rig
     if not Path(source).exists():
         raise LiveError(f"{source}: no such file or folder, expected {FORMS}")
     log = tracker.open_log(source)
     rig = cameras.rig_of(Path(source), log)
-    return live.Replay(log, speed=speed), rig
+    return live.Replay(log, speed=pace.speed or 1.0), rig
 
 
 def _draw(source: ImageSource, quiet: bool) -> None:

@@ -228,7 +228,23 @@ part = gathered(
 )
 
 
-def of_recordings(subject: Subject, cameras: Cameras, part: Part) -> tracker.recordings.Options:
-    """The same for any process on any machine."""
-    names = {**vars(cameras), "start": part.first, "stop": part.last, "recover": part.recover}
-    return tracker.recordings.Options(subject.object_name, subject.colors_name, **names)
+@dataclass(frozen=True)
+class Asked:
+    """What is looked for in recordings, and how."""
+
+    subject: Subject
+    cameras: Cameras
+    part: Part
+
+    def options(self) -> tracker.recordings.Options:
+        """The same for any process on any machine."""
+        names: dict[str, Any] = {
+            "start": self.part.first,
+            "stop": self.part.last,
+            "recover": self.part.recover,
+        }
+        names |= vars(self.cameras)
+        return tracker.recordings.Options(self.subject.object_name, self.subject.colors_name, **names)
+
+
+asked = gathered("asked", Asked, subject, cameras, part)

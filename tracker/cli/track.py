@@ -37,11 +37,9 @@ CONTRADICTED = 0.02
 
 @click.command(cls=Command)
 @click.argument("logs", nargs=-1, required=True, metavar="LOG...", type=Recording())
-@options.subject
 @output_option(click.Path(path_type=Path), "FILE|DIR", "File of poses (.h5), or a folder.")
 @click.option("--overwrite", is_flag=True, help="Replace poses of another object.")
-@options.cameras
-@options.part
+@options.asked
 @output_options
 @file_option("--health", ".html", extra="plot", help="A page on cameras, light and calibration (.html).")
 @options.whole("--jobs", "Processes that share the LOGs.", default=1)
@@ -49,11 +47,9 @@ CONTRADICTED = 0.02
 @options.quiet("No progress bar, and no summary unless with --json.")
 def track(
     logs: tuple[Path, ...],
-    subject: options.Subject,
     output: Path,
     overwrite: bool,
-    cameras: options.Cameras,
-    part: options.Part,
+    asked: options.Asked,
     outputs: Outputs,
     health: Path | None,
     jobs: int,
@@ -79,11 +75,11 @@ def track(
     if inside:
         refuse_file("-o", output)
     targets = outputs_of(logs, output) if inside else [output]
-    asked = options.of_recordings(subject, cameras, part)
-    recipe = Recipe.of(asked)
+    sought = asked.options()
+    recipe = Recipe.of(sought)
     for log, target in zip(logs, targets, strict=True):
         name = f"-o for {log}" if len(logs) > 1 else "-o"
-        refuse_overwriting({name: target}, logs, (*astuple(subject), *cameras.calibration))
+        refuse_overwriting({name: target}, logs, (*astuple(asked.subject), *asked.cameras.calibration))
         check_suffix(target, (".h5", ".hdf5"), "-o", click.UsageError)
         require_folder("-o", target, made=inside)
         refuse_other_poses("-o", target, None if overwrite else recipe.model.name)
@@ -91,7 +87,7 @@ def track(
         _track_one(Job(logs[0], targets[0], recipe), outputs, health, as_json, quiet)
         return
     mark = agreed(recipe)
-    tasks = [Task(str(log), str(path), asked, mark) for log, path in zip(logs, targets, strict=True)]
+    tasks = [Task(str(log), str(path), sought, mark) for log, path in zip(logs, targets, strict=True)]
     _track_all(tasks, jobs, as_json, quiet)
 
 

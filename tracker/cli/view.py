@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import astuple
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
@@ -62,31 +62,18 @@ def view(
 
     The viewer is Rerun: python3 -m pip install '.[rerun]'. `rerun FILE.rrd` opens a file.
     """
-    from tracker.logs.cameras import fitted_to
     from tracker.poses.file import is_poses_file
     from tracker.viz.rerun_viewer import open_scene, require_rerun
 
     require_rerun()
     target = _target(source, output)
-    frames: _Frames
     with ExitStack() as stack:
         if is_poses_file(source):
             if any(astuple(cameras)):
                 raise click.UsageError(f"{source}: the calibration is in this file of poses, expected none")
             if colors_name is not None:
                 raise click.UsageError(f"--colors {colors_name}: {source} holds poses, nothing is tracked")
-            poses = tracker.read_poses(source)
-            model, rig = _model_of(poses, object_name), poses.about.rig
-            chosen = part.of(source, int(poses.index[-1]) + 1 if len(poses) else 0)[::every]
-            rows = [row for row, index in enumerate(poses.index.tolist()) if index in chosen]
-            count = len(rows)
-            if log is None:
-                index, stamp = poses.index.tolist(), poses.timestamp.tolist()
-                frames = ((index[row], stamp[row], observation(poses, row), (), None) for row in rows)
-            else:
-                opened = stack.enter_context(tracker.open_log(log, recover=part.recover))
-                rig = fitted_to(log, opened, rig)
-                frames = _with_images(log, opened, rig, model, poses, rows, every)
+            shown = _of_poses(stack, source, log, object_name, part, every)
         else:
             if log is not None:
                 raise click.UsageError(f"--log {log}: {source} is no file of poses, expected those of it")
@@ -94,17 +81,47 @@ def view(
             if object_name is None:
                 raise click.UsageError(f"{source}: expected --object, to track this recording")
             model, colors = options.Subject(object_name, colors_name).load()
-            rig = cameras.rig_of(source, opened)
+            finder = tracker.ObjectTracker(model, cameras.rig_of(source, opened), colors)
             chosen = part.of(source, len(opened))[::every]
-            count, finder = len(chosen), tracker.ObjectTracker(model, rig, colors)
             frames = _tracked(source, opened[part.first : part.last], finder, chosen)
-        scene = stack.enter_context(open_scene(target, rig, model))
-        progress = stack.enter_context(bar(source.name, count, quiet))
-        for shown in frames:
-            scene.show(*shown)
+            shown = Shown(model, finder.rig, len(chosen), frames)
+        scene = stack.enter_context(open_scene(target, shown.rig, shown.model))
+        progress = stack.enter_context(bar(source.name, shown.total, quiet))
+        for frame in shown.frames:
+            scene.show(*frame)
             progress(1)
     if target is not None and not quiet:
         click.echo(f"wrote {target}; rerun {target} shows it")
+
+
+class Shown(NamedTuple):
+    """What is shown."""
+
+    model: tracker.CuboidModel
+    rig: tracker.CameraRig
+    total: int
+    """Of the frames."""
+    frames: _Frames
+
+
+def _of_poses(
+    stack: ExitStack, source: Path, log: Path | None, object_name: str | None, part: options.Part, every: int
+) -> Shown:
+    """A file of poses, with the images of a recording that the stack closes, if there is one."""
+    from tracker.logs.cameras import fitted_to
+
+    poses = tracker.read_poses(source)
+    model, rig = _model_of(poses, object_name), poses.about.rig
+    numbers = poses.index.tolist()
+    chosen = part.of(source, numbers[-1] + 1 if numbers else 0)[::every]
+    rows = [row for row, index in enumerate(numbers) if index in chosen]
+    if log is None:
+        stamps = poses.timestamp.tolist()
+        bare = ((numbers[row], stamps[row], observation(poses, row), (), None) for row in rows)
+        return Shown(model, rig, len(rows), bare)
+    opened = stack.enter_context(tracker.open_log(log, recover=part.recover))
+    rig = fitted_to(log, opened, rig)
+    return Shown(model, rig, len(rows), _with_images(log, opened, rig, model, poses, rows, every))
 
 
 def _target(source: Path, output: Path | None) -> Path | None:
