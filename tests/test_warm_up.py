@@ -1,9 +1,13 @@
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import pytest
 
 from tests.helpers import ROOT, run_python
 from tracker import warm_up
+from tracker.processes import python_command
 
 pytestmark = pytest.mark.process
 
@@ -58,3 +62,12 @@ def test_what_compiles_beside_runs_nothing_of_the_present_folder(tmp_path, monke
     assert process is not None
     assert process.wait() == 0
     assert not (tmp_path / "ran").exists()
+
+
+def test_modules_of_the_present_folder_are_not_imported(tmp_path, monkeypatch):
+    (tmp_path / "json.py").write_text("raise SystemExit('of the present folder')")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [path for path in sys.path if path])
+    command = python_command("import json; print(json.dumps(sys.argv[1:]))", "a b", "--c")
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.stdout, done.stderr) == ('["a b", "--c"]\n', "")

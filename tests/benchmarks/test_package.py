@@ -1,12 +1,24 @@
 from __future__ import annotations
 
+import dataclasses
 import sys
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
+from benchmarks.data import disturbances
 from benchmarks.data.package import environment as package
 from benchmarks.data.package.environment import PACKAGE, VARIABLE, VERSION, PackageError, interpreter, run
+from benchmarks.data.package.lens import bend_map, bent, normalised
+from benchmarks.data.package.scenes import LENS_MARGIN, Drawing, as_drawn, face_map
+from benchmarks.data.sets import PACKAGES
+from benchmarks.data.workloads import BY_NAME
+from tests.helpers import make_camera
+from tracker.errors import CalibrationError
+from tracker.geometry.cuboid import corners
+from tracker.objects.model import load_object
 
 
 @pytest.fixture(autouse=True)
@@ -83,3 +95,85 @@ def test_a_command_that_fails_says_why_in_one_line():
         run([sys.executable, "-c", "import sys; sys.exit('more\\nthe reason')"])
     with pytest.raises(PackageError, match="No such file"):
         run(["/nowhere/python"])
+
+
+def opencv_pixels(camera, points):
+    turn, shift = camera.camera_from_world[:3, :3], camera.camera_from_world[:3, 3]
+    pixels, _ = cv2.projectPoints(points, cv2.Rodrigues(turn)[0], shift, camera.matrix, camera.distortion)
+    return pixels[:, 0]
+
+
+def test_a_bent_picture_shows_points_where_opencv_projects_them(rng):
+    camera = make_camera()
+    straight = dataclasses.replace(camera, distortion=np.zeros(5))
+    points = np.column_stack([rng.uniform(-0.15, 0.15, (40, 2)), rng.uniform(0, 0.1, 40)])
+    size = camera.width + 2 * LENS_MARGIN
+    columns, rows = np.meshgrid(np.arange(size), np.arange(size))
+    places = bend_map(camera, LENS_MARGIN)
+    for (x, y), (u, v) in zip(
+        opencv_pixels(straight, points) + LENS_MARGIN, opencv_pixels(camera, points), strict=True
+    ):
+        spot = np.exp(-((columns - x) ** 2 + (rows - y) ** 2) / (2 * 3.0**2)).astype(np.float32)
+        picture = bent(spot, places)
+        near = picture * (np.hypot(*np.subtract(np.indices(picture.shape), [[[v]], [[u]]])) < 12)
+        centre = [float((near * grid).sum() / near.sum()) for grid in np.indices(picture.shape)[::-1]]
+        # A spot is bent as a whole, not at its centre alone.
+        np.testing.assert_allclose(centre, (u, v), atol=0.15)
+
+
+def test_without_distortion_a_lens_bends_nothing(rng):
+    camera = dataclasses.replace(make_camera(), distortion=np.zeros(5))
+    size = camera.width + 2 * LENS_MARGIN
+    picture = rng.integers(0, 256, (size, size, 3), dtype=np.uint8)
+    inner = picture[LENS_MARGIN:-LENS_MARGIN, LENS_MARGIN:-LENS_MARGIN]
+    np.testing.assert_array_equal(bent(picture, bend_map(camera, LENS_MARGIN)), inner)
+
+
+def test_a_margin_that_is_too_narrow_says_so():
+    with pytest.raises(CalibrationError, match=r"camera60: its lens shows .* px more .* margin of 5 px"):
+        bend_map(make_camera(), 5)
+
+
+def test_a_lens_without_inverse_says_so():
+    camera = dataclasses.replace(make_camera(), distortion=np.array([-3.0, 0, 0, 0, 0]))
+    with pytest.raises(CalibrationError, match="camera60: the lens has no inverse"):
+        normalised(camera)
+
+
+def test_faces_seen_through_a_lens_fill_the_outline_that_opencv_projects(rng):
+    model, camera = load_object("cuboid_2x2x8_v2"), make_camera()
+    position = np.array([0.08, -0.05, 0.05])
+    labels = face_map(camera, model, position, np.eye(3))
+    ends = corners(model.size)
+    edges = [(a, b) for a in ends for b in ends if np.count_nonzero(a != b) == 1]
+    points = np.concatenate([a + np.linspace(0, 1, 30)[:, None] * (b - a) for a, b in edges]) + position
+    outline = cv2.convexHull(opencv_pixels(camera, points).astype(np.float32))
+    area = cv2.contourArea(outline)
+    assert np.count_nonzero(labels) == pytest.approx(area, rel=0.03)
+    moments = cv2.moments(outline)
+    centre = np.array([moments["m10"], moments["m01"]]) / moments["m00"]
+    np.testing.assert_allclose(np.argwhere(labels)[:, ::-1].mean(axis=0), centre, atol=0.1)
+
+
+def test_with_its_lens_a_camera_keeps_what_its_file_says():
+    camera = make_camera()
+    bare, whole = (as_drawn(camera, drawing) for drawing in (Drawing(), Drawing(lens=True)))
+    assert not bare.distortion.any()
+    assert bare.camera_from_world_std is None
+    np.testing.assert_array_equal(whole.distortion, camera.distortion)
+    np.testing.assert_array_equal(whole.camera_from_world_std, camera.camera_from_world_std)
+    np.testing.assert_array_equal(whole.matrix, bare.matrix)
+    assert as_drawn(camera, Drawing(scale=4)).matrix[1, 2] == pytest.approx(camera.matrix[1, 2] - 0.25)
+
+
+def test_workloads_through_the_lens_share_their_scenes():
+    first, second = BY_NAME["simulation package, lens"], BY_NAME["simulation package, lens, blurred"]
+    assert first.base == second.base
+    assert PACKAGES[first.base].lens
+
+
+def test_a_slight_blur_is_the_same_for_all(rng):
+    image = rng.integers(0, 256, (32, 32, 3), dtype=np.uint8)
+    once, again = (disturbances.slight_blur([image], np.random.default_rng(seed))[0] for seed in (1, 2))
+    np.testing.assert_array_equal(once, again)
+    assert once.std() < image.std()

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import io
 import json
 import os
 import shutil
@@ -14,6 +15,7 @@ import pytest
 from tests.helpers import ROOT
 from tests.helpers.command import assert_one_line_error, run
 from tracker import cli
+from tracker.cli.render import bar
 
 NAMES = ("camera60", "camera180", "camera300")
 
@@ -311,3 +313,22 @@ def test_whatever_happens_is_one_line_without_traceback(raised, code, message, m
     assert message in printed.err
     assert len(printed.err.splitlines()) == 1
     assert printed.out == ""
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+def test_a_bar_leaves_its_line_once_all_is_done(monkeypatch):
+    shown = Terminal()
+    monkeypatch.setattr(sys, "stderr", shown)
+    with bar("frames", 3, quiet=False) as advance:
+        for _ in range(3):
+            assert "frames" in shown.getvalue()
+            advance(1)
+        done = shown.getvalue()
+        assert done.endswith("\r")
+        assert not done.rsplit("\r", 2)[1].strip()
+        advance(1)
+    assert shown.getvalue() == done

@@ -35,12 +35,12 @@ NOT_RUN = {
     "python3 -m pip install .": "asks a registry; scripts/try_release.py installs the wheel",
     "python3 -m pip install '.[cluster]'": "asks a registry; the tests are run with all extras",
     "tracker demo": "makes the folder that the others read; tests/cli/test_demo.py",
-    "tracker live simulation --object": "20 s of fingers; tests/live/test_simulation.py takes fewer",
+    "tracker live simulation --object": "20 s of fingers; tests/live/test_without_cameras.py takes fewer",
     "tracker batch run NAME.zarr": "a data set of gigabytes; tests/batch/test_stores.py writes small ones",
     "tracker live pylon --object": "cameras by Basler; tests/live/test_pylon.py has the emulated ones",
     "tracker live opencv:0,1,2 --object": "cameras",
     "python -m synthetic": "renders for minutes; tests/synthetic/test_dataset.py makes a few scenes",
-    "python -m benchmarks": "minutes to hours; tests/benchmarks/test_run.py measures two scenes",
+    "python -m benchmarks": "minutes to hours; tests/benchmarks/test_results.py measures two scenes",
 }
 """Beginnings of commands, and why they are only parsed."""
 

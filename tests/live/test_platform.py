@@ -12,7 +12,7 @@ import pytest
 import tracker
 from tests.helpers.filmed import RIG, shots
 from tests.helpers.log_writers import make_content, write_native
-from tests.live.test_replay import Frames
+from tests.live.test_without_cameras import Frames
 from tracker.errors import LiveError
 from tracker.live import ImageSet, Pushed, Replay
 from tracker.live.platform import Frontend, LogReader, convert_image
