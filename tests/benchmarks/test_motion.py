@@ -16,7 +16,7 @@ from benchmarks.measure import motion as measured_motion
 from benchmarks.measure.motion import GIVEN, measure_motion, play
 from benchmarks.score.errors import pose_errors
 from benchmarks.score.tables import BY_NAME
-from tests.helpers import random_rotations
+from tests.helpers import opencv_pixels, random_rotations
 from tracker.geometry import so3
 
 TOGETHER, OWN_STAMPS, ONE_STAMP = GIVEN
@@ -123,15 +123,7 @@ def test_each_camera_takes_its_picture_at_its_own_time():
             assert np.array_equal(frame.skewed[k], frame.together[k])
             continue
         # The middle of what is coloured moves as OpenCV says that the object's centre does.
-        turn, shift = camera.camera_from_world[:3, :3], camera.camera_from_world[:3, 3]
-        places, _ = cv2.projectPoints(
-            np.stack([frame.latest[:, 3], frame.at_stamps[k, :, 3]]),
-            cv2.Rodrigues(turn)[0],
-            shift,
-            camera.matrix,
-            camera.distortion,
-        )
-        moved = places[1, 0] - places[0, 0]
+        moved = np.diff(opencv_pixels(camera, [frame.latest[:, 3], frame.at_stamps[k, :, 3]]), axis=0)[0]
         assert np.linalg.norm(moved) > 0.5
         seen = _middle(frame.skewed[k]) - _middle(frame.together[k])
         np.testing.assert_allclose(seen, moved, atol=0.2 * np.linalg.norm(moved))

@@ -15,7 +15,7 @@ from benchmarks.data.package.lens import bend_map, bent, normalised
 from benchmarks.data.package.scenes import LENS_MARGIN, Drawing, as_drawn, face_map
 from benchmarks.data.sets import PACKAGES
 from benchmarks.data.workloads import BY_NAME
-from tests.helpers import make_camera
+from tests.helpers import make_camera, opencv_pixels
 from tracker.errors import CalibrationError
 from tracker.geometry.cuboid import corners
 from tracker.objects.model import load_object
@@ -95,12 +95,6 @@ def test_a_command_that_fails_says_why_in_one_line():
         run([sys.executable, "-c", "import sys; sys.exit('more\\nthe reason')"])
     with pytest.raises(PackageError, match="No such file"):
         run(["/nowhere/python"])
-
-
-def opencv_pixels(camera, points):
-    turn, shift = camera.camera_from_world[:3, :3], camera.camera_from_world[:3, 3]
-    pixels, _ = cv2.projectPoints(points, cv2.Rodrigues(turn)[0], shift, camera.matrix, camera.distortion)
-    return pixels[:, 0]
 
 
 def test_a_bent_picture_shows_points_where_opencv_projects_them(rng):

@@ -22,6 +22,7 @@ from benchmarks.report.plots import write_plots
 from benchmarks.score.tables import BY_NAME, TABLES
 from synthetic.camera.rigs import default_cameras
 from tests.benchmarks.made_up import ABOUT, OBJECTS, answer, film, results
+from tests.helpers import opencv_pixels
 from tracker.geometry import so3
 from tracker.geometry.cuboid import corners
 
@@ -117,11 +118,8 @@ def test_outlines_lie_where_the_camera_sees_the_edges(shown):
     rows, columns = np.nonzero(panel[40:].min(axis=2) > 128)
     extent = np.array([columns.min(), columns.max(), rows.min() + 40, rows.max() + 40])
     position, rotation = shown.truth
-    turn, _ = cv2.Rodrigues(camera.camera_from_world[:3, :3])
-    points = corners(shown.model.size) @ rotation.T + position
-    shift = camera.camera_from_world[:3, 3]
-    projected, _ = cv2.projectPoints(points, turn, shift, camera.matrix, camera.distortion)
-    low, high = projected[:, 0].min(axis=0), projected[:, 0].max(axis=0)
+    projected = opencv_pixels(camera, corners(shown.model.size) @ rotation.T + position)
+    low, high = projected.min(axis=0), projected.max(axis=0)
     side = max(worst.MIN_CROP, worst.MARGIN * (high - low).max())
     ends = (np.stack([low, high]) - (low + high) / 2) * worst.PANEL / side + worst.PANEL / 2 - 0.5
     np.testing.assert_allclose(extent, [*ends[:, 0], *ends[:, 1]], atol=2.0)

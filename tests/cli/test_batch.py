@@ -14,7 +14,7 @@ import pytest
 
 from tests.helpers import ROOT, contents
 from tests.helpers.begun import begin, until
-from tests.helpers.command import assert_one_line_error
+from tests.helpers.command import assert_one_line_error, well
 from tests.helpers.recording_stubs import write_log
 from tracker.batch.results import summary_file
 from tracker.batch.run import Batch, read_batch, run_batch, write_batch
@@ -172,8 +172,7 @@ def test_status_is_reported_for_people_and_programs(recordings, tmp_path, run_he
     pairs[1] = ("/in/first\nsecond", pairs[1][1])
     write_batch(Batch(tmp_path, Options("cube_v2"), tuple(pairs)))
     (tmp_path / "001.failed.json").write_text('{"reason": "it is broken"}')
-    shown = run_here("batch", "status", tmp_path)
-    assert shown.returncode == 0, shown.stderr
+    shown = well(run_here("batch", "status", tmp_path))
     assert f"missing     {COUNT - 1}" in shown.stdout
     assert "  /in/first second: it is broken\n" in shown.stdout
     numbers = json.loads(run_here("batch", "status", tmp_path, "--json", "--write").stdout)
@@ -192,8 +191,7 @@ def test_a_recording_may_be_called_as_a_command(tmp_path, run_here):
 @pytest.mark.parametrize(("scheduler", "word"), [("--htcondor", "queue number from"), ("--slurm", "#SBATCH")])
 def test_a_dry_run_prints_and_writes_nothing(scheduler, word, recordings, tmp_path, run_here):
     base = ["batch", "run", f"{recordings}/*", "--object", "cube_v2", "-o", tmp_path / "out", scheduler]
-    result = run_here(*base, "--dry-run")
-    assert result.returncode == 0, result.stderr
+    result = well(run_here(*base, "--dry-run"))
     assert word in result.stdout
     assert not (tmp_path / "out").exists()
 

@@ -14,7 +14,7 @@ import tracker
 from synthetic.camera.sensor import Sensor
 from tests.calibration.board.test_extrinsics import GIVEN, PLACES, TRUE
 from tests.helpers.boards import LENS, photo, pose_towards
-from tests.helpers.command import assert_one_line_error
+from tests.helpers.command import assert_one_line_error, well
 from tests.helpers.filmed import RIG, write_recording
 from tests.helpers.moving_cube import carried, knocked, relative_errors
 from tests.helpers.resting_cube import rests
@@ -60,8 +60,7 @@ def triplets(tmp_path_factory):
 def test_a_lens_is_written_with_its_deviations_and_smaller_images(photos, tmp_path, run_here):
     target = tmp_path / "lenses" / "camera60.yml"
     arguments = (*BOARD, "--name", "camera60", "-o", target, "--crop", "270x270+44+0", "--halve")
-    result = run_here("calibrate", "intrinsics", *arguments, "--plot", tmp_path / "r.png", *photos)
-    assert result.returncode == 0, result.stderr
+    result = well(run_here("calibrate", "intrinsics", *arguments, "--plot", tmp_path / "r.png", *photos))
     assert "08.png: the photo is blurred" in result.stdout
     assert "09.png: the photo is mirrored" in result.stdout
     assert "photos used      8" in result.stdout
@@ -82,10 +81,7 @@ def test_cameras_are_placed_and_make_a_rig(triplets, tmp_path, run_here):
     yaw = np.rad2deg(np.arctan2(GIVEN[1, 0], GIVEN[0, 0]))
     place = ("--center", ",".join(map(str, GIVEN[:2, 3])), "--height", GIVEN[2, 3], "--yaw", yaw)
     arguments = (*BOARD, "--intrinsics", triplets / "lenses", *place, "-o", tmp_path / "rig")
-    result = run_here(
-        "calibrate", "extrinsics", *arguments, "--plot", tmp_path, triplets / "0", triplets / "1"
-    )
-    assert result.returncode == 0, result.stderr
+    well(run_here("calibrate", "extrinsics", *arguments, "--plot", tmp_path, triplets / "0", triplets / "1"))
     rig = tracker.CameraRig.load(tmp_path / "rig")
     assert rig.names == NAMES
     for camera, true in zip(rig, TRUE, strict=True):
@@ -97,8 +93,7 @@ def test_cameras_are_placed_and_make_a_rig(triplets, tmp_path, run_here):
 
 def test_a_board_is_printed(tmp_path, run_here):
     for suffix in ("pdf", "svg", "png"):
-        result = run_here("calibrate", "board", *BOARD, "-o", tmp_path / f"board.{suffix}")
-        assert result.returncode == 0, result.stderr
+        result = well(run_here("calibrate", "board", *BOARD, "-o", tmp_path / f"board.{suffix}"))
         assert "on a page of 210x297 mm" in result.stdout
         assert (tmp_path / f"board.{suffix}").stat().st_size > 5000
 
@@ -197,8 +192,9 @@ def pictures(rig, tmp_path_factory):
 
 def test_a_right_calibration_fits(pictures, run_here):
     folder, files = pictures
-    result = run_here("calibrate", "check", *files, "--object", "cube_v2", "--calibration", folder / "right")
-    assert result.returncode == 0, result.stderr
+    result = well(
+        run_here("calibrate", "check", *files, "--object", "cube_v2", "--calibration", folder / "right")
+    )
     assert "the calibration fits" in result.stdout
     assert re.search(r"2 mm need its focal length right to 0\.\d\d %", result.stdout)
     # The simulated rig has the focal lengths of the platform's files.
@@ -242,10 +238,11 @@ def wrong(tmp_path_factory):
 
 def test_the_refined_calibration_is_written_and_summarised(moving, wrong, tmp_path, run_here):
     target = tmp_path / "mended"
-    result = run_here(
-        "calibrate", "refine", moving, *CUBE, "--stills", "--calibration", wrong, "--focal", "-o", target
+    result = well(
+        run_here(
+            "calibrate", "refine", moving, *CUBE, "--stills", "--calibration", wrong, "--focal", "-o", target
+        )
     )
-    assert result.returncode == 0, result.stderr
     mine = tracker.load_object(target / "object.toml")
     assert (mine.name, mine.colors) == ("cube_v2", "cube_v2")
     assert f"{1e3 * mine.rim:.2f} ± {1e3 * mine.rim_std:.2f} mm" in result.stdout
@@ -289,8 +286,7 @@ def resting(tmp_path_factory):
 
 def test_a_calibration_on_the_table_is_written_and_summarised(resting, tmp_path, run_here):
     target = tmp_path / "mended"
-    result = run_here("calibrate", "table", resting, "--stills", *CUBE, "-o", target)
-    assert result.returncode == 0, result.stderr
+    result = well(run_here("calibrate", "table", resting, "--stills", *CUBE, "-o", target))
     assert "in 6 places of 6" in result.stdout
     assert re.search(r"height \[mm\] +\+(3\.9|4\.0)", result.stdout)
     rig = tracker.CameraRig.load(target)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from tests.helpers import ROOT
-from tests.helpers.command import assert_one_line_error, run
+from tests.helpers.command import assert_one_line_error, run, well
 from tracker import cli
 from tracker.cli.render import bar
 
@@ -77,8 +77,7 @@ def test_a_shell_completes_commands_objects_and_colours(words, expected, monkeyp
     monkeypatch.setenv("_TRACKER_COMPLETE", "bash_complete")
     monkeypatch.setenv("COMP_WORDS", f"tracker {words}")
     monkeypatch.setenv("COMP_CWORD", str(len(words.split())))
-    result = run_here()
-    assert result.returncode == 0, result.stderr
+    result = well(run_here())
     assert result.stdout.split() == [expected]
 
 
@@ -90,14 +89,12 @@ def test_exit_codes_have_one_meaning_given_in_the_help_and_in_the_documentation(
 
 
 def test_the_version_is_printed():
-    result = run("--version")
-    assert result.returncode == 0
+    result = well(run("--version"))
     assert result.stdout.startswith("tracker ")
 
 
 def test_detect_prints_the_pose_for_people(demo):
-    result = run(*detect_arguments(demo))
-    assert result.returncode == 0, result.stderr
+    result = well(run(*detect_arguments(demo)))
     rows = {line[:21].strip(): line[21:].split() for line in result.stdout.splitlines()}
     assert rows["object"] == ["cube_v2"]
     assert rows["status"] == ["found"]
@@ -106,8 +103,7 @@ def test_detect_prints_the_pose_for_people(demo):
 
 
 def test_detect_prints_one_json_object_for_programs_and_draws_it(demo, tmp_path, run_here):
-    result = run_here(*detect_arguments(demo), "--json", "--overlay", tmp_path / "out.png")
-    assert result.returncode == 0, result.stderr
+    result = well(run_here(*detect_arguments(demo), "--json", "--overlay", tmp_path / "out.png"))
     found = json.loads(result.stdout)
     assert list(found) == ["object", "status", "pose", "timing_ms"]
     assert found["object"] == "cube_v2"
@@ -127,8 +123,7 @@ def test_detect_prints_one_json_object_for_programs_and_draws_it(demo, tmp_path,
 def test_nothing_found_is_an_answer_and_no_error(demo, tmp_path, run_here):
     cv2.imwrite(str(tmp_path / "grey.png"), np.full((270, 270, 3), 90, np.uint8))
     grey = dict.fromkeys(NAMES, tmp_path / "grey.png")
-    result = run_here(*detect_arguments(demo, **grey), "--json", "--overlay", tmp_path / "out.jpg")
-    assert result.returncode == 0, result.stderr
+    result = well(run_here(*detect_arguments(demo, **grey), "--json", "--overlay", tmp_path / "out.jpg"))
     found = json.loads(result.stdout)
     assert found["pose"] is None
     assert found["status"] == "no_object_colors"
@@ -216,12 +211,10 @@ def test_there_is_an_image_or_none_of_each_camera_and_at_least_one(images, words
 
 
 def test_fitted_colors_are_written_and_can_be_checked(labelled, tmp_path, run_here):
-    result = run_here("colors", "fit", labelled, "--name", "mine", "-o", tmp_path / "mine.npz")
-    assert result.returncode == 0, result.stderr
+    result = well(run_here("colors", "fit", labelled, "--name", "mine", "-o", tmp_path / "mine.npz"))
     assert "no image shows green" in result.stdout
     assert "no image shows red" not in result.stdout
-    checked = run_here("colors", "check", labelled, "--colors", tmp_path / "mine.npz")
-    assert checked.returncode == 0, checked.stderr
+    checked = well(run_here("colors", "check", labelled, "--colors", tmp_path / "mine.npz"))
     overlaps, confusions, *_ = checked.stdout.split("\n\n")
     header, *_, mean = overlaps.splitlines()
     values = dict(zip(header.split()[3:], mean.split()[1:], strict=True))
@@ -233,8 +226,7 @@ def test_fitted_colors_are_written_and_can_be_checked(labelled, tmp_path, run_he
 
 def test_cross_validation_says_which_colors_are_weak_and_draws_them(labelled, tmp_path, run_here):
     arguments = ("colors", "check", labelled, "--cross-validate", "--plot", tmp_path / "plot.png")
-    result = run_here(*arguments)
-    assert result.returncode == 0, result.stderr
+    result = well(run_here(*arguments))
     assert float(result.stdout.split("\n\n")[0].split()[-1]) > 0.9  # of images that the fit did not see
     for words in ("no colour is weak", "the light: red", "a better set of colours"):
         assert words in result.stdout

@@ -5,12 +5,11 @@ from __future__ import annotations
 import shlex
 
 from tests.docs.samples import blocks
-from tests.helpers.command import assert_one_line_error
+from tests.helpers.command import assert_one_line_error, well
 
 
 def test_the_demo_finds_the_cube_and_its_hints_work(tmp_path, run_here):
-    shown = run_here("demo", "-o", "mine", folder=tmp_path)
-    assert shown.returncode == 0, shown.stderr
+    shown = well(run_here("demo", "-o", "mine", folder=tmp_path))
     assert (tmp_path / "mine" / "overlay.png").is_file()
     millimetres, _, degrees, *_ = shown.stdout.split("median error")[1].split()
     assert float(millimetres) < 0.3
@@ -23,8 +22,7 @@ def test_the_demo_finds_the_cube_and_its_hints_work(tmp_path, run_here):
     ]
     assert [hint.split()[0] for hint in hints] == ["detect", "track"]
     for hint in hints:
-        result = run_here(*shlex.split(hint), folder=tmp_path)
-        assert result.returncode == 0, result.stderr
+        well(run_here(*shlex.split(hint), folder=tmp_path))
     assert (tmp_path / "poses.csv").is_file()
     again = run_here("demo", "-o", "mine", folder=tmp_path)
     assert_one_line_error(again, "mine: exists")

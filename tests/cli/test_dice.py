@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from synthetic.camera.rigs import default_cameras
-from tests.helpers.command import assert_one_line_error, run
+from tests.helpers.command import assert_one_line_error, run, well
 from tracker.calibration.rig import CameraRig
 from tracker.geometry import cuboid, so3
 from tracker.tasks import rearrange_dice
@@ -82,8 +82,7 @@ def truth(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_dice_prints_one_json_object_for_programs(scene, run_here):
-    result = run_here(*arguments(scene, "--goal", scene / "goal.json", "--json"))
-    assert result.returncode == 0, result.stderr
+    result = well(run_here(*arguments(scene, "--goal", scene / "goal.json", "--json")))
     found = json.loads(result.stdout)
     assert list(found) == ["error", "error_per_camera", "reward", "dice", "assignment", "timing_ms"]
     assert list(found["error_per_camera"]) == list(NAMES)
@@ -161,8 +160,7 @@ def test_without_a_goal_there_is_no_error(scene, run_here):
 @pytest.mark.usefixtures("truth")
 def test_overlay_and_masks_are_written(scene, tmp_path, run_here):
     written = ("--overlay", tmp_path / "out.png", "--masks", tmp_path / "new" / "masks")
-    result = run_here(*arguments(scene, "--goal", scene / "goal.json", *written, camera300="none"))
-    assert result.returncode == 0, result.stderr
+    well(run_here(*arguments(scene, "--goal", scene / "goal.json", *written, camera300="none")))
     assert cv2.imread(str(tmp_path / "out.png")).shape[1] == 3 * 540 + 2 * 6
     names = sorted(path.name for path in (tmp_path / "new" / "masks").iterdir())
     assert names == sorted(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import tracker
-from tests.helpers.command import assert_one_line_error
+from tests.helpers.command import assert_one_line_error, well
 from tests.helpers.filmed import shots, write_recording
 from tracker.segmentation.color_model import ColorModel
 
@@ -21,8 +21,7 @@ def recording(tmp_path_factory):
 def test_adapted_colors_are_written_and_summarised(recording, tmp_path, run_here):
     target = tmp_path / "mine.npz"
     arguments = ("--object", "cube_v2", "--colors", "simulation", "-o", target, *QUICK)
-    result = run_here("colors", "adapt", recording, *arguments)
-    assert result.returncode == 0, result.stderr
+    result = well(run_here("colors", "adapt", recording, *arguments))
     assert "round 1: " in result.stdout
     assert "3 frames that did not teach" in result.stdout
     colors = tracker.load_colors(target)
@@ -98,8 +97,7 @@ def test_a_fault_is_named_and_nothing_overwritten(command, arguments, words, rec
 def test_a_new_object_needs_size_and_names_alone(recording, tmp_path, run_here):
     target = tmp_path / "mine.npz"
     arguments = ("--size", "0.065,0.065,0.065", "--faces", FACES, "-o", target, *QUICK)
-    result = run_here("colors", "new", recording, *arguments)
-    assert result.returncode == 0, result.stderr
+    well(run_here("colors", "new", recording, *arguments))
     model, cube = tracker.load_object(tmp_path / "mine.toml"), tracker.load_object("cube_v2")
     assert model.name == "mine"
     assert (model.face_labels == cube.face_labels).all()

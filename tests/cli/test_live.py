@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import tracker
-from tests.helpers.command import assert_one_line_error
+from tests.helpers.command import assert_one_line_error, well
 from tests.helpers.filmed import RIG, shots, write_recording
 from tests.helpers.moments import estimate, moment
 from tracker.cli.live_outputs import Lookout, Statistics
@@ -33,8 +33,7 @@ def recording(tmp_path_factory):
 
 def test_a_recording_is_replayed_printed_and_recorded(recording, tmp_path, run_here):
     target = tmp_path / "log.h5"
-    result = run_here("live", recording, "--object", "cube_v2", "--record", target)
-    assert result.returncode == 0, result.stderr
+    result = well(run_here("live", recording, "--object", "cube_v2", "--record", target))
     assert "sets of images" in result.stdout
     assert "ms in the median" in result.stdout
     with tracker.open_log(target) as log:
@@ -45,8 +44,7 @@ def test_a_recording_is_replayed_printed_and_recorded(recording, tmp_path, run_h
 
 
 def test_each_line_of_json_is_a_message(recording, run_here):
-    result = run_here("live", recording, "--object", "cube_v2", "--json", "--speed", "0.5")
-    assert result.returncode == 0, result.stderr
+    result = well(run_here("live", recording, "--object", "cube_v2", "--json", "--speed", "0.5"))
     messages = [json.loads(line) for line in result.stdout.splitlines()]
     assert len(messages) >= 2
     assert [one["sequence"] for one in messages] == list(range(len(messages)))
@@ -60,8 +58,7 @@ def test_poses_are_published_by_several_ways_at_once(recording, tmp_path, run_he
     lcm = pytest.importorskip("lcm", reason="lcm: no module lcm")
     pytest.importorskip("zmq", reason="live: pyzmq is not installed")
     ways = ("--publish", "tcp://127.0.0.1:*", "--publish", "file://poses.lcm", "--body", "box")
-    result = run_here("live", recording, "--object", "cube_v2", "--json", *ways, folder=tmp_path)
-    assert result.returncode == 0, result.stderr
+    result = well(run_here("live", recording, "--object", "cube_v2", "--json", *ways, folder=tmp_path))
     posed = [one for one in map(json.loads, result.stdout.splitlines()) if one["pose"] is not None]
     events = list(lcm.EventLog(str(tmp_path / "poses.lcm")))
     assert len(events) == len(posed) >= 2
@@ -69,8 +66,7 @@ def test_poses_are_published_by_several_ways_at_once(recording, tmp_path, run_he
 
 
 def test_it_ends_on_request(recording, run_here):
-    result = run_here("live", recording, "--object", "cube_v2", "--seconds", "0.05", "--speed", "0.1")
-    assert result.returncode == 0, result.stderr
+    result = well(run_here("live", recording, "--object", "cube_v2", "--seconds", "0.05", "--speed", "0.1"))
     assert "sets of images  1," in result.stdout
 
 
@@ -146,8 +142,7 @@ def test_cameras_that_never_give_an_image_are_an_error(recording, tmp_path, run_
 
 def test_a_check_tells_of_the_cameras_and_nothing_is_wrong_with_them(recording, run_here, monkeypatch):
     monkeypatch.setattr("tracker.live.camera_check.MOST_AGE", 10.0)  # a busy machine takes its time
-    result = run_here("live", recording, "--object", "cube_v2", "--check", "--speed", "5")
-    assert result.returncode == 0, result.stderr
+    result = well(run_here("live", recording, "--object", "cube_v2", "--check", "--speed", "5"))
     assert "nothing is wrong with the cameras" in result.stdout
     assert all(name in result.stdout for name in RIG.names)
 

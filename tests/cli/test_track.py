@@ -25,7 +25,7 @@ from synthetic.camera.sensor import Sensor
 from tests.calibration.by_object.test_health import film  # noqa: F401
 from tests.helpers import ROOT, contents, run_python
 from tests.helpers.begun import begin, until
-from tests.helpers.command import Run, assert_one_line_error
+from tests.helpers.command import Run, assert_one_line_error, well
 from tests.helpers.log_writers import make_content, write_hdf5, write_picture
 from tests.helpers.pose_logs import assert_same
 from tests.helpers.recording_stubs import write_log
@@ -80,13 +80,14 @@ def run(*arguments: object, folder: Path = ROOT) -> subprocess.CompletedProcess[
 def test_a_recording_is_tracked_and_written_in_every_format(filmed, tmp_path, run_here):
     pytest.importorskip("av", reason="video: no module av")
     pytest.importorskip("matplotlib", reason="plot: no module matplotlib")
-    result = run_here(
-        *[filmed, "--object", "cube_v2", "-o", "poses.h5", "--json", "--csv", "poses.csv"],
-        *["--tum", "poses.tum", "--bop", "poses_bop.csv", "--camera", "camera180"],
-        *["--video", "overlay.mp4", "--plot", "poses.png"],
-        folder=tmp_path,
+    result = well(
+        run_here(
+            *[filmed, "--object", "cube_v2", "-o", "poses.h5", "--json", "--csv", "poses.csv"],
+            *["--tum", "poses.tum", "--bop", "poses_bop.csv", "--camera", "camera180"],
+            *["--video", "overlay.mp4", "--plot", "poses.png"],
+            folder=tmp_path,
+        )
     )
-    assert result.returncode == 0, result.stderr
     assert result.stderr == ""
     written = {"poses.h5", "poses.csv", "poses.tum", "poses_bop.csv", "overlay.mp4", "poses.png"}
     assert set(os.listdir(tmp_path)) == written
@@ -267,8 +268,7 @@ def test_of_several_recordings_the_whole_ones_are_tracked(tmp_path, run_here):
     assert [json.loads(line)["log"] for line in result.stdout.splitlines()] == [logs[0], logs[2]]
     files = sorted(str(path.relative_to(tmp_path / "all")) for path in (tmp_path / "all").rglob("*.*"))
     assert files == ["first/camera_data.dat.poses.h5", "third/camera_data.dat.poses.h5"]
-    result = run_here(*base, "--quiet", "--recover", folder=tmp_path)
-    assert result.returncode == 0
+    result = well(run_here(*base, "--quiet", "--recover", folder=tmp_path))
     assert result.stdout == ""
     assert result.stderr.startswith("tracker: warning: second/camera_data.dat")
     assert "tracked 1 of 1 frames, the last one is 0" in result.stderr
@@ -365,8 +365,7 @@ def test_track_writes_the_page_and_says_what_is_not_well(film, rig, tmp_path, ru
     rig.save(tmp_path / "calibration")
     base = (film, "--object", "cube_v2", "--calibration", tmp_path / "calibration")
     page = tmp_path / "health.html"
-    result = run_here(*base, "-o", tmp_path / "poses.h5", "--health", page, "--json")
-    assert result.returncode == 0, result.stderr
+    result = well(run_here(*base, "-o", tmp_path / "poses.h5", "--health", page, "--json"))
     assert "camera300: brightness" in " ".join(json.loads(result.stdout)["health"])
     assert page.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
 

@@ -9,18 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.helpers import image_grid, look_at, make_camera, numerical_jacobian
+from tests.helpers import image_grid, look_at, make_camera, numerical_jacobian, opencv_pixels
 from tracker.calibration.files.platform import read_camera
 from tracker.errors import CalibrationError
 from tracker.geometry.camera import Camera
-
-
-def opencv_pixels(camera: Camera, points: np.ndarray, transform: np.ndarray | None = None) -> np.ndarray:
-    """By OpenCV: pixels of points in the world, or in the frame that `transform` (4, 4) gives."""
-    camera_from = camera.camera_from_world if transform is None else transform
-    rotvec, _ = cv2.Rodrigues(np.array(camera_from[:3, :3]))
-    lens = np.array(camera.matrix), np.array(camera.distortion)
-    return cv2.projectPoints(points, rotvec, np.array(camera_from[:3, 3]), *lens)[0][:, 0]
 
 
 def points_seen(camera: Camera, rng: np.random.Generator, pixels: np.ndarray) -> np.ndarray:

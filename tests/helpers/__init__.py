@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from tracker.conventions import Array, FloatArray, Image
@@ -101,6 +102,14 @@ def image_grid(camera: Camera, count: int = 15) -> FloatArray:
     columns = np.linspace(-0.5, camera.width - 0.5, count)
     rows = np.linspace(-0.5, camera.height - 0.5, count)
     return np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
+
+
+def opencv_pixels(camera: Camera, points: Array, transform: Array | None = None) -> FloatArray:
+    """By OpenCV: pixels (N, 2) of points in the world, or in the frame that `transform` (4, 4) gives."""
+    camera_from = np.array(camera.camera_from_world if transform is None else transform)
+    rotvec, _ = cv2.Rodrigues(camera_from[:3, :3])
+    lens = np.array(camera.matrix), np.array(camera.distortion)
+    return cv2.projectPoints(np.asarray(points), rotvec, camera_from[:3, 3], *lens)[0][:, 0]
 
 
 def sight_of(tracker: ObjectTracker, images: Sequence[Image]) -> Sight:

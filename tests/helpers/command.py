@@ -17,6 +17,12 @@ def run(*arguments: object, folder: Path = ROOT) -> subprocess.CompletedProcess[
     return run_python(["-m", "tracker", *arguments], folder)
 
 
+def well(result: subprocess.CompletedProcess[str]) -> subprocess.CompletedProcess[str]:
+    """What a command printed that has to go well."""
+    assert result.returncode == 0, result.stderr
+    return result
+
+
 def assert_one_line_error(result: subprocess.CompletedProcess[str], *words: str, code: int = 2) -> None:
     assert result.returncode == code, result.stderr
     assert result.stdout == ""

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from synthetic.camera.rigs import default_cameras
+from tests.helpers import opencv_pixels
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray, Image
 from tracker.geometry import cuboid, so3
@@ -77,8 +78,4 @@ def _paint(camera: Camera, die: FloatArray, image: FloatArray, mask: Image) -> N
 
 
 def _pixels(camera: Camera, points: FloatArray) -> np.ndarray:
-    rotation = cv2.Rodrigues(camera.camera_from_world[:3, :3])[0]
-    pixels, _ = cv2.projectPoints(
-        points, rotation, camera.camera_from_world[:3, 3], camera.matrix, camera.distortion
-    )
-    return np.rint(pixels).astype(np.int32).reshape(-1, 2)
+    return np.rint(opencv_pixels(camera, points)).astype(np.int32)

@@ -16,7 +16,7 @@ from synthetic import cli
 from synthetic.camera.rigs import standard_rig
 from synthetic.export.dataset import DatasetOptions, make_dataset
 from synthetic.frames import FrameOptions
-from tests.helpers import ROOT, run_python
+from tests.helpers import ROOT, contents, opencv_pixels, run_python
 from tests.helpers.synthetic_needs import skip_without_platform
 from tracker.calibration.rig import CameraRig
 from tracker.geometry.cuboid import corners
@@ -53,11 +53,6 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def truth_of(folder: Path) -> dict:
     return json.loads((folder / "ground_truth.json").read_text())
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    files = sorted(path for path in folder.rglob("*") if path.is_file())
-    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
 
 
 def test_the_layout_is_complete(made):
@@ -181,11 +176,7 @@ def project_truth(camera, state, points):
     from scipy.spatial.transform import Rotation
 
     world = points @ Rotation.from_quat(state["orientation_xyzw"]).as_matrix().T + state["position"]
-    rotation, _ = cv2.Rodrigues(camera.camera_from_world[:3, :3])
-    pixels, _ = cv2.projectPoints(
-        world, rotation, camera.camera_from_world[:3, 3], camera.matrix, np.zeros(5)
-    )
-    return pixels[:, 0]
+    return opencv_pixels(dataclasses.replace(camera, distortion=np.zeros(5)), world)
 
 
 def test_the_bop_files_tell_true_cameras_each_picture_at_its_own_moment_and_colours_of_mosaics(tmp_path):

@@ -10,10 +10,9 @@ from synthetic.errors import RendererError
 from synthetic.render.check import labels_and_depth
 from synthetic.render.renderer import shared_renderer
 from synthetic.scene import Body, Lamp, Lighting, Mesh, PlatformScene
-from tests.helpers import random_rotations
+from tests.helpers import opencv_pixels, random_rotations
 from tests.helpers.needs import lack
 from tracker.conventions import Array, FloatArray
-from tracker.geometry.camera import Camera
 from tracker.geometry.cuboid import FACE_CORNERS, corners
 
 SIZES = ((0.065, 0.065, 0.065), (0.02, 0.08, 0.02))
@@ -67,13 +66,6 @@ def crowded(rotation: Array) -> PlatformScene:
     return PlatformScene(tuple(bodies), lighting(0.5, lamp(0.3, 0.2, 1)))
 
 
-def project(camera: Camera, points: Array) -> FloatArray:
-    rotation, _ = cv2.Rodrigues(camera.camera_from_world[:3, :3])
-    translation = camera.camera_from_world[:3, 3]
-    pixels, _ = cv2.projectPoints(points, rotation, translation, camera.matrix, camera.distortion)
-    return np.asarray(pixels, np.float64).reshape(-1, 2)
-
-
 def test_shadows_only_take_light_away() -> None:
     scene, view = crowded(np.eye(3)), Lens(default_cameras()[0], 1).view
     dark, bright = (RENDERER.render(scene, view, shadows=shadows) for shadows in (True, False))
@@ -100,7 +92,7 @@ def test_lambert_holds_on_a_level_table() -> None:
     color = Lens(camera, 1).to_camera(
         RENDERER.render(scene, Lens(camera, 1).view, shadows=False).color, "mean"
     )
-    column, row = np.rint(project(camera, np.zeros((1, 3)))[0]).astype(int)
+    column, row = np.rint(opencv_pixels(camera, np.zeros((1, 3)))[0]).astype(int)
     np.testing.assert_allclose(color[row, column], 0.2 * (0.5 + 0.5 * 0.8), rtol=1e-3)
 
 

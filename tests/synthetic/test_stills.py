@@ -15,6 +15,7 @@ from synthetic.look.face_colors import reflectances
 from synthetic.render.renderer import shared_renderer
 from synthetic.scene import ObjectState, PlatformScene
 from synthetic.stills import Still
+from tests.helpers import opencv_pixels
 from tests.helpers.stills import bare_scene, posed_scene, scene_with_fingers, take
 from tracker.conventions import Array
 from tracker.geometry.camera import Camera
@@ -39,13 +40,6 @@ def coverages(scene: PlatformScene, cameras: tuple[Camera, ...]) -> list[Array]:
     return result
 
 
-def project(camera: Camera, points: Array) -> Array:
-    """Pixels (N, 2) by OpenCV alone."""
-    rotation, translation = camera.camera_from_world[:3, :3], camera.camera_from_world[:3, 3]
-    rvec, _ = cv2.Rodrigues(rotation.copy())
-    return cv2.projectPoints(points, rvec, translation, camera.matrix, camera.distortion)[0].reshape(-1, 2)
-
-
 def face_outlines(state: ObjectState, model: CuboidModel, camera: Camera) -> list[Array]:
     """Pixels (N, 2) along the outline of each visible face; edges sampled finely, as lenses bend them."""
     outlines = []
@@ -55,7 +49,7 @@ def face_outlines(state: ObjectState, model: CuboidModel, camera: Camera) -> lis
     for normal, ring in zip(FACE_NORMALS @ state.rotation.T, points[FACE_CORNERS], strict=True):
         if normal @ (eye - ring[0]) > 0:
             outline = [a + share * (b - a) for a, b in zip(ring, np.roll(ring, -1, axis=0), strict=True)]
-            outlines.append(project(camera, np.concatenate(outline)))
+            outlines.append(opencv_pixels(camera, np.concatenate(outline)))
     return outlines
 
 
@@ -102,7 +96,9 @@ def test_object_covers_what_opencv_projects(width: int) -> None:
 def test_camera_of_twice_the_width_sees_the_same() -> None:
     for small, large in zip(CAMERAS, default_cameras(540), strict=True):
         points = rng().uniform(-0.1, 0.1, (20, 3))
-        np.testing.assert_allclose(project(large, points), 2 * project(small, points) + 0.5, atol=1e-9)
+        np.testing.assert_allclose(
+            opencv_pixels(large, points), 2 * opencv_pixels(small, points) + 0.5, atol=1e-9
+        )
 
 
 @pytest.mark.parametrize("model", MODELS, ids=lambda model: model.name)
@@ -119,7 +115,7 @@ def test_faces_lie_on_their_axes(model: CuboidModel) -> None:
         rotation = in_world @ in_object.T
         scene = posed_scene(model, (position, rotation), rng(face))
         result = take(scene, (camera,), Sensor.clean(), rng())
-        column, row = np.rint(project(camera, position[None])[0]).astype(int)
+        column, row = np.rint(opencv_pixels(camera, position[None])[0]).astype(int)
         assert result.labels[0][row, column] == model.face_labels[face]
         color = result.images[0][row, column].astype(float)
         known = np.sqrt(reflectances(model.colors)[1:])

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
 from synthetic.camera.rigs import sized, standard_rig
-from tests.helpers import make_camera
+from tests.helpers import make_camera, opencv_pixels
 from tracker.calibration.rig import CameraRig
 from tracker.errors import TaskError
 from tracker.geometry import so3
@@ -19,14 +19,6 @@ from tracker.tasks import rearrange_dice as dice
 RIG = sized(standard_rig(), 270)
 CORNERS = np.array(list(itertools.product((-0.013, 0.013), repeat=3)))
 QUADS = [(0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5)]
-
-
-def opencv_pixels(camera, points) -> np.ndarray:
-    """Pixels (N, 2) by OpenCV's own camera."""
-    rotation, _ = cv2.Rodrigues(camera.camera_from_world[:3, :3])
-    shift = camera.camera_from_world[:3, 3]
-    pixels, _ = cv2.projectPoints(np.asarray(points), rotation, shift, camera.matrix, camera.distortion)
-    return pixels.reshape(-1, 2)
 
 
 def free_goal(rng: np.random.Generator, count: int = 25) -> np.ndarray:

@@ -1,8 +1,7 @@
-"""What tests of drawings share: cameras, black pictures of them, and OpenCV's own projection."""
+"""What tests of drawings share: cameras, and black pictures of them."""
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 import pytest
 
@@ -17,11 +16,3 @@ def rig() -> CameraRig:
 
 def black(rig: CameraRig) -> list[np.ndarray]:
     return [np.zeros((camera.height, camera.width, 3), np.uint8) for camera in rig]
-
-
-def opencv_pixels(camera, points) -> np.ndarray:
-    """Pixels (N, 2) by OpenCV's own camera."""
-    rotation, _ = cv2.Rodrigues(camera.camera_from_world[:3, :3])
-    shift = camera.camera_from_world[:3, 3]
-    pixels, _ = cv2.projectPoints(np.asarray(points), rotation, shift, camera.matrix, camera.distortion)
-    return pixels.reshape(-1, 2)

@@ -4,7 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.viz.conftest import black, opencv_pixels
+from tests.helpers import opencv_pixels
+from tests.viz.conftest import black
 from tracker.calibration.rig import CameraRig
 from tracker.tasks import rearrange_dice as dice
 from tracker.viz import dice_overlay, goal_picture

@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.helpers import make_camera
-from tests.viz.conftest import black, opencv_pixels
+from tests.helpers import make_camera, opencv_pixels
+from tests.viz.conftest import black
 from tracker.calibration.rig import CameraRig
 from tracker.errors import ImageError
 from tracker.geometry import cuboid, so3

@@ -9,7 +9,7 @@ import pytest
 
 import tracker
 from tests.helpers import ROOT, run_python
-from tests.helpers.command import assert_one_line_error
+from tests.helpers.command import assert_one_line_error, well
 from tests.helpers.filmed import RIG
 from tests.helpers.pose_logs import random_poses
 from tests.helpers.recording_stubs import write_log
@@ -36,8 +36,7 @@ def entities(path: Path) -> set[str]:
 @pytest.mark.slow
 def test_poses_alone_are_shown_without_images(tmp_path, rng, run_here):
     write_poses(tmp_path / "poses.h5", random_poses(rng, 20))
-    result = run_here("view", "poses.h5", "-o", "view.rrd", folder=tmp_path)
-    assert result.returncode == 0, result.stderr
+    well(run_here("view", "poses.h5", "-o", "view.rrd", folder=tmp_path))
     found = entities(tmp_path / "view.rrd")
     assert {"/world/arena", "/world/measured", "/world/filtered", "/world/uncertainty/filtered"} <= found
     assert {"/world/trajectory/filtered", "/confidence/measured", "/std_mm/filtered", "/status"} <= found
@@ -49,8 +48,7 @@ def test_poses_alone_are_shown_without_images(tmp_path, rng, run_here):
 @pytest.mark.slow
 def test_a_recording_is_tracked_on_the_way(tmp_path):
     write_log(tmp_path / "log", 6)
-    result = run("log", "--object", "cube_v2", "-o", "view.rrd", "--every", 2, "-q", folder=tmp_path)
-    assert result.returncode == 0, result.stderr
+    well(run("log", "--object", "cube_v2", "-o", "view.rrd", "--every", 2, "-q", folder=tmp_path))
     found = entities(tmp_path / "view.rrd")
     assert {"/world/cameras/camera180/image", "/status"} <= found
     assert {"/health/brightness/camera180", "/health/residual/camera60"} <= found
