@@ -26,10 +26,10 @@ from tests.helpers.robot_stores import (
 )
 from tests.logs.test_datasets import edit, head
 from tracker.batch.run import only_run, write_batch
+from tracker.batch.store_tables import BLOCK_ROWS, RowsWriter
 from tracker.batch.stores import Retracking
 from tracker.batch.workers import here
 from tracker.poses.file import read_poses
-from tracker.poses.zarr_group import ROWS, RowsWriter
 from tracker.recordings import Options
 
 pytest.importorskip("lmdb", reason="datasets: no module lmdb")
@@ -132,15 +132,15 @@ def test_zarr_itself_reads_the_group(robots, tmp_path):
 
 
 def test_arrays_longer_than_a_block_are_whole(tmp_path, rng):
-    rows = rng.normal(size=(2 * ROWS + 5, 2)).astype(np.float32)
+    rows = rng.normal(size=(2 * BLOCK_ROWS + 5, 2)).astype(np.float32)
     writer = RowsWriter(tmp_path / "x", (2,))
-    for part in (rows[:7], rows[7 : ROWS + 7], rows[ROWS + 7 :]):
+    for part in (rows[:7], rows[7 : BLOCK_ROWS + 7], rows[BLOCK_ROWS + 7 :]):
         writer.append(part)
-    writer.pad_to(3 * ROWS)
+    writer.pad_to(3 * BLOCK_ROWS)
     writer.close()
     found = read_array(tmp_path / "x")
     np.testing.assert_array_equal(found[: len(rows)], rows)
-    assert len(found) == 3 * ROWS
+    assert len(found) == 3 * BLOCK_ROWS
     assert np.isnan(found[len(rows) :]).all()
 
 

@@ -11,8 +11,16 @@ import tracker
 from tests.helpers.filmed import RIG, footage_of, overlap, shots
 from tracker.color_learning.adapt import adapt
 from tracker.color_learning.fit import FitOptions
-from tracker.color_learning.frames import judge, shares
-from tracker.color_learning.lessons import Lesson, consistent, lesson, nodes_of, outline, owners
+from tracker.color_learning.lessons import (
+    Lesson,
+    consistent,
+    judge,
+    lesson,
+    nodes_of,
+    outline,
+    owners,
+    shares,
+)
 from tracker.color_learning.models import from_names, nearest, refit
 from tracker.errors import NotBetterError
 from tracker.pipeline import ObjectTracker

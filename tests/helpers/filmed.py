@@ -12,8 +12,8 @@ from synthetic.camera.rigs import sized, standard_rig
 from synthetic.camera.sensor import Sensor
 from tests.helpers.kept_stills import take
 from tests.helpers.stills import Still, scene_with_fingers
-from tracker.color_learning.frames import Frames
 from tracker.color_learning.labelled import intersection_over_union
+from tracker.color_learning.lessons import Frames
 
 RIG = sized(standard_rig(), 270)
 

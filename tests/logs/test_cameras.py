@@ -13,8 +13,8 @@ import tracker
 from tests.helpers import make_camera
 from tests.helpers.log_writers import CAMERAS, make_content, write_hdf5, write_picture
 from tracker.errors import CalibrationError, LogError
-from tracker.logs.cameras import fitted_to
 from tracker.logs.hdf5_writer import Hdf5LogWriter
+from tracker.logs.opening import fitted_to
 
 IMAGE = np.zeros((20, 30, 3), np.uint8)
 

@@ -4,6 +4,8 @@ images.parquet   a line for each set of images
 steps.parquet    a line for each control step, with the pose of the images that it saw
 poses.zarr       arrays of the shape of the stored ones, per control step, and in `images` per set of images
 report.json      the differences to the stored poses, by robot and by episode
+
+The arrays are of zarr's version 2, without compression: the same rows give the same bytes.
 """
 
 from __future__ import annotations
@@ -11,6 +13,8 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import json
+import math
+import os
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -28,7 +32,6 @@ from tracker.objects.model import CuboidModel
 from tracker.poses.columns import MeasuredColumns, PoseColumns
 from tracker.poses.file import read_poses
 from tracker.poses.poses import Poses, package
-from tracker.poses.zarr_group import RowsWriter, add_group, whole_group
 from tracker.summaries.against_stored import Compared, differences
 
 ROWS: dict[str, tuple[int, ...]] = {
@@ -205,3 +208,62 @@ def _arrays(folder: Path, count: int) -> Iterator[Callable[[int, dict[str, Array
     for writer in writers.values():
         writer.pad_to(count)
         writer.close()
+
+
+BLOCK_ROWS = 8192
+"""Rows a block."""
+
+
+@contextlib.contextmanager
+def whole_group(path: Path, attributes: dict[str, Any]) -> Iterator[Path]:
+    """A new group, which takes the name, and the place of an older one, when the `with` block ends well."""
+    with whole_file(path) as temporary:
+        add_group(temporary, attributes)
+        yield temporary
+        if path.is_dir():  # a folder cannot be renamed onto another
+            os.replace(path, temporary.with_name("old"))
+
+
+def add_group(path: Path, attributes: dict[str, Any]) -> None:
+    """Make a group's folder."""
+    path.mkdir()
+    (path / ".zgroup").write_text('{"zarr_format": 2}\n')
+    (path / ".zattrs").write_text(json.dumps(attributes, indent=1) + "\n")
+
+
+class RowsWriter:
+    """An array that grows by rows of a shape; float32, NaN where nothing is known. One block is in memory."""
+
+    def __init__(self, folder: Path, shape: tuple[int, ...]) -> None:
+        folder.mkdir()
+        self._folder, self._shape, self._count = folder, shape, 0
+        self._block = np.full((BLOCK_ROWS, *shape), np.nan, np.float32)
+
+    def append(self, rows: Array) -> None:
+        """Add rows (k, ...)."""
+        while len(rows):
+            at = self._count % BLOCK_ROWS
+            some, rows = rows[: BLOCK_ROWS - at], rows[BLOCK_ROWS - at :]
+            self._block[at : at + len(some)] = some.reshape(len(some), *self._shape)
+            self._count += len(some)
+            if at + len(some) == BLOCK_ROWS:
+                self._write()
+
+    def pad_to(self, count: int) -> None:
+        """Add rows of NaN until there are `count`."""
+        while self._count < count:
+            self.append(np.full((min(BLOCK_ROWS, count - self._count), *self._shape), np.nan))
+
+    def close(self) -> None:
+        """Write what is left, and the head."""
+        if self._count % BLOCK_ROWS:
+            self._write()
+        about: dict[str, Any] = {"zarr_format": 2, "shape": [self._count, *self._shape], "dtype": "<f4"}
+        about |= {"chunks": [BLOCK_ROWS, *self._shape], "order": "C", "compressor": None, "filters": None}
+        (self._folder / ".zarray").write_text(json.dumps({**about, "fill_value": "NaN"}, indent=1) + "\n")
+
+    def _write(self) -> None:
+        number = math.ceil(self._count / BLOCK_ROWS) - 1
+        key = ".".join([str(number), *["0"] * len(self._shape)])
+        (self._folder / key).write_bytes(self._block.astype("<f4").tobytes())
+        self._block[:] = np.nan

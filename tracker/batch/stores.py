@@ -17,7 +17,7 @@ from tracker.batch.results import output_of_episode, outputs_of, recordings_of, 
 from tracker.batch.run import Batch, Report, Task, agreed, run_tasks, unfinished
 from tracker.batch.store_tables import Tracked, write_store
 from tracker.batch.workers import Engine
-from tracker.calibration.files.robots import pattern_of, robots_in
+from tracker.calibration.files.folder import pattern_of, robots_in
 from tracker.errors import CalibrationError, LogError, TrackerError, install
 from tracker.logs.store_steps import Episode, is_store, read_steps
 from tracker.recordings.recipe import Options, Recipe

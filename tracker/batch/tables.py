@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import os
 import shlex
@@ -23,7 +21,7 @@ from tracker.batch.results import (
 )
 from tracker.batch.run import Batch
 from tracker.errors import LogError, reason
-from tracker.files import lock_of, whole_file, write_whole
+from tracker.files import csv_text, lock_of, whole_file, write_whole
 from tracker.recordings.track import unicode_text
 from tracker.summaries.row import COLUMNS
 
@@ -94,7 +92,7 @@ def write_tables(batch: Batch, found: State, *, as_csv: bool) -> list[Path]:
     if find_spec("pyarrow") is not None:
         writers[f"{TABLE}.parquet"] = lambda path: write_parquet(path, rows)
     if as_csv or not writers:
-        writers[f"{TABLE}.csv"] = lambda path: write_whole(path, _csv(rows))
+        writers[f"{TABLE}.csv"] = lambda path: write_whole(path, csv_text(COLUMNS, map(dict.values, rows)))
     writers[FAILURES] = lambda path: (
         write_whole(path, json.dumps(why, indent=1) + "\n") if why else path.unlink(missing_ok=True)
     )
@@ -125,11 +123,3 @@ def write_parquet(path: Path, rows: Iterable[dict[str, Any]]) -> None:
     schema = pa.schema([(name, kinds[kind]) for name, kind in COLUMNS.items()])
     with whole_file(path) as temporary:
         pq.write_table(pa.Table.from_pylist(list(rows), schema=schema), temporary, compression="zstd")
-
-
-def _csv(rows: Iterable[dict[str, Any]]) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    writer.writerows(["" if value is None else value for value in row.values()] for row in rows)
-    return text.getvalue()

@@ -123,7 +123,7 @@ def _stores(
     recordings: tuple[str, ...], output: Path, asked: Options, robot: str | None
 ) -> Retracking | None:
     """The work on image stores of several robots; None where they are other recordings, or of one rig."""
-    from tracker.calibration.files.robots import robots_in
+    from tracker.calibration.files.folder import robots_in
 
     one_folder = len(asked.calibration) == 1 and asked.pattern is None
     if not one_folder or not robots_in(Path(asked.calibration[0])):

@@ -243,7 +243,7 @@ def intrinsics(
 
 
 def _photo_table(lens: Lens, faults: dict[str, str]) -> str:
-    from tracker.calibration.board.pose import rms
+    from tracker.calibration.board.sighting import rms
 
     rows = [["photo", "corners", "dropped", "blur [px]", "RMS [px]", "left out [px]"]]
     for one in lens.photos:

@@ -18,8 +18,8 @@ from tracker.errors import ColorModelError, ImageError
 
 if TYPE_CHECKING:
     from tracker.color_learning.adapt import Adapted
-    from tracker.color_learning.frames import Frames
     from tracker.color_learning.labelled import LabelledImage
+    from tracker.color_learning.lessons import Frames
 
 
 @click.group(no_args_is_help=False, short_help="Fit, learn and check the colours of objects.")
@@ -49,7 +49,7 @@ class Lesson:
 
     def footage(self) -> list[Frames]:
         """Frames of the recordings; TrackerError where they cannot be read, or are too few."""
-        from tracker.color_learning.frames import LEAST, frames_of, shares
+        from tracker.color_learning.lessons import FEWEST_FRAMES, frames_of, shares
 
         lengths = []
         for path in self.recordings:
@@ -60,8 +60,10 @@ class Lesson:
             with tracker.open_log(path, recover=self.recover) as log:
                 result.append(frames_of(log, self.cameras.rig_of(path, log), count))
         found = sum(len(one.learned) + len(one.held_out) for one in result)
-        if found < LEAST:
-            raise ColorModelError(f"recordings: found {found} frames with images, expected at least {LEAST}")
+        if found < FEWEST_FRAMES:
+            raise ColorModelError(
+                f"recordings: found {found} frames with images, expected at least {FEWEST_FRAMES}"
+            )
         return result
 
     def learn(self, model: tracker.CuboidModel, footage: list[Frames], start: tracker.ColorModel) -> None:

@@ -163,7 +163,7 @@ def photos_of(folders: Sequence[Path], cameras: Sequence[str]) -> dict[Photo, Pa
 
 
 def _photo_table(placed: Placed, faults: dict[str, str]) -> str:
-    from tracker.calibration.board.pose import rms
+    from tracker.calibration.board.sighting import rms
 
     rows = [["photo", "corners", "blur [px]", "RMS [px]"]]
     for at, residuals in placed.residuals.items():

@@ -43,7 +43,7 @@ def info(source: Path, recover: bool, as_json: bool) -> None:
 def _of_log(path: Path, log: tracker.Log) -> dict[str, Any]:
     import numpy as np
 
-    from tracker.logs.cameras import fitted_to
+    from tracker.logs.opening import fitted_to
 
     stamps: list[float] = []
     without = dict.fromkeys(log.camera_names, 0)

@@ -161,7 +161,7 @@ class Cameras:
 
     def rig_of(self, path: Path, log: tracker.Log) -> tracker.CameraRig:
         """The rig that the options name, else the recording's own, see `fitted_to`."""
-        from tracker.logs.cameras import fitted_to
+        from tracker.logs.opening import fitted_to
 
         correct, resize = self.correct_halved_principal_point, self.resize_calibration
         rig = self.load() if self.calibration else None

@@ -105,7 +105,7 @@ def read_images(
 ) -> tuple[tracker.CameraRig, list[Image | None]]:
     """The rig of the images' sizes, and the images in its order, None where a camera gave none."""
     from tracker.color_learning.labelled import read_image
-    from tracker.logs.cameras import sized_for
+    from tracker.logs.opening import sized_for
 
     images: list[Image | None] = []
     cameras = []

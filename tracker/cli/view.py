@@ -108,7 +108,7 @@ def _of_poses(
     stack: ExitStack, source: Path, log: Path | None, object_name: str | None, part: options.Part, every: int
 ) -> Shown:
     """A file of poses, with the images of a recording that the stack closes, if there is one."""
-    from tracker.logs.cameras import fitted_to
+    from tracker.logs.opening import fitted_to
 
     poses = tracker.read_poses(source)
     model, rig = _model_of(poses, object_name), poses.about.rig

@@ -15,9 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tracker.color_learning.fit import FitOptions
-from tracker.color_learning.frames import Frames, Judgement, judge
 from tracker.color_learning.hues import hue_of, hues_of_model, misnamed
-from tracker.color_learning.lessons import Lesson, consistent, lesson, nodes_of
+from tracker.color_learning.lessons import Frames, Judgement, Lesson, consistent, judge, lesson, nodes_of
 from tracker.color_learning.models import from_names, learned, refit
 from tracker.conventions import Array
 from tracker.errors import ColorModelError, NotBetterError

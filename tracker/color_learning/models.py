@@ -8,9 +8,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from tracker.color_learning.fit import FitOptions, Histograms, combine, pixel_histograms
-from tracker.color_learning.frames import Frames, judge
 from tracker.color_learning.hues import NAMED_HUES, bgr_of_hue
-from tracker.color_learning.lessons import nodes_of
+from tracker.color_learning.lessons import Frames, judge, nodes_of
 from tracker.conventions import Array, FloatArray
 from tracker.objects.model import CuboidModel
 from tracker.segmentation.color_model import CLASSES, ColorModel, color_model_names, load_colors

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import csv
 import errno
+import io
 import os
 import shutil
 import stat
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from io import BufferedReader
 from pathlib import Path
 
@@ -91,6 +93,15 @@ def told_as(fault: Callable[[str], Exception], what: str | os.PathLike[str]) -> 
             folder = os.path.dirname(error.filename)
             reason = f"there is no folder {folder}" if folder and not os.path.isdir(folder) else reason
         raise fault(f"{os.fspath(what)}: cannot be written: {' '.join(str(reason).split())}") from error
+
+
+def csv_text(header: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
+    """A table as CSV; cells of None are empty."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows(rows)
+    return text.getvalue()
 
 
 def write_whole(path: str | os.PathLike[str], content: bytes | str) -> None:

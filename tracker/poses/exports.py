@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
 from tracker.conventions import Array, FloatArray
 from tracker.errors import LogError
-from tracker.files import told_as, whole_file, write_whole
+from tracker.files import csv_text, told_as, whole_file, write_whole
 from tracker.geometry import so3
 from tracker.geometry.camera import Camera
 from tracker.objects.model import CuboidModel
@@ -48,7 +46,7 @@ def write_csv(
         for row in zip(*(column.tolist() for column in table.values()), strict=True)
     )
     with told_as(LogError, path):
-        write_whole(path, _table(tuple(table), rows))
+        write_whole(path, csv_text(tuple(table), rows))
 
 
 def write_tum(path: str | os.PathLike[str], poses: Poses, kind: Kind = "filtered") -> None:
@@ -112,7 +110,7 @@ def write_bop(
         )
     )
     with told_as(LogError, path):
-        write_whole(path, _table(BOP_HEADER, rows))
+        write_whole(path, csv_text(BOP_HEADER, rows))
 
 
 def write_parquet(
@@ -145,11 +143,3 @@ def camera_from_object(columns: PoseColumns, camera: Camera) -> tuple[FloatArray
 
 def _spaced(values: Array) -> str:
     return " ".join(map(repr, values.ravel().tolist()))
-
-
-def _table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(header)
-    writer.writerows(rows)
-    return text.getvalue()

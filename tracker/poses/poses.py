@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from tracker.calibration.rig import CameraRig
-from tracker.checks import described, float_array, of_kind
+from tracker.checks import described, float_array, freeze, of_kind
 from tracker.conventions import Array, FloatArray
 from tracker.errors import LogError, TrackerError
 from tracker.geometry import cuboid, so3
@@ -131,7 +131,7 @@ class Poses:
         index = np.array(self.index)
         if index.ndim != 1 or (index.size and index.dtype.kind not in "iu"):
             raise LogError(f"index: found {described(index)}, expected whole numbers of shape (n,)")
-        _freeze(self, "index", index.astype(np.int64))
+        freeze(self, "index", index.astype(np.int64))
         count = len(index)
         bad = np.diff(self.index, prepend=-1) <= 0
         refuse("index", bad, self.index, "frame numbers from 0 on that increase")
@@ -139,9 +139,9 @@ class Poses:
         object.__setattr__(self, "timestamp", times)
         bad = ~(np.abs(self.timestamp) <= LATEST)
         refuse("timestamp", bad, self.timestamp, f"a time in seconds, up to {LATEST:g}")
-        _freeze(self, "status", _texts("status", self.status, (count,)))
+        freeze(self, "status", _texts("status", self.status, (count,)))
         if self.cameras is not None:
-            _freeze(self, "cameras", _texts("cameras", self.cameras, (count, len(self.about.rig))))
+            freeze(self, "cameras", _texts("cameras", self.cameras, (count, len(self.about.rig))))
         for kind, columns_type in KINDS.items():
             columns: object = getattr(self, kind)
             if kind == "recorded" and columns is None:
@@ -315,11 +315,6 @@ def _texts(name: str, value: object, shape: tuple[int, ...]) -> Array:
     if texts.shape != shape or (texts.size and texts.dtype.kind != "U"):
         raise LogError(f"{name}: found {described(texts)}, expected texts of shape {shape}")
     return texts.astype(np.str_)
-
-
-def _freeze(poses: Poses, name: str, array: Array) -> None:
-    array.flags.writeable = False
-    object.__setattr__(poses, name, array)
 
 
 def compare(poses: Poses, kind: Kind = "filtered") -> dict[str, float | None]:

@@ -17,7 +17,7 @@ from tracker.errors import LogError, TrackerError
 from tracker.files import claimed
 from tracker.inputs import PathLike, colors_of, object_of, rig_of
 from tracker.logs import Log, LogFrame, open_log
-from tracker.logs.cameras import fitted_to
+from tracker.logs.opening import fitted_to
 from tracker.objects.model import CuboidModel
 from tracker.pose.result import Observation
 from tracker.poses.file import PosesBuilder, read_fingerprint, read_poses, write_poses

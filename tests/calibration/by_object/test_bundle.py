@@ -10,7 +10,7 @@ import pytest
 from tests.helpers import make_camera, random_rotations
 from tests.helpers.moving_cube import knocked, relative_errors
 from tracker.calibration.by_object.bundle import OWN, Posed, Prior, Unknowns, relative_covariance, solve
-from tracker.calibration.by_object.contour import Contour, seen_motion
+from tracker.calibration.by_object.edges import Contour, seen_motion
 from tracker.calibration.rig import CameraRig
 from tracker.geometry import so3
 

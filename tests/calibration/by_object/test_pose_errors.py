@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import nnls
 
 from tests.helpers import make_camera, random_rotations
-from tracker.calibration.by_object.contour import Contour, pose_errors, pose_information, seen_motion
+from tracker.calibration.by_object.edges import Contour, pose_errors, pose_information, seen_motion
 from tracker.calibration.deviations import calibration_covariance, element_std, rotation_vector_variance
 from tracker.geometry import so3
 

@@ -16,8 +16,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import least_squares
 
-from tracker.calibration.board.pose import (
+from tracker.calibration.board.sighting import (
     MANY_TIMES,
+    BoardView,
     board_pose,
     least_misses,
     misses,
@@ -25,7 +26,6 @@ from tracker.calibration.board.pose import (
     transform,
     wrong_corners,
 )
-from tracker.calibration.board.sighting import BoardView
 from tracker.calibration.files.calibrated import Calibrated
 from tracker.conventions import FloatArray
 from tracker.errors import CalibrationError

@@ -14,8 +14,15 @@ import cv2
 import numpy as np
 
 from tracker.calibration.board.board import Board
-from tracker.calibration.board.pose import MANY_TIMES, board_pose, least_misses, rms, wrong_corners
-from tracker.calibration.board.sighting import BoardView, squares_shown
+from tracker.calibration.board.sighting import (
+    MANY_TIMES,
+    BoardView,
+    board_pose,
+    least_misses,
+    rms,
+    squares_shown,
+    wrong_corners,
+)
 from tracker.calibration.files.calibrated import Calibrated
 from tracker.conventions import FloatArray
 from tracker.errors import CalibrationError

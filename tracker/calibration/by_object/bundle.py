@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tracker.calibration.by_object.contour import EXPONENT_STD, OWN, Contour, seen_motion
+from tracker.calibration.by_object.edges import EXPONENT_STD, OWN, Contour, seen_motion
 from tracker.calibration.deviations import calibration_covariance
 from tracker.conventions import FloatArray
 from tracker.geometry import so3

@@ -1,13 +1,22 @@
-"""Reads a known object's edges in pictures of cameras whose calibration is in question."""
+"""What a camera's picture says of the edges of a posed object: equations that are linear in small changes.
+
+A pose's errors are its own, and those of the cameras, which all poses share. The calibration is in question
+while edges are read.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
-from tracker.calibration.by_object.contour import Contour
 from tracker.calibration.by_object.sightings import Images
+from tracker.calibration.deviations import calibration_covariance
 from tracker.calibration.rig import CameraRig
-from tracker.conventions import FloatArray
+from tracker.conventions import Array, FloatArray
+from tracker.geometry import so3
+from tracker.geometry.camera import Camera
 from tracker.objects.box import Box
 from tracker.objects.model import CuboidModel
 from tracker.pose.fit import Fit, Start
@@ -18,6 +27,108 @@ from tracker.pose.solve import FLOOR, trust_of
 from tracker.pose.support import table_of
 from tracker.pose.views import Sight, reader_of
 from tracker.segmentation.color_model import ColorModel
+
+
+@dataclass(frozen=True, eq=False)
+class Contour:
+    """Pieces of visible edges of which one camera's picture shows where they are.
+
+    A piece's offset is jacobian · (δp, δθ) + bloom · γ + rim · ρ for an object that is moved by (δp, δθ)
+    along world axes [m, rad], a response of exponent 1 + γ and a rim of width ρ [m]. Offsets and their
+    deviations are in pixels of a picture that shows the object in reference size.
+    """
+
+    pixel: FloatArray
+    """(N, 2) where the pieces are expected, from the principal point on [px of the picture]."""
+    normal: FloatArray
+    """(N, 2) unit vectors out of their faces."""
+    jacobian: FloatArray
+    """(N, 6) motion along the normal with the pose [px/m, px/rad]."""
+    bloom: FloatArray
+    """(N,) offset per exponent [px]."""
+    rim: FloatArray
+    """(N,) offset per width of the rim [px/m]."""
+    offset: FloatArray
+    """(N,) of the piece from where it is expected, along the normal [px]."""
+    variance: FloatArray
+    """(N,) of that [px²]."""
+    edge: Array
+    """(N,) which of the cuboid's twelve edges it is part of."""
+    foot: FloatArray
+    """(N,) standard deviation of the offset of an edge that may stand in its contact shadow [px], else 0."""
+    scale: float
+    """Pixels of the picture in one of an object of reference size."""
+
+    def information(self, columns: FloatArray, weight: FloatArray, own: float) -> FloatArray:
+        """(K, K) products of columns (N, K), where pieces of an edge have an offset in common.
+
+        Args:
+            columns: derivatives, residuals or both, side by side.
+            weight: (N,) of the pieces, from 0 to 1: how far they are believed.
+            own: variance of what all pieces of an edge have in common [px²], feet aside, which is integrated
+                out.
+        """
+        weights = weight / self.variance
+        total: FloatArray = (columns * weights[:, None]).T @ columns
+        for edge in np.unique(self.edge):
+            where = self.edge == edge
+            variance = own + float(self.foot[where].mean()) ** 2
+            if variance > 0.0:
+                its = np.where(where, weights, 0.0)
+                common = its @ columns
+                total -= np.outer(common, common) / (its.sum() + 1.0 / variance)
+        return total
+
+
+OWN = 0.05
+"""Standard deviation of what all pieces of an edge have in common [px]."""
+
+EXPONENT_STD = 0.5
+"""Standard deviation of a camera's exponent of response."""
+
+FAR = 2.0
+"""Offset from which on a piece is taken to be of something else [px]."""
+
+_VAGUE = np.diag(np.repeat([1e-2, 3e-1], 3) ** -2.0)
+"""(6, 6) information that holds what no camera sees [m, rad]."""
+
+
+def seen_motion(position: FloatArray) -> FloatArray:
+    """(6, 6) how an object at a position (3,) seems to move with a camera's error (a, w) [m, rad]."""
+    motion = np.eye(6)
+    motion[:3, 3:] = -so3.hat(position)
+    return motion
+
+
+def pose_information(contour: Contour, rim_std: float) -> FloatArray:
+    """(6, 6) what a camera's edges say of a pose, where exponent and rim are unknown [1/m², 1/rad²]."""
+    columns = np.column_stack([contour.jacobian, contour.bloom, contour.rim])
+    found = contour.information(columns, (np.abs(contour.offset) < FAR).astype(float), OWN**2)
+    other = found[6:, 6:] + np.diag([EXPONENT_STD**-2, rim_std**-2])
+    result: FloatArray = found[:6, :6] - found[:6, 6:] @ np.linalg.solve(other, found[6:, :6])
+    return result
+
+
+def pose_errors(
+    contours: Sequence[Contour | None], position: FloatArray, cameras: Sequence[Camera], rim_std: float
+) -> tuple[FloatArray, FloatArray]:
+    """Covariance (6, 6) of a pose's own errors, and how it moves (6, C, 6) with the errors of the cameras.
+
+    With H_c the information of camera c's edges, and D_c the covariance of what its stated error feigns at
+    `position` (3,) [m], the pose is the mean of what the cameras say, weighted by M_c = (H_c⁻¹ + D_c)⁻¹.
+    """
+    inner, motions, weights = [], [], []
+    for contour, camera in zip(contours, cameras, strict=True):
+        motion = seen_motion(position)
+        found = np.zeros((6, 6)) if contour is None else pose_information(contour, rim_std)
+        feigned = motion @ calibration_covariance(camera) @ motion.T
+        kept = np.linalg.inv(np.eye(6) + found @ feigned)
+        inner.append(kept @ found @ kept.T)
+        weights.append(kept @ found)
+        motions.append(motion)
+    total = np.linalg.inv(sum(weights) + _VAGUE)
+    own: FloatArray = total @ (sum(inner) + _VAGUE) @ total.T
+    return own, np.stack([total @ w @ m for w, m in zip(weights, motions, strict=True)], axis=1)
 
 
 class EdgeReader:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tracker.calibration.by_object.contour import seen_motion
+from tracker.calibration.by_object.edges import seen_motion
 from tracker.calibration.deviations import calibration_covariance
 from tracker.conventions import Array, FloatArray
 from tracker.geometry.camera import Camera

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tracker.calibration.by_object.contour import pose_errors
-from tracker.calibration.by_object.edges import EdgeReader
+from tracker.calibration.by_object.edges import EdgeReader, pose_errors
 from tracker.calibration.by_object.sightings import (
     Footage,
     Sighting,

@@ -1,4 +1,7 @@
-"""Which files of a folder are of the cameras, one of each, and in what order."""
+"""Which files of a folder are of the cameras, one of each, and in what order.
+
+Files of several robots may lie in one folder, such as `r1_camera60.yml` and `r3_camera60.yml`.
+"""
 
 from __future__ import annotations
 
@@ -78,3 +81,18 @@ def _pattern(file: str, camera_of_file: dict[str, str]) -> str:
         if pattern != file and len(chosen) == len(set(chosen)):
             return pattern
     return ""
+
+
+_NAME = re.compile(r"(r\d+)_camera.*\.ya?ml")
+
+
+def robots_in(folder: Path) -> list[str]:
+    """The robots, such as `r1`, whose calibration files are in a folder; none where there are none."""
+    names = (file.name for file in folder.iterdir()) if folder.is_dir() else ()
+    found = {match[1] for name in names if (match := _NAME.fullmatch(name))}
+    return sorted(found, key=lambda robot: (int(robot[1:]), robot))
+
+
+def pattern_of(robot: str) -> str:
+    """Which files of the folder are of a robot."""
+    return f"{robot}_camera*.y*ml"
