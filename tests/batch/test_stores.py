@@ -1,7 +1,5 @@
 """Image stores of several robots: whose calibration, what comes of them, and the errors of damaged ones."""
 
-from __future__ import annotations
-
 import json
 import re
 from contextlib import nullcontext
@@ -10,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.helpers import robot_stores
+from tests.helpers import contents, robot_stores
 from tests.helpers.command import assert_one_line_error
 from tests.helpers.needs import lack
 from tests.helpers.recording_stubs import tiny_rig
@@ -55,10 +53,6 @@ def do(store: Path, folder: Path, robots: Path, **options) -> tuple[list[dict | 
 
 def place(store: Path, folder: Path) -> Path:
     return folder / store.relative_to(store.anchor)
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 def read_array(folder: Path) -> np.ndarray:

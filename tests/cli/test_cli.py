@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import io
 import json
 import os
@@ -263,27 +261,27 @@ def test_a_failed_fit_keeps_the_old_file(labelled, tmp_path, run_here):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["labelled", "mine.npz"]
 
 
+def help_into(stdout) -> tuple[int, list[str]]:
+    """Exit code and lines on stderr of `tracker --help` that writes there."""
+    command = [sys.executable, "-m", "tracker", "--help"]
+    done = subprocess.run(command, cwd=ROOT, stdout=stdout, stderr=subprocess.PIPE, check=False, text=True)
+    return done.returncode, done.stderr.splitlines()
+
+
 @pytest.mark.skipif(os.name != "posix", reason="system: pipes and devices of POSIX systems")
 def test_a_reader_that_has_left_is_no_reason_to_complain():
     reader, writer = os.pipe()
     os.close(reader)
-    command = [sys.executable, "-m", "tracker", "--help"]
-    result = subprocess.run(command, cwd=ROOT, stdout=writer, stderr=subprocess.PIPE, check=False)
+    assert help_into(writer) == (2, [])
     os.close(writer)
-    assert result.stderr == b""
-    assert result.returncode == 2
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="system: no /dev/full")
 def test_output_that_cannot_be_written_is_one_line():
     with open("/dev/full", "w") as full:
-        command = [sys.executable, "-m", "tracker", "--help"]
-        result = subprocess.run(
-            command, cwd=ROOT, stdout=full, stderr=subprocess.PIPE, check=False, encoding="utf-8"
-        )
-    assert result.returncode == 2
-    assert len(result.stderr.splitlines()) == 1
-    assert result.stderr.startswith("tracker: output: ")
+        code, (line,) = help_into(full)
+    assert code == 2
+    assert line.startswith("tracker: output: ")
 
 
 @pytest.mark.parametrize(

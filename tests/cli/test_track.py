@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import dataclasses
 import fcntl
 import functools
@@ -104,9 +102,8 @@ def test_a_recording_is_tracked_and_written_in_every_format(filmed, tmp_path, ru
     unused = dict.fromkeys(("contradicting", "no_image", "frozen", "black"), 0)
     assert numbers["cameras"] == dict.fromkeys(("camera60", "camera180", "camera300"), unused)
     assert numbers["fault"] is None
-    assert len((tmp_path / "poses.csv").read_text().splitlines()) == FRAMES + 1
-    assert len((tmp_path / "poses.tum").read_text().splitlines()) == FRAMES + 1
-    assert len((tmp_path / "poses_bop.csv").read_text().splitlines()) == FRAMES + 1
+    for name in ("poses.csv", "poses.tum", "poses_bop.csv"):
+        assert len((tmp_path / name).read_text().splitlines()) == FRAMES + 1
     assert film_length(tmp_path / "overlay.mp4") == (FRAMES, 10)
     shown = observation(poses, 1)
     assert shown.status.value == poses.status[1]

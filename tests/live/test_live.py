@@ -1,7 +1,5 @@
 """Live: what is found is what the tracker finds, and nothing old is given as new."""
 
-from __future__ import annotations
-
 import re
 import threading
 import time
@@ -211,10 +209,12 @@ def test_a_camera_whose_stamp_jumps_is_left_out_of_that_set(off, cameras):
     )
 
 
-def test_an_image_of_another_size_does_not_take_the_others_with_it():
+def test_an_image_that_cannot_be_used_is_left_out_with_its_raw_pixels_and_no_other():
     images = (np.zeros(SHAPE, np.uint8), np.zeros((2, 2, 3), np.uint8), np.zeros(SHAPE))
-    live, mean, _ = received(ImageSet(images, (1.0,) * 3))
+    raw = tuple(image[..., 0] for image in images)
+    live, mean, (one,) = received(ImageSet(images, (1.0,) * 3, raw=raw))
     assert mean.seen == [(0.0, None, None)]
+    assert [found is None for found in one.taken.raw] == [False, True, True]
     assert "camera1: found 2x2 px, expected 6x4 as it is calibrated" in live.faults
     assert any(fault.startswith("camera2: found float64") for fault in live.faults)
 
@@ -350,13 +350,6 @@ def test_stamps_are_pushed_as_whatever_holds_them(kind):
     assert pushed.next(0.0).stamps == (4.0,) * 3
     with pytest.raises(LiveError, match="3 images and 2 stamps"):
         pushed.push([None] * 3, kind([1.0, 2.0]))
-
-
-def test_raw_pixels_of_a_picture_that_cannot_be_used_are_left_out_with_it():
-    image, raw = np.zeros(SHAPE, np.uint8), np.zeros(SHAPE[:2], np.uint8)
-    one = ImageSet((image, image[:2], image), (0.0,) * 3, raw=(raw, raw[:2], raw))
-    _, _, moments = received(one)
-    assert [found is None for found in moments[0].taken.raw] == [False, True, False]
 
 
 def test_a_fault_of_every_set_does_not_drive_out_another(monkeypatch):

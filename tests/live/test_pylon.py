@@ -1,7 +1,5 @@
 """Basler cameras, by the emulator that their library brings along."""
 
-from __future__ import annotations
-
 import os
 import time
 from importlib.util import find_spec
@@ -17,7 +15,6 @@ from tracker.live import Live, Moment
 from tracker.live.platform import Frontend
 from tracker.live.sources import open_cameras, settings_of
 from tracker.live.sources.cameras import CameraUnfit, GrabFailed
-from tracker.pose.result import Observation, Status
 
 if find_spec("pypylon") is None:
     lack("pylon", "pypylon is not installed")
@@ -99,40 +96,27 @@ def test_a_camera_that_is_not_there_is_named():
         pylon_serials(["camera60"])
 
 
-def test_three_cameras_are_a_source_for_live(pictures, rig, tmp_path):
+@pytest.fixture
+def source(pictures, tmp_path):
+    """Three cameras, the last with a setting of its own."""
     text = "\n".join(f"{name} = {value!r}" for name, value in settings(pictures[0]).items())
     (tmp_path / "cameras.toml").write_text(text + '\n["0815-0002"]\nExposureTime = 1400.0\n')
-    source = open_cameras(f"pylon:{','.join(SERIALS)}", rig, settings=tmp_path / "cameras.toml")
+    return open_cameras(f"pylon:{','.join(SERIALS)}", Cube.rig, settings=tmp_path / "cameras.toml")
 
-    class Counter:
-        def __init__(self):
-            self.rig, self.sets = rig, []
 
-        def reset(self): ...
-
-        def update(self, images, stamps):
-            self.sets.append([None if image is None else image.shape for image in images])
-            return Observation(None, None, Status.LOST)
-
-        def forecast(self):
-            return lambda timestamp: None
-
-    counter = Counter()
-    with Live(source, counter) as live:
+def test_three_cameras_are_a_source_for_live(source, pictures):
+    with Live(source, Cube()) as live:
         deadline, moment = time.monotonic() + 120, live.wait(after=-1, timeout=60)
         while any(image is None for image in moment.taken.images) and time.monotonic() < deadline:
             moment = live.wait(after=moment, timeout=60)
     assert isinstance(moment, Moment)
     assert moment.taken.faults == (None, None, None)
-    assert counter.sets[-1] == [(270, 270, 3)] * 3  # halved for the rig
+    assert [image.shape for image in moment.taken.images] == [(270, 270, 3)] * 3  # halved for the rig
     assert all(any(np.array_equal(raw, one) for one in pictures[1]) for raw in moment.taken.raw)
     assert 0 <= moment.latency < 5
 
 
-def test_the_platforms_loop_runs_against_cameras(pictures, tmp_path):
-    text = "\n".join(f"{name} = {value!r}" for name, value in settings(pictures[0]).items())
-    (tmp_path / "cameras.toml").write_text(text)
-    source = open_cameras(f"pylon:{','.join(SERIALS)}", Cube.rig, settings=tmp_path / "cameras.toml")
+def test_the_platforms_loop_runs_against_cameras(source):
     with Frontend(source, Cube()) as robot:
         robot.wait_until_timeindex(1)
         assert loop(robot, 3)
