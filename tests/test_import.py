@@ -1,7 +1,5 @@
 """`import tracker`: quick, and every public name is there."""
 
-from __future__ import annotations
-
 import ast
 import importlib
 import operator

@@ -1,7 +1,5 @@
 """Environments that are made of kept ones."""
 
-from __future__ import annotations
-
 import os
 
 from scripts import kept_environment

@@ -1,7 +1,5 @@
 """Laws of skipping: for a reason of a kind, and not where the kind is asked for."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.helpers.needs import VARIABLE, pytest_configure

@@ -1,7 +1,5 @@
 """Which recordings patterns mean, and which file each has."""
 
-from __future__ import annotations
-
 import glob
 import os
 from pathlib import Path

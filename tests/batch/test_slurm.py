@@ -1,7 +1,5 @@
 """Recordings done by a real Slurm, undisturbed and with jobs that are killed."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

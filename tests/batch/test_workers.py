@@ -1,7 +1,5 @@
 """Processes that are ended from outside, interrupted, and left by the one that began them."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

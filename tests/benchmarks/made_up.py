@@ -1,7 +1,5 @@
 """Answers of a run that never was, for tests of what is made from answers."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

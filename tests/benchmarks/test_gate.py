@@ -1,7 +1,5 @@
 """Runs compared answer by answer, and the gate that rests on it: what it must let through and what not."""
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 

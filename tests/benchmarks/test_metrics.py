@@ -1,7 +1,5 @@
 """Errors of poses, and the figures that are made of them."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

@@ -1,7 +1,5 @@
 """Errors on films: covers hide what they say, and a model agrees with what it made."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from benchmarks.data.films import FilmFrame

@@ -1,7 +1,5 @@
 """Documents, plots and the page of the worst answers; and that all figures are of the committed run."""
 
-from __future__ import annotations
-
 import re
 
 import cv2

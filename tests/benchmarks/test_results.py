@@ -1,7 +1,5 @@
 """What a run leaves on the disk, how runs go on, and the verdicts on targets."""
 
-from __future__ import annotations
-
 import json
 import runpy
 import sys

@@ -1,7 +1,5 @@
 """The rigs of the benchmark: their truth by OpenCV alone, their arenas, and the table."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import cv2

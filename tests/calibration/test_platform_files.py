@@ -1,7 +1,5 @@
 """Calibration files of one camera: the platform's variants, and those with all deviations."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """`tracker calibrate`: from a printed board to a rig, and a rig checked, refined and put on its table."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import re

@@ -1,7 +1,5 @@
 """`tracker demo` in a new folder, and what it says next."""
 
-from __future__ import annotations
-
 import shlex
 
 from tests.docs.samples import blocks

@@ -1,7 +1,5 @@
 """`tracker doctor` on this machine, and on machines that lack something."""
 
-from __future__ import annotations
-
 import sys
 from importlib import metadata
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """The commands that learn colours without labels."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

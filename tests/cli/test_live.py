@@ -1,7 +1,5 @@
 """`tracker live`: poses printed, published and recorded, and what is wrong with the cameras."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -1,7 +1,5 @@
 """One set of pictures: files in any order, a frame of a folder, and the messages where names disagree."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import shutil

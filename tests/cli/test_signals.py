@@ -1,7 +1,5 @@
 """Being asked to end from outside."""
 
-from __future__ import annotations
-
 import functools
 import os
 import signal

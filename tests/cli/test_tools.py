@@ -1,7 +1,5 @@
 """`tracker info`, `export`, `convert` and `score`."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 

@@ -1,7 +1,5 @@
 """A short film that the tests of this folder share."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.helpers.filmed import shots

@@ -1,7 +1,5 @@
 """Colours learned without labels, against the true labels of the pixels."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

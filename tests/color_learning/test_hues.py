@@ -1,7 +1,5 @@
 """Colours' hues, how far apart they are, and the dense tables of a model."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What the samples of the pages find around them."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Samples of the README and the pages: fenced blocks, and the commands in them."""
 
-from __future__ import annotations
-
 import re
 
 from tests.helpers import ROOT

@@ -1,7 +1,5 @@
 """The example of a loop that closes: fingers that know where the cube is bring it to the goal."""
 
-from __future__ import annotations
-
 import contextlib
 import importlib
 import sys

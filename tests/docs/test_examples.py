@@ -1,7 +1,5 @@
 """Examples that the page of examples shows run, and are what it shows."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from pathlib import Path

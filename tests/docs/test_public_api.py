@@ -1,7 +1,5 @@
 """What users may rely on changes on purpose only."""
 
-from __future__ import annotations
-
 import importlib
 import re
 

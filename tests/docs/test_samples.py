@@ -1,7 +1,5 @@
 """No sample of README and pages that is not run: here, by a test of its own, or it stands in NOT_RUN."""
 
-from __future__ import annotations
-
 import glob
 import json
 import re

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import errno
 import os
 import resource
@@ -66,7 +64,7 @@ def test_a_pipe_in_the_place_of_a_calibration_is_an_error(name, tmp_path):
         CameraRig.load([tmp_path / name, tmp_path / "camera60.yml"])
 
 
-def frames_of(path: Path) -> list[tracker.LogFrame]:
+def frames_of(path: Path) -> list:
     with tracker.open_log(path) as log:
         return list(log)
 

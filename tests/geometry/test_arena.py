@@ -1,7 +1,5 @@
 """The arena: what it refuses, and that it stays with its rig through files and changes."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from fractions import Fraction

@@ -1,7 +1,5 @@
 """Compiled projection, fields of view and linear algebra against NumPy's and OpenCV's."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import cv2

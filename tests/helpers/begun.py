@@ -1,7 +1,5 @@
 """The command in a process of its own, begun and not waited for."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """Photos of boards with exact truth, by OpenCV's camera model and none of the tracker's."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 

@@ -1,7 +1,5 @@
 """Light whose colour changes over a picture, and how much of its labels is left."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

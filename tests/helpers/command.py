@@ -1,7 +1,5 @@
 """The command `tracker`, and what it says of faults."""
 
-from __future__ import annotations
-
 import subprocess
 from collections.abc import Callable
 from pathlib import Path

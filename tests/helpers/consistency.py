@@ -1,7 +1,5 @@
 """Whether covariances are as large as the errors: the mean normalised squared error (NEES) and its limits."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.stats import chi2
 

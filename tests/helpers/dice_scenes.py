@@ -1,7 +1,5 @@
 """Dice painted with OpenCV: views and masks of scenes that are known exactly."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import cv2

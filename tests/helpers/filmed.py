@@ -1,7 +1,5 @@
 """Short rendered recordings of an object, with the label of every pixel."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

@@ -1,7 +1,5 @@
 """Fits that no picture was needed for."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

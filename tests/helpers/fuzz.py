@@ -4,8 +4,6 @@ A crash of a compiled library, a loop without end and a memory that fills are se
 starts again after each.
 """
 
-from __future__ import annotations
-
 import contextlib
 import multiprocessing
 import resource

@@ -3,8 +3,6 @@
 For tests of what is found in pictures; those of the renderer draw their own.
 """
 
-from __future__ import annotations
-
 import functools
 import hashlib
 import io

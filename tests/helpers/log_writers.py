@@ -1,7 +1,5 @@
 """Small writers of the recordings that tests read."""
 
-from __future__ import annotations
-
 import gzip
 import json
 import struct

@@ -1,7 +1,5 @@
 """Moments of `Live` without cameras or a tracker."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from tracker.conventions import Image

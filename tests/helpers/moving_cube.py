@@ -1,7 +1,5 @@
 """Pictures of a cube all over the arena, and cameras that are not where their calibration has them."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 

@@ -5,8 +5,6 @@ environment variable REQUIRE lists the kinds, with commas between them, that a r
 such a kind is a failure. So is a skip for a reason of no kind.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from typing import Any, NoReturn

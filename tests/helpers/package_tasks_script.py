@@ -9,8 +9,6 @@ Each writes the cases, drawn from fixed seeds, and what the package says of them
 """
 
 # The package is no dependency of this project, and neither is what comes along with it.
-from __future__ import annotations
-
 import sys
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Platforms for tests, or a reason to skip them."""
 
-from __future__ import annotations
-
 from synthetic.errors import AssetError
 from synthetic.world.platform import Platform
 from tests.helpers.needs import lack

@@ -1,7 +1,5 @@
 """Made-up poses for the tests of what is written about them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Any

@@ -1,7 +1,5 @@
 """A cube that is pushed over the table before the platform's cameras, and what a tracker makes of it."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What reading a recording takes, and files of HDF5 changed in place."""
 
-from __future__ import annotations
-
 import tracemalloc
 from collections.abc import Callable
 from pathlib import Path

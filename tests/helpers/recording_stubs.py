@@ -1,7 +1,5 @@
 """Recordings of tiny noise, and a tracker with memory that is quick; importable by worker processes."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from types import SimpleNamespace

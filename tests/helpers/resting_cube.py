@@ -1,7 +1,5 @@
 """Pictures of a cube that lies in some places."""
 
-from __future__ import annotations
-
 import functools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Image stores of two robots, and a tracker that knows where the object was; importable by workers."""
 
-from __future__ import annotations
-
 import dataclasses
 import warnings
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A Slurm of one machine with two places, in a folder and on ports of its own."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import shutil

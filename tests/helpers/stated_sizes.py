@@ -1,7 +1,5 @@
 """Small picture files that say they are large."""
 
-from __future__ import annotations
-
 import struct
 import zlib
 

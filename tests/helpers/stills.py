@@ -1,7 +1,5 @@
 """Scenes of the platform without the robot and pictures of them, or a reason to skip the tests."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What tests of the simulated platform need, and why they are skipped without it."""
 
-from __future__ import annotations
-
 import functools
 import importlib.util
 

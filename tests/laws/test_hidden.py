@@ -1,7 +1,5 @@
 """Pixels known to show a finger: their colours count neither for nor against a pose."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

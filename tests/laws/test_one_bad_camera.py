@@ -1,7 +1,5 @@
 """One camera that is spoiled must neither take the answer of the others with it nor make a wrong one sure."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """What the tracker does on recorded images of the real platform; skipped where they are absent."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """How far the colours end within the nominal edges: several cameras see it, one alone must be given it."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Every status comes up, where it should."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import cv2

@@ -1,7 +1,5 @@
 """Whatever public functions are given that is not what they take: a TrackerError in one short line."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 

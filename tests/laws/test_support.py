@@ -1,7 +1,5 @@
 """An object may lie on a table: what that adds where one camera sees it, and that it adds nothing untrue."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What is wrong with cameras is named; what is right is not."""
 
-from __future__ import annotations
-
 import time
 from types import SimpleNamespace
 

@@ -1,7 +1,5 @@
 """Cameras that are asked together, whatever becomes of one of them."""
 
-from __future__ import annotations
-
 import itertools
 import threading
 import time

@@ -1,7 +1,5 @@
 """Poses by LCM: the type that the platform's users have, to the byte."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import re

@@ -1,7 +1,5 @@
 """The page in the browser: what it gets, who may see it, and that it delays nothing."""
 
-from __future__ import annotations
-
 import contextlib
 import http.client
 import json

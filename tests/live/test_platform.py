@@ -1,7 +1,5 @@
 """The platform's names, over what `Live` gives."""
 
-from __future__ import annotations
-
 import time
 from types import SimpleNamespace
 

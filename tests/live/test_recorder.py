@@ -1,7 +1,5 @@
 """Recording while tracking."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import threading

@@ -1,7 +1,5 @@
 """What `Live` and its sources and publishers refuse, and what the error names."""
 
-from __future__ import annotations
-
 import os
 import re
 from importlib.util import find_spec

@@ -1,7 +1,5 @@
 """What is tracked, shown while it is."""
 
-from __future__ import annotations
-
 import importlib.util
 import threading
 

@@ -1,7 +1,5 @@
 """Recordings replayed at their own pace, and the simulated platform as a source."""
 
-from __future__ import annotations
-
 import time
 from types import SimpleNamespace
 

@@ -1,7 +1,5 @@
 """Poses for other processes."""
 
-from __future__ import annotations
-
 import json
 import socket
 import subprocess

@@ -1,7 +1,5 @@
 """Which calibration belongs to a recording: by names, sizes and shapes."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

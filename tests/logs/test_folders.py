@@ -1,7 +1,5 @@
 """Recordings as folders of pictures and films, and what `recording.toml` says of them."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from pathlib import Path

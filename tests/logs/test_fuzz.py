@@ -11,8 +11,6 @@ What no reader can notice, and these tests therefore allow:
 - In an HDF5 log images are protected by gzip's checksum; stamps, poses and calibration are not, as above.
 """
 
-from __future__ import annotations
-
 import json
 import os
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Native logs, and what the platform's recorder leaves of a driver's error: a record of zeros."""
 
-from __future__ import annotations
-
 import dataclasses
 import gzip
 import json

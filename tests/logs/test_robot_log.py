@@ -1,7 +1,5 @@
 """The robot's states at the images' stamps: text and binary logs, gzipped or not, and damaged ones."""
 
-from __future__ import annotations
-
 import csv
 import gzip
 import struct

@@ -1,7 +1,5 @@
 """The tracker's errors for simulators: laws of the model, whatever its numbers."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

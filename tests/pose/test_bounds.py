@@ -1,7 +1,5 @@
 """What comes from outside, or is larger than usual, ends no loop early and no process at all."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

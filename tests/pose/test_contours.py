@@ -1,7 +1,5 @@
 """What is handed out of edges, against the refinement that it comes from."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

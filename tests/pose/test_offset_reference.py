@@ -1,7 +1,5 @@
 """The compiled least squares of strips against the same in a few lines of NumPy, on random strips."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Each reason for which a fit is no pose, in a fit that is right but for one thing."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

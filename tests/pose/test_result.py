@@ -1,7 +1,5 @@
 """What the tracker answers: words that are texts, and what a person reads."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

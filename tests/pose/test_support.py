@@ -1,7 +1,5 @@
 """What a table says of a pose: against the definition, integrated by brute force, and in pictures."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What each camera says of a fit."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import pytest
 
 from tests.helpers.pose_logs import random_poses

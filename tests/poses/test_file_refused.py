@@ -1,7 +1,5 @@
 """Rows and files of poses that cannot be."""
 
-from __future__ import annotations
-
 import zlib
 
 import h5py

@@ -1,7 +1,5 @@
 """Poses of a recording: built frame by frame, joined, compared with recorded ones."""
 
-from __future__ import annotations
-
 import dataclasses
 from types import SimpleNamespace
 

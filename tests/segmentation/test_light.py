@@ -1,7 +1,5 @@
 """Light, noise and mosaic of a picture."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

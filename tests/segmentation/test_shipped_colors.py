@@ -1,7 +1,5 @@
 """Every shipped table reads its colours in whatever light."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Pictures given to the wrong cameras are not taken for wrong pictures; objects off their table are named."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import re

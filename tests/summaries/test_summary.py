@@ -1,7 +1,5 @@
 """What the line about a recording says: numbers, the recording it is of, rewards, the object's way."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 

@@ -1,7 +1,5 @@
 """Light that patches give: against closed forms."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

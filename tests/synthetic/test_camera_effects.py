@@ -1,7 +1,5 @@
 """The effects by their names, and those of single cameras."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import cv2

@@ -1,7 +1,5 @@
 """Shade where a box stands: against its closed form, and in pictures."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

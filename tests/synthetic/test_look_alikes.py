@@ -1,7 +1,5 @@
 """Look-alikes: each kind shows what it is meant to, and none the object."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

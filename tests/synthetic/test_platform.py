@@ -1,7 +1,5 @@
 """Laws of the simulated platform: its files, its kinematics, and what it hands to renderers."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

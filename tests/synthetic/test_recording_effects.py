@@ -1,7 +1,5 @@
 """Calibration, compression and timing: what happens to pictures around the cameras."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 

@@ -1,7 +1,5 @@
 """Cuboids with rims and prints: geometry that has a closed form."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Laws of scenes and sequences: deterministic, possible in the real world, and continuous."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

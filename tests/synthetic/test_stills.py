@@ -1,7 +1,5 @@
 """Stills against OpenCV's projection, and their own promises."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import cv2

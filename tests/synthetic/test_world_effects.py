@@ -1,7 +1,5 @@
 """Effects that change scenes: each by itself, none of them the truth."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 

@@ -4,8 +4,6 @@ The package lives in an environment of its own, which `make package` sets up in 
 are skipped where there is none.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

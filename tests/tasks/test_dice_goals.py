@@ -1,7 +1,5 @@
 """Goals of dice: cells, patterns, files."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -1,7 +1,5 @@
 """Laws of the dice's mask in one image, and of where the dice are."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import cv2

@@ -1,7 +1,5 @@
 """Laws of dice drawn into views, and of how well they explain them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

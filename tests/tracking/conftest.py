@@ -1,7 +1,5 @@
 """What the tests of tracking over time share."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.helpers.pushed_cube import DT, pose_at, shot

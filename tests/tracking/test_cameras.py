@@ -1,7 +1,5 @@
 """What is remembered and reported of each camera."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Pictures that are not taken at once, and moments that are none."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

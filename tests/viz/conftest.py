@@ -1,7 +1,5 @@
 """What tests of drawings share: cameras, and black pictures of them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

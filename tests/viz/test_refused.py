@@ -1,7 +1,5 @@
 """What cannot be drawn, and what the error names."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The viewer of others' making is open to this machine only."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import shutil

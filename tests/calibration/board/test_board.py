@@ -1,7 +1,5 @@
 """The board: its frame and patterns, the page to print, and boards found in photos."""
 
-from __future__ import annotations
-
 import base64
 import io
 import re

@@ -1,7 +1,5 @@
 """Lenses from photos of a board, and places of cameras that all see it."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 

@@ -1,7 +1,5 @@
 """Bundle adjustment against geometry that is known exactly."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Errors of cameras and of poses, against least-squares problems that have them as unknowns."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

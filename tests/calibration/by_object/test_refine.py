@@ -1,7 +1,5 @@
 """Cameras refined, and put on their table, by films of the object; and which frames of these count."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
