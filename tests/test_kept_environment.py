@@ -1,9 +1,13 @@
-"""Environments that are made of kept ones."""
+"""Environments that are made of kept ones, and the lowest versions that one is made of."""
 
 import os
+import re
+
+import pytest
 
 from scripts import kept_environment
 from scripts.kept_environment import forget_the_oldest, key, lay
+from tests.helpers import ROOT, run_python
 
 
 def test_the_name_tells_what_is_in_it(tmp_path):
@@ -42,3 +46,17 @@ def test_those_that_nobody_used_for_long_are_forgotten(tmp_path, monkeypatch):
     os.utime(tmp_path / "old.installed", (0, 0))
     forget_the_oldest()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["new", "new.installed"]
+
+
+EXTRAS = ("synthetic", "bench", "datasets", "rerun", "video")
+
+
+@pytest.mark.process
+def test_every_requirement_of_those_who_use_it_states_a_lowest_version():
+    printed = run_python(["scripts/lowest_versions.py", *EXTRAS], check=True).stdout
+    versions = dict(line.split("==") for line in printed.splitlines())
+    project = (ROOT / "pyproject.toml").read_text(encoding="utf-8").lower()
+    for name, version in versions.items():
+        assert re.search(rf'^ +"{name}[>=]={re.escape(version)}["; ]', project, re.MULTILINE), name
+    assert {"numpy", "pybullet", "pandas", "numcodecs", "lmdb", "rerun-sdk", "av", "pytest"} <= set(versions)
+    assert {"ruff", "mypy"}.isdisjoint(versions)

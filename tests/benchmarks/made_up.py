@@ -1,11 +1,15 @@
 """Answers of a run that never was, for tests of what is made from answers."""
 
+import dataclasses
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from click.testing import CliRunner
 
+from benchmarks.data.store import packed, unpacked
 from benchmarks.judge.results import Results
+from benchmarks.program import main
 
 OBJECTS = ("cube_v2", "cuboid_2x2x8_v2")
 
@@ -19,6 +23,24 @@ ABOUT: dict[str, Any] = {
     **{"draw": "development", "seed": 1, "scenes": 30, "skipped": {"a": "why"}},
     "parts": {"accuracy": {"commit": "0123abc", "clean": True, "seconds": 90, **MACHINE}},
 }
+
+
+def assert_survives(one: Any) -> None:
+    """What is written of a scene or frame is read again to the bit, and nothing of a part of it."""
+    kind, content = type(one), packed(one)
+    again = unpacked(kind, content)
+    for field in dataclasses.fields(kind):
+        before, after = getattr(one, field.name), getattr(again, field.name)
+        pairs = zip(before, after, strict=True) if isinstance(before, tuple) else [(before, after)]
+        assert all(np.array_equal(*pair) for pair in pairs), field.name
+    assert unpacked(kind, content[: len(content) // 2]) is None
+
+
+def printed_by(*arguments: object) -> str:
+    """What a command of the benchmarks prints that has to go well."""
+    done = CliRunner().invoke(main, list(map(str, arguments)), catch_exceptions=False)
+    assert done.exit_code == 0
+    return done.output
 
 
 def answer(**values: Any) -> dict[str, Any]:

@@ -3,16 +3,13 @@ import dataclasses
 import numpy as np
 import pandas as pd
 import pytest
-from click.testing import CliRunner
 
 from benchmarks.data.films import ABSENT, FilmFrame, FilmStore, vanishing_film, vanishing_frames
-from benchmarks.data.store import packed, unpacked
 from benchmarks.judge.results import read_results
 from benchmarks.measure import films
-from benchmarks.program import main
 from benchmarks.score import films as score
 from benchmarks.score.tables import BY_NAME
-from tests.benchmarks.made_up import film
+from tests.benchmarks.made_up import assert_survives, film, printed_by
 from tests.helpers import random_rotations
 from tests.helpers.synthetic_needs import skip_without_platform
 
@@ -28,10 +25,7 @@ def test_a_frame_survives_the_disk(rng):
         frame_of(3, rng.normal(size=3), random_rotations(rng, 1)[0]),
         dataclasses.replace(frame_of(4), position=None, rotation=None),
     ):
-        again = unpacked(FilmFrame, packed(frame))
-        for field in dataclasses.fields(FilmFrame):
-            assert np.array_equal(getattr(again, field.name), getattr(frame, field.name))
-        assert unpacked(FilmFrame, packed(frame)[:100]) is None
+        assert_survives(frame)
 
 
 @pytest.mark.parametrize("length", [40, 600])
@@ -131,9 +125,7 @@ def test_a_smoke_run_of_the_command(tmp_path, monkeypatch):
     monkeypatch.setattr("benchmarks.data.films.ABSENT", 1)
     out, cache = tmp_path / "out", tmp_path / "cache"
     arguments = ["films", "--scenes", "3", "--workers", "1", "--cache", str(cache), "-o", str(out)]
-    done = CliRunner().invoke(main, arguments, catch_exceptions=False)
-    assert done.exit_code == 0
-    assert "## Over time" in done.output
+    assert "## Over time" in printed_by(*arguments)
     frames = read_results(out).frames["films"]
     counts = frames.groupby("group").size()
     assert counts["all"] == counts["world"] == counts["camera 1"] == counts["world, camera 3"] == 3

@@ -6,15 +6,13 @@ import dataclasses
 import numpy as np
 import pandas as pd
 import pytest
-from click.testing import CliRunner
 
 import tracker
 from benchmarks.judge import gate
 from benchmarks.judge.compare import compare, text
 from benchmarks.judge.results import Results, ResultsError, read_results, write_results
 from benchmarks.measure.accuracy import measure_accuracy
-from benchmarks.program import main
-from tests.benchmarks.made_up import ABOUT, answers
+from tests.benchmarks.made_up import ABOUT, answers, printed_by
 from tests.helpers.synthetic_needs import skip_without_platform
 from tracker.pose import evidence
 
@@ -232,6 +230,6 @@ def test_the_command_prints_what_changed(pair, tmp_path):
     files = [tmp_path / name for name in ("before.json", "after.json")]
     for file, run in zip(files, pair, strict=True):
         write_results(file, run)
-    done = CliRunner().invoke(main, ["compare", *map(str, files)], catch_exceptions=False)
-    assert "cube_v2, world (30): 0 lost, 0 gained" in done.output
-    assert "median_mm" in done.output
+    printed = printed_by("compare", *files)
+    assert "cube_v2, world (30): 0 lost, 0 gained" in printed
+    assert "median_mm" in printed

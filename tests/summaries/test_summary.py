@@ -1,20 +1,38 @@
-"""What the line about a recording says: numbers, the recording it is of, rewards, the object's way."""
+"""What the line about a recording says, and remarks: swapped pictures, objects that are off their table."""
 
 import dataclasses
+import itertools
 import json
+import re
+import shutil
 
+import cv2
 import numpy as np
 import pytest
 
 import tracker
+from synthetic.camera.sensor import Sensor
+from tests.helpers import ROOT, look_at
 from tests.helpers.pose_logs import random_poses
 from tests.helpers.recording_stubs import make_job, write_log
+from tests.helpers.stills import bare_scene, take
 from tracker.errors import LogError
-from tracker.pose.result import CameraUse
+from tracker.geometry import so3
+from tracker.objects.model import load_object
+from tracker.pose.result import CameraUse, PoseEstimate
 from tracker.poses.poses import Poses
 from tracker.recordings import Tracked, run
+from tracker.recordings.recipe import Job, Options, Recipe
+from tracker.summaries.remarks import (
+    lastingly_swapped,
+    likely_cause,
+    mistaken,
+    off_table,
+    swap_message,
+    swapped,
+)
 from tracker.summaries.rewards import goal_columns, refuse_others, seconds_since_beginning, totals
-from tracker.summaries.row import STEP, path_length
+from tracker.summaries.row import STEP, path_length, row
 from tracker.summaries.summary import summary, to_look_at
 
 FRAMES = 20
@@ -122,3 +140,159 @@ def test_an_object_at_rest_has_no_path(rng):
     assert path_length(still) == 0
     way = np.linspace(0, 1, 101)[:, None] * [1.0, 0, 0]
     assert path_length(way) == pytest.approx(1.0)
+
+
+DEMO = ROOT / "tracker" / "demo"
+STRAIGHT = (0, 1, 2)
+NAMES = ("camera60", "camera180", "camera300")
+
+
+@pytest.fixture(scope="module")
+def demo():
+    """A tracker, and four sets of pictures that come with the package."""
+    with tracker.open_log(DEMO) as log:
+        return tracker.ObjectTracker(tracker.load_object("cube_v2"), log.rig), [
+            list(log[k].images) for k in (0, 5, 11, 17)
+        ]
+
+
+@pytest.mark.parametrize("order", [order for order in itertools.permutations(STRAIGHT) if order != STRAIGHT])
+def test_the_order_that_fits_is_found(demo, order):
+    one, sets = demo
+    given = [[images[k] for k in order] for images in sets]
+    found = swapped(one, given[0])
+    assert found is not None
+    assert [order[k] for k in found] == list(STRAIGHT)
+    assert lastingly_swapped(one, given) == found
+
+
+def test_there_is_no_warning_of_pictures_that_fit_or_that_are_wrong(demo):
+    one, sets = demo
+    assert lastingly_swapped(one, sets) is None
+    for images, other in itertools.pairwise(sets):
+        mirrored = [images[0], np.ascontiguousarray(images[1][:, ::-1]), images[2]]
+        empty = [cv2.GaussianBlur(image, (0, 0), 40) for image in images]
+        for wrong in (images, mirrored, empty, [images[0], None, None], [images[0], images[1], other[2]]):
+            assert swapped(one, wrong) is None
+
+
+def test_other_channels_and_other_objects_are_named(demo):
+    one, sets = demo
+    other = tracker.ObjectTracker(tracker.load_object("cube_v1"), one.rig)
+    for images in sets:
+        assert mistaken(one, images, one.detect(images)) is None
+        turned = [np.ascontiguousarray(image[..., ::-1]) for image in images]
+        answer = one.detect(turned)
+        assert answer.object_pose is None or answer.object_pose.confidence < 0.5
+        assert "swapped" in mistaken(one, turned, answer)
+        answer = other.detect(images)
+        assert answer.object_pose is None or answer.object_pose.confidence < 0.5
+        assert "cube_v2" in mistaken(other, images, answer)
+
+
+@pytest.mark.parametrize(
+    ("change", "cause"),
+    [
+        (lambda image: image, None),
+        (lambda image: np.ascontiguousarray(image[..., ::-1]), "red and blue are swapped"),
+        (lambda image: cv2.GaussianBlur(image, (0, 0), 12), "camera60: blurred by .* px: .*2 more such"),
+        (lambda image: image // 16, "camera60: dark, median grey level [0-9]: .*2 more such"),
+        (lambda image: np.minimum(image.astype(int) * 8, 255).astype(np.uint8), "camera60: over-exposed"),
+    ],
+)
+def test_the_likely_cause_of_a_miss_is_named(demo, change, cause):
+    one, sets = demo
+    images = [change(image) for image in sets[0]]
+    found = likely_cause(one, images, one.detect(images))
+    assert found is None if cause is None else re.search(cause, found)
+    assert found is None or "\n" not in found
+
+
+def test_a_rig_that_looks_the_same_from_each_camera_cannot_tell(rig):
+    cameras = tuple(
+        dataclasses.replace(
+            rig[0], name=name, camera_from_world=look_at(np.array([0.4 * np.cos(a), 0.4 * np.sin(a), 0.4]))
+        )
+        for name, a in zip(NAMES, np.radians([60.0, 180.0, 300.0]), strict=True)
+    )
+    even, model = tracker.CameraRig(cameras), tracker.load_object("cube_v2")
+    rng = np.random.default_rng(3)
+    images = take(bare_scene(model, rng), cameras, Sensor.realistic(), rng).images
+    one = tracker.ObjectTracker(model, even)
+    for order in ((1, 2, 0), (1, 0, 2)):
+        assert swapped(one, [images[k] for k in order]) is None
+
+
+def test_a_recording_is_marked_in_its_line_if_little_came_of_it(tmp_path):
+    for order, message in (
+        ((1, 0, 2), "the images of camera60 and camera180 look swapped"),
+        (STRAIGHT, None),
+    ):
+        log = tmp_path / "".join(map(str, order))
+        shutil.copytree(DEMO, log)
+        for folder in log.glob("0*"):
+            for k, name in zip(order, NAMES, strict=True):
+                shutil.copy(DEMO / folder.name / f"{NAMES[k]}.jpg", folder / f"{name}.jpg")
+        job = Job(log, tmp_path / "poses.h5", Recipe.of(Options("cube_v2", stop=8)))
+        tracked = run(job)
+        assert row(job, tracked)["swapped"] == message
+        shutil.rmtree(log)
+        assert row(job, tracked)["swapped"] is None
+
+
+def test_the_warning_names_the_cameras():
+    assert swap_message((1, 0, 2), NAMES) == "the images of camera60 and camera180 look swapped"
+    assert swap_message((2, 0, 1), NAMES) == (
+        "the images of camera60, camera180 and camera300 look swapped: camera300's fits as that of camera60, "
+        "camera60's fits as that of camera180, camera180's fits as that of camera300"
+    )
+
+
+MODEL = load_object("cube_v2")
+ARENA = tracker.Arena(table=0.01)
+
+
+def resting(height: float, std: float = 2e-4, tilt: float = 0.0, confidence: float = 0.95) -> PoseEstimate:
+    """A cube on a face, its centre `height` [m] too high, turned by `tilt` [rad]."""
+    rotation = so3.exp([tilt, 0.0, 0.0]) @ so3.exp([0.0, 0.0, 0.7]) @ so3.exp([np.pi / 2, 0.0, 0.0])
+    position = np.array([0.05, -0.02, 0.01 + MODEL.size[2] / 2 + height])
+    return PoseEstimate(position, so3.quaternion_from_matrix(rotation), np.eye(6) * std**2, confidence)
+
+
+@pytest.mark.parametrize(
+    ("height", "std", "words"),
+    [
+        (4.2e-3, 2e-4, "cube_v2 floats 4.2 mm above the table (± 0.2 mm)"),
+        (-3.1e-3, 1e-3, "cube_v2 sinks 3.1 mm into the table (± 1.0 mm)"),
+        (4.2e-3, 2.2e-3, None),
+        (-2.8e-3, 1e-4, None),
+        (0.0, 1e-4, None),
+        (0.03, 1e-3, None),
+    ],
+)
+def test_an_object_off_the_table_by_two_deviations_is_named_with_the_remedy(height, std, words):
+    found = off_table(resting(height, std), MODEL, ARENA)
+    assert (found is None) == (words is None)
+    if words is not None:
+        assert found.startswith(words)
+        assert "`tracker calibrate table RECORDING -o DIR`" in found
+
+
+def test_nothing_is_named_unless_it_seems_to_rest():
+    high = resting(5e-3)
+    assert off_table(high, MODEL, ARENA)
+    assert off_table(resting(5e-3, tilt=0.1), MODEL, ARENA) is None
+    assert off_table(resting(5e-3, confidence=0.4), MODEL, ARENA) is None
+    assert off_table(None, MODEL, ARENA) is None
+    assert off_table(high, MODEL, dataclasses.replace(ARENA, table=None)) is None
+    assert off_table(high, MODEL, dataclasses.replace(ARENA, table_std=(1e-3, 0.0))) is None
+
+
+def test_a_table_that_is_not_at_the_height_of_the_world_is_named_by_detect(run_here, tmp_path):
+    arena = tmp_path / "calibration"
+    rig = tracker.CameraRig.load(ROOT / "tracker" / "demo")
+    dataclasses.replace(rig, arena=tracker.Arena(table=-0.004)).save(arena)
+    given = ["detect", "--object", "cube_v2", ROOT / "tracker" / "demo"]
+    assert run_here(*given).stderr == ""
+    (line,) = run_here(*given, "--calibration", arena).stderr.splitlines()
+    assert line.startswith("tracker: warning: cube_v2 floats 3.9 mm above the table")
