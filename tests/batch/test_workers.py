@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from tests.helpers import ROOT
-from tests.helpers.begun import until
+from tests.helpers.command import until
 from tracker.batch import workers
 from tracker.batch.workers import ONE_THREAD, WorkerError, dask_workers, engine, here, processes
 from tracker.errors import TrackerError

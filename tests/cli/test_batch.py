@@ -11,8 +11,7 @@ from pathlib import Path
 import pytest
 
 from tests.helpers import ROOT, contents
-from tests.helpers.begun import begin, until
-from tests.helpers.command import assert_one_line_error, well
+from tests.helpers.command import assert_one_line_error, begin, until, well
 from tests.helpers.recording_stubs import write_log
 from tracker.batch.results import summary_file
 from tracker.batch.run import Batch, read_batch, run_batch, write_batch

@@ -14,8 +14,7 @@ from tests.calibration.board.test_extrinsics import GIVEN, PLACES, TRUE
 from tests.helpers.boards import LENS, photo, pose_towards
 from tests.helpers.command import assert_one_line_error, well
 from tests.helpers.filmed import RIG, write_recording
-from tests.helpers.moving_cube import carried, knocked, relative_errors
-from tests.helpers.resting_cube import rests
+from tests.helpers.moving_cube import carried, knocked, relative_errors, rests
 from tests.helpers.stills import bare_scene, take
 from tracker.calibration.by_object.table import moved
 from tracker.calibration.files.calibrated import read_calibrated

@@ -22,8 +22,7 @@ from synthetic.camera.rigs import default_cameras
 from synthetic.camera.sensor import Sensor
 from tests.calibration.by_object.test_health import film  # noqa: F401
 from tests.helpers import ROOT, contents, run_python
-from tests.helpers.begun import begin, until
-from tests.helpers.command import Run, assert_one_line_error, well
+from tests.helpers.command import Run, assert_one_line_error, begin, until, well
 from tests.helpers.log_writers import make_content, write_hdf5, write_picture
 from tests.helpers.pose_logs import assert_same
 from tests.helpers.recording_stubs import write_log

@@ -1,6 +1,10 @@
-"""The command `tracker`, and what it says of faults."""
+"""The command `tracker`, run or begun and not waited for, and what it says of faults."""
 
+import os
+import signal
 import subprocess
+import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -28,3 +32,26 @@ def assert_one_line_error(result: subprocess.CompletedProcess[str], *words: str,
     assert len(result.stderr.splitlines()) == 1, result.stderr
     for word in words:
         assert word in result.stderr
+
+
+def begin(*arguments: object) -> subprocess.Popen[bytes]:
+    """Begin `tracker` with arguments, in a group of processes that can be ended together."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "tracker", *map(str, arguments)],
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stderr=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        start_new_session=True,
+        # A test run in the background hands on that Ctrl-C is ignored; a terminal's command does not.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+
+
+def until(holds: Callable[[], object], *processes: subprocess.Popen[bytes]) -> None:
+    """Wait until something holds, while processes go on that are to bring it about."""
+    deadline = time.monotonic() + 120
+    while not holds():
+        assert all(process.poll() is None for process in processes)
+        assert time.monotonic() < deadline
+        time.sleep(0.02)

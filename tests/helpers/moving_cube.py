@@ -1,4 +1,4 @@
-"""Pictures of a cube all over the arena, and cameras that are not where their calibration has them."""
+"""Pictures of a cube that moves or rests, and cameras that are not where their files have them."""
 
 import dataclasses
 import functools
@@ -50,3 +50,15 @@ def relative_errors(found: CameraRig, true: CameraRig) -> FloatArray:
         moved = np.linalg.inv(one.camera_from_world) @ other.camera_from_world
         errors.append([*moved[:3, 3], *so3.log(moved[:3, :3])])
     return np.array(errors) - np.mean(errors, axis=0)
+
+
+PLACES = ((-0.08, 0.03), (0.02, 0.09), (0.07, -0.05), (-0.03, -0.08), (0.0, 0.01), (0.1, 0.05))
+
+
+@functools.cache
+def rests() -> tuple[Still, ...]:
+    """Pictures of each place, drawn once."""
+    rng = np.random.default_rng(15)
+    model = load_object("cube_v2")
+    poses = [(np.array([*place, 0.0325]), so3.exp([0, 0, k])) for k, place in enumerate(PLACES)]
+    return tuple(take(posed_scene(model, pose, rng), RIG.cameras, Sensor.realistic(), rng) for pose in poses)

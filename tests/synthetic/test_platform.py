@@ -15,7 +15,7 @@ from synthetic.look.appearance import random_look  # noqa: E402
 from synthetic.look.lighting import random_lighting  # noqa: E402
 from synthetic.world import kinematics  # noqa: E402 - these need pybullet
 from synthetic.world.platform import Platform  # noqa: E402
-from tests.helpers.platforms import platform_of  # noqa: E402
+from tests.helpers.synthetic_needs import platform_of  # noqa: E402
 from tracker.conventions import FloatArray  # noqa: E402
 
 

@@ -18,7 +18,7 @@ from synthetic.world.placement import MAX_CLEARANCE, goal_cells
 from synthetic.world.platform import ARENA_RADIUS, Platform
 from synthetic.world.scenes import random_scene
 from synthetic.world.simulation import penetration
-from tests.helpers.platforms import platform_of
+from tests.helpers.synthetic_needs import platform_of
 from tracker.conventions import FloatArray
 from tracker.errors import TrackerError
 from tracker.geometry import so3

@@ -6,8 +6,7 @@ import pytest
 import tracker
 from tests.helpers import random_rotations
 from tests.helpers.filmed import RIG
-from tests.helpers.moving_cube import carried, knocked, relative_errors
-from tests.helpers.resting_cube import rests
+from tests.helpers.moving_cube import carried, knocked, relative_errors, rests
 from tracker.calibration.by_object.refine import refine_cameras
 from tracker.calibration.by_object.sightings import Footage, Shot, Sighting, different, resting
 from tracker.calibration.by_object.table import find_table, moved
