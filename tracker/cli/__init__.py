@@ -32,6 +32,7 @@ from tracker.cli import (
     track,
     view,
 )
+from tracker.cli.render import say
 from tracker.cli.signals import ended_by_signals, exit_code
 from tracker.errors import NotBetterError, TrackerError, reason
 from tracker.version import version
@@ -105,7 +106,6 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
 
 
 def _run(arguments: list[str]) -> int:
-    """Exit code of one run."""
     try:
         arguments = arguments or ["--help"]  # who asks nothing wants to know what can be asked
         with ended_by_signals(), commands.make_context("tracker", arguments) as context:
@@ -138,7 +138,7 @@ def _run(arguments: list[str]) -> int:
 
 
 def _fail(message: str, code: int = 2) -> int:
-    click.echo(f"tracker: {' '.join(message.split())}", err=True)
+    say(message)
     return code
 
 

@@ -14,7 +14,7 @@ import click
 
 from tracker.cli import options
 from tracker.cli.outputs import output_option, refuse_file
-from tracker.cli.render import bar, listing, table
+from tracker.cli.render import bar, listing, say, table
 from tracker.errors import LogError
 
 if TYPE_CHECKING:
@@ -184,7 +184,7 @@ def _run(work: Batch | Retracking, engine: Engine, as_csv: bool, quiet: bool) ->
     if failures:
         first = f"the first: {next(iter(failures.values()))}"
         where = first if fault else f"see {batch.folder / FAILURES}"
-        click.echo(f"tracker: {len(failures)} of {len(batch.pairs)} recordings failed, {where}", err=True)
+        say(f"{len(failures)} of {len(batch.pairs)} recordings failed, {where}")
     if fault is not None:
         raise fault
     if failures:
@@ -252,7 +252,7 @@ def share(list_path: Path, number: int) -> None:
 
     failed = do_share(list_path, number)
     if failed:
-        click.echo(f"tracker: {failed} recordings failed", err=True)
+        say(f"{failed} recordings failed")
         click.get_current_context().exit(2)
 
 

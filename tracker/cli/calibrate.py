@@ -246,7 +246,6 @@ def _plain(found: CalibrationCheck, warnings: Sequence[str]) -> dict[str, Any]:
 
 
 def _checked(found: CalibrationCheck, warnings: Sequence[str]) -> str:
-    """The result for people."""
     from tracker.calibration.by_object.check import DEPTH, FOCAL
 
     def number(value: float, digits: int) -> str:

@@ -182,7 +182,6 @@ def described(
 
 
 def _learned(learned: Adapted, output: Path) -> str:
-    """What the colour model is made of."""
     kinds = table([["pixels that taught", *learned.pixels], ["", *map(str, learned.pixels.values())]])
     unseen = [color for color, count in learned.pixels.items() if not count]
     judged = f"{learned.before} of {learned.before.frames} frames that did not teach"

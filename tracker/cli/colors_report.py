@@ -55,7 +55,6 @@ def print_counts(images: Sequence[LabelledImage]) -> None:
 
 
 def _print_overlaps(images: Sequence[LabelledImage], found: Sequence[Image]) -> None:
-    """Intersection over union of each image and colour, and the means."""
     overlaps = [intersection_over_union(one, image.labels) for one, image in zip(found, images, strict=True)]
     rows = [["intersection over union", *COLOR_NAMES[1:], "mean"]]
     for image, overlap in zip(images, overlaps, strict=True):
@@ -82,7 +81,6 @@ def _print_confusion(counts: Array) -> None:
 
 
 def _print_weak(counts: Array) -> None:
-    """Colours whose pixels are not found, or whose name others get."""
     weak = []
     others = np.where(np.eye(len(counts), dtype=bool), 0, counts)
     for label in filter(lambda label: counts[label].sum(), LABELS):
@@ -98,7 +96,6 @@ def _print_weak(counts: Array) -> None:
 
 
 def _print_near(shown: Paints) -> None:
-    """How far apart the colours are, and which would be farther."""
     means = shown.means()
     far = distances(means)
     rows = [["distance to", *(COLOR_NAMES[label] for label in means), "the light"]]

@@ -12,7 +12,7 @@ import tracker
 from tracker.cli import options
 from tracker.cli.outputs import PICTURE, Command, Recording, file_option
 from tracker.cli.pictures import frame_option, one_set
-from tracker.cli.render import listing
+from tracker.cli.render import listing, say
 
 
 @click.command(cls=Command)
@@ -64,7 +64,7 @@ def detect(
         tracker.viz.write_image(overlay, picture)
     click.echo(_json(model.name, observation) if as_json else _text(model.name, observation))
     if warning is not None:
-        click.echo(f"tracker: warning: {warning}", err=True)
+        say(f"warning: {warning}")
     if tell and observation.object_pose is None:
         raise click.exceptions.Exit(1)
 

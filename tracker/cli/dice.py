@@ -27,8 +27,6 @@ _STAGES = ("segmentation", "error", "location")
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _State:
-    """What one set of images shows."""
-
     dice_masks: list[Image | None]
     """Of each camera; None where it gave no image."""
     goal_masks: list[Image] | None

@@ -20,7 +20,7 @@ from tracker.cli.outputs import (
     refuse_overwriting,
     require_folder,
 )
-from tracker.cli.render import bar
+from tracker.cli.render import bar, say
 
 if TYPE_CHECKING:
     from tracker.conventions import Array, FloatArray, Image
@@ -244,4 +244,4 @@ def convert(source: Path, output: Path, cameras: options.Cameras, part: options.
                 write(output, frames, rig, progress)
         fault = log.fault
     if fault is not None:
-        click.echo(f"tracker: warning: {fault}", err=True)
+        say(f"warning: {fault}")

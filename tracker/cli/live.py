@@ -24,6 +24,7 @@ from tracker.cli.live_outputs import (
     output_options,
 )
 from tracker.cli.outputs import Command, InFile, Recording
+from tracker.cli.render import say
 from tracker.cli.signals import Ended
 from tracker.errors import LiveError
 
@@ -237,7 +238,7 @@ def _follow(
             time.sleep(min(left, 0.1))
             outputs.tell()
             if (swapped := lookout.look(follower.latest())) is not None:
-                click.echo(f"tracker: warning: {swapped}", err=True)
+                say(f"warning: {swapped}")
             if statistics is not None and (line := statistics.due()):
                 click.echo(line)
     except KeyboardInterrupt as stop:

@@ -194,7 +194,6 @@ def save_colors(model: tracker.ColorModel, target: Path) -> None:
 
 
 def _inputs(recordings: Sequence[Path], others: Iterable[str | Path | None]) -> Iterator[tuple[str, Path]]:
-    """All files that are read, and what they are."""
     from tracker.logs.opening import calibration_files, recording_files
 
     for recording in filter(Path.exists, recordings):

@@ -6,6 +6,8 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
+import click
+
 
 def table(rows: Sequence[Sequence[str]], gap: int = 2) -> str:
     """Lines of cells in columns as wide as their widest cell: the first flush left, the others right."""
@@ -24,6 +26,11 @@ def listing(rows: Sequence[Sequence[str]]) -> str:
     widest = max(len(label) for label, _ in rows)
     # A file's name may have several lines, which would be read as other labels.
     return "\n".join(f"{label:{widest}}  {' '.join(value.splitlines())}" for label, value in rows)
+
+
+def say(message: str) -> None:
+    """Tell something on stderr, in one line whatever names are in it."""
+    click.echo(f"tracker: {' '.join(message.split())}", err=True)
 
 
 @contextmanager

@@ -23,7 +23,7 @@ from tracker.cli.outputs import (
     refuse_overwriting,
     require_folder,
 )
-from tracker.cli.render import bar, listing
+from tracker.cli.render import bar, listing, say
 from tracker.errors import TrackerError, reason
 from tracker.files import check_suffix
 
@@ -154,7 +154,7 @@ def _tell(result: dict[str, Any] | Exception, as_json: bool, quiet: bool) -> boo
     if isinstance(result, Exception):
         if not isinstance(result, (TrackerError, OSError)):
             raise result
-        _say(reason(result))
+        say(reason(result))
         return False
     _warn(result)
     _print(result, as_json, quiet)
@@ -165,9 +165,9 @@ def _warn(result: dict[str, Any]) -> None:
     """Say what is wrong with a recording of which some is tracked."""
     if result["fault"] is not None:
         ending = f", the last one is {result['last_frame']}" if result["frames"] else ""
-        _say(f"warning: {result['fault']}; tracked {result['frames']} of {result['expected']} frames{ending}")
+        say(f"warning: {result['fault']}; tracked {result['frames']} of {result['expected']} frames{ending}")
     if result["swapped"] is not None:
-        _say(f"warning: {result['log']}: {result['swapped']}")
+        say(f"warning: {result['log']}: {result['swapped']}")
 
 
 def _print(result: dict[str, Any], as_json: bool, quiet: bool) -> None:
@@ -175,10 +175,6 @@ def _print(result: dict[str, Any], as_json: bool, quiet: bool) -> None:
         click.echo(json.dumps(result, allow_nan=False))
     elif not quiet:
         click.echo(_text(result))
-
-
-def _say(message: str) -> None:
-    click.echo(f"tracker: {' '.join(message.split())}", err=True)
 
 
 def _camera_rows(cameras: dict[str, dict[str, float | None]] | None) -> list[list[str]]:

@@ -188,7 +188,6 @@ def _with_images(
 def _health(
     finder: tracker.ObjectTracker, images: Sequence[Image | None], answer: tracker.Observation
 ) -> Sample:
-    """What a frame tells of the rig."""
     from tracker.calibration.by_object.health import sample
     from tracker.calibration.by_object.sightings import slow
 

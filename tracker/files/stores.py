@@ -243,7 +243,6 @@ class StoredArray:
         return items[:expected]
 
     def _key(self, number: int) -> str:
-        """What a block is called in the store."""
         return str(number)
 
     def _take(self, meta: dict[str, Any]) -> None:

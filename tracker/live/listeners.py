@@ -59,7 +59,6 @@ class Listener:
         self._thread.join()
 
     def _take_in(self, moment: Moment) -> None:
-        """Work on a moment, in the thread."""
         raise NotImplementedError
 
     def _finish(self) -> None:

@@ -192,7 +192,6 @@ def lcm_message_of(moment: Moment, object_name: str, body: str) -> bytes | None:
 
 
 def _named(body: str, names: Sequence[str], values: Sequence[float]) -> bytes:
-    """Names, then numbers."""
     texts = [_text(f"{body}_{name}") for name in names]
     return b"".join([*texts, struct.pack(f">{len(names)}d", *values)])
 

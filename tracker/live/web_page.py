@@ -236,8 +236,6 @@ class WebPage(Listener):
 
 
 class _Server(ThreadingHTTPServer):
-    """Answers each connection in a thread, a few at a time."""
-
     daemon_threads, block_on_close, request_queue_size = True, False, CONNECTIONS
 
     def __init__(self, address: tuple[str, int], handler: type[BaseHTTPRequestHandler]) -> None:
@@ -267,8 +265,6 @@ class _Server(ThreadingHTTPServer):
 
 
 class _Handler(BaseHTTPRequestHandler):
-    """Answers one browser."""
-
     page: WebPage
     timeout = _TIMEOUT
 

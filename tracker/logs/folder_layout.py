@@ -145,7 +145,6 @@ def _by_name(files: Iterable[Path], what: str) -> dict[str, Picture]:
 
 
 def _camera_files(pictures: list[Path]) -> dict[str, Picture]:
-    """The picture of each camera."""
     return _by_name((file for file in pictures if _CAMERA.fullmatch(file.stem)), "camera")
 
 

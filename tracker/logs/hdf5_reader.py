@@ -177,7 +177,6 @@ def read_names(field: h5py.Dataset, count: int, path: Path) -> tuple[str, ...]:
 
 
 def _from_heap(path: Path, reference: bytes) -> bytes:
-    """The string that a reference means."""
     length, address, sought = _REFERENCE.unpack(reference)
     if length > _MAX_NAME:
         raise LogError(f"a name of {length} bytes")

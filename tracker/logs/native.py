@@ -242,14 +242,12 @@ def _checked_header(stored: Any, what: str) -> _Header:
 
 
 def _camera(header: _Header) -> np.dtype[Any]:
-    """What a camera has in a record."""
     rows, columns, kind, _ = header
     shape = (rows, columns) if _CHANNELS[kind] == 1 else (rows, columns, _CHANNELS[kind])
     return np.dtype([("header", _HEADER), ("pixels", "u1", shape), ("stamp", "<f8")])
 
 
 def _record(stamped: bool, headers: list[_Header], poses: int, numbers: int) -> np.dtype[Any]:
-    """What a record holds."""
     cameras = np.dtype([(f"camera {number}", _camera(header)) for number, header in enumerate(headers)])
     stamp = [("stamp", "<f8")] if stamped else []
     return np.dtype([*stamp, ("cameras", cameras), ("poses", "<f8", (poses, numbers))])

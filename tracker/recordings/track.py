@@ -145,7 +145,6 @@ def _kept(job: Job, progress: Progress | None) -> Tracked | None:
 
 
 def _tracked(job: Job, progress: Progress | None) -> Tracked:
-    """The poses of the recording."""
     recipe, before = job.recipe, fingerprint(job)
     changed = f"{job.log}: changed while it was read, is it still being written?"
     try:

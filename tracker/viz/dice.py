@@ -240,7 +240,6 @@ def _draw_arena(picture: Image) -> None:
 
 
 def _draw_axes(picture: Image) -> None:
-    """Ticks and their labels along the left and the lower border."""
     top, bottom, left = 0, _SIDE, _LABELS
     ticks = _pixels(np.stack([_TICKS_M, _TICKS_M], axis=1))
     marks = []

@@ -158,7 +158,6 @@ class Scene:
         self._log(path, place)
 
     def _set_up(self) -> None:
-        """What does not change."""
         self._log(("world",), rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         turn = np.linspace(0, 2 * np.pi, 121)
         arena = self._rig.arena
@@ -255,7 +254,6 @@ def _jpeg(camera: Camera, image: Image) -> Any:
 
 
 def _mesh(model: CuboidModel) -> Any:
-    """The object, each face in its colour."""
     loops = cuboid.FACE_CORNERS
     triangles = 4 * np.arange(6)[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]])
     colors = DISPLAY_COLORS_BGR[model.face_labels][:, ::-1]

@@ -99,7 +99,6 @@ def _draw(figure: Any, poses: Poses, title: str) -> None:
 
 
 def _series(poses: Poses) -> Iterator[Series]:
-    """One panel after the other."""
     shown, measured = best(poses), poses.measured
     recorded = PoseColumns.nothing(len(poses)) if poses.recorded is None else poses.recorded
     for k, (name, color) in enumerate(_AXES.items()):
@@ -213,7 +212,6 @@ def _draw_panel(axis: Any, time: Array, series: Series) -> tuple[Any, ...]:
 
 
 def _limits(series: Series) -> tuple[float, float]:
-    """Lower and upper end of a series' panel."""
     if series.limits is not None:
         return series.limits
     values = series.values

@@ -97,8 +97,6 @@ def place_cameras(
 
 
 class _Fit(NamedTuple):
-    """Where cameras and board are."""
-
     cameras: Mapping[int, FloatArray]
     """(4, 4) camera_from_world of each."""
     places: Mapping[int, FloatArray]

@@ -248,7 +248,6 @@ def of_picture(image: Image) -> dict[str, float]:
 
 
 def _of_fit(fit: Fit, rig: CameraRig, values: Mapping[str, FloatArray]) -> None:
-    """Residual and blur of each camera that sees the object."""
     for c, (camera, seen) in enumerate(zip(rig, fit.cameras, strict=True)):
         if seen["inliers"] >= 1.0:
             values["residual"][c] = np.sqrt(seen["squares"] / seen["inliers"])
@@ -256,7 +255,6 @@ def _of_fit(fit: Fit, rig: CameraRig, values: Mapping[str, FloatArray]) -> None:
 
 
 def _still(poses: Poses, row: int) -> bool:
-    """Whether the object did not move in a frame."""
     columns = poses.filtered
     return slow(columns.velocity[row]) if columns.has_pose[row] else len(poses) == 1
 

@@ -228,7 +228,6 @@ class CameraSet:
         )
 
     def _run(self, slot: _Slot, opener: Callable[[], LiveCamera]) -> None:
-        """A camera's thread."""
         camera: LiveCamera | None = None
         while not self._closing.is_set():
             if camera is None:

@@ -207,7 +207,6 @@ def _pixels(camera: Camera, height: float) -> tuple[Array, Array]:
 
 
 def _around(j: int, i: int, reach: int) -> tuple[slice, slice]:
-    """The cells up to `reach` away."""
     return (
         slice(max(j - reach, 0), min(j + reach + 1, _COUNT)),
         slice(max(i - reach, 0), min(i + reach + 1, _COUNT)),

@@ -310,7 +310,6 @@ class Search:
         return dice, gains, stale
 
     def _unexplained(self, dice: FloatArray) -> FloatArray:
-        """Proposals for what the dice leave unexplained."""
         self._total(dice)  # draws them into the canvas
         left = []
         for view, classes in zip(self._seen, self._canvas.classes, strict=True):
