@@ -82,7 +82,7 @@ class ObjectTracker:
             images: one (H, W, 3) uint8 BGR image for each camera of the rig, in its order or as
                 `{camera name: image}`; None where there is none.
             hidden: for each camera alike a bool (H, W) mask of pixels known to show a finger, or None: their
-                colours count neither for nor against a pose. Edges are judged by what lies beside them.
+                colours and edges count neither for nor against a pose.
 
         Raises:
             ImageError: wrong count, names, type, shape or size, or no image at all.

@@ -86,6 +86,31 @@ def test_hidden_pixels_are_left_out_of_the_counts(truth):
     assert (half_seen["missing"] + half_seen["wrong"] + half_seen["agree"] == half_seen["predicted"]).all()
 
 
+def test_edges_below_a_mask_are_not_expected(truth):
+    estimator = TRACKER._estimator
+    masks = [np.zeros(SHAPE, bool) for _ in RIG]
+    for mask, labels in zip(masks, truth.labels, strict=True):
+        mask[: int(np.nonzero(labels)[0].mean())] = True
+    fits = []
+    for hidden in (None, masks):
+        sight = estimator.reader.labelled(truth.images, estimator.reader.lit(truth.images), hidden=hidden)
+        fits.append(estimator.refine(sight, truth.rotation, truth.position))
+    all_seen, half_seen = (fit.cameras for fit in fits)
+    share = half_seen["expected"] / all_seen["expected"]
+    assert ((share > 0.2) & (share < 0.8)).all()
+    assert np.linalg.norm(fits[1].position - truth.position) < 1e-3
+
+
+def test_a_mask_of_one_moment_is_forgotten_with_it(truth):
+    for masks in (None, [np.ones(SHAPE, bool)] * 3):
+        TRACKER.reset()
+        TRACKER.update(truth.images, 0.0)
+        TRACKER.update(truth.images, 0.1, masks)
+        after = TRACKER.update(truth.images, 0.2)
+        assert after.object_pose is not None
+        assert np.linalg.norm(after.object_pose.position - truth.position) < 1e-3
+
+
 def test_what_is_hidden_altogether_is_not_found(truth):
     answer = TRACKER.detect(truth.images, [np.ones(SHAPE, bool)] * 3)
     assert answer.object_pose is None

@@ -133,7 +133,7 @@ class PoseEstimator:
             timing: gains the milliseconds of each stage.
             thorough: whether there is a contest.
             lag: how far the pictures lag behind, None where they were taken at once.
-            hidden: masks of pixels whose labels count neither for nor against.
+            hidden: masks of pixels whose labels and edges count neither for nor against.
         """
         laps = [time.perf_counter()]
         pictures = self.reader.lit(images)

@@ -35,7 +35,7 @@ from tracker.pose.solve import (
 )
 from tracker.pose.strips import collect, edge_strips
 from tracker.pose.support import lean, leaner, mark_feet
-from tracker.pose.views import pixels_of
+from tracker.pose.views import mask_of, pixels_of
 
 # Lengths in pixels are those of an object of reference size (`scale`), unless they say otherwise.
 
@@ -158,8 +158,9 @@ def lay(model, pictures, solution, cameras, piece, work):  # type: ignore[no-unt
             MARGIN[0] * scale + MARGIN[1] * blur, work.strips[c],
         )  # fmt: skip
         collect(
-            pixels_of(pictures[c]), pictures[c], camera, work.strips[c], (work.distance[c], work.values[c])
-        )
+            (pixels_of(pictures[c]), mask_of(pictures[c])), pictures[c], camera, work.strips[c],
+            (work.distance[c], work.values[c]),
+        )  # fmt: skip
 
 
 @compiled

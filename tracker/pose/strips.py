@@ -34,7 +34,7 @@ STRIP = np.dtype(
         ("edge", np.int64),  # which of the cuboid's twelve it is part of
         ("inside", np.int64),  # label of the face
         ("outside", np.int64),  # label of the neighbouring face; 0: background
-        ("in_view", np.bool_),  # whether the picture shows it as a whole, and enough of both surfaces
+        ("in_view", np.bool_),  # whether it is to be seen as a whole, not masked, with enough of both surfaces
         ("first", np.int64, (3,)),  # where its pixels begin, for each part of a mosaic, one after the other
         ("count", np.int64, (3,)),  # how many they are
         ("squares", np.float64),  # sum of their squared values
@@ -327,15 +327,15 @@ def _stride(strips, n, reach):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def collect(image, picture, camera, strips, pixels):  # type: ignore[no-untyped-def]
+def collect(shown, picture, camera, strips, pixels):  # type: ignore[no-untyped-def]
     """Collect the pixels of strips in one picture (H, W, 3) into pixels: distance (P,) and values (3, P).
 
-    picture: its light and mosaic (`views.PICTURE`); camera: number of the strips, their half width, blur, and
-    whether the mosaic counts (`solve.CAMERA`). Each strip learns where its pixels are; of a mosaic each
-    channel has its own. The gaps before the next multiple of BLOCK are filled with FAR and 0; P must be such
-    a multiple.
+    shown: the picture and its mask of hidden pixels (H, W); picture: its light and mosaic
+    (`views.PICTURE`); camera: number of the strips, their half width, blur, and whether the mosaic counts
+    (`solve.CAMERA`). Each strip learns where its pixels are; of a mosaic each channel has its own. The gaps
+    before the next multiple of BLOCK are filled with FAR and 0; P must be such a multiple.
     """
-    start, parts, reach = 0, camera.parts, camera.reach
+    (image, mask), start, parts, reach = shown, 0, camera.parts, camera.reach
     stride = _stride(strips, camera.strips, reach) if parts == 1 else 1
     red = picture.mosaic if parts > 1 else -1
     distance, values = pixels
@@ -343,6 +343,8 @@ def collect(image, picture, camera, strips, pixels):  # type: ignore[no-untyped-
         strip = strips[s]
         wide = min(strip.reach_in, strip.reach_out) > NARROWEST * camera.blur
         strip.in_view = wide and _in_view(strip, reach, image.shape[1], image.shape[0])
+        if picture.hidden != 0 and strip.in_view:
+            strip.in_view = not mask[int(strip.pixel[1] + 0.5), int(strip.pixel[0] + 0.5)]
         strip.squares = 0.0
         for part in range(3):
             strip.first[part], strip.count[part] = start, 0

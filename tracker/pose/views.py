@@ -28,6 +28,7 @@ PICTURE = np.dtype(
     [
         ("used", np.bool_),  # whether there is a picture that counts
         ("address", np.uint64),  # of its first pixel
+        ("hidden", np.uint64),  # of the first pixel of its mask of hidden ones; 0: there is none
         ("height", np.int64),  # [px]
         ("width", np.int64),  # [px]
         ("loud", np.bool_),  # whether labels are read from filtered pixels
@@ -46,7 +47,8 @@ those beside them; elsewhere they are background."""
 
 
 Hidden: TypeAlias = Sequence[Array | None] | None
-"""For each camera a mask (H, W) bool of pixels whose labels count neither for nor against, or None."""
+"""For each camera a mask (H, W) bool of pixels whose labels and edges count neither for nor against, or
+None."""
 
 
 class Sight(NamedTuple):
@@ -59,7 +61,7 @@ class Sight(NamedTuple):
     images: Sequence[Image | None]
     """(H, W, 3) BGR as the cameras gave them: `pictures` says where they lie."""
     hidden: Hidden = None
-    """(H, W) masks of pixels whose labels are not asked."""
+    """(H, W) masks of pixels whose labels and edges are not asked."""
 
     @property
     def used(self) -> Array:
@@ -88,6 +90,12 @@ def _pointer(_: Any, address: Any) -> Any:
 def pixels_of(picture):  # type: ignore[no-untyped-def]
     """(H, W, 3) the picture itself: pictures of any sizes are read by one compiled loop."""
     return carray(_pointer(picture.address), (picture.height, picture.width, 3))  # type: ignore[call-arg]
+
+
+@compiled(inline="always")
+def mask_of(picture):  # type: ignore[no-untyped-def]
+    """(H, W) what hides the picture's pixels; of a picture without a mask none of this may be read."""
+    return carray(_pointer(picture.hidden), (picture.height, picture.width))  # type: ignore[call-arg]
 
 
 @compiled
@@ -206,6 +214,7 @@ class Reader:
             fresh: whether each camera's light is to be looked at again; None: all.
         """
         pictures = np.zeros(len(images), PICTURE) if lights is None else lights.copy()
+        pictures["hidden"] = 0
         for c, image in enumerate(images):
             pictures["used"][c] = image is not None
             if image is not None:
@@ -229,7 +238,7 @@ class Reader:
             pictures: as of `lit`; how many pixels show colour is filled in.
             windows: left, top, right, bottom [px of the label map], elsewhere labels are background; None:
                 everything.
-            hidden: masks of pixels whose labels are UNKNOWN.
+            hidden: masks of pixels whose labels are UNKNOWN, and whose edges are not asked.
         """
         labels = np.zeros(self.shape, np.uint8)
         for c, image in enumerate(images):
@@ -240,6 +249,7 @@ class Reader:
                 fill_labels(image, calm, by, self.colors.label_table, window, pictures, c, labels)
                 if hidden is not None and (mask := hidden[c]) is not None:
                     pictures["colored"][c] -= _hide(labels[c], mask, by)
+                    pictures["hidden"][c] = mask.__array_interface__["data"][0]
         return Sight(labels, pictures, tuple(images), hidden)
 
 

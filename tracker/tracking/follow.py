@@ -89,7 +89,7 @@ class Follower:
     ) -> tuple[Observation, Memory]:
         """The answer to the images of a stamp [s], each so much older (C,) [s], and the memory after them.
 
-        hidden: masks of pixels whose labels count neither for nor against.
+        hidden: masks of pixels whose labels and edges count neither for nor against.
 
         Raises:
             TrackerError: the stamp is earlier than the last one.
