@@ -4,6 +4,7 @@ import re
 import shutil
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -58,6 +59,55 @@ def test_a_policy_sees_late_and_noisy_poses(tmp_path, run_script):
     known, off = re.fullmatch(r"(\d+)% known, (\d+\.\d) mm off in the median\n", printed).groups()
     assert int(known) > 90
     assert 1.0 < float(off) < 8.0
+
+
+def test_a_wrapper_makes_poses_late_noisy_and_missed(run_script, tmp_path, monkeypatch):
+    gymnasium = pytest.importorskip("gymnasium", reason="gymnasium: no module gymnasium")
+    printed = run_script(EXAMPLES / "noisy_environment.py", folder=tmp_path).stdout
+    assert re.fullmatch(r"\d+\.\d mm from the truth, confidence [01]\.\d\d\n", printed)
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    from noisy_environment import NoisyPoses, Pushed
+
+    environment, still, off = NoisyPoses(Pushed()), np.zeros(2), []
+    for seed in range(20):
+        first, _ = environment.reset(seed=seed)
+        assert environment.observation_space.contains(first)
+        assert first["confidence"] == 0  # nothing has arrived yet
+        seen = [environment.step(still) for _ in range(30)]
+        assert all(environment.observation_space.contains(one[0]) for one in seen)
+        last = seen[-1][0]
+        if last["confidence"] > 0.5:
+            off.append(np.linalg.norm(last["position"] - seen[-1][4]["truth"]))
+    assert len(off) > 10
+    assert 2e-4 < np.median(off) < 5e-3
+    again, _ = environment.reset(seed=19)
+    assert all(np.array_equal(again[key], first[key]) for key in first)
+    moved = np.array([[*environment.step([0.1, 0.0])[0]["position"]] for _ in range(50)])[:, 0]
+    assert 0.03 < moved[-1] < 0.1  # 0.1 m less what is on its way
+    assert isinstance(environment, gymnasium.ObservationWrapper)
+
+
+def test_fingers_that_the_robot_log_tells_of_are_hidden(tmp_path, run_script):
+    skip_without_platform()
+    from synthetic.frames import frames
+
+    film = list(frames("cube_v2", 3, 8, quality="fast", sequence=True, dropped=0.0))
+    folder = tmp_path / "my_recording"
+    film[0].rig.save(folder)
+    names = [f"observation_position_{k}" for k in range(9)]
+    lines = [" ".join(["#time_index timestamp", *names])]
+    for frame in film:
+        (folder / f"{frame.timestamp:.3f}").mkdir()
+        for camera, image in zip(frame.rig, frame.images, strict=True):
+            cv2.imwrite(str(folder / f"{frame.timestamp:.3f}" / f"{camera.name}.png"), image)
+        angles = " ".join(map(str, frame.scene.robot_position))
+        lines.append(f"{frame.index} {frame.timestamp:.3f} {angles}")
+    (folder / "robot_data.csv").write_text("\n".join(lines) + "\n")
+    printed = run_script(EXAMPLES / "hidden_fingers.py", folder=tmp_path).stdout.splitlines()
+    assert len(printed) == len(film)
+    for line, frame in zip(printed, film, strict=True):
+        found = [float(value) for value in re.findall(r"-?\d\.\d+", line.split(" s ")[1])]
+        assert np.linalg.norm(found - frame.objects[0].position) < 0.01
 
 
 def test_a_rig_of_ones_own_is_saved_and_loaded(tmp_path, run_script):

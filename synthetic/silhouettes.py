@@ -1,0 +1,69 @@
+"""Where the robot is in the cameras' pictures, from the angles of its joints."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from synthetic.camera.lens import Lens
+from synthetic.closing import Closing
+from synthetic.render.raster import paint
+from synthetic.scene import Mesh
+from synthetic.world.assets import find_assets
+from synthetic.world.simulation import World, robot_meshes
+from tracker.calibration.rig import CameraRig
+from tracker.checks import float_array
+from tracker.conventions import Array, FloatArray
+from tracker.errors import TrackerError
+
+
+class FingerMasks(Closing):
+    """Silhouettes of the platform's robot in a rig's pictures; a context manager.
+
+    They know of no object, so what covers a finger is in them, too. Leave out pixels in the object's colours
+    before you give them to `detect` or `update` as `hidden`: `examples/hidden_fingers.py`.
+
+    Args:
+        rig: the cameras, by their calibration.
+        margin: by how much the masks are wider than the robot [px].
+
+    Raises:
+        AssetError: the robot's meshes cannot be had.
+        TrackerError: the margin is negative.
+    """
+
+    def __init__(self, rig: CameraRig, margin: int = 0) -> None:
+        if margin < 0:
+            raise TrackerError(f"margin: found {margin}, expected 0 px or more")
+        self._lenses = [Lens(camera, 1) for camera in rig.cameras]
+        size = 2 * margin + 1
+        self._brush = np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)), np.uint8)
+        assets = find_assets()
+        self._world = World(assets, np.ones(3), 0)
+        self._meshes = robot_meshes(self._world, assets)
+
+    def close(self) -> None:
+        """Free the simulation."""
+        self._world.close()
+
+    def __call__(self, joints: Sequence[float] | Array) -> list[Array | None]:
+        """For each camera the pixels (H, W) bool that the robot covers.
+
+        joints: angles (9,) [rad] in the order of the platform's logs, see `tracker.logs.paired`; where one is
+            NaN, as before the first step of a log, each mask is None.
+
+        Raises:
+            TrackerError: they are no nine numbers.
+        """
+        angles = float_array(joints, (9,), "joints", TrackerError, finite=False)
+        if not np.isfinite(angles).all():
+            return [None] * len(self._lenses)
+        self._world.set_joints(angles)
+        bodies = [(link, mesh, self._world.link_pose(link)) for link, mesh in self._meshes.items()]
+        return [self._mask(lens, bodies) for lens in self._lenses]
+
+    def _mask(self, lens: Lens, bodies: Sequence[tuple[int, Mesh, FloatArray]]) -> Array:
+        _, nearness = paint(lens.view, bodies)
+        return np.asarray(cv2.dilate(lens.to_camera(nearness > 0, "label"), self._brush), dtype=bool)

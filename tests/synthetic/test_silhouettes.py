@@ -1,0 +1,79 @@
+"""Masks of the robot are where its pictures show it, for the joint angles that it has."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from tests.helpers.synthetic_needs import missing
+from tracker.errors import TrackerError
+
+if missing():
+    pytest.skip(missing(), allow_module_level=True)
+
+from synthetic.camera.lens import Lens
+from synthetic.camera.rigs import sized, standard_rig
+from synthetic.look.appearance import random_look
+from synthetic.look.lighting import random_lighting
+from synthetic.render.renderer import shared_renderer
+from synthetic.silhouettes import FingerMasks
+from synthetic.world.fingers import REST
+from synthetic.world.platform import Platform
+
+RIG = sized(standard_rig(), 270)
+JOINTS = np.concatenate([REST, [0.2, 0.9, -1.7], [0.0, 0.7, -1.9]])
+
+
+@pytest.fixture(scope="module")
+def fingers() -> Iterator[FingerMasks]:
+    with FingerMasks(RIG) as masks:
+        yield masks
+
+
+def test_the_masks_are_where_pictures_change_with_the_robot(fingers, rng):
+    with Platform("cube_v2") as platform:
+        look, lighting = random_look(rng, platform.model), random_lighting(rng)
+        scenes = [platform.scene((), joints, look, lighting, {}) for joints in (None, JOINTS)]
+        for camera, mask in zip(RIG, fingers(JOINTS), strict=True):
+            view = Lens(camera, 1)
+            near = [shared_renderer().render(scene, view.view, shadows=False).nearness for scene in scenes]
+            shown = view.to_camera(near[0] != near[1], "label") > 0
+            assert mask.shape == (270, 270)
+            assert 0.05 < mask.mean() < 0.6
+            assert np.count_nonzero(mask & shown) > 0.98 * np.count_nonzero(mask | shown)
+
+
+def test_only_the_finger_whose_joints_move_moves(fingers):
+    moved = JOINTS.copy()
+    moved[3:6] += 0.1
+    for before, after in zip(fingers(JOINTS), fingers(moved), strict=True):
+        assert (before != after).any()
+    np.testing.assert_array_equal(fingers(JOINTS), fingers(JOINTS.tolist()))
+
+
+def test_a_margin_widens_the_masks(fingers):
+    with FingerMasks(RIG, margin=3) as wider:
+        for mask, wide in zip(fingers(JOINTS), wider(JOINTS), strict=True):
+            assert wide[mask].all()
+            rows, columns = np.nonzero(wide & ~mask)
+            known = np.argwhere(mask)
+            away = [np.hypot(*(known - place).T).min() for place in zip(rows, columns, strict=True)]
+            assert max(away) <= 3.0 * np.sqrt(2)
+            assert len(away) > 100
+
+
+def test_joints_that_are_not_known_hide_nothing(fingers):
+    assert fingers(np.full(9, np.nan)) == [None] * 3
+
+
+@pytest.mark.parametrize("joints", [np.zeros(8), np.zeros((1, 9)), "rest", None])
+def test_what_are_no_joint_angles_is_named(fingers, joints):
+    with pytest.raises(TrackerError, match=r"joints: found .*, expected numbers of shape \(9,\)"):
+        fingers(joints)
+
+
+def test_a_negative_margin_is_refused():
+    with pytest.raises(TrackerError, match="margin: found -1"):
+        FingerMasks(RIG, margin=-1)
