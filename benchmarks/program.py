@@ -65,7 +65,7 @@ _OPTIONS = (
         type=click.IntRange(min=1),
         default=FULL,
         show_default=True,
-        help="Realistic scenes of an object; of everything else there are so many in proportion.",
+        help="Realistic scenes per object; other workloads in proportion.",
     ),
     click.option("--quick", is_flag=True, help=f"A smoke run of {QUICK} scenes, whose figures mean little."),
     click.option(
@@ -74,7 +74,7 @@ _OPTIONS = (
         is_flag=True,
         help="Draw new scenes from the commit's hash, as for publishing; else development scenes.",
     ),
-    click.option("--seed", type=click.IntRange(min=0), help="Of other scenes than these two."),
+    click.option("--seed", type=click.IntRange(min=0), help="Seed of other scenes than these two."),
     _real,
     click.option("--workers", default=2, show_default=True, help="Processes that render."),
     _cache,
@@ -83,7 +83,7 @@ _OPTIONS = (
         multiple=True,
         metavar="WORKLOAD",
         type=click.Choice(list(BY_NAME)),
-        help="Of the accuracy; may be repeated.",
+        help="Workload of the accuracy; may be repeated.",
     ),
     click.option("--object", "objects", multiple=True, type=click.Choice(OBJECTS), help="May be repeated."),
     _output,
@@ -172,7 +172,7 @@ for part in PARTS:
 )
 @_with_options
 def everything(publish: bool, **chosen: Any) -> None:
-    """Measure every part; a run that was broken off goes on where it ended."""
+    """Measure every part. The same command continues an interrupted run."""
     chosen["released"] = chosen["released"] or publish
     results = _measuring(list(PARTS), whole=True, **chosen)
     judged = judge(results)
@@ -236,8 +236,8 @@ def gate(output: Path, cache: Path, real: Path | None, baseline: Path, update: s
 
 @main.command()
 @click.option("--object", "name", type=click.Choice(OBJECTS), default=OBJECTS[0], show_default=True)
-@click.option("--seed", type=click.IntRange(min=0), default=DEVELOPMENT, help="Of the films that are fitted.")
-@click.option("--check", type=click.IntRange(min=0), default=4242, help="Of those that judge the model.")
+@click.option("--seed", type=click.IntRange(min=0), default=DEVELOPMENT, help="Seed of the fitted films.")
+@click.option("--check", type=click.IntRange(min=0), default=4242, help="Seed of those that check.")
 @click.option("--refined", is_flag=True, help="With cameras as a refinement leaves them.")
 @click.option("--workers", default=2, show_default=True, help="Processes that render.")
 @_cache

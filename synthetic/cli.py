@@ -26,23 +26,21 @@ QUALITY_NAMES = ("fast", "default", "best")
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100, "show_default": True},
 )
 def commands() -> None:
-    """Pictures of the simulated TriFinger platform, with the exact truth.
+    """Render images of the simulated TriFinger platform, with exact truth.
 
     Errors go to stderr in one line, with exit code 2.
     """
 
 
 @commands.command()
-@click.option("--object", "object_name", type=click.Choice(OBJECTS), required=True, help="What lies there.")
+@click.option("--object", "object_name", type=click.Choice(OBJECTS), required=True, help="The object.")
 @click.option("--frames", "count", type=click.IntRange(1), required=True, help="Number of frames.")
-@click.option("--seed", type=click.IntRange(0), required=True, help="Of everything random.")
+@click.option("--seed", type=click.IntRange(0), required=True, help="Seed of everything random.")
 @click.option(
     "--out", "folder", type=click.Path(path_type=Path), required=True, help="Folder, new or continued."
 )
-@click.option("--workers", type=click.IntRange(1, 256), default=1, help="Processes; no pixel depends on it.")
-@click.option(
-    "--quality", type=click.Choice(QUALITY_NAMES), default="default", help="Work put into a picture."
-)
+@click.option("--workers", type=click.IntRange(1, 256), default=1, help="Processes; pixels stay the same.")
+@click.option("--quality", type=click.Choice(QUALITY_NAMES), default="default", help="Work per image.")
 @click.option("--sequence", is_flag=True, help="Motion: frames follow each other; else single scenes.")
 @click.option("--rate", type=click.FloatRange(0.1, 1000), default=10.0, help="Frames of a sequence [Hz].")
 @click.option(
@@ -66,13 +64,13 @@ def commands() -> None:
     "--effects",
     default="none",
     metavar="none|world|NAMES",
-    help="What the real world adds: all of it, or names between commas, see synthetic.effects.",
+    help="Effects of the real world: all, or names with commas, see synthetic.effects.",
 )
 @click.option(
     "--look-alike",
     default=None,
     metavar="KIND",
-    help="What is not the object in its place, see synthetic.world.look_alikes.KINDS; there is no true pose.",
+    help="Something else in the object's place, see synthetic.world.look_alikes.KINDS; no true pose.",
 )
 def dataset(
     object_name: str,
@@ -85,14 +83,14 @@ def dataset(
     effects: str,
     **more: Any,
 ) -> None:
-    """Write pictures, labels, calibration and truth of FRAMES frames to a folder.
+    """Write images, labels, calibration and truth of FRAMES frames to a folder.
 
-    Where it was interrupted, the same command continues. Labels: 0 other, 1 red, 2 green, 3 blue, 4 cyan,
-    5 magenta, 6 yellow; of dice their number, 1 to 25, and the truth's "object" is the list of all dice.
+    The same command continues an interrupted run. Labels: 0 other, 1 red, 2 green, 3 blue, 4 cyan, 5 magenta,
+    6 yellow; of dice their number, 1 to 25, and the truth's "object" is the list of all dice.
 
-    With the effect `calibration` each frame's folder holds the calibration that is given for it, in whose
-    world the truth is given; the cameras as they truly are stand in the truth. With `timing` the truth has
-    stamp and pose of each camera.
+    With the effect `calibration`, each frame's folder holds the calibration that a tracker is given, and the
+    truth holds in its world; the true cameras stand in the truth. With `timing`, the truth has stamp and pose
+    of each camera.
     """
     from synthetic.effects import Effects
     from synthetic.export.dataset import DatasetOptions, make_dataset

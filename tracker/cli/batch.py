@@ -29,7 +29,7 @@ _FOLDER = click.Path(path_type=Path)
 
 @click.group(no_args_is_help=False)
 def batch() -> None:
-    """Find an object's pose in thousands of recordings, and tell how far that is."""
+    """Find an object's pose in thousands of recordings."""
 
 
 @dataclass(frozen=True)
@@ -94,16 +94,15 @@ def run(
     """Find an object's pose in every frame of many recordings.
 
     RECORDING is what `tracker track` takes, or a pattern in quotes: 'episodes/*'. Each gets a file of poses
-    in DIR under its own path, and a line in DIR/summary.parquet; what could not be done is in
-    DIR/failures.json, with the reason.
+    under its own path in DIR, and a line in DIR/summary.parquet. DIR/failures.json lists what failed, with
+    the reason.
 
-    Of image stores with --calibration DIR of several robots (r1_camera60.yml, …) each episode is tracked with
-    the calibration of its robot; docs/learning.md tells what comes of them.
+    For image stores, --calibration DIR may hold several robots' files (r1_camera60.yml, …). Each episode is
+    then tracked with the calibration of its robot; docs/learning.md describes the results.
 
-    The same command again does what is missing, changed or damaged, and nothing else, whatever ended the run
-    before. `tracker batch status DIR` tells how far it is, also of what HTCondor or Slurm are doing. The
-    table is a Parquet file, and --scheduler works, with python3 -m pip install '.[cluster]'. docs/batch.md
-    tells more.
+    The same command again does what is missing, changed or damaged, and nothing else. `tracker batch status
+    DIR` shows the progress, also of HTCondor and Slurm. Parquet and --scheduler need python3 -m pip install
+    '.[cluster]'. See docs/batch.md.
     """
     from tracker.batch.run import Batch
 

@@ -59,7 +59,7 @@ board_options = options.gathered(
         default="DICT_APRILTAG_16h5",
         show_default=True,
         metavar="NAME",
-        help="Set of markers, as OpenCV calls it.",
+        help="Set of markers, by OpenCV's name.",
     ),
 )
 
@@ -191,8 +191,8 @@ size_options = options.gathered(
 def board(printed: Printed, output: Path, legacy: bool) -> None:
     """Write a ChArUco board as a page to print at its true size.
 
-    Print at 100 %, without fitting to the page, on something that stays flat, and measure a row of
-    squares afterwards: its length, divided by their number, is --square of the other commands.
+    Print at 100 %, without fitting to the page, on something that stays flat. Then measure a row of squares:
+    its length, divided by their number, is --square of the other commands.
     """
     from tracker.calibration.board.board import page_of
     from tracker.calibration.board.board import printed as content_of
@@ -209,7 +209,7 @@ def board(printed: Printed, output: Path, legacy: bool) -> None:
 @click.option("--name", required=True, metavar="NAME", help="The camera's, e.g. camera60.")
 @file_option("-o", ".yml", ".yaml", required=True, new_folders=True, help="Calibration file (.yml).")
 @size_options
-@file_option("--plot", *PICTURE, help="Draw what is missed where (.png, .jpg).")
+@file_option("--plot", *PICTURE, help="Draw the residuals (.png, .jpg).")
 def intrinsics(
     images: tuple[Path, ...],
     printed: Printed,
@@ -218,14 +218,14 @@ def intrinsics(
     smaller: Smaller,
     plot: Path | None,
 ) -> None:
-    """Focal length, principal point and distortion of a camera, from photos of a ChArUco board.
+    """Find the lens of a camera from photos of a ChArUco board.
 
-    At least six photos, better fifteen, of the whole image's size: the board tilted by 30° to 45° in all
-    directions, near and far, out to the image's corners; sharp, with the camera's focus as it will stay.
-    Photos that do not belong are named and left out. Every photo is judged by a lens fitted without it.
+    That is focal length, principal point and distortion, with the standard deviation of each. `tracker
+    calibrate extrinsics` adds where the camera is.
 
-    The file states the standard deviation of every parameter. It does not say where the camera is:
-    `tracker calibrate extrinsics` adds that.
+    Take at least six photos, better fifteen, of the whole image's size: the board tilted by 30° to 45° in all
+    directions, near and far, out to the image's corners; sharp, with the focus that the camera will keep.
+    Each photo is checked against a lens fitted without it. Those that do not fit are named and left out.
     """
     from tracker.calibration.board.intrinsics import fit_lens
     from tracker.geometry.camera import check_name

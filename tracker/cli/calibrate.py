@@ -30,10 +30,9 @@ if TYPE_CHECKING:
 
 @click.group(no_args_is_help=False, short_help="Calibrate cameras; check and mend calibrations.")
 def calibrate() -> None:
-    """Make the calibration of cameras from photos of a board, or mend one by recordings of a known object.
+    """Make a calibration from photos of a board, or mend one with a known object.
 
-    What mends a calibration changes no file: what is found goes to a folder of its own, which then stands
-    wherever --calibration does.
+    Commands that mend change no file: they write a new folder. Give it as --calibration from then on.
     """
 
 
@@ -104,7 +103,7 @@ filmed_options = options.gathered(
     click.option(
         "--stills",
         is_flag=True,
-        help="Frames of folders are no films: each was taken by itself, at any moment.",
+        help="Folders hold single images, not films.",
     ),
     options.recover,
     options.quiet(),
@@ -152,16 +151,15 @@ def _refuse_other(path: str, its: tracker.CameraRig, rig: tracker.CameraRig) -> 
 @file_option("--plot", *PICTURE, help="Draw what each camera misses (.png, .jpg).")
 @options.as_json
 def check(filmed: Filmed, plot: Path | None, as_json: bool) -> None:
-    """Say whether a calibration fits RECORDINGs, or IMAGEs moment by moment, of an object that is still.
+    """Check whether a calibration fits, with a still object.
 
-    Each camera by itself is held against the others. One that is not where its file says is named, with
-    the motion that reconciles it. What all cameras share cannot be seen so: a calibration whose whole
-    world is moved fits.
+    Give RECORDINGs, or single IMAGEs moment by moment: twenty frames or more, with the object in many places.
+    Compares each camera with the others. A camera that is not where its file says is named, with the motion
+    that reconciles it. An error that all cameras share cannot be seen: a calibration whose whole world is
+    moved fits.
 
-    Beside what is seen stands what the deviations in the calibration's files let expect, and what they leave
-    open of one camera's depth.
-
-    Exit code 1: it does not fit. Twenty frames or more, with the object in many places, tell most.
+    Also prints the miss that the deviations in the files predict, and how far one camera's depth may be off.
+    The exit code is 1 if the calibration does not fit.
     """
     from tracker.calibration.by_object.check import check as look
 
@@ -263,9 +261,14 @@ def _checked(found: CalibrationCheck, warnings: Sequence[str]) -> str:
         expected.append([one.name, *pixels, f"{focal.ratio:.4f}", *off])
     focals = [one.focal for one in found.cameras if not math.isnan(one.focal.distance)]
     needed = number(100.0 * min((one.needed for one in focals), default=math.nan), 2)
-    seen = f"of the object, missed; what files state lets expect so much; at a focal length of {FOCAL:g} px"
-    depth = f"of one camera: {1e3 * DEPTH:g} mm need its focal length right to {needed} %"
-    below = [["corners", seen], ["depth", depth], *(["warning", one] for one in warnings)]
+    seen = f"how far a camera misses the object's corners [px at a focal length of {FOCAL:g} px]"
+    depth = f"error of one camera's depth; {1e3 * DEPTH:g} mm need its focal length right to {needed} %"
+    below = [
+        ["corners", seen],
+        ["stated", "the same as the files' deviations predict"],
+        ["depth", depth],
+        *(["warning", one] for one in warnings),
+    ]
     below += [["looks", str(found.looks)], ["verdict", _verdict(found)]]
     return "\n".join([table(rows), "", table(expected), "", listing(below)])
 
@@ -295,24 +298,24 @@ def _verdict(found: CalibrationCheck) -> str:
 @click.option("--focal", is_flag=True, help="Focal lengths and principal points may be wrong, too.")
 @options.whole(
     "--frames",
-    "Frames that are used, in different poses; a third of them judges.",
+    "Frames to use, in different poses; a third of them only checks.",
     default=90,
     least=18,
     most=1000,
     to="most",
 )
 def refine_command(filmed: Filmed, output: Path, focal: bool, most: int) -> None:
-    """Find how the cameras stand to each other in RECORDINGs of an object that moves, or in many IMAGEs.
+    """Find how cameras stand to each other, with a moving object.
 
-    The edges of the object in all frames together say it, if the object is seen all over the arena and in
-    many orientations. A third of the frames only judges: where they are fitted no better, nothing is
+    Fits the object's edges in all frames of RECORDINGs, or in many IMAGEs. The object must be seen all over
+    the arena and in many orientations. A third of the frames only checks: if they fit no better, nothing is
     written, and the exit code is 1.
 
-    Edges cannot tell where the world is: x, y and yaw stay as the old cameras have them on the average,
-    and z and tilt, too, unless the object rests in five places or more (see `table`).
+    Edges do not show where the world is. x, y and yaw stay as the old cameras have them on average; so do z
+    and tilt, unless the object rests in at least five places (see `table`).
 
-    Beside the cameras' files, object.toml holds the object with the rim that was found: by how much its
-    colours end inside the nominal edges. It then stands wherever --object does.
+    Also writes object.toml: the object with the rim that was found, by which its colours end inside the
+    nominal edges. Give it as --object from then on.
     """
     from tracker.calibration.by_object.refine import refine_cameras
 
@@ -366,13 +369,13 @@ def _refined(found: Refined, focal: bool, output: Path) -> str:
 @filmed_options
 @_output
 def table_command(filmed: Filmed, output: Path) -> None:
-    """Find the table in RECORDINGs, or in IMAGEs moment by moment, of an object that rests on it.
+    """Find the table, with an object that rests on it.
 
-    Written is the calibration in a world whose z = 0 is the table (x, y and yaw stay as they were), and
-    an arena.toml that says how well the table is known.
+    From RECORDINGs, or single IMAGEs moment by moment. Writes the calibration in a world whose z = 0 is the
+    table (x, y and yaw stay), and an arena.toml that says how well the table is known.
 
-    The object must rest in five places or more, spread over the table, on whichever face, and be seen by
-    two cameras or more. It may be held, lifted and carried in between.
+    The object must rest in at least five places, spread over the table, on any face, seen by at least two
+    cameras. You may hold, lift and carry it in between.
     """
     from tracker.calibration.by_object.table import find_table
 

@@ -87,7 +87,7 @@ lesson_options = options.gathered(
     options.cameras,
     options.whole(
         "--frames",
-        "Frames that are looked at, spread evenly; half of them only judge.",
+        "Frames to use, spread evenly; half of them only check.",
         default=80,
         least=10,
         most=2000,
@@ -106,11 +106,11 @@ lesson_options = options.gathered(
 def adapt(lesson: Lesson, object_name: str, colors_name: str | None) -> None:
     """Fit a colour model to RECORDINGs of a known object, without labels.
 
-    Where poses are sure, they say what is a face. The colours fitted to that find more poses, round by
-    round; frames that did not teach decide whether they are better. If they are not, nothing is written,
-    and the exit code is 1.
+    Confident poses say which pixels show a face. Colours fitted to these find more poses, round by round.
+    Frames that did not teach check the result. If they are explained no better, nothing is written, and the
+    exit code is 1.
 
-    Then give the file to `--colors` of other commands, or name it in the object's TOML file.
+    Give the file to `--colors` of other commands, or name it in the object's TOML file.
     """
     from tracker.color_learning.models import nearest
 
@@ -139,11 +139,11 @@ def new(
     faces: str | None,
     object_name: str | None,
 ) -> None:
-    """Fit a colour model to RECORDINGs of a new object, of which only size and names of colours are known.
+    """Fit a colour model to RECORDINGs of a new object.
 
-    It begins with the hues that the names promise, and goes on as `adapt` does. Beside the colour model
-    it writes the object's TOML file, unless --object gives one; its path then stands wherever an object's
-    name does.
+    Needs the object's size and the names of its colours. Begins with the hues of the names, and goes on as
+    `adapt` does. Also writes the object's TOML file, unless --object gives one. Use its path wherever an
+    object's name goes.
     """
     from tracker.color_learning.models import from_names
     from tracker.files import write_whole
@@ -196,7 +196,7 @@ _others = click.option(
     multiple=True,
     metavar="FOLDER",
     type=InFile(str),
-    help="Labelled images of other objects, which help a little; repeatable.",
+    help="Labelled images of other objects, for colours of which you have few; repeatable.",
 )
 _rendered = click.option(
     "--rendered",
@@ -222,7 +222,7 @@ def fit(
 ) -> None:
     """Fit a colour model to the labelled images of the FOLDERs.
 
-    Then give its file to `tracker detect --colors`, or name it in the object's TOML file.
+    Give its file to `tracker detect --colors`, or name it in the object's TOML file.
     """
     from tracker.cli.colors_report import print_counts
 
@@ -247,11 +247,9 @@ def fit(
     type=InFile(str),
     help="Measure this colour model, or that of this file.",
 )
-@click.option(
-    "--cross-validate", is_flag=True, help="Measure a fit: on each image, fitted to all the others."
-)
+@click.option("--cross-validate", is_flag=True, help="Measure a fit: on each image, fitted to all others.")
 @file_option(
-    "--plot", ".png", extra="plot", help="Draw what is taken for what, and how near the colours are (.png)."
+    "--plot", ".png", extra="plot", help="Draw which colours are confused, and how near they are (.png)."
 )
 @_others
 @_rendered
@@ -267,12 +265,12 @@ def check(
 ) -> None:
     """Measure a colour model on the labelled images of the FOLDERs.
 
-    Prints the intersection over union, from 0 to 1, of the pixels found in each colour and its mask.
-    Masks drawn a little too small keep it below 1. A colour that a single image shows is unknown to a
-    fit without that image, unless --others show it.
+    Prints the intersection over union, from 0 to 1, of the pixels found in each colour and its mask. Masks
+    drawn a little too small keep it below 1. A colour that only one image shows is unknown to a fit without
+    that image, unless --others show it.
 
-    Then it says which colours are taken for which, how near they are to each other and to the light, and
-    which colours would be farther apart.
+    Also prints which colours are confused, how near they are to each other and to the light, and which
+    colours would be easier to distinguish.
     """
     from tracker.cli.colors_report import report
 

@@ -25,14 +25,14 @@ DATA = Path(__file__).parents[1] / "demo"
     default="tracker-demo",
     show_default=True,
     metavar="DIR",
-    help="Folder for the recording and the picture.",
+    help="New folder for the recording and the picture.",
 )
 def demo(output: Path) -> None:
-    """Find a cube in a recording that comes with the package, and compare with the truth.
+    """Find a cube in a recording that comes with the package, and compare with truth.
 
-    Two seconds of the simulated platform, three cameras at 10 Hz. DIR is made: it holds the recording, its
-    calibration, and overlay.png, the first pictures with the pose drawn in; where the command is broken off,
-    there is none.
+    The recording has two seconds of the simulated platform: three cameras at 10 Hz. The new folder DIR holds
+    the recording, its calibration, and overlay.png: the first images with the pose drawn in. If the command
+    is interrupted, there is no folder.
     """
     import numpy as np
 

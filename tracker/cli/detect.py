@@ -22,7 +22,7 @@ from tracker.cli.render import listing, say
 @frame_option
 @options.as_json
 @file_option("--overlay", *PICTURE, help="Write the images with the pose drawn in (.png, .jpg).")
-@click.option("--exit-code", "tell", is_flag=True, help="Exit with 1 where the object is not found.")
+@click.option("--exit-code", "tell", is_flag=True, help="Exit with 1 if the object is not found.")
 def detect(
     images: tuple[str, ...],
     subject: options.Subject,
@@ -32,21 +32,18 @@ def detect(
     overlay: Path | None,
     tell: bool,
 ) -> None:
-    """Find an object's pose in one IMAGE of each camera.
+    """Find an object in one IMAGE per camera.
 
-    IMAGE is a picture file (.png, .jpg) of each camera; or one recording (.dat, .h5), or one folder of
-    pictures, of which --frame is taken, with its own calibration unless one is given. Files that are named
-    after the cameras go to these, and names that contradict them are an error; files without such names
-    come in the order of the cameras: in a folder of calibrations that of the numbers in their names, else
-    that of the files given. 'none' in place of an IMAGE: that camera gave none.
+    Give one image file per camera, or one recording or folder of images, of which --frame is taken. A
+    recording brings its calibration, unless --calibration names another. Files named after the cameras may
+    come in any order; a name that contradicts the cameras is an error. Other files come in the order of the
+    cameras: that of the numbers in the calibration files' names. 'none' stands for a camera without an image.
 
-    Without a sure pose, a warning names the likely cause: pictures in another order than the cameras, red
-    and blue swapped, another object, bad exposure, blur. Pictures are used in the order given. A warning
-    also says if the cameras contradict each other, and if the object seems to float above the table or to
-    sink into it.
+    Without a certain pose, a warning names the likely cause: swapped cameras, red and blue swapped, another
+    object, bad exposure, blur. A warning also says if the cameras contradict each other, or if the object
+    seems to float above the table or to sink into it.
 
-    If the object is not found, there is no pose and the status says why. The exit code is 0 also then;
-    with --exit-code it is 1.
+    If the object is not found, the status says why. The exit code is 0 even then; with --exit-code it is 1.
     """
     from tracker.summaries.remarks import DOUBTFUL, likely_cause, off_table
 

@@ -41,7 +41,7 @@ class _State:
         return None if self.errors is None else sum(value for value in self.errors if value is not None)
 
 
-@click.command(cls=Command, short_help="Find the dice in one IMAGE of each camera, and the error.")
+@click.command(cls=Command, short_help="Find the dice in one IMAGE per camera, and the error.")
 @click.argument("images", nargs=-1, required=True, metavar="IMAGE...", type=Recording(str))
 @options.cameras
 @frame_option
@@ -68,16 +68,16 @@ def dice(
     overlay: Path | None,
     masks: Path | None,
 ) -> None:
-    """Find the dice in one IMAGE of each camera, and the task's error.
+    """Find the dice in one IMAGE per camera, and the task's error.
 
-    The error is the number of pixels, over all cameras, that show dice where the goal has none. Without a
-    goal there is none.
+    The error is the number of pixels, over all cameras, that show dice where the goal has none. Without
+    --goal there is no error.
 
-    IMAGE is a picture file of each camera; or one recording, or one folder of pictures, of which --frame
-    is taken, with its own calibration unless one is given. Files that are named after the cameras go to
-    these, and names that contradict them are an error; files without such names come in the order of the
-    cameras: in a folder of calibrations that of the numbers in their names, else that of the files given.
-    'none' in place of an IMAGE says that the camera gave none; it then counts for nothing.
+    Give one image file per camera, or one recording or folder of images, of which --frame is taken. A
+    recording brings its calibration, unless --calibration names another. Files named after the cameras may
+    come in any order; a name that contradicts the cameras is an error. Other files come in the order of the
+    cameras: that of the numbers in the calibration files' names. 'none' stands for a camera without an image;
+    it does not count.
     """
     from tracker.tasks.rearrange_dice import read_goal
 

@@ -53,9 +53,9 @@ class Finding(NamedTuple):
 
 @click.command(short_help="Find problems of this machine, and their remedies.")
 def doctor() -> None:
-    """Check this machine: versions, compiled code, OpenGL, extras, speed. Each problem has its remedy.
+    """Check this machine: versions, compiled code, OpenGL, extras, speed.
 
-    The exit code is 1 where something keeps the tracker from working.
+    Each problem has its remedy. The exit code is 1 if something keeps the tracker from working.
     """
     well = _print(_needed(), "!!")
     click.echo("\nif you want it:")

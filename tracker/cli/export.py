@@ -75,7 +75,7 @@ class Outputs:
 output_options = options.gathered(
     "outputs",
     Outputs,
-    file_option("--csv", ".csv", help="The poses as a table, one line a frame."),
+    file_option("--csv", ".csv", help="The poses as a table, one line per frame."),
     file_option("--tum", ".tum", ".txt", help="A trajectory in the TUM format."),
     file_option("--bop", ".csv", help="BOP results of the --camera."),
     click.option("--camera", metavar="NAME", help="Camera of the BOP results, e.g. camera60."),
@@ -170,7 +170,10 @@ def export(
     object_name: str | None,
     quiet: bool,
 ) -> None:
-    """Write the poses of a file that `tracker track` made in other formats. Nothing is tracked."""
+    """Write the poses of a file that `tracker track` made in other formats.
+
+    Nothing is tracked again.
+    """
     from tracker.logs import read_robot_log
 
     video = outputs.video
@@ -216,9 +219,9 @@ def export(
 def convert(source: Path, output: Path, cameras: options.Cameras, part: options.Part, quiet: bool) -> None:
     """Write a recording in another format.
 
-    An HDF5 log is one of the platform, version 2.1: raw pixels, stamps and poses are kept to the bit, and
-    the calibration goes into it; images in colour become the mosaic that such cameras would have recorded.
-    A folder of images (one for each camera, PNG) has the stamps as names, and the calibration in it.
+    An HDF5 log has the platform's version 2.1: raw pixels, stamps and poses are kept to the bit, and it
+    contains the calibration. Colour images become the mosaic that the platform's cameras would have recorded.
+    A folder of images (one PNG per camera) has the stamps as names, and the calibration in it.
     """
     from tracker.logs.convert import write_folder, write_hdf5
     from tracker.viz.image_files import write_log_film

@@ -83,13 +83,13 @@ given_options = options.gathered(
     multiple=True,
     metavar="PATH",
     type=InFile(),
-    help="Folder of calibration files; or a file, once for each camera.",
+    help="Folder of calibration files; or a file, once per camera.",
 )
 @click.option("--pattern", metavar="GLOB", help="Which files of the folder to take, e.g. '*_full.yml'.")
 @given_options
 @output_option(OutFolder(), "DIR", "For the calibration files.")
 @size_options
-@click.option("--plot", metavar="DIR", type=OutFolder(), help="Draw what is missed where, one PNG a camera.")
+@click.option("--plot", metavar="DIR", type=OutFolder(), help="Draw the residuals, one PNG per camera.")
 def extrinsics(
     folders: tuple[Path, ...],
     printed: Printed,
@@ -100,11 +100,11 @@ def extrinsics(
     smaller: Smaller,
     plot: Path | None,
 ) -> None:
-    """Where the cameras are, from photos of a ChArUco board that lies in the arena.
+    """Find where cameras are, from photos of a ChArUco board.
 
-    Each FOLDER holds one photo of each camera, e.g. camera60.png, all of the board in one place. In the
-    first the board lies face up where --center, --height and --yaw say; in the others it may be anywhere,
-    and its places are found along with the cameras. More places make the cameras' places more certain.
+    Each FOLDER holds one photo per camera, e.g. camera60.png, of the board in one place. In the first the
+    board lies face up as --center, --height and --yaw say. In the others it may be anywhere. More places make
+    the result more certain.
     """
     from tracker.calibration.board.extrinsics import place_cameras
     from tracker.calibration.files.calibrated import read_all_calibrated

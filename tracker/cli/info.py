@@ -19,13 +19,13 @@ _GAP = 1.5
 
 @click.command()
 @click.argument("source", metavar="LOG|POSES", type=click.Path(path_type=Path))
-@click.option("--recover", is_flag=True, help="Leave out what is damaged of a recording, and tell of it.")
+@click.option("--recover", is_flag=True, help="Leave out damaged parts of a recording, and report them.")
 @options.as_json
 def info(source: Path, recover: bool, as_json: bool) -> None:
-    """Tell what is in a recording or in a file of poses.
+    """Show what is in a recording or in a file of poses.
 
-    All of it is read: format, frames, cameras and sizes, stamps and gaps, pictures that are missing, poses,
-    and whether the calibration in or beside a recording is of its cameras and sizes.
+    Reads all of it: format, frames, cameras and sizes, stamps and gaps, missing images, poses, and whether
+    the calibration in or beside a recording fits its cameras and sizes.
     """
     from tracker.poses.file import is_poses_file
 
@@ -110,7 +110,7 @@ def _times(stamps: tracker.conventions.FloatArray) -> dict[str, Any]:
         "seconds": round(float(stamps[-1] - stamps[0]), 6) if len(stamps) else None,
         "rate_hz": None if usual is None else round(1 / usual, 3),
         "gaps": 0 if usual is None else int((steps > _GAP * usual).sum()),
-        "longest_gap_s": float(steps.max()) if len(steps) else None,
+        "longest_gap_s": round(float(steps.max()), 6) if len(steps) else None,
         "repeated_stamps": int((steps == 0).sum()),
     }
 

@@ -73,7 +73,7 @@ class Pace:
     "--seconds",
     metavar="S",
     type=click.FloatRange(0, min_open=True),
-    help="End after so long.  [default: at the source's end, or with Ctrl-C]",
+    help="Stop after S seconds.  [default: at the source's end, or with Ctrl-C]",
 )
 @options.gathered(
     "pace",
@@ -82,13 +82,13 @@ class Pace:
         "--rate",
         metavar="HZ",
         type=click.FloatRange(0, 1000, min_open=True),
-        help="Sets of pictures per second, of cameras.  [default: 10]",
+        help="Sets of images per second.  [default: 10]",
     ),
     click.option(
         "--settings",
         metavar="FILE",
         type=InFile(),
-        help="What pylon's cameras are set to (TOML, GenICam names).",
+        help="Settings of pylon's cameras (TOML, GenICam names).",
     ),
     click.option(
         "--speed",
@@ -98,7 +98,7 @@ class Pace:
     ),
 )
 @click.option(
-    "--check", is_flag=True, help="Look at the cameras for ten seconds, and say what is wrong with them."
+    "--check", is_flag=True, help="Measure the cameras for ten seconds, and report what is wrong with which."
 )
 @options.quiet()
 def live(
@@ -113,19 +113,16 @@ def live(
 ) -> None:
     """Track an object while cameras run.
 
-    SOURCE is a recording's path, replayed at its own pace; `pylon`, Basler cameras that call themselves as
-    the calibration's, or `pylon:SERIAL,…` in its order; `opencv:0,1,2`, numbers, films or addresses; or
+    SOURCE is a recording's path, replayed at its own pace; `pylon`, Basler cameras that have the
+    calibration's names, or `pylon:SERIAL,…` in its order; `opencv:0,1,2`, numbers, films or addresses; or
     `simulation`.
 
-    Cameras that fail are looked for again, and the tracking goes on with the others. Published is the
-    filtered pose of the newest images. By ZeroMQ each message is one JSON object: version, sequence,
-    timestamp, status, pose as that of `detect --json` or null, velocity or null, latency_ms, faults of
-    cameras, a jump of stamps, and counts of both until then. By LCM (lcm://, udpm://ADDRESS:PORT?ttl=0,
-    file://PATH) it is dairlib's lcmt_object_state, on the channel CUBE_STATE, and none where the object is
-    lost.
+    A camera that fails is opened again when it is back; the others go on. --publish sends the filtered pose
+    of the newest images: by ZeroMQ as JSON, by LCM (lcm://, udpm://ADDRESS:PORT?ttl=0, file://PATH) as
+    dairlib's lcmt_object_state on the channel CUBE_STATE. docs/live.md describes the messages.
 
-    --check tracks nothing: it tells of missing and late pictures, brightness, clipping and blur, and exits
-    with 1 where anything is wrong.
+    --check tracks nothing: it reports missing and late images, brightness, clipping and blur, and exits with
+    1 if anything is wrong.
     """
     pace.refuse_what_does_nothing(source, cameras)
     requested.refuse_what_does_nothing()

@@ -66,11 +66,11 @@ output_options = options.gathered(
         multiple=True,
         help="Publish poses: tcp://127.0.0.1:5555 by ZeroMQ, lcm:// by LCM. May be given several times.",
     ),
-    click.option("--public", is_flag=True, help="--publish to other machines, too."),
+    click.option("--public", is_flag=True, help="Let other machines receive what is published."),
     click.option(
         "--body",
         metavar="NAME",
-        help="What LCM's messages call the object.  [default: cube, of another shape cuboid]",
+        help="Name of the object in LCM messages.  [default: cube, of another shape cuboid]",
     ),
     file_option("--record", ".h5", ".hdf5", help="Record images and poses (.h5)."),
     click.option("--view", is_flag=True, help="Show images and poses in the viewer Rerun."),

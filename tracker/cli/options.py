@@ -53,7 +53,7 @@ def whole(
     )
 
 
-recover = click.option("--recover", is_flag=True, help="Leave out what is damaged of a recording.")
+recover = click.option("--recover", is_flag=True, help="Leave out damaged parts of a recording.")
 seed = whole("--seed", "Seed of the fit's draws.", least=0, default=0)
 as_json = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 
@@ -176,7 +176,7 @@ cameras = gathered(
         multiple=True,
         metavar="PATH",
         type=InFile(str),
-        help="Folder of calibration files; or a file, once for each camera, in the order of the images.  "
+        help="Folder of calibration files; or a file, once per camera, in the order of the images.  "
         "[default: that of the recording]",
     ),
     click.option(

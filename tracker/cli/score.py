@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 _FILE = click.Path(path_type=Path)
 
 
-@click.command(short_help="Tell the rewards of a job's folder for its task.")
+@click.command(short_help="Compute the rewards of a job's folder for its task.")
 @click.argument("job", metavar="JOB", type=_FILE)
 @click.option("--goal", "goal_path", metavar="FILE", type=_FILE, help="Goal.  [default: JOB/goal.json]")
-@click.option("--poses", "poses_path", metavar="POSES", type=_FILE, help="Poses that were tracked before.")
+@click.option("--poses", "poses_path", metavar="POSES", type=_FILE, help="Poses, instead of tracking.")
 @options.object_name("that of the --poses")
 @options.cameras
 @options.whole("--every", "Look for dice in each Nth frame.", default=1)
@@ -39,10 +39,11 @@ def score(
     as_json: bool,
     quiet: bool,
 ) -> None:
-    """Tell the rewards of a job's folder for its task: move an object, along a trajectory, or arrange dice.
+    """Compute the rewards of a job's folder for its task.
 
-    Time counts from the recording's first frame. A reward holds until the next frame; where the object was
-    not seen the one before holds.
+    The task is to move an object, to move it along a trajectory, or to arrange dice. Time counts from the
+    recording's first frame. A reward holds until the next frame. If the object is not seen, the reward before
+    holds.
     """
     from tracker.errors import TaskError
     from tracker.summaries.rewards import goal_file, totals

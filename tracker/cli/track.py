@@ -43,7 +43,7 @@ CONTRADICTED = 0.02
 @output_options
 @file_option("--health", ".html", extra="plot", help="A page on cameras, light and calibration (.html).")
 @options.whole("--jobs", "Processes that share the LOGs.", default=1)
-@click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object a recording.")
+@click.option("--json", "as_json", is_flag=True, help="Print the summary as one JSON object per recording.")
 @options.quiet("No progress bar, and no summary unless with --json.")
 def track(
     logs: tuple[Path, ...],
@@ -58,12 +58,12 @@ def track(
 ) -> None:
     """Find an object's pose in every frame of a recording.
 
-    LOG is a camera log of the platform (.dat, .h5), a job's folder, or a folder of images. The
-    calibration is the one in or beside it, unless --calibration names another. Of several LOGs each gets
-    a file of poses in the folder that -o names, under its own path; --jobs share them.
+    LOG is a camera log of the platform (.dat, .h5), a job's folder, or a folder of images. Its calibration is
+    the one in it or beside it, unless --calibration names another. If you give several LOGs, each gets a file
+    of poses under its own path in the folder of -o.
 
-    What is there already, whole and of the same recording, object, calibration and code, is not tracked
-    again. Poses of another object are not replaced without --overwrite. docs/poses.md describes the files.
+    Poses of the same recording, object, calibration and code are not computed again. Poses of another object
+    are not replaced without --overwrite. docs/poses.md describes the files.
     """
     from tracker.batch.results import outputs_of
     from tracker.batch.run import Task, agreed
@@ -211,10 +211,14 @@ def _calibration_rows(statuses: dict[str, dict[str, float]]) -> list[list[str]]:
 def _text(result: dict[str, Any]) -> str:
     rows = [["log", result["log"]], ["poses", result["output"]], ["frames", str(result["frames"])]]
     if result["frames"]:
-        rows.append(["with a pose", f"measured {result['measured']:.1%}, filtered {result['filtered']:.1%}"])
+        frames = result["frames"]
+        counts = (f"{round(result[kind] * frames)} of {frames} {kind}" for kind in ("measured", "filtered"))
+        rows.append(["with a pose", ", ".join(counts)])
         for name, numbers in sorted(result["statuses"].items(), key=lambda item: -item[1]["share"]):
-            share = f"{numbers['share']:.1%} of the frames"
-            rows.append([f"  {name}", f"{share}, of which {numbers['with_pose']:.1%} have a pose"])
+            count = round(numbers["share"] * frames)
+            posed = round(numbers["with_pose"] * count)
+            some = f", {posed} of them with a pose" if 0 < posed < count else ""
+            rows.append([f"  {name}", f"{count} of {frames} frames{some}"])
     for label, key in (("std x y z [mm]", "position_std_median_mm"), ("  [°]", "rotation_std_median_deg")):
         if result[key] is not None:
             values = "  ".join(f"{value:.3f}" for value in result[key])
@@ -227,5 +231,5 @@ def _text(result: dict[str, Any]) -> str:
     rows += _camera_rows(result["cameras"]) + _calibration_rows(result["statuses"])
     rows += [["" if number else "health", line] for number, line in enumerate(result.get("health", []))]
     if result["frames_per_second"] is not None:
-        rows.append(["speed", f"{result['frames_per_second']:.0f} triplets/s"])
+        rows.append(["speed", f"{result['frames_per_second']:.0f} sets of images per second"])
     return listing(rows)

@@ -55,10 +55,10 @@ def view(
     every: int,
     quiet: bool,
 ) -> None:
-    """Show a recording in time and space: cameras, images, poses, uncertainty, status, and how the rig fares.
+    """Show a recording in time and space.
 
-    POSES is a file that `tracker track` wrote; with --log the images of its recording are shown, too. A LOG
-    alone is tracked on the way, which needs --object.
+    Shows cameras, images, poses, uncertainty, status and rig health. POSES is a file that `tracker track`
+    wrote; --log adds the images of its recording. A LOG alone is tracked first, which needs --object.
 
     The viewer is Rerun: python3 -m pip install '.[rerun]'. `rerun FILE.rrd` opens a file.
     """
