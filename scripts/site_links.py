@@ -1,4 +1,4 @@
-"""A hook of MkDocs: the report of the measurements is a page, and names of code are no links."""
+"""A hook of MkDocs: reports of measurements are pages, examples are shown, other code is no link."""
 
 from __future__ import annotations
 
@@ -7,10 +7,18 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
-REPORT = Path("benchmarks/results.md")
-OUTSIDE = re.compile(r"\[([^\]]+)\]\(\.\./([^)#]+)[^)]*\)")
+REPORTS = (Path("benchmarks/results.md"), Path("benchmarks/tools.md"), Path("CHANGELOG.md"))
+"""Pages that stand elsewhere: beside what measures them, and where people look for them."""
+
+OUTSIDE = re.compile(r"\[([^\]]+)\]\(\.\./([^)#]+)([^)]*)\)")
+
+EXAMPLE = re.compile(r"^\[`(examples/\w+\.py)`\]\(\.\./\1\)$", re.MULTILINE)
+"""A line that links to an example and to nothing else."""
 
 BESIDE = re.compile(r"\]\((\w[\w-]*\.md)\)")
+
+
+PAGES = re.compile(r"\]\(\.\./docs/")
 
 
 def _link(found: re.Match[str]) -> str:
@@ -21,24 +29,39 @@ def _link(found: re.Match[str]) -> str:
     """
     if not (ROOT / found[2]).exists():
         raise FileNotFoundError(f"a page links to ../{found[2]}, which is not there")
-    if found[2] == REPORT.as_posix():
-        return f"[{found[1]}]({REPORT.name})"
+    if Path(found[2]) in REPORTS:
+        return f"[{found[1]}]({Path(found[2]).name}{found[3]})"
     words = re.sub(r"`([^`]+)`", r"<code>\1</code>", found[1])
     return f'<span title="{found[2]}">{words}</span>'
 
 
+def _example(found: re.Match[str]) -> str:
+    """The example's text below its name: a reader of the site has no repository."""
+    return f"`{found[1]}`:\n\n```python\n{(ROOT / found[1]).read_text(encoding='utf-8')}```"
+
+
+def on_config(config: Any, **_: Any) -> Any:
+    """The settings, with the version below each page."""
+    from tracker import __version__
+
+    config["copyright"] = f"Version {__version__}"
+    return config
+
+
 def on_files(files: Any, *, config: Any, **_: Any) -> Any:
-    """The pages, and the report."""
+    """The pages, and the reports."""
     from mkdocs.structure.files import File
 
     root = Path(config["config_file_path"]).parent
-    files.append(File.generated(config, REPORT.name, abs_src_path=str(root / REPORT)))
+    for report in REPORTS:
+        files.append(File.generated(config, report.name, abs_src_path=str(root / report)))
     return files
 
 
 def on_page_markdown(markdown: str, *, page: Any = None, **_: Any) -> str:
     """The page's text with links that lead to a page of the site."""
-    if page is not None and page.file.src_uri == REPORT.name:
-        # In the repository it is elsewhere than the other pages.
-        markdown = BESIDE.sub(rf"](../{REPORT.parent}/\1)", markdown)
-    return OUTSIDE.sub(_link, markdown)
+    for report in REPORTS:
+        if page is not None and page.file.src_uri == report.name:
+            # In the repository they are elsewhere than the other pages.
+            markdown = PAGES.sub("](", BESIDE.sub(rf"](../{report.parent}/\1)", markdown))
+    return OUTSIDE.sub(_link, EXAMPLE.sub(_example, markdown))

@@ -35,7 +35,7 @@ def page(about: Mapping[str, Any], figures: Figures, judged: Judged) -> str:
     """What the page of figures shows."""
     groups = {table.name: table.page for table in TABLES}
     shown = [row for row in figures if matches(row["group"], groups[row["table"]])]
-    return "\n\n".join([summary(about), *targets(judged), *missing(figures), *tables(shown, TABLES)])
+    return "\n\n".join([summary(about), *_counted(judged), *missing(figures), *tables(shown, TABLES)])
 
 
 def missing(figures: Figures) -> list[str]:
@@ -79,11 +79,7 @@ def targets(judged: Judged) -> list[str]:
     """The targets with their verdicts."""
     if not judged:
         return []
-    counts = {verdict: sum(row["verdict"] == verdict for row in judged) for verdict in VERDICTS}
-    text = (
-        f"{counts['met']} met, {counts['missed']} missed, {counts['undecided']} undecided: the 95 % "
-        "interval lies within the target, outside it, or on both sides."
-    )
+    (text,) = _counted(judged)
     lines = [
         [row[key] for key in ("name", "object", "target", "reached", "interval")]
         + [str(row["n"]), VERDICTS[row["verdict"]]]
@@ -91,6 +87,17 @@ def targets(judged: Judged) -> list[str]:
     ]
     heads = ("", "object", "target", "reached", "95 % interval", "n", "")
     return ["## Targets", text, grid(heads, lines, 2)]
+
+
+def _counted(judged: Judged) -> list[str]:
+    """In a sentence, how many targets are met."""
+    if not judged:
+        return []
+    counts = {verdict: sum(row["verdict"] == verdict for row in judged) for verdict in VERDICTS}
+    return [
+        f"Targets: {counts['met']} met, {counts['missed']} missed, {counts['undecided']} undecided. Their "
+        "95 % interval lies within the target, outside it, or on both sides."
+    ]
 
 
 VERDICTS = {"met": "✓ met", "missed": "✗ missed", "undecided": "? undecided"}

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.data.fingerprint import ROOT
-from benchmarks.data.toml_files import read_toml
 from benchmarks.judge.results import ResultsError
 from benchmarks.report.markdown import document, grid, page
 from tracker.files import write_whole
@@ -18,8 +17,6 @@ README, PAGE, RESULTS = ROOT / "README.md", ROOT / "docs" / "figures.md", ROOT /
 
 PUBLISHED = ROOT / "benchmarks" / "published.json"
 """Origin, figures and targets of the last published run."""
-
-PREDECESSOR = ROOT / "benchmarks" / "data" / "predecessor.toml"
 
 BEGIN, END = "<!-- figures: written by python -m benchmarks, of published.json -->", "<!-- /figures -->"
 
@@ -36,7 +33,6 @@ def read_published() -> dict[str, Any]:
 
 def brief(published: Published) -> str:
     """README.md's block without its marks."""
-    old = read_toml(PREDECESSOR)
     found = {
         (row["table"], row["group"], row["object"]): row for row in published["figures"] if not row["bin"]
     }
@@ -45,34 +41,27 @@ def brief(published: Published) -> str:
         rows = [found.get((table, group, name)) for name in OBJECTS.values()]
         return " / ".join(form.format(**row) if row else "not measured" for row in rows)
 
-    def line(head: str, table: str, form: str, *others: str, films: bool = False) -> list[str]:
+    def line(head: str, table: str, form: str, films: bool = False) -> list[str]:
         groups = ("world", "all" if films else "realistic")
-        return [head, *(both(table, group, form) for group in groups), *others]
-
-    def of_old(form: str) -> str:
-        return " / ".join(form.format(**old[name]) for name in OBJECTS)
+        return [head, *(both(table, group, form) for group in groups)]
 
     lines = [
-        line("median error", "accuracy", "{median_mm:.2f} mm, {median_deg:.1f}°", of_old(_OLD_ERROR)),
-        line("90th percentile", "accuracy", "{p90_mm:.2f} mm, {p90_deg:.1f}°", "–"),
-        line("within 5 mm and 5°", "accuracy", "{within_5:.1f} %", of_old(_OLD_SHARE)),
-        line("wrong but confident", "accuracy", "{wrong_and_sure:.1f} %", "–"),
-        line("inside the 95 % ellipsoid", "trust", "{inside_95:.0f} %", "–"),
-        line("`detect`, median", "detect", "{median_ms:.1f} ms", f"{old['time']['ms']} ms"),
-        line("`update`, median", "update", "{median_ms:.1f} ms", "–", films=True),
+        line("median error", "accuracy", "{median_mm:.2f} mm, {median_deg:.1f}°"),
+        line("90th percentile", "accuracy", "{p90_mm:.2f} mm, {p90_deg:.1f}°"),
+        line("within 5 mm and 5°", "accuracy", "{within_5:.1f} %"),
+        line("wrong but confident", "accuracy", "{wrong_and_sure:.1f} %"),
+        line("inside the 95 % ellipsoid", "trust", "{inside_95:.0f} %"),
+        line("`detect`, median", "detect", "{median_ms:.1f} ms"),
+        line("`update`, median", "update", "{median_ms:.1f} ms", films=True),
     ]
-    heads = ("cube / cuboid", "like a real platform ¹", "exact calibration ²", "the platform's tracker ³")
+    heads = ("cube / cuboid", "like a real platform ¹", "exact calibration ²")
     notes = (
-        "Three 270×270 images, fingers in view, rendered with exact truth. ¹ Every effect of the real world "
-        "that the generator knows, calibration errors too. ² Sharp edges. ³ The present C++ tracker, "
-        "measured once; commit not recorded. Times: one thread."
+        "Three 270×270 images, rendered with exact truth; one thread. ¹ Every effect that the generator "
+        "knows, calibration errors too. ² Sharp edges."
     )
     about = published["about"]
     origin = f"Commit {str(about['commit'])[:12]}, {about['scenes']} fresh scenes an object."
     return f"{grid(heads, lines, 1)}\n\n{notes} {origin}"
-
-
-_OLD_ERROR, _OLD_SHARE = "{median_mm:.2f} mm, {median_deg:.1f}°", "{within_5[0]}–{within_5[1]} %"
 
 
 def figures(published: Published) -> str:

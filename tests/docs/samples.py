@@ -10,6 +10,8 @@ PAGES = {
 }
 """Their texts by name: `README`, `docs/poses`, …"""
 
+_SHOWN = re.compile(r"^```sh\n((?:(?!```).)*?)^```\n\n```text\n(.*?)^```$", flags=re.DOTALL | re.MULTILINE)
+
 _FENCED = re.compile(r"^```(\w*)\n(.*?)^```$", flags=re.DOTALL | re.MULTILINE)
 
 
@@ -25,8 +27,18 @@ def blocks(language: str, *pages: str) -> list[str]:
     return list(dict.fromkeys(found))
 
 
+def outputs() -> dict[str, str]:
+    """What pages show below commands: of the last command of a block, where a block of text follows it."""
+    pairs = (pair for text in PAGES.values() for pair in _SHOWN.findall(text))
+    return {_lines(block)[-1]: shown for block, shown in pairs}
+
+
+def _lines(block: str) -> list[str]:
+    lines = block.replace("\\\n", " ").splitlines()
+    found = (re.sub(r"\s+", " ", line.partition(" # ")[0]).strip() for line in lines)
+    return [line for line in found if line]
+
+
 def commands() -> list[str]:
     """The shell commands of all pages, without remarks."""
-    lines = (line for block in blocks("sh") for line in block.replace("\\\n", " ").splitlines())
-    found = (re.sub(r"\s+", " ", line.partition(" # ")[0]).strip() for line in lines)
-    return list(dict.fromkeys(filter(None, found)))
+    return list(dict.fromkeys(line for block in blocks("sh") for line in _lines(block)))

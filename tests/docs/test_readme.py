@@ -8,7 +8,7 @@ import pytest
 import tracker
 from scripts.site_links import on_page_markdown
 from synthetic.camera.shot import QUALITIES
-from tests.docs.samples import PAGES
+from tests.docs.samples import PAGES, blocks
 from tests.helpers import ROOT
 from tests.helpers.synthetic_needs import skip_without_platform
 
@@ -60,6 +60,10 @@ def test_the_example_finds_the_cube(working, run_script):
         "confidence",
     ]
     assert float(result.stdout.split()[-1]) > 0.5
+    numbers = (
+        re.findall(r"-?\d\.[\de-]+", text) for text in (blocks("text", "docs/first-steps")[0], result.stdout)
+    )
+    np.testing.assert_allclose(*(np.array(found, float) for found in numbers), atol=2e-3)
 
 
 def test_the_pages_object_loads_with_its_colours(working):
@@ -74,7 +78,7 @@ def test_the_pages_explain_every_status():
 
 
 def test_every_link_of_what_is_no_page_leads_somewhere():
-    for page in (ROOT / "README.md", ROOT / "CONTRIBUTING.md"):
+    for page in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "benchmarks" / "tools.md"):
         for target in re.findall(r"\]\(([^)\s#]+)[^)]*\)", page.read_text(encoding="utf-8")):
             assert "://" in target or (page.parent / target).exists(), f"{page.name}: {target}"
 
@@ -84,17 +88,30 @@ def test_links_of_the_site_that_lead_out_of_it_are_words():
     report = SimpleNamespace(file=SimpleNamespace(src_uri="results.md"))
     beside = on_page_markdown("[more](development.md)", page=report)
     assert beside == '<span title="benchmarks/development.md">more</span>'
+    tools = SimpleNamespace(file=SimpleNamespace(src_uri="tools.md"))
+    assert on_page_markdown("[dice](../benchmarks/tools.md#dice)") == "[dice](tools.md#dice)"
+    assert on_page_markdown("[all](../docs/figures.md#targets)", page=tools) == "[all](figures.md#targets)"
     code = on_page_markdown("[`a`](../tracker/pipeline.py)")
     assert code == '<span title="tracker/pipeline.py"><code>a</code></span>'
     with pytest.raises(FileNotFoundError, match="no_such"):
         on_page_markdown("[a](../tracker/no_such.py)")
 
 
-def test_the_readme_is_short():
-    # But for the figures, which a run of the benchmarks writes.
-    before, rest = README.split("<!-- figures", 1)
-    prose = before + rest.split("<!-- /figures -->", 1)[1]
-    assert len(prose.split()) <= 500
+def test_an_example_that_is_linked_alone_is_shown_on_the_site():
+    shown = on_page_markdown("Look:\n\n[`examples/still.py`](../examples/still.py)\n\nThere.")
+    assert f"```python\n{STILL.read_text(encoding='utf-8')}```\n" in shown
+    with pytest.raises(FileNotFoundError):
+        on_page_markdown("[`examples/no_such.py`](../examples/no_such.py)")
+
+
+def words(text: str) -> int:
+    """How many there are, rules of tables left out."""
+    return sum(not re.fullmatch(r"[|:-]+", word) for word in text.split())
+
+
+def test_readme_and_pages_are_short():
+    assert words(README) <= 500
+    assert sum(words(text) for name, text in PAGES.items() if name != "README") <= 16_000
 
 
 def test_the_still_is_the_same_each_time_and_its_error_small(demo, tmp_path, run_script):

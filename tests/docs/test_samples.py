@@ -15,7 +15,7 @@ import tracker
 from benchmarks.program import main as benchmark_commands
 from synthetic.cli import commands as synthetic_commands
 from tests.calibration.board.test_extrinsics import PLACES, TRUE
-from tests.docs.samples import blocks, commands, languages
+from tests.docs.samples import blocks, commands, languages, outputs
 from tests.helpers import ROOT
 from tests.helpers.boards import LENS, photo, pose_towards
 from tests.helpers.log_writers import make_content, write_native
@@ -30,8 +30,8 @@ from tracker.viz import write_film
 
 NOT_RUN = {
     "python3 -m venv venv && . venv/bin/activate": "is that of the tests here",
-    "python3 -m pip install .": "asks a registry; scripts/try_release.py installs the wheel",
-    "python3 -m pip install '.[cluster]'": "asks a registry; the tests are run with all extras",
+    "python3 -m pip install -e .": "asks a registry; scripts/try_release.py installs the wheel",
+    "python3 -m pip install -e '.[cluster]'": "asks a registry; the tests are run with all extras",
     "tracker demo": "makes the folder that the others read; tests/cli/test_demo.py",
     "tracker live simulation --object": "20 s of fingers; tests/live/test_without_cameras.py takes fewer",
     "tracker batch run NAME.zarr": "a data set of gigabytes; tests/batch/test_stores.py writes small ones",
@@ -113,7 +113,7 @@ def boards(working: Path) -> Path:
 def test_the_pages_commands_run_and_print_what_is_shown(working, boards, run_here):
     for module, extra in (("distributed", "cluster"), ("matplotlib", "plot"), ("pandas", "bench")):
         pytest.importorskip(module, reason=f"{extra}: no module {module}")
-    printed = []
+    printed, shown_below, alike = [], outputs(), []
     for command in commands():
         if beginning(command) is not None:
             continue
@@ -121,7 +121,12 @@ def test_the_pages_commands_run_and_print_what_is_shown(working, boards, run_her
         result = run_here(*words, folder=working)
         assert result.returncode == 0, f"{command}: {result.stderr}"
         assert result.stderr == "" or command.startswith("tracker batch"), f"{command}: {result.stderr}"
+        if command in shown_below:
+            assert re.fullmatch(pattern(shown_below[command]), result.stdout), f"{command}: {result.stdout}"
+            alike.append(command)
         printed += [json.loads(result.stdout)] if command.endswith(" --json") and words[0] != "track" else []
+    assert set(alike) == set(shown_below)
+    assert len(alike) >= 5
     assert (working / "my_object.npz").is_file()
     assert (working / "board.pdf").is_file()
     assert len(CameraRig.load(working / "calibration")) == 3
@@ -129,6 +134,12 @@ def test_the_pages_commands_run_and_print_what_is_shown(working, boards, run_her
     assert list(run_block(*blocks("python", "docs/batch"))["table"].frames) == [3, 3]
     shown = [json.loads(block) for block in blocks("json")]
     assert [keys(one) for one in shown] == [keys(one) for one in printed]
+
+
+def pattern(shown: str) -> str:
+    """What a command prints is like: numbers and spaces are free, a line of `…` stands for any lines."""
+    numbers = re.sub(r"\d+(?:\\\.\d+)?", r"[\\d.]+", re.escape(shown))
+    return re.sub(r"(?:\\[ \n])*…\\\n", r"(?:.*\n)*?", re.sub(r"(?:\\ )+", " +", numbers))
 
 
 def keys(value: object) -> object:

@@ -63,13 +63,13 @@ given_options = options.gathered(
         metavar="X,Y",
         help="The board's centre [m].  [0,0]",
     ),
-    click.option("--height", type=float, default=0.0, metavar="Z", help="Of the board's print [m].  [0]"),
+    click.option("--height", type=float, default=0.0, metavar="Z", help="Height of the board's print [m].  [0]"),
     click.option(
         "--yaw",
         type=float,
         default=0.0,
         metavar="DEG",
-        help="From the world's x axis to the board's rows, left to right [degrees].  [0]",
+        help="Angle from the world's x axis to the board's rows, left to right [degrees].  [0]",
     ),
 )
 
