@@ -21,6 +21,13 @@ BESIDE = re.compile(r"\]\((\w[\w-]*\.md)\)")
 PAGES = re.compile(r"\]\(\.\./docs/")
 
 
+SHORT = re.compile(r"^\[[^\]]+\]\(\.\./README\.md#accuracy\)$", re.MULTILINE)
+"""A line that links to the README's figures and to nothing else."""
+
+IN_TABLE = re.compile(r"(?<=<td>)(?:(?!</td>).)*<code>.*?(?=</td>)", re.DOTALL)
+JOINT = re.compile(r"(?<=[\w)])(?=[_./](?=\w))")
+
+
 def _link(found: re.Match[str]) -> str:
     """A link to a file of the repository that is no page: its words alone, the path when pointed at.
 
@@ -58,10 +65,26 @@ def on_files(files: Any, *, config: Any, **_: Any) -> Any:
     return files
 
 
+def _figures() -> str:
+    """The README's figures, for readers of the site."""
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    return readme.partition("-->\n")[2].partition("\n<!-- /figures")[0]
+
+
+def on_page_content(html: str, **_: Any) -> str:
+    """The page with joints at which names in tables may break."""
+    return IN_TABLE.sub(lambda cell: re.sub(r"<code>[^<]*</code>", _jointed, cell[0]), html)
+
+
+def _jointed(code: re.Match[str]) -> str:
+    return JOINT.sub("<wbr>", code[0])
+
+
 def on_page_markdown(markdown: str, *, page: Any = None, **_: Any) -> str:
     """The page's text with links that lead to a page of the site."""
     for report in REPORTS:
         if page is not None and page.file.src_uri == report.name:
             # In the repository they are elsewhere than the other pages.
             markdown = PAGES.sub("](", BESIDE.sub(rf"](../{report.parent}/\1)", markdown))
-    return OUTSIDE.sub(_link, EXAMPLE.sub(_example, markdown))
+    markdown = SHORT.sub(lambda _: _figures(), EXAMPLE.sub(_example, markdown))
+    return OUTSIDE.sub(_link, markdown)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import tracker
-from scripts.site_links import on_page_markdown
+from scripts.site_links import on_page_content, on_page_markdown
 from synthetic.camera.shot import QUALITIES
 from tests.docs.samples import PAGES, blocks
 from tests.helpers import ROOT
@@ -102,6 +102,17 @@ def test_an_example_that_is_linked_alone_is_shown_on_the_site():
     assert f"```python\n{STILL.read_text(encoding='utf-8')}```\n" in shown
     with pytest.raises(FileNotFoundError):
         on_page_markdown("[`examples/no_such.py`](../examples/no_such.py)")
+
+
+def test_the_home_page_shows_the_figures_of_the_readme():
+    shown = on_page_markdown("[Accuracy](../README.md#accuracy)")
+    assert shown.startswith("| cube / cuboid |")
+    assert shown in README
+
+
+def test_names_in_tables_may_break_at_their_joints():
+    cell = "<td><code>a_b.c</code> a_b</td><p><code>a_b</code></p>"
+    assert on_page_content(cell) == "<td><code>a<wbr>_b<wbr>.c</code> a_b</td><p><code>a_b</code></p>"
 
 
 def words(text: str) -> int:
