@@ -80,8 +80,14 @@ def _jointed(code: re.Match[str]) -> str:
     return JOINT.sub("<wbr>", code[0])
 
 
+BOOST = {"troubleshooting.md": 3.0, "results.md": 0.3, "tools.md": 0.2, "CHANGELOG.md": 0.3}
+"""Weights of pages in the search: a symptom leads to its remedy first."""
+
+
 def on_page_markdown(markdown: str, *, page: Any = None, **_: Any) -> str:
     """The page's text with links that lead to a page of the site."""
+    if page is not None and page.file.src_uri in BOOST:
+        page.meta["search"] = {"boost": BOOST[page.file.src_uri]}
     for report in REPORTS:
         if page is not None and page.file.src_uri == report.name:
             # In the repository they are elsewhere than the other pages.

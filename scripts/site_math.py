@@ -43,8 +43,8 @@ def _block(language: str, text: str) -> str:
 
 
 def _inline(found: re.Match[str]) -> str:
-    # A bar would end the cell of a table.
-    return found[1] or mathml(found[2]).replace("|", "&#124;")
+    # A bar would end the cell of a table, and a paragraph that begins with <math> would be a block of it.
+    return found[1] or f"<span>{mathml(found[2]).replace('|', '&#124;')}</span>"
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:

@@ -77,6 +77,18 @@ def test_the_pages_explain_every_status():
     assert explained == [status.value for status in tracker.Status]
 
 
+@pytest.mark.parametrize(
+    "symptom",
+    [
+        "no pose", "colours", "red blue swapped", "swapped cameras", "camera moved", "blurred images", "float table",
+        "12-bit png", "lags", "first run slow", "images late", "black frozen", "pose jumps", "extra missing",
+    ],
+)  # fmt: skip
+def test_a_section_on_troubleshooting_has_all_words_of_a_symptom(symptom):
+    sections = re.split("^##+ ", PAGES["docs/troubleshooting"], flags=re.MULTILINE)
+    assert any(all(word in section.lower() for word in symptom.split()) for section in sections)
+
+
 def test_every_link_of_what_is_no_page_leads_somewhere():
     for page in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "benchmarks" / "tools.md"):
         for target in re.findall(r"\]\(([^)\s#]+)[^)]*\)", page.read_text(encoding="utf-8")):
@@ -85,10 +97,10 @@ def test_every_link_of_what_is_no_page_leads_somewhere():
 
 def test_links_of_the_site_that_lead_out_of_it_are_words():
     assert on_page_markdown("[all](../benchmarks/results.md)") == "[all](results.md)"
-    report = SimpleNamespace(file=SimpleNamespace(src_uri="results.md"))
+    report = SimpleNamespace(file=SimpleNamespace(src_uri="results.md"), meta={})
     beside = on_page_markdown("[more](development.md)", page=report)
     assert beside == '<span title="benchmarks/development.md">more</span>'
-    tools = SimpleNamespace(file=SimpleNamespace(src_uri="tools.md"))
+    tools = SimpleNamespace(file=SimpleNamespace(src_uri="tools.md"), meta={})
     assert on_page_markdown("[dice](../benchmarks/tools.md#dice)") == "[dice](tools.md#dice)"
     assert on_page_markdown("[all](../docs/figures.md#targets)", page=tools) == "[all](figures.md#targets)"
     code = on_page_markdown("[`a`](../tracker/pipeline.py)")
