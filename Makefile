@@ -49,6 +49,7 @@ package: $(STAMP) | build/scenes  ## set up the platform's own simulation packag
 
 lint: $(STAMP)  ## check style, words, types and layers
 	$(BIN)/codespell --dictionary=- --dictionary=docs/style/words.txt $(PROSE)
+	$(BIN)/python scripts/check_phrases.py $(PROSE)
 	$(BIN)/ruff check $(CODE)
 	$(BIN)/ruff format --check $(CODE)
 	$(BIN)/mypy
@@ -79,7 +80,7 @@ build/scenes:
 	@mkdir -p build $(CACHE)/scenes
 	@ln -s $(CACHE)/scenes $@
 
-# The stamp is made last, so that an installation that was broken off is done again.
+# The stamp is made last, so that an interrupted installation is done again.
 $(STAMP): pyproject.toml $(KEPT)
 	@echo "Setting up $(VENV) (two minutes, or seconds where another clone did it before)"
 	$(PYTHON) $(KEPT) $(VENV) hatchling hatch-vcs '.[dev,docs,synthetic]'

@@ -1,4 +1,4 @@
-"""A run: its parts, each kept as soon as it is there, so that what was broken off goes on."""
+"""A run: its parts, each kept as soon as it is there, so that an interrupted run continues."""
 
 from __future__ import annotations
 
@@ -149,7 +149,7 @@ def measure(run: Run, parts: Sequence[str], *, whole: bool = False) -> Results:
     Args:
         run: what, and where.
         parts: of PARTS, or `gate`.
-        whole: whether they are a run of their own: one that was broken off goes on where it ended, and
+        whole: whether they are a run of their own: an interrupted one continues, and
             results of another tree, or of other scenes, are replaced.
 
     Raises:

@@ -14,7 +14,7 @@ with tracker.open_log("my_recording") as log:
     for frame in log:
         pose = follower.update(frame.images, frame.timestamp).filtered_object_pose
         if pose is None:
-            rewards.append(np.nan)  # nobody knows: no old pose stands in for it
+            rewards.append(np.nan)  # unknown: an old pose does not replace it
             continue
         state = (pose.position, GOAL_ORIENTATION, pose.orientation)
         rewards.append(float(move_object.reward(4, GOAL_POSITION, *state, model=model)))

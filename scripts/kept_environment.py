@@ -66,7 +66,7 @@ def kept(arguments: Sequence[str]) -> Path:
     folder = KEPT / name
     stamp = KEPT / f"{name}.installed"
     with alone(name):
-        # The stamp is made last, so that an installation that was broken off is done again.
+        # The stamp is made last, so that an interrupted installation is done again.
         if not stamp.is_file():
             subprocess.run([sys.executable, "-m", "venv", "--clear", str(folder)], check=True)
             pip = [str(folder / "bin" / "python"), "-m", "pip", "--disable-pip-version-check"]

@@ -2,7 +2,7 @@
 
     python scripts/public_api.py
 
-Public is what `tracker` names, what the documentation's reference shows, and what the rooms that the pages
+Public is what `tracker` names, what the documentation's reference shows, and what the packages that the pages
 speak of name. A change there is one that users notice: it belongs into CHANGELOG.md.
 """
 
@@ -15,7 +15,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 SNAPSHOT = ROOT / "tests" / "public_api.txt"
-ROOMS = (
+PACKAGES = (
     *("tracker.tasks.move_object", "tracker.tasks.rearrange_dice"),
     *("tracker.live", "tracker.logs", "tracker.noise", "tracker.recordings", "tracker.viz"),
 )
@@ -29,7 +29,7 @@ def public_api() -> str:
 
 def _lines() -> Iterator[str]:
     named = {f"tracker.{name}" for name in _exported(_tree("tracker"))}
-    named |= {f"{room}.{name}" for room in ROOMS for name in _exported(_tree(room))}
+    named |= {f"{package}.{name}" for package in PACKAGES for name in _exported(_tree(package))}
     shown = _SHOWN.findall((ROOT / "docs" / "reference.md").read_text(encoding="utf-8"))
     homes = {name: _home(name) for name in named}
     named |= {name for name in shown if name not in homes.values() and not _is_module(name)}

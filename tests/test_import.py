@@ -23,7 +23,7 @@ def test_help_is_given_without_the_libraries_that_take_long_to_load():
     assert not {"numba", "cv2", "scipy", "numpy", "h5py", "yaml", "PIL"} & modules
 
 
-def test_a_first_pose_does_without_the_rooms_of_scipy_that_take_long_to_load():
+def test_a_first_pose_does_without_the_packages_of_scipy_that_take_long_to_load():
     script = (
         "import sys; from tracker.cli import main\n"
         "try: main(['detect', 'tracker/demo/000000', '--object', 'cube_v2'])\n"
@@ -34,7 +34,7 @@ def test_a_first_pose_does_without_the_rooms_of_scipy_that_take_long_to_load():
     assert printed.endswith("set()\n")
 
 
-def test_a_room_is_there_by_its_own_name():
+def test_a_package_is_there_by_its_own_name():
     script = "import tracker; print(tracker.geometry.so3.exp([0.0, 0.0, 0.0])[0, 0], tracker.viz.__name__)"
     assert run_python(["-c", script], check=True).stdout.split() == ["1.0", "tracker.viz"]
     script = "from tracker import tasks; print(tasks.rearrange_dice.NUM_DICE, tasks.move_object.LEVELS[3])"
@@ -52,21 +52,21 @@ def test_the_import_alone_loads_nothing_that_takes_long():
 
 
 def test_every_public_name_is_the_one_that_type_checkers_see():
-    homes, rooms = {}, []
+    homes, packages = {}, []
     for node in ast.walk(ast.parse(Path(tracker.__file__).read_text(encoding="utf-8"))):
         if isinstance(node, ast.ImportFrom) and node.module == "tracker":
-            rooms += [alias.name for alias in node.names]
+            packages += [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom) and str(node.module).startswith("tracker."):
             homes |= dict.fromkeys((alias.name for alias in node.names), node.module)
     assert sorted(homes) == sorted(tracker.__all__)
     for name, home in homes.items():
         assert getattr(tracker, name) is getattr(importlib.import_module(home), name)
-    for room in rooms:
-        assert getattr(tracker, room) is importlib.import_module(f"tracker.{room}")
-    assert {*tracker.__all__, *rooms, "__version__"} <= set(dir(tracker))
+    for package in packages:
+        assert getattr(tracker, package) is importlib.import_module(f"tracker.{package}")
+    assert {*tracker.__all__, *packages, "__version__"} <= set(dir(tracker))
 
 
-@pytest.mark.parametrize("name", ["Tracker", "_Tracker", "rooms", "tasks.score"])
+@pytest.mark.parametrize("name", ["Tracker", "_Tracker", "packages", "tasks.score"])
 def test_a_name_that_is_none_is_an_attribute_error(name):
     with pytest.raises(AttributeError, match=name.rpartition(".")[2]):
         operator.attrgetter(name)(sys.modules["tracker"])

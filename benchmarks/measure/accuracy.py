@@ -44,7 +44,7 @@ def measure_accuracy(
         plan: which scenes.
         workloads: to be run.
         objects: to be looked at, of those that a workload has; None: all.
-        keep: keeps the answers to each set of scenes, so that a run that was broken off goes on there.
+        keep: keeps the answers to each set of scenes, so that an interrupted run continues there.
         rounds: of each detection, of which the quickest is timed.
 
     Returns:

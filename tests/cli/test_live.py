@@ -215,6 +215,20 @@ def test_a_fault_of_one_set_is_in_the_next_line_and_in_the_summary(monkeypatch):
     assert "camera60        faulty in 1 of 11 sets; last: the buffer failed" in statistics.summary(0, ())
 
 
+def test_lines_end_after_ten_seconds_without_images(monkeypatch):
+    now = 100.0
+    monkeypatch.setattr("tracker.cli.live_outputs.time.monotonic", lambda: now)
+    statistics, lines = Statistics(), []
+    for _ in range(60):
+        now += 1.1
+        lines.append(statistics.due())
+    assert sum(line is not None for line in lines) == 10
+    assert lines[9].endswith("no images for ten seconds; waiting for the next")
+    statistics.hear(moment(0, pose=estimate()))
+    now += 1.1
+    assert "tracking" in statistics.due()
+
+
 @pytest.fixture(scope="module")
 def follower():
     return tracker.ObjectTracker(tracker.load_object("cube_v2"), RIG)

@@ -198,7 +198,7 @@ def others(poses, tmp_path):
         ("convert job -o new.zip", ".zip"),
         ("convert job -o job/camera_data.dat", "that is the recording"),
         ("convert cut -o new.h5", "camera_data.dat"),
-        ("convert job -o new.h5 --from 8", "found 8 frames, expected --from 8 below"),
+        ("convert job -o new.h5 --from 8", "`--from 8`: the recording has frames 0 to 7"),
         ("convert job -o new.h5 --from 2 --to 2", "expected --to beyond --from"),
         ("convert poses.h5 -o new.h5", "poses.h5: found a file of 'trifinger-object-tracker poses'"),
         ("track a b --object cube_v2 -o poses.h5", "found a file, expected a folder"),

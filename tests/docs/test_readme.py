@@ -80,8 +80,9 @@ def test_the_pages_explain_every_status():
 @pytest.mark.parametrize(
     "symptom",
     [
-        "no pose", "colours", "red blue swapped", "swapped cameras", "camera moved", "blurred images", "float table",
-        "12-bit png", "lags", "first run slow", "images late", "black frozen", "pose jumps", "extra missing",
+        "no pose", "colours", "red blue swapped", "swapped cameras", "camera moved", "blurred images",
+        "float table", "12-bit png", "lags", "first run slow", "images late", "black frozen", "pose jumps",
+        "extra missing",
     ],
 )  # fmt: skip
 def test_a_section_on_troubleshooting_has_all_words_of_a_symptom(symptom):

@@ -160,7 +160,7 @@ def interrupt(_: int) -> None:
         ({"start": -1}, lambda log: None, LogError, "start: found -1, expected the number of a frame"),
         ({"start": "3"}, lambda log: None, LogError, "start: found '3', expected"),
         ({"stop": 1.5}, lambda log: None, LogError, "stop: found 1.5, expected"),
-        ({"start": FRAMES}, lambda log: None, LogError, f"{FRAMES} frames"),
+        ({"start": FRAMES}, lambda log: None, LogError, f"frames 0 to {FRAMES - 1}"),
         ({}, lambda log: log.write_bytes(log.read_bytes() + b"more"), LogError, "changed while it was read"),
         ({}, interrupt, KeyboardInterrupt, None),
     ],

@@ -285,7 +285,7 @@ def test_an_unseen_motion_fades(rig, film):
     for k in range(11, 15):
         answer = one.update([None] * 3, DT * k)
         speeds.append(np.linalg.norm(answer.filtered_object_pose.velocity[:3]))
-    # From the second: in the first nobody knows yet.
+    # From the second: in the first it is not known yet.
     assert (np.diff(speeds[1:]) < 0).all()
     assert speeds[-1] < 0.6 * speeds[0]
 

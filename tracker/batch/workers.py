@@ -101,7 +101,7 @@ def dask_workers(address: str) -> Iterator[Engine]:
         import dask
 
         # This module reports killed workers itself. Dask's own messages are off from the import
-        # on: threads may tell of the end after it.
+        # on: threads may report the end after it.
         with dask.config.set({"logging.distributed": "critical"}):
             distributed: Any = import_module("distributed")  # its types are no whole
     except ImportError as error:

@@ -34,10 +34,11 @@ def detect(
 ) -> None:
     """Find an object in one IMAGE per camera.
 
-    Give one image file per camera, or one recording or folder of images, of which --frame is taken. A
-    recording brings its calibration, unless --calibration names another. Files named after the cameras may
-    come in any order; a name that contradicts the cameras is an error. Other files come in the order of the
-    cameras: that of the numbers in the calibration files' names. 'none' stands for a camera without an image.
+    Give one image file (.png, .jpg) per camera, or one recording (.dat, .h5) or folder of images, of which
+    --frame is taken. A recording brings its calibration, unless --calibration names another. Files named
+    after the cameras may come in any order; a name that contradicts the cameras is an error. Other files come
+    in the order of the cameras: that of the numbers in the calibration files' names. 'none' stands for a
+    camera without an image.
 
     Without a certain pose, a warning names the likely cause: swapped cameras, red and blue swapped, another
     object, bad exposure, blur. A warning also says if the cameras contradict each other, or if the object

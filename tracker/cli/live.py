@@ -193,7 +193,7 @@ def _source(
         import cv2
 
         if "OPENCV_LOG_LEVEL" not in os.environ:
-            # Each second it would tell of a camera that it cannot open. In cv2 itself until OpenCV 5.
+            # Each second it would warn of a camera that it cannot open. In cv2 itself until OpenCV 5.
             getattr(cv2.utils, "logging", cv2).setLogLevel(_ERRORS)
         rig = cameras.load()
         return live.open_cameras(source, rig, rate=pace.rate or 10.0, settings=pace.settings), rig
@@ -221,7 +221,7 @@ def _follow(
     lookout: Lookout,
     statistics: Statistics | None,
 ) -> KeyboardInterrupt | None:
-    """Wait for the end, and tell of what is found once a second, and of what fails at once.
+    """Wait for the end; print what is found once a second, and what fails at once.
 
     Returns:
         The signal that ended it, None where it was another end.

@@ -149,6 +149,9 @@ def _print(moment: Moment) -> None:
 _LATENCIES = 100_000
 """Latencies that are kept for percentiles."""
 
+_SILENT = 10.0
+"""After so long without images nothing is printed until the next [s]."""
+
 _NEVER = "never found: is it this object, these colours, this calibration? --check looks at the cameras"
 _NO_IMAGE = "no camera ever gave an image"
 
@@ -172,7 +175,7 @@ class Statistics:
 
     def begin(self) -> None:
         """Count the time from now."""
-        self._told_at = self._begin = time.monotonic()
+        self._told_at = self._begin = self._lately = time.monotonic()
 
     def hear(self, moment: Moment) -> None:
         """A listener of `Live`."""
@@ -192,7 +195,7 @@ class Statistics:
         return bool(self._statuses) and not self._seen
 
     def due(self) -> str | None:
-        """A line about the last second, once it has passed."""
+        """A line about the last second, once it has passed; none after ten seconds without images."""
         now = time.monotonic()
         passed = now - self._told_at
         if passed < 1.0:
@@ -202,6 +205,10 @@ class Statistics:
             faults, reasons = self._faults.copy(), dict(self._reasons)
         sets, lately = count - self._told_count, faults - self._told_faults
         self._told_at, self._told_count, self._told_faults = now, count, faults
+        silent, self._lately = now - self._lately, now if sets else self._lately
+        if not sets and silent >= _SILENT:
+            waits = "no images for ten seconds; waiting for the next"
+            return f"{now - self._begin:7.1f} s  {waits}" if silent - passed < _SILENT else None
         parts = [f"{now - self._begin:7.1f} s", f"{sets / passed:5.1f} Hz"]
         if moment is None:
             return "  ".join([*parts, "no images yet"])
@@ -219,7 +226,7 @@ class Statistics:
         import numpy as np
 
         count = self._statuses.total()
-        rows = [["sets of images", f"{count}, and {left_out} that came while others were worked on"]]
+        rows = [["sets of images", f"{count}, {left_out} skipped"]]
         if count:
             shares = [f"{name} {100 * n / count:.1f} %" for name, n in self._statuses.most_common()]
             median, late = np.percentile(1e3 * np.array(self._latencies), [50, 99])

@@ -215,7 +215,8 @@ class Part:
     def of(self, path: Path, count: int) -> range:
         """Numbers of its frames, of so many; LogError where they end before it begins."""
         if self.first and self.first >= count:
-            raise LogError(f"{path}: found {count} frames, expected --from {self.first} below")
+            frames = f"frames 0 to {count - 1}" if count else "no frames"
+            raise LogError(f"{path}: `--from {self.first}`: the recording has {frames}")
         return range(count)[self.first : self.last]
 
 

@@ -1,4 +1,4 @@
-"""Files, of which nothing is believed: read within bounds, written whole or not at all, by one at a time."""
+"""Bounded reads, atomic writes, by one process at a time."""
 
 from __future__ import annotations
 

@@ -121,7 +121,7 @@ class Recorder(Listener):
         there = [one.shape[:2] for one in pictures if one is not None]
         if self._writer is None:
             if not there:
-                return  # how large they are nobody knows yet
+                return  # how large they are is not known yet
             self._writer = self._begun(*there[0])
         self._writer.append(pictures, moment.timestamp, taken.stamps, moment.object_pose)
         self.recorded += 1

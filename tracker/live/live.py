@@ -45,7 +45,7 @@ class Live:
             path, `pylon`, `opencv:0,1,2`, `simulation`.
         tracker: finds the object.
         listeners: are called in the tracking thread with each Moment, and must return quickly. One that
-            raises is not called again, and `faults` tells of it.
+            raises is not called again, and `faults` names it.
         history: moments that are kept for `at`.
 
     Raises:
@@ -168,7 +168,7 @@ class Live:
         """End the tracking, and close the source; called again it does nothing.
 
         A source that returns from `next` or `close` only after seconds is left to the thread, which closes it
-        then; `faults` tells of it.
+        then; `faults` names it.
         """
         self._stopping.set()
         if self._thread is threading.current_thread():

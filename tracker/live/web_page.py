@@ -1,4 +1,4 @@
-"""A page in the browser on this machine: the newest moment, and how each camera fares.
+"""A page in the browser on this machine: the newest moment, and each camera's health.
 
 It never holds up the tracking.
 """

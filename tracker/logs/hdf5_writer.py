@@ -41,7 +41,7 @@ class Hdf5LogWriter:
         poses: whether the object's poses are recorded.
         flush_every: frames after which what is there is handed to the operating system; 0: at the end only.
         name: what the file is called in errors; None: its path.
-        settings: of each camera, what it was set to, as exposure and gain; empty: nobody knows.
+        settings: of each camera, what it was set to, as exposure and gain; empty: unknown.
 
     Raises:
         LogError: there is a file of this name, it cannot be written, or the cameras differ in size.

@@ -117,7 +117,7 @@ class Log:
     `log[3]` is a frame, `log[100:200]` a part of the recording that is read when it is iterated over.
     One frame at a time is in memory.
 
-    With `recover` damaged frames are left out while iterating, and `fault` tells of them; without it the
+    With `recover` damaged frames are left out while iterating, and `fault` describes them; without it the
     first one raises a LogError, after the frames before it.
     """
 

@@ -28,7 +28,7 @@ STORE_FILE = "data.mdb"
 """What an image store consists of."""
 
 _BESIDE = (TRUTH_FILE, FILE_NAME, STAMPS_NAME)
-"""Files of a folder that tell of its pictures."""
+"""Files of a folder that describe its pictures."""
 
 _HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 

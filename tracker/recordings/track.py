@@ -117,7 +117,8 @@ def chosen(log: Log, job: Job) -> tuple[int, int]:
     count, recipe = len(log), job.recipe
     start, stop = int(recipe.start), count if recipe.stop is None else min(int(recipe.stop), count)
     if start and start >= count:
-        raise LogError(f"{job.log}: found {count} frames, expected one of number {start}")
+        frames = f"frames 0 to {count - 1}" if count else "no frames"
+        raise LogError(f"{job.log}: `--from {start}` (start={start}): the recording has {frames}")
     if start > stop:
         raise LogError(f"{job.log}: found frames from {start} to {stop} asked for, expected some")
     return start, stop

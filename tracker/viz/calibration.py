@@ -1,4 +1,4 @@
-"""How a rig fares: by how much each camera misses what others, or a board, tell; and a page over time."""
+"""Rig health: by how much each camera misses what others, or a board, show; and a page over time."""
 
 from __future__ import annotations
 
@@ -115,11 +115,14 @@ COLORS: tuple[paint.Color, ...] = (
 """Of the cameras, in their order; none is red, which marks what is beyond a limit."""
 
 _STYLE = """
-body { background: #16181d; color: #d8dadd; font: 15px/1.5 sans-serif; max-width: 1100px; margin: 2em auto; }
+body { background: #16181d; color: #d8dadd; font: 15px/1.5 sans-serif; max-width: 1100px; }
+body { margin: 2em auto; padding: 0 1em; }
 table { border-collapse: collapse; } td, th { padding: 0.2em 1em 0.2em 0; text-align: right; }
 td:first-child, th:first-child { text-align: left; } .bad { color: #f56e50; } .good { color: #6ec878; }
-img { width: 100%; } h2 { font-size: 1em; margin: 2em 0 0; } p.limit { color: #8c949e; margin: 0; }
+div { overflow-x: auto; } img { width: 100%; min-width: 640px; }
+h2 { font-size: 1em; margin: 2em 0 0; } p.limit { color: #8c949e; margin: 0; }
 """
+_NARROW = '<meta name="viewport" content="width=device-width, initial-scale=1">'
 
 
 def write_health(path: str | os.PathLike[str], health: Health, title: str) -> None:
@@ -147,7 +150,7 @@ def page(health: Health, title: str) -> str:
     for key, quantity in QUANTITIES.items():
         parts.append(_section(quantity, health.time, health.values[key], health.cameras))
     parts.append(_section(HEIGHT, health.time, health.height[:, None], ("object",)))
-    head = f'<meta charset="utf-8"><title>{escape(title)}</title><style>{_STYLE}</style>'
+    head = f'<meta charset="utf-8">{_NARROW}<title>{escape(title)}</title><style>{_STYLE}</style>'
     return f"<!DOCTYPE html>\n<html><head>{head}</head><body>\n" + "\n".join(parts) + "\n</body></html>\n"
 
 
@@ -163,7 +166,7 @@ def _table(health: Health) -> str:
             median = _readable(float(np.median(known)), 2) if known.size else "–"
             cells.append(f'<td class="{"bad" if share > OFTEN else ""}">{median}</td>')
         rows.append(f"<tr><td>{key}</td>{''.join(cells)}<td>{escape(quantity.unit)}</td></tr>")
-    return f"<table>{''.join(rows)}</table>"
+    return f"<div><table>{''.join(rows)}</table></div>"
 
 
 def _readable(value: float, digits: int = 1) -> str:
@@ -180,7 +183,7 @@ def _section(quantity: Quantity, time: FloatArray, values: FloatArray, names: tu
     limit = f"limits: {low} to {high} {escape(quantity.unit)}; if beyond: {escape(quantity.advice)}"
     return (
         f'{heading}<p class="limit">{limit}</p>'
-        f'<img alt="{escape(quantity.title)}" src="data:image/png;base64,{picture}">'
+        f'<div><img alt="{escape(quantity.title)}" src="data:image/png;base64,{picture}"></div>'
     )
 
 

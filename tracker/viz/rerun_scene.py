@@ -86,7 +86,7 @@ class Scene:
             timestamp: its time [s]; the first one shown counts as 0.
             observation: what the tracker found.
             images: (H, W, 3) uint8 BGR of each camera, None where there is none; empty: no images at all.
-            health: what the images tell of the rig; None: what each tells by itself is worked out.
+            health: what the images show of the rig; None: it is measured in each image.
 
         Raises:
             ImageError: an image does not fit the rig.

@@ -1,10 +1,10 @@
-"""Does a calibration fit? Judged by where each camera by itself sees an object that all see; see `looks`.
+"""Does a calibration fit? Compares where each camera alone sees an object that all see; see `looks`.
 
-It also says what misses a calibration's stated deviations let expect, and what a lens leaves open.
+It also says what misses a calibration's stated deviations predict, and what a lens leaves open.
 
 A camera k whose error is ξ_k (see `looks`) sees an object at P moved by -G ξ_k. Against the pose of the
 others camera c then sees it moved by d = -Σ_k M_k G ξ_k, with M_c = 1 and M_k the share of k in that pose,
-negative. A corner moves by A d in the picture, with A its Jacobian, so what stated covariances Σ_k let expect
+negative. A corner moves by A d in the picture, with A its Jacobian, so what stated covariances Σ_k predict
 of its square is the trace of A Σ_k (M_k G Σ_k Gᵀ M_kᵀ) Aᵀ.
 """
 
@@ -57,7 +57,7 @@ class Corners:
     shape: float
     """The rest: how large the object is, and how it is turned."""
     stated: float
-    """What the deviations that the cameras' files state let expect; NaN where one states none."""
+    """What the deviations that the cameras' files state predict; NaN where one states none."""
 
 
 @dataclass(frozen=True)

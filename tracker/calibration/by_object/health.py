@@ -1,4 +1,4 @@
-"""How a rig fares over a recording: what people look for by hand, measured on frames spread over it."""
+"""The health of a rig over a recording: what people look for by hand, measured on frames spread over it."""
 
 from __future__ import annotations
 

@@ -145,7 +145,7 @@ def pylon_serials(names: Sequence[str]) -> list[str]:
     """Serial numbers of the cameras that call themselves (DeviceUserID) as a rig's are called, in its order.
 
     Raises:
-        LiveError: one is missing; the message tells of those that are there.
+        LiveError: one is missing; the message names those that are there.
     """
     devices = _pylon().TlFactory.GetInstance().EnumerateDevices()
     found = {device.GetUserDefinedName(): device.GetSerialNumber() for device in devices}
@@ -225,7 +225,7 @@ class OpenCvCamera:
         return Grabbed(np.asarray(image, np.uint8), stamp)
 
     def settings(self) -> dict[str, str | int | float | bool]:
-        """See `LiveCamera`; what OpenCV tells of it, in the units of its driver. A film has none."""
+        """See `LiveCamera`; what OpenCV reports of it, in the units of its driver. A film has none."""
         if self.triggered:
             return {}
         return {name: self._capture.get(number) for name, number in _KEPT.items()}

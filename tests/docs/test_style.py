@@ -1,0 +1,30 @@
+"""The style guide's words and phrases: what `make lint` finds."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from scripts.check_phrases import PHRASES, found, main, read_phrases
+from tests.helpers import ROOT
+
+WORDS = (ROOT / "docs" / "style" / "words.txt").read_text(encoding="utf-8")
+
+
+def test_a_phrase_is_found_across_lines_with_its_line_and_plainer_words(tmp_path, capsys):
+    page = tmp_path / "page.md"
+    page.write_text("All is well.\nA run that was broken\noff is here.\n", encoding="utf-8")
+    assert main([str(tmp_path)]) == 1
+    assert capsys.readouterr().out == f"{page}:2: broken off ==> interrupted\n"
+    page.write_text("A run that was interrupted.\n", encoding="utf-8")
+    assert main([str(page)]) == 0
+
+
+@pytest.mark.parametrize("text", ["It tells of cameras", "nobody knows", "lets expect", "broken off"])
+def test_phrases_that_read_as_translated_are_listed(text):
+    assert list(found(text, read_phrases(PHRASES.read_text(encoding="utf-8"))))
+
+
+def test_words_have_plainer_ones():
+    assert all(re.fullmatch(r"[a-z']+->[a-z', ]+", line) for line in WORDS.splitlines())
