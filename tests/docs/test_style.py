@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import subprocess
 
 import pytest
 
@@ -28,3 +29,16 @@ def test_phrases_that_read_as_translated_are_listed(text):
 
 def test_words_have_plainer_ones():
     assert all(re.fullmatch(r"[a-z']+->[a-z', ]+", line) for line in WORDS.splitlines())
+
+
+def test_each_version_of_the_changelog_begins_with_what_users_get_and_has_a_tag():
+    sections = re.split(r"^## \[", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), flags=re.MULTILINE)[
+        1:
+    ]
+    for section in sections:
+        assert re.match(r"[\w.]+\].*\n\n### For users\n", section), section.partition("\n")[0]
+    listed = subprocess.run(["git", "tag"], cwd=ROOT, capture_output=True, text=True, check=False)
+    tags = set(listed.stdout.split())
+    versions = {section.partition("]")[0] for section in sections} - {"Unreleased"}
+    # A copy without history has none.
+    assert not tags or {f"v{version}" for version in versions} <= tags
