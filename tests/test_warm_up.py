@@ -1,6 +1,9 @@
 import subprocess
 import sys
 
+import io
+import time
+
 import pytest
 
 from tests.helpers import ROOT, run_python
@@ -24,6 +27,7 @@ def known():
 
 warm_up.load()
 before = known()
+print(len(before))
 with tracker.open_log(DATA) as log:
     frames, rig = list(log), log.rig
 one = tracker.CameraRig([rig[0]], arena=rig.arena)
@@ -47,9 +51,36 @@ print(sorted(what for what, _ in known() - before))
 
 def test_once_loaded_no_picture_has_anything_compiled():
     result = run_python(["-c", SCRIPT], check=True)
-    *found, later = result.stdout.splitlines()
+    count, *found, later = result.stdout.splitlines()
+    assert int(count) == warm_up.KERNELS
     assert found[0] == "cube_v2 3 True"
     assert later == "[]"
+
+
+@pytest.mark.parametrize("packages", ["tracker/{}/__pycache__", "cache/tracker.{}"])
+def test_kernels_on_disk_are_counted(packages, tmp_path):
+    for package, count in (("pose", 3), ("segmentation", 2)):
+        for name in ("kernels-1", "kernels-2"):
+            folder = tmp_path / packages.format(package) / name
+            folder.mkdir(parents=True)
+            for number in range(count):
+                (folder / f"{number}.nbc").touch()
+    assert warm_up._kept(tmp_path / packages.format("pose") / "kernels-1") == 5
+
+
+def test_a_terminal_shows_how_many_kernels_there_are(tmp_path, monkeypatch):
+    class Terminal(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    folder = tmp_path / "tracker" / "pose" / "__pycache__" / "kernels-1"
+    folder.mkdir(parents=True)
+    (folder / "a.nbc").touch()
+    monkeypatch.setattr(warm_up, "_folder", lambda: str(folder))
+    monkeypatch.setattr(warm_up.sys, "stderr", Terminal())
+    with warm_up._counted():
+        time.sleep(1.0)
+    assert f"1/{warm_up.KERNELS}" in warm_up.sys.stderr.getvalue()
 
 
 def test_what_compiles_beside_runs_nothing_of_the_present_folder(tmp_path, monkeypatch):

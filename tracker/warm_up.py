@@ -12,6 +12,7 @@ import gc
 import logging
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -43,6 +44,8 @@ _LOG = logging.getLogger(__name__)
 _SIZE = 64
 _POSITION = np.array([0.0, 0.0, 0.0325])
 _SECONDS = 300
+KERNELS = 26
+"""Machine codes that come of it."""
 _THRESHOLDS = (100_000, 50, 100)
 """Of Python's garbage collection; without any, each process would need 200 MB more."""
 
@@ -65,7 +68,7 @@ def warm_up() -> None:
     # A warning reaches standard error without any set-up of logging.
     often = "once per machine" if _folder() else "which no folder can keep, see `tracker doctor`"
     _LOG.warning("compiling kernels, %s (about half a minute) ...", often)
-    with _alone(), _few_collections():
+    with _alone(), _few_collections(), _counted():
         if kernels_are_cached():
             return
         other = _begin("refine")
@@ -100,6 +103,40 @@ def _alone() -> Iterator[None]:
     with lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         yield
+
+
+@contextlib.contextmanager
+def _counted() -> Iterator[None]:
+    """Show on a terminal how many kernels lie on disk, those of the other process among them."""
+    folder = _folder()
+    if folder is None or sys.stderr is None or not sys.stderr.isatty():
+        yield
+        return
+    from tqdm import tqdm
+
+    tqdm.monitor_interval = 0  # without a thread that looks after bars
+    done = threading.Event()
+    with tqdm(total=KERNELS, desc="compiling", unit=" kernels", leave=False, file=sys.stderr) as bar:
+
+        def follow() -> None:
+            while not done.wait(0.3):
+                bar.n = min(_kept(Path(folder)), KERNELS)
+                bar.refresh()
+
+        thread = threading.Thread(target=follow, daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            done.set()
+            thread.join()
+
+
+def _kept(folder: Path) -> int:
+    """Machine codes of the present sources: beside each package, or together below NUMBA_CACHE_DIR."""
+    beside = folder.parents[2].glob(f"*/{folder.parent.name}/{folder.name}/*.nbc")
+    together = folder.parents[1].glob(f"*/{folder.name}/*.nbc")
+    return len({*beside, *together})
 
 
 @contextlib.contextmanager
