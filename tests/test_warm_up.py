@@ -80,7 +80,7 @@ def test_a_terminal_shows_how_many_kernels_there_are(tmp_path, monkeypatch):
     monkeypatch.setattr(warm_up.sys, "stderr", Terminal())
     with warm_up._counted():
         time.sleep(1.0)
-    assert f"1/{warm_up.KERNELS}" in warm_up.sys.stderr.getvalue()
+    assert f"compiled 1 of {warm_up.KERNELS} kernels" in warm_up.sys.stderr.getvalue()
 
 
 def test_what_compiles_beside_runs_nothing_of_the_present_folder(tmp_path, monkeypatch):

@@ -67,7 +67,7 @@ def warm_up() -> None:
         return
     # A warning reaches standard error without any set-up of logging.
     often = "once per machine" if _folder() else "which no folder can keep, see `tracker doctor`"
-    _LOG.warning("compiling kernels, %s (about half a minute) ...", often)
+    _LOG.warning("compiling kernels, %s (about a minute) ...", often)
     with _alone(), _few_collections(), _counted():
         if kernels_are_cached():
             return
@@ -116,7 +116,8 @@ def _counted() -> Iterator[None]:
 
     tqdm.monitor_interval = 0  # without a thread that looks after bars
     done = threading.Event()
-    with tqdm(total=KERNELS, desc="compiling", unit=" kernels", leave=False, file=sys.stderr) as bar:
+    form = "compiled {n_fmt} of {total_fmt} kernels |{bar}| {elapsed}"
+    with tqdm(total=KERNELS, bar_format=form, leave=False, file=sys.stderr) as bar:
 
         def follow() -> None:
             while not done.wait(0.3):

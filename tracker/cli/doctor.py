@@ -167,9 +167,9 @@ def _cache() -> Finding:
     if folder is None or not (cached or os.access(folder, os.W_OK)):
         places = f"neither NUMBA_CACHE_DIR={asked}" if asked else "neither the folder of the tracker"
         remedy = "export NUMBA_CACHE_DIR=DIR, a folder that you can write to and that stays"
-        shown = f"{places} nor ~/.cache/numba can be written: every process compiles for half a minute"
+        shown = f"{places} nor ~/.cache/numba can be written: every process compiles for a minute"
         return Finding("cache", False, shown, remedy)
-    compiled = "compiled" if cached else "not compiled yet, which will take half a minute"
+    compiled = "compiled" if cached else "not compiled yet, which will take a minute"
     only = "" if os.access(folder, os.W_OK) else ", which can only be read"
     return Finding("cache", True, f"{folder}{only}: {compiled}")
 
