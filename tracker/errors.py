@@ -39,14 +39,12 @@ class LiveError(TrackerError):
     """A source of live images cannot be opened or goes no further, or poses cannot be handed on."""
 
 
-_ROOMS_OF_A_CHECKOUT = ("bench", "synthetic")
-"""Extras for what is not in the package: an editable installation finds it in the checkout."""
-
-
 def install(extra: str) -> str:
-    """How to get the packages of one of this package's extras, in one line; no index has this package."""
-    how = "-e " if extra in _ROOMS_OF_A_CHECKOUT else ""
-    return f"python3 -m pip install {how}'.[{extra}]' in a checkout of the tracker"
+    """How to get the packages of one of this package's extras, in one line; no index has this package.
+
+    In place (-e), since a copy would be compiled again, and `synthetic` and `benchmarks` are in no copy.
+    """
+    return f"python3 -m pip install -e '.[{extra}]' in a clone of the tracker"
 
 
 def shown(value: object) -> str:

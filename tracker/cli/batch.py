@@ -102,7 +102,7 @@ def run(
 
     The same command again does what is missing, changed or damaged, and nothing else. `tracker batch status
     DIR` shows the progress, also of HTCondor and Slurm. Parquet and --scheduler need python3 -m pip install
-    '.[cluster]'. See docs/batch.md.
+    -e '.[cluster]'. See docs/batch.md.
     """
     from tracker.batch.run import Batch
 

@@ -60,7 +60,7 @@ def view(
     Shows cameras, images, poses, uncertainty, status and rig health. POSES is a file that `tracker track`
     wrote; --log adds the images of its recording. A LOG alone is tracked first, which needs --object.
 
-    The viewer is Rerun: python3 -m pip install '.[rerun]'. `rerun FILE.rrd` opens a file.
+    The viewer is Rerun: python3 -m pip install -e '.[rerun]'. `rerun FILE.rrd` opens a file.
     """
     from tracker.poses.file import is_poses_file
     from tracker.viz.rerun_viewer import open_scene, require_rerun
