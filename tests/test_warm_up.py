@@ -1,7 +1,6 @@
+import io
 import subprocess
 import sys
-
-import io
 import time
 
 import pytest

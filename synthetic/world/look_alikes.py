@@ -24,6 +24,12 @@ from tracker.objects.model import load_object
 SMALLER, LARGER = (0.7, 0.9), (1.1, 1.3)
 """Scales of what is the object but for its size."""
 
+SHORTER, LONGER = (0.6, 0.8), (1.25, 1.5)
+"""Factors on one of its edges."""
+
+_ROUND = 24
+"""Sides of a prism that stands for a cylinder."""
+
 _PLATE_M = 0.003
 """Thickness of loose plates."""
 
@@ -108,9 +114,30 @@ def _permuted(original: Original, rng: np.random.Generator) -> list[Body]:
     return [original.as_body(original.body.mesh, labels, faces=True)]
 
 
+def _mirrored(original: Original, rng: np.random.Generator) -> list[Body]:
+    """The object in a mirror: what two opposite faces have is exchanged."""
+    labels, axis = original.labels.copy(), int(rng.integers(3))
+    labels[[2 * axis, 2 * axis + 1]] = labels[[2 * axis + 1, 2 * axis]]
+    return [original.as_body(original.body.mesh, labels, faces=True)]
+
+
+def _pairs(original: Original, rng: np.random.Generator) -> list[Body]:
+    """Opposite faces have the same colour, that of either."""
+    labels = np.repeat(original.labels[2 * np.arange(3) + rng.integers(2, size=3)], 2)
+    return [original.as_body(original.body.mesh, labels, faces=True)]
+
+
 def _size(original: Original, rng: np.random.Generator) -> list[Body]:
     scale = rng.uniform(*(SMALLER if rng.random() < 0.5 else LARGER))
     mesh = meshes.box(f"{original.body.mesh.key}_{scale:.6f}", scale * original.size)
+    return [original.on_table(original.as_body(mesh, original.labels, faces=True))]
+
+
+def _stretched(original: Original, rng: np.random.Generator) -> list[Body]:
+    factors = np.ones(3)
+    factors[rng.integers(3)] = rng.uniform(*(SHORTER if rng.random() < 0.5 else LONGER))
+    key = "_".join(f"{factor:.6f}" for factor in factors)
+    mesh = meshes.box(f"{original.body.mesh.key}_{key}", factors * original.size)
     return [original.on_table(original.as_body(mesh, original.labels, faces=True))]
 
 
@@ -153,8 +180,19 @@ def _layers(original: Original, rng: np.random.Generator) -> list[Body]:
 
 
 def _prism(original: Original, rng: np.random.Generator) -> list[Body]:
-    """A prism of three or six sides along the longest edge, as thick as the object is wide."""
-    sides, axis = int(rng.choice([3, 6])), int(np.argmax(original.size))
+    """A prism of three or six sides, each of a colour."""
+    sides = int(rng.choice([3, 6]))
+    return [_upright(original, sides, sides, rng)]
+
+
+def _round(original: Original, rng: np.random.Generator) -> list[Body]:
+    """A cylinder in three to six bands of colour from end to end."""
+    return [_upright(original, _ROUND, int(rng.integers(3, 7)), rng)]
+
+
+def _upright(original: Original, sides: int, bands: int, rng: np.random.Generator) -> Body:
+    """A prism along the longest edge, as thick as the object is wide, with so many bands of sides."""
+    axis = int(np.argmax(original.size))
     width = np.delete(original.size, axis).mean()
     # As much in section as the square that it replaces.
     radius = width * np.sqrt(2 / (sides * np.sin(2 * np.pi / sides)))
@@ -165,18 +203,17 @@ def _prism(original: Original, rng: np.random.Generator) -> list[Body]:
         a, b = rim[k], rim[(k + 1) % sides]
         quad = [(*a, -half), (*b, -half), (*b, half), (*a, half)]
         parts.append((np.array(quad), np.array([[0, 1, 2], [0, 2, 3]])))
-        groups += [k, k]
+        groups += 2 * [k * bands // sides]
     fan = np.array([[0, k, k + 1] for k in range(1, sides - 1)])
     for end, (height, triangles) in enumerate(((-half, fan[:, ::-1]), (half, fan))):
         parts.append((np.insert(rim, 2, height, axis=1), triangles))
-        groups += [sides + end] * len(fan)
+        groups += [bands + end] * len(fan)
     vertices, triangles = meshes.concatenate(parts)
-    labels = np.concatenate([rng.permutation(original.labels), rng.permutation(original.labels)])[: sides + 2]
+    labels = np.concatenate([rng.permutation(original.labels), rng.permutation(original.labels)])[: bands + 2]
     # A turn of the axes: z becomes the longest edge.
-    mesh = Mesh(
-        f"prism_{sides}_{original.body.mesh.key}", np.roll(vertices, axis - 2, 1), triangles, np.array(groups)
-    )
-    return [original.on_table(original.as_body(mesh, labels))]
+    key = f"prism_{sides}_{bands}_{original.body.mesh.key}"
+    mesh = Mesh(key, np.roll(vertices, axis - 2, 1), triangles, np.array(groups))
+    return original.on_table(original.as_body(mesh, labels))
 
 
 def _plates(original: Original, rng: np.random.Generator) -> list[Body]:
@@ -257,9 +294,14 @@ KINDS_OF: dict[str, Callable[[Original, np.random.Generator], list[Body]]] = {
     "prism": _prism,
     "photo": _photo,
     "other_object": _other_object,
+    "mirrored": _mirrored,
+    "pairs": _pairs,
+    "stretched": _stretched,
+    "round": _round,
 }
 
 KINDS = tuple(KINDS_OF)
 """permuted: the faces in another order. size: another size. plain: one colour. plates: loose coloured plates.
 layers: bands of wrong colours. prism: three or six coloured sides. photo: a flat picture of the object.
-other_object: the faces of another object."""
+other_object: the faces of another object. mirrored: two opposite faces exchanged. pairs: opposite faces
+alike. stretched: one edge longer or shorter. round: a cylinder in bands of colour."""

@@ -10,12 +10,20 @@ if missing():
     lack("platform", missing())
 
 from synthetic.frames import DatasetError, FrameOptions, frames
-from synthetic.world.look_alikes import KINDS, LARGER, SMALLER, look_alike, turned_arrangements
+from synthetic.world.look_alikes import (
+    KINDS,
+    LARGER,
+    LONGER,
+    SHORTER,
+    SMALLER,
+    look_alike,
+    turned_arrangements,
+)
 from synthetic.world.platform import Platform
 from synthetic.world.scenes import random_scene
 
 OBJECTS = ("cube_v2", "cuboid_2x2x8_v2")
-REARRANGED = ("permuted", "plain", "layers", "other_object")
+REARRANGED = ("permuted", "plain", "layers", "other_object", "mirrored", "pairs")
 
 
 def make(look_alike, name="cube_v2", seed=31, count=2, **more):
@@ -97,12 +105,39 @@ def test_sizes_plates_photos_and_prisms_are_what_their_names_say(shown, tidy):
             sizes = [np.ptp(one.scene.bodies[-1].mesh.vertices, axis=0) for one in (frame, usual)]
             (scale,) = np.unique(np.round(sizes[0] / sizes[1], 9))
             assert SMALLER[0] <= scale <= SMALLER[1] or LARGER[0] <= scale <= LARGER[1]
+        for frame, usual in zip(shown["stretched", name], tidy[name], strict=True):
+            sizes = [np.ptp(one.scene.bodies[-1].mesh.vertices, axis=0) for one in (frame, usual)]
+            one, same, other = np.sort(np.round(sizes[0] / sizes[1], 9))
+            assert same == 1.0
+            assert (other == 1.0 and SHORTER[0] <= one <= SHORTER[1]) or (
+                one == 1.0 and LONGER[0] <= other <= LONGER[1]
+            )
+        (cylinder,) = (body for body in shown["round", name][0].scene.bodies if body.labels.any())
+        assert 5 <= len(cylinder.labels) <= 8
         (prism,) = (body for body in shown["prism", name][0].scene.bodies if body.labels.any())
         assert len(prism.labels) in (5, 8)
         for kind, most in (("plates", 3), ("photo", 1)):
             bodies = [body for body in shown[kind, name][0].scene.bodies if body.labels.any()]
             assert 1 <= len(bodies) <= most
             assert all(np.ptp(body.mesh.vertices, axis=0).min() < 0.005 for body in bodies)
+
+
+def test_a_mirrored_object_and_one_in_pairs_keep_what_their_names_say():
+    with Platform("cube_v2") as platform:
+        true = np.asarray(platform.model.face_labels)
+        for seed in range(10):
+            rng = np.random.default_rng(seed)
+            scene = random_scene(platform, rng, fingers="none")
+            (mirrored,), (pairs,) = (
+                [body.labels for body in look_alike(scene, kind, rng).bodies if body.labels.any()]
+                for kind in ("mirrored", "pairs")
+            )
+            changed = np.flatnonzero(mirrored != true)
+            assert len(changed) == 2
+            assert changed[0] // 2 == changed[1] // 2
+            assert set(mirrored.tolist()) == set(true.tolist())
+            assert (pairs[::2] == pairs[1::2]).all()
+            assert all(label in true[2 * axis : 2 * axis + 2] for axis, label in enumerate(pairs[::2]))
 
 
 def test_look_alikes_repeat_to_the_bit_and_stay_through_a_film():

@@ -63,7 +63,9 @@ given_options = options.gathered(
         metavar="X,Y",
         help="The board's centre [m].  [0,0]",
     ),
-    click.option("--height", type=float, default=0.0, metavar="Z", help="Height of the board's print [m].  [0]"),
+    click.option(
+        "--height", type=float, default=0.0, metavar="Z", help="Height of the board's print [m].  [0]"
+    ),
     click.option(
         "--yaw",
         type=float,

@@ -34,7 +34,10 @@ STRIP = np.dtype(
         ("edge", np.int64),  # which of the cuboid's twelve it is part of
         ("inside", np.int64),  # label of the face
         ("outside", np.int64),  # label of the neighbouring face; 0: background
-        ("in_view", np.bool_),  # whether it is to be seen as a whole, not masked, with enough of both surfaces
+        (
+            "in_view",
+            np.bool_,
+        ),  # whether it is seen as a whole, not masked, with enough of both surfaces
         ("first", np.int64, (3,)),  # where its pixels begin, for each part of a mosaic, one after the other
         ("count", np.int64, (3,)),  # how many they are
         ("squares", np.float64),  # sum of their squared values
