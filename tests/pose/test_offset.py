@@ -207,7 +207,7 @@ def test_swapping_rows_and_columns_changes_nothing():
 
 
 @pytest.mark.parametrize("degrees", [0, 17, 45])
-@pytest.mark.parametrize("width", [2.3, 2.6, 3.3, 4.2])
+@pytest.mark.parametrize("width", [2.0, 2.6, 3.3, 4.2])
 def test_narrow_neighbour_does_not_bias_the_edge(degrees, width):
     image = digitised(stripes(distances(degrees), 1.0, width))
     shown = measure(image, pieces(degrees, width_out=width), 1.0)
@@ -220,7 +220,7 @@ def test_narrow_neighbour_does_not_bias_the_edge(degrees, width):
 
 
 @pytest.mark.parametrize("degrees", [0, 17, 45])
-@pytest.mark.parametrize("width", [2.3, 2.6, 3.3, 4.2])
+@pytest.mark.parametrize("width", [2.0, 2.6, 3.3, 4.2])
 def test_edge_of_a_narrow_face_is_found(degrees, width):
     # Seen from the neighbour outside, the narrow face ends inwards.
     image = digitised(stripes(-distances(degrees), 1.0, width, (OUTER, INNER, BEYOND)))
@@ -263,14 +263,9 @@ def test_sharpness_is_the_inverse_variance_of_wider(rng):
     assert 0.7 < shown["wider"].var(axis=0).mean() * shown["sharpness"].mean() < 1.3
 
 
-def test_edges_of_narrow_faces_tell_the_blur():
+def test_edges_of_narrow_faces_say_nothing_of_the_blur():
     image = digitised(stripes(distances(17), 1.0, 3.0))
-    assert abs(np.median(measure(image, pieces(17, width_out=3.0), 1.0)["wider"])) < 0.05
-
-
-def test_edges_of_faces_as_narrow_as_the_blur_are_not_measured():
-    image = digitised(stripes(distances(17), 1.0, 2.0))
-    assert not measure(image, pieces(17, width_out=2.0), 1.0)["usable"].any()
+    assert (measure(image, pieces(17, width_out=3.0), 1.0)["sharpness"] == 0).all()
 
 
 @pytest.mark.parametrize(("outside", "tolerance"), [(0, 0.3), (2, 0.2)])

@@ -1,5 +1,6 @@
 """The compiled least squares of strips against the same in a few lines of NumPy, on random strips."""
 
+import itertools
 import math
 
 import numpy as np
@@ -31,20 +32,22 @@ def line(x: np.ndarray) -> np.ndarray:
     return np.exp(-0.5 * table(x) ** 2) / math.sqrt(2 * math.pi)
 
 
-def model(strip: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Face and neighbour (P, 2), line (P,), their slopes (P, 0 or 2), and change of blur (P,)."""
-    outside, middle = step(d / BLUR), line(d / BLUR) / BLUR
-    slopes = np.stack([(1 - outside) * (d + REACH / 2), outside * (d - REACH / 2)], axis=1)
-    shares = np.stack([1 - outside, outside], axis=1)
-    return shares, middle, slopes[:, : 2 * (strip["outside"] == 0)], -d / BLUR * middle
+def model(strip: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, int]:
+    """Surfaces (P, m), line (P,), slopes (P, 0 or 2), change of blur (P,), and which surface is the face."""
+    edges = [e for e in (-strip["reach_in"], 0.0, strip["reach_out"]) if abs(e) < REACH + 1.5 * BLUR]
+    steps = [np.ones(len(d)), *(step((d - e) / BLUR) for e in edges), np.zeros(len(d))]
+    shares = np.stack([a - b for a, b in itertools.pairwise(steps)], axis=1)
+    inside, middle = edges.index(0.0), line(d / BLUR) / BLUR
+    slopes = np.stack([shares[:, inside] * (d + REACH / 2), shares[:, -1] * (d - REACH / 2)], axis=1)
+    return shares, middle, slopes[:, : 2 * (strip["outside"] == 0)], -d / BLUR * middle, inside
 
 
-def solve(columns: np.ndarray, values: np.ndarray, stiffness: float) -> tuple[np.ndarray, np.ndarray]:
-    """Unknowns (n,) of a channel and the inverse of their normal matrix; colours are drawn to their means."""
-    prior = np.array([RIDGE] * 2 + [0.0] + [stiffness] * (columns.shape[1] - 3))
+def solve(columns: np.ndarray, values: np.ndarray, m: int, stiffness: float) -> tuple[np.ndarray, np.ndarray]:
+    """Unknowns (n,) of a channel and the inverse of their normal matrix; the first m drawn to their means."""
+    prior = np.array([RIDGE] * m + [0.0] + [stiffness] * (columns.shape[1] - m - 1))
     means = columns.T @ values / np.maximum(columns.sum(axis=0), 1e-9)
     inverse = np.linalg.inv(columns.T @ columns + np.diag(prior))
-    means[2:] = 0.0
+    means[m:] = 0.0
     return inverse @ (columns.T @ values + prior * means), inverse
 
 
@@ -52,28 +55,28 @@ def reference(strip: np.ndarray, parts: list[tuple[np.ndarray, list[np.ndarray]]
     """What `measure` should find; parts: distances and channels that were measured there."""
     squares, count, wider, sharpness = 0.0, 0, 0.0, 0.0
     for d, channels in parts:
-        shares, middle, _, change = model(strip, d)
-        columns = np.column_stack([shares, middle])
+        shares, middle, _, change, inside = model(strip, d)
+        columns, m = np.column_stack([shares, middle]), shares.shape[1]
         for values in channels:
-            x, inverse = solve(columns, values, 0.0)
-            left, difference = values - columns @ x, x[0] - x[1]
+            x, inverse = solve(columns, values, m, 0.0)
+            left, difference = values - columns @ x, x[inside] - x[inside + 1]
             squares, count = squares + left @ left, count + len(d)
             # What the other columns leave of the change of blur.
-            wider -= difference * (change @ left)
+            wider -= difference * (change @ left if m == 2 else 0.0)
             own = change @ (change - columns @ (inverse @ (columns.T @ change)))
-            sharpness += difference**2 * own
-    variance = max(NOISE**2, squares / (count - 9))
+            sharpness += difference**2 * own if m == 2 else 0.0
+    variance = max(NOISE**2, squares / (count - 3 * (m + 1)))
     stiffness = variance / (SLOPE * np.clip((BLUR - SHARP) / (SOFT - SHARP), 1e-3, 1.0)) ** 2
     squares = weight = shift = bloom = least = 0.0
     for g, (d, channels) in enumerate(parts):
-        shares, middle, slopes, _ = model(strip, d)
-        columns = np.column_stack([shares, middle, slopes])
+        shares, middle, slopes, _, inside = model(strip, d)
+        columns, m = np.column_stack([shares, middle, slopes]), shares.shape[1]
         for values in channels:
-            x, inverse = solve(columns, values, stiffness)
-            known, difference = 1.0 / inverse[2, 2], x[0] - x[1]
+            x, inverse = solve(columns, values, m, stiffness)
+            known, difference = 1.0 / inverse[m, m], x[inside] - x[inside + 1]
             squares += ((values - columns @ x) ** 2).sum()
-            weight, shift = weight + known * difference**2, shift + known * difference * x[2]
-            bloom += known * difference**3 / max(x[0] + x[1], 16.0)
+            weight, shift = weight + known * difference**2, shift + known * difference * x[m]
+            bloom += known * difference**3 / max(x[inside] + x[inside + 1], 16.0)
             least = MIN_CONTRAST**2 * known if g == 0 else least
     weight = max(weight, least)
     return {
@@ -85,13 +88,18 @@ def reference(strip: np.ndarray, parts: list[tuple[np.ndarray, list[np.ndarray]]
     }
 
 
-def random_strips(rng: np.random.Generator, parts: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def random_strips(
+    rng: np.random.Generator, parts: int, narrow: bool
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """STRIPS strips with their distances and values, in whose gaps nothing counts."""
     strips, size = np.zeros(STRIPS, STRIP), STRIPS * 3 * 48
     distance, values = np.full(size, FAR), np.zeros((3, size))
     strips["jacobian"] = rng.normal(0, 100, (STRIPS, 6))
     strips["outside"] = 2 * rng.integers(0, 2, STRIPS)
     strips["inside"], strips["reach_in"], strips["reach_out"], at = 1, 1e3, 1e3, 0
+    if narrow:
+        strips["reach_in"][::2] = rng.uniform(1.5, 3.5, len(strips[::2]))
+        strips["reach_out"][::3] = rng.uniform(1.5, 3.5, len(strips[::3]))
     for strip in strips:
         for g in range(parts):
             count = int(rng.integers(12, 48))
@@ -106,9 +114,10 @@ def random_strips(rng: np.random.Generator, parts: int) -> tuple[np.ndarray, np.
     return strips, distance, values
 
 
+@pytest.mark.parametrize("narrow", [False, True])
 @pytest.mark.parametrize("parts", [1, 3])
-def test_measure_agrees_with_numpy(rng, parts):
-    strips, distance, values = random_strips(rng, parts)
+def test_measure_agrees_with_numpy(rng, parts, narrow):
+    strips, distance, values = random_strips(rng, parts, narrow)
     motion, out, camera = rng.normal(0, 5e-4, 6), np.zeros(STRIPS, OFFSET), np.zeros(1, CAMERA)[0]
     camera["strips"], camera["parts"], camera["reach"], camera["motion"] = STRIPS, parts, REACH, motion
     camera["blur"] = BLUR

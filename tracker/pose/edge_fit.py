@@ -1,10 +1,10 @@
 """The place of an edge from the pixels around it, to a fraction of one.
 
-Near an edge the image is a blurred step between two surfaces of locally constant colour: the face inside,
-and the face or background outside. With the step where the pose puts it, the colours and a small shift of
-the edge follow together from linear least squares over the pixels themselves. Gains, exposure and shading
-cancel because only the colours on the spot count. Pixels that what lies beyond a narrow face may have
-reached were not collected.
+Near an edge the image is a sum of blurred steps between surfaces of locally constant colour: the face
+inside, the face or background outside, and, where a face is narrow, what lies beyond it. With the steps
+where the pose puts them, the colours and a small shift of the edge follow together from linear least
+squares over the pixels themselves. Gains, exposure and shading cancel because only the colours on the spot
+count, and a narrow face stays apart from its neighbours' blur.
 
 The idea of local colour statistics on both sides of a contour is that of R. Hanek and M. Beetz, "The
 Contracting Curve Density Algorithm", IJCV 59(3), 2004; here the colours are eliminated in closed form
@@ -48,9 +48,10 @@ LEAST = 1e-9
 """Of a pivot."""
 
 
-INSIDE, OUTSIDE, LINE, SLOPE_IN, SLOPE_OUT, BLUR = range(6)
-"""Columns of the model: the shares of the face and of its neighbour; the edge's line, whose factor is the
-shift; slopes of brightness inside and outside; the effect of a change of blur."""
+BEFORE, BEYOND, INSIDE, OUTSIDE, LINE, SLOPE_IN, SLOPE_OUT, BLUR = range(8)
+"""Columns of the model: the shares of the surfaces before a narrow face, beyond a narrow neighbour, of the
+face and of its neighbour; the edge's line, whose factor is the shift; slopes of brightness inside and
+outside; the effect of a change of blur."""
 
 PLACES = 3 * MAX_PIXELS + 5 * BLOCK
 """Length of a column: the parts of a mosaic, and a little so that rows do not compete for the same cache."""
@@ -70,10 +71,10 @@ OFFSET = np.dtype(
 
 SCRATCH = np.dtype(
     [
-        ("columns", np.float64, (6, PLACES)),  # of the model
-        ("full", np.float64, (3, 6, 6)),  # products of the columns, for each part
-        ("raw", np.float64, (6, 3)),  # products of the columns with the channels
-        ("mean", np.float64, (2, 3)),  # of each surface's pixels
+        ("columns", np.float64, (8, PLACES)),  # of the model (`profile`)
+        ("full", np.float64, (3, 8, 8)),  # products of the columns, for each part
+        ("raw", np.float64, (8, 3)),  # products of the columns with the channels
+        ("mean", np.float64, (4, 3)),  # of each surface's pixels
         ("color", np.float64, (2, 3)),  # inside and outside
     ]
 )
@@ -105,7 +106,7 @@ def _place(z):  # type: ignore[no-untyped-def]
 
 @compiled
 def model(distance, first, last, shift, slopes, reach, blur, space):  # type: ignore[no-untyped-def]
-    """Fill space.columns (6, P) of an edge between two surfaces, but for OUTSIDE, 1 less INSIDE.
+    """Fill space.columns (8, P) of an edge between two wide surfaces, but for OUTSIDE, 1 less INSIDE.
 
     See equation (8) of docs/how-it-works.md.
     All are zero in the gaps of FAR. slopes: whether there are.
@@ -127,6 +128,29 @@ def model(distance, first, last, shift, slopes, reach, blur, space):  # type: ig
             d = (away - shift) * here
             columns[SLOPE_IN, q] = columns[INSIDE, q] * (d + half)
             columns[SLOPE_OUT, q] = (here - columns[INSIDE, q]) * (d - half)
+
+
+@compiled
+def narrow_model(strip, distance, first, last, shift, slopes, reach, blur, space):  # type: ignore[no-untyped-def]
+    """Fill in the surfaces behind narrow ones, and change the columns that they take their shares from."""
+    columns = space.columns
+    scale, half, seen = 1.0 / blur, 0.5 * reach, reach + 1.5 * blur
+    for q in range(np.uint64(last - first)):
+        columns[BEFORE, q], columns[BEYOND, q] = 0.0, 0.0
+        if distance[np.uint64(first) + q] >= FAR:
+            continue
+        d = distance[np.uint64(first) + q] - shift
+        if strip.reach_in < seen:
+            share = 1.0 - _STEP[_place((d + strip.reach_in) * scale)]
+            columns[BEFORE, q] = share
+            columns[INSIDE, q] -= share
+            if slopes:
+                columns[SLOPE_IN, q] -= share * (d + half)
+        if strip.reach_out < seen:
+            share = _STEP[_place((d - strip.reach_out) * scale)]
+            columns[BEYOND, q] = share
+            if slopes:
+                columns[SLOPE_OUT, q] = share * (d - half)
 
 
 @compiled(fastmath=SUMS)
@@ -249,14 +273,45 @@ def slope_products(space, values, start, first, last, g, part, slopes):  # type:
 
 
 @compiled
-def eliminate_surfaces(space, g, part, slopes):  # type: ignore[no-untyped-def]
+def narrow_products(space, values, start, first, last, g, part, slopes):  # type: ignore[no-untyped-def]
+    """Fill in those of the surfaces behind narrow ones, and change those of the share outside."""
+    columns, full, raw, mean = space.columns, space.full, space.raw, space.mean
+    # What the products above took for that share: all but the share inside.
+    rest = full[g, OUTSIDE, OUTSIDE] + full[g, INSIDE, OUTSIDE] - RIDGE
+    full[g, BEFORE, BEYOND] = _dot(space, BEFORE, space.columns, BEYOND, 0, first, last)
+    for i in (BEFORE, BEYOND):
+        area, square = 0.0, _dot(space, i, space.columns, i, 0, first, last)
+        for q in range(first, last):
+            area += columns[i, q]
+        for j in (INSIDE, LINE, SLOPE_IN, SLOPE_OUT, BLUR):
+            stale = not slopes and j in (SLOPE_IN, SLOPE_OUT)
+            full[g, i, j] = 0.0 if stale else _dot(space, i, space.columns, j, 0, first, last)
+            full[g, min(OUTSIDE, j), max(OUTSIDE, j)] -= full[g, i, j]
+        full[g, i, i] = square + RIDGE
+        full[g, i, OUTSIDE] = area - square - full[g, BEFORE, BEYOND] - full[g, i, INSIDE]
+        rest -= area
+        for k in range(g, g + part):
+            product = _dot(space, i, values, k, start, first, last)
+            mean[i, k] = product / (area + 1e-9)
+            raw[i, k] = product + RIDGE * mean[i, k]
+            raw[OUTSIDE, k] -= product
+    for k in range(g, g + part):
+        product = raw[OUTSIDE, k] - RIDGE * mean[OUTSIDE, k]
+        mean[OUTSIDE, k] = product / (rest + 1e-9)
+        raw[OUTSIDE, k] = product + RIDGE * mean[OUTSIDE, k]
+    others = full[g, INSIDE, OUTSIDE] + full[g, BEFORE, OUTSIDE] + full[g, BEYOND, OUTSIDE]
+    full[g, OUTSIDE, OUTSIDE] = rest - others + RIDGE
+
+
+@compiled
+def eliminate_surfaces(space, g, part, narrow, slopes):  # type: ignore[no-untyped-def]
     """Eliminate the surfaces' colours from space.full[g] and .raw, of `part` channels from g on.
 
     But for BLUR's own row: how others depend on it is all that is asked.
     """
     full, raw = space.full, space.raw
     last = SLOPE_OUT + 1 if slopes else LINE + 1
-    for i in (INSIDE, OUTSIDE):
+    for i in range(BEFORE if narrow else INSIDE, OUTSIDE + 1):
         pivot = 1.0 / max(full[g, i, i], LEAST)
         full[g, i, i] = pivot
         for j in range(i + 1, last):
@@ -274,12 +329,27 @@ def _explained(full, raw, mean, g, k, i, x):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def fit_colors(space, g, part):  # type: ignore[no-untyped-def]
+def _explained_behind(space, g, k, inside, outside, line, inner, outer):  # type: ignore[no-untyped-def]
+    """By how much surfaces behind narrow ones do, given the other unknowns."""
+    full, raw, mean, total, beyond = space.full, space.raw, space.mean, 0.0, 0.0
+    for i in (BEYOND, BEFORE):
+        x = raw[i, k] - full[g, i, INSIDE] * inside - full[g, i, OUTSIDE] * outside - full[g, i, LINE] * line
+        x -= full[g, i, SLOPE_IN] * inner + full[g, i, SLOPE_OUT] * outer
+        if i == BEFORE:
+            x -= full[g, BEFORE, BEYOND] * beyond
+        x *= full[g, i, i]
+        beyond = x
+        total += _explained(full, raw, mean, g, k, i, x)
+    return total
+
+
+@compiled
+def fit_colors(space, g, part, narrow):  # type: ignore[no-untyped-def]
     """Fill space.color with those inside and outside, solved for without slopes.
 
     See equation (11) of docs/how-it-works.md for the blur.
     Returns by how much they and the shift reduce the sum of squares, what speaks for a change of blur that
-    they cannot explain, and how much could.
+    they cannot explain, and how much could; of narrow surfaces nothing.
     """
     full, raw, mean = space.full, space.raw, space.mean
     a, b, e = full[g, INSIDE, INSIDE], full[g, OUTSIDE, OUTSIDE], 1.0 / max(full[g, LINE, LINE], LEAST)
@@ -294,16 +364,18 @@ def fit_colors(space, g, part):  # type: ignore[no-untyped-def]
         total += raw[LINE, k] * line
         total += _explained(full, raw, mean, g, k, INSIDE, inside)
         total += _explained(full, raw, mean, g, k, OUTSIDE, outside)
+        if narrow:
+            total += _explained_behind(space, g, k, inside, outside, line, 0.0, 0.0)
         off = raw[BLUR, k] - aw * a * raw[INSIDE, k] - bw * b * raw[OUTSIDE, k] - ew * line
         wider -= (inside - outside) * off
         contrast += (inside - outside) ** 2
-    if own <= 1e-3 * full[g, BLUR, BLUR]:
+    if narrow or own <= 1e-3 * full[g, BLUR, BLUR]:
         return total, 0.0, 0.0
     return total, wider, contrast * own
 
 
 @compiled
-def fit_edge(space, g, part, slopes, stiffness):  # type: ignore[no-untyped-def]
+def fit_edge(space, g, part, narrow, slopes, stiffness):  # type: ignore[no-untyped-def]
     """The edge's shift, solved for with the slopes, which are drawn to zero with `stiffness`.
 
     This is equation (9) of docs/how-it-works.md.
@@ -340,6 +412,8 @@ def fit_edge(space, g, part, slopes, stiffness):  # type: ignore[no-untyped-def]
         inside *= full[g, INSIDE, INSIDE]
         total += _explained(full, raw, mean, g, k, INSIDE, inside)
         total += _explained(full, raw, mean, g, k, OUTSIDE, outside)
+        if narrow:
+            total += _explained_behind(space, g, k, inside, outside, line, inner, outer)
         difference = inside - outside
         weight += known * difference**2
         shift += known * difference * line
@@ -375,22 +449,26 @@ def _is_of_face(strip, color, channels, table):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _add_up(strip, at, slopes, pixels, space):  # type: ignore[no-untyped-def]
+def _add_up(strip, at, narrow, slopes, pixels, space):  # type: ignore[no-untyped-def]
     """The products of a strip's model, for each part; the surfaces are eliminated from them."""
     (parts, shift, reach, blur), (distance, values) = at, pixels
     part, start = 3 // parts, strip.first[0]
     end = strip.first[parts - 1] + padded(strip.count[parts - 1])
     model(distance, start, end, shift, slopes, reach, blur, space)
+    if narrow:
+        narrow_model(strip, distance, start, end, shift, slopes, reach, blur, space)
     for g in range(parts):
         first, count = strip.first[g] - start, strip.count[g]
         last = first + padded(count)
         edge_products(space, values, start, first, last, count, g, part)
         slope_products(space, values, start, first, last, g, part, slopes)
-        eliminate_surfaces(space, g, part, slopes)
+        if narrow:
+            narrow_products(space, values, start, first, last, g, part, slopes)
+        eliminate_surfaces(space, g, part, narrow, slopes)
 
 
 @compiled
-def _place_edge(strip, at, count, slopes, stiffness, space, found):  # type: ignore[no-untyped-def]
+def _place_edge(strip, at, count, surfaces, slopes, stiffness, space, found):  # type: ignore[no-untyped-def]
     """Offset, variance and bloom of an edge: the slopes are solved for, too.
 
     See equation (10) of docs/how-it-works.md for offset and variance, and
@@ -399,13 +477,13 @@ def _place_edge(strip, at, count, slopes, stiffness, space, found):  # type: ign
     parts, _, reach, blur = at
     left, weight, shift, lift, certain = strip.squares, 0.0, 0.0, 0.0, 0.0
     for g in range(parts):
-        explained, known, one, two, three = fit_edge(space, g, 3 // parts, slopes, stiffness)
+        explained, known, one, two, three = fit_edge(space, g, 3 // parts, surfaces > 2, slopes, stiffness)
         left, weight, shift, lift = left - explained, weight + one, shift + two, lift + three
         if g == 0:
             certain = known
     weight = max(weight, MIN_CONTRAST**2 * certain)
     found.offset = min(reach, max(-reach, shift / weight))
-    found.variance = _variance(left, count - (15 if slopes else 9)) / weight
+    found.variance = _variance(left, count - 3 * (surfaces + (3 if slopes else 1))) / weight
     found.bloom = _BLOOM * blur * lift / weight
     found.usable = True
 
@@ -413,22 +491,23 @@ def _place_edge(strip, at, count, slopes, stiffness, space, found):  # type: ign
 @compiled
 def _measure(strip, at, pixels, channels, table, space, found):  # type: ignore[no-untyped-def]
     """The offset of one strip; at: parts, shift of the edge, reach, blur; see `measure`."""
-    parts, _, _, blur = at
-    part, slopes = 3 // parts, strip.outside == 0
-    _add_up(strip, at, slopes, pixels, space)
+    parts, _, reach, blur = at
+    part, seen, slopes = 3 // parts, reach + 1.5 * blur, strip.outside == 0
+    surfaces = 2 + int(strip.reach_in < seen) + int(strip.reach_out < seen)
+    _add_up(strip, at, surfaces > 2, slopes, pixels, space)
     left, wider, sharpness, count = strip.squares, 0.0, 0.0, 0
     for g in range(parts):
-        explained, one, two = fit_colors(space, g, part)
+        explained, one, two = fit_colors(space, g, part, surfaces > 2)
         left, wider, sharpness = left - explained, wider + one, sharpness + two
         count += strip.count[g] * part
     if not _is_of_face(strip, space.color, channels, table):
         return
-    variance = _variance(left, count - 9)
+    variance = _variance(left, count - 3 * (surfaces + 1))
     if sharpness > 0.0:
         found.sharpness = sharpness / variance
         found.wider = wider / sharpness
     slope = SLOPE * min(1.0, max(1e-3, (blur - SHARP) / (SOFT - SHARP)))
-    _place_edge(strip, at, count, slopes, variance / slope**2, space, found)
+    _place_edge(strip, at, count, surfaces, slopes, variance / slope**2, space, found)
 
 
 @compiled

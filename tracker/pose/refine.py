@@ -212,7 +212,7 @@ def take_stock(solution, cameras, likely, work, seen):  # type: ignore[no-untype
         else:
             camera.blur = 0.0
     for c in range(len(cameras)):
-        # A camera that shows few edges takes its blur from the others.
+        # A camera that shows narrow faces only takes its blur from the others.
         if cameras[c].blur == 0.0 or not cameras[c].used:
             cameras[c].blur = cameras[c].scale * (known_blur / knowing if knowing > 0 else likely)
         seen[c].blur = cameras[c].blur

@@ -34,10 +34,7 @@ STRIP = np.dtype(
         ("edge", np.int64),  # which of the cuboid's twelve it is part of
         ("inside", np.int64),  # label of the face
         ("outside", np.int64),  # label of the neighbouring face; 0: background
-        (
-            "in_view",
-            np.bool_,
-        ),  # whether it is seen as a whole, not masked, with enough of both surfaces
+        ("in_view", np.bool_),  # whether the picture shows it as a whole, and no mask hides its middle
         ("first", np.int64, (3,)),  # where its pixels begin, for each part of a mosaic, one after the other
         ("count", np.int64, (3,)),  # how many they are
         ("squares", np.float64),  # sum of their squared values
@@ -47,13 +44,6 @@ STRIP = np.dtype(
 
 MIN_FACE = 1.5
 """A face narrower than this [px] gives no edges: its colour mixes with its neighbours' blur."""
-
-BORDER = 1.5
-"""Distance from the far side of a narrow face within which pixels do not count, since what lies there has
-blurred them [px for each px of blur]."""
-
-NARROWEST = 2.2
-"""Width of a face [px for each px of blur] up to which what is left of it does not tell where its edge is."""
 
 _SIGNS = CORNER_SIGNS
 _EDGES = EDGES
@@ -254,12 +244,11 @@ def _in_view(strip, reach, width, height):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _collect(image, tilt, strip, reach, border, at, pixels):  # type: ignore[no-untyped-def]
+def _collect(image, tilt, strip, reach, at, pixels):  # type: ignore[no-untyped-def]
     """Signed distances [px] and colours of a strip's pixels; returns their count.
 
-    border: how far from the other sides of both surfaces they keep; at: the place of the first, by how much
-    they are apart, which of a mosaic's pixels measured red, and the channel of which only those pixels count
-    that measured it.
+    at: the place of the first, by how much they are apart, which of a mosaic's pixels measured red, and the
+    channel of which only those pixels count that measured it.
     """
     start, stride, red, channel = at
     distance, values = pixels
@@ -270,11 +259,7 @@ def _collect(image, tilt, strip, reach, border, at, pixels):  # type: ignore[no-
     even = tilt[0, 0] == 0.0 and tilt[0, 1] == 0.0 and tilt[1, 0] == 0.0 and tilt[1, 1] == 0.0
     blue = 1.0 if even else math.exp(-tilt[0, 0] * (u * across - 1.0) - tilt[0, 1] * (v * down - 1.0))
     red_ = 1.0 if even else math.exp(-tilt[1, 0] * (u * across - 1.0) - tilt[1, 1] * (v * down - 1.0))
-    last, inner, outer = (
-        min(start + MAX_PIXELS, len(distance)),
-        border - strip.reach_in,
-        strip.reach_out - border,
-    )
+    last = min(start + MAX_PIXELS, len(distance))
     place, step = start, stride
     for j in range(math.ceil(v - dv), int(v + dv) + 1, stride):
         y = j - v
@@ -294,10 +279,7 @@ def _collect(image, tilt, strip, reach, border, at, pixels):  # type: ignore[no-
             first += (first & 1) ^ odd
         for i in range(first, min(math.floor(high) + 1, first + step * (last - place)), step):
             x = i - u
-            away = x * nu + y * nv
-            if away < inner or away > outer:
-                continue
-            distance[place] = away
+            distance[place] = x * nu + y * nv
             b, g, r = image[j, i, 0], image[j, i, 1], image[j, i, 2]
             values[0, place], values[1, place], values[2, place] = b, g, r
             place += 1
@@ -334,7 +316,7 @@ def collect(shown, picture, camera, strips, pixels):  # type: ignore[no-untyped-
     """Collect the pixels of strips in one picture (H, W, 3) into pixels: distance (P,) and values (3, P).
 
     shown: the picture and its mask of hidden pixels (H, W); picture: its light and mosaic
-    (`views.PICTURE`); camera: number of the strips, their half width, blur, and whether the mosaic counts
+    (`views.PICTURE`); camera: number of the strips, their half width, and whether the mosaic counts
     (`solve.CAMERA`). Each strip learns where its pixels are; of a mosaic each channel has its own. The gaps
     before the next multiple of BLOCK are filled with FAR and 0; P must be such a multiple.
     """
@@ -344,8 +326,7 @@ def collect(shown, picture, camera, strips, pixels):  # type: ignore[no-untyped-
     distance, values = pixels
     for s in range(camera.strips):
         strip = strips[s]
-        wide = min(strip.reach_in, strip.reach_out) > NARROWEST * camera.blur
-        strip.in_view = wide and _in_view(strip, reach, image.shape[1], image.shape[0])
+        strip.in_view = _in_view(strip, reach, image.shape[1], image.shape[0])
         if picture.hidden != 0 and strip.in_view:
             strip.in_view = not mask[int(strip.pixel[1] + 0.5), int(strip.pixel[0] + 0.5)]
         strip.squares = 0.0
@@ -354,7 +335,7 @@ def collect(shown, picture, camera, strips, pixels):  # type: ignore[no-untyped-
             if not strip.in_view or part >= parts:
                 continue
             at = start, stride, red, part
-            count = _collect(image, picture.tilt, strip, reach, BORDER * camera.blur, at, pixels)
+            count = _collect(image, picture.tilt, strip, reach, at, pixels)
             end = start + padded(count)
             for k in range(part, part + 3 // parts):
                 for i in range(start + count, end):
