@@ -39,7 +39,7 @@ from tracker.pose.views import mask_of, pixels_of
 
 # Lengths in pixels are those of an object of reference size (`scale`), unless they say otherwise.
 
-REACH = 1.6, 2.0
+REACH = 1.2, 2.0
 """Half width of the strips along the edges: [px], and for each px of blur."""
 
 LEAST_REACH = 2.5
