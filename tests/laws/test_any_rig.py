@@ -18,7 +18,7 @@ from tracker.pose.refine import SCHEDULE
 
 OBJECTS = ("cube_v2", "cuboid_2x2x8_v2")
 SCENES = 3
-CONVERGED = 2 * np.sqrt(SCHEDULE.negligible)
+CONVERGED = 2 * np.sqrt(SCHEDULE.negligible[0])
 """How far two fits that ended may be apart, in standard deviations."""
 
 

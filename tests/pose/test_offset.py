@@ -97,9 +97,9 @@ def measure(
     camera, picture = np.zeros(1, CAMERA)[0], np.zeros(1, PICTURE)[0]
     camera["strips"], camera["parts"] = len(samples), 3 if red >= 0 else 1
     camera["reach"], picture["mosaic"] = reach_at(blur) if reach is None else reach, red
-    camera["blur"], mask = blur, np.zeros(image.shape[:2], bool)
-    collect((image, mask), picture, camera, strips, pixels)
-    edge_fit.measure(strips, camera, CHANNELS, TABLE, every, pixels, scratch(), out)
+    mask = np.zeros(image.shape[:2], bool)
+    collect((image, mask), picture, camera, strips, 1, pixels)
+    edge_fit.measure(strips, camera, CHANNELS, TABLE, blur, every, pixels, scratch(), out)
     return out
 
 

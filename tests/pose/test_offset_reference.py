@@ -120,8 +120,7 @@ def test_measure_agrees_with_numpy(rng, parts, narrow):
     strips, distance, values = random_strips(rng, parts, narrow)
     motion, out, camera = rng.normal(0, 5e-4, 6), np.zeros(STRIPS, OFFSET), np.zeros(1, CAMERA)[0]
     camera["strips"], camera["parts"], camera["reach"], camera["motion"] = STRIPS, parts, REACH, motion
-    camera["blur"] = BLUR
-    measure(strips, camera, *GREEN, 1, (distance, values), scratch(), out)
+    measure(strips, camera, *GREEN, BLUR, 1, (distance, values), scratch(), out)
     assert out["usable"].mean() > 0.8
     for strip, found in zip(strips[out["usable"]], out[out["usable"]], strict=True):
         groups = []

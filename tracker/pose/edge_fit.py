@@ -511,15 +511,16 @@ def _measure(strip, at, pixels, channels, table, space, found):  # type: ignore[
 
 
 @compiled
-def measure(strips, camera, channels, table, every, pixels, scratch, found):  # type: ignore[no-untyped-def]
+def measure(strips, camera, channels, table, blur, every, pixels, scratch, found):  # type: ignore[no-untyped-def]
     """Offsets of the strips in one picture: found (n,) of OFFSET.
 
     Channels that were measured at the same pixels are solved together, the parts of a mosaic share the shift
     alone.
 
-    camera: number of strips, their half width, parts, blur, and the motion since they were collected, of
-    `solve.CAMERA`; channels (3, 256), table (64³,): how colours are read; every: one in so many strips is
-    looked at; pixels: distance (P,), values (3, P); scratch (1,): of SCRATCH.
+    camera: number of strips, their half width, parts, and the motion since they were collected, of
+    `solve.CAMERA`; channels (3, 256), table (64³,): how colours are read; blur: standard deviation of the
+    steps [px]; every: one in so many strips is looked at; pixels: distance (P,), values (3, P); scratch (1,):
+    of SCRATCH.
     """
     parts = camera.parts
     for s in range(camera.strips):
@@ -531,5 +532,4 @@ def measure(strips, camera, channels, table, every, pixels, scratch, found):  # 
         shift = 0.0
         for i in range(6):
             shift += strip.jacobian[i] * camera.motion[i]
-        at = parts, shift, camera.reach, camera.blur
-        _measure(strip, at, pixels, channels, table, scratch[0], result)
+        _measure(strip, (parts, shift, camera.reach, blur), pixels, channels, table, scratch[0], result)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tracker.compiled import compiled
-from tracker.conventions import FloatArray
+from tracker.conventions import Array, FloatArray
 from tracker.geometry.lens import apply_update, copy_pose
 from tracker.geometry.linear import median
 from tracker.pose.edge_fit import measure
@@ -83,25 +83,42 @@ directions; of positions in units of the radius."""
 
 
 class Schedule(NamedTuple):
-    """The refinement's steps, of which the first looks at every second piece of the edges."""
+    """The refinement's steps."""
 
-    piece: float
-    """Length of the pieces [px]."""
+    blur: FloatArray
+    """(steps,) standard deviation of the model's steps [px]; 0: as measured."""
+    piece: FloatArray
+    """(steps,) length of the pieces of edges [px]."""
     tukey: FloatArray
-    """(steps,) residual at which a piece's weight reaches zero: at least so much [px]; the refinement
-    does not end before the last of them."""
-    negligible: float
-    """Squared length of a step, in standard deviations of the pose, below which the refinement ends."""
+    """(steps,) residual at which a piece's weight reaches zero: at least so much [px]."""
+    every: Array
+    """(steps,) one in so many pieces is looked at; the refinement ends after a step with all of them."""
+    negligible: FloatArray
+    """(steps,) squared length of a step, in standard deviations of the pose, below which the refinement
+    ends."""
 
 
-SCHEDULE = Schedule(piece=5.0, tukey=np.array([3.0, 1.0] + [0.5] * 6), negligible=1.0)
-"""From a hypothesis. A step is about a twentieth of the one before (squared). Where few pixels decide, pieces
-come and go from step to step, and the pose stays restless."""
+SCHEDULE = Schedule(
+    blur=np.array([1.2] + [0.0] * 7),
+    piece=np.array([6.0] + [5.0] * 7),
+    tukey=np.array([4.0, 3.0, 1.0] + [0.5] * 5),
+    every=np.array([2] + [1] * 7),
+    # A step is about a twentieth of the one before (squared). Where few pixels decide, pieces come and go
+    # from step to step, and the pose stays restless.
+    negligible=np.ones(8),
+)
+"""From a hypothesis."""
 
-FIRST, FROM_THERE = (SCHEDULE._replace(tukey=SCHEDULE.tukey[part]) for part in (slice(1), slice(1, None)))
+FIRST, FROM_THERE = (Schedule(*(c[part] for c in SCHEDULE)) for part in (slice(1), slice(1, None)))
 """Its first step, and the others."""
 
-FOLLOWING = Schedule(piece=6.0, tukey=np.array([1.0] + [0.5] * 4), negligible=2.0)
+FOLLOWING = Schedule(
+    blur=np.zeros(5),
+    piece=np.full(5, 6.0),
+    tukey=np.array([1.0] + [0.5] * 4),
+    every=np.array([2] + [1] * 4),
+    negligible=np.full(5, 2.0),
+)
 """From a pose that was predicted, with a blur that is known."""
 
 
@@ -132,8 +149,8 @@ def begin(model, pictures, solution, cameras, start):  # type: ignore[no-untyped
 
 
 @compiled
-def lay(model, pictures, solution, cameras, piece, work):  # type: ignore[no-untyped-def]
-    """Lay strips along the edges at the present pose; piece: their length [px]."""
+def lay(model, pictures, solution, cameras, schedule, step, work):  # type: ignore[no-untyped-def]
+    """Lay strips along the edges at the present pose, as a step of the schedule wants them."""
     mark_feet(model.table, model.half, solution)
     rotation, position = np.empty((3, 3)), np.empty(3)
     for c in range(len(cameras)):
@@ -143,7 +160,9 @@ def lay(model, pictures, solution, cameras, piece, work):  # type: ignore[no-unt
             camera.motion[i], camera.since[i] = 0.0, 0.0
         if not camera.used:
             continue
-        scale, blur = camera.scale, camera.blur
+        # After a rough step strips are laid out again.
+        rough, scale = schedule.blur[step] > 0.0, camera.scale
+        blur = schedule.blur[step] * scale if rough else camera.blur
         camera.reach = max(LEAST_REACH, REACH[0] * scale + REACH[1] * blur)
         moved = np.empty(6)
         for i in range(6):
@@ -154,25 +173,28 @@ def lay(model, pictures, solution, cameras, piece, work):  # type: ignore[no-unt
                 rotation[i, k] = solution.rotation[i, k]
         apply_update(rotation, position, moved)
         camera.strips = edge_strips(
-            model.lenses, c, model.half, model.face_labels, rotation, position, piece * scale,
+            model.lenses, c, model.half, model.face_labels, rotation, position, schedule.piece[step] * scale,
             MARGIN[0] * scale + MARGIN[1] * blur, work.strips[c],
         )  # fmt: skip
         collect(
             (pixels_of(pictures[c]), mask_of(pictures[c])), pictures[c], camera, work.strips[c],
+            schedule.every[step] if rough else 1,
             (work.distance[c], work.values[c]),
         )  # fmt: skip
 
 
 @compiled
-def measure_all(model, pictures, cameras, every, work):  # type: ignore[no-untyped-def]
-    """Measure the offsets at the present pose, of one in so many strips."""
+def measure_all(model, pictures, cameras, schedule, step, work):  # type: ignore[no-untyped-def]
+    """Measure the offsets of all strips at the present pose."""
     for c in range(len(cameras)):
         camera = cameras[c]
         for i in range(6):
             camera.since[i] = 0.0
         if camera.used:
+            rough = schedule.blur[step] * camera.scale
             measure(
-                work.strips[c], camera, pictures[c].channels, model.colors, every,
+                work.strips[c], camera, pictures[c].channels, model.colors,
+                rough if rough > 0.0 else camera.blur, schedule.every[step],
                 (work.distance[c], work.values[c]), work.scratch, work.found[c],
             )  # fmt: skip
 
@@ -331,30 +353,31 @@ def _approach(model, pictures, schedule, start, solution, cameras, seen, work): 
     radius = math.sqrt(model.half[0] ** 2 + model.half[1] ** 2 + model.half[2] ** 2)
     share, stated, step, stray, late = 1.0, 1.0, 0, True, False
     rotation, position = np.empty((3, 3)), np.empty(3)
-    while step < len(schedule.tukey) and not solution.converged:
+    while step < len(schedule.blur) and not solution.converged:
         if stray:
-            lay(model, pictures, solution, cameras, schedule.piece, work)
+            lay(model, pictures, solution, cameras, schedule, step, work)
             share, stated = 1.0, 1.0
         copy_pose(solution.rotation, solution.position, rotation, position)
+        measure_all(model, pictures, cameras, schedule, step, work)
+        scatter = take_stock(solution, cameras, start.blur, work, seen)
+        rough = schedule.blur[step] > 0.0
         # Only once the cameras have come to terms does a table not keep the pose from where they see it, and
         # is what is left the edges' own.
-        late = step > 0
-        measure_all(model, pictures, cameras, 1 if late else 2, work)
-        scatter = take_stock(solution, cameras, start.blur, work, seen)
+        late = step > 0 and schedule.blur[step - 1] == 0.0
         for turn in range(ROUNDS):
             _pull(solution, start)
             _weigh(solution, cameras, schedule.tukey[step], scatter, work, seen)
-            if turn == 0:
+            if turn == 0 and not rough:
                 share, stated = sizes(solution, cameras, doubtful, late)
             if not _solved(model, solution, cameras, share, late):
-                solution.steps = len(schedule.tukey)
+                solution.steps = len(schedule.blur)
                 return
             own_changes(solution, cameras)
             _move(solution, cameras, radius)
-        last = late and schedule.tukey[step] == schedule.tukey[-1]
-        solution.converged = last and _length(rotation, position, solution) < schedule.negligible
+        whole = late and schedule.every[step] == 1
+        solution.converged = whole and _length(rotation, position, solution) < schedule.negligible[step]
         step += 1
-        stray = not solution.converged and _astray(cameras, work)
+        stray = rough or (not solution.converged and _astray(cameras, work))
         if solution.converged:
             _weigh(solution, cameras, schedule.tukey[step - 1], scatter, work, seen)
             _solved(model, solution, cameras, stated, late)

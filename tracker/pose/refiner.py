@@ -179,11 +179,12 @@ class Refiner:
         """
         (solution, cameras), work = self.begun(rotation, position), self._local.work
         start = start or self.likely
+        last = len(SCHEDULE.blur) - 1
         begin(self.model, pictures, solution[0], cameras, start)
         if offsets is not None:
             cameras["offset"][:, :6] = offsets
-        lay(self.model, pictures, solution[0], cameras, SCHEDULE.piece, work)
+        lay(self.model, pictures, solution[0], cameras, SCHEDULE, last, work)
         for _ in range(turns):
-            measure_all(self.model, pictures, cameras, 1, work)
+            measure_all(self.model, pictures, cameras, SCHEDULE, last, work)
             take_stock(solution[0], cameras, start.blur, work, np.zeros(len(cameras), SEEN))
         return solution[0], cameras, work

@@ -312,13 +312,14 @@ def _stride(strips, n, reach):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def collect(shown, picture, camera, strips, pixels):  # type: ignore[no-untyped-def]
+def collect(shown, picture, camera, strips, every, pixels):  # type: ignore[no-untyped-def]
     """Collect the pixels of strips in one picture (H, W, 3) into pixels: distance (P,) and values (3, P).
 
     shown: the picture and its mask of hidden pixels (H, W); picture: its light and mosaic
     (`views.PICTURE`); camera: number of the strips, their half width, and whether the mosaic counts
-    (`solve.CAMERA`). Each strip learns where its pixels are; of a mosaic each channel has its own. The gaps
-    before the next multiple of BLOCK are filled with FAR and 0; P must be such a multiple.
+    (`solve.CAMERA`); every: one in so many strips gets pixels. Each strip learns where its pixels are; of a
+    mosaic each channel has its own. The gaps before the next multiple of BLOCK are filled with FAR and 0; P
+    must be such a multiple.
     """
     (image, mask), start, parts, reach = shown, 0, camera.parts, camera.reach
     stride = _stride(strips, camera.strips, reach) if parts == 1 else 1
@@ -332,7 +333,7 @@ def collect(shown, picture, camera, strips, pixels):  # type: ignore[no-untyped-
         strip.squares = 0.0
         for part in range(3):
             strip.first[part], strip.count[part] = start, 0
-            if not strip.in_view or part >= parts:
+            if not strip.in_view or part >= parts or s % every:
                 continue
             at = start, stride, red, part
             count = _collect(image, picture.tilt, strip, reach, at, pixels)
