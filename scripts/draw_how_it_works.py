@@ -33,7 +33,7 @@ from tracker.pose.fit import Start
 from tracker.pose.rotations import rank_rotations
 from tracker.pose.solve import residual
 from tracker.pose.views import Sight
-from tracker.pose.votes import gather, integrate, vote
+from tracker.pose.votes import gather, vote
 
 SEED = 6
 """Of the scene: that of examples/still.py."""
@@ -104,8 +104,6 @@ def found_positions(scene: Scene) -> list[FloatArray]:
 def draw_votes(scene: Scene, quick: bool) -> Figure:
     """The votes from above, and the squares in which they are counted."""
     search, sight, found = scene.estimator.search.positions, scene.sight, found_positions(scene)
-    integrals = np.empty(sight.labels.shape + np.array([0, 1, 1]), np.int32)
-    integrate(sight.labels, search.lenses, sight.pictures, integrals)
     side, heights = (
         np.linspace(-0.235, 0.235, 24 if quick else 95),
         np.linspace(0.01, 0.185, 4 if quick else 15),
@@ -113,7 +111,7 @@ def draw_votes(scene: Scene, quick: bool) -> Figure:
     y, x, z = np.meshgrid(side, side, heights, indexing="ij")
     points = np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1)
     votes = np.empty(len(points), np.float32)
-    vote(integrals, search.boxes_at(points), sight.pictures, votes)
+    vote(sight.labels, search.lenses, sight.pictures, search.boxes_at(points), votes)
     level = votes.reshape(x.shape).max(axis=2)
     level[np.hypot(x, y)[..., 0] >= scene.rig.arena.radius] = np.nan
     figure = Figure(figsize=(10.5, 4.9), layout="constrained")

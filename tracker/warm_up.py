@@ -15,8 +15,10 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numba.core.types import BaseFunction
 
 from tracker.calibration.rig import CameraRig
 from tracker.compiled import is_cached
@@ -44,7 +46,7 @@ _LOG = logging.getLogger(__name__)
 _SIZE = 64
 _POSITION = np.array([0.0, 0.0, 0.0325])
 _SECONDS = 300
-KERNELS = 25
+KERNELS = 19
 """Machine codes that come of it."""
 _THRESHOLDS = (100_000, 50, 100)
 """Of Python's garbage collection; without any, each process would need 200 MB more."""
@@ -68,7 +70,7 @@ def warm_up() -> None:
     # A warning reaches standard error without any set-up of logging.
     often = "once per machine" if _folder() else "which no folder can keep, see `tracker doctor`"
     _LOG.warning("compiling kernels, %s (about a minute) ...", often)
-    with _alone(), _few_collections(), _counted():
+    with _alone(), quickly(), _counted():
         if kernels_are_cached():
             return
         other = _begin("refine")
@@ -141,22 +143,41 @@ def _kept(folder: Path) -> int:
 
 
 @contextlib.contextmanager
-def _few_collections() -> Iterator[None]:
-    """Seldom look for cycles of garbage: a compiler makes much that stays, and each look goes through it."""
-    before = gc.get_threshold()
+def quickly() -> Iterator[None]:
+    """Compile in two thirds of the time.
+
+    Cycles of garbage are seldom looked for: a compiler makes much that stays, and each look goes through it.
+    What types an operator returns for some operands is found once; numba tries dozens of signatures wherever
+    it stands.
+    """
+    before, resolve = gc.get_threshold(), BaseFunction.get_call_type
+    known: dict[Any, Any] = {}
+
+    def get_call_type(function: Any, context: Any, operands: Any, named: Any) -> Any:
+        kinds = (*operands, *named.values())
+        key = function, tuple(operands), tuple(named.items())
+        if key in known:
+            return known[key]
+        signature = resolve(function, context, operands, named)
+        if all(kind.is_precise() for kind in kinds):
+            known[key] = signature
+        return signature
+
     gc.set_threshold(*_THRESHOLDS)
+    BaseFunction.get_call_type = get_call_type  # type: ignore[assignment, method-assign]
     try:
         yield
     finally:
         gc.set_threshold(*before)
+        BaseFunction.get_call_type = resolve  # type: ignore[method-assign]
 
 
 def _begin(part: str) -> subprocess.Popen[bytes] | None:
     """A process that compiles a part; None where it cannot be had, or could not hand on what it made."""
     if _folder() is None or not sys.executable:
         return None
-    run = f"from tracker.warm_up import PARTS; PARTS[{part!r}]()"
-    command = python_command(f"import gc; gc.set_threshold{_THRESHOLDS}; {run}")
+    run = f"from tracker.warm_up import PARTS, quickly\nwith quickly(): PARTS[{part!r}]()"
+    command = python_command(run)
     quiet = subprocess.DEVNULL
     try:
         return subprocess.Popen(command, stdin=quiet, stdout=quiet, stderr=quiet)

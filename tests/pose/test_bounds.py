@@ -59,7 +59,7 @@ def test_every_strip_in_view_has_pixels(size):
     pictures = np.zeros(3, PICTURE)
     pictures["used"], pictures["address"] = True, image.__array_interface__["data"][0]
     pictures["height"], pictures["width"], pictures["mosaic"] = size, size, -1
-    _, cameras, work = refiner.edges(pictures, np.eye(3), np.array([0.02, 0.01, 0.0325]), turns=0)
+    _, cameras, work = refiner.edges(pictures, np.eye(3), np.array([0.02, 0.01, 0.0325]))
     for c in range(3):
         strips = work.strips[c, : cameras["strips"][c]]
         assert strips["in_view"].sum() > 30

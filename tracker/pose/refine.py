@@ -96,6 +96,8 @@ class Schedule(NamedTuple):
     negligible: FloatArray
     """(steps,) squared length of a step, in standard deviations of the pose, below which the refinement
     ends."""
+    moves: bool = True
+    """Whether the pose moves; otherwise each step measures the edges at the pose given."""
 
 
 SCHEDULE = Schedule(
@@ -109,7 +111,10 @@ SCHEDULE = Schedule(
 )
 """From a hypothesis."""
 
-FIRST, FROM_THERE = (Schedule(*(c[part] for c in SCHEDULE)) for part in (slice(1), slice(1, None)))
+FIRST, FROM_THERE = (
+    Schedule(*(column[steps] for column in SCHEDULE[:5]))  # type: ignore[arg-type]
+    for steps in (slice(1), slice(1, None))
+)
 """Its first step, and the others."""
 
 FOLLOWING = Schedule(
@@ -120,6 +125,9 @@ FOLLOWING = Schedule(
     negligible=np.full(5, 2.0),
 )
 """From a pose that was predicted, with a blur that is known."""
+
+MEASURING = FROM_THERE._replace(blur=np.zeros(2), moves=False)
+"""At a pose that stays: the second time with the blur that the first one found."""
 
 
 @compiled
@@ -149,7 +157,7 @@ def begin(model, pictures, solution, cameras, start):  # type: ignore[no-untyped
 
 
 @compiled
-def lay(model, pictures, solution, cameras, schedule, step, work):  # type: ignore[no-untyped-def]
+def _lay(model, pictures, solution, cameras, schedule, step, work):  # type: ignore[no-untyped-def]
     """Lay strips along the edges at the present pose, as a step of the schedule wants them."""
     mark_feet(model.table, model.half, solution)
     rotation, position = np.empty((3, 3)), np.empty(3)
@@ -184,7 +192,7 @@ def lay(model, pictures, solution, cameras, schedule, step, work):  # type: igno
 
 
 @compiled
-def measure_all(model, pictures, cameras, schedule, step, work):  # type: ignore[no-untyped-def]
+def _measure_all(model, pictures, cameras, schedule, step, work):  # type: ignore[no-untyped-def]
     """Measure the offsets of all strips at the present pose."""
     for c in range(len(cameras)):
         camera = cameras[c]
@@ -200,7 +208,7 @@ def measure_all(model, pictures, cameras, schedule, step, work):  # type: ignore
 
 
 @compiled
-def take_stock(solution, cameras, likely, work, seen):  # type: ignore[no-untyped-def]
+def _take_stock(solution, cameras, likely, work, seen):  # type: ignore[no-untyped-def]
     """Count the strips and judge the blurs again; returns how far the residuals scatter [px].
 
     likely: blur of a picture that does not show it where no other does either.
@@ -355,11 +363,14 @@ def _approach(model, pictures, schedule, start, solution, cameras, seen, work): 
     rotation, position = np.empty((3, 3)), np.empty(3)
     while step < len(schedule.blur) and not solution.converged:
         if stray:
-            lay(model, pictures, solution, cameras, schedule, step, work)
+            _lay(model, pictures, solution, cameras, schedule, step, work)
             share, stated = 1.0, 1.0
         copy_pose(solution.rotation, solution.position, rotation, position)
-        measure_all(model, pictures, cameras, schedule, step, work)
-        scatter = take_stock(solution, cameras, start.blur, work, seen)
+        _measure_all(model, pictures, cameras, schedule, step, work)
+        scatter = _take_stock(solution, cameras, start.blur, work, seen)
+        if not schedule.moves:
+            step, stray = step + 1, False
+            continue
         rough = schedule.blur[step] > 0.0
         # Only once the cameras have come to terms does a table not keep the pose from where they see it, and
         # is what is left the edges' own.
@@ -382,7 +393,7 @@ def _approach(model, pictures, schedule, start, solution, cameras, seen, work): 
             _weigh(solution, cameras, schedule.tukey[step - 1], scatter, work, seen)
             _solved(model, solution, cameras, stated, late)
     solution.steps = step
-    if not marginal(solution):
+    if not (schedule.moves and marginal(solution)):
         solution.converged = False
     elif model.table.known and late:
         leaner(solution)

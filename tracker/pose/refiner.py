@@ -16,15 +16,7 @@ from tracker.geometry.lens import stack_lenses
 from tracker.objects.box import Box
 from tracker.pose.edge_fit import OFFSET, scratch
 from tracker.pose.fit import LIKELY, SEEN, Fit, Lag, OwnViews, Start
-from tracker.pose.refine import (
-    SCHEDULE,
-    Schedule,
-    begin,
-    lay,
-    measure_all,
-    refine,
-    take_stock,
-)
+from tracker.pose.refine import MEASURING, SCHEDULE, Schedule, refine
 from tracker.pose.solution import CAMERA, EXPONENT, MOVING, RIM, SOLUTION, UNKNOWNS
 from tracker.pose.strips import MAX_STRIPS, PIXELS, STRIP
 from tracker.pose.support import NO_TABLE, Table
@@ -134,10 +126,7 @@ class Refiner:
         """
         solution, cameras = self.begun(rotation, position, lag)
         start = start or self.likely
-        count = len(cameras) if ask else 0
-        seen = np.zeros(len(cameras), SEEN)
-        own = OwnViews(np.empty((count, 6, 6)), np.empty((count, 6)), np.empty(count))
-        refine(self.model, pictures, schedule, start, solution[0], cameras, seen, self._local.work, own)
+        seen, own = self._run(pictures, schedule, start, solution, cameras, len(cameras) if ask else 0)
         end, one = start, solution[0]
         if one["converged"]:
             rim_std = max(math.sqrt(one["rim"]), SHOWN_RIM_STD)
@@ -157,6 +146,15 @@ class Refiner:
             own=own if ask else None,
         )
 
+    def _run(
+        self, pictures: Array, schedule: Schedule, start: Start, solution: Array, cameras: Array, asked: int
+    ) -> tuple[Array, OwnViews]:
+        """`refine`, and what it fills beside the solution (1,) and cameras (C,)."""
+        seen = np.zeros(len(cameras), SEEN)
+        own = OwnViews(np.empty((asked, 6, 6)), np.empty((asked, 6)), np.empty(asked))
+        refine(self.model, pictures, schedule, start, solution[0], cameras, seen, self._local.work, own)
+        return seen, own
+
     def edges(
         self,
         pictures: Array,
@@ -164,7 +162,6 @@ class Refiner:
         position: FloatArray,
         start: Start | None = None,
         offsets: FloatArray | None = None,
-        turns: int = 2,
     ) -> tuple[Array, Array, Workspace]:
         """A solution, cameras (C,), this thread's work space: the edges measured at a pose (3, 3), (3,) [m].
 
@@ -175,16 +172,9 @@ class Refiner:
             start: blur of the pictures, and the exponent and rim with which the object is drawn.
             offsets: (C, 6) by which each camera is known to see the object moved [m, rad]: the edges are
                 looked for there.
-            turns: measurements, of which each takes its blur from the one before.
         """
         (solution, cameras), work = self.begun(rotation, position), self._local.work
-        start = start or self.likely
-        last = len(SCHEDULE.blur) - 1
-        begin(self.model, pictures, solution[0], cameras, start)
         if offsets is not None:
             cameras["offset"][:, :6] = offsets
-        lay(self.model, pictures, solution[0], cameras, SCHEDULE, last, work)
-        for _ in range(turns):
-            measure_all(self.model, pictures, cameras, SCHEDULE, last, work)
-            take_stock(solution[0], cameras, start.blur, work, np.zeros(len(cameras), SEEN))
+        self._run(pictures, MEASURING, start or self.likely, solution, cameras, 0)
         return solution[0], cameras, work

@@ -51,7 +51,7 @@ BOXES = np.dtype(
 
 
 @compiled
-def integrate(labels, lenses, pictures, out):  # type: ignore[no-untyped-def]
+def _integrate(labels, lenses, pictures, out):  # type: ignore[no-untyped-def]
     """Out (C, h + 1, w + 1): integral images of the face colours' pixels."""
     for c in range(len(pictures)):
         width, height = lenses[c].width, lenses[c].height
@@ -72,14 +72,17 @@ def _colored(integrals, c, box):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def vote(integrals, boxes, pictures, votes):  # type: ignore[no-untyped-def]
+def vote(labels, lenses, pictures, boxes, votes):  # type: ignore[no-untyped-def]
     """Fill votes (N,): the mean over the cameras that see a point of how much of the object is around it.
 
     This is equation (4) of docs/how-it-works.md.
-    integrals (C, h + 1, w + 1) of the face colours; boxes (N, C) of BOXES. The tight box centres the vote,
-    the wide one bears with what fingers hide.
+    labels (C, h, w) of pictures (C,) of PICTURE; boxes (N, C) of BOXES. The tight box centres the vote, the
+    wide one bears with what fingers hide. Returns the largest vote.
     """
-    one = np.float32(1.0)
+    count, height, width = labels.shape
+    integrals = np.empty((count, height + 1, width + 1), np.int32)
+    _integrate(labels, lenses, pictures, integrals)
+    one, most = np.float32(1.0), np.float32(0.0)
     for p in range(len(votes)):
         total, number = np.float32(0.0), DOUBT
         for c in range(len(pictures)):
@@ -93,10 +96,12 @@ def vote(integrals, boxes, pictures, votes):  # type: ignore[no-untyped-def]
                 total += min(wide * at.share, one) + min(tight * at.share, one)
         # A camera that cannot see the point does not count, but the more agree the better.
         votes[p] = total / number
+        most = max(most, votes[p])
+    return most
 
 
 @compiled
-def take_best(points, votes, radius, out):  # type: ignore[no-untyped-def]
+def _take_best(points, votes, radius, out):  # type: ignore[no-untyped-def]
     """Copy the best point (3,) to out, take all within `radius` [m] out of the vote; returns its vote."""
     best = 0
     for p in range(len(votes)):
@@ -170,8 +175,12 @@ def _toward(lenses, stats, radius, position):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def centre(lenses, labels, pictures, radius, position):  # type: ignore[no-untyped-def]
-    """Move a position in place so that it projects to the centroids of the face pixels around it."""
+def next_place(points, votes, lenses, labels, pictures, radius, position):  # type: ignore[no-untyped-def]
+    """Put the best point into a position (3,) and centre it; returns its vote, and takes those near it out.
+
+    Centred, it projects to the centroids of the face pixels around it.
+    """
+    best = _take_best(points, votes, 2.0 * SEPARATION * radius, position)
     stats, before = np.empty((len(pictures), 7, 3)), np.empty(3)
     for _ in range(CENTRING_ROUNDS):
         gather(lenses, labels, pictures, position, radius, stats)
@@ -180,6 +189,7 @@ def centre(lenses, labels, pictures, radius, position):  # type: ignore[no-untyp
         _toward(lenses, stats, radius, position)
         for i in range(3):
             position[i] = before[i] + min(0.8 * radius, max(-0.8 * radius, position[i] - before[i]))
+    return best
 
 
 def _grid(arena: Arena, step: float) -> FloatArray:
@@ -222,18 +232,14 @@ class PositionSearch:
 
         Best first; each is worked out when it is asked for.
         """
-        count, height, width = labels.shape
-        integrals = np.empty((count, height + 1, width + 1), np.int32)
-        integrate(labels, self.lenses, pictures, integrals)
         votes = np.empty(len(self.points), np.float32)
-        vote(integrals, self.boxes, pictures, votes)
-        least, separation = max(MIN_VOTE, MIN_SHARE * float(votes.max())), SEPARATION * self.radius
+        least = max(MIN_VOTE, MIN_SHARE * vote(labels, self.lenses, pictures, self.boxes, votes))
+        separation = SEPARATION * self.radius
         found: list[FloatArray] = []
         while len(found) < most:
             position = np.empty(3)
-            if take_best(self.points, votes, 2 * separation, position) < least:
+            if next_place(self.points, votes, self.lenses, labels, pictures, self.radius, position) < least:
                 return
-            centre(self.lenses, labels, pictures, self.radius, position)
             if all(np.linalg.norm(position - other) > separation for other in found):
                 found.append(position)
                 yield position

@@ -147,13 +147,17 @@ def predict(dt, motions, modes):  # type: ignore[no-untyped-def]
 
     See equation (22) of docs/how-it-works.md.
     """
-    turn, step, before, turned = np.empty((3, 3)), np.eye(STATE), np.empty((STATE, STATE)), np.empty((3, 3))
+    turn, turned = np.empty((3, 3)), np.empty((3, 3))
+    step, before = np.zeros((STATE, STATE)), np.empty((STATE, STATE))
+    for i in range(STATE):
+        step[i, i] = 1.0
     for k in range(len(modes)):
         p, r, v, covariance = modes[k].position, modes[k].rotation, modes[k].velocity, modes[k].covariance
         if motions.still[k]:
-            v[:] = 0.0
-            covariance[6:, :] = 0.0
-            covariance[:, 6:] = 0.0
+            for i in range(6, STATE):
+                v[i - 6] = 0.0
+                for j in range(STATE):
+                    covariance[i, j] = covariance[j, i] = 0.0
         else:
             so3.exp_into(dt * v[3:], turn)
             product(turn, r, turned)
@@ -166,8 +170,7 @@ def predict(dt, motions, modes):  # type: ignore[no-untyped-def]
                 step[i, 6 + i] = dt
             for i in range(STATE):
                 for j in range(STATE):
-                    before[i, j] = covariance[i, j]
-            covariance[:] = 0.0
+                    before[i, j], covariance[i, j] = covariance[i, j], 0.0
             congruence(step, before, covariance)
         for i in range(6):
             kind = 0 if i < 3 else 1
@@ -183,7 +186,8 @@ def _correct(innovation, noise, mode):  # type: ignore[no-untyped-def]
     """Kalman's update of one mode in place; returns the innovation's log likelihood up to a constant."""
     covariance = mode.covariance
     spread, lower, gain = np.empty((6, 6)), np.zeros((6, 6)), np.empty((STATE, 6))
-    keep, before, error, pull = np.eye(STATE), covariance.copy(), np.empty(STATE), np.empty(6)
+    keep, before = np.zeros((STATE, STATE)), np.empty((STATE, STATE))
+    error, pull = np.empty(STATE), np.empty(6)
     for i in range(6):
         for j in range(6):
             spread[i, j] = covariance[i, j] + noise[i, j]
@@ -194,14 +198,15 @@ def _correct(innovation, noise, mode):  # type: ignore[no-untyped-def]
     for i in range(6):
         likelihood -= 0.5 * innovation[i] * pull[i] + math.log(lower[i, i])
     for i in range(STATE):
+        for j in range(STATE):
+            before[i, j], covariance[i, j] = covariance[i, j], 0.0
         substitute(lower, before[i, :6], gain[i])
-        error[i] = 0.0
+        error[i], keep[i, i] = 0.0, 1.0
         for j in range(6):
             error[i] += gain[i, j] * innovation[j]
             keep[i, j] -= gain[i, j]
     moved(mode, error)
     # Joseph's form keeps it symmetric and positive.
-    covariance[:] = 0.0
     congruence(keep, before, covariance)
     congruence(gain, noise, covariance)
     return likelihood
@@ -213,7 +218,7 @@ def update(position, rotation, noise, modes):  # type: ignore[no-untyped-def]
 
     See equation (24) of docs/how-it-works.md.
     """
-    count = len(modes)
+    count, best = len(modes), -np.inf
     likelihood, innovation, turned = np.empty(count), np.empty(6), np.empty((3, 3))
     for k in range(count):
         for i in range(3):
@@ -221,7 +226,8 @@ def update(position, rotation, noise, modes):  # type: ignore[no-untyped-def]
         product(rotation, modes[k].rotation.T, turned)
         so3.log_into(turned, innovation[3:])
         likelihood[k] = _correct(innovation, noise, modes[k])
-    best, total, rest = likelihood.max(), 0.0, 0.0
+        best = max(best, likelihood[k])
+    total, rest = 0.0, 0.0
     for k in range(count):
         modes[k].weight *= math.exp(likelihood[k] - best)
         total += modes[k].weight
