@@ -109,7 +109,7 @@ def collect(scenes: int) -> Cases:
             estimator, found, right = one._estimator, [], []
             sight = estimator.reader(images)
             for candidate in estimator.candidates(sight):
-                fit = estimator.examined(candidate.sight, candidate)
+                fit = estimator.examined(sight, candidate)
                 pose = PoseEstimate(fit.position, so3.quaternion(fit.rotation), fit.covariance, 0.0)
                 error = dict(zip(("mm", "deg"), pose_errors(pose, truth), strict=False))
                 found.append(fit)
