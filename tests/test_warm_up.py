@@ -4,6 +4,8 @@ import sys
 import time
 
 import pytest
+from numba import njit
+from numba.core.types import BaseFunction
 
 from tests.helpers import ROOT, run_python
 from tracker import warm_up
@@ -54,6 +56,18 @@ def test_once_loaded_no_picture_has_anything_compiled():
     assert int(count) == warm_up.KERNELS
     assert found[0] == "cube_v2 3 True"
     assert later == "[]"
+
+
+def test_compiled_quickly_a_kernel_gives_the_same_and_numba_is_left_as_it_was():
+    def kernel(whole, real):
+        return whole + whole, whole + real, whole / 2, real + 2
+
+    resolve = BaseFunction.get_call_type
+    with warm_up.quickly():
+        assert BaseFunction.get_call_type is not resolve
+        quick = njit(kernel)(3, 0.5)
+    assert BaseFunction.get_call_type is resolve
+    assert [(type(value), value) for value in quick] == [(type(v), v) for v in kernel(3, 0.5)]
 
 
 @pytest.mark.parametrize("packages", ["tracker/{}/__pycache__", "cache/tracker.{}"])
