@@ -1,4 +1,5 @@
 import contextlib
+import importlib
 import io
 import json
 import multiprocessing
@@ -12,7 +13,7 @@ import pytest
 from numba.core import types
 
 from tests.helpers import ROOT, run_python
-from tracker.compiled import compiled
+from tracker.compiled import compiled, fingerprint
 
 PACKAGE = ROOT / "tracker"
 
@@ -216,6 +217,16 @@ def test_a_change_in_what_a_kernel_calls_or_imports_leads_to_new_machine_code(to
     assert in_new_process(toy, TOY) == [11.0, 0]
     edit(toy, "unrelated.py", "0", "1")
     assert in_new_process(toy, TOY) == [11.0, 1]
+
+
+def test_what_a_script_compiles_is_as_new_as_the_package_whose_kernels_it_may_call(tmp_path, monkeypatch):
+    (tmp_path / "one_file.py").write_text(
+        "from tracker.compiled import compiled\n\n@compiled\ndef twice(x):\n    return 2 * x\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    twice = importlib.import_module("one_file").twice
+    assert twice(2) == 4
+    assert fingerprint("tracker") in twice._cache._impl.locator.get_source_stamp()
 
 
 def test_machine_code_of_older_sources_is_removed_but_for_the_latest(toy):

@@ -187,7 +187,9 @@ class _Locator(_CacheLocator):
     def __init__(self, found: Any, function: Callable[..., Any]) -> None:
         package = function.__module__.partition(".")[0]
         alone = not hasattr(sys.modules[package], "__path__")
-        self._stamp = found.get_source_stamp() if alone else fingerprint(package)
+        # What a script compiles may be made of this package's kernels.
+        script = (found.get_source_stamp(), fingerprint(__name__.partition(".")[0])) if alone else None
+        self._stamp = script or fingerprint(package)
         self._found = found
         if alone:
             self._folder = str(found.get_cache_path())
