@@ -232,9 +232,9 @@ class Edges(NamedTuple):
 
 
 def edges_at(scene: Scene, rotation: FloatArray, position: FloatArray, start: Start) -> Edges:
-    """Lay strips at a pose, and measure their offsets once."""
+    """Lay strips at a pose, and measure their offsets."""
     refiner, pictures = scene.estimator.refiner, scene.sight.pictures
-    _, cameras, work = refiner.edges(pictures, rotation, position, start, turns=1)
+    _, cameras, work = refiner.edges(pictures, rotation, position, start)
     parts = work.strips, work.found, cameras["strips"], cameras["reach"], work.distance, work.values
     return Edges(*(part.copy() for part in parts), cameras["blur"].copy(), start)
 
