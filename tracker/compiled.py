@@ -187,13 +187,13 @@ class _Locator(_CacheLocator):
     def __init__(self, found: Any, function: Callable[..., Any]) -> None:
         package = function.__module__.partition(".")[0]
         alone = not hasattr(sys.modules[package], "__path__")
-        # What a script compiles may be made of this package's kernels.
-        script = (found.get_source_stamp(), fingerprint(__name__.partition(".")[0])) if alone else None
-        self._stamp = script or fingerprint(package)
         self._found = found
         if alone:
+            # What a script compiles may be made of this package's kernels.
+            self._stamp = f"{found.get_source_stamp()} {fingerprint(__name__.partition('.')[0])}"
             self._folder = str(found.get_cache_path())
         else:
+            self._stamp = fingerprint(package)
             self._folder = str(_place(_base(found, function), _FOLDER + self._stamp))
 
     def get_cache_path(self) -> str:
