@@ -46,7 +46,7 @@ _LOG = logging.getLogger(__name__)
 _SIZE = 64
 _POSITION = np.array([0.0, 0.0, 0.0325])
 _SECONDS = 300
-KERNELS = 19
+KERNELS = 18
 """Machine codes that come of it."""
 _THRESHOLDS = (100_000, 50, 100)
 """Of Python's garbage collection; without any, each process would need 200 MB more."""

@@ -4,7 +4,7 @@ import pytest
 from tests.helpers import numerical_jacobian, random_rotations
 from tracker.geometry import so3
 from tracker.tracking import motion
-from tracker.tracking.motion import MODE, STATE, Motions
+from tracker.tracking.motion import CONSTANT, MODE, MOTIONS, STATE, Motions
 
 DT = 0.1
 
@@ -17,7 +17,7 @@ PUSHED = Motions(
 def predicted(p, r, v, covariance, dt, motions=PUSHED):
     """One mode's state and covariance after `motion.predict`."""
     modes = np.array([(1.0, p, r, v, covariance)], MODE)
-    motion.predict(dt, motions, modes)
+    motion.predict(dt, motions, modes, False)
     return modes[0].tolist()[1:]
 
 
@@ -96,7 +96,10 @@ def moments(modes):
 def test_all_kinds_together_have_the_mean_and_the_spread_of_their_mixture(rng):
     modes = drawn_modes(rng)
     found, whole = np.empty(1, MODE), np.empty((STATE, STATE))
-    motion.combine(modes, found, whole)
+    noise = np.diag(rng.uniform(0.5, 2.0, 6))
+    at_rest = motion.combine(MOTIONS, modes, noise, found, whole)
+    assert at_rest == modes["weight"][0]
+    whole[:6, :6] -= CONSTANT * noise
     mean, spread = moments(modes)
     np.testing.assert_allclose(found["position"][0], mean[:3], atol=1e-12)
     np.testing.assert_allclose(so3.log(found["rotation"][0] @ modes["rotation"][0].T), mean[3:6], atol=1e-12)
@@ -104,12 +107,20 @@ def test_all_kinds_together_have_the_mean_and_the_spread_of_their_mixture(rng):
     np.testing.assert_allclose(whole, spread, atol=1e-12)
 
 
+def mixed(modes, lasting, dt=1e-9):
+    """Let modes change into each other in so short a time that none moves, in place."""
+    nothing = np.zeros((3, 2))
+    motion.predict(dt, Motions(np.zeros(3, bool), nothing, nothing, lasting), modes, True)
+
+
 def test_kinds_that_change_into_each_other_keep_their_mean_and_spread(rng):
     modes = drawn_modes(rng)
     first, before = modes["rotation"][0].copy(), moments(modes)
-    transition = rng.dirichlet(np.ones(3), 3)
+    lasting = 1e-9 * rng.uniform(0.5, 2.0, 3)
+    stay = np.exp(-1e-9 / lasting)
+    transition = np.where(np.eye(3), stay, np.repeat((1 - stay)[:, None] / 2, 3, axis=1))
     expected = transition.T @ modes["weight"]
-    motion.mix(modes, transition)
+    mixed(modes, lasting)
     np.testing.assert_allclose(modes["weight"], expected, rtol=1e-12)
     after = moments(modes)
     # About another first rotation.
@@ -121,6 +132,6 @@ def test_kinds_that_change_into_each_other_keep_their_mean_and_spread(rng):
 def test_kinds_that_keep_to_themselves_are_not_changed_by_mixing(rng):
     modes = drawn_modes(rng)
     before = modes.copy()
-    motion.mix(modes, np.eye(3))
+    mixed(modes, np.full(3, np.inf))
     for name in MODE.names:
-        np.testing.assert_allclose(modes[name], before[name], rtol=1e-12, atol=1e-15)
+        np.testing.assert_allclose(modes[name], before[name], rtol=1e-12, atol=1e-9)

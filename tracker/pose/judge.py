@@ -40,11 +40,17 @@ NEARNESS = 1.06, 0.93
 covariance may be too small or too large. Fitted by scripts/fit_confidence.py."""
 
 
+_once = functools.lru_cache(maxsize=32)
+"""A judgement of a fit is asked for several times: what was found is kept for the latest fits."""
+
+
+@_once
 def alone(fit: Fit) -> bool:
     """Whether the pose rests on what one camera sees."""
     return sum(one["inliers"] >= MIN_VIEW for one in fit.counts) < 2
 
 
+@_once
 def supporters(fit: Fit) -> int:
     """How many cameras probably see the object where the fit has it."""
     return sum(shows > 0.5 for shows in fit.evidence.shows.tolist())
@@ -55,7 +61,7 @@ def unanimous(fit: Fit) -> bool:
     return supporters(fit) == sum(one["predicted"] > 0 for one in fit.counts)
 
 
-@functools.lru_cache(maxsize=32)
+@_once
 def contradicting(fit: Fit) -> tuple[bool, ...]:
     """Whether each camera sees the object elsewhere, or something else where the fit has it."""
     result = []
@@ -71,6 +77,7 @@ def rank(fit: Fit) -> float:
     return -fit.evidence.nothing
 
 
+@_once
 def log_odds(fit: Fit) -> float:
     """Log odds that the object is here, over another body or nothing, if no other pose explains as much."""
     less, more = sorted((fit.evidence.body, fit.evidence.nothing))
@@ -83,6 +90,7 @@ def disputed(fit: Fit) -> int:
     return against if against > 1 else 0
 
 
+@_once
 def trust(fit: Fit) -> float:
     """Probability that the fit sits on the object, at whatever accuracy."""
     return 1.0 / (1.0 + math.exp(-log_odds(fit)) + math.exp(-fit.lead) + disputed(fit))
@@ -93,7 +101,7 @@ def settled(fit: Fit) -> bool:
     return trust(fit) > SURE and fit.converged and fit.inside and not alone(fit)
 
 
-@functools.lru_cache(maxsize=32)
+@_once
 def refusal(fit: Fit) -> Status | None:
     """Why the fit is not accepted; None where it is."""
     if not np.isfinite(fit.covariance).all():
@@ -136,7 +144,7 @@ def fits(fit: Fit) -> float:
     return 1.0 if fit.disagreement is None else probably_fits(fit.disagreement)
 
 
-@functools.lru_cache(maxsize=32)
+@_once
 def apparent(fit: Fit) -> float:
     """The confidence of a fit if the calibration is right as far as its files state."""
     return trust(fit) * nearness(fit.covariance)

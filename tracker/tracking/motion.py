@@ -123,8 +123,8 @@ def _pool(modes, weights, errors, mean, out):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def mix(modes, transition):  # type: ignore[no-untyped-def]
-    """Let the kinds of motion change into each other, in place; transition (M, M) from row to column.
+def _mix(dt, motions, modes):  # type: ignore[no-untyped-def]
+    """Let the kinds of motion change into each other for dt [s], in place.
 
     See equation (23) of docs/how-it-works.md.
     """
@@ -133,20 +133,24 @@ def mix(modes, transition):  # type: ignore[no-untyped-def]
     for j in range(count):
         modes[j].weight = 0.0
         for i in range(count):
-            modes[j].weight += transition[i, j] * old[i].weight
+            stays = math.exp(-dt / motions.lasting[i])
+            shares[i] = old[i].weight * (stays if i == j else (1.0 - stays) / (count - 1))
+            modes[j].weight += shares[i]
         for i in range(count):
-            shares[i] = transition[i, j] * old[i].weight / modes[j].weight
+            shares[i] /= modes[j].weight
         _spread(old, shares, j, errors, mean)
         _pool(old, shares, errors, mean, modes[j].covariance)
         moved(modes[j], mean)
 
 
 @compiled
-def predict(dt, motions, modes):  # type: ignore[no-untyped-def]
-    """Move every mode's state and covariance on by dt [s], in place.
+def predict(dt, motions, modes, mixed):  # type: ignore[no-untyped-def]
+    """Move every mode's state and covariance on by dt [s], in place; mixed: whether kinds change before.
 
     See equation (22) of docs/how-it-works.md.
     """
+    if mixed:
+        _mix(dt, motions, modes)
     turn, turned = np.empty((3, 3)), np.empty((3, 3))
     step, before = np.zeros((STATE, STATE)), np.empty((STATE, STATE))
     for i in range(STATE):
@@ -240,13 +244,15 @@ def update(position, rotation, noise, modes):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def combine(modes, mode, whole):  # type: ignore[no-untyped-def]
+def combine(motions, modes, noise, mode, whole):  # type: ignore[no-untyped-def]
     """All modes together: a mode (1,), whose covariance and weight stay, and the covariance whole (12, 12).
 
     See equation (25) of docs/how-it-works.md.
+    noise: (6, 6) of the last measurement. Returns the probability that the object does not move.
     """
-    best = 0
+    best, at_rest = 0, 0.0
     for k in range(len(modes)):
+        at_rest += modes[k].weight if motions.still[k] else 0.0
         if modes[k].weight > modes[best].weight:
             best = k
     weights, errors, mean = np.empty(len(modes)), np.empty((len(modes), STATE)), np.empty(STATE)
@@ -256,6 +262,10 @@ def combine(modes, mode, whole):  # type: ignore[no-untyped-def]
     _pool(modes, weights, errors, mean, whole)
     mode[0] = modes[best]
     moved(mode[0], mean)
+    for i in range(6):
+        for j in range(6):
+            whole[i, j] += CONSTANT * noise[i, j]
+    return at_rest
 
 
 def unknown_velocity() -> tuple[FloatArray, FloatArray]:
@@ -299,9 +309,8 @@ class MotionFilter(NamedTuple):
 
     def predicted(self, dt: float) -> MotionFilter:
         """The same, moved on by dt [s]."""
-        stay, modes = np.exp(-dt / MOTIONS.lasting), self.modes.copy()
-        mix(modes, np.where(np.eye(len(stay)), stay, ((1 - stay) / (len(stay) - 1))[:, None]))
-        predict(dt, MOTIONS, modes)
+        modes = self.modes.copy()
+        predict(dt, MOTIONS, modes, True)
         return MotionFilter(modes, self.noise)
 
     def slowed(self, dt: float) -> MotionFilter:
@@ -323,7 +332,7 @@ class MotionFilter(NamedTuple):
         counts between pictures, not here: what seldom happens would hide what is nearly certain.
         """
         weights, modes = self.modes["weight"], self.modes.copy()
-        predict(dt, MOTIONS, modes)
+        predict(dt, MOTIONS, modes, False)
         order = np.argsort(-weights, kind="stable")
         count = int(np.searchsorted(np.cumsum(weights[order]), LIKELY)) + 1
         likely = np.zeros_like(weights)
@@ -340,8 +349,6 @@ class MotionFilter(NamedTuple):
     def state(self) -> MotionState:
         """The fused estimate."""
         mean, covariance = np.empty(1, MODE), np.empty((STATE, STATE))
-        combine(self.modes, mean, covariance)
-        covariance[:6, :6] += CONSTANT * self.noise
+        at_rest = combine(MOTIONS, self.modes, self.noise, mean, covariance)
         position, rotation, velocity = (mean[name][0] for name in ("position", "rotation", "velocity"))
-        at_rest = float(self.modes["weight"][MOTIONS.still].sum())
         return MotionState(position, rotation, velocity, covariance, at_rest)
