@@ -97,8 +97,8 @@ def trust(fit: Fit) -> float:
 
 
 def settled(fit: Fit) -> bool:
-    """Whether no other hypothesis needs to be tried: one camera alone never settles the matter."""
-    return trust(fit) > SURE and fit.converged and fit.inside and not alone(fit)
+    """Whether no other hypothesis needs to be tried, but for what one camera alone cannot tell apart."""
+    return trust(fit) > SURE and fit.converged and fit.inside
 
 
 @_once
