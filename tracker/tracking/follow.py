@@ -19,8 +19,7 @@ from tracker.tracking.cameras import Agreement, CameraMemory, after, looked_at, 
 from tracker.tracking.motion import MotionState, unknown_velocity
 
 TOGETHER, ALONE = 1.2, 2.2
-"""Least log odds of a fit near where the object was expected, with which it is not looked for farther away:
-where several cameras see it, and one alone, to which wrong poses look better."""
+"""The same near where the object was expected, as least log odds (see `judge.SURE`)."""
 
 MOST_EXTRA = 0.08
 """Share of pixels in the object's colours beyond its outline up to which it is not: slid along an edge, it
@@ -138,7 +137,7 @@ class Follower:
         near = None
         if expected is not None:
             near, memory = self._near(images, expected, lag, memory, timing, hidden)
-            if near is not None and settled(near) and memory.belief.plausible(expected, near):
+            if near is not None and kept(near) and memory.belief.plausible(expected, near):
                 return near, memory
         found = self._estimator.find(images, timing, thorough=near is None, lag=lag, hidden=hidden)
         if near is None or (not isinstance(found, Status) and rank(found) > rank(near)):
@@ -163,11 +162,11 @@ class Follower:
         laps.append(time.perf_counter())
         due = memory.agreement.due(expected)
         fit = estimator.follow(sight, expected.rotation, expected.position, memory.start, lag, ask=due)
-        if not settled(fit):
+        if not kept(fit):
             other = estimator.without_worst(sight, fit, lag)
-            fit = other if settled(other) else fit
+            fit = other if kept(other) else fit
         memory = memory._replace(cameras=cameras, lights=sight.pictures, start=fit.end)
-        if not settled(fit):
+        if not kept(fit):
             hypotheses = [(expected.rotation, expected.position)]
             if memory.belief.last_pose is not None:
                 hypotheses.append(memory.belief.last_pose)
@@ -181,8 +180,8 @@ class Follower:
         return (fit if refusal(fit) is None else None), memory
 
 
-def settled(fit: Fit | None) -> bool:
-    """Whether a fit is so sure that no other needs to be tried."""
+def kept(fit: Fit | None) -> bool:
+    """Whether a fit near where the object was expected is so sure that it is not looked for elsewhere."""
     if fit is None or not fit.converged or refusal(fit) is not None:
         return False
     if log_odds(fit) < (ALONE if alone(fit) else TOGETHER):
