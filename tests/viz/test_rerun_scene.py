@@ -63,6 +63,23 @@ def test_what_a_frame_tells_of_the_rig_is_drawn_where_there_is_something(height,
     assert ("/health/table" in entities(tmp_path / "view.rrd")) == np.isfinite(height)
 
 
+def luminance(color: tuple[int, ...]) -> float:
+    """Of sRGB, as the guidelines on web content define it."""
+    value = np.array(color) / 255
+    linear = np.where(value <= 0.03928, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
+    return float(linear @ (0.2126, 0.7152, 0.0722))
+
+
+@needs_rerun
+@pytest.mark.parametrize("background", [(255, 255, 255), (20, 24, 28)])
+def test_lines_are_clear_in_the_light_and_in_the_dark_theme(background):
+    from tracker.viz.rerun_scene import _AXES, KINDS
+
+    for color in (*KINDS.values(), *_AXES.values()):
+        darker, lighter = sorted((luminance(background), luminance(color)))
+        assert (lighter + 0.05) / (darker + 0.05) > 3, color
+
+
 @needs_rerun
 @pytest.mark.parametrize(
     ("arguments", "message"),

@@ -40,10 +40,13 @@ SIGMAS = 2.0
 TIME, FRAME = "time", "frame"
 """Timelines: seconds since the first frame shown, and the frame's number in the recording."""
 
-KINDS = {"measured": (255, 255, 255), "filtered": (255, 170, 60)}
-"""Colour (red, green, blue) of what is drawn of each kind of pose."""
+KINDS = {"measured": (30, 136, 229), "filtered": (225, 100, 0)}
+"""Colour (red, green, blue) of each kind of pose, clear on dark and on light.
 
-_AXES = {"x": (240, 120, 110), "y": (125, 205, 125), "z": (95, 165, 245)}
+The viewer follows the system's theme. Neither a blueprint nor a command-line option can choose it.
+"""
+
+_AXES = {"x": (215, 60, 50), "y": (40, 140, 60), "z": (40, 110, 215)}
 _FACE_ALPHA = 190  # the ellipsoid inside shows through
 _JPEG_QUALITY = 90
 _PLANE_DISTANCE = 0.12  # of the images in space from their camera [m]
