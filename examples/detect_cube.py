@@ -1,4 +1,4 @@
-"""Find a cube in one image per camera; the images are those that `tracker demo` leaves."""
+"""Find a cube in the images that `tracker demo` leaves."""
 
 import cv2
 

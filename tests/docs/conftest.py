@@ -20,11 +20,11 @@ def working(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("pages")
     demo, few = ROOT / "tracker" / "demo", shutil.ignore_patterns("00000[3-9]", "00001*")
     shutil.copytree(demo, folder / "tracker-demo")
-    shutil.copytree(demo, folder / "my_recording", ignore=few)
+    shutil.copytree(demo, folder / "my_recording")
     goal = '{"difficulty": 1, "goal": {"position": [0, 0, 0.0325], "orientation": [0, 0, 0, 1]}}'
     (folder / "my_recording" / "goal.json").write_text(goal)
     for number in range(2):
-        shutil.copytree(folder / "my_recording", folder / "episodes" / f"{number:04d}")
+        shutil.copytree(folder / "my_recording", folder / "episodes" / f"{number:04d}", ignore=few)
     shutil.copytree(ROOT / "examples" / "dice", folder / "examples" / "dice")
     (folder / "my_images").mkdir()
     for number in range(2):

@@ -1,6 +1,7 @@
 """Samples of the README and the pages: fenced blocks, and the commands in them."""
 
 import re
+from typing import NamedTuple
 
 from tests.helpers import ROOT
 
@@ -10,7 +11,9 @@ PAGES = {
 }
 """Their texts by name: `README`, `docs/poses`, …"""
 
-_SHOWN = re.compile(r"^```sh\n((?:(?!```).)*?)^```\n\n```text\n(.*?)^```$", flags=re.DOTALL | re.MULTILINE)
+_SHELL = re.compile(r"^```sh\n(.*?)^```$(?:\n\n```(text|json)\n(.*?)^```$)?", flags=re.DOTALL | re.MULTILINE)
+
+_INLINE = re.compile(r"`(tracker [a-z]+ [^`]* (?:--object|-o) [^`]+)`")
 
 _FENCED = re.compile(r"^```(\w*)\n(.*?)^```$", flags=re.DOTALL | re.MULTILINE)
 
@@ -27,10 +30,29 @@ def blocks(language: str, *pages: str) -> list[str]:
     return list(dict.fromkeys(found))
 
 
-def outputs() -> dict[str, str]:
-    """What pages show below commands: of the last command of a block, where a block of text follows it."""
-    pairs = (pair for text in PAGES.values() for pair in _SHOWN.findall(text))
-    return {_lines(block)[-1]: shown for block, shown in pairs}
+class Sample(NamedTuple):
+    """A block of shell commands, and what the page shows below it."""
+
+    page: str
+    commands: tuple[str, ...]
+    """Without remarks."""
+    language: str
+    """`text` or `json`; empty: nothing is shown."""
+    shown: str
+
+
+def samples() -> list[Sample]:
+    """All blocks of shell commands, in the pages' order."""
+    return [
+        Sample(page, tuple(_lines(block)), language, shown)
+        for page, text in PAGES.items()
+        for block, language, shown in _SHELL.findall(text)
+    ]
+
+
+def inline_commands() -> list[str]:
+    """Whole commands within sentences."""
+    return list(dict.fromkeys(one for text in PAGES.values() for one in _INLINE.findall(text)))
 
 
 def _lines(block: str) -> list[str]:
@@ -41,4 +63,4 @@ def _lines(block: str) -> list[str]:
 
 def commands() -> list[str]:
     """The shell commands of all pages, without remarks."""
-    return list(dict.fromkeys(line for block in blocks("sh") for line in _lines(block)))
+    return list(dict.fromkeys(line for sample in samples() for line in sample.commands))

@@ -60,9 +60,8 @@ def test_the_example_finds_the_cube(working, run_script):
         "confidence",
     ]
     assert float(result.stdout.split()[-1]) > 0.5
-    numbers = (
-        re.findall(r"-?\d\.[\de-]+", text) for text in (blocks("text", "docs/first-steps")[0], result.stdout)
-    )
+    (shown,) = (block for block in blocks("text", "docs/first-steps") if block.startswith("position"))
+    numbers = (re.findall(r"-?\d\.[\de-]+", text) for text in (shown, result.stdout))
     np.testing.assert_allclose(*(np.array(found, float) for found in numbers), atol=2e-3)
 
 
