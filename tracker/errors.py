@@ -1,10 +1,10 @@
-"""Errors: every fault that a caller can mend derives from TrackerError."""
+"""Errors: all that a caller can fix derive from TrackerError."""
 
 from __future__ import annotations
 
 
 class TrackerError(Exception):
-    """Base of all errors of this package; its message names the offender and what would be valid."""
+    """Base of all errors of this package. The message says what is wrong, and what would be valid."""
 
 
 class CalibrationError(TrackerError):
@@ -20,7 +20,7 @@ class ColorModelError(TrackerError):
 
 
 class ImageError(TrackerError):
-    """An image is unreadable, or of the wrong count, shape, size or type."""
+    """An image is unreadable, or the number, shape, size or type of images is wrong."""
 
 
 class TaskError(TrackerError):
@@ -28,21 +28,21 @@ class TaskError(TrackerError):
 
 
 class LogError(TrackerError):
-    """A recording or a file of poses is missing, malformed, truncated or damaged, or of an unknown kind."""
+    """A recording or a file of poses is missing, malformed, truncated, damaged or of an unknown format."""
 
 
 class NotBetterError(TrackerError):
-    """What was found is no better than what there was before, so it is not kept."""
+    """A new result is no better than the old one, so it is discarded."""
 
 
 class LiveError(TrackerError):
-    """A source of live images cannot be opened or goes no further, or poses cannot be handed on."""
+    """A source of live images cannot be opened or has failed, or poses cannot be published."""
 
 
 def install(extra: str) -> str:
-    """How to get the packages of one of this package's extras, in one line; no index has this package.
+    """The command that installs an extra, in one line; no index has this package.
 
-    In place (-e), since a copy would be compiled again, and `synthetic` and `benchmarks` are in no copy.
+    In place (-e): a copy would be compiled again, and would lack `synthetic` and `benchmarks`.
     """
     return f"python3 -m pip install -e '.[{extra}]' in a clone of the tracker"
 

@@ -194,7 +194,7 @@ def others(poses, tmp_path):
         ("export job --csv x.csv", "job: found a folder, expected a file of poses"),
         ("export none --csv x.csv", "none: found no such file, expected a file of poses"),
         ("export other.h5 --video film.mp4 --log job", "poses of another recording"),
-        ("convert job -o folder", "there is one already"),
+        ("convert job -o folder", "exists, expected a new name"),
         ("convert job -o new.zip", ".zip"),
         ("convert job -o job/camera_data.dat", "that is the recording"),
         ("convert cut -o new.h5", "camera_data.dat"),

@@ -39,9 +39,9 @@ from tracker.version import version
 
 EXIT_CODES = {
     0: "done",
-    1: "no: not found (with --exit-code), does not fit, not better than before, something is wrong",
-    2: "an error: usage, input, a recording that failed or could not be written, no image of any camera",
-    129: "ended by SIGHUP, as where the terminal is closed",
+    1: "no: not found (with --exit-code), does not fit, no improvement, a check failed",
+    2: "an error: usage, input, a recording that failed, an output that cannot be written, no images at all",
+    129: "ended by SIGHUP: the terminal was closed",
     130: "interrupted, by Ctrl-C",
     143: "ended by SIGTERM",
 }
@@ -59,7 +59,7 @@ def _print_version(context: click.Context, _: click.Parameter, requested: bool) 
 
 
 class _InTheirOrder(click.Group):
-    """Lists its commands in the order in which one comes to need them."""
+    """Lists its commands in the order in which users need them."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(self.commands)

@@ -1,4 +1,4 @@
-"""`tracker batch`: thousands of recordings, and how far they are."""
+"""`tracker batch`: thousands of recordings, and the progress."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Engine:
     htcondor: bool
     slurm: bool
     dry_run: bool
-    """Whether what would be submitted is printed only."""
+    """Whether to print the description instead of submitting it."""
 
     def __post_init__(self) -> None:
         given = (self.jobs, self.scheduler, self.htcondor, self.slurm)
@@ -52,21 +52,19 @@ class Engine:
         if len(chosen) > 1:
             raise click.UsageError(f"found {' and '.join(chosen)}, expected one of them")
         if self.dry_run and self.submits is None:
-            raise click.UsageError(
-                "--dry-run prints what --htcondor or --slurm would submit, expected one of them"
-            )
+            raise click.UsageError("--dry-run: expected --htcondor or --slurm, whose description it prints")
 
     @property
     def submits(self) -> Scheduler | None:
-        """To what jobs are submitted; None: to nothing."""
+        """Where jobs are submitted; None: nowhere."""
         return "htcondor" if self.htcondor else "slurm" if self.slurm else None
 
 
 engine_options = options.gathered(
     "engine",
     Engine,
-    options.whole("--jobs", "Processes here.  [default: one for each core]"),
-    click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler, whose workers do it instead."),
+    options.whole("--jobs", "Processes on this machine.  [default: one per core]"),
+    click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers track instead."),
     click.option("--htcondor", is_flag=True, help="Submit what is missing to HTCondor."),
     click.option("--slurm", is_flag=True, help="Submit what is missing to Slurm."),
     click.option("--dry-run", is_flag=True, help="Print what --htcondor or --slurm would submit."),
@@ -100,7 +98,7 @@ def run(
     For image stores, --calibration DIR may hold several robots' files (r1_camera60.yml, …). Each episode is
     then tracked with the calibration of its robot; docs/learning.md describes the results.
 
-    The same command again does what is missing, changed or damaged, and nothing else. `tracker batch status
+    Repeat the command to do what is missing, changed or damaged. `tracker batch status
     DIR` shows the progress, also of HTCondor and Slurm. Parquet and --scheduler need python3 -m pip install
     -e '.[cluster]'. See docs/batch.md.
     """
@@ -246,7 +244,7 @@ def status(folder: Path, write: bool, as_csv: bool, as_json: bool) -> None:
 @click.argument("list_path", metavar="LIST", type=_FOLDER)
 @click.argument("number", metavar="N", type=int)
 def share(list_path: Path, number: int) -> None:
-    """Do the Nth job of a LIST; what jobs of HTCondor and Slurm run."""
+    """Do the Nth job of a LIST: jobs of HTCondor and Slurm run this."""
     from tracker.batch.jobs import do_share
 
     failed = do_share(list_path, number)
@@ -256,7 +254,7 @@ def share(list_path: Path, number: int) -> None:
 
 
 def _of_robots(report: dict[str, Any]) -> str:
-    """How poses differ from the stored ones, a line for each robot."""
+    """Differences between new and stored poses, a line per robot."""
     columns = {
         "frames": ("frames", "{:.0f}"),
         "position_median_mm": ("median mm", "{:.1f}"),

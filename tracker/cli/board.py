@@ -122,7 +122,7 @@ def draw(path: Path, calibrated: Calibrated, photos: Sequence[tuple[FloatArray, 
 def told_pattern(board: Board) -> str:
     """The pattern of a board, as far as it is known."""
     if not board.two_patterns:
-        return f"{board} (with {board.rows} rows the old pattern and today's are the same)"
+        return f"{board} (with {board.rows} rows the old and the new pattern are the same)"
     return f"{board}" if board.legacy else f"{board}, today's pattern"
 
 
@@ -187,7 +187,7 @@ size_options = options.gathered(
 @click.command(cls=Command)
 @board_options
 @file_option("-o", ".pdf", ".svg", ".png", required=True, help="The page (.pdf, .svg or .png).")
-@click.option("--legacy", is_flag=True, help="The pattern that OpenCV printed before 4.6 [even rows].")
+@click.option("--legacy", is_flag=True, help="Use the pattern of OpenCV before 4.6 [even rows].")
 def board(printed: Printed, output: Path, legacy: bool) -> None:
     """Write a ChArUco board as a page to print at its true size.
 
@@ -254,7 +254,7 @@ def _photo_table(lens: Lens, faults: dict[str, str]) -> str:
 
 
 def photo_table(rows: Sequence[Sequence[str]], faults: Mapping[str, str]) -> str:
-    """A table of photos, and below it why others are not used."""
+    """A table of photos, and the reasons why others are not used."""
     return "\n".join([table(rows), *(f"not used: {photo}: {fault}" for photo, fault in faults.items())])
 
 
@@ -273,9 +273,9 @@ def _found(lens: Lens) -> list[list[str]]:
         ["principal point", with_std([(matrix[0, 2], std[0, 2]), (matrix[1, 2], std[1, 2])], 2) + " px"],
         ["distortion", with_std(list(zip(camera.distortion, bent, strict=True)), 4) + " (k1 k2 p1 p2 k3)"],
         ["photos used", str(used)],
-        ["RMS", f"{lens.rms:.3f} px; before a lens fitted without them {lens.left_out:.3f} px"],
+        ["RMS", f"{lens.rms:.3f} px; with a lens fitted without them {lens.left_out:.3f} px"],
     ]
     if lens.reach < 0.9:
         beyond = f"beyond {lens.reach:.0%} of the way from the centre to the image's corners"
-        rows.append(["note", f"no corner {beyond}: the distortion is guessed there"])
+        rows.append(["note", f"no corner {beyond}: beyond that the distortion is a guess"])
     return rows

@@ -42,7 +42,7 @@ calibrate.add_command(extrinsics)
 
 
 class Opened(NamedTuple):
-    """What is to be looked at."""
+    """The inputs, opened."""
 
     model: tracker.CuboidModel
     footage: list[Footage]
@@ -103,14 +103,12 @@ filmed_options = options.gathered(
     click.option(
         "--stills",
         is_flag=True,
-        help="Folders hold single images, not films.",
+        help="The folders hold single images, not films.",
     ),
     options.recover,
     options.quiet(),
 )
-_output = output_option(
-    OutFolder(new=True), "DIR", "Folder of the calibration that is found, a new or an empty one."
-)
+_output = output_option(OutFolder(new=True), "DIR", "Folder for the new calibration; new or empty.")
 
 
 def _sets(
@@ -131,7 +129,7 @@ def _sets(
 
 
 def _refuse_other(path: str, its: tracker.CameraRig, rig: tracker.CameraRig) -> None:
-    """Raise where a recording's cameras are not those of the recordings before it."""
+    """Raise if a recording has other cameras than those before it."""
     import numpy as np
 
     for one, other in zip(its, rig, strict=False):
@@ -154,11 +152,10 @@ def check(filmed: Filmed, plot: Path | None, as_json: bool) -> None:
     """Check whether a calibration fits, with a still object.
 
     Give RECORDINGs, or single IMAGEs moment by moment: twenty frames or more, with the object in many places.
-    Compares each camera with the others. A camera that is not where its file says is named, with the motion
-    that reconciles it. An error that all cameras share cannot be seen: a calibration whose whole world is
-    moved fits.
+    Compares each camera with the others, and names a camera that has moved, with its motion. Errors that all
+    cameras share cannot be seen: a calibration whose whole world is moved fits.
 
-    Also prints the miss that the deviations in the files predict, and how far one camera's depth may be off.
+    Also prints the misses that the files' deviations predict, and the possible error of one camera's depth.
     The exit code is 1 if the calibration does not fit.
     """
     from tracker.calibration.by_object.check import check as look
@@ -206,7 +203,7 @@ def _stated(inputs: Sequence[str], cameras: options.Cameras) -> tuple[dict[str, 
 
 
 def _plain(found: CalibrationCheck, warnings: Sequence[str]) -> dict[str, Any]:
-    """The result in plain numbers; null where one is not known."""
+    """The result in plain numbers; null where one is unknown."""
     from tracker.calibration.by_object.check import DEPTH, FOCAL
 
     cameras = []
@@ -282,11 +279,11 @@ def _verdict(found: CalibrationCheck) -> str:
     moved = [one.name for one in found.cameras if one.moved]
     lost = [one.name for one in found.cameras if found.is_lost(one) and not one.moved]
     if len(moved) > 1:
-        why = f"{', '.join(moved)} are not where it has them; is it that of other cameras?"
+        why = f"{', '.join(moved)} are elsewhere; does it belong to other cameras?"
     elif moved:
-        why = f"{moved[0]} is not where it has it"
+        why = f"{moved[0]} has moved"
     elif lost:
-        why = f"{', '.join(lost)} should see the object and cannot use what is shown"
+        why = f"{', '.join(lost)} should see the object but cannot use their views"
     else:
         why = f"cameras miss each other's views by {1e3 * found.miss:.1f} mrad in the median"
     return f"the calibration does not fit: {why}"
@@ -295,27 +292,26 @@ def _verdict(found: CalibrationCheck) -> str:
 @calibrate.command("refine", cls=Command)
 @filmed_options
 @_output
-@click.option("--focal", is_flag=True, help="Focal lengths and principal points may be wrong, too.")
+@click.option("--focal", is_flag=True, help="Fit focal lengths and principal points, too.")
 @options.whole(
     "--frames",
-    "Frames to use, in different poses; a third of them only checks.",
+    "Frames to use, in different poses; a third only checks.",
     default=90,
     least=18,
     most=1000,
     to="most",
 )
 def refine_command(filmed: Filmed, output: Path, focal: bool, most: int) -> None:
-    """Find how cameras stand to each other, with a moving object.
+    """Find the cameras' relative positions, with a moving object.
 
-    Fits the object's edges in all frames of RECORDINGs, or in many IMAGEs. The object must be seen all over
-    the arena and in many orientations. A third of the frames only checks: if they fit no better, nothing is
-    written, and the exit code is 1.
+    Fits the object's edges in RECORDINGs, or in many IMAGEs. Move the object all over the arena and turn it.
+    A third of the frames only checks: if they fit no better, nothing is written, and the exit code is 1.
 
-    Edges do not show where the world is. x, y and yaw stay as the old cameras have them on average; so do z
-    and tilt, unless the object rests in at least five places (see `table`).
+    Edges do not show where the world is. On average x, y and yaw stay; so do z and tilt, unless the object
+    rests in at least five places (see `table`).
 
-    Also writes object.toml: the object with the rim that was found, by which its colours end inside the
-    nominal edges. Give it as --object from then on.
+    Also writes object.toml with the object's rim: how far inside the nominal edges its colours end. Give this
+    file as --object from then on.
     """
     from tracker.calibration.by_object.refine import refine_cameras
 
@@ -350,17 +346,17 @@ def _refined(found: Refined, focal: bool, output: Path) -> str:
         rows.append(row)
     unknown = "x, y and yaw of the world"
     if found.plane is None:
-        unknown += ", z and tilt (the object hardly rested: `tracker calibrate table` finds them)"
+        unknown += ", z and tilt (the object rested too rarely; see `tracker calibrate table`)"
     if not focal:
         unknown += "; lenses (see --focal)"
     summary = [
-        ["before", f"{found.before:.3f} px, offset of edges in frames that did not teach"],
+        ["before", f"{found.before:.3f} px: offset of edges in frames that only check"],
         ["after", f"{found.after:.3f} px"],
-        ["rim", f"{1e3 * found.rim[0]:.2f} ± {1e3 * found.rim[1]:.2f} mm, of the object's edges"],
+        ["rim", f"{1e3 * found.rim[0]:.2f} ± {1e3 * found.rim[1]:.2f} mm at the object's edges"],
         ["frames", str(found.frames)],
-        ["as before", unknown],
+        ["unchanged", unknown],
         ["calibration", str(output)],
-        ["object", f"{output / 'object.toml'}, with that rim"],
+        ["object", f"{output / 'object.toml'}; it has this rim"],
     ]
     return f"{table(rows)}\n\n{listing(summary)}"
 
@@ -372,7 +368,7 @@ def table_command(filmed: Filmed, output: Path) -> None:
     """Find the table, with an object that rests on it.
 
     From RECORDINGs, or single IMAGEs moment by moment. Writes the calibration in a world whose z = 0 is the
-    table (x, y and yaw stay), and an arena.toml that says how well the table is known.
+    table (x, y and yaw stay), and an arena.toml that states how well the table is known.
 
     The object must rest in at least five places, spread over the table, on any face, seen by at least two
     cameras. You may hold, lift and carry it in between.
@@ -393,10 +389,10 @@ def _table_found(found: FoundTable, output: Path) -> str:
     used, still, (height, tilt) = np.count_nonzero(plane.used > 0.5), len(plane.used), plane.std
     slopes = np.degrees(np.arctan(plane.slope))
     rows = [
-        ["at rest", f"in {used} places of {still} where it was still; seen in {found.shots} frames"],
-        ["height [mm]", f"{1e3 * plane.height:+.2f} ± {1e3 * height:.2f}, of the table in the old world"],
+        ["at rest", f"in {used} of {still} places where it was still; seen in {found.shots} frames"],
+        ["height [mm]", f"{1e3 * plane.height:+.2f} ± {1e3 * height:.2f}: the table in the old world"],
         ["tilt [°]", f"{slopes[0]:+.2f} along x, {slopes[1]:+.2f} along y, ± {np.degrees(tilt):.2f}"],
-        ["scatter [mm]", f"{1e3 * plane.scatter:.2f}, of objects at rest over the table"],
+        ["scatter [mm]", f"{1e3 * plane.scatter:.2f}: heights of resting objects"],
         ["calibration", str(output)],
     ]
     return listing(rows)

@@ -34,7 +34,7 @@ def colors() -> None:
 
 @dataclass(frozen=True)
 class Lesson:
-    """What colours are learned from, and how."""
+    """The inputs and options for learning colours."""
 
     recordings: tuple[Path, ...]
     output: Path
@@ -92,7 +92,7 @@ lesson_options = options.gathered(
         least=10,
         most=2000,
     ),
-    options.whole("--rounds", "Most turns.", default=8, most=50),
+    options.whole("--rounds", "Most rounds.", default=8, most=50),
     options.seed,
     options.recover,
     options.quiet(),
@@ -102,12 +102,12 @@ lesson_options = options.gathered(
 @colors.command(cls=Command)
 @lesson_options
 @options.object_name()
-@options.colors("the one of these that explains most, to begin with")
+@options.colors("start with the one that explains most")
 def adapt(lesson: Lesson, object_name: str, colors_name: str | None) -> None:
     """Fit a colour model to RECORDINGs of a known object, without labels.
 
     Confident poses say which pixels show a face. Colours fitted to these find more poses, round by round.
-    Frames that did not teach check the result. If they are explained no better, nothing is written, and the
+    The other frames check the result. If they are explained no better, nothing is written, and the
     exit code is 1.
 
     Give the file to `--colors` of other commands, or name it in the object's TOML file.
@@ -141,9 +141,9 @@ def new(
 ) -> None:
     """Fit a colour model to RECORDINGs of a new object.
 
-    Needs the object's size and the names of its colours. Begins with the hues of the names, and goes on as
-    `adapt` does. Also writes the object's TOML file, unless --object gives one. Use its path wherever an
-    object's name goes.
+    Needs the object's size and the names of its colours. Starts with the hues of the names, then
+    continues like `adapt`. Also writes the object's TOML file, unless --object gives one. Use its path
+    wherever an object's name goes.
     """
     from tracker.color_learning.models import from_names
     from tracker.files import write_whole
@@ -153,7 +153,7 @@ def new(
     if object_name is not None and (size is not None or faces is not None):
         raise click.UsageError("found --object with --size or --faces, expected one or the other")
     if object_name is None and description.exists():
-        raise click.UsageError(f"{description}: found already, and not to be overwritten; expected --object")
+        raise click.UsageError(f"{description}: exists; expected --object to use it, or another -o")
     known = None if object_name is None else tracker.load_object(object_name)
     model = known or described(lesson.output, size, faces)
     lesson.learn(model, lesson.footage(), from_names(lesson.seed))
@@ -184,9 +184,9 @@ def described(
 def _learned(learned: Adapted, output: Path) -> str:
     kinds = table([["pixels that taught", *learned.pixels], ["", *map(str, learned.pixels.values())]])
     unseen = [color for color, count in learned.pixels.items() if not count]
-    judged = f"{learned.before} of {learned.before.frames} frames that did not teach"
+    judged = f"{learned.before} of {learned.before.frames} frames that only check"
     summary = listing([["before", judged], ["after", str(learned.after)], ["colours", str(output)]])
-    kept = [f"{color} was hardly seen: it stays as it was before" for color in unseen]
+    kept = [f"{color} was hardly seen and stays as it was" for color in unseen]
     return "\n".join(["", kinds, *kept, "", summary])
 
 
@@ -245,9 +245,9 @@ def fit(
     "colors_name",
     metavar="NAME",
     type=InFile(str),
-    help="Measure this colour model, or that of this file.",
+    help="The colour model to measure, or its file.",
 )
-@click.option("--cross-validate", is_flag=True, help="Measure a fit: on each image, fitted to all others.")
+@click.option("--cross-validate", is_flag=True, help="Measure each image with a fit to all others.")
 @file_option(
     "--plot", ".png", extra="plot", help="Draw which colours are confused, and how near they are (.png)."
 )
@@ -265,11 +265,10 @@ def check(
 ) -> None:
     """Measure a colour model on the labelled images of the FOLDERs.
 
-    Prints the intersection over union, from 0 to 1, of the pixels found in each colour and its mask. Masks
-    drawn a little too small keep it below 1. A colour that only one image shows is unknown to a fit without
-    that image, unless --others show it.
+    Prints the intersection over union (0 to 1) of found and painted pixels. Masks that are a little too small
+    keep it below 1. With --cross-validate, a colour that only one image shows needs --others.
 
-    Also prints which colours are confused, how near they are to each other and to the light, and which
+    Also prints which colours are confused, how close they are to each other and to the light, and which
     colours would be easier to distinguish.
     """
     from tracker.cli.colors_report import report

@@ -66,7 +66,7 @@ def _print_overlaps(images: Sequence[LabelledImage], found: Sequence[Image]) -> 
 
 
 def _mean(values: Iterable[float]) -> str:
-    """A dash where there is nothing."""
+    """A dash for no value."""
     numbers = list(values)
     return f"{sum(numbers) / len(numbers):.3f}" if numbers else "-"
 
@@ -87,11 +87,11 @@ def _print_weak(counts: Array) -> None:
         name, right = COLOR_NAMES[label], counts[label, label]
         if (share := right / counts[label].sum()) < WEAK:
             taken = COLOR_NAMES[int(others[label].argmax())]
-            weak.append(f"weak: {name}, of which {share:.0%} is found; most of the rest as {taken}")
+            weak.append(f"weak: {name}: {share:.0%} is found, most of the rest as {taken}")
         false = 1 - right / max(counts[:, label].sum(), right, 1)
         if false > FALSE and others[:, label].any():
             of = COLOR_NAMES[int(others[:, label].argmax())]
-            weak.append(f"weak: {name}; {false:.0%} of what is found as it is none, mostly {of}")
+            weak.append(f"weak: {name}: {false:.0%} of the pixels found are something else, mostly {of}")
     click.echo("\n".join(["", *(weak or ["no colour is weak"])]))
 
 
@@ -103,15 +103,15 @@ def _print_near(shown: Paints) -> None:
         cells = [f"{far[min(a, b), max(a, b)]:.1f}" if a != b else "-" for b in means]
         rows.append([COLOR_NAMES[a], *cells, f"{far[LIGHT, a]:.1f}"])
     blue, green, red = (100 * shown.light).round().astype(int).tolist()
-    click.echo(f"\nin standard deviations of what light, shade and camera do to a colour\n{table(rows)}")
+    click.echo(f"\nin standard deviations caused by light, shade and camera\n{table(rows)}")
     click.echo(f"the light: red {red} %, green {green} %, blue {blue} %")
     for (a, b), value in sorted(far.items(), key=lambda item: item[1]):
         if value < NEAR:
-            other = "the light, which is that of all that is grey" if a == LIGHT else COLOR_NAMES[a]
+            other = "the light (the colour of grey things)" if a == LIGHT else COLOR_NAMES[a]
             click.echo(f"near: {COLOR_NAMES[b]} and {other}, {value:.1f}")
     better = better_set(means)
     gain = f"nearest {min(far.values()):.1f} -> {min(distances(better).values()):.1f}"
-    click.echo(f"\na better set of colours, {gain}; red, green, blue where the picture's greys are at 115")
+    click.echo(f"\na better set of colours, {gain}; as red, green, blue, with greys at 115")
     rows = [["", "now", "better"]]
     for label, mean in means.items():
         new = "stays" if bool((mean == better[label]).all()) else _levels(better[label])

@@ -34,15 +34,15 @@ def detect(
 ) -> None:
     """Find an object in one IMAGE per camera.
 
-    Give one image file (.png, .jpg) per camera, or one recording (.dat, .h5) or folder of images, of which
-    --frame is taken. A recording brings its calibration, unless --calibration names another. Files named
+    Give one image file (.png, .jpg) per camera; or one recording (.dat, .h5) or folder of images, and the
+    number of its --frame. A recording brings its calibration, unless --calibration names another. Files named
     after the cameras may come in any order; a name that contradicts the cameras is an error. Other files come
-    in the order of the cameras: that of the numbers in the calibration files' names. 'none' stands for a
-    camera without an image.
+    in the order of the cameras, which is that of the numbers in the calibration files' names. 'none' stands
+    for a missing image.
 
-    Without a certain pose, a warning names the likely cause: swapped cameras, red and blue swapped, another
-    object, bad exposure, blur. A warning also says if the cameras contradict each other, or if the object
-    seems to float above the table or to sink into it.
+    If the pose is missing or doubtful, a warning names the likely cause: swapped cameras, red and blue
+    swapped, another object, bad exposure, blur. Other warnings: the cameras contradict each other, or the
+    object seems to float above the table or sink into it.
 
     If the object is not found, the status says why. The exit code is 0 even then; with --exit-code it is 1.
     """

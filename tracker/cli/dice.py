@@ -73,11 +73,11 @@ def dice(
     The error is the number of pixels, over all cameras, that show dice where the goal has none. Without
     --goal there is no error.
 
-    Give one image file (.png, .jpg) per camera, or one recording (.dat, .h5) or folder of images, of which
-    --frame is taken. A recording brings its calibration, unless --calibration names another. Files named
+    Give one image file (.png, .jpg) per camera; or one recording (.dat, .h5) or folder of images, and the
+    number of its --frame. A recording brings its calibration, unless --calibration names another. Files named
     after the cameras may come in any order; a name that contradicts the cameras is an error. Other files come
-    in the order of the cameras: that of the numbers in the calibration files' names. 'none' stands for a
-    camera without an image; it does not count.
+    in the order of the cameras, which is that of the numbers in the calibration files' names. 'none' stands
+    for a missing image; its camera does not count.
     """
     from tracker.tasks.rearrange_dice import read_goal
 

@@ -1,4 +1,4 @@
-"""`tracker doctor`: what of this machine the tracker needs, what it lacks, and the remedy."""
+"""`tracker doctor`: what the tracker needs of this machine, what is missing, and the remedy."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _PACKAGE = re.compile(r"[\w.-]+")
 
 
 class Finding(NamedTuple):
-    """What was found of one thing."""
+    """The finding about one thing."""
 
     what: str
     good: bool
@@ -55,10 +55,10 @@ class Finding(NamedTuple):
 def doctor() -> None:
     """Check this machine: versions, compiled code, OpenGL, extras, speed.
 
-    Each problem has its remedy. The exit code is 1 if something keeps the tracker from working.
+    Each problem comes with a remedy. The exit code is 1 if the tracker cannot work.
     """
     well = _print(_needed(), "!!")
-    click.echo("\nif you want it:")
+    click.echo("\noptional:")
     _print(_optional(), "--")
     raise click.exceptions.Exit(not well)
 
@@ -158,7 +158,7 @@ def _opencv() -> Finding:
 
 
 def _cache() -> Finding:
-    """Where compiled code is kept; NUMBA_CACHE_DIR says where instead."""
+    """Where compiled code is kept; NUMBA_CACHE_DIR overrides it."""
     from tracker.pose.refine import refine
     from tracker.warm_up import kernels_are_cached
 
@@ -166,10 +166,10 @@ def _cache() -> Finding:
     asked = os.environ.get("NUMBA_CACHE_DIR")
     if folder is None or not (cached or os.access(folder, os.W_OK)):
         places = f"neither NUMBA_CACHE_DIR={asked}" if asked else "neither the folder of the tracker"
-        remedy = "export NUMBA_CACHE_DIR=DIR, a folder that you can write to and that stays"
+        remedy = "export NUMBA_CACHE_DIR=DIR, a permanent folder that you can write to"
         shown = f"{places} nor ~/.cache/numba can be written: every process compiles for a minute"
         return Finding("cache", False, shown, remedy)
-    compiled = "compiled" if cached else "not compiled yet, which will take a minute"
+    compiled = "compiled" if cached else "not compiled yet; the first run takes a minute longer"
     only = "" if os.access(folder, os.W_OK) else ", which can only be read"
     return Finding("cache", True, f"{folder}{only}: {compiled}")
 

@@ -44,9 +44,9 @@ class Outputs:
         return any((self.csv, self.tum, self.bop, self.video, self.plot))
 
     def check_camera(self, rig: tracker.CameraRig) -> None:
-        """Refuse a camera that the rig has not, and one without a file or the file without one."""
+        """Refuse an unknown camera, a camera without --bop, and --bop without a camera."""
         if (self.bop is None) != (self.camera is None):
-            raise click.UsageError("--bop and --camera belong together: BOP results are those of one camera")
+            raise click.UsageError("--bop and --camera belong together: BOP results are for one camera")
         if self.camera is not None and self.camera not in rig.names:
             raise click.UsageError(f"--camera: found {self.camera}, expected one of {', '.join(rig.names)}")
 
@@ -113,7 +113,7 @@ def _pictures(
 
 
 def observation(poses: tracker.Poses, row: int) -> tracker.Observation:
-    """What the tracker answered to a frame."""
+    """The tracker's answer to a frame."""
 
     def of(columns: MeasuredColumns) -> tuple[FloatArray, FloatArray, FloatArray, float]:
         arrays = columns.position[row], columns.orientation[row], columns.covariance[row]
@@ -182,7 +182,7 @@ def export(
             "found no file to write, expected --csv, --parquet, --tum, --bop, --plot or --video"
         )
     if (video is None) != (log is None):
-        raise click.UsageError("--video and --log belong together: a film is made of the recording's images")
+        raise click.UsageError("--video and --log belong together: a film needs the recording's images")
     for name, given in {"--keypoints": keypoints, "--robot-log": robot_log}.items():
         if given and outputs.csv is None and parquet is None:
             raise click.UsageError(f"{name}: found no table to add to, expected --csv or --parquet")
@@ -211,7 +211,7 @@ def export(
 @output_option(
     click.Path(path_type=Path),
     "FILE|DIR",
-    "An HDF5 log (.h5), a film of all cameras side by side (.mp4), or a new folder of images.",
+    "HDF5 log (.h5), film of all cameras side by side (.mp4), or new folder of images.",
 )
 @options.cameras
 @options.part
@@ -219,9 +219,9 @@ def export(
 def convert(source: Path, output: Path, cameras: options.Cameras, part: options.Part, quiet: bool) -> None:
     """Write a recording in another format.
 
-    An HDF5 log has the platform's version 2.1: raw pixels, stamps and poses are kept to the bit, and it
-    contains the calibration. Colour images become the mosaic that the platform's cameras would have recorded.
-    A folder of images (one PNG per camera) has the stamps as names, and the calibration in it.
+    An HDF5 log (the platform's version 2.1) keeps raw pixels, stamps, poses and the calibration exactly.
+    Colour images become the mosaic that the platform's cameras would have recorded. In a folder of images
+    (one PNG per camera) the stamps are the names; the calibration is there, too.
     """
     from tracker.logs.convert import write_folder, write_hdf5
     from tracker.viz.image_files import write_log_film
@@ -234,7 +234,7 @@ def convert(source: Path, output: Path, cameras: options.Cameras, part: options.
         )
     require_folder("-o", output, made=False)
     if output.exists():
-        raise click.UsageError(f"-o {output}: there is one already, expected a new one")
+        raise click.UsageError(f"-o {output}: exists, expected a new name")
     with tracker.open_log(source, recover=part.recover) as log:
         chosen = part.of(source, len(log))
         frames = log[chosen.start : chosen.stop]

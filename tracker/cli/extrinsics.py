@@ -1,4 +1,4 @@
-"""`tracker calibrate extrinsics`: where cameras are, from photos of a board that they all see."""
+"""`tracker calibrate extrinsics`: cameras' positions, from photos of a board that all see."""
 
 from __future__ import annotations
 
@@ -196,4 +196,4 @@ def _partly_seen(sightings: dict[Photo, BoardView], board: Board) -> list[list[s
     if not first or squares_shown(first, board) == (board.columns, board.rows):
         return []
     columns, rows = squares_shown(first, board)
-    return [["note", f"of the board in its given place only {columns}x{rows} squares are seen"]]
+    return [["note", f"only {columns}x{rows} squares of the board in its given place are seen"]]

@@ -14,7 +14,7 @@ from tracker.cli.render import listing
 from tracker.errors import TrackerError
 
 _GAP = 1.5
-"""Share of the usual time between two frames from which more is a gap."""
+"""A gap is more than this times the usual time between two frames."""
 
 
 @click.command()

@@ -37,7 +37,7 @@ _CAMERAS = ("pylon", "opencv")  # as tracker.live.sources has them, which is not
 
 @dataclass(frozen=True)
 class Pace:
-    """How a source gives its images; each only some sources know."""
+    """How fast a source gives images, and its settings. Each option is for some sources only."""
 
     rate: float | None
     settings: Path | None
@@ -50,16 +50,16 @@ class Pace:
         fitting = {"rate": kind in _CAMERAS, "settings": kind == "pylon", "speed": recording}
         for name, value in vars(self).items():
             if value is not None and not fitting[name]:
-                raise click.UsageError(f"--{name}: does nothing with the source {source}")
+                raise click.UsageError(f"--{name}: has no effect on the source {source}")
         if kind == "simulation" != source:
-            raise click.UsageError(f"{source}: expected simulation, of which there is one")
+            raise click.UsageError(f"{source}: expected simulation, without a name")
         if kind == "simulation" and cameras.calibration:
-            raise click.UsageError("--calibration: the simulation has its own")
+            raise click.UsageError("--calibration: the simulation has its own, expected none")
         if kind in _CAMERAS and not cameras.calibration:
             raise click.UsageError(f"{source}: expected --calibration")
         if kind in _CAMERAS and cameras.resize_calibration:
             raise click.UsageError(
-                f"--resize-calibration: found the cameras of {source}, whose pictures have the "
+                f"--resize-calibration: found the cameras of {source}, whose images always have the "
                 "calibration's size"
             )
 
@@ -97,9 +97,7 @@ class Pace:
         help="Replay a recording X times as fast.",
     ),
 )
-@click.option(
-    "--check", is_flag=True, help="Measure the cameras for ten seconds, and report what is wrong with which."
-)
+@click.option("--check", is_flag=True, help="Measure the cameras for ten seconds, and report their faults.")
 @options.quiet()
 def live(
     source: str,
@@ -117,17 +115,17 @@ def live(
     calibration's names, or `pylon:SERIAL,…` in its order; `opencv:0,1,2`, numbers, films or addresses; or
     `simulation`.
 
-    A camera that fails is opened again when it is back; the others go on. --publish sends the filtered pose
+    A camera that fails is reopened when it is back; the others continue. --publish sends the filtered pose
     of the newest images: by ZeroMQ as JSON, by LCM (lcm://, udpm://ADDRESS:PORT?ttl=0, file://PATH) as
     dairlib's lcmt_object_state on the channel CUBE_STATE. docs/live.md describes the messages.
 
-    --check tracks nothing: it reports missing and late images, brightness, clipping and blur, and exits with
+    --check does not track. It reports missing and late images, brightness, clipping and blur, and exits with
     1 if anything is wrong.
     """
     pace.refuse_what_does_nothing(source, cameras)
     requested.refuse_what_does_nothing()
     if check and (requested or quiet):
-        raise click.UsageError("--check: tracks nothing, so there is nothing to publish, record or show")
+        raise click.UsageError("--check: does not track, so there is nothing to publish, record or show")
     quiet = quiet or requested.as_json
     model, colors = subject.load()
     given, rig = _source(source, subject.object_name, cameras, pace)

@@ -1,4 +1,4 @@
-"""What `tracker live` tells, and hands its poses to."""
+"""What `tracker live` prints, and where it sends poses."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Requested:
         return bool(self.addresses or self.record or shown or self.as_json)
 
     def refuse_what_does_nothing(self) -> None:
-        """Refuse options that would do nothing without others, or beside them."""
+        """Refuse options that have no effect without others, or beside them."""
         from tracker.live.publishers import is_lcm
 
         if self.public and not self.addresses:
@@ -79,7 +79,7 @@ output_options = options.gathered(
         "--page",
         metavar="PORT",
         type=click.IntRange(0, 65535),
-        help="Show images, pose and cameras in the browser of this machine, http://127.0.0.1:PORT.",
+        help="Show images, pose and cameras in a browser on this machine, http://127.0.0.1:PORT.",
     ),
     click.option("--json", "as_json", is_flag=True, help="Print each message as it is published."),
 )
@@ -128,12 +128,12 @@ class LiveOutputs:
             self._page.faults = lambda: follower.faults
 
     def faults(self) -> list[str]:
-        """What became of those that ended or failed, but for the recorder."""
+        """Messages of those that ended or failed, except the recorder."""
         failed = self._fallible.items()
         return [f"{what}{one.fault}" for one, what in failed if one.fault and one is not self.recorder]
 
     def tell(self) -> None:
-        """Say on stderr what has ended or failed, of each once, when it happens."""
+        """Report on stderr what has ended or failed, each once."""
         for one, what in self._fallible.items():
             if one.fault and one not in self._told:
                 self._told.add(one)
@@ -152,7 +152,7 @@ _LATENCIES = 100_000
 _SILENT = 10.0
 """After so long without images nothing is printed until the next [s]."""
 
-_NEVER = "never found: is it this object, these colours, this calibration? --check looks at the cameras"
+_NEVER = "never found: check the object, its colours and the calibration; --check measures the cameras"
 _NO_IMAGE = "no camera ever gave an image"
 
 _STAMPS = ""
@@ -222,7 +222,7 @@ class Statistics:
         return "  ".join([*parts, *recent])
 
     def summary(self, left_out: int, faults: Sequence[str], recorder: Any = None) -> str:
-        """What there was in all."""
+        """The summary at the end."""
         import numpy as np
 
         count = self._statuses.total()
@@ -243,9 +243,9 @@ class Statistics:
             recorded = f"{recorder.recorded} sets in {recorder.path}" if recorder.recorded else "nothing"
             rows.append(["recorded", recorded])
             if recorder.left_out:
-                rows.append(["", f"{recorder.left_out} left out, which the disk did not take in time"])
+                rows.append(["", f"{recorder.left_out} lost, because the disk is too slow"])
             if recorder.fault is not None:
-                rows.append(["", f"ended before its time: {recorder.fault}"])
+                rows.append(["", f"ended early: {recorder.fault}"])
         known = {f"{name}: {last}" if name else f"stamps {last}" for name, last in self._reasons.items()}
         more = [fault for fault in faults if fault not in known]
         return listing([*rows, *(["fault", fault] for fault in more[-5:])])
@@ -296,11 +296,11 @@ class Lookout:
 
 
 SECONDS = 10.0
-"""How long it is looked for, unless --seconds says otherwise."""
+"""How long cameras are measured, unless --seconds is given [s]."""
 
 
 def check_cameras(source: ImageSource, rig: tracker.CameraRig, seconds: float | None) -> None:
-    """Print what was seen and what is wrong; exits with 1 where anything is."""
+    """Print a table of the cameras and their faults; exits with 1 if there are any."""
     from tracker.live.camera_check import look_at
 
     looks = look_at(source, rig, seconds or SECONDS)

@@ -54,7 +54,7 @@ def whole(
 
 
 recover = click.option("--recover", is_flag=True, help="Leave out damaged parts of a recording.")
-seed = whole("--seed", "Seed of the fit's draws.", least=0, default=0)
+seed = whole("--seed", "Seed of random choices.", least=0, default=0)
 as_json = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 
 
@@ -118,7 +118,7 @@ def colors(default: str = "the object's") -> Callable[[_Command], _Command]:
 
 @dataclass(frozen=True)
 class Subject:
-    """What is looked for."""
+    """The object to find."""
 
     object_name: str
     """The object, or its TOML file."""
@@ -136,7 +136,7 @@ subject = gathered("subject", Subject, object_name(), colors())
 
 @dataclass(frozen=True)
 class Cameras:
-    """Where the calibration is, and what is done to it; UsageError where options contradict each other."""
+    """The calibration, and how to change it; UsageError if options contradict each other."""
 
     calibration: tuple[str, ...]
     """A folder of calibration files, or a file for each camera; none: that of the recording."""
@@ -149,7 +149,7 @@ class Cameras:
 
     def __post_init__(self) -> None:
         if self.pattern is not None and not self.calibration:
-            raise click.UsageError("--pattern says which files of --calibration to take, and that is missing")
+            raise click.UsageError("--pattern selects files of --calibration, which is missing")
 
     def load(self) -> tracker.CameraRig:
         """The rig that the options name, of the size that its files say; CalibrationError as for `load`."""
@@ -176,30 +176,30 @@ cameras = gathered(
         multiple=True,
         metavar="PATH",
         type=InFile(str),
-        help="Folder of calibration files; or a file, once per camera, in the order of the images.  "
+        help="Folder of calibration files; or a file, repeated for each camera in the order of the images.  "
         "[default: that of the recording]",
     ),
     click.option(
         "--pattern",
         metavar="GLOB",
-        help="Which files of the folder to take, e.g. '*_cropped.yml'.  [default: '*camera*.yml']",
+        help="Files of the folder to use, e.g. '*_cropped.yml'.  [default: '*camera*.yml']",
     ),
     click.option(
         "--correct-halved-principal-point",
         is_flag=True,
-        help="The calibration was halved without the quarter pixel, as the platform's downsampled files are.",
+        help="The calibration was halved without the quarter pixel, as in the platform's downsampled files.",
     ),
     click.option(
         "--resize-calibration",
         is_flag=True,
-        help="The images are those that were calibrated, scaled to another size.",
+        help="The images were scaled after the calibration.",
     ),
 )
 
 
 @dataclass(frozen=True)
 class Part:
-    """What is read of a recording; UsageError where that is nothing."""
+    """The part of a recording to read; UsageError if it is empty."""
 
     first: int
     """Number of the first frame."""
@@ -231,7 +231,7 @@ part = gathered(
 
 @dataclass(frozen=True)
 class Asked:
-    """What is looked for in recordings, and how."""
+    """The object to find in recordings, and how to read them."""
 
     subject: Subject
     cameras: Cameras

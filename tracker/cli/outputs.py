@@ -1,4 +1,4 @@
-"""What commands write: refused before any work is done where it cannot be, or would destroy something."""
+"""Outputs of commands, checked before any work: impossible or destructive ones are refused."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Recording(InFile):
 
 
 class _Output(click.Path):
-    """What is written, refused before any work is done if its name or its folder is none for it."""
+    """An output, refused before any work is done if its name or folder is unsuitable."""
 
     def __init__(self) -> None:
         super().__init__(path_type=Path)
@@ -102,11 +102,11 @@ class OutFolder(_Output):
         refuse_file(name, path)
         require_folder(name, path, made=True)
         if self.new and path.is_dir() and any(path.iterdir()):
-            raise click.UsageError(f"{name} {path}: found it in use, expected a new or an empty folder")
+            raise click.UsageError(f"{name} {path}: in use, expected a new or an empty folder")
 
 
 class Command(click.Command):
-    """A command that refuses to write over what it reads, as the types of its parameters say it."""
+    """A command that refuses to overwrite its inputs, by the types of its parameters."""
 
     def invoke(self, ctx: click.Context) -> Any:
         """See click.Command."""

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from tracker.conventions import Image
 
 NO_IMAGE = "none"
-"""Given in place of an image: its camera gave none."""
+"""Stands for a missing image."""
 
 PICTURES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"}
 
@@ -44,10 +44,10 @@ def one_set(
                 raise LogError(f"{path}: found no frame {number}, expected one from 0 to {len(log) - 1}")
             return rig, list(log[number].images)
     if frame is not None:
-        raise click.UsageError("--frame is one of a recording's or a folder's; found picture files")
+        raise click.UsageError("--frame is for recordings and folders; found image files")
     if not cameras.calibration:
         raise click.UsageError(
-            "Missing option '--calibration': the folder with a file of each camera, like camera60.yml"
+            "Missing option '--calibration': the folder with a file per camera, such as camera60.yml"
         )
     return read_images(images, cameras.load(), resize=cameras.resize_calibration)
 
@@ -124,7 +124,7 @@ def read_images(
 
 @contextlib.contextmanager
 def silent_libraries() -> Iterator[None]:
-    """Drop what compiled libraries write to stderr, e.g. what libpng thinks of a broken file."""
+    """Drop what compiled libraries write to stderr, e.g. libpng's remarks on a broken file."""
     if sys.stderr is None:  # it was closed by the parent process
         yield
         return

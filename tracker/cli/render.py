@@ -29,7 +29,7 @@ def listing(rows: Sequence[Sequence[str]]) -> str:
 
 
 def say(message: str) -> None:
-    """Tell something on stderr, in one line whatever names are in it."""
+    """Print a message on stderr, in one line whatever names it contains."""
     click.echo(f"tracker: {' '.join(message.split())}", err=True)
 
 

@@ -1,4 +1,4 @@
-"""`tracker score`: what a job has earned."""
+"""`tracker score`: the rewards of a job."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _FILE = click.Path(path_type=Path)
 @click.option("--poses", "poses_path", metavar="POSES", type=_FILE, help="Poses, instead of tracking.")
 @options.object_name("that of the --poses")
 @options.cameras
-@options.whole("--every", "Look for dice in each Nth frame.", default=1)
+@options.whole("--every", "Look for dice in every Nth frame.", default=1)
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object, with the reward of each frame.")
 @options.quiet("No progress bar.")
 def score(
@@ -42,8 +42,7 @@ def score(
     """Compute the rewards of a job's folder for its task.
 
     The task is to move an object, to move it along a trajectory, or to arrange dice. Time counts from the
-    recording's first frame. A reward holds until the next frame. If the object is not seen, the reward before
-    holds.
+    recording's first frame. A reward holds until the next frame in which the object is seen.
     """
     from tracker.errors import TaskError
     from tracker.summaries.rewards import goal_file, totals
@@ -54,7 +53,7 @@ def score(
     goal = read_job_goal(goal_path or goal_file(job))
     if goal.task == "rearrange_dice":
         if poses_path is not None or object_name is not None:
-            raise click.UsageError("--poses, --object: found a goal of dice, which are looked for in images")
+            raise click.UsageError("--poses, --object: not for a goal of dice, which are found in the images")
         seconds, rewards = _of_dice(job, goal, cameras, every, quiet)
     else:
         seconds, rewards = _of_object(job, goal, cameras, poses_path, object_name, quiet)

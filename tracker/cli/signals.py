@@ -1,4 +1,4 @@
-"""Being asked to end from outside: SIGINT, SIGTERM and SIGHUP."""
+"""Requests to end from outside: SIGINT, SIGTERM and SIGHUP."""
 
 from __future__ import annotations
 

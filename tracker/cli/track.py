@@ -150,7 +150,7 @@ def _track_all(tasks: Sequence[Task], jobs: int, as_json: bool, quiet: bool) -> 
 
 
 def _tell(result: dict[str, Any] | Exception, as_json: bool, quiet: bool) -> bool:
-    """Say what came of a recording; whether that is well."""
+    """Report the outcome for a recording; whether it succeeded."""
     if isinstance(result, Exception):
         if not isinstance(result, (TrackerError, OSError)):
             raise result
@@ -162,7 +162,7 @@ def _tell(result: dict[str, Any] | Exception, as_json: bool, quiet: bool) -> boo
 
 
 def _warn(result: dict[str, Any]) -> None:
-    """Say what is wrong with a recording of which some is tracked."""
+    """Report the damage of a recording that is tracked in part."""
     if result["fault"] is not None:
         ending = f", the last one is {result['last_frame']}" if result["frames"] else ""
         say(f"warning: {result['fault']}; tracked {result['frames']} of {result['expected']} frames{ending}")
@@ -178,16 +178,16 @@ def _print(result: dict[str, Any], as_json: bool, quiet: bool) -> None:
 
 
 def _camera_rows(cameras: dict[str, dict[str, float | None]] | None) -> list[list[str]]:
-    """Remarks on cameras that were often not used, and where to look."""
+    """Remarks on cameras that were often not used, with likely causes."""
     from tracker.summaries.summary import to_look_at
 
     uses = tracker.CameraUse
-    moved = "was it moved after its calibration, is it mirrored or late, or in the place of another?"
+    moved = "did it move after its calibration? Is it mirrored, late or swapped with another?"
     remarks = {
         uses.CONTRADICTING: ("contradicts the others in {:.1%} of the frames with a measured pose:", moved),
-        uses.NO_IMAGE: ("gave no image in {:.1%} of the frames:", "is it connected, is the log whole?"),
-        uses.FROZEN: ("repeated an old image in {:.1%} of the frames:", "did it or its driver stop?"),
-        uses.BLACK: ("gave a black image in {:.1%} of the frames:", "is it covered, is there light?"),
+        uses.NO_IMAGE: ("gave no image in {:.1%} of the frames:", "is it connected? Is the log complete?"),
+        uses.FROZEN: ("repeated an old image in {:.1%} of the frames:", "did the camera or its driver stop?"),
+        uses.BLACK: ("gave a black image in {:.1%} of the frames:", "is it covered? Is there light?"),
     }
     rows = []
     for name, shares in to_look_at(cameras or {}).items():
@@ -203,8 +203,8 @@ def _calibration_rows(statuses: dict[str, dict[str, float]]) -> list[list[str]]:
     share = numbers["share"] * numbers["with_pose"]
     if share < CONTRADICTED:
         return []
-    why = f"in {share:.1%} of the frames cameras contradict each other lastingly: it does not fit;"
-    ask = "  is it that of these cameras? tracker calibrate check says which one moved"
+    why = f"does not fit: cameras contradict each other in {share:.1%} of the frames."
+    ask = "  does it belong to these cameras? tracker calibrate check names the one that moved"
     return [["calibration", why], ["", ask]]
 
 

@@ -1,4 +1,4 @@
-"""`tracker view`: a recording and its poses in time and space."""
+"""`tracker view`: a recording and its poses in the viewer Rerun."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ _Frames = Iterator[tuple[int, float, "tracker.Observation", Sequence["Image | No
 )
 @options.colors()
 @options.part
-@options.whole("--every", "Show each Nth frame.", default=1)
+@options.whole("--every", "Show every Nth frame.", default=1)
 @options.quiet("No progress bar, and nothing about the file.")
 def view(
     source: Path,
@@ -55,7 +55,7 @@ def view(
     every: int,
     quiet: bool,
 ) -> None:
-    """Show a recording in time and space.
+    """Show a recording and its poses in the viewer Rerun.
 
     Shows cameras, images, poses, uncertainty, status and rig health. POSES is a file that `tracker track`
     wrote; --log adds the images of its recording. A LOG alone is tracked first, which needs --object.
@@ -132,7 +132,7 @@ def _target(source: Path, output: Path | None) -> Path | None:
         return None
     target = Path(f"{source.resolve().stem}.rrd")
     if target.exists():
-        raise click.UsageError(f"found no screen, and {target} already; expected -o FILE")
+        raise click.UsageError(f"no screen for the viewer, and {target} exists; expected -o FILE")
     return target
 
 
@@ -140,7 +140,7 @@ def _model_of(poses: tracker.Poses, object_name: str | None) -> tracker.CuboidMo
     model = tracker.load_object(object_name or poses.about.object_name)
     if model.name != poses.about.object_name:
         raise click.UsageError(
-            f"--object: found {model.name}, expected {poses.about.object_name}, whose poses these are"
+            f"--object: found {model.name}, expected {poses.about.object_name}, as in the file of poses"
         )
     return model
 
@@ -170,7 +170,7 @@ def _with_images(
     row_of = {int(poses.index[row]): row for row in rows}
     first, last = min(row_of), max(row_of)
     if last >= len(log):
-        raise LogError(f"{path}: found {len(log)} frames, expected frame {last}, of which there is a pose")
+        raise LogError(f"{path}: found {len(log)} frames, but there is a pose of frame {last}")
     for frame in log[first : last + 1 : every]:
         row = row_of.get(frame.index)
         if row is None:
