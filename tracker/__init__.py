@@ -1,7 +1,6 @@
-"""Finds the pose of a coloured object in the images of calibrated cameras, and says how sure it is.
+"""Finds the pose of a coloured object in the images of calibrated cameras, with a confidence.
 
-A name is loaded when it is first used, so that what needs few of them, such as `tracker --help`, answers at
-once.
+A name is loaded when it is first used, so that `tracker --help` and the like answer at once.
 """
 
 from importlib import import_module

@@ -1,4 +1,4 @@
-"""ObjectTracker: images in, poses out; where what is seen, estimated and remembered meets."""
+"""ObjectTracker: images in, poses out. It joins segmentation, estimation and tracking."""
 
 from __future__ import annotations
 
@@ -39,15 +39,14 @@ class ObjectTracker:
 
     Args:
         model: the object, or its name or TOML file.
-        rig: the cameras, whose order is that of images in a sequence; or the folder of their calibration
-            files, or these files.
-        colors: a colour model, or its name or file; None takes the object's own.
-        tracking: what `update` believes; None for what suits the platform.
-        table_prior: whether it counts that an object often stands on the table, as well as `rig.arena` knows
-            it.
+        rig: the cameras, in the order of the images; or their calibration files, or the folder of these.
+        colors: a colour model, or its name or file; None: the object's own.
+        tracking: the limits of `update`; None: those for the platform.
+        table_prior: whether to assume that an object often stands on the table (`rig.arena` says where that
+            is, and how well it is known).
 
     Raises:
-        TrackerError: one of them is something else, or a name is unknown or a file malformed.
+        TrackerError: an argument has the wrong type, a name is unknown, or a file is malformed.
     """
 
     def __init__(
@@ -76,16 +75,16 @@ class ObjectTracker:
         return f"ObjectTracker({self.model!r},\n    {self.rig!r},\n    {self.colors!r}{memory})"
 
     def detect(self, images: Images, hidden: Images | None = None) -> Observation:
-        """The object's pose in one set of images, without memory: same images, same answer to the bit.
+        """The object's pose in one set of images, without memory. The same images give the same bits.
 
         Args:
             images: one (H, W, 3) uint8 BGR image for each camera of the rig, in its order or as
-                `{camera name: image}`; None where there is none.
-            hidden: for each camera alike a bool (H, W) mask of pixels known to show a finger, or None: their
-                colours and edges count neither for nor against a pose.
+                `{camera name: image}`; None for a missing image.
+            hidden: likewise for each camera a bool (H, W) mask of pixels known to show a finger, or None.
+                These pixels are ignored.
 
         Raises:
-            ImageError: wrong count, names, type, shape or size, or no image at all.
+            ImageError: wrong number, names, type, shape or size, or no image at all.
         """
         start = time.perf_counter()
         timing: dict[str, float] = {}
@@ -98,33 +97,32 @@ class ObjectTracker:
         return Observation(pose, None, Status.FOUND, timing, reason, after(uses, fit))
 
     def reset(self) -> None:
-        """Forget what `update` remembers: the next images are the first of another recording.
+        """Forget everything before: the next images start another recording.
 
         Raises:
-            TrackerError: `update` is at work in another thread.
+            TrackerError: `update` is running in another thread.
         """
         with self._gate:
             self._memory = Memory.empty(len(self.rig), self._memory.belief.options)
 
     def predict(self, timestamp: float) -> Forecast | None:
-        """The pose expected at a later moment, from all that `update` has seen; changes nothing.
+        """The pose expected at a later time, from all images so far; changes nothing.
 
-        Images are late: a control loop that acts at `timestamp` asks for the pose then. The object rests, is
-        carried or pushed on, or is thrown: `kinds` has what each of these leads to, and how probable it is.
-        The pose is the mean over the likely kinds, 95 % of all, and the covariance theirs. No forecast has
-        the object in the table. None where it is lost, or has not been seen for longer than
-        `TrackingOptions.coast_seconds` by then.
+        Images are late: ask for the pose at the time at which you act. `kinds` lists the possible motions (at
+        rest, carried or pushed, thrown) with their poses and probabilities. Pose and covariance are those of
+        the mixture of the likely ones (95 %). Predictions never put the object inside the table. The result
+        is None if the object is lost, or was last seen more than `TrackingOptions.coast_seconds` before.
 
         Args:
             timestamp: on the clock of `update`'s stamps [s], not before the last of them.
 
         Raises:
-            TrackerError: the stamp is not in seconds, or earlier than that of the last images.
+            TrackerError: the stamp is not in seconds, or before that of the last images.
         """
         return self.forecast()(timestamp)
 
     def forecast(self) -> Callable[[float], Forecast | None]:
-        """What `predict` answers now, as a function that goes on answering so while `update` goes on."""
+        """`predict` as of now: a function that gives the same answers while `update` continues."""
         belief, box, table = self._memory.belief, self._estimator.box, self.rig.arena.table
         ground = -math.inf if table is None else table
         return lambda timestamp: belief.forecast(check_stamp(timestamp), box, ground)
@@ -132,28 +130,25 @@ class ObjectTracker:
     def update(self, images: Images, timestamp: Stamp, hidden: Images | None = None) -> Observation:
         """The object's pose in the next set of images, with the memory of those before.
 
-        The object is looked for where its motion so far lets it be expected, and everywhere if it is not
-        there. Measurements are fused over time: the filtered pose is smoother, has a velocity, and goes on
-        for a while (`TrackingOptions.coast_seconds`) when the object is not seen. A pose that appears
-        somewhere else all of a sudden is believed if it is sure, or if the next images confirm it.
+        The search starts where the motion predicts the object, and continues everywhere. Measurements are
+        fused over time: the filtered pose is smoother, has a velocity, and is predicted for a while
+        (`TrackingOptions.coast_seconds`) if the object is not seen. A pose that jumps counts if it is
+        certain, or if the next images confirm it.
 
-        Images with the stamp of those before are not used twice: the answer is the same as before. A camera
-        whose image is black, or the same as before down to its noise while others change, counts as one
-        that gave none.
+        The same stamp again gives the same answer. An image that is black, or frozen while others change,
+        counts as missing.
 
         Args:
             images: as for `detect`, but all may be None.
-            timestamp: when they were taken [s], not earlier than those before; or one stamp for each camera
-                (in order, or by name), where they were not taken at once: the pose is that of the latest, and
-                what the others show is moved by the object's velocity. Stamps of cameras without an image do
-                not count.
+            timestamp: when they were taken [s], not earlier than before. If they were not taken at once, one
+                stamp per camera, in order or by name: the pose is that of the latest image, and the motion in
+                between is solved for. Stamps of missing images do not count.
             hidden: as for `detect`.
 
         Raises:
-            ImageError: wrong count, names, type, shape or size.
+            ImageError: wrong number, names, type, shape or size.
             TrackerError: the wrong number of stamps, one that is not in seconds, or all earlier than before;
-                or another call of `update` or `reset` is at work on this tracker. After an error everything
-                is as it was before the call.
+                or `update` or `reset` is running in another thread. A call that raises has changed nothing.
         """
         with self._gate:
             start, before = time.perf_counter(), self._memory
@@ -166,7 +161,7 @@ class ObjectTracker:
             return answer
 
     def fit(self, images: Images, timing: dict[str, float] | None = None) -> Fit | Status:
-        """As `detect`, with all that supports the pose; `timing` gains the milliseconds of each stage."""
+        """As `detect`, with the evidence for the pose; `timing` gets the milliseconds of each stage."""
         return self._search(images, {} if timing is None else timing)[0]
 
     def _search(

@@ -89,16 +89,16 @@ class CameraRig:
         """Load the calibration files of a folder, or those listed, and `arena.toml` beside them.
 
         Args:
-            path: a folder with one platform file per camera; or a file; or files, whose order is kept.
-                A folder's cameras are ordered by the number in their name, then by name. The arena's file
-                is looked for beside files that are all in one folder; without it the arena is the default.
-            pattern: which files of the folder to load, e.g. `*_cropped.yml`; by default every .yml and
+            path: a folder with one file per camera; or a file; or files, whose order is kept. A folder's
+                cameras are ordered by the number in their name, then by name. Without `arena.toml`, or with
+                files of several folders, the arena is the default.
+            pattern: the files of the folder to load, e.g. `*_cropped.yml`; by default every .yml and
                 .yaml file with `camera` in its name.
             correct_halved_principal_point: see `files.platform.read_camera`.
 
         Raises:
-            CalibrationError: a file is missing or malformed, the folder has no calibration file, or
-                several of the same camera (the message says how to select).
+            CalibrationError: a file is missing or malformed, or the folder has no calibration file, or
+                several of one camera (the message says how to select).
         """
         of_kind(correct_halved_principal_point, bool, "correct_halved_principal_point", CalibrationError)
         if pattern is not None and not isinstance(pattern, str):

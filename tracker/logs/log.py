@@ -114,11 +114,11 @@ def rig_beside(folder: Path, names: tuple[str, ...]) -> CameraRig | None:
 class Log:
     """Frames of a recording. A context manager; iterating starts at the first frame each time.
 
-    `log[3]` is a frame, `log[100:200]` a part of the recording that is read when it is iterated over.
-    One frame at a time is in memory.
+    `log[3]` is a frame, `log[100:200]` a part of the recording, read while you iterate. One frame is in
+    memory at a time.
 
-    With `recover` damaged frames are left out while iterating, and `fault` describes them; without it the
-    first one raises a LogError, after the frames before it.
+    With `recover`, iterating skips damaged frames, and `fault` describes them. Without it, the first damaged
+    frame raises a LogError.
     """
 
     def __init__(self, source: Source, *, recover: bool) -> None:
@@ -190,7 +190,7 @@ class Log:
     def frame(self, number: int) -> LogFrame:
         """One frame; negative numbers count from the end.
 
-        Gzipped recordings have to be read from the start for it; the others not.
+        In gzipped recordings this reads all frames before it.
 
         Raises:
             IndexError: there is no frame of this number.
@@ -219,7 +219,7 @@ class Log:
     def rig(self) -> CameraRig | None:
         """The cameras' calibration from inside the recording or from files beside it; None without one.
 
-        It is taken as it stands there; the images may be of another size.
+        It is not scaled: the images may have another size.
 
         Raises:
             TrackerError: there is one, but it is malformed.
@@ -239,17 +239,17 @@ class Log:
 
     @property
     def random_access(self) -> bool:
-        """Whether `frame` and parts are quick, without reading what is before."""
+        """Whether `frame` and parts are quick: they need not read the frames before."""
         return not self._source.sequential
 
     @property
     def episode_starts(self) -> tuple[int, ...]:
-        """Numbers of the frames that start something new, so that memory of those before misleads."""
+        """Numbers of the frames at which a filter should restart."""
         return self._source.episode_starts
 
     @property
     def fault(self) -> str | None:
-        """What has been found wrong so far with a log opened with `recover`, in one line; None: nothing."""
+        """The faults found so far in a log opened with `recover`, in one line; None if there are none."""
         if not self._faults:
             return None
         first = self._faults[min(self._faults)]

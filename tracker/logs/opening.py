@@ -36,18 +36,17 @@ _HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 def open_log(path: str | os.PathLike[str], *, recover: bool = False, rate: float = DEFAULT_RATE) -> Log:
     """Open a recording of the platform's cameras.
 
-    What can be read: native logs (`camera_data.dat`, gzipped or not), HDF5 logs, a job's folder that
-    holds one of these, folders of images or of films, films, and image stores of trifinger_rl_datasets
-    (`NAME.zarr`). But for films the content decides, not the name. Frames are read when they are asked for.
+    Formats: native logs (`camera_data.dat`, gzipped or not), HDF5 logs, a job's folder with one of these,
+    folders of images or of films, films, and image stores of trifinger_rl_datasets (`NAME.zarr`). The
+    content decides, not the name, except for films. Frames are read on access.
 
     Args:
         path: the file or folder.
-        recover: give the frames that are whole of a damaged recording, and tell in `Log.fault` what is
-            wrong, instead of raising.
+        recover: skip damaged frames and describe them in `Log.fault`, instead of raising.
         rate: frames per second [Hz] of folders of images whose names are not time stamps.
 
     Raises:
-        LogError: there is nothing, it is of no known kind, or its damage shows at once.
+        LogError: the path is missing, its format is unknown, or it is visibly damaged.
     """
     check_rate(rate, "rate")
     root = path_of(path, "path of a recording", LogError)

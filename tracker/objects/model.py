@@ -119,8 +119,7 @@ def object_names() -> tuple[str, ...]:
 def load_object(name_or_path: str | os.PathLike[str]) -> CuboidModel:
     """The model of an object of the platform by name, or of your own by the path of its TOML file.
 
-    The module's docstring shows the format. A `colors` that is a file beside the TOML file is found
-    there, whatever the working directory.
+    The module's docstring shows the format. A file in `colors` is relative to the TOML file.
 
     Raises:
         ObjectModelError: the name is unknown (the message lists those that are), or the file is

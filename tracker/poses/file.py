@@ -170,8 +170,8 @@ def read_poses(path: str | os.PathLike[str]) -> Poses:
     """Read a file that `write_poses` wrote.
 
     Raises:
-        LogError: there is no such file, it is damaged, of another format or version, or holds what cannot
-            be; the message names file, dataset, what was found and what would be valid.
+        LogError: the file is missing or damaged, has another format or version, or contains impossible
+            values. The message names the dataset, what was found and what would be valid.
     """
     path = path_of(path, "path of poses", LogError)
     name = str(path)

@@ -106,7 +106,7 @@ class Poses:
     `poses[10:20]` and `poses[mask]` are the poses of some of the frames.
 
     Raises:
-        LogError: columns differ in length, or hold what they cannot.
+        LogError: columns differ in length, or contain impossible values.
     """
 
     index: Array
@@ -176,7 +176,7 @@ class Poses:
         )
 
     def table(self, keypoints_of: CuboidModel | None = None) -> dict[str, Array]:
-        """(n,) columns under the CSV file's header: numbers with NaN where there is none, and texts.
+        """(n,) columns with the names of the CSV file: numbers (NaN for missing ones) and texts.
 
         keypoints_of: the object, whose corners are columns too, such as `filtered_keypoint0_x_m`.
         """
@@ -194,7 +194,7 @@ class Poses:
         return {**dict(zip(CSV_HEADER, columns, strict=True)), **corners}
 
     def keypoints(self, model: CuboidModel | None) -> dict[Kind, FloatArray]:
-        """(n, 8, 3) corners [m] of the object in each kind of poses, NaN where there is none; {} of None.
+        """(n, 8, 3) corners [m] of the object in each kind of poses, NaN if missing; {} without a model.
 
         Corner i is on the + side of the object's x, y, z where bit 0, 1, 2 of i is 0.
 
@@ -247,7 +247,7 @@ class Poses:
         return package("xarray").Dataset(variables, coords=coordinates, attrs=about)
 
     def columns(self, kind: Kind) -> PoseColumns:
-        """The poses of a kind.
+        """The poses of one kind: measured, filtered or recorded.
 
         Raises:
             LogError: there is no such kind, or the recording has no poses.

@@ -59,24 +59,24 @@ def track(
     recover: bool = False,
     progress: Progress | None = None,
 ) -> Tracked:
-    """The object's pose in every frame of a recording, as a loop of `ObjectTracker.update` finds it.
+    """The object's pose in every frame of a recording, as from a loop over `ObjectTracker.update`.
 
     Args:
         path: what `open_log` takes.
         model: the object, or its name or TOML file.
-        output: the file of poses to write, or to take if it is there already, whole and of the same
-            recording, object, colours, cameras, frames and code; None: nothing is written.
-        rig: the cameras, or the folder of their calibration files, or these files; None: those in or beside
-            the recording.
+        output: the file of poses to write. If it exists, with the same recording, object, colours, cameras,
+            frames and code, it is read instead. None: nothing is written.
+        rig: the cameras, or their calibration files, or the folder of these; None: those in or beside the
+            recording.
         colors: a colour model, or its name or file; None: the object's own.
         start: number of the first frame to track.
         stop: number of the first frame after those; None: all.
-        recover: leave out what is damaged of the recording.
-        progress: takes how many more frames are done.
+        recover: skip damaged frames.
+        progress: is called with the number of frames done since the last call.
 
     Raises:
-        LogError: the recording is damaged and not to be recovered, it changed while it was read, or the
-            file cannot be written.
+        LogError: the recording is damaged (without `recover`), it changed while it was read, or the file
+            cannot be written.
         TrackerError: a name is unknown, a calibration is missing or does not fit.
         OSError: something cannot be read or written; BlockingIOError: another run is writing the file.
     """
