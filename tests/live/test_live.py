@@ -308,7 +308,7 @@ def test_a_source_that_does_not_return_is_left_and_reported(monkeypatch):
     go_on.set()
     live._thread.join(30)
     assert source.closed == 1
-    assert not moments  # what comes too late is not handed on
+    assert not moments  # what comes too late is dropped
 
 
 def test_live_poses_are_those_of_the_tracker():

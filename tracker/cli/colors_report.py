@@ -19,7 +19,7 @@ WEAK = 0.9
 """Share of a colour's pixels that are found below which it is weak."""
 
 FALSE = 0.1
-"""Share of the pixels found in a colour that are of no such face above which it is weak, too."""
+"""A colour is weak, too, above this share of its pixels outside of such faces."""
 
 LABELS = range(1, len(COLOR_NAMES))
 """Of the colours; 0 is none of them."""

@@ -189,7 +189,7 @@ def _camera_table(placed: Placed) -> str:
 
 
 def _partly_seen(sightings: dict[Photo, BoardView], board: Board) -> list[list[str]]:
-    """A board of another size would lie elsewhere: its centre is not where it is taken to be."""
+    """A board of another size would lie elsewhere: its centre is elsewhere."""
     from tracker.calibration.board.sighting import squares_shown
 
     first = [one for (_, place), one in sightings.items() if place == 0]

@@ -117,7 +117,7 @@ def adapt(
         if idle >= PATIENCE and gate == GATES[-1]:
             break
     if best.after is before:
-        fault = fault or f"frames that did not teach are explained no better than before: {before}"
+        fault = fault or f"frames that only check are explained no better than before: {before}"
         raise NotBetterError(f"{start.name}: refused: {fault}")
     return best
 

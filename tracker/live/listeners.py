@@ -38,7 +38,7 @@ class Listener:
         self.left_out = 0
         """Moments that did not get their turn in time."""
         self.fault: str | None = None
-        """Why it has ended before its time."""
+        """Why it has ended early."""
         name = f"tracker.{type(self).__name__}"
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()

@@ -164,7 +164,7 @@ class Refined:
     before: float
     """Root mean square offset of the edges in frames held out [px of an object of reference size]."""
     after: float
-    """The same with cameras that those frames did not teach."""
+    """The same with cameras fitted without those frames."""
     rim: tuple[float, float]
     """How far within its nominal edges the object's colours end, and how well that is known [m]."""
     frames: int
