@@ -243,8 +243,8 @@ def test_a_recording_is_marked_in_its_line_if_little_came_of_it(tmp_path):
 def test_the_warning_names_the_cameras():
     assert swap_message((1, 0, 2), NAMES) == "the images of camera60 and camera180 look swapped"
     assert swap_message((2, 0, 1), NAMES) == (
-        "the images of camera60, camera180 and camera300 look swapped: camera300's fits as that of camera60, "
-        "camera60's fits as that of camera180, camera180's fits as that of camera300"
+        "the images of camera60, camera180 and camera300 look swapped: camera300's fits camera60, "
+        "camera60's fits camera180, camera180's fits camera300"
     )
 
 

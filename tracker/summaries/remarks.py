@@ -48,8 +48,8 @@ _MEASURED = 0.8
 
 
 DOUBTFUL = (
-    "the calibration is doubtful, since the cameras contradict each other: one may have been moved, "
-    "or the files are of others; see tracker calibrate check"
+    "the calibration is doubtful: the cameras contradict each other. One may have moved, or the files "
+    "belong to other cameras; see tracker calibrate check"
 )
 
 
@@ -94,7 +94,7 @@ def mistaken(tracker: ObjectTracker, images: Sequence[Image | None], answer: Obs
     # A camera from which the object is hidden may seem to object: here that is no matter.
     pose = tracker.detect(turned).object_pose
     if pose is not None and pose.confidence >= UNSURE:
-        return f"{tracker.model.name} is found when red and blue are swapped: images are expected in BGR"
+        return f"{tracker.model.name} is found if red and blue are swapped: images must be BGR"
     others = [load_object(name) for name in object_names() if name != tracker.model.name]
     fitting = [
         model.name
@@ -173,9 +173,7 @@ def swap_message(order: Sequence[int], names: Sequence[str]) -> str:
     text = f"the images of {', '.join(moved[:-1])} and {moved[-1]} look swapped"
     if len(moved) == 2:
         return text
-    return f"{text}: " + ", ".join(
-        f"{names[k]}'s fits as that of {names[c]}" for c, k in enumerate(order) if c != k
-    )
+    return f"{text}: " + ", ".join(f"{names[k]}'s fits {names[c]}" for c, k in enumerate(order) if c != k)
 
 
 def _is_odd(poses: Poses) -> bool:
@@ -225,7 +223,7 @@ def off_table(pose: PoseEstimate | None, model: CuboidModel, arena: Arena) -> st
     where = "floats {:.1f} mm above" if height > 0 else "sinks {:.1f} mm into"
     return (
         f"{model.name} {where.format(abs(height))} the table (± {std:.1f} mm): if it rests, "
-        "`tracker calibrate table RECORDING -o DIR` finds the table"
+        "`tracker calibrate table RECORDING -o DIR` corrects this"
     )
 
 
@@ -253,12 +251,12 @@ class PictureLook(NamedTuple):
         """What is wrong, and what may help."""
         found = []
         if self.level < LEVELS[0]:
-            found.append(f"dark, median grey level {self.level:.0f}: expose longer, or is the lens covered?")
+            found.append(f"dark, median grey level {self.level:.0f}: expose longer; is the lens covered?")
         if self.level > LEVELS[1] or self.clipped > 100 * MOST_CLIPPED:
             found.append(
                 f"over-exposed, median grey level {self.level:.0f}, {self.clipped:.0f} % of its pixels are "
-                "clipped: expose for less long"
+                "clipped: expose less"
             )
         if self.blur > MOST_BLUR:
-            found.append(f"blurred by {self.blur:.1f} px: focus, or does the camera shake?")
+            found.append(f"blurred by {self.blur:.1f} px: check the focus; does the camera shake?")
         return found
