@@ -29,4 +29,4 @@ for step in range(100):
     errors.reset(ended)
     known[ended] = np.nan
 off = 1e3 * np.linalg.norm(known - position, axis=1)
-print(f"{np.isfinite(off).mean():.0%} known, {np.nanmedian(off):.1f} mm off in the median")
+print(f"{np.isfinite(off).mean():.0%} known, median error {np.nanmedian(off):.1f} mm")

@@ -33,7 +33,7 @@ def test_a_recording_is_replayed_printed_and_recorded(recording, tmp_path, run_h
     target = tmp_path / "log.h5"
     result = well(run_here("live", recording, "--object", "cube_v2", "--record", target))
     assert "sets of images" in result.stdout
-    assert "ms in the median" in result.stdout
+    assert "latency         median" in result.stdout
     with tracker.open_log(target) as log:
         frames = list(log)
         assert log.camera_names == RIG.names

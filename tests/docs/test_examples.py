@@ -72,7 +72,7 @@ def test_what_was_tracked_is_plotted_and_not_tracked_again(working, run_script):
 def test_a_policy_sees_late_and_noisy_poses(tmp_path, run_script):
     printed = run_script(EXAMPLES / "noisy_poses.py", folder=tmp_path).stdout
     assert [printed] == blocks("text", "docs/noise")
-    known, off = re.fullmatch(r"(\d+)% known, (\d+\.\d) mm off in the median\n", printed).groups()
+    known, off = re.fullmatch(r"(\d+)% known, median error (\d+\.\d) mm\n", printed).groups()
     assert int(known) > 90
     assert 1.0 < float(off) < 8.0
 

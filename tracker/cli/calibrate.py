@@ -274,8 +274,8 @@ def _verdict(found: CalibrationCheck) -> str:
     from tracker.calibration.by_object.check import LIMIT
 
     if found.fits:
-        miss = f"{1e3 * found.miss:.1f} of at most {1e3 * LIMIT:.1f} mrad in the median"
-        return f"the calibration fits: cameras miss each other's views by {miss}"
+        miss = f"{1e3 * found.miss:.1f} mrad (median; limit {1e3 * LIMIT:.1f})"
+        return f"the calibration fits: cameras disagree by {miss}"
     moved = [one.name for one in found.cameras if one.moved]
     lost = [one.name for one in found.cameras if found.is_lost(one) and not one.moved]
     if len(moved) > 1:
@@ -285,7 +285,7 @@ def _verdict(found: CalibrationCheck) -> str:
     elif lost:
         why = f"{', '.join(lost)} should see the object but cannot use their views"
     else:
-        why = f"cameras miss each other's views by {1e3 * found.miss:.1f} mrad in the median"
+        why = f"cameras disagree by {1e3 * found.miss:.1f} mrad (median)"
     return f"the calibration does not fit: {why}"
 
 

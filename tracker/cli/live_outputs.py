@@ -233,7 +233,7 @@ class Statistics:
             rows.append(["status", ", ".join(shares)])
             if not self._posed:
                 rows.append(["", _NEVER if self._seen else _NO_IMAGE])
-            rows.append(["latency", f"{median:.1f} ms in the median, {late:.1f} ms in the 99th percentile"])
+            rows.append(["latency", f"median {median:.1f} ms, 99th percentile {late:.1f} ms"])
         cameras = () if self._newest is None else self._newest.fault_counts  # in their order
         for name in dict.fromkeys((_STAMPS, *cameras, *self._faults)):
             if times := self._faults[name]:
@@ -304,7 +304,7 @@ def check_cameras(source: ImageSource, rig: tracker.CameraRig, seconds: float | 
     from tracker.live.camera_check import look_at
 
     looks = look_at(source, rig, seconds or SECONDS)
-    rows = [["camera", "pictures", "missing", "late [ms]", "grey level", "clipped [%]", "blur [px]"]]
+    rows = [["camera", "images", "missing", "late [ms]", "grey level", "clipped [%]", "blur [px]"]]
     for one in looks.cameras:
         level, clipped, blur = one.look
         numbers = [f"{1e3 * one.skew:.1f}", f"{level:.0f}", f"{clipped:.1f}", f"{blur:.2f}"]
