@@ -8,6 +8,7 @@ import subprocess
 import pytest
 
 from scripts.check_phrases import PHRASES, found, main, read_phrases
+from tests.docs.samples import PAGES
 from tests.helpers import ROOT
 
 WORDS = (ROOT / "docs" / "style" / "words.txt").read_text(encoding="utf-8")
@@ -42,3 +43,9 @@ def test_each_version_of_the_changelog_begins_with_what_users_get_and_has_a_tag(
     versions = {section.partition("]")[0] for section in sections} - {"Unreleased"}
     # A copy without history has none.
     assert not tags or {f"v{version}" for version in versions} <= tags
+
+
+@pytest.mark.parametrize("page", sorted(set(PAGES) - {"README", "docs/index"}))
+def test_each_page_states_its_question_at_its_top(page):
+    first = next(line for line in PAGES[page].splitlines()[1:] if line.strip())
+    assert "?" in first
