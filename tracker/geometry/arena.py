@@ -1,4 +1,4 @@
-"""The arena: where the object's centre may be, and where the table is in the calibrated world."""
+"""The arena: where the object's centre may be, and where the table is in the world."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ SURE = 2.0
 
 @dataclasses.dataclass(frozen=True)
 class Arena:
-    """A vertical cylinder that stands on the table. Numbers of any kind are kept as floats.
+    """A vertical cylinder on the table. Numbers are stored as floats.
 
     Raises:
-        CalibrationError: a value is of the wrong kind, not finite, or impossible.
+        CalibrationError: a value has the wrong type, is not finite, or is impossible.
     """
 
     center: tuple[float, float] = (0.0, 0.0)
     """x and y of the cylinder's axis in the world [m]."""
     radius: float = 0.235
-    """Greatest horizontal distance of the object's centre from the axis [m]."""
+    """Largest horizontal distance of the object's centre from the axis [m]."""
     height: float = 0.185
-    """Greatest height of the object's centre above the table [m]; without one, and least, of z."""
+    """Largest height of the object's centre above the table [m]; without a table, bound of |z|."""
     table: float | None = 0.0
-    """z of the table in the world, at the axis [m]; None: there is none, on which an object could stand."""
+    """z of the table in the world, at the axis [m]; None: there is no table to stand on."""
     table_std: tuple[float, float] = (0.008, 0.017)
-    """Standard deviations of the table's height [m] and of its tilt about any level axis [rad]."""
+    """Standard deviations of the table's height [m] and of its tilt about any horizontal axis [rad]."""
 
     def __post_init__(self) -> None:
         for key in ("center", "table_std"):

@@ -61,7 +61,7 @@ class Camera:
     """One calibrated camera. Arrays are copied and read-only.
 
     Raises:
-        CalibrationError: a parameter is of the wrong shape, not finite, or impossible.
+        CalibrationError: a parameter has the wrong shape, is not finite, or is impossible.
     """
 
     name: str
@@ -77,7 +77,7 @@ class Camera:
     camera_from_world: FloatArray
     """(4, 4) rigid transform, p_camera = camera_from_world · p_world [m]."""
     camera_from_world_std: FloatArray | None = None
-    """(4, 4) element-wise standard deviations of `camera_from_world`, or None where unknown."""
+    """(4, 4) element-wise standard deviations of `camera_from_world`, or None if unknown."""
 
     def __post_init__(self) -> None:
         check_name(self.name, "camera_name", CalibrationError)

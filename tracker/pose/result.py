@@ -1,4 +1,4 @@
-"""What the tracker answers: a pose with its uncertainty, or none with the reason."""
+"""Results: a pose with its uncertainty, or the reason why there is none."""
 
 from __future__ import annotations
 
@@ -15,50 +15,50 @@ from tracker.geometry import cuboid, so3
 
 
 class Word(str, enum.Enum):
-    """A text of a fixed few: the value in comparisons, f-strings, `str()` and JSON."""
+    """An enum of texts: its value appears in comparisons, f-strings, `str()` and JSON."""
 
     __str__ = str.__str__
 
 
 class Status(Word):
-    """Why there is a pose, or none; a text, such as "found"."""
+    """Why there is a pose, or why not; a text such as "found"."""
 
     FOUND = "found"
     """The object was found; see the pose's confidence."""
     NO_OBJECT_COLORS = "no_object_colors"
     """No camera shows a patch in the colours of the object's faces."""
     TOO_FEW_PIXELS = "too_few_pixels"
-    """Face colours are in view, but too little of the object to fix a pose."""
+    """Face colours are in view, but too few pixels to determine a pose."""
     INCONSISTENT_VIEWS = "inconsistent_views"
-    """Face colours are in view, but no pose above the table explains them in the cameras together. With a
-    pose, over time: the cameras contradict each other lastingly; the calibration is not to be trusted."""
+    """Face colours are in view, but no pose above the table explains them in all cameras. With a pose, over
+    time: the cameras keep contradicting each other, so do not trust the calibration."""
     POOR_FIT = "poor_fit"
-    """A pose explains the colours, but the edges do not lie where it puts them."""
+    """A pose explains the colours, but not the edges."""
     OTHER_OBJECT = "other_object"
-    """What is there has other colours or another shape: another object, or pictures in RGB for BGR."""
+    """Something with other colours or another shape is there: another object, or RGB images for BGR."""
     AMBIGUOUS = "ambiguous"
     """Two different poses explain the images about equally well."""
     TRACKING = "tracking"
     """Over time: the object was seen where it was expected."""
     REFOUND = "refound"
-    """Over time: the object was found again, or somewhere else than expected."""
+    """Over time: the object was found again, or in an unexpected place."""
     COASTING = "coasting"
-    """Over time: the object is not seen now; the filtered pose is predicted from before."""
+    """Over time: the object is not visible now; the filtered pose is a prediction."""
     LOST = "lost"
-    """Over time: the object was seen too long ago, or never."""
+    """Over time: the object has not been seen for too long, or never."""
 
 
 class CameraUse(Word):
-    """What became of one camera's picture; a text, such as "used"."""
+    """How one camera's image was used; a text such as "used"."""
 
     USED = "used"
-    """The pose comes from it too, as far as the object is in view; or there is no pose."""
+    """It contributed to the pose if the object is in view; or there is no pose."""
     CONTRADICTING = "contradicting"
-    """It shows the object somewhere else or otherwise, or was left out since the others agree without it."""
+    """It shows the object elsewhere or differently, or was left out because the others agree without it."""
     NO_IMAGE = "no_image"
-    """It gave none."""
+    """There was no image."""
     FROZEN = "frozen"
-    """It is the same as before down to its noise, while others change."""
+    """It is identical to the one before, noise included, while others change."""
     BLACK = "black"
     """It is black."""
 
@@ -76,11 +76,11 @@ class PoseEstimate:
     orientation: FloatArray
     """(4,) unit quaternion x, y, z, w of world_from_object."""
     covariance: FloatArray
-    """(6, 6) of position and rotation [m, rad]; calibration errors included as far as their size is known."""
+    """(6, 6) of position and rotation [m, rad]; includes calibration errors as far as files state them."""
     confidence: float
     """Probability that the pose is within 5 mm and 5° of the truth."""
     size: FloatArray | None = field(default=None, kw_only=True)
-    """(3,) the object's edge lengths [m]; None where they are not known, as in files of poses."""
+    """(3,) the object's edge lengths [m]; None if unknown, as in files of poses."""
 
     def __post_init__(self) -> None:
         known = () if self.size is None else (("size", (3,)),)
@@ -182,7 +182,7 @@ class Forecast(MotionEstimate):
     """Pose and velocity at a later moment: the covariance is that of the likely kinds of motion."""
 
     kinds: tuple[MotionKind, ...] = ()
-    """What each kind of motion leads to, the likeliest first."""
+    """The forecast for each kind of motion, the likeliest first."""
 
     def _more(self) -> str:
         kinds = "".join(f"{kind.name} {kind.probability:.2f}, " for kind in self.kinds)
@@ -191,12 +191,12 @@ class Forecast(MotionEstimate):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MotionKind(MotionEstimate):
-    """The same if the object's motion is of one kind; the confidence holds if it is."""
+    """A forecast that assumes one kind of motion; so does its confidence."""
 
     name: str
     """Of the kind: "at rest", "pushed or carried", "thrown or dropped"."""
     probability: float
-    """That the motion is of this kind."""
+    """Probability of this kind of motion."""
 
     def _more(self) -> str:
         return f"{super()._more()}{self.name} {self.probability:.2f}, "
@@ -204,23 +204,23 @@ class MotionKind(MotionEstimate):
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """The answer to one set of images."""
+    """The result for one set of images."""
 
     object_pose: PoseEstimate | None
-    """The pose measured in these images, or None: then `status` says why."""
+    """The pose measured in these images, or None; `status` says why."""
     filtered_object_pose: MotionEstimate | None
-    """Prediction and measurement fused over time; None where there is no memory (`detect`), or it is lost."""
+    """Prediction and measurement fused over time; None from `detect`, which has no memory, or if lost."""
     status: Status
-    """Why there is a pose, or none."""
+    """Why there is a pose, or why not."""
     timing_ms: dict[str, float] = field(default_factory=dict)
     """Wall-clock time of each stage [ms]."""
     reason: Status | None = None
-    """Over time, where nothing was measured: why these images by themselves gave no pose.
+    """From `update`, if nothing was measured: why these images alone gave no pose.
 
-    Of `detect`, beside a pose: INCONSISTENT_VIEWS where the cameras contradict each other, so that their
-    calibration is doubtful."""
+    From `detect`, with a pose: INCONSISTENT_VIEWS if the cameras contradict each other, which makes their
+    calibration doubtful."""
     cameras: tuple[CameraUse, ...] = ()
-    """What became of each camera's picture, in the order of the rig."""
+    """How each camera's image was used, in the order of the rig."""
 
     def __repr__(self) -> str:
         poses = [repr(pose) for pose in (self.object_pose, self.filtered_object_pose) if pose is not None]

@@ -66,7 +66,7 @@ def look_up(image, channels, table, gains, out):  # type: ignore[no-untyped-def]
 
 
 def check_image(image: object, who: str = "image") -> Image:
-    """The image itself, if it is (H, W, 3) uint8; ImageError says what it is otherwise."""
+    """The image itself if it is (H, W, 3) uint8, otherwise ImageError."""
     if not isinstance(image, np.ndarray):
         raise ImageError(
             f"{who}: {type(image).__name__} given; a NumPy array (H, W, 3) of uint8, BGR, is needed"
@@ -85,13 +85,12 @@ def check_image(image: object, who: str = "image") -> Image:
 def segment(image: Array, colors: ColorModel) -> Image:
     """Labels (H, W) uint8 of an image (H, W, 3) uint8 BGR: 0 background, 1 red … 6 yellow.
 
-    Pixels are labelled by colour; then specks go, and of the things that are left in face colours
-    only those that compare with the strongest stay, so that copper coils and coloured fringes at
-    edges do not count as faces.
+    Pixels are labelled by colour. Specks are removed, and so are regions much weaker than the strongest:
+    copper coils and coloured fringes at edges are not faces.
 
     Raises:
-        ImageError: the image is anything but an (H, W, 3) uint8 array.
-        ColorModelError: the colours are anything but a colour model.
+        ImageError: the image is not an (H, W, 3) uint8 array.
+        ColorModelError: the colours are not a colour model.
     """
     image, light, labels = labels_by_color(check_image(image), check_colors(colors))
     margin = np.empty(image.shape[:2], np.uint8)

@@ -21,26 +21,26 @@ from tracker.tracking.motion import KINDS, MotionFilter, MotionState
 
 @dataclass(frozen=True)
 class TrackingOptions:
-    """When an object is believed to be where.
+    """Limits within which `update` accepts a measurement.
 
     Raises:
-        TrackerError: a value is no finite number, or negative.
+        TrackerError: a value is not a finite number, or negative.
     """
 
     coast_seconds: float = 0.5
-    """For so long after it was last seen its pose is predicted [s]; then it is lost."""
+    """Time for which an unseen object is predicted [s]; after that it is lost."""
     max_jump: tuple[float, float] = (0.04, math.radians(45))
-    """Difference from the prediction [m, rad] beyond which a measurement is implausible, …"""
+    """Largest plausible difference from the prediction [m, rad], …"""
     max_speed: tuple[float, float] = (0.8, math.radians(400))
-    """… plus so much for every second since the object was last seen [m/s, rad/s]."""
+    """… which grows by this much per second while the object is unseen [m/s, rad/s]."""
     jump_confidence: float = 0.95
-    """Confidence from which an implausible measurement is believed at once; else another must agree."""
+    """Confidence at which an implausible measurement is accepted at once; others need a second one."""
     single_camera_share: float = 0.3
-    """Share of these limits where one camera alone sees the object, which may take depth for turn."""
+    """Share of these limits if only one camera sees the object: it may confuse depth and rotation."""
     min_confidence: float = 0.4
-    """Confidence of a measurement, if the calibration is right, from which it is believed at all."""
+    """Least confidence of a measurement, assuming that the calibration is right."""
     max_disagreement: tuple[float, float] = (0.02, math.radians(15))
-    """Difference of two measurements that agree [m, rad], plus half of `max_speed` a second."""
+    """Largest difference of two measurements that agree [m, rad], plus half of `max_speed` per second."""
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -53,7 +53,7 @@ class TrackingOptions:
 
 @dataclass(frozen=True, eq=False)
 class Pending:
-    """A measurement that nobody has confirmed yet."""
+    """A measurement that no other has confirmed yet."""
 
     timestamp: float
     position: FloatArray
@@ -75,9 +75,9 @@ class Belief(NamedTuple):
     unseen: bool = False
     """Whether there was no measurement of it in the last pictures."""
     trust: float = 0.0
-    """Probability that what was last seen is the object, and where the calibration has it."""
+    """Probability that the last measurement was of the object, and that the calibration is right."""
     pending: Pending | None = None
-    """What nobody has confirmed yet."""
+    """A measurement that no other has confirmed yet."""
     step: float = 0.0
     """Time from the pictures before to the last ones [s]."""
 
