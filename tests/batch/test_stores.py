@@ -24,7 +24,6 @@ from tests.helpers.robot_stores import (
 )
 from tests.logs.test_datasets import edit, head
 from tracker.batch.run import only_run, write_batch
-from tracker.batch.store_tables import BLOCK_ROWS, RowsWriter
 from tracker.batch.stores import Retracking
 from tracker.batch.workers import here
 from tracker.poses.file import read_poses
@@ -56,14 +55,12 @@ def place(store: Path, folder: Path) -> Path:
 
 
 def read_array(folder: Path) -> np.ndarray:
-    """As the format's description says."""
+    """As the format's description says, of arrays that are one block."""
     about = json.loads((folder / ".zarray").read_text())
     assert (about["compressor"], about["order"], about["zarr_format"]) == (None, "C", 2)
-    blocks = sorted(
-        (path for path in folder.iterdir() if path.name[0] != "."), key=lambda p: int(p.name.split(".")[0])
-    )
-    parts = [np.fromfile(path, about["dtype"]).reshape(about["chunks"]) for path in blocks]
-    return np.concatenate(parts)[: about["shape"][0]]
+    (block,) = (path for path in folder.iterdir() if path.name[0] != ".")
+    assert set(block.name.split(".")) == {"0"}
+    return np.fromfile(block, about["dtype"]).reshape(about["chunks"])
 
 
 @pytest.mark.parametrize("task", ["push", "lift"])
@@ -123,19 +120,6 @@ def test_zarr_itself_reads_the_group(robots, tmp_path):
     group = zarr.open_group(str(place(tmp_path / "a.zarr", tmp_path / "out") / "poses.zarr"), mode="r")
     np.testing.assert_allclose(group["object_position"][5], position(0.1), atol=1e-7)
     assert np.isnan(group["images"]["object_keypoints"][10]).all()
-
-
-def test_arrays_longer_than_a_block_are_whole(tmp_path, rng):
-    rows = rng.normal(size=(2 * BLOCK_ROWS + 5, 2)).astype(np.float32)
-    writer = RowsWriter(tmp_path / "x", (2,))
-    for part in (rows[:7], rows[7 : BLOCK_ROWS + 7], rows[BLOCK_ROWS + 7 :]):
-        writer.append(part)
-    writer.pad_to(3 * BLOCK_ROWS)
-    writer.close()
-    found = read_array(tmp_path / "x")
-    np.testing.assert_array_equal(found[: len(rows)], rows)
-    assert len(found) == 3 * BLOCK_ROWS
-    assert np.isnan(found[len(rows) :]).all()
 
 
 def test_an_interrupted_run_goes_on_with_the_missing_episodes(robots, tmp_path, monkeypatch):

@@ -5,7 +5,7 @@ steps.parquet    a line for each control step, with the pose of the images that 
 poses.zarr       arrays of the shape of the stored ones, per control step, and in `images` per set of images
 report.json      the differences to the stored poses, by robot and by episode
 
-The arrays are of zarr's version 2, without compression: the same rows give the same bytes.
+The arrays are of zarr's version 2, each one block without compression: the same rows give the same bytes.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import math
 import os
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 
@@ -83,12 +83,12 @@ def write_store(
     about = {"source": source, "object": model.name, **_ABOUT}
     with (
         told_as(LogError, folder),
-        whole_group(folder / ZARR, about) as group,
+        _group(folder / ZARR, about) as group,
         _parquet(folder / IMAGES) as add_images,
         _parquet(folder / STEPS) as add_steps,
         _arrays(group, len(steps.frame)) as put_steps,
     ):
-        add_group(group / "images", {})
+        _add_group(group / "images", {})
         with _arrays(group / "images", steps.frames) as put_images:
             for one in tracked:
                 poses, first = _with_stored(read_poses(one.output), steps)
@@ -195,75 +195,51 @@ def _parquet(path: Path) -> Iterator[Callable[[dict[str, Array]], None]]:
 
 
 @contextlib.contextmanager
-def _arrays(folder: Path, count: int) -> Iterator[Callable[[int, dict[str, Array]], None]]:
-    """A function that puts rows at a number of `count` in the arrays of ROWS; NaN is what is left out."""
-    writers = {name: RowsWriter(folder / name, shape) for name, shape in ROWS.items()}
-
-    def put(at: int, rows: dict[str, Array]) -> None:
-        for name, writer in writers.items():
-            writer.pad_to(at)
-            writer.append(rows[name])
-
-    yield put
-    for writer in writers.values():
-        writer.pad_to(count)
-        writer.close()
-
-
-BLOCK_ROWS = 8192
-"""Rows a block."""
-
-
-@contextlib.contextmanager
-def whole_group(path: Path, attributes: dict[str, Any]) -> Iterator[Path]:
+def _group(path: Path, attributes: dict[str, Any]) -> Iterator[Path]:
     """A new group, which takes the name, and the place of an older one, when the `with` block ends well."""
     with whole_file(path) as temporary:
-        add_group(temporary, attributes)
+        _add_group(temporary, attributes)
         yield temporary
         if path.is_dir():  # a folder cannot be renamed onto another
             os.replace(path, temporary.with_name("old"))
 
 
-def add_group(path: Path, attributes: dict[str, Any]) -> None:
-    """Make a group's folder."""
+def _add_group(path: Path, attributes: dict[str, Any]) -> None:
     path.mkdir()
     (path / ".zgroup").write_text('{"zarr_format": 2}\n')
     (path / ".zattrs").write_text(json.dumps(attributes, indent=1) + "\n")
 
 
-class RowsWriter:
-    """An array that grows by rows of a shape; float32, NaN where nothing is known. One block is in memory."""
+@contextlib.contextmanager
+def _arrays(folder: Path, count: int) -> Iterator[Callable[[int, dict[str, Array]], None]]:
+    """A function that puts rows, from one on, in the arrays of ROWS, of `count` rows; left out ones are NaN.
 
-    def __init__(self, folder: Path, shape: tuple[int, ...]) -> None:
-        folder.mkdir()
-        self._folder, self._shape, self._count = folder, shape, 0
-        self._block = np.full((BLOCK_ROWS, *shape), np.nan, np.float32)
+    Each array is one block, whose file is its rows one after the other, so that nothing is kept in memory.
+    """
+    with contextlib.ExitStack() as stack:
+        files: dict[str, BinaryIO] = {}
+        for name, shape in ROWS.items():
+            about: dict[str, Any] = {"zarr_format": 2, "dtype": "<f4", "fill_value": "NaN", "order": "C"}
+            about |= {
+                "shape": [count, *shape],
+                "chunks": [count, *shape],
+                "compressor": None,
+                "filters": None,
+            }
+            (folder / name).mkdir()
+            (folder / name / ".zarray").write_text(json.dumps(about, indent=1) + "\n")
+            block = folder / name / ".".join("0" * (1 + len(shape)))
+            files[name] = stack.enter_context(block.open("wb"))
 
-    def append(self, rows: Array) -> None:
-        """Add rows (k, ...)."""
-        while len(rows):
-            at = self._count % BLOCK_ROWS
-            some, rows = rows[: BLOCK_ROWS - at], rows[BLOCK_ROWS - at :]
-            self._block[at : at + len(some)] = some.reshape(len(some), *self._shape)
-            self._count += len(some)
-            if at + len(some) == BLOCK_ROWS:
-                self._write()
+        def pad(name: str, to: int) -> None:
+            missing = to * math.prod(ROWS[name]) - files[name].tell() // 4
+            files[name].write(np.full(missing, np.nan, "<f4").tobytes())
 
-    def pad_to(self, count: int) -> None:
-        """Add rows of NaN until there are `count`."""
-        while self._count < count:
-            self.append(np.full((min(BLOCK_ROWS, count - self._count), *self._shape), np.nan))
+        def put(at: int, rows: dict[str, Array]) -> None:
+            for name, file in files.items():
+                pad(name, at)
+                file.write(rows[name].astype("<f4").tobytes())
 
-    def close(self) -> None:
-        """Write what is left, and the head."""
-        if self._count % BLOCK_ROWS:
-            self._write()
-        about: dict[str, Any] = {"zarr_format": 2, "shape": [self._count, *self._shape], "dtype": "<f4"}
-        about |= {"chunks": [BLOCK_ROWS, *self._shape], "order": "C", "compressor": None, "filters": None}
-        (self._folder / ".zarray").write_text(json.dumps({**about, "fill_value": "NaN"}, indent=1) + "\n")
-
-    def _write(self) -> None:
-        number = math.ceil(self._count / BLOCK_ROWS) - 1
-        key = ".".join([str(number), *["0"] * len(self._shape)])
-        (self._folder / key).write_bytes(self._block.astype("<f4").tobytes())
-        self._block[:] = np.nan
+        yield put
+        for name in files:
+            pad(name, count)
