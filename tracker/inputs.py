@@ -9,13 +9,12 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from tracker.calibration.rig import CameraRig
-from tracker.checks import check_sequence, described
+from tracker.checks import check_sequence, described, in_range, one_stamp, seconds
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import ImageError, TrackerError, shown
 from tracker.objects.model import CuboidModel, load_object
 from tracker.segmentation.color_model import ColorModel, load_colors
 from tracker.segmentation.labels import check_image
-from tracker.stamps import in_range, one_stamp, seconds
 
 PathLike: TypeAlias = str | os.PathLike[str]
 

@@ -13,8 +13,7 @@ import numpy as np
 from scipy.optimize import least_squares, minimize
 
 from tracker.conventions import Array, FloatArray
-from tracker.noise.model import UNITS
-from tracker.noise.state import NoiseState
+from tracker.noise.model import UNITS, NoiseState
 
 GROSS = 5e-3, np.radians(5.0)
 """A larger error is gross [m, rad]."""

@@ -9,15 +9,17 @@ import pytest
 import yaml
 
 from tests.helpers import LENSES, make_camera
-from tracker.calibration.files.calibrated import (
+from tracker.calibration.files.platform import (
+    MAX_FILE_SIZE,
     Calibrated,
     focal_deviations,
     halved_by_rows,
     read_all_calibrated,
     read_calibrated,
+    read_camera,
     write_calibrated,
+    write_camera,
 )
-from tracker.calibration.files.platform import MAX_FILE_SIZE, read_camera, write_camera
 from tracker.errors import CalibrationError
 from tracker.geometry.camera import Camera
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from tests.helpers import make_camera
-from tracker.calibration.files.calibrated import read_calibrated
-from tracker.calibration.files.platform import entries, write_camera, write_mapping
+from tracker.calibration.files.platform import entries, read_calibrated, write_camera, write_mapping
 from tracker.calibration.rig import CameraRig
 from tracker.errors import CalibrationError
 

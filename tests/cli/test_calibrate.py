@@ -17,7 +17,7 @@ from tests.helpers.filmed import RIG, write_recording
 from tests.helpers.moving_cube import carried, knocked, relative_errors, rests
 from tests.helpers.stills import bare_scene, take
 from tracker.calibration.by_object.table import moved
-from tracker.calibration.files.calibrated import read_calibrated
+from tracker.calibration.files.platform import read_calibrated
 from tracker.cli.calibrate import save_object
 from tracker.geometry import so3
 from tracker.geometry.camera import Camera

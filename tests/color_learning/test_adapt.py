@@ -7,7 +7,7 @@ import pytest
 
 import tracker
 from tests.helpers.filmed import RIG, footage_of, overlap, shots
-from tracker.color_learning.adapt import adapt
+from tracker.color_learning.adapt import adapt, from_names, nearest, refit
 from tracker.color_learning.fit import FitOptions
 from tracker.color_learning.lessons import (
     Lesson,
@@ -19,7 +19,6 @@ from tracker.color_learning.lessons import (
     owners,
     shares,
 )
-from tracker.color_learning.models import from_names, nearest, refit
 from tracker.errors import NotBetterError
 from tracker.pipeline import ObjectTracker
 from tracker.pose.fit import Fit

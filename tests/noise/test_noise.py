@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import tracker
-from tracker.noise.model import UNITS, preset_names
-from tracker.noise.state import NoiseState
+from tracker.noise.model import UNITS, NoiseState, preset_names
 
 N = 4000
 

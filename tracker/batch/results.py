@@ -122,7 +122,7 @@ OF_ALL = (ASKED, f"{TABLE}.parquet", f"{TABLE}.csv", FAILURES)
 """What is written in the folder itself."""
 
 IMAGES, STEPS, ZARR, REPORT = "images.parquet", "steps.parquet", "poses.zarr", "report.json"
-"""In the folder of the episodes of an image store, see `store_tables`."""
+"""In the folder of the episodes of an image store, see `stores`."""
 
 _EPISODE = "episode-"
 """What the file of poses of each episode is called before its number, in a folder called as the store."""

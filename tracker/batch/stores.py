@@ -1,33 +1,66 @@
-"""Image stores of several robots: each episode is tracked with the calibration of its robot."""
+"""Image stores of several robots: each episode is tracked with the calibration of its robot.
+
+What comes of a store are its poses per set of images and per control step, and how they differ:
+
+    images.parquet   a line for each set of images
+    steps.parquet    a line for each control step, with the pose of the images that it saw
+    poses.zarr       arrays of the shape of the stored ones: per control step; in `images` per set of images
+    report.json      the differences to the stored poses, by robot and by episode
+
+The arrays are of zarr's version 2, each one block without compression: the same rows give the same bytes.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 import itertools
+import json
+import math
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
-from tracker.batch.results import output_of_episode, outputs_of, recordings_of, summary_file
+import numpy as np
+
+from tracker.batch.results import (
+    IMAGES,
+    REPORT,
+    STEPS,
+    ZARR,
+    output_of_episode,
+    outputs_of,
+    recordings_of,
+    summary_file,
+)
 from tracker.batch.run import Batch, Report, Task, agreed, run_tasks, unfinished
-from tracker.batch.store_tables import Tracked, write_store
 from tracker.batch.workers import Engine
 from tracker.calibration.files.folder import pattern_of, robots_in
+from tracker.conventions import Array
 from tracker.errors import CalibrationError, LogError, TrackerError, install
-from tracker.logs.store_steps import Episode, is_store, read_steps
+from tracker.files import told_as, whole_file, write_whole
+from tracker.geometry import cuboid, so3
+from tracker.logs.datasets import CONTROL_RATE
+from tracker.logs.store_steps import Episode, StoreSteps, is_store, read_steps
+from tracker.objects.model import CuboidModel
+from tracker.poses.columns import MeasuredColumns, PoseColumns
+from tracker.poses.file import read_poses
+from tracker.poses.poses import Poses, package
 from tracker.recordings.recipe import Options, Recipe
+from tracker.summaries.against_stored import Compared, differences
 
 
 class Planned(NamedTuple):
     """An episode to be tracked."""
 
-    tracked: Tracked
-    """What there will be."""
+    episode: Episode
+    robot: str
+    """Whose calibration is taken."""
     task: Task
     recipe: Recipe
     """What the task loads."""
@@ -74,10 +107,10 @@ class Retracking:
             start, stop = episode.frames.start, episode.frames.stop
             recipe = dataclasses.replace(recipe_of(name), start=start, stop=stop)
             own = dataclasses.replace(options, pattern=pattern_of(name), start=start, stop=stop)
-            output = output_of_episode(path, episode.number, Path(os.path.abspath(folder)))
+            output = str(output_of_episode(path, episode.number, Path(os.path.abspath(folder))))
             part = f"episode {episode.number}"
-            task = Task(os.path.abspath(path), str(output), own, agreed(recipe), part)
-            return Planned(Tracked(episode, name, output), task, recipe)
+            task = Task(os.path.abspath(path), output, own, agreed(recipe), part)
+            return Planned(episode, name, task, recipe)
 
         paths = recordings_of(recordings, folder)
         outputs_of(paths, folder)  # which refuses one that is given twice
@@ -98,10 +131,9 @@ class Retracking:
         """
         reports = {}
         for path, episodes in self.stores.items():
-            tracked = [one.tracked for one in episodes]
-            if all(summary_file(one.output).exists() for one in tracked):
-                model, folder = episodes[0].recipe.model, tracked[0].output.parent
-                reports[str(path)] = write_store(folder, path.name, read_steps(path), model, tracked)
+            outputs = [Path(one.task.output) for one in episodes]
+            if all(summary_file(output).exists() for output in outputs):
+                reports[str(path)] = write_store(outputs[0].parent, path.name, read_steps(path), episodes)
         return reports
 
     def _missing(self, done: Callable[[], None]) -> Iterator[Task]:
@@ -144,3 +176,201 @@ def _robot_of(path: Path, episode: Episode, options: Options, known: Sequence[st
             f"{options.calibration[0]}: {', '.join(known)}; --robot takes one for all episodes"
         )
     return name
+
+
+ROWS: dict[str, tuple[int, ...]] = {
+    "object_position": (3,),
+    "object_orientation": (4,),
+    "object_keypoints": (8, 3),
+    "confidence": (1,),
+    "covariance": (6, 6),
+}
+"""Arrays of the zarr group, with the shape of a row; the first three are those of the data set."""
+
+_ABOUT = {
+    "object_position": "m, in the world",
+    "object_orientation": "unit quaternion x, y, z, w",
+    "object_keypoints": "corners [m]; corner i is on the + side of x, y, z where bit 0, 1, 2 of i is 0",
+    "confidence": "probability that the pose is within 5 mm and 5 degrees of the truth",
+    "covariance": "of position and rotation along world axes [m, rad]",
+    "rows": "one a control step; in the group images, one a set of images; NaN where there is no pose",
+}
+
+
+def write_store(folder: Path, source: str, steps: StoreSteps, tracked: Sequence[Planned]) -> dict[str, Any]:
+    """Write all tables of a store, each whole or not at all; what the report says.
+
+    Args:
+        folder: where they go.
+        source: the store's name.
+        steps: its control steps.
+        tracked: episodes in their order, of which there are poses.
+
+    Raises:
+        LogError: a file of poses cannot be read, or a table not be written.
+        TrackerError: the package pyarrow is missing.
+    """
+    compared: list[tuple[Planned, Compared]] = []
+    model = tracked[0].recipe.model
+    about = {"source": source, "object": model.name, **_ABOUT}
+    with (
+        told_as(LogError, folder),
+        _group(folder / ZARR, about) as group,
+        _parquet(folder / IMAGES) as add_images,
+        _parquet(folder / STEPS) as add_steps,
+        _arrays(group, len(steps.frame)) as put_steps,
+    ):
+        _add_group(group / "images", {})
+        with _arrays(group / "images", steps.frames) as put_images:
+            for one in tracked:
+                poses, first = _with_stored(read_poses(one.task.output), steps)
+                numbers, frames = np.asarray(one.episode.steps), np.asarray(one.episode.frames)
+                by_step, by_frame = _rows_of(poses, steps.frame[numbers]), _rows_of(poses, frames)
+                arrays = _arrays_of(poses.filtered, model)
+                put_images(one.episode.frames.start, {k: _taken(v, by_frame) for k, v in arrays.items()})
+                put_steps(one.episode.steps.start, {k: _taken(v, by_step) for k, v in arrays.items()})
+                add_images(_image_columns(poses, steps, first, one))
+                add_steps(_step_columns(poses, steps, by_step, one))
+                if poses.recorded is not None and len(poses):
+                    compared.append((one, Compared(poses, steps.observed["delay"][first, 0])))
+        report = _report(source, steps, model, compared)
+        write_whole(folder / REPORT, json.dumps(report, indent=1) + "\n")
+    return report
+
+
+def _report(
+    source: str, steps: StoreSteps, model: CuboidModel, compared: Sequence[tuple[Planned, Compared]]
+) -> dict[str, Any]:
+    by_robot: dict[str, list[Compared]] = {}
+    for one, parts in compared:
+        by_robot.setdefault(one.robot, []).append(parts)
+    episodes = [
+        {"episode": one.episode.number, "robot": one.robot, **differences([parts])} for one, parts in compared
+    ]
+    robots = {robot: differences(by_robot[robot]) for robot in sorted(by_robot)}
+    about = {"source": source, "object": model.name, "task": steps.task}
+    return {**about, "robots": robots, "episodes": episodes}
+
+
+def _with_stored(poses: Poses, steps: StoreSteps) -> tuple[Poses, Array]:
+    """The poses with those that are stored as the recorded ones, and (n,) the first step of each frame."""
+    first, stored = steps.stored_with(poses.index)
+    recorded = None if stored is None else PoseColumns(**stored)
+    return dataclasses.replace(poses, recorded=recorded), first
+
+
+def _arrays_of(columns: MeasuredColumns, model: CuboidModel) -> dict[str, Array]:
+    """What goes into the arrays of ROWS."""
+    rotation = so3.matrix_from_quaternion(columns.orientation)
+    corners = cuboid.keypoints(columns.position, rotation, model.size)
+    arrays = (columns.position, columns.orientation, corners, columns.confidence[:, None], columns.covariance)
+    return dict(zip(ROWS, arrays, strict=True))
+
+
+def _rows_of(poses: Poses, frames: Array) -> Array:
+    """(n,) row of the poses for each set of images; -1 where that was not tracked."""
+    if not len(poses):
+        return np.full(len(frames), -1)
+    rows = np.minimum(np.searchsorted(poses.index, frames), len(poses) - 1)
+    return np.where(poses.index[rows] == frames, rows, -1)
+
+
+def _taken(array: Array, rows: Array) -> Array:
+    """Rows of an array; NaN for -1."""
+    if not len(array):
+        return np.full((len(rows), *array.shape[1:]), np.nan)
+    return np.where((rows < 0).reshape(-1, *[1] * (array.ndim - 1)), np.nan, array[rows])
+
+
+def _image_columns(poses: Poses, steps: StoreSteps, first: Array, one: Planned) -> dict[str, Array]:
+    columns = _named(one, len(poses)) | {"first_step": first} | poses.table()
+    columns |= {f"{kind}_covariance": getattr(poses, kind).covariance for kind in ("measured", "filtered")}
+    joints = steps.observed["joints"][first].T if steps.task else ()
+    return columns | {f"robot_position_{k}_rad": column for k, column in enumerate(joints)}
+
+
+def _step_columns(poses: Poses, steps: StoreSteps, rows: Array, one: Planned) -> dict[str, Array]:
+    numbers = np.asarray(one.episode.steps)
+    columns = _named(one, len(numbers)) | {"step": numbers, "timestamp_s": numbers / CONTROL_RATE}
+    columns["frame"] = steps.frame[numbers]
+    found = {name: column for name, column in poses.table().items() if name.startswith("filtered_")}
+    found["filtered_covariance"] = poses.filtered.covariance
+    return columns | {name: _taken(column, rows) for name, column in found.items()}
+
+
+def _named(one: Planned, count: int) -> dict[str, Array]:
+    return {"robot": np.full(count, one.robot), "episode": np.full(count, one.episode.number)}
+
+
+@contextlib.contextmanager
+def _parquet(path: Path) -> Iterator[Callable[[dict[str, Array]], None]]:
+    """A function that adds columns to a Parquet file, which is there when the `with` block ends well."""
+    pa, pq = package("pyarrow"), package("pyarrow.parquet")
+
+    def cells(column: Array) -> Any:
+        flat = pa.array(column.reshape(-1), from_pandas=True)
+        return flat if column.ndim == 1 else pa.FixedSizeListArray.from_arrays(flat, column[0].size)
+
+    with contextlib.ExitStack() as stack:
+        temporary = stack.enter_context(whole_file(path))
+        opened: list[Any] = []
+
+        def add(columns: dict[str, Array]) -> None:
+            table = pa.table({name: cells(column) for name, column in columns.items()})
+            if not opened:
+                writer = pq.ParquetWriter(temporary, table.schema, compression="zstd")
+                opened.append(stack.enter_context(writer))
+            opened[0].write_table(table)
+
+        yield add
+
+
+@contextlib.contextmanager
+def _group(path: Path, attributes: dict[str, Any]) -> Iterator[Path]:
+    """A new group, which takes the name, and the place of an older one, when the `with` block ends well."""
+    with whole_file(path) as temporary:
+        _add_group(temporary, attributes)
+        yield temporary
+        if path.is_dir():  # a folder cannot be renamed onto another
+            os.replace(path, temporary.with_name("old"))
+
+
+def _add_group(path: Path, attributes: dict[str, Any]) -> None:
+    path.mkdir()
+    (path / ".zgroup").write_text('{"zarr_format": 2}\n')
+    (path / ".zattrs").write_text(json.dumps(attributes, indent=1) + "\n")
+
+
+@contextlib.contextmanager
+def _arrays(folder: Path, count: int) -> Iterator[Callable[[int, dict[str, Array]], None]]:
+    """A function that puts rows, from one on, in the arrays of ROWS, of `count` rows; left out ones are NaN.
+
+    Each array is one block, whose file is its rows one after the other, so that nothing is kept in memory.
+    """
+    with contextlib.ExitStack() as stack:
+        files: dict[str, BinaryIO] = {}
+        for name, shape in ROWS.items():
+            about: dict[str, Any] = {"zarr_format": 2, "dtype": "<f4", "fill_value": "NaN", "order": "C"}
+            about |= {
+                "shape": [count, *shape],
+                "chunks": [count, *shape],
+                "compressor": None,
+                "filters": None,
+            }
+            (folder / name).mkdir()
+            (folder / name / ".zarray").write_text(json.dumps(about, indent=1) + "\n")
+            block = folder / name / ".".join("0" * (1 + len(shape)))
+            files[name] = stack.enter_context(block.open("wb"))
+
+        def pad(name: str, to: int) -> None:
+            missing = to * math.prod(ROWS[name]) - files[name].tell() // 4
+            files[name].write(np.full(missing, np.nan, "<f4").tobytes())
+
+        def put(at: int, rows: dict[str, Array]) -> None:
+            for name, file in files.items():
+                pad(name, at)
+                file.write(rows[name].astype("<f4").tobytes())
+
+        yield put
+        for name in files:
+            pad(name, count)

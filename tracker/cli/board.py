@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from tracker.calibration.board.board import Board
     from tracker.calibration.board.intrinsics import Lens
     from tracker.calibration.board.sighting import BoardView
-    from tracker.calibration.files.calibrated import Calibrated
+    from tracker.calibration.files.platform import Calibrated
     from tracker.conventions import FloatArray
 
 
@@ -146,7 +146,7 @@ class Smaller:
 
     def write(self, cameras: Iterable[tuple[Calibrated, Path]]) -> str:
         """Write files of cameras and those beside; which. CalibrationError where the part is not inside."""
-        from tracker.calibration.files.calibrated import write_calibrated
+        from tracker.calibration.files.platform import write_calibrated
 
         files: dict[Path, Calibrated] = {}
         for calibrated, path in cameras:

@@ -112,7 +112,7 @@ def adapt(lesson: Lesson, object_name: str, colors_name: str | None) -> None:
 
     Give the file to `--colors` of other commands, or name it in the object's TOML file.
     """
-    from tracker.color_learning.models import nearest
+    from tracker.color_learning.adapt import nearest
 
     model = tracker.load_object(object_name)
     start = tracker.load_colors(colors_name) if colors_name is not None else None
@@ -145,7 +145,7 @@ def new(
     continues like `adapt`. Also writes the object's TOML file, unless --object gives one. Use its path
     wherever an object's name goes.
     """
-    from tracker.color_learning.models import from_names
+    from tracker.color_learning.adapt import from_names
     from tracker.files import write_whole
     from tracker.objects.model import to_toml
 

@@ -109,7 +109,7 @@ def extrinsics(
     the result more certain.
     """
     from tracker.calibration.board.extrinsics import place_cameras
-    from tracker.calibration.files.calibrated import read_all_calibrated
+    from tracker.calibration.files.platform import read_all_calibrated
 
     lenses = read_all_calibrated(intrinsics, pattern)
     targets = {name: output / f"{name}.yml" for name in (lens.camera.name for lens in lenses)}

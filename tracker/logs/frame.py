@@ -8,10 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tracker.checks import freeze
+from tracker.checks import freeze, one_stamp
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import LogError
-from tracker.stamps import one_stamp
 
 MAX_DISTANCE = 10.0
 """Farthest recorded position [m] that is believed; the arena's radius is 0.2 m."""

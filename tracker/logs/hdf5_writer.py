@@ -12,6 +12,7 @@ import h5py
 import numpy as np
 
 from tracker.calibration.rig import CameraRig
+from tracker.checks import seconds
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import LogError
 from tracker.files.hdf5 import Disk
@@ -19,7 +20,6 @@ from tracker.logs.frame import checked_stamp
 from tracker.logs.hdf5_reader import FLUSHED, MAGIC
 from tracker.logs.log import Settings
 from tracker.logs.pictures import to_bayer
-from tracker.stamps import seconds
 
 VERSION = (2, 1)
 """Attributes `format_version` and `format_version_minor`."""

@@ -16,13 +16,12 @@ from typing import BinaryIO, NamedTuple, cast
 
 import numpy as np
 
-from tracker.checks import described, float_array, path_of
+from tracker.checks import described, float_array, in_range, path_of, seconds
 from tracker.conventions import Array, FloatArray
 from tracker.errors import LogError
 from tracker.files import open_regular, told_of
 from tracker.logs.frame import LogFrame
 from tracker.logs.log import Log
-from tracker.stamps import in_range, seconds
 
 MAX_STEPS = 4_000_000
 """Longest log that is read, an hour at 1 kHz."""

@@ -1,4 +1,4 @@
-"""Models of the tracker's errors as data: one TOML file each, see docs/noise.md."""
+"""Models of the tracker's errors, one TOML file each, see docs/noise.md; and what a tracker sees by them."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from tracker.checks import is_number, is_whole, path_of
+from tracker.checks import float_array, is_number, is_whole, path_of
+from tracker.conventions import Array, FloatArray
 from tracker.errors import TrackerError, shown
 from tracker.files import read_bounded
 from tracker.files.toml import parse_toml
-from tracker.noise.state import NoiseState
 
 _ERROR = ("bias", "bias_spread", "slow", "fast", "fast_spread", "seconds", "travel", "visible")
 
@@ -148,3 +148,210 @@ def _number(entry: Any, unit: str, what: str) -> Number:
     if not interval[0] <= value <= interval[1]:
         raise TrackerError(f"{what}: found {value} outside its interval {interval}, expected it inside")
     return Number(float(value), unit, (float(interval[0]), float(interval[1])))
+
+
+RADIUS = 0.05
+"""A turn by an angle counts as a way of so much times the angle [m]."""
+
+LEAST_VISIBLE = 0.05
+"""Smaller visible shares count as this one, except for what is missed."""
+
+_MOST = 60.0
+"""Exponents of rates are limited to so much."""
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """What the tracker says of the poses of one step."""
+
+    position: FloatArray
+    """(N, 3) [m] in the world; nan where nothing was found."""
+    orientation: FloatArray
+    """(N, 4) xyzw, world from object; nan where nothing was found."""
+    found: Array
+    """(N,) bool: whether the object was found; a pose of before is never repeated."""
+    confidence: FloatArray
+    """(N,) probability that the pose is within 5 mm and 5°; 0 where nothing was found."""
+    delay: FloatArray
+    """(N,) from the exposure, which is the moment of the true pose, to the answer [s]."""
+
+
+class NoiseState:
+    """The errors of N environments; `NoiseModel.start` makes it. Plain NumPy, over all of them at once.
+
+    Errors (δp, δθ) are along world axes, p = p̂ + δp and R = exp(δθ) R̂ as everywhere, and are the sum of
+
+        bias    drawn for each episode, by its calibration,
+        slow    forgotten by time and by the way that the object went: exp(-dt / seconds - way / travel),
+        fast    drawn at each step, with heavy tails,
+
+    the last two times (visible share)^-visible, and of a gross error while there is one.
+
+    Args:
+        values: numbers by group and name, as of `tracker.noise.model.UNITS`.
+        rng: source of all randomness.
+        count: N.
+    """
+
+    def __init__(self, values: Mapping[str, Mapping[str, float]], rng: np.random.Generator, count: int):
+        self._values, self._rng, self.count = values, rng, count
+        pair = values["position"], values["rotation"]
+        # One column of six: three of the position, three of the rotation.
+        self._of = {key: np.repeat([one[key] for one in pair], 3)[:, None] for key in pair[0]}
+        self._bias, self._scale = np.zeros((6, count)), np.zeros((6, count))
+        self._slow, self._doubt = np.zeros((6, count)), np.zeros(count)
+        self._gross, self._is_gross = np.zeros((6, count)), np.zeros(count, bool)
+        self._found, self._fresh = np.zeros(count, bool), np.zeros(count, bool)
+        self._last = np.zeros((count, 3)), np.zeros((count, 4))
+        self.reset()
+
+    def reset(self, which: Any = None) -> None:
+        """Begin new episodes: other calibrations, nothing remembered.
+
+        Args:
+            which: the environments, (N,) bool or their numbers; None: all.
+
+        Raises:
+            TrackerError: `which` names no environments.
+        """
+        rows = np.arange(self.count) if which is None else self._rows(which)
+        size = len(rows)
+        spread = np.repeat(self._rng.standard_normal((2, size)), 3, axis=0)
+        self._scale[:, rows] = np.exp(self._of["bias_spread"] * spread)
+        self._bias[:, rows] = self._scale[:, rows] * self._of["bias"] * self._rng.standard_normal((6, size))
+        self._slow[:, rows] = self._rng.standard_normal((6, size))
+        self._doubt[rows] = self._rng.standard_normal(size)
+        self._is_gross[rows] = False
+        self._fresh[rows] = True
+
+    def step(self, position: Any, orientation: Any, visible: Any, dt: float) -> Seen:
+        """What the tracker says of the next images.
+
+        Args:
+            position: (N, 3) true position of the object in the world [m].
+            orientation: (N, 4) true orientation, xyzw; need not be of unit length.
+            visible: (N,) visible share of the object's pixels, mean over the cameras, 0 to 1.
+            dt: time since the images before [s], more than 0; the platform's is 0.1.
+
+        Raises:
+            TrackerError: an array has another shape, or values that are not finite or out of range.
+        """
+        p, q, v = self._checked(position, orientation, visible)
+        if not is_number(dt) or dt <= 0:
+            raise TrackerError(f"dt: found {shown(dt)}, expected a time of more than 0 s")
+        keep = self._kept(p, q, float(dt))
+        clear = np.maximum(v, LEAST_VISIBLE)
+        error = self._errors(keep, clear, self._gross_now(v, float(dt)))
+        found = self._found_now(v, float(dt))
+        confidence = self._confidence(error, keep[0], clear)
+        delay = self._values["delay"]
+        late = delay["images"] + delay["pose"] * np.exp(
+            delay["spread"] * self._rng.standard_normal(self.count)
+        )
+        seen, turned = p + error[:3].T, _turned(error[3:], q)
+        missed = np.flatnonzero(~found)
+        seen[missed] = turned[missed] = np.nan
+        self._last, self._fresh[:] = (p, q), False
+        return Seen(seen, turned, found, np.where(found, confidence, 0.0), late)
+
+    def _rows(self, which: Any) -> Array:
+        chosen = np.asarray(which)
+        if chosen.dtype == bool and chosen.shape == (self.count,):
+            return np.flatnonzero(chosen)
+        rows = np.unique(chosen)
+        numbers = chosen.size == 0 or chosen.dtype.kind in "iu"
+        if not numbers or (rows.size and not 0 <= rows[0] <= rows[-1] < self.count):
+            valid = f"({self.count},) bool, or numbers from 0 to {self.count - 1}"
+            raise TrackerError(f"which: found {shown(which)}, expected {valid}")
+        return rows.astype(np.int64)
+
+    def _checked(self, position: Any, orientation: Any, visible: Any) -> tuple[FloatArray, ...]:
+        p = float_array(position, (self.count, 3), "position", TrackerError)
+        q = float_array(orientation, (self.count, 4), "orientation", TrackerError)
+        v = float_array(visible, (self.count,), "visible", TrackerError)
+        length = np.sqrt(np.einsum("ij,ij->i", q, q))
+        if not length.min() > 1e-6:
+            raise TrackerError("orientation: found one of length 0, expected quaternions (x, y, z, w)")
+        if v.min() < 0.0 or v.max() > 1.0:
+            raise TrackerError(f"visible: found {v.min():g} to {v.max():g}, expected shares from 0 to 1")
+        return p, q / length[:, None], v
+
+    def _kept(self, p: FloatArray, q: FloatArray, dt: float) -> FloatArray:
+        """(2, N) share of the slow errors that is not forgotten."""
+        shift = p - self._last[0]
+        chord = 1.0 - np.abs(np.einsum("ij,ij->i", q, self._last[1]))
+        way = np.sqrt(np.einsum("ij,ij->i", shift, shift)) + RADIUS * np.sqrt(8.0 * np.maximum(chord, 0.0))
+        way[self._fresh] = 0.0
+        seconds, travel = (
+            np.maximum([one[key] for one in (self._values["position"], self._values["rotation"])], 1e-12)
+            for key in ("seconds", "travel")
+        )
+        kept: FloatArray = np.exp(-dt / seconds[:, None] - way / travel[:, None])
+        return kept
+
+    def _errors(self, keep: FloatArray, clear: FloatArray, gross: FloatArray) -> FloatArray:
+        """(6, N) [m, rad]."""
+        of = {key: numbers[::3, None] for key, numbers in self._of.items()}
+        # Single precision is drawn in half the time.
+        drawn = self._rng.standard_normal((14, self.count), dtype=np.float32)
+        result: FloatArray = self._bias + gross
+        parts, slow = result.reshape(2, 3, -1), self._slow.reshape(2, 3, -1)
+        kept, spread = keep[:, None], drawn[12:, None]
+        slow *= kept
+        slow += np.sqrt(1.0 - kept * kept) * drawn[:6].reshape(2, 3, -1)
+        hidden = of["visible"] * np.log(clear)
+        parts += of["slow"] * self._scale[::3, None] * np.exp(-hidden) * slow
+        parts += of["fast"] * np.exp(of["fast_spread"] * spread - hidden) * drawn[6:12].reshape(2, 3, -1)
+        return result
+
+    def _gross_now(self, v: FloatArray, dt: float) -> FloatArray:
+        """(6, N) the gross errors; each stays as it is until it ends."""
+        own, (ends, begins) = self._values["gross"], self._rng.random((2, self.count))
+        self._is_gross &= ends < np.exp(-dt / max(own["seconds"], 1e-12))
+        rate = own["rate"] * np.exp(-own["visible"] * v)
+        new = np.flatnonzero(~self._is_gross & (begins < -np.expm1(-dt * rate)))
+        self._is_gross[new] = True
+        drawn = self._rng.standard_normal((2, 3, len(new)))
+        drawn /= np.linalg.norm(drawn, axis=1, keepdims=True)
+        size = np.exp(own["spread"] * self._rng.standard_normal((2, len(new))))
+        size *= np.array([[own["distance"]], [own["angle"]]])
+        self._gross[:, new] = (drawn * size[:, None]).reshape(6, -1)
+        self._gross[:, ~self._is_gross] = 0.0
+        return self._gross
+
+    def _found_now(self, v: FloatArray, dt: float) -> Array:
+        """(N,) whether the object is found: a chain of two states with rates by the visible share."""
+        own, drawn = self._values["missed"], self._rng.random(self.count)
+        lost = own["lost"] * np.exp(np.maximum(-own["lost_visible"] * v, -_MOST))
+        found = own["found"] * np.exp(np.minimum(own["found_visible"] * v, _MOST))
+        # The chain in equilibrium, and how much of what was is forgotten in dt.
+        rest = found / np.maximum(lost + found, 1e-300)
+        stays = np.where(self._fresh, 0.0, np.exp(-dt * (lost + found)))
+        rest[lost == 0.0] = 1.0
+        self._found = drawn < rest + (self._found - rest) * stays
+        return self._found.copy()
+
+    def _confidence(self, error: FloatArray, keep: FloatArray, clear: FloatArray) -> FloatArray:
+        own = self._values["confidence"]
+        if not 0.0 < own["clear"] < 1.0:
+            return np.full(self.count, own["clear"])
+        self._doubt = keep * self._doubt + np.sqrt(1.0 - keep * keep) * self._rng.standard_normal(self.count)
+        size = np.sqrt(np.einsum("kij,kij->kj", *[error.reshape(2, 3, -1)] * 2))
+        logit = np.log(own["clear"] / (1.0 - own["clear"])) + own["visible"] * np.log(clear)
+        logit += own["spread"] * self._doubt - own["distance"] * size[0] - own["angle"] * size[1]
+        result: FloatArray = 1.0 / (1.0 + np.exp(np.minimum(-logit, _MOST)))
+        return result
+
+
+def _turned(turn: FloatArray, q: FloatArray) -> FloatArray:
+    """Orientations (N, 4) xyzw turned by rotation vectors (3, N) [rad] along world axes."""
+    half = 0.5 * np.sqrt(np.einsum("ij,ij->j", turn, turn))
+    x, y, z = turn * (0.5 * np.sinc(half / np.pi))
+    w = np.cos(half)
+    a, b, c, d = np.ascontiguousarray(q.T)
+    result = np.empty_like(q)
+    result[:, 0] = w * a + x * d + y * c - z * b
+    result[:, 1] = w * b - x * c + y * d + z * a
+    result[:, 2] = w * c + x * b - y * a + z * d
+    result[:, 3] = w * d - x * a - y * b - z * c
+    return result

@@ -18,7 +18,7 @@ import numpy as np
 
 from tracker.calibration.camera_info import CAMERA_DATASETS, read_camera
 from tracker.calibration.rig import CameraRig
-from tracker.checks import described, float_array, path_of
+from tracker.checks import described, float_array, one_stamp, path_of
 from tracker.conventions import Array
 from tracker.errors import CalibrationError, LogError
 from tracker.files import hdf5, told_as, write_whole
@@ -26,7 +26,6 @@ from tracker.geometry.camera import Camera
 from tracker.pose.result import CameraUse, Observation, Status
 from tracker.poses.columns import PoseColumns
 from tracker.poses.poses import KINDS, About, Kind, Poses
-from tracker.stamps import one_stamp
 
 
 class PosesBuilder:

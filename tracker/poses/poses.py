@@ -10,13 +10,12 @@ from typing import Any, Literal
 import numpy as np
 
 from tracker.calibration.rig import CameraRig
-from tracker.checks import described, float_array, freeze, of_kind
+from tracker.checks import LATEST, described, float_array, freeze, of_kind
 from tracker.conventions import Array, FloatArray
 from tracker.errors import LogError, TrackerError
 from tracker.geometry import cuboid, so3
 from tracker.objects.model import CuboidModel
 from tracker.poses.columns import FilteredColumns, MeasuredColumns, PoseColumns, refuse
-from tracker.stamps import LATEST
 
 _POSE = ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw", "confidence")
 _STD = ("std_x_m", "std_y_m", "std_z_m", "std_rx_rad", "std_ry_rad", "std_rz_rad")

@@ -23,7 +23,7 @@ from tracker.calibration.board.sighting import (
     squares_shown,
     wrong_corners,
 )
-from tracker.calibration.files.calibrated import Calibrated
+from tracker.calibration.files.platform import Calibrated
 from tracker.conventions import FloatArray
 from tracker.errors import CalibrationError
 from tracker.geometry.camera import Camera

@@ -14,12 +14,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tracker.calibration.rig import CameraRig
-from tracker.checks import check_sequence
+from tracker.checks import check_sequence, seconds
 from tracker.conventions import FloatArray, Image
 from tracker.errors import LiveError, TrackerError, install
 from tracker.live.moment import ImageSet, SourceEnded
 from tracker.logs import Log, open_log
-from tracker.stamps import seconds
 
 if TYPE_CHECKING:
     from synthetic.frames import Frame, FrameMaker
