@@ -22,7 +22,7 @@ else:
     import tomli as tomllib
 
 PROJECT = Path(__file__).resolve().parents[1] / "pyproject.toml"
-RUNNERS = ("pytest", "hypothesis", "pytest-xdist", "pytest-timeout", "lmdb")
+RUNNERS = ("pytest", "hypothesis", "pytest-xdist", "pytest-timeout")
 """What the extra `dev` has that runs tests, beside what checks the code."""
 
 

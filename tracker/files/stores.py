@@ -1,13 +1,7 @@
 """Zarr 2 arrays in an LMDB database, read block by block, trusting nothing.
 
 The LMDB library maps the file to memory and follows whatever number stands in it: a damaged one, or a page
-that is missing, ends the whole process. Here pages are read, and every number is compared with the file; a
-process of its own that may end with the library would take as many lines, and hand every image on by a pipe.
-
-    file  = page 0, page 1 (heads, of which the newer counts), pages of the tree, pages of large values
-    page  = u64 number | 2 bytes | u16 kind | u16 end of the offsets | 2 bytes | u16 offsets of nodes …
-    node  = u32 size | u16 marks | u16 length of the key | key | data, or where they start
-    node of a branch = 48 bits of the page below | u16 length of the key | the least key there
+that is missing, ends the whole process. Therefore it has a process of its own, which is asked for values.
 
 Of arrays only lists of byte strings and of plain numbers are decoded, plain or packed by Blosc as zarr packs
 them by itself; codecs that could run code (pickle) are refused. What a block unpacks to is bounded before it
@@ -17,8 +11,9 @@ is unpacked.
 from __future__ import annotations
 
 import json
+import os
 import struct
-from bisect import bisect_left, bisect_right
+import subprocess
 from pathlib import Path
 from typing import Any, Literal
 
@@ -27,17 +22,24 @@ import numpy as np
 from tracker.conventions import Array
 from tracker.errors import LogError, install
 from tracker.files import open_regular, told_of
+from tracker.processes import python_command
 
-_PAGE_HEAD = 16
-_MAGIC, _VERSION = 0xBEEFC0DE, 1
-_HEAD = struct.Struct("<II16x I44x 4xHH24xQQ QQ")
-"""Magic, version; of the free pages' table the page size; of the main one marks, depth, entries and root;
-number of the last page, of the transaction."""
-_NODE = struct.Struct("<HHHH")
-_BRANCH, _LEAF, _LARGE = 1, 2, 4  # kinds of pages
-_ELSEWHERE = 1  # mark of a node whose data are on pages of their own
-_MAX_DEPTH = 32
-_NO_PAGE = 2**64 - 1
+_READER = """
+import lmdb, struct
+file = lmdb.open(sys.argv[1], subdir=False, readonly=True, lock=False, max_dbs=0)
+about, answers = file.stat(), sys.stdout.buffer
+answers.write(struct.pack("<QQ", (file.info()["last_pgno"] + 1) * about["psize"], about["entries"]))
+answers.flush()
+with file.begin(buffers=True) as values:
+    for line in sys.stdin.buffer:
+        key, largest = line.split()
+        value = values.get(key)
+        answers.write(struct.pack("<q", -1 if value is None else len(value)))
+        answers.write(value if value is not None and len(value) <= int(largest) else b"")
+        answers.flush()
+"""
+"""Writes how long the file has to be [bytes], and the number of values; then of each key that it reads the
+length of the value, -1 where there is none, and the value, where it has no more bytes than asked for."""
 
 
 class LmdbFile:
@@ -45,105 +47,51 @@ class LmdbFile:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        with told_of(path):
-            self._file = open_regular(path)
-            self.size = self._file.seek(0, 2)
+        with told_of(path), open_regular(path) as file:
+            self.size = file.seek(0, 2)
+        self._reader = subprocess.Popen(
+            python_command(_READER, os.fspath(path)),
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,  # Ctrl-C is for who asks
+        )
         try:
-            self._open()
+            expected, self.entries = struct.unpack("<QQ", self._received(16))
+            if expected > self.size:
+                found = f"found {self.size} bytes, expected at least {expected}"
+                raise LogError(f"{path}: {found}: it is truncated")
         except BaseException:
             self.close()
             raise
 
     def close(self) -> None:
-        """Close the file."""
-        self._file.close()
+        """End the process."""
+        self._reader.kill()
+        self._reader.communicate()
 
     def get(self, key: str, largest: int) -> bytes | None:
         """The value of a key, None where there is none; LogError where it has more than `largest` bytes."""
-        sought, number = key.encode("ascii"), self._root
-        for _ in range(_MAX_DEPTH):
-            if number == _NO_PAGE:
-                return None
-            page = self._page(number)
-            keys, nodes = self._nodes(page, number)
-            if _kind(page) & _LEAF:
-                place = bisect_left(keys, sought)
-                there = place < len(keys) and keys[place] == sought
-                return self._value(page, nodes[place], number, largest) if there else None
-            # The first key of a branch is not there: it holds all that is less than the second.
-            low, middle, high, _ = _NODE.unpack_from(page, nodes[max(0, bisect_right(keys, sought, 1) - 1)])
-            number = low | middle << 16 | high << 32
-        raise self._damaged(f"a tree deeper than {_MAX_DEPTH} pages")
+        assert self._reader.stdin is not None
+        try:
+            self._reader.stdin.write(f"{key} {largest}\n".encode("ascii"))
+            self._reader.stdin.flush()
+        except BrokenPipeError as error:
+            raise self._damaged(f"no {key}") from error
+        (size,) = struct.unpack("<q", self._received(8))
+        if size > largest:
+            raise self._damaged(f"{size} bytes of {key}, expected at most {largest}")
+        return self._received(size) if size >= 0 else None
 
-    def _open(self) -> None:
-        head = self._read(0, _PAGE_HEAD + _HEAD.size)
-        size = _HEAD.unpack_from(head, _PAGE_HEAD)[2] if len(head) == _PAGE_HEAD + _HEAD.size else 0
-        if not 512 <= size <= 65536 or size & (size - 1):
-            raise self._damaged(f"{self.size} bytes that do not start as an LMDB store does")
-        self._page_size = size
-        heads = [_HEAD.unpack_from(self._page(number), _PAGE_HEAD) for number in (0, 1)]
-        if any(head[:2] != (_MAGIC, _VERSION) for head in heads):
-            raise self._damaged("no head of an LMDB store")
-        *_, marks, _, self.entries, self._root, last, _ = max(heads, key=lambda head: int(head[-1]))
-        if marks:
-            raise self._damaged(f"a table of kind {marks}, expected a plain one")
-        expected = (last + 1) * size
-        if expected > self.size:
-            found = f"found {self.size} bytes, expected at least {expected}"
-            raise LogError(f"{self._path}: {found}: it is truncated")
-
-    def _nodes(self, page: bytes, number: int) -> tuple[list[bytes], list[int]]:
-        """Keys of a page's nodes in order, and where the nodes are in the page."""
-        (end,) = struct.unpack_from("<H", page, 12)
-        if _kind(page) not in (_BRANCH, _LEAF) or not _PAGE_HEAD < end <= len(page) or end % 2:
-            raise self._damaged(f"page {number}, expected nodes")
-        nodes = list(struct.unpack_from(f"<{(end - _PAGE_HEAD) // 2}H", page, _PAGE_HEAD))
-        keys = []
-        for node in nodes:
-            if not end <= node <= len(page) - _NODE.size:
-                raise self._damaged(f"page {number}: a node at {node}")
-            *_, length = _NODE.unpack_from(page, node)
-            keys.append(page[node + _NODE.size : node + _NODE.size + length])
-        return keys, nodes
-
-    def _value(self, page: bytes, node: int, number: int, largest: int) -> bytes:
-        low, high, marks, length = _NODE.unpack_from(page, node)
-        size, start = low | high << 16, node + _NODE.size + length
-        if marks not in (0, _ELSEWHERE) or size > largest:
-            raise self._damaged(f"page {number}: {size} bytes of kind {marks}, expected at most {largest}")
-        if not marks:
-            value = page[start : start + size]
-        elif start + 8 <= len(page):
-            (first,) = struct.unpack_from("<Q", page, start)
-            if not _kind(self._page(first)) & _LARGE:
-                raise self._damaged(f"page {first}, expected a large value")
-            value = self._read(first * self._page_size + _PAGE_HEAD, size)
-        else:
-            value = b""
-        if len(value) < size:
-            raise self._damaged(f"page {number}: {len(value)} bytes, expected {size}")
-        return value
-
-    def _page(self, number: int) -> bytes:
-        page = self._read(number * self._page_size, self._page_size)
-        if len(page) < self._page_size or struct.unpack_from("<Q", page)[0] != number:
-            raise self._damaged(f"page {number} missing")
-        return page
-
-    def _read(self, offset: int, size: int) -> bytes:
-        if offset >= self.size:
-            return b""
-        with told_of(self._path):
-            self._file.seek(offset)
-            return self._file.read(min(size, self.size - offset))
+    def _received(self, size: int) -> bytes:
+        assert self._reader.stdout is not None
+        content = self._reader.stdout.read(size)
+        if len(content) < size:
+            raise self._damaged(f"{self.size} bytes that cannot be read")
+        return content
 
     def _damaged(self, found: str) -> LogError:
         return LogError(f"{self._path}: found {found}: it is no LMDB store, or damaged")
-
-
-def _kind(page: bytes) -> int:
-    (marks,) = struct.unpack_from("<H", page, 10)
-    return int(marks) & 0x2F
 
 
 MAX_BLOCK = 1 << 29
@@ -159,9 +107,10 @@ _PACKER = "blosc"
 
 
 def open_store(folder: Path) -> LmdbFile:
-    """The store in `folder`/data.mdb, for reading; LogError if it is damaged or numcodecs is missing."""
+    """The store in `folder`/data.mdb, for reading; LogError if it is damaged or a package is missing."""
     try:
-        import numcodecs  # noqa: F401 - so that it is missed here, not at the first image
+        import lmdb  # noqa: F401 - so that they are missed here, not at the first image
+        import numcodecs  # noqa: F401
     except ImportError as error:
         raise LogError(
             f"{folder}: reading image stores needs the optional packages of the extra 'datasets': "
