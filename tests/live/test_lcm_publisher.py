@@ -128,7 +128,7 @@ def test_bodies_are_called_after_their_shape_or_as_given():
 
 
 def test_what_is_missing_is_named_with_its_extra(tmp_path, monkeypatch):
-    monkeypatch.setattr(lcm_publisher, "find_spec", lambda _: None)
+    monkeypatch.setitem(sys.modules, "lcm", None)
     with pytest.raises(LiveError, match=r"pip install .*\[lcm\]"):
         LcmPublisher(f"file://{tmp_path / 'poses.lcm'}", CUBE)
     assert not list(tmp_path.iterdir())

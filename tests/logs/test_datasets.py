@@ -1,5 +1,5 @@
-import builtins
 import json
+import sys
 import tracemalloc
 import warnings
 from pathlib import Path
@@ -152,14 +152,7 @@ def test_a_truncated_store_is_noticed_before_it_is_mapped(tmp_path):
 
 def test_a_missing_extra_is_named(tmp_path, monkeypatch):
     folder = write_store(tmp_path / "x.zarr", make_content(1))
-    really = builtins.__import__
-
-    def without(name, *rest):
-        if name == "numcodecs":
-            raise ImportError("No module named 'numcodecs'")
-        return really(name, *rest)
-
-    monkeypatch.setattr(builtins, "__import__", without)
+    monkeypatch.setitem(sys.modules, "numcodecs", None)
     with pytest.raises(LogError, match=r"pip install .*\[datasets\]"):
         tracker.open_log(folder)
 

@@ -1,4 +1,3 @@
-import builtins
 import dataclasses
 import itertools
 import os
@@ -133,14 +132,7 @@ def test_nothing_half_written_stays(path, rng, monkeypatch):
 
 
 def test_a_missing_package_is_named(path, rng, monkeypatch):
-    original = builtins.__import__
-
-    def refusing(name, *arguments, **options):
-        if name.startswith("matplotlib"):
-            raise ImportError(name)
-        return original(name, *arguments, **options)
-
-    monkeypatch.setattr(builtins, "__import__", refusing)
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     with pytest.raises(TrackerError, match=r"pip install .*\[plot\]"):
         write_trajectory_plot(path, random_poses(rng, 1))
     assert not path.exists()

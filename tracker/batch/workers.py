@@ -12,13 +12,12 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager
-from importlib import import_module
 from multiprocessing import connection, get_context, parent_process, resource_tracker
 from typing import Any
 
 import cv2
 
-from tracker.errors import TrackerError, install
+from tracker.errors import TrackerError, optional
 from tracker.processes import environment
 from tracker.warm_up import warm_up
 
@@ -97,15 +96,10 @@ def dask_workers(address: str) -> Iterator[Engine]:
     Raises:
         TrackerError: the package distributed is missing, or the scheduler does not answer.
     """
-    try:
-        import dask
-
-        # This module reports killed workers itself. Dask's own messages are off from the import
-        # on: threads may report the end after it.
-        with dask.config.set({"logging.distributed": "critical"}):
-            distributed: Any = import_module("distributed")  # its types are no whole
-    except ImportError as error:
-        raise TrackerError(f"--scheduler needs the package distributed: {install('cluster')}") from error
+    # This module reports killed workers itself. Dask's own messages are off from the import on: threads may
+    # report the end after it.
+    with optional("dask.config", "cluster", "--scheduler").set({"logging.distributed": "critical"}):
+        distributed = optional("distributed", "cluster", "--scheduler")
     try:
         client = distributed.Client(address, timeout=CONNECT_SECONDS, set_as_default=False)
     except (OSError, ValueError) as error:

@@ -20,7 +20,7 @@ from typing import Any, Literal
 import numpy as np
 
 from tracker.conventions import Array
-from tracker.errors import LogError, install
+from tracker.errors import LogError, optional
 from tracker.files import open_regular, told_of
 from tracker.processes import python_command
 
@@ -108,14 +108,8 @@ _PACKER = "blosc"
 
 def open_store(folder: Path) -> LmdbFile:
     """The store in `folder`/data.mdb, for reading; LogError if it is damaged or a package is missing."""
-    try:
-        import lmdb  # noqa: F401 - so that they are missed here, not at the first image
-        import numcodecs  # noqa: F401
-    except ImportError as error:
-        raise LogError(
-            f"{folder}: reading image stores needs the optional packages of the extra 'datasets': "
-            f"{install('datasets')} ({error})"
-        ) from error
+    for package in ("lmdb", "numcodecs"):  # which are missed here, not at the first image
+        optional(package, "datasets", f"{folder}: an image store", LogError)
     return LmdbFile(folder / "data.mdb")
 
 

@@ -8,7 +8,6 @@ import re
 import stat
 import struct
 from collections.abc import Sequence
-from importlib.util import find_spec
 from ipaddress import IPv4Address
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,7 @@ from urllib.parse import parse_qsl, urlsplit
 
 import numpy as np
 
-from tracker.errors import LiveError, install
+from tracker.errors import LiveError, optional
 from tracker.live.moment import Moment
 from tracker.objects.model import CuboidModel
 
@@ -80,10 +79,7 @@ class ZmqPublisher:
                 f"publish {address}: other machines could connect to it; expected {_FORMS}, or public=True "
                 "(--public)"
             )
-        if find_spec("zmq") is None:
-            raise LiveError(f"publish: pyzmq is not installed: {install('live')}")
-        import zmq
-
+        zmq = optional("zmq", "live", f"publish {address}", LiveError)
         _refuse_file(address)
         self._zmq = zmq
         self._socket: Any = zmq.Context.instance().socket(zmq.PUB)
@@ -232,10 +228,7 @@ class LcmPublisher:
         kind, _, rest = self.address.partition("://")
         self._log = Path(rest.removesuffix(_NEW)) if kind == "file" else None
         self._logged = 0
-        if find_spec("lcm") is None:
-            raise LiveError(f"publish: lcm is not installed: {install('lcm')}")
-        import lcm
-
+        lcm = optional("lcm", "lcm", f"publish {address}", LiveError)
         try:
             self._lcm: Any = lcm.LCM(self.address)
         except RuntimeError as error:

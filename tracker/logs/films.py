@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tracker.conventions import Image
-from tracker.errors import LogError, TrackerError, install
+from tracker.errors import LogError, optional
 from tracker.files import cannot_read, open_regular, told_of
 from tracker.logs.log import MAX_SIDE, MIN_SIDE
 
@@ -44,10 +44,7 @@ class FilmFile:
     """
 
     def __init__(self, path: Path) -> None:
-        try:
-            import av
-        except ImportError as error:
-            raise TrackerError(f"{path}: films need the package av: {install('video')}") from error
+        av = optional("av", "video", f"{path}: a film")
         self.path = path
         self._faults: tuple[type[BaseException], ...] = (av.FFmpegError, ValueError, MemoryError)
         try:

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tracker.conventions import Array, Image
-from tracker.errors import ImageError, TrackerError, install
+from tracker.errors import ImageError, optional
 from tracker.files import check_suffix, told_as, whole_file, write_whole
 
 if TYPE_CHECKING:
@@ -62,10 +62,7 @@ def write_film(path: str | os.PathLike[str], pictures: Iterable[Image], rate: fl
     """
     target = Path(path)
     check_suffix(target, (".mp4",), "film", ImageError)
-    try:
-        import av
-    except ImportError as error:
-        raise TrackerError(f"films need the package av: {install('video')}") from error
+    av = optional("av", "video", "a film")
     count = 0
     try:
         with whole_file(target) as temporary, av.open(str(temporary), "w", format="mp4") as film:

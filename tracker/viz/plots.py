@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tracker.conventions import Array, FloatArray
-from tracker.errors import ImageError, TrackerError, install
+from tracker.errors import ImageError, optional
 from tracker.files import check_suffix, told_as, write_whole
 from tracker.objects.labels import COLOR_NAMES, DISPLAY_COLORS_BGR
 from tracker.viz import paint
@@ -51,14 +51,10 @@ _STYLE: Any = {
 @contextmanager
 def figure(size: tuple[float, float]) -> Iterator[Figure]:
     """An empty figure of a size [inch]; TrackerError where the package `matplotlib` is missing."""
-    try:
-        from matplotlib import rc_context
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise TrackerError(f"plots need the package matplotlib: {install('plot')}") from error
-    with rc_context(_STYLE):
+    made = optional("matplotlib.figure", "plot", "a plot").Figure
+    with optional("matplotlib", "plot", "a plot").rc_context(_STYLE):
         # Not of pyplot: no window system, and no figure that stays in memory.
-        yield Figure(figsize=size, layout="constrained")
+        yield made(figsize=size, layout="constrained")
 
 
 @contextmanager

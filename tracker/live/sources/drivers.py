@@ -6,14 +6,13 @@ import contextlib
 import time
 import warnings
 from collections.abc import Sequence
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 
-from tracker.errors import LiveError, LogError, install
+from tracker.errors import LiveError, LogError, optional
 from tracker.live.sources.cameras import CameraEnded, CameraLost, CameraUnfit, Grabbed, GrabFailed, Settings
 from tracker.logs.films import check_container
 
@@ -160,13 +159,10 @@ def pylon_serials(names: Sequence[str]) -> list[str]:
 
 
 def _pylon() -> Any:
-    if find_spec("pypylon") is None:
-        raise LiveError(f"pylon: pypylon is not installed: {install('pylon')}")
     # While it is imported it warns of types of its own, and crashes where warnings are errors.
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        from pypylon import pylon
-    return pylon
+        return optional("pypylon.pylon", "pylon", "pylon", LiveError)
 
 
 def _told(error: Exception) -> str:
