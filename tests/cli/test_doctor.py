@@ -69,7 +69,7 @@ def test_an_opencv_of_which_another_ones_removal_left_the_folder_is_reported(mon
     doctor._fault_of_module.cache_clear()
     try:
         assert doctor._fault_of_module("cv2") == "only the folder is left"
-        finding = doctor._opencv()
+        finding = doctor._package(doctor.OPENCV, "cv2")
     finally:
         doctor._fault_of_module.cache_clear()
     assert not finding.good

@@ -34,6 +34,9 @@ CORE = {
 }
 """Packages, and what is imported of them."""
 
+_SHOWN = {OPENCV: "OpenCV"}
+"""What packages are called in the report, if otherwise."""
+
 REFERENCE_ROUNDS = 20
 DETECTION = 1.5
 """Time of a detection over that of the reference work, about."""
@@ -78,7 +81,7 @@ def _needed() -> Iterator[Finding]:
     yield Finding("tracker", True, f"{version()}, {Path(__file__).parents[1]}")
     yield Finding("Python", True, f"{platform.python_version()}, {platform.platform(terse=True)}")
     for name, module in CORE.items():
-        yield _opencv() if name == OPENCV else _package(name, module)
+        yield _package(name, module)
     if all(_fault_of_module(module) is None for module in CORE.values()):
         yield _cache()
         yield _speed()
@@ -114,13 +117,21 @@ def _fault_of_library(name: str) -> str | None:
 
 
 def _package(name: str, module: str) -> Finding:
-    found, fault = _version(name), _fault_of_module(module)
-    if found is None:
-        return Finding(name, False, "not installed", f"python3 -m pip install {name}")
-    if fault is not None:
-        remedy = f"python3 -m pip install --force-reinstall --no-deps {name}"
-        return Finding(name, False, f"{found} does not load: {fault}", remedy)
-    return Finding(name, True, found)
+    """Of two OpenCVs, which write into one folder, whichever came last is imported, in part."""
+    found = [name] if name != OPENCV and _version(name) is not None else []
+    if name == OPENCV:
+        names = {(dist.metadata["Name"] or "").lower() for dist in metadata.distributions()}
+        found = sorted(one for one in names if re.fullmatch(r"opencv[-_](contrib[-_])?python.*", one))
+    what, shown = _SHOWN.get(name, name), ", ".join(f"{one} {_version(one)}" for one in found)
+    again = f"python3 -m pip install {name}"
+    if not found:
+        return Finding(what, False, "not installed", again)
+    again = f"python3 -m pip uninstall -y {' '.join(found)}; {again}"
+    if (fault := _fault_of_module(module)) is not None:
+        return Finding(what, False, f"{shown} does not load: {fault}", again)
+    if len(found) > 1:
+        return Finding(what, False, f"{len(found)} in one folder: {shown}", again)
+    return Finding(what, True, shown.removeprefix(f"{what} "))
 
 
 @functools.cache
@@ -139,22 +150,6 @@ def _version(name: str) -> str | None:
         return metadata.version(name)
     except metadata.PackageNotFoundError:
         return None
-
-
-def _opencv() -> Finding:
-    """Two OpenCVs write into one folder: whichever came last is imported, in part."""
-    names = {(dist.metadata["Name"] or "").lower() for dist in metadata.distributions()}
-    found = sorted(name for name in names if re.fullmatch(r"opencv[-_](contrib[-_])?python.*", name))
-    shown, fault = ", ".join(f"{name} {_version(name)}" for name in found), _fault_of_module("cv2")
-    install_again = f"python3 -m pip install {OPENCV}"
-    if found:
-        install_again = f"python3 -m pip uninstall -y {' '.join(found)}; {install_again}"
-    if fault is not None or not found:
-        does_not = f" does not load: {fault}" if found else "not installed"
-        return Finding("OpenCV", False, f"{shown}{does_not}", install_again)
-    if len(found) > 1:
-        return Finding("OpenCV", False, f"{len(found)} in one folder: {shown}", install_again)
-    return Finding("OpenCV", True, shown)
 
 
 def _cache() -> Finding:

@@ -17,14 +17,10 @@ from tracker.cli import options
 from tracker.cli.export import observation
 from tracker.cli.outputs import Command, Recording, file_option
 from tracker.cli.render import bar
-from tracker.errors import LogError
 
 if TYPE_CHECKING:
     from tracker.calibration.by_object.health import Sample
     from tracker.conventions import Image
-
-_STAMP_TOLERANCE = 1e-6
-"""Largest difference [s] between the stamps of a frame in a recording and in its file of poses."""
 
 _Frames = Iterator[tuple[int, float, "tracker.Observation", Sequence["Image | None"], "Sample | None"]]
 """What `Scene.show` takes of each frame."""
@@ -109,6 +105,7 @@ def _of_poses(
 ) -> Shown:
     """A file of poses, with the images of a recording that the stack closes, if there is one."""
     from tracker.logs.opening import fitted_to
+    from tracker.summaries.rewards import refuse_others
 
     poses = tracker.read_poses(source)
     model, rig = _model_of(poses, object_name), poses.about.rig
@@ -121,7 +118,8 @@ def _of_poses(
         return Shown(model, rig, len(rows), bare)
     opened = stack.enter_context(tracker.open_log(log, recover=part.recover))
     rig = fitted_to(log, opened, rig)
-    return Shown(model, rig, len(rows), _with_images(log, opened, rig, model, poses, rows, every))
+    refuse_others(source, poses, log, opened)
+    return Shown(model, rig, len(rows), _with_images(opened, rig, model, poses, rows, every))
 
 
 def _target(source: Path, output: Path | None) -> Path | None:
@@ -155,7 +153,6 @@ def _tracked(path: Path, log: tracker.Log, finder: tracker.ObjectTracker, chosen
 
 
 def _with_images(
-    path: Path,
     log: tracker.Log,
     rig: tracker.CameraRig,
     model: tracker.CuboidModel,
@@ -163,26 +160,15 @@ def _with_images(
     rows: Sequence[int],
     every: int,
 ) -> _Frames:
-    """The poses with the images of their frames; LogError where the recording is another."""
+    """The poses with the images of their frames."""
     if not rows:
         return
     looker = tracker.ObjectTracker(model, rig)
     row_of = {int(poses.index[row]): row for row in rows}
-    first, last = min(row_of), max(row_of)
-    if last >= len(log):
-        raise LogError(f"{path}: found {len(log)} frames, but there is a pose of frame {last}")
-    for frame in log[first : last + 1 : every]:
-        row = row_of.get(frame.index)
-        if row is None:
-            continue
-        stamp = float(poses.timestamp[row])
-        if abs(frame.timestamp - stamp) > _STAMP_TOLERANCE:
-            raise LogError(
-                f"{path}: frame {frame.index}: found the stamp {frame.timestamp:.6f} s, expected "
-                f"{stamp:.6f} s: the poses are those of another recording"
-            )
-        answer = observation(poses, row)
-        yield frame.index, stamp, answer, frame.images, _health(looker, frame.images, answer)
+    for frame in log[min(row_of) : max(row_of) + 1 : every]:
+        if (row := row_of.get(frame.index)) is not None:
+            answer, stamp = observation(poses, row), float(poses.timestamp[row])
+            yield frame.index, stamp, answer, frame.images, _health(looker, frame.images, answer)
 
 
 def _health(

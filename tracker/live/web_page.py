@@ -11,7 +11,7 @@ import socket
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
 from typing import Any
@@ -59,8 +59,7 @@ class WebPageState:
     def __init__(self, tracker: ObjectTracker) -> None:
         self._tracker, self._names = tracker, tracker.rig.names
         self._latencies: deque[float] = deque(maxlen=LATENCIES)
-        self._seen: deque[tuple[float, tuple[float | None, ...]]] = deque()
-        self._faults: dict[str, tuple[float, str]] = {}
+        self._seen: deque[tuple[float, tuple[float | None, ...], Mapping[str, str]]] = deque()
         self._looks: list[dict[str, float]] = [{} for _ in self._names]
         self._disagreement = [math.nan] * len(self._names)
 
@@ -72,8 +71,7 @@ class WebPageState:
             None if image is None else 1e3 * (taken.timestamp - stamp)
             for image, stamp in zip(taken.images, taken.stamps, strict=True)
         )
-        self._seen.append((now, skews))
-        self._faults |= {name: (now, fault) for name, fault in moment.faults.items()}
+        self._seen.append((now, skews, moment.faults))
         while self._seen[0][0] < now - SPAN:
             self._seen.popleft()
 
@@ -117,7 +115,7 @@ class WebPageState:
         }
 
     def _camera(self, c: int, moment: Moment) -> dict[str, Any]:
-        skews = [each[c] for _, each in self._seen]
+        skews = [each[c] for _, each, _ in self._seen]
         there = [skew for skew in skews if skew is not None]
         seconds = self._seen[-1][0] - self._seen[0][0]
         values: dict[str, float | None] = {
@@ -129,14 +127,14 @@ class WebPageState:
         known = {key: value for key, value in values.items() if value is not None and math.isfinite(value)}
         beyond = [k for k, (low, high) in LIMITS.items() if k in known and not low <= known[k] <= high]
         name, uses = self._names[c], moment.cameras
-        when, last = self._faults.get(name, (-math.inf, None))
-        age = self._seen[-1][0] - when
+        faults = ((when, its[name]) for when, _, its in reversed(self._seen) if name in its)
+        when, last = next(faults, (None, None))
         return {
             "name": name,
             "use": uses[c].value if uses else None,
             "fault": moment.faults.get(name),
-            "last_fault": last if age <= SPAN else None,
-            "last_fault_age": age if age <= SPAN else None,
+            "last_fault": last,
+            "last_fault_age": None if when is None else self._seen[-1][0] - when,
             **{key: known.get(key) for key in values},
             "beyond": beyond,
         }

@@ -6,6 +6,7 @@ while edges are read.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -141,20 +142,19 @@ class EdgeReader:
     """
 
     def __init__(self, model: CuboidModel, rig: CameraRig, colors: ColorModel) -> None:
-        self.rig, self._box, self._colors = rig, Box.of(model), colors
+        self._box, self._colors = Box.of(model), colors
         self._reader, _ = reader_of(self._box, rig, colors)
-        self._refiner = self._refiner_of(rig)
+        self._take(rig)
 
     def of(self, rig: CameraRig) -> EdgeReader:
         """The same for cameras that give the same pictures and are calibrated otherwise."""
-        other = EdgeReader.__new__(EdgeReader)
-        other.rig, other._box, other._colors, other._reader = rig, self._box, self._colors, self._reader
-        other._refiner = other._refiner_of(rig)
+        other = copy.copy(self)
+        other._take(rig)
         return other
 
-    def _refiner_of(self, rig: CameraRig) -> Refiner:
+    def _take(self, rig: CameraRig) -> None:
         table = table_of(rig.arena, support=False)
-        return Refiner(self._box, rig.cameras, self._colors.label_table, table)
+        self.rig, self._refiner = rig, Refiner(self._box, rig.cameras, self._colors.label_table, table)
 
     def sight(self, images: Images) -> Sight:
         """What the pictures say, whatever the calibration."""

@@ -62,16 +62,6 @@ class Frame:
     """(3, 3) world_from_object, about."""
 
 
-@dataclass(frozen=True, eq=False)
-class Adjusted:
-    """Cameras that fit the edges of all frames."""
-
-    unknowns: Unknowns
-    """The cameras, and what else was unknown."""
-    step: Step
-    """The last one."""
-
-
 def widened(rig: CameraRig) -> CameraRig:
     """The same cameras, stated to be at most as good as LEAST_STD."""
     return _with_stds(rig, [_wider(camera) for camera in rig])
@@ -82,8 +72,10 @@ def exact(rig: CameraRig) -> CameraRig:
     return _with_stds(rig, [None] * len(rig))
 
 
-def adjust(edges: EdgeReader, frames: Sequence[Frame], rim: tuple[float, float], *, focal: bool) -> Adjusted:
-    """The cameras that fit the frames' edges best.
+def adjust(
+    edges: EdgeReader, frames: Sequence[Frame], rim: tuple[float, float], *, focal: bool
+) -> tuple[Unknowns, Step]:
+    """The cameras that fit the frames' edges best, with what else was unknown, and the last step.
 
     Args:
         edges: reader of the cameras as they were, with deviations that leave them room (see `widened`).
@@ -117,7 +109,7 @@ def adjust(edges: EdgeReader, frames: Sequence[Frame], rim: tuple[float, float],
         shift, turn = (np.linalg.norm(step.change[:, k : k + 3], axis=1).max() for k in (0, 3))
         if shift < SETTLED[0] and turn < SETTLED[1]:
             break
-    return Adjusted(now, step)
+    return now, step
 
 
 def _with_stds(rig: CameraRig, stds: Sequence[FloatArray | None]) -> CameraRig:
@@ -125,6 +117,12 @@ def _with_stds(rig: CameraRig, stds: Sequence[FloatArray | None]) -> CameraRig:
         dataclasses.replace(camera, camera_from_world_std=std) for camera, std in zip(rig, stds, strict=True)
     )
     return dataclasses.replace(rig, cameras=tuple(cameras))
+
+
+def _stating(rig: CameraRig, covariances: FloatArray) -> CameraRig:
+    """The same cameras with the deviations of covariances (C, 6, 6)."""
+    pairs = zip(rig, covariances, strict=True)
+    return _with_stds(rig, [element_std(camera.camera_from_world[:3, :3], one) for camera, one in pairs])
 
 
 def _wider(camera: Camera) -> FloatArray:
@@ -210,29 +208,36 @@ def refine_cameras(
     rim = model.rim, model.rim_std
     taught = [frame for k, frame in enumerate(frames) if k % JUDGED]
     judges = frames[::JUDGED]
-    lesson = adjust(edges, taught, rim, focal=focal)
+    lesson, _ = adjust(edges, taught, rim, focal=focal)
     before = misfit(edges.of(exact(rig)), judges)
-    after = misfit(edges.of(exact(_with(rig, lesson))), judges)
-    if not after < (1.0 - GAIN) * before:
-        raise NotBetterError(
-            f"refine: refused: edges in {len(judges)} frames held out are {before:.3f} px off with the "
-            f"calibration as it is, and {after:.3f} px with the one found; expected {GAIN:.0%} less: it is "
-            "as good as these recordings can tell"
-        )
-    final = adjust(edges, frames, rim, focal=focal)
-    found, plane = _with(rig, final), None
+    after = misfit(edges.of(exact(dataclasses.replace(rig, cameras=lesson.cameras))), judges)
+    _require_gain(before, after, len(judges))
+    now, step = adjust(edges, frames, rim, focal=focal)
+    stated = relative_covariance(step.covariance) + np.diag(np.repeat(np.square(FLOOR), 3))
+    found, plane = _stating(dataclasses.replace(rig, cameras=now.cameras), stated), None
     # Where it hardly rests, z and tilt stay as they are.
     with contextlib.suppress(CalibrationError):
         plane = plane_of(model, edges.of(found), footage, seen)
     return Refined(
         found if plane is None else levelled(found, plane),
-        *_told(final),
+        now.errors[:, EXTRINSIC] - now.errors[:, EXTRINSIC].mean(axis=0),
+        np.sqrt(np.diagonal(stated, axis1=1, axis2=2)),
+        now.errors[:, FOCAL],
         before,
         after,
-        (final.step.rim, final.step.rim_std),
+        (step.rim, step.rim_std),
         len(frames),
         plane,
     )
+
+
+def _require_gain(before: float, after: float, judges: int) -> None:
+    if not after < (1.0 - GAIN) * before:
+        raise NotBetterError(
+            f"refine: refused: edges in {judges} frames held out are {before:.3f} px off with the "
+            f"calibration as it is, and {after:.3f} px with the one found; expected {GAIN:.0%} less: it is "
+            "as good as these recordings can tell"
+        )
 
 
 def misfit(edges: EdgeReader, frames: Sequence[Frame]) -> float:
@@ -258,30 +263,3 @@ def _frames(
         for sighting, images in zip(mine, one.images([s.number for s in mine]), strict=True):
             frames.append(Frame(edges.sight(images), sighting.position, sighting.rotation))
     return frames
-
-
-def _with(rig: CameraRig, adjusted: Adjusted) -> CameraRig:
-    """The rig with the cameras found, and how well they stand to each other."""
-    found = dataclasses.replace(rig, cameras=adjusted.unknowns.cameras)
-    return _with_stds(
-        found,
-        [
-            element_std(camera.camera_from_world[:3, :3], covariance)
-            for camera, covariance in zip(found, _stated(adjusted), strict=True)
-        ],
-    )
-
-
-def _told(adjusted: Adjusted) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """How the cameras moved against their mean, its deviations, and how their lenses changed."""
-    errors = adjusted.unknowns.errors[:, EXTRINSIC]
-    std = np.stack([np.sqrt(np.diag(one)) for one in _stated(adjusted)])
-    return errors - errors.mean(axis=0), std, adjusted.unknowns.errors[:, FOCAL]
-
-
-def _stated(adjusted: Adjusted) -> FloatArray:
-    """(C, 6, 6) how well the cameras stand to each other."""
-    found: FloatArray = relative_covariance(adjusted.step.covariance) + np.diag(
-        np.repeat(np.square(FLOOR), 3)
-    )
-    return found
