@@ -1,4 +1,4 @@
-"""Checks of arguments by kind: numbers, arrays of them, paths, stamps."""
+"""Checks of arguments by kind: numbers, arrays of them, paths, stamps; and of what is installed."""
 
 from __future__ import annotations
 
@@ -6,15 +6,25 @@ import math
 import numbers
 import os
 from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeGuard, TypeVar
 
 import numpy as np
 
 from tracker.conventions import Array, FloatArray
-from tracker.errors import TrackerError, shown
+from tracker.errors import TrackerError, install, shown
 
 Kind = TypeVar("Kind")
+
+
+def optional(package: str, extra: str, what: str, fault: type[TrackerError] = TrackerError) -> Any:
+    """A package of an extra, or a part of one; `fault` says `what` needs it where it is missing."""
+    try:
+        return import_module(package)
+    except ImportError as error:
+        name = package.partition(".")[0]
+        raise fault(f"{what} needs the package {name}: {install(extra)}") from error
 
 
 def of_kind(given: object, kind: type[Kind], what: str, fault: type[TrackerError], how: str = "") -> Kind:

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import Any
-
 
 class TrackerError(Exception):
     """Base of all errors of this package. The message says what is wrong, and what would be valid."""
@@ -48,15 +45,6 @@ def install(extra: str) -> str:
     In place (-e): a copy would be compiled again, and would lack `synthetic` and `benchmarks`.
     """
     return f"python3 -m pip install -e '.[{extra}]' in a clone of the tracker"
-
-
-def optional(package: str, extra: str, what: str, fault: type[TrackerError] = TrackerError) -> Any:
-    """A package of an extra, or a part of one; `fault` says `what` needs it where it is missing."""
-    try:
-        return import_module(package)
-    except ImportError as error:
-        name = package.partition(".")[0]
-        raise fault(f"{what} needs the package {name}: {install(extra)}") from error
 
 
 def shown(value: object) -> str:

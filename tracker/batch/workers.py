@@ -17,7 +17,8 @@ from typing import Any
 
 import cv2
 
-from tracker.errors import TrackerError, optional
+from tracker.checks import optional
+from tracker.errors import TrackerError
 from tracker.processes import environment
 from tracker.warm_up import warm_up
 

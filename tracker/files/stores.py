@@ -19,8 +19,9 @@ from typing import Any, Literal
 
 import numpy as np
 
+from tracker.checks import optional
 from tracker.conventions import Array
-from tracker.errors import LogError, optional
+from tracker.errors import LogError
 from tracker.files import open_regular, told_of
 from tracker.processes import python_command
 

@@ -15,7 +15,8 @@ from urllib.parse import parse_qsl, urlsplit
 
 import numpy as np
 
-from tracker.errors import LiveError, optional
+from tracker.checks import optional
+from tracker.errors import LiveError
 from tracker.live.moment import Moment
 from tracker.objects.model import CuboidModel
 

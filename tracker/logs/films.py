@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from tracker.checks import optional
 from tracker.conventions import Image
-from tracker.errors import LogError, optional
+from tracker.errors import LogError
 from tracker.files import cannot_read, open_regular, told_of
 from tracker.logs.log import MAX_SIDE, MIN_SIDE
 

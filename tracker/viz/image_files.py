@@ -12,8 +12,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from tracker.checks import optional
 from tracker.conventions import Array, Image
-from tracker.errors import ImageError, optional
+from tracker.errors import ImageError
 from tracker.files import check_suffix, told_as, whole_file, write_whole
 
 if TYPE_CHECKING:

@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from tracker.checks import optional
 from tracker.conventions import Array, FloatArray
-from tracker.errors import ImageError, optional
+from tracker.errors import ImageError
 from tracker.files import check_suffix, told_as, write_whole
 from tracker.objects.labels import COLOR_NAMES, DISPLAY_COLORS_BGR
 from tracker.viz import paint

@@ -12,7 +12,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from tracker.errors import LiveError, LogError, optional
+from tracker.checks import optional
+from tracker.errors import LiveError, LogError
 from tracker.live.sources.cameras import CameraEnded, CameraLost, CameraUnfit, Grabbed, GrabFailed, Settings
 from tracker.logs.films import check_container
 

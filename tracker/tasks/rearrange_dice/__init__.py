@@ -6,53 +6,25 @@ place of the goal is there. That takes a mask of the dice in each image, and a m
 camera; the error is the number of pixels that are in the first and not in the second.
 """
 
-from tracker.tasks.rearrange_dice.finder import Die, locate
-from tracker.tasks.rearrange_dice.goals import (
-    ARENA_RADIUS,
-    CELLS_PER_ROW,
-    DIE_WIDTH,
-    NUM_DICE,
-    TOLERANCE,
-    cells,
-    empty_pattern,
-    parse_pattern,
-    pattern,
-    read_goal,
-    sample_goal,
-    validate_goal,
-    write_goal,
-)
-from tracker.tasks.rearrange_dice.score import (
-    Assignment,
-    assign,
-    error,
-    error_per_camera,
-    goal_masks,
-    reward,
-)
-from tracker.tasks.rearrange_dice.segment import segment_dice
-
-__all__ = [
-    "ARENA_RADIUS",
-    "CELLS_PER_ROW",
-    "DIE_WIDTH",
-    "NUM_DICE",
-    "TOLERANCE",
-    "Assignment",
-    "Die",
-    "assign",
-    "cells",
-    "empty_pattern",
-    "error",
-    "error_per_camera",
-    "goal_masks",
-    "locate",
-    "parse_pattern",
-    "pattern",
-    "read_goal",
-    "reward",
-    "sample_goal",
-    "segment_dice",
-    "validate_goal",
-    "write_goal",
-]
+from tracker.tasks.rearrange_dice.finder import Die as Die
+from tracker.tasks.rearrange_dice.finder import locate as locate
+from tracker.tasks.rearrange_dice.goals import ARENA_RADIUS as ARENA_RADIUS
+from tracker.tasks.rearrange_dice.goals import CELLS_PER_ROW as CELLS_PER_ROW
+from tracker.tasks.rearrange_dice.goals import DIE_WIDTH as DIE_WIDTH
+from tracker.tasks.rearrange_dice.goals import NUM_DICE as NUM_DICE
+from tracker.tasks.rearrange_dice.goals import TOLERANCE as TOLERANCE
+from tracker.tasks.rearrange_dice.goals import cells as cells
+from tracker.tasks.rearrange_dice.goals import empty_pattern as empty_pattern
+from tracker.tasks.rearrange_dice.goals import parse_pattern as parse_pattern
+from tracker.tasks.rearrange_dice.goals import pattern as pattern
+from tracker.tasks.rearrange_dice.goals import read_goal as read_goal
+from tracker.tasks.rearrange_dice.goals import sample_goal as sample_goal
+from tracker.tasks.rearrange_dice.goals import validate_goal as validate_goal
+from tracker.tasks.rearrange_dice.goals import write_goal as write_goal
+from tracker.tasks.rearrange_dice.score import Assignment as Assignment
+from tracker.tasks.rearrange_dice.score import assign as assign
+from tracker.tasks.rearrange_dice.score import error as error
+from tracker.tasks.rearrange_dice.score import error_per_camera as error_per_camera
+from tracker.tasks.rearrange_dice.score import goal_masks as goal_masks
+from tracker.tasks.rearrange_dice.score import reward as reward
+from tracker.tasks.rearrange_dice.segment import segment_dice as segment_dice
