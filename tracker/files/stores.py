@@ -98,8 +98,8 @@ class LmdbFile:
 MAX_BLOCK = 1 << 29
 """Largest block [bytes], packed and unpacked."""
 
-MAX_NUMBERS = 1 << 27
-"""Longest array of numbers; as control steps at 50 Hz, a month."""
+MAX_NUMBERS = 1 << 25
+"""Longest array of numbers; as control steps at 50 Hz, a week."""
 
 _MAX_JSON = 1 << 20  # bytes
 _MAX_LEFT_OUT = 1 << 16  # blocks; those that hold nothing but the fill value may be left out
@@ -152,14 +152,15 @@ class StoredArray:
         return -(-self._length // self._chunk)
 
     @property
-    def chunk(self) -> int:
-        """Number of items in a block."""
-        return self._chunk
-
-    @property
     def ragged(self) -> bool:
         """Whether the items are byte strings."""
         return self._dtype is None
+
+    def numbers(self) -> Array:
+        """All numbers; LogError if they are byte strings, or missing or damaged."""
+        if self.ragged:
+            raise LogError(f"{self._where}: found byte strings, expected numbers")
+        return np.concatenate([np.zeros(0, self._dtype), *map(self.block, range(self.blocks))])
 
     def block(self, number: int) -> list[bytes] | Array:
         """Items of a block; LogError if they are missing or damaged."""

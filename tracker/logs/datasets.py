@@ -110,30 +110,21 @@ class DatasetSource(Source):
         shown = StoredArray.find(self._store, "obs_to_image_index", str(self.path))
         if shown is None:
             return None
-        known, steps, last = [], [], 0
-        for number in range(shown.blocks):
-            images = np.asarray(shown.block(number))
-            if images.dtype.kind not in "iu":
-                raise LogError(
-                    f"{self.path}: obs_to_image_index: found {images.dtype}, expected whole numbers"
-                )
-            images = images.astype(np.int64)
-            before = np.concatenate([[last], images[:-1]])
-            bad = (images < before) | (images >= len(self._images))
-            if bad.any():
-                k = int(np.argmax(bad))
-                raise LogError(
-                    f"{self.path}: obs_to_image_index: step {number * shown.chunk + k}: found {images[k]}, "
-                    f"expected {before[k]} to {len(self._images) - 1}"
-                )
-            frames, first = np.unique(images // cameras, return_index=True)
-            known.append(frames)
-            steps.append(number * shown.chunk + first)
-            last = int(images[-1])
-        if not known:
+        images = shown.numbers()
+        if images.dtype.kind not in "iu":
+            raise LogError(f"{self.path}: obs_to_image_index: found {images.dtype}, expected whole numbers")
+        images = images.astype(np.int64)
+        before = np.concatenate([[0], images[:-1]])
+        bad = (images < before) | (images >= len(self._images))
+        if bad.any():
+            k = int(np.argmax(bad))
+            raise LogError(
+                f"{self.path}: obs_to_image_index: step {k}: found {images[k]}, "
+                f"expected {before[k]} to {len(self._images) - 1}"
+            )
+        if not len(images):
             return None
-        seen, where = np.unique(np.concatenate(known), return_index=True)
-        at: FloatArray = np.concatenate(steps)[where].astype(np.float64)
+        seen, at = np.unique(images // cameras, return_index=True)
         numbers = np.arange(self.count)
         period = CONTROL_RATE / CAMERA_RATE
         result: FloatArray = np.interp(numbers, seen, at)
@@ -145,8 +136,5 @@ class DatasetSource(Source):
         ends = StoredArray.find(self._store, "episode_ends", str(self.path))
         if ends is None:
             return (0,)
-        starts = {0}
-        for number in range(ends.blocks):
-            last = np.asarray(ends.block(number), dtype=np.float64)
-            starts.update(int(start) for start in np.searchsorted(steps, last, side="right"))
-        return tuple(sorted(start for start in starts if start < self.count))
+        after = np.searchsorted(steps, ends.numbers(), side="right")
+        return tuple(sorted({0, *(int(start) for start in after if start < self.count)}))

@@ -20,9 +20,6 @@ from tracker.logs.opening import STORE_FILE, open_log
 TASKS = {97: "push", 139: "lift"}
 """Task by the numbers in an observation: goals are a position (3) in push, keypoints (24) in lift."""
 
-MAX_STEPS = 10_000_000
-"""Most control steps that are believed; at 50 Hz, two days."""
-
 _NORM_TOLERANCE = 0.01
 _GOAL = {"push": 3, "lift": 24}
 _ACTION, _CAMERA = 9, 33
@@ -117,8 +114,11 @@ def read_steps(path: Path) -> StoreSteps:
         cameras, frames = len(log.camera_names), len(log)
     store = open_store(path.parent if path.name == STORE_FILE else path)
     try:
-        frame = _numbers(store, "obs_to_image_index", path) // cameras
-        ends = _numbers(store, "episode_ends", path)
+        frame, ends = (
+            StoredArray(store, name, str(path)).numbers().astype(np.int64)
+            for name in ("obs_to_image_index", "episode_ends")
+        )
+        frame //= cameras
         bad = (np.diff(ends, prepend=-1) <= 0) | (ends >= len(frame))
         if not len(ends) or bad.any():
             found = f"{ends[np.argmax(bad)]}" if len(ends) else "none"
@@ -128,15 +128,6 @@ def read_steps(path: Path) -> StoreSteps:
     finally:
         store.close()
     return StoreSteps(str(path), frame, ends, frames, task, observed)
-
-
-def _numbers(store: LmdbFile, name: str, path: Path) -> Array:
-    array = StoredArray(store, name, str(path))
-    if array.ragged or len(array) > MAX_STEPS:
-        raise LogError(f"{path}: {name}: found {len(array)} items, expected at most {MAX_STEPS} numbers")
-    blocks = [np.asarray(array.block(number)) for number in range(array.blocks)]
-    numbers = np.concatenate([np.zeros(0, np.int64), *blocks])
-    return numbers.astype(np.int64)
 
 
 def _observed(store: LmdbFile, path: Path, steps: int) -> tuple[str | None, dict[str, FloatArray]]:
