@@ -153,7 +153,7 @@ def test_what_is_no_step_is_refused_with_the_reason(arguments, message):
 
 def test_what_is_no_model_or_start_is_refused_with_the_reason(tmp_path):
     load, rng = tracker.noise.NoiseModel.load, np.random.default_rng(0)
-    with pytest.raises(tracker.TrackerError, match="expected one of platform, platform_refined, predecessor"):
+    with pytest.raises(tracker.TrackerError, match="valid are platform, platform_refined, predecessor"):
         load("robot")
     with pytest.raises(tracker.TrackerError, match="count: found 0"):
         load("platform").start(rng, 0)

@@ -139,7 +139,7 @@ def test_a_model_is_validated_at_construction(key, value):
 def test_what_is_not_there_is_named_with_what_is(tmp_path):
     with pytest.raises(ObjectModelError, match=r"'cube_v9'.*cube_v1, cube_v2, cube_v3, cuboid_2x2x8_v2"):
         load_object("cube_v9")
-    with pytest.raises(ObjectModelError, match=r"none\.toml: No such file"):
+    with pytest.raises(ObjectModelError, match=r"none\.toml: cannot be read: No such file"):
         load_object(tmp_path / "none.toml")
 
 

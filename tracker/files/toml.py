@@ -1,13 +1,16 @@
-"""Small TOML files."""
+"""Small TOML files: your own by their paths, and those that come with the package by their names."""
 
 from __future__ import annotations
 
 import os
 import sys
 from collections.abc import Collection
+from pathlib import Path
 from typing import Any
 
-from tracker.errors import TrackerError
+from tracker.checks import path_of
+from tracker.errors import TrackerError, shown
+from tracker.files import read_bounded
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -18,23 +21,40 @@ MAX_FILE_SIZE = 100_000
 """Largest such file [bytes]; those of objects, arenas and recordings have some hundred."""
 
 
-def parse_toml(
-    content: bytes,
-    where: str | os.PathLike[str],
-    fault: type[TrackerError],
-    keys: Collection[str] | None = None,
+def names_in(folder: Path) -> tuple[str, ...]:
+    """Names of the files in a folder of the package, in order."""
+    return tuple(sorted(path.stem for path in folder.glob("*.toml")))
+
+
+def found_by(given: str | os.PathLike[str], folder: Path, what: str, fault: type[TrackerError]) -> Path:
+    """The file in a folder of the package that has this name, or the one of this path; else `fault`."""
+    path, names = path_of(given, what, fault), names_in(folder)
+    if str(path) in names:
+        return folder / f"{path}.toml"
+    if path.suffix != ".toml":
+        valid = ", ".join(names)
+        raise fault(f"unknown {what} {shown(str(path))}; valid are {valid}, or the path of a .toml file")
+    return path
+
+
+def read_toml(
+    path: Path, fault: type[TrackerError], keys: Collection[str] | None = None, what: str = ""
 ) -> dict[str, Any]:
     """The values of a file; `fault`, which names it, where it is no TOML or has others than these keys.
 
-    keys: None: any.
+    keys: None: any. what: stands before the path.
     """
+    where = f"{what} {path}".lstrip()
+    try:
+        content = read_bounded(path, MAX_FILE_SIZE)
+    except (OSError, ValueError) as error:  # ValueError: a null byte in the path
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else error
+        raise fault(f"{where}: cannot be read: {reason}") from error
     try:
         values = tomllib.loads(content.decode("utf-8-sig"))
     # Besides its own errors, the parser lets through those of numbers and of values nested too deeply.
     except (ValueError, RecursionError) as error:
-        raise fault(f"{os.fspath(where)}: not a TOML file: {' '.join(str(error).split())}") from error
+        raise fault(f"{where}: not a TOML file: {' '.join(str(error).split())}") from error
     if keys is not None and (unknown := sorted(set(values) - set(keys))):
-        raise fault(
-            f"{os.fspath(where)}: found unknown key {unknown[0]!r}, expected some of {', '.join(keys)}"
-        )
+        raise fault(f"{where}: found unknown key {unknown[0]!r}, expected some of {', '.join(keys)}")
     return values

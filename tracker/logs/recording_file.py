@@ -25,7 +25,7 @@ from tracker.checks import is_number
 from tracker.conventions import FloatArray
 from tracker.errors import LogError, shown
 from tracker.files import read_bounded, told_of
-from tracker.files.toml import MAX_FILE_SIZE, parse_toml
+from tracker.files.toml import read_toml
 
 FILE_NAME, STAMPS_NAME = "recording.toml", "stamps.csv"
 
@@ -51,9 +51,7 @@ def read_recording_file(folder: Path) -> RecordingFile | None:
     path = folder / FILE_NAME
     if not path.is_file():
         return None
-    with told_of(path):
-        content = read_bounded(path, MAX_FILE_SIZE)
-    values = parse_toml(content, path, LogError, ("cameras", "rate"))
+    values = read_toml(path, LogError, ("cameras", "rate"))
     patterns = values.get("cameras")
     if not isinstance(patterns, dict) or not 0 < len(patterns) <= _MAX_CAMERAS:
         raise LogError(f"{path}: cameras: expected a table of 1 to {_MAX_CAMERAS} patterns by cameras' names")

@@ -5,16 +5,15 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib import resources
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tracker.checks import float_array, is_number, is_whole, path_of
+from tracker.checks import float_array, is_number, is_whole
 from tracker.conventions import Array, FloatArray
 from tracker.errors import TrackerError, shown
-from tracker.files import read_bounded
-from tracker.files.toml import parse_toml
+from tracker.files.toml import found_by, names_in, read_toml
 
 _ERROR = ("bias", "bias_spread", "slow", "fast", "fast_spread", "seconds", "travel", "visible")
 
@@ -28,10 +27,7 @@ UNITS: Mapping[str, Mapping[str, str]] = {
 }
 """The numbers of a model, by group, and the unit of each."""
 
-LARGEST = 5000
-"""Largest file of a model [bytes]."""
-
-_DATA = resources.files("tracker.noise") / "data"
+_DATA = Path(__file__).parent / "data"
 
 
 @dataclass(frozen=True)
@@ -72,20 +68,18 @@ class NoiseModel:
             TrackerError: the name is unknown (the message lists those that are), or the file is missing or
                 malformed.
         """
-        path = path_of(name_or_path, "noise model", TrackerError)
-        text = str(path)
-        if text in preset_names():
-            return _parsed((_DATA / f"{text}.toml").read_bytes(), text)
-        if path.suffix != ".toml":
-            valid = ", ".join(preset_names())
-            raise TrackerError(
-                f"noise model: found {shown(text)}, expected one of {valid}, or the path of a .toml file"
-            )
-        try:
-            content = read_bounded(path, LARGEST)
-        except OSError as error:
-            raise TrackerError(f"noise model {text}: {error.strerror or error}") from error
-        return _parsed(content, text)
+        path = found_by(name_or_path, _DATA, "noise model", TrackerError)
+        data, source = read_toml(path, TrackerError, what="noise model"), os.fspath(name_or_path)
+        about = data.pop("about", "")
+        _same_keys(data, UNITS, source)
+        groups = {}
+        for group, units in UNITS.items():
+            _same_keys(data[group], units, f"{source}: {group}")
+            groups[group] = {
+                name: _number(data[group][name], unit, f"noise model {source}: {group}.{name}")
+                for name, unit in units.items()
+            }
+        return cls(source, str(about), groups)
 
     def start(self, rng: np.random.Generator, count: int) -> NoiseState:
         """The errors of so many environments, each at the beginning of an episode.
@@ -110,21 +104,7 @@ class NoiseModel:
 
 def preset_names() -> Sequence[str]:
     """Names of the models that come with the package."""
-    return sorted(entry.name[:-5] for entry in _DATA.iterdir() if entry.name.endswith(".toml"))
-
-
-def _parsed(content: bytes, source: str) -> NoiseModel:
-    data = parse_toml(content, f"noise model {source}", TrackerError)
-    about = data.pop("about", "")
-    _same_keys(data, UNITS, source)
-    groups = {}
-    for group, units in UNITS.items():
-        _same_keys(data[group], units, f"{source}: {group}")
-        groups[group] = {
-            name: _number(data[group][name], unit, f"noise model {source}: {group}.{name}")
-            for name, unit in units.items()
-        }
-    return NoiseModel(source, str(about), groups)
+    return names_in(_DATA)
 
 
 def _same_keys(found: Any, expected: Mapping[str, Any], source: str) -> None:

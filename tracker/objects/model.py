@@ -22,17 +22,15 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tracker.checks import freeze, is_number, path_of
+from tracker.checks import freeze, is_number
 from tracker.conventions import Array, FloatArray
 from tracker.errors import ObjectModelError, shown
-from tracker.files import read_bounded
-from tracker.files.toml import MAX_FILE_SIZE, parse_toml
+from tracker.files.toml import found_by, names_in, read_toml
 from tracker.geometry.cuboid import FACE_NAMES
 from tracker.objects.labels import COLOR_NAMES
 
@@ -48,7 +46,7 @@ LEAST_RIM_STD = 1e-6
 """Least standard deviation of a rim: taken as exact [m]."""
 
 _FACE_COLORS = COLOR_NAMES[1:]
-_DATA = resources.files("tracker.objects") / "data"
+_DATA = Path(__file__).parent / "data"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -112,8 +110,7 @@ class CuboidModel:
 
 def object_names() -> tuple[str, ...]:
     """Names of the objects that come with the package."""
-    names = (entry.name for entry in _DATA.iterdir())
-    return tuple(sorted(name[:-5] for name in names if name.endswith(".toml")))
+    return names_in(_DATA)
 
 
 def load_object(name_or_path: str | os.PathLike[str]) -> CuboidModel:
@@ -125,20 +122,19 @@ def load_object(name_or_path: str | os.PathLike[str]) -> CuboidModel:
         ObjectModelError: the name is unknown (the message lists those that are), or the file is
             missing or malformed.
     """
-    path = path_of(name_or_path, "object", ObjectModelError)
-    text = str(path)
-    if text in object_names():
-        return _parse((_DATA / f"{text}.toml").read_bytes(), text, folder=None)
-    if path.suffix != ".toml":
-        valid = ", ".join(object_names())
-        raise ObjectModelError(
-            f"unknown object {shown(text)}; valid are {valid}, or the path of a .toml file"
-        )
+    path = found_by(name_or_path, _DATA, "object", ObjectModelError)
+    data = read_toml(path, ObjectModelError, _KEYS, "object")
+    for key in ("name", "size", "faces"):
+        if key not in data:
+            raise ObjectModelError(f"{path}: key {key!r} is missing; expected are {', '.join(_KEYS)}")
+    colors = data.get("colors", data["name"])
+    if isinstance(colors, str) and (path.parent / colors).is_file():
+        colors = str(path.parent / colors)
     try:
-        content = read_bounded(path, MAX_FILE_SIZE)
-    except OSError as error:
-        raise ObjectModelError(f"object file {text}: {error.strerror or error}") from error
-    return _parse(content, text, folder=path.parent)
+        rim = {key: data[key] for key in ("rim", "rim_std") if key in data}
+        return CuboidModel(data["name"], data["size"], face_labels_of(data["faces"]), colors, **rim)
+    except ObjectModelError as error:
+        raise ObjectModelError(f"{path}: {error}") from error
 
 
 def to_toml(model: CuboidModel) -> str:
@@ -154,21 +150,6 @@ def to_toml(model: CuboidModel) -> str:
     }  # fmt: skip
     lines = [f"{key} = {json.dumps(value)}" for key, value in values.items()]
     return "\n".join([*lines, "", "[faces]", *faces, ""])
-
-
-def _parse(content: bytes, source: str, folder: Path | None) -> CuboidModel:
-    data = parse_toml(content, source, ObjectModelError, _KEYS)
-    for key in ("name", "size", "faces"):
-        if key not in data:
-            raise ObjectModelError(f"{source}: key {key!r} is missing; expected are {', '.join(_KEYS)}")
-    colors = data.get("colors", data["name"])
-    if folder is not None and isinstance(colors, str) and (folder / colors).is_file():
-        colors = str(folder / colors)
-    try:
-        rim = {key: data[key] for key in ("rim", "rim_std") if key in data}
-        return CuboidModel(data["name"], data["size"], face_labels_of(data["faces"]), colors, **rim)
-    except ObjectModelError as error:
-        raise ObjectModelError(f"{source}: {error}") from error
 
 
 def face_labels_of(faces: Any) -> Array:

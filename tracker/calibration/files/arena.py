@@ -15,8 +15,8 @@ import dataclasses
 from pathlib import Path
 
 from tracker.errors import CalibrationError
-from tracker.files import read_bounded, told_as, write_whole
-from tracker.files.toml import MAX_FILE_SIZE, parse_toml
+from tracker.files import told_as, write_whole
+from tracker.files.toml import read_toml
 from tracker.geometry.arena import Arena
 
 FILE_NAME = "arena.toml"
@@ -35,13 +35,9 @@ def read_arena(folder: Path) -> Arena:
         CalibrationError: the file cannot be read or is malformed.
     """
     path = folder / FILE_NAME
-    try:
-        content = read_bounded(path, MAX_FILE_SIZE)
-    except FileNotFoundError:
+    if not path.exists():
         return Arena()
-    except OSError as error:
-        raise CalibrationError(f"{path}: cannot be read: {error.strerror or error}") from error
-    values = parse_toml(content, path, CalibrationError, _KEYS)
+    values = read_toml(path, CalibrationError, _KEYS)
     if values.get("table") == NO_TABLE:
         values["table"] = None
     try:

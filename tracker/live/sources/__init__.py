@@ -12,8 +12,7 @@ import numpy as np
 
 from tracker.calibration.rig import CameraRig
 from tracker.errors import LiveError
-from tracker.files import read_bounded
-from tracker.files.toml import MAX_FILE_SIZE, parse_toml
+from tracker.files.toml import read_toml
 from tracker.live.moment import ImageSource
 from tracker.live.sources.cameras import RATE, CameraSet, LiveCamera
 from tracker.live.sources.drivers import OpenCvCamera, PylonCamera, pylon_serials
@@ -92,11 +91,7 @@ def settings_of(path: Path | None, serials: list[str]) -> dict[str, Mapping[str,
     """What each camera is set to, from a TOML file; LiveError where that is malformed."""
     if path is None:
         return {serial: {} for serial in serials}
-    try:
-        content = read_bounded(path, MAX_FILE_SIZE)
-    except (OSError, ValueError) as error:  # ValueError: a null byte in the path
-        raise LiveError(f"settings {path}: cannot be read: {error}") from error
-    values = parse_toml(content, f"settings {path}", LiveError)
+    values = read_toml(path, LiveError, what="settings")
     common = {name: value for name, value in values.items() if not isinstance(value, dict)}
     own = {name: value for name, value in values.items() if isinstance(value, dict)}
     unknown = sorted(set(own) - set(serials))
