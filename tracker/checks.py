@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import numbers
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeGuard, TypeVar
@@ -25,6 +26,18 @@ def optional(package: str, extra: str, what: str, fault: type[TrackerError] = Tr
     except ImportError as error:
         name = package.partition(".")[0]
         raise fault(f"{what} needs the package {name}: {install(extra)}") from error
+
+
+@contextlib.contextmanager
+def naming(
+    where: object, fault: type[TrackerError], *caught: type[Exception], sep: str = ": "
+) -> Iterator[None]:
+    """What is raised within, a `fault` or what is `caught` instead, is a `fault` that begins with `where`."""
+    kinds = caught or (fault,)
+    try:
+        yield
+    except kinds as error:
+        raise fault(f"{where}{sep}{error}") from error
 
 
 def of_kind(given: object, kind: type[Kind], what: str, fault: type[TrackerError], how: str = "") -> Kind:

@@ -8,6 +8,7 @@ import numpy as np
 
 from tracker.calibration.files.platform import rotation_of
 from tracker.calibration.rig import CameraRig
+from tracker.checks import naming
 from tracker.errors import CalibrationError, LogError
 from tracker.files import hdf5
 from tracker.geometry.camera import Camera
@@ -39,10 +40,8 @@ def read_rig(file: Any, names: tuple[str, ...], size: tuple[int, int], where: st
     """
     if not hdf5.has_group(file, "camera_info", where):
         return None
-    try:
+    with naming(f"{where}camera_info", LogError, CalibrationError):
         return CameraRig(tuple(read_camera(file, name, size, where) for name in names))
-    except CalibrationError as error:
-        raise LogError(f"{where}camera_info: {error}") from error
 
 
 def read_camera(file: Any, name: str, size: tuple[int, int], where: str) -> Camera:

@@ -16,6 +16,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from tracker.checks import naming
 from tracker.conventions import Array, Image
 from tracker.errors import ImageError
 from tracker.files import read_bounded
@@ -48,13 +49,11 @@ def read_image(path: Path) -> Image:
     except OSError as error:
         raise ImageError(f"image {path}: cannot be read: {error.strerror or error}") from error
     # Before pixels are made of them: OpenCV fills what is missing with grey, slowly where sizes are damaged.
-    try:
+    with naming(f"image {path}", ImageError, ValueError):
         width, height = stated_size(content, READ)
         if width * height > MAX_PIXELS:
             raise ValueError(f"found {width}×{height} px, expected at most {MAX_PIXELS} in all")
         check(content, READ, appended=True)
-    except ValueError as error:
-        raise ImageError(f"image {path}: {error}") from error
     image = _decoded(content, cv2.IMREAD_COLOR)
     if image is None:
         raise ImageError(f"image {path}: not an image that can be read, or truncated")

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from tracker.calibration.rig import CameraRig
+from tracker.checks import naming
 from tracker.conventions import Image
 from tracker.errors import LogError
 from tracker.files import read_bounded, told_of
@@ -81,10 +82,8 @@ class FolderSource(Source):
     def _picture(self, file: Picture, size: tuple[int, int]) -> Image:
         if isinstance(file, FilmPicture):
             return file.film.picture(file.number)
-        try:
+        with naming(file, LogError):
             image = decode(_content(file))
-        except LogError as error:
-            raise LogError(f"{file}: {error}") from error
         found = (image.shape[1], image.shape[0])
         if found != size:
             raise LogError(

@@ -27,7 +27,7 @@ from typing import Any
 
 import numpy as np
 
-from tracker.checks import freeze, is_number
+from tracker.checks import freeze, is_number, naming
 from tracker.conventions import Array, FloatArray
 from tracker.errors import ObjectModelError, shown
 from tracker.files.toml import found_by, names_in, read_toml
@@ -130,11 +130,9 @@ def load_object(name_or_path: str | os.PathLike[str]) -> CuboidModel:
     colors = data.get("colors", data["name"])
     if isinstance(colors, str) and (path.parent / colors).is_file():
         colors = str(path.parent / colors)
-    try:
-        rim = {key: data[key] for key in ("rim", "rim_std") if key in data}
+    rim = {key: data[key] for key in ("rim", "rim_std") if key in data}
+    with naming(path, ObjectModelError):
         return CuboidModel(data["name"], data["size"], face_labels_of(data["faces"]), colors, **rim)
-    except ObjectModelError as error:
-        raise ObjectModelError(f"{path}: {error}") from error
 
 
 def to_toml(model: CuboidModel) -> str:

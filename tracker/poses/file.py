@@ -18,7 +18,7 @@ import numpy as np
 
 from tracker.calibration.camera_info import CAMERA_DATASETS, read_camera
 from tracker.calibration.rig import CameraRig
-from tracker.checks import described, float_array, one_stamp, path_of
+from tracker.checks import described, float_array, naming, one_stamp, path_of
 from tracker.conventions import Array
 from tracker.errors import CalibrationError, LogError
 from tracker.files import hdf5, told_as, write_whole
@@ -157,10 +157,8 @@ def write_poses(path: str | os.PathLike[str], poses: Poses) -> None:
     Raises:
         LogError: the file cannot be written.
     """
-    try:
+    with naming(os.fspath(path), LogError, LogError, UnicodeEncodeError):
         content = _content(poses)
-    except (LogError, UnicodeEncodeError) as error:
-        raise LogError(f"{os.fspath(path)}: {error}") from error
     with told_as(LogError, path):
         write_whole(path, content)
 
@@ -277,10 +275,8 @@ def _poses(file: Any) -> Poses:
             name: hdf5.array(file, f"{group}/{name}", (count, *shape), "f")
             for name, shape in KINDS[kind].ROW_SHAPES.items()
         }
-        try:
+        with naming(f"/{group}", LogError, sep="/"):
             columns[kind] = KINDS[kind](has_pose=has_pose, **rows)
-        except LogError as error:
-            raise LogError(f"/{group}/{error}") from error
     texts = {attribute: hdf5.text(file, key) for key, attribute in _ABOUT.items()}
     texts |= {key: hdf5.text(file, key) for key in _MAY_BE_MISSING if key in file.attrs}
     about = About(rig=_rig(file), **texts)
@@ -310,10 +306,8 @@ def _check_format(file: Any) -> None:
 
 def _texts(file: Any, name: str, shape: tuple[int, ...]) -> Array:
     codes = hdf5.array(file, name, shape, "u")
-    try:
+    with naming(f"/{name}", LogError):
         written = hdf5.decoded(hdf5.attribute(file[name], "names", "S", None))
-    except LogError as error:
-        raise LogError(f"/{name}: {error}") from error
     names = [_OLD_SPELLINGS.get(text, text) for text in written]
     if codes.size and int(codes.max()) >= len(names):
         raise LogError(f"/{name}: found code {codes.max()}, expected codes below {len(names)}, one a name")
@@ -332,10 +326,8 @@ def _camera(file: Any, name: str) -> Camera:
     path = f"camera_info/{name}"
     if not hdf5.has_group(file, path, "/"):
         raise LogError(f"/{path}: found none, expected a group for each of /camera_names")
-    try:
+    with naming(f"/{path}", LogError):
         width, height = (
             int(hdf5.attribute(file[path], f"image_{key}", "iu", ())) for key in ("width", "height")
         )
-    except LogError as error:
-        raise LogError(f"/{path}: {error}") from error
     return read_camera(file, name, (width, height), "/")

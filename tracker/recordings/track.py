@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from tracker.calibration.rig import CameraRig
-from tracker.checks import path_of
+from tracker.checks import naming, path_of
 from tracker.errors import LogError, TrackerError
 from tracker.files import claimed
 from tracker.inputs import PathLike, colors_of, object_of, rig_of
@@ -193,10 +193,8 @@ def answers(path: Path, log: Log, tracker: Any) -> Iterator[tuple[LogFrame, Obse
         before, episode = episode, bisect_right(log.episode_starts, frame.index)
         if before not in (-1, episode):
             tracker.reset()
-        try:
+        with naming(f"{path}: frame {frame.index}", LogError, TrackerError):
             answer = tracker.update(frame.images, frame.timestamp)
-        except TrackerError as error:
-            raise LogError(f"{path}: frame {frame.index}: {error}") from error
         yield frame, answer
 
 

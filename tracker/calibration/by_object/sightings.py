@@ -86,35 +86,29 @@ class Sighting:
     """Whether no sighting before it belongs to the same film."""
 
 
-def sightings(tracker: ObjectTracker, footage: Footage, least: float) -> Iterator[Sighting]:
-    """The shots in which a tracker sees the object with a confidence of at least `least`.
-
-    The tracker forgets what it saw before.
-
-    Raises:
-        LogError: the recording is damaged.
-        ImageError: a picture is not what the tracker's cameras give.
-    """
-    tracker.reset()
-    begins = True
-    for shot in footage.shots():
-        begins = begins or shot.begins
-        seen = _seen(tracker, shot, begins, least)
-        if seen is not None:
-            yield seen
-            begins = False
-
-
 def all_sightings(
     tracker: ObjectTracker, footage: Sequence[Footage], least: float, progress: Callable[[int], None]
 ) -> list[list[Sighting]]:
-    """Those of each footage; arguments and errors as of `sightings`, `progress` takes each."""
+    """The shots of each footage in which a tracker sees the object with a confidence of at least `least`.
+
+    The tracker forgets what it saw before; `progress` takes each shot.
+
+    Raises:
+        LogError: a recording is damaged.
+        ImageError: a picture is not what the tracker's cameras give.
+    """
     seen: list[list[Sighting]] = []
     for one in footage:
+        tracker.reset()
         seen.append([])
-        for sighting in sightings(tracker, one, least):
-            seen[-1].append(sighting)
-            progress(1)
+        begins = True
+        for shot in one.shots():
+            begins = begins or shot.begins
+            found = _seen(tracker, shot, begins, least)
+            if found is not None:
+                seen[-1].append(found)
+                begins = False
+                progress(1)
     return seen
 
 

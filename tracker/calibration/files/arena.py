@@ -14,6 +14,7 @@ from __future__ import annotations
 import dataclasses
 from pathlib import Path
 
+from tracker.checks import naming
 from tracker.errors import CalibrationError
 from tracker.files import told_as, write_whole
 from tracker.files.toml import read_toml
@@ -40,10 +41,8 @@ def read_arena(folder: Path) -> Arena:
     values = read_toml(path, CalibrationError, _KEYS)
     if values.get("table") == NO_TABLE:
         values["table"] = None
-    try:
+    with naming(path, CalibrationError):
         return Arena(**values)
-    except CalibrationError as error:
-        raise CalibrationError(f"{path}: {error}") from error
 
 
 def write_arena(arena: Arena, folder: Path) -> None:

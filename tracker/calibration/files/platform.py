@@ -25,6 +25,7 @@ import numpy as np
 import yaml
 
 from tracker.calibration.files.folder import read_folder, refuse_variants
+from tracker.checks import naming
 from tracker.conventions import FloatArray
 from tracker.errors import CalibrationError, TrackerError, shown
 from tracker.files import read_bounded, told_as, write_whole
@@ -89,11 +90,7 @@ def read_camera(path: str | os.PathLike[str], *, correct_halved_principal_point:
     Raises:
         CalibrationError: the file is missing, unreadable or malformed; the message names file and key.
     """
-    data = read_mapping(Path(path))
-    try:
-        camera = camera_of(data)
-    except CalibrationError as error:
-        raise CalibrationError(f"{os.fspath(path)}: {error}") from error
+    camera = read_calibrated(path, alone=False).camera
     return camera.with_halved_principal_point_corrected() if correct_halved_principal_point else camera
 
 
@@ -295,22 +292,20 @@ class Calibrated:
         return dataclasses.replace(self, camera=self.camera.resized(width, height), matrix_std=std)
 
 
-def read_calibrated(path: str | os.PathLike[str]) -> Calibrated:
-    """Read a file of the platform, or one of a lens alone, with the deviations that it states.
+def read_calibrated(path: str | os.PathLike[str], *, alone: bool = True) -> Calibrated:
+    """Read a file of the platform, or one of a lens `alone`, with the deviations that it states.
 
     Raises:
         CalibrationError: the file is missing, unreadable or malformed; the message names file and key.
     """
     data = read_mapping(Path(path))
-    placed = any(key in data for key in TRANSFORM_KEYS)
+    placed = not alone or any(key in data for key in TRANSFORM_KEYS)
     if not placed:
         data[TRANSFORM_KEYS[0]] = matrix_entry(np.eye(4))
-    try:
+    with naming(os.fspath(path), CalibrationError):
         camera = camera_of(data)
         matrix_std = matrix_of(data, _MATRIX_KEY, (3, 3)) if _MATRIX_KEY in data else None
         distortion_std = matrix_of(data, _DISTORTION_KEY, (1, 5)).ravel() if _DISTORTION_KEY in data else None
-    except CalibrationError as error:
-        raise CalibrationError(f"{os.fspath(path)}: {error}") from error
     return Calibrated(camera, matrix_std, distortion_std, placed)
 
 
