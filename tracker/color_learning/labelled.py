@@ -19,7 +19,7 @@ import numpy as np
 from tracker.checks import naming
 from tracker.conventions import Array, Image
 from tracker.errors import ImageError
-from tracker.files import read_bounded
+from tracker.files import read_bounded, told_of
 from tracker.files.encoded import READ, check, stated_size
 from tracker.objects.labels import COLOR_NAMES
 from tracker.segmentation.color_model import CLASSES
@@ -44,10 +44,8 @@ def read_image(path: Path) -> Image:
     """An 8-bit BGR image; ImageError names the file where that fails."""
     if not path.is_file():
         raise ImageError(f"image {path}: no such file")
-    try:
+    with told_of(f"image {path}", ImageError):
         content = read_bounded(path, MAX_FILE_SIZE)
-    except OSError as error:
-        raise ImageError(f"image {path}: cannot be read: {error.strerror or error}") from error
     # Before pixels are made of them: OpenCV fills what is missing with grey, slowly where sizes are damaged.
     with naming(f"image {path}", ImageError, ValueError):
         width, height = stated_size(content, READ)

@@ -50,17 +50,12 @@ def read_bounded(path: str | os.PathLike[str], largest: int) -> bytes:
 
 
 @contextlib.contextmanager
-def told_of(path: str | os.PathLike[str]) -> Iterator[None]:
-    """What the operating system refuses while a recording is read is raised as LogError."""
+def told_of(path: str | os.PathLike[str], fault: Callable[[str], Exception] = LogError) -> Iterator[None]:
+    """What the operating system refuses while a file is read is raised as `fault`, in one line."""
     try:
         yield
     except OSError as error:
-        raise cannot_read(path, error) from error
-
-
-def cannot_read(path: str | os.PathLike[str], error: OSError) -> LogError:
-    """What the operating system says, in one line."""
-    return LogError(f"{os.fspath(path)}: cannot be read: {error.strerror or error}")
+        raise fault(f"{os.fspath(path)}: cannot be read: {error.strerror or error}") from error
 
 
 def check_suffix(path: Path, suffixes: Sequence[str], what: str, fault: type[Exception]) -> None:

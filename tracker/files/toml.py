@@ -10,7 +10,7 @@ from typing import Any
 
 from tracker.checks import path_of
 from tracker.errors import TrackerError, shown
-from tracker.files import read_bounded
+from tracker.files import read_bounded, told_of
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -44,12 +44,9 @@ def read_toml(
 
     keys: None: any. what: stands before the path.
     """
-    where = f"{what} {path}".lstrip()
-    try:
+    where = f"{what} {path_of(path, what or 'file', fault)}".lstrip()
+    with told_of(where, fault):
         content = read_bounded(path, MAX_FILE_SIZE)
-    except (OSError, ValueError) as error:  # ValueError: a null byte in the path
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else error
-        raise fault(f"{where}: cannot be read: {reason}") from error
     try:
         values = tomllib.loads(content.decode("utf-8-sig"))
     # Besides its own errors, the parser lets through those of numbers and of values nested too deeply.

@@ -11,7 +11,7 @@ import numpy as np
 from tracker.checks import optional
 from tracker.conventions import Image
 from tracker.errors import LogError
-from tracker.files import cannot_read, open_regular, told_of
+from tracker.files import open_regular, told_of
 from tracker.logs.log import MAX_SIDE, MIN_SIDE
 
 SUFFIXES = (".mp4", ".avi", ".mkv", ".mov")
@@ -49,10 +49,9 @@ class FilmFile:
         self.path = path
         self._faults: tuple[type[BaseException], ...] = (av.FFmpegError, ValueError, MemoryError)
         try:
-            open_regular(path).close()  # FFmpeg would wait for a pipe's writer
-            self._film: Any = av.open(str(path), "r", container_options=_CONTAINERS)
-        except OSError as error:
-            raise cannot_read(path, error) from error
+            with told_of(path):
+                open_regular(path).close()  # FFmpeg would wait for a pipe's writer
+                self._film: Any = av.open(str(path), "r", container_options=_CONTAINERS)
         except self._faults as error:
             raise LogError(f"{path}: found no film: {' '.join(str(error).split())}") from error
         try:

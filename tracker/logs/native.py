@@ -23,7 +23,7 @@ import numpy as np
 
 from tracker.conventions import Image
 from tracker.errors import LogError
-from tracker.files import cannot_read, open_regular, told_of
+from tracker.files import open_regular, told_of
 from tracker.logs.frame import LogFrame, checked_stamp, empty_frame, is_empty, pose_from_record
 from tracker.logs.log import MAX_SIDE, MIN_SIDE, Source
 from tracker.logs.pictures import from_bayer
@@ -202,16 +202,15 @@ class NativeSource(Source):
 
         Of gzipped data what is skipped is unpacked, and reading backwards starts again.
         """
-        try:
-            self._file.seek(offset)
-            return self._file.readinto(data)
-        except (EOFError, zlib.error, gzip.BadGzipFile) as error:
-            self._rewind()
-            where = f"before byte {offset + len(data)} of the content"
-            text = f"{self.path}: the gzipped data are damaged or truncated {where}"
-            raise LogError(f"{text}: {' '.join(str(error).split())}") from error
-        except OSError as error:
-            raise cannot_read(self.path, error) from error
+        with told_of(self.path):
+            try:
+                self._file.seek(offset)
+                return self._file.readinto(data)
+            except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+                self._rewind()
+                where = f"before byte {offset + len(data)} of the content"
+                text = f"{self.path}: the gzipped data are damaged or truncated {where}"
+                raise LogError(f"{text}: {' '.join(str(error).split())}") from error
 
     def _rewind(self) -> None:
         # A new reader of gzipped data: what the old one thinks after an error is not defined.

@@ -25,10 +25,10 @@ import numpy as np
 import yaml
 
 from tracker.calibration.files.folder import read_folder, refuse_variants
-from tracker.checks import naming
+from tracker.checks import naming, path_of
 from tracker.conventions import FloatArray
 from tracker.errors import CalibrationError, TrackerError, shown
-from tracker.files import read_bounded, told_as, write_whole
+from tracker.files import read_bounded, told_as, told_of, write_whole
 from tracker.geometry import so3
 from tracker.geometry.camera import MAX_SIZE, ROTATION_TOLERANCE, Camera, rotation_deviation
 from tracker.geometry.distortion import COUNTS
@@ -140,11 +140,8 @@ def matrix_entry(matrix: FloatArray) -> dict[str, Any]:
 
 def read_mapping(path: Path) -> dict[Any, Any]:
     """The keys of a calibration file; CalibrationError where it is not plain YAML of keys."""
-    try:
+    with told_of(path_of(path, "calibration", CalibrationError), CalibrationError):
         content = read_bounded(path, MAX_FILE_SIZE)
-    except (OSError, ValueError) as error:  # ValueError: a null byte in the path
-        reason = error.strerror if isinstance(error, OSError) else error
-        raise CalibrationError(f"{path}: cannot be read: {reason}, expected a calibration") from error
     try:
         # OpenCV's header is not valid YAML; without it the document is.
         text = re.sub(r"\A%YAML:1\.\d[^\n]*\n", "", content.decode("utf-8-sig"))
