@@ -1,15 +1,21 @@
-"""Bundle adjustment against geometry that is known exactly."""
+"""Cameras that fit the edges of an object in many poses."""
 
 import dataclasses
 
 import numpy as np
 import pytest
 
+import tracker
 from tests.helpers import make_camera, random_rotations
-from tests.helpers.moving_cube import knocked, relative_errors
+from tests.helpers.filmed import RIG
+from tests.helpers.moving_cube import carried, knocked, relative_errors, rests
 from tracker.calibration.by_object.bundle import OWN, Posed, Prior, Unknowns, relative_covariance, solve
 from tracker.calibration.by_object.edges import Contour, seen_motion
+from tracker.calibration.by_object.refine import refine_cameras
+from tracker.calibration.by_object.sightings import Footage, Shot, Sighting, different, resting
+from tracker.calibration.by_object.table import find_table, moved
 from tracker.calibration.rig import CameraRig
+from tracker.errors import CalibrationError, NotBetterError
 from tracker.geometry import so3
 
 TRUE = CameraRig(tuple(make_camera(azimuth) for azimuth in (60, 180, 300)))
@@ -170,3 +176,200 @@ def test_eliminating_the_poses_changes_nothing(rng):
     np.testing.assert_allclose(step.poses.ravel(), expected[: 6 * frames], rtol=1e-5, atol=1e-10)
     np.testing.assert_allclose(step.change.ravel(), expected[6 * frames : -1], rtol=1e-5, atol=1e-10)
     assert step.rim - now.rim == pytest.approx(expected[-1], rel=1e-5)
+
+
+MODEL, COLORS = tracker.load_object("cube_v2"), tracker.load_colors("cube_v2")
+ALONE = tracker.CameraRig((RIG[0],))
+WRONG = knocked(RIG, seed=4)
+
+
+class Film:
+    """Pictures at 10 Hz, those of one frame up to `skew` [s] apart."""
+
+    def __init__(self, frames, skew=0.0):
+        self.frames, self.skew = frames, skew
+
+    def shots(self):
+        for k, images in enumerate(self.frames):
+            yield Shot(k, images, 0.1 * k + self.skew * np.arange(3) / 2, k == 0)
+
+    def images(self, numbers):
+        return (self.frames[number] for number in numbers)
+
+
+def stills():
+    return Footage([still.images for still in carried()])
+
+
+@pytest.fixture(scope="module")
+def found():
+    return refine_cameras(MODEL, [stills()], WRONG, COLORS)
+
+
+def test_cameras_come_to_stand_as_they_do(found):
+    before, after = relative_errors(WRONG, RIG), relative_errors(found.rig, RIG)
+    assert np.linalg.norm(before[:, :3], axis=1).max() > 1.5e-3
+    assert np.linalg.norm(after[:, :3], axis=1).max() < 0.3e-3
+    assert np.degrees(np.linalg.norm(after[:, 3:], axis=1).max()) < 0.05
+    assert found.after < 0.5 * found.before
+
+
+def test_what_is_stated_of_the_cameras_covers_their_errors(found):
+    error = relative_errors(found.rig, RIG)
+    assert (np.abs(error) < 4.0 * found.std).all()
+    # Edges of real objects err as well, of which these pictures have nothing.
+    assert 0.07 < np.sqrt(np.mean((error / found.std) ** 2)) < 0.15
+    assert all(camera.camera_from_world_std is not None for camera in found.rig)
+
+
+def test_the_rim_is_that_of_drawn_boxes_which_have_none(found):
+    rim, std = found.rim
+    assert 0.04e-3 < std < 0.3e-3  # better known than before, as far as edges can tell
+    assert abs(rim) < 3.0 * std
+
+
+def test_the_world_stays_where_the_old_cameras_have_it(found):
+    assert found.plane is None
+    for axis in range(3):
+        before, after = (np.mean([camera.position[axis] for camera in rig]) for rig in (WRONG, found.rig))
+        assert abs(before - after) < 1.5e-3
+
+
+def test_rests_bring_the_world_to_the_table():
+    lifted = np.eye(4)
+    lifted[2, 3] = 0.004
+    world = moved(WRONG, lifted)
+    both = [stills(), Footage([still.images for still in rests()])]
+    found = refine_cameras(MODEL, both, world, COLORS)
+    assert found.plane is not None
+    assert found.rig.arena.table == 0.0
+    pose = tracker.ObjectTracker(MODEL, found.rig).detect(rests()[0].images).object_pose
+    assert abs(pose.position[2] - 0.0325) < 0.2e-3
+
+
+EMPTY = [np.full((270, 270, 3), 110, np.uint8)] * 3
+
+
+@pytest.mark.parametrize(
+    ("film", "rig", "message"),
+    [
+        (stills, RIG, r"refused: edges in 9 frames held out.*as good as"),
+        (stills, ALONE, "camera60 alone"),
+        (lambda: Film([rests()[0].images] * 5), WRONG, "found 1 of the 18 different poses"),
+        (lambda: Footage([still.images for still in rests()] * 3), WRONG, "move and turn it"),
+        (lambda: Film([EMPTY] * 3), WRONG, "no frame in which cube_v2 is surely seen"),
+    ],
+    ids=["nothing to better", "one camera", "at rest", "never turned", "no object"],
+)
+def test_what_betters_no_calibration_is_refused_with_the_reason(film, rig, message):
+    kind = NotBetterError if message.startswith("refused") else CalibrationError
+    with pytest.raises(kind, match=message):
+        refine_cameras(MODEL, [film()], rig, COLORS)
+
+
+@pytest.fixture(scope="module")
+def lying():
+    return rests()
+
+
+def floating(height=0.005, degrees=1.0):
+    """(4, 4) to the true world from one that floats."""
+    out = np.eye(4)
+    out[:3, :3] = so3.exp(np.radians([degrees, 0.0, 0.0]))
+    out[2, 3] = height
+    return out
+
+
+def shown(lying):
+    return Footage([still.images for still in lying])
+
+
+@pytest.mark.parametrize("height", [0.005, -0.006])
+def test_a_floating_world_comes_down_to_the_table(lying, height):
+    found = find_table(MODEL, [shown(lying)], moved(RIG, floating(height)), COLORS)
+    assert len(found.plane.used) == len(lying)
+    for before, after in zip(RIG, found.rig, strict=True):
+        new_from_true = np.linalg.inv(after.camera_from_world) @ before.camera_from_world
+        assert abs(new_from_true[2, 3]) < 0.1e-3
+        assert np.degrees(np.linalg.norm(so3.log(new_from_true[:3, :3])[:2])) < 0.05
+    assert found.rig.arena.table == 0.0
+    assert found.rig.arena.table_std[0] < 0.5e-3
+
+
+def test_several_films_and_stills_count_together(lying):
+    parts = [shown(lying[:2]), shown(lying[2:])]
+    one = find_table(MODEL, parts, RIG, COLORS)
+    other = find_table(MODEL, [shown(lying)], RIG, COLORS)
+    assert one.plane.height == other.plane.height
+
+
+@pytest.mark.parametrize(
+    ("seen", "rig", "message"),
+    [
+        (lambda images: images, ALONE, "found camera60 alone, expected two cameras"),
+        (lambda images: [[one[0], None, None] for one in images], RIG, "one camera"),
+        (lambda images: images[:1] * 6, RIG, "lay it also near"),
+        (lambda images: np.full_like(images[:2], 110), RIG, "no picture in which cube_v2 is surely seen"),
+    ],
+    ids=["one camera", "seen by one camera", "one place", "no object"],
+)
+def test_what_shows_no_table_is_refused_with_the_reason(seen, rig, message, lying):
+    with pytest.raises(CalibrationError, match=message):
+        find_table(MODEL, [Footage(list(seen([still.images for still in lying])))], rig, COLORS)
+
+
+STILL = np.zeros(6)
+
+
+def sighting(number, *, at=(0.0, 0.0), turn=(0.0, 0.0, 0.3), velocity=STILL, begins=False):
+    return Sighting(number, np.array([*at, 0.0325]), so3.exp(turn), velocity, 0.0, begins)
+
+
+@pytest.mark.parametrize(
+    ("film", "found"),
+    [
+        ([sighting(k, begins=k == 0) for k in range(30)], [15]),
+        ([sighting(k, at=(0.05 * (k // 5), 0.0)) for k in range(15)], [2, 7, 12]),
+        ([sighting(k, velocity=np.array([0.02, 0, 0, 0, 0, 0])) for k in range(10)], []),
+        ([sighting(k, velocity=np.array([0, 0, 0, 0, 0.2, 0])) for k in range(10)], []),
+        ([sighting(k, turn=(np.radians(20), 0.0, 0.0)) for k in range(10)], []),
+        ([sighting(k) for k in range(2)], []),
+        ([sighting(k) for k in (0, 2, 4, 6)], []),
+        ([sighting(k, begins=k in (0, 2)) for k in range(4)], []),
+        ([sighting(k, velocity=None, begins=True) for k in range(4)], [0, 1, 2, 3]),
+    ],
+    ids=["one", "places", "moves", "turns", "on an edge", "too short", "gaps", "two films", "stills"],
+)
+def test_a_rest_of_some_frames_in_a_row_counts_once(film, found):
+    assert [one.number for one in resting(film)] == found
+
+
+def anywhere(count, rng, *, speed=0.0, skew=0.0):
+    places = rng.uniform([-0.1, -0.1, 0.03], [0.1, 0.1, 0.1], (count, 3))
+    velocity = np.array([speed, 0, 0, 0, 0, 0])
+    return [
+        Sighting(k, place, rotation, velocity, skew, k == 0)
+        for k, (place, rotation) in enumerate(zip(places, random_rotations(rng, count), strict=True))
+    ]
+
+
+def test_poses_that_were_seen_are_not_taken_again_and_too_few_refused(rng):
+    once = anywhere(30, rng)
+    assert len(different("cube", [once, once], 100)) == len(different("cube", [once], 100)) == 30
+    with pytest.raises(CalibrationError, match="found 10 of the 18 different poses or more in which cube"):
+        different("cube", [anywhere(10, rng)], 100)
+
+
+def test_no_more_are_taken_than_requested_and_they_are_spread_evenly(rng):
+    numbers = [one.number for _, one in different("cube", [anywhere(90, rng)], 30)]
+    assert len(numbers) == 30
+    assert numbers[0] == 0
+    assert numbers[-1] == 89
+    assert max(np.diff(numbers)) <= 4
+
+
+def test_pictures_that_cameras_took_one_after_the_other_do_not_count_while_it_moves(rng):
+    still, moving = anywhere(20, rng, skew=0.01), anywhere(20, rng, skew=0.01, speed=0.3)
+    assert {k for k, _ in different("cube", [still, moving], 100)} == {0}
+    with pytest.raises(CalibrationError, match="in 20 more it moved between the cameras' pictures"):
+        different("cube", [moving], 100)
