@@ -65,22 +65,23 @@ def write_film(path: str | os.PathLike[str], pictures: Iterable[Image], rate: fl
     check_suffix(target, (".mp4",), "film", ImageError)
     av = optional("av", "video", "a film")
     count = 0
-    try:
-        with whole_file(target) as temporary, av.open(str(temporary), "w", format="mp4") as film:
-            stream = film.add_stream("libx264", rate=Fraction(rate).limit_denominator(1000))
-            stream.pix_fmt = "yuv420p"
-            stream.options = {"crf": "18", "preset": "veryfast"}
-            for picture in pictures:
-                height, width = (side - side % 2 for side in picture.shape[:2])
-                if count == 0:
-                    stream.height, stream.width = height, width
-                frame = av.VideoFrame.from_ndarray(picture[:height, :width].copy(), format="bgr24")
-                film.mux(stream.encode(frame))
-                count += 1
-            if count:
-                film.mux(stream.encode())
-    except OSError as error:
-        raise ImageError(f"film {target}: cannot be written: {error.strerror or error}") from error
+    with (
+        told_as(ImageError, f"film {target}"),
+        whole_file(target) as temporary,
+        av.open(str(temporary), "w", format="mp4") as film,
+    ):
+        stream = film.add_stream("libx264", rate=Fraction(rate).limit_denominator(1000))
+        stream.pix_fmt = "yuv420p"
+        stream.options = {"crf": "18", "preset": "veryfast"}
+        for picture in pictures:
+            height, width = (side - side % 2 for side in picture.shape[:2])
+            if count == 0:
+                stream.height, stream.width = height, width
+            frame = av.VideoFrame.from_ndarray(picture[:height, :width].copy(), format="bgr24")
+            film.mux(stream.encode(frame))
+            count += 1
+        if count:
+            film.mux(stream.encode())
     return count
 
 

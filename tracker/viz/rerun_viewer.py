@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from tracker.calibration.rig import CameraRig
 from tracker.errors import ImageError, TrackerError, install
-from tracker.files import check_suffix, whole_file
+from tracker.files import check_suffix, told_as, whole_file
 from tracker.objects.model import CuboidModel
 from tracker.processes import environment, python_command
 
@@ -93,7 +93,7 @@ def open_scene(path: str | os.PathLike[str] | None, rig: CameraRig, model: Cuboi
 def _file(stream: rr.RecordingStream, target: Path, blueprint: rrb.Blueprint) -> Iterator[None]:
     """Send what is in the `with` block to a file, which appears when that ends."""
     try:
-        with whole_file(target) as temporary:
+        with told_as(ImageError, f"view {target}"), whole_file(target) as temporary:
             temporary.write_bytes(b"")  # whether a file can be there; Rerun does not say why not
             try:
                 stream.save(temporary, default_blueprint=blueprint)
@@ -102,8 +102,6 @@ def _file(stream: rr.RecordingStream, target: Path, blueprint: rrb.Blueprint) ->
             finally:
                 stream.disconnect()
             _check(temporary)
-    except OSError as error:
-        raise ImageError(f"view {target}: cannot be written: {error.strerror or error}") from error
     except RuntimeError as error:
         raise ImageError(f"view {target}: cannot be written, is the disk full? {error}") from error
 

@@ -21,7 +21,7 @@ from typing import Any, NoReturn, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from tracker.checks import is_number, is_whole, of_kind, path_of
+from tracker.checks import is_number, is_whole, naming, of_kind, path_of
 from tracker.conventions import Array, FloatArray
 from tracker.errors import TaskError, shown
 from tracker.files import read_bounded, told_as, write_whole
@@ -161,7 +161,7 @@ def read_as(
     In JSON no key may be there twice, and all numbers are finite.
     """
     path = path_of(path, "goal", TaskError)
-    try:
+    with naming(path, TaskError):
         try:
             text = read_bounded(path, MAX_FILE_SIZE).decode("utf-8-sig")
             if text.lstrip()[:1] not in ("[", "{"):
@@ -179,8 +179,6 @@ def read_as(
         except ValueError as error:  # also a whole number of thousands of digits
             raise TaskError(f"not JSON: {error}") from error
         return of_json(value)
-    except TaskError as error:
-        raise TaskError(f"{path}: {error}") from error
 
 
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
