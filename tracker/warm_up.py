@@ -69,7 +69,7 @@ def warm_up() -> None:
         return
     # A warning reaches standard error without any set-up of logging.
     often = "once per machine" if _folder() else "which no folder can keep, see `tracker doctor`"
-    _LOG.warning("compiling kernels, %s (about a minute) ...", often)
+    _LOG.warning("compiling kernels, %s (about half a minute) ...", often)
     with _alone(), quickly(), _counted():
         if kernels_are_cached():
             return

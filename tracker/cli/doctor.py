@@ -162,7 +162,7 @@ def _cache() -> Finding:
     if folder is None or not (cached or os.access(folder, os.W_OK)):
         places = f"neither NUMBA_CACHE_DIR={asked}" if asked else "neither the folder of the tracker"
         remedy = "export NUMBA_CACHE_DIR=DIR, a permanent folder that you can write to"
-        shown = f"{places} nor ~/.cache/numba can be written: every process compiles for a minute"
+        shown = f"{places} nor ~/.cache/numba can be written: every process compiles for half a minute"
         return Finding("cache", False, shown, remedy)
     compiled = "compiled" if cached else "not compiled yet; the first run takes a minute longer"
     only = "" if os.access(folder, os.W_OK) else ", which can only be read"
