@@ -5,8 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tests.helpers.fits import LABELS, VISIBLE, made_fit, with_cameras
-from tracker.pose.evidence import evidence_of
+from tests.helpers.fits import made_fit, with_cameras
 from tracker.pose.judge import EXPECTED, confidence, contradicting, log_odds, supporters, unanimous
 
 
@@ -55,19 +54,6 @@ def test_a_camera_in_whose_picture_the_object_is_not_has_no_say():
     assert unanimous(fit)
     few = with_cameras(fit, 2, predicted=EXPECTED - 1)
     assert not any(contradicting(few))
-
-
-def test_a_small_face_in_a_hidden_face_s_colour_speaks_for_another_body_and_a_neighbour_s_less():
-    fit, body = made_fit(), []
-    small, neighbour = VISIBLE[2], VISIBLE[0]
-    for label in (LABELS[small], LABELS[neighbour], LABELS[small ^ 1]):
-        seen = fit.cameras.copy()
-        seen["faces"][:, small] = 0
-        seen["faces"][:2, small, 0], seen["faces"][:2, small, label] = 6, 9
-        body.append(evidence_of(seen, np.asarray(LABELS), fit.stands).body)
-    right, beside, hidden = body
-    assert right < beside < hidden - 3
-    assert hidden > 0
 
 
 @pytest.mark.parametrize("c", range(3))

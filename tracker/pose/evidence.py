@@ -23,9 +23,6 @@ BACKGROUND, MISSED = 0.97, 0.06
 NOISE, WIDTH = 0.1, 6.0
 """Least deviation of the pieces of an edge in its place, and range of those that are anywhere [px]."""
 
-FEW = 10.0
-"""Pixels of the label map below which a face has little to say."""
-
 MIXED = 7
 """A face may show none of the six colours (0), one of them, or all together (MIXED)."""
 
@@ -38,10 +35,6 @@ class Numbers(NamedTuple):
 
     pixel: float
     """Independent observations in a pixel of the label map."""
-    patch: float
-    """More of them in a face that is mostly in a colour which no face in view has: no small error of the
-    pose shows it. Chosen among 0.3 to 8: more of them doubt right fits in odd light, fewer miss mirrored
-    objects."""
     wrong: float
     """Probability that a pixel of a face shows another colour."""
     misread: float
@@ -75,61 +68,41 @@ class Numbers(NamedTuple):
 
 
 NUMBERS = Numbers(
-    pixel=0.0415, patch=1.5, wrong=6.75e-06, misread=0.00143, hidden=0.0198, broken=0.0157,
-    more=0.00897, alike=1.68e-05, colored=0.113, inlier=0.0734, lacking=0.192, outside=0.35, stands=0.337,
+    pixel=0.0415, wrong=6.75e-06, misread=0.00143, hidden=0.0198, broken=0.0157, more=0.00897,
+    alike=1.68e-05, colored=0.113, inlier=0.0734, lacking=0.192, outside=0.35, stands=0.337,
     temper=0.706, body=-5.35, shape=-0.441, nothing=3.46,
 )  # fmt: skip
 
 
 @compiled
-def _observe(one, face_labels, numbers, observed):  # type: ignore[no-untyped-def]
-    """Fill observed (6, 7): independent observations of each label on each face in a record of SEEN."""
-    for face in range(6):
-        covered, shown = 0, 0
-        for label in range(7):
-            covered += one.faces[face, label]
-            shown += one.faces[face, label] if label > 0 else 0
-        for label in range(7):
-            n = one.faces[face, label]
-            observed[face, label] = numbers.pixel * n
-            if label == 0 or 2 * n <= shown:
-                continue
-            in_view = False
-            for other in range(6):
-                in_view |= face_labels[other] == label and one.faces[other].sum() > 0
-            if not in_view:
-                observed[face, label] += numbers.patch * n / (covered + FEW)
-
-
-@compiled
-def _options(observed, numbers, out):  # type: ignore[no-untyped-def]
-    """Fill out (8,): log likelihood of each colour of a face, over that of a hidden one; observed: (7,)."""
+def _options(counts, numbers, out):  # type: ignore[no-untyped-def]
+    """Fill out (8,): log likelihood of a face's counts (7,) for each colour, over that of a hidden face."""
     none, wrong = MISSED, numbers.wrong / 5.0
     right, mixed = 1.0 - MISSED - numbers.wrong, (1.0 - MISSED) / 6.0
     other = (1.0 - BACKGROUND) / 6.0
-    colored = 0.0
+    colored = 0
     for label in range(1, 7):
-        colored += observed[label]
+        colored += counts[label]
     for k in range(MIXED + 1):
         out[k] = 0.0
-    if observed[0] + colored == 0.0:
+    if counts[0] + colored == 0:
         return
     for k in range(1, MIXED + 1):
-        own = observed[k] if k < MIXED else 0.0
-        if k < MIXED and own == 0.0 and k > 1 and observed[k - 1] == 0.0:
+        own = counts[k] if k < MIXED else 0
+        if k < MIXED and own == 0 and k > 1 and counts[k - 1] == 0:
             out[k] = out[k - 1]
             continue
         total, most = 0.0, -1e300
         for turn in range(2):
             for h in range(len(SHARES)):
                 seen, hidden = 1.0 - SHARES[h], SHARES[h]
-                value = observed[0] * math.log((seen * none + hidden * BACKGROUND) / BACKGROUND)
+                value = counts[0] * math.log((seen * none + hidden * BACKGROUND) / BACKGROUND)
                 if k == MIXED:
                     value += colored * math.log((seen * mixed + hidden * other) / other)
                 else:
                     value += own * math.log((seen * right + hidden * other) / other)
                     value += (colored - own) * math.log((seen * wrong + hidden * other) / other)
-                value += math.log(SHARES_PRIOR[h])
+                value = numbers.pixel * value + math.log(SHARES_PRIOR[h])
                 if turn == 0:
                     most = max(most, value)
                 else:
@@ -192,17 +165,15 @@ def weigh(seen, face_labels, stands, numbers, cameras):  # type: ignore[no-untyp
     """
     count = len(seen)
     options, known, tied = np.empty((count, 6, 8)), np.empty((count, 6)), np.empty((6, 8))
-    observed = np.empty((6, 7))
     tied[:, :] = 0.0
     correct, lost = math.log(1.0 - numbers.misread), math.log(numbers.misread)
     for c in range(count):
-        _observe(seen[c], face_labels, numbers, observed)
         for face in range(6):
-            _options(observed[face], numbers, options[c, face])
+            _options(seen[c].faces[face], numbers, options[c, face])
             known[c, face] = _unknown(options[c, face])
             for k in range(MIXED + 1):
                 value = options[c, face, k]
-                if observed[face].sum() > 0.0:
+                if seen[c].faces[face].sum() > 0:
                     value = np.logaddexp(value + correct, known[c, face] + lost)
                 options[c, face, k] = value
                 tied[face, k] += value

@@ -26,9 +26,8 @@ MIN_VIEW = 4.0
 MIN_TRUST = 0.2
 """Probability that the fit sits on the object below which there had better be no pose."""
 
-SURE = 0.95, 0.98
-"""Probability of it at which no other hypothesis is tried: where several cameras see it, and one alone, to
-which wrong poses look better."""
+SURE = 0.95
+"""Probability of it at which no other hypothesis is tried."""
 
 VAGUE, MIN_DEFINITE = (0.02, math.radians(5)), 0.5
 """The pose must be this close to the truth [m, rad] with this probability, or many poses would do."""
@@ -98,8 +97,8 @@ def trust(fit: Fit) -> float:
 
 
 def settled(fit: Fit) -> bool:
-    """Whether no other hypothesis needs to be tried, but for what one camera alone cannot tell apart."""
-    return trust(fit) > SURE[alone(fit)] and fit.converged and fit.inside
+    """Whether no other hypothesis needs to be tried: one camera alone never settles the matter."""
+    return trust(fit) > SURE and fit.converged and fit.inside and not alone(fit)
 
 
 @_once

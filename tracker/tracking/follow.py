@@ -19,7 +19,8 @@ from tracker.tracking.cameras import Agreement, CameraMemory, after, looked_at, 
 from tracker.tracking.motion import MotionState, unknown_velocity
 
 TOGETHER, ALONE = 1.2, 2.2
-"""The same near where the object was expected, as least log odds (see `judge.SURE`)."""
+"""Least log odds of a fit near where the object was expected, with which it is not looked for farther away:
+where several cameras see it, and one alone, to which wrong poses look better."""
 
 MOST_EXTRA = 0.08
 """Share of pixels in the object's colours beyond its outline up to which it is not: slid along an edge, it
