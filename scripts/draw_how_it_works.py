@@ -28,8 +28,9 @@ from tracker.conventions import Array, FloatArray
 from tracker.geometry import cuboid, so3
 from tracker.objects.labels import COLOR_NAMES, DISPLAY_COLORS_BGR
 from tracker.objects.model import CuboidModel
-from tracker.pose.estimate import POSITIONS, PoseEstimator
+from tracker.pose.estimate import PoseEstimator
 from tracker.pose.fit import Start
+from tracker.pose.hypotheses import EVERYWHERE, Round
 from tracker.pose.rotations import rank_rotations
 from tracker.pose.solve import residual
 from tracker.pose.views import Sight
@@ -98,7 +99,7 @@ def draw_labels(scene: Scene) -> Figure:
 
 def found_positions(scene: Scene) -> list[FloatArray]:
     """The positions (3,) [m] that may be tried, best vote first."""
-    return list(scene.estimator.search.positions(scene.sight.labels, scene.sight.pictures, POSITIONS))
+    return list(scene.estimator.search.positions(scene.sight.labels, scene.sight.pictures, EVERYWHERE.places))
 
 
 def draw_votes(scene: Scene, quick: bool) -> Figure:
@@ -242,9 +243,9 @@ def edges_at(scene: Scene, rotation: FloatArray, position: FloatArray, start: St
 def before_and_after(scene: Scene) -> tuple[Edges, Edges]:
     """Strips at the best hypothesis after alignment on the label maps, and at the pose refined from it."""
     estimator, sight = scene.estimator, scene.sight
-    best = estimator.search.likeliest(
-        sight, estimator.search.begun(sight, found_positions(scene)[:1], slice(2))
-    )[0]
+    rounds = estimator.search.rounds(sight)
+    next(rounds)
+    best = rounds.send(Round(places=1, first=2, others=0))[0]
     fit = estimator.refine(sight, best.rotation, best.position)
     return edges_at(scene, best.rotation, best.position, fit.end), edges_at(
         scene, fit.rotation, fit.position, fit.end

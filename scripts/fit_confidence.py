@@ -28,12 +28,12 @@ from tracker.compiled import compiled
 from tracker.conventions import Array, FloatArray
 from tracker.geometry import so3
 from tracker.objects.model import CuboidModel
-from tracker.pose.estimate import reconcilable
 from tracker.pose.evidence import NUMBERS, Numbers, weigh
 from tracker.pose.fit import SEEN, Fit
 from tracker.pose.hypotheses import apart
 from tracker.pose.judge import NEARNESS, fits, probably_near
 from tracker.pose.result import PoseEstimate
+from tracker.pose.rivals import reconcilable
 
 SEED = 101
 WEIGHTS = {"swapped": 0.5, "other calibration": 0.25}

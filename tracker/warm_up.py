@@ -215,7 +215,7 @@ def _read() -> None:
 def _search() -> None:
     estimator, sight = _estimator(), _sight()
     place = next(estimator.search.positions(sight.labels, sight.pictures, 1), _POSITION)
-    estimator.search.begun(sight, [place], slice(2))
+    estimator.search.begun(sight, place, range(2))
     estimator.search.window(0, _POSITION)
     explanation_score(np.zeros(1, SEEN))
 

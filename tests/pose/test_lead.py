@@ -6,8 +6,8 @@ import pytest
 
 from tests.helpers.fits import made_fit
 from tracker.geometry import so3
-from tracker.pose import estimate
-from tracker.pose.estimate import lead
+from tracker.pose import rivals
+from tracker.pose.rivals import lead
 
 RADIUS = 0.05
 
@@ -20,7 +20,7 @@ def turned(quarters: int, rank: float):
 
 @pytest.fixture
 def ranked(monkeypatch):
-    monkeypatch.setattr(estimate, "rank", lambda fit: fit.stands)
+    monkeypatch.setattr(rivals, "rank", lambda fit: fit.stands)
 
 
 def test_a_lead_is_over_all_other_poses_together(ranked):

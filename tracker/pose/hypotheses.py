@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Generator, Sequence
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -26,14 +27,8 @@ REACHES = np.array([5, 4, 3])
 FAR_REACHES = np.array([8, 6, 4, 3])
 """The same from a prediction."""
 
-TURNS, FEW = 10, 5
-"""Turns that are tried at the likeliest place, and at each other one."""
-
-POSITIONS = 8
-"""Positions that are tried, at most."""
-
-ALIGNED = 12
-"""Hypotheses that are aligned to the end, at most: the best after a first step."""
+ALIGNED = 10
+"""Hypotheses of a round that are aligned to the end, at most: the best after a first step."""
 
 ENOUGH = 2
 """Cameras that must support a pose that was found without another one."""
@@ -43,6 +38,24 @@ SAME_POSITION, SAME_ROTATION = 0.12, 0.15
 
 WINDOW_RIM = 12.0
 """Beyond an object where it is expected, for where it may be instead [px of the label map]."""
+
+
+class Round(NamedTuple):
+    """How many hypotheses are begun by the end of a round."""
+
+    places: int
+    """Likeliest places."""
+    first: int
+    """Turns at the likeliest one."""
+    others: int
+    """Turns at each other one."""
+    without: int = 0
+    """Turns at the likeliest place as it is without each of the cameras."""
+
+
+LIKELIEST, NEARBY, EVERYWHERE, TURNS = Round(1, 1, 0), Round(4, 4, 1), Round(7, 10, 5, 5), Round(1, 10, 0)
+"""Of 391 scenes that the likeliest turn at the likeliest place did not settle, 72 % came to the right pose
+from what NEARBY begins, 3 % only from a place without a camera, none from beyond the seventh place."""
 
 
 class Hypothesis(NamedTuple):
@@ -107,42 +120,36 @@ class Search:
         return seen
 
     def begun(
-        self, sight: Sight, places: Iterable[FloatArray], which: slice, left_out: tuple[int, ...] = ()
+        self, sight: Sight, place: FloatArray, which: range, left_out: tuple[int, ...] = ()
     ) -> list[Hypothesis]:
-        """Hypotheses after a first step of alignment; which: of the likeliest turns at each place."""
-        pictures = sight.without(*left_out).pictures
-        turns = np.empty((which.stop, 3, 3))
-        tried: list[Hypothesis] = []
-        for place in places:
-            likely_rotations(self.lenses, sight.labels, pictures, self.faces, place, self.grid, turns)
-            tried += [Hypothesis(0.0, turn.copy(), place, left_out) for turn in turns[which]]
+        """Hypotheses at a place (3,) [m] after a first step of alignment; which: of its likeliest turns."""
+        if not which:
+            return []
+        pictures, turns = sight.without(*left_out).pictures, np.empty((which.stop, 3, 3))
+        likely_rotations(self.lenses, sight.labels, pictures, self.faces, place, self.grid, turns)
+        tried = [Hypothesis(0.0, turns[k], place, left_out) for k in which]
         return self._aligned(sight, tried, REACHES[:1])
 
-    def others(
-        self, sight: Sight, first: FloatArray, places: Iterable[FloatArray], *, everywhere: bool
-    ) -> list[Hypothesis]:
-        """Hypotheses but for the likeliest turn at the first place, best first.
-
-        Args:
-            sight: of the pictures.
-            first: the likeliest place (3,) [m].
-            places: the others.
-            everywhere: whether there are hypotheses at other places and without each of the cameras, too.
-        """
-        found = self.begun(sight, [first], slice(1, TURNS))
-        if everywhere:
-            found += self.begun(sight, places, slice(FEW))
+    def rounds(self, sight: Sight) -> Generator[list[Hypothesis], Round, None]:
+        """Ever more hypotheses: sent a round, it yields those that were not begun before, best first."""
+        likeliest = self.positions(sight.labels, sight.pictures, EVERYWHERE.places)
+        places, tried = list[FloatArray](), list[int]()
+        wide = yield []
+        while True:
+            places += islice(likeliest, max(wide.places - len(places), 0))
+            tried += [0] * (len(places) - len(tried))
+            found: list[Hypothesis] = []
+            for k, place in enumerate(places[: wide.places]):
+                most = wide.others if k else wide.first
+                found += self.begun(sight, place, range(tried[k], most))
+                tried[k] = max(tried[k], most)
             used = np.flatnonzero(sight.used).tolist()
-            for c in used if len(used) > ENOUGH else ():
-                rest = sight.without(c).pictures
-                found += self.begun(sight, self.positions(sight.labels, rest, 1), slice(FEW), (c,))
-        return self.likeliest(sight, found)
-
-    def likeliest(self, sight: Sight, begun: Sequence[Hypothesis]) -> list[Hypothesis]:
-        """The best of hypotheses that have been begun, aligned to the end, best first."""
-        best = sorted(begun, key=lambda one: -one.score)[:ALIGNED]
-        aligned = [hypothesis for one in best for hypothesis in self._aligned(sight, [one], REACHES[1:])]
-        return sorted(aligned, key=lambda one: -one.score)
+            for c in used if wide.without and len(used) > ENOUGH else ():
+                for place in self.positions(sight.labels, sight.without(c).pictures, 1):
+                    found += self.begun(sight, place, range(wide.without), (c,))
+            best = sorted(found, key=lambda one: -one.score)[:ALIGNED]
+            aligned = [hypothesis for one in best for hypothesis in self._aligned(sight, [one], REACHES[1:])]
+            wide = yield sorted(aligned, key=lambda one: -one.score)
 
     def near(self, sight: Sight, poses: Sequence[tuple[FloatArray, FloatArray]]) -> Hypothesis | None:
         """What poses (3, 3), (3,) [m] that may be off by 3 cm and 30° lead to, at best."""
