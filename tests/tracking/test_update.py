@@ -1,3 +1,4 @@
+import cv2
 import numpy as np
 import pytest
 
@@ -6,7 +7,9 @@ from synthetic.camera.sensor import Sensor
 from tests.helpers.pushed_cube import DT, HEIGHT, MODEL, all_bits, bits, new, off, play, pose_at, shot, within
 from tests.tracking.conftest import FRAMES
 from tracker.geometry import so3
+from tracker.geometry.cuboid import corners
 from tracker.pipeline import Status
+from tracker.pose.estimate import PoseEstimator
 from tracker.tracking.belief import TrackingOptions
 
 FAR = np.array([-0.09, 0.08, HEIGHT]), so3.exp([0.0, 0.0, 2.0])
@@ -328,3 +331,34 @@ def test_a_still_object_without_noise_keeps_its_cameras_while_something_moves_in
         film.append([first, *images[1:]])
     spread = [np.trace(one.object_pose.covariance[:3, :3]) for one in play(new(rig), film)]
     np.testing.assert_allclose(spread, spread[0], rtol=0.2)
+
+
+def beside(images, rig, pose):
+    """Those images, with one of the cube's colours beside the left of its outline."""
+    place, rotation = pose
+    result = []
+    for image, camera in zip(images, rig, strict=True):
+        pixels = camera.project(corners(np.full(3, HEIGHT)) @ rotation.T + place)
+        outline = cv2.convexHull(pixels.astype(np.float32)).astype(np.int32)
+        shape, kernel = np.zeros(image.shape[:2], np.uint8), np.ones((3, 3), np.uint8)
+        shape = cv2.fillConvexPoly(shape, outline, 1)
+        near, far = (cv2.dilate(shape, kernel, iterations=n) for n in (10, 16))
+        u, v = camera.project(place[None])[0].astype(int)
+        far[:, u:] = 0
+        result.append(np.where(((far > 0) & (near == 0))[..., None], image[v, u], image))
+    return result
+
+
+def test_colours_beside_a_resting_cube_are_looked_at_once(rig, film, monkeypatch):
+    searches, find = [], PoseEstimator.find
+
+    def noted(self, images, timing, **options):
+        searches.append(len(answers))
+        return find(self, images, timing, **options)
+
+    monkeypatch.setattr(PoseEstimator, "find", noted)
+    one, answers = new(rig), []
+    for k in range(4):
+        answers.append(one.update(beside(film[k], rig, pose_at(DT * k)), DT * k))
+    assert all(within(answer.object_pose, pose_at(DT * k)) for k, answer in enumerate(answers))
+    assert searches == [0]

@@ -22,9 +22,9 @@ TOGETHER, ALONE = 1.2, 2.2
 """Least log odds of a fit near where the object was expected, with which it is not looked for farther away:
 where several cameras see it, and one alone, to which wrong poses look better."""
 
-MOST_EXTRA = 0.08
-"""Share of pixels in the object's colours beyond its outline up to which it is not: slid along an edge, it
-fits too, but leaves part of itself."""
+MORE_EXTRA = 0.08
+"""Share of pixels in the object's colours beyond its outline, over that when it was last looked for
+everywhere, up to which it is not: slid along an edge, it fits too, but leaves part of itself."""
 
 
 class Memory(NamedTuple):
@@ -39,6 +39,8 @@ class Memory(NamedTuple):
     """What the unknowns beside the pose were in the last pictures; None: of none yet."""
     agreement: Agreement = Agreement()
     """Of how far the calibration is off."""
+    extra: float = 0.0
+    """Share of pixels in the object's colours beyond its outline, when it was last looked for everywhere."""
     latest: Observation | None = None
     """The last answer."""
 
@@ -138,12 +140,12 @@ class Follower:
         near = None
         if expected is not None:
             near, memory = self._near(images, expected, lag, memory, timing, hidden)
-            if near is not None and kept(near) and memory.belief.plausible(expected, near):
+            if near is not None and kept(near, memory.extra) and memory.belief.plausible(expected, near):
                 return near, memory
         found = self._estimator.find(images, timing, thorough=near is None, lag=lag, hidden=hidden)
-        if near is None or (not isinstance(found, Status) and rank(found) > rank(near)):
-            return found, memory
-        return near, memory
+        if near is not None and (isinstance(found, Status) or rank(found) <= rank(near)):
+            found = near
+        return found, memory._replace(extra=0.0 if isinstance(found, Status) else extra(found))
 
     def _near(
         self,
@@ -163,11 +165,11 @@ class Follower:
         laps.append(time.perf_counter())
         due = memory.agreement.due(expected)
         fit = estimator.follow(sight, expected.rotation, expected.position, memory.start, lag, ask=due)
-        if not kept(fit):
+        if not kept(fit, memory.extra):
             other = estimator.without_worst(sight, fit, lag)
-            fit = other if kept(other) else fit
+            fit = other if kept(other, memory.extra) else fit
         memory = memory._replace(cameras=cameras, lights=sight.pictures, start=fit.end)
-        if not kept(fit):
+        if not kept(fit, memory.extra):
             hypotheses = [(expected.rotation, expected.position)]
             if memory.belief.last_pose is not None:
                 hypotheses.append(memory.belief.last_pose)
@@ -181,10 +183,18 @@ class Follower:
         return (fit if refusal(fit) is None else None), memory
 
 
-def kept(fit: Fit | None) -> bool:
-    """Whether a fit near where the object was expected is so sure that it is not looked for elsewhere."""
+def extra(fit: Fit) -> float:
+    """Pixels in the object's colours beyond its outline, as a share of those expected within."""
+    return float(fit.total("extra") / max(fit.total("predicted"), 1))
+
+
+def kept(fit: Fit | None, before: float) -> bool:
+    """Whether a fit near where the object was expected is so sure that it is not looked for elsewhere.
+
+    before: share of pixels beyond the outline that are known to be no part of it.
+    """
     if fit is None or not fit.converged or refusal(fit) is not None:
         return False
     if log_odds(fit) < (ALONE if alone(fit) else TOGETHER):
         return False
-    return fit.total("extra") <= MOST_EXTRA * fit.total("predicted")
+    return extra(fit) <= before + MORE_EXTRA
