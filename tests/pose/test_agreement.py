@@ -1,3 +1,5 @@
+import math
+
 import numpy as np
 import pytest
 from scipy.stats import chi2, multivariate_normal
@@ -11,12 +13,14 @@ from tracker.pose.agreement import (
     ROLL,
     SCALES,
     SCALES_PRIOR,
+    SHARED_SHARE,
     TILT,
     _within,
     disagreement,
     probabilities,
     probably_fits,
     size,
+    spread,
 )
 from tracker.pose.fit import OwnViews
 
@@ -115,3 +119,9 @@ def test_the_probability_of_being_near_falls_as_cameras_disagree():
 def test_three_normal_deviates_are_near_together_as_chi_square_has_it():
     std = np.geomspace(1e-4, 0.1, 12)
     np.testing.assert_allclose(_within(std), chi2.cdf((NEAR / std) ** 2, 3), atol=1e-9)
+
+
+def test_the_spread_is_that_of_the_errors():
+    assert spread(None) == 0.0
+    stds = [math.sqrt(spread(np.where(scale == SCALES, 0.0, -50.0))) for scale in SCALES]
+    np.testing.assert_allclose(stds, SHARED_SHARE * SCALES, rtol=1e-6)

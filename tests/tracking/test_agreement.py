@@ -9,7 +9,7 @@ from tests.helpers.kept_stills import take
 from tests.helpers.stills import bare_scene
 from tests.pose.test_own_view import moved
 from tracker.pipeline import Status
-from tracker.pose.agreement import SCALES
+from tracker.pose.agreement import SCALES, spread
 from tracker.tracking.cameras import EVERY, LOOKS, Agreement
 from tracker.tracking.motion import MotionState
 
@@ -76,3 +76,22 @@ def test_over_time_a_wrong_calibration_is_named_and_a_right_one_is_not(rig):
         doubt = None if sure else Status.INCONSISTENT_VIEWS
         assert {one.detect(images).reason for images in film} == {doubt}
         assert (answers[-1].filtered_object_pose.confidence > 0.9) is sure
+
+
+def test_covariances_contain_what_cameras_disagree_about_if_their_files_state_errors(rig):
+    scene = bare_scene(tracker.load_object("cube_v2"), np.random.default_rng(8), kind="rest")
+    images = take(scene, rig.cameras, Sensor.realistic(), np.random.default_rng(9)).images
+    stated = moved(rig, 0, (1e-3, 0.0, 0.0))
+    exact = dataclasses.replace(
+        stated, cameras=tuple(dataclasses.replace(one, camera_from_world_std=None) for one in stated)
+    )
+    for given, counts in ((stated, True), (exact, False)):
+        one = tracker.ObjectTracker("cube_v2", given)
+        fit, known = one.fit(images), np.zeros((6, 6))
+        known[:3, :3] = np.eye(3) * (spread(fit.disagreement) if counts else 0.0)
+        assert spread(fit.disagreement) > (2e-4) ** 2
+        np.testing.assert_allclose(one.detect(images).object_pose.covariance, fit.covariance + known)
+        answer = one.update(images, 0.0)
+        np.testing.assert_allclose(answer.object_pose.covariance, fit.covariance + known)
+        filtered = one._memory.belief.motion.state.covariance[:6, :6]
+        np.testing.assert_allclose(answer.filtered_object_pose.covariance, filtered + known)

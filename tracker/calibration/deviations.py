@@ -37,6 +37,11 @@ def rotation_vector_variance(rotation: FloatArray, element_std: FloatArray) -> F
     return solution
 
 
+def is_stated(camera: Camera) -> bool:
+    """Whether a calibration states deviations; else it is taken as exact."""
+    return camera.camera_from_world_std is not None and bool(camera.camera_from_world_std.any())
+
+
 def calibration_covariance(camera: Camera) -> FloatArray:
     """(6, 6) covariance of (Rᵀδt, Rᵀω) [m, rad], where camera_from_world is off by δt and exp(ω)."""
     std = camera.camera_from_world_std

@@ -138,6 +138,14 @@ def size(likelihoods: FloatArray) -> float:
     return float(np.exp(probabilities(likelihoods) @ np.log(SCALES)))
 
 
+def spread(likelihoods: FloatArray | None) -> float:
+    """Variance [m²] along each axis of the errors that disagreement shows; None: cameras were not asked.
+
+    As what lies between several studies of one thing, it counts beside what each states.
+    """
+    return 0.0 if likelihoods is None else (SHARED_SHARE * size(likelihoods)) ** 2
+
+
 def contradict(likelihoods: FloatArray | None) -> bool:
     """Whether cameras disagree so much that their calibration is doubtful; None: they were not asked."""
     return likelihoods is not None and size(likelihoods) > CONTRADICTION

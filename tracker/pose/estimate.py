@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from tracker.calibration.deviations import is_stated
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray, Image
 from tracker.geometry import so3
@@ -104,6 +105,8 @@ class PoseEstimator:
 
     def __init__(self, box: Box, rig: CameraRig, colors: ColorModel, support: bool = True) -> None:
         self.box, self.arena = box, rig.arena
+        # Whether a file states deviations; else the calibration is taken as exact.
+        self.stated = any(map(is_stated, rig.cameras))
         self.search = Search(box, rig, colors)
         self.reader = self.search.reader
         self.refiner = Refiner(box, rig.cameras, colors.label_table, table_of(rig.arena, support))

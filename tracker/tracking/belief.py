@@ -76,6 +76,8 @@ class Belief(NamedTuple):
     """Whether there was no measurement of it in the last pictures."""
     trust: float = 0.0
     """Probability that the last measurement was of the object, and that the calibration is right."""
+    spread: float = 0.0
+    """Variance [m²] along each axis that the cameras' disagreement adds."""
     pending: Pending | None = None
     """A measurement that no other has confirmed yet."""
     step: float = 0.0
@@ -119,24 +121,30 @@ class Belief(NamedTuple):
             )
         )
 
-    def see(self, fit: Fit, expected: MotionState | None, fitting: float = 1.0) -> tuple[Belief, Status]:
+    def see(
+        self, fit: Fit, expected: MotionState | None, fitting: float = 1.0, spread: float = 0.0
+    ) -> tuple[Belief, Status]:
         """What is believed after a measurement: TRACKING, FOUND, REFOUND, or COASTING if it is not yet.
 
-        fitting: probability that the calibration leaves the pose where it is, see `judge.fits`.
+        Args:
+            fit: the measurement.
+            expected: where the object was expected.
+            fitting: probability that the calibration leaves the pose where it is, see `judge.fits`.
+            spread: see `agreement.spread`.
         """
         assert self.timestamp is not None
         if apparent(fit) < self.options.min_confidence:
             return self, Status.COASTING
         if self.motion is not None and expected is not None and self.plausible(expected, fit):
             motion = self.motion.updated(fit.position, fit.rotation, fit.covariance)
-            return self._believed(fit, motion, fitting), Status.TRACKING
+            return self._believed(fit, motion, fitting, spread), Status.TRACKING
         sure = apparent(fit) >= self.options.jump_confidence
         if expected is not None and not sure and not self._confirmed(fit):
             pending = Pending(self.timestamp, fit.position, fit.rotation)
             return self._replace(pending=pending), Status.COASTING
         motion = MotionFilter.start(fit.position, fit.rotation, fit.covariance)
         return self._believed(
-            fit, motion, fitting
+            fit, motion, fitting, spread
         ), Status.FOUND if self.last_pose is None else Status.REFOUND
 
     @property
@@ -147,12 +155,13 @@ class Belief(NamedTuple):
         # Images that showed it elsewhere are none in which it was hidden, and could go far unseen.
         return self.step if self.pending is not None else self.timestamp - self.seen
 
-    def _believed(self, fit: Fit, motion: MotionFilter, fitting: float) -> Belief:
+    def _believed(self, fit: Fit, motion: MotionFilter, fitting: float, spread: float) -> Belief:
         return self._replace(
             motion=motion,
             seen=self.timestamp,
             pending=None,
             trust=fitting * trust(fit),
+            spread=spread,
             last_pose=(fit.rotation, fit.position),
         )
 
@@ -215,7 +224,7 @@ class Belief(NamedTuple):
         return {
             "position": state.position,
             "orientation": so3.quaternion(state.rotation),
-            "covariance": pose,
+            "covariance": widened(pose, self.spread),
             "confidence": self.trust * nearness(pose),
             "velocity": state.velocity,
             "velocity_covariance": state.covariance[6:, 6:],
@@ -229,8 +238,23 @@ def _differences(fit: Fit, rotation: FloatArray, position: FloatArray) -> tuple[
     return shift, math.acos(min(1.0, max(-1.0, cosine)))
 
 
-def measured(fit: Fit, fitting: float | None = None, size: FloatArray | None = None) -> PoseEstimate:
-    """The pose of a fit; `fitting` as of `see`, None: what the fit itself says of it; size: the object's."""
+def widened(covariance: FloatArray, spread: float) -> FloatArray:
+    """A pose's covariance (6, 6) with a variance [m²] along each axis added."""
+    return covariance + np.diag([spread] * 3 + [0.0] * 3) if spread else covariance
+
+
+def measured(
+    fit: Fit, fitting: float | None = None, spread: float = 0.0, size: FloatArray | None = None
+) -> PoseEstimate:
+    """The pose of a fit.
+
+    Args:
+        fit: the measurement.
+        fitting: as of `see`; None: what the fit itself says of it.
+        spread: as of `see`.
+        size: the object's edge lengths (3,) [m].
+    """
     confidence = (fits(fit) if fitting is None else fitting) * apparent(fit)
     orientation = so3.quaternion(fit.rotation)
-    return PoseEstimate(fit.position, orientation, fit.covariance, confidence, size=size)
+    covariance = widened(fit.covariance, spread)
+    return PoseEstimate(fit.position, orientation, covariance, confidence, size=size)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tracker.conventions import Array, FloatArray, Image
-from tracker.pose.agreement import contradict, probably_fits
+from tracker.pose.agreement import contradict, probably_fits, spread
 from tracker.pose.fit import Fit
 from tracker.pose.judge import contradicting, fits
 from tracker.pose.result import CameraUse
@@ -111,6 +111,8 @@ class Agreement(NamedTuple):
     """(S,) mean log likelihoods of `pose.agreement.SCALES`; None before the first look."""
     fitting: float = 1.0
     """Probability that the calibration leaves poses within 5 mm of the truth."""
+    spread: float = 0.0
+    """Variance [m²] along each axis of the errors that disagreement shows."""
     looks: int = 0
     age: int = EVERY
     """Pictures since the last look."""
@@ -128,12 +130,13 @@ class Agreement(NamedTuple):
             return self._replace(age=self.age + 1)
         if expected is None or not still(expected) or (lagging and expected.at_rest < RESTS):
             # It is all that is known of a first picture, unless what moved in between looks like it.
-            fitting = fits(fit) if self.disagreement is None and not lagging else self.fitting
-            return self._replace(fitting=fitting, age=self.age + 1)
+            if self.disagreement is None and not lagging:
+                return self._replace(fitting=fits(fit), spread=spread(fit.disagreement), age=self.age + 1)
+            return self._replace(age=self.age + 1)
         looked = fit.disagreement - fit.disagreement.max()
         before = looked if self.disagreement is None else self.disagreement
         mean = (1.0 - SHARE) * before + SHARE * looked
-        return Agreement(mean, probably_fits(mean), self.looks + 1, 0)
+        return Agreement(mean, probably_fits(mean), spread(mean), self.looks + 1, 0)
 
     @property
     def contradicts(self) -> bool:

@@ -111,13 +111,14 @@ class Follower:
             reason = outcome
         else:
             agreement = memory.agreement.after(outcome, expected, lagging=lag is not None)
-            belief, status = belief.see(outcome, expected, agreement.fitting)
+            wide = agreement.spread if self._estimator.stated else 0.0
+            belief, status = belief.see(outcome, expected, agreement.fitting, wide)
             uses = after(uses, outcome)
             if status is Status.COASTING:  # found, but not believed yet: it teaches nothing
                 reason = Status.AMBIGUOUS
             else:
                 memory = memory._replace(agreement=agreement)
-                pose = measured(outcome, agreement.fitting, size)
+                pose = measured(outcome, agreement.fitting, wide, size)
                 status = Status.INCONSISTENT_VIEWS if agreement.contradicts else status
         filtered = belief.estimate(size)
         if filtered is None:

@@ -17,7 +17,7 @@ import numpy as np
 
 from tracker.calibration.by_object.looks import OFTEN, CameraErrors, Look
 from tracker.calibration.by_object.sightings import Footage, Shot, require_two, slow
-from tracker.calibration.deviations import calibration_covariance
+from tracker.calibration.deviations import calibration_covariance, is_stated
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray
 from tracker.errors import CalibrationError
@@ -200,7 +200,7 @@ def check_calibration(
 
 def corner_misses(looks: Sequence[Look], cameras: Sequence[Camera], problem: CameraErrors) -> list[Corners]:
     """What each camera misses of the corners, and what was to be expected."""
-    stated = all(one.camera_from_world_std is not None and one.camera_from_world_std.any() for one in cameras)
+    stated = all(map(is_stated, cameras))
     covariances = np.array([calibration_covariance(one) for one in cameras])
     result = []
     for c, camera in enumerate(cameras):
