@@ -11,6 +11,7 @@ from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import TrackerError
 from tracker.pose.estimate import PoseEstimator
 from tracker.pose.fit import Fit, Lag, Start
+from tracker.pose.hypotheses import ENOUGH
 from tracker.pose.judge import alone, log_odds, rank, refusal
 from tracker.pose.result import Observation, Status
 from tracker.pose.views import Hidden
@@ -25,6 +26,9 @@ where several cameras see it, and one alone, to which wrong poses look better.""
 MORE_EXTRA = 0.08
 """Share of pixels in the object's colours beyond its outline, over that when it was last looked for
 everywhere, up to which it is not: slid along an edge, it fits too, but leaves part of itself."""
+
+MOSTLY = 0.8
+"""Share of them from which on one camera shows most of them."""
 
 
 class Memory(NamedTuple):
@@ -146,7 +150,7 @@ class Follower:
         found = self._estimator.find(images, timing, thorough=near is None, lag=lag, hidden=hidden)
         if near is not None and (isinstance(found, Status) or rank(found) <= rank(near)):
             found = near
-        return found, memory._replace(extra=0.0 if isinstance(found, Status) else extra(found))
+        return found, memory._replace(extra=0.0 if isinstance(found, Status) else lasting(found))
 
     def _near(
         self,
@@ -187,6 +191,15 @@ class Follower:
 def extra(fit: Fit) -> float:
     """Pixels in the object's colours beyond its outline, as a share of those expected within."""
     return float(fit.total("extra") / max(fit.total("predicted"), 1))
+
+
+def lasting(fit: Fit) -> float:
+    """What of these is no part of it; a single camera that shows most of them may see the object there."""
+    most = MOSTLY * fit.total("extra")
+    counts = [one for one in fit.counts if one["predicted"] > 0]
+    if len(counts) > ENOUGH:
+        counts = [one for one in counts if one["extra"] <= most]
+    return float(sum(one["extra"] for one in counts) / max(sum(one["predicted"] for one in counts), 1))
 
 
 def kept(fit: Fit | None, before: float) -> bool:
