@@ -243,9 +243,7 @@ def edges_at(scene: Scene, rotation: FloatArray, position: FloatArray, start: St
 def before_and_after(scene: Scene) -> tuple[Edges, Edges]:
     """Strips at the best hypothesis after alignment on the label maps, and at the pose refined from it."""
     estimator, sight = scene.estimator, scene.sight
-    rounds = estimator.search.rounds(sight)
-    next(rounds)
-    best = rounds.send(Round(places=1, first=2, others=0))[0]
+    best = estimator.search.rounds(sight)(Round(places=1, first=2, others=0))[0]
     fit = estimator.refine(sight, best.rotation, best.position)
     return edges_at(scene, best.rotation, best.position, fit.end), edges_at(
         scene, fit.rotation, fit.position, fit.end

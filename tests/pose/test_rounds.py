@@ -41,10 +41,9 @@ def begun(monkeypatch):
 
 @pytest.mark.parametrize("order", [(LIKELIEST, NEARBY, EVERYWHERE), (LIKELIEST, TURNS), (EVERYWHERE,)])
 def test_rounds_begin_each_hypothesis_once(estimator, images, begun, order):
-    rounds = estimator.search.rounds(read(estimator, images))
-    next(rounds)
+    next_of = estimator.search.rounds(read(estimator, images))
     for wide in order:
-        scores = [one.score for one in rounds.send(wide)]
+        scores = [one.score for one in next_of(wide)]
         assert scores == sorted(scores, reverse=True)
     assert len(begun) == len(set(begun))
     first = begun[0][0]
@@ -53,10 +52,9 @@ def test_rounds_begin_each_hypothesis_once(estimator, images, begun, order):
 
 def test_what_is_begun_does_not_depend_on_the_rounds_before(estimator, images, begun):
     for order in ((LIKELIEST, NEARBY, EVERYWHERE), (EVERYWHERE,)):
-        rounds = estimator.search.rounds(read(estimator, images))
-        next(rounds)
+        next_of = estimator.search.rounds(read(estimator, images))
         for wide in order:
-            rounds.send(wide)
+            next_of(wide)
     half = len(begun) // 2
     assert set(begun[:half]) == set(begun[half:])
 

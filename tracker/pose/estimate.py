@@ -155,10 +155,9 @@ class PoseEstimator:
         next round join before any is refined.
         """
         fits, waiting = list[Fit](), list[Hypothesis]()
-        rounds, wide = self.search.rounds(sight), LIKELIEST
-        next(rounds)
+        next_of, wide = self.search.rounds(sight), LIKELIEST
         for most in range(1, REFINED + 1):
-            waiting = sorted(waiting + rounds.send(wide), key=lambda one: -one.score)
+            waiting = sorted(waiting + next_of(wide), key=lambda one: -one.score)
             last = not thorough or wide in (EVERYWHERE, TURNS)
             if last or (waiting and waiting[0].score > PLAUSIBLE * len(sight.used)):
                 fits += self._contest(sight, waiting, fits, lag, REFINED if last else most)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Sequence
 from itertools import islice
 from typing import NamedTuple
 
@@ -130,14 +130,14 @@ class Search:
         tried = [Hypothesis(0.0, turns[k], place, left_out) for k in which]
         return self._aligned(sight, tried, REACHES[:1])
 
-    def rounds(self, sight: Sight) -> Generator[list[Hypothesis], Round, None]:
-        """Ever more hypotheses: sent a round, it yields those that were not begun before, best first."""
+    def rounds(self, sight: Sight) -> Callable[[Round], list[Hypothesis]]:
+        """A function that gives the hypotheses of a round that were not begun before, best first."""
         likeliest = self.positions(sight.labels, sight.pictures, EVERYWHERE.places)
         places, tried = list[FloatArray](), list[int]()
-        wide = yield []
-        while True:
-            places += islice(likeliest, max(wide.places - len(places), 0))
-            tried += [0] * (len(places) - len(tried))
+
+        def next_of(wide: Round) -> list[Hypothesis]:
+            places.extend(islice(likeliest, max(wide.places - len(places), 0)))
+            tried.extend([0] * (len(places) - len(tried)))
             found: list[Hypothesis] = []
             for k, place in enumerate(places[: wide.places]):
                 most = wide.others if k else wide.first
@@ -149,7 +149,9 @@ class Search:
                     found += self.begun(sight, place, range(wide.without), (c,))
             best = sorted(found, key=lambda one: -one.score)[:ALIGNED]
             aligned = [hypothesis for one in best for hypothesis in self._aligned(sight, [one], REACHES[1:])]
-            wide = yield sorted(aligned, key=lambda one: -one.score)
+            return sorted(aligned, key=lambda one: -one.score)
+
+        return next_of
 
     def near(self, sight: Sight, poses: Sequence[tuple[FloatArray, FloatArray]]) -> Hypothesis | None:
         """What poses (3, 3), (3,) [m] that may be off by 3 cm and 30° lead to, at best."""
