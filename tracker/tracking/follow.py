@@ -44,7 +44,7 @@ class Memory(NamedTuple):
     agreement: Agreement = Agreement()
     """Of how far the calibration is off."""
     extra: float = 0.0
-    """Share of pixels in the object's colours beyond its outline, when it was last looked for everywhere."""
+    """`lasting`, when the object was last looked for everywhere."""
     latest: Observation | None = None
     """The last answer."""
 
@@ -188,9 +188,9 @@ class Follower:
         return (fit if refusal(fit) is None else None), memory
 
 
-def extra(fit: Fit) -> float:
-    """Pixels in the object's colours beyond its outline, as a share of those expected within."""
-    return float(fit.total("extra") / max(fit.total("predicted"), 1))
+def extra(counts: Sequence[dict[str, float]]) -> float:
+    """Pixels in the object's colours beyond its outline in some cameras, as a share of those within."""
+    return float(sum(one["extra"] for one in counts) / max(sum(one["predicted"] for one in counts), 1))
 
 
 def lasting(fit: Fit) -> float:
@@ -199,7 +199,7 @@ def lasting(fit: Fit) -> float:
     counts = [one for one in fit.counts if one["predicted"] > 0]
     if len(counts) > ENOUGH:
         counts = [one for one in counts if one["extra"] <= most]
-    return float(sum(one["extra"] for one in counts) / max(sum(one["predicted"] for one in counts), 1))
+    return extra(counts)
 
 
 def kept(fit: Fit | None, before: float) -> bool:
@@ -211,4 +211,4 @@ def kept(fit: Fit | None, before: float) -> bool:
         return False
     if log_odds(fit) < (ALONE if alone(fit) else TOGETHER):
         return False
-    return extra(fit) <= before + MORE_EXTRA
+    return extra(fit.counts) <= before + MORE_EXTRA
