@@ -27,6 +27,15 @@ UNITS: Mapping[str, Mapping[str, str]] = {
 }
 """The numbers of a model, by group, and the unit of each."""
 
+RADIUS = 0.05
+"""A turn by an angle counts as a way of so much times the angle [m]."""
+
+LEAST_VISIBLE = 0.05
+"""Smaller visible shares count as this one, except for what is missed."""
+
+_MOST = 60.0
+"""Exponents of rates are limited to so much."""
+
 _DATA = Path(__file__).parent / "data"
 
 
@@ -128,16 +137,6 @@ def _number(entry: Any, unit: str, what: str) -> Number:
     if not interval[0] <= value <= interval[1]:
         raise TrackerError(f"{what}: found {value} outside its interval {interval}, expected it inside")
     return Number(float(value), unit, (float(interval[0]), float(interval[1])))
-
-
-RADIUS = 0.05
-"""A turn by an angle counts as a way of so much times the angle [m]."""
-
-LEAST_VISIBLE = 0.05
-"""Smaller visible shares count as this one, except for what is missed."""
-
-_MOST = 60.0
-"""Exponents of rates are limited to so much."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -39,6 +39,8 @@ MAX_FILE_SIZE = 100_000
 MAX_ROTATION_DEVIATION = 1e-2
 """Largest |R Rᵀ - I| that is mended; real files, element-wise means of rotations, stay below 1e-4."""
 
+_MATRIX_KEY, _DISTORTION_KEY = "camera_matrix_std", "distortion_coefficients_std"
+
 TRANSFORM_KEYS = ("tf_world_to_camera", "projection_matrix")
 """What files call camera_from_world, today and in early 2020."""
 
@@ -251,9 +253,6 @@ def rotation_of(matrix: FloatArray, what: str, fault: type[TrackerError]) -> Flo
         found = f"a 3×3 part that deviates from a rotation by {deviation:.2g}"
         raise fault(f"{what}: found {found}, expected at most {MAX_ROTATION_DEVIATION:g}")
     return matrix if deviation <= ROTATION_TOLERANCE else so3.nearest_rotation(matrix)
-
-
-_MATRIX_KEY, _DISTORTION_KEY = "camera_matrix_std", "distortion_coefficients_std"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
