@@ -76,7 +76,8 @@ class PoseEstimate:
     orientation: FloatArray
     """(4,) unit quaternion x, y, z, w of world_from_object."""
     covariance: FloatArray
-    """(6, 6) of position and rotation [m, rad]; includes calibration errors as far as files state them."""
+    """(6, 6) of position and rotation [m, rad]; includes the calibration errors that files state
+    and, if they state any, what the cameras disagree about."""
     confidence: float
     """Probability that the pose is within 5 mm and 5° of the truth."""
     size: FloatArray | None = field(default=None, kw_only=True)
