@@ -84,7 +84,6 @@ INSIDE = {
     "light": (Reader, "lit"),
     "labels": (Reader, "labelled"),
     "window": (Search, "window"),
-    "follow": (PoseEstimator, "follow"),
     "refine": (PoseEstimator, "refine"),
     "advance": (Belief, "advance"),
     "plausible": (Belief, "plausible"),
@@ -92,7 +91,7 @@ INSIDE = {
     "estimate": (Belief, "estimate"),
     "search": (PoseEstimator, "find"),
 }
-ALWAYS = ("light", "labels", "window", "follow", "refine", "advance", "see", "estimate")
+ALWAYS = ("light", "labels", "window", "refine", "advance", "see", "estimate")
 """What every update of an object that is tracked goes through."""
 
 

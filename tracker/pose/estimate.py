@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -20,7 +20,6 @@ from tracker.pose.align import explanation_score
 from tracker.pose.evidence import evidence_of
 from tracker.pose.fit import Fit, Lag, OwnViews, Start
 from tracker.pose.hypotheses import (
-    ENOUGH,
     EVERYWHERE,
     LIKELIEST,
     NEARBY,
@@ -33,18 +32,16 @@ from tracker.pose.hypotheses import (
 from tracker.pose.judge import (
     EXPECTED,
     alone,
-    confidence,
     rank,
     refusal,
     settled,
-    supporters,
     trust,
     unanimous,
 )
 from tracker.pose.refine import FIRST, FOLLOWING, FROM_THERE, SCHEDULE, Schedule
 from tracker.pose.refiner import Refiner
 from tracker.pose.result import Status
-from tracker.pose.rivals import lead, reversed_in_depth, turned_about_face
+from tracker.pose.rivals import lead, turned_about_face
 from tracker.pose.support import table_of
 from tracker.pose.views import Hidden, Sight
 from tracker.segmentation.color_model import ColorModel
@@ -68,16 +65,12 @@ CLEAR = 0.5
 COMPETING, BEHIND = 4, 10.0
 """Hypotheses that compete, and rank by which one may be behind the best after a step and still win."""
 
-ODD, FEW_ODD = 1.2, 0.6
+ODD = 1.2
 """Pixels of the label map in the object's colours beside or on the wrong face, over the pieces of its edges,
-from which a camera may see it elsewhere; and from which one may that can use few edges."""
+from which a camera may see it elsewhere."""
 
 USED = 8.0
 """Weight of the pieces of edges on which a camera's own view must rest."""
-
-SHOWN = 30, 0.15
-"""Least number of pixels in the object's colours, and least share of those expected, for a camera that can
-use few edges to be asked."""
 
 BETTER = 20, 0.1
 """By how many pixels, and by which share of those expected, its own pose must explain the label map better:
@@ -168,11 +161,8 @@ class PoseEstimator:
         if not fits:
             return fits
         best = max(fits, key=rank)
-        if thorough and not settled(best):
-            other = self.without_worst(sight, best, lag)
-            fits += [other] if other is not best else []
         if alone(best):
-            fits += self._rivals(sight, best, None, lag, reversed_in_depth, turned_about_face)
+            fits += self._turned(sight, best, lag)
         return fits
 
     def _best(self, sight: Sight, fits: list[Fit], lag: Lag | None) -> Fit | Status:
@@ -242,47 +232,6 @@ class PoseEstimator:
         evidence = evidence_of(cameras, self.box.face_labels, fit.stands)
         return replace(fit, cameras=cameras, evidence=evidence, left_out=tuple(which))
 
-    def without_worst(self, sight: Sight, fit: Fit, lag: Lag | None = None) -> Fit:
-        """The fit, or that without the camera which agrees least, where this leaves less doubt."""
-        used = [c for c in np.flatnonzero(sight.used).tolist() if c not in fit.left_out]
-        if len(used) <= ENOUGH:
-            return fit
-        seen = fit.cameras
-        against = seen["wrong"] + seen["extra"] + seen["elsewhere"] - seen["agree"]
-        left_out = (*fit.left_out, max(used, key=lambda c: float(against[c])))
-        rest = sight.without(*left_out)
-        other = self.refine(rest, fit.rotation, fit.position, FOLLOWING, fit.end, lag, ask=True)
-        other = self.counted(sight, other, left_out)
-        better = supporters(other) >= max(ENOUGH, supporters(fit)) and confidence(other) > confidence(fit)
-        return other if better else fit
-
-    def follow(
-        self,
-        sight: Sight,
-        rotation: FloatArray,
-        position: FloatArray,
-        start: Start | None,
-        lag: Lag | None = None,
-        *,
-        ask: bool = False,
-    ) -> Fit:
-        """The fit nearest to a predicted pose (3, 3), (3,) [m]; a prediction off by a few pixels will do.
-
-        `start`: what the unknowns beside the pose were a moment ago; `lag`: how far the pictures lag behind,
-        None where they were taken at once; `ask` as of `refine`.
-        """
-        fit = self.refine(sight, rotation, position, FOLLOWING, start, lag, ask=ask)
-        if alone(fit):
-            fit = max([fit, *self._rivals(sight, fit, start, lag, reversed_in_depth)], key=rank)
-        return fit
-
-    def follow_far(
-        self, sight: Sight, poses: Sequence[tuple[FloatArray, FloatArray]], lag: Lag | None = None
-    ) -> Fit | None:
-        """As `follow`, from the best of poses that may be off by 3 cm and 30°."""
-        best = self.search.near(sight, poses)
-        return None if best is None else self.refine(sight, best.rotation, best.position, lag=lag)
-
     def refine(
         self,
         sight: Sight,
@@ -292,9 +241,19 @@ class PoseEstimator:
         start: Start | None = None,
         lag: Lag | None = None,
         *,
-        ask: bool = False,
+        ask: bool = True,
     ) -> Fit:
-        """The fit nearest to a hypothesis (3, 3), (3,) [m]; `ask`: with what each camera by itself sees."""
+        """The fit nearest to a pose (3, 3), (3,) [m].
+
+        Args:
+            sight: the pictures.
+            rotation: where to begin.
+            position: as above.
+            schedule: of the steps: with FOLLOWING the pose may be off by a few pixels.
+            start: what the unknowns beside the pose were a moment ago; None: not known.
+            lag: how far the pictures lag behind, None where they were taken at once.
+            ask: whether each camera is asked what it sees by itself.
+        """
         fit = self.refiner(sight.pictures, rotation, position, schedule, start, lag, ask=ask)
         cameras = self.search.counted(sight, fit.rotation, fit.position, fit.lags, fit.cameras)
         lowest = self.box.lowest(fit.position, fit.rotation)
@@ -304,22 +263,14 @@ class PoseEstimator:
         evidence = evidence_of(cameras, self.box.face_labels, fit.stands)
         return replace(fit, cameras=cameras, evidence=evidence, inside=inside)
 
-    def _rivals(
-        self,
-        sight: Sight,
-        fit: Fit,
-        start: Start | None,
-        lag: Lag | None,
-        *kinds: Callable[..., Iterator[tuple[FloatArray, FloatArray]]],
-    ) -> list[Fit]:
-        """What else the one camera that sees the object may see; `start` and `lag` as of `refine`."""
+    def _turned(self, sight: Sight, fit: Fit, lag: Lag | None) -> list[Fit]:
+        """What else the one camera that sees the object may see, if that is one face."""
         camera = self.search.lenses["position"][int(np.argmax(fit.cameras["inliers"]))]
         least = CLOSE * explanation_score(fit.cameras)
         return [
-            self.refine(sight, *rival, FOLLOWING, start, lag)
-            for kind in kinds
-            for rival in kind(fit.rotation, fit.position, self.box.half, camera)
-            if explanation_score(self.search.counted(sight, *rival, fit.lags)) > least
+            self.refine(sight, rotation, fit.position, FOLLOWING, lag=lag)
+            for rotation in turned_about_face(fit.rotation, fit.position, self.box.half, camera)
+            if explanation_score(self.search.counted(sight, rotation, fit.position, fit.lags)) > least
         ]
 
     def examined(self, sight: Sight, fit: Fit, lag: Lag | None = None) -> Fit:
@@ -328,13 +279,9 @@ class PoseEstimator:
         Cameras whose label maps show the object beside the pose are asked by a search of their own, since
         their edges lie beyond the strips.
         """
-        own = fit.own
-        if own is None:
-            used = sight.without(*fit.left_out)
-            own = self.refine(used, fit.rotation, fit.position, FOLLOWING, fit.end, lag, ask=True).own
-        assert own is not None
-        views = OwnViews(*(column.copy() for column in own))
-        for c in _astray(sight, fit, own):
+        assert fit.own is not None
+        views = OwnViews(*(column.copy() for column in fit.own))
+        for c in _astray(sight, fit):
             other = self._own_search(sight, fit, c, lag)
             if other is not None:
                 views.information[c], views.moved[c], views.inliers[c] = other
@@ -355,7 +302,7 @@ class PoseEstimator:
         seen = self.search.counted(only, near.rotation, near.position, seen=fit.cameras)
         if not self._explains_better(seen[c], fit, c):
             return None
-        other = self.refine(only, near.rotation, near.position, start=fit.end, lag=lag, ask=True)
+        other = self.refine(only, near.rotation, near.position, start=fit.end, lag=lag)
         turned = so3.log(other.rotation @ fit.rotation.T)
         if other.own is None or other.own.inliers[c] < USED or np.linalg.norm(turned) > TURNED:
             return None
@@ -375,16 +322,12 @@ class PoseEstimator:
 _FOR_AND_AGAINST = ("agree", 1), ("extra", -1), ("wrong", -1)
 
 
-def _astray(sight: Sight, fit: Fit, own: OwnViews) -> list[int]:
+def _astray(sight: Sight, fit: Fit) -> list[int]:
     """Cameras that may see the object elsewhere."""
-    result = []
-    for c, used in enumerate(sight.used.tolist()):
-        seen = fit.counts[c]
-        if not used or seen["predicted"] < EXPECTED:
-            continue
-        odd = seen["extra"] + seen["wrong"]
-        shown = odd + seen["agree"] > max(SHOWN[0], SHOWN[1] * seen["predicted"])
-        few = own.inliers[c] < USED and shown
-        if c in fit.left_out or odd > (FEW_ODD if few else ODD) * seen["expected"]:
-            result.append(c)
-    return result
+    return [
+        c
+        for c, (used, seen) in enumerate(zip(sight.used.tolist(), fit.counts, strict=True))
+        if used
+        and seen["predicted"] >= EXPECTED
+        and (c in fit.left_out or seen["extra"] + seen["wrong"] > ODD * seen["expected"])
+    ]

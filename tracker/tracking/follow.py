@@ -13,6 +13,7 @@ from tracker.pose.estimate import PoseEstimator
 from tracker.pose.fit import Fit, Lag, Start
 from tracker.pose.hypotheses import ENOUGH
 from tracker.pose.judge import alone, log_odds, rank, refusal
+from tracker.pose.refine import FOLLOWING
 from tracker.pose.result import Observation, Status
 from tracker.pose.views import Hidden
 from tracker.tracking.belief import Belief, TrackingOptions, measured
@@ -169,18 +170,18 @@ class Follower:
         sight = estimator.reader.labelled(images, pictures, windows, hidden)
         laps.append(time.perf_counter())
         due = memory.agreement.due(expected)
-        fit = estimator.follow(sight, expected.rotation, expected.position, memory.start, lag, ask=due)
-        if not kept(fit, memory.extra):
-            other = estimator.without_worst(sight, fit, lag)
-            fit = other if kept(other, memory.extra) else fit
+        fit = estimator.refine(
+            sight, expected.rotation, expected.position, FOLLOWING, memory.start, lag, ask=due
+        )
         memory = memory._replace(cameras=cameras, lights=sight.pictures, start=fit.end)
         if not kept(fit, memory.extra):
             hypotheses = [(expected.rotation, expected.position)]
             if memory.belief.last_pose is not None:
                 hypotheses.append(memory.belief.last_pose)
-            far = estimator.follow_far(sight, hypotheses, lag)
-            if far is not None and (refusal(fit) is not None or rank(far) > rank(fit)):
-                fit = far
+            best = estimator.search.near(sight, hypotheses)
+            if best is not None:
+                far = estimator.refine(sight, best.rotation, best.position, lag=lag)
+                fit = far if refusal(fit) is not None or rank(far) > rank(fit) else fit
         if due:
             fit = estimator.examined(sight, fit, lag)
         laps.append(time.perf_counter())

@@ -27,9 +27,9 @@ from tracker.geometry.cuboid import corners
 from tracker.logs.log import evenly
 from tracker.objects.model import CuboidModel
 from tracker.pipeline import ObjectTracker
-from tracker.pose.estimate import SHOWN, USED
+from tracker.pose.estimate import USED
 from tracker.pose.fit import Fit
-from tracker.pose.judge import EXPECTED, apparent
+from tracker.pose.judge import ASTRAY, EXPECTED, apparent
 from tracker.pose.result import Status
 from tracker.segmentation.color_model import ColorModel
 
@@ -311,9 +311,8 @@ def look_of(fit: Fit, size: FloatArray) -> Look:
     seen = fit.cameras
     used = fit.own.inliers >= USED
     shown = seen["agree"] + seen["wrong"] + seen["extra"]
-    lost = (
-        ~used & (seen["predicted"] >= EXPECTED) & (shown > np.maximum(SHOWN[0], SHOWN[1] * seen["predicted"]))
-    )
+    enough = np.maximum(ASTRAY[0], ASTRAY[1] * seen["predicted"])
+    lost = ~used & (seen["predicted"] >= EXPECTED) & (shown > enough)
     lost[list(fit.left_out)] = True
     known = np.where(used[:, None, None], fit.own.information, 0.0)
     return Look(fit.position, known, fit.own.moved, lost, corners(size) @ fit.rotation.T + fit.position)
