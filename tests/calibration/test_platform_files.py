@@ -16,9 +16,7 @@ from tracker.calibration.files.platform import (
     halved_by_rows,
     read_all_calibrated,
     read_calibrated,
-    read_camera,
     write_calibrated,
-    write_camera,
 )
 from tracker.errors import CalibrationError
 from tracker.geometry.camera import Camera
@@ -26,9 +24,13 @@ from tracker.geometry.camera import Camera
 ARRAYS = ("matrix", "distortion", "camera_from_world", "camera_from_world_std")
 
 
+def read_camera(path: str | Path) -> Camera:
+    return read_calibrated(path, alone=False).camera
+
+
 def written(tmp_path: Path, camera: Camera | None = None) -> tuple[Path, str]:
     file = tmp_path / "camera60.yml"
-    write_camera(camera or make_camera(), file)
+    write_calibrated(Calibrated(camera or make_camera()), file)
     return file, file.read_text()
 
 
@@ -250,7 +252,7 @@ def test_a_principal_point_halved_with_its_rows_is_distinguished_from_one_that_w
         "camera60_right.yml": whole.resized(270, 270),
     }
     for name, camera in files.items():
-        write_camera(camera, tmp_path / name)
+        write_calibrated(Calibrated(camera), tmp_path / name)
     assert [halved_by_rows(tmp_path / name) for name in files] == [False, True, False]
     (tmp_path / "alone").mkdir()
     for name, std in (("a_downsampled.yml", None), ("b_downsampled.yml", np.eye(3)), ("c.yml", None)):

@@ -2,9 +2,10 @@ import dataclasses
 
 import numpy as np
 import pytest
+import yaml
 
 from tests.helpers import make_camera
-from tracker.calibration.files.platform import entries, read_calibrated, write_camera, write_mapping
+from tracker.calibration.files.platform import Calibrated, read_calibrated, write_calibrated
 from tracker.calibration.rig import CameraRig
 from tracker.errors import CalibrationError
 
@@ -36,7 +37,7 @@ def test_saving_and_loading_keeps_cameras_and_order(azimuths, tmp_path):
 )
 def test_a_folder_has_an_order_and_listed_files_keep_theirs(files, order, tmp_path):
     for file, name in files.items():
-        write_camera(make_camera(60, name), tmp_path / f"{file}.yaml")
+        write_calibrated(Calibrated(make_camera(60, name)), tmp_path / f"{file}.yaml")
     assert CameraRig.load(tmp_path).names == tuple(n if isinstance(n, str) else f"camera{n}" for n in order)
     for listed in (
         [tmp_path / f"{file}.yaml" for file in files],
@@ -71,7 +72,7 @@ def test_other_files_in_a_folder_do_not_disturb(tmp_path):
 def test_variants_of_a_camera_are_named_with_patterns_that_select_them(names, message, patterns, tmp_path):
     for name in names:
         for azimuth in (60, 180, 300):
-            write_camera(make_camera(azimuth), tmp_path / f"{name.format(azimuth)}.yml")
+            write_calibrated(Calibrated(make_camera(azimuth)), tmp_path / f"{name.format(azimuth)}.yml")
     with pytest.raises(CalibrationError, match=message) as caught:
         CameraRig.load(tmp_path)
     for pattern in patterns:
@@ -99,7 +100,7 @@ def test_a_folder_that_holds_no_rig_is_named_with_what_it_holds(files, options, 
 def test_files_that_are_not_named_after_cameras_are_taken_with_the_pattern_that_the_error_names(tmp_path):
     for name, azimuth in (("left", 60), ("right", 180)):
         camera = dataclasses.replace(make_camera(azimuth), name=name)
-        write_camera(camera, tmp_path / f"{name}.yml")
+        write_calibrated(Calibrated(camera), tmp_path / f"{name}.yml")
     with pytest.raises(CalibrationError) as caught:
         CameraRig.load(tmp_path)
     assert "found left.yml, right.yml, expected a file like camera60.yml" in str(caught.value)
@@ -141,9 +142,10 @@ def test_a_name_that_could_be_more_than_a_name_is_refused_where_it_is_read_and_w
     message = "camera_name: found .* expected a text of up to 100 letters"
     with pytest.raises(CalibrationError, match=message):
         dataclasses.replace(make_camera(), name=name)
-    data = {**entries(make_camera()), "camera_name": name}
-    write_mapping(data, tmp_path / "camera60.yml")
-    for read in (CameraRig.load, lambda folder: read_calibrated(folder / "camera60.yml")):
+    file = tmp_path / "camera60.yml"
+    write_calibrated(Calibrated(make_camera()), file)
+    file.write_text(yaml.safe_dump({**yaml.safe_load(file.read_text()), "camera_name": name}))
+    for read in (CameraRig.load, lambda _: read_calibrated(file)):
         with pytest.raises(CalibrationError, match=message):
             read(tmp_path)
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.helpers import image_grid, look_at, make_camera, numerical_jacobian, opencv_pixels
-from tracker.calibration.files.platform import read_camera
+from tracker.calibration.files.platform import read_calibrated
 from tracker.errors import CalibrationError
 from tracker.geometry.camera import Camera
 
@@ -66,7 +66,7 @@ def test_undistort_inverts_the_distortion_and_says_so_where_no_ray_leads_to_a_pi
 
 def test_every_real_camera_projects_as_opencv_and_undistorts(real, rng):
     for file in calibration_files(real):
-        camera = read_camera(file)
+        camera = read_calibrated(file).camera
         # Uncropped images reach, in a few pixels of a corner, beyond what the distortion can map to.
         assert_undistorted(camera, 0.998 if camera.width == 720 else 1.0)
         points = rng.uniform([-0.2, -0.2, 0], [0.2, 0.2, 0.15], size=(100, 3))

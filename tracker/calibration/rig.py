@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -12,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from tracker.calibration.files.arena import read_arena, write_arena
-from tracker.calibration.files.folder import read_folder
-from tracker.calibration.files.platform import read_camera, write_camera
+from tracker.calibration.files.platform import Calibrated, read_calibrated, read_folder, write_calibrated
 from tracker.checks import of_kind, path_of
 from tracker.errors import CalibrationError, shown
 from tracker.geometry.arena import Arena
@@ -94,7 +92,9 @@ class CameraRig:
                 files of several folders, the arena is the default.
             pattern: the files of the folder to load, e.g. `*_cropped.yml`; by default every .yml and
                 .yaml file with `camera` in its name.
-            correct_halved_principal_point: see `files.platform.read_camera`.
+            correct_halved_principal_point: the files were made by halving K[:2] (the platform's
+                `*_cropped_and_downsampled.yml` and the 270×270 `camera*.yml` of a job's output), which puts
+                the principal point a quarter of a pixel too far right and down: take it back.
 
         Raises:
             CalibrationError: a file is missing or malformed, or the folder has no calibration file, or
@@ -106,11 +106,16 @@ class CameraRig:
         alone = not isinstance(path, Iterable) or isinstance(path, str | os.PathLike | bytes | np.ndarray)
         items: Any = [path] if alone else path
         files = [path_of(item, "camera rig", CalibrationError, FILES) for item in items]
-        read = functools.partial(read_camera, correct_halved_principal_point=correct_halved_principal_point)
         if alone and os.path.isdir(files[0]):
-            return cls(read_folder(files[0], pattern, read, lambda one: one.name), read_arena(files[0]))
-        folders = {file.parent.resolve() for file in files}
-        return cls(tuple(map(read, files)), read_arena(files[0].parent) if len(folders) == 1 else Arena())
+            found, arena = read_folder(files[0], pattern, alone=False), read_arena(files[0])
+        else:
+            found = tuple(read_calibrated(file, alone=False) for file in files)
+            together = len({file.parent.resolve() for file in files}) == 1
+            arena = read_arena(files[0].parent) if together else Arena()
+        cameras = [one.camera for one in found]
+        if correct_halved_principal_point:
+            cameras = [camera.with_halved_principal_point_corrected() for camera in cameras]
+        return cls(tuple(cameras), arena)
 
     def save(self, folder: str | os.PathLike[str]) -> None:
         """Write one platform file per camera, e.g. `camera60.yml`, so that `load(folder)` finds them.
@@ -129,7 +134,7 @@ class CameraRig:
             raise CalibrationError(f"{shown(folder)}: cannot be made a folder: {why}") from error
         for camera in self.cameras:
             stem = camera.name if "camera" in camera.name else f"camera_{camera.name}"
-            write_camera(camera, root / f"{stem}.yml")
+            write_calibrated(Calibrated(camera), root / f"{stem}.yml")
         write_arena(self.arena, root)
 
     def resized(self, width: int, height: int) -> CameraRig:

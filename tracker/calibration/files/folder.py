@@ -6,30 +6,10 @@ Files of several robots may lie in one folder, such as `r1_camera60.yml` and `r3
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import TypeVar
 
 from tracker.errors import CalibrationError
-
-Read = TypeVar("Read")
-
-
-def read_folder(
-    root: Path, pattern: str | None, read: Callable[[Path], Read], name_of: Callable[[Read], str]
-) -> tuple[Read, ...]:
-    """What `read` makes of a folder's calibration files, one of each camera, in the order of the cameras.
-
-    pattern: of the files' names; None: every .yml and .yaml file with `camera` in its name.
-
-    Raises:
-        CalibrationError: there is no such file, there are several of a camera, or `read` raises it.
-    """
-    found = {path: read(path) for path in calibration_files(root, pattern)}
-    names = {path: name_of(one) for path, one in found.items()}
-    refuse_variants(root, {path.name: name for path, name in names.items()})
-    return tuple(found[path] for path in sorted(found, key=lambda path: camera_order(names[path], path.name)))
 
 
 def calibration_files(root: Path, pattern: str | None) -> list[Path]:

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from tracker.calibration.files.folder import read_folder, refuse_variants
+from tracker.calibration.files.folder import calibration_files, camera_order, refuse_variants
 from tracker.checks import naming, path_of
 from tracker.conventions import FloatArray
 from tracker.errors import CalibrationError, TrackerError, shown
@@ -43,7 +43,6 @@ _MATRIX_KEY, _DISTORTION_KEY = "camera_matrix_std", "distortion_coefficients_std
 
 TRANSFORM_KEYS = ("tf_world_to_camera", "projection_matrix")
 """What files call camera_from_world, today and in early 2020."""
-
 
 _ROS_KEY = "distortion_model"
 _ROS_MODELS = ("plumb_bob", "rational_polynomial")
@@ -77,70 +76,7 @@ _Loader.add_implicit_resolver(
 )
 
 
-def read_camera(path: str | os.PathLike[str], *, correct_halved_principal_point: bool = False) -> Camera:
-    """Read a calibration file of the platform.
-
-    The rotation, there an element-wise mean of rotations, is replaced by the nearest true one unless it
-    is one already.
-
-    Args:
-        path: the file.
-        correct_halved_principal_point: the file was made by halving K[:2] (the platform's
-            `*_cropped_and_downsampled.yml` and the 270×270 `camera*.yml` of a job's output), which puts
-            the principal point a quarter of a pixel too far right and down: take it back.
-
-    Raises:
-        CalibrationError: the file is missing, unreadable or malformed; the message names file and key.
-    """
-    camera = read_calibrated(path, alone=False).camera
-    return camera.with_halved_principal_point_corrected() if correct_halved_principal_point else camera
-
-
-def write_camera(camera: Camera, path: str | os.PathLike[str]) -> None:
-    """Write a calibration file of the platform, whole or not at all; `read_camera` returns the same bits.
-
-    Raises:
-        CalibrationError: the file cannot be written.
-    """
-    write_mapping(entries(camera), path)
-
-
-def entries(camera: Camera) -> dict[str, Any]:
-    """What a file says of a camera, key by key."""
-    data = {
-        "camera_name": camera.name,
-        "image_width": camera.width,
-        "image_height": camera.height,
-        "camera_matrix": matrix_entry(camera.matrix),
-        "distortion_coefficients": matrix_entry(camera.distortion[None]),
-        "tf_world_to_camera": matrix_entry(camera.camera_from_world),
-    }
-    if camera.camera_from_world_std is not None:
-        data["tf_world_to_camera_std"] = matrix_entry(camera.camera_from_world_std)
-    return data
-
-
-def write_mapping(data: dict[str, Any], path: str | os.PathLike[str]) -> None:
-    """Write a calibration file of these keys, whole or not at all.
-
-    Raises:
-        CalibrationError: the file cannot be written.
-    """
-    # With this header and lists in brackets (default_flow_style=None) OpenCV reads the file too.
-    text = "%YAML 1.1\n---\n" + yaml.safe_dump(
-        data, sort_keys=False, allow_unicode=True, default_flow_style=None, width=100
-    )
-    with told_as(CalibrationError, path):
-        write_whole(path, text)
-
-
-def matrix_entry(matrix: FloatArray) -> dict[str, Any]:
-    """How a file says a matrix (R, C)."""
-    rows, cols = matrix.shape
-    return {"rows": rows, "cols": cols, "dt": "d", "data": matrix.ravel().tolist()}
-
-
-def read_mapping(path: Path) -> dict[Any, Any]:
+def _read_mapping(path: Path) -> dict[Any, Any]:
     """The keys of a calibration file; CalibrationError where it is not plain YAML of keys."""
     with told_of(path_of(path, "calibration", CalibrationError), CalibrationError):
         content = read_bounded(path, MAX_FILE_SIZE)
@@ -165,11 +101,8 @@ def read_mapping(path: Path) -> dict[Any, Any]:
     return data
 
 
-def camera_of(data: dict[Any, Any]) -> Camera:
+def _camera_of(data: dict[Any, Any]) -> Camera:
     """The camera of a file's keys; CalibrationError names the key that is missing or malformed."""
-    name = _require(data, "camera_name")
-    if not isinstance(name, str):
-        raise CalibrationError(f"camera_name: found {shown(name)}, expected a text")
     if not any(key in data for key in TRANSFORM_KEYS) and "camera_matrix" in data:
         found = ", ".join(sorted(map(str, data)))[:200]
         raise CalibrationError(
@@ -177,20 +110,20 @@ def camera_of(data: dict[Any, Any]) -> Camera:
             "`tracker calibrate extrinsics` finds where its camera is; or add that key, a 4×4 matrix"
         )
     transform_key = next((key for key in TRANSFORM_KEYS if key in data), TRANSFORM_KEYS[0])
-    transform = matrix_of(data, transform_key, (4, 4))
+    transform = _matrix_of(data, transform_key, (4, 4))
     transform[:3, :3] = rotation_of(transform[:3, :3], transform_key, CalibrationError)
     std_key = next((f"{key}_std" for key in TRANSFORM_KEYS if data.get(f"{key}_std") is not None), None)
-    std = None if std_key is None else matrix_of(data, std_key, (4, 4))
+    std = None if std_key is None else _matrix_of(data, std_key, (4, 4))
     if std is not None and std.min() < 0:
         raise CalibrationError(f"{std_key}: found {std.min():g}, expected no negative deviation")
     if (transform[3] != (0, 0, 0, 1)).any():
         found = transform[3].tolist()
         raise CalibrationError(f"{transform_key}: found the last row {found}, expected [0, 0, 0, 1]")
     return Camera(
-        name=name,
+        name=_require(data, "camera_name"),
         width=_whole(data, "image_width"),
         height=_whole(data, "image_height"),
-        matrix=matrix_of(data, "camera_matrix", (3, 3)),
+        matrix=_matrix_of(data, "camera_matrix", (3, 3)),
         distortion=_distortion(data),
         camera_from_world=transform,
         camera_from_world_std=std,
@@ -214,11 +147,11 @@ def _whole(data: dict[Any, Any], key: str) -> int:
 def _distortion(data: dict[Any, Any]) -> FloatArray:
     counts = (4, *COUNTS)
     shapes = [shape for count in counts for shape in ((1, count), (count, 1))]
-    found = matrix_of(data, "distortion_coefficients", *shapes).ravel()
+    found = _matrix_of(data, "distortion_coefficients", *shapes).ravel()
     return np.append(found, 0.0) if len(found) == counts[0] else found  # OpenCV takes k3 = 0 then
 
 
-def matrix_of(data: dict[Any, Any], key: str, *shapes: tuple[int, int]) -> FloatArray:
+def _matrix_of(data: dict[Any, Any], key: str, *shapes: tuple[int, int]) -> FloatArray:
     """The matrix at `key`, of one of the shapes."""
     entry = _require(data, key)
     valid = " or ".join(f"{rows}×{cols}" for rows, cols in shapes)
@@ -291,18 +224,21 @@ class Calibrated:
 def read_calibrated(path: str | os.PathLike[str], *, alone: bool = True) -> Calibrated:
     """Read a file of the platform, or one of a lens `alone`, with the deviations that it states.
 
+    The rotation, there an element-wise mean of rotations, is replaced by the nearest true one unless it
+    is one already.
+
     Raises:
         CalibrationError: the file is missing, unreadable or malformed; the message names file and key.
     """
-    data = read_mapping(Path(path))
+    data = _read_mapping(Path(path))
     placed = not alone or any(key in data for key in TRANSFORM_KEYS)
     if not placed:
-        data[TRANSFORM_KEYS[0]] = matrix_entry(np.eye(4))
+        data[TRANSFORM_KEYS[0]] = _entry(np.eye(4))
     with naming(os.fspath(path), CalibrationError):
-        camera = camera_of(data)
-        matrix_std = matrix_of(data, _MATRIX_KEY, (3, 3)) if _MATRIX_KEY in data else None
-        distortion_std = matrix_of(data, _DISTORTION_KEY, (1, 5)).ravel() if _DISTORTION_KEY in data else None
-    return Calibrated(camera, matrix_std, distortion_std, placed)
+        camera = _camera_of(data)
+        matrix = _matrix_of(data, _MATRIX_KEY, (3, 3)) if _MATRIX_KEY in data else None
+        distortion = _matrix_of(data, _DISTORTION_KEY, (1, 5)).ravel() if _DISTORTION_KEY in data else None
+    return Calibrated(camera, matrix, distortion, placed)
 
 
 def write_calibrated(calibrated: Calibrated, path: str | os.PathLike[str]) -> None:
@@ -311,24 +247,53 @@ def write_calibrated(calibrated: Calibrated, path: str | os.PathLike[str]) -> No
     Raises:
         CalibrationError: the file cannot be written.
     """
-    data = entries(calibrated.camera)
-    if not calibrated.placed:
-        del data[TRANSFORM_KEYS[0]]
-    if calibrated.matrix_std is not None:
-        data[_MATRIX_KEY] = matrix_entry(calibrated.matrix_std)
-    if calibrated.distortion_std is not None:
-        data[_DISTORTION_KEY] = matrix_entry(calibrated.distortion_std[None])
-    write_mapping(data, path)
+    camera, bent = calibrated.camera, calibrated.distortion_std
+    matrices = {
+        "camera_matrix": camera.matrix,
+        "distortion_coefficients": camera.distortion[None],
+        "tf_world_to_camera": camera.camera_from_world if calibrated.placed else None,
+        "tf_world_to_camera_std": camera.camera_from_world_std,
+        _MATRIX_KEY: calibrated.matrix_std,
+        _DISTORTION_KEY: None if bent is None else bent[None],
+    }
+    data = {"camera_name": camera.name, "image_width": camera.width, "image_height": camera.height}
+    data |= {key: _entry(matrix) for key, matrix in matrices.items() if matrix is not None}
+    # With this header and lists in brackets (default_flow_style=None) OpenCV reads the file too.
+    text = "%YAML 1.1\n---\n" + yaml.safe_dump(
+        data, sort_keys=False, allow_unicode=True, default_flow_style=None, width=100
+    )
+    with told_as(CalibrationError, path):
+        write_whole(path, text)
+
+
+def _entry(matrix: FloatArray) -> dict[str, Any]:
+    """How a file says a matrix (R, C)."""
+    rows, cols = matrix.shape
+    return {"rows": rows, "cols": cols, "dt": "d", "data": matrix.ravel().tolist()}
+
+
+def read_folder(root: Path, pattern: str | None, *, alone: bool = True) -> tuple[Calibrated, ...]:
+    """Read a folder's files, one of each camera, in the order of the cameras; `alone`: as `read_calibrated`.
+
+    pattern: of the files' names; None: every .yml and .yaml file with `camera` in its name.
+
+    Raises:
+        CalibrationError: a file is malformed, or there is none, or several of a camera.
+    """
+    found = {path.name: read_calibrated(path, alone=alone) for path in calibration_files(root, pattern)}
+    names = {file: one.camera.name for file, one in found.items()}
+    refuse_variants(root, names)
+    return tuple(found[file] for file in sorted(found, key=lambda file: camera_order(names[file], file)))
 
 
 def read_all_calibrated(paths: Sequence[Path], pattern: str | None = None) -> tuple[Calibrated, ...]:
-    """Read the files given; or those of a folder, one of each camera, in the order of `CameraRig.load`.
+    """Read the files given; or those of a folder, see `read_folder`.
 
     Raises:
-        CalibrationError: a file is missing or malformed, or the folder holds none or several of a camera.
+        CalibrationError: a file is missing or malformed, or there are none or several of a camera.
     """
     if len(paths) == 1 and paths[0].is_dir():
-        return read_folder(paths[0], pattern, read_calibrated, lambda one: one.camera.name)
+        return read_folder(paths[0], pattern)
     found = {path: read_calibrated(path) for path in paths}
     refuse_variants(Path(), {str(path): one.camera.name for path, one in found.items()})
     return tuple(found.values())
@@ -349,14 +314,13 @@ def halved_by_rows(path: Path) -> bool:
     The file of twice the size beside it shows this, else the name that the platform gives to such
     files; those that state their deviations are of this package, which does it right.
     """
-    mine = read_calibrated(path)
+    read = read_calibrated(path)
+    mine = read.camera
     for other in path.parent.glob("*.y*ml"):
         with contextlib.suppress(CalibrationError):
             whole = read_calibrated(other).camera
-            sizes = (whole.width, whole.height) == (2 * mine.camera.width, 2 * mine.camera.height)
-            same = np.allclose(
-                whole.matrix[(0, 1), (0, 1)], 2 * mine.camera.matrix[(0, 1), (0, 1)], rtol=1e-9
-            )
-            if whole.name == mine.camera.name and sizes and same:
-                return np.allclose(whole.matrix[:2, 2], 2 * mine.camera.matrix[:2, 2], atol=1e-6)
-    return mine.matrix_std is None and path.stem.endswith("_downsampled")
+            sizes = (whole.width, whole.height) == (2 * mine.width, 2 * mine.height)
+            same = np.allclose(whole.matrix[(0, 1), (0, 1)], 2 * mine.matrix[(0, 1), (0, 1)], rtol=1e-9)
+            if whole.name == mine.name and sizes and same:
+                return np.allclose(whole.matrix[:2, 2], 2 * mine.matrix[:2, 2], atol=1e-6)
+    return read.matrix_std is None and path.stem.endswith("_downsampled")
