@@ -18,7 +18,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -53,18 +52,13 @@ _HELD = np.diag(np.repeat([2e-2, 3e-1], 3) ** -2.0)
 """(6, 6) information that holds what no camera sees of a pose [m, rad]."""
 
 
-class Posed(NamedTuple):
-    """What the cameras show of the object in one frame."""
-
-    position: FloatArray
-    """(3,) where it is looked for [m]."""
-    contours: Sequence[Contour | None]
-    """Of each camera."""
+Posed = tuple[FloatArray, Sequence[Contour | None]]
+"""Where the object is looked for in a frame (3,) [m], and what each camera shows of it."""
 
 
 @dataclass(frozen=True, eq=False)
 class Unknowns:
-    """The cameras as known so far, and how far they are from where their files have them."""
+    """The cameras and the rim as known so far, and what was known of them beforehand."""
 
     cameras: tuple[Camera, ...]
     """As they are now taken to be."""
@@ -72,41 +66,30 @@ class Unknowns:
     """(C, 10) EXTRINSIC, EXPONENT, FOCAL: what has been added up."""
     rim: float
     """Of the object [m]."""
+    information: FloatArray
+    """(C, 10, 10) known beforehand of the errors, of exponents about LIKELY_EXPONENT."""
+    likely_rim: tuple[float, float]
+    """Width of the rim known beforehand, and its standard deviation [m]."""
 
     @classmethod
-    def of(cls, cameras: Sequence[Camera], rim: float) -> Unknowns:
-        """To begin with."""
+    def of(cls, cameras: Sequence[Camera], rim: tuple[float, float], *, focal: bool) -> Unknowns:
+        """As cameras' files state, and LEAST_STD, to begin with; `focal`: whether lenses may be off, too."""
         errors = np.zeros((len(cameras), 10))
         errors[:, EXPONENT] = LIKELY_EXPONENT
-        return cls(tuple(cameras), errors, rim)
-
-    def moved(self, change: FloatArray, rim: float) -> Unknowns:
-        """After a change (C, 10) of the cameras, and with another rim."""
-        cameras = tuple(_changed(camera, one) for camera, one in zip(self.cameras, change, strict=True))
-        return Unknowns(cameras, self.errors + change, rim)
-
-
-class Prior(NamedTuple):
-    """What is known beforehand."""
-
-    information: FloatArray
-    """(C, 10, 10) on the cameras' errors, exponents about LIKELY_EXPONENT."""
-    rim: tuple[float, float]
-    """Width of the rim, and its standard deviation [m]."""
-
-    @classmethod
-    def of(cls, cameras: Sequence[Camera], rim: tuple[float, float], *, focal: bool) -> Prior:
-        """From what the cameras' files state, and LEAST_STD; `focal`: whether lenses may change, too."""
         information = np.zeros((len(cameras), 10, 10))
         least = np.diag(np.repeat(np.square(LEAST_STD), 3))
         for one, camera in zip(information, cameras, strict=True):
-            stated = calibration_covariance(camera)
-            one[EXTRINSIC, EXTRINSIC] = np.linalg.inv(stated + least)
+            one[EXTRINSIC, EXTRINSIC] = np.linalg.inv(calibration_covariance(camera) + least)
             one[EXPONENT, EXPONENT] = EXPONENT_STD**-2
             center = CENTER_STD * camera.width
             stds = np.array([FOCAL_STD, center, center]) if focal else np.full(3, 1e-9)
             one[FOCAL, FOCAL] = np.diag(stds**-2.0)
-        return cls(information, rim)
+        return cls(tuple(cameras), errors, rim[0], information, rim)
+
+    def moved(self, change: FloatArray, rim: float) -> Unknowns:
+        """After a change (C, 10) of the cameras, and with another rim."""
+        cameras = tuple(_changed(camera, one) for camera, one in zip(self.cameras, change, strict=True))
+        return dataclasses.replace(self, cameras=cameras, errors=self.errors + change, rim=rim)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,18 +112,30 @@ class Step:
     """Variance of what the pieces of an edge have in common [px²]."""
 
 
-def solve(views: Sequence[Posed], now: Unknowns, prior: Prior) -> Step:
+def solve(views: Sequence[Posed], now: Unknowns) -> Step:
     """The step from what is known now; contours are those that the present cameras see."""
-    count = len(now.cameras)
-    left = [[None if o is None else _left(o, now, c) for c, o in enumerate(v.contours)] for v in views]
-    known = [one for part in left for one in part if one is not None]
-    scatter = 1.4826 * float(np.median(np.abs(np.concatenate(known))))
+    count, size = len(now.cameras), 10 * len(now.cameras) + 1
+    seen = [
+        [(c, one, _left(one, now, c)) for c, one in enumerate(contours) if one is not None]
+        for _, contours in views
+    ]
+    scatter = 1.4826 * float(np.median(np.abs(np.concatenate([left for view in seen for *_, left in view]))))
     limit = max(LEAST_LIMIT, TUKEY * scatter)
-    rest, right = _prior(now, prior)
-    own = _own_variance(views, left, limit)
+    own = _own_variance(seen, limit)
+    rest, right = _prior(now)
     poses = []
-    for view, offsets in zip(views, left, strict=True):
-        held, joint, force = _frame(view, offsets, limit, own, rest, right)
+    for (position, _), view in zip(views, seen, strict=True):
+        # D (6, 6), E (6, size) and g (6,) of the frame's pose.
+        held, joint, force = _HELD.copy(), np.zeros((6, size)), np.zeros(6)
+        motion = seen_motion(position)
+        for c, contour, left in view:
+            found = _products(contour, motion, left, limit, own)
+            its = [*range(10 * c, 10 * c + 10), size - 1]
+            held += found[:6, :6]
+            joint[:, its] += found[:6, 6:-1]
+            force += found[:6, -1]
+            rest[np.ix_(its, its)] += found[6:-1, 6:-1]
+            right[its] += found[6:-1, -1]
         solved = np.linalg.solve(held, np.column_stack([joint, force]))
         rest -= joint.T @ solved[:, :-1]
         right -= joint.T @ solved[:, -1]
@@ -151,7 +146,7 @@ def solve(views: Sequence[Posed], now: Unknowns, prior: Prior) -> Step:
     found = covariance @ right
     changes = np.array([np.linalg.solve(held, force - joint @ found) for held, joint, force in poses])
     pulled = np.linalg.solve(rest[:-1, :-1], rest[:-1, -1])
-    alike = max(EDGES_STD, prior.rim[1])
+    alike = max(EDGES_STD, now.likely_rim[1])
     errors = covariance[:-1, :-1] + alike**2 * np.outer(pulled, pulled)
     return Step(
         changes,
@@ -162,31 +157,6 @@ def solve(views: Sequence[Posed], now: Unknowns, prior: Prior) -> Step:
         scatter,
         own,
     )
-
-
-def _frame(
-    view: Posed,
-    offsets: Sequence[FloatArray | None],
-    limit: float,
-    own: float,
-    rest: FloatArray,
-    right: FloatArray,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """D (6, 6), E (6, n) and g (6,) of a frame's pose; A (n, n) and g (n,) of the rest are added to."""
-    size = len(right)
-    held, joint, force = _HELD.copy(), np.zeros((6, size)), np.zeros(6)
-    motion = seen_motion(view.position)
-    for c, (contour, left) in enumerate(zip(view.contours, offsets, strict=True)):
-        if contour is None or left is None:
-            continue
-        found = _products(contour, motion, left, limit, own)
-        its = [*range(10 * c, 10 * c + 10), size - 1]
-        held += found[:6, :6]
-        joint[:, its] += found[:6, 6:-1]
-        force += found[:6, -1]
-        rest[np.ix_(its, its)] += found[6:-1, 6:-1]
-        right[its] += found[6:-1, -1]
-    return held, joint, force
 
 
 def relative_covariance(covariance: FloatArray) -> FloatArray:
@@ -212,16 +182,8 @@ def _left(contour: Contour, now: Unknowns, c: int) -> FloatArray:
 def _products(contour: Contour, motion: FloatArray, left: FloatArray, limit: float, own: float) -> FloatArray:
     """(18, 18) of the columns pose, camera, rim and residual."""
     lens = np.column_stack([np.einsum("ni,ni->n", contour.normal, contour.pixel), contour.normal])
-    columns = np.column_stack(
-        [
-            contour.jacobian,
-            contour.jacobian @ motion,
-            contour.bloom,
-            lens / contour.scale,
-            contour.rim,
-            left,
-        ]
-    )
+    moves, size = contour.jacobian, contour.scale
+    columns = np.column_stack([moves, moves @ motion, contour.bloom, lens / size, contour.rim, left])
     return contour.information(columns, _weights(left, limit), own)
 
 
@@ -231,34 +193,32 @@ def _weights(left: FloatArray, limit: float) -> FloatArray:
     return result
 
 
-def _own_variance(views: Sequence[Posed], left: Sequence[Sequence[FloatArray | None]], limit: float) -> float:
+def _own_variance(seen: Sequence[Sequence[tuple[int, Contour, FloatArray]]], limit: float) -> float:
     """Variance [px²] of what the pieces of an edge have in common: what their means vary more than noise."""
-    total, count = 0.0, -6.0 * len(views)  # the poses take up as many
-    for view, offsets in zip(views, left, strict=True):
-        for contour, its in zip(view.contours, offsets, strict=True):
-            if contour is None or its is None:
-                continue
-            weights = _weights(its, limit) * (contour.foot == 0.0) / contour.variance
+    total, count = 0.0, -6.0 * len(seen)  # the poses take up as many
+    for view in seen:
+        for _, contour, left in view:
+            weights = _weights(left, limit) * (contour.foot == 0.0) / contour.variance
             known = np.bincount(contour.edge, weights, 12)
-            seen = known > 0.0
-            means = np.bincount(contour.edge, weights * its, 12)[seen] / known[seen]
-            total += float((means**2 - 1.0 / known[seen]).sum())
+            shown = known > 0.0
+            means = np.bincount(contour.edge, weights * left, 12)[shown] / known[shown]
+            total += float((means**2 - 1.0 / known[shown]).sum())
             count += len(means)
     return max(OWN**2, total / max(count, 1.0))
 
 
-def _prior(now: Unknowns, prior: Prior) -> tuple[FloatArray, FloatArray]:
+def _prior(now: Unknowns) -> tuple[FloatArray, FloatArray]:
     """(n, n) information on the rest, the cameras one after the other and the rim, and (n,) its pull."""
     size = 10 * len(now.cameras) + 1
     rest, right = np.zeros((size, size)), np.zeros(size)
-    for c, information in enumerate(prior.information):
+    off = now.errors.copy()
+    off[:, EXPONENT] -= LIKELY_EXPONENT
+    for c, information in enumerate(now.information):
         its = slice(10 * c, 10 * c + 10)
-        off = now.errors[c].copy()
-        off[EXPONENT] -= LIKELY_EXPONENT
         rest[its, its] = information
-        right[its] = -information @ off
-    rest[-1, -1] = prior.rim[1] ** -2.0
-    right[-1] = (prior.rim[0] - now.rim) / prior.rim[1] ** 2
+        right[its] = -information @ off[c]
+    rest[-1, -1] = now.likely_rim[1] ** -2.0
+    right[-1] = (now.likely_rim[0] - now.rim) / now.likely_rim[1] ** 2
     return rest, right
 
 

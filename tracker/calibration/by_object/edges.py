@@ -7,12 +7,12 @@ while edges are read.
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from tracker.calibration.by_object.sightings import Images
+from tracker.calibration.by_object.sightings import Footage, Sighting
 from tracker.calibration.deviations import calibration_covariance
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray
@@ -132,6 +132,10 @@ def pose_errors(
     return own, np.stack([total @ w @ m for w, m in zip(weights, motions, strict=True)], axis=1)
 
 
+Frame = tuple[Sight, Sighting]
+"""What the pictures of one moment say, and about where the object is in them."""
+
+
 class EdgeReader:
     """Reads edges; what it says depends on nothing but its arguments.
 
@@ -156,9 +160,17 @@ class EdgeReader:
         table = table_of(rig.arena, support=False)
         self.rig, self._refiner = rig, Refiner(self._box, rig.cameras, self._colors.label_table, table)
 
-    def sight(self, images: Images) -> Sight:
-        """What the pictures say, whatever the calibration."""
-        return self._reader(images)
+    def sights(self, footage: Sequence[Footage], seen: Sequence[Sequence[Sighting]]) -> Iterator[Frame]:
+        """What the pictures say of which the sightings are, those of one footage after the other."""
+        for one, part in zip(footage, seen, strict=True):
+            for sighting, images in zip(part, one.images([s.number for s in part]), strict=True):
+                yield self._reader(images), sighting
+
+    def fitted(self, frame: Frame) -> tuple[Fit, list[Contour | None]]:
+        """The pose that fits the edges best near the one seen, and each camera's edges at it."""
+        sight, seen = frame
+        fit = self.refine(sight, seen.rotation, seen.position)
+        return fit, self.contours(sight, fit.rotation, fit.position, fit.end)
 
     def refine(self, sight: Sight, rotation: FloatArray, position: FloatArray) -> Fit:
         """The pose (3, 3), (3,) [m] that fits the edges best near the one given."""
@@ -169,7 +181,7 @@ class EdgeReader:
         sight: Sight,
         rotation: FloatArray,
         position: FloatArray,
-        start: Start | None = None,
+        start: Start,
         offsets: FloatArray | None = None,
     ) -> list[Contour | None]:
         """Each camera's edges at a pose (3, 3), (3,) [m], None where it has no picture or sees none.

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,21 +16,13 @@ from tracker.calibration.by_object.bundle import (
     EXTRINSIC,
     FOCAL,
     LEAST_STD,
-    Posed,
-    Prior,
     Step,
     Unknowns,
     relative_covariance,
     solve,
 )
-from tracker.calibration.by_object.edges import EdgeReader
-from tracker.calibration.by_object.sightings import (
-    Footage,
-    Sighting,
-    all_sightings,
-    different,
-    require_two,
-)
+from tracker.calibration.by_object.edges import EdgeReader, Frame
+from tracker.calibration.by_object.sightings import Footage, all_sightings, different, require_two
 from tracker.calibration.by_object.table import TablePlane, broad, levelled, plane_of
 from tracker.calibration.deviations import element_std
 from tracker.calibration.rig import CameraRig
@@ -40,7 +32,6 @@ from tracker.geometry import so3
 from tracker.geometry.camera import Camera
 from tracker.objects.model import CuboidModel
 from tracker.pipeline import ObjectTracker
-from tracker.pose.views import Sight
 from tracker.segmentation.color_model import ColorModel
 
 ITERATIONS = 10
@@ -48,28 +39,6 @@ ITERATIONS = 10
 
 SETTLED = 0.02e-3, np.radians(0.002)
 """Change of a camera below which it has settled [m, rad]."""
-
-
-@dataclass(frozen=True, eq=False)
-class Frame:
-    """Pictures of the object in a pose."""
-
-    sight: Sight
-    """What they say."""
-    position: FloatArray
-    """(3,) about where it is [m]."""
-    rotation: FloatArray
-    """(3, 3) world_from_object, about."""
-
-
-def widened(rig: CameraRig) -> CameraRig:
-    """The same cameras, stated to be at most as good as LEAST_STD."""
-    return _with_stds(rig, [_wider(camera) for camera in rig])
-
-
-def exact(rig: CameraRig) -> CameraRig:
-    """The same cameras, stated to be exact."""
-    return _with_stds(rig, [None] * len(rig))
 
 
 def adjust(
@@ -83,23 +52,18 @@ def adjust(
         rim: of the object, and its standard deviation [m].
         focal: whether focal lengths and principal points are unknown, too.
     """
-    prior = Prior.of(edges.rig.cameras, rim, focal=focal)
-    now = Unknowns.of(edges.rig.cameras, rim[0])
-    poses, starts, offsets = [], [], []
-    for frame in frames:
-        refined = edges.refine(frame.sight, frame.rotation, frame.position)
-        poses.append((refined.rotation, refined.position))
-        starts.append(refined.end)
-        # At first the cameras see the object beside where they should.
-        offsets.append(refined.offsets)
-    aims: Sequence[FloatArray | None] = offsets
+    now = Unknowns.of(edges.rig.cameras, rim, focal=focal)
+    fits = [edges.refine(sight, seen.rotation, seen.position) for sight, seen in frames]
+    poses = [(fit.rotation, fit.position) for fit in fits]
+    # At first the cameras see the object beside where they should.
+    aims: Sequence[FloatArray | None] = [fit.offsets for fit in fits]
     for _ in range(ITERATIONS):
         reader = edges.of(dataclasses.replace(edges.rig, cameras=now.cameras))
         read = [
-            Posed(position, reader.contours(frame.sight, rotation, position, start, aim))
-            for frame, (rotation, position), start, aim in zip(frames, poses, starts, aims, strict=True)
+            (position, reader.contours(sight, rotation, position, fit.end, aim))
+            for (sight, _), (rotation, position), fit, aim in zip(frames, poses, fits, aims, strict=True)
         ]
-        step = solve(read, now, prior)
+        step = solve(read, now)
         now = now.moved(step.change, step.rim)
         poses = [
             (so3.exp(change[3:]) @ rotation, position + change[:3])
@@ -112,20 +76,16 @@ def adjust(
     return now, step
 
 
-def _with_stds(rig: CameraRig, stds: Sequence[FloatArray | None]) -> CameraRig:
+def _stating(rig: CameraRig, stds: Iterable[FloatArray | None]) -> CameraRig:
+    """The same cameras with other deviations (4, 4)."""
     cameras = (
         dataclasses.replace(camera, camera_from_world_std=std) for camera, std in zip(rig, stds, strict=True)
     )
     return dataclasses.replace(rig, cameras=tuple(cameras))
 
 
-def _stating(rig: CameraRig, covariances: FloatArray) -> CameraRig:
-    """The same cameras with the deviations of covariances (C, 6, 6)."""
-    pairs = zip(rig, covariances, strict=True)
-    return _with_stds(rig, [element_std(camera.camera_from_world[:3, :3], one) for camera, one in pairs])
-
-
 def _wider(camera: Camera) -> FloatArray:
+    """What a camera states of its place, at least LEAST_STD."""
     least = element_std(camera.camera_from_world[:3, :3], np.diag(np.repeat(np.square(LEAST_STD), 3)))
     std = camera.camera_from_world_std
     return least if std is None else np.maximum(std, least)
@@ -201,27 +161,38 @@ def refine_cameras(
         NotBetterError: held-out frames are fitted no better.
     """
     require_two(rig.cameras, "refine", ", which stand to each other")
-    wide = widened(broad(rig))
+    wide = _stating(broad(rig), map(_wider, rig))
     tracker, edges = ObjectTracker(model, wide, colors, table_prior=False), EdgeReader(model, wide, colors)
     seen = all_sightings(tracker, footage, SURE, progress)
-    frames = _frames(edges, footage, different(model.name, seen, most))
+    frames = list(edges.sights(footage, different(model.name, seen, most)))
     rim = model.rim, model.rim_std
     taught = [frame for k, frame in enumerate(frames) if k % JUDGED]
     judges = frames[::JUDGED]
     lesson, _ = adjust(edges, taught, rim, focal=focal)
-    before = misfit(edges.of(exact(rig)), judges)
-    after = misfit(edges.of(exact(dataclasses.replace(rig, cameras=lesson.cameras))), judges)
-    _require_gain(before, after, len(judges))
+    nothing = [None] * len(rig)
+    taught_rig = dataclasses.replace(rig, cameras=lesson.cameras)
+    before = misfit(edges.of(_stating(rig, nothing)), judges)
+    after = misfit(edges.of(_stating(taught_rig, nothing)), judges)
+    if not after < (1.0 - GAIN) * before:
+        raise NotBetterError(
+            f"refine: refused: edges in {len(judges)} frames held out are {before:.3f} px off with the "
+            f"calibration as it is, and {after:.3f} px with the one found; expected {GAIN:.0%} less: it is "
+            "as good as these recordings can tell"
+        )
     now, step = adjust(edges, frames, rim, focal=focal)
-    stated = relative_covariance(step.covariance) + np.diag(np.repeat(np.square(FLOOR), 3))
-    found, plane = _stating(dataclasses.replace(rig, cameras=now.cameras), stated), None
+    covariances = relative_covariance(step.covariance) + np.diag(np.repeat(np.square(FLOOR), 3))
+    stds = [
+        element_std(camera.camera_from_world[:3, :3], one)
+        for camera, one in zip(now.cameras, covariances, strict=True)
+    ]
+    found, plane = _stating(dataclasses.replace(rig, cameras=now.cameras), stds), None
     # Where it hardly rests, z and tilt stay as they are.
     with contextlib.suppress(CalibrationError):
         plane = plane_of(model, edges.of(found), footage, seen)
     return Refined(
         found if plane is None else levelled(found, plane),
         now.errors[:, EXTRINSIC] - now.errors[:, EXTRINSIC].mean(axis=0),
-        np.sqrt(np.diagonal(stated, axis1=1, axis2=2)),
+        np.sqrt(np.diagonal(covariances, axis1=1, axis2=2)),
         now.errors[:, FOCAL],
         before,
         after,
@@ -231,35 +202,14 @@ def refine_cameras(
     )
 
 
-def _require_gain(before: float, after: float, judges: int) -> None:
-    if not after < (1.0 - GAIN) * before:
-        raise NotBetterError(
-            f"refine: refused: edges in {judges} frames held out are {before:.3f} px off with the "
-            f"calibration as it is, and {after:.3f} px with the one found; expected {GAIN:.0%} less: it is "
-            "as good as these recordings can tell"
-        )
-
-
 def misfit(edges: EdgeReader, frames: Sequence[Frame]) -> float:
     """Root mean square offset [px at reference size] of edges at the poses that fit best."""
     squares, count = 0.0, 0
     for frame in frames:
-        refined = edges.refine(frame.sight, frame.rotation, frame.position)
-        found = edges.contours(frame.sight, refined.rotation, refined.position, refined.end)
+        fit, found = edges.fitted(frame)
         for one in found:
             if one is not None:
-                left = one.offset - one.bloom * refined.end.exponent - one.rim * refined.end.rim
+                left = one.offset - one.bloom * fit.end.exponent - one.rim * fit.end.rim
                 squares += float(np.minimum(left**2, MISSED**2).sum())
                 count += len(left)
     return float(np.sqrt(squares / max(count, 1)))
-
-
-def _frames(
-    edges: EdgeReader, footage: Sequence[Footage], chosen: Sequence[tuple[int, Sighting]]
-) -> list[Frame]:
-    frames = []
-    for k, one in enumerate(footage):
-        mine = [sighting for number, sighting in chosen if number == k]
-        for sighting, images in zip(mine, one.images([s.number for s in mine]), strict=True):
-            frames.append(Frame(edges.sight(images), sighting.position, sighting.rotation))
-    return frames

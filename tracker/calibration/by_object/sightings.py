@@ -153,9 +153,9 @@ def resting(sightings: Iterable[Sighting]) -> list[Sighting]:
         level = np.abs(one.rotation[2]).max() > np.cos(LEVEL)
         if not level or not (one.velocity is None or slow(one.velocity)):
             continue
-        last = runs[-1] if runs else None
-        if last and not one.begins and one.velocity is not None and _stays(last, one):
-            last.append(one)
+        run = [] if not runs or one.begins or one.velocity is None else runs[-1]
+        if run and one.number == run[-1].number + 1 and _near(one, run[0], SAME):
+            run.append(one)
         else:
             runs.append([one])
     return [run[len(run) // 2] for run in runs if run[0].velocity is None or len(run) >= FRAMES]
@@ -166,11 +166,10 @@ def slow(velocity: FloatArray) -> bool:
     return bool((np.linalg.norm(velocity.reshape(2, 3), axis=1) < SLOW).all())
 
 
-def _stays(run: list[Sighting], one: Sighting) -> bool:
-    """Whether a sighting follows those of a run without a gap, in the same place."""
-    moved = np.linalg.norm(one.position - run[0].position)
-    turned = so3.angle_between(one.rotation, run[0].rotation)
-    return bool(one.number == run[-1].number + 1 and moved < SAME[0] and turned < SAME[1])
+def _near(one: Sighting, other: Sighting, limits: tuple[float, float]) -> bool:
+    """Whether the object moved and turned less than these limits [m, rad]."""
+    moved = np.linalg.norm(one.position - other.position)
+    return bool(moved < limits[0] and so3.angle_between(one.rotation, other.rotation) < limits[1])
 
 
 APART = 8e-3, np.radians(8.0)
@@ -189,8 +188,8 @@ SMEARED = 0.3e-3
 """Motion between the pictures of one frame beyond which it is left out [m]."""
 
 
-def different(name: str, seen: Sequence[Sequence[Sighting]], most: int) -> list[tuple[int, Sighting]]:
-    """Up to `most` sightings of the object `name` in poses that differ, each with the number of its footage.
+def different(name: str, seen: Sequence[Sequence[Sighting]], most: int) -> list[list[Sighting]]:
+    """Up to `most` sightings of the object `name` in poses that differ, those of each footage by themselves.
 
     Raises:
         CalibrationError: there are too few.
@@ -202,7 +201,7 @@ def different(name: str, seen: Sequence[Sequence[Sighting]], most: int) -> list[
         raise CalibrationError(f"refine: found no frame in which {name} is surely seen{more}")
     chosen: list[tuple[int, Sighting]] = []
     for k, one in sharp:
-        if all(_apart(one, other) for _, other in chosen):
+        if not any(_near(one, other, APART) for _, other in chosen):
             chosen.append((k, one))
     places = np.array([one.position for _, one in chosen])
     turn = max(so3.angle_between(one.rotation, chosen[0][1].rotation) for _, one in chosen)
@@ -214,14 +213,10 @@ def different(name: str, seen: Sequence[Sequence[Sighting]], most: int) -> list[
             f"{np.degrees(turn):.0f}° (expected {np.degrees(TURNED):.0f}): move and turn it all over the "
             "arena"
         )
-    return [chosen[k] for k in evenly(len(chosen), most)]
+    taken = [chosen[k] for k in evenly(len(chosen), most)]
+    return [[one for k, one in taken if k == footage] for footage in range(len(seen))]
 
 
 def _smear(one: Sighting) -> float:
     """How far the object moved between the first and the last picture of a frame [m]."""
     return 0.0 if one.velocity is None else one.skew * float(np.linalg.norm(one.velocity[:3]))
-
-
-def _apart(one: Sighting, other: Sighting) -> bool:
-    moved = np.linalg.norm(one.position - other.position)
-    return bool(moved > APART[0] or so3.angle_between(one.rotation, other.rotation) > APART[1])

@@ -12,14 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tracker.calibration.by_object.edges import EdgeReader, pose_errors
-from tracker.calibration.by_object.sightings import (
-    Footage,
-    Sighting,
-    all_sightings,
-    require_two,
-    resting,
-)
+from tracker.calibration.by_object.edges import EdgeReader, Frame, pose_errors
+from tracker.calibration.by_object.sightings import Footage, Sighting, all_sightings, require_two, resting
 from tracker.calibration.deviations import calibration_covariance, turned_std
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray
@@ -27,7 +21,6 @@ from tracker.errors import CalibrationError
 from tracker.geometry import so3
 from tracker.objects.model import CuboidModel
 from tracker.pipeline import ObjectTracker
-from tracker.pose.views import Sight
 from tracker.segmentation.color_model import ColorModel
 
 FLOOR = 0.3e-3, np.radians(0.15)
@@ -285,16 +278,10 @@ def plane_of(
     Raises:
         CalibrationError: it rested in too few places.
     """
-    rests, single = [], 0
-    for one, part in zip(footage, seen, strict=True):
-        still = resting(part)
-        for sighting, images in zip(still, one.images([s.number for s in still]), strict=True):
-            rest = _rest(edges, sighting, edges.sight(images), model.rim_std)
-            if rest is not None:
-                rests.append(rest)
-            else:
-                single += 1
-    if len(rests) < LEAST <= len(rests) + single:
+    found = [_rest(edges, frame, model.rim_std) for frame in edges.sights(footage, list(map(resting, seen)))]
+    rests = [rest for rest in found if rest is not None]
+    single = len(found) - len(rests)
+    if len(rests) < LEAST <= len(found):
         raise CalibrationError(
             f"table: found {single} places in which one camera alone sees the object at rest, and "
             f"{len(rests)} in which others do, expected {LEAST} of these: one camera's depth is not the "
@@ -303,13 +290,10 @@ def plane_of(
     return fit_table(rests, model.size, edges.rig)
 
 
-def _rest(edges: EdgeReader, sighting: Sighting, sight: Sight, rim_std: float) -> Rest | None:
+def _rest(edges: EdgeReader, frame: Frame, rim_std: float) -> Rest | None:
     """The pose once more from one shot, with its errors; None where fewer than two cameras see its edges."""
-    refined = edges.refine(sight, sighting.rotation, sighting.position)
-    found = edges.contours(sight, refined.rotation, refined.position, refined.end)
+    fit, found = edges.fitted(frame)
     if sum(one is not None and len(one.offset) >= PIECES for one in found) < 2:
         return None
-    own, common = pose_errors(found, refined.position, edges.rig.cameras, rim_std)
-    if not np.isfinite(own).all():
-        return None
-    return Rest(refined.position, refined.rotation, own, common)
+    own, common = pose_errors(found, fit.position, edges.rig.cameras, rim_std)
+    return Rest(fit.position, fit.rotation, own, common) if np.isfinite(own).all() else None
