@@ -317,7 +317,7 @@ OFF_CELLS = dice.sample_goal(0) * 0.9 + [0, 0, 0.01]
 @pytest.mark.parametrize(
     ("name", "goal", "message"),
     [
-        ("goal.yaml", dice.sample_goal(0), r"found suffix '\.yaml', expected \.json, or \.txt"),
+        ("goal.yaml", dice.sample_goal(0), r"found suffix '\.yaml', expected \.json or \.txt"),
         ("goal", dice.sample_goal(0), "found no suffix"),
         ("nowhere/goal.json", dice.sample_goal(0), "cannot be written: there is no folder .*nowhere"),
         ("taken.json", dice.sample_goal(0), "cannot be written"),

@@ -10,10 +10,10 @@ After the rows the text ends, or goes on after an empty line or one of dashes an
 
 from __future__ import annotations
 
-import functools
 import json
 import os
 import re
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
@@ -24,7 +24,7 @@ import numpy.typing as npt
 from tracker.checks import is_number, is_whole, naming, of_kind, path_of
 from tracker.conventions import Array, FloatArray
 from tracker.errors import TaskError, shown
-from tracker.files import read_bounded, told_as, write_whole
+from tracker.files import check_suffix, read_bounded, told_as, write_whole
 from tracker.tasks.checks import numbers
 
 NUM_DICE = 25
@@ -66,11 +66,6 @@ def reach(positions: Array) -> FloatArray:
 
 def cells() -> FloatArray:
     """Centres (N, 3) [m] of the cells that lie inside the arena, ordered by x, then by y."""
-    return _cells().copy()
-
-
-@functools.cache
-def _cells() -> FloatArray:
     centers = cell_centers().reshape(-1, 3)
     return centers[in_arena(centers)]
 
@@ -87,8 +82,7 @@ def sample_goal(rng: int | np.random.Generator) -> FloatArray:
     if not isinstance(rng, np.random.Generator) and not (is_whole(rng) and rng >= 0):
         valid = "a whole number from 0 or a numpy.random.Generator"
         raise TaskError(f"rng: found {shown(rng)}, expected {valid}")
-    chosen = np.random.default_rng(rng).choice(len(_cells()), NUM_DICE, replace=False)
-    return _cells()[chosen]
+    return np.random.default_rng(rng).choice(cells(), NUM_DICE, replace=False)
 
 
 def validate_goal(goal: npt.ArrayLike) -> FloatArray:
@@ -182,12 +176,10 @@ def read_as(
 
 
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    unique = dict(pairs)
-    if len(unique) < len(pairs):
-        keys = [key for key, _ in pairs]
-        doubled = next(key for key in keys if keys.count(key) > 1)
-        raise TaskError(f"found the key {doubled[:40]!r} twice, expected it once")
-    return unique
+    for key, count in Counter(key for key, _ in pairs).items():
+        if count > 1:
+            raise TaskError(f"found the key {key[:40]!r} twice, expected it once")
+    return dict(pairs)
 
 
 def _refuse_constant(name: str) -> NoReturn:
@@ -228,16 +220,11 @@ def write_goal(path: str | os.PathLike[str], goal: npt.ArrayLike) -> None:
     """
     target = Path(path)
     places = validate_goal(goal)
-    if target.suffix.lower() == _JSON:
-        rows = ",\n".join(f"  {json.dumps(place)}" for place in places.tolist())
-        text = f'{{"goal": [\n{rows}\n]}}\n'
-    elif target.suffix.lower() == _PATTERN:
-        text = pattern(places)
-    else:
-        found = f"suffix {target.suffix!r}" if target.suffix else "no suffix"
-        raise TaskError(f"{target}: found {found}, expected {_JSON}, or {_PATTERN} for a pattern")
+    check_suffix(target, (_JSON, _PATTERN), "goal", TaskError)
+    rows = ",\n".join(f"  {json.dumps(place)}" for place in places.tolist())
+    as_json = target.suffix.lower() == _JSON
     with told_as(TaskError, target):
-        write_whole(target, text)
+        write_whole(target, f'{{"goal": [\n{rows}\n]}}\n' if as_json else pattern(places))
 
 
 def parse_pattern(text: str) -> FloatArray:
@@ -247,24 +234,21 @@ def parse_pattern(text: str) -> FloatArray:
         TaskError: the text is no pattern; rows and columns in the message count from 1.
     """
     rows = _rows(of_kind(text, str, "pattern", TaskError))
-    inside = in_arena(cell_centers())
-    goal = np.zeros((CELLS_PER_ROW, CELLS_PER_ROW), np.bool_)
-    for i, row in enumerate(rows):
+    for i, (row, inside) in enumerate(zip(rows, in_arena(cell_centers()), strict=False)):
         if len(row) != CELLS_PER_ROW:
             raise TaskError(
                 f"pattern: row {i + 1}: found {len(row)} characters, {row[:20]!r}, expected {CELLS_PER_ROW}"
             )
         for j, character in enumerate(row):
-            valid = EMPTY + GOAL if inside[i, j] else OUTSIDE
+            valid, where = (EMPTY + GOAL, "inside") if inside[j] else (OUTSIDE, "outside")
             if character not in valid:
-                where = "inside" if inside[i, j] else "outside"
                 raise TaskError(
                     f"pattern: row {i + 1}, column {j + 1}: found {character!r}, expected "
                     f"{' or '.join(map(repr, valid))} {where} the arena"
                 )
-            goal[i, j] = character == GOAL
     if len(rows) < CELLS_PER_ROW:
         raise TaskError(f"pattern: found {len(rows)} rows, expected {CELLS_PER_ROW}")
+    goal: Array = np.array([list(row) for row in rows]) == GOAL
     if goal.sum() != NUM_DICE:
         raise TaskError(f"pattern: found {goal.sum()} times {GOAL!r}, expected {NUM_DICE}")
     return cell_centers()[goal]
@@ -281,15 +265,12 @@ def pattern(goal: npt.ArrayLike) -> str:
     cells = np.rint(places[:, :2] / DIE_WIDTH).astype(np.int64) + CELLS_PER_ROW // 2
     filled = np.zeros((CELLS_PER_ROW, CELLS_PER_ROW), np.bool_)
     for index, (place, (i, j)) in enumerate(zip(places, cells, strict=True)):
+        found = f"goal: position {index}: found {as_text(place)}"
         if np.abs(place - centers[i, j]).max() > ON_CELL:
-            raise TaskError(
-                f"goal: position {index}: found {as_text(place)}, expected the centre of a cell; "
-                f"the nearest is {as_text(centers[i, j])}"
-            )
+            nearest = as_text(centers[i, j])
+            raise TaskError(f"{found}, expected the centre of a cell; the nearest is {nearest}")
         if filled[i, j]:
-            raise TaskError(
-                f"goal: position {index}: found {as_text(place)} a second time, expected different cells"
-            )
+            raise TaskError(f"{found} a second time, expected different cells")
         filled[i, j] = True
     return _text(filled)
 

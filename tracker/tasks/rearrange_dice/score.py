@@ -144,21 +144,15 @@ def as_mask(value: npt.ArrayLike, what: str, size: tuple[int, int] | None = None
         raise TaskError(f"{what}: found shape {mask.shape}, expected (height, width)")
     if size is not None and mask.shape != size:
         raise TaskError(f"{what}: found shape {mask.shape}, expected {size}")
-    if mask.dtype != np.uint8:
-        if mask.min() < 0 or mask.max() > 255:
-            raise _not_two_valued(mask, what)
-        mask = mask.astype(np.uint8)
-    highest = int(cv2.norm(mask, cv2.NORM_INF))
-    if highest not in (0, 1, 255) or cv2.norm(mask, cv2.NORM_L1) != highest * cv2.countNonZero(mask):
-        raise _not_two_valued(mask, what)
-    return mask
-
-
-def _not_two_valued(mask: npt.NDArray[np.integer], what: str) -> TaskError:
-    found = np.unique(mask)
-    few = ", ".join(str(value) for value in found[:4])
-    more = ", …" if len(found) > 4 else ""
-    return TaskError(f"{what}: found the values {few}{more}, expected only 0 and 255, or only 0 and 1")
+    small = mask.astype(np.uint8, copy=False)
+    highest, total = int(cv2.norm(small, cv2.NORM_INF)), cv2.norm(small, cv2.NORM_L1)
+    two_valued = highest in (0, 1, 255) and total == highest * cv2.countNonZero(small)
+    if not two_valued or (small is not mask and (small != mask).any()):
+        found = np.unique(mask)
+        few = ", ".join(str(value) for value in found[:4])
+        more = ", …" if len(found) > 4 else ""
+        raise TaskError(f"{what}: found the values {few}{more}, expected only 0 and 255, or only 0 and 1")
+    return small
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
