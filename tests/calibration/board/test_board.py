@@ -3,6 +3,7 @@
 import base64
 import io
 import re
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -48,7 +49,7 @@ def test_a_board_that_cannot_be_is_refused(values, words):
     assert all(word in str(error.value) for word in words)
 
 
-@pytest.mark.parametrize("board", [BOARD, EVEN, EVEN.with_pattern(True), Board(8, 5, 0.0333, 0.021)])
+@pytest.mark.parametrize("board", [BOARD, EVEN, replace(EVEN, legacy=True), Board(8, 5, 0.0333, 0.021)])
 def test_squares_are_printed_where_the_board_says_to_a_dot(board):
     page = page_of(board)
     image, scale = page_image(page, 600), 600 / 25.4
@@ -64,9 +65,9 @@ def test_squares_are_printed_where_the_board_says_to_a_dot(board):
 
 @pytest.mark.parametrize("legacy", [False, True])
 def test_only_the_pattern_printed_is_found(legacy):
-    image = page_image(page_of(EVEN.with_pattern(legacy)), 150)
-    assert len(find_board("", image, EVEN.with_pattern(legacy)) or ()) == 35
-    assert find_board("", image, EVEN.with_pattern(not legacy)) is None
+    image = page_image(page_of(replace(EVEN, legacy=legacy)), 150)
+    assert len(find_board("", image, replace(EVEN, legacy=legacy)) or ()) == 35
+    assert find_board("", image, replace(EVEN, legacy=not legacy)) is None
 
 
 def test_corners_lie_on_the_printed_page_where_the_board_says():
@@ -177,7 +178,7 @@ def test_the_pattern_is_that_of_the_photos(legacy, expected):
     rng = np.random.default_rng(73)
     board = Board(5, 6, 0.04, 0.03, legacy=legacy)
     image = photo(pose_towards(rng), rng, board=board)
-    assert pattern_seen([image], board.with_pattern(expected)) == board
+    assert pattern_seen([image], replace(board, legacy=expected)) == board
 
 
 def test_what_is_shown_of_a_board_is_counted_in_squares(photos):

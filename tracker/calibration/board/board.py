@@ -117,10 +117,6 @@ class Board:
         points: FloatArray = np.stack([across, up, np.zeros(across.shape)], axis=-1).reshape(-1, 3)
         return points * self.square
 
-    def with_pattern(self, legacy: bool) -> Board:
-        """The same board in the old pattern, or in today's."""
-        return dataclasses.replace(self, legacy=legacy)
-
 
 PAGES = {"A4": (210.0, 297.0), "A3": (297.0, 420.0), "A2": (420.0, 594.0), "A1": (594.0, 841.0)}
 """Width and height [mm] of pages, the smallest first."""

@@ -35,7 +35,10 @@ MOST_RMS = 1.5e-3
 """Largest RMS of a camera's photos [focal lengths], 0.9 px at 590: beyond it the lens is not the camera's."""
 
 Photo = tuple[int, int]
-"""Number of the camera, number of the board's place."""
+"""Numbers of the camera and of the board's place."""
+
+Poses = Mapping[int, FloatArray]
+"""(4, 4) by the number of a camera or place."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -63,32 +66,33 @@ def place_cameras(
 ) -> Placed:
     """Fit the places of cameras, and of the board, to photos of the board in several places.
 
-    Args:
-        lenses: the cameras; where they are is not used.
-        sightings: what camera c sees of the board in its place b, by (c, b).
-        world_from_board: (4, 4) its place 0 [m].
+    Where the `lenses` are is not used. `world_from_board` (4, 4) [m] is the board's place 0.
 
     Raises:
         CalibrationError: a photo is of another size than its lens, a camera cannot be linked to the
             board's given place, or a camera's lens does not fit its photos.
     """
-    for (camera, _), sighting in sightings.items():
-        _require_size(lenses[camera], sighting)
+    for (number, _), one in sightings.items():
+        lens = lenses[number].camera
+        if one.size != (lens.width, lens.height):
+            raise CalibrationError(
+                f"{one.photo}: found {one.size[0]}x{one.size[1]} px, but the lens of {lens.name} is of "
+                f"images of {lens.width}x{lens.height} px"
+            )
     photos, faults = _cleaned(lenses, sightings), dict[Photo, str]()
     fit = _fitted(lenses, photos, world_from_board)
-    while True:
-        used = {at: one for at, one in photos.items() if at not in faults}
-        odd = _odd_one(lenses, used, world_from_board)
-        if odd is None:
-            break
+    used = photos
+    while (odd := _odd_one(lenses, used, world_from_board, fit)) is not None:
         at, faults[at], fit = odd
+        used = {other: one for other, one in used.items() if other != at}
+    seen = {at: one for at, one in photos.items() if at[1] in fit.places}
     placed = Placed(
         tuple(
             _with_place(lens, fit.cameras[n], fit.covariance[6 * n : 6 * n + 6, 6 * n : 6 * n + 6])
             for n, lens in enumerate(lenses)
         ),
         tuple(fit.places[place] for place in sorted(fit.places)),
-        _residuals(lenses, {at: one for at, one in photos.items() if at[1] in fit.places}, fit),
+        _residuals(lenses, seen, fit.cameras, fit.places),
         photos,
         faults,
     )
@@ -97,12 +101,14 @@ def place_cameras(
 
 
 class _Fit(NamedTuple):
-    cameras: Mapping[int, FloatArray]
-    """(4, 4) camera_from_world of each."""
-    places: Mapping[int, FloatArray]
-    """(4, 4) world_from_board of each."""
+    cameras: Poses
+    """camera_from_world of each."""
+    places: Poses
+    """world_from_board of each."""
     covariance: FloatArray
     """Of six unknowns of each camera (ω, δt of exp(ω) R, t + δt), then of six of each further place."""
+    squares: float
+    """Sum of the squared residuals [px²]."""
 
 
 def _fitted(
@@ -112,62 +118,60 @@ def _fitted(
     cameras, places = _start(lenses, photos, world_from_board)
     free = sorted(place for place in places if place != 0)
 
-    def moved(unknowns: FloatArray, covariance: FloatArray) -> _Fit:
+    def moved(unknowns: FloatArray) -> tuple[Poses, Poses]:
         steps = unknowns.reshape(-1, 6)
         further = {b: _step(places[b], steps[len(cameras) + n]) for n, b in enumerate(free)}
-        placed = {n: _step(pose, steps[n]) for n, pose in cameras.items()}
-        return _Fit(placed, {0: places[0], **further}, covariance)
+        return {n: _step(pose, steps[n]) for n, pose in cameras.items()}, {0: places[0], **further}
 
     def missed(unknowns: FloatArray) -> FloatArray:
-        found = _residuals(lenses, photos, moved(unknowns, nothing))
+        found = _residuals(lenses, photos, *moved(unknowns))
         return np.concatenate([one.ravel() for one in found.values()])
 
-    nothing = np.zeros((0, 0))
     fit = least_squares(missed, np.zeros(6 * (len(cameras) + len(free))), method="lm")
     variance = (fit.fun @ fit.fun) / max(len(fit.fun) - len(fit.x), 1)
-    return moved(fit.x, np.linalg.inv(fit.jac.T @ fit.jac) * variance)
+    found = moved(fit.x)
+    squares = sum((one**2).sum() for one in _residuals(lenses, photos, *found).values())
+    return _Fit(*found, np.linalg.inv(fit.jac.T @ fit.jac) * variance, float(squares))
 
 
 def _residuals(
-    lenses: Sequence[Calibrated], photos: Mapping[Photo, BoardView], fit: _Fit
+    lenses: Sequence[Calibrated], photos: Mapping[Photo, BoardView], cameras: Poses, places: Poses
 ) -> dict[Photo, FloatArray]:
-    result = {}
-    for (camera, place), sighting in photos.items():
-        pose = fit.cameras[camera] @ fit.places[place]
-        result[camera, place] = misses(sighting, pose, *_lens(lenses[camera]))
-    return result
+    return {
+        (camera, place): misses(one, cameras[camera] @ places[place], *_lens(lenses[camera]))
+        for (camera, place), one in photos.items()
+    }
 
 
 def _odd_one(
-    lenses: Sequence[Calibrated], photos: Mapping[Photo, BoardView], world_from_board: FloatArray
+    lenses: Sequence[Calibrated], photos: Mapping[Photo, BoardView], world_from_board: FloatArray, fit: _Fit
 ) -> tuple[Photo, str, _Fit] | None:
     """The photo that the others contradict, what is wrong with it, and the fit without it; or None.
 
-    It is the one without which the sum of squares falls most, by far more than its corners account for: a
-    fit to all spreads what one photo misses over many.
+    It is the one without which the sum of squares falls most, by far more than its corners account for: the
+    `fit` to all spreads what one photo misses over many.
     """
-    total = _squares(_residuals(lenses, photos, _fitted(lenses, photos, world_from_board)))
     alone = {at: float((least_misses(one, *_lens(lenses[at[0]])) ** 2).sum()) for at, one in photos.items()}
-    best: tuple[float, Photo, _Fit] | None = None
+    best: tuple[Photo, _Fit] | None = None
     for at, one in photos.items():
         others = {other: kept for other, kept in photos.items() if other != at}
         # No fit of the others is better than each alone: most photos are cleared without a fit.
         least = sum(alone[other] for other in others)
-        if not others or total - least <= _odd_gain(one, least, others):
+        if not others or fit.squares - least <= _odd_gain(one, least, others):
             continue
         try:
-            fit = _fitted(lenses, others, world_from_board)
+            rest = _fitted(lenses, others, world_from_board)
         except CalibrationError:  # it links a camera to the others
             continue
-        rest = _squares(_residuals(lenses, others, fit))
-        if total - rest > _odd_gain(one, rest, others) and (best is None or rest < best[0]):
-            best = rest, at, fit
+        odd = fit.squares - rest.squares > _odd_gain(one, rest.squares, others)
+        if odd and (best is None or rest.squares < best[1].squares):
+            best = at, rest
     if best is None:
         return None
-    rest, at, fit = best
-    missed = float(np.sqrt((total - rest) / len(photos[at])))
-    usual = float(np.sqrt(rest / sum(len(one) for other, one in photos.items() if other != at)))
-    return at, f"with it all miss by {missed:.2f} px for each of its corners, without it {usual:.2f}", fit
+    at, rest = best
+    missed = float(np.sqrt((fit.squares - rest.squares) / len(photos[at])))
+    usual = float(np.sqrt(rest.squares / sum(len(one) for other, one in photos.items() if other != at)))
+    return at, f"with it all miss by {missed:.2f} px for each of its corners, without it {usual:.2f}", rest
 
 
 def _odd_gain(photo: BoardView, rest: float, others: Mapping[Photo, BoardView]) -> float:
@@ -177,10 +181,6 @@ def _odd_gain(photo: BoardView, rest: float, others: Mapping[Photo, BoardView]) 
 
 def _lens(one: Calibrated) -> tuple[FloatArray, FloatArray]:
     return one.camera.matrix, one.camera.distortion
-
-
-def _squares(residuals: Mapping[Photo, FloatArray]) -> float:
-    return float(sum((one**2).sum() for one in residuals.values()))
 
 
 def _step(pose: FloatArray, step: FloatArray) -> FloatArray:
@@ -244,15 +244,6 @@ def _with_place(lens: Calibrated, camera_from_world: FloatArray, covariance: Flo
         lens.camera, camera_from_world=_proper(camera_from_world), camera_from_world_std=std
     )
     return dataclasses.replace(lens, camera=camera, placed=True)
-
-
-def _require_size(lens: Calibrated, sighting: BoardView) -> None:
-    expected = lens.camera.width, lens.camera.height
-    if sighting.size != expected:
-        raise CalibrationError(
-            f"{sighting.photo}: found {sighting.size[0]}x{sighting.size[1]} px, but the lens of "
-            f"{lens.camera.name} is of images of {expected[0]}x{expected[1]} px"
-        )
 
 
 def _require_fit(placed: Placed) -> None:

@@ -82,12 +82,7 @@ class Lens:
 
 
 def fit_lens(name: str, sightings: Sequence[BoardView], board: Board) -> Lens:
-    """Fit a lens to sightings of a board, and name those that do not belong.
-
-    Args:
-        name: the camera's.
-        sightings: one of each photo in which the board was found, all of one size.
-        board: it.
+    """Fit a camera's lens to sightings of a board, one of each photo, and name those that do not belong.
 
     Raises:
         CalibrationError: the photos differ in size, are too few or too alike, miss whole rows of the board,
@@ -110,6 +105,8 @@ def fit_lens(name: str, sightings: Sequence[BoardView], board: Board) -> Lens:
     kept = [number for number in enough if number not in faults]
     matrix, distortion, std = _fit([cleaned[n] for n in kept], size)
     residuals = [least_misses(one, matrix, distortion) for one in cleaned]
+    center = (np.array(size) - 1) / 2
+    farthest = max(np.linalg.norm(cleaned[n].pixels - center, axis=1).max() for n in kept)
     lens = Lens(
         Calibrated(
             Camera(name, *size, matrix, distortion, np.eye(4)),
@@ -123,10 +120,9 @@ def fit_lens(name: str, sightings: Sequence[BoardView], board: Board) -> Lens:
         ),
         rms([residuals[n] for n in kept]),
         float(np.sqrt(np.mean(left_out[kept] ** 2))),
-        _reach([cleaned[n] for n in kept], size),
+        float(farthest / np.linalg.norm(center)),
     )
-    _require_tilt(name, [board_pose(cleaned[n], matrix, distortion) for n in kept])
-    _require_belief(lens, std)
+    _require_belief(lens, std, np.array([board_pose(cleaned[n], matrix, distortion)[:3, 2] for n in kept]))
     return lens
 
 
@@ -183,12 +179,6 @@ def _left_out(sightings: Sequence[BoardView], size: tuple[int, int]) -> list[flo
     return result
 
 
-def _reach(sightings: Sequence[BoardView], size: tuple[int, int]) -> float:
-    center = (np.array(size) - 1) / 2
-    farthest = max(np.linalg.norm(one.pixels - center, axis=1).max() for one in sightings)
-    return float(farthest / np.linalg.norm(center))
-
-
 def _one_size(name: str, sightings: Sequence[BoardView]) -> tuple[int, int]:
     sizes = {one.size: one.photo for one in sightings}
     if len(sizes) > 1:
@@ -215,10 +205,17 @@ def _require_whole_board(name: str, sightings: Sequence[BoardView], board: Board
         )
 
 
-def _require_belief(lens: Lens, std: FloatArray) -> None:
+def _require_belief(lens: Lens, std: FloatArray, normals: FloatArray) -> None:
+    """Refuse a lens whose photos are too alike, by the boards' normals (N, 3), or are missed."""
     camera = lens.calibrated.camera
     focal = camera.matrix[(0, 1), (0, 1)]
     limit = MOST_LEFT_OUT * float(focal.min())
+    spread = float(np.rad2deg(np.arccos(np.clip((normals @ normals.T).min(), -1, 1))))
+    if spread < LEAST_TILT:
+        raise CalibrationError(
+            f"{camera.name}: the board is tilted by no more than {spread:.0f}° from photo to photo, expected "
+            f"at least {LEAST_TILT:.0f}°: the photos are too alike; {_MORE_TILT}"
+        )
     if not lens.left_out <= limit:
         raise CalibrationError(
             f"{camera.name}: photos left out miss by {lens.left_out:.2f} px RMS, expected at most "
@@ -228,14 +225,4 @@ def _require_belief(lens: Lens, std: FloatArray) -> None:
         raise CalibrationError(
             f"{camera.name}: the focal length is {focal[0]:.0f} ± {std[:2].max():.0f} px, expected it to "
             f"{MOST_FOCAL_STD:.0%}: the photos are too alike; {_MORE_TILT}"
-        )
-
-
-def _require_tilt(name: str, poses: Sequence[FloatArray]) -> None:
-    normals = np.stack([pose[:3, 2] for pose in poses])
-    spread = float(np.rad2deg(np.arccos(np.clip((normals @ normals.T).min(), -1, 1))))
-    if spread < LEAST_TILT:
-        raise CalibrationError(
-            f"{name}: the board is tilted by no more than {spread:.0f}° from photo to photo, expected at "
-            f"least {LEAST_TILT:.0f}°: the photos are too alike; {_MORE_TILT}"
         )

@@ -109,7 +109,7 @@ def pattern_seen(images: Sequence[Image], board: Board) -> Board:
         return board
     counts = {}
     for legacy in (board.legacy, not board.legacy):
-        tried = board.with_pattern(legacy)
+        tried = dataclasses.replace(board, legacy=legacy)
         counts[tried] = sum(len(find_board("", image, tried) or ()) for image in images)
     return max(counts, key=lambda one: counts[one])
 
@@ -140,11 +140,7 @@ def why_no_board(image: Image, board: Board) -> str:
 
 
 def require_size(photo: str, image: Image, board: Board) -> None:
-    """Refuse a board that is only part of the one in an image: it shows markers that the board has not.
-
-    Raises:
-        CalibrationError: it does.
-    """
+    """CalibrationError for a board that is only part of the one in an image, which shows more markers."""
     edges = _markers(grey(image), board)
     known = set(board.opencv.getIds().ravel().tolist())
     usual = np.median([edge for number, edge in edges.items() if number in known] or [0.0])
