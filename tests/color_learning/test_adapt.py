@@ -97,10 +97,10 @@ def test_faces_of_the_outline_are_those_of_the_picture(film):
     inside = total = 0
     for shot in film:
         for camera, labels in zip(RIG, shot.labels, strict=True):
-            seen = outline(MODEL, camera, shot.rotation, shot.position)
-            assert not (labels[~seen.around] > 0).any()
-            both = (labels > 0) & (seen.faces > 0)
-            assert (seen.faces[both] == labels[both]).all()
+            faces, around = outline(MODEL, camera, shot.rotation, shot.position)
+            assert not (labels[~around] > 0).any()
+            both = (labels > 0) & (faces > 0)
+            assert (faces[both] == labels[both]).all()
             inside, total = inside + np.count_nonzero(both), total + np.count_nonzero(labels)
     assert inside > 0.7 * total
 
@@ -119,8 +119,8 @@ def lessons(film) -> list[tuple[Lesson, np.ndarray]]:
         seen = lesson(MODEL, RIG, tuple(shot.images), fit, COLORS)
         truth = []
         for camera, labels in zip(RIG, shot.labels, strict=True):
-            mask = outline(MODEL, camera, fit.rotation, fit.position)
-            truth.append(labels[(mask.faces > 0) | ~mask.around])
+            faces, around = outline(MODEL, camera, fit.rotation, fit.position)
+            truth.append(labels[(faces > 0) | ~around])
         result.append((seen, np.concatenate(truth)))
     return result
 

@@ -17,7 +17,7 @@ import numpy as np
 from tracker.color_learning.fit import FitOptions, Histograms, combine, pixel_histograms
 from tracker.color_learning.hues import NAMED_HUES, bgr_of_hue, hue_of, hues_of_model, misnamed
 from tracker.color_learning.lessons import Frames, Judgement, Lesson, consistent, judge, lesson, nodes_of
-from tracker.conventions import Array, FloatArray
+from tracker.conventions import Array
 from tracker.errors import ColorModelError, NotBetterError
 from tracker.objects.labels import COLOR_NAMES
 from tracker.objects.model import CuboidModel
@@ -56,10 +56,6 @@ class Adapted:
     """Pixels of each face colour that taught; a colour with 0 stays as it was before."""
 
 
-class _Stuck(Exception):
-    """Why there is no further turn."""
-
-
 def adapt(
     model: CuboidModel,
     footage: Sequence[Frames],
@@ -70,22 +66,16 @@ def adapt(
     rounds: int = 8,
     say: Callable[[str], None] = lambda _: None,
 ) -> Adapted:
-    """Colours for an object as recordings show it.
+    """Colours for an object as recordings show it, after up to `rounds` turns.
 
-    Args:
-        model: the object.
-        footage: frames of the recordings.
-        start: the colours to begin with; pictures are read in neutral light, whatever it says.
-        options: of the fits.
-        name: of the new colour model.
-        rounds: most turns.
-        say: takes a line about each turn.
+    start: the colours to begin with; pictures are read in neutral light, whatever it says.
+    say: takes a line about each turn.
 
     Raises:
         ColorModelError: the colours to begin with are misnamed.
         NotBetterError: nothing could be learned, or nothing was gained, and why.
     """
-    if wrong := _told_wrong(misnamed(hues_of_model(start))):
+    if wrong := _told_wrong(hues_of_model(start)):
         raise ColorModelError(f"colour model {start.name}: refused: {wrong}")
     colors = dataclasses.replace(start, normalise=True)
     before = judge(model, footage, colors)
@@ -96,23 +86,25 @@ def adapt(
     fault, idle = "", 0
     for turn in range(rounds):
         gate = GATES[min(turn, len(GATES) - 1)]
-        try:
-            lessons = _lessons(model, footage, colors, gate)
-            pixels = _checked(consistent(lessons))
-        except _Stuck as stuck:
-            fault = str(stuck)
+        lessons, fault = _lessons(model, footage, colors, gate)
+        if fault:
             break
-        mistaken |= _mistaken(lessons)
+        pixels = consistent(lessons)
+        counts = learned(pixels)
+        # Faces in all frames together must have the hues of their names, too.
+        hues = {k: hue_of(np.concatenate([one[k] for one in pixels if k in one])) for k in counts}
+        if fault := _told_wrong(hues):
+            break
+        strays = sum(np.bincount(nodes_of(one.levels[one.stray]), minlength=NODES**3) for one in lessons)
+        mistaken |= strays >= OFTEN
         colors = refit(pixels, mistaken, remembered, options, name)
         after = judge(model, footage, colors)
         say(f"round {turn + 1}: {len(lessons)} frames of confidence {gate:g} teach; {after}")
-        better = after.explained > best.after.explained + GAIN
-        if better:
-            counts = learned(pixels)
-            best = Adapted(
-                colors, before, after, {COLOR_NAMES[k]: counts.get(k, 0) for k in range(1, CLASSES)}
-            )
-        idle = 0 if better else idle + 1
+        idle += 1
+        if after.explained > best.after.explained + GAIN:
+            idle = 0
+            taught = {COLOR_NAMES[k]: counts.get(k, 0) for k in range(1, CLASSES)}
+            best = Adapted(colors, before, after, taught)
         if idle >= PATIENCE and gate == GATES[-1]:
             break
     if best.after is before:
@@ -121,14 +113,10 @@ def adapt(
     return best
 
 
-def _mistaken(lessons: Sequence[Lesson]) -> Array:
-    """(32³,) bool: colours in which things that are not the object are taken for faces."""
-    counts = sum(np.bincount(nodes_of(one.levels[one.stray]), minlength=NODES**3) for one in lessons)
-    return np.asarray(counts >= OFTEN)
-
-
-def _lessons(model: CuboidModel, footage: Sequence[Frames], colors: ColorModel, gate: float) -> list[Lesson]:
-    """Frames whose pose is sure enough, and whose faces have the hues of their names."""
+def _lessons(
+    model: CuboidModel, footage: Sequence[Frames], colors: ColorModel, gate: float
+) -> tuple[list[Lesson], str]:
+    """Frames of sure poses whose faces have the hues of their names; or why there are too few."""
     result, off = [], 0
     for one in footage:
         tracker = ObjectTracker(model, one.rig, colors)
@@ -141,30 +129,20 @@ def _lessons(model: CuboidModel, footage: Sequence[Frames], colors: ColorModel, 
                 off += 1
             else:
                 result.append(seen)
-    if len(result) < FEW:
-        count = sum(len(one.learned) for one in footage)
-        found = f"found {len(result)} of {count} frames"
-        text = f"{found} with a pose of confidence {gate:g} or more, expected {FEW}"
-        raise _Stuck(f"{text}; in {off} more the faces have not the hues of their names" if off else text)
-    return result
+    if len(result) >= FEW:
+        return result, ""
+    count = sum(len(one.learned) for one in footage)
+    fault = (
+        f"found {len(result)} of {count} frames with a pose of confidence {gate:g} or more, expected {FEW}"
+    )
+    return [], f"{fault}; in {off} more the faces have not the hues of their names" if off else fault
 
 
-def _checked(pixels: list[Mapping[int, Array]]) -> list[Mapping[int, Array]]:
-    """The pixels, if the faces in all frames together have the hues of their names."""
-    hues = {
-        label: hue_of(np.concatenate([one[label] for one in pixels if label in one]))
-        for label in learned(pixels)
-    }
-    if wrong := _told_wrong(misnamed(hues)):
-        raise _Stuck(wrong)
-    return pixels
-
-
-def _told_wrong(wrong: Mapping[int, int]) -> str:
+def _told_wrong(hues: Mapping[int, float]) -> str:
     """In words, which faces have not the hues of their names; empty: none."""
     parts = [
         f"{COLOR_NAMES[label]} has the hue of {COLOR_NAMES[like] if like else 'grey'}"
-        for label, like in wrong.items()
+        for label, like in misnamed(hues).items()
     ]
     return "faces are mistaken for each other: " + ", ".join(parts) if parts else ""
 
@@ -205,22 +183,15 @@ def from_names(seed: int) -> ColorModel:
     is what is nearly grey.
     """
     rng = np.random.default_rng([seed, 7])
-    pixels = {0: _of_hue(rng.uniform(0, 360, 4 * DRAWN), rng, (0.0, GREY), (0.0, 255.0))}
+    many = 4 * DRAWN
+    pixels = {
+        0: bgr_of_hue(rng.uniform(0, 360, many), rng.uniform(0.0, GREY, many), rng.uniform(0.0, 255.0, many))
+    }
     for label in range(1, CLASSES):
         hues = NAMED_HUES[label] + HUE_SPREAD * rng.standard_normal(DRAWN)
-        pixels[label] = _of_hue(hues, rng, SATURATIONS, LEVELS)
+        pixels[label] = bgr_of_hue(hues, rng.uniform(*SATURATIONS, DRAWN), rng.uniform(*LEVELS, DRAWN))
     options = FitOptions(seed=seed)
     return combine([pixel_histograms(pixels, options, rng)], (), options, name="names")
-
-
-def _of_hue(
-    hues: FloatArray,
-    rng: np.random.Generator,
-    saturations: tuple[float, float],
-    levels: tuple[float, float],
-) -> FloatArray:
-    """Pixels (N, 3) BGR of hues (N,) [degrees], even draws of saturation and of the brightest channel."""
-    return bgr_of_hue(hues, rng.uniform(*saturations, len(hues)), rng.uniform(*levels, len(hues)))
 
 
 GROUPS = 6
@@ -250,25 +221,18 @@ def refit(
     options: FitOptions,
     name: str,
 ) -> ColorModel:
-    """A colour model fitted to frames' pixels (N, 3) in neutral light by label.
+    """A colour model fitted to frames' pixels (N, 3) in neutral light by label, 0 for background.
 
-    Colours that the frames do not show stay as they were before.
-
-    Args:
-        pixels: of each frame; 0 is background.
-        taken: (32³,) bool: colours that were taken for a face by mistake.
-        before: models of which a little is kept, and all of what the frames do not show.
-        options: of the fit.
-        name: of the new model.
+    taken: (32³,) bool: colours that were taken for a face by mistake.
+    before: models of which a little is kept, and all of what the frames do not show.
     """
     rng = np.random.default_rng([options.seed, *name.encode()])
-    labels = learned(pixels)
+    labels, groups = learned(pixels), min(GROUPS, len(pixels))
     histograms: list[Histograms] = []
-    for group in range(min(GROUPS, len(pixels))):
-        chosen = pixels[group :: min(GROUPS, len(pixels))]
+    for group in range(groups):
         parts: dict[int, Array] = {}
         for label in (*labels, 0):
-            some = [one[label] for one in chosen if len(one.get(label, ()))]
+            some = [one[label] for one in pixels[group::groups] if len(one.get(label, ()))]
             if some:
                 parts[label] = np.concatenate(some)
         if 0 in parts:

@@ -60,12 +60,8 @@ def hue_of(pixels: Array) -> float:
 def hues_of_model(colors: ColorModel) -> dict[int, float]:
     """Hue [degrees] of what a colour model takes for each face colour, as far as it knows it."""
     best = np.argmax(colors.log_posterior, axis=0)
-    result = {}
-    for label in range(1, CLASSES):
-        nodes = np.argwhere(best == label)
-        if len(nodes):
-            result[label] = hue_of(255.0 * (nodes / (NODES - 1)) ** 2)
-    return result
+    nodes = {label: np.argwhere(best == label) for label in range(1, CLASSES)}
+    return {label: hue_of(255.0 * (its / (NODES - 1)) ** 2) for label, its in nodes.items() if len(its)}
 
 
 def bgr_of_hue(hues: FloatArray, saturations: FloatArray, levels: FloatArray) -> FloatArray:
@@ -184,9 +180,5 @@ def _nearest(color: FloatArray, label: int, colors: Mapping[int, FloatArray]) ->
 
 def _options(label: int) -> list[FloatArray]:
     """Paints (3,) [levels] that the name of a label allows."""
-    return [
-        bgr_of_hue(np.array([hue]), np.array([saturation]), np.array([level]))[0]
-        for hue in NAMED_HUES[label] + _HUES
-        for saturation in _SATURATIONS
-        for level in _LEVELS
-    ]
+    grid = np.meshgrid(NAMED_HUES[label] + _HUES, _SATURATIONS, _LEVELS, indexing="ij")
+    return list(bgr_of_hue(*(axis.ravel() for axis in grid)))

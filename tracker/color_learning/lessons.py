@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -117,23 +116,22 @@ _SHIFT = 4
 """Fractional bits of OpenCV's polygon corners."""
 
 
-class Outline(NamedTuple):
-    """The object in one picture."""
+def outline(
+    model: CuboidModel, camera: Camera, rotation: FloatArray, position: FloatArray
+) -> tuple[Image, Array] | None:
+    """An object with rotation (3, 3) and position (3,) [m] before a camera; None: not in view.
 
-    faces: Image
-    """(H, W) label of the face that covers a pixel, 0 elsewhere and near the faces' borders."""
-    around: Array
-    """(H, W) bool: on the object or near it."""
-
-
-def outline(model: CuboidModel, camera: Camera, rotation: FloatArray, position: FloatArray) -> Outline | None:
-    """Faces of an object with rotation (3, 3) and position (3,) [m] before a camera; None: not in view."""
+    Returns:
+        (H, W) the label of the face that covers a pixel, 0 elsewhere and near the faces' borders; and
+        (H, W) bool, whether it is on the object or near it.
+    """
     pixels = camera.project(corners(model.size) @ rotation.T + position)
     shape = camera.height, camera.width
     if not np.isfinite(pixels).all() or np.abs(pixels).max() > 1e4:
         return None
     scale = min(shape) / REFERENCE_SIZE
-    rim, reach = (2 * max(1, round(length * scale)) + 1 for length in (RIM, AROUND))
+    sizes = (2 * max(1, round(length * scale)) + 1 for length in (RIM, AROUND))
+    rim, reach = (cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)) for size in sizes)
     faces, solid = np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
     visible = visible_faces(model.size, rotation.T @ (camera.position - position))
     for face in np.flatnonzero(visible):
@@ -141,15 +139,9 @@ def outline(model: CuboidModel, camera: Camera, rotation: FloatArray, position: 
         corner = np.rint(pixels[FACE_CORNERS[face]] * (1 << _SHIFT)).astype(np.int32)
         cv2.fillConvexPoly(mask, corner, 1, shift=_SHIFT)
         solid |= mask
-        inner = cv2.erode(mask, _disc(rim), borderValue=0)
+        inner = cv2.erode(mask, rim, borderValue=0)
         faces[inner > 0] = model.face_labels[face]
-    if not solid.any():
-        return None
-    return Outline(faces, cv2.dilate(solid, _disc(reach)) > 0)
-
-
-def _disc(size: int) -> Image:
-    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)), dtype=np.uint8)
+    return (faces, cv2.dilate(solid, reach) > 0) if solid.any() else None
 
 
 CONSISTENT = 4.0
@@ -199,13 +191,14 @@ def lesson(model: CuboidModel, rig: CameraRig, images: Images, fit: Fit, colors:
         seen = outline(model, camera, fit.rotation, fit.position)
         if seen is None:
             continue
+        covered, around = seen
         even, light, labels = labels_by_color(image, colors)  # without clean-up
         neutral = apply_gains(even, light.gains)
-        use = (seen.faces > 0) | ~seen.around
+        use = (covered > 0) | ~around
         levels.append(neutral[use])
-        faces.append(seen.faces[use])
+        faces.append(covered[use])
         found.append(labels[use])
-        stray.append((_patches(labels) & ~seen.around)[use])
+        stray.append((_patches(labels) & ~around)[use])
     if not levels:
         nothing = np.zeros(0, np.uint8)
         return Lesson(np.zeros((0, 3), np.uint8), nothing, nothing, nothing > 0)
@@ -234,13 +227,10 @@ def owners(lessons: Sequence[Lesson]) -> Array:
     density = np.stack([_density([n[one.faces == k] for n, one in pairs]) for k in range(CLASSES)])
     best = np.argmax(density[1:], axis=0) + 1
     own = np.take_along_axis(density, best[None], axis=0)[0]
-    return np.where((own > CONSISTENT * density[0]) & _colored(), best, 0).astype(np.uint8)
-
-
-def _colored() -> Array:
-    """(32³,) bool: the colours that are none of a grey thing, which may hide most of a face that is seen."""
+    # Grey things may hide most of a face that is seen.
     levels = 255.0 * (np.indices((NODES,) * 3).reshape(3, -1) / (NODES - 1)) ** 2
-    return np.asarray(levels.max(axis=0) + DARK > PALEST * (levels.min(axis=0) + DARK))
+    colored = levels.max(axis=0) + DARK > PALEST * (levels.min(axis=0) + DARK)
+    return np.where((own > CONSISTENT * density[0]) & colored, best, 0).astype(np.uint8)
 
 
 def consistent(lessons: Sequence[Lesson]) -> list[Mapping[int, Array]]:
