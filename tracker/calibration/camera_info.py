@@ -27,13 +27,9 @@ _LENSES = tuple((1, count) for count in COUNTS)
 
 
 def read_rig(file: Any, names: tuple[str, ...], size: tuple[int, int], where: str) -> CameraRig | None:
-    """The cameras' calibration, or None where the file has none.
+    """The calibration of cameras with images of a size (width, height) [px], or None where the file has none.
 
-    Args:
-        file: the open file.
-        names: of the cameras, in order.
-        size: (width, height) [px] of the images.
-        where: names the file in errors.
+    `where` names the file in errors.
 
     Raises:
         LogError: the calibration is incomplete, damaged or impossible.
@@ -45,12 +41,7 @@ def read_rig(file: Any, names: tuple[str, ...], size: tuple[int, int], where: st
 
 
 def read_camera(file: Any, name: str, size: tuple[int, int], where: str) -> Camera:
-    """One camera; see `read_rig`.
-
-    Raises:
-        LogError: something is missing or damaged.
-        CalibrationError: it cannot be a camera.
-    """
+    """One camera; LogError where something is missing or damaged, CalibrationError where it can be none."""
     group = f"camera_info/{name}"
     arrays: dict[str, Any] = {}
     for key, (attribute, shape) in CAMERA_DATASETS.items():

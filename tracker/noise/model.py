@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ import numpy as np
 from tracker.checks import float_array, is_number, is_whole
 from tracker.conventions import Array, FloatArray
 from tracker.errors import TrackerError, shown
-from tracker.files.toml import found_by, names_in, read_toml
+from tracker.files.toml import found_by, read_toml
 
 _ERROR = ("bias", "bias_spread", "slow", "fast", "fast_spread", "seconds", "travel", "visible")
 
@@ -109,11 +109,6 @@ class NoiseModel:
             for group, numbers in self.numbers.items()
         }
         return NoiseState(values, rng, int(count))
-
-
-def preset_names() -> Sequence[str]:
-    """Names of the models that come with the package."""
-    return names_in(_DATA)
 
 
 def _same_keys(found: Any, expected: Mapping[str, Any], source: str) -> None:

@@ -82,11 +82,6 @@ class FocalCheck:
         """Share to which the focal length must be right for an error of DEPTH."""
         return DEPTH / self.distance
 
-    @property
-    def is_square(self) -> bool:
-        """Whether pixels are as high as wide, within SQUARE."""
-        return abs(self.ratio - 1.0) <= SQUARE
-
 
 LIMIT = 1.6 / FOCAL
 """Angle [rad] by which cameras may miss what the others see, in the median over looks: 1.6 px on the
@@ -144,7 +139,7 @@ class CalibrationCheck:
             f"{one.name}: fy/fx is {one.focal.ratio:.4f}, expected 1 within {100 * SQUARE:g} %: depths that "
             f"it sees alone may be off by {1e3 * one.focal.depth:.1f} mm"
             for one in self.cameras
-            if not one.focal.is_square
+            if abs(one.focal.ratio - 1.0) > SQUARE
         ]
 
     def is_lost(self, one: CameraCheck) -> bool:
@@ -157,10 +152,7 @@ def check_calibration(
 ) -> CalibrationCheck:
     """Judge a calibration of two cameras or more by looks at still objects.
 
-    Args:
-        looks: at the object.
-        cameras: of the calibration.
-        focal_std: by the camera's name, the deviation of the focal length that its file states [itself].
+    focal_std: by the camera's name, the deviation of the focal length that its file states [itself].
 
     Raises:
         CalibrationError: there are too few cameras or looks.
@@ -226,11 +218,9 @@ def corner_misses(looks: Sequence[Look], cameras: Sequence[Camera], problem: Cam
 
 def focal_check(camera: Camera, distances: FloatArray, focal_std: Mapping[str, float]) -> FocalCheck:
     """What a camera's lens leaves open at distances (N,) [m]; `focal_std`: see `check_calibration`."""
-    fx, fy = camera.matrix[0, 0], camera.matrix[1, 1]
-    off = max(abs(fy / fx - 1.0) / 2.0, focal_std.get(camera.name, 0.0))
-    return FocalCheck(
-        float(fy / fx), float(off), float(np.median(distances)) if len(distances) else float("nan")
-    )
+    ratio = float(camera.matrix[1, 1] / camera.matrix[0, 0])
+    off = max(abs(ratio - 1.0) / 2.0, focal_std.get(camera.name, 0.0))
+    return FocalCheck(ratio, off, float(np.median(distances)) if len(distances) else float("nan"))
 
 
 def _corner_motion(camera: Camera, look: Look) -> FloatArray:
@@ -283,13 +273,7 @@ def check(
 ) -> CalibrationCheck:
     """Whether a calibration fits films and stills of an object.
 
-    Args:
-        model: the object.
-        footage: of the rig's cameras, in the order of the rig.
-        rig: the cameras, two or more.
-        colors: the object's.
-        progress: takes how many more shots were seen.
-        focal_std: see `check_calibration`.
+    `progress` takes how many more shots were seen; `focal_std`: see `check_calibration`.
 
     Raises:
         CalibrationError: there is one camera only, or the object was seen still in too few shots.

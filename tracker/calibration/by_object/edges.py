@@ -63,11 +63,8 @@ class Contour:
     def information(self, columns: FloatArray, weight: FloatArray, own: float) -> FloatArray:
         """(K, K) products of columns (N, K), where pieces of an edge have an offset in common.
 
-        Args:
-            columns: derivatives, residuals or both, side by side.
-            weight: (N,) of the pieces, from 0 to 1: how far they are believed.
-            own: variance of what all pieces of an edge have in common [px²], feet aside, which is integrated
-                out.
+        weight: (N,) of the pieces, from 0 to 1: how far they are believed.
+        own: variance of what all pieces of an edge have in common [px²], feet aside: it is integrated out.
         """
         weights = weight / self.variance
         total: FloatArray = (columns * weights[:, None]).T @ columns
@@ -137,13 +134,7 @@ Frame = tuple[Sight, Sighting]
 
 
 class EdgeReader:
-    """Reads edges; what it says depends on nothing but its arguments.
-
-    Args:
-        model: the object.
-        rig: the cameras.
-        colors: the colour model.
-    """
+    """Reads edges of an object in a rig's pictures; what it says depends on nothing but its arguments."""
 
     def __init__(self, model: CuboidModel, rig: CameraRig, colors: ColorModel) -> None:
         self._box, self._colors = Box.of(model), colors
@@ -186,13 +177,8 @@ class EdgeReader:
     ) -> list[Contour | None]:
         """Each camera's edges at a pose (3, 3), (3,) [m], None where it has no picture or sees none.
 
-        Args:
-            sight: of the pictures.
-            rotation: world_from_object.
-            position: of the object's centre.
-            start: blur of the pictures, and the exponent and rim with which the object is drawn.
-            offsets: (C, 6) by which each camera is known to see the object moved [m, rad]: the edges are
-                looked for there. The offsets returned are still relative to the pose itself.
+        offsets: (C, 6) by which each camera is known to see the object moved [m, rad]: the edges are looked
+        for there. The offsets returned are still relative to the pose itself.
         """
         solution, cameras, work = self._refiner.edges(sight.pictures, rotation, position, start, offsets)
         result: list[Contour | None] = []

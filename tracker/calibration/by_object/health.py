@@ -153,27 +153,23 @@ def _beyond(values: FloatArray, quantity: Quantity) -> float:
 def health(
     tracker: ObjectTracker, log: Log, poses: Poses, progress: Callable[[int], None] = lambda _: None
 ) -> Health:
-    """Measure a recording that was tracked.
-
-    Args:
-        tracker: of its object and cameras.
-        log: the recording.
-        poses: of its frames.
-        progress: takes how many more frames were looked at.
+    """Measure a recording that was tracked; `progress` takes how many more frames were looked at.
 
     Raises:
         LogError: the recording is damaged.
         ImageError: a picture is not what the tracker's cameras give.
     """
     rows = evenly(len(poses), MOST)
-    count, rig = len(tracker.rig), tracker.rig
+    count, rig, filtered = len(tracker.rig), tracker.rig, poses.filtered
     values = {key: np.full((len(rows), count), np.nan) for key in QUANTITIES}
     height = np.full(len(rows), np.nan)
     looks: list[Look] = []
     looked: list[int] = []
     last = -APART
     for n, frame in enumerate(picked(log, poses.index[rows].tolist())):
-        found = sample(tracker, frame.images, still=_still(poses, rows[n]))
+        row = rows[n]
+        still = slow(filtered.velocity[row]) if filtered.has_pose[row] else len(poses) == 1
+        found = sample(tracker, frame.images, still=still)
         for key, value in found.values.items():
             values[key][n] = value
         height[n] = found.height
@@ -203,12 +199,9 @@ class Sample(NamedTuple):
 
 
 def sample(tracker: ObjectTracker, images: Sequence[Image | None], *, still: bool) -> Sample:
-    """Measure the pictures of one moment.
+    """Measure the pictures (H, W, 3) uint8 BGR of one moment; the tracker's memory is not used or changed.
 
-    Args:
-        tracker: of the object and cameras; nothing of its memory is used or changed.
-        images: one of each camera (H, W, 3) uint8 BGR, None where there is none.
-        still: whether the object does not move: else table and disagreement stay unknown.
+    still: whether the object does not move: else table and disagreement stay unknown.
 
     Raises:
         ImageError: a picture is not what the tracker's cameras give.
@@ -222,7 +215,10 @@ def sample(tracker: ObjectTracker, images: Sequence[Image | None], *, still: boo
     if any(image is not None for image in images):
         fit = tracker.fit(images)
         if isinstance(fit, Fit) and apparent(fit) >= SURE:
-            _of_fit(fit, tracker.rig, values)
+            for c, (camera, seen) in enumerate(zip(tracker.rig, fit.cameras, strict=True)):
+                if seen["inliers"] >= 1.0:
+                    values["residual"][c] = np.sqrt(seen["squares"] / seen["inliers"])
+                    values["blur"][c] = 100.0 * seen["blur"] / camera.width
             if still:
                 height = height_over_table(fit.position, fit.rotation, tracker.model, tracker.rig.arena)
                 look = None if fit.own is None else look_of(fit, tracker.model.size)
@@ -245,18 +241,6 @@ def of_picture(image: Image) -> dict[str, float]:
         "clipping": 100.0 * clipped_share(image),
         "white balance": float(balance),
     }
-
-
-def _of_fit(fit: Fit, rig: CameraRig, values: Mapping[str, FloatArray]) -> None:
-    for c, (camera, seen) in enumerate(zip(rig, fit.cameras, strict=True)):
-        if seen["inliers"] >= 1.0:
-            values["residual"][c] = np.sqrt(seen["squares"] / seen["inliers"])
-            values["blur"][c] = 100.0 * seen["blur"] / camera.width
-
-
-def _still(poses: Poses, row: int) -> bool:
-    columns = poses.filtered
-    return slow(columns.velocity[row]) if columns.has_pose[row] else len(poses) == 1
 
 
 def height_over_table(position: FloatArray, rotation: FloatArray, model: CuboidModel, arena: Arena) -> float:

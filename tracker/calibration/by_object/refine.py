@@ -46,11 +46,8 @@ def adjust(
 ) -> tuple[Unknowns, Step]:
     """The cameras that fit the frames' edges best, with what else was unknown, and the last step.
 
-    Args:
-        edges: reader of the cameras as they were, with deviations that leave them room (see `widened`).
-        frames: in which the object is seen by some of them.
-        rim: of the object, and its standard deviation [m].
-        focal: whether focal lengths and principal points are unknown, too.
+    The reader's cameras state deviations that leave them room (see `_wider`). `rim`: of the object, and its
+    standard deviation [m]. `focal`: whether focal lengths and principal points are unknown, too.
     """
     now = Unknowns.of(edges.rig.cameras, rim, focal=focal)
     fits = [edges.refine(sight, seen.rotation, seen.position) for sight, seen in frames]
@@ -147,14 +144,7 @@ def refine_cameras(
     final ones are taught by all. Where the world is, they cannot tell: x, y and yaw stay as the old cameras
     have them on the average, and so do z and tilt unless the object rested often enough to show the table.
 
-    Args:
-        model: the object.
-        footage: of the rig's cameras, in the order of the rig.
-        rig: the cameras, two or more.
-        colors: the object's.
-        focal: whether focal lengths and principal points may be wrong, too.
-        most: frames that are used.
-        progress: takes how many more shots showed the object.
+    `most` frames are used; `progress` takes how many more shots showed the object.
 
     Raises:
         CalibrationError: there is one camera only, or the object was seen in too few poses.

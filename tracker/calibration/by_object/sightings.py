@@ -37,11 +37,9 @@ def require_two(cameras: Sequence[Camera], what: str, why: str = "") -> None:
 
 
 class Footage:
-    """A recording, or sets of pictures.
+    """A recording, open as long as this is used, or sets of pictures, each taken at a moment of its own.
 
-    Args:
-        source: the recording, open as long as this is used; or sets, each taken at a moment of its own.
-        stills: each of the recording's frames was taken at a moment of its own.
+    stills: each of the recording's frames was taken at a moment of its own.
     """
 
     def __init__(self, source: Log | Sequence[Images], *, stills: bool = False) -> None:
@@ -189,11 +187,7 @@ SMEARED = 0.3e-3
 
 
 def different(name: str, seen: Sequence[Sequence[Sighting]], most: int) -> list[list[Sighting]]:
-    """Up to `most` sightings of the object `name` in poses that differ, those of each footage by themselves.
-
-    Raises:
-        CalibrationError: there are too few.
-    """
+    """Of each footage sightings in poses that differ, up to `most` in all; CalibrationError for too few."""
     sharp = [(k, one) for k, part in enumerate(seen) for one in part if _smear(one) < SMEARED]
     if not sharp:
         blurred = sum(map(len, seen))

@@ -243,12 +243,7 @@ def find_table(
 ) -> FoundTable:
     """The table as films and stills of an object show it that rests on it now and then.
 
-    Args:
-        model: the object.
-        footage: of the rig's cameras, in the order of the rig.
-        rig: the cameras, two or more.
-        colors: the object's.
-        progress: takes how many more shots showed the object.
+    `progress` takes how many more shots showed the object.
 
     Raises:
         CalibrationError: there is one camera only, or the object rested in too few places.
@@ -273,11 +268,7 @@ def broad(rig: CameraRig) -> CameraRig:
 def plane_of(
     model: CuboidModel, edges: EdgeReader, footage: Sequence[Footage], seen: Sequence[Sequence[Sighting]]
 ) -> TablePlane:
-    """The plane on which an object rests that was seen in footage, by the cameras of an edge reader.
-
-    Raises:
-        CalibrationError: it rested in too few places.
-    """
+    """The plane on which an object was seen to rest; CalibrationError: it rested in too few places."""
     found = [_rest(edges, frame, model.rim_std) for frame in edges.sights(footage, list(map(resting, seen)))]
     rests = [rest for rest in found if rest is not None]
     single = len(found) - len(rests)
