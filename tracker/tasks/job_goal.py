@@ -49,16 +49,10 @@ class JobGoal:
     def rewards(
         self, seconds: FloatArray, position: FloatArray, orientation: FloatArray, model: CuboidModel
     ) -> FloatArray:
-        """Rewards (n,) of one control step each of an object at times (n,) [s] since the job's beginning.
+        """Rewards (n,) of one control step each at times (n,) [s] since the job's beginning.
 
-        Args:
-            seconds: (n,).
-            position: (n, 3) [m]; NaN where the object was not seen, and so is the reward.
-            orientation: (n, 4) xyzw, likewise.
-            model: the object.
-
-        Raises:
-            TaskError: the task moves no object.
+        Positions (n, 3) [m] and orientations (n, 4) xyzw are NaN where the object was not seen, and so is
+        the reward. TaskError: the task moves no object.
         """
         if self.task == "trajectory":
             return move_object.trajectory_reward(self.trajectory, STEPS_PER_SECOND * seconds, position)

@@ -54,11 +54,7 @@ Trajectory = Sequence[tuple[float, npt.ArrayLike]]
 
 
 def position_error(goal_position: npt.ArrayLike, position: npt.ArrayLike) -> FloatArray:
-    """Errors (...) of positions: ½ (‖Δxy‖ / 0.39 m + |Δz| / 0.1 m), about 1 at most.
-
-    Args:
-        goal_position: (..., 3) [m].
-        position: (..., 3) [m].
+    """Errors (...) of positions (..., 3) [m]: ½ (‖Δxy‖ / 0.39 m + |Δz| / 0.1 m), about 1 at most.
 
     Raises:
         TaskError: an argument is malformed, or their leading axes do not fit together.
@@ -71,11 +67,7 @@ def position_error(goal_position: npt.ArrayLike, position: npt.ArrayLike) -> Flo
 
 
 def rotation_error(goal_orientation: npt.ArrayLike, orientation: npt.ArrayLike) -> FloatArray:
-    """Errors (...) in [0, 1] of orientations: the angle of the rotation between the two, divided by π.
-
-    Args:
-        goal_orientation: (..., 4) xyzw.
-        orientation: (..., 4) xyzw.
+    """Errors (...) in [0, 1] of orientations (..., 4) xyzw: the angle of the rotation between, divided by π.
 
     Raises:
         TaskError: an argument is malformed, or their leading axes do not fit together.
@@ -237,12 +229,9 @@ def active_goal(trajectory: Trajectory, time: npt.ArrayLike) -> FloatArray:
 
 
 def trajectory_reward(trajectory: Trajectory, time: npt.ArrayLike, position: npt.ArrayLike) -> FloatArray:
-    """Rewards (...) of one control step each: -e_position to the goals that are active at the times.
+    """Rewards (...) of one control step each: -e_position to the goals that are active at the times (...).
 
-    Args:
-        trajectory: see `active_goal`.
-        time: (...) in the trajectory's unit.
-        position: (..., 3) [m].
+    Positions are (..., 3) [m]; trajectory and times as for `active_goal`.
 
     Raises:
         TaskError: as `active_goal` and `position_error`.
@@ -259,10 +248,8 @@ def _parsed(trajectory: Trajectory) -> tuple[FloatArray, FloatArray]:
     for k, entry in enumerate(trajectory):
         if not isinstance(entry, (tuple, list)) or len(entry) != 2:
             raise TaskError(f"trajectory: entry {k}: found {shown(entry)}, expected a pair (time, position)")
-        time, goal = (
-            numbers(f"trajectory: {what} {k}", value, finite=True)
-            for what, value in zip(("time", "position"), entry, strict=True)
-        )
+        time = numbers(f"trajectory: time {k}", entry[0], finite=True)
+        goal = numbers(f"trajectory: position {k}", entry[1], finite=True)
         if time.ndim or goal.shape != (3,):
             raise TaskError(f"trajectory: entry {k}: found {shown(entry)}, expected a number and 3 numbers")
         times[k], positions[k] = time, goal

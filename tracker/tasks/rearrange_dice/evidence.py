@@ -48,7 +48,7 @@ class Evidence(NamedTuple):
     """(H, W) float32: from -1, as dark as the sides, to 1, as bright as the tops; 0 unknown."""
 
 
-def evidence(mask: Image | None, image: Image | None, size: tuple[int, int]) -> Evidence:
+def evidence(mask: Array | None, image: Image | None, size: tuple[int, int]) -> Evidence:
     """What a mask (H, W) of dice says, and its BGR image (H, W, 3) if there is one; no mask: nothing."""
     if mask is None:
         unknown = np.full(size, UNKNOWN, np.uint8)
@@ -165,13 +165,8 @@ class Plan:
         """Dice (N, 4) as (x, y, foot, yaw), best first: squares on cells that are rated well, side by side.
 
         A square counts for more if nothing lies along its outline. What is taken no longer counts for
-        others, so that in a crowd one corner after the other is filled.
-
-        Args:
-            planes: (N, N) of each level, from -1 to 1.
-            style: 0 … STYLES - 1: crowds are filled in different orders.
-            most: number of dice.
-            enough: rating from which on a square is proposed.
+        others, so that in a crowd one corner after the other is filled, in another order by each style from
+        0 to STYLES - 1. Planes (N, N) are rated from -1 to 1; from `enough` on a square is proposed.
         """
         squares, yaws = _templates(style)
         planes = [plane.copy() for plane in planes]
@@ -207,10 +202,8 @@ def _pixels(camera: Camera, height: float) -> tuple[Array, Array]:
 
 
 def _around(j: int, i: int, reach: int) -> tuple[slice, slice]:
-    return (
-        slice(max(j - reach, 0), min(j + reach + 1, _COUNT)),
-        slice(max(i - reach, 0), min(i + reach + 1, _COUNT)),
-    )
+    rows, columns = (slice(max(n - reach, 0), min(n + reach + 1, _COUNT)) for n in (j, i))
+    return rows, columns
 
 
 def _filter(plane: Array, square: Array) -> Array:

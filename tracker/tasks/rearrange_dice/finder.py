@@ -116,8 +116,6 @@ def locate(
     if not is_whole(most) or most < 0:
         raise TaskError(f"most: found {shown(most)}, expected a number of dice")
     given: Sequence[Array | None] = [None] * len(rig) if images is None else images
-    for what, ones in (("masks of dice", masks), ("images", given)):
-        check_sequence(ones, what, TaskError)
     _check(rig, masks, given)
     found, gains = _finder(rig).find(masks, given)
     offset, slope = PROBABILITY[images is not None]
@@ -132,20 +130,18 @@ def locate(
 
 
 def _check(rig: CameraRig, masks: Sequence[Array | None], images: Sequence[Array | None]) -> None:
-    names = ", ".join(rig.names)
-    if len(masks) != len(rig):
-        raise TaskError(f"masks of dice: found {len(masks)}, expected one of each of {names}")
-    if len(images) != len(rig):
-        raise ImageError(f"images: found {len(images)}, expected one of each of {names}")
+    for what, ones, fault in (("masks of dice", masks, TaskError), ("images", images, ImageError)):
+        check_sequence(ones, what, TaskError)
+        if len(ones) != len(rig):
+            names = ", ".join(rig.names)
+            raise fault(f"{what}: found {len(ones)}, expected one of each of {names}")
     for camera, mask, image in zip(rig, masks, images, strict=True):
         size = (camera.height, camera.width)
         if mask is not None:
             as_mask(mask, f"mask of dice of {camera.name}", size)
         if image is not None and check_image(image, f"image of {camera.name}").shape[:2] != size:
-            found = f"{image.shape[1]}×{image.shape[0]} px"
-            raise ImageError(
-                f"image of {camera.name}: found {found}, expected {camera.width}×{camera.height} px"
-            )
+            found, valid = f"{image.shape[1]}×{image.shape[0]}", f"{camera.width}×{camera.height}"
+            raise ImageError(f"image of {camera.name}: found {found} px, expected {valid} px")
 
 
 PROBABILITY = {True: (-4.21, 1.571), False: (-2.62, 1.140)}
@@ -175,14 +171,10 @@ class Finder:
         ]
         if not any((view.mask == DICE).any() for view in seen):
             return np.empty((0, 4)), np.empty(0)
-        views = Views(self._slopes, self._lenses, *stack(seen))
-        canvas = Canvas(*(np.zeros(views.masks.shape, kind) for kind in (np.float32, np.int8, np.int16)))
-        return Search(views, seen, self._plan, canvas).run()
+        return Search(Views(self._slopes, self._lenses, *stack(seen)), seen, self._plan).run()
 
 
-@functools.lru_cache(maxsize=4)
-def _finder(rig: CameraRig) -> Finder:
-    return Finder(rig)
+_finder = functools.lru_cache(maxsize=4)(Finder)
 
 
 def _slopes(camera: Camera) -> FloatArray:
@@ -195,11 +187,9 @@ def _slopes(camera: Camera) -> FloatArray:
     return slopes.reshape(camera.height, camera.width, 2)
 
 
-def _reduced_mask(mask: Array | None, camera: Camera) -> Image | None:
-    if mask is None:
-        return None
-    small = _reduced(np.where(mask > 0, np.uint8(255), np.uint8(0)), camera)
-    return None if small is None else np.asarray(small >= 128, dtype=np.uint8)
+def _reduced_mask(mask: Array | None, camera: Camera) -> Array | None:
+    small = _reduced(None if mask is None else np.where(mask > 0, 255, 0).astype(np.uint8), camera)
+    return None if small is None else small >= 128
 
 
 def _reduced(image: Image | None, camera: Camera) -> Image | None:
@@ -218,9 +208,10 @@ def _reduced_camera(camera: Camera) -> Camera:
 class Search:
     """One search in the evidence of all views."""
 
-    def __init__(self, views: Views, seen: Sequence[Evidence], plan: Plan, canvas: Canvas) -> None:
-        self._views, self._seen, self._plan, self._canvas = views, seen, plan, canvas
-        self._terms = TERMS
+    def __init__(self, views: Views, seen: Sequence[Evidence], plan: Plan) -> None:
+        self._views, self._seen, self._plan, self._terms = views, seen, plan, TERMS
+        kinds = np.float32, np.int8, np.int16
+        self._canvas = Canvas(*(np.zeros(views.masks.shape, kind) for kind in kinds))
         self._known = sum(bool((view.mask != UNKNOWN).any()) for view in seen)
 
     def run(self) -> tuple[FloatArray, FloatArray]:
@@ -233,13 +224,17 @@ class Search:
             self._plan = Plan(self._plan.cameras, table)
             starts = self._starts()
             dice = self._improve(dice, rounds=1)
-        score, others = self._total(dice), np.concatenate(starts[1:])
+        score = self._total(dice)
         for _ in range(2):
-            better, score = self._exchange(dice, score, others)
-            if better is dice:
+            before = dice
+            for proposal in np.concatenate(starts[1:]):
+                trial = self._with(dice, proposal)
+                if trial is not None and (value := self._total(trial)) > score + BETTER:
+                    dice, score = trial, value
+            if dice is before:
                 break
-            changed = np.array([not (dice == row).all(axis=1).any() for row in better])
-            dice = self._improve(better, 1, changed)
+            changed = np.array([not (before == row).all(axis=1).any() for row in dice])
+            dice = self._improve(dice, 1, changed)
             score = self._total(dice)
         gains = np.array([self._gain(dice, k) for k in range(len(dice))])
         order = np.argsort(-gains, kind="stable")
@@ -320,15 +315,6 @@ class Search:
             rated[cv2.medianBlur(rest, 3) > 0] = 1
             left.append(rated)
         return self._plan.propose(self._plan.project(left, self._known), 0, BIRTHS, BIRTH_FIT)
-
-    def _exchange(self, dice: FloatArray, score: float, proposals: FloatArray) -> tuple[FloatArray, float]:
-        """Dice in which proposals took the places of others where that explains more, and their score."""
-        for proposal in proposals:
-            trial = self._with(dice, proposal)
-            value = -np.inf if trial is None else self._total(trial)
-            if trial is not None and value > score + BETTER:
-                dice, score = trial, value
-        return dice, score
 
     def _with(self, dice: FloatArray, proposal: FloatArray) -> FloatArray | None:
         """Dice with a proposal in the place of up to two; None if it is among them, or needs more room."""
