@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from tests.helpers.dice_scenes import EDGE, RIG, dice_at, painted
 from tracker.geometry import so3
 from tracker.tasks.rearrange_dice import finder, set_score
-from tracker.tasks.rearrange_dice.evidence import DICE, UNKNOWN, evidence, stack
+from tracker.tasks.rearrange_dice.evidence import DICE, UNKNOWN, evidence
 from tracker.tasks.rearrange_dice.finder import Finder
 
 DICE_POSES = dice_at([(0.0, 0.01), (-0.09, 0.05), (0.06, 0.08), (0.02, -0.09)], 0.37)
@@ -16,8 +16,7 @@ FINDER = Finder(RIG)
 
 
 def views_of(masks, images=(None, None, None)) -> set_score.Views:
-    seen = [evidence(m if m is None else m // 255, i, (270, 270)) for m, i in zip(masks, images, strict=True)]
-    return set_score.Views(FINDER._slopes, FINDER._lenses, *stack(seen))
+    return FINDER.views(masks, images)[0]
 
 
 def canvas() -> set_score.Canvas:
@@ -145,14 +144,14 @@ def test_what_one_view_has_against_a_die_is_limited():
 
 def test_evidence_tells_tops_from_sides_and_pips_from_blue():
     image, mask = painted(RIG[0], DICE_POSES)
-    view = evidence(mask // 255, image, mask.shape)
+    scores, seen, shade = evidence(mask, image)
     classes, _ = drawn(views_of([mask] * 3), DICE_POSES, 0)
-    inner = (view.mask == DICE) & (view.scores[set_score.TOP] > 0)
+    inner = (seen == DICE) & (scores[set_score.TOP] > 0)
     tops = inner & ((classes == set_score.TOP) | (classes == set_score.TOP_RIM))
     sides = inner & ((classes == set_score.SIDE) | (classes == set_score.SIDE_RIM))
-    assert view.shade[tops].mean() > 0.4
-    assert view.shade[sides].mean() < -0.2
-    assert (view.scores[set_score.TOP] >= view.scores[set_score.TOP_RIM]).all()
-    unknown = evidence(None, None, (270, 270))
-    assert (unknown.mask == UNKNOWN).all()
+    assert shade[tops].mean() > 0.4
+    assert shade[sides].mean() < -0.2
+    assert (scores[set_score.TOP] >= scores[set_score.TOP_RIM]).all()
+    unknown = views_of([None] * 3)
+    assert (unknown.masks == UNKNOWN).all()
     assert not unknown.scores.any()

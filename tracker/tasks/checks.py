@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -36,7 +37,7 @@ def numbers(name: str, value: Any, *, finite: bool = False) -> FloatArray:
     return result
 
 
-def vectors(name: str, width: int, value: npt.ArrayLike, *, finite: bool = False) -> FloatArray:
+def vectors(name: str, value: npt.ArrayLike, width: int = 3, *, finite: bool = False) -> FloatArray:
     """Vectors (..., width); TaskError where they are none."""
     array = numbers(name, value, finite=finite)
     if array.ndim == 0 or array.shape[-1] != width:
@@ -44,22 +45,23 @@ def vectors(name: str, width: int, value: npt.ArrayLike, *, finite: bool = False
     return array
 
 
-def quaternion(name: str, value: npt.ArrayLike) -> FloatArray:
+def quaternions(name: str, value: npt.ArrayLike, *, finite: bool = False) -> FloatArray:
     """Orientations (..., 4) xyzw, scaled to length 1; TaskError where they are none."""
-    return _unit(name, vectors(name, 4, value))
+    array = vectors(name, value, 4, finite=finite)
+    length = np.linalg.norm(array, axis=-1, keepdims=True)
+    if (length < SHORTEST).any():
+        raise TaskError(f"{name}: found a quaternion of length 0, expected a unit quaternion (x, y, z, w)")
+    result: FloatArray = array / length
+    return result
 
 
-def pair(what: str, width: int, goal: npt.ArrayLike, actual: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Goals and states (..., width); TaskError where one is malformed, or they do not fit together."""
-    first, second = vectors(f"goal_{what}", width, goal, finite=True), vectors(what, width, actual)
+def pair(
+    what: str, read: Callable[..., FloatArray], goal: npt.ArrayLike, actual: npt.ArrayLike
+) -> tuple[FloatArray, FloatArray]:
+    """Goals and states as `read` makes them; TaskError where one is malformed or they do not fit together."""
+    first, second = read(f"goal_{what}", goal, finite=True), read(what, actual)
     check_fit(f"goal_{what}", first.shape, what, second.shape)
     return first, second
-
-
-def quaternions(goal: npt.ArrayLike, actual: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """As `pair` for orientations (..., 4) xyzw, which are scaled to length 1."""
-    first, second = pair("orientation", 4, goal, actual)
-    return _unit("goal_orientation", first), _unit("orientation", second)
 
 
 def check_fit(name: str, shape: tuple[int, ...], other: str, other_shape: tuple[int, ...]) -> None:
@@ -70,11 +72,3 @@ def check_fit(name: str, shape: tuple[int, ...], other: str, other_shape: tuple[
         shapes = f"{shape} and {other_shape}"
         valid = "leading axes that broadcast"
         raise TaskError(f"{name} and {other}: found shapes {shapes}, expected {valid}") from None
-
-
-def _unit(name: str, quaternion: FloatArray) -> FloatArray:
-    length = np.linalg.norm(quaternion, axis=-1, keepdims=True)
-    if (length < SHORTEST).any():
-        raise TaskError(f"{name}: found a quaternion of length 0, expected a unit quaternion (x, y, z, w)")
-    result: FloatArray = quaternion / length
-    return result

@@ -19,7 +19,7 @@ from tracker.conventions import FloatArray
 from tracker.errors import TaskError, shown
 from tracker.geometry import cuboid, so3
 from tracker.objects.model import CuboidModel
-from tracker.tasks.checks import check_fit, numbers, pair, quaternion, quaternions, vectors
+from tracker.tasks.checks import check_fit, numbers, pair, quaternions, vectors
 
 __all__ = [
     "LEVELS",
@@ -59,7 +59,7 @@ def position_error(goal_position: npt.ArrayLike, position: npt.ArrayLike) -> Flo
     Raises:
         TaskError: an argument is malformed, or their leading axes do not fit together.
     """
-    goal, actual = pair("position", 3, goal_position, position)
+    goal, actual = pair("position", vectors, goal_position, position)
     difference = actual - goal
     across = np.linalg.norm(difference[..., :2], axis=-1)
     result: FloatArray = (across / XY_RANGE + np.abs(difference[..., 2]) / Z_RANGE) / 2
@@ -72,7 +72,7 @@ def rotation_error(goal_orientation: npt.ArrayLike, orientation: npt.ArrayLike) 
     Raises:
         TaskError: an argument is malformed, or their leading axes do not fit together.
     """
-    goal, actual = quaternions(goal_orientation, orientation)
+    goal, actual = pair("orientation", quaternions, goal_orientation, orientation)
     # Vector and scalar of goal⁻¹ · actual; exactly 0 where the two are equal.
     vector = goal[..., 3:] * actual[..., :3] - actual[..., 3:] * goal[..., :3]
     vector = vector - np.cross(goal[..., :3], actual[..., :3])
@@ -100,9 +100,8 @@ def long_axis_error(
     """
     if not is_whole(axis) or axis not in (0, 1, 2):
         raise TaskError(f"axis: found {shown(axis)}, expected 0, 1 or 2")
-    goal, actual = (
-        so3.matrix_from_quaternion(one)[..., axis] for one in quaternions(goal_orientation, orientation)
-    )
+    turns = pair("orientation", quaternions, goal_orientation, orientation)
+    goal, actual = (so3.matrix_from_quaternion(one)[..., axis] for one in turns)
     sine = np.linalg.norm(np.cross(goal, actual), axis=-1)
     result: FloatArray = np.arctan2(sine, np.sum(goal * actual, axis=-1)) / np.pi
     return result
@@ -275,7 +274,7 @@ def keypoints(position: npt.ArrayLike, orientation: npt.ArrayLike, size: npt.Arr
     Raises:
         TaskError: an argument is malformed, or their leading axes do not fit together.
     """
-    places, turns = vectors("position", 3, position), quaternion("orientation", orientation)
+    places, turns = vectors("position", position), quaternions("orientation", orientation)
     check_fit("position", places.shape[:-1], "orientation", turns.shape[:-1])
     return cuboid.keypoints(places, so3.matrix_from_quaternion(turns), _size(size))
 

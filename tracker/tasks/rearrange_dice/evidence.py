@@ -6,8 +6,7 @@ And what that is from above: where in the plane of the dice's tops squares of a 
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Iterable, Sequence
 
 import cv2
 import numpy as np
@@ -37,34 +36,26 @@ NOTHING, DICE, UNKNOWN = range(3)
 """What a mask says of a pixel."""
 
 
-class Evidence(NamedTuple):
-    """One view's evidence."""
+def evidence(mask: Array, image: Image | None) -> tuple[Array, Image, Array]:
+    """What a mask (H, W) of dice says, and its BGR image (H, W, 3) if there is one.
 
-    scores: Array
-    """(5, H, W) float32: what is gained where a pixel is explained by NONE, SIDE, SIDE_RIM, TOP, TOP_RIM."""
-    mask: Image
-    """(H, W) of NOTHING, DICE, UNKNOWN."""
-    shade: Array
-    """(H, W) float32: from -1, as dark as the sides, to 1, as bright as the tops; 0 unknown."""
-
-
-def evidence(mask: Array | None, image: Image | None, size: tuple[int, int]) -> Evidence:
-    """What a mask (H, W) of dice says, and its BGR image (H, W, 3) if there is one; no mask: nothing."""
-    if mask is None:
-        unknown = np.full(size, UNKNOWN, np.uint8)
-        return Evidence(np.zeros((5, *size), np.float32), unknown, np.zeros(size, np.float32))
+    Returns:
+        (5, H, W) float32: what is gained where a pixel is explained by NONE, SIDE, SIDE_RIM, TOP, TOP_RIM;
+        (H, W) of NOTHING, DICE; and
+        (H, W) float32: from -1, as dark as the sides, to 1, as bright as the tops; 0 unknown.
+    """
     seen = (mask > 0).astype(np.uint8)
     inner = np.asarray(cv2.erode(seen, np.ones((3, 3), np.uint8)), dtype=np.uint8)
-    shade = pale = np.zeros(size, np.float32)
+    shade = pale = np.zeros(seen.shape, np.float32)
     if image is not None and np.count_nonzero(inner) >= MIN_PIXELS:
         pale = _paleness(image, inner)
         shade = _shade(image, seen, inner) * (1 - pale)
     weight = np.where(inner > 0, np.float32(1), np.float32(OUTLINE))
     tops, pips = SHADE * shade, PIP * pale
-    scores = np.zeros((5, *size), np.float32)
+    scores = np.zeros((5, *seen.shape), np.float32)
     for k, score in enumerate((1 - tops + pips / 2, 1 - tops - pips, 1 + tops + pips / 2, 1 + tops - pips)):
         scores[k + 1] = np.where(seen > 0, weight * score, np.float32(-1))
-    return Evidence(scores, seen, shade)
+    return scores, seen, shade
 
 
 def _shade(image: Image, seen: Image, inner: Image) -> Array:
@@ -87,25 +78,11 @@ def _paleness(image: Image, inner: Image) -> Array:
     return np.where(inner > 0, np.clip((ratio - usual) / np.float32(PALENESS), 0, 1), np.float32(0))
 
 
-def tops(views: Sequence[Evidence]) -> list[Array]:
-    """(H, W) float32 of each view: from -0.7, no dice, to 1, as bright as a die's top; 0 unknown."""
-    result = []
-    for view in views:
-        shaded = bool(view.shade.any())
-        seen = 0.4 + 0.6 * view.shade if shaded else np.full(view.mask.shape, 0.5, np.float32)
-        result.append(np.choose(view.mask, (np.float32(-0.7), seen, np.float32(0))).astype(np.float32))
-    return result
-
-
-def stack(views: Sequence[Evidence]) -> tuple[Array, Image]:
-    """Scores (C, 5, H, W) and masks (C, H, W) of views whose sizes may differ; the rest is unknown."""
-    height, width = (max(view.mask.shape[k] for view in views) for k in (0, 1))
-    scores = np.zeros((len(views), 5, height, width), np.float32)
-    masks = np.full((len(views), height, width), UNKNOWN, np.uint8)
-    for c, view in enumerate(views):
-        h, w = view.mask.shape
-        scores[c, :, :h, :w], masks[c, :h, :w] = view.scores, view.mask
-    return scores, masks
+def tops(masks: Image, shades: Array) -> Array:
+    """(C, H, W) float32: from -0.7, no dice, to 1, as bright as a die's top; 0 unknown."""
+    shaded = shades.any(axis=(1, 2), keepdims=True)
+    seen = np.where(shaded, 0.4 + 0.6 * shades, np.float32(0.5))
+    return np.choose(masks, (np.float32(-0.7), seen, np.float32(0))).astype(np.float32)
 
 
 CELL = 0.002
@@ -150,7 +127,7 @@ class Plan:
         self._maps = [[_pixels(camera, height) for camera in cameras] for height in heights]
         self.cameras, self._table = cameras, table
 
-    def project(self, ratings: Sequence[Array], known: int) -> list[Array]:
+    def project(self, ratings: Iterable[Array], known: int) -> list[Array]:
         """Mean over the `known` cameras of their ratings (H, W) of each cell; one plane (N, N) a level."""
         planes = []
         for maps in self._maps:

@@ -24,7 +24,7 @@ from tracker.geometry.camera import Camera
 from tracker.geometry.lens import stack_lenses
 from tracker.segmentation.labels import check_image
 from tracker.tasks.rearrange_dice import set_score
-from tracker.tasks.rearrange_dice.evidence import DICE, STYLES, UNKNOWN, Evidence, Plan, evidence, stack, tops
+from tracker.tasks.rearrange_dice.evidence import DICE, STYLES, UNKNOWN, Plan, evidence, tops
 from tracker.tasks.rearrange_dice.goals import DIE_WIDTH, NUM_DICE
 from tracker.tasks.rearrange_dice.score import as_mask
 from tracker.tasks.rearrange_dice.set_score import Canvas, Views, overlap
@@ -165,13 +165,23 @@ class Finder:
         self, masks: Sequence[Array | None], images: Sequence[Image | None]
     ) -> tuple[FloatArray, FloatArray]:
         """Dice (N, 4) as (x, y, foot, yaw) [m, rad], and what each gains (N,); the greatest gain first."""
-        seen = [
-            evidence(_reduced_mask(mask, camera), _reduced(image, camera), (camera.height, camera.width))
-            for mask, image, camera in zip(masks, images, self._cameras, strict=True)
-        ]
-        if not any((view.mask == DICE).any() for view in seen):
+        views, shades = self.views(masks, images)
+        if not (views.masks == DICE).any():
             return np.empty((0, 4)), np.empty(0)
-        return Search(Views(self._slopes, self._lenses, *stack(seen)), seen, self._plan).run()
+        return Search(views, shades, self._plan).run()
+
+    def views(self, masks: Sequence[Array | None], images: Sequence[Image | None]) -> tuple[Views, Array]:
+        """What the cameras see, and shades (C, H, W), see `evidence`; nothing beyond a camera's size."""
+        count, *size = self._slopes.shape[:3]
+        scores, shades = np.zeros((count, 5, *size), np.float32), np.zeros((count, *size), np.float32)
+        known = np.full((count, *size), UNKNOWN, np.uint8)
+        for c, (mask, image, camera) in enumerate(zip(masks, images, self._cameras, strict=True)):
+            if mask is not None:
+                small = _reduced(np.where(mask > 0, 255, 0).astype(np.uint8), camera) >= 128
+                part = slice(camera.height), slice(camera.width)
+                its = evidence(small, None if image is None else _reduced(image, camera))
+                scores[(c, slice(None), *part)], known[(c, *part)], shades[(c, *part)] = its
+        return Views(self._slopes, self._lenses, scores, known), shades
 
 
 _finder = functools.lru_cache(maxsize=4)(Finder)
@@ -187,14 +197,9 @@ def _slopes(camera: Camera) -> FloatArray:
     return slopes.reshape(camera.height, camera.width, 2)
 
 
-def _reduced_mask(mask: Array | None, camera: Camera) -> Array | None:
-    small = _reduced(None if mask is None else np.where(mask > 0, 255, 0).astype(np.uint8), camera)
-    return None if small is None else small >= 128
-
-
-def _reduced(image: Image | None, camera: Camera) -> Image | None:
+def _reduced(image: Image, camera: Camera) -> Image:
     size = (camera.width, camera.height)
-    if image is None or image.shape[1::-1] == size:
+    if image.shape[1::-1] == size:
         return image
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
@@ -208,11 +213,11 @@ def _reduced_camera(camera: Camera) -> Camera:
 class Search:
     """One search in the evidence of all views."""
 
-    def __init__(self, views: Views, seen: Sequence[Evidence], plan: Plan) -> None:
-        self._views, self._seen, self._plan, self._terms = views, seen, plan, TERMS
+    def __init__(self, views: Views, shades: Array, plan: Plan) -> None:
+        self._views, self._shades, self._plan, self._terms = views, shades, plan, TERMS
         kinds = np.float32, np.int8, np.int16
         self._canvas = Canvas(*(np.zeros(views.masks.shape, kind) for kind in kinds))
-        self._known = sum(bool((view.mask != UNKNOWN).any()) for view in seen)
+        self._known = int((views.masks != UNKNOWN).any(axis=(1, 2)).sum())
 
     def run(self) -> tuple[FloatArray, FloatArray]:
         """Dice (N, 4) as (x, y, foot, yaw), and what each gains (N,); the greatest gain first."""
@@ -241,7 +246,7 @@ class Search:
         return dice[order], gains[order]
 
     def _starts(self) -> list[FloatArray]:
-        planes = self._plan.project(tops(self._seen), self._known)
+        planes = self._plan.project(tops(self._views.masks, self._shades), self._known)
         return [self._plan.propose(planes, style, MOST) for style in range(STYLES)]
 
     def _find_table(self, dice: FloatArray) -> float:
@@ -307,11 +312,12 @@ class Search:
     def _unexplained(self, dice: FloatArray) -> FloatArray:
         self._total(dice)  # draws them into the canvas
         left = []
-        for view, classes in zip(self._seen, self._canvas.classes, strict=True):
-            height, width = view.mask.shape
-            rest = ((view.mask == DICE) & (classes[:height, :width] == 0)).astype(np.uint8)
+        for c, camera in enumerate(self._plan.cameras):
+            part = c, slice(camera.height), slice(camera.width)
+            mask = self._views.masks[part]
+            rest = ((mask == DICE) & (self._canvas.classes[part] == 0)).astype(np.uint8)
             # No dice; dice that are explained; unknown.
-            rated = np.array([-0.5, -0.1, 0.0], np.float32)[view.mask]
+            rated = np.array([-0.5, -0.1, 0.0], np.float32)[mask]
             rated[cv2.medianBlur(rest, 3) > 0] = 1
             left.append(rated)
         return self._plan.propose(self._plan.project(left, self._known), 0, BIRTHS, BIRTH_FIT)

@@ -15,6 +15,7 @@ import os
 import re
 from collections import Counter
 from collections.abc import Callable
+from itertools import takewhile
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
@@ -24,7 +25,7 @@ import numpy.typing as npt
 from tracker.checks import is_number, is_whole, naming, of_kind, path_of
 from tracker.conventions import Array, FloatArray
 from tracker.errors import TaskError, shown
-from tracker.files import check_suffix, read_bounded, told_as, write_whole
+from tracker.files import check_suffix, read_bounded, told_as, told_of, write_whole
 from tracker.tasks.checks import numbers
 
 NUM_DICE = 25
@@ -155,16 +156,16 @@ def read_as(
     In JSON no key may be there twice, and all numbers are finite.
     """
     path = path_of(path, "goal", TaskError)
+    with told_of(path, TaskError):
+        content = read_bounded(path, MAX_FILE_SIZE)
     with naming(path, TaskError):
         try:
-            text = read_bounded(path, MAX_FILE_SIZE).decode("utf-8-sig")
+            text = content.decode("utf-8-sig")
             if text.lstrip()[:1] not in ("[", "{"):
                 if not text.strip():
                     raise TaskError("found an empty file, expected JSON or a pattern")
                 return of_pattern(text)
             value = json.loads(text, parse_constant=_refuse_constant, object_pairs_hook=_unique)
-        except OSError as error:
-            raise TaskError(f"cannot be read: {error.strerror}") from error
         except UnicodeDecodeError as error:
             valid = "expected JSON or a pattern"
             raise TaskError(f"found byte {error.start}, which is no UTF-8, {valid}") from error
@@ -233,7 +234,14 @@ def parse_pattern(text: str) -> FloatArray:
     Raises:
         TaskError: the text is no pattern; rows and columns in the message count from 1.
     """
-    rows = _rows(of_kind(text, str, "pattern", TaskError))
+    lines = re.split(r"\r\n|\r|\n", of_kind(text, str, "pattern", TaskError))
+    filled_lines = list(takewhile(bool, (line.rstrip(" \t") for line in lines)))
+    rows, rest = filled_lines[:CELLS_PER_ROW], filled_lines[CELLS_PER_ROW:]
+    if rest and set(rest[0]) != {"-"}:  # the platform's template has dashes, and no empty line before them
+        raise TaskError(
+            f"pattern: row {CELLS_PER_ROW + 1}: found {rest[0][:20]!r}, expected {CELLS_PER_ROW} rows, then "
+            "nothing, an empty line or dashes"
+        )
     for i, (row, inside) in enumerate(zip(rows, in_arena(cell_centers()), strict=False)):
         if len(row) != CELLS_PER_ROW:
             raise TaskError(
@@ -283,20 +291,3 @@ def empty_pattern() -> str:
 def _text(filled: Array) -> str:
     inside = np.where(in_arena(cell_centers()), EMPTY, OUTSIDE)
     return "".join("".join(row) + "\n" for row in np.where(filled, GOAL, inside))
-
-
-def _rows(text: str) -> list[str]:
-    """The lines, without blanks at their ends, that the pattern consists of."""
-    rows: list[str] = []
-    for line in re.split(r"\r\n|\r|\n", text):
-        row = line.rstrip(" \t")
-        # The platform's template has dashes, and no empty line before them.
-        if not row or (len(rows) == CELLS_PER_ROW and set(row) == {"-"}):
-            break
-        if len(rows) == CELLS_PER_ROW:
-            raise TaskError(
-                f"pattern: row {CELLS_PER_ROW + 1}: found {row[:20]!r}, expected {CELLS_PER_ROW} rows, then "
-                "nothing, an empty line or dashes"
-            )
-        rows.append(row)
-    return rows
