@@ -2,27 +2,12 @@
 
 from __future__ import annotations
 
-import enum
-
 import numpy as np
 
 from tracker.conventions import Image
 
-
-class Label(enum.IntEnum):
-    """Values of a label map."""
-
-    BACKGROUND = 0
-    RED = 1
-    GREEN = 2
-    BLUE = 3
-    CYAN = 4
-    MAGENTA = 5
-    YELLOW = 6
-
-
-COLOR_NAMES = tuple(label.name.lower() for label in Label)
-"""Names by label: background, red, green, blue, cyan, magenta, yellow."""
+COLOR_NAMES = ("background", "red", "green", "blue", "cyan", "magenta", "yellow")
+"""Names by label."""
 
 UNKNOWN = 255
 """In a label map: what the pixel shows is not asked, as it is known to show a finger."""
