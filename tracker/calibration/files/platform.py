@@ -25,7 +25,7 @@ import numpy as np
 import yaml
 
 from tracker.calibration.files.folder import calibration_files, camera_order, refuse_variants
-from tracker.checks import naming, path_of
+from tracker.checks import is_number, is_whole, naming, path_of
 from tracker.conventions import FloatArray
 from tracker.errors import CalibrationError, TrackerError, shown
 from tracker.files import read_bounded, told_as, told_of, write_whole
@@ -119,12 +119,14 @@ def _camera_of(data: dict[Any, Any]) -> Camera:
     if (transform[3] != (0, 0, 0, 1)).any():
         found = transform[3].tolist()
         raise CalibrationError(f"{transform_key}: found the last row {found}, expected [0, 0, 0, 1]")
+    shapes = [shape for count in (4, *COUNTS) for shape in ((1, count), (count, 1))]
+    distortion = _matrix_of(data, "distortion_coefficients", *shapes).ravel()
     return Camera(
         name=_require(data, "camera_name"),
         width=_whole(data, "image_width"),
         height=_whole(data, "image_height"),
         matrix=_matrix_of(data, "camera_matrix", (3, 3)),
-        distortion=_distortion(data),
+        distortion=np.append(distortion, 0.0) if len(distortion) == 4 else distortion,  # k3 = 0
         camera_from_world=transform,
         camera_from_world_std=std,
     )
@@ -139,16 +141,9 @@ def _require(data: dict[Any, Any], key: str) -> Any:
 
 def _whole(data: dict[Any, Any], key: str) -> int:
     value = _require(data, key)
-    if isinstance(value, bool) or not isinstance(value, int) or not 0 < value <= MAX_SIZE:
+    if not is_whole(value) or not 0 < value <= MAX_SIZE:
         raise CalibrationError(f"{key}: found {shown(value)}, expected a whole number from 1 to {MAX_SIZE}")
     return value
-
-
-def _distortion(data: dict[Any, Any]) -> FloatArray:
-    counts = (4, *COUNTS)
-    shapes = [shape for count in counts for shape in ((1, count), (count, 1))]
-    found = _matrix_of(data, "distortion_coefficients", *shapes).ravel()
-    return np.append(found, 0.0) if len(found) == counts[0] else found  # OpenCV takes k3 = 0 then
 
 
 def _matrix_of(data: dict[Any, Any], key: str, *shapes: tuple[int, int]) -> FloatArray:
@@ -166,14 +161,10 @@ def _matrix_of(data: dict[Any, Any], key: str, *shapes: tuple[int, int]) -> Floa
     if not isinstance(values, list) or len(values) != rows * cols:
         found = f"{len(values)} values" if isinstance(values, list) else shown(values)
         raise CalibrationError(f"{key}: data: found {found}, expected {int(rows * cols)} numbers")
-    return np.array([_number(value, key) for value in values]).reshape(int(rows), int(cols))
-
-
-def _number(value: Any, key: str) -> float:
-    # The bound also refuses NaN, and numbers whose squares overflow.
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) < 1e100:
-        raise CalibrationError(f"{key}: data: found {shown(value)}, expected a finite number")
-    return float(value)
+    for value in values:
+        if not is_number(value) or abs(value) >= 1e100:  # whose square overflows
+            raise CalibrationError(f"{key}: data: found {shown(value)}, expected a finite number")
+    return np.array(values, np.float64).reshape(int(rows), int(cols))
 
 
 def rotation_of(matrix: FloatArray, what: str, fault: type[TrackerError]) -> FloatArray:
