@@ -91,12 +91,9 @@ def judge(model: CuboidModel, footage: Sequence[Frames], colors: ColorModel) -> 
         tracker = ObjectTracker(model, one.rig, colors)
         for images in one.held_out:
             fit = tracker.fit(images)
-            if isinstance(fit, Fit):
-                explained.append(confidence(fit) * overlap(fit))
-                posed.append(confidence(fit) > SURE)
-            else:
-                explained.append(0.0)
-                posed.append(False)
+            sure, alike = (confidence(fit), overlap(fit)) if isinstance(fit, Fit) else (0.0, 0.0)
+            explained.append(sure * alike)
+            posed.append(sure > SURE)
     return Judgement(float(np.mean(explained)), float(np.mean(posed)), len(posed))
 
 
@@ -184,7 +181,8 @@ class Lesson:
 
 def lesson(model: CuboidModel, rig: CameraRig, images: Images, fit: Fit, colors: ColorModel) -> Lesson:
     """What a frame with a pose shows; `colors` is the model that the pose was found with."""
-    levels, faces, found, stray = [], [], [], []
+    nothing = np.zeros(0, np.uint8)  # of an object that no camera shows
+    parts = [(np.zeros((0, 3), np.uint8), nothing, nothing, nothing > 0)]
     for camera, image in zip(rig, images, strict=True):
         if image is None:
             continue
@@ -195,14 +193,8 @@ def lesson(model: CuboidModel, rig: CameraRig, images: Images, fit: Fit, colors:
         even, light, labels = labels_by_color(image, colors)  # without clean-up
         neutral = apply_gains(even, light.gains)
         use = (covered > 0) | ~around
-        levels.append(neutral[use])
-        faces.append(covered[use])
-        found.append(labels[use])
-        stray.append((_patches(labels) & ~around)[use])
-    if not levels:
-        nothing = np.zeros(0, np.uint8)
-        return Lesson(np.zeros((0, 3), np.uint8), nothing, nothing, nothing > 0)
-    return Lesson(*(np.concatenate(parts) for parts in (levels, faces, found, stray)))
+        parts.append((neutral[use], covered[use], labels[use], (_patches(labels) & ~around)[use]))
+    return Lesson(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
 
 def _patches(labels: Image) -> Array:

@@ -256,11 +256,8 @@ class NoiseState:
         chord = 1.0 - np.abs(np.einsum("ij,ij->i", q, self._last[1]))
         way = np.sqrt(np.einsum("ij,ij->i", shift, shift)) + RADIUS * np.sqrt(8.0 * np.maximum(chord, 0.0))
         way[self._fresh] = 0.0
-        seconds, travel = (
-            np.maximum([one[key] for one in (self._values["position"], self._values["rotation"])], 1e-12)
-            for key in ("seconds", "travel")
-        )
-        kept: FloatArray = np.exp(-dt / seconds[:, None] - way / travel[:, None])
+        seconds, travel = (np.maximum(self._of[key][::3], 1e-12) for key in ("seconds", "travel"))
+        kept: FloatArray = np.exp(-dt / seconds - way / travel)
         return kept
 
     def _errors(self, keep: FloatArray, clear: FloatArray, gross: FloatArray) -> FloatArray:
