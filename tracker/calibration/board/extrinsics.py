@@ -16,16 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import least_squares
 
-from tracker.calibration.board.sighting import (
-    MANY_TIMES,
-    BoardView,
-    board_pose,
-    least_misses,
-    misses,
-    rms,
-    transform,
-    wrong_corners,
-)
+from tracker.calibration.board.sighting import MANY_TIMES, BoardView, Optics, rms, transform, without_wrong
 from tracker.calibration.files.platform import Calibrated
 from tracker.conventions import FloatArray
 from tracker.errors import CalibrationError
@@ -79,7 +70,11 @@ def place_cameras(
                 f"{one.photo}: found {one.size[0]}x{one.size[1]} px, but the lens of {lens.name} is of "
                 f"images of {lens.width}x{lens.height} px"
             )
-    photos, faults = _cleaned(lenses, sightings), dict[Photo, str]()
+    residuals = [one.least_misses(_optics(lenses[number])) for (number, _), one in sightings.items()]
+    views = list(sightings.values())
+    # Each photo by itself; most of its corners stay.
+    cleaned = without_wrong(views, residuals, lambda one: 2 * len(one) / 3) if views else []
+    photos, faults = dict(zip(sightings, cleaned, strict=True)), dict[Photo, str]()
     fit = _fitted(lenses, photos, world_from_board)
     used = photos
     while (odd := _odd_one(lenses, used, world_from_board, fit)) is not None:
@@ -138,7 +133,7 @@ def _residuals(
     lenses: Sequence[Calibrated], photos: Mapping[Photo, BoardView], cameras: Poses, places: Poses
 ) -> dict[Photo, FloatArray]:
     return {
-        (camera, place): misses(one, cameras[camera] @ places[place], *_lens(lenses[camera]))
+        (camera, place): one.misses(cameras[camera] @ places[place], _optics(lenses[camera]))
         for (camera, place), one in photos.items()
     }
 
@@ -151,7 +146,7 @@ def _odd_one(
     It is the one without which the sum of squares falls most, by far more than its corners account for: the
     `fit` to all spreads what one photo misses over many.
     """
-    alone = {at: float((least_misses(one, *_lens(lenses[at[0]])) ** 2).sum()) for at, one in photos.items()}
+    alone = {at: float((one.least_misses(_optics(lenses[at[0]])) ** 2).sum()) for at, one in photos.items()}
     best: tuple[Photo, _Fit] | None = None
     for at, one in photos.items():
         others = {other: kept for other, kept in photos.items() if other != at}
@@ -179,7 +174,7 @@ def _odd_gain(photo: BoardView, rest: float, others: Mapping[Photo, BoardView]) 
     return MANY_TIMES**2 * rest / sum(len(one) for one in others.values()) * len(photo)
 
 
-def _lens(one: Calibrated) -> tuple[FloatArray, FloatArray]:
+def _optics(one: Calibrated) -> Optics:
     return one.camera.matrix, one.camera.distortion
 
 
@@ -194,7 +189,7 @@ def _start(
     lenses: Sequence[Calibrated], photos: Mapping[Photo, BoardView], world_from_board: FloatArray
 ) -> tuple[dict[int, FloatArray], dict[int, FloatArray]]:
     """Cameras and places to begin with, from photo to photo, those with most corners first."""
-    poses = {at: board_pose(one, *_lens(lenses[at[0]])) for at, one in photos.items()}
+    poses = {at: one.pose(_optics(lenses[at[0]])) for at, one in photos.items()}
     cameras: dict[int, FloatArray] = {}
     places = {0: world_from_board}
     waiting = sorted(photos, key=lambda at: -len(photos[at]))
@@ -222,16 +217,6 @@ def _proper(pose: FloatArray) -> FloatArray:
     out = pose.copy()
     out[:3, :3] = so3.nearest_rotation(pose[:3, :3])
     return out
-
-
-def _cleaned(lenses: Sequence[Calibrated], photos: Mapping[Photo, BoardView]) -> dict[Photo, BoardView]:
-    """The sightings without corners that were not found where they are, each photo by itself."""
-    residuals = [least_misses(one, *_lens(lenses[camera])) for (camera, _), one in photos.items()]
-    wrong = wrong_corners(residuals) if residuals else []
-    return {
-        at: one.without(mask) if len(one) - mask.sum() >= 2 * len(one) / 3 else one
-        for (at, one), mask in zip(photos.items(), wrong, strict=True)
-    }
 
 
 def _with_place(lens: Calibrated, camera_from_world: FloatArray, covariance: FloatArray) -> Calibrated:

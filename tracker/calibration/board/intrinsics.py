@@ -17,11 +17,10 @@ from tracker.calibration.board.board import Board
 from tracker.calibration.board.sighting import (
     MANY_TIMES,
     BoardView,
-    board_pose,
-    least_misses,
+    Optics,
     rms,
     squares_shown,
-    wrong_corners,
+    without_wrong,
 )
 from tracker.calibration.files.platform import Calibrated
 from tracker.conventions import FloatArray
@@ -103,13 +102,13 @@ def fit_lens(name: str, sightings: Sequence[BoardView], board: Board) -> Lens:
     left_out, strange = _judged(name, cleaned, enough, size)
     faults |= strange
     kept = [number for number in enough if number not in faults]
-    matrix, distortion, std = _fit([cleaned[n] for n in kept], size)
-    residuals = [least_misses(one, matrix, distortion) for one in cleaned]
+    optics, std = _fit([cleaned[n] for n in kept], size)
+    residuals = [one.least_misses(optics) for one in cleaned]
     center = (np.array(size) - 1) / 2
     farthest = max(np.linalg.norm(cleaned[n].pixels - center, axis=1).max() for n in kept)
     lens = Lens(
         Calibrated(
-            Camera(name, *size, matrix, distortion, np.eye(4)),
+            Camera(name, *size, *optics, np.eye(4)),
             np.array([[std[0], 0, std[2]], [0, std[1], std[3]], [0, 0, 0]]),
             std[4:],
             placed=False,
@@ -122,7 +121,7 @@ def fit_lens(name: str, sightings: Sequence[BoardView], board: Board) -> Lens:
         float(np.sqrt(np.mean(left_out[kept] ** 2))),
         float(farthest / np.linalg.norm(center)),
     )
-    _require_belief(lens, std, np.array([board_pose(cleaned[n], matrix, distortion)[:3, 2] for n in kept]))
+    _require_belief(lens, std, np.array([cleaned[n].pose(optics)[:3, 2] for n in kept]))
     return lens
 
 
@@ -144,27 +143,26 @@ def _judged(
         _require_photos(name, len(kept), len(sightings))
 
 
-def _fit(sightings: Sequence[BoardView], size: tuple[int, int]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Matrix (3, 3), distortion (5,), and the standard deviations (9,) of fx, fy, cx, cy, k1, …, k3."""
+def _fit(sightings: Sequence[BoardView], size: tuple[int, int]) -> tuple[Optics, FloatArray]:
+    """The lens with five coefficients, and the standard deviations (9,) of fx, fy, cx, cy, k1, …, k3."""
     points = [one.points.astype(np.float32) for one in sightings]
     pixels = [one.pixels.astype(np.float32) for one in sightings]
     fitted = cv2.calibrateCameraExtended(points, pixels, size, np.eye(3), np.zeros(5))
     matrix, distortion, std = (np.asarray(fitted[place], np.float64) for place in (1, 2, 5))
-    return matrix, distortion.ravel()[:5], std.ravel()[:9]
+    return (matrix, distortion.ravel()[:5]), std.ravel()[:9]
 
 
 def _cleaned(sightings: Sequence[BoardView], size: tuple[int, int]) -> list[BoardView]:
     """The sightings without corners that were not found where they are."""
     cleaned = list(sightings)
     for _ in range(3):  # a gross one hides those beside it
-        matrix, distortion, _ = _fit(cleaned, size)
-        wrong = wrong_corners([least_misses(one, matrix, distortion) for one in cleaned])
-        if not any(mask.any() for mask in wrong):
+        optics, _ = _fit(cleaned, size)
+        before = cleaned
+        cleaned = without_wrong(
+            before, [one.least_misses(optics) for one in before], lambda _: FEWEST_CORNERS
+        )
+        if list(map(len, cleaned)) == list(map(len, before)):
             break
-        cleaned = [
-            one.without(mask) if len(one) - mask.sum() >= FEWEST_CORNERS else one
-            for one, mask in zip(cleaned, wrong, strict=True)
-        ]
     return cleaned
 
 
@@ -173,9 +171,9 @@ def _left_out(sightings: Sequence[BoardView], size: tuple[int, int]) -> list[flo
     parts = min(_PARTS, len(sightings))
     result = [0.0] * len(sightings)
     for part in range(parts):
-        matrix, distortion, _ = _fit([one for n, one in enumerate(sightings) if n % parts != part], size)
+        optics, _ = _fit([one for n, one in enumerate(sightings) if n % parts != part], size)
         for number in range(part, len(sightings), parts):
-            result[number] = rms([least_misses(sightings[number], matrix, distortion)])
+            result[number] = rms([sightings[number].least_misses(optics)])
     return result
 
 
