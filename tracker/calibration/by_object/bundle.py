@@ -115,8 +115,13 @@ class Step:
 def solve(views: Sequence[Posed], now: Unknowns) -> Step:
     """The step from what is known now; contours are those that the present cameras see."""
     count, size = len(now.cameras), 10 * len(now.cameras) + 1
+    # With each contour the offsets (N,) that the exponent and the rim do not explain [px].
     seen = [
-        [(c, one, _left(one, now, c)) for c, one in enumerate(contours) if one is not None]
+        [
+            (c, one, one.offset - one.bloom * now.errors[c, EXPONENT] - one.rim * now.rim)
+            for c, one in enumerate(contours)
+            if one is not None
+        ]
         for _, contours in views
     ]
     scatter = 1.4826 * float(np.median(np.abs(np.concatenate([left for view in seen for *_, left in view]))))
@@ -170,12 +175,6 @@ def relative_covariance(covariance: FloatArray) -> FloatArray:
     apart = np.kron(np.eye(count) - 1.0 / count, np.eye(6))
     relative = (apart @ joint @ apart.T).reshape(count, 6, count, 6)
     result: FloatArray = np.stack([relative[c, :, c] for c in range(count)])
-    return result
-
-
-def _left(contour: Contour, now: Unknowns, c: int) -> FloatArray:
-    """(N,) offsets that the exponent and the rim do not explain [px]."""
-    result: FloatArray = contour.offset - contour.bloom * now.errors[c, EXPONENT] - contour.rim * now.rim
     return result
 
 

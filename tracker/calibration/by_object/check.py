@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tracker.calibration.by_object.looks import OFTEN, CameraErrors, Look
-from tracker.calibration.by_object.sightings import Footage, Shot, require_two, slow
+from tracker.calibration.by_object.sightings import Footage, require_two, slow
 from tracker.calibration.deviations import calibration_covariance, is_stated
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray
@@ -313,16 +313,12 @@ def _still(tracker: ObjectTracker, footage: Footage, progress: Callable[[int], N
             last = -APART
         if all(image is None for image in shot.images):
             continue
-        if shot.stamps is None or (_rests(tracker, shot) and shot.number >= last + APART):
-            last = shot.number
-            yield shot.number
-
-
-def _rests(tracker: ObjectTracker, shot: Shot) -> bool:
-    """Whether a film shows the object still in this shot."""
-    assert shot.stamps is not None
-    found = tracker.update(shot.images, shot.stamps.tolist())
-    state = found.filtered_object_pose
-    if found.object_pose is None or state is None or found.status in (Status.FOUND, Status.REFOUND):
-        return False
-    return slow(state.velocity)
+        if shot.stamps is not None:
+            found = tracker.update(shot.images, shot.stamps.tolist())
+            state = found.filtered_object_pose
+            if found.object_pose is None or state is None or found.status in (Status.FOUND, Status.REFOUND):
+                continue
+            if not slow(state.velocity) or shot.number < last + APART:
+                continue
+        last = shot.number
+        yield shot.number

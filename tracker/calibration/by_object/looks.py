@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tracker.calibration.by_object.edges import seen_motion
-from tracker.calibration.deviations import calibration_covariance
+from tracker.calibration.deviations import calibration_covariance, is_stated
 from tracker.conventions import Array, FloatArray
 from tracker.geometry.camera import Camera
 
@@ -85,8 +85,9 @@ class CameraErrors:
                     noise = _view_errors(camera, self.distance[f, c])
                     known = look.information[c]
                     self.known[f, c] = known - known @ np.linalg.solve(known + np.linalg.inv(noise), known)
-        stated = np.array([_stated(camera) for camera in cameras])
-        self.held = np.linalg.inv(stated)
+        typical = np.diag(np.repeat(np.square(TYPICAL), 3))
+        stated = [calibration_covariance(one) if is_stated(one) else typical for one in cameras]
+        self.held = np.linalg.inv(np.array(stated))
         self.loose = np.diag(1.0 / np.repeat(np.square(LOOSE), 3))
 
     def solve(self, free: Sequence[int], share: float = 1.0) -> tuple[FloatArray, float, float]:
@@ -196,11 +197,3 @@ def _view_errors(camera: Camera, distance: float) -> FloatArray:
     turn = np.kron(np.eye(2), camera.camera_from_world[:3, :3].T)
     std = [ACROSS * distance, ACROSS * distance, ALONG * distance, TILT, TILT, ROLL]
     return np.asarray(turn @ np.diag(np.square(std)) @ turn.T)
-
-
-def _stated(camera: Camera) -> FloatArray:
-    """(6, 6) covariance of the error (a, w) that a file states, or of typical ones."""
-    std = camera.camera_from_world_std
-    if std is None or not np.any(std):
-        return np.diag(np.repeat(np.square(TYPICAL), 3))
-    return calibration_covariance(camera)

@@ -119,20 +119,14 @@ def segment_dice(image: Array, colors: ColorModel | None = None) -> Image:
     read_levels(image, channels, colors.margin_table, ratios, gains[0], CERTAIN, inside, ratio, blue)
     inside = np.asarray(cv2.medianBlur(inside, 3), dtype=np.uint8)
     mask: Image = np.zeros(image.shape[:2], np.uint8)
-    part = _bounds(inside, _odd(7 * scale))
-    if part is not None:
+    left, top, width, height = cv2.boundingRect(inside)
+    if width:
+        margin = _odd(7 * scale)  # what may grow from the inside
+        rows = slice(max(top - margin, 0), top + height + margin)
+        part = rows, slice(max(left - margin, 0), left + width + margin)
         own = np.ascontiguousarray
         mask[part] = _mask(own(image[part]), own(inside[part]), own(blue[part]), own(ratio[part]), scale)
     return mask
-
-
-def _bounds(inside: Image, margin: int) -> tuple[slice, slice] | None:
-    """Rows and columns that hold the inside and what may grow from it."""
-    left, top, width, height = cv2.boundingRect(inside)
-    if width == 0:
-        return None
-    rows = slice(max(top - margin, 0), min(top + height + margin, inside.shape[0]))
-    return rows, slice(max(left - margin, 0), min(left + width + margin, inside.shape[1]))
 
 
 def _mask(image: Image, inside: Image, blue: Image, ratio: Array, scale: float) -> Image:
