@@ -43,11 +43,7 @@ class Frames:
 
 
 def frames_of(log: Log, rig: CameraRig, count: int) -> Frames:
-    """Up to `count` frames spread evenly over a recording: every other one teaches, the rest judge.
-
-    Raises:
-        LogError: the recording is damaged.
-    """
+    """Up to `count` frames spread evenly over a recording: every other one teaches, the rest judge."""
     frames = [frame.images for frame in picked(log, evenly(len(log), count))]
     frames = [images for images in frames if any(image is not None for image in images)]
     return Frames(rig, tuple(frames[::2]), tuple(frames[1::2]))

@@ -151,11 +151,7 @@ def to_toml(model: CuboidModel) -> str:
 
 
 def face_labels_of(faces: Any) -> Array:
-    """Labels (6,) in the order of FACE_NAMES of a table {face: colour}.
-
-    Raises:
-        ObjectModelError: a face is missing or unknown, or a colour is unknown or given twice.
-    """
+    """Labels (6,) in the order of FACE_NAMES of a table {face: colour}; else ObjectModelError."""
     if not isinstance(faces, dict) or set(faces) != set(FACE_NAMES):
         found = sorted(faces) if isinstance(faces, dict) else type(faces).__name__
         raise ObjectModelError(f"faces: found {found}, expected a table of {', '.join(FACE_NAMES)}")

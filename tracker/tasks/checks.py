@@ -19,11 +19,7 @@ SHORTEST = 1e-9
 
 
 def numbers(name: str, value: Any, *, finite: bool = False) -> FloatArray:
-    """A number or an array of any shape in double precision.
-
-    Raises:
-        TaskError: `name` does not consist of numbers, or one is too large or, where `finite`, NaN.
-    """
+    """A number or an array in double precision; TaskError where one is too large or, if `finite`, NaN."""
     try:
         found: Array = np.asarray(value)
     except ValueError:

@@ -39,11 +39,7 @@ def dictionaries() -> tuple[str, ...]:
 
 @dataclasses.dataclass(frozen=True)
 class Board:
-    """A board of `columns` × `rows` squares.
-
-    Raises:
-        CalibrationError: there is no such board.
-    """
+    """A board of `columns` × `rows` squares; CalibrationError where there is none such."""
 
     columns: int
     rows: int
@@ -152,8 +148,7 @@ class Page:
 def page_of(board: Board) -> Page:
     """The smallest page of PAGES, upright or lying, that holds the board; else one as large as it needs.
 
-    Raises:
-        CalibrationError: the board is larger than what is printed.
+    CalibrationError: the board is larger than what is printed.
     """
     across, down = (1000 * size for size in board.size)
     for width, height in PAGES.values():
@@ -189,11 +184,8 @@ def printed(page: Page, suffix: str) -> bytes:
         (page.origin[0] * scale, (page.height - 1.5) * scale), text, fill=0, font=font, anchor="ls"
     )
     out = io.BytesIO()
-    if suffix == ".pdf":
-        image.save(out, "PDF", resolution=dots)
-        return out.getvalue()
-    image.save(out, "PNG", dpi=(dots, dots))
-    if suffix == ".png":
+    image.save(out, "PDF" if suffix == ".pdf" else "PNG", resolution=dots, dpi=(dots, dots))
+    if suffix != ".svg":
         return out.getvalue()
     size = f'width="{page.width}mm" height="{page.height}mm"'
     content = base64.b64encode(out.getvalue()).decode()

@@ -153,9 +153,7 @@ def check_calibration(
     """Judge a calibration of two cameras or more by looks at still objects.
 
     focal_std: by the camera's name, the deviation of the focal length that its file states [itself].
-
-    Raises:
-        CalibrationError: there are too few cameras or looks.
+    CalibrationError: there are too few cameras or looks.
     """
     require_two(cameras, "check")
     if not looks:
@@ -273,10 +271,8 @@ def check(
 ) -> CalibrationCheck:
     """Whether a calibration fits films and stills of an object.
 
-    `progress` takes how many more shots were seen; `focal_std`: see `check_calibration`.
-
-    Raises:
-        CalibrationError: there is one camera only, or the object was seen still in too few shots.
+    `progress` takes how many more shots were seen; `focal_std`: see `check_calibration`. CalibrationError:
+    there is one camera only, or the object was never seen still.
     """
     tracker = ObjectTracker(model, rig, colors, table_prior=False)
     looks: list[Look] = []

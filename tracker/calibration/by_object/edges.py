@@ -6,7 +6,6 @@ while edges are read.
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -26,7 +25,7 @@ from tracker.pose.refiner import Refiner
 from tracker.pose.sizes import FOOT_STD
 from tracker.pose.solve import FLOOR, trust_of
 from tracker.pose.support import table_of
-from tracker.pose.views import Sight, reader_of
+from tracker.pose.views import Reader, Sight, reader_of
 from tracker.segmentation.color_model import ColorModel
 
 
@@ -136,20 +135,17 @@ Frame = tuple[Sight, Sighting]
 class EdgeReader:
     """Reads edges of an object in a rig's pictures; what it says depends on nothing but its arguments."""
 
-    def __init__(self, model: CuboidModel, rig: CameraRig, colors: ColorModel) -> None:
-        self._box, self._colors = Box.of(model), colors
-        self._reader, _ = reader_of(self._box, rig, colors)
-        self._take(rig)
+    def __init__(
+        self, model: CuboidModel, rig: CameraRig, colors: ColorModel, reader: Reader | None = None
+    ) -> None:
+        self._model, self.rig, self._colors = model, rig, colors
+        box = Box.of(model)
+        self._reader = reader or reader_of(box, rig, colors)[0]
+        self._refiner = Refiner(box, rig.cameras, colors.label_table, table_of(rig.arena, support=False))
 
     def of(self, rig: CameraRig) -> EdgeReader:
         """The same for cameras that give the same pictures and are calibrated otherwise."""
-        other = copy.copy(self)
-        other._take(rig)
-        return other
-
-    def _take(self, rig: CameraRig) -> None:
-        table = table_of(rig.arena, support=False)
-        self.rig, self._refiner = rig, Refiner(self._box, rig.cameras, self._colors.label_table, table)
+        return EdgeReader(self._model, rig, self._colors, self._reader)
 
     def sights(self, footage: Sequence[Footage], seen: Sequence[Sequence[Sighting]]) -> Iterator[Frame]:
         """What the pictures say of which the sightings are, those of one footage after the other."""

@@ -155,9 +155,7 @@ def health(
 ) -> Health:
     """Measure a recording that was tracked; `progress` takes how many more frames were looked at.
 
-    Raises:
-        LogError: the recording is damaged.
-        ImageError: a picture is not what the tracker's cameras give.
+    LogError: the recording is damaged; ImageError: a picture is not what the tracker's cameras give.
     """
     rows = evenly(len(poses), MOST)
     count, rig, filtered = len(tracker.rig), tracker.rig, poses.filtered
@@ -202,9 +200,7 @@ def sample(tracker: ObjectTracker, images: Sequence[Image | None], *, still: boo
     """Measure the pictures (H, W, 3) uint8 BGR of one moment; the tracker's memory is not used or changed.
 
     still: whether the object does not move: else table and disagreement stay unknown.
-
-    Raises:
-        ImageError: a picture is not what the tracker's cameras give.
+    ImageError: a picture is not what the tracker's cameras give.
     """
     values = {key: np.full(len(tracker.rig), np.nan) for key in QUANTITIES if key != "disagreement"}
     height, look = float("nan"), None

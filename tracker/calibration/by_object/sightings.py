@@ -43,27 +43,27 @@ class Footage:
     """
 
     def __init__(self, source: Log | Sequence[Images], *, stills: bool = False) -> None:
-        self._log = source if isinstance(source, Log) else None
-        self._sets = () if isinstance(source, Log) else source
-        self._stills = stills or len(source) == 1
+        self._source, self._stills = source, stills or len(source) == 1
 
     def shots(self) -> Iterator[Shot]:
         """All of it, in order."""
-        if self._log is None:
-            yield from (Shot(k, images, None, True) for k, images in enumerate(self._sets))
+        log = self._source
+        if not isinstance(log, Log):
+            yield from (Shot(k, images, None, True) for k, images in enumerate(log))
             return
-        starts = frozenset(self._log.episode_starts)
-        alone = {index for index in starts if index + 1 in starts or index + 1 == len(self._log)}
-        for frame in self._log:
+        starts = frozenset(log.episode_starts)
+        alone = {index for index in starts if index + 1 in starts or index + 1 == len(log)}
+        for frame in log:
             still = self._stills or frame.index in alone
             stamps = None if still else frame.camera_timestamps
             yield Shot(frame.index, frame.images, stamps, still or frame.index in starts)
 
     def images(self, numbers: Sequence[int]) -> Iterator[Images]:
         """The pictures of some shots, by number, which ascend."""
-        if self._log is None:
-            return (self._sets[number] for number in numbers)
-        return (frame.images for frame in picked(self._log, numbers))
+        source = self._source
+        if isinstance(source, Log):
+            return (frame.images for frame in picked(source, numbers))
+        return (source[number] for number in numbers)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,11 +89,8 @@ def all_sightings(
 ) -> list[list[Sighting]]:
     """The shots of each footage in which a tracker sees the object with a confidence of at least `least`.
 
-    The tracker forgets what it saw before; `progress` takes each shot.
-
-    Raises:
-        LogError: a recording is damaged.
-        ImageError: a picture is not what the tracker's cameras give.
+    The tracker forgets what it saw before; `progress` takes each shot. LogError: a recording is damaged;
+    ImageError: a picture is not what the tracker's cameras give.
     """
     seen: list[list[Sighting]] = []
     for one in footage:

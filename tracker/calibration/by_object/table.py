@@ -96,8 +96,7 @@ def contact(size: FloatArray, position: FloatArray, rotation: FloatArray) -> tup
 def fit_table(rests: Sequence[Rest], size: FloatArray, rig: CameraRig) -> TablePlane:
     """The plane on which a cuboid of `size` (3,) [m] rests, robust against poses in which it does not.
 
-    Raises:
-        CalibrationError: too few poses agree, or their places are too similar (the message says which).
+    CalibrationError: too few poses agree, or their places are too similar.
     """
     center = rig.arena.center
     if len(rests) < LEAST:
@@ -243,10 +242,8 @@ def find_table(
 ) -> FoundTable:
     """The table as films and stills of an object show it that rests on it now and then.
 
-    `progress` takes how many more shots showed the object.
-
-    Raises:
-        CalibrationError: there is one camera only, or the object rested in too few places.
+    `progress` takes how many more shots showed the object. CalibrationError: there is one camera only, or the
+    object rested in too few places.
     """
     require_two(rig.cameras, "table", ": one camera's depth is not the table's height")
     loose = broad(rig)

@@ -12,6 +12,7 @@ A key that is left out has the value shown, which is that of `geometry.arena.Are
 from __future__ import annotations
 
 import dataclasses
+import json
 from pathlib import Path
 
 from tracker.checks import naming
@@ -30,11 +31,7 @@ _TITLE = "# Where the object may be and where the table is, in the cameras' worl
 
 
 def read_arena(folder: Path) -> Arena:
-    """The arena of a folder's file, the default one where there is none.
-
-    Raises:
-        CalibrationError: the file cannot be read or is malformed.
-    """
+    """The arena of a folder's file, or the default; CalibrationError: it cannot be read or is malformed."""
     path = folder / FILE_NAME
     if not path.exists():
         return Arena()
@@ -48,21 +45,16 @@ def read_arena(folder: Path) -> Arena:
 def write_arena(arena: Arena, folder: Path) -> None:
     """Write the file that `read_arena` reads; for the default arena there is none, one of old is removed.
 
-    Raises:
-        CalibrationError: the file cannot be written or removed.
+    CalibrationError: the file cannot be written or removed.
     """
     path = folder / FILE_NAME
     values = dataclasses.asdict(arena)
-    text = _TITLE + "".join(f"{key} = {_toml(value)}\n" for key, value in values.items())
+    if arena.table is None:
+        values["table"] = NO_TABLE
+    # JSON's texts, numbers and lists of them are TOML's, too.
+    text = _TITLE + "".join(f"{key} = {json.dumps(value)}\n" for key, value in values.items())
     with told_as(CalibrationError, path):
         if arena == Arena():
             path.unlink(missing_ok=True)
         else:
             write_whole(path, text)
-
-
-def _toml(value: float | tuple[float, ...] | None) -> str:
-    if value is None:
-        return f'"{NO_TABLE}"'
-    # Python's shortest text of a finite float is TOML's too, and reads back as the same number.
-    return f"[{', '.join(map(repr, value))}]" if isinstance(value, tuple) else repr(value)

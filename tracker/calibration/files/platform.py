@@ -192,11 +192,7 @@ class Calibrated:
     """Whether the camera's place in the world is known; if not, `camera_from_world` is the identity."""
 
     def cropped(self, left: int, top: int, width: int, height: int) -> Calibrated:
-        """Of the images' part of `width` × `height` that starts at (left, top) [px].
-
-        Raises:
-            CalibrationError: there is no such part.
-        """
+        """Of the images' part of `width` × `height` at (left, top) [px]; CalibrationError: there is none."""
         one = self.camera
         if not (0 <= left <= one.width - width and 0 <= top <= one.height - height and width > 0 < height):
             raise CalibrationError(
@@ -215,11 +211,8 @@ class Calibrated:
 def read_calibrated(path: str | os.PathLike[str], *, alone: bool = True) -> Calibrated:
     """Read a file of the platform, or one of a lens `alone`, with the deviations that it states.
 
-    The rotation, there an element-wise mean of rotations, is replaced by the nearest true one unless it
-    is one already.
-
-    Raises:
-        CalibrationError: the file is missing, unreadable or malformed; the message names file and key.
+    The rotation, there an element-wise mean of rotations, is replaced by the nearest true one unless it is
+    one already. CalibrationError names the file and the key that is missing or malformed.
     """
     data = _read_mapping(Path(path))
     placed = not alone or any(key in data for key in TRANSFORM_KEYS)
@@ -233,11 +226,7 @@ def read_calibrated(path: str | os.PathLike[str], *, alone: bool = True) -> Cali
 
 
 def write_calibrated(calibrated: Calibrated, path: str | os.PathLike[str]) -> None:
-    """Write the file, whole or not at all; `read_calibrated` returns the same bits.
-
-    Raises:
-        CalibrationError: the file cannot be written.
-    """
+    """Write the file, whole or not at all; `read_calibrated` returns the same bits."""
     camera, bent = calibrated.camera, calibrated.distortion_std
     matrices = {
         "camera_matrix": camera.matrix,
@@ -267,9 +256,7 @@ def read_folder(root: Path, pattern: str | None, *, alone: bool = True) -> tuple
     """Read a folder's files, one of each camera, in the order of the cameras; `alone`: as `read_calibrated`.
 
     pattern: of the files' names; None: every .yml and .yaml file with `camera` in its name.
-
-    Raises:
-        CalibrationError: a file is malformed, or there is none, or several of a camera.
+    CalibrationError: a file is malformed, or there is none, or several of a camera.
     """
     found = {path.name: read_calibrated(path, alone=alone) for path in calibration_files(root, pattern)}
     names = {file: one.camera.name for file, one in found.items()}
@@ -278,11 +265,7 @@ def read_folder(root: Path, pattern: str | None, *, alone: bool = True) -> tuple
 
 
 def read_all_calibrated(paths: Sequence[Path], pattern: str | None = None) -> tuple[Calibrated, ...]:
-    """Read the files given; or those of a folder, see `read_folder`.
-
-    Raises:
-        CalibrationError: a file is missing or malformed, or there are none or several of a camera.
-    """
+    """Read the files given, one of each camera; or those of a folder, see `read_folder`."""
     if len(paths) == 1 and paths[0].is_dir():
         return read_folder(paths[0], pattern)
     found = {path: read_calibrated(path) for path in paths}

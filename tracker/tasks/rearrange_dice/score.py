@@ -130,11 +130,7 @@ def _exact_mask(camera: Camera, centers: FloatArray) -> Image:
 
 
 def as_mask(value: npt.ArrayLike, what: str, size: tuple[int, int] | None = None) -> Image:
-    """The mask (H, W), of 0 and 1, 0 and 255, or bool, as uint8.
-
-    Raises:
-        TaskError: `what` is of another shape or type, or not two-valued.
-    """
+    """The mask (H, W), of 0 and 1, 0 and 255, or bool, as uint8; TaskError where `what` is none."""
     mask = np.ascontiguousarray(value)
     if mask.dtype == np.bool_:
         mask = mask.view(np.uint8)
