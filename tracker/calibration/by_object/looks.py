@@ -98,14 +98,14 @@ class CameraErrors:
         count = len(self.cameras)
         prior = [self.loose if c in free else self.held[c] / share for c in range(count)]
         weights = np.full(self.known.shape[:2], 1.0)
-        errors, cost = np.asarray(np.zeros((count, 6))), 0.0
-        matrix = np.zeros((6 * count, 6 * count))
         for _ in range(ROUNDS):
             matrix, vector = self._equations(weights)
             for c in range(count):
                 matrix[6 * c : 6 * c + 6, 6 * c : 6 * c + 6] += prior[c]
             errors = np.asarray(np.linalg.solve(matrix, vector)).reshape(count, 6)
-            squares = self._squares(errors, weights)
+            seen = self.moved_by + np.einsum("fij,cj->fci", self.lever, errors)
+            off = seen - self._poses(weights[..., None, None] * self.known, seen)[:, None]
+            squares = np.einsum("fci,fcij,fcj->fc", off, self.known, off)  # in their standard deviations
             known = min(1.0, SAME / len(self.known))
             cost = 0.5 * known * float(((FREEDOM + 6) * np.log1p(squares / FREEDOM)).sum())
             cost += 0.5 * sum(float(e @ p @ e) for e, p in zip(errors, prior, strict=True))
@@ -184,12 +184,6 @@ class CameraErrors:
         off = self.moved_by - self._poses(known, self.moved_by)[:, None]
         vector = -np.einsum("fcij,fcj->ci", pulled, off)
         return matrix.reshape(6 * count, 6 * count), vector.reshape(-1)
-
-    def _squares(self, errors: FloatArray, weights: FloatArray) -> FloatArray:
-        """(looks, C) squared residuals in their standard deviations."""
-        seen = self.moved_by + np.einsum("fij,cj->fci", self.lever, errors)
-        off = seen - self._poses(weights[..., None, None] * self.known, seen)[:, None]
-        return np.asarray(np.einsum("fci,fcij,fcj->fc", off, self.known, off))
 
 
 def _view_errors(camera: Camera, distance: float) -> FloatArray:

@@ -73,12 +73,11 @@ def adjust(
     return now, step
 
 
-def _stating(rig: CameraRig, stds: Iterable[FloatArray | None]) -> CameraRig:
-    """The same cameras with other deviations (4, 4)."""
-    cameras = (
-        dataclasses.replace(camera, camera_from_world_std=std) for camera, std in zip(rig, stds, strict=True)
-    )
-    return dataclasses.replace(rig, cameras=tuple(cameras))
+def _stating(rig: CameraRig, cameras: Sequence[Camera], stds: Iterable[FloatArray | None]) -> CameraRig:
+    """The rig with other cameras, which state deviations (4, 4)."""
+    pairs = zip(cameras, stds, strict=True)
+    stating = tuple(dataclasses.replace(camera, camera_from_world_std=std) for camera, std in pairs)
+    return dataclasses.replace(rig, cameras=stating)
 
 
 def _wider(camera: Camera) -> FloatArray:
@@ -151,7 +150,7 @@ def refine_cameras(
         NotBetterError: held-out frames are fitted no better.
     """
     require_two(rig.cameras, "refine", ", which stand to each other")
-    wide = _stating(broad(rig), map(_wider, rig))
+    wide = _stating(broad(rig), rig.cameras, map(_wider, rig))
     tracker, edges = ObjectTracker(model, wide, colors, table_prior=False), EdgeReader(model, wide, colors)
     seen = all_sightings(tracker, footage, SURE, progress)
     frames = list(edges.sights(footage, different(model.name, seen, most)))
@@ -159,10 +158,10 @@ def refine_cameras(
     taught = [frame for k, frame in enumerate(frames) if k % JUDGED]
     judges = frames[::JUDGED]
     lesson, _ = adjust(edges, taught, rim, focal=focal)
-    nothing = [None] * len(rig)
-    taught_rig = dataclasses.replace(rig, cameras=lesson.cameras)
-    before = misfit(edges.of(_stating(rig, nothing)), judges)
-    after = misfit(edges.of(_stating(taught_rig, nothing)), judges)
+    before, after = (
+        misfit(edges.of(_stating(rig, cameras, [None] * len(rig))), judges)
+        for cameras in (rig.cameras, lesson.cameras)
+    )
     if not after < (1.0 - GAIN) * before:
         raise NotBetterError(
             f"refine: refused: edges in {len(judges)} frames held out are {before:.3f} px off with the "
@@ -175,7 +174,7 @@ def refine_cameras(
         element_std(camera.camera_from_world[:3, :3], one)
         for camera, one in zip(now.cameras, covariances, strict=True)
     ]
-    found, plane = _stating(dataclasses.replace(rig, cameras=now.cameras), stds), None
+    found, plane = _stating(rig, now.cameras, stds), None
     # Where it hardly rests, z and tilt stay as they are.
     with contextlib.suppress(CalibrationError):
         plane = plane_of(model, edges.of(found), footage, seen)
