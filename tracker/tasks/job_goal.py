@@ -11,16 +11,18 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
+from tracker.checks import naming
 from tracker.conventions import FloatArray
 from tracker.errors import TaskError
 from tracker.objects.model import CuboidModel
 from tracker.tasks import move_object
 from tracker.tasks.checks import numbers
-from tracker.tasks.rearrange_dice.goals import parse_pattern, places_of, read_as
+from tracker.tasks.rearrange_dice.goals import parse_pattern, places_of, read_stored
 
 FILE_NAME = "goal.json"
 """Name of the file in a job's folder."""
@@ -68,10 +70,14 @@ class JobGoal:
 
 def read_job_goal(path: str | os.PathLike[str]) -> JobGoal:
     """The goal in a job's file; TaskError, which names it, where it cannot be read or holds none."""
-    return read_as(path, _goal, lambda text: JobGoal("rearrange_dice", position=parse_pattern(text)))
+    data = read_stored(path)
+    with naming(Path(path), TaskError):
+        return _goal(data)
 
 
 def _goal(data: Any) -> JobGoal:
+    if isinstance(data, str):
+        return JobGoal("rearrange_dice", position=parse_pattern(data))
     level = None
     if isinstance(data, dict):
         level = data.get("difficulty")

@@ -14,10 +14,9 @@ import json
 import os
 import re
 from collections import Counter
-from collections.abc import Callable
 from itertools import takewhile
 from pathlib import Path
-from typing import Any, NoReturn, TypeVar
+from typing import Any, NoReturn
 
 import numpy as np
 import numpy.typing as npt
@@ -123,8 +122,6 @@ def as_text(position: Array) -> str:
     return f"({', '.join(f'{value:g}' for value in position)})"
 
 
-Goal = TypeVar("Goal")
-
 OUTSIDE, EMPTY, GOAL = "#.X"
 
 ON_CELL = 1e-6
@@ -145,13 +142,20 @@ def read_goal(path: str | os.PathLike[str]) -> FloatArray:
     Raises:
         TaskError: the file cannot be read or holds no valid goal; the message names it and what is wrong.
     """
-    return read_as(path, _goal_of, parse_pattern)
+    data = read_stored(path)
+    with naming(Path(path), TaskError):
+        if isinstance(data, str):
+            return parse_pattern(data)
+        if isinstance(data, dict):
+            if "goal" not in data:
+                keys = ", ".join(map(repr, data))[:100] or "no key"
+                raise TaskError(f"found {keys}, expected the key 'goal' with 25 positions [x, y, z]")
+            data = data["goal"]
+        return places_of(data)
 
 
-def read_as(
-    path: str | os.PathLike[str], of_json: Callable[[Any], Goal], of_pattern: Callable[[str], Goal]
-) -> Goal:
-    """What a file of JSON or of a pattern means; TaskError, which names the file, where that is nothing.
+def read_stored(path: str | os.PathLike[str]) -> Any:
+    """The value of a file of JSON, a list or an object, or the text of another; TaskError, which names it.
 
     In JSON no key may be there twice, and all numbers are finite.
     """
@@ -164,8 +168,8 @@ def read_as(
             if text.lstrip()[:1] not in ("[", "{"):
                 if not text.strip():
                     raise TaskError("found an empty file, expected JSON or a pattern")
-                return of_pattern(text)
-            value = json.loads(text, parse_constant=_refuse_constant, object_pairs_hook=_unique)
+                return text
+            return json.loads(text, parse_constant=_refuse_constant, object_pairs_hook=_unique)
         except UnicodeDecodeError as error:
             valid = "expected JSON or a pattern"
             raise TaskError(f"found byte {error.start}, which is no UTF-8, {valid}") from error
@@ -173,7 +177,6 @@ def read_as(
             raise TaskError("nested too deeply, expected a goal") from error
         except ValueError as error:  # also a whole number of thousands of digits
             raise TaskError(f"not JSON: {error}") from error
-        return of_json(value)
 
 
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -185,15 +188,6 @@ def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 def _refuse_constant(name: str) -> NoReturn:
     raise TaskError(f"found {name}, expected finite numbers")
-
-
-def _goal_of(data: Any) -> FloatArray:
-    if isinstance(data, dict):
-        if "goal" not in data:
-            keys = ", ".join(map(repr, data))[:100] or "no key"
-            raise TaskError(f"found {keys}, expected the key 'goal' with 25 positions [x, y, z]")
-        data = data["goal"]
-    return places_of(data)
 
 
 def places_of(data: Any) -> FloatArray:
