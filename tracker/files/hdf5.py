@@ -99,24 +99,24 @@ def find(file: Any, name: str, where: str) -> h5py.Dataset | None:
 
     LogError where it cannot be trusted, or is none; `where` stands before the path in errors.
     """
-    what = f"{where}{name}"
-    item = _item(file, name, what)
-    if item is None:
-        return None
-    if not isinstance(item, h5py.Dataset):
-        raise LogError(f"{what}: found a {type(item).__name__.lower()}, expected a dataset")
-    with faults_as_log_errors(what):
+    with faults_as_log_errors(f"{where}{name}"):
+        item = _item(file, name)
+        if item is None:
+            return None
+        if not isinstance(item, h5py.Dataset):
+            raise LogError(f"found a {type(item).__name__.lower()}, expected a dataset")
         if item.is_virtual or item.external:
-            raise LogError(f"{what}: found data outside the file, expected them inside")
-        _check_filters(item, what)
+            raise LogError("found data outside the file, expected them inside")
+        _check_filters(item)
         if item.chunks:
-            _check_blocks(item, what)
-    return item
+            _check_blocks(item)
+        return item
 
 
 def has_group(file: Any, name: str, where: str) -> bool:
     """Whether there is a group at this path."""
-    return isinstance(_item(file, name, f"{where}{name}"), h5py.Group)
+    with faults_as_log_errors(f"{where}{name}"):
+        return isinstance(_item(file, name), h5py.Group)
 
 
 def dataset(file: Any, name: str, where: str = "/") -> h5py.Dataset:
@@ -128,21 +128,27 @@ def dataset(file: Any, name: str, where: str = "/") -> h5py.Dataset:
 
 
 def array(file: Any, name: str, shape: tuple[int, ...], kinds: str, where: str = "/") -> Array:
-    """The values of a dataset of this shape and one of these `kinds`, a key of TYPES.
+    """The `values` of a dataset of this shape and one of these `kinds`, a key of TYPES.
 
     Raises:
-        LogError: there is no such dataset, it is of another type or shape, or fewer bytes are stored than
-            it can have been packed into.
+        LogError: there is no such dataset, or it is of another type or shape.
     """
     stored = dataset(file, name, where)
     if stored.dtype.kind not in kinds or stored.shape != shape:
         raise LogError(f"{where}{name}: found {described(stored)}, expected {TYPES[kinds]} of shape {shape}")
     with faults_as_log_errors(f"{where}{name}"):
-        size, there = math.prod(shape) * stored.dtype.itemsize, int(stored.id.get_storage_size())
-        if size > max(_SMALL, _MAX_RATIO * there):
-            raise LogError(f"found {there} bytes stored, expected enough for {size}")
-        check_unpacked(stored)
-        return np.asarray(stored[()])
+        return values(stored)
+
+
+def values(stored: h5py.Dataset) -> Array:
+    """All of a dataset; LogError where its blocks cannot unpack to it."""
+    size, there = stored.size * stored.dtype.itemsize, int(stored.id.get_storage_size())
+    if size > max(_SMALL, _MAX_RATIO * there):
+        raise LogError(f"found {there} bytes stored, expected enough for {size}")
+    if h5py.h5z.FILTER_DEFLATE in filters_of(stored):
+        for number in range(stored.id.get_num_chunks()):
+            unpacked(stored, stored.id.get_chunk_info(number).chunk_offset)
+    return np.asarray(stored[()])
 
 
 def attribute(item: Any, name: str, kinds: str, shape: tuple[int, ...] | None) -> Array:
@@ -199,11 +205,31 @@ def filters_of(dataset: h5py.Dataset) -> tuple[int, ...]:
     return tuple(properties.get_filter(number)[0] for number in range(properties.get_nfilters()))
 
 
-def inflated(packed: bytes, largest: int) -> bytes:
-    """What gzip's data unpack to; LogError if that is more than `largest` bytes, or they are damaged.
+def unpacked(stored: h5py.Dataset, offset: tuple[int, ...]) -> bytes:
+    """What the block at an offset unpacks to, neither shuffled back nor compared with its checksum.
 
-    The HDF5 library takes memory for whatever they unpack to, a thousand times their size.
+    The HDF5 library takes memory for whatever a block unpacks to, a thousand times its size.
+
+    Raises:
+        LogError: that is another size than it should be, or it is damaged.
+        Exception: whatever h5py raises where there is no block.
     """
+    filters, whole = filters_of(stored), math.prod(stored.chunks) * stored.dtype.itemsize
+    sums = [4 * (code == h5py.h5z.FILTER_FLETCHER32) for code in filters]  # bytes of checksums
+    skipped, read = stored.id.read_direct_chunk(offset)
+    content = bytes(read)
+    for place in reversed(range(len(filters))):
+        if skipped >> place & 1:
+            continue
+        if filters[place] == h5py.h5z.FILTER_DEFLATE:
+            content = _inflated(content, whole + sum(sums[:place]))
+        content = content[: len(content) - sums[place]]
+    if len(content) != whole:
+        raise LogError(f"at {offset}: found {len(content)} bytes, expected {whole}")
+    return content
+
+
+def _inflated(packed: bytes, largest: int) -> bytes:
     unpacker = zlib.decompressobj()
     try:
         content = unpacker.decompress(packed, largest + 1)
@@ -214,55 +240,39 @@ def inflated(packed: bytes, largest: int) -> bytes:
     return content
 
 
-def check_unpacked(dataset: h5py.Dataset) -> None:
-    """LogError if a block unpacks to more than it should."""
-    filters = filters_of(dataset) if dataset.chunks else ()
-    if h5py.h5z.FILTER_DEFLATE not in filters:
-        return
-    place = filters.index(h5py.h5z.FILTER_DEFLATE)
-    sums = [filters[k] == h5py.h5z.FILTER_FLETCHER32 for k in range(len(filters))]
-    block = math.prod(dataset.chunks) * dataset.dtype.itemsize + 4 * sum(sums[:place])
-    for number in range(dataset.id.get_num_chunks()):
-        skipped, packed = dataset.id.read_direct_chunk(dataset.id.get_chunk_info(number).chunk_offset)
-        if not skipped >> place & 1:
-            inflated(packed[: len(packed) - 4 * sum(sums[place:])], block)
-
-
-def _item(file: Any, name: str, what: str) -> Any:
+def _item(file: Any, name: str) -> Any:
     """What stands at a path that no link leads along, or None."""
-    with faults_as_log_errors(what):
-        item: Any = file
-        for part in name.split("/"):
-            # The link is looked at before it is followed, and without asking whether it leads anywhere.
-            if not isinstance(item, h5py.Group) or not item.id.links.exists(part.encode("utf-8")):
-                return None
-            if not isinstance(item.get(part, getlink=True), h5py.HardLink):
-                raise LogError(f"{what}: found a link, expected the data themselves")
-            item = item[part]
-        return item
+    item: Any = file
+    for part in name.split("/"):
+        # The link is looked at before it is followed, and without asking whether it leads anywhere.
+        if not isinstance(item, h5py.Group) or not item.id.links.exists(part.encode("utf-8")):
+            return None
+        if not isinstance(item.get(part, getlink=True), h5py.HardLink):
+            raise LogError("found a link, expected the data themselves")
+        item = item[part]
+    return item
 
 
-def _check_filters(dataset: h5py.Dataset, what: str) -> None:
-    properties = dataset.id.get_create_plist()
+def _check_filters(dataset: h5py.Dataset) -> None:
+    properties, size = dataset.id.get_create_plist(), dataset.dtype.itemsize
     for number in range(properties.get_nfilters()):
         code, _, settings, _ = properties.get_filter(number)
         if code not in _FILTERS:
             known = ", ".join(_FILTERS.values())
-            raise LogError(f"{what}: found data packed with filter {code}, expected {known} or none")
+            raise LogError(f"found data packed with filter {code}, expected {known} or none")
         # Checksums are of what is packed, not of how: a damaged setting would scramble the pixels unnoticed.
-        size = dataset.dtype.itemsize
         if code == h5py.h5z.FILTER_SHUFFLE and settings != (size,):
-            raise LogError(f"{what}: found bytes shuffled by {settings}, expected {(size,)}")
+            raise LogError(f"found bytes shuffled by {settings}, expected {(size,)}")
 
 
-def _check_blocks(dataset: h5py.Dataset, what: str) -> None:
+def _check_blocks(dataset: h5py.Dataset) -> None:
     block = math.prod(dataset.chunks) * max(1, int(dataset.dtype.itemsize))
     if not 0 < block <= MAX_CHUNK:
-        raise LogError(f"{what}: found blocks of {dataset.chunks}, expected at most {MAX_CHUNK} bytes")
+        raise LogError(f"found blocks of {dataset.chunks}, expected at most {MAX_CHUNK} bytes")
     stored = int(dataset.id.get_storage_size())
     # Where damage hides that blocks are packed, the library takes them for whole and reads beyond their end.
-    if not dataset.id.get_create_plist().get_nfilters() and stored % block:
-        raise LogError(f"{what}: found {stored} bytes stored, expected blocks of {block}")
+    if not filters_of(dataset) and stored % block:
+        raise LogError(f"found {stored} bytes stored, expected blocks of {block}")
 
 
 class Disk(io.FileIO):

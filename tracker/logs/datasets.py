@@ -10,7 +10,7 @@ from tracker.conventions import FloatArray, Image
 from tracker.errors import LogError
 from tracker.files.stores import StoredArray, open_store
 from tracker.logs.frame import LogFrame
-from tracker.logs.log import DEFAULT_NAMES, MAX_SIDE, MIN_SIDE, Source
+from tracker.logs.log import MAX_SIDE, MIN_SIDE, Source, default_names
 from tracker.logs.pictures import decode, from_bayer, from_quadrants
 
 CAMERA_RATE = 10.0
@@ -47,7 +47,7 @@ class DatasetSource(Source):
         if packing != "image":
             raise LogError(f"{self.path}: images: compression: found {str(packing)[:60]}, expected 'image'")
         self._reordered = bool(self._images.attributes.get("reorder_pixels", False))
-        self.camera_names = DEFAULT_NAMES if cameras == 3 else tuple(f"camera{k}" for k in range(cameras))
+        self.camera_names = default_names(cameras)
         self.image_sizes = (self._image_size(),) * cameras
         self.count, left = divmod(len(self._images), cameras)
         if left:

@@ -17,6 +17,12 @@ from tracker.logs.frame import LogFrame, StampOrder, with_stamps
 DEFAULT_NAMES = ("camera60", "camera180", "camera300")
 """The platform's cameras, in the order in which it records them."""
 
+
+def default_names(count: int) -> tuple[str, ...]:
+    """What so many cameras are called where a recording does not say it."""
+    return DEFAULT_NAMES if count == len(DEFAULT_NAMES) else tuple(f"camera{k}" for k in range(count))
+
+
 MIN_SIDE, MAX_SIDE = 8, 4096
 """Least and largest width and height [px] of an image that is believed."""
 
