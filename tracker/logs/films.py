@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -127,14 +126,8 @@ class FilmFile:
         self._film.close()
 
 
-@dataclass(frozen=True, eq=False)
-class FilmPicture:
+class FilmPicture(NamedTuple):
     """A picture of a film."""
 
     film: FilmFile
     number: int
-
-    @property
-    def path(self) -> Path:
-        """The film's file."""
-        return self.film.path

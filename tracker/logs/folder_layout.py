@@ -12,6 +12,7 @@ stamps close together.
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -31,7 +32,7 @@ _PER_SECOND = (1, 10**3, 10**6, 10**9)
 _NAME = re.compile(r"(?:(?P<minus>-)|\D*?)(?P<whole>\d{1,20})(?P<fraction>\.\d{1,12})?")
 
 
-def natural_key(name: str) -> tuple[tuple[int, int, str], ...]:
+def _natural(name: str) -> tuple[tuple[int, int, str], ...]:
     """Sorting key: runs of digits by their value, the rest as text."""
     parts = re.findall(r"\d{1,300}|\D+", name)
     return tuple((0, int(part), "") if part[0].isdecimal() else (1, 0, part) for part in parts)
@@ -59,7 +60,7 @@ def stamps_of_names(names: Sequence[str]) -> list[float] | None:
     return None
 
 
-def counted_stamps(names: Sequence[str], rate: float) -> list[float]:
+def _counted_stamps(names: Sequence[str], rate: float) -> list[float]:
     """Stamps [s] at `rate` [Hz]: by the numbers in the names, so that missing ones are gaps, or in order."""
     matches = [_NAME.fullmatch(name) for name in names]
     numbers = [int(m["whole"]) for m in matches if m and not m["fraction"] and len(m["whole"]) < 12]
@@ -75,24 +76,27 @@ _NUMBER = re.compile(r"\d{1,20}(\.\d{1,12})?")
 
 Picture = Path | FilmPicture
 """A file, or a picture of a film."""
+
 _Streams = dict[str, dict[str, Picture]]
 """Of each camera its pictures by name."""
 
 
-@dataclass(frozen=True)
-class FrameFiles:
-    """The files of one frame."""
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """The frames of a folder, in order."""
 
-    name: str
-    """Name of the frame's folder, or of its first file without suffix."""
-    files: tuple[Picture | None, ...]
-    """The picture of each camera, None where it has none."""
-    stamps: tuple[float, ...]
-    """Stamp of each camera's picture [s]."""
+    cameras: tuple[str, ...]
+    """Names of the cameras."""
+    names: list[str]
+    """Of each frame the name of its folder, or of its first file without suffix."""
+    files: list[tuple[Picture | None, ...]]
+    """Of each frame the picture of each camera, None where it has none."""
+    stamps: FloatArray
+    """(n, C) stamp of each picture [s], NaN where there is none."""
 
 
-def find_shots(root: Path, rate: float) -> tuple[tuple[str, ...], list[FrameFiles]]:
-    """Names of the cameras, and the frames in order; LogError if there is none.
+def find_layout(root: Path, rate: float) -> Layout:
+    """What belongs together; LogError if there is no frame.
 
     Args:
         root: the folder, or a film of a single camera.
@@ -103,27 +107,27 @@ def find_shots(root: Path, rate: float) -> tuple[tuple[str, ...], list[FrameFile
     stated = read_recording_file(root)
     if stated is not None:
         return _of_stated(root, stated, rate)
-    here = _pictures(root)
-    folders = sorted((item for item in _visible(root) if item.is_dir()), key=lambda f: natural_key(f.name))
-    cameras = {folder.name: folder for folder in folders if _CAMERA.fullmatch(folder.name)}
-    streams: _Streams = {name: _streams_files(folder) for name, folder in cameras.items()}
-    if any(streams.values()):
-        return _of_streams({name: files for name, files in streams.items() if files}, rate)
-    frames = [(folder.name, _camera_files(_pictures(folder))) for folder in folders]
-    frames = [(name, files) for name, files in frames if files]
-    # A loose picture beside folders of them is no recording, but for instance an overlay.
-    if not frames and _camera_files(here):
-        return _of_frames([(root.name, _camera_files(here))], rate)
-    if not frames:
-        streams = _of_films(root) or _without_names(root, folders, here)
-        if streams:
-            return _of_streams(streams, rate)
-        raise LogError(
-            f"{root}: found no pictures of cameras, expected folders like 000000 with camera60.png, "
-            "or folders like camera60 with 000000.png, or films like camera60.mp4, or recording.toml, "
-            "or a recording such as camera_data.dat"
-        )
-    return _of_frames(frames, rate)
+    folders = sorted((item for item in _visible(root) if item.is_dir()), key=lambda f: _natural(f.name))
+    streams = _of_folders(folder for folder in folders if _CAMERA.fullmatch(folder.name))
+    if streams:
+        return _of_streams(streams, rate)
+    frames = {folder.name: _of_cameras(folder) for folder in folders}
+    if not any(frames.values()):  # a loose picture beside folders of them is for instance an overlay
+        frames = {root.name: _of_cameras(root)}
+    if any(frames.values()):
+        cameras = sorted({name for files in frames.values() for name in files}, key=_natural)
+        streams = {
+            name: {frame: files[name] for frame, files in frames.items() if name in files} for name in cameras
+        }
+        return _of_streams(streams, rate, by_name=True)
+    streams = _films(root) or _without_names(root, folders)
+    if streams:
+        return _of_streams({name: streams[name] for name in sorted(streams, key=_natural)}, rate)
+    raise LogError(
+        f"{root}: found no pictures of cameras, expected folders like 000000 with camera60.png, "
+        "or folders like camera60 with 000000.png, or films like camera60.mp4, or recording.toml, "
+        "or a recording such as camera_data.dat"
+    )
 
 
 def _visible(folder: Path) -> Iterator[Path]:
@@ -131,10 +135,11 @@ def _visible(folder: Path) -> Iterator[Path]:
 
 
 def _pictures(folder: Path) -> list[Path]:
-    return sorted(item for item in _visible(folder) if item.suffix.lower() in SUFFIXES)
+    files = (item for item in _visible(folder) if item.suffix.lower() in SUFFIXES)
+    return sorted(files, key=lambda file: (_natural(file.stem), file.name))
 
 
-def _by_name(files: Iterable[Path], what: str) -> dict[str, Picture]:
+def _by_name(files: Iterable[Path], what: str = "name") -> dict[str, Picture]:
     """Files by their names without suffix, of which there is one each."""
     result: dict[str, Path] = {}
     for file in files:
@@ -144,16 +149,18 @@ def _by_name(files: Iterable[Path], what: str) -> dict[str, Picture]:
     return dict(result)
 
 
-def _camera_files(pictures: list[Path]) -> dict[str, Picture]:
-    return _by_name((file for file in pictures if _CAMERA.fullmatch(file.stem)), "camera")
+def _of_folders(folders: Iterable[Path]) -> _Streams:
+    """The pictures in each folder that has some."""
+    found = {folder.name: _by_name(_pictures(folder)) for folder in folders}
+    return {name: files for name, files in found.items() if files}
 
 
-def _streams_files(folder: Path) -> dict[str, Picture]:
-    """The pictures in a camera's folder by name, in order."""
-    return _by_name(sorted(_pictures(folder), key=lambda file: natural_key(file.stem)), "name")
+def _of_cameras(folder: Path) -> dict[str, Picture]:
+    """The pictures in a frame's folder that are named after cameras."""
+    return _by_name((file for file in _pictures(folder) if _CAMERA.fullmatch(file.stem)), "camera")
 
 
-def _of_films(root: Path) -> _Streams:
+def _films(root: Path) -> _Streams:
     """The films in a folder; those that are named after cameras, if there are any."""
     found = {file.stem: file for file in sorted(_visible(root)) if file.suffix.lower() in films.SUFFIXES}
     named = {name: file for name, file in found.items() if _CAMERA.fullmatch(name)}
@@ -167,16 +174,16 @@ def _film(file: Path, *, counted: bool = False) -> dict[str, Picture]:
     return {name: FilmPicture(film, k) for k, name in enumerate(names)}
 
 
-def _without_names(root: Path, folders: list[Path], here: list[Path]) -> _Streams:
+def _without_names(root: Path, folders: list[Path]) -> _Streams:
     """Folders of cameras with other names, or one camera's folder: nothing but numbers are its pictures."""
+    here = _pictures(root)
     if here and all(_NUMBER.fullmatch(file.stem) for file in here):
-        return {_name_of_lone_camera(root.resolve().name): _streams_files(root)}
-    found: _Streams = {}
-    for folder in folders:
-        files = _streams_files(folder)
-        if files and not _NUMBER.fullmatch(folder.name) and all(map(_NUMBER.fullmatch, files)):
-            found[folder.name] = files
-    return found
+        return {_name_of_lone_camera(root.resolve().name): _by_name(here)}
+    return {
+        name: files
+        for name, files in _of_folders(folders).items()
+        if not _NUMBER.fullmatch(name) and all(map(_NUMBER.fullmatch, files))
+    }
 
 
 def _name_of_lone_camera(name: str) -> str:
@@ -184,125 +191,80 @@ def _name_of_lone_camera(name: str) -> str:
     return name if may_be_name(name) else "camera"
 
 
-def _of_stated(root: Path, stated: RecordingFile, rate: float) -> tuple[tuple[str, ...], list[FrameFiles]]:
+def _of_stated(root: Path, stated: RecordingFile, rate: float) -> Layout:
     """The frames of a folder that says which files are whose."""
     counted = stated.stamps is not None or stated.rate is not None
     streams: _Streams = {}
     for name, files in stated.cameras.items():
         some = list(files.values())
         if some[0].suffix.lower() not in films.SUFFIXES:
-            streams[name] = {key: files[key] for key in sorted(files, key=natural_key)}
+            streams[name] = {key: files[key] for key in sorted(files, key=_natural)}
         elif len(some) == 1:
             streams[name] = _film(some[0], counted=counted)
         else:
             raise LogError(f"{root}: {name}: found {len(some)} films, expected one of each camera")
-    if counted and any(_is_film(files) for files in streams.values()):
-        streams = _numbered_as_films(streams)
+    if counted:
+        streams |= _numbered_as_films(streams)
     keys = [key for files in streams.values() for key in files]
     if len(streams) > 1 and len(set(keys)) == len(keys) and stamps_of_names(keys) is None:
         streams = {
             name: {f"{k:06d}": picture for k, picture in enumerate(files.values())}
             for name, files in streams.items()
         }
-    names, shots = _of_streams(streams, stated.rate or rate)
-    order = [names.index(name) for name in streams]
-    shots = [
-        FrameFiles(shot.name, tuple(shot.files[c] for c in order), tuple(shot.stamps[c] for c in order))
-        for shot in shots
-    ]
-    return tuple(streams), shots if stated.stamps is None else _stamped(root, shots, stated.stamps)
-
-
-def _is_film(files: dict[str, Picture]) -> bool:
-    return isinstance(next(iter(files.values())), FilmPicture)
+    layout, stamps = _of_streams(streams, stated.rate or rate), stated.stamps
+    if stamps is None:
+        return layout
+    if len(stamps) != len(layout.names):
+        raise LogError(
+            f"{root}: stamps.csv: found {len(stamps)} lines, expected one for each of "
+            f"{len(layout.names)} frames"
+        )
+    return dataclasses.replace(layout, stamps=np.where(np.isnan(layout.stamps), np.nan, stamps))
 
 
 def _numbered_as_films(streams: _Streams) -> _Streams:
-    """The same with pictures whose names are numbers called as those of films are, from 000000 on."""
-    named = {name: files for name, files in streams.items() if not _is_film(files)}
+    """Pictures beside films, whose names are numbers, called as those of films are, from 000000 on."""
+    named = {name: files for name, files in streams.items() if isinstance(next(iter(files.values())), Path)}
     keys = [key for files in named.values() for key in files]
-    if not keys or not all(key.isdecimal() for key in keys) or stamps_of_names(keys) is not None:
-        return streams
-    first = min(map(int, keys))
+    if len(named) == len(streams) or not all(key.isdecimal() for key in keys) or stamps_of_names(keys):
+        return {}
+    first = min(map(int, keys), default=0)
     renamed = {
         name: {f"{int(key) - first:06d}": file for key, file in files.items()}
         for name, files in named.items()
     }
-    if any(len(renamed[name]) < len(named[name]) for name in named):  # 1.png beside 01.png
-        return streams
-    return streams | renamed
+    unique = all(len(renamed[name]) == len(files) for name, files in named.items())  # no 1.png beside 01.png
+    return renamed if unique else {}
 
 
-def _stamped(root: Path, shots: list[FrameFiles], stamps: FloatArray) -> list[FrameFiles]:
-    if len(shots) != len(stamps):
-        raise LogError(
-            f"{root}: stamps.csv: found {len(stamps)} lines, expected one for each of {len(shots)} frames"
-        )
-    rows = np.broadcast_to(stamps, (len(shots), len(shots[0].files)))
-    return [
-        FrameFiles(shot.name, shot.files, tuple(row.tolist())) for shot, row in zip(shots, rows, strict=True)
-    ]
-
-
-def _of_frames(
-    frames: list[tuple[str, dict[str, Picture]]], rate: float
-) -> tuple[tuple[str, ...], list[FrameFiles]]:
-    names = tuple(sorted({name for _, files in frames for name in files}, key=natural_key))
-    keys = [key for key, _ in frames]
-    pictures = [tuple(files.get(name) for name in names) for _, files in frames]
-    return names, _at_once(keys, pictures, stamps_of_names(keys) or counted_stamps(keys, rate))
-
-
-def _at_once(
-    keys: list[str], pictures: list[tuple[Picture | None, ...]], stamps: list[float]
-) -> list[FrameFiles]:
-    """Frames whose pictures have one stamp."""
-    return [
-        FrameFiles(key, files, (stamp,) * len(files))
-        for key, files, stamp in zip(keys, pictures, stamps, strict=True)
-    ]
-
-
-def _of_streams(streams: _Streams, rate: float) -> tuple[tuple[str, ...], list[FrameFiles]]:
-    names = tuple(sorted(streams, key=natural_key))
-    keys = sorted({key for files in streams.values() for key in files}, key=natural_key)
-    stamps = stamps_of_names(keys)
-    if stamps is None:
-        pictures = [tuple(streams[name].get(key) for name in names) for key in keys]
-        return names, _at_once(keys, pictures, counted_stamps(keys, rate))
-    times = dict(zip(keys, stamps, strict=True))
-    return names, list(_close_together([streams[name] for name in names], times, rate))
-
-
-def _close_together(
-    streams: list[dict[str, Picture]], times: dict[str, float], rate: float
-) -> Iterator[FrameFiles]:
-    """Pictures whose stamps differ by less than half the cameras' period make a frame."""
-    reach = 0.5 * _period(streams, times, rate)
-    ordered = sorted((times[key], camera, key) for camera, files in enumerate(streams) for key in files)
-    group: dict[int, tuple[float, str]] = {}
-    first = -np.inf
-    for time, camera, key in ordered:
-        if group and (camera in group or time - first > reach):
-            yield _shot(group, streams)
-            group = {}
-        if not group:
-            first = time
-        group[camera] = (time, key)
-    yield _shot(group, streams)
-
-
-def _period(streams: list[dict[str, Picture]], times: dict[str, float], rate: float) -> float:
-    steps: list[FloatArray] = [np.diff([times[key] for key in files]) for files in streams]
-    found = np.concatenate(steps)
-    found = found[found > 0]
-    return float(np.median(found)) if found.size else 1 / rate
-
-
-def _shot(group: dict[int, tuple[float, str]], streams: list[dict[str, Picture]]) -> FrameFiles:
-    cameras = range(len(streams))
-    return FrameFiles(
-        name=next(iter(group.values()))[1],
-        files=tuple(streams[camera][group[camera][1]] if camera in group else None for camera in cameras),
-        stamps=tuple(group[camera][0] if camera in group else np.nan for camera in cameras),
+def _of_streams(streams: _Streams, rate: float, *, by_name: bool = False) -> Layout:
+    """Frames of pictures of the same name or, where names are stamps and not `by_name`, close together."""
+    names = sorted({name for files in streams.values() for name in files}, key=_natural)
+    stamps = stamps_of_names(names)
+    times = dict(zip(names, stamps or _counted_stamps(names, rate), strict=True))
+    if stamps and not by_name:
+        frames = _close_together(streams, times, rate)
+    else:
+        frames = [{camera: name for camera in streams if name in streams[camera]} for name in names]
+    return Layout(
+        cameras=tuple(streams),
+        names=[next(iter(frame.values())) for frame in frames],
+        files=[tuple(streams[c][frame[c]] if c in frame else None for c in streams) for frame in frames],
+        stamps=np.array([[times[frame[c]] if c in frame else np.nan for c in streams] for frame in frames]),
     )
+
+
+def _close_together(streams: _Streams, times: dict[str, float], rate: float) -> list[dict[str, str]]:
+    """Of each frame its pictures by camera: their stamps differ by less than half the cameras' period."""
+    steps = np.concatenate([np.diff([times[name] for name in files]) for files in streams.values()])
+    period = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1 / rate
+    cameras = enumerate(streams.items())
+    ordered = sorted((times[name], k, camera, name) for k, (camera, files) in cameras for name in files)
+    frames: list[dict[str, str]] = []
+    first = -np.inf
+    for time, _, camera, name in ordered:
+        if not frames or camera in frames[-1] or time - first > 0.5 * period:
+            frames.append({})
+            first = time
+        frames[-1][camera] = name
+    return frames
