@@ -24,7 +24,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -121,7 +121,9 @@ class Retracking:
 
     def run(self, begin: Callable[[], AbstractContextManager[Engine]], report: Report) -> int:
         """Do what is missing; the number of episodes that could not be done. See `run_batch`."""
-        return run_tasks(self._missing(lambda: report(None)), begin, report)
+        planned = itertools.chain.from_iterable(self.stores.values())
+        missing = (unfinished([one.task], one.recipe, lambda: report(None)) for one in planned)
+        return run_tasks(itertools.chain.from_iterable(missing), begin, report)
 
     def write_tables(self) -> dict[str, dict[str, Any]]:
         """Write the tables of the stores of which all episodes are done; by store what its report says.
@@ -135,10 +137,6 @@ class Retracking:
             if all(summary_file(output).exists() for output in outputs):
                 reports[str(path)] = write_store(outputs[0].parent, path.name, read_steps(path), episodes)
         return reports
-
-    def _missing(self, done: Callable[[], None]) -> Iterator[Task]:
-        for one in itertools.chain.from_iterable(self.stores.values()):
-            yield from unfinished([one.task], one.recipe, done)
 
 
 def are_stores(recordings: Sequence[str], folder: Path) -> bool:
@@ -218,45 +216,39 @@ def write_store(folder: Path, source: str, steps: StoreSteps, tracked: Sequence[
         _group(folder / ZARR, about) as group,
         _parquet(folder / IMAGES) as add_images,
         _parquet(folder / STEPS) as add_steps,
-        _arrays(group, len(steps.frame)) as put_steps,
     ):
-        _add_group(group / "images", {})
-        with _arrays(group / "images", steps.frames) as put_images:
-            for one in tracked:
-                poses, first = _with_stored(read_poses(one.task.output), steps)
-                numbers, frames = np.asarray(one.episode.steps), np.asarray(one.episode.frames)
-                by_step, by_frame = _rows_of(poses, steps.frame[numbers]), _rows_of(poses, frames)
-                arrays = _arrays_of(poses.filtered, model)
-                put_images(one.episode.frames.start, {k: _taken(v, by_frame) for k, v in arrays.items()})
-                put_steps(one.episode.steps.start, {k: _taken(v, by_step) for k, v in arrays.items()})
-                add_images(_image_columns(poses, steps, first, one))
-                add_steps(_step_columns(poses, steps, by_step, one))
-                if poses.recorded is not None and len(poses):
-                    compared.append((one, Compared(poses, steps.observed["delay"][first, 0])))
-        report = _report(source, steps, model, compared)
+        images = group / "images"
+        images.mkdir()
+        _add_arrays(group, len(steps.frame))
+        _add_arrays(images, steps.frames)
+        for one in tracked:
+            poses = read_poses(one.task.output)
+            first, stored = steps.stored_with(poses.index)
+            poses = dataclasses.replace(poses, recorded=None if stored is None else PoseColumns(**stored))
+            by_image = _rows_of(poses, one.episode.frames)
+            by_step = _rows_of(poses, steps.frame[one.episode.steps])
+            for name, array in _arrays_of(poses.filtered, model).items():
+                _put(images, one.episode.frames.start, name, _taken(array, by_image))
+                _put(group, one.episode.steps.start, name, _taken(array, by_step))
+            add_images(_image_columns(poses, steps, first, one))
+            add_steps(_step_columns(poses, steps, by_step, one))
+            if poses.recorded is not None and len(poses):
+                compared.append((one, Compared(poses, steps.observed["delay"][first, 0])))
+        report = {
+            "source": source,
+            "object": model.name,
+            "task": steps.task,
+            "robots": {
+                robot: differences([parts for one, parts in compared if one.robot == robot])
+                for robot in sorted({one.robot for one, _ in compared})
+            },
+            "episodes": [
+                {"episode": one.episode.number, "robot": one.robot, **differences([parts])}
+                for one, parts in compared
+            ],
+        }
         write_whole(folder / REPORT, json.dumps(report, indent=1) + "\n")
     return report
-
-
-def _report(
-    source: str, steps: StoreSteps, model: CuboidModel, compared: Sequence[tuple[Planned, Compared]]
-) -> dict[str, Any]:
-    by_robot: dict[str, list[Compared]] = {}
-    for one, parts in compared:
-        by_robot.setdefault(one.robot, []).append(parts)
-    episodes = [
-        {"episode": one.episode.number, "robot": one.robot, **differences([parts])} for one, parts in compared
-    ]
-    robots = {robot: differences(by_robot[robot]) for robot in sorted(by_robot)}
-    about = {"source": source, "object": model.name, "task": steps.task}
-    return {**about, "robots": robots, "episodes": episodes}
-
-
-def _with_stored(poses: Poses, steps: StoreSteps) -> tuple[Poses, Array]:
-    """The poses with those that are stored as the recorded ones, and (n,) the first step of each frame."""
-    first, stored = steps.stored_with(poses.index)
-    recorded = None if stored is None else PoseColumns(**stored)
-    return dataclasses.replace(poses, recorded=recorded), first
 
 
 def _arrays_of(columns: MeasuredColumns, model: CuboidModel) -> dict[str, Array]:
@@ -267,19 +259,15 @@ def _arrays_of(columns: MeasuredColumns, model: CuboidModel) -> dict[str, Array]
     return dict(zip(ROWS, arrays, strict=True))
 
 
-def _rows_of(poses: Poses, frames: Array) -> Array:
+def _rows_of(poses: Poses, frames: Sequence[int] | Array) -> Array:
     """(n,) row of the poses for each set of images; -1 where that was not tracked."""
-    if not len(poses):
-        return np.full(len(frames), -1)
-    rows = np.minimum(np.searchsorted(poses.index, frames), len(poses) - 1)
-    return np.where(poses.index[rows] == frames, rows, -1)
+    rows = dict(zip(poses.index.tolist(), range(len(poses)), strict=True))
+    return np.array([rows.get(frame, -1) for frame in frames], np.int64)
 
 
 def _taken(array: Array, rows: Array) -> Array:
     """Rows of an array; NaN for -1."""
-    if not len(array):
-        return np.full((len(rows), *array.shape[1:]), np.nan)
-    return np.where((rows < 0).reshape(-1, *[1] * (array.ndim - 1)), np.nan, array[rows])
+    return np.concatenate([array, np.full((1, *array.shape[1:]), np.nan)])[rows]
 
 
 def _image_columns(poses: Poses, steps: StoreSteps, first: Array, one: Planned) -> dict[str, Array]:
@@ -313,14 +301,14 @@ def _parquet(path: Path) -> Iterator[Callable[[dict[str, Array]], None]]:
 
     with contextlib.ExitStack() as stack:
         temporary = stack.enter_context(whole_file(path))
-        opened: list[Any] = []
+
+        @functools.cache
+        def writer(schema: Any) -> Any:
+            return stack.enter_context(pq.ParquetWriter(temporary, schema, compression="zstd"))
 
         def add(columns: dict[str, Array]) -> None:
             table = pa.table({name: cells(column) for name, column in columns.items()})
-            if not opened:
-                writer = pq.ParquetWriter(temporary, table.schema, compression="zstd")
-                opened.append(stack.enter_context(writer))
-            opened[0].write_table(table)
+            writer(table.schema).write_table(table)
 
         yield add
 
@@ -329,48 +317,31 @@ def _parquet(path: Path) -> Iterator[Callable[[dict[str, Array]], None]]:
 def _group(path: Path, attributes: dict[str, Any]) -> Iterator[Path]:
     """A new group, which takes the name, and the place of an older one, when the `with` block ends well."""
     with whole_file(path) as temporary:
-        _add_group(temporary, attributes)
+        temporary.mkdir()
+        (temporary / ".zattrs").write_text(json.dumps(attributes, indent=1) + "\n")
         yield temporary
         if path.is_dir():  # a folder cannot be renamed onto another
             os.replace(path, temporary.with_name("old"))
 
 
-def _add_group(path: Path, attributes: dict[str, Any]) -> None:
-    path.mkdir()
-    (path / ".zgroup").write_text('{"zarr_format": 2}\n')
-    (path / ".zattrs").write_text(json.dumps(attributes, indent=1) + "\n")
+def _add_arrays(group: Path, count: int) -> None:
+    """Add the arrays of ROWS, of `count` rows of NaN, each one block: its rows one after the other."""
+    (group / ".zgroup").write_text('{"zarr_format": 2}\n')
+    for name, row in ROWS.items():
+        shape = (count, *row)
+        about = {"zarr_format": 2, "dtype": "<f4", "fill_value": "NaN", "order": "C", "shape": shape}
+        about |= {"chunks": shape, "compressor": None, "filters": None}
+        (group / name).mkdir()
+        (group / name / ".zarray").write_text(json.dumps(about, indent=1) + "\n")
+        np.full(shape, np.nan, "<f4").tofile(_block(group, name))
 
 
-@contextlib.contextmanager
-def _arrays(folder: Path, count: int) -> Iterator[Callable[[int, dict[str, Array]], None]]:
-    """A function that puts rows, from one on, in the arrays of ROWS, of `count` rows; left out ones are NaN.
+def _put(group: Path, first: int, name: str, rows: Array) -> None:
+    """Put rows in an array, from the first on."""
+    with _block(group, name).open("r+b") as file:
+        file.seek(4 * first * math.prod(ROWS[name]))
+        file.write(rows.astype("<f4").tobytes())
 
-    Each array is one block, whose file is its rows one after the other, so that nothing is kept in memory.
-    """
-    with contextlib.ExitStack() as stack:
-        files: dict[str, BinaryIO] = {}
-        for name, shape in ROWS.items():
-            about: dict[str, Any] = {"zarr_format": 2, "dtype": "<f4", "fill_value": "NaN", "order": "C"}
-            about |= {
-                "shape": [count, *shape],
-                "chunks": [count, *shape],
-                "compressor": None,
-                "filters": None,
-            }
-            (folder / name).mkdir()
-            (folder / name / ".zarray").write_text(json.dumps(about, indent=1) + "\n")
-            block = folder / name / ".".join("0" * (1 + len(shape)))
-            files[name] = stack.enter_context(block.open("wb"))
 
-        def pad(name: str, to: int) -> None:
-            missing = to * math.prod(ROWS[name]) - files[name].tell() // 4
-            files[name].write(np.full(missing, np.nan, "<f4").tobytes())
-
-        def put(at: int, rows: dict[str, Array]) -> None:
-            for name, file in files.items():
-                pad(name, at)
-                file.write(rows[name].astype("<f4").tobytes())
-
-        yield put
-        for name in files:
-            pad(name, count)
+def _block(group: Path, name: str) -> Path:
+    return group / name / ".".join("0" * (1 + len(ROWS[name])))

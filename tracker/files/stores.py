@@ -3,17 +3,19 @@
 The LMDB library maps the file to memory and follows whatever number stands in it: a damaged one, or a page
 that is missing, ends the whole process. Therefore it has a process of its own, which is asked for values.
 
-Of arrays only lists of byte strings and of plain numbers are decoded, plain or packed by Blosc as zarr packs
-them by itself; codecs that could run code (pickle) are refused. What a block unpacks to is bounded before it
-is unpacked.
+Only lists of byte strings, and lists and tables of plain numbers, are decoded, plain or packed by Blosc as
+zarr packs them by itself; codecs that could run code (pickle) are refused. What a block unpacks to is bounded
+before it is unpacked.
 """
 
 from __future__ import annotations
 
 import json
+import math
 import os
 import struct
 import subprocess
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal
 
@@ -115,7 +117,10 @@ def open_store(folder: Path) -> LmdbFile:
 
 
 class StoredArray:
-    """A one-dimensional array; one block is in memory."""
+    """A list of byte strings or of numbers, or a table of numbers, in tiles.
+
+    A block is the tiles of the same rows; zarr keeps those of numbers in full size at the edges, too.
+    """
 
     def __init__(self, store: LmdbFile, name: str, where: str) -> None:
         self._store, self._name, self._where = store, name, f"{where}: {name}"
@@ -128,7 +133,7 @@ class StoredArray:
         except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
             raise LogError(f"{self._where}: .zarray: found {str(meta)[:200]}, expected zarr 2") from error
         self._number = -1
-        self._block: list[bytes] | Array = []
+        self._kept: list[bytes] | Array = []
 
     @classmethod
     def find(cls, store: LmdbFile, name: str, where: str) -> StoredArray | None:
@@ -136,20 +141,14 @@ class StoredArray:
         return cls(store, name, where) if store.get(f"{name}/.zarray", _MAX_JSON) is not None else None
 
     def __len__(self) -> int:
-        return self._length
+        return self.shape[0]
 
     def __getitem__(self, index: int) -> Any:
-        """Bytes of an item of a ragged array, or a number."""
-        number, offset = divmod(index, self._chunk)
+        """Bytes of an item, or a number; one block is in memory."""
+        number, offset = divmod(index, self._tile[0])
         if number != self._number:
-            self._block = self.block(number)
-            self._number = number
-        return self._block[offset]
-
-    @property
-    def blocks(self) -> int:
-        """Number of blocks."""
-        return -(-self._length // self._chunk)
+            self._kept, self._number = self._block(number), number
+        return self._kept[offset]
 
     @property
     def ragged(self) -> bool:
@@ -158,51 +157,75 @@ class StoredArray:
 
     def numbers(self) -> Array:
         """All numbers; LogError if they are byte strings, or missing or damaged."""
+        return np.concatenate([np.zeros((0, *self.shape[1:]), self._dtype), *self.blocks()])
+
+    def blocks(self) -> Iterator[Array]:
+        """The numbers in one block after the other; LogError as for `numbers`."""
         if self.ragged:
             raise LogError(f"{self._where}: found byte strings, expected numbers")
-        return np.concatenate([np.zeros(0, self._dtype), *map(self.block, range(self.blocks))])
+        for number in range(self._tiles[0]):
+            yield np.asarray(self._block(number))
 
-    def block(self, number: int) -> list[bytes] | Array:
-        """Items of a block; LogError if they are missing or damaged."""
-        what = f"{self._where}: block {number}"
-        expected = min(self._chunk, self._length - number * self._chunk)
-        data = self._store.get(f"{self._name}/{self._key(number)}", MAX_BLOCK)
-        if data is None and self._fill is not None and self._dtype is not None:
-            try:
-                return np.full(expected, self._dtype.type(self._fill), self._dtype)  # what zarr leaves out
-            except (OverflowError, ValueError) as error:
-                raise LogError(f"{what}: fill_value: found {self._fill}, expected {self._dtype}") from error
+    def _block(self, number: int) -> list[bytes] | Array:
+        count = min(self._tile[0], len(self) - number * self._tile[0])
+        if self._dtype is None:
+            items = self._strings(str(number))
+            if len(items) < count:
+                what = f"{self._where}: block {number}"
+                raise LogError(f"{what}: found {len(items)} items, expected {count}")
+            return items[:count]
+        ends = ("",) if len(self.shape) == 1 else (f".{k}" for k in range(self._tiles[1]))
+        tiles = [self._numbers(f"{number}{end}", self._dtype) for end in ends]
+        return np.concatenate(tiles, axis=-1)[(slice(count), *map(slice, self.shape[1:]))]
+
+    def _strings(self, key: str) -> list[bytes]:
+        import numcodecs
+
+        what = f"{self._where}: block {key}"
+        data = self._stored(key, MAX_BLOCK)
         if data is None:
             raise LogError(f"{what} is missing")
-        width = 0 if self._dtype is None else self._dtype.itemsize
-        data = self._unpacked(data, width * self._chunk or MAX_BLOCK, what)
-        items: list[bytes] | Array
-        if self._dtype is None:
-            items = _split(data, what)
-        else:
-            if len(data) % self._dtype.itemsize:
-                raise LogError(f"{what}: found {len(data)} bytes, expected numbers of {self._dtype.itemsize}")
-            items = np.frombuffer(data, self._dtype)
-        if len(items) < expected:
-            raise LogError(f"{what}: found {len(items)} items, expected {expected}")
-        return items[:expected]
+        count = int.from_bytes(data[:4], "little")
+        try:
+            if count > len(data) // 4:  # before a list of that length is made
+                raise LogError(f"{count} items stated in {len(data)} bytes")
+            return list(numcodecs.VLenBytes().decode(data))
+        except (LogError, ValueError, SystemError) as error:
+            raise LogError(f"{what}: found items that are damaged: {error}") from error
 
-    def _key(self, number: int) -> str:
-        return str(number)
+    def _numbers(self, key: str, dtype: np.dtype[Any]) -> Array:
+        """A tile, in its shape."""
+        what, size = f"{self._where}: block {key}", math.prod(self._tile)
+        data = self._stored(key, size * dtype.itemsize)
+        if data is not None:
+            if len(data) != size * dtype.itemsize:
+                raise LogError(
+                    f"{what}: found {len(data)} bytes, expected {size} numbers of {dtype.itemsize}"
+                )
+            return np.frombuffer(data, dtype).reshape(self._tile, order=self._order)
+        if self._fill is None:
+            raise LogError(f"{what} is missing")
+        try:
+            return np.full(self._tile, dtype.type(self._fill), dtype)  # what zarr leaves out
+        except (OverflowError, ValueError) as error:
+            raise LogError(f"{what}: fill_value: found {self._fill}, expected {dtype}") from error
 
     def _take(self, meta: dict[str, Any]) -> None:
-        (length,), (chunk,) = meta["shape"], meta["chunks"]
-        whole = isinstance(length, int) and isinstance(chunk, int)
-        if meta["zarr_format"] != 2 or not whole or length < 0 or not 0 < chunk <= 1 << 24:
+        self.shape: tuple[int, ...] = tuple(meta["shape"])
+        self._tile: tuple[int, ...] = tuple(meta["chunks"])
+        sides = (self.shape[0] + 1, *self.shape[1:], *self._tile)
+        if meta["zarr_format"] != 2 or not all(isinstance(side, int) and side > 0 for side in sides):
+            raise ValueError
+        if math.prod(self._tile) > 1 << 24 or len(self.shape) > 2 - (meta["dtype"] == "|O"):
             raise ValueError
         # Of numbers those that are left out are not stored; of pictures each has some bytes.
-        most = self._store.size if meta["dtype"] == "|O" else MAX_NUMBERS
+        most, length = self._store.size if meta["dtype"] == "|O" else MAX_NUMBERS, math.prod(self.shape)
         if length > most:
             raise LogError(f"{self._where}: found {length} items stated, expected at most {most}")
-        self._length, self._chunk = int(length), int(chunk)
-        most = max(self._store.entries, _MAX_LEFT_OUT)
-        if self.blocks > most:
-            raise LogError(f"{self._where}: found {self.blocks} blocks stated, expected at most {most}")
+        self._tiles = [-(-side // step) for side, step in zip(self.shape, self._tile, strict=True)]
+        most, blocks = max(self._store.entries, _MAX_LEFT_OUT), math.prod(self._tiles)
+        if blocks > most:
+            raise LogError(f"{self._where}: found {blocks} blocks stated, expected at most {most}")
         filters = [entry["id"] for entry in meta["filters"] or ()]
         self._dtype: np.dtype[Any] | None = None
         if meta["dtype"] != "|O":
@@ -211,6 +234,7 @@ class StoredArray:
                 raise ValueError
         elif len(filters) != 1 or filters[0] not in _RAGGED:
             raise LogError(f"{self._where}: found items coded as {filters}, expected {' or '.join(_RAGGED)}")
+        self._order: Literal["C", "F"] = "F" if meta.get("order") == "F" else "C"
         fill = meta["fill_value"]
         self._fill = fill if isinstance(fill, (int, float)) else None
         self._packer = meta["compressor"]
@@ -218,8 +242,10 @@ class StoredArray:
             found = str(self._packer["id"])[:40]
             raise LogError(f"{self._where}: found blocks packed by {found!r}, expected {_PACKER} or none")
 
-    def _unpacked(self, data: bytes, largest: int, what: str) -> bytes:
-        if self._packer is None:
+    def _stored(self, key: str, largest: int) -> bytes | None:
+        """What a block unpacks to; None where there is none."""
+        data = self._store.get(f"{self._name}/{key}", MAX_BLOCK)
+        if data is None or self._packer is None:
             return data
         # Bytes 4 to 8 of a block state what it unpacks to, bytes 12 to 16 its own length.
         stated, length = int.from_bytes(data[4:8], "little"), int.from_bytes(data[12:16], "little")
@@ -231,7 +257,8 @@ class StoredArray:
 
             return bytes(numcodecs.get_codec(self._packer).decode(data))
         except Exception as error:  # whatever it stumbles over
-            raise LogError(f"{what}: cannot be unpacked: {' '.join(str(error).split())}") from error
+            reason = " ".join(str(error).split())
+            raise LogError(f"{self._where}: block {key}: cannot be unpacked: {reason}") from error
 
     def _json(self, key: str) -> dict[str, Any] | None:
         data = self._store.get(f"{self._name}/{key}", _MAX_JSON)
@@ -244,51 +271,3 @@ class StoredArray:
         if not isinstance(value, dict):
             raise LogError(f"{self._where}/{key}: found no JSON object")
         return value
-
-
-class StoredRows(StoredArray):
-    """A two-dimensional array of numbers, of which one block of rows is in memory.
-
-    Its blocks are those of a one-dimensional array: zarr keeps them in full size at the edges, too.
-    """
-
-    def rows(self, number: int) -> Array:
-        """(k, width) of one block of rows; LogError if they are missing or damaged."""
-        first = number * self._across
-        tiles = [self.block(first + k) for k in range(self._across)]
-        shaped = [np.reshape(tile, self._tile, order=self._order) for tile in tiles]
-        return np.concatenate(shaped, axis=1)[: self.shape[0] - number * self._tile[0], : self.shape[1]]
-
-    @property
-    def row_blocks(self) -> int:
-        """Number of blocks of rows."""
-        return -(-self.shape[0] // self._tile[0])
-
-    def _key(self, number: int) -> str:
-        return ".".join(map(str, divmod(number, self._across)))
-
-    def _take(self, meta: dict[str, Any]) -> None:
-        (rows, width), (deep, wide) = meta["shape"], meta["chunks"]
-        if not all(isinstance(k, int) and k > 0 for k in (rows + 1, width, deep, wide)):
-            raise ValueError
-        self.shape: tuple[int, int] = (rows, width)
-        self._tile: tuple[int, int] = (deep, wide)
-        self._across: int = -(-width // wide)
-        self._order: Literal["C", "F"] = "F" if meta.get("order") == "F" else "C"
-        size = deep * wide
-        super()._take({**meta, "shape": [self.row_blocks * self._across * size], "chunks": [size]})
-        if self.ragged:
-            raise ValueError
-
-
-def _split(data: bytes, what: str) -> list[bytes]:
-    """The byte strings of a ragged block, which starts with their number."""
-    import numcodecs
-
-    count = int.from_bytes(data[:4], "little")
-    try:
-        if count > len(data) // 4:  # before a list of that length is made
-            raise LogError(f"{count} items stated in {len(data)} bytes")
-        return list(numcodecs.VLenBytes().decode(data))
-    except (LogError, ValueError, SystemError) as error:
-        raise LogError(f"{what}: found items that are damaged: {error}") from error

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from tracker.checks import naming
 from tracker.conventions import FloatArray, Image
 from tracker.errors import LogError
 from tracker.files.stores import StoredArray, open_store
@@ -18,6 +19,9 @@ CAMERA_RATE = 10.0
 
 CONTROL_RATE = 50.0
 """Of the steps of a policy [Hz], which `obs_to_image_index` counts."""
+
+
+_MAX_CAMERAS = 16
 
 
 class DatasetSource(Source):
@@ -42,7 +46,10 @@ class DatasetSource(Source):
         self._images = StoredArray(self._store, "images", str(self.path))
         if not self._images.ragged:
             raise LogError(f"{self.path}: images: found numbers, expected encoded pictures")
-        cameras = self._attribute("n_cameras", 3, 16)
+        cameras = self._images.attributes.get("n_cameras", 3)
+        if not isinstance(cameras, int) or not 1 <= cameras <= _MAX_CAMERAS:
+            found = f"n_cameras: found {str(cameras)[:60]}"
+            raise LogError(f"{self.path}: images: {found}, expected 1 to {_MAX_CAMERAS}")
         packing = self._images.attributes.get("compression", "image")
         if packing != "image":
             raise LogError(f"{self.path}: images: compression: found {str(packing)[:60]}, expected 'image'")
@@ -55,11 +62,14 @@ class DatasetSource(Source):
                 f"{self.path}: images: found {len(self._images)}, expected a multiple of {cameras} cameras"
             )
         steps = self._first_steps(cameras)
-        self._stamps: FloatArray = (
-            np.arange(self.count) / CAMERA_RATE if steps is None else steps / CONTROL_RATE
-        )
-        if steps is not None:
-            self.episode_starts = self._starts(steps)
+        if steps is None:
+            self._stamps: FloatArray = np.arange(self.count) / CAMERA_RATE
+            return
+        self._stamps = steps / CONTROL_RATE
+        ends = StoredArray.find(self._store, "episode_ends", str(self.path))
+        if ends is not None:  # the last steps of episodes
+            after = np.searchsorted(steps, ends.numbers(), side="right")
+            self.episode_starts = tuple(sorted({0, *(int(start) for start in after if start < self.count)}))
 
     def read(self, index: int) -> LogFrame:
         """See Source."""
@@ -74,7 +84,7 @@ class DatasetSource(Source):
 
     def _image(self, index: int, camera: int) -> Image:
         number = index * len(self.camera_names) + camera
-        try:
+        with naming(f"{self.where(index)}: image {number}", LogError):
             picture = decode(self._images[number], color=False)
             width, height = self.image_sizes[camera]
             if picture.shape[:2] != (height, width):
@@ -83,8 +93,6 @@ class DatasetSource(Source):
             if picture.ndim == 3:
                 return np.ascontiguousarray(picture[:, :, :3])
             return from_bayer(from_quadrants(picture) if self._reordered else picture)
-        except LogError as error:
-            raise self.error(index, f"image {number}: {error}") from error
 
     def _image_size(self) -> tuple[int, int]:
         shape = self._images.attributes.get("image_shape")
@@ -95,12 +103,6 @@ class DatasetSource(Source):
         raise LogError(
             f"{self.path}: images: image_shape: found {str(shape)[:60]}, expected rows and columns"
         )
-
-    def _attribute(self, name: str, default: int, largest: int) -> int:
-        value = self._images.attributes.get(name, default)
-        if not isinstance(value, int) or not 1 <= value <= largest:
-            raise LogError(f"{self.path}: images: {name}: found {str(value)[:60]}, expected 1 to {largest}")
-        return value
 
     def _first_steps(self, cameras: int) -> FloatArray | None:
         """(count,) number of the first control step that saw each frame; None where that is not stored.
@@ -130,11 +132,3 @@ class DatasetSource(Source):
         result: FloatArray = np.interp(numbers, seen, at)
         result += period * np.minimum(numbers - seen[0], 0) + period * np.maximum(numbers - seen[-1], 0)
         return result - min(0.0, float(result[0]) if len(result) else 0.0)
-
-    def _starts(self, steps: FloatArray) -> tuple[int, ...]:
-        """The first frames of episodes, of which the store has the last steps."""
-        ends = StoredArray.find(self._store, "episode_ends", str(self.path))
-        if ends is None:
-            return (0,)
-        after = np.searchsorted(steps, ends.numbers(), side="right")
-        return tuple(sorted({0, *(int(start) for start in after if start < self.count)}))

@@ -13,7 +13,7 @@ import numpy as np
 
 from tracker.conventions import Array, FloatArray
 from tracker.errors import LogError
-from tracker.files.stores import LmdbFile, StoredArray, StoredRows, open_store
+from tracker.files.stores import LmdbFile, StoredArray, open_store
 from tracker.logs.frame import MAX_DISTANCE
 from tracker.logs.opening import STORE_FILE, open_log
 
@@ -132,23 +132,15 @@ def read_steps(path: Path) -> StoreSteps:
 
 def _observed(store: LmdbFile, path: Path, steps: int) -> tuple[str | None, dict[str, FloatArray]]:
     """The task, and the columns of `StoreSteps.observed`."""
-    if store.get("observations/.zarray", 1 << 20) is None:
+    array = StoredArray.find(store, "observations", str(path))
+    task = TASKS.get(array.shape[-1]) if array is not None else None
+    if array is None or task is None:
         return None, {}
-    array = StoredRows(store, "observations", str(path))
-    task = TASKS.get(array.shape[1])
-    if task is None:
-        return None, {}
-    if array.shape[0] != steps:
-        raise LogError(f"{path}: observations: found {array.shape[0]} steps, expected {steps}")
+    if len(array) != steps:
+        raise LogError(f"{path}: observations: found {len(array)} steps, expected {steps}")
     camera = _GOAL[task] + _ACTION
     robot = camera + _CAMERA + _GOAL[task]
     columns = {name: slice(camera + a, camera + b) for name, (a, b) in _IN_CAMERA.items()}
     columns |= {name: slice(robot + a, robot + b) for name, (a, b) in _IN_ROBOT.items()}
-    observed = {name: np.empty((steps, one.stop - one.start)) for name, one in columns.items()}
-    at = 0
-    for number in range(array.row_blocks):
-        rows = array.rows(number)
-        for name, one in columns.items():
-            observed[name][at : at + len(rows)] = rows[:, one]
-        at += len(rows)
-    return task, observed
+    blocks = [{name: rows[:, one].astype(float) for name, one in columns.items()} for rows in array.blocks()]
+    return task, {name: np.concatenate([block[name] for block in blocks]) for name in columns}
