@@ -88,13 +88,12 @@ class PoseColumns:
         return cls(**{name: np.concatenate([part[name] for part in arrays]) for name in arrays[0]})
 
     def _check_rows(self, name: str, column: FloatArray) -> None:
-        rows = column.reshape(len(column), int(np.prod(column.shape[1:])))
-        bad = ~np.isfinite(rows).all(axis=1)
+        axes = tuple(range(1, column.ndim))
+        unknown, good = np.isnan(column).all(axis=axes), np.isfinite(column).all(axis=axes)
         if name in self.MAY_BE_UNKNOWN:
-            bad &= ~np.isnan(rows).all(axis=1)
-        refuse(name, self.has_pose & bad, column, "finite numbers where has_pose is true")
-        stale = ~self.has_pose & ~np.isnan(rows).all(axis=1)
-        refuse(name, stale, column, "NaN where has_pose is false")
+            good |= unknown
+        refuse(name, self.has_pose & ~good, column, "finite numbers where has_pose is true")
+        refuse(name, ~self.has_pose & ~unknown, column, "NaN where has_pose is false")
 
     def _check_values(self) -> None:
         with np.errstate(over="ignore"):
@@ -150,22 +149,15 @@ def refuse(name: str, bad: Array, column: Array, valid: str) -> None:
 
 
 def _check_covariance(name: str, has_pose: Array, column: FloatArray) -> None:
-    rows = np.flatnonzero(has_pose)
-    covariance = column[rows]
+    covariance = np.where(has_pose[:, None, None], column, np.eye(6))
     variance = np.diagonal(covariance, axis1=1, axis2=2)
     # Scaled to ones on the diagonal, so that one tolerance serves metres and radians of any size.
     with np.errstate(all="ignore"):
         factor = 1 / np.sqrt(np.where(variance > 0, variance, 1))
         scaled = covariance * factor[:, :, None] * factor[:, None, :]
         asymmetry = np.abs(scaled - scaled.swapaxes(1, 2)).max(axis=(1, 2), initial=0)
-        usable = (variance >= 0).all(axis=1) & np.isfinite(scaled).all(axis=(1, 2))
-    _refuse_rows(name, rows[~usable], column, "variances that are not negative")
-    _refuse_rows(name, rows[asymmetry > COVARIANCE_TOLERANCE], column, "a symmetric matrix")
+        usable: Array = (variance >= 0).all(axis=1) & np.isfinite(scaled).all(axis=(1, 2))
+    refuse(name, ~usable, column, "variances that are not negative")
+    refuse(name, asymmetry > COVARIANCE_TOLERANCE, column, "a symmetric matrix")
     least = np.linalg.eigvalsh((scaled + scaled.swapaxes(1, 2)) / 2).min(axis=1, initial=np.inf)
-    _refuse_rows(name, rows[least < -COVARIANCE_TOLERANCE], column, "a positive semi-definite matrix")
-
-
-def _refuse_rows(name: str, rows: Array, column: FloatArray, valid: str) -> None:
-    bad = np.zeros(len(column), np.bool_)
-    bad[rows] = True
-    refuse(name, bad, column, valid)
+    refuse(name, least < -COVARIANCE_TOLERANCE, column, "a positive semi-definite matrix")

@@ -99,15 +99,10 @@ def write_bop(
             f"{os.fspath(path)}: found {kind} poses without a confidence, expected a score for each"
         )
     rotation, translation = camera_from_object(found, camera)
+    images, scores = poses.index[columns.has_pose].tolist(), found.confidence.tolist()
     rows = (
-        [scene_id, image_id, object_id, score, _spaced(r), _spaced(_MM * t), -1]
-        for image_id, score, r, t in zip(
-            poses.index[columns.has_pose].tolist(),
-            found.confidence.tolist(),
-            rotation,
-            translation,
-            strict=True,
-        )
+        [scene_id, image, object_id, score, _spaced(r), _spaced(_MM * t), -1]
+        for image, score, r, t in zip(images, scores, rotation, translation, strict=True)
     )
     with told_as(LogError, path):
         write_whole(path, csv_text(BOP_HEADER, rows))

@@ -22,9 +22,7 @@ from tracker.checks import described, float_array, naming, one_stamp, path_of
 from tracker.conventions import Array
 from tracker.errors import CalibrationError, LogError
 from tracker.files import hdf5, told_as, write_whole
-from tracker.geometry.camera import Camera
 from tracker.pose.result import CameraUse, Observation, Status
-from tracker.poses.columns import PoseColumns
 from tracker.poses.poses import KINDS, About, Kind, Poses
 
 
@@ -38,7 +36,7 @@ class PosesBuilder:
     def __init__(self, about: About) -> None:
         self._about = about
         self._frames: list[tuple[int, float, str, list[str]]] = []
-        self._rows: dict[Kind, list[dict[str, Array] | None]] = {kind: [] for kind in KINDS}
+        self._rows: dict[Kind, list[dict[str, Array]]] = {kind: [] for kind in KINDS}
 
     def __len__(self) -> int:
         return len(self._frames)
@@ -63,26 +61,22 @@ class PosesBuilder:
     def build(self) -> Poses:
         """All frames so far; LogError where a pose or the order of the frames is not valid."""
         index, timestamp, status, cameras = zip(*self._frames, strict=True) if self._frames else ((),) * 4
-        columns: dict[Kind, Any] = {kind: self._columns(kind) for kind in KINDS}
-        if not any(columns["recorded"].has_pose):
-            columns["recorded"] = None
+        poses: dict[Kind, Any] = {}
+        for kind, rows in self._rows.items():
+            poses[kind] = columns = KINDS[kind].nothing(len(rows))
+            if rows:
+                arrays = {name: np.stack([row[name] for row in rows]) for name in columns.arrays()}
+                poses[kind] = KINDS[kind](**arrays)
+        if not any(poses["recorded"].has_pose):
+            poses["recorded"] = None
         return Poses(
             index=np.array(index, dtype=np.int64),
             timestamp=np.array(timestamp, dtype=np.float64),
             status=np.array(status, dtype=np.str_),
-            **columns,
+            **poses,
             about=self._about,
             cameras=np.array(cameras, np.str_) if any(any(uses) for uses in cameras) else None,
         )
-
-    def _columns(self, kind: Kind) -> PoseColumns:
-        rows, columns = self._rows[kind], KINDS[kind]
-        arrays: dict[str, Array] = {"has_pose": np.array([row is not None for row in rows], dtype=np.bool_)}
-        for name, shape in columns.ROW_SHAPES.items():
-            nothing = np.full(shape, np.nan)
-            values = [nothing if row is None else row[name] for row in rows]
-            arrays[name] = np.array(values, np.float64).reshape(len(rows), *shape)
-        return columns(**arrays)
 
 
 def _text(word: Any) -> str:
@@ -90,11 +84,16 @@ def _text(word: Any) -> str:
     return str(getattr(word, "value", word))
 
 
-def _row(kind: Kind, pose: Any) -> dict[str, Array] | None:
+_FOUND = np.array(True)
+_NOTHING = {kind: {k: column[0] for k, column in KINDS[kind].nothing(1).arrays().items()} for kind in KINDS}
+"""What each kind of poses has where there is none, by the column's name."""
+
+
+def _row(kind: Kind, pose: Any) -> dict[str, Array]:
     """Copies of what a pose has to say, by the column's name."""
     if pose is None:
-        return None
-    row, columns = dict[str, Array](), KINDS[kind]
+        return _NOTHING[kind]
+    row, columns = {"has_pose": _FOUND}, KINDS[kind]
     for name, shape in columns.ROW_SHAPES.items():
         value = getattr(pose, name, None)
         if value is None and name in columns.MAY_BE_UNKNOWN:
@@ -223,9 +222,13 @@ def _content(poses: Poses) -> bytes:
                 for column, array in columns.arrays().items():
                     _put(group, column, array)
         _put(file, "camera_names", hdf5.encoded(list(poses.about.rig.names)))
-        cameras = file.create_group("camera_info")
         for camera in poses.about.rig:
-            _put_camera(cameras, camera)
+            group = file.create_group(f"camera_info/{camera.name}")
+            group.attrs["image_width"], group.attrs["image_height"] = camera.width, camera.height
+            for name, (attribute, shape) in CAMERA_DATASETS.items():
+                value = getattr(camera, attribute)
+                if value is not None:
+                    _put(group, name, value.reshape(shape))
     return content.getvalue()
 
 
@@ -245,15 +248,6 @@ def _put_texts(file: Any, name: str, texts: Array) -> None:
         raise LogError(f"{name}: found {len(names)} different ones, expected at most {_MAX_NAMES}")
     _put(file, name, codes.reshape(texts.shape).astype(np.uint8))
     file[name].attrs["names"] = hdf5.encoded(names.tolist())
-
-
-def _put_camera(cameras: Any, camera: Camera) -> None:
-    group = cameras.create_group(camera.name)
-    group.attrs["image_width"], group.attrs["image_height"] = camera.width, camera.height
-    for name, (attribute, shape) in CAMERA_DATASETS.items():
-        value = getattr(camera, attribute)
-        if value is not None:
-            _put(group, name, value.reshape(shape))
 
 
 def _poses(file: Any) -> Poses:
@@ -279,13 +273,9 @@ def _poses(file: Any) -> Poses:
             columns[kind] = KINDS[kind](has_pose=has_pose, **rows)
     texts = {attribute: hdf5.text(file, key) for key, attribute in _ABOUT.items()}
     texts |= {key: hdf5.text(file, key) for key in _MAY_BE_MISSING if key in file.attrs}
-    about = About(rig=_rig(file), **texts)
-    # Files of older versions have none.
-    cameras = (
-        _texts(file, "cameras", (count, len(about.rig)))
-        if hdf5.find(file, "cameras", "/") is not None
-        else None
-    )
+    about, cameras = About(rig=_rig(file), **texts), None
+    if hdf5.find(file, "cameras", "/") is not None:  # files of older versions have none
+        cameras = _texts(file, "cameras", (count, len(about.rig)))
     try:
         return Poses(index, timestamp, status, **columns, about=about, cameras=cameras)
     except LogError as error:
@@ -319,15 +309,14 @@ def _rig(file: Any) -> CameraRig:
     if dataset.ndim != 1 or dataset.dtype.kind != "S" or dataset.shape[0] > _MAX_CAMERAS:
         found = described(dataset)
         raise LogError(f"/camera_names: found {found}, expected up to {_MAX_CAMERAS} {hdf5.TYPES['S']}")
-    return CameraRig(tuple(_camera(file, name) for name in hdf5.decoded(np.asarray(dataset[()]))))
-
-
-def _camera(file: Any, name: str) -> Camera:
-    path = f"camera_info/{name}"
-    if not hdf5.has_group(file, path, "/"):
-        raise LogError(f"/{path}: found none, expected a group for each of /camera_names")
-    with naming(f"/{path}", LogError):
-        width, height = (
-            int(hdf5.attribute(file[path], f"image_{key}", "iu", ())) for key in ("width", "height")
-        )
-    return read_camera(file, name, (width, height), "/")
+    cameras = []
+    for name in hdf5.decoded(np.asarray(dataset[()])):
+        path = f"camera_info/{name}"
+        if not hdf5.has_group(file, path, "/"):
+            raise LogError(f"/{path}: found none, expected a group for each of /camera_names")
+        with naming(f"/{path}", LogError):
+            width, height = (
+                int(hdf5.attribute(file[path], f"image_{key}", "iu", ())) for key in ("width", "height")
+            )
+        cameras.append(read_camera(file, name, (width, height), "/"))
+    return CameraRig(tuple(cameras))

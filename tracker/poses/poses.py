@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from importlib import import_module
@@ -80,7 +81,8 @@ class About:
     def __post_init__(self) -> None:
         for name in ("object_name", "source", "tracker_version", "fingerprint", "fault"):
             value = getattr(self, name)
-            if not isinstance(value, str) or "\0" in value or not _is_unicode(value):
+            # Python keeps bytes of file names that are no UTF-8 as lone surrogates.
+            if not isinstance(value, str) or re.search("[\0\ud800-\udfff]", value):
                 raise LogError(
                     f"{name}: found {ascii(value)[:80]}, expected Unicode text without null characters"
                 )
@@ -163,23 +165,20 @@ class Poses:
         return len(self.index)
 
     def __getitem__(self, rows: slice | Array) -> Poses:
-        return Poses(
-            index=self.index[rows],
-            timestamp=self.timestamp[rows],
-            status=self.status[rows],
-            measured=self.measured.take(rows),
-            filtered=self.filtered.take(rows),
-            recorded=None if self.recorded is None else self.recorded.take(rows),
-            about=self.about,
-            cameras=None if self.cameras is None else self.cameras[rows],
-        )
+        parts = {field.name: getattr(self, field.name) for field in fields(self)}
+        for name, value in parts.items():
+            if isinstance(value, PoseColumns):
+                parts[name] = value.take(rows)
+            elif isinstance(value, np.ndarray):
+                parts[name] = value[rows]
+        return Poses(**parts)
 
     def table(self, keypoints_of: CuboidModel | None = None) -> dict[str, Array]:
         """(n,) columns with the names of the CSV file: numbers (NaN for missing ones) and texts.
 
         keypoints_of: the object, whose corners are columns too, such as `filtered_keypoint0_x_m`.
         """
-        recorded = PoseColumns.nothing(len(self)) if self.recorded is None else self.recorded
+        recorded = self.recorded or PoseColumns.nothing(len(self))
         filtered = [*_numbers(self.filtered), self.filtered.velocity, _std(self.filtered.velocity_covariance)]
         numbers = np.concatenate([*_numbers(self.measured), *filtered, *_numbers(recorded)], axis=1)
         cells = [CAMERA_SEPARATOR.join(uses) if any(uses) else "" for uses in _cameras(self).tolist()]
@@ -273,7 +272,7 @@ def concatenate(parts: Sequence[Poses]) -> Poses:
             found = f"{part.about.object_name} seen by {', '.join(part.about.rig.names)}"
             expected = f"{first.object_name} seen by {', '.join(first.rig.names)} of the same calibration"
             raise LogError(f"part {number}: found {found}, expected {expected}")
-    recorded = [PoseColumns.nothing(len(part)) if part.recorded is None else part.recorded for part in parts]
+    recorded = [part.recorded or PoseColumns.nothing(len(part)) for part in parts]
     cameras = [_cameras(part) for part in parts]
     sources = dict.fromkeys(part.about.source for part in parts)
     return Poses(
@@ -302,11 +301,6 @@ def _numbers(columns: PoseColumns) -> list[FloatArray]:
 def _std(covariance: FloatArray) -> FloatArray:
     result: FloatArray = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     return result
-
-
-def _is_unicode(text: str) -> bool:
-    # Python keeps bytes of file names that are no UTF-8 as lone surrogates.
-    return not any("\ud800" <= character <= "\udfff" for character in text)
 
 
 def _texts(name: str, value: object, shape: tuple[int, ...]) -> Array:
@@ -340,22 +334,20 @@ def compare(poses: Poses, kind: Kind = "filtered") -> dict[str, float | None]:
             so3.matrix_from_quaternion(ours.orientation), so3.matrix_from_quaternion(theirs.orientation)
         )
     )
+    quantiles = {"median": 0.5, "p90": 0.9}
+    shares = {
+        "both": both,
+        "only_found": found.has_pose & ~recorded.has_pose,
+        "only_recorded": ~found.has_pose & recorded.has_pose,
+        "neither": ~found.has_pose & ~recorded.has_pose,
+    }
     return {
         "frames": float(len(poses)),
-        "position_median_mm": _quantile(distance, 0.5),
-        "position_p90_mm": _quantile(distance, 0.9),
-        "angle_median_deg": _quantile(angle, 0.5),
-        "angle_p90_deg": _quantile(angle, 0.9),
-        "share_both": _share(both),
-        "share_only_found": _share(found.has_pose & ~recorded.has_pose),
-        "share_only_recorded": _share(~found.has_pose & recorded.has_pose),
-        "share_neither": _share(~found.has_pose & ~recorded.has_pose),
+        **{f"position_{key}_mm": _quantile(distance, share) for key, share in quantiles.items()},
+        **{f"angle_{key}_deg": _quantile(angle, share) for key, share in quantiles.items()},
+        **{f"share_{key}": float(np.mean(some)) if len(some) else None for key, some in shares.items()},
     }
 
 
 def _quantile(values: Array, share: float) -> float | None:
     return float(np.quantile(values, share)) if len(values) else None
-
-
-def _share(chosen: Array) -> float | None:
-    return float(np.mean(chosen)) if len(chosen) else None
