@@ -80,14 +80,14 @@ class Options(Reading):
     def absolute(self) -> Options:
         """The same where the working folder is another."""
 
-        def path(name: str) -> str:
-            return os.path.abspath(name) if os.path.exists(name) else name
+        def path(name: str, there: Callable[[str], bool] = os.path.isfile) -> str:
+            return os.path.abspath(name) if there(name) else name
 
         return dataclasses.replace(
             self,
-            object=path(self.object) if Path(self.object).is_file() else self.object,
-            colors=path(self.colors) if self.colors and Path(self.colors).is_file() else self.colors,
-            calibration=tuple(map(path, self.calibration)),
+            object=path(self.object),
+            colors=path(self.colors) if self.colors else self.colors,
+            calibration=tuple(path(name, os.path.exists) for name in self.calibration),
         )
 
     def plain(self) -> dict[str, Any]:
@@ -137,8 +137,7 @@ class Recipe(Reading):
         make = self.make_tracker
         name = f"{make.__module__}.{getattr(make, '__qualname__', make)}"
         reading = (self.correct_halved_principal_point, self.resize_calibration, self.recover)
-        plain = (*reading, self.start, self.stop, name)
-        digest = hashlib.sha256(repr(plain).encode())
+        digest = hashlib.sha256(repr((*reading, self.start, self.stop, name)).encode())
         cameras = () if self.rig is None else (*self.rig, self.rig.arena)
         for part in (self.model, self.colors, *cameras):
             for field in dataclasses.fields(part):

@@ -81,13 +81,12 @@ def track(
         OSError: something cannot be read or written; BlockingIOError: another run is writing the file.
     """
     log = path_of(path, "path of a recording", LogError)
-    target = None if output is None else path_of(output, "output", LogError)
+    target = path_of(os.devnull if output is None else output, "output", LogError)
     found = object_of(model)
     cameras = None if rig is None else rig_of(rig)
     recipe = Recipe(found, colors_of(colors, found), cameras, start=start, stop=stop, recover=recover)
-    if target is None:
-        return _tracked(Job(log, Path(os.devnull), recipe), progress)
-    return run(Job(log, target, recipe), progress)
+    job = Job(log, target, recipe)
+    return _tracked(job, progress) if output is None else run(job, progress)
 
 
 def run(job: Job, progress: Progress | None = None) -> Tracked:
@@ -99,8 +98,10 @@ def run(job: Job, progress: Progress | None = None) -> Tracked:
         LogError, TrackerError, OSError: see `track`.
     """
     with claimed(job.output):
-        kept = _kept(job, progress)
+        kept = _kept(job)
         if kept is not None:
+            if progress is not None:
+                progress(kept.expected)
             return kept
         tracked = _tracked(job, progress)
         write_poses(job.output, tracked.poses)
@@ -130,7 +131,7 @@ def rig_for(job: Job, log: Log) -> CameraRig:
     return fitted_to(job.log, log, job.recipe.rig, correct_halved_principal_point=correct, resize=resize)
 
 
-def _kept(job: Job, progress: Progress | None) -> Tracked | None:
+def _kept(job: Job) -> Tracked | None:
     """What an earlier run has left, if it is of the same and whole."""
     if not is_whole(job, fingerprint(job)):
         return None
@@ -140,8 +141,6 @@ def _kept(job: Job, progress: Progress | None) -> Tracked | None:
         return None
     with open_log(job.log, recover=job.recipe.recover) as log:
         start, stop = chosen(log, job)
-    if progress is not None:
-        progress(stop - start)
     return Tracked(poses, stop - start, poses.about.fault or None, 0, 0.0)
 
 
@@ -155,8 +154,14 @@ def _tracked(job: Job, progress: Progress | None) -> Tracked:
             if start < stop:
                 warm_up()
             began = time.perf_counter()
-            poses = _follow(job, log[start:stop], rig, progress)
-            seconds, fault = time.perf_counter() - began, log.fault
+            tracker = recipe.make_tracker(recipe.model, rig, recipe.colors)
+            name = unicode_text(job.log.name or job.log.resolve().name)
+            builder = PosesBuilder(About(recipe.model.name, name, version(), rig))
+            for frame, answer in answers(job.log, log[start:stop], tracker):
+                builder.append(frame.index, frame.timestamp, answer, frame.recorded_pose)
+                if progress is not None:
+                    progress(1)
+            poses, seconds, fault = builder.build(), time.perf_counter() - began, log.fault
     except LogError as error:
         if fingerprint(job) != before:
             raise LogError(f"{changed} {error}") from error
@@ -167,19 +172,6 @@ def _tracked(job: Job, progress: Progress | None) -> Tracked:
         fault = changed
     about = dataclasses.replace(poses.about, fingerprint=before, fault=unicode_text(fault or ""))
     return Tracked(dataclasses.replace(poses, about=about), stop - start, fault, len(poses), seconds)
-
-
-def _follow(job: Job, log: Log, rig: CameraRig, progress: Progress | None) -> Poses:
-    """The answers of one tracker to all frames, one after the other."""
-    recipe = job.recipe
-    tracker = recipe.make_tracker(recipe.model, rig, recipe.colors)
-    name = unicode_text(job.log.name or job.log.resolve().name)
-    builder = PosesBuilder(About(recipe.model.name, name, version(), rig))
-    for frame, answer in answers(job.log, log, tracker):
-        builder.append(frame.index, frame.timestamp, answer, frame.recorded_pose)
-        if progress is not None:
-            progress(1)
-    return builder.build()
 
 
 def answers(path: Path, log: Log, tracker: Any) -> Iterator[tuple[LogFrame, Observation]]:
