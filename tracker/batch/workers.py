@@ -9,11 +9,13 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import AbstractContextManager, contextmanager
-from multiprocessing import connection, get_context, parent_process, resource_tracker
-from typing import Any
+from multiprocessing import Pipe, get_context, parent_process, resource_tracker
+from multiprocessing.connection import Connection
+from multiprocessing.connection import wait as wait_for
+from multiprocessing.process import BaseProcess
+from typing import Any, cast
 
 import cv2
 
@@ -27,7 +29,7 @@ Engine = Callable[[Callable[[Any], Any], Iterable[Any]], Iterator[tuple[Any, Any
 task with what came of it, or the Exception, as they are finished."""
 
 AHEAD = 2
-"""Tasks handed out for each worker: none waits, and a scheduler stays small."""
+"""Tasks handed out for each worker of a scheduler: none waits, and it stays small."""
 
 ATTEMPTS = 4
 """How often a task is given to a process of which each before was ended from outside."""
@@ -67,27 +69,83 @@ def processes(count: int) -> Iterator[Engine]:
     warm_up()  # once, not in each of them
     # It would let interrupts through again in the thread that needs it first.
     resource_tracker.ensure_running()
-    workers = [_Process() for _ in range(count)]
-    idle = list(workers)
-
-    def apply(*task: Any) -> Any:
-        worker = idle.pop()  # there are as many as threads
+    begun: dict[Connection, BaseProcess] = {}
+    with environment(ONE_THREAD):
         try:
-            return worker.apply(*task)
-        finally:
-            idle.append(worker)
-
-    with environment(ONE_THREAD), ThreadPoolExecutor(count, initializer=_hold_interrupts) as threads:
-        try:
-            yield functools.partial(_each, functools.partial(threads.submit, apply), lambda: count)
+            yield functools.partial(_by_processes, begun, count)
         except BaseException:
-            threads.shutdown(wait=False, cancel_futures=True)
-            for worker in workers:
-                worker.kill()
+            for process in begun.values():
+                process.kill()
             raise
         finally:
-            for worker in workers:
-                worker.close()
+            for connection, process in begun.items():
+                connection.close()
+                process.join()
+
+
+def _by_processes(
+    begun: dict[Connection, BaseProcess], count: int, function: Callable[[Any], Any], tasks: Iterable[Any]
+) -> Iterator[tuple[Any, Any]]:
+    """See Engine; `begun` holds the processes that there are."""
+    todo, idle = iter(tasks), list(begun)
+    at_work: dict[Connection, tuple[Any, int]] = {}
+
+    def hand_out(task: Any, attempt: int = 1) -> None:
+        connection = idle.pop() if idle else _begin(begun)
+        at_work[connection] = task, attempt
+        with contextlib.suppress(OSError):  # it is gone already, which shows when it is waited for
+            connection.send((function, task))
+
+    for task in itertools.islice(todo, count):
+        hand_out(task)
+    while at_work:
+        for connection in cast("list[Connection]", wait_for(list(at_work))):
+            task, attempt = at_work.pop(connection)
+            try:
+                result = connection.recv()
+                idle.append(connection)
+            except (EOFError, OSError):
+                begun.pop(connection).join()
+                connection.close()
+                if attempt < ATTEMPTS:
+                    hand_out(task, attempt + 1)
+                    continue
+                result = WorkerError(_ENDED)
+            for following in itertools.islice(todo, 1):
+                hand_out(following)
+            yield task, result
+
+
+def _begin(begun: dict[Connection, BaseProcess]) -> Connection:
+    """One more process, which sees no Ctrl-C: a terminal sends it to all, and we end them."""
+    ours, theirs = Pipe()
+    process = get_context("spawn").Process(target=_work, args=(theirs,), daemon=True)
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        process.start()
+        begun[ours] = process
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    theirs.close()
+    return ours
+
+
+def _work(connection: Connection) -> None:
+    """What a process does: one task after the other, until nobody asks any more."""
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    with contextlib.suppress(EOFError, OSError):
+        while True:
+            function, task = connection.recv()
+            for _, result in here(functools.partial(alone, function), [task]):
+                connection.send(result)
+
+
+def _end_with_parent() -> None:
+    """End this process, also in the middle of a task, when the one that began it is gone."""
+    parent = parent_process()
+    assert parent is not None
+    wait_for([parent.sentinel])
+    os._exit(1)
 
 
 @contextmanager
@@ -107,10 +165,24 @@ def dask_workers(address: str) -> Iterator[Engine]:
         raise TrackerError(f"scheduler {address}: does not answer: {error}") from error
 
     def each(function: Callable[[Any], Any], tasks: Iterable[Any]) -> Iterator[tuple[Any, Any]]:
+        todo = iter(tasks)
         submit = client.get_executor(pure=False).submit
-        for task, result in _each(submit, lambda: sum(client.nthreads().values()), function, tasks):
-            lost = isinstance(result, distributed.KilledWorker)
-            yield task, WorkerError(_ENDED) if lost else result
+        handed: dict[Future[Any], Any] = {}
+
+        def hand_out() -> None:
+            most = AHEAD * max(1, sum(client.nthreads().values()))
+            for task in itertools.islice(todo, max(0, most - len(handed))):
+                handed[submit(alone, function, task)] = task
+
+        hand_out()
+        while handed:
+            for future in wait(handed, return_when=FIRST_COMPLETED).done:
+                task, error = handed.pop(future), future.exception()
+                hand_out()
+                if error is not None and not isinstance(error, Exception):
+                    raise error
+                lost = isinstance(error, distributed.KilledWorker)
+                yield task, WorkerError(_ENDED) if lost else error or future.result()
 
     with client:
         yield each
@@ -130,96 +202,3 @@ def alone(function: Callable[[Any], Any], task: Any) -> Any:
     """Apply a function to a task, with one thread for OpenCV, which no variable tells."""
     cv2.setNumThreads(1)  # the workers share the cores, more threads would only wait for each other
     return function(task)
-
-
-def _each(
-    submit: Callable[..., Future[Any]],
-    count: Callable[[], int],
-    function: Callable[[Any], Any],
-    tasks: Iterable[Any],
-) -> Iterator[tuple[Any, Any]]:
-    """See Engine; `submit` is that of an executor which has `count` workers."""
-    todo = iter(tasks)
-    handed: dict[Future[Any], Any] = {}
-
-    def hand_out() -> None:
-        for task in itertools.islice(todo, max(0, AHEAD * max(1, count()) - len(handed))):
-            handed[submit(alone, function, task)] = task
-
-    hand_out()
-    while handed:
-        for future in wait(handed, return_when=FIRST_COMPLETED).done:
-            task, error = handed.pop(future), future.exception()
-            hand_out()
-            if error is not None and not isinstance(error, Exception):
-                raise error
-            yield task, future.result() if error is None else error
-
-
-class _Process:
-    """A process that does one task after the other, and another one where it is gone.
-
-    An executor of several would not tell whose task it was that ended one of them.
-    """
-
-    def __init__(self) -> None:
-        self._pool: ProcessPoolExecutor | None = None
-        self._number: int | None = None
-        self._over = False
-        self._lock = threading.Lock()  # of the number, which must be that of a process of ours
-
-    def apply(self, function: Callable[..., Any], *arguments: Any) -> Any:
-        """What a function gives; WorkerError where each process that had to do it was ended."""
-        for _ in range(ATTEMPTS):
-            try:
-                return self._begun().submit(function, *arguments).result()
-            except BrokenProcessPool:
-                self.close()
-        raise WorkerError(_ENDED)
-
-    def kill(self) -> None:
-        """End the process, whatever it is doing, and begin no other."""
-        with self._lock:
-            self._over = True
-            self._end()
-
-    def close(self) -> None:
-        """Let the process end when it is idle."""
-        with self._lock:
-            pool, self._pool, self._number = self._pool, None, None
-        if pool is not None:
-            pool.shutdown()
-
-    def _begun(self) -> ProcessPoolExecutor:
-        if self._pool is None:
-            pool = ProcessPoolExecutor(1, get_context("spawn"), initializer=_end_with_parent)
-            number = pool.submit(os.getpid).result()
-            with self._lock:
-                self._pool, self._number = pool, number
-                if self._over:
-                    self._end()
-        if self._over:
-            raise WorkerError("the run is over")
-        return self._pool
-
-    def _end(self) -> None:
-        if self._number is not None:
-            with contextlib.suppress(OSError):
-                os.kill(self._number, signal.SIGKILL)
-
-
-def _hold_interrupts() -> None:
-    """Let no process that this thread begins see Ctrl-C, which a terminal sends to all: we end them."""
-    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-
-
-def _end_with_parent() -> None:
-    """End this process, also in the middle of a task, when the one that began it is gone."""
-    parent = parent_process()
-    assert parent is not None
-
-    def watch() -> None:
-        connection.wait([parent.sentinel])
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
