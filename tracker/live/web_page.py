@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import math
-import socket
 import threading
 import time
 from collections import deque
@@ -89,12 +88,11 @@ class WebPageState:
     def message(self, moment: Moment, faults: Sequence[str]) -> dict[str, Any]:
         """What the page gets of a moment; null stands for what is not known.
 
-        Fields: `sequence`; `time` [s]; `status`; `position` [mm], `std_mm` and `std_deg` (3), and
-        `confidence` of the filtered pose; `measured`, whether these images show it; `latency` [ms] and
-        `latency_ms`, its `percentiles`; `cameras`, of each its `name`, `use`, `fault`,
-        `last_fault` of the last SPAN and how long ago that was, `last_fault_age` [s], `rate` [Hz], `missing`
-        [%], `skew` [ms], median grey `level`, `clipped` [%], `blur` [px], `residual` [px], `disagreement`
-        [mrad], and `beyond`, which of them are beyond `LIMITS`; `faults`, the last of them.
+        `time` [s]; `position` [mm], `std_mm`, `std_deg` and `confidence` of the filtered pose; `measured`,
+        whether these images show it; `latency` and its percentiles `latency_ms` [ms]. Of each camera the
+        `last_fault` within SPAN and its age [s], `rate` [Hz], `missing` and `clipped` [%], `skew` [ms],
+        median grey `level`, `blur` and `residual` [px], `disagreement` [mrad], and `beyond`, which of them
+        are beyond `LIMITS`.
         """
         pose = moment.filtered_object_pose
         std = None if pose is None else np.sqrt(np.diag(pose.covariance))
@@ -118,14 +116,14 @@ class WebPageState:
         skews = [each[c] for _, each, _ in self._seen]
         there = [skew for skew in skews if skew is not None]
         seconds = self._seen[-1][0] - self._seen[0][0]
-        values: dict[str, float | None] = {
-            "rate": len(there) / len(skews) * (len(skews) - 1) / seconds if seconds > 0 else None,
+        values = {
+            **dict.fromkeys(LIMITS, math.nan),
+            **self._looks[c],
+            "rate": len(there) / len(skews) * (len(skews) - 1) / seconds if seconds > 0 else math.nan,
             "missing": 100 * (1 - len(there) / len(skews)),
-            "skew": float(np.median(there)) if there else None,
+            "skew": float(np.median(there)) if there else math.nan,
         }
-        values |= {key: self._looks[c].get(key) for key in LIMITS if key not in values}
-        known = {key: value for key, value in values.items() if value is not None and math.isfinite(value)}
-        beyond = [k for k, (low, high) in LIMITS.items() if k in known and not low <= known[k] <= high]
+        beyond = [key for key, (low, high) in LIMITS.items() if values[key] < low or values[key] > high]
         name, uses = self._names[c], moment.cameras
         faults = ((when, its[name]) for when, _, its in reversed(self._seen) if name in its)
         when, last = next(faults, (None, None))
@@ -135,7 +133,7 @@ class WebPageState:
             "fault": moment.faults.get(name),
             "last_fault": last,
             "last_fault_age": None if when is None else self._seen[-1][0] - when,
-            **{key: known.get(key) for key in values},
+            **{key: value if math.isfinite(value) else None for key, value in values.items()},
             "beyond": beyond,
         }
 
@@ -176,16 +174,14 @@ class WebPage(Listener):
         self._asked = self._looked = -math.inf
         self.faults: Callable[[], Sequence[str]] = tuple
         """Returns what went wrong; set by the caller."""
-        handler = type("Handler", (_Handler,), {"page": self})
         try:
-            self._server = _Server((_HOST, port), handler)
+            self._server = _Server((_HOST, port), type("Handler", (_Handler,), {"page": self}))
         except (OSError, OverflowError) as error:
             raise LiveError(f"page {port}: the port cannot be used: {error}") from error
         self.port: int = self._server.server_port
         self.address = f"http://{_HOST}:{self.port}"
         serve = self._server.serve_forever
-        self._serving = threading.Thread(target=serve, args=(_POLL,), name="tracker.page", daemon=True)
-        self._serving.start()
+        threading.Thread(target=serve, args=(_POLL,), name="tracker.page", daemon=True).start()
         super().__init__(WAITING)
 
     def close(self) -> None:
@@ -193,7 +189,6 @@ class WebPage(Listener):
         super().close()
         self._server.shutdown()
         self._server.server_close()
-        self._serving.join()
 
     @property
     def is_open(self) -> bool:
@@ -237,26 +232,19 @@ class _Server(ThreadingHTTPServer):
     daemon_threads, block_on_close, request_queue_size = True, False, CONNECTIONS
 
     def __init__(self, address: tuple[str, int], handler: type[BaseHTTPRequestHandler]) -> None:
-        self._free = threading.BoundedSemaphore(CONNECTIONS)
+        self._open: set[Any] = set()
         super().__init__(address, handler)
 
-    def process_request(self, request: socket.socket | tuple[bytes, socket.socket], client: Any) -> None:
-        """Answer in a new thread, or close the connection where too many are open."""
-        if not self._free.acquire(blocking=False):
-            self.shutdown_request(request)
-            return
-        try:
-            super().process_request(request, client)
-        except BaseException:
-            self._free.release()
-            raise
+    def verify_request(self, request: Any, client: Any) -> bool:
+        """Whether there is room for a connection, which is closed if not."""
+        if len(self._open) < CONNECTIONS:
+            self._open.add(request)
+        return request in self._open
 
-    def process_request_thread(self, request: Any, client: Any) -> None:
-        """See `process_request`."""
-        try:
-            super().process_request_thread(request, client)
-        finally:
-            self._free.release()
+    def shutdown_request(self, request: Any) -> None:
+        """Close a connection."""
+        super().shutdown_request(request)
+        self._open.discard(request)
 
     def handle_error(self, request: Any, client: Any) -> None:
         """Say nothing on stderr of a browser that went away."""
