@@ -25,7 +25,6 @@ from tracker.live.publishers import (
     FINGERPRINT,
     LcmPublisher,
     body_of,
-    channel_of,
     lcm_message_of,
 )
 
@@ -120,7 +119,6 @@ def test_where_the_object_is_lost_there_is_no_message():
 
 def test_bodies_are_called_after_their_shape_or_as_given():
     assert [body_of(CUBE), body_of(CUBOID), body_of(CUBOID, "box_2")] == ["cube", "cuboid", "box_2"]
-    assert [channel_of("cube"), channel_of("box_2")] == ["CUBE_STATE", "BOX_2_STATE"]
     assert decoded(content_of(moment(0, pose=estimate()), "box_2"))["velocity_names"][0] == "box_2_wx"
     for name in ("", "2box", "a b", "käse", "a" * 41):
         with pytest.raises(LiveError, match="body: found"):
@@ -228,6 +226,11 @@ def test_a_log_that_is_written_whole_is_no_fault_and_one_that_lacks_something_is
     few(moment(0, pose=estimate()))
     few.close()
     assert "the log lacks" in few.fault
+
+
+@needs_lcm
+def test_the_channel_is_called_after_the_body(tmp_path):
+    assert LcmPublisher(f"file://{tmp_path / 'poses.lcm'}", CUBE, body="box_2").channel == "BOX_2_STATE"
 
 
 @needs_lcm

@@ -7,7 +7,6 @@ import os
 import re
 import stat
 import struct
-from collections.abc import Sequence
 from ipaddress import IPv4Address
 from pathlib import Path
 from typing import Any
@@ -24,10 +23,8 @@ VERSION = 3
 """Of the message; it grows when a field changes its meaning or goes, not when one is added."""
 
 _FORMS = "tcp://127.0.0.1:PORT, ipc://PATH"
-_ADDRESS = re.compile(r"tcp://.+:(\d{1,5}|\*)|(ipc|inproc)://.+")
-_PORT = re.compile(r"(?<=:)\d+$")
-"""ZeroMQ takes one that is too large for another that is not."""
-_LOCAL = re.compile(r"tcp://(127(\.\d{1,3}){3}|localhost|\[::1\]):(\d{1,5}|\*)|(ipc|inproc)://.+")
+_ADDRESS = re.compile(r"tcp://(?P<host>.+):(?P<port>\d{1,5}|\*)|(ipc|inproc)://.+")
+_LOCAL = re.compile(r"127(\.\d{1,3}){3}|localhost|\[::1\]")
 
 
 def message_of(moment: Moment) -> bytes:
@@ -73,9 +70,11 @@ class ZmqPublisher:
     """
 
     def __init__(self, address: str, *, public: bool = False) -> None:
-        if not _ADDRESS.fullmatch(address) or int((_PORT.search(address) or "0")[0]) > 65535:
+        found = _ADDRESS.fullmatch(address)
+        # ZeroMQ takes a port that is too large for another that is not.
+        if not found or ((found["port"] or "*") != "*" and int(found["port"]) > 65535):
             raise LiveError(f"publish: found {address}, expected {_FORMS}, lcm://, udpm:// or file://")
-        if not (public or _LOCAL.fullmatch(address)):
+        if not (public or found["host"] is None or _LOCAL.fullmatch(found["host"])):
             raise LiveError(
                 f"publish {address}: other machines could connect to it; expected {_FORMS}, or public=True "
                 "(--public)"
@@ -95,7 +94,7 @@ class ZmqPublisher:
         self.address: str = self._socket.getsockopt_string(zmq.LAST_ENDPOINT)
         """Where subscribers connect; with the port that was chosen for `*`."""
         self.fault: str | None = None
-        """As `LcmPublisher` has it; nothing is left unsent here but what nobody fetched."""
+        """As of `LcmPublisher`; here nothing is left unsent but what nobody fetched."""
 
     def __call__(self, moment: Moment) -> None:
         """Publish a moment."""
@@ -131,9 +130,6 @@ VELOCITIES = ("wx", "wy", "wz", "vx", "vy", "vz")
 
 _BODY = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,39}")  # LCM takes channels of up to 63 characters
 
-SCHEMES = ("lcm", "udpm", "file")
-"""What an address begins with, before `://`."""
-
 DEFAULT = "udpm://239.255.76.67:7667?ttl=0"
 """LCM's own; a time to live of 0 keeps messages on this machine."""
 
@@ -161,11 +157,6 @@ def body_of(model: CuboidModel, name: str | None = None) -> str:
     return name
 
 
-def channel_of(body: str) -> str:
-    """Where messages of a body are published, such as `CUBE_STATE`."""
-    return f"{body.upper()}_STATE"
-
-
 def lcm_message_of(moment: Moment, object_name: str, body: str) -> bytes | None:
     """The filtered pose of the newest images; None where the object is lost, which the type cannot say.
 
@@ -177,20 +168,14 @@ def lcm_message_of(moment: Moment, object_name: str, body: str) -> bytes | None:
     if pose is None:
         return None
     x, y, z, w = pose.orientation
-    return b"".join(
-        [
-            struct.pack(">Qq", FINGERPRINT, round(1e6 * moment.timestamp)),
-            _text(object_name),
-            struct.pack(">ii", len(POSITIONS), len(VELOCITIES)),
-            _named(body, POSITIONS, (w, x, y, z, *pose.position)),
-            _named(body, VELOCITIES, (*pose.velocity[3:], *pose.velocity[:3])),
-        ]
-    )
-
-
-def _named(body: str, names: Sequence[str], values: Sequence[float]) -> bytes:
-    texts = [_text(f"{body}_{name}") for name in names]
-    return b"".join([*texts, struct.pack(f">{len(names)}d", *values)])
+    positions = w, x, y, z, *pose.position
+    velocities = *pose.velocity[3:], *pose.velocity[:3]
+    content = struct.pack(">Qq", FINGERPRINT, round(1e6 * moment.timestamp)) + _text(object_name)
+    content += struct.pack(">ii", len(POSITIONS), len(VELOCITIES))
+    for names, values in ((POSITIONS, positions), (VELOCITIES, velocities)):
+        content += b"".join(_text(f"{body}_{name}") for name in names)
+        content += struct.pack(f">{len(names)}d", *values)
+    return content
 
 
 def _text(text: str) -> bytes:
@@ -222,7 +207,7 @@ class LcmPublisher:
         self.address = _url(address, public)
         """In LCM's words."""
         self._name, self._body = model.name, body_of(model, body)
-        self.channel = channel_of(self._body)
+        self.channel = f"{self._body.upper()}_STATE"
         self.fault: str | None = None
         """How many messages the network did not take, and why not the last of them; or what a log lacks."""
         self._unsent = 0
@@ -310,20 +295,13 @@ Publisher = ZmqPublisher | LcmPublisher
 
 def is_lcm(address: str) -> bool:
     """Whether LCM is to publish there, not ZeroMQ."""
-    return address.partition("://")[0] in SCHEMES
+    return address.partition("://")[0] in ("lcm", "udpm", "file")
 
 
 def open_publisher(
     address: str, model: CuboidModel, *, body: str | None = None, public: bool = False
 ) -> Publisher:
-    """What publishes at an address such as `tcp://127.0.0.1:5555` or `lcm://`.
-
-    Args:
-        address: as ZmqPublisher and LcmPublisher take it.
-        model: the object.
-        body: what LCM's messages call it; None: `cube`, or `cuboid`.
-        public: whether other machines may receive it.
-    """
+    """What publishes at an address such as `tcp://127.0.0.1:5555` or `lcm://`; see the two publishers."""
     if is_lcm(address):
         return LcmPublisher(address, model, body=body, public=public)
     return ZmqPublisher(address, public=public)
