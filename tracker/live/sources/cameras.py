@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -165,11 +166,12 @@ class CameraSet:
             self._waiting = False
             if any(slot.ended for slot in self._slots):
                 raise CameraEnded("cameras: a film has ended")
-            answers = [
-                (slot.picture, slot.fault) if slot.answered == self._asked else (None, slot.fault)
-                for slot in self._slots
-            ]
-        return self._image_set(answers)
+            pictures = [slot.picture if slot.answered == self._asked else None for slot in self._slots]
+            faults = tuple(
+                None if picture is not None else slot.fault or "no picture in time"
+                for picture, slot in zip(pictures, self._slots, strict=True)
+            )
+        return self._image_set(pictures, faults)
 
     @property
     def settings(self) -> tuple[Settings, ...]:
@@ -207,9 +209,8 @@ class CameraSet:
             return all(gone)  # if all are late, they are waited for
         return all(any(state) for state in zip(answered, gone, hangs, strict=True))
 
-    def _image_set(self, answers: Sequence[tuple[Grabbed | None, str | None]]) -> ImageSet:
+    def _image_set(self, pictures: Sequence[Grabbed | None], faults: tuple[str | None, ...]) -> ImageSet:
         now = time.time()
-        pictures = [picture for picture, _ in answers]
         images = tuple(
             None if one is None else _developed(one.image, size)
             for one, size in zip(pictures, self._sizes, strict=True)
@@ -219,41 +220,39 @@ class CameraSet:
         raw = None
         if taken and all(one is None or one.image.ndim == 2 for one in pictures):
             raw = tuple(None if one is None else one.image for one in pictures)
-        return ImageSet(
-            images,
-            stamps,
-            tuple(None if one is not None else fault or "no picture in time" for one, fault in answers),
-            raw=raw,
-            age=max(0.0, now - max(taken)) if taken else 0.0,
-        )
+        return ImageSet(images, stamps, faults, raw, age=max(0.0, now - max(taken, default=now)))
 
     def _run(self, slot: _Slot, opener: Callable[[], LiveCamera]) -> None:
-        camera: LiveCamera | None = None
-        while not self._closing.is_set():
-            if camera is None:
-                camera = self._opened(slot, opener)
-                continue
+        while not (slot.ended or self._closing.is_set()):
+            camera = self._opened(slot, opener)
+            if camera is not None:
+                self._ask(slot, camera)
+                with contextlib.suppress(Exception):  # it may be gone already
+                    camera.close()
+
+    def _ask(self, slot: _Slot, camera: LiveCamera) -> None:
+        """Ask for pictures until the camera is lost or ends, or all are closed."""
+        while slot.there:
             with self._changed:
                 if camera.triggered:
                     self._changed.wait_for(lambda: slot.answered < self._asked or self._closing.is_set())
                 asked = self._asked
             if self._closing.is_set():
-                break
+                return
+            picture, fault, there = None, None, True
             try:
-                self._answer(slot, asked, camera.grab(_GRAB), None)
+                picture = camera.grab(_GRAB)
             except CameraEnded:
                 with self._changed:
                     slot.ended = True
                     self._changed.notify_all()
-                break
+                return
             except Exception as error:
-                gone = isinstance(error, CameraLost) or not isinstance(error, LiveError)
-                self._answer(slot, asked, None, " ".join(str(error).split()), there=not gone)
-                if gone:
-                    _close(camera)
-                    camera = None
-        if camera is not None:
-            _close(camera)
+                fault = " ".join(str(error).split())
+                there = isinstance(error, LiveError) and not isinstance(error, CameraLost)
+            with self._changed:
+                slot.answered, slot.picture, slot.fault, slot.there = asked, picture, fault, there
+                self._changed.notify_all()
 
     def _opened(self, slot: _Slot, opener: Callable[[], LiveCamera]) -> LiveCamera | None:
         try:
@@ -272,20 +271,6 @@ class CameraSet:
             slot.settings = settings
             self._changed.notify_all()
         return camera
-
-    def _answer(
-        self, slot: _Slot, asked: int, picture: Grabbed | None, fault: str | None, *, there: bool = True
-    ) -> None:
-        with self._changed:
-            slot.answered, slot.picture, slot.fault, slot.there = asked, picture, fault, there
-            self._changed.notify_all()
-
-
-def _close(camera: LiveCamera) -> None:
-    try:
-        camera.close()
-    except Exception:
-        return  # it is gone already
 
 
 def _developed(image: Image, size: tuple[int, int]) -> Image:
