@@ -12,7 +12,7 @@ from tests.helpers.synthetic_needs import skip_without_platform
 from tracker.errors import LiveError, LogError
 from tracker.live import Replay, SourceEnded
 from tracker.live.sources import open_source
-from tracker.live.sources.without_cameras import Simulation, _to_and_fro
+from tracker.live.sources.without_cameras import Simulation
 from tracker.logs.log import Log
 
 IMAGE = np.zeros((2, 2, 3), np.uint8)
@@ -51,6 +51,8 @@ class Clock:
 
     def time(self):
         return self.now
+
+    monotonic = time
 
     def sleep(self, seconds):
         assert seconds >= 0
@@ -134,9 +136,14 @@ def test_damage_is_raised_after_the_frames_before_it(clock):
         replay.next(0.5)
 
 
-def test_a_film_goes_to_and_fro():
-    assert [_to_and_fro(n, 4) for n in range(9)] == [0, 1, 2, 3, 2, 1, 0, 1, 2]
-    assert [_to_and_fro(n, 1) for n in range(3)] == [0, 0, 0]
+@pytest.mark.parametrize(("length", "shown"), [(4, [0, 1, 2, 3, 2, 1, 0, 1, 2]), (2, [0, 1, 0]), (1, [0, 0])])
+def test_a_film_goes_to_and_fro(length, shown, clock, monkeypatch):
+    film = [SimpleNamespace(images=(np.full((2, 2, 3), n, np.uint8),)) for n in range(length)]
+    maker = SimpleNamespace(rig=RIG, chunk=lambda _: iter(film), close=lambda: None)
+    monkeypatch.setattr("tracker.live.sources.without_cameras._maker", lambda *_: maker)
+    monkeypatch.setattr(clock, "sleep", lambda seconds: Clock.sleep(clock, seconds + 1e-3))
+    source = Simulation("cube_v2", frames=length)
+    assert [source.next(5.0).images[0][0, 0, 0] for _ in shown] == shown
 
 
 def test_the_simulated_platform_gives_pictures_of_its_rig():

@@ -101,6 +101,9 @@ class Replay:
 FRAMES = 40
 """Of the film, four seconds; drawing takes some tenths of a second each."""
 
+_PERIOD = 0.1
+"""Between its frames [s]."""
+
 
 class Simulation:
     """A source that shows a film of the generator `synthetic`, at 10 Hz without end.
@@ -124,7 +127,7 @@ class Simulation:
         self._sets: list[tuple[Image | None, ...]] = []
         self._drawn = False
         self.rig: CameraRig = self._maker.rig
-        self._period, self._start, self._number = 0.1, float("nan"), -1
+        self._start, self._number = float("nan"), -1
 
     def draw(self, seconds: float = float("inf")) -> bool:
         """Draw what is not drawn yet of the film, for so long at most [s]; whether all of it is."""
@@ -133,6 +136,7 @@ class Simulation:
             frame = next(self._undrawn, None)
             if frame is None:
                 self._drawn = True
+                self._sets += self._sets[-2:0:-1]  # to and fro
                 self._maker.close()
             else:
                 self._sets.append(tuple(frame.images))
@@ -145,27 +149,18 @@ class Simulation:
             return None
         if self._number < 0:
             self._start = time.time()
-        due = self._start + (self._number + 1) * self._period
+        due = self._start + (self._number + 1) * _PERIOD
+        time.sleep(max(0.0, min(due, until) - time.time()))
         if due > until:
-            time.sleep(max(0.0, until - time.time()))
             return None
-        time.sleep(max(0.0, due - time.time()))
-        self._number = int((time.time() - self._start) / self._period)
-        stamp = self._start + self._number * self._period
-        images = self._sets[_to_and_fro(self._number, len(self._sets))]
+        self._number = int((time.time() - self._start) / _PERIOD)
+        stamp = self._start + self._number * _PERIOD
+        images = self._sets[self._number % len(self._sets)]
         return ImageSet(images, (stamp,) * len(images), age=max(0.0, time.time() - stamp))
 
     def close(self) -> None:
         """See `ImageSource`."""
         self._maker.close()
-
-
-def _to_and_fro(number: int, length: int) -> int:
-    """Place in a film of the frames 0, 1, …, length - 1, length - 2, …, 1, 0, 1 and so on."""
-    if length == 1:
-        return 0
-    place = number % (2 * length - 2)
-    return min(place, 2 * length - 2 - place)
 
 
 def _maker(object_name: str, seed: int, frames: int) -> FrameMaker:
