@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections import Counter
 from dataclasses import dataclass, field
@@ -60,11 +61,9 @@ class CameraLooks:
         self.frozen += self._before is not None and np.array_equal(image, self._before)
         self._before = image
         self.skews.append(skew)
-        now = time.monotonic()
-        if now < self._next_look:
-            return
-        self._next_look = now + LOOK_EVERY
-        self.looks.append(PictureLook.of(image))
+        if time.monotonic() >= self._next_look:
+            self._next_look = time.monotonic() + LOOK_EVERY
+            self.looks.append(PictureLook.of(image))
 
     @property
     def look(self) -> PictureLook:
@@ -78,13 +77,11 @@ class CameraLooks:
 
     def faults(self) -> list[str]:
         """What is wrong, and what may help."""
-        total = self.pictures + sum(self.missing.values())
-        found = []
-        for why, count in self.missing.most_common(1):
-            if sum(self.missing.values()) > MOST_MISSING * total:
-                found.append(
-                    f"{sum(self.missing.values())} of {total} pictures are missing; {count} ×: {why}"
-                )
+        found, missing = [], sum(self.missing.values())
+        total = self.pictures + missing
+        if missing > MOST_MISSING * total:
+            ((why, count),) = self.missing.most_common(1)
+            found.append(f"{missing} of {total} pictures are missing; {count} ×: {why}")
         for (width, height), count in self.other_sizes.items():
             expected = f"{self.size[0]}x{self.size[1]}"
             found.append(f"{count} pictures have {width}x{height} px, but the calibration is of {expected}")
@@ -137,14 +134,12 @@ def look_at(source: ImageSource, rig: CameraRig, seconds: float) -> SetLooks:
     """Look at what a source gives for some seconds, or to its end; TrackerError where it breaks."""
     looks = SetLooks([CameraLooks(camera.name, (camera.width, camera.height)) for camera in rig])
     end, first = time.monotonic() + seconds, 0.0
-    while (left := end - time.monotonic()) > 0:
-        try:
+    with contextlib.suppress(SourceEnded):
+        while (left := end - time.monotonic()) > 0:
             taken = source.next(min(left, 0.5))
-        except SourceEnded:
-            break
-        if taken is not None:
-            now = time.monotonic()
-            first = first or now
-            looks.see(taken)
-            looks.seconds = now - first
+            if taken is not None:
+                now = time.monotonic()
+                first = first or now
+                looks.see(taken)
+                looks.seconds = now - first
     return looks

@@ -118,11 +118,14 @@ class Recorder(Listener):
     def _take_in(self, moment: Moment) -> None:
         taken = moment.taken
         pictures = taken.raw or taken.images
-        there = [one.shape[:2] for one in pictures if one is not None]
         if self._writer is None:
-            if not there:
+            sizes = [one.shape[1::-1] for one in pictures if one is not None]
+            if not sizes:
                 return  # how large they are is not known yet
-            self._writer = self._begun(*there[0])
+            one_size = sizes[0] == (self._rig[0].width, self._rig[0].height)
+            rig = self._rig if one_size else self._rig.resized(*sizes[0])
+            settings = () if self._settings is None else self._settings()
+            self._writer = Hdf5LogWriter(self.path, rig, poses=True, flush_every=0, settings=settings)
         self._writer.append(pictures, moment.timestamp, taken.stamps, moment.object_pose)
         self.recorded += 1
         if time.monotonic() - self._flushed > FLUSH:
@@ -132,13 +135,6 @@ class Recorder(Listener):
     def _finish(self) -> None:
         if self._writer is not None:
             self._writer.close()
-
-    def _begun(self, height: int, width: int) -> Hdf5LogWriter:
-        rig = self._rig
-        if any((camera.width, camera.height) != (width, height) for camera in rig):
-            rig = rig.resized(width, height)
-        settings = () if self._settings is None else self._settings()
-        return Hdf5LogWriter(self.path, rig, poses=True, flush_every=0, settings=settings)
 
 
 class RerunView(Listener):

@@ -8,11 +8,9 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from types import TracebackType
 
 import numpy as np
 
-from tracker.conventions import Image
 from tracker.errors import LiveError
 from tracker.live.moment import ImageSet, ImageSource, Moment, SourceEnded, camera_faults, without_images
 from tracker.live.sources import FORMS, open_source
@@ -88,9 +86,7 @@ class Live:
     def __enter__(self) -> Live:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: object, *_: object) -> None:
         self.close()
         if kind is None and self._error is not None and not isinstance(self._error, Exception):
             raise self._error
@@ -135,12 +131,10 @@ class Live:
             KeyboardInterrupt, SystemExit: the source raised it.
         """
         with self._changed:
-            if after is None:
-                number = self._count - 1
-            else:
-                number = after.sequence if isinstance(after, Moment) else int(after)
-            self._changed.wait_for(lambda: self._count - 1 > number or not self._running, timeout)
-            if self._count - 1 > number:
+            number = after.sequence if isinstance(after, Moment) else after
+            seen = self._count if number is None else int(number) + 1
+            self._changed.wait_for(lambda: self._count > seen or not self._running, timeout)
+            if self._count > seen:
                 return self._moments[-1][0]
             if isinstance(self._error, Exception):
                 raise LiveError(f"live: {self._error}") from self._error
@@ -159,10 +153,9 @@ class Live:
             None where the object was lost then, was seen too long before, or nothing is remembered.
         """
         with self._changed:
-            known = next(
-                (known for known in reversed(self._moments) if known[0].timestamp <= timestamp), None
-            )
-        return None if known is None else known[1](timestamp)
+            earlier = (known for known in reversed(self._moments) if known[0].timestamp <= timestamp)
+            _, forecast = next(earlier, (None, None))
+        return None if forecast is None else forecast(timestamp)
 
     def close(self) -> None:
         """End the tracking, and close the source; called again it does nothing.
@@ -259,36 +252,28 @@ class Live:
         if len(taken.images) != len(rig):
             names = ", ".join(rig.names)
             raise LiveError(f"source: found {len(taken.images)} images, expected one for each of {names}")
-        faults = dict(enumerate(taken.faults))
         middle = self._usual_stamp(taken)
+        images, stamps, faults = list(taken.images), list(taken.stamps), list(taken.faults)
+        raw = None if taken.raw is None else list(taken.raw)
         for c, (image, camera) in enumerate(zip(taken.images, rig, strict=True)):
             if image is None:
                 continue
             shape = camera.height, camera.width, 3
             if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
-                faults[c] = f"found {image.dtype} of shape {image.shape}, expected uint8 of {shape}"
+                fault = f"found {image.dtype} of shape {image.shape}, expected uint8 of {shape}"
             elif image.shape != shape:
                 found = f"{image.shape[1]}x{image.shape[0]}"
-                faults[c] = f"found {found} px, expected {camera.width}x{camera.height} as it is calibrated"
-            elif abs(taken.stamps[c] - middle) > STAMPS_APART:
-                faults[c] = f"its stamp is {taken.stamps[c] - middle:+.3f} s from the others'"
+                fault = f"found {found} px, expected {camera.width}x{camera.height} as it is calibrated"
+            elif abs(stamps[c] - middle) > STAMPS_APART:
+                fault = f"its stamp is {stamps[c] - middle:+.3f} s from the others'"
             else:
                 continue
-            self._note(f"{camera.name}: {faults[c]}")
-        unusable = {c for c, fault in faults.items() if fault != taken.faults[c]}
-        if not unusable:
-            return taken
-
-        def usable(images: Sequence[Image | None]) -> tuple[Image | None, ...]:
-            return tuple(None if c in unusable else image for c, image in enumerate(images))
-
-        return replace(
-            taken,
-            images=usable(taken.images),
-            raw=None if taken.raw is None else usable(taken.raw),  # one of another size would end a recording
-            stamps=tuple(middle if c in unusable else stamp for c, stamp in enumerate(taken.stamps)),
-            faults=tuple(faults.values()),
-        )
+            self._note(f"{camera.name}: {fault}")
+            images[c], stamps[c], faults[c] = None, middle, fault
+            if raw is not None:
+                raw[c] = None  # one of another size would end a recording
+        raws = None if raw is None else tuple(raw)
+        return replace(taken, images=tuple(images), stamps=tuple(stamps), faults=tuple(faults), raw=raws)
 
     def _usual_stamp(self, taken: ImageSet) -> float:
         """The stamp that most agree with; of two that differ, the one that follows on what was before."""

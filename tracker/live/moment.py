@@ -91,8 +91,8 @@ class Moment:
     jump: str | None = None
     """How the stamps of all cameras jumped since the set before; None: they went on as time does."""
     fault_counts: Mapping[str, int] = field(default_factory=dict)
-    """In how many sets until this one something was wrong, by each camera's name: who looks at some moments
-    only sees by them what the others had."""
+    """In how many sets until this one something was wrong, by each camera's name; sets that nobody looked at
+    count too."""
     jump_count: int = 0
     """How often stamps have jumped until now."""
 
