@@ -92,12 +92,17 @@ def described(array: Any) -> str:
     return f"{array.dtype} of shape {array.shape}"
 
 
+def _array(given: object) -> Array:
+    """An array of what makes one; of a ragged sequence, one without numbers."""
+    try:
+        return np.asarray(given)
+    except (TypeError, ValueError):
+        return np.asarray(None)
+
+
 def float_rows(given: object, width: int, what: str, fault: type[TrackerError]) -> FloatArray:
     """Rows (N, width) in double precision; `fault`, which names `what`, where the numbers make none."""
-    try:
-        array = np.asarray(given)
-    except (TypeError, ValueError):  # a ragged sequence
-        array = np.asarray(None)
+    array = _array(given)
     if array.dtype.kind not in "iuf" or array.size % width:
         raise fault(f"{what}: found {shown(given)}, expected numbers of shape (N, {width})")
     return array.astype(np.float64, copy=False).reshape(-1, width)
@@ -107,16 +112,13 @@ def float_array(
     given: object, shape: tuple[int, ...], what: str, fault: type[TrackerError], *, finite: bool = True
 ) -> FloatArray:
     """A read-only copy in double precision; `fault`, which names `what`, where it is none of that shape."""
-    try:
-        array = np.array(given)
-    except (TypeError, ValueError):  # a ragged sequence
-        array = np.array(None)
+    array = _array(given)
     numeric = array.dtype.kind in "iuf"
     if not numeric or array.shape != shape:
         other = described(array) if isinstance(given, np.ndarray) else shown(given)
         found = f"shape {array.shape}" if numeric else other
         raise fault(f"{what}: found {found}, expected numbers of shape {shape}")
-    result: FloatArray = array.astype(np.float64, copy=False)
+    result: FloatArray = array.astype(np.float64)
     if finite and not np.isfinite(result).all():
         raise fault(f"{what}: found values that are not finite, expected finite numbers")
     result.flags.writeable = False
@@ -132,10 +134,7 @@ def seconds(given: object, what: str, fault: type[TrackerError] = TrackerError) 
 
     Texts and datetime64 are none: neither says its unit.
     """
-    try:
-        stamps = np.asarray(given)
-    except (TypeError, ValueError):  # a ragged sequence
-        stamps = np.asarray(None)
+    stamps = _array(given)
     if stamps.dtype.kind not in "iuf":
         hint = "; of datetime64 take t.astype('datetime64[ns]').astype(float) / 1e9"
         raise fault(

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from tracker.calibration.rig import CameraRig
-from tracker.checks import check_sequence, described, in_range, one_stamp, seconds
+from tracker.checks import check_sequence, described, in_range, path_of, seconds
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import ImageError, TrackerError, shown
+from tracker.geometry.camera import Camera
 from tracker.objects.model import CuboidModel, load_object
 from tracker.segmentation.color_model import ColorModel, load_colors
 from tracker.segmentation.labels import check_image
@@ -30,18 +31,16 @@ def object_of(model: CuboidModel | PathLike) -> CuboidModel:
     """An object, or that of a name or TOML file; TrackerError where it is neither."""
     if isinstance(model, CuboidModel):
         return model
-    _check_name("model", model, "a CuboidModel (tracker.load_object gives one), or its name or TOML file")
-    return load_object(model)
+    valid = "a CuboidModel (tracker.load_object gives one), or its name or TOML file"
+    return load_object(path_of(model, "model", TrackerError, valid))
 
 
 def rig_of(rig: CameraRig | PathLike | Iterable[PathLike]) -> CameraRig:
     """A rig, or that of a folder of calibration files, or of files; TrackerError where it is neither."""
     if isinstance(rig, CameraRig):
         return rig
-    if not isinstance(rig, list | tuple):
-        valid = "a CameraRig (tracker.CameraRig.load gives one), or the folder of its calibration files"
-        _check_name("rig", rig, valid)
-    return CameraRig.load(rig)
+    valid = "a CameraRig (tracker.CameraRig.load gives one), or the folder of its calibration files"
+    return CameraRig.load(rig if isinstance(rig, list | tuple) else path_of(rig, "rig", TrackerError, valid))
 
 
 def colors_of(colors: ColorModel | PathLike | None, model: CuboidModel) -> ColorModel:
@@ -50,13 +49,8 @@ def colors_of(colors: ColorModel | PathLike | None, model: CuboidModel) -> Color
         return colors
     if colors is None:
         return load_colors(model.colors)
-    _check_name("colors", colors, "a ColorModel (tracker.load_colors gives one), or its name or file")
-    return load_colors(os.fspath(colors))
-
-
-def _check_name(what: str, given: object, valid: str) -> None:
-    if not isinstance(given, str) and not isinstance(given, os.PathLike):
-        raise TrackerError(f"{what}: {type(given).__name__} given; {valid} is needed")
+    valid = "a ColorModel (tracker.load_colors gives one), or its name or file"
+    return load_colors(path_of(colors, "colors", TrackerError, valid))
 
 
 def check_images(images: Images, rig: CameraRig, least: int = 1) -> list[Image | None]:
@@ -65,41 +59,25 @@ def check_images(images: Images, rig: CameraRig, least: int = 1) -> list[Image |
     Raises:
         ImageError: the wrong count, names, type, shape or size.
     """
-    names = ", ".join(rig.names)
-    given: Any = images
-    if isinstance(images, Mapping):
-        given = _by_camera("images", images, rig.names, ImageError)
-    if isinstance(given, str | bytes) or not isinstance(given, Sequence | np.ndarray):
-        raise ImageError(
-            f"images: {type(given).__name__} given; a sequence of images is needed, or a dict by camera: "
-            f"{names}"
-        )
-    if isinstance(given, np.ndarray) and given.ndim != 4:
-        raise ImageError(f"images: one array of shape {given.shape} given; a sequence of images is needed")
-    if len(given) != len(rig):
-        raise ImageError(
-            f"images: {len(given)} given; {len(rig)} are needed, one for each of {names} "
-            "(None where a camera gave none)"
-        )
+    given = _of_each_camera("images", images, rig.names, "an image (H, W, 3) or None")
     checked = [
-        None if image is None else _checked(image, camera.name, (camera.width, camera.height))
-        for image, camera in zip(given, rig, strict=True)
+        None if image is None else _checked(image, camera) for image, camera in zip(given, rig, strict=True)
     ]
     if least and all(image is None for image in checked):
         raise ImageError(
-            f"images: all are None; at least one of {names} is needed "
+            f"images: all are None; at least one of {', '.join(rig.names)} is needed "
             "(cv2.imread gives None for a file that it cannot read)"
         )
     return checked
 
 
-def _checked(image: object, name: str, size: tuple[int, int]) -> Image:
-    checked = check_image(image, f"image of {name}")
+def _checked(image: object, camera: Camera) -> Image:
+    checked = check_image(image, f"image of {camera.name}")
     height, width = checked.shape[:2]
-    if (width, height) != size:
+    if (width, height) != (camera.width, camera.height):
         raise ImageError(
-            f"image of {name}: {width}×{height} px, but its calibration is for {size[0]}×{size[1]}; "
-            "CameraRig.resized makes one for another size"
+            f"image of {camera.name}: {width}×{height} px, but its calibration is for "
+            f"{camera.width}×{camera.height}; CameraRig.resized makes one for another size"
         )
     checked = np.ascontiguousarray(checked)
     # Compiled code for arrays that cannot be written would be compiled once more.
@@ -114,13 +92,7 @@ def check_hidden(hidden: Images | None, rig: CameraRig) -> list[Array | None] | 
     """
     if hidden is None:
         return None
-    valid = f"a mask (H, W) of bool or None for each camera: {', '.join(rig.names)}"
-    given: Any = hidden
-    if isinstance(hidden, Mapping):
-        given = _by_camera("hidden", hidden, rig.names, ImageError)
-    check_sequence(given, "hidden", ImageError, valid)
-    if len(given) != len(rig):
-        raise ImageError(f"hidden: found {len(given)}, expected {valid}")
+    given = _of_each_camera("hidden", hidden, rig.names, "a mask (H, W) of bool or None")
     masks: list[Array | None] = []
     for mask, camera in zip(given, rig, strict=True):
         size, is_array = (camera.height, camera.width), isinstance(mask, np.ndarray)
@@ -131,8 +103,18 @@ def check_hidden(hidden: Images | None, rig: CameraRig) -> list[Array | None] | 
     return masks if any(mask is not None for mask in masks) else None
 
 
+def _of_each_camera(what: str, given: Any, names: Sequence[str], one: str) -> Sequence[Any]:
+    """What is given in the rig's order; ImageError where it is not `one` for each camera."""
+    by_name, valid = isinstance(given, Mapping), f"{one} for each camera: {', '.join(names)}"
+    ones: Sequence[Any] = _by_camera(what, given, names, ImageError) if by_name else given
+    check_sequence(ones, what, ImageError, valid)
+    if len(ones) != len(names):
+        raise ImageError(f"{what}: found {len(ones)}, expected {valid}")
+    return ones
+
+
 def _by_camera(
-    what: str, values: Mapping[str, Any], names: Sequence[str], error: type[TrackerError] = TrackerError
+    what: str, values: Mapping[str, Any], names: Sequence[str], error: type[TrackerError]
 ) -> list[Any]:
     """The values in the rig's order; an error names the cameras that are unknown or missing."""
     unknown = ", ".join(repr(name) for name in values if name not in names)
@@ -147,36 +129,23 @@ def _by_camera(
     return [values[name] for name in names]
 
 
-class Stamps(NamedTuple):
-    """The moment for which a pose is asked, and how much older the images are."""
+def check_stamps(timestamp: Stamp, given: Sequence[bool], names: Sequence[str]) -> tuple[float, FloatArray]:
+    """The stamp of the latest image [s], and how much older those of each camera are (C,) [s].
 
-    latest: float
-    """[s]"""
-    delays: FloatArray
-    """(C,) [s], zero for cameras without an image."""
-
-
-def check_stamp(timestamp: object) -> float:
-    """One stamp [s]; TrackerError where it is none."""
-    return one_stamp(timestamp, "timestamp")
-
-
-def check_stamps(timestamp: Stamp, given: Sequence[bool], names: Sequence[str]) -> Stamps:
-    """The stamps of the cameras' images, from one [s] for all or one for each.
-
-    given: who gave an image; names: of the cameras.
+    timestamp: one for all or one for each; given: who gave an image, the others' delay is zero; names: of
+    the cameras.
 
     Raises:
         TrackerError: they are not numbers, not one for each camera, or not finite where there is an image.
     """
     if isinstance(timestamp, Mapping):
-        timestamp = _by_camera("timestamp", timestamp, names)
+        timestamp = _by_camera("timestamp", timestamp, names, TrackerError)
     stamps = seconds(timestamp, "timestamp")
     if stamps.ndim == 0:
-        return Stamps(float(in_range(stamps, "timestamp")), np.zeros(len(given)))
+        return float(in_range(stamps, "timestamp")), np.zeros(len(given))
     if stamps.shape != (len(given),):
         found = f"{len(stamps)} stamps" if stamps.ndim == 1 else f"an array of shape {stamps.shape}"
         raise TrackerError(f"timestamp: found {found}, expected one, or one for each of {len(given)} cameras")
     seen = np.array(given)
     latest = float(in_range(stamps[seen] if seen.any() else stamps, "timestamp").max())
-    return Stamps(latest, np.where(seen, latest - np.where(seen, stamps, latest), 0.0))
+    return latest, np.where(seen, latest - np.where(seen, stamps, latest), 0.0)

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterable
 
 from tracker.calibration.rig import CameraRig
-from tracker.checks import of_kind
+from tracker.checks import of_kind, one_stamp
 from tracker.errors import TrackerError
 from tracker.inputs import (
     Images,
@@ -15,7 +15,6 @@ from tracker.inputs import (
     Stamp,
     check_hidden,
     check_images,
-    check_stamp,
     check_stamps,
     colors_of,
     object_of,
@@ -126,7 +125,7 @@ class ObjectTracker:
         """`predict` as of now: a function that gives the same answers while `update` continues."""
         belief, box, table = self._memory.belief, self._estimator.box, self.rig.arena.table
         ground = -math.inf if table is None else table
-        return lambda timestamp: belief.forecast(check_stamp(timestamp), box, ground)
+        return lambda timestamp: belief.forecast(one_stamp(timestamp, "timestamp"), box, ground)
 
     def update(self, images: Images, timestamp: Stamp, hidden: Images | None = None) -> Observation:
         """The object's pose in the next set of images, with the memory of those before.
@@ -154,10 +153,11 @@ class ObjectTracker:
         with self._gate:
             start, before = time.perf_counter(), self._memory
             checked, masks = check_images(images, self.rig, least=0), check_hidden(hidden, self.rig)
-            stamps = check_stamps(timestamp, [image is not None for image in checked], self.rig.names)
-            if before.latest is not None and stamps.latest == before.belief.timestamp:
+            seen = [image is not None for image in checked]
+            latest, delays = check_stamps(timestamp, seen, self.rig.names)
+            if before.latest is not None and latest == before.belief.timestamp:
                 return before.latest
-            answer, self._memory = self._follow(checked, stamps.latest, stamps.delays, before, masks)
+            answer, self._memory = self._follow(checked, latest, delays, before, masks)
             answer.timing_ms["total"] = 1e3 * (time.perf_counter() - start)
             return answer
 
