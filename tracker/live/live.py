@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from tracker.errors import LiveError
-from tracker.live.moment import ImageSet, ImageSource, Moment, SourceEnded, camera_faults, without_images
+from tracker.live.moment import ImageSet, ImageSource, Moment, SourceEnded, camera_faults
 from tracker.live.sources import FORMS, open_source
 from tracker.pipeline import ObjectTracker
 from tracker.pose.result import MotionEstimate
@@ -222,9 +222,10 @@ class Live:
         with self._changed:
             if restarts:
                 self._moments.clear()
-            if self._moments:
+            if self._moments:  # whose images, of all that are kept, would be gigabytes
                 old, forecast = self._moments[-1]
-                self._moments[-1] = without_images(old), forecast
+                passed = replace(old.taken, images=(None,) * len(taken.images), raw=None)
+                self._moments[-1] = replace(old, taken=passed), forecast
             self._moments.append((moment, self._tracker.forecast()))
             self._count += 1
             self._changed.notify_all()

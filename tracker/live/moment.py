@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -126,9 +126,3 @@ def camera_faults(names: Sequence[str], taken: ImageSet, uses: Sequence[CameraUs
         elif uses and uses[c] in (CameraUse.FROZEN, CameraUse.BLACK):
             faults[name] = uses[c].value
     return faults
-
-
-def without_images(moment: Moment) -> Moment:
-    """A moment that has passed: 256 sets of images would be gigabytes."""
-    taken = replace(moment.taken, images=(None,) * len(moment.taken.images), raw=None)
-    return replace(moment, taken=taken)

@@ -85,6 +85,9 @@ class Frontend:
         raw: whether observations hold raw Bayer pixels, as the platform's newer versions do; only of
             sources that have them.
         history: observations that are kept.
+
+    Raises:
+        LiveError: by all that waits or asks for an observation: it will not come, or is not kept any more.
     """
 
     def __init__(
@@ -120,47 +123,39 @@ class Frontend:
         return bool(self._kept)
 
     def get_current_timeindex(self) -> int:
-        """Time index of the newest observation, waited for if there is none yet.
-
-        Raises:
-            LiveError: none will come.
-        """
+        """Time index of the newest observation, waited for if there is none yet."""
         return self._waited()[-1][0]
 
     def get_oldest_timeindex(self) -> int:
-        """Time index of the oldest observation that is kept; LiveError where none will come."""
+        """Time index of the oldest observation that is kept."""
         return self._waited()[0][0]
 
     def wait_until_timeindex(self, t: int) -> None:
-        """Wait until there is an observation of time index t; LiveError where none will come."""
+        """Wait until there is an observation of time index t."""
         self._waited(t)
 
     def get_observation(self, t: int) -> CameraObjectObservation:
-        """The observation of time index t, waited for if it is to come.
-
-        Raises:
-            LiveError: it is not kept any more, or will not come.
-        """
+        """The observation of time index t, waited for if it is to come."""
         return self._at(t)[2]
 
     def get_timestamp_ms(self, t: int) -> float:
-        """When the latest image of time index t was taken [ms]; LiveError as for `get_observation`."""
+        """When the latest image of time index t was taken [ms]."""
         return 1e3 * self._at(t)[1]
 
     def get_latest_observation(self) -> CameraObjectObservation:
-        """The newest observation, waited for if there is none yet; LiveError where none will come."""
+        """The newest observation, waited for if there is none yet."""
         return self._waited()[-1][2]
 
     def get_camera_observation(self, t: int | None = None) -> CameraObjectObservation:
-        """The newest observation, whatever the robot's step t; LiveError where none will come."""
+        """The newest observation, whatever the robot's step t."""
         return self.get_latest_observation()
 
     def get_pose(self, t: int) -> ObjectPose:
-        """The filtered pose of time index t; LiveError as for `get_observation`."""
+        """The filtered pose of time index t."""
         return self.get_observation(t).filtered_object_pose
 
     def get_current_pose(self) -> ObjectPose:
-        """The newest filtered pose; LiveError where none will come."""
+        """The newest filtered pose."""
         return self.get_latest_observation().filtered_object_pose
 
     def _hear(self, moment: Moment) -> None:

@@ -30,12 +30,8 @@ _LOCAL = re.compile(r"127(\.\d{1,3}){3}|localhost|\[::1\]")
 def message_of(moment: Moment) -> bytes:
     """The message, UTF-8: the filtered pose of the newest images, or null where the object is lost.
 
-    Fields: `version`; `sequence`, of the set of images; `timestamp`, of its latest image [s]; `status`;
-    `pose`, with `position` (3) [m], `orientation` (4) xyzw, `covariance` (6, 6) of (δp, δθ) along world
-    axes [m, rad] and `confidence`, or null; `velocity` (6) [m/s, rad/s] or null; `latency_ms`, from the
-    latest image to the pose; `faults`, what was wrong with this set, texts by the camera's name; `jump`, how
-    all stamps jumped before it, or null; `fault_counts`, in how many sets since the start something was wrong
-    with each camera, and `jump_count`: of sets that a subscriber never fetched, they tell.
+    `timestamp` [s]; `pose` as of `detect --json`, `velocity` (6) [m/s, rad/s] along world axes; the others as
+    of Moment. The counts tell a subscriber of sets that it never fetched.
     """
     pose = moment.filtered_object_pose
     content: dict[str, Any] = {

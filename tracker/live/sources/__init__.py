@@ -89,17 +89,16 @@ def open_cameras(
 
 def settings_of(path: Path | None, serials: list[str]) -> dict[str, Mapping[str, Any]]:
     """What each camera is set to, from a TOML file; LiveError where that is malformed."""
-    if path is None:
-        return {serial: {} for serial in serials}
-    values = read_toml(path, LiveError, what="settings")
-    common = {name: value for name, value in values.items() if not isinstance(value, dict)}
-    own = {name: value for name, value in values.items() if isinstance(value, dict)}
-    unknown = sorted(set(own) - set(serials))
-    if unknown:
-        raise LiveError(f"settings {path}: found [{unknown[0]}], expected one of {', '.join(serials)}")
-    for name, value in [*common.items(), *(item for one in own.values() for item in one.items())]:
+    values = {} if path is None else read_toml(path, LiveError, what="settings")
+    tables = {name: values.pop(name) for name in sorted(values) if isinstance(values[name], dict)}
+    for serial in tables:
+        if serial not in serials:
+            raise LiveError(f"settings {path}: found [{serial}], expected one of {', '.join(serials)}")
+    chosen: dict[str, Mapping[str, Any]]
+    chosen = {serial: {**values, **tables.get(serial, {})} for serial in serials}
+    for name, value in (item for one in chosen.values() for item in one.items()):
         if not isinstance(value, (str, int, float, bool)):
             raise LiveError(
                 f"settings {path}: {name}: found {value!r}, expected a text, number, true or false"
             )
-    return {serial: {**common, **own.get(serial, {})} for serial in serials}
+    return chosen
