@@ -93,17 +93,12 @@ def load() -> None:
 def _alone() -> Iterator[None]:
     """Wait until no other process is here; nothing is waited for where there is no place for machine code."""
     folder = _folder()
-    if folder is None or fcntl is None:
-        yield
-        return
-    try:
-        Path(folder).mkdir(parents=True, exist_ok=True)
-        lock = (Path(folder) / ".compiling").open("w")
-    except OSError:
-        yield
-        return
-    with lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+    with contextlib.ExitStack() as stack:
+        if folder is not None and fcntl is not None:
+            with contextlib.suppress(OSError):
+                Path(folder).mkdir(parents=True, exist_ok=True)
+                lock = stack.enter_context((Path(folder) / ".compiling").open("w"))
+                fcntl.flock(lock, fcntl.LOCK_EX)
         yield
 
 
