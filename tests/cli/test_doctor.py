@@ -72,7 +72,7 @@ def test_an_opencv_of_which_another_ones_removal_left_the_folder_is_reported(mon
         finding = doctor._package(doctor.OPENCV, "cv2")
     finally:
         doctor._fault_of_module.cache_clear()
-    assert not finding.good
+    assert finding.remedy
     assert "does not load" in finding.found
     assert "uninstall -y" in finding.remedy
 
@@ -99,7 +99,7 @@ def test_libraries_that_are_there_and_do_not_load_are_reported(monkeypatch, tmp_
     (tmp_path / "empty.so").touch()
     monkeypatch.setattr(doctor.ctypes.util, "find_library", lambda _: str(tmp_path / "empty.so"))
     finding = doctor._opengl()
-    assert not finding.good
+    assert finding.remedy
     assert finding.found.count("does not load") == 2
     assert "--reinstall" in finding.remedy
 

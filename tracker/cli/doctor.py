@@ -9,7 +9,8 @@ import importlib
 import os
 import platform
 import re
-import time
+import statistics
+import timeit
 from collections.abc import Iterator
 from importlib import metadata
 from pathlib import Path
@@ -34,9 +35,6 @@ CORE = {
 }
 """Packages, and what is imported of them."""
 
-_SHOWN = {OPENCV: "OpenCV"}
-"""What packages are called in the report, if otherwise."""
-
 REFERENCE_ROUNDS = 20
 DETECTION = 1.5
 """Time of a detection over that of the reference work, about."""
@@ -49,9 +47,9 @@ class Finding(NamedTuple):
     """The finding about one thing."""
 
     what: str
-    good: bool
     found: str
     remedy: str = ""
+    """None where all is well."""
 
 
 @click.command(short_help="Find problems of this machine, and their remedies.")
@@ -60,26 +58,24 @@ def doctor() -> None:
 
     Each problem comes with a remedy. The exit code is 1 if the tracker cannot work.
     """
-    well = _print(_needed(), "!!")
+    lacking = [_print(finding, "!!") for finding in _needed()]
     click.echo("\noptional:")
-    _print(_optional(), "--")
-    raise click.exceptions.Exit(not well)
+    for finding in _optional():
+        _print(finding, "--")
+    raise click.exceptions.Exit(any(lacking))
 
 
-def _print(findings: Iterator[Finding], mark: str) -> bool:
-    """Print findings, `mark` before those that are not good; whether all are."""
-    well = True
-    for finding in findings:
-        well &= finding.good
-        click.echo(f"{'ok' if finding.good else mark}  {finding.what:12} {finding.found}")
-        if finding.remedy:
-            click.echo(f"{'':17}{finding.remedy}")
-    return well
+def _print(finding: Finding, mark: str) -> bool:
+    """Print a finding, `mark` before one that needs a remedy; whether it does."""
+    click.echo(f"{mark if finding.remedy else 'ok'}  {finding.what:12} {finding.found}")
+    if finding.remedy:
+        click.echo(f"{'':17}{finding.remedy}")
+    return bool(finding.remedy)
 
 
 def _needed() -> Iterator[Finding]:
-    yield Finding("tracker", True, f"{version()}, {Path(__file__).parents[1]}")
-    yield Finding("Python", True, f"{platform.python_version()}, {platform.platform(terse=True)}")
+    yield Finding("tracker", f"{version()}, {Path(__file__).parents[1]}")
+    yield Finding("Python", f"{platform.python_version()}, {platform.platform(terse=True)}")
     for name, module in CORE.items():
         yield _package(name, module)
     if all(_fault_of_module(module) is None for module in CORE.values()):
@@ -90,19 +86,20 @@ def _needed() -> Iterator[Finding]:
 def _optional() -> Iterator[Finding]:
     yield _opengl()
     for extra, packages in sorted(_extras().items()):
-        missing = [name for name in packages if _version(name) is None]
-        found = f"without {', '.join(missing)}" if missing else ", ".join(packages)
-        yield Finding(extra, not missing, found, install(extra) if missing else "")
+        if missing := [name for name in packages if _version(name) is None]:
+            yield Finding(extra, f"without {', '.join(missing)}", install(extra))
+        else:
+            yield Finding(extra, ", ".join(packages))
 
 
 def _opengl() -> Finding:
     """Libraries that are found may still not load: of another machine's kind, or empty in a container."""
     faults = [fault for fault in map(_fault_of_library, ("EGL", "GL")) if fault]
     if not faults:
-        return Finding("OpenGL", True, "libEGL, libGL")
+        return Finding("OpenGL", "libEGL, libGL")
     again = "--reinstall " if any("load" in fault for fault in faults) else ""
     remedy = f"apt-get install {again}libegl1 libgl1; without it a slower renderer draws synthetic pictures"
-    return Finding("OpenGL", False, "; ".join(faults), remedy)
+    return Finding("OpenGL", "; ".join(faults), remedy)
 
 
 def _fault_of_library(name: str) -> str | None:
@@ -118,20 +115,22 @@ def _fault_of_library(name: str) -> str | None:
 
 def _package(name: str, module: str) -> Finding:
     """Of two OpenCVs, which write into one folder, whichever came last is imported, in part."""
-    found = [name] if name != OPENCV and _version(name) is not None else []
     if name == OPENCV:
         names = {(dist.metadata["Name"] or "").lower() for dist in metadata.distributions()}
         found = sorted(one for one in names if re.fullmatch(r"opencv[-_](contrib[-_])?python.*", one))
-    what, shown = _SHOWN.get(name, name), ", ".join(f"{one} {_version(one)}" for one in found)
+        what = "OpenCV"
+    else:
+        what, found = name, [] if _version(name) is None else [name]
+    shown = ", ".join(f"{one} {_version(one)}" for one in found)
     again = f"python3 -m pip install {name}"
     if not found:
-        return Finding(what, False, "not installed", again)
+        return Finding(what, "not installed", again)
     again = f"python3 -m pip uninstall -y {' '.join(found)}; {again}"
     if (fault := _fault_of_module(module)) is not None:
-        return Finding(what, False, f"{shown} does not load: {fault}", again)
+        return Finding(what, f"{shown} does not load: {fault}", again)
     if len(found) > 1:
-        return Finding(what, False, f"{len(found)} in one folder: {shown}", again)
-    return Finding(what, True, shown.removeprefix(f"{what} "))
+        return Finding(what, f"{len(found)} in one folder: {shown}", again)
+    return Finding(what, shown.removeprefix(f"{what} "))
 
 
 @functools.cache
@@ -163,10 +162,10 @@ def _cache() -> Finding:
         places = f"neither NUMBA_CACHE_DIR={asked}" if asked else "neither the folder of the tracker"
         remedy = "export NUMBA_CACHE_DIR=DIR, a permanent folder that you can write to"
         shown = f"{places} nor ~/.cache/numba can be written: every process compiles for half a minute"
-        return Finding("cache", False, shown, remedy)
+        return Finding("cache", shown, remedy)
     compiled = "compiled" if cached else "not compiled yet; the first run takes a minute longer"
     only = "" if os.access(folder, os.W_OK) else ", which can only be read"
-    return Finding("cache", True, f"{folder}{only}: {compiled}")
+    return Finding("cache", f"{folder}{only}: {compiled}")
 
 
 def _speed() -> Finding:
@@ -175,15 +174,13 @@ def _speed() -> Finding:
     import numpy as np
 
     noise = np.random.default_rng(0).integers(0, 256, (270, 270, 3), dtype=np.uint8)
-    times = []
-    for _ in range(REFERENCE_ROUNDS):
-        start = time.perf_counter()
-        for _ in range(3):
-            cv2.cvtColor(cv2.medianBlur(noise, 5), cv2.COLOR_BGR2HSV)
-        times.append(time.perf_counter() - start)
-    took = 1e3 * sorted(times)[len(times) // 2]
+
+    def work() -> None:
+        cv2.cvtColor(cv2.medianBlur(noise, 5), cv2.COLOR_BGR2HSV)
+
+    took = 1e3 * statistics.median(timeit.repeat(work, number=3, repeat=REFERENCE_ROUNDS))
     shown = f"reference work {took:.1f} ms, so a detection about {DETECTION * took:.1f} ms"
-    return Finding("speed", True, f"{os.cpu_count()} cores; {shown}")
+    return Finding("speed", f"{os.cpu_count()} cores; {shown}")
 
 
 def _extras() -> dict[str, list[str]]:
