@@ -36,19 +36,18 @@ def batch() -> None:
 class Engine:
     """Who does the work; UsageError where options contradict each other."""
 
-    jobs: int | None
-    """Processes here."""
-    scheduler: str | None
-    """Address of a Dask scheduler."""
-    htcondor: bool
-    slurm: bool
-    dry_run: bool
-    """Whether to print the description instead of submitting it."""
+    jobs: int | None = options.whole("--jobs", "Processes on this machine.  [default: one per core]")
+    scheduler: str | None = options.option(
+        "--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers track instead."
+    )
+    htcondor: bool = options.option("--htcondor", is_flag=True, help="Submit what is missing to HTCondor.")
+    slurm: bool = options.option("--slurm", is_flag=True, help="Submit what is missing to Slurm.")
+    dry_run: bool = options.option(
+        "--dry-run", is_flag=True, help="Print what --htcondor or --slurm would submit."
+    )
 
     def __post_init__(self) -> None:
-        given = (self.jobs, self.scheduler, self.htcondor, self.slurm)
-        names = ("--jobs", "--scheduler", "--htcondor", "--slurm")
-        chosen = [name for name, value in zip(names, given, strict=True) if value]
+        chosen = [f"--{name}" for name in ("jobs", "scheduler", "htcondor", "slurm") if getattr(self, name)]
         if len(chosen) > 1:
             raise click.UsageError(f"found {' and '.join(chosen)}, expected one of them")
         if self.dry_run and self.submits is None:
@@ -60,15 +59,6 @@ class Engine:
         return "htcondor" if self.htcondor else "slurm" if self.slurm else None
 
 
-engine_options = options.gathered(
-    "engine",
-    Engine,
-    options.whole("--jobs", "Processes on this machine.  [default: one per core]"),
-    click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers track instead."),
-    click.option("--htcondor", is_flag=True, help="Submit what is missing to HTCondor."),
-    click.option("--slurm", is_flag=True, help="Submit what is missing to Slurm."),
-    click.option("--dry-run", is_flag=True, help="Print what --htcondor or --slurm would submit."),
-)
 as_csv_option = click.option("--csv", "as_csv", is_flag=True, help="Write the table as CSV, too.")
 
 
@@ -77,7 +67,7 @@ as_csv_option = click.option("--csv", "as_csv", is_flag=True, help="Write the ta
 @output_option(_FOLDER, "DIR", "Folder of the results.")
 @options.asked
 @click.option("--robot", metavar="NAME", help="Robot of image stores, e.g. r1.  [default: each episode's]")
-@engine_options
+@options.gathered(Engine)
 @as_csv_option
 @options.quiet("No progress, and no summary.")
 def run(

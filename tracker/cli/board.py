@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import click
 
 import tracker
-from tracker.cli import options
+from tracker.cli.options import gathered, option
 from tracker.cli.outputs import PICTURE, Command, Recording, file_option
 from tracker.cli.pictures import silent_libraries
 from tracker.cli.render import listing, table
@@ -31,10 +31,18 @@ if TYPE_CHECKING:
 class Printed:
     """The board that the options say."""
 
-    squares: str
-    square: float
-    marker: float
-    dictionary: str
+    squares: str = option(
+        "--squares", required=True, metavar="CxR", help="Columns and rows of squares, black and white: 5x7."
+    )
+    square: float = option("--square", required=True, type=float, metavar="M", help="Edge of a square [m].")
+    marker: float = option("--marker", required=True, type=float, metavar="M", help="Edge of a marker [m].")
+    dictionary: str = option(
+        "--dictionary",
+        default="DICT_APRILTAG_16h5",
+        show_default=True,
+        metavar="NAME",
+        help="Set of markers, by OpenCV's name.",
+    )
 
     def board(self, legacy: bool = False) -> Board:
         """It; UsageError where --squares cannot be read, CalibrationError where there is no such board."""
@@ -46,22 +54,7 @@ class Printed:
         return Board(int(sizes[1]), int(sizes[2]), self.square, self.marker, self.dictionary, legacy)
 
 
-board_options = options.gathered(
-    "printed",
-    Printed,
-    click.option(
-        "--squares", required=True, metavar="CxR", help="Columns and rows of squares, black and white: 5x7."
-    ),
-    click.option("--square", required=True, type=float, metavar="M", help="Edge of a square [m]."),
-    click.option("--marker", required=True, type=float, metavar="M", help="Edge of a marker [m]."),
-    click.option(
-        "--dictionary",
-        default="DICT_APRILTAG_16h5",
-        show_default=True,
-        metavar="NAME",
-        help="Set of markers, by OpenCV's name.",
-    ),
-)
+board_options = gathered(Printed)
 
 
 def sightings_of(paths: Sequence[Path], board: Board) -> tuple[Board, list[BoardView | None], dict[str, str]]:
@@ -140,9 +133,19 @@ def _part(_: click.Context, option: click.Parameter, value: str | None) -> tuple
 class Smaller:
     """Which smaller images files are written of, besides those of the photos' size."""
 
-    crop: tuple[int, ...] | None
-    """Width, height, left and top [px] of a part."""
-    halve: bool
+    crop: tuple[int, ...] | None = option(
+        "--crop",
+        callback=_part,
+        metavar="WxH+L+T",
+        help="Write NAME_cropped.yml too, of the photos' part of W×H px that starts at (L, T): on the "
+        "platform 540x540+88+0.",
+    )
+    halve: bool = option(
+        "--halve",
+        is_flag=True,
+        help="Write NAME_downsampled.yml too, with --crop NAME_cropped_and_downsampled.yml: of halved "
+        "images, the quarter pixel right.",
+    )
 
     def write(self, cameras: Iterable[tuple[Calibrated, Path]]) -> str:
         """Write files of cameras and those beside; which. CalibrationError where the part is not inside."""
@@ -165,23 +168,7 @@ class Smaller:
         return ", ".join(map(str, files))
 
 
-size_options = options.gathered(
-    "smaller",
-    Smaller,
-    click.option(
-        "--crop",
-        callback=_part,
-        metavar="WxH+L+T",
-        help="Write NAME_cropped.yml too, of the photos' part of W×H px that starts at (L, T): on the "
-        "platform 540x540+88+0.",
-    ),
-    click.option(
-        "--halve",
-        is_flag=True,
-        help="Write NAME_downsampled.yml too, with --crop NAME_cropped_and_downsampled.yml: of halved "
-        "images, the quarter pixel right.",
-    ),
-)
+size_options = gathered(Smaller)
 
 
 @click.command(cls=Command)
@@ -211,12 +198,7 @@ def board(printed: Printed, output: Path, legacy: bool) -> None:
 @size_options
 @file_option("--plot", *PICTURE, help="Draw the residuals (.png, .jpg).")
 def intrinsics(
-    images: tuple[Path, ...],
-    printed: Printed,
-    name: str,
-    output: Path,
-    smaller: Smaller,
-    plot: Path | None,
+    images: tuple[Path, ...], printed: Printed, name: str, output: Path, smaller: Smaller, plot: Path | None
 ) -> None:
     """Find the lens of a camera from photos of a ChArUco board.
 

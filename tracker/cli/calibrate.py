@@ -16,6 +16,7 @@ import tracker
 from tracker.cli import options
 from tracker.cli.board import board, intrinsics
 from tracker.cli.extrinsics import extrinsics
+from tracker.cli.options import argument, gathered, option
 from tracker.cli.outputs import PICTURE, Command, OutFolder, Recording, file_option, output_option
 from tracker.cli.pictures import NO_IMAGE, read_images
 from tracker.cli.render import bar, listing, table
@@ -36,9 +37,8 @@ def calibrate() -> None:
     """
 
 
-calibrate.add_command(board)
-calibrate.add_command(intrinsics)
-calibrate.add_command(extrinsics)
+for _one in (board, intrinsics, extrinsics):
+    calibrate.add_command(_one)
 
 
 class Opened(NamedTuple):
@@ -55,13 +55,14 @@ class Opened(NamedTuple):
 class Filmed:
     """A known object in recordings, and in pictures, those of one moment one after the other."""
 
-    inputs: tuple[str, ...]
-    subject: options.Subject
-    cameras: options.Cameras
-    stills: bool
-    """Whether frames of recordings are no films."""
-    recover: bool
-    quiet: bool
+    inputs: tuple[str, ...] = argument(
+        "inputs", nargs=-1, required=True, metavar="RECORDING|IMAGE...", type=Recording(str)
+    )
+    subject: options.Subject = options.subject
+    cameras: options.Cameras = options.cameras
+    stills: bool = option("--stills", is_flag=True, help="The folders hold single images, not films.")
+    recover: bool = options.recover
+    quiet: bool = options.quiet()
 
     @contextmanager
     def opened(self) -> Iterator[Opened]:
@@ -74,12 +75,11 @@ class Filmed:
         footage: list[Footage] = []
         frames = 0
         with ExitStack() as stack:
-            for path in self.inputs:
-                if path in pictures:
-                    continue
+            for path in (path for path in self.inputs if path not in pictures):
                 log = stack.enter_context(tracker.open_log(path, recover=self.recover))
                 its = self.cameras.rig_of(Path(path), log)
-                _refuse_other(path, its, rig if rig is not None and footage else its)
+                if rig is not None and footage:
+                    _refuse_other(path, its, rig)
                 rig = its
                 footage.append(Footage(log, stills=self.stills))
                 frames += len(log)
@@ -94,20 +94,7 @@ class Filmed:
             yield Opened(model, footage, rig, colors, progress)
 
 
-filmed_options = options.gathered(
-    "filmed",
-    Filmed,
-    click.argument("inputs", nargs=-1, required=True, metavar="RECORDING|IMAGE...", type=Recording(str)),
-    options.subject,
-    options.cameras,
-    click.option(
-        "--stills",
-        is_flag=True,
-        help="The folders hold single images, not films.",
-    ),
-    options.recover,
-    options.quiet(),
-)
+_filmed = gathered(Filmed)
 _output = output_option(OutFolder(new=True), "DIR", "Folder for the new calibration; new or empty.")
 
 
@@ -132,12 +119,9 @@ def _refuse_other(path: str, its: tracker.CameraRig, rig: tracker.CameraRig) -> 
     """Raise if a recording has other cameras than those before it."""
     import numpy as np
 
+    parts = ("name", "matrix", "distortion", "camera_from_world")
     for one, other in zip(its, rig, strict=False):
-        same = one.name == other.name and all(
-            np.array_equal(getattr(one, key), getattr(other, key))
-            for key in ("matrix", "distortion", "camera_from_world")
-        )
-        if not same:
+        if not all(np.array_equal(getattr(one, part), getattr(other, part)) for part in parts):
             raise CalibrationError(
                 f"{path}: found another calibration of {one.name} than that of the recordings before it, "
                 "expected the same, or --calibration"
@@ -145,7 +129,7 @@ def _refuse_other(path: str, its: tracker.CameraRig, rig: tracker.CameraRig) -> 
 
 
 @calibrate.command(cls=Command)
-@filmed_options
+@_filmed
 @file_option("--plot", *PICTURE, help="Draw what each camera misses (.png, .jpg).")
 @options.as_json
 def check(filmed: Filmed, plot: Path | None, as_json: bool) -> None:
@@ -193,13 +177,10 @@ def _stated(inputs: Sequence[str], cameras: options.Cameras) -> tuple[dict[str, 
     for path in paths:
         with suppress(TrackerError):
             found[path] = read_calibrated(path)
-    halved = (
-        [] if cameras.correct_halved_principal_point else [path for path in found if halved_by_rows(path)]
-    )
     fault = "its principal point was halved to c/2, expected c/2 - 0.25 px"
-    return focal_deviations(found.values()), [
-        f"{path}: {fault}: --correct-halved-principal-point mends it while it is read" for path in halved
-    ]
+    remedy = "--correct-halved-principal-point mends it while it is read"
+    halved = filter(halved_by_rows, () if cameras.correct_halved_principal_point else found)
+    return focal_deviations(found.values()), [f"{path}: {fault}: {remedy}" for path in halved]
 
 
 def _plain(found: CalibrationCheck, warnings: Sequence[str]) -> dict[str, Any]:
@@ -256,8 +237,8 @@ def _checked(found: CalibrationCheck, warnings: Sequence[str]) -> str:
         pixels = [number(px, 2) for px in (corners.seen, corners.stated, corners.shift, corners.shape)]
         off = [number(100.0 * focal.off, 2), number(1e3 * focal.depth, 1)]
         expected.append([one.name, *pixels, f"{focal.ratio:.4f}", *off])
-    focals = [one.focal for one in found.cameras if not math.isnan(one.focal.distance)]
-    needed = number(100.0 * min((one.needed for one in focals), default=math.nan), 2)
+    asked = [one.focal.needed for one in found.cameras if not math.isnan(one.focal.distance)]
+    needed = number(100.0 * min(asked, default=math.nan), 2)
     seen = f"how far a camera misses the object's corners [px at a focal length of {FOCAL:g} px]"
     depth = f"error of one camera's depth; {1e3 * DEPTH:g} mm need its focal length right to {needed} %"
     below = [
@@ -265,8 +246,9 @@ def _checked(found: CalibrationCheck, warnings: Sequence[str]) -> str:
         ["stated", "the same as the files' deviations predict"],
         ["depth", depth],
         *(["warning", one] for one in warnings),
+        ["looks", str(found.looks)],
+        ["verdict", _verdict(found)],
     ]
-    below += [["looks", str(found.looks)], ["verdict", _verdict(found)]]
     return "\n".join([table(rows), "", table(expected), "", listing(below)])
 
 
@@ -290,18 +272,13 @@ def _verdict(found: CalibrationCheck) -> str:
 
 
 @calibrate.command("refine", cls=Command)
-@filmed_options
+@_filmed
 @_output
-@click.option("--focal", is_flag=True, help="Fit focal lengths and principal points, too.")
+@option("--focal", is_flag=True, help="Fit focal lengths and principal points, too.")
 @options.whole(
-    "--frames",
-    "Frames to use, in different poses; a third only checks.",
-    default=90,
-    least=18,
-    most=1000,
-    to="most",
+    "--frames", "Frames to use, in different poses; a third only checks.", default=90, least=18, most=1000
 )
-def refine_command(filmed: Filmed, output: Path, focal: bool, most: int) -> None:
+def refine_command(filmed: Filmed, output: Path, focal: bool, frames: int) -> None:
     """Find the cameras' relative positions, with a moving object.
 
     Fits the object's edges in RECORDINGs, or in many IMAGEs. Move the object all over the arena and turn it.
@@ -316,7 +293,7 @@ def refine_command(filmed: Filmed, output: Path, focal: bool, most: int) -> None
     from tracker.calibration.by_object.refine import refine_cameras
 
     with filmed.opened() as given:
-        found = refine_cameras(*given[:4], focal=focal, most=most, progress=given.progress)
+        found = refine_cameras(*given[:4], focal=focal, most=frames, progress=given.progress)
     found.rig.save(output)
     save_object(given.model, found.rim, output / "object.toml")
     if not filmed.quiet:
@@ -362,7 +339,7 @@ def _refined(found: Refined, focal: bool, output: Path) -> str:
 
 
 @calibrate.command("table", cls=Command)
-@filmed_options
+@_filmed
 @_output
 def table_command(filmed: Filmed, output: Path) -> None:
     """Find the table, with an object that rests on it.

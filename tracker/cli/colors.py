@@ -11,10 +11,12 @@ import click
 
 import tracker
 from tracker.cli import options
-from tracker.cli.outputs import Command, InFile, OutFile, Recording, file_option, save_colors
+from tracker.cli.options import argument, gathered, option
+from tracker.cli.outputs import Command, InFile, OutFile, Recording, file_option
 from tracker.cli.pictures import silent_libraries
 from tracker.cli.render import listing, table
 from tracker.errors import ColorModelError, ImageError
+from tracker.files import told_as, write_whole
 
 if TYPE_CHECKING:
     from tracker.color_learning.adapt import Adapted
@@ -36,16 +38,18 @@ def colors() -> None:
 class Lesson:
     """The inputs and options for learning colours."""
 
-    recordings: tuple[Path, ...]
-    output: Path
-    """The colour model's file."""
-    cameras: options.Cameras
-    frames: int
-    """That are looked at, about."""
-    rounds: int
-    seed: int
-    recover: bool
-    quiet: bool
+    recordings: tuple[Path, ...] = argument(
+        "recordings", nargs=-1, required=True, metavar="RECORDING...", type=Recording()
+    )
+    output: Path = file_option("-o", ".npz", required=True, help="Colour model (.npz).")
+    cameras: options.Cameras = options.cameras
+    frames: int = options.whole(
+        "--frames", "Frames to use, spread evenly; half of them only check.", default=80, least=10, most=2000
+    )
+    rounds: int = options.whole("--rounds", "Most rounds.", default=8, most=50)
+    seed: int = options.seed
+    recover: bool = options.recover
+    quiet: bool = options.quiet()
 
     def footage(self) -> list[Frames]:
         """Frames of the recordings; TrackerError where they cannot be read, or are too few."""
@@ -74,33 +78,17 @@ class Lesson:
         say: Callable[[str], None] = (lambda _: None) if self.quiet else click.echo
         draws, name = FitOptions(seed=self.seed), self.output.stem
         learned = learn_colors(model, footage, start, draws, name=name, rounds=self.rounds, say=say)
-        save_colors(learned.colors, self.output)
+        with told_as(ColorModelError, f"colour model {self.output}"):
+            learned.colors.save(self.output)
         if not self.quiet:
             click.echo(_learned(learned, self.output))
 
 
-lesson_options = options.gathered(
-    "lesson",
-    Lesson,
-    click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...", type=Recording()),
-    file_option("-o", ".npz", required=True, help="Colour model (.npz)."),
-    options.cameras,
-    options.whole(
-        "--frames",
-        "Frames to use, spread evenly; half of them only check.",
-        default=80,
-        least=10,
-        most=2000,
-    ),
-    options.whole("--rounds", "Most rounds.", default=8, most=50),
-    options.seed,
-    options.recover,
-    options.quiet(),
-)
+_lesson = gathered(Lesson)
 
 
 @colors.command(cls=Command)
-@lesson_options
+@_lesson
 @options.object_name()
 @options.colors("start with the one that explains most")
 def adapt(lesson: Lesson, object_name: str, colors_name: str | None) -> None:
@@ -121,23 +109,14 @@ def adapt(lesson: Lesson, object_name: str, colors_name: str | None) -> None:
 
 
 @colors.command(cls=Command)
-@lesson_options
-@click.option(
-    "--size", metavar="X,Y,Z", type=options.Vector(3), help="Edge lengths along the object's axes [m]."
-)
-@click.option("--faces", metavar="+X=COLOUR,...", help="Colour of each face, e.g. +x=red,-x=magenta,...")
-@click.option(
-    "--object",
-    "object_name",
-    metavar="FILE",
-    type=InFile(str),
-    help="The object's TOML file, if there is one.",
+@_lesson
+@option("--size", metavar="X,Y,Z", type=options.Vector(3), help="Edge lengths along the object's axes [m].")
+@option("--faces", metavar="+X=COLOUR,...", help="Colour of each face, e.g. +x=red,-x=magenta,...")
+@option(
+    "--object", "known", metavar="FILE", type=InFile(str), help="The object's TOML file, if there is one."
 )
 def new(
-    lesson: Lesson,
-    size: tuple[float, float, float] | None,
-    faces: str | None,
-    object_name: str | None,
+    lesson: Lesson, size: tuple[float, float, float] | None, faces: str | None, known: str | None
 ) -> None:
     """Fit a colour model to RECORDINGs of a new object.
 
@@ -146,18 +125,16 @@ def new(
     wherever an object's name goes.
     """
     from tracker.color_learning.adapt import from_names
-    from tracker.files import write_whole
     from tracker.objects.model import to_toml
 
     description = lesson.output.with_suffix(".toml")
-    if object_name is not None and (size is not None or faces is not None):
+    if known is not None and (size is not None or faces is not None):
         raise click.UsageError("found --object with --size or --faces, expected one or the other")
-    if object_name is None and description.exists():
+    if known is None and description.exists():
         raise click.UsageError(f"{description}: exists; expected --object to use it, or another -o")
-    known = None if object_name is None else tracker.load_object(object_name)
-    model = known or described(lesson.output, size, faces)
+    model = described(lesson.output, size, faces) if known is None else tracker.load_object(known)
     lesson.learn(model, lesson.footage(), from_names(lesson.seed))
-    if object_name is None:
+    if known is None:
         write_whole(description, to_toml(model))
         if not lesson.quiet:
             click.echo(f"object   {description}")
@@ -173,12 +150,13 @@ def described(
 
     if size is None or faces is None:
         raise click.UsageError("expected --size and --faces, or --object")
-    pairs = [part.strip().partition("=") for part in faces.split(",")]
-    doubled = sorted({face for face, _, _ in pairs if sum(face == other for other, _, _ in pairs) > 1})
-    if doubled:
-        raise click.UsageError(f"--faces: {doubled[0]} is given twice, expected each face once")
-    labels = face_labels_of({face: color for face, _, color in pairs})
-    return tracker.CuboidModel(output.stem, np.array(size), labels, output.name)
+    colors: dict[str, str] = {}
+    for part in faces.split(","):
+        face, _, color = part.strip().partition("=")
+        if face in colors:
+            raise click.UsageError(f"--faces: {face} is given twice, expected each face once")
+        colors[face] = color
+    return tracker.CuboidModel(output.stem, np.array(size), face_labels_of(colors), output.name)
 
 
 def _learned(learned: Adapted, output: Path) -> str:
@@ -190,36 +168,49 @@ def _learned(learned: Adapted, output: Path) -> str:
     return "\n".join(["", kinds, *kept, "", summary])
 
 
-_folders = click.argument("folders", nargs=-1, required=True, metavar="FOLDER...", type=Recording(str))
-_others = click.option(
-    "--others",
-    multiple=True,
-    metavar="FOLDER",
-    type=InFile(str),
-    help="Labelled images of other objects, for colours of which you have few; repeatable.",
-)
-_rendered = click.option(
-    "--rendered",
-    is_flag=True,
-    help="The images come from a renderer with one light: take their colours as they are.",
-)
+_folders = argument("folders", nargs=-1, required=True, metavar="FOLDER...", type=Recording(str))
+
+
+@dataclass(frozen=True)
+class Fitting:
+    """How colours are fitted to labelled images."""
+
+    others: tuple[str, ...] = option(
+        "--others",
+        multiple=True,
+        metavar="FOLDER",
+        type=InFile(str),
+        help="Labelled images of other objects, for colours of which you have few; repeatable.",
+    )
+    rendered: bool = option(
+        "--rendered",
+        is_flag=True,
+        help="The images come from a renderer with one light: take their colours as they are.",
+    )
+    seed: int = options.seed
+
+    def to(self, images: Sequence[LabelledImage]) -> Callable[[Sequence[int], str], tracker.ColorModel]:
+        """A function that fits a model of some name to those of the images whose indices are given."""
+        from tracker.color_learning.fit import FitOptions, combine, image_histograms
+
+        draws, normalise = FitOptions(seed=self.seed), not self.rendered
+        own, theirs = (
+            [image_histograms(image, draws, normalise=normalise) for image in some]
+            for some in (images, _read(self.others))
+        )
+
+        def fit_to(chosen: Sequence[int], name: str) -> tracker.ColorModel:
+            return combine([own[k] for k in chosen], theirs, draws, name=name, normalise=normalise)
+
+        return fit_to
 
 
 @colors.command(cls=Command)
 @_folders
-@click.option("--name", metavar="NAME", help="Name of the model.  [default: that of the file]")
+@option("--name", metavar="NAME", help="Name of the model.  [default: that of the file]")
 @file_option("-o", ".npz", help="The model's file (.npz).  [default: NAME.npz]")
-@_others
-@_rendered
-@options.seed
-def fit(
-    folders: tuple[str, ...],
-    name: str | None,
-    output: Path | None,
-    others: tuple[str, ...],
-    rendered: bool,
-    seed: int,
-) -> None:
+@gathered(Fitting)
+def fit(folders: tuple[str, ...], name: str | None, output: Path | None, fitting: Fitting) -> None:
     """Fit a colour model to the labelled images of the FOLDERs.
 
     Give its file to `tracker detect --colors`, or name it in the object's TOML file.
@@ -232,36 +223,25 @@ def fit(
         output = Path(f"{name}.npz")
         OutFile(".npz").check("--name", output)
     images = _read(folders)
-    model = _fitter(images, _read(others), rendered, seed)(range(len(images)), name or output.stem)
-    save_colors(model, output)
+    model = fitting.to(images)(range(len(images)), name or output.stem)
+    with told_as(ColorModelError, f"colour model {output}"):
+        model.save(output)
     print_counts(images)
     click.echo(f"\n{model.name}: written to {output}")
 
 
 @colors.command(cls=Command)
 @_folders
-@click.option(
-    "--colors",
-    "colors_name",
-    metavar="NAME",
-    type=InFile(str),
-    help="The colour model to measure, or its file.",
+@option(
+    "--colors", "name", metavar="NAME", type=InFile(str), help="The colour model to measure, or its file."
 )
-@click.option("--cross-validate", is_flag=True, help="Measure each image with a fit to all others.")
+@option("--cross-validate", is_flag=True, help="Measure each image with a fit to all others.")
 @file_option(
     "--plot", ".png", extra="plot", help="Draw which colours are confused, and how near they are (.png)."
 )
-@_others
-@_rendered
-@options.seed
+@gathered(Fitting)
 def check(
-    folders: tuple[str, ...],
-    colors_name: str | None,
-    cross_validate: bool,
-    plot: Path | None,
-    others: tuple[str, ...],
-    rendered: bool,
-    seed: int,
+    folders: tuple[str, ...], name: str | None, cross_validate: bool, plot: Path | None, fitting: Fitting
 ) -> None:
     """Measure a colour model on the labelled images of the FOLDERs.
 
@@ -273,24 +253,20 @@ def check(
     """
     from tracker.cli.colors_report import report
 
-    if (colors_name is not None) == cross_validate:
+    if (name is not None) == cross_validate:
         raise click.UsageError("expected either --colors NAME or --cross-validate")
-    if not cross_validate and (others or rendered):
+    if not cross_validate and (fitting.others or fitting.rendered):
         raise click.UsageError("--others and --rendered are for --cross-validate")
-    if colors_name is not None:
-        model = tracker.load_colors(colors_name)
-        images = _read(folders)
+    model = None if name is None else tracker.load_colors(name)
+    images = _read(folders)
+    if model is not None:
         models = [model] * len(images)
+    elif len(images) < 2:
+        raise ImageError(f"labelled images: found {len(images)}, expected at least 2 for --cross-validate")
     else:
-        images = _read(folders)
-        if len(images) < 2:
-            raise ImageError(
-                f"labelled images: found {len(images)}, expected at least 2 for --cross-validate"
-            )
-        fitted = _fitter(images, _read(others), rendered, seed)
-        rest = [[k for k in range(len(images)) if k != left] for left in range(len(images))]
-        models = [fitted(chosen, "fitted") for chosen in rest]
-    report(images, models, plot, colors_name or "cross-validated")
+        fit_to, numbers = fitting.to(images), range(len(images))
+        models = [fit_to([k for k in numbers if k != left], "fitted") for left in numbers]
+    report(images, models, plot, name or "cross-validated")
 
 
 def _read(folders: Sequence[str]) -> list[LabelledImage]:
@@ -298,19 +274,3 @@ def _read(folders: Sequence[str]) -> list[LabelledImage]:
 
     with silent_libraries():
         return [image for folder in folders for image in read_labelled(folder)]
-
-
-def _fitter(
-    images: Sequence[LabelledImage], others: Sequence[LabelledImage], rendered: bool, seed: int
-) -> Callable[[Sequence[int], str], tracker.ColorModel]:
-    """A function that fits a model of some name to those of the images whose indices are given."""
-    from tracker.color_learning.fit import FitOptions, combine, image_histograms
-
-    draws = FitOptions(seed=seed)
-    own = [image_histograms(image, draws, normalise=not rendered) for image in images]
-    theirs = [image_histograms(image, draws, normalise=not rendered) for image in others]
-
-    def fit_to(chosen: Sequence[int], name: str) -> tracker.ColorModel:
-        return combine([own[k] for k in chosen], theirs, draws, name=name, normalise=not rendered)
-
-    return fit_to

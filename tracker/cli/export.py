@@ -11,6 +11,7 @@ import click
 
 import tracker
 from tracker.cli import options
+from tracker.cli.options import gathered, option
 from tracker.cli.outputs import (
     Command,
     InFile,
@@ -31,13 +32,16 @@ if TYPE_CHECKING:
 class Outputs:
     """Files with poses in other formats, None where not requested."""
 
-    csv: Path | None
-    tum: Path | None
-    bop: Path | None
-    camera: str | None
-    """Whose BOP results."""
-    video: Path | None
-    plot: Path | None
+    csv: Path | None = file_option("--csv", ".csv", help="The poses as a table, one line per frame.")
+    tum: Path | None = file_option("--tum", ".tum", ".txt", help="A trajectory in the TUM format.")
+    bop: Path | None = file_option("--bop", ".csv", help="BOP results of the --camera.")
+    camera: str | None = option("--camera", metavar="NAME", help="Camera of the BOP results, e.g. camera60.")
+    video: Path | None = file_option(
+        "--video", ".mp4", extra="video", help="A film of the frames with the pose drawn in (.mp4)."
+    )
+    plot: Path | None = file_option(
+        "--plot", ".png", extra="plot", help="A plot of the poses over time (.png)."
+    )
 
     def __bool__(self) -> bool:
         """Whether any file is requested."""
@@ -72,17 +76,7 @@ class Outputs:
             tracker.viz.write_trajectory_plot(self.plot, poses)
 
 
-output_options = options.gathered(
-    "outputs",
-    Outputs,
-    file_option("--csv", ".csv", help="The poses as a table, one line per frame."),
-    file_option("--tum", ".tum", ".txt", help="A trajectory in the TUM format."),
-    file_option("--bop", ".csv", help="BOP results of the --camera."),
-    click.option("--camera", metavar="NAME", help="Camera of the BOP results, e.g. camera60."),
-    file_option("--video", ".mp4", extra="video", help="A film of the frames with the pose drawn in (.mp4)."),
-    file_option("--plot", ".png", extra="plot", help="A plot of the poses over time (.png)."),
-)
-"""The options of both, see Outputs."""
+output_options = gathered(Outputs)
 
 
 def write_tracked_film(

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 import click
 
-from tracker.cli import options
 from tracker.cli.board import (
     Printed,
     Smaller,
@@ -21,6 +20,7 @@ from tracker.cli.board import (
     size_options,
     told_pattern,
 )
+from tracker.cli.options import Vector, gathered, option
 from tracker.cli.outputs import Command, InFile, OutFolder, Recording, output_option, refuse_overwriting
 from tracker.cli.pictures import camera_in
 from tracker.cli.render import listing, table
@@ -37,9 +37,19 @@ if TYPE_CHECKING:
 class Given:
     """Where the board lies face up in the first folder."""
 
-    center: tuple[float, float]
-    height: float
-    yaw: float
+    center: tuple[float, float] = option(
+        "--center", type=Vector(2), default=(0.0, 0.0), metavar="X,Y", help="The board's centre [m].  [0,0]"
+    )
+    height: float = option(
+        "--height", type=float, default=0.0, metavar="Z", help="Height of the board's print [m].  [0]"
+    )
+    yaw: float = option(
+        "--yaw",
+        type=float,
+        default=0.0,
+        metavar="DEG",
+        help="Angle from the world's x axis to the board's rows, left to right [degrees].  [0]",
+    )
 
     def world_from_board(self) -> FloatArray:
         """(4, 4)."""
@@ -51,29 +61,6 @@ class Given:
         place[:3, :3] = so3.exp([0, 0, np.deg2rad(self.yaw)])
         place[:3, 3] = (*self.center, self.height)
         return place
-
-
-given_options = options.gathered(
-    "given",
-    Given,
-    click.option(
-        "--center",
-        type=options.Vector(2),
-        default=(0.0, 0.0),
-        metavar="X,Y",
-        help="The board's centre [m].  [0,0]",
-    ),
-    click.option(
-        "--height", type=float, default=0.0, metavar="Z", help="Height of the board's print [m].  [0]"
-    ),
-    click.option(
-        "--yaw",
-        type=float,
-        default=0.0,
-        metavar="DEG",
-        help="Angle from the world's x axis to the board's rows, left to right [degrees].  [0]",
-    ),
-)
 
 
 @click.command(cls=Command)
@@ -88,7 +75,7 @@ given_options = options.gathered(
     help="Folder of calibration files; or a file, once per camera.",
 )
 @click.option("--pattern", metavar="GLOB", help="Which files of the folder to take, e.g. '*_full.yml'.")
-@given_options
+@gathered(Given)
 @output_option(OutFolder(), "DIR", "For the calibration files.")
 @size_options
 @click.option("--plot", metavar="DIR", type=OutFolder(), help="Draw the residuals, one PNG per camera.")

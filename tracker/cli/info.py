@@ -53,11 +53,11 @@ def _of_log(path: Path, log: tracker.Log) -> dict[str, Any]:
         poses += frame.recorded_pose is not None
         for name, image in zip(log.camera_names, frame.images, strict=True):
             without[name] += image is None
-    calibration: dict[str, Any] = {"calibration": None, "calibration_fault": None}
+    calibration, calibration_fault = None, None
     try:
-        calibration["calibration"] = list(fitted_to(path, log).names)
+        calibration = list(fitted_to(path, log).names)
     except TrackerError as error:
-        calibration["calibration_fault"] = str(error)
+        calibration_fault = str(error)
     return {
         "format": log.format,
         "frames": len(log),
@@ -68,7 +68,8 @@ def _of_log(path: Path, log: tracker.Log) -> dict[str, Any]:
         "without_image": {name: count for name, count in without.items() if count},
         "recorded_poses": poses,
         "episodes": len(log.episode_starts),
-        **calibration,
+        "calibration": calibration,
+        "calibration_fault": calibration_fault,
         "settings": {name: dict(values) for name, values in log.settings.items()},
         "fault": log.fault,
     }

@@ -15,14 +15,8 @@ import click
 
 import tracker
 from tracker.cli import options
-from tracker.cli.live_outputs import (
-    LiveOutputs,
-    Lookout,
-    Requested,
-    Statistics,
-    check_cameras,
-    output_options,
-)
+from tracker.cli.live_outputs import LiveOutputs, Lookout, Requested, Statistics, check_cameras
+from tracker.cli.options import gathered, option
 from tracker.cli.outputs import Command, InFile, Recording
 from tracker.cli.render import say
 from tracker.cli.signals import Ended
@@ -39,9 +33,21 @@ _CAMERAS = ("pylon", "opencv")  # as tracker.live.sources has them, which is not
 class Pace:
     """How fast a source gives images, and its settings. Each option is for some sources only."""
 
-    rate: float | None
-    settings: Path | None
-    speed: float | None
+    rate: float | None = option(
+        "--rate",
+        metavar="HZ",
+        type=click.FloatRange(0, 1000, min_open=True),
+        help="Sets of images per second.  [default: 10]",
+    )
+    settings: Path | None = option(
+        "--settings", metavar="FILE", type=InFile(), help="Settings of pylon's cameras (TOML, GenICam names)."
+    )
+    speed: float | None = option(
+        "--speed",
+        metavar="X",
+        type=click.FloatRange(0, min_open=True),
+        help="Replay a recording X times as fast.",
+    )
 
     def refuse_what_does_nothing(self, source: str, cameras: options.Cameras) -> None:
         """Refuse options that would do nothing with the source."""
@@ -68,35 +74,14 @@ class Pace:
 @click.argument("source", metavar="SOURCE", type=Recording(str))
 @options.subject
 @options.cameras
-@output_options
+@gathered(Requested)
 @click.option(
     "--seconds",
     metavar="S",
     type=click.FloatRange(0, min_open=True),
     help="Stop after S seconds.  [default: at the source's end, or with Ctrl-C]",
 )
-@options.gathered(
-    "pace",
-    Pace,
-    click.option(
-        "--rate",
-        metavar="HZ",
-        type=click.FloatRange(0, 1000, min_open=True),
-        help="Sets of images per second.  [default: 10]",
-    ),
-    click.option(
-        "--settings",
-        metavar="FILE",
-        type=InFile(),
-        help="Settings of pylon's cameras (TOML, GenICam names).",
-    ),
-    click.option(
-        "--speed",
-        metavar="X",
-        type=click.FloatRange(0, min_open=True),
-        help="Replay a recording X times as fast.",
-    ),
-)
+@gathered(Pace)
 @click.option("--check", is_flag=True, help="Measure the cameras for ten seconds, and report their faults.")
 @options.quiet()
 def live(

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import tracker
-from tracker.cli import options
+from tracker.cli.options import option
 from tracker.cli.outputs import file_option
 from tracker.cli.render import listing, table
 
@@ -27,17 +27,31 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Requested:
-    """What the options ask for, each as the option of its name has it."""
+    """The receivers of the poses that are asked for."""
 
-    addresses: Sequence[str]
-    """Where to publish."""
-    public: bool
-    body: str | None
-    record: Path | None
-    view: bool
-    rrd: Path | None
-    page: int | None
-    as_json: bool
+    addresses: Sequence[str] = option(
+        "--publish",
+        "addresses",
+        metavar="ADDRESS",
+        multiple=True,
+        help="Publish poses: tcp://127.0.0.1:5555 by ZeroMQ, lcm:// by LCM. May be given several times.",
+    )
+    public: bool = option("--public", is_flag=True, help="Let other machines receive what is published.")
+    body: str | None = option(
+        "--body",
+        metavar="NAME",
+        help="Name of the object in LCM messages.  [default: cube, of another shape cuboid]",
+    )
+    record: Path | None = file_option("--record", ".h5", ".hdf5", help="Record images and poses (.h5).")
+    view: bool = option("--view", is_flag=True, help="Show images and poses in the viewer Rerun.")
+    rrd: Path | None = file_option("--rrd", ".rrd", help="Write what --view shows into a file (.rrd).")
+    page: int | None = option(
+        "--page",
+        metavar="PORT",
+        type=click.IntRange(0, 65535),
+        help="Show images, pose and cameras in a browser on this machine, http://127.0.0.1:PORT.",
+    )
+    as_json: bool = option("--json", "as_json", is_flag=True, help="Print each message as it is published.")
 
     def __bool__(self) -> bool:
         """Whether anything is asked for."""
@@ -54,36 +68,6 @@ class Requested:
             raise click.UsageError("--body: expected with --publish lcm://")
         if self.view and self.rrd:
             raise click.UsageError("--view: found with --rrd, expected one or the other")
-
-
-output_options = options.gathered(
-    "requested",
-    Requested,
-    click.option(
-        "--publish",
-        "addresses",
-        metavar="ADDRESS",
-        multiple=True,
-        help="Publish poses: tcp://127.0.0.1:5555 by ZeroMQ, lcm:// by LCM. May be given several times.",
-    ),
-    click.option("--public", is_flag=True, help="Let other machines receive what is published."),
-    click.option(
-        "--body",
-        metavar="NAME",
-        help="Name of the object in LCM messages.  [default: cube, of another shape cuboid]",
-    ),
-    file_option("--record", ".h5", ".hdf5", help="Record images and poses (.h5)."),
-    click.option("--view", is_flag=True, help="Show images and poses in the viewer Rerun."),
-    file_option("--rrd", ".rrd", help="Write what --view shows into a file (.rrd)."),
-    click.option(
-        "--page",
-        metavar="PORT",
-        type=click.IntRange(0, 65535),
-        help="Show images, pose and cameras in a browser on this machine, http://127.0.0.1:PORT.",
-    ),
-    click.option("--json", "as_json", is_flag=True, help="Print each message as it is published."),
-)
-"""Options of the receivers of its poses, see Requested."""
 
 
 class LiveOutputs:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any
 
 import click
 from click.shell_completion import CompletionItem
@@ -16,7 +16,6 @@ import tracker
 from tracker.cli.outputs import InFile
 from tracker.errors import LogError
 
-_Command = TypeVar("_Command", bound=Callable[..., Any])
 _ROOMS = Path(__file__).parents[1]
 OBJECTS = tuple(sorted(path.stem for path in (_ROOMS / "objects" / "data").glob("*.toml")))
 """The objects that come with the package."""
@@ -25,42 +24,45 @@ COLORS = tuple(sorted(path.stem for path in (_ROOMS / "segmentation" / "data").g
 """The colour models that come with it."""
 
 
-def gathered(
-    name: str, kind: type, *options: Callable[[_Command], _Command]
-) -> Callable[[_Command], _Command]:
-    """Options that a command gets as one argument, `name`: a `kind` of their values, by its fields."""
+option: Any = click.option
+argument: Any = click.argument
+"""Fields, too, of a class that is `gathered`, whatever their type."""
 
-    def add(command: _Command) -> _Command:
+
+def gathered(kind: type[Any]) -> Any:
+    """Options as one argument of a command: a dataclass, whose fields say theirs, and whose name is its."""
+
+    def add(command: Callable[..., Any]) -> Callable[..., Any]:
         @functools.wraps(command)
         def with_one(**values: Any) -> Any:
-            return command(**{name: kind(**{key: values.pop(key) for key in kind.__annotations__})}, **values)
+            one = kind(**{its.name: values.pop(its.name) for its in fields(kind)})
+            return command(**{kind.__name__.lower(): one}, **values)
 
-        gathering = cast("_Command", with_one)
-        for option in reversed(options):
-            gathering = option(gathering)
-        return gathering
+        for its in reversed(fields(kind)):
+            with_one = its.default(with_one)
+        return with_one
 
     return add
 
 
 def whole(
     name: str, help: str, *, default: int | None = None, least: int = 1, most: int | None = None, to: str = ""
-) -> Callable[[_Command], _Command]:
+) -> Any:
     """An option of a whole number, whose default is shown; `to`: the argument that it becomes."""
     kind, names = click.IntRange(least, most), (name, to) if to else (name,)
-    return click.option(
+    return option(
         *names, metavar="N", type=kind, default=default, show_default=default is not None, help=help
     )
 
 
-recover = click.option("--recover", is_flag=True, help="Leave out damaged parts of a recording.")
-seed = whole("--seed", "Seed of random choices.", least=0, default=0)
-as_json = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
-
-
-def quiet(text: str = "Print errors only.") -> Callable[[_Command], _Command]:
+def quiet(text: str = "Print errors only.") -> Any:
     """`--quiet`, with `text` as its help."""
-    return click.option("-q", "--quiet", is_flag=True, help=text)
+    return option("-q", "--quiet", is_flag=True, help=text)
+
+
+recover = option("--recover", is_flag=True, help="Leave out damaged parts of a recording.")
+seed = whole("--seed", "Seed of random choices.", least=0, default=0)
+as_json = option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 
 
 class _NameOrFile(InFile):
@@ -102,28 +104,25 @@ class Vector(click.ParamType):  # type: ignore[type-arg]
         return found
 
 
-def object_name(default: str = "") -> Callable[[_Command], _Command]:
+def object_name(default: str = "") -> Any:
     """`--object`, required unless `default` says which is taken without it."""
     text = f"{', '.join(OBJECTS)}, or a TOML file.{default and f'  [default: {default}]'}"
-    return click.option(
-        "--object", "object_name", required=not default, metavar="NAME", type=_NameOrFile(OBJECTS), help=text
-    )
+    kind = _NameOrFile(OBJECTS)
+    return option("--object", "object_name", required=not default, metavar="NAME", type=kind, help=text)
 
 
-def colors(default: str = "the object's") -> Callable[[_Command], _Command]:
+def colors(default: str = "the object's") -> Any:
     """`--colors`; `default` says which are taken without it."""
     text = f"Colour model: {', '.join(COLORS)}, or a file (.npz).  [default: {default}]"
-    return click.option("--colors", "colors_name", metavar="NAME", type=_NameOrFile(COLORS), help=text)
+    return option("--colors", "colors_name", metavar="NAME", type=_NameOrFile(COLORS), help=text)
 
 
 @dataclass(frozen=True)
 class Subject:
-    """The object to find."""
+    """The object to find, and its colours."""
 
-    object_name: str
-    """The object, or its TOML file."""
-    colors_name: str | None
-    """The colour model, or its file; None: the object's."""
+    object_name: str = object_name()
+    colors_name: str | None = colors()
 
     def load(self) -> tuple[tracker.CuboidModel, tracker.ColorModel]:
         """The object and its colours; TrackerError where one is unknown or malformed."""
@@ -131,21 +130,31 @@ class Subject:
         return model, tracker.load_colors(self.colors_name or model.colors)
 
 
-subject = gathered("subject", Subject, object_name(), colors())
-
-
 @dataclass(frozen=True)
 class Cameras:
     """The calibration, and how to change it; UsageError if options contradict each other."""
 
-    calibration: tuple[str, ...]
-    """A folder of calibration files, or a file for each camera; none: that of the recording."""
-    pattern: str | None
-    """Which files of the folder."""
-    correct_halved_principal_point: bool
-    """Whether the calibration was halved without the quarter pixel."""
-    resize_calibration: bool
-    """Whether a calibration of another size is scaled to the images'."""
+    calibration: tuple[str, ...] = option(
+        "--calibration",
+        multiple=True,
+        metavar="PATH",
+        type=InFile(str),
+        help="Folder of calibration files; or a file, repeated for each camera in the order of the images.  "
+        "[default: that of the recording]",
+    )
+    pattern: str | None = option(
+        "--pattern",
+        metavar="GLOB",
+        help="Files of the folder to use, e.g. '*_cropped.yml'.  [default: '*camera*.yml']",
+    )
+    correct_halved_principal_point: bool = option(
+        "--correct-halved-principal-point",
+        is_flag=True,
+        help="The calibration was halved without the quarter pixel, as in the platform's downsampled files.",
+    )
+    resize_calibration: bool = option(
+        "--resize-calibration", is_flag=True, help="The images were scaled after the calibration."
+    )
 
     def __post_init__(self) -> None:
         if self.pattern is not None and not self.calibration:
@@ -168,45 +177,13 @@ class Cameras:
         return fitted_to(path, log, rig, correct_halved_principal_point=correct, resize=resize)
 
 
-cameras = gathered(
-    "cameras",
-    Cameras,
-    click.option(
-        "--calibration",
-        multiple=True,
-        metavar="PATH",
-        type=InFile(str),
-        help="Folder of calibration files; or a file, repeated for each camera in the order of the images.  "
-        "[default: that of the recording]",
-    ),
-    click.option(
-        "--pattern",
-        metavar="GLOB",
-        help="Files of the folder to use, e.g. '*_cropped.yml'.  [default: '*camera*.yml']",
-    ),
-    click.option(
-        "--correct-halved-principal-point",
-        is_flag=True,
-        help="The calibration was halved without the quarter pixel, as in the platform's downsampled files.",
-    ),
-    click.option(
-        "--resize-calibration",
-        is_flag=True,
-        help="The images were scaled after the calibration.",
-    ),
-)
-
-
 @dataclass(frozen=True)
 class Part:
-    """The part of a recording to read; UsageError if it is empty."""
+    """The part of a recording to read, from a first frame to before a last; UsageError if it is empty."""
 
-    first: int
-    """Number of the first frame."""
-    last: int | None
-    """Number of the first frame after them; None: the recording's end."""
-    recover: bool
-    """Whether what is damaged is left out."""
+    first: int = whole("--from", "First frame.", least=0, default=0, to="first")
+    last: int | None = whole("--to", "End: the frame after the last.", to="last")
+    recover: bool = recover
 
     def __post_init__(self) -> None:
         if self.last is not None and self.last <= self.first:
@@ -220,32 +197,28 @@ class Part:
         return range(count)[self.first : self.last]
 
 
-part = gathered(
-    "part",
-    Part,
-    whole("--from", "First frame.", least=0, default=0, to="first"),
-    whole("--to", "End: the frame after the last.", to="last"),
-    recover,
-)
+subject, cameras, part = gathered(Subject), gathered(Cameras), gathered(Part)
 
 
 @dataclass(frozen=True)
 class Asked:
     """The object to find in recordings, and how to read them."""
 
-    subject: Subject
-    cameras: Cameras
-    part: Part
+    subject: Subject = subject
+    cameras: Cameras = cameras
+    part: Part = part
 
     def options(self) -> tracker.recordings.Options:
         """The same for any process on any machine."""
-        names: dict[str, Any] = {
-            "start": self.part.first,
-            "stop": self.part.last,
-            "recover": self.part.recover,
-        }
-        names |= vars(self.cameras)
-        return tracker.recordings.Options(self.subject.object_name, self.subject.colors_name, **names)
+        subject, part = self.subject, self.part
+        return tracker.recordings.Options(
+            subject.object_name,
+            subject.colors_name,
+            start=part.first,
+            stop=part.last,
+            recover=part.recover,
+            **vars(self.cameras),
+        )
 
 
-asked = gathered("asked", Asked, subject, cameras, part)
+asked = gathered(Asked)

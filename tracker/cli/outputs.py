@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import click
 
 import tracker
-from tracker.errors import ColorModelError, LogError, install
-from tracker.files import check_suffix, told_as
-
-_Command = TypeVar("_Command", bound=Callable[..., Any])
+from tracker.errors import LogError, install
+from tracker.files import check_suffix
 
 PICTURE = (".png", ".jpg", ".jpeg")
 """Suffixes of the pictures that commands draw."""
@@ -73,25 +71,19 @@ class OutFile(_Output):
             )
 
 
-def file_option(
-    name: str, *suffixes: str, help: str, required: bool = False, **kind: Any
-) -> Callable[[_Command], _Command]:
+def file_option(name: str, *suffixes: str, help: str, required: bool = False, **kind: Any) -> Any:
     """An option that names a file to write, see OutFile; `-o` is also `--output`."""
     names, written = ("-o", "--output") if name == "-o" else (name,), OutFile(*suffixes, **kind)
     return click.option(*names, metavar="FILE", required=required, type=written, help=help)
 
 
-def output_option(kind: click.ParamType[Any], metavar: str, help: str) -> Callable[[_Command], _Command]:
+def output_option(kind: click.ParamType[Any], metavar: str, help: str) -> Any:
     """`-o`, which is required, for what is no file of one format."""
     return click.option("-o", "--output", required=True, metavar=metavar, type=kind, help=help)
 
 
 class OutFolder(_Output):
-    """A folder to write to, made with those above it where it is missing.
-
-    Args:
-        new: whether it may hold nothing yet.
-    """
+    """A folder to write to, made with those above it where it is missing; `new`: it may hold nothing yet."""
 
     def __init__(self, *, new: bool = False) -> None:
         super().__init__()
@@ -136,12 +128,11 @@ def refuse_overwriting(
         other = seen.setdefault(os.path.realpath(path), name)
         if other != name:
             raise click.UsageError(f"{name} {path}: found the same file as for {other}")
-    existing = {identity: name for name, path in files.items() if (identity := _identity(path))}
-    if existing:
-        for kind, path in _inputs(recordings, others):
-            hit = existing.get(_identity(path) or (0, 0))
-            if hit is not None:
-                raise click.UsageError(f"{hit} {files[hit]}: that is {kind}")
+    existing = {name: path for name, path in files.items() if path.exists()}
+    for kind, path in _inputs(recordings, others) if existing else ():
+        for name, target in existing.items():
+            if path.exists() and path.samefile(target):
+                raise click.UsageError(f"{name} {target}: that is {kind}")
     _refuse_pictures(files, recordings)
 
 
@@ -179,18 +170,11 @@ def refuse_other_poses(name: str, path: Path, object_name: str | None) -> None:
                 )
         return
     with path.open("rb") as file:
-        ours = file.read(len(_HDF5)) == _HDF5
-    if ours:
-        with suppress(OSError, RuntimeError), open_file(path):
-            ours = False
-    if not ours:
+        damaged = file.read(len(_HDF5)) == _HDF5
+    with suppress(OSError, RuntimeError), open_file(path):
+        damaged = False
+    if not damaged:
         raise click.UsageError(f"{name} {path}: found a file that holds no poses, expected another name")
-
-
-def save_colors(model: tracker.ColorModel, target: Path) -> None:
-    """Write a colour model; ColorModelError where that fails."""
-    with told_as(ColorModelError, f"colour model {target}"):
-        model.save(target)
 
 
 def _inputs(recordings: Sequence[Path], others: Iterable[str | Path | None]) -> Iterator[tuple[str, Path]]:
@@ -206,13 +190,9 @@ def _inputs(recordings: Sequence[Path], others: Iterable[str | Path | None]) -> 
                 yield "the recording's calibration", path
             for path in folder.glob("*.json"):
                 yield "a file of the recording's folder", path
-    for other in others:
-        path = Path(other or "")
-        if other and path.is_dir():
-            for file in path.iterdir():
-                yield "an input", file
-        elif other:
-            yield "an input", path
+    for path in (Path(other) for other in others if other):
+        for file in path.iterdir() if path.is_dir() else [path]:
+            yield "an input", file
 
 
 def _refuse_pictures(files: Mapping[str, Path], recordings: Sequence[Path]) -> None:
@@ -225,15 +205,6 @@ def _refuse_pictures(files: Mapping[str, Path], recordings: Sequence[Path]) -> N
         if recording.is_dir() and not any((recording / name).exists() for name in JOB_LOGS)
     }
     for name, path in files.items():
-        inside = folders & {str(parent) for parent in Path(os.path.realpath(path)).parents}
+        inside = not folders.isdisjoint(map(str, Path(os.path.realpath(path)).parents))
         if inside and path.suffix.lower() in (*PICTURE, ".mp4"):
             raise click.UsageError(f"{name} {path}: found a folder of images that are read, expected another")
-
-
-def _identity(path: Path) -> tuple[int, int] | None:
-    """What all links to a file have in common; None: there is none."""
-    try:
-        about = path.stat()
-    except OSError:
-        return None
-    return about.st_dev, about.st_ino
