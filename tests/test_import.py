@@ -1,5 +1,3 @@
-"""`import tracker`: quick, and every public name is there."""
-
 import ast
 import importlib
 import operator

@@ -1,5 +1,3 @@
-"""Environments that are made of kept ones, and the lowest versions that one is made of."""
-
 import os
 import re
 

@@ -1,5 +1,3 @@
-"""Laws of skipping: for a reason of a kind, and not where the kind is asked for."""
-
 import pytest
 
 from tests.helpers.needs import VARIABLE, pytest_configure

@@ -1,5 +1,3 @@
-"""Runs compared answer by answer, and the gate that rests on it: what it must let through and what not."""
-
 import copy
 import dataclasses
 

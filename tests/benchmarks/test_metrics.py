@@ -1,5 +1,3 @@
-"""Errors of poses, and the figures that are made of them."""
-
 import dataclasses
 import math
 

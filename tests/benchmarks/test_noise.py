@@ -1,5 +1,3 @@
-"""Errors on films: covers hide what they say, and a model agrees with what it made."""
-
 import numpy as np
 
 from benchmarks.data.films import FilmFrame

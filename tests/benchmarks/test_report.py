@@ -1,5 +1,3 @@
-"""Documents, plots and the page of the worst answers; and that all figures are of the committed run."""
-
 import re
 
 import cv2

@@ -1,5 +1,3 @@
-"""What a run leaves on the disk, how runs go on, and the verdicts on targets."""
-
 import json
 import runpy
 import sys

@@ -1,5 +1,3 @@
-"""The rigs of the benchmark: their truth by OpenCV alone, their arenas, and the table."""
-
 import dataclasses
 
 import cv2

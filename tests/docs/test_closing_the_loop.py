@@ -1,5 +1,3 @@
-"""The example of a loop that closes: fingers that know where the cube is bring it to the goal."""
-
 import contextlib
 import importlib
 import sys

@@ -1,5 +1,3 @@
-"""Examples that the page of examples shows run, and are what it shows."""
-
 import re
 import shutil
 from pathlib import Path

@@ -1,5 +1,3 @@
-"""What users may rely on changes on purpose only."""
-
 import importlib
 import re
 

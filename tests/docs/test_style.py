@@ -1,5 +1,3 @@
-"""The style guide's words and phrases: what `make lint` finds."""
-
 from __future__ import annotations
 
 import re

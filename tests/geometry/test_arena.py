@@ -1,5 +1,3 @@
-"""The arena: what it refuses, and that it stays with its rig through files and changes."""
-
 import dataclasses
 import math
 from fractions import Fraction

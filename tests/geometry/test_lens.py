@@ -1,5 +1,3 @@
-"""Compiled projection, fields of view and linear algebra against NumPy's and OpenCV's."""
-
 import dataclasses
 
 import cv2

@@ -1,5 +1,3 @@
-"""Pixels known to show a finger: their colours count neither for nor against a pose."""
-
 import numpy as np
 import pytest
 

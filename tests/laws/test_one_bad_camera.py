@@ -1,5 +1,3 @@
-"""One camera that is spoiled neither misleads the others nor makes wrong answers sure; cameras at odds."""
-
 import dataclasses
 
 import numpy as np

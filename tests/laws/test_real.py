@@ -1,5 +1,3 @@
-"""What the tracker does on recorded images of the real platform; skipped where they are absent."""
-
 from pathlib import Path
 
 import numpy as np

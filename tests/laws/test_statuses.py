@@ -1,5 +1,3 @@
-"""Every status comes up, where it should."""
-
 import dataclasses
 
 import cv2

@@ -1,5 +1,3 @@
-"""Whatever public functions are given that is not what they take: a TrackerError in one short line."""
-
 import dataclasses
 from pathlib import Path
 

@@ -1,5 +1,3 @@
-"""What one camera by itself must be given: a table, and how far colours end within the nominal edges."""
-
 import dataclasses
 
 import numpy as np

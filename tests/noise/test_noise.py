@@ -1,5 +1,3 @@
-"""The tracker's errors for simulators: laws of the model, whatever its numbers."""
-
 import dataclasses
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""What comes from outside, or is larger than usual, ends no loop early and no process at all."""
-
 import dataclasses
 
 import numpy as np

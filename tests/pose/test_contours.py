@@ -1,5 +1,3 @@
-"""What is handed out of edges, against the refinement that it comes from."""
-
 import numpy as np
 import pytest
 

@@ -1,5 +1,3 @@
-"""Each reason for which a fit is no pose, in a fit that is right but for one thing."""
-
 import dataclasses
 
 import numpy as np

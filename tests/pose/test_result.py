@@ -1,5 +1,3 @@
-"""What the tracker answers: words that are texts, and what a person reads."""
-
 import json
 
 import numpy as np

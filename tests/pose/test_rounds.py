@@ -1,5 +1,3 @@
-"""Hypotheses come in rounds: each begins what those before did not, and few are refined."""
-
 import numpy as np
 import pytest
 

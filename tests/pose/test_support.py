@@ -1,5 +1,3 @@
-"""What a table says of a pose: against the definition, integrated by brute force, and in pictures."""
-
 import math
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""What each camera says of a fit."""
-
 import dataclasses
 
 import numpy as np

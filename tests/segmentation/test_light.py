@@ -1,5 +1,3 @@
-"""Light, noise and mosaic of a picture."""
-
 import cv2
 import numpy as np
 import pytest

@@ -1,5 +1,3 @@
-"""Every shipped table reads its colours in whatever light."""
-
 import numpy as np
 import pytest
 

@@ -1,5 +1,3 @@
-"""The effects by their names, and those of single cameras."""
-
 import dataclasses
 
 import cv2

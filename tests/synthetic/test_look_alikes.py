@@ -1,5 +1,3 @@
-"""Look-alikes: each kind shows what it is meant to, and none the object."""
-
 import numpy as np
 import pytest
 

@@ -1,5 +1,3 @@
-"""Laws of the simulated platform: its files, its kinematics, and what it hands to renderers."""
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""Calibration, compression and timing: what happens to pictures around the cameras."""
-
 import dataclasses
 import itertools
 

@@ -1,5 +1,3 @@
-"""Cuboids with rims and prints: geometry that has a closed form."""
-
 import numpy as np
 import pytest
 

@@ -1,5 +1,3 @@
-"""Laws of scenes and sequences: deterministic, possible in the real world, and continuous."""
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""Shade where a box stands, and light that patches give: against their closed forms, and in pictures."""
-
 import dataclasses
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""Masks of the robot are where its pictures show it, for the joint angles that it has."""
-
 from __future__ import annotations
 
 from collections.abc import Iterator

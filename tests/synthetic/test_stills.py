@@ -1,5 +1,3 @@
-"""Stills against OpenCV's projection, and their own promises."""
-
 import dataclasses
 
 import cv2

@@ -1,5 +1,3 @@
-"""Effects that change scenes: each by itself, none of them the truth."""
-
 import dataclasses
 import functools
 

@@ -1,5 +1,3 @@
-"""What is remembered and reported of each camera."""
-
 import dataclasses
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""Pictures that are not taken at once, and moments that are none."""
-
 import numpy as np
 import pytest
 
