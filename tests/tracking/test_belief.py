@@ -25,10 +25,6 @@ class Track:
     def __init__(self, options: TrackingOptions | None = None) -> None:
         self.belief = Belief(options or TrackingOptions())
 
-    @property
-    def alive(self) -> bool:
-        return self.belief.seen is not None
-
     def advance(self, timestamp: float) -> MotionState | None:
         self.belief, expected = self.belief.advance(timestamp)
         return expected
@@ -73,14 +69,6 @@ def test_first_is_found_then_tracked_and_after_a_loss_found_again(sure):
     assert statuses[-2:] == [Status.REFOUND, Status.TRACKING]
 
 
-def test_nothing_is_known_before_the_first_measurement():
-    track = Track()
-    assert not track.alive
-    for stamp in (0.0, 0.1, 0.2):
-        assert track.advance(stamp) is None
-        assert track.estimate() is None
-
-
 def test_stamps_that_go_backwards_are_refused_and_change_nothing(track):
     twin = Track()
     follow(twin, [made_fit()] * 11)
@@ -110,15 +98,10 @@ def test_coasting_ends_when_its_time_is_over(coast):
         assert track.estimate() is not None
     assert track.advance(1.0 + coast + 0.01) is None
     assert track.estimate() is None
-    assert not track.alive
+    assert track.belief.seen is None
     for stamp in (5.0, 6.0):
         assert track.advance(stamp) is None
         assert track.estimate() is None
-
-
-def test_a_single_long_gap_ends_coasting_too(track):
-    assert track.advance(100.0) is None
-    assert track.estimate() is None
 
 
 def test_confidence_falls_and_spread_grows_while_coasting():
@@ -128,18 +111,9 @@ def test_confidence_falls_and_spread_grows_while_coasting():
     for stamp in (1.1, 1.2, 1.3, 1.4):
         track.advance(stamp)
         after = track.estimate()
-        assert np.trace(after.covariance[:3, :3]) > np.trace(before.covariance[:3, :3])
-        assert np.trace(after.covariance[3:, 3:]) > np.trace(before.covariance[3:, 3:])
+        assert np.linalg.eigvalsh(after.covariance - before.covariance)[0] > 0
         assert after.confidence < before.confidence
         before = after
-
-
-def test_a_moving_object_is_expected_further_on():
-    track = Track()
-    follow(track, [made_fit(HOME + 0.01 * k * X) for k in range(11)])
-    expected = track.advance(1.1)
-    np.testing.assert_allclose(expected.position, HOME + 0.11 * X, atol=1e-3)
-    np.testing.assert_allclose(track.estimate().velocity, [0.1, 0, 0, 0, 0, 0], atol=0.02)
 
 
 LEAPS = {
@@ -160,6 +134,7 @@ def test_an_unsure_jump_is_believed_when_the_next_images_confirm_it(track, leap)
     assert Status.COASTING not in follow(track, [fit, fit], start=1.2)
     np.testing.assert_allclose(track.estimate().position, position, atol=1e-3)
     assert so3.angle_between(track.estimate().rotation, rotation) < math.radians(1)
+    assert np.linalg.norm(track.estimate().velocity[:3]) < 0.1
 
 
 @pytest.mark.parametrize("leap", LEAPS)
@@ -171,12 +146,6 @@ def test_a_confirmed_jump_begins_a_new_motion(track, leap):
     assert np.abs(track.estimate().velocity).max() < 0.05
 
 
-def test_a_jump_that_is_confirmed_at_the_platforms_rate_is_no_motion(track):
-    fit = made_fit(ELSEWHERE, sure=False)
-    follow(track, [fit, fit], start=1.1)
-    assert np.linalg.norm(track.estimate().velocity[:3]) < 0.1
-
-
 @pytest.mark.parametrize("leap", LEAPS)
 def test_a_sure_jump_is_believed_at_once(track, leap):
     fit = made_fit(*LEAPS[leap])
@@ -185,17 +154,17 @@ def test_a_sure_jump_is_believed_at_once(track, leap):
     np.testing.assert_array_equal(track.estimate().velocity, 0)
 
 
-def test_jumps_that_do_not_confirm_each_other_are_not_believed(track):
-    places = [ELSEWHERE, -ELSEWHERE, ELSEWHERE * [1, -1, 1], HOME * [-3, 3, 1]]
-    statuses = follow(track, [made_fit(place, sure=False) for place in places], start=1.01, dt=0.01)
-    assert statuses == [Status.COASTING] * 4
+@pytest.mark.parametrize(
+    ("dt", "places"),
+    [
+        (0.01, [ELSEWHERE, -ELSEWHERE, ELSEWHERE * [1, -1, 1], HOME * [-3, 3, 1]]),
+        (DT, [ELSEWHERE, ELSEWHERE * [1, -1, 1]]),
+    ],
+)
+def test_jumps_that_do_not_confirm_each_other_are_not_believed(track, dt, places):
+    statuses = follow(track, [made_fit(place, sure=False) for place in places], start=1.0 + dt, dt=dt)
+    assert set(statuses) == {Status.COASTING}
     np.testing.assert_allclose(track.estimate().position, HOME, atol=1e-3)
-
-
-def test_jumps_that_do_not_confirm_each_other_are_not_believed_at_the_platforms_rate(track):
-    places = [ELSEWHERE, ELSEWHERE * [1, -1, 1]]
-    statuses = follow(track, [made_fit(place, sure=False) for place in places], start=1.1)
-    assert statuses == [Status.COASTING] * 2
 
 
 def test_a_jump_that_is_taken_back_leaves_no_trace(track):

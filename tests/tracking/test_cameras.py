@@ -25,6 +25,9 @@ def noise(rng, low=0, high=256):
     return rng.integers(low, high, (90, 90, 3)).astype(np.uint8)
 
 
+FLAT = [np.full((90, 90, 3), 100 + 10 * c, np.uint8) for c in range(3)]
+
+
 def given(images):
     return [image is not None for image in images]
 
@@ -60,25 +63,18 @@ def test_watch_remembers_a_camera_beyond_images_it_did_not_give(rng):
     assert given(watch.usable([frozen, noise(rng)])) == [False, True]
 
 
-def test_watch_keeps_all_where_all_repeat_their_noise(rng):
-    watch, images = Watch(3), [noise(rng) for _ in range(3)]
-    for _ in range(3):
-        assert given(watch.usable([image.copy() for image in images])) == [True] * 3
-
-
-def test_watch_keeps_all_where_none_has_noise_and_none_has_changed():
-    watch, images = Watch(3), [np.full((90, 90, 3), 100 + 10 * c, np.uint8) for c in range(3)]
-    for _ in range(3):
-        assert given(watch.usable([image.copy() for image in images])) == [True] * 3
+def test_watch_keeps_all_where_all_repeat_themselves_with_noise_or_without(rng):
+    for images in ([noise(rng) for _ in range(3)], FLAT):
+        watch = Watch(3)
+        for _ in range(3):
+            assert given(watch.usable([image.copy() for image in images])) == [True] * 3
 
 
 def test_watch_keeps_all_of_a_still_picture_beside_a_black_camera(rng):
     watch = Watch(3)
-    images = [np.full((90, 90, 3), 100, np.uint8)] * 2
     for level in (3, 7, 3, 7):
         # Its noise changes, but tells nothing.
-        black = noise(rng, 0, level)
-        assert given(watch.usable([*images, black])) == [True, True, False]
+        assert given(watch.usable([*FLAT[:2], noise(rng, 0, level)])) == [True, True, False]
 
 
 def test_watch_leaves_out_black_images(rng):
@@ -112,11 +108,10 @@ def test_watch_looks_at_the_light_of_a_camera_when_it_gives_a_picture(rng):
 
 def test_watch_keeps_still_pictures_without_noise_while_something_moves_in_one():
     watch = Watch(3)
-    images = [np.full((90, 90, 3), 100 + 10 * c, np.uint8) for c in range(3)]
     for k in range(4):
-        moving = images[0].copy()
+        moving = FLAT[0].copy()
         moving[10:50, 10 + 9 * k : 40 + 9 * k] = 200
-        assert given(watch.usable([moving, *images[1:]])) == [True] * 3
+        assert given(watch.usable([moving, *FLAT[1:]])) == [True] * 3
 
 
 USED = [CameraUse.USED] * 3

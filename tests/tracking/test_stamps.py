@@ -32,33 +32,25 @@ def one_after_another(rig, speed, count):
         yield taken, stamps
 
 
-def test_one_stamp_is_that_of_all():
-    latest, delays = check_stamps(1.5, [True, False, True], NAMES)
-    assert latest == 1.5
-    assert not delays.any()
-    assert check_stamps(np.float32(2.0), [False] * 3, NAMES)[0] == 2.0
-
-
-def test_stamps_go_by_the_cameras_names_too():
-    by_name = {"right": 1.25, "left": 1.0, "middle": 1.5}
-    latest, delays = check_stamps(by_name, [True] * 3, NAMES)
-    assert latest == 1.5
-    np.testing.assert_allclose(delays, [0.5, 0.0, 0.25])
-    with pytest.raises(TrackerError, match="unknown 'top'; missing right"):
-        check_stamps({"left": 1.0, "middle": 1.0, "top": 1.0}, [True] * 3, NAMES)
-
-
-def test_the_latest_picture_counts_and_others_are_older():
-    latest, delays = check_stamps([1.0, 1.5, 1.25], [True, True, True], NAMES)
-    assert latest == 1.5
-    np.testing.assert_allclose(delays, [0.5, 0.0, 0.25])
-
-
-@pytest.mark.parametrize("strange", [np.nan, np.inf, -np.inf, 7.0, -7.0])
-def test_stamps_of_cameras_without_a_picture_do_not_count(strange):
-    latest, delays = check_stamps([1.0, strange, 1.25], [True, False, True], NAMES)
-    assert latest == 1.25
-    np.testing.assert_allclose(delays, [0.25, 0.0, 0.0])
+@pytest.mark.parametrize(
+    ("given", "shown", "latest", "delays"),
+    [
+        (1.5, [True, False, True], 1.5, [0.0] * 3),
+        (np.float32(2.0), [False] * 3, 2.0, [0.0] * 3),
+        ([1.0, 1.5, 1.25], [True] * 3, 1.5, [0.5, 0.0, 0.25]),
+        ({"right": 1.25, "left": 1.0, "middle": 1.5}, [True] * 3, 1.5, [0.5, 0.0, 0.25]),
+        *(
+            ([1.0, none, 1.25], [True, False, True], 1.25, [0.25, 0.0, 0.0])
+            for none in (np.nan, np.inf, -np.inf, 7.0, -7.0)
+        ),
+    ],
+)
+def test_the_latest_picture_counts_others_are_older_and_those_without_do_not_count(
+    given, shown, latest, delays
+):
+    last, older = check_stamps(given, shown, NAMES)
+    assert last == latest
+    np.testing.assert_allclose(older, delays)
 
 
 @pytest.mark.parametrize(
@@ -81,6 +73,7 @@ def test_stamps_of_cameras_without_a_picture_do_not_count(strange):
         ([[1.0, 2.0, 3.0]], r"shape \(1, 3\)"),
         ([1.0, np.nan, 3.0], "finite"),
         ([1.0, [2.0], 3.0], "expected finite numbers of seconds"),
+        ({"camera60": 1.0, "camera180": 1.0, "top": 1.0}, "unknown 'top'; missing camera300"),
     ],
 )
 def test_wrong_stamps_are_named(rig, film, given, says):
@@ -88,7 +81,9 @@ def test_wrong_stamps_are_named(rig, film, given, says):
         new(rig).update(film[0], given)
 
 
-@pytest.mark.parametrize("given", ["x", None, np.nan, 10**400, 1.77e18, np.datetime64("now"), [1.0], {}])
+@pytest.mark.parametrize(
+    "given", ["x", None, np.nan, np.inf, -np.inf, 10**400, 1.77e18, np.datetime64("now"), [1.0], {}]
+)
 def test_moments_that_are_none_are_not_predicted(rig, given):
     with pytest.raises(TrackerError, match="timestamp: found"):
         new(rig).predict(given)
@@ -121,9 +116,6 @@ def test_a_moment_that_is_past_or_none_is_not_predicted(rig, film, stamp):
     play(one, film[:2])
     with pytest.raises(TrackerError, match=r"^[^\n]*timestamp[^\n]*$"):
         one.predict(stamp)
-    if not np.isfinite(stamp):
-        with pytest.raises(TrackerError, match="timestamp"):
-            new(rig).predict(stamp)
 
 
 def test_a_gate_opens_again_after_an_error():

@@ -5,7 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from tests.helpers.pushed_cube import DT, all_bits, bits, new, shot
+from tests.helpers.pushed_cube import DT, all_bits, bits, new, play, shot
 from tracker.errors import ImageError, TrackerError
 
 THREADS = 4
@@ -54,19 +54,12 @@ def test_the_first_detections_of_a_tracker_may_come_from_many_threads(rig, sets)
 
 def test_detections_beside_updates_change_neither(rig, film, sets):
     one = new(rig)
-    alone = all_bits([new(rig).update(film[0], 0.0)]), detections(one, sets, 0)
-    reference = new(rig)
-    updates = [bits(reference.update(images, DT * k)) for k, images in enumerate(film)]
-    assert updates[:1] == alone[0]
+    updates, alone = all_bits(play(new(rig), film)), detections(one, sets, 0)
 
     def work(k):
-        if k == 0:
-            return [bits(one.update(images, DT * n)) for n, images in enumerate(film)]
-        return detections(one, sets, 0)
+        return detections(one, sets, 0) if k else all_bits(play(one, film))
 
-    found = together(work, THREADS)
-    assert found[0] == updates
-    assert found[1:] == [alone[1]] * (THREADS - 1)
+    assert together(work, THREADS) == [updates, *[alone] * (THREADS - 1)]
 
 
 def test_a_refused_detection_does_not_disturb_the_others(rig, sets):
@@ -107,8 +100,7 @@ class Held:
 
 @pytest.mark.parametrize("second", ["update", "same stamp", "reset"])
 def test_a_second_caller_is_refused_and_changes_nothing(rig, film, second, monkeypatch):
-    twin, one = new(rig), new(rig)
-    answers = [bits(twin.update(images, DT * k)) for k, images in enumerate(film)]
+    one, answers = new(rig), all_bits(play(new(rig), film))
     assert bits(one.update(film[0], 0.0)) == answers[0]
     calls = {
         "update": lambda: one.update(film[2], 2 * DT),
@@ -122,7 +114,7 @@ def test_a_second_caller_is_refused_and_changes_nothing(rig, film, second, monke
             calls[second]()
         assert "\n" not in str(error.value)
         assert bits(first.result(60)) == answers[1]
-    assert [bits(one.update(images, DT * k)) for k, images in enumerate(film) if k > 1] == answers[2:]
+    assert all_bits(one.update(film[k], DT * k) for k in range(2, 8)) == answers[2:]
 
 
 def test_detection_and_prediction_do_not_wait_for_an_update(rig, film, sets, monkeypatch):
@@ -164,38 +156,30 @@ COPIES = {
 @pytest.mark.parametrize("how", COPIES)
 def test_a_copy_answers_as_the_tracker_would(rig, film, sets, how):
     one = new(rig)
-    for k in range(4):
-        one.update(film[k], DT * k)
+    play(one, film[:4])
     other = COPIES[how](one)
     assert [bits(other.detect(images)) for images in sets] == [bits(one.detect(images)) for images in sets]
     # The same stamp is known to both.
     assert bits(other.update(sets[3], 3 * DT)) == bits(one.update(sets[3], 3 * DT))
-    for k in range(4, 8):
-        assert bits(other.update(film[k], DT * k)) == bits(one.update(film[k], DT * k))
+    assert all_bits(play(other, film[4:], start=4 * DT)) == all_bits(play(one, film[4:], start=4 * DT))
 
 
 @pytest.mark.parametrize("how", COPIES)
 def test_what_a_copy_sees_does_not_change_the_tracker(rig, film, how):
-    twin, one = new(rig), new(rig)
-    for k in range(3):
-        assert bits(one.update(film[k], DT * k)) == bits(twin.update(film[k], DT * k))
+    one, answers = new(rig), play(new(rig), film[:6])
+    play(one, film[:3])
     other = COPIES[how](one)
-    for k in range(3, 6):
-        other.update(film[-k], DT * k)
+    play(other, film[:2:-1], start=3 * DT)
     other.reset()
-    for k in range(3, 6):
-        assert bits(one.update(film[k], DT * k)) == bits(twin.update(film[k], DT * k))
+    assert all_bits(one.update(film[k], DT * k) for k in range(3, 6)) == all_bits(answers[3:])
 
 
 @pytest.mark.parametrize("how", COPIES)
 def test_a_copy_made_during_an_update_is_free(rig, film, how, monkeypatch):
-    one = new(rig)
+    one, answers = new(rig), all_bits(play(new(rig), film[:2]))
     one.update(film[0], 0.0)
-    second = bits(new(rig).update(film[1], DT))
-    twin = new(rig)
-    twin.update(film[0], 0.0)
     with one._gate:
         other = COPIES[how](one)
-        assert bits(other.update(film[1], DT)) == bits(twin.update(film[1], DT)) != second
+        assert bits(other.update(film[1], DT)) == answers[1] != bits(new(rig).update(film[1], DT))
         with pytest.raises(TrackerError, match="another call"):
             one.update(film[1], DT)
