@@ -11,19 +11,10 @@ from tracker.geometry.lens import stack_lenses
 from tracker.geometry.linear import factorise, solve_positive, substitute
 
 
-def test_compiled_projection_is_the_cameras(rng):
-    cameras = [make_camera(a) for a in (60.0, 180.0, 300.0)]
-    lenses = stack_lenses(cameras)
-    points = rng.uniform([-0.2, -0.2, 0], [0.2, 0.2, 0.15], size=(100, 3))
-    for c, camera in enumerate(cameras):
-        pixels = [lens.project(lenses, c, *point)[:2] for point in points]
-        np.testing.assert_allclose(pixels, camera.project(points), atol=1e-9)
-
-
 @pytest.mark.parametrize("coefficients", LENSES.values(), ids=map(str, LENSES))
 def test_every_lens_of_opencv_is_projected_by_camera_and_compiled_code(coefficients, rng):
     camera = dataclasses.replace(make_camera(), distortion=np.array(coefficients))
-    lenses, jacobian = stack_lenses([camera]), np.empty((2, 3))
+    lenses, jacobian = stack_lenses([make_camera(180.0), camera]), np.empty((2, 3))
     points = rng.uniform([-0.18, -0.18, 0], [0.18, 0.18, 0.15], size=(40, 3))
     turn, _ = cv2.Rodrigues(np.array(camera.camera_from_world[:3, :3]))
     move = np.array(camera.camera_from_world[:3, 3])
@@ -34,8 +25,8 @@ def test_every_lens_of_opencv_is_projected_by_camera_and_compiled_code(coefficie
     np.testing.assert_allclose(pixels, expected[:, 0], atol=1e-9)
     np.testing.assert_allclose(derivatives, slopes, rtol=1e-8, atol=1e-7)
     for point, pixel, slope in zip(points, expected[:, 0], slopes, strict=True):
-        np.testing.assert_allclose(lens.project(lenses, 0, *point)[:2], pixel, atol=1e-9)
-        found = lens.project_with_jacobian(lenses, 0, *point, jacobian)[:2]
+        np.testing.assert_allclose(lens.project(lenses, 1, *point)[:2], pixel, atol=1e-9)
+        found = lens.project_with_jacobian(lenses, 1, *point, jacobian)[:2]
         np.testing.assert_allclose(found, pixel, atol=1e-9)
         np.testing.assert_allclose(jacobian, slope, rtol=1e-8, atol=1e-7)
     on_image = rng.uniform(0, 269, size=(60, 2))

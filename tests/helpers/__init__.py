@@ -5,6 +5,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -108,6 +109,18 @@ def opencv_pixels(camera: Camera, points: Array, transform: Array | None = None)
     rotvec, _ = cv2.Rodrigues(camera_from[:3, :3])
     lens = np.array(camera.matrix), np.array(camera.distortion)
     return cv2.projectPoints(np.asarray(points), rotvec, camera_from[:3, 3], *lens)[0][:, 0]
+
+
+def apart(one: Any, other: Any) -> tuple[float, float]:
+    """Distance [m] and angle [rad] between two poses."""
+    shift = float(np.linalg.norm(one.position - other.position))
+    return shift, float(so3.angle_between(one.rotation, other.rotation))
+
+
+def within(one: Any, other: Any, metres: float, degrees: float) -> bool:
+    """Whether two poses are so near each other."""
+    shift, turn = apart(one, other)
+    return shift < metres and turn < np.radians(degrees)
 
 
 def sight_of(tracker: ObjectTracker, images: Sequence[Image]) -> Sight:

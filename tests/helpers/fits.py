@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 
+from tests.helpers.consistency import pose_error
 from tracker.objects.model import load_object
 from tracker.pose.evidence import evidence_of
 from tracker.pose.fit import SEEN, Fit
@@ -30,6 +31,12 @@ def with_cameras(fit, which=slice(None), **fields):
     return dataclasses.replace(
         fit, cameras=cameras, evidence=evidence_of(cameras, np.asarray(LABELS), fit.stands)
     )
+
+
+def deviation(fit, other):
+    """How far a fit is from another, in the other's standard deviations."""
+    error = pose_error(fit.position, fit.rotation, other.position, other.rotation)
+    return np.abs(error / np.sqrt(np.diag(other.covariance))).max()
 
 
 def made_fit(position=HOME, rotation=None, *, sure=True, cameras=3, covariance=COVARIANCE):

@@ -22,8 +22,9 @@ from tests.helpers import stills
 from tests.helpers.stills import Still
 from tracker.files import write_whole
 from tracker.geometry.camera import Camera
+from tracker.objects.model import CuboidModel, load_object
 
-__all__ = ["take"]
+__all__ = ["bare", "take"]
 
 
 @functools.cache
@@ -48,6 +49,21 @@ def take(
     np.savez(buffer, **arrays, seen=still.visible_fraction, state=json.dumps(rng.bit_generator.state))
     write_whole(path, buffer.getvalue())
     return still
+
+
+def bare(
+    model: CuboidModel | str,
+    cameras: Sequence[Camera],
+    seed: object,
+    sensor: Sensor | None = None,
+    *,
+    kind: str | None = None,
+    **more: object,
+) -> Still:
+    """Pictures of a scene without fingers, all drawn from a seed; a model may go by its name."""
+    rng = np.random.default_rng(seed)
+    scene = stills.bare_scene(load_object(model) if isinstance(model, str) else model, rng, kind=kind)
+    return take(scene, cameras, sensor or Sensor.realistic(), rng, **more)
 
 
 def _read(path: Path, scene: PlatformScene, rng: np.random.Generator) -> Still | None:

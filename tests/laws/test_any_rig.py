@@ -6,10 +6,10 @@ import pytest
 
 import tracker
 from synthetic.camera.sensor import Sensor
-from tests.helpers import LENSES
+from tests.helpers import LENSES, within
 from tests.helpers.colored_light import overlap, ramp
-from tests.helpers.kept_stills import take
-from tests.helpers.stills import bare_scene
+from tests.helpers.fits import deviation
+from tests.helpers.kept_stills import bare, take
 from tracker.geometry import so3
 from tracker.pipeline import Status
 from tracker.pose.fit import Fit
@@ -22,21 +22,10 @@ CONVERGED = 2 * np.sqrt(SCHEDULE.negligible[0])
 """How far two fits that ended may be apart, in standard deviations."""
 
 
-def scene_of(name, k):
-    """A scene without fingers, and what draws its noise."""
-    rng = np.random.default_rng([70, k])
-    return bare_scene(tracker.load_object(name), rng), rng
-
-
-def rendered(name, k, cameras, sensor=None):
-    scene, rng = scene_of(name, k)
-    return take(scene, cameras, sensor or Sensor.realistic(), rng)
-
-
 @pytest.fixture(scope="module")
 def scenes(rig):
     """Images of scenes, by object."""
-    return {name: [rendered(name, k, rig.cameras) for k in range(SCENES)] for name in OBJECTS}
+    return {name: [bare(name, rig.cameras, [70, k]) for k in range(SCENES)] for name in OBJECTS}
 
 
 @pytest.fixture(scope="module")
@@ -46,19 +35,7 @@ def references(rig, scenes):
 
 
 def new(name, rig):
-    return tracker.ObjectTracker(tracker.load_object(name), rig)
-
-
-def apart(fit, other):
-    """Distance [m] and angle [rad] between two fits."""
-    shift = float(np.linalg.norm(fit.position - other.position))
-    return shift, float(so3.angle_between(fit.rotation, other.rotation))
-
-
-def deviation(fit, other):
-    """How far a fit is from another, in the other's standard deviations."""
-    error = np.concatenate([fit.position - other.position, so3.log(fit.rotation @ other.rotation.T)])
-    return float(np.abs(error / np.sqrt(np.diag(other.covariance))).max())
+    return tracker.ObjectTracker(name, rig)
 
 
 def elsewhere(rig, shift, turn):
@@ -125,13 +102,13 @@ def test_over_time_the_worlds_origin_does_not_matter_either(rig, scenes):
         np.testing.assert_allclose(other.velocity, pose.velocity, rtol=0, atol=1e-5)
 
 
-def away(rig, degrees, axis):
+def away(rig, degrees, axis, name="away"):
     """Cameras at the same places that look away."""
     turn = np.eye(4)
     turn[:3, :3] = so3.exp(np.radians(degrees) * np.asarray(axis, dtype=float))
     return [
         dataclasses.replace(
-            camera, name=f"{camera.name} away", camera_from_world=turn @ camera.camera_from_world
+            camera, name=f"{camera.name} {name}", camera_from_world=turn @ camera.camera_from_world
         )
         for camera in rig
     ]
@@ -146,7 +123,7 @@ def test_cameras_that_look_away_neither_help_nor_harm(rig, scenes, references, n
     more = away(rig, degrees, axis)
     one = new(name, tracker.CameraRig((*rig.cameras, *more)))
     for k, (truth, reference) in enumerate(zip(scenes[name], references[name], strict=True)):
-        others = rendered(name, k, more)
+        others = bare(name, more, [70, k])
         assert not any(labels.any() for labels in others.labels)
         fit = one.fit([*truth.images, *others.images])
         for key in ("expected", "usable", "inliers", "predicted", "agree", "missing", "wrong", "extra"):
@@ -158,20 +135,14 @@ def test_cameras_that_look_away_neither_help_nor_harm(rig, scenes, references, n
 @pytest.mark.parametrize("name", OBJECTS)
 @pytest.mark.parametrize("degrees", [55, 60, 65, 75])
 def test_cameras_that_look_far_aside_neither_help_nor_harm(rig, scenes, references, name, degrees):
-    more = []
-    for n, axis in enumerate(((0, 1, 0), (-1, 0, 0))):
-        turn = np.eye(4)
-        turn[:3, :3] = so3.exp(np.radians(degrees) * np.asarray(axis, dtype=float))
-        for camera in rig:
-            moved = turn @ camera.camera_from_world
-            more.append(dataclasses.replace(camera, name=f"{camera.name}_{n}", camera_from_world=moved))
+    more = [*away(rig, degrees, RIGHT), *away(rig, degrees, (-1, 0, 0), "below")]
     for k in range(2):
-        scene, images, reference = scene_of(name, k)[0], scenes[name][k].images, references[name][k]
-        others = take(scene, more, Sensor.realistic(), np.random.default_rng(1), points=1)
+        truth, reference = scenes[name][k], references[name][k]
+        others = take(truth.scene, more, Sensor.realistic(), np.random.default_rng(1), points=1)
         blind = [c for c, labels in enumerate(others.labels) if not labels.any()]
         assert blind
         wider = tracker.CameraRig((*rig.cameras, *(more[c] for c in blind)))
-        fit = new(name, wider).fit([*images, *(others.images[c] for c in blind)])
+        fit = new(name, wider).fit([*truth.images, *(others.images[c] for c in blind)])
         assert fit.cameras["expected"][3:].sum() == 0
         assert fit.cameras["predicted"][3:].sum() == 0
         assert abs(log_odds(fit) - log_odds(reference)) < 0.5
@@ -232,11 +203,9 @@ def test_a_larger_picture_of_the_same_view_gives_the_same_pose(rig, references, 
     larger = rig.resized(540, 540)
     one = new(name, larger)
     for k, reference in enumerate(references[name]):
-        truth = rendered(name, k, larger.cameras)
+        truth = bare(name, larger.cameras, [70, k])
         fit = one.fit(truth.images)
-        shift, turn = apart(fit, reference)
-        assert shift < 0.2e-3
-        assert turn < np.radians(0.6)
+        assert within(fit, reference, 0.2e-3, 0.6)
         assert np.linalg.norm(fit.position - truth.position) < 0.1e-3
 
 
@@ -245,19 +214,15 @@ def test_cameras_of_different_sizes_go_together(rig, scenes, references):
     mixed = new("cube_v2", tracker.CameraRig((rig[0], larger[1], rig[2])))
     for k, reference in enumerate(references["cube_v2"]):
         images = list(scenes["cube_v2"][k].images)
-        images[1] = rendered("cube_v2", k, larger.cameras[1:2]).images[0]
-        shift, turn = apart(mixed.fit(images), reference)
-        assert shift < 0.2e-3
-        assert turn < np.radians(0.3)
+        images[1] = bare("cube_v2", larger.cameras[1:2], [70, k]).images[0]
+        assert within(mixed.fit(images), reference, 0.2e-3, 0.3)
 
 
 def test_a_picture_magnified_afterwards_gives_the_same_pose(rig, scenes, references):
     one = new("cube_v2", rig.resized(540, 540))
     for truth, reference in zip(scenes["cube_v2"], references["cube_v2"], strict=True):
         images = [cv2.resize(image, (540, 540), interpolation=cv2.INTER_LINEAR) for image in truth.images]
-        shift, turn = apart(one.fit(images), reference)
-        assert shift < 0.2e-3
-        assert turn < np.radians(0.3)
+        assert within(one.fit(images), reference, 0.2e-3, 0.3)
 
 
 RAMPS = [(1, 0), (0, 1), (1, -1), (-1, 1)]
@@ -279,7 +244,7 @@ def test_a_ramp_of_coloured_light_leaves_the_labels(scenes, name, share, blue, r
 @pytest.mark.parametrize("share", [0.1, 0.15, 0.2, 0.3])
 @pytest.mark.parametrize("k", [1, 3, 4, 5, 7])
 def test_a_slight_ramp_of_coloured_light_leaves_the_labels(rig, share, k):
-    colors, truth = tracker.load_colors(OBJECTS[1]), rendered(OBJECTS[1], k, rig.cameras)
+    colors, truth = tracker.load_colors(OBJECTS[1]), bare(OBJECTS[1], rig.cameras, [70, k])
     pairs = list(zip(truth.images, truth.labels, strict=True))
     plain = np.mean([overlap(tracker.segment(image, colors), labels) for image, labels in pairs])
     for blue, red in ((share, -share), (-share, share)):
@@ -294,9 +259,7 @@ def test_a_ramp_of_coloured_light_leaves_the_pose(rig, scenes, references, name,
     one = new(name, rig)
     for truth, reference in zip(scenes[name], references[name], strict=True):
         fit = one.fit([ramp(image, share * blue, share * red) for image in truth.images])
-        shift, turn = apart(fit, reference)
-        assert shift < 0.3e-3
-        assert turn < np.radians(0.5)
+        assert within(fit, reference, 0.3e-3, 0.5)
 
 
 def test_labels_and_poses_are_read_in_the_same_light(rig, scenes):
@@ -317,7 +280,5 @@ def test_lenses_of_more_coefficients_are_as_good(rig, references, name, count):
     bent = tracker.CameraRig(
         tuple(dataclasses.replace(camera, distortion=np.array(LENSES[count])) for camera in rig), rig.arena
     )
-    fit = new(name, bent).fit(rendered(name, 0, bent.cameras).images)
-    shift, angle = apart(fit, references[name][0])
-    assert shift < 3e-4
-    assert angle < np.deg2rad(0.5)
+    fit = new(name, bent).fit(bare(name, bent.cameras, [70, 0]).images)
+    assert within(fit, references[name][0], 3e-4, 0.5)

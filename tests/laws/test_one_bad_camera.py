@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 
 import tracker
-from synthetic.camera.sensor import Sensor
 from synthetic.scene import drawn
+from tests.helpers import within
 from tests.helpers.consistency import FACTORS, consistent, nees, pose_error
-from tests.helpers.kept_stills import take
-from tests.helpers.stills import bare_scene
+from tests.helpers.kept_stills import bare
 from tracker.geometry import so3
 from tracker.pose.judge import confidence
 
@@ -18,43 +17,19 @@ SHOTS = 6
 @pytest.fixture(scope="module")
 def shots(rig):
     """Scenes of a cube in plain view: the truth and its pictures."""
-    model = tracker.load_object("cube_v2")
-    result = []
-    for k in range(SHOTS):
-        rng = np.random.default_rng([310, k])
-        result.append(take(bare_scene(model, rng), rig.cameras, Sensor.realistic(), rng))
-    return result
+    return [bare("cube_v2", rig.cameras, [310, k]) for k in range(SHOTS)]
 
 
-def mirrored(image, other):
-    return np.ascontiguousarray(image[:, ::-1])
+SPOILED = {
+    "mirrored": lambda image, other: np.ascontiguousarray(image[:, ::-1]),
+    "upside down": lambda image, other: np.ascontiguousarray(image[::-1]),
+    "of another moment": lambda image, other: other,
+    "red for blue": lambda image, other: np.ascontiguousarray(image[..., ::-1]),
+    "dark": lambda image, other: np.zeros_like(image),
+}
 
 
-def upside_down(image, other):
-    return np.ascontiguousarray(image[::-1])
-
-
-def of_another_moment(image, other):
-    return other
-
-
-def red_for_blue(image, other):
-    return np.ascontiguousarray(image[..., ::-1])
-
-
-def dark(image, other):
-    return np.zeros_like(image)
-
-
-SPOILED = (mirrored, upside_down, of_another_moment, red_for_blue, dark)
-
-
-def is_right(pose, truth):
-    near = np.linalg.norm(pose.position - truth.position) < 5e-3
-    return near and so3.angle_between(pose.world_from_object[:3, :3], truth.rotation) < np.radians(5)
-
-
-@pytest.mark.parametrize("spoil", SPOILED)
+@pytest.mark.parametrize("spoil", SPOILED.values(), ids=SPOILED)
 def test_the_other_cameras_find_the_object(rig, shots, spoil):
     cube = tracker.ObjectTracker(tracker.load_object("cube_v2"), rig)
     right = wrong_and_sure = 0
@@ -63,8 +38,9 @@ def test_the_other_cameras_find_the_object(rig, shots, spoil):
         images[c] = spoil(images[c], shots[(k + 1) % SHOTS].images[c])
         pose = cube.detect(images).object_pose
         if pose is not None:
-            right += is_right(pose, shot)
-            wrong_and_sure += not is_right(pose, shot) and pose.confidence > 0.5
+            is_right = within(pose, shot, 5e-3, 5)
+            right += is_right
+            wrong_and_sure += not is_right and pose.confidence > 0.5
     assert wrong_and_sure == 0
     assert right >= SHOTS - 1
 
@@ -74,7 +50,7 @@ def test_pictures_of_two_cameras_in_each_others_place_are_never_surely_somewhere
     cube = tracker.ObjectTracker(tracker.load_object("cube_v2"), rig)
     for shot in shots:
         pose = cube.detect([shot.images[c] for c in order]).object_pose
-        assert pose is None or is_right(pose, shot) or pose.confidence < 0.5
+        assert pose is None or within(pose, shot, 5e-3, 5) or pose.confidence < 0.5
 
 
 def test_an_answer_without_one_camera_is_the_same_every_time(rig, shots):
@@ -112,15 +88,7 @@ def stated(camera, times, rng):
 @pytest.fixture(scope="module")
 def scenes(rig):
     """Scenes without fingers by object, and their images."""
-    found = {}
-    for name in OBJECTS:
-        model = drawn(name)
-        found[name] = []
-        for k in range(MORE):
-            rng = np.random.default_rng([90, k])
-            scene = bare_scene(model, rng)
-            found[name].append(take(scene, rig.cameras, Sensor.realistic(), rng))
-    return found
+    return {name: [bare(drawn(name), rig.cameras, [90, k]) for k in range(MORE)] for name in OBJECTS}
 
 
 def fit(rig, name, truth, times, *seed):
@@ -157,8 +125,7 @@ def spread(fit):
 @pytest.mark.parametrize("name", OBJECTS)
 def test_a_pose_is_found_though_cameras_disagree_more_than_stated(fits, scenes, name):
     for fit, truth in zip(fits[name, 5], scenes[name], strict=False):
-        assert np.linalg.norm(fit.position - truth.position) < 12e-3
-        assert so3.angle_between(fit.rotation, truth.rotation) < np.radians(6)
+        assert within(fit, truth, 12e-3, 6)
 
 
 @pytest.mark.parametrize("name", OBJECTS)

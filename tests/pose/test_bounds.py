@@ -5,9 +5,7 @@ import pytest
 
 import tracker
 from synthetic.camera.rigs import default_cameras
-from synthetic.camera.sensor import Sensor
-from tests.helpers.kept_stills import take
-from tests.helpers.stills import bare_scene
+from tests.helpers.kept_stills import bare
 from tracker.geometry.camera import BENT, CENTER, FARTHEST, FOCAL
 from tracker.objects.box import Box
 from tracker.pose import refine
@@ -20,8 +18,7 @@ MODEL = tracker.load_object("cube_v2")
 
 @pytest.fixture(scope="module")
 def still(rig):
-    rng = np.random.default_rng(71)
-    return take(bare_scene(MODEL, rng), rig.cameras, Sensor.realistic(), rng)
+    return bare(MODEL, rig.cameras, 71)
 
 
 def extreme(camera, kind):

@@ -6,15 +6,12 @@ import pytest
 
 from tests.helpers.fits import made_fit, with_cameras
 from tracker.geometry.arena import Arena
-from tracker.geometry.so3 import exp
 from tracker.pose.judge import (
     MIN_VIEW,
-    NEAR,
     SURE,
     alone,
     confidence,
     nearness,
-    probably_near,
     rank,
     refusal,
     settled,
@@ -79,43 +76,6 @@ def test_a_camera_counts_from_some_weight_of_pieces_on():
         cameras = fit.cameras.copy()
         cameras["inliers"][1:] = 0.0, weight
         assert alone(dataclasses.replace(fit, cameras=cameras)) is expected
-
-
-def made_covariance(rng, shift, turn):
-    root = rng.normal(size=(6, 6)) * np.repeat([shift, turn], 3)[:, None]
-    return root @ root.T / 6
-
-
-def test_probability_of_being_near_is_that_of_samples(rng):
-    for shift, turn in ((1e-3, 0.01), (3e-3, 0.02), (2e-3, 0.08), (8e-3, 0.02), (0.02, 0.3)):
-        covariance = made_covariance(rng, shift, turn)
-        errors = rng.multivariate_normal(np.zeros(6), covariance, 40000)
-        near = np.linalg.norm(errors[:, :3], axis=1) < NEAR[0]
-        near &= np.linalg.norm(errors[:, 3:], axis=1) < NEAR[1]
-        assert probably_near(covariance) == pytest.approx(near.mean(), abs=0.012)
-
-
-def test_probability_of_being_near_is_the_same_in_any_world(rng):
-    turn = np.kron(np.eye(2), exp(rng.normal(size=3)))
-    for shift, angle in ((3e-3, 0.02), (5e-3, 0.06)):
-        covariance = made_covariance(rng, shift, angle)
-        assert probably_near(turn @ covariance @ turn.T) == pytest.approx(
-            probably_near(covariance), abs=0.015
-        )
-
-
-def test_probability_of_being_near_falls_as_the_spread_grows():
-    steps = np.geomspace(1e-4, 10, 60)
-    found = [probably_near(np.diag([1e-6] * 3 + [1e-4] * 3) * step) for step in steps]
-    assert (np.diff(found) <= 0).all()
-    assert found[0] == 1.0
-    assert probably_near(np.diag([1.0] * 3 + [100.0] * 3)) < 1e-6
-
-
-def test_what_is_no_covariance_is_near_nothing():
-    assert probably_near(np.full((6, 6), np.nan)) == 0.0
-    indefinite = np.diag([1e-3, 1e-3, -1e-3, 1.0, 1.0, 1.0])
-    assert probably_near(indefinite) == 0.0
 
 
 def test_confidence_is_trust_times_accuracy_and_a_rival_halves_it_at_most():

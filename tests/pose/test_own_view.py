@@ -4,26 +4,17 @@ import numpy as np
 import pytest
 
 import tracker
-from synthetic.camera.sensor import Sensor
-from tests.helpers.kept_stills import take
-from tests.helpers.stills import bare_scene
+from tests.helpers.kept_stills import bare
 from tracker.geometry import so3
 from tracker.pose.agreement import size
 from tracker.pose.judge import apparent, confidence
 from tracker.pose.result import Status
 
-SCENES = 3
-
 
 @pytest.fixture(scope="module")
 def stills(rig):
     """Scenes of a cube without fingers."""
-    result = []
-    for k in range(SCENES):
-        rng = np.random.default_rng([61, k])
-        scene = bare_scene(tracker.load_object("cube_v2"), rng, kind="rest")
-        result.append(take(scene, rig.cameras, Sensor.realistic(), rng))
-    return result
+    return [bare("cube_v2", rig.cameras, [61, k], kind="rest") for k in range(3)]
 
 
 def moved(rig, c, shift, turn=(0.0, 0.0, 0.0)):

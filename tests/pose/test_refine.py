@@ -7,9 +7,9 @@ import pytest
 import tracker
 from synthetic.camera.rigs import default_cameras
 from synthetic.camera.sensor import Sensor
-from tests.helpers import sight_of
-from tests.helpers.kept_stills import take
-from tests.helpers.stills import bare_scene
+from tests.helpers import sight_of, within
+from tests.helpers.fits import deviation
+from tests.helpers.kept_stills import bare
 from tracker.geometry import so3
 from tracker.pose.refine import SCHEDULE
 
@@ -22,36 +22,25 @@ def trackers(rig):
     return {name: tracker.ObjectTracker(tracker.load_object(name), rig) for name in OBJECTS}
 
 
-def rendered(rig, model, k, sensor):
-    rng = np.random.default_rng([26, k])
+def rendered(rig, model, k):
     # As fine for pictures of either size.
-    points = 4 * 270 // rig[0].width
-    return take(bare_scene(model, rng), rig.cameras, sensor, rng, points=points)
+    return bare(model, rig.cameras, [26, k], Sensor.clean(), points=4 * 270 // rig[0].width)
 
 
 @pytest.fixture(scope="module")
 def scenes(rig):
     """Scenes by object, without fingers and noise."""
-    return {
-        name: [rendered(rig, tracker.load_object(name), k, Sensor.clean()) for k in range(SCENES)]
-        for name in OBJECTS
-    }
-
-
-def deviation(fit, reference):
-    """How far two fits lie apart, in standard deviations of the second (6,)."""
-    turned = so3.log(fit.rotation @ reference.rotation.T)
-    apart = np.concatenate([fit.position - reference.position, turned])
-    return apart / np.sqrt(np.diag(reference.covariance))
+    return {name: [rendered(rig, name, k) for k in range(SCENES)] for name in OBJECTS}
 
 
 @pytest.mark.parametrize("name", OBJECTS)
-def test_clean_images_give_the_exact_pose(trackers, scenes, name):
+def test_clean_images_give_the_exact_pose_and_a_positive_covariance(trackers, scenes, name):
     for truth in scenes[name]:
         fit = trackers[name].fit(truth.images)
         assert fit.converged
-        assert np.linalg.norm(fit.position - truth.position) < 0.1e-3
-        assert so3.angle_between(fit.rotation, truth.rotation) < np.radians(0.2)
+        np.testing.assert_array_equal(fit.covariance, fit.covariance.T)
+        assert (np.linalg.eigvalsh(fit.covariance) > 0).all()
+        assert within(fit, truth, 0.1e-3, 0.2)
 
 
 @pytest.mark.parametrize("name", OBJECTS)
@@ -67,7 +56,7 @@ def test_every_start_nearby_leads_to_the_same_pose(trackers, scenes, name):
             fit = estimator.refine(sight, rotation, position, SCHEDULE)
             assert fit.converged
             # Ended within `negligible` of the best pose, both of them.
-            assert np.abs(deviation(fit, reference)).max() < 2 * np.sqrt(SCHEDULE.negligible[0])
+            assert deviation(fit, reference) < 2 * np.sqrt(SCHEDULE.negligible[0])
             # A start so near that the first whole step is negligible ends before the blur has settled.
             within = 0.15 if fit.iterations > 3 else 0.3
             alike.append(np.allclose(np.diag(fit.covariance), np.diag(reference.covariance), rtol=within))
@@ -75,33 +64,18 @@ def test_every_start_nearby_leads_to_the_same_pose(trackers, scenes, name):
     assert np.mean(alike) >= 0.9
 
 
-def test_a_start_is_left_as_it_was(trackers, scenes):
-    reference = trackers["cube_v2"].fit(scenes["cube_v2"][0].images)
+def test_a_start_is_left_as_it_was_and_what_was_refined_before_does_not_matter(trackers, scenes):
+    images, cube = scenes["cube_v2"][0].images, trackers["cube_v2"]
+    estimator, sight, reference = cube._estimator, sight_of(cube, images), cube.fit(images)
     rotation, position = so3.exp(np.full(3, 0.02)) @ reference.rotation, reference.position + 1e-3
     before = rotation.copy(), position.copy()
-    sight = sight_of(trackers["cube_v2"], scenes["cube_v2"][0].images)
-    trackers["cube_v2"]._estimator.refine(sight, rotation, position)
+    first = estimator.refine(sight, rotation, position)
     np.testing.assert_array_equal(rotation, before[0])
     np.testing.assert_array_equal(position, before[1])
-
-
-def test_what_was_refined_before_does_not_matter(trackers, scenes):
-    reference = trackers["cube_v2"].fit(scenes["cube_v2"][0].images)
-    estimator = trackers["cube_v2"]._estimator
-    sight = sight_of(trackers["cube_v2"], scenes["cube_v2"][0].images)
-    first = estimator.refine(sight, reference.rotation, reference.position)
     estimator.refine(sight, so3.exp(np.array([1.0, 2.0, 0.3])), reference.position + 0.02)
-    again = estimator.refine(sight, reference.rotation, reference.position)
+    again = estimator.refine(sight, rotation, position)
     for key in ("rotation", "position", "covariance", "cameras"):
         np.testing.assert_array_equal(getattr(again, key), getattr(first, key))
-
-
-def test_covariance_is_symmetric_and_positive(trackers, scenes):
-    for name in OBJECTS:
-        for truth in scenes[name]:
-            covariance = trackers[name].fit(truth.images).covariance
-            np.testing.assert_array_equal(covariance, covariance.T)
-            assert (np.linalg.eigvalsh(covariance) > 0).all()
 
 
 def test_a_camera_without_image_is_counted_nowhere(trackers, scenes):
@@ -140,8 +114,7 @@ def test_blur_does_not_move_the_pose(trackers, scenes, name):
     for truth in scenes[name]:
         images = [cv2.GaussianBlur(image, (0, 0), 1.0) for image in truth.images]
         fit, sharp = trackers[name].fit(images), trackers[name].fit(truth.images)
-        assert np.linalg.norm(fit.position - sharp.position) < 0.15e-3
-        assert so3.angle_between(fit.rotation, sharp.rotation) < np.radians(0.3)
+        assert within(fit, sharp, 0.15e-3, 0.3)
 
 
 @pytest.mark.parametrize("larger", [-0.0001, 0.0001])
@@ -149,10 +122,9 @@ def test_an_object_a_little_larger_than_its_model_is_found_where_it_is(rig, trac
     model = tracker.load_object("cube_v2")
     other = dataclasses.replace(model, size=tuple(2 * larger + np.asarray(model.size)))
     for k in range(SCENES):
-        truth = rendered(rig, other, k, Sensor.clean())
+        truth = rendered(rig, other, k)
         fit = trackers["cube_v2"].fit(truth.images)
-        assert np.linalg.norm(fit.position - truth.position) < 0.1e-3
-        assert so3.angle_between(fit.rotation, truth.rotation) < np.radians(0.2)
+        assert within(fit, truth, 0.1e-3, 0.2)
 
 
 def test_response_of_the_camera_does_not_move_the_pose(trackers):
@@ -160,7 +132,7 @@ def test_response_of_the_camera_does_not_move_the_pose(trackers):
     # brighter surfaces bloom.
     fine = tracker.CameraRig(default_cameras(540))
     for k in range(SCENES):
-        truth = rendered(fine, tracker.load_object("cube_v2"), k, Sensor.clean())
+        truth = rendered(fine, "cube_v2", k)
         for exponent in (1.0, 2.0):
             images = []
             for image in truth.images:
@@ -168,8 +140,7 @@ def test_response_of_the_camera_does_not_move_the_pose(trackers):
                 seen = cv2.resize(light, (270, 270), interpolation=cv2.INTER_AREA)
                 images.append(np.rint(255 * seen ** (1 / exponent)).astype(np.uint8))
             fit = trackers["cube_v2"].fit(images)
-            assert np.linalg.norm(fit.position - truth.position) < 0.1e-3
-            assert so3.angle_between(fit.rotation, truth.rotation) < np.radians(0.2)
+            assert within(fit, truth, 0.1e-3, 0.2)
 
 
 def test_what_hides_an_edge_does_not_pull_the_pose(trackers, scenes):

@@ -6,8 +6,7 @@ import pytest
 from synthetic.camera.rigs import default_cameras
 from synthetic.camera.sensor import Sensor
 from tests.helpers import look_at, make_camera, random_rotations
-from tests.helpers.kept_stills import take
-from tests.helpers.stills import bare_scene
+from tests.helpers.kept_stills import bare
 from tracker.geometry import so3
 from tracker.geometry.arena import Arena
 from tracker.geometry.lens import project, stack_lenses
@@ -30,9 +29,8 @@ STILL = np.zeros((3, 6))
 @pytest.fixture(scope="module")
 def scene():
     """Perfect label maps of the reduced images of a cube without fingers, and the truth."""
-    rng = np.random.default_rng(5)
     cameras = default_cameras()
-    truth = take(bare_scene(MODEL, rng), cameras, Sensor.clean(), rng)
+    truth = bare(MODEL, cameras, 5, Sensor.clean())
     small = [label_camera(camera, 2) for camera in cameras]
     # The middle one of each 2×2 block would shift by half a pixel; any of the four is as good here.
     labels = np.stack([image[::2, ::2] for image in truth.labels])

@@ -7,7 +7,7 @@ import pytest
 from tests.helpers import make_camera, numerical_jacobian, random_rotations
 from tracker.geometry import so3
 from tracker.geometry.cuboid import EDGES, FACE_NORMALS, corners, visible_faces
-from tracker.geometry.lens import project, stack_lenses
+from tracker.geometry.lens import stack_lenses
 from tracker.pose.strips import MAX_STRIPS, STRIP, edge_strips
 
 CAMERA = make_camera()
@@ -56,25 +56,6 @@ def faces_seen(rotation: np.ndarray, position: np.ndarray = POSITION) -> np.ndar
     return visible_faces(2 * HALF, rotation.T @ (CAMERA.position - position))
 
 
-def test_jacobian_is_the_motion_along_the_normal(rng):
-    ends, share = corners(2 * HALF), np.linspace(0, 1, 4001)[:, None]
-    candidates = np.concatenate([ends[a] + share * (ends[b] - ends[a]) for a, b, *_ in EDGES])
-    for rotation in random_rotations(rng, 5):
-        samples = samples_at(rotation)
-        pixels = CAMERA.project(candidates @ rotation.T + POSITION)
-        for row in samples[:: max(1, len(samples) // 10)]:
-            # Which point of the object a sample shows: the one on an edge that projects there.
-            point = candidates[np.argmin(np.linalg.norm(pixels - row["pixel"], axis=1))]
-
-            def along(x, point=point, row=row, rotation=rotation):
-                moved = so3.exp(x[3:]) @ rotation @ point + POSITION + x[:3]
-                u, v, _ = project(LENSES, 0, *moved)
-                return np.array([u * row["normal"][0] + v * row["normal"][1]])
-
-            numeric = numerical_jacobian(along, np.zeros(6))[0]
-            np.testing.assert_allclose(row["jacobian"], numeric, rtol=2e-3, atol=0.3)
-
-
 def test_jacobian_is_the_motion_of_the_samples(rng):
     # A sample that is found again on the moved object has moved along the edge too, but along the normal as
     # its columns say.
@@ -108,12 +89,7 @@ def test_a_rim_ends_each_face_before_its_neighbours_plane(rng):
                 k = np.argmin(np.linalg.norm(pixels - sample["pixel"], axis=1))
                 expected = (moved[k] - pixels[k]) @ sample["normal"] / rim
                 assert sample["rim"] == pytest.approx(expected, rel=2e-2, abs=1.0)
-
-
-def test_a_rim_draws_outlines_inwards(rng):
-    for rotation in random_rotations(rng, 10):
-        samples = samples_at(rotation)
-        assert (samples["rim"][samples["outside"] == 0] < 0).all()
+                assert sample["rim"] < 0 or sample["outside"]  # outlines are drawn inwards
 
 
 def test_normals_are_unit_and_point_out_of_the_face(rng):

@@ -35,10 +35,6 @@ def ramp(slope_x: float, slope_y: float) -> np.ndarray:
     return np.asarray(np.exp(slope_x * x + slope_y * y))
 
 
-def picture(values: np.ndarray) -> Image:
-    return np.clip(np.rint(values), 0, 255).astype(np.uint8)
-
-
 def chroma(image: Image) -> np.ndarray:
     """Log of blue and red over green (2, H, W)."""
     values = np.maximum(image.astype(float), 1.0)
@@ -46,41 +42,41 @@ def chroma(image: Image) -> np.ndarray:
 
 
 @pytest.mark.parametrize("slopes", [(0.35, 0.0, 0.0, 0.0), (0.0, -0.3, 0.25, 0.1), (-0.2, 0.2, 0.3, -0.2)])
-def test_a_slope_of_the_lights_colour_is_found_and_taken_out(slopes: tuple[float, ...]) -> None:
+def test_a_slope_of_the_lights_colour_is_found_and_taken_out(slopes):
     values = greys(1)
     values[..., 0] *= ramp(slopes[0], slopes[1])
     values[..., 2] *= ramp(slopes[2], slopes[3])
-    image = picture(values)
+    image = exposed(values)
     light = find_light(image)
     assert light.tilt == pytest.approx(np.reshape(slopes, (2, 2)), abs=0.02)
-    assert light.gains == pytest.approx(find_light(picture(greys(1))).gains, rel=0.03)  # those of the middle
+    assert light.gains == pytest.approx(find_light(exposed(greys(1))).gains, rel=0.03)  # those of the middle
     left = chroma(evened(image, light))
     assert np.abs(np.median(left.reshape(2, 3, 45, 3, 45), axis=(2, 4))).max() < 0.03
     assert np.abs(np.median(chroma(image).reshape(2, 3, 45, 3, 45), axis=(2, 4))).max() > 0.1
 
 
-def test_even_light_leaves_the_image_as_it_is_and_a_slight_slope_counts_as_even() -> None:
+def test_even_light_leaves_the_image_as_it_is_and_a_slight_slope_counts_as_even():
     slight = greys(2)
     slight[..., 0] *= ramp(0.6 * MIN_TILT, 0.0)
     for values in (slight, *(greys(seed) * np.array([0.8, 1.0, 1.3]) for seed in range(10))):
-        image = picture(values)
+        image = exposed(values)
         light = find_light(image)
         assert not light.tilt.any()
         assert evened(image, light) is image
 
 
-def test_clipped_values_stay_clipped_and_others_below() -> None:
+def test_clipped_values_stay_clipped_and_others_below():
     values = greys(4)
     values[..., 0] *= ramp(0.4, 0.0)
     values[20:30, 20:30] = 255
-    image = picture(values)
+    image = exposed(values)
     even = evened(image, find_light(image))
     assert (even[20:30, 20:30] == 255).all()
     assert (even[..., 0][image[..., 0] < CLIPPED] < CLIPPED).all()
 
 
 @pytest.mark.parametrize("gains", [(1.0, 1.0, 1.0), (1.6, 0.9, 0.7), (0.6, 1.2, 1.5)])
-def test_clipped_greys_are_background_under_any_gains(gains: tuple[float, float, float]) -> None:
+def test_clipped_greys_are_background_under_any_gains(gains):
     colors = tracker.load_colors("cube_v2")
     factors = np.asarray(gains)
     # A bright grey as this camera shows it, of which some channels have reached their limit.
@@ -88,12 +84,12 @@ def test_clipped_greys_are_background_under_any_gains(gains: tuple[float, float,
     image = np.array([raw], dtype=np.float64).repeat(4, axis=0)
     clipped = (image >= CLIPPED).any(axis=2)
     labels = np.empty(image.shape[:2], np.uint8)
-    look_up(picture(image), colors.channel_tables(factors), colors.label_table, factors, labels)
+    look_up(exposed(image), colors.channel_tables(factors), colors.label_table, factors, labels)
     assert clipped.any()
     assert (labels[clipped] == 0).all()
 
 
-def test_a_face_with_a_clipped_channel_keeps_its_colour() -> None:
+def test_a_face_with_a_clipped_channel_keeps_its_colour():
     colors = tracker.load_colors("simulation")
     image = np.array([[[108, 235, 255], [112, 245, 255], [0, 52, 255]]], dtype=np.uint8)
     labels = np.empty((1, 3), np.uint8)
@@ -163,12 +159,8 @@ ROWS, COLUMNS = np.mgrid[0:270, 0:270]
 SMOOTH = np.stack([100 + 40 * np.sin(COLUMNS / 40 + k) * np.cos(ROWS / 50) for k in range(3)], axis=-1)
 
 
-def digitised(image: np.ndarray) -> np.ndarray:
-    return np.clip(np.rint(image), 0, 255).astype(np.uint8)
-
-
 def noisy(rng: np.random.Generator, sigma: float, picture: np.ndarray = SMOOTH) -> np.ndarray:
-    return digitised(picture + rng.normal(0, sigma, picture.shape))
+    return exposed(picture + rng.normal(0, sigma, picture.shape))
 
 
 EDGED = SMOOTH.copy()
@@ -188,10 +180,10 @@ def test_noise_of_a_picture_is_found_whatever_it_shows(rng, picture, sigma):
 
 def test_brightness_and_contrast_behave(rng):
     image = rng.normal(0, 4.0, SMOOTH.shape)
-    level = noise_level(digitised(SMOOTH + image))
-    assert noise_level(digitised(SMOOTH + image + 30)) == pytest.approx(level, rel=0.02)
-    assert noise_level(digitised(0.5 * (SMOOTH + image))) == pytest.approx(0.5 * level, rel=0.03)
-    assert noise_level(255 - digitised(SMOOTH + image)) == level
+    level = noise_level(exposed(SMOOTH + image))
+    assert noise_level(exposed(SMOOTH + image + 30)) == pytest.approx(level, rel=0.02)
+    assert noise_level(exposed(0.5 * (SMOOTH + image))) == pytest.approx(0.5 * level, rel=0.03)
+    assert noise_level(255 - exposed(SMOOTH + image)) == level
 
 
 def test_the_loudest_image_has_a_level(rng):
@@ -204,7 +196,7 @@ def test_the_loudest_image_has_a_level(rng):
 @pytest.mark.parametrize("shape", [(270, 1, 3), (1, 1, 3), (2, 2, 3), (1, 270, 3), (270, 270, 3)])
 def test_even_images_and_those_too_small_to_tell_have_no_noise(shape):
     assert noise_level(np.full(shape, 93, np.uint8)) == 0.0
-    assert noise_level(digitised(SMOOTH)) < 0.5
+    assert noise_level(exposed(SMOOTH)) < 0.5
 
 
 @pytest.mark.parametrize("sigma", [0.0, 1.5, 0.9 * LOUD])

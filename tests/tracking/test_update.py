@@ -309,7 +309,7 @@ def moving_in_one(images):
 def test_a_film_without_noise_is_not_taken_for_frozen_cameras(rig, shown):
     place, rotation = pose_at(0.0)
     steps = [0.0] * 8 if isinstance(shown, str) else shown * np.arange(4)
-    film = [shot(rig, (place + [step, 0.0, 0.0], rotation), 0, Sensor.clean()) for step in steps]
+    film = [shot(rig, (place + step * np.eye(3)[0], rotation), 0, Sensor.clean()) for step in steps]
     answers = play(new(rig), moving_in_one(film[0]) if shown == "moving in one" else film)
     assert [one.status for one in answers] == [Status.FOUND] + [Status.TRACKING] * (len(answers) - 1)
     np.testing.assert_allclose(spreads(answers), spreads(answers[:1])[0], rtol=0.2)
