@@ -32,21 +32,21 @@ def test_a_first_pose_does_without_the_packages_of_scipy_that_take_long_to_load(
     assert printed.endswith("set()\n")
 
 
-def test_a_package_is_there_by_its_own_name():
-    script = "import tracker; print(tracker.geometry.so3.exp([0.0, 0.0, 0.0])[0, 0], tracker.viz.__name__)"
-    assert run_python(["-c", script], check=True).stdout.split() == ["1.0", "tracker.viz"]
-    script = "from tracker import tasks; print(tasks.rearrange_dice.NUM_DICE, tasks.move_object.LEVELS[3])"
-    assert run_python(["-c", script], check=True).stdout.split() == ["25", "4"]
+LOADED = "{'numpy', 'cv2', 'numba', 'importlib.metadata'} & set(sys.modules)"
 
 
-def test_the_version_is_that_of_the_installation():
-    script = "import tracker; print(tracker.__version__)"
-    assert run_python(["-c", script], check=True).stdout.strip() == version()
-
-
-def test_the_import_alone_loads_nothing_that_takes_long():
-    script = "import sys, tracker; print({'numpy', 'cv2', 'numba', 'importlib.metadata'} & set(sys.modules))"
-    assert run_python(["-c", script], check=True).stdout == "set()\n"
+@pytest.mark.parametrize(
+    ("imported", "expression", "printed"),
+    [
+        ("import sys, tracker", LOADED, "set()"),
+        ("import tracker", "tracker.__version__", version()),
+        ("import tracker as t", "t.geometry.so3.exp([0, 0, 0])[0, 0], t.viz.__name__", "1.0 tracker.viz"),
+        ("from tracker import tasks", "tasks.rearrange_dice.NUM_DICE, tasks.move_object.LEVELS[3]", "25 4"),
+    ],
+)
+def test_the_import_alone_is_quick_and_packages_are_there_by_their_names(imported, expression, printed):
+    script = f"{imported}; print({expression})"
+    assert run_python(["-c", script], check=True).stdout == f"{printed}\n"
 
 
 def test_every_public_name_is_the_one_that_type_checkers_see():

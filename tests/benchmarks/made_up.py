@@ -10,6 +10,7 @@ from click.testing import CliRunner
 from benchmarks.data.store import packed, unpacked
 from benchmarks.judge.results import Results
 from benchmarks.program import main
+from benchmarks.score.tables import BY_NAME
 
 OBJECTS = ("cube_v2", "cuboid_2x2x8_v2")
 
@@ -41,6 +42,11 @@ def printed_by(*arguments: object) -> str:
     done = CliRunner().invoke(main, list(map(str, arguments)), catch_exceptions=False)
     assert done.exit_code == 0
     return done.output
+
+
+def figures_of(rows: Any, table: str) -> list[dict[str, Any]]:
+    """Rows of a table that are made of rows of answers."""
+    return list(BY_NAME[table].figures(pd.DataFrame(rows)))
 
 
 def answer(**values: Any) -> dict[str, Any]:
@@ -88,29 +94,11 @@ def film(count: int = 10, **changed: Any) -> pd.DataFrame:
     """A film in which all is well."""
     fine = {
         **{"group": "all", "object": "cube_v2", "film": 0, "timestamp": np.arange(count) / 10},
-        **{"present": True, "status": ["found", *["tracking"] * (count - 1)], "visible": 1.0},
-        **{
-            "found": True,
-            "confidence": 0.99,
-            "measured_given": True,
-            "at_rest": np.arange(count) < count // 2,
-        },
-        **{
-            "mm": 0.05,
-            "deg": 0.1,
-            "nees": 5.0,
-            "measured_mm": 0.1,
-            "measured_deg": 0.2,
-            "measured_nees": 5.0,
-        },
-        **{
-            "single_mm": 0.1,
-            "single_deg": 0.4,
-            "single_nees": 5.0,
-            "ms": 0.8,
-            "reference_ms": 1.0,
-            "ratio": 0.8,
-        },
+        **{"present": True, "status": ["found", *["tracking"] * (count - 1)], "visible": 1.0, "found": True},
+        **{"confidence": 0.99, "measured_given": True, "at_rest": np.arange(count) < count // 2},
+        **{"mm": 0.05, "measured_mm": 0.1, "single_mm": 0.1, "deg": 0.1, "measured_deg": 0.2},
+        **{"single_deg": 0.4, "nees": 5.0, "measured_nees": 5.0, "single_nees": 5.0},
+        **{"ms": 0.8, "reference_ms": 1.0, "ratio": 0.8},
     }
     return pd.DataFrame({**fine, **changed})
 

@@ -3,7 +3,6 @@ from types import SimpleNamespace
 
 import cv2
 import numpy as np
-import pandas as pd
 import pytest
 
 from benchmarks.data.dice import DiceScene
@@ -11,13 +10,13 @@ from benchmarks.data.scenes import SIZE, rig
 from benchmarks.judge.results import read_results
 from benchmarks.measure.dice import recorded_row, time_rows
 from benchmarks.score.dice import RIGHT, cross_pixels, judge_mask, judge_positions, visible_fractions
-from benchmarks.score.tables import BY_NAME
-from tests.benchmarks.made_up import assert_survives, printed_by
+from tests.benchmarks.made_up import assert_survives, figures_of, printed_by
 from tests.helpers import random_rotations
 from tests.helpers.synthetic_needs import skip_without_platform
 from tracker.tasks.rearrange_dice import DIE_WIDTH
 
 RIG = rig()
+THROWN = {"group": "thrown", "object": "dice"}
 
 
 def die(position, probability=0.9) -> SimpleNamespace:
@@ -145,16 +144,10 @@ def test_pixels_of_masks_are_counted_once_and_where_they_belong():
     assert view == expected | {"elsewhere": 6, "total": 1600}
 
 
-def figures_of(rows: list[dict], table: str) -> list[dict]:
-    frame = pd.DataFrame([{"group": "thrown", "object": "dice", **row} for row in rows])
-    return list(BY_NAME[table].figures(frame))
-
-
 def test_all_pixels_together_are_not_the_mean_of_views():
     keys = ("true", "found", "both", "cross", "cross_taken", "elsewhere", "total")
-    views = [
-        dict(zip(keys, v, strict=True)) for v in ((10, 10, 10, 0, 0, 0, 100), (90, 100, 60, 8, 2, 10, 100))
-    ]
+    counts = (10, 10, 10, 0, 0, 0, 100), (90, 100, 60, 8, 2, 10, 100)
+    views = [THROWN | dict(zip(keys, one, strict=True)) for one in counts]
     (row,) = figures_of(views, "dice, masks")
     found = [row[key] for key in ("iou", "precision", "recall", "cross_taken", "elsewhere")]
     assert found == pytest.approx([70 / 140, 70 / 110, 0.7, 25, 5])
@@ -162,10 +155,11 @@ def test_all_pixels_together_are_not_the_mean_of_views():
 
 def test_figures_of_positions():
     dice = [(1.0, 1.0), (0.4, 3.0), (0.35, np.nan), (0.1, np.nan)]
-    seen, hidden = figures_of([{"visible": v, "mm": mm} for v, mm in dice], "dice, positions")
+    seen, hidden = figures_of([THROWN | {"visible": v, "mm": mm} for v, mm in dice], "dice, positions")
     assert (seen["n"], hidden["n"], hidden["found"]) == (3, 1, 0)
     assert (seen["found"], seen["median_mm"], seen["p90_mm"]) == pytest.approx((200 / 3, 2.0, 2.8))
-    reported = [{"right": r, "probability": p} for r, p in ((True, 0.97), (True, 0.96), (False, 0.2))]
+    dice = [(True, 0.97), (True, 0.96), (False, 0.2)]
+    reported = [THROWN | {"right": right, "probability": share} for right, share in dice]
     (row,) = figures_of(reported, "dice, reported")
     assert row["invented"] == pytest.approx(100 / 3)
     assert row["brier"] == pytest.approx((0.03**2 + 0.04**2 + 0.2**2) / 3)
@@ -184,7 +178,7 @@ def test_a_recorded_picture_is_compared_with_its_mask(tmp_path):
     mask[100:140, 100:140] = 255
     cv2.imwrite(str(tmp_path / "dice" / "test_image.png"), np.full((SIZE, SIZE, 3), 80, np.uint8))
     cv2.imwrite(str(tmp_path / "dice" / "test_mask.png"), mask)
-    (row,) = figures_of(recorded_row(tmp_path), "dice, masks")
+    (row,) = figures_of([THROWN | one for one in recorded_row(tmp_path)], "dice, masks")
     assert (row["recall"], row["iou"]) == (0.0, 0.0)
     assert math.isnan(row["precision"])
 

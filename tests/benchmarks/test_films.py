@@ -8,8 +8,7 @@ from benchmarks.data.films import ABSENT, FilmFrame, FilmStore, vanishing_film, 
 from benchmarks.judge.results import read_results
 from benchmarks.measure import films
 from benchmarks.score import films as score
-from benchmarks.score.tables import BY_NAME
-from tests.benchmarks.made_up import assert_survives, film, printed_by
+from tests.benchmarks.made_up import assert_survives, figures_of, film, printed_by
 from tests.helpers import random_rotations
 from tests.helpers.synthetic_needs import skip_without_platform
 
@@ -60,24 +59,14 @@ def test_losses_are_of_what_had_been_found():
     assert score.losses(pd.concat([film(1, status=["found"]), film(1, film=1, status=["lost"])])) == 0
 
 
-def figures_of(rows: pd.DataFrame, table: str) -> dict[str, float]:
-    (row,) = BY_NAME[table].figures(rows)
-    return row
-
-
 def test_shares_flips_and_ratios():
     own = film()
     own.loc[8:9, ["mm", "deg"]] = 1.0, 170.0
     own.loc[9, "confidence"] = 0.2
-    row = figures_of(own, "films")
-    assert [row[key] for key in ("within_5", "single", "flips", "n", "inside_95")] == [
-        80.0,
-        100.0,
-        1,
-        10,
-        100,
-    ]
-    at_rest, moving = BY_NAME["films, at rest"].figures(film())
+    (row,) = figures_of(own, "films")
+    found = [row[key] for key in ("within_5", "single", "flips", "n", "inside_95")]
+    assert found == [80.0, 100.0, 1, 10, 100]
+    at_rest, moving = figures_of(film(), "films, at rest")
     assert (at_rest["over_single_mm"], at_rest["over_single_deg"]) == pytest.approx((0.5, 0.25))
     assert at_rest["n"] + moving["n"] == 10
 
@@ -87,7 +76,7 @@ def test_one_camera_is_judged_where_it_sees_enough():
     own.loc[:1, "visible"] = 0.4
     own.loc[:3, "measured_mm"] = 50.0
     own.loc[4, ["measured_mm", "measured_given"]] = np.nan, False
-    row = figures_of(own, "films, one camera")
+    (row,) = figures_of(own, "films, one camera")
     assert [row[key] for key in ("near", "none", "wrong")] == [62.5, 12.5, 25.0]
 
 
@@ -111,7 +100,7 @@ def test_answers_while_the_object_is_away_count_as_invented():
         measured_given=measured | (number == 20),
         found=(number < 12) | (number >= 25),
     )
-    row = figures_of(own, "films, vanished")
+    (row,) = figures_of(own, "films, vanished")
     assert (row["invented"], row["longest_wait"]) == (1, 2)
     assert row["kept"] >= 1
 

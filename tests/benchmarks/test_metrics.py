@@ -10,7 +10,7 @@ from benchmarks.score import errors, metrics
 from benchmarks.score.metrics import INSIDE, Metric, Table, by_visibility
 from benchmarks.score.shares import bootstrap_interval, median, wilson_interval
 from benchmarks.score.tables import BY_NAME, TABLES, VISIBLE, by_confidence, figures
-from tests.benchmarks.made_up import answer, answers, results
+from tests.benchmarks.made_up import answer, answers, figures_of, results
 from tests.helpers import random_rotations
 from tracker.geometry import so3
 
@@ -46,11 +46,6 @@ def test_nees_of_a_true_covariance_is_chi_squared(rng):
     assert INSIDE.of(pd.DataFrame(inside)) == pytest.approx(95, abs=1)
 
 
-def figures_of(rows: list[dict], name: str = "accuracy") -> dict[str, float]:
-    (row,) = BY_NAME[name].figures(pd.DataFrame(rows))
-    return row
-
-
 def test_figures_count_right_wrong_and_missing():
     rows = [answer(mm=0.5, deg=0.4, confidence=0.9)] * 6 + [
         answer(mm=6.0, deg=1.0, confidence=0.8),
@@ -58,30 +53,21 @@ def test_figures_count_right_wrong_and_missing():
         answer(found=False, status="poor_fit"),
         answer(found=False, status="ambiguous", visible=0.4),
     ]
-    row = figures_of(rows)
-    assert [row[key] for key in ("n", "within_5", "none", "wrong_and_sure", "median_mm")] == [
-        10,
-        60,
-        20,
-        10,
-        0.5,
-    ]
-    trust = figures_of(rows, "trust")
+    (row,) = figures_of(rows, "accuracy")
+    found = [row[key] for key in ("n", "within_5", "none", "wrong_and_sure", "median_mm")]
+    assert found == [10, 60, 20, 10, 0.5]
+    (trust,) = figures_of(rows, "trust")
     assert trust["brier"] == pytest.approx((6 * 0.01 + 0.64 + 0.04) / 8)
     assert trust["honesty"] == pytest.approx(abs(100 * (6 * 0.9 + 0.8 + 0.2) / 8 - 75))
-    assert [(label, len(own)) for label, own in by_visibility(*VISIBLE)(pd.DataFrame(rows))] == [
-        ("0.7-0.9", 9),
-        ("0.3-0.5", 1),
-    ]
+    visible = {label: len(own) for label, own in by_visibility(*VISIBLE)(pd.DataFrame(rows))}
+    assert visible == {"0.7-0.9": 9, "0.3-0.5": 1}
     assert sum(len(own) for _, own in by_confidence(pd.DataFrame(rows))) == 8
 
 
 def test_what_is_not_the_object_counts_as_found_above_a_confidence():
     empty = {"group": "absent", "present": False, "mm": np.nan, "deg": np.nan, "nees": np.nan}
-    rows = [answer(**empty, confidence=c) for c in (0.3, 0.6, 0.95)] + [
-        answer(**empty, found=False) for _ in range(1)
-    ]
-    row = figures_of(rows, "finds")
+    rows = [answer(**empty, confidence=c) for c in (0.3, 0.6, 0.95)] + [answer(**empty, found=False)]
+    (row,) = figures_of(rows, "finds")
     assert [row[key] for key in ("found", "above_5", "above_9", "greatest")] == [75, 50, 25, 0.95]
 
 
@@ -95,15 +81,8 @@ def test_every_metric_gives_a_number_and_its_text():
             for metric in table.metrics:
                 assert isinstance(row.get(metric.name, 0.0), float | int)
                 assert metric.text(1.0).strip()
-    assert {row["table"] for row in rows} > {
-        "accuracy",
-        "trust",
-        "finds",
-        "detect",
-        "films",
-        "update",
-        "third camera",
-    }
+    expected = {"accuracy", "trust", "finds", "detect", "films", "update", "third camera"}
+    assert {row["table"] for row in rows} > expected
     assert all(math.isfinite(value) for row in rows for value in row.values() if isinstance(value, float))
 
 

@@ -12,8 +12,7 @@ from benchmarks.data.sets import Plan
 from benchmarks.measure import motion as measured_motion
 from benchmarks.measure.motion import GIVEN, measure_motion, play
 from benchmarks.score.errors import pose_errors
-from benchmarks.score.tables import BY_NAME
-from tests.benchmarks.made_up import assert_survives
+from tests.benchmarks.made_up import assert_survives, figures_of
 from tests.helpers import opencv_pixels, random_rotations
 from tracker.geometry import so3
 
@@ -163,7 +162,7 @@ def test_only_frames_that_move_count():
     for way, off in ((TOGETHER, 0.001), (ONE_STAMP, 0.004)):
         played = play(Knowing(off), frames, GIVEN[way]).assign(group=way, object="cube_v2")
         played.loc[3:, "measured_mm"] = 99.0
-        (row,) = BY_NAME["motion"].figures(played)
+        (row,) = figures_of(played, "motion")
         assert row["n"] == 10
         assert row["measured_mm"] == pytest.approx(1e3 * off)
         assert row["predicted_nees"] == pytest.approx(1e6 * off**2)

@@ -11,7 +11,7 @@ from benchmarks.data.package import environment as package
 from benchmarks.data.package.environment import PACKAGE, VARIABLE, VERSION, PackageError, interpreter, run
 from benchmarks.data.package.lens import bend_map, bent, normalised
 from benchmarks.data.package.scenes import LENS_MARGIN, Drawing, as_drawn, face_map
-from benchmarks.data.sets import PACKAGES
+from benchmarks.data.sets import PACKAGES, Plan, scene_set
 from benchmarks.data.workloads import BY_NAME
 from tests.helpers import make_camera, opencv_pixels
 from tracker.errors import CalibrationError
@@ -41,8 +41,9 @@ def test_an_interpreter_that_is_chosen_has_to_be_there(tmp_path, monkeypatch):
     monkeypatch.setenv(VARIABLE, sys.executable)
     assert interpreter(tmp_path) == Path(sys.executable)
     monkeypatch.setenv(VARIABLE, str(tmp_path / "nowhere"))
-    with pytest.raises(PackageError, match="nowhere: no such file"):
-        interpreter(tmp_path)
+    for use in (interpreter, lambda folder: scene_set("cube_v2", "package", Plan(3, 5, 1, folder))):
+        with pytest.raises(PackageError, match="nowhere: no such file"):
+            use(tmp_path)
 
 
 def test_nothing_is_installed_unless_requested(tmp_path):
@@ -136,6 +137,7 @@ def test_faces_seen_through_a_lens_fill_the_outline_that_opencv_projects(rng):
     model, camera = load_object("cuboid_2x2x8_v2"), make_camera()
     position = np.array([0.08, -0.05, 0.05])
     labels = face_map(camera, model, position, np.eye(3))
+    assert int(model.face_labels[4]) in labels  # the face on top
     ends = corners(model.size)
     edges = [(a, b) for a in ends for b in ends if np.count_nonzero(a != b) == 1]
     points = np.concatenate([a + np.linspace(0, 1, 30)[:, None] * (b - a) for a, b in edges]) + position

@@ -31,18 +31,12 @@ def test_a_document_shows_what_was_measured_and_nothing_else():
     shown = {table.title for table in TABLES if f"## {table.title}\n" in text}
     assert shown == {BY_NAME[row["table"]].title for row in made.figures}
     assert len(shown) >= 9
-    for line in text.splitlines():
-        assert not line.startswith("|") or line.endswith("|")
+    for block in text.split("\n\n"):
+        if block.startswith("|"):
+            assert all(line.endswith("|") for line in block.splitlines())
+            assert len({line.count(" | ") for line in block.splitlines()}) == 1
     assert document(made.about, made.figures, judge(made)) == text
     assert "## Accuracy" not in document(made.about, [], [])
-
-
-def test_tables_have_as_many_cells_as_heads():
-    made = results(8)
-    blocks = document(made.about, made.figures, judge(made)).split("\n\n")
-    for block in blocks:
-        if block.startswith("|"):
-            assert len({line.count(" | ") for line in block.splitlines()}) == 1
 
 
 @pytest.mark.parametrize("found", [True, False])
@@ -53,13 +47,8 @@ def test_plots_are_drawn_of_good_and_of_lost_films(tmp_path, found):
         frames["films"] = film(status=["lost"] * 10, found=False, **nothing)
         frames["accuracy"] = pd.DataFrame([answer(found=False, index=k) for k in range(5)])
     files = write_plots(frames, tmp_path)
-    assert {file.name for file in files} == {
-        "errors.png",
-        "visible.png",
-        "trust.png",
-        "times.png",
-        "films.png",
-    }
+    names = {"errors", "visible", "trust", "times", "films"}
+    assert {file.name for file in files} == {f"{name}.png" for name in names}
     assert all(np.ptp(cv2.imread(str(file))) > 100 for file in files)
 
 
@@ -86,12 +75,8 @@ def shown(rng) -> worst.Shown:
 def test_one_page_holds_the_worst_answers_of_each_object(shown, tmp_path):
     frames = pd.DataFrame([answer(index=k, object=name, mm=k + 0.1) for name in OBJECTS for k in range(9)])
     page = cv2.imread(str(worst.write_worst(frames, lambda _: shown, tmp_path)))
-    rows = len(OBJECTS) * worst.EACH
-    assert page.shape == (
-        rows * (worst.PANEL + worst.CAPTION + worst.GAP),
-        3 * worst.PANEL + 2 * worst.GAP,
-        3,
-    )
+    height = len(OBJECTS) * worst.EACH * (worst.PANEL + worst.CAPTION + worst.GAP)
+    assert page.shape == (height, 3 * worst.PANEL + 2 * worst.GAP, 3)
 
 
 @pytest.mark.parametrize(

@@ -98,9 +98,8 @@ def test_sets_of_scenes_are_kept_until_their_part_is_finished(measured, tmp_path
     def made(plan, workloads, objects, keep, rounds):
         rows = []
         for name in ("a", "b"):
-            rows += keep(
-                name, lambda name=name: (asked.append(name), ([{"group": "g", "object": name}], {}))[1]
-            )[0]
+            answer = [{"group": "g", "object": name}], {}
+            rows += keep(name, lambda name=name, answer=answer: asked.append(name) or answer)[0]
             if name == stop[0]:
                 raise KeyboardInterrupt
         return pd.DataFrame(rows), {}
@@ -197,11 +196,8 @@ def test_a_smoke_run_measures_and_says_so(tmp_path, monkeypatch):
     assert "# Results" in printed_by("accuracy", *arguments)
     results = read_results(out)
     frames = results.frames["accuracy"]
-    assert (
-        set(frames.group)
-        == {row["group"] for row in results.figures if row["table"] == "accuracy"}
-        == set(names)
-    )
+    figures = {row["group"] for row in results.figures if row["table"] == "accuracy"}
+    assert set(frames.group) == figures == set(names)
     assert len(frames) == 9
     assert (results.about["draw"], results.about["scenes"]) == ("development", 3)
     assert frames.present.all()

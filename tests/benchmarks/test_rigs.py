@@ -73,9 +73,8 @@ def test_a_world_that_is_moved_and_scaled_gives_the_same_pictures(rng):
     points = rng.uniform(-0.1, 0.1, (20, 3))
     moved = np.array([placement.pose(point, np.eye(3))[0] for point in points])
     for camera in CASES["platform"].stage_cameras:
-        np.testing.assert_allclose(
-            projected(placement.camera(camera), moved), projected(camera, points), atol=1e-9
-        )
+        seen = projected(placement.camera(camera), moved)
+        np.testing.assert_allclose(seen, projected(camera, points), atol=1e-9)
     assert np.linalg.norm(moved[0] - moved[1]) == pytest.approx(0.3 * np.linalg.norm(points[0] - points[1]))
 
 

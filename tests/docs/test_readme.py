@@ -13,33 +13,25 @@ from tests.helpers import ROOT
 from tests.helpers.synthetic_needs import skip_without_platform
 
 README = PAGES["README"]
-EXAMPLE = ROOT / "examples" / "detect_cube.py"
-DEMO = ROOT / "tracker" / "demo"
-DICE_TASK = ROOT / "examples" / "dice_task.py"
-TRACK = ROOT / "examples" / "track_recording.py"
-TASK_ERRORS = ROOT / "examples" / "task_errors.py"
-LIVE = ROOT / "examples" / "follow_live.py"
-SUBSCRIBE = ROOT / "examples" / "subscribe.py"
-OWN_ARENA = ROOT / "examples" / "own_arena.py"
-STILL = ROOT / "examples" / "still.py"
+EXAMPLES = ROOT / "examples"
 
 
 def test_the_example_with_an_arena_of_ones_own_runs(working, run_script):
-    run_script(OWN_ARENA, folder=working)  # fails where it raises
+    run_script(EXAMPLES / "own_arena.py", folder=working)  # fails where it raises
 
 
 def test_the_example_tracks_a_recording(working, run_script):
-    result = run_script(TRACK, folder=working)
+    result = run_script(EXAMPLES / "track_recording.py", folder=working)
     assert " s  found [" in result.stdout.splitlines()[0]
 
 
 def test_the_example_follows_a_recording_live(working, run_script):
-    result = run_script(LIVE, folder=working)
+    result = run_script(EXAMPLES / "follow_live.py", folder=working)
     assert re.match(r"(refound|found|tracking), \d+ ms old, in 50 ms at \[", result.stdout.splitlines()[0])
 
 
 def test_the_dice_example_tells_which_dice_to_move(tmp_path, run_script):
-    result = run_script(DICE_TASK, folder=tmp_path)
+    result = run_script(EXAMPLES / "dice_task.py", folder=tmp_path)
     error, *moves = result.stdout.splitlines()
     assert 2500 < int(error.removeprefix("error [px]")) < 3500
     assert 5 <= len(moves) <= 10
@@ -47,18 +39,15 @@ def test_the_dice_example_tells_which_dice_to_move(tmp_path, run_script):
 
 
 def test_the_example_of_errors_prints_them(tmp_path, run_script):
-    result = run_script(TASK_ERRORS, folder=tmp_path)
+    result = run_script(EXAMPLES / "task_errors.py", folder=tmp_path)
     assert float(result.stdout.split()[0]) == pytest.approx((np.hypot(0.01, 0.02) / 0.39 + 0.075) / 2)
     assert float(result.stdout.split()[-1]) == -67000
 
 
 def test_the_example_finds_the_cube(working, run_script):
-    result = run_script(EXAMPLE, folder=working)
-    assert [line[:16].strip() for line in result.stdout.splitlines()] == [
-        "position [m]",
-        "orientation xyzw",
-        "confidence",
-    ]
+    result = run_script(EXAMPLES / "detect_cube.py", folder=working)
+    names = [line[:16].strip() for line in result.stdout.splitlines()]
+    assert names == ["position [m]", "orientation xyzw", "confidence"]
     assert float(result.stdout.split()[-1]) > 0.5
     (shown,) = (block for block in blocks("text", "docs/first-steps") if block.startswith("position"))
     numbers = (re.findall(r"-?\d\.[\de-]+", text) for text in (shown, result.stdout))
@@ -111,7 +100,7 @@ def test_links_of_the_site_that_lead_out_of_it_are_words():
 
 def test_an_example_that_is_linked_alone_is_shown_on_the_site():
     shown = on_page_markdown("Look:\n\n[`examples/still.py`](../examples/still.py)\n\nThere.")
-    assert f"```python\n{STILL.read_text(encoding='utf-8')}```\n" in shown
+    assert f"```python\n{(EXAMPLES / 'still.py').read_text(encoding='utf-8')}```\n" in shown
     with pytest.raises(FileNotFoundError):
         on_page_markdown("[`examples/no_such.py`](../examples/no_such.py)")
 
@@ -138,7 +127,7 @@ def test_readme_and_pages_are_short():
 
 
 def test_the_still_is_the_same_each_time_and_its_error_small(demo, tmp_path, run_script):
-    result = run_script(STILL, "--output", "again", folder=tmp_path)
+    result = run_script(EXAMPLES / "still.py", "--output", "again", folder=tmp_path)
     found = re.search(r"error +([\d.]+) mm, ([\d.]+) degrees", result.stdout)
     assert found is not None, result.stdout
     assert float(found[1]) < 1
@@ -148,7 +137,7 @@ def test_the_still_is_the_same_each_time_and_its_error_small(demo, tmp_path, run
 
 
 def test_another_seed_shows_another_scene(demo, tmp_path, run_script):
-    run_script(STILL, "--seed", 7, "--output", tmp_path, folder=tmp_path)
+    run_script(EXAMPLES / "still.py", "--seed", 7, "--output", tmp_path, folder=tmp_path)
     assert (tmp_path / "overlay.png").read_bytes() != (demo / "overlay.png").read_bytes()
 
 
@@ -157,7 +146,7 @@ def test_the_demo_films_what_it_finds(tmp_path, run_script, monkeypatch):
     pytest.importorskip("matplotlib", reason="plot: no module matplotlib")
     skip_without_platform()
     monkeypatch.setitem(QUALITIES, "default", QUALITIES["fast"])
-    result = run_script(ROOT / "examples" / "demo.py", "--frames", 3, "--output", "demo", folder=tmp_path)
+    result = run_script(EXAMPLES / "demo.py", "--frames", 3, "--output", "demo", folder=tmp_path)
     assert "within 5 mm, 5°  3" in result.stdout
     written = {path.name for path in (tmp_path / "demo").iterdir()}
     assert {"overlay.png", "overlay.mp4", "errors.png", "camera60.png", "camera60.yml"} <= written

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import re
 import subprocess
 
@@ -31,9 +29,8 @@ def test_words_have_plainer_ones():
 
 
 def test_each_version_of_the_changelog_begins_with_what_users_get_and_has_a_tag():
-    sections = re.split(r"^## \[", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), flags=re.MULTILINE)[
-        1:
-    ]
+    text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    sections = re.split(r"^## \[", text, flags=re.MULTILINE)[1:]
     for section in sections:
         assert re.match(r"[\w.]+\].*\n\n### For users\n", section), section.partition("\n")[0]
     listed = subprocess.run(["git", "tag"], cwd=ROOT, capture_output=True, text=True, check=False)

@@ -25,26 +25,10 @@ BYTES = 3 << 30
 """Address space of the process, of which its libraries take a third."""
 
 HOSTILE = (
-    *(
-        b"1e999",
-        b"-1",
-        b"nan",
-        b".inf",
-        b"99999999999999999999",
-        b"9" * 5000,
-        b"0x7fffffff",
-        b"true",
-        b"null",
-    ),
-    *(
-        b"[" * 5000,
-        b"{" * 3000,
-        b'"' * 3,
-        b"a: &a [*a, *a]\n",
-        b"!!python/object/apply:os.getcwd []",
-        b"<<: *b",
-    ),
-    *(b"\xff\xfe", b"\0", b"\\ud800", b"\xed\xa0\x80", b"2001-99-99", b"!!bool 2", b"- " * 2000, b"a = " * 9),
+    *(b"1e999", b"-1", b"nan", b".inf", b"99999999999999999999", b"9" * 5000, b"0x7fffffff", b"true"),
+    *(b"null", b"[" * 5000, b"{" * 3000, b'"' * 3, b"a: &a [*a, *a]\n"),
+    *(b"!!python/object/apply:os.getcwd []", b"<<: *b", b"\xff\xfe", b"\0", b"\\ud800", b"\xed\xa0\x80"),
+    *(b"2001-99-99", b"!!bool 2", b"- " * 2000, b"a = " * 9),
 )
 """Pieces of text that parsers stumble over."""
 
