@@ -134,17 +134,14 @@ def test_what_fails_is_reported_with_its_reason_and_the_others_are_done(recordin
 
     monkeypatch.setattr(run, "run", failing)
     one = batch_of(recordings)
-    failures = {
-        Path(result["recording"]).name: result["failure"] for result in do(one)[0] if result["failure"]
-    }
+    failed = [result for result in do(one)[0] if result["failure"]]
+    failures = {Path(result["recording"]).name: result["failure"] for result in failed}
     assert failures.keys() == {"001", "002", "notes.txt", *long}
     assert "001/camera_data.dat: found" in failures["001"]
     assert "ZeroDivisionError" in failures["002"]
     assert {failures[name].split(": ")[-1] for name in long} == {"File name too long"}
-    kept = {
-        Path(failure["recording"]).name: failure["reason"]
-        for failure in json.loads((one.folder / "failures.json").read_text())
-    }
+    reasons = json.loads((one.folder / "failures.json").read_text())
+    kept = {Path(failure["recording"]).name: failure["reason"] for failure in reasons}
     assert kept == {name: failures[name] for name in ("001", "002", "notes.txt")}
     found = tables.state(one, {str(recordings / name): failures[name] for name in long})
     assert (len(found.lines), len(found.failures), found.missing) == (COUNT - 2, 5, 0)
@@ -302,23 +299,17 @@ def test_a_script_of_slurm_does_a_share_whatever_paths_are_called(tmp_path, monk
     assert "#SBATCH --mem=1500M" in directives
     description.write()
     place = description.path.parent
-    done = subprocess.run(
-        ["sh", description.path.name],
-        cwd=place,
-        env={**os.environ, "SLURM_ARRAY_TASK_ID": "7"},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    monkeypatch.setenv("SLURM_ARRAY_TASK_ID", "7")
+    command = ["sh", description.path.name]
+    done = subprocess.run(command, cwd=place, capture_output=True, text=True, check=False)
     # Elsewhere no file of others is taken for a module.
     (log,) = (place / "logs").iterdir()
     assert log.name == f"{description.path.stem}-7.out"
     assert log.read_text() == f"/\n-m|tracker|batch|share|{description.list_path}|7|1|"
     assert (done.returncode, done.stdout, done.stderr) == (2, "", "")
-    assert {path.name for path in tmp_path.rglob("*")} == {
-        *(python.name, "it's", ".jobs", "logs", folder.name),
-        *(description.path.name, description.list_path.name, log.name),
-    }
+    own = {description.path.name, description.list_path.name, log.name}
+    others = {python.name, "it's", ".jobs", "logs", folder.name}
+    assert {path.name for path in tmp_path.rglob("*")} == own | others
 
 
 def test_a_description_of_htcondor_does_a_share_whatever_paths_are_called(tmp_path, monkeypatch):

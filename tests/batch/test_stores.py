@@ -106,9 +106,8 @@ def test_episodes_have_their_robots_cameras_and_tables_fit_the_store(task, write
 
 
 def test_no_delay_is_told_of_an_object_at_rest(tmp_path, robots, monkeypatch):
-    monkeypatch.setattr(
-        robot_stores, "position", lambda t: np.broadcast_to([0.0, 0.0, 0.03], (*np.shape(t), 3))
-    )
+    place = np.array([0.0, 0.0, 0.03])
+    monkeypatch.setattr(robot_stores, "position", lambda t: np.broadcast_to(place, (*np.shape(t), 3)))
     _, report = do(write(tmp_path / "a.zarr"), tmp_path / "out", robots)
     assert report["robots"]["r1"]["delay_s"] is None
     assert report["robots"]["r1"]["share_within_5mm"] == 1

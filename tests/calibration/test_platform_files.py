@@ -188,8 +188,7 @@ def calibrated(camera):
 
 
 def assert_same(first, second):
-    for key in ("matrix", "distortion", "camera_from_world", "camera_from_world_std"):
-        assert np.array_equal(getattr(first.camera, key), getattr(second.camera, key))
+    assert_same_bits(first.camera, second.camera)
     assert np.array_equal(first.matrix_std, second.matrix_std)
     assert np.array_equal(first.distortion_std, second.distortion_std)
     assert first.placed == second.placed
@@ -203,10 +202,8 @@ def test_deviations_are_read_as_written_and_passed_over_by_the_platform(calibrat
 
 
 def test_a_lens_alone_is_no_camera_yet(calibrated, tmp_path):
-    lens = dataclasses.replace(
-        calibrated, camera=dataclasses.replace(calibrated.camera, camera_from_world=np.eye(4)), placed=False
-    )
-    lens = dataclasses.replace(lens, camera=dataclasses.replace(lens.camera, camera_from_world_std=None))
+    camera = dataclasses.replace(calibrated.camera, camera_from_world=np.eye(4), camera_from_world_std=None)
+    lens = dataclasses.replace(calibrated, camera=camera, placed=False)
     write_calibrated(lens, tmp_path / "lens.yml")
     read = read_calibrated(tmp_path / "lens.yml")
     assert not read.placed
@@ -246,11 +243,8 @@ def test_a_principal_point_halved_with_its_rows_is_distinguished_from_one_that_w
     matrix = whole.matrix.copy()
     matrix[:2] /= 2
     wrong = dataclasses.replace(whole, width=270, height=270, matrix=matrix)
-    files = {
-        "camera60.yml": whole,
-        "camera60_wrong.yml": wrong,
-        "camera60_right.yml": whole.resized(270, 270),
-    }
+    right = whole.resized(270, 270)
+    files = {"camera60.yml": whole, "camera60_wrong.yml": wrong, "camera60_right.yml": right}
     for name, camera in files.items():
         write_calibrated(Calibrated(camera), tmp_path / name)
     assert [halved_by_rows(tmp_path / name) for name in files] == [False, True, False]

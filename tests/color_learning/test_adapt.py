@@ -84,9 +84,8 @@ def test_colors_that_are_not_shown_stay_as_they_were():
 
 def test_names_alone_tell_pure_colors():
     labels = from_names(0).label_table.reshape(64, 64, 64)  # red, green, blue
-    for label, (blue, green, red) in enumerate(
-        [(0, 0, 1), (0, 1, 0), (1, 0, 0), (1, 1, 0), (1, 0, 1), (0, 1, 1)], start=1
-    ):
+    pure = [(0, 0, 1), (0, 1, 0), (1, 0, 0), (1, 1, 0), (1, 0, 1), (0, 1, 1)]
+    for label, (blue, green, red) in enumerate(pure, start=1):
         assert labels[50 * red, 50 * green, 50 * blue] == label
 
 

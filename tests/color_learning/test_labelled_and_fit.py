@@ -41,10 +41,9 @@ def labelled_image(seed: int, light=(1.0, 1.0, 1.0)) -> LabelledImage:
     return LabelledImage(f"scene{seed}", np.clip(np.rint(image), 0, 255).astype(np.uint8), labels)
 
 
-def fitted(seeds=(0, 1, 2), options=OPTIONS, **keywords):
-    return combine(
-        [image_histograms(labelled_image(seed), options) for seed in seeds], options=options, **keywords
-    )
+def fitted(seeds=(0, 1, 2), options=OPTIONS):
+    histograms = [image_histograms(labelled_image(seed), options) for seed in seeds]
+    return combine(histograms, options=options)
 
 
 @pytest.fixture(scope="module")
@@ -63,9 +62,8 @@ def test_a_fitted_model_segments_images_it_has_not_seen(seed, model):
 @pytest.mark.parametrize("gains", [(1.2, 1.0, 0.85), (0.8, 0.9, 1.1), (0.6, 0.6, 0.6), (1.25, 1.25, 1.25)])
 def test_a_change_of_light_does_not_change_the_labels(gains, model):
     scene = labelled_image(20)
-    before, after = (
-        segment(image, model) for image in (scene.image, apply_gains(scene.image, np.array(gains)))
-    )
+    lit = apply_gains(scene.image, np.array(gains))
+    before, after = (segment(image, model) for image in (scene.image, lit))
     assert (before == after).mean() > 0.99
     assert min(intersection_over_union(after, scene.labels).values()) > 0.95
 
@@ -165,12 +163,8 @@ def test_a_saved_model_is_read_back(model, tmp_path):
 
 def saved(**replaced) -> bytes:
     buffer = io.BytesIO()
-    good = {
-        "format": np.int64(1),
-        "normalise": np.bool_(True),
-        "log_posterior": np.zeros((7, 32, 32, 32), np.uint8),
-    }
-    entries = {**good, **replaced}
+    table = np.zeros((7, 32, 32, 32), np.uint8)
+    entries = {"format": np.int64(1), "normalise": np.bool_(True), "log_posterior": table, **replaced}
     np.savez_compressed(buffer, **{key: value for key, value in entries.items() if value is not None})
     return buffer.getvalue()
 
@@ -282,7 +276,5 @@ def test_the_overlap_of_equal_maps_is_one_and_of_disjoint_ones_zero():
     truth = np.array([[0, 1, 1], [2, 2, 0]], np.uint8)
     assert intersection_over_union(truth, truth) == {1: 1.0, 2: 1.0}
     assert intersection_over_union(np.where(truth == 1, 2, 0), truth) == {1: 0.0, 2: 0.0}
-    assert intersection_over_union(np.array([[0, 1, 0], [2, 2, 2]]), truth) == {
-        1: 0.5,
-        2: pytest.approx(2 / 3),
-    }
+    found = intersection_over_union(np.array([[0, 1, 0], [2, 2, 2]]), truth)
+    assert found == {1: 0.5, 2: pytest.approx(2 / 3)}

@@ -141,12 +141,14 @@ def test_all_that_an_lmdb_database_holds_is_found(tmp_path, rng, count):
     store.close()
 
 
-def test_content_arrives_and_nothing_else_stays(tmp_path):
+def test_content_arrives_with_the_permissions_of_any_other_file_and_nothing_else_stays(tmp_path):
     write_whole(tmp_path / "a.txt", "ä\n")
     write_whole(tmp_path / "b.bin", b"\x00\xff")
     assert (tmp_path / "a.txt").read_text(encoding="utf-8") == "ä\n"
     assert (tmp_path / "b.bin").read_bytes() == b"\x00\xff"
     assert sorted(os.listdir(tmp_path)) == ["a.txt", "b.bin"]
+    (tmp_path / "plain.txt").write_text("x")
+    assert (tmp_path / "a.txt").stat().st_mode == (tmp_path / "plain.txt").stat().st_mode
 
 
 def test_what_was_there_stays_if_writing_fails(tmp_path, monkeypatch):
@@ -179,19 +181,11 @@ def test_a_link_stays_one_and_what_it_means_is_written(tmp_path):
     assert os.listdir(tmp_path / "far") == ["a.txt"]
 
 
-def test_a_file_has_the_permissions_of_any_other(tmp_path):
-    (tmp_path / "plain.txt").write_text("x")
-    write_whole(tmp_path / "whole.txt", "x")
-    assert (tmp_path / "whole.txt").stat().st_mode == (tmp_path / "plain.txt").stat().st_mode
-
-
 @pytest.mark.skipif(sys.platform != "linux", reason="system: names of open files")
 def test_content_is_on_the_disk_before_it_has_its_name(tmp_path, monkeypatch):
     done = []
-    monkeypatch.setattr(
-        os, "fsync", lambda descriptor: done.append(os.readlink(f"/proc/self/fd/{descriptor}"))
-    )
     replace = os.replace
+    monkeypatch.setattr(os, "fsync", lambda number: done.append(os.readlink(f"/proc/self/fd/{number}")))
     monkeypatch.setattr(os, "replace", lambda old, new: (done.append("named"), replace(old, new)))
     write_whole(tmp_path / "a.txt", "x")
     assert [Path(one).name for one in done] == ["a.txt", "named", tmp_path.name]

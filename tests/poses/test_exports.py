@@ -33,12 +33,9 @@ def read_bop(path) -> list[dict]:
     rows = []
     for line in lines:
         scene, image, thing, score, rotation, shift, seconds = line.split(",")
-        rows.append(
-            {"scene_id": int(scene), "im_id": int(image), "obj_id": int(thing), "score": float(score)}
-        )
-        rows[-1]["R"] = np.array(list(map(float, rotation.split()))).reshape(3, 3)
-        rows[-1]["t"] = np.array(list(map(float, shift.split()))).reshape(3)
-        rows[-1]["time"] = float(seconds)
+        row = {"scene_id": int(scene), "im_id": int(image), "obj_id": int(thing), "score": float(score)}
+        row["R"] = np.array(rotation.split(), float).reshape(3, 3)
+        rows.append({**row, "t": np.array(shift.split(), float), "time": float(seconds)})
     return rows
 
 
@@ -78,9 +75,8 @@ def test_a_table_has_a_row_a_frame_with_the_same_bits(tmp_path_factory, count, s
             if hasattr(columns, column):
                 assert np.array_equal(numbers(rows, kind, names), getattr(columns, column), equal_nan=True)
         if kind != "recorded":
-            std = numbers(
-                rows, kind, ["std_x_m", "std_y_m", "std_z_m", "std_rx_rad", "std_ry_rad", "std_rz_rad"]
-            )
+            names = [f"std_{name}" for name in ("x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad")]
+            std = numbers(rows, kind, names)
             variance = np.diagonal(columns.covariance, axis1=1, axis2=2)
             assert np.array_equal(std, np.sqrt(variance), equal_nan=True)
 

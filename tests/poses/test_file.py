@@ -62,14 +62,8 @@ def test_the_names_are_those_of_the_platforms_logs_and_texts_have_codes(written)
         assert "magic" not in file.attrs  # it is no log
         shapes = {name: field.shape[1:] for name, field in file["object_pose"].items()}
         assert file["object_pose/has_pose"].dtype == np.bool_
-        expected = {
-            "has_pose": (),
-            "position": (3,),
-            "orientation": (4,),
-            "confidence": (),
-            "covariance": (6, 6),
-        }
-        assert shapes == expected
+        expected = {"has_pose": (), "position": (3,), "orientation": (4,), "confidence": ()}
+        assert shapes == {**expected, "covariance": (6, 6)}
         for number, name in enumerate(("camera60", "camera180", "camera300")):
             group = file["camera_info"][name]
             assert group["camera_matrix"].shape == (3, 3)
@@ -117,10 +111,8 @@ def test_what_other_versions_add_or_lack_is_passed_over_whatever_the_files_name(
 
 
 def test_statuses_and_uses_of_older_files_are_read_in_todays_spelling(written):
-    old = {
-        "status": {"tracking": "no object colours", "lost": "inconsistent views"},
-        "cameras": {"used": "no image"},
-    }
+    statuses = {"tracking": "no object colours", "lost": "inconsistent views"}
+    old = {"status": statuses, "cameras": {"used": "no image"}}
     before = read_poses(written)
     with h5py.File(written, "r+") as file:
         for name, spelled in old.items():

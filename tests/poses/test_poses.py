@@ -66,10 +66,9 @@ OTHER = CameraRig((make_camera(60), make_camera(180), make_camera(301, "camera30
         (lambda poses: poses.columns("guessed"), "expected one of measured, filtered, recorded"),
         (lambda poses: poses.columns("recorded"), r"a\.dat: found no recorded poses"),
         (compare, "no recorded poses"),
-        *[
-            (lambda poses, text=text: of(poses, source=text), "source: found")
-            for text in ("a\0b", "\udcff", 3)
-        ],
+        (lambda poses: of(poses, source="a\0b"), "source: found"),
+        (lambda poses: of(poses, source="\udcff"), "source: found"),
+        (lambda poses: of(poses, source=3), "source: found"),
     ],
 )
 def test_what_poses_do_not_have_or_what_does_not_belong_together_is_refused(make, message, rng):
@@ -127,11 +126,8 @@ def test_columns_hold_what_was_appended(rng):
     assert poses.status.tolist() == ["found", "coasting"]
     assert poses.measured.has_pose.tolist() == [True, False]
     assert poses.filtered.has_pose.tolist() == poses.recorded.has_pose.tolist() == [False, True]
-    for pose, columns, row in (
-        (first, poses.measured, 0),
-        (second, poses.filtered, 1),
-        (old, poses.recorded, 1),
-    ):
+    held = (first, poses.measured, 0), (second, poses.filtered, 1), (old, poses.recorded, 1)
+    for pose, columns, row in held:
         for name in columns.ROW_SHAPES:
             assert np.array_equal(getattr(columns, name)[row], getattr(pose, name)), name
             assert np.isnan(getattr(columns, name)[1 - row]).all(), name
@@ -150,17 +146,7 @@ def test_the_trackers_own_observations_are_taken(rng):
     assert poses.cameras.tolist() == [["used", "contradicting", "no_image"], [""] * 3]
 
 
-@pytest.mark.parametrize(
-    "stamp",
-    [
-        "1.5",
-        None,
-        np.datetime64("2026-01-01"),
-        2 * 10**18,
-        np.inf,
-        pytest.param(10**400, id="too many digits"),
-    ],
-)
+@pytest.mark.parametrize("stamp", ["1.5", None, np.datetime64("2026-01-01"), 2 * 10**18, np.inf, 10**400])
 def test_times_that_are_not_in_seconds_are_refused(stamp, rng):
     builder = PosesBuilder(make_about())
     with pytest.raises(LogError, match=r"frame 3: timestamp: found .*, expected"):
@@ -217,28 +203,19 @@ def test_differences_to_recorded_poses_are_those_put_in(rng):
     for number in range(10):
         pose = random_pose(rng, moving=True)
         axis = rng.normal(size=3)
-        turned = so3.exp(axis / np.linalg.norm(axis) * np.radians(number)) @ so3.matrix_from_quaternion(
-            pose.orientation
-        )
-        old = moved(turned, pose.position + np.array([0, 0, 1e-3 * number]))
+        turn = so3.exp(axis / np.linalg.norm(axis) * np.radians(number))
+        rotation = turn @ so3.matrix_from_quaternion(pose.orientation)
+        old = moved(rotation, pose.position + np.array([0, 0, 1e-3 * number]))
         # Frame 0: only recorded; frame 9: only found.
         found = None if number == 0 else pose
         builder.append(number, number / 10, answer(found, found, "found"), None if number == 9 else old)
     builder.append(10, 1.0, answer(None, None, "lost"))
+    shares = dict.fromkeys(("share_only_found", "share_only_recorded", "share_neither"), 1 / 11)
+    medians = dict.fromkeys(("position_median_mm", "angle_median_deg"), 4.5)
+    tails = dict.fromkeys(("position_p90_mm", "angle_p90_deg"), 7.3)
+    expected = {"frames": 11, "share_both": 8 / 11} | shares | medians | tails
     for kind in ("measured", "filtered"):
-        assert compare(builder.build(), kind) == pytest.approx(
-            {
-                "frames": 11,
-                "position_median_mm": 4.5,
-                "position_p90_mm": 7.3,
-                "angle_median_deg": 4.5,
-                "angle_p90_deg": 7.3,
-                "share_both": 8 / 11,
-                "share_only_found": 1 / 11,
-                "share_only_recorded": 1 / 11,
-                "share_neither": 1 / 11,
-            }
-        )
+        assert compare(builder.build(), kind) == pytest.approx(expected)
 
 
 def test_a_comparison_without_common_frames_says_none(rng):

@@ -214,9 +214,8 @@ def test_memory_ends_where_an_episode_starts(log, tmp_path, monkeypatch):
     monkeypatch.setattr(tracker.logs.Log, "episode_starts", (0, 7, 40, 90))
     run(make_job(log, tmp_path / "poses.h5"))
     poses = read_poses(tmp_path / "poses.h5")
-    fresh = np.flatnonzero(
-        (poses.filtered.position == poses.measured.position).all(axis=1) & poses.measured.has_pose
-    )
+    same = (poses.filtered.position == poses.measured.position).all(axis=1)
+    fresh = np.flatnonzero(same & poses.measured.has_pose)
     assert set(fresh) <= {0, 7, 40, 90}
     assert 7 in fresh or not poses.measured.has_pose[7]
 
@@ -261,11 +260,8 @@ def test_what_the_disk_has_no_room_for_is_named_and_all_else_is_done(tmp_path):
     one, results = Batch.of([f"{tmp_path}/in/*"], tmp_path / "out", options), []
     with no_file_longer_than(30_000):
         run_batch(one, lambda: contextlib.nullcontext(here), results.append)
-    assert [result["failure"] and result["failure"].split(": ", 1)[1] for result in results] == [
-        None,
-        "cannot be written: File too large",
-        None,
-    ]
+    reasons = [result["failure"] and result["failure"].split(": ", 1)[1] for result in results]
+    assert reasons == [None, "cannot be written: File too large", None]
     found = state(one)
     assert (len(found.lines), len(found.failures)) == (2, 1)
     assert len(read_poses(one.folder / one.pairs[2][1])) == 6

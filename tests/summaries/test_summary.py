@@ -11,11 +11,10 @@ import numpy as np
 import pytest
 
 import tracker
-from synthetic.camera.sensor import Sensor
 from tests.helpers import ROOT, look_at
+from tests.helpers.kept_stills import bare
 from tests.helpers.pose_logs import random_poses
 from tests.helpers.recording_stubs import make_job, write_log
-from tests.helpers.stills import bare_scene, take
 from tracker.errors import LogError
 from tracker.geometry import so3
 from tracker.objects.model import load_object
@@ -97,10 +96,8 @@ def test_poses_of_another_recording_are_distinguished_from_its_own(packed, tmp_p
 
         refuse(own)
         refuse(own[:0])
-        for other in (
-            dataclasses.replace(own, timestamp=own.timestamp + 1.0),
-            dataclasses.replace(own, index=own.index + FRAMES),
-        ):
+        for change in ({"timestamp": own.timestamp + 1.0}, {"index": own.index + FRAMES}):
+            other = dataclasses.replace(own, **change)
             with pytest.raises(LogError, match=r"poses\.h5: found poses of another recording \(camera_data"):
                 refuse(other)
 
@@ -151,9 +148,7 @@ NAMES = ("camera60", "camera180", "camera300")
 def demo():
     """A tracker, and four sets of pictures that come with the package."""
     with tracker.open_log(DEMO) as log:
-        return tracker.ObjectTracker(tracker.load_object("cube_v2"), log.rig), [
-            list(log[k].images) for k in (0, 5, 11, 17)
-        ]
+        return tracker.ObjectTracker("cube_v2", log.rig), [list(log[k].images) for k in (0, 5, 11, 17)]
 
 
 @pytest.mark.parametrize("order", [order for order in itertools.permutations(STRAIGHT) if order != STRAIGHT])
@@ -209,25 +204,20 @@ def test_the_likely_cause_of_a_miss_is_named(demo, change, cause):
 
 
 def test_a_rig_that_looks_the_same_from_each_camera_cannot_tell(rig):
+    places = [(0.4 * np.cos(a), 0.4 * np.sin(a), 0.4) for a in np.radians([60.0, 180.0, 300.0])]
     cameras = tuple(
-        dataclasses.replace(
-            rig[0], name=name, camera_from_world=look_at(np.array([0.4 * np.cos(a), 0.4 * np.sin(a), 0.4]))
-        )
-        for name, a in zip(NAMES, np.radians([60.0, 180.0, 300.0]), strict=True)
+        dataclasses.replace(rig[0], name=name, camera_from_world=look_at(place))
+        for name, place in zip(NAMES, places, strict=True)
     )
-    even, model = tracker.CameraRig(cameras), tracker.load_object("cube_v2")
-    rng = np.random.default_rng(3)
-    images = take(bare_scene(model, rng), cameras, Sensor.realistic(), rng).images
-    one = tracker.ObjectTracker(model, even)
+    images = bare("cube_v2", cameras, 3).images
+    one = tracker.ObjectTracker("cube_v2", tracker.CameraRig(cameras))
     for order in ((1, 2, 0), (1, 0, 2)):
         assert swapped(one, [images[k] for k in order]) is None
 
 
 def test_a_recording_is_marked_in_its_line_if_little_came_of_it(tmp_path):
-    for order, message in (
-        ((1, 0, 2), "the images of camera60 and camera180 look swapped"),
-        (STRAIGHT, None),
-    ):
+    message = "the images of camera60 and camera180 look swapped"
+    for order, expected in (((1, 0, 2), message), (STRAIGHT, None)):
         log = tmp_path / "".join(map(str, order))
         shutil.copytree(DEMO, log)
         for folder in log.glob("0*"):
@@ -235,7 +225,7 @@ def test_a_recording_is_marked_in_its_line_if_little_came_of_it(tmp_path):
                 shutil.copy(DEMO / folder.name / f"{NAMES[k]}.jpg", folder / f"{name}.jpg")
         job = Job(log, tmp_path / "poses.h5", Recipe.of(Options("cube_v2", stop=8)))
         tracked = run(job)
-        assert row(job, tracked)["swapped"] == message
+        assert row(job, tracked)["swapped"] == expected
         shutil.rmtree(log)
         assert row(job, tracked)["swapped"] is None
 

@@ -1,5 +1,6 @@
 """Goals of dice: cells, patterns, files."""
 
+import itertools
 import json
 import math
 import os
@@ -20,9 +21,8 @@ COORDINATES = st.floats(-0.3, 0.3)
 
 
 def inside_by_hand(x: float, y: float) -> bool:
-    return all(
-        math.dist((x + dx, y + dy), (0, 0)) <= 0.19 for dx in (-0.011, 0.011) for dy in (-0.011, 0.011)
-    )
+    signs = itertools.product((-0.011, 0.011), repeat=2)
+    return all(math.hypot(x + dx, y + dy) <= 0.19 for dx, dy in signs)
 
 
 def test_cells_are_those_of_a_grid_whose_corners_are_in_the_arena():
@@ -83,10 +83,8 @@ def test_a_goal_is_valid_if_every_die_is_in_the_arena_and_above_its_floor(places
 def test_rounding_does_not_invalidate_a_goal(angle, quarter):
     corner = 0.19 * np.exp(1j * (angle + quarter * math.pi / 2))
     goal = dice.sample_goal(0)
-    goal[3] = (
-        *(np.array([corner.real, corner.imag]) - np.copysign(0.011, [corner.real, corner.imag])),
-        0.011,
-    )
+    x, y = corner.real, corner.imag
+    goal[3] = x - math.copysign(0.011, x), y - math.copysign(0.011, y), 0.011
     for factor in (1.0, 1 - 1e-10, 1 + 1e-10):
         for rounded in (goal * factor, goal * factor / 3 * 3):
             np.testing.assert_array_equal(dice.validate_goal(rounded), rounded)
@@ -215,7 +213,7 @@ def test_only_goals_on_different_cells_have_a_pattern(seed, index, offset):
         dice.pattern(goal)
 
 
-@given(st.integers(0, 2**32))
+@given(SEEDS)
 def test_json_keeps_every_bit(tmp_path_factory, seed):
     path = tmp_path_factory.getbasetemp() / "goal.json"
     rng = np.random.default_rng(seed)
@@ -292,8 +290,6 @@ JSON = st.recursive(
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.just("goal") | st.text(max_size=3), inner),
     max_leaves=30,
 )
-
-
 PAIRS = st.lists(st.lists(JSON, min_size=2, max_size=2), min_size=1, max_size=3)
 
 

@@ -94,11 +94,7 @@ def test_an_image_without_dice_has_an_empty_mask(level, rng):
 
 @pytest.mark.parametrize(
     ("bad", "words"),
-    [
-        (np.zeros((270, 270), np.uint8), "shape"),
-        (np.zeros((270, 270, 3)), "float64"),
-        ([[1]], "list"),
-    ],
+    [(np.zeros((270, 270), np.uint8), "shape"), (np.zeros((270, 270, 3)), "float64"), ([[1]], "list")],
 )
 def test_anything_but_an_image_is_refused(bad, words):
     with pytest.raises(ImageError, match=words):
@@ -204,9 +200,8 @@ def test_a_camera_without_an_image_or_behind_a_finger_only_costs_accuracy():
     found = locate(RIG, [masks[0], None, masks[2]], [images[0], None, images[2]])
     assert distances(positions(found), expected).max() < 4e-3
     pair = CameraRig((RIG[0], RIG[2]))
-    np.testing.assert_allclose(
-        positions(locate(pair, [masks[0], masks[2]], [images[0], images[2]])), positions(found), atol=1e-9
-    )
+    alone = locate(pair, [masks[0], masks[2]], [images[0], images[2]])
+    np.testing.assert_allclose(positions(alone), positions(found), atol=1e-9)
     masks[0][:, :140] = 0
     assert distances(positions(locate(RIG, masks, images)), expected).max() < 4e-3
 

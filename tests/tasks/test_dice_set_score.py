@@ -111,9 +111,8 @@ def test_what_a_die_gains_is_what_the_whole_loses_without_it(views):
 
 
 def test_a_die_that_was_pushed_away_settles_where_it_was(views):
-    for k, offset in enumerate(
-        [(0.005, 0, 0, 0.1), (0, -0.005, 0, -0.1), (0.003, 0.003, 0, 0.2), (-0.004, 0, 0, 0)]
-    ):
+    offsets = (0.005, 0, 0, 0.1), (0, -0.005, 0, -0.1), (0.003, 0.003, 0, 0.2), (-0.004, 0, 0, 0)
+    for k, offset in enumerate(offsets):
         dice = DICE_POSES.copy()
         dice[k] += offset
         set_score.settle(views, dice, k, finder.STEPS, 0.19, finder.TERMS, canvas())

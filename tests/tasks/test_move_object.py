@@ -45,9 +45,6 @@ def turned(quaternion: np.ndarray, rotvec: np.ndarray) -> np.ndarray:
     return so3.quaternion_from_matrix(so3.matrix_from_quaternion(quaternion) @ so3.exp(rotvec))
 
 
-# Positions
-
-
 @pytest.mark.parametrize(
     ("offset", "error"),
     [
@@ -78,9 +75,6 @@ def test_position_error_does_not_change_when_the_world_is_moved_or_turned_about_
     turn = so3.exp([0, 0, yaw])
     moved = move_object.position_error(turn @ a + shift, turn @ b + shift)
     np.testing.assert_allclose(moved, move_object.position_error(a, b), atol=1e-12)
-
-
-# Orientations
 
 
 @pytest.mark.parametrize("angle", ANGLES)
@@ -117,9 +111,6 @@ def test_orientation_errors_are_metrics_up_to_1_that_turning_the_world_does_not_
     turn = so3.matrix_from_quaternion(world)
     a, b = (so3.quaternion_from_matrix(turn @ so3.matrix_from_quaternion(q)) for q in (a, b))
     np.testing.assert_allclose(error(a, b), error(-b, a), atol=1e-15)
-
-
-# Rewards
 
 
 def test_an_object_has_a_long_axis_where_one_edge_is_twice_the_others():
@@ -162,9 +153,8 @@ def test_one_goal_and_many_states_broadcast(rng):
     goal, goal_turn = rng.normal(size=3), random_quaternions(rng, 1)[0]
     rewards = move_object.reward(4, goal, states, goal_turn, turns, model=CUBOID)
     assert rewards.shape == (4, 5)
-    one = move_object.reward(
-        4, list(goal), list(states[2, 3]), list(goal_turn), list(turns[2, 3]), model=CUBOID
-    )
+    lists = map(list, (goal, states[2, 3], goal_turn, turns[2, 3]))
+    one = move_object.reward(4, *lists, model=CUBOID)
     assert np.shape(one) == ()
     assert rewards[2, 3] == pytest.approx(one, rel=1e-14)
     assert move_object.reward(1, goal, np.empty((0, 3))).shape == (0,)
@@ -178,9 +168,6 @@ def test_where_the_object_was_not_seen_the_reward_is_unknown(rng):
     axis = move_object.long_axis_error(turns[0], turns)
     np.testing.assert_array_equal(np.isnan(axis), [False, False, False, True, False])
     assert np.isnan(move_object.episode_reward(rewards))
-
-
-# Trajectories
 
 
 @given(st.lists(st.integers(1, 20000), max_size=9), st.lists(st.floats(0, 120000), min_size=1, max_size=9))
@@ -200,9 +187,6 @@ def test_rewards_along_a_trajectory_are_those_of_the_active_goals(rng):
     rewards = move_object.trajectory_reward(TRAJECTORY, times, states)
     expected = move_object.reward(3, move_object.active_goal(TRAJECTORY, times), states)
     np.testing.assert_array_equal(rewards, expected)
-
-
-# Sums
 
 
 def test_an_episodes_reward_sums_its_steps(rng):
@@ -286,17 +270,15 @@ def test_before_a_trajectory_begins_there_is_no_goal(time):
 
 
 sizes = arrays(np.float64, 3, elements=st.floats(0.005, 0.5))
-
 BOX = np.array([0.02, 0.08, 0.03])
-IDENTITY = [0.0, 0.0, 0.0, 1.0]
 
 
 def test_a_corner_is_on_the_plus_side_where_its_bit_is_zero():
-    found = keypoints([1.0, 2.0, 3.0], IDENTITY, BOX)
+    found = keypoints([1.0, 2.0, 3.0], UNIT, BOX)
     for i, corner in enumerate(found):
         signs = [1 if not i >> axis & 1 else -1 for axis in range(3)]
         np.testing.assert_allclose(corner, [1.0, 2.0, 3.0] + BOX / 2 * signs)
-    assert np.array_equal(keypoints(np.zeros(3), IDENTITY, BOX)[::-1], cuboid.corners(BOX))
+    assert np.array_equal(keypoints(np.zeros(3), UNIT, BOX)[::-1], cuboid.corners(BOX))
 
 
 @given(sizes, positions, quaternions)
@@ -331,7 +313,7 @@ def test_many_states_go_at_once_and_one_that_was_not_seen_stays_unknown():
     np.testing.assert_allclose(turn[known], turns[known], atol=1e-12)
     assert np.isnan(place[~known]).all()
     assert np.isnan(turn[~known]).all()
-    assert keypoints(places[0], IDENTITY, BOX).shape == (4, 8, 3)
+    assert keypoints(places[0], UNIT, BOX).shape == (4, 8, 3)
 
 
 def test_noise_on_corners_averages_out():
@@ -342,7 +324,7 @@ def test_noise_on_corners_averages_out():
     assert np.std(place, axis=0) == pytest.approx(np.full(3, 1e-4 / np.sqrt(8)), rel=0.1)
 
 
-CORNERS = keypoints([0.1, 0.0, 0.03], IDENTITY, BOX)
+CORNERS = keypoints([0.1, 0.0, 0.03], UNIT, BOX)
 
 
 @pytest.mark.parametrize(
@@ -368,10 +350,10 @@ def test_what_is_no_box_is_refused(corners, size, says):
 @pytest.mark.parametrize(
     ("position", "orientation", "says"),
     [
-        ([0.0, 0.0], IDENTITY, r"position: found shape \(2,\)"),
+        ([0.0, 0.0], UNIT, r"position: found shape \(2,\)"),
         ([0.0, 0.0, 0.0], [0.0] * 4, "length 0"),
-        (np.zeros((2, 3)), np.tile(IDENTITY, (3, 1)), "expected leading axes"),
-        (None, IDENTITY, "expected numbers"),
+        (np.zeros((2, 3)), np.tile(UNIT, (3, 1)), "expected leading axes"),
+        (None, UNIT, "expected numbers"),
     ],
 )
 def test_what_is_no_pose_has_no_corners(position, orientation, says):

@@ -145,11 +145,8 @@ def test_a_missing_image_is_a_panel_that_shows_no_object(rig):
 
 
 def test_without_a_pose_the_caption_gives_the_reason(rig):
-    pictures = {
-        status: overlay(black(rig), rig, MODEL, Observation(None, None, status))
-        for status in (Status.AMBIGUOUS, Status.POOR_FIT)
-    }
-    first, second = pictures.values()
+    answers = (Observation(None, None, status) for status in (Status.AMBIGUOUS, Status.POOR_FIT))
+    first, second = (overlay(black(rig), rig, MODEL, answer) for answer in answers)
     np.testing.assert_array_equal(first[:540], second[:540])
     assert (first[540:] != second[540:]).any()
 
@@ -301,7 +298,7 @@ MASKS = [np.zeros((270, 270), np.uint8)] * 3
 
 
 def overlaid(images):
-    overlay(images, RIG, load_object("cube_v2"), Observation(None, None, Status.LOST))
+    overlay(images, RIG, MODEL, Observation(None, None, Status.LOST))
 
 
 @pytest.mark.parametrize(
@@ -323,14 +320,7 @@ def test_images_that_do_not_fit_the_rig_are_refused(images, words):
         (ImageError, BLACK[:2], MASKS, MASKS, None, "found 2 images"),
         (TaskError, BLACK, MASKS[:2], MASKS, None, "2 goal masks, expected one for each of camera60"),
         (TaskError, BLACK, MASKS, [*MASKS, MASKS[0]], None, "found 4 dice masks"),
-        (
-            TaskError,
-            BLACK,
-            None,
-            [MASKS[0], MASKS[1][:9], None],
-            None,
-            r"found a dice mask \(9, 270\)",
-        ),
+        (TaskError, BLACK, None, [MASKS[0], MASKS[1][:9], None], None, r"found a dice mask \(9, 270\)"),
         (TaskError, BLACK, MASKS, [MASKS[0] / 255, None, None], None, "found type float64"),
         (TaskError, BLACK, MASKS, MASKS, [[0.0, 0.0]], "dice: found shape"),
     ],

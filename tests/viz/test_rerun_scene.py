@@ -104,12 +104,6 @@ def test_wrong_usage_is_one_line_and_leaves_nothing(arguments, message, tmp_path
     assert sorted(tmp_path.rglob("*")) == before
 
 
-def test_a_missing_package_is_named_with_its_extra(monkeypatch, capfd):
-    from tracker import cli
-
+def test_a_missing_package_is_named_with_its_extra(monkeypatch, run_here):
     monkeypatch.setattr(rerun_viewer, "find_spec", lambda _: None)
-    with pytest.raises(SystemExit) as stop:
-        cli.main(["view", "poses.h5"])
-    printed = capfd.readouterr()
-    result = subprocess.CompletedProcess([], int(stop.value.code or 0), printed.out, printed.err)
-    assert_one_line_error(result, ".[rerun]")
+    assert_one_line_error(run_here("view", "poses.h5"), ".[rerun]")

@@ -35,6 +35,7 @@ def path(tmp_path):
 
 def drawn(path, poses, title=""):
     write_trajectory_plot(path, poses, title)
+    assert os.listdir(path.parent) == [path.name]
     image = cv2.imread(str(path))
     assert image.shape == (1300, 1560, 3)
     assert image[2, 2].tolist() == list(paint.BACKGROUND)
@@ -111,11 +112,6 @@ def test_recorded_poses_are_seen(path, rng):
     near = [np.abs(drawn(path, one).astype(int) - color).sum(axis=2) < 120
             for one in (poses, dataclasses.replace(poses, recorded=None))]  # fmt: skip
     assert near[0].sum() > near[1].sum() + 500
-
-
-def test_the_picture_stands_alone(path, rng):
-    write_trajectory_plot(path, random_poses(rng, 3))
-    assert os.listdir(path.parent) == [path.name]
 
 
 def test_nothing_half_written_stays(path, rng, monkeypatch):

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
+from tests.helpers import look_at
 from tests.helpers.boards import BOARD, LENS, photo, pose_towards, sighting
 from tracker.calibration.board.board import Board
 from tracker.calibration.board.extrinsics import place_cameras
@@ -22,19 +23,7 @@ GIVEN[:3, :3] = so3.exp([0, 0, 0.4])
 GIVEN[:3, 3] = (0.01, -0.02, 0.005)
 
 
-def looking(azimuth, height=0.4, distance=0.3):
-    """(4, 4) camera_from_world of a camera that looks at the arena's centre."""
-    position = np.array([distance * np.cos(azimuth), distance * np.sin(azimuth), height])
-    forward = -position / np.linalg.norm(position)
-    right = np.cross(forward, [0, 0, 1])
-    right /= np.linalg.norm(right)
-    rotation = np.stack([right, np.cross(forward, right), forward])
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = rotation, -rotation @ position
-    return pose
-
-
-TRUE = [looking(azimuth) for azimuth in (1.0, 3.1, 5.2)]
+TRUE = [look_at((0.3 * np.cos(azimuth), 0.3 * np.sin(azimuth), 0.4)) for azimuth in (1.0, 3.1, 5.2)]
 PLACES = [GIVEN, *(np.eye(4) for _ in range(2))]
 PLACES[1][:3, :3], PLACES[1][:3, 3] = so3.exp([0.3, -0.2, 2.0]), (0.03, 0.02, 0.05)
 PLACES[2][:3, :3], PLACES[2][:3, 3] = so3.exp([-0.2, 0.4, -1.0]), (-0.03, 0.03, 0.04)

@@ -129,9 +129,8 @@ def test_edges_that_are_off_as_a_whole_make_the_cameras_less_certain(rng):
     _, worn = adjusted(world, TRUE, steps=3, rim=known)
     assert worn.own == pytest.approx(0.2**2 + OWN**2, rel=0.3)
     assert sharp.own == pytest.approx(OWN**2, rel=0.5)
-    assert np.trace(relative_covariance(worn.covariance)[0]) > np.trace(
-        relative_covariance(sharp.covariance)[0]
-    )
+    spreads = [np.trace(relative_covariance(one.covariance)[0]) for one in (worn, sharp)]
+    assert spreads[0] > spreads[1]
 
 
 def test_a_rim_that_is_not_known_leaves_the_distances_open(rng):
@@ -183,6 +182,10 @@ ALONE = tracker.CameraRig((RIG[0],))
 WRONG = knocked(RIG, seed=4)
 
 
+def footage(stills):
+    return Footage([still.images for still in stills])
+
+
 class Film:
     """Pictures at 10 Hz, those of one frame up to `skew` [s] apart."""
 
@@ -197,13 +200,9 @@ class Film:
         return (self.frames[number] for number in numbers)
 
 
-def stills():
-    return Footage([still.images for still in carried()])
-
-
 @pytest.fixture(scope="module")
 def found():
-    return refine_cameras(MODEL, [stills()], WRONG, COLORS)
+    return refine_cameras(MODEL, [footage(carried())], WRONG, COLORS)
 
 
 def test_cameras_come_to_stand_as_they_do(found):
@@ -236,10 +235,7 @@ def test_the_world_stays_where_the_old_cameras_have_it(found):
 
 
 def test_rests_bring_the_world_to_the_table():
-    lifted = np.eye(4)
-    lifted[2, 3] = 0.004
-    world = moved(WRONG, lifted)
-    both = [stills(), Footage([still.images for still in rests()])]
+    world, both = moved(WRONG, floating(0.004, 0.0)), [footage(carried()), footage(rests())]
     found = refine_cameras(MODEL, both, world, COLORS)
     assert found.plane is not None
     assert found.rig.arena.table == 0.0
@@ -253,10 +249,10 @@ EMPTY = [np.full((270, 270, 3), 110, np.uint8)] * 3
 @pytest.mark.parametrize(
     ("film", "rig", "message"),
     [
-        (stills, RIG, r"refused: edges in 9 frames held out.*as good as"),
-        (stills, ALONE, "camera60 alone"),
+        (lambda: footage(carried()), RIG, r"refused: edges in 9 frames held out.*as good as"),
+        (lambda: footage(carried()), ALONE, "camera60 alone"),
         (lambda: Film([rests()[0].images] * 5), WRONG, "found 1 of the 18 different poses"),
-        (lambda: Footage([still.images for still in rests()] * 3), WRONG, "move and turn it"),
+        (lambda: footage(rests() * 3), WRONG, "move and turn it"),
         (lambda: Film([EMPTY] * 3), WRONG, "no frame in which cube_v2 is surely seen"),
     ],
     ids=["nothing to better", "one camera", "at rest", "never turned", "no object"],
@@ -267,11 +263,6 @@ def test_what_betters_no_calibration_is_refused_with_the_reason(film, rig, messa
         refine_cameras(MODEL, [film()], rig, COLORS)
 
 
-@pytest.fixture(scope="module")
-def lying():
-    return rests()
-
-
 def floating(height=0.005, degrees=1.0):
     """(4, 4) to the true world from one that floats."""
     out = np.eye(4)
@@ -280,14 +271,10 @@ def floating(height=0.005, degrees=1.0):
     return out
 
 
-def shown(lying):
-    return Footage([still.images for still in lying])
-
-
 @pytest.mark.parametrize("height", [0.005, -0.006])
-def test_a_floating_world_comes_down_to_the_table(lying, height):
-    found = find_table(MODEL, [shown(lying)], moved(RIG, floating(height)), COLORS)
-    assert len(found.plane.used) == len(lying)
+def test_a_floating_world_comes_down_to_the_table(height):
+    found = find_table(MODEL, [footage(rests())], moved(RIG, floating(height)), COLORS)
+    assert len(found.plane.used) == len(rests())
     for before, after in zip(RIG, found.rig, strict=True):
         new_from_true = np.linalg.inv(after.camera_from_world) @ before.camera_from_world
         assert abs(new_from_true[2, 3]) < 0.1e-3
@@ -296,10 +283,9 @@ def test_a_floating_world_comes_down_to_the_table(lying, height):
     assert found.rig.arena.table_std[0] < 0.5e-3
 
 
-def test_several_films_and_stills_count_together(lying):
-    parts = [shown(lying[:2]), shown(lying[2:])]
-    one = find_table(MODEL, parts, RIG, COLORS)
-    other = find_table(MODEL, [shown(lying)], RIG, COLORS)
+def test_several_films_and_stills_count_together():
+    parts = [footage(rests()[:2]), footage(rests()[2:])]
+    one, other = (find_table(MODEL, films, RIG, COLORS) for films in (parts, [footage(rests())]))
     assert one.plane.height == other.plane.height
 
 
@@ -313,9 +299,9 @@ def test_several_films_and_stills_count_together(lying):
     ],
     ids=["one camera", "seen by one camera", "one place", "no object"],
 )
-def test_what_shows_no_table_is_refused_with_the_reason(seen, rig, message, lying):
+def test_what_shows_no_table_is_refused_with_the_reason(seen, rig, message):
     with pytest.raises(CalibrationError, match=message):
-        find_table(MODEL, [Footage(list(seen([still.images for still in lying])))], rig, COLORS)
+        find_table(MODEL, [Footage(list(seen([still.images for still in rests()])))], rig, COLORS)
 
 
 STILL = np.zeros(6)

@@ -103,17 +103,15 @@ def test_a_world_that_is_moved_as_a_whole_fits():
     given = [
         dataclasses.replace(c, camera_from_world=c.camera_from_world @ np.linalg.inv(place)) for c in CAMERAS
     ]
-    seen = looks(CAMERAS, CAMERAS)
     turned = np.kron(np.eye(2), turn)
     world = [
-        Look(
-            turn @ one.position + shift,
-            turned @ one.information @ turned.T,
-            one.moved @ turned.T,
-            one.lost,
-            one.corners @ turn.T + shift,
+        one._replace(
+            position=turn @ one.position + shift,
+            information=turned @ one.information @ turned.T,
+            moved=one.moved @ turned.T,
+            corners=one.corners @ turn.T + shift,
         )
-        for one in seen
+        for one in looks(CAMERAS, CAMERAS)
     ]
     assert check_calibration(world, given).fits
 
