@@ -12,12 +12,14 @@ if missing():
 
 from synthetic.camera.rigs import standard_rig
 from synthetic.frames import FrameMaker, FrameOptions, frames
-from tracker.calibration.rig import CameraRig
-from tracker.errors import TrackerError
+from tracker import CameraRig, TrackerError
 
 
 def make(count=2, seed=5, name="cube_v2", **more):
     return list(frames(name, count, seed, quality="fast", **more))
+
+
+NAMES = ("camera60", "camera180", "camera300")
 
 
 def pixels(frame):
@@ -25,17 +27,14 @@ def pixels(frame):
 
 
 def test_a_frame_depends_on_seed_and_number_alone():
-    three = make(3)
-    again = make(1, first=2)
-    assert np.array_equal(pixels(three[2]), pixels(again[0]))
-    assert three[2].timestamp == again[0].timestamp
-    other = make(1, seed=6, first=2)
-    assert not np.array_equal(pixels(other[0]), pixels(again[0]))
+    three, (again,), (other,) = make(3), make(1, first=2), make(1, seed=6, first=2)
+    assert np.array_equal(pixels(three[2]), pixels(again))
+    assert three[2].timestamp == again.timestamp
+    assert not np.array_equal(pixels(other), pixels(again))
 
 
 def test_a_sequence_can_be_entered_anywhere():
-    whole = make(3, sequence=True, kind="push")
-    last = make(1, sequence=True, kind="push", first=2)
+    whole, last = (make(count, sequence=True, kind="push", first=3 - count) for count in (3, 1))
     assert [frame.index for frame in whole] == [0, 1, 2]
     assert np.array_equal(pixels(whole[2]), pixels(last[0]))
     assert all(a.timestamp < b.timestamp for a, b in itertools.pairwise(whole))
@@ -67,7 +66,7 @@ def test_an_emptied_frame_differs_by_its_object_alone():
 
 def test_pictures_labels_and_truth_fit_together():
     for frame in make(3, empty=0.0):
-        truth = frame.truth(("camera60", "camera180", "camera300"))
+        truth = frame.truth(NAMES)
         assert truth["frame"] == f"{frame.index:06d}"
         assert len(truth["robot_position"]) == 9
         assert np.linalg.norm(truth["object"]["orientation_xyzw"]) == pytest.approx(1)
@@ -82,14 +81,14 @@ def test_pictures_labels_and_truth_fit_together():
 
 def test_where_there_is_no_object_there_is_no_label():
     (frame,) = make(1, empty=1.0)
-    assert frame.truth(("camera60", "camera180", "camera300"))["object"] is None
+    assert frame.truth(NAMES)["object"] is None
     assert not frame.visible_fraction.any()
     assert not any(labels.any() for labels in frame.labels)
 
 
 def test_dice_have_their_numbers_and_pips_are_no_holes_in_them():
     (frame,) = make(1, name="dice", empty=0.0)
-    assert len(frame.truth(("camera60", "camera180", "camera300"))["object"]) == 25
+    assert len(frame.truth(NAMES)["object"]) == 25
     seen = set(np.unique(np.concatenate(frame.labels, axis=None)).tolist()) - {0}
     assert len(seen) > 15
     assert seen <= set(range(1, 26))

@@ -8,15 +8,8 @@ if missing():
     lack("platform", missing())
 
 from synthetic.frames import DatasetError, FrameOptions, frames
-from synthetic.world.look_alikes import (
-    KINDS,
-    LARGER,
-    LONGER,
-    SHORTER,
-    SMALLER,
-    look_alike,
-    turned_arrangements,
-)
+from synthetic.world.look_alikes import KINDS, LARGER, LONGER, SHORTER, SMALLER, look_alike
+from synthetic.world.look_alikes import turned_arrangements as turned
 from synthetic.world.platform import Platform
 from synthetic.world.scenes import random_scene
 
@@ -25,9 +18,18 @@ REARRANGED = ("permuted", "plain", "layers", "other_object", "mirrored", "pairs"
 
 
 def make(look_alike, name="cube_v2", seed=31, count=2, **more):
-    return list(
-        frames(name, count, seed, quality="fast", empty=0.0, shadows=False, look_alike=look_alike, **more)
-    )
+    options = {"quality": "fast", "empty": 0.0, "shadows": False, "look_alike": look_alike, **more}
+    return list(frames(name, count, seed, **options))
+
+
+def marked(scene):
+    """The bodies that show the object, or what stands for it."""
+    return [body for body in scene.bodies if body.labels.any()]
+
+
+def ratios(frame, usual):
+    sizes = [np.ptp(one.scene.bodies[-1].mesh.vertices, axis=0) for one in (frame, usual)]
+    return np.round(sizes[0] / sizes[1], 9)
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +51,7 @@ def test_a_kind_is_seen_has_no_truth_and_leaves_all_else_alone(kind, name, shown
         assert frame.scene.about["look_alike"] == kind
         assert max(frame.visible_px) > 60
         assert (frame.visible_fraction <= 1).all()
-        assert not any(body.labels.any() for body in frame.scene.emptied().bodies)
+        assert not marked(frame.scene.emptied())
         others = {body.name: body for body in usual.scene.bodies if not body.labels.any()}
         for body in frame.scene.bodies:
             if not body.labels.any():
@@ -63,7 +65,7 @@ def test_faces_that_are_seen_have_the_colors_of_their_labels(name, shown, tidy):
     paints = {int(label): color for label, color in zip(usual.labels, usual.colors, strict=True)}
     for kind in KINDS:
         frame = shown[kind, name][0]
-        for body in (body for body in frame.scene.bodies if body.labels.any()):
+        for body in marked(frame.scene):
             assert set(body.labels.tolist()) <= set(range(7))
             for label, color in zip(body.labels, body.colors, strict=True):
                 if label and kind != "other_object":
@@ -82,12 +84,12 @@ def test_faces_that_are_seen_have_the_colors_of_their_labels(name, shown, tidy):
 @pytest.mark.parametrize("kind", REARRANGED)
 def test_no_other_arrangement_is_the_true_one_turned(kind, name):
     with Platform(name) as platform:
-        true = turned_arrangements(platform.model.face_labels)
+        true = turned(platform.model.face_labels)
         assert len(true) == 24
         for seed in range(25):
             rng = np.random.default_rng(seed)
             scene = look_alike(random_scene(platform, rng, fingers="none"), kind, rng)
-            (body,) = (body for body in scene.bodies if body.labels.any())
+            (body,) = marked(scene)
             for first in range(0, len(body.labels) - 5, 6):
                 assert tuple(body.labels[first : first + 6].tolist()) not in true
             if kind == "layers":
@@ -100,22 +102,19 @@ def test_no_other_arrangement_is_the_true_one_turned(kind, name):
 def test_sizes_plates_photos_and_prisms_are_what_their_names_say(shown, tidy):
     for name in OBJECTS:
         for frame, usual in zip(shown["size", name], tidy[name], strict=True):
-            sizes = [np.ptp(one.scene.bodies[-1].mesh.vertices, axis=0) for one in (frame, usual)]
-            (scale,) = np.unique(np.round(sizes[0] / sizes[1], 9))
+            (scale,) = np.unique(ratios(frame, usual))
             assert SMALLER[0] <= scale <= SMALLER[1] or LARGER[0] <= scale <= LARGER[1]
         for frame, usual in zip(shown["stretched", name], tidy[name], strict=True):
-            sizes = [np.ptp(one.scene.bodies[-1].mesh.vertices, axis=0) for one in (frame, usual)]
-            one, same, other = np.sort(np.round(sizes[0] / sizes[1], 9))
+            one, same, other = np.sort(ratios(frame, usual))
             assert same == 1.0
-            assert (other == 1.0 and SHORTER[0] <= one <= SHORTER[1]) or (
-                one == 1.0 and LONGER[0] <= other <= LONGER[1]
-            )
-        (cylinder,) = (body for body in shown["round", name][0].scene.bodies if body.labels.any())
+            least, most = SHORTER if other == 1.0 else LONGER
+            assert least <= one * other <= most
+            assert 1.0 in (one, other)
+        (cylinder,), (prism,) = (marked(shown[kind, name][0].scene) for kind in ("round", "prism"))
         assert 5 <= len(cylinder.labels) <= 8
-        (prism,) = (body for body in shown["prism", name][0].scene.bodies if body.labels.any())
         assert len(prism.labels) in (5, 8)
         for kind, most in (("plates", 3), ("photo", 1)):
-            bodies = [body for body in shown[kind, name][0].scene.bodies if body.labels.any()]
+            bodies = marked(shown[kind, name][0].scene)
             assert 1 <= len(bodies) <= most
             assert all(np.ptp(body.mesh.vertices, axis=0).min() < 0.005 for body in bodies)
 
@@ -126,10 +125,8 @@ def test_a_mirrored_object_and_one_in_pairs_keep_what_their_names_say():
         for seed in range(10):
             rng = np.random.default_rng(seed)
             scene = random_scene(platform, rng, fingers="none")
-            (mirrored,), (pairs,) = (
-                [body.labels for body in look_alike(scene, kind, rng).bodies if body.labels.any()]
-                for kind in ("mirrored", "pairs")
-            )
+            (one,), (other,) = (marked(look_alike(scene, kind, rng)) for kind in ("mirrored", "pairs"))
+            mirrored, pairs = one.labels, other.labels
             changed = np.flatnonzero(mirrored != true)
             assert len(changed) == 2
             assert changed[0] // 2 == changed[1] // 2
@@ -143,10 +140,7 @@ def test_look_alikes_repeat_to_the_bit_and_stay_through_a_film():
     for one, other in zip(once, again, strict=True):
         assert all(np.array_equal(a, b) for a, b in zip(one.images, other.images, strict=True))
     film = make("permuted", sequence=True, kind="push", length=2)
-    assert (
-        len({body.labels.tobytes() for frame in film for body in frame.scene.bodies if body.labels.any()})
-        == 1
-    )
+    assert len({body.labels.tobytes() for frame in film for body in marked(frame.scene)}) == 1
 
 
 @pytest.mark.parametrize(("name", "kind"), [("cube_v2", "twin"), ("dice", "plain")])

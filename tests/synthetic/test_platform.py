@@ -1,5 +1,3 @@
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
 
@@ -12,18 +10,16 @@ pybullet = pytest.importorskip("pybullet", reason="platform: no module pybullet"
 from synthetic.look.appearance import random_look  # noqa: E402
 from synthetic.look.lighting import random_lighting  # noqa: E402
 from synthetic.world import kinematics  # noqa: E402 - these need pybullet
-from synthetic.world.platform import Platform  # noqa: E402
 from tests.helpers.synthetic_needs import platform_of  # noqa: E402
-from tracker.conventions import FloatArray  # noqa: E402
 
 
 @pytest.fixture(scope="module")
-def platform() -> Iterator[Platform]:
+def platform():
     with platform_of("cube_v2") as result:
         yield result
 
 
-def random_joints(rng: np.random.Generator) -> FloatArray:
+def random_joints(rng):
     return rng.uniform(np.tile(kinematics.LOWER_LIMITS, 3), np.tile(kinematics.UPPER_LIMITS, 3))
 
 
@@ -66,9 +62,7 @@ def test_bodies_of_a_scene_are_where_pybullet_has_the_links(platform, rng):
     world, seen = platform.world, 0
     for link, name in world.links.items():
         if name in poses:
-            state = pybullet.getLinkState(
-                world.robot, link, computeForwardKinematics=True, physicsClientId=world.client
-            )
+            state = pybullet.getLinkState(world.robot, link, 0, True, physicsClientId=world.client)
             np.testing.assert_allclose(poses[name][:3, 3], state[4], atol=1e-9)
             matrix = np.reshape(pybullet.getMatrixFromQuaternion(state[5]), (3, 3))
             np.testing.assert_allclose(poses[name][:3, :3], matrix, atol=1e-6)

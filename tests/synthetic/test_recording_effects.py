@@ -4,6 +4,7 @@ import itertools
 import cv2
 import numpy as np
 import pytest
+from numpy.random import default_rng as rng
 
 from synthetic.camera.compression import Compression
 from synthetic.camera.miscalibration import FLOAT, TILT, exactly, miscalibrated
@@ -22,10 +23,6 @@ from tracker.geometry import so3
 RIG = standard_rig().resized(270, 270)
 
 
-def rng(seed: int = 0) -> np.random.Generator:
-    return np.random.default_rng(seed)
-
-
 def picture(size: int = 270, path: str = "old", seed: int = 3) -> np.ndarray:
     light = cv2.GaussianBlur(rng(seed).uniform(0.0, 1.0, (size, size, 3)).astype(np.float32), (0, 0), 4.0)
     return Sensor.sample(rng(seed), path).expose(light, rng(seed))
@@ -41,11 +38,8 @@ def test_truth_in_a_floating_world_is_where_the_cameras_see_it(seed):
     state = ObjectState("cube", np.array([0.05, -0.07, 0.0325]), so3.exp(np.array([0.1, 0.2, 0.3])))
     stated = calibrated.in_calibrated_world(state)
     corners = rng(1).uniform(-0.03, 0.03, (20, 3))
-    seen, expected = (
-        pixels(rig, corners @ one.rotation.T + one.position)
-        for rig, one in ((calibrated.rig, stated), (RIG, state))
-    )
-    np.testing.assert_allclose(seen, expected, atol=1e-9)
+    seen = pixels(calibrated.rig, corners @ stated.rotation.T + stated.position)
+    np.testing.assert_allclose(seen, pixels(RIG, corners @ state.rotation.T + state.position), atol=1e-9)
 
 
 @pytest.mark.parametrize("seed", range(10))
@@ -70,7 +64,7 @@ def test_given_cameras_are_off_beyond_what_they_state():
 
 
 def test_lenses_are_off_too_but_what_they_show_of_the_table_mostly_agrees():
-    points = np.column_stack([rng().uniform(-0.12, 0.12, (200, 2)), np.zeros(200)])
+    points = np.column_stack([rng(0).uniform(-0.12, 0.12, (200, 2)), np.zeros(200)])
     off = []
     for seed in range(40):
         calibrated = miscalibrated(RIG, rng(seed))
@@ -124,7 +118,7 @@ def test_a_film_depends_on_the_pictures_before_and_on_none_after():
 
 
 def test_stamps_are_up_to_a_period_apart_and_the_latest_is_the_frames():
-    own = Timing.sample(rng(), 3)
+    own = Timing.sample(rng(0), 3)
     for time in np.arange(0.0, 20.0, 0.73):
         stamps = own.stamps(time)
         assert stamps.max() == time
@@ -196,11 +190,10 @@ def test_scenes_around_a_stamp_follow_one_path_without_jumps(platform):
         assert fastest > 0.1
 
 
-@dataclasses.dataclass
 class Lamps:
     """A renderer whose scenes are lit evenly, by what stands for the scene."""
 
-    name: str = "lamps"
+    name = "lamps"
 
     def render(self, scene, view, *, shadows=True):
         shape = (view.height, view.width)
@@ -212,23 +205,18 @@ class Lamps:
 
 
 def test_a_picture_of_an_open_shutter_is_the_mean_of_its_scenes_and_labels_are_the_middle_ones():
-    camera = RIG[0]
-    unit = Unit(camera, Sensor(), CameraSettings(np.ones(3), np.zeros(2)))
-    quality = QUALITIES["fast"]
-    shot = shoot(Lamps(), (0.1, 0.2, 0.6), unit, quality, rng())
+    unit = Unit(RIG[0], Sensor(), CameraSettings(np.ones(3), np.zeros(2)))
+    shot = shoot(Lamps(), (0.1, 0.2, 0.6), unit, QUALITIES["fast"], rng(0))
     assert np.array_equal(shot.image, np.full((270, 270, 3), round(255 * 0.3), np.uint8))
     assert (shot.labels == 2).all()
 
 
 def test_a_film_that_is_continued_is_the_film(platform):
     pytest.importorskip("av", reason="video: no module av")
-    options = FrameOptions(
-        "cube_v1", 3, quality="fast", sequence=True, length=3, kind="push", effects=("compression",)
-    )
-    with FrameMaker(options) as maker:
-        maker._crew = lambda number, make=maker._crew: dataclasses.replace(
-            make(number), compression=Compression("h264", 0, 26)
-        )
+    film = {"sequence": True, "length": 3, "kind": "push", "effects": ("compression",)}
+    with FrameMaker(FrameOptions("cube_v1", 3, "fast", **film)) as maker:
+        coded = {"compression": Compression("h264", 0, 26)}
+        maker._crew = lambda number, make=maker._crew: dataclasses.replace(make(number), **coded)
         whole, part = list(maker.chunk(0)), list(maker.chunk(0, {2}))
     assert [frame.index for frame in part] == [2]
     for first, second in zip(whole[2].images, part[0].images, strict=True):
@@ -251,9 +239,7 @@ def test_a_wrong_calibration_leaves_pictures_alone_and_tells_truth_in_its_world(
     assert tidy.given is tidy.rig
     assert tidy.objects == tidy.scene.objects
     assert 0 < np.linalg.norm(off.objects[0].position - tidy.objects[0].position) < 0.01
-    corners = rng().uniform(-0.03, 0.03, (20, 3))
-    seen = [
-        pixels(frame.rig, corners @ frame.objects[0].rotation.T + frame.objects[0].position)
-        for frame in (tidy, off)
-    ]
+    corners = rng(0).uniform(-0.03, 0.03, (20, 3))
+    pairs = ((frame.rig, frame.objects[0]) for frame in (tidy, off))
+    seen = [pixels(rig, corners @ state.rotation.T + state.position) for rig, state in pairs]
     np.testing.assert_allclose(*seen, atol=1e-9)

@@ -1,4 +1,3 @@
-import cv2
 import numpy as np
 import pytest
 
@@ -13,12 +12,9 @@ from tests.helpers.needs import lack
 from tracker.conventions import Array, FloatArray
 from tracker.geometry.cuboid import FACE_CORNERS, corners
 
-SIZES = ((0.065, 0.065, 0.065), (0.02, 0.08, 0.02))
 LABELS = np.array([1, 6, 2, 5, 3, 4], np.uint8)  # +x … -z, none twice
 COLORS = np.array([[1, 1, 10], [1, 9, 9], [2, 8, 2], [7, 2, 7], [9, 2, 1], [8, 7, 1]]) / 20
 WHITE = np.ones(3)
-
-
 RENDERER = shared_renderer()
 
 
@@ -47,10 +43,6 @@ def lamp(x: float, y: float, z: float, strength: float = 0.5) -> Lamp:
     return Lamp(np.array([x, y, z]) / np.linalg.norm([x, y, z]), strength * WHITE)
 
 
-def cuboid(size: tuple[float, ...], rotation: Array, position: Array) -> Body:
-    return Body("object", box(size), placed(rotation, position), COLORS, LABELS, gloss=0.1, texture=0.1)
-
-
 def thing(name: str, mesh: Mesh, position: Array, reflectance: float = 0.5) -> Body:
     groups = int(mesh.groups.max()) + 1
     pose = placed(np.eye(3), position)
@@ -58,7 +50,8 @@ def thing(name: str, mesh: Mesh, position: Array, reflectance: float = 0.5) -> B
 
 
 def crowded(rotation: Array) -> PlatformScene:
-    bodies = [cuboid(SIZES[0], rotation, [0.02, -0.01, 0.06])]
+    pose = placed(rotation, [0.02, -0.01, 0.06])
+    bodies = [Body("object", box((0.065, 0.065, 0.065)), pose, COLORS, LABELS, gloss=0.1, texture=0.1)]
     bodies.append(thing("table", box((0.5, 0.5, 0.02)), [0, 0, -0.01], 0.2))
     bodies += [thing(f"ball{k}", ball(), [0.05 * k - 0.07, 0.05, 0.1]) for k in range(4)]
     return PlatformScene(tuple(bodies), lighting(0.5, lamp(0.3, 0.2, 1)))
@@ -83,13 +76,11 @@ def test_light_is_linear() -> None:
 
 
 def test_lambert_holds_on_a_level_table() -> None:
-    scene = PlatformScene(
-        (thing("table", box((0.5, 0.5, 0.02)), [0, 0, -0.01], 0.2),), lighting(0.5, lamp(3, 0, 4, 0.5))
-    )
+    table = thing("table", box((0.5, 0.5, 0.02)), [0, 0, -0.01], 0.2)
+    scene = PlatformScene((table,), lighting(0.5, lamp(3, 0, 4, 0.5)))
     camera = default_cameras()[0]
-    color = Lens(camera, 1).to_camera(
-        RENDERER.render(scene, Lens(camera, 1).view, shadows=False).color, "mean"
-    )
+    lens = Lens(camera, 1)
+    color = lens.to_camera(RENDERER.render(scene, lens.view, shadows=False).color, "mean")
     column, row = np.rint(opencv_pixels(camera, np.zeros((1, 3)))[0]).astype(int)
     np.testing.assert_allclose(color[row, column], 0.2 * (0.5 + 0.5 * 0.8), rtol=1e-3)
 
@@ -126,7 +117,6 @@ def test_lens_keeps_flat_layers_and_places(supersampling: int) -> None:
     x, y = np.meshgrid(np.arange(view.width), np.arange(view.height))
     rays = np.stack([(x - view.cx) / view.fx, (y - view.cy) / view.fy, np.ones(x.shape)], axis=-1)
     back = lens.to_camera(rays, "mean").astype(float).reshape(-1, 3)
-    nothing = np.zeros(3)
-    pixels, _ = cv2.projectPoints(back, nothing, nothing, camera.matrix, camera.distortion)
+    pixels = opencv_pixels(camera, back, np.eye(4))
     grid = np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height)), axis=-1)
     assert np.abs(pixels.reshape(grid.shape) - grid).max() < 0.03

@@ -5,7 +5,7 @@ pytest.importorskip("trimesh", reason="platform: no module trimesh")
 
 import trimesh
 
-from synthetic.scene import Body, Mesh
+from synthetic.scene import Body
 from synthetic.world.chamfers import SEAM, SPREAD_M, WIDTH_M, group_faces, random_rims, rimmed_box, with_rims
 from synthetic.world.meshes import box
 from synthetic.world.prints import printed_mesh, random_prints, with_prints
@@ -14,18 +14,18 @@ from tracker.geometry.cuboid import EDGES, FACE_NORMALS
 SIZES = [np.array([0.065, 0.065, 0.065]), np.array([0.02, 0.08, 0.02])]
 
 
-def solid(mesh: Mesh) -> trimesh.Trimesh:
+def solid(mesh):
     result = trimesh.Trimesh(mesh.vertices, mesh.triangles, process=False)
     result.merge_vertices(merge_tex=True, merge_norm=True)
     return result
 
 
-def reach(mesh: Mesh, directions: np.ndarray) -> np.ndarray:
+def reach(mesh, directions):
     """How far the mesh reaches along directions (N, 3)."""
     return (directions @ np.asarray(mesh.vertices).T).max(axis=1)
 
 
-def body(size: np.ndarray) -> Body:
+def body(size):
     labels = np.arange(1, 7, dtype=np.uint8)
     return Body("cuboid", box("box", size), np.eye(4), np.full((6, 3), 0.3), labels)
 

@@ -1,7 +1,6 @@
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
+from numpy.random import default_rng
 
 pytest.importorskip("pybullet", reason="platform: no module pybullet")
 pytest.importorskip("trimesh", reason="platform: no module trimesh")
@@ -9,15 +8,13 @@ pytest.importorskip("trimesh", reason="platform: no module trimesh")
 import trimesh
 
 from synthetic.look.appearance import random_look
-from synthetic.scene import PlatformScene
 from synthetic.world import meshes
 from synthetic.world.motion import CUBOID_MOTIONS, DICE_MOTIONS, sequence
 from synthetic.world.placement import MAX_CLEARANCE, goal_cells
-from synthetic.world.platform import ARENA_RADIUS, Platform
+from synthetic.world.platform import ARENA_RADIUS
 from synthetic.world.scenes import random_scene
 from synthetic.world.simulation import penetration
 from tests.helpers.synthetic_needs import platform_of
-from tracker.conventions import FloatArray
 from tracker.errors import TrackerError
 from tracker.geometry import so3
 from tracker.geometry.cuboid import FACE_NORMALS, corners
@@ -26,25 +23,25 @@ NAMES = ("cube_v2", "cuboid_2x2x8_v2", "dice")
 
 
 @pytest.fixture(scope="module")
-def platforms() -> Iterator[dict[str, Platform]]:
+def platforms():
     result = {name: platform_of(name) for name in NAMES}
     yield result
     for platform in result.values():
         platform.close()
 
 
-def all_corners(platform: Platform, scene: PlatformScene) -> FloatArray:
+def all_corners(platform, scene):
     """(N, 8, 3) [m] in the world's frame."""
     return np.stack([corners(platform.size) @ s.rotation.T + s.position for s in scene.objects])
 
 
-def depth(platform: Platform, scene: PlatformScene) -> float:
+def depth(platform, scene):
     platform.world.set_objects(scene.objects)
     platform.world.set_joints(scene.robot_position)
     return penetration(platform.world)
 
 
-def assert_equal(first: PlatformScene, second: PlatformScene) -> None:
+def assert_equal(first, second):
     assert first.about == second.about
     np.testing.assert_array_equal(first.robot_position, second.robot_position)
     for a, b in zip(first.bodies, second.bodies, strict=True):
@@ -60,18 +57,18 @@ def assert_equal(first: PlatformScene, second: PlatformScene) -> None:
 def test_the_same_generator_gives_the_same_scene_whatever_came_before(platforms, name):
     platform = platforms[name]
     kind = "dice_thrown" if name == "dice" else "thrown"
-    first = random_scene(platform, np.random.default_rng(5), kind=kind)
-    random_scene(platform, np.random.default_rng(6))
-    assert_equal(first, random_scene(platform, np.random.default_rng(5), kind=kind))
+    first = random_scene(platform, default_rng(5), kind=kind)
+    random_scene(platform, default_rng(6))
+    assert_equal(first, random_scene(platform, default_rng(5), kind=kind))
     with platform_of(name) as other:
-        assert_equal(first, random_scene(other, np.random.default_rng(5), kind=kind))
+        assert_equal(first, random_scene(other, default_rng(5), kind=kind))
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_objects_are_in_the_arena_and_free_of_fingers(platforms, name):
     platform = platforms[name]
     for seed in range(8 if name == "dice" else 40):
-        scene = random_scene(platform, np.random.default_rng(seed), fingers="near")
+        scene = random_scene(platform, default_rng(seed), fingers="near")
         points = all_corners(platform, scene)
         assert points[..., 2].min() > -1e-9
         assert np.hypot(points[..., 0], points[..., 1])[points[..., 2] < 0.03].max(initial=0) < 0.196
@@ -87,7 +84,7 @@ def test_objects_are_in_the_arena_and_free_of_fingers(platforms, name):
 def test_resting_objects_are_level_on_every_face(platforms, name):
     faces = set()
     for seed in range(40):
-        scene = random_scene(platforms[name], np.random.default_rng(seed), kind="rest", fingers="none")
+        scene = random_scene(platforms[name], default_rng(seed), kind="rest", fingers="none")
         (state,) = scene.objects
         heights = np.abs(state.rotation[2])
         assert heights.max() == pytest.approx(1.0, abs=1e-9)
@@ -99,18 +96,15 @@ def test_resting_objects_are_level_on_every_face(platforms, name):
 
 def test_fingers_come_near_when_they_are_to_and_are_absent_when_they_are_to(platforms):
     platform = platforms["cube_v2"]
-    near = [
-        sum(random_scene(platform, np.random.default_rng(seed), fingers="near").about["fingers_near"])
-        for seed in range(20)
-    ]
-    assert np.mean(near) > 1.5
-    scene = random_scene(platform, np.random.default_rng(0), fingers="none")
+    near = [random_scene(platform, default_rng(seed), fingers="near").about for seed in range(20)]
+    assert np.mean([sum(about["fingers_near"]) for about in near]) > 1.5
+    scene = random_scene(platform, default_rng(0), fingers="none")
     assert not [body for body in scene.bodies if "finger" in body.name]
 
 
 def test_dice_have_labels_from_1_to_25_and_a_goal_lies_on_the_grid(platforms):
     for seed in range(5):
-        scene = random_scene(platforms["dice"], np.random.default_rng(seed), kind="dice_goal")
+        scene = random_scene(platforms["dice"], default_rng(seed), kind="dice_goal")
         labels = [int(body.labels[0]) for body in scene.bodies if body.labels.any()]
         assert labels == list(range(1, 26))
         places = np.stack([state.position[:2] for state in scene.objects])
@@ -129,11 +123,9 @@ def test_a_die_is_a_closed_cube_whose_opposite_faces_have_7_pips():
     assert solid.area == pytest.approx(6 * size**2)
     np.testing.assert_allclose(np.abs(solid.face_normals).max(axis=1), 1.0)
     pip = np.pi * diameter**2 / 4
-    shown = [
-        solid.area_faces[(mesh.groups == 1) & (solid.face_normals @ normal > 0.5)].sum() / pip
-        for normal in FACE_NORMALS
-    ]
-    np.testing.assert_allclose(shown, [1, 6, 2, 5, 3, 4])
+    areas = np.where(mesh.groups == 1, solid.area_faces, 0.0)
+    shown = (FACE_NORMALS @ solid.face_normals.T > 0.5) @ areas
+    np.testing.assert_allclose(shown / pip, [1, 6, 2, 5, 3, 4])
     # Each face has corners of its own, for the sake of smooth shading.
     for vertex in np.unique(mesh.triangles):
         normals = solid.face_normals[(mesh.triangles == vertex).any(axis=1)]
@@ -141,7 +133,7 @@ def test_a_die_is_a_closed_cube_whose_opposite_faces_have_7_pips():
 
 
 def test_pips_are_part_of_their_die_and_brighter(platforms):
-    scene = random_scene(platforms["dice"], np.random.default_rng(0))
+    scene = random_scene(platforms["dice"], default_rng(0))
     dice = [body for body in scene.bodies if body.labels.any()]
     for number, body in enumerate(dice, start=1):
         assert body.labels.tolist() == [number, number]
@@ -151,7 +143,7 @@ def test_pips_are_part_of_their_die_and_brighter(platforms):
 
 
 def test_what_surrounds_an_object_does_not_depend_on_it(platforms):
-    rngs = [np.random.default_rng(7) for _ in NAMES]
+    rngs = [default_rng(7) for _ in NAMES]
     looks = [random_look(rng, platforms[name].model) for rng, name in zip(rngs, NAMES, strict=True)]
     for part in ("robot", "table", "wall", "floor", "cross", "gloss"):
         for look in looks[1:]:
@@ -160,7 +152,7 @@ def test_what_surrounds_an_object_does_not_depend_on_it(platforms):
 
 
 def test_unknown_kinds_are_refused_by_name(platforms):
-    platform, rng = platforms["cube_v2"], np.random.default_rng(0)
+    platform, rng = platforms["cube_v2"], default_rng(0)
     with pytest.raises(TrackerError, match=r"dice_goal.*expected one of rest"):
         random_scene(platform, rng, kind="dice_goal")
     with pytest.raises(TrackerError, match="expected one of random, near"):
@@ -180,9 +172,7 @@ MOTIONS = [(name, kind) for name in NAMES for kind in (DICE_MOTIONS if name == "
 def test_motion_is_continuous_and_possible(platforms, name, kind):
     platform = platforms[name]
     seconds, rate = (0.6 if name == "dice" else 3.0), 120.0
-    steps = list(
-        sequence(platform, np.random.default_rng(1), seconds=seconds, rate=rate, kind=kind, jitter=0)
-    )
+    steps = list(sequence(platform, default_rng(1), seconds=seconds, rate=rate, kind=kind, jitter=0))
     positions = np.array([[state.position for state in scene.objects] for _, scene in steps])
     rotations = np.array([[state.rotation for state in scene.objects] for _, scene in steps])
     joints = np.array([scene.robot_position for _, scene in steps])
@@ -205,17 +195,15 @@ def test_motion_is_continuous_and_possible(platforms, name, kind):
 
 def test_the_same_generator_gives_the_same_motion(platforms):
     platform = platforms["cube_v2"]
-    first, second = (
-        list(sequence(platform, np.random.default_rng(3), seconds=3.0, kind="mixed")) for _ in range(2)
-    )
-    for (time, scene), (other_time, other) in zip(first, second, strict=True):
+    both = (sequence(platform, default_rng(3), seconds=3.0, kind="mixed") for _ in range(2))
+    for (time, scene), (other_time, other) in zip(*map(list, both), strict=True):
         assert time == other_time
         assert_equal(scene, other)
 
 
 def test_an_object_is_carried_through_the_air_by_fingers_that_touch_it(platforms):
     platform = platforms["cube_v2"]
-    steps = list(sequence(platform, np.random.default_rng(2), seconds=4.0, kind="carry"))
+    steps = list(sequence(platform, default_rng(2), seconds=4.0, kind="carry"))
     heights = [all_corners(platform, scene)[..., 2].min() for _, scene in steps]
     assert max(heights) > 0.02
     gaps = [-depth(platform, scene) for _, scene in steps if scene.about["fingers_hold"]]
@@ -224,11 +212,9 @@ def test_an_object_is_carried_through_the_air_by_fingers_that_touch_it(platforms
 
 
 def test_stamps_jitter_about_the_rate_and_pictures_are_dropped(platforms):
-    def stamps(**options: float) -> FloatArray:
-        steps = sequence(
-            platforms["cube_v2"], np.random.default_rng(0), seconds=1.2, rate=100.0, kind="push", **options
-        )
-        return np.array([time for time, _ in steps])
+    def stamps(**more):
+        options = {"seconds": 1.2, "rate": 100.0, "kind": "push", **more}
+        return np.array([time for time, _ in sequence(platforms["cube_v2"], default_rng(0), **options)])
 
     np.testing.assert_allclose(stamps(jitter=0.0), np.arange(120) / 100, atol=1e-12)
     jittered = stamps(jitter=0.002)

@@ -3,6 +3,7 @@ import dataclasses
 import cv2
 import numpy as np
 import pytest
+from numpy.random import default_rng as rng
 
 from synthetic.camera.sensor import CameraSettings, Sensor, demosaicked, linear, mosaicked
 
@@ -10,28 +11,23 @@ NEUTRAL = CameraSettings(np.ones(3), np.zeros(2))
 INNER = np.s_[2:-2, 2:-2]  # OpenCV copies values to the border
 
 
-def rng(seed: int = 0) -> np.random.Generator:
-    return np.random.default_rng(seed)
-
-
-def step_edge(size: int = 60) -> np.ndarray:
-    light = np.full((size, size, 3), [0.02, 0.05, 0.5], np.float32)
-    light[:, size // 2 + 1 :] = [0.5, 0.3, 0.02]
+def step_edge():
+    light = np.full((60, 60, 3), [0.02, 0.05, 0.5], np.float32)
+    light[:, 31:] = [0.5, 0.3, 0.02]
     return light
 
 
 def test_what_is_below_the_black_level_is_zero_and_bright_light_ends_at_the_ceiling():
-    sensor = Sensor(
-        psf_sigma=0.0, gamma=2.0, black=(0.004, 0.004, 0.004), ceiling=(255.0, 249.0, 255.0), path="new"
-    )
-    dark = sensor.expose(np.full((8, 8, 3), 0.003, np.float32), rng(), NEUTRAL)
-    bright = sensor.expose(np.full((8, 8, 3), 3.0, np.float32), rng(), NEUTRAL)
+    levels = {"black": (0.004, 0.004, 0.004), "ceiling": (255.0, 249.0, 255.0)}
+    sensor = Sensor(psf_sigma=0.0, gamma=2.0, path="new", **levels)
+    dark = sensor.expose(np.full((8, 8, 3), 0.003, np.float32), rng(0), NEUTRAL)
+    bright = sensor.expose(np.full((8, 8, 3), 3.0, np.float32), rng(0), NEUTRAL)
     assert (dark == 0).all()
     assert (bright == [255, 249, 255]).all()
 
 
 def test_noise_of_a_mosaic_is_greatest_in_the_dark_as_in_recorded_pictures():
-    sensor = dataclasses.replace(Sensor.sample(rng(), "new"), vignetting=0.0, black=(0.0, 0.0, 0.0))
+    sensor = dataclasses.replace(Sensor.sample(rng(0), "new"), vignetting=0.0, black=(0.0, 0.0, 0.0))
     noise = {}
     for level in (40, 120):
         light = np.full((200, 200, 3), linear(np.array(level)), np.float32)
@@ -68,7 +64,7 @@ def test_the_new_path_halves_after_a_median():
 def test_no_path_moves_the_picture(path, halved):
     rows, columns = np.indices((120, 120))
     spot = np.exp(-((rows - 59.5) ** 2 + (columns - 59.5) ** 2) / (2 * 9.0**2))
-    picture = Sensor(path=path).expose(np.repeat(spot[..., None], 3, axis=2), rng(), NEUTRAL, halved=halved)
+    picture = Sensor(path=path).expose(np.repeat(spot[..., None], 3, axis=2), rng(0), NEUTRAL, halved=halved)
     center = (picture.shape[0] - 1) / 2
     for channel in range(3):
         weight = picture[..., channel].astype(float)
@@ -102,13 +98,13 @@ def test_an_unknown_path_is_refused():
 def test_clean_sensor_only_rounds_a_flat_field(path):
     for levels in ([51, 128, 204], [0, 1, 255], [2, 17, 254]):
         flat = np.full((20, 30, 3), linear(np.array(levels)), np.float32)
-        assert (dataclasses.replace(Sensor.clean(), path=path).expose(flat, rng()) == levels).all()
+        assert (dataclasses.replace(Sensor.clean(), path=path).expose(flat, rng(0)) == levels).all()
 
 
 def test_noise_follows_its_formula():
     sensor = Sensor(full_well=10_000, read_noise=2.0)
     for level in (0.2, 0.8):
-        image = sensor.expose(np.full((300, 300, 3), level, np.float32), rng())
+        image = sensor.expose(np.full((300, 300, 3), level, np.float32), rng(0))
         expected = np.sqrt(2.0**2 + 255 * level * 255 / 10_000 + 1 / 12)
         assert image.std() == pytest.approx(expected, rel=0.02)
         assert image.mean() == pytest.approx(255 * level, abs=0.05)
@@ -117,7 +113,7 @@ def test_noise_follows_its_formula():
 def test_blur_keeps_light_and_place():
     spot = np.zeros((21, 21, 3), np.float32)
     spot[10, 8] = 4.0
-    image = Sensor(psf_sigma=1.2).expose(spot, rng())[:, :, 0].astype(float)
+    image = Sensor(psf_sigma=1.2).expose(spot, rng(0))[:, :, 0].astype(float)
     rows, columns = np.indices(image.shape)
     assert (image * columns).sum() / image.sum() == pytest.approx(8, abs=1e-9)
     assert (image * rows).sum() / image.sum() == pytest.approx(10, abs=1e-9)

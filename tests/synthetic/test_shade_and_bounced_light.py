@@ -134,11 +134,9 @@ def test_a_far_patch_gives_by_its_solid_angle_and_both_cosines():
 
 
 def test_what_lies_behind_or_turns_away_or_is_the_same_body_gives_nothing():
-    for nothing in (
-        patch((0.0, 0.0, -0.03)),
-        patch((0.0, 0.0, 0.03), normal=(0.0, 0.0, 1.0)),
-        patch((0.0, 0.0, 0.03), owner="floor"),
-    ):
+    above = (0.0, 0.0, 0.03)
+    assert given(patch(above)).all()
+    for nothing in (patch((0.0, 0.0, -0.03)), patch(above, (0.0, 0.0, 1.0)), patch(above, owner="floor")):
         assert not given(nothing).any()
 
 

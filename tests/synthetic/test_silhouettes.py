@@ -1,15 +1,12 @@
-from __future__ import annotations
-
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
 
+from tests.helpers.needs import lack
 from tests.helpers.synthetic_needs import missing
 from tracker.errors import TrackerError
 
 if missing():
-    pytest.skip(missing(), allow_module_level=True)
+    lack("platform", missing())
 
 from synthetic.camera.lens import Lens
 from synthetic.camera.rigs import sized, standard_rig
@@ -25,7 +22,7 @@ JOINTS = np.concatenate([REST, [0.2, 0.9, -1.7], [0.0, 0.7, -1.9]])
 
 
 @pytest.fixture(scope="module")
-def fingers() -> Iterator[FingerMasks]:
+def fingers():
     with FingerMasks(RIG) as masks:
         yield masks
 

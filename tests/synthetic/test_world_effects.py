@@ -1,5 +1,5 @@
-import dataclasses
 import functools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -29,16 +29,8 @@ def make(*effects, name="cube_v2", seed=77, **more):
 
 
 def fingerprint(body):
-    return (
-        body.name,
-        body.mesh.key,
-        body.world_from_body.tobytes(),
-        body.colors.tobytes(),
-        np.asarray(body.labels).tobytes(),
-        np.asarray(body.coats).tobytes(),
-        body.texture,
-        np.asarray(body.mesh.vertices).tobytes(),
-    )
+    arrays = (body.world_from_body, body.colors, body.labels, body.coats, body.mesh.vertices)
+    return (body.name, body.mesh.key, body.texture, *(np.asarray(array).tobytes() for array in arrays))
 
 
 def test_without_effects_a_scene_is_the_very_one_that_was_made():
@@ -78,11 +70,8 @@ def test_an_effect_leaves_the_draws_of_the_others_alone():
 def test_a_film_keeps_its_wear():
     first, second = make("table", "chamfers", sequence=True, kind="push", length=2)
     for one, other in zip(first.scene.bodies, second.scene.bodies, strict=True):
-        assert (one.name, one.mesh.key, one.colors.tobytes()) == (
-            other.name,
-            other.mesh.key,
-            other.colors.tobytes(),
-        )
+        assert (one.name, one.mesh.key) == (other.name, other.mesh.key)
+        assert np.array_equal(one.colors, other.colors)
 
 
 def test_rims_take_pixels_from_the_silhouette_and_give_none():
@@ -94,14 +83,11 @@ def test_rims_take_pixels_from_the_silhouette_and_give_none():
 
 def test_a_coat_only_adds_light():
     scene = make()[0].scene
-    bodies = [
-        dataclasses.replace(body, coats=np.tile([1.0, 0.2], (len(body.colors), 1))) for body in scene.bodies
-    ]
+    coats = [np.tile([1.0, 0.2], (len(body.colors), 1)) for body in scene.bodies]
+    bodies = [replace(body, coats=own) for body, own in zip(scene.bodies, coats, strict=True)]
+    scenes = (scene, replace(scene, bodies=tuple(bodies)))
     view = Lens(default_cameras()[0], 1).view
-    plain, coated = (
-        shared_renderer().render(s, view).color
-        for s in (scene, dataclasses.replace(scene, bodies=tuple(bodies)))
-    )
+    plain, coated = (shared_renderer().render(one, view).color for one in scenes)
     assert (coated >= plain).all()
     assert (coated > plain).any(axis=-1).mean() > 0.5
 
@@ -131,31 +117,24 @@ def test_clutter_is_seen_and_hides_next_to_nothing(name):
     seen, hidden, shown = 0, 0, 0
     for seed in (1, 2, 3):
         for one, other in zip(make(name=name, seed=seed), make("clutter", name=name, seed=seed), strict=True):
-            for labels, same, image, changed in zip(
-                one.labels, other.labels, one.images, other.images, strict=True
-            ):
+            for labels, same in zip(one.labels, other.labels, strict=True):
                 assert np.array_equal(labels[same > 0], same[same > 0])
                 hidden, shown = hidden + np.sum(labels != same), shown + np.sum(labels > 0)
+            for image, changed in zip(one.images, other.images, strict=True):
                 seen += np.abs(image.astype(int) - changed).max() > 60
     assert seen > 9
     assert hidden < 0.01 * shown
 
 
 def test_clutter_stays_where_it_is_while_the_object_moves():
-    film = make("clutter", sequence=True, length=2, rate=1.0, kind="mixed")
-    poses, cluttered = zip(
-        *(
-            (
-                frame.objects[0].position.tobytes(),
-                [fingerprint(body) for body in frame.scene.bodies if body.name.startswith("clutter")],
-            )
-            for frame in film
-        ),
-        strict=True,
+    one, other = make("clutter", sequence=True, length=2, rate=1.0, kind="mixed")
+    assert not np.array_equal(one.objects[0].position, other.objects[0].position)
+    first, second = (
+        [fingerprint(body) for body in frame.scene.bodies if body.name.startswith("clutter")]
+        for frame in (one, other)
     )
-    assert len(set(poses)) == 2
-    assert cluttered[0] == cluttered[1]
-    assert cluttered[0]
+    assert first == second
+    assert first
 
 
 def test_what_moves_while_the_shutter_is_open_is_where_the_truth_says_in_the_middle_of_it():
