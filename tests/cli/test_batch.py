@@ -4,7 +4,6 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -51,9 +50,7 @@ def start(recordings: Path, folder: Path) -> subprocess.Popen[bytes]:
 
 def workers_of(process: subprocess.Popen[bytes]) -> list[int]:
     """Processes that the run has begun."""
-    listed = subprocess.run(
-        ["ps", "-wweo", "pid,ppid,args"], capture_output=True, text=True, check=True
-    ).stdout
+    listed = subprocess.check_output(["ps", "-wweo", "pid,ppid,args"], text=True)
     rows = [line.split(None, 2) for line in listed.splitlines()[1:]]
     return [int(pid) for pid, parent, what in rows if int(parent) == process.pid and "spawn_main" in what]
 
@@ -63,9 +60,8 @@ def test_killed_workers_and_runs_lose_nothing_and_do_nothing_twice(recordings, u
     process = start(recordings, tmp_path)
     os.killpg(process.pid, signal.SIGKILL)
     process.communicate(timeout=120)
-    done = {
-        path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.poses.h5") if summary_file(path).exists()
-    }
+    whole = [path for path in tmp_path.rglob("*.poses.h5") if summary_file(path).exists()]
+    done = {path: path.stat().st_mtime_ns for path in whole}
     process = start(recordings, tmp_path)
     os.kill(workers_of(process)[0], signal.SIGKILL)
     try:
@@ -79,7 +75,7 @@ def test_killed_workers_and_runs_lose_nothing_and_do_nothing_twice(recordings, u
 
 
 @pytest.fixture
-def scheduler(tmp_path) -> Iterator[str]:
+def scheduler(tmp_path):
     """The address of a scheduler that others have begun, with one worker."""
     pytest.importorskip("distributed", reason="cluster: no module distributed")
     address = tmp_path / "scheduler.json"
@@ -89,15 +85,8 @@ def scheduler(tmp_path) -> Iterator[str]:
         ["-c", begin.format("scheduler"), *common, "--port", "0", "--no-dashboard"],
         ["-c", begin.format("worker"), *common, "--nthreads", "1", "--no-dashboard", "--no-nanny"],
     ]
-    processes = [
-        subprocess.Popen(
-            [sys.executable, *map(str, command)],
-            cwd=tmp_path,
-            env={**os.environ, "PYTHONPATH": str(ROOT)},
-            stderr=subprocess.DEVNULL,
-        )
-        for command in commands
-    ]
+    process = {"cwd": tmp_path, "env": {**os.environ, "PYTHONPATH": str(ROOT)}, "stderr": subprocess.DEVNULL}
+    processes = [subprocess.Popen([sys.executable, *command], **process) for command in commands]
     try:
         until(lambda: address.exists() and address.read_text().rstrip().endswith("}"), processes[0])
         yield json.loads(address.read_text())["address"]
@@ -127,9 +116,7 @@ def test_ctrl_c_is_one_line_and_leaves_what_is_done(recordings, undisturbed, tmp
     assert not list(tmp_path.rglob(".*"))
 
 
-def test_a_full_disk_is_reported_with_what_is_done_and_what_to_do(
-    recordings, tmp_path, run_here, monkeypatch
-):
+def test_a_full_disk_is_reported_with_what_to_do(recordings, tmp_path, run_here, monkeypatch):
     def full(path: Path, *_: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device", str(path))
 

@@ -9,19 +9,20 @@ import numpy as np
 import pytest
 
 import tracker
-from synthetic.camera.sensor import Sensor
 from tests.calibration.board.test_extrinsics import GIVEN, PLACES, TRUE
+from tests.helpers import contents
 from tests.helpers.boards import LENS, photo, pose_towards
 from tests.helpers.command import assert_one_line_error, well
 from tests.helpers.filmed import RIG, write_recording
+from tests.helpers.kept_stills import bare
 from tests.helpers.moving_cube import carried, knocked, relative_errors, rests
-from tests.helpers.stills import bare_scene, take
 from tracker.calibration.by_object.table import moved
 from tracker.calibration.files.platform import read_calibrated
 from tracker.cli.calibrate import save_object
 from tracker.geometry import so3
 from tracker.geometry.camera import Camera
 
+CUBE = ("--object", "cube_v2")
 BOARD = ("--squares", "5x7", "--square", "0.04", "--marker", "0.03")
 NAMES = ("camera60", "camera180", "camera300")
 
@@ -116,8 +117,7 @@ def test_a_fault_of_a_lens_is_named(arguments, words, photos, tmp_path, run_here
 
 
 @pytest.mark.parametrize(
-    ("option", "value", "words"),
-    [("--crop", "540", "540x540+88+0"), ("--name", "../x", "up to 100 letters")],
+    ("option", "value", "words"), [("--crop", "540", "540x540+88+0"), ("--name", "../x", "up to 100 letters")]
 )
 def test_what_is_written_at_the_end_is_checked_before_photos_are_read(
     option, value, words, tmp_path, run_here
@@ -158,14 +158,11 @@ def test_a_fault_of_photos_of_the_arena_is_named(folders, words, triplets, tmp_p
 
 
 def test_lenses_are_not_overwritten_by_the_cameras_that_have_them(triplets, run_here):
-    before = {path.name: path.read_bytes() for path in (triplets / "lenses").iterdir()}
     lenses = triplets / "lenses"
+    before = contents(lenses)
     result = run_here("calibrate", "extrinsics", *BOARD, "--intrinsics", lenses, "-o", lenses, triplets / "0")
     assert_one_line_error(result, "that is an input")
-    assert {path.name: path.read_bytes() for path in lenses.iterdir()} == before
-
-
-SCENES = 6
+    assert contents(lenses) == before
 
 
 @pytest.fixture(scope="module")
@@ -173,10 +170,8 @@ def pictures(rig, tmp_path_factory):
     """Folder of two calibrations, the right one and one with camera180 knocked, and files of pictures."""
     folder = tmp_path_factory.mktemp("check")
     files = []
-    for k in range(SCENES):
-        rng = np.random.default_rng([71, k])
-        still = take(bare_scene(tracker.load_object("cube_v2"), rng), rig.cameras, Sensor.realistic(), rng)
-        for camera, image in zip(rig, still.images, strict=True):
+    for k in range(6):
+        for camera, image in zip(rig, bare("cube_v2", rig.cameras, [71, k]).images, strict=True):
             files.append(folder / f"{k}-{camera.name}.png")
             cv2.imwrite(str(files[-1]), image)
     transform = rig[1].camera_from_world.copy()
@@ -189,9 +184,7 @@ def pictures(rig, tmp_path_factory):
 
 def test_a_right_calibration_fits(pictures, run_here):
     folder, files = pictures
-    result = well(
-        run_here("calibrate", "check", *files, "--object", "cube_v2", "--calibration", folder / "right")
-    )
+    result = well(run_here("calibrate", "check", *files, *CUBE, "--calibration", folder / "right"))
     assert "the calibration fits" in result.stdout
     assert re.search(r"2 mm need its focal length right to 0\.\d\d %", result.stdout)
     # The simulated rig has the focal lengths of the platform's files.
@@ -200,10 +193,8 @@ def test_a_right_calibration_fits(pictures, run_here):
 
 def test_a_camera_that_was_knocked_is_named_and_drawn(pictures, run_here, tmp_path):
     folder, files = pictures
-    result = run_here(
-        "calibrate", "check", *files, "--object", "cube_v2", "--calibration", folder / "wrong", "--json",
-        "--plot", tmp_path / "check.png",
-    )  # fmt: skip
+    check = ("calibrate", "check", *files, *CUBE, "--calibration", folder / "wrong")
+    result = run_here(*check, "--json", "--plot", tmp_path / "check.png")
     assert result.returncode == 1, result.stderr
     found = json.loads(result.stdout)
     assert not found["fits"]
@@ -214,11 +205,7 @@ def test_a_camera_that_was_knocked_is_named_and_drawn(pictures, run_here, tmp_pa
     assert all("fy/fx" in one for one in found["warnings"])
     picture = cv2.imread(str(tmp_path / "check.png"))
     assert picture.shape[1] == 3 * picture.shape[0] * 420 // 496
-    shown = run_here("calibrate", "check", *files, "--object", "cube_v2", "--calibration", folder / "wrong")
-    assert "does not fit: camera180 has moved" in shown.stdout
-
-
-CUBE = ("--object", "cube_v2")
+    assert "does not fit: camera180 has moved" in run_here(*check).stdout
 
 
 @pytest.fixture(scope="module")
@@ -235,22 +222,17 @@ def wrong(tmp_path_factory):
 
 def test_the_refined_calibration_is_written_and_summarised(moving, wrong, tmp_path, run_here):
     target = tmp_path / "mended"
-    result = well(
-        run_here(
-            "calibrate", "refine", moving, *CUBE, "--stills", "--calibration", wrong, "--focal", "-o", target
-        )
-    )
+    arguments = (moving, *CUBE, "--stills", "--calibration", wrong, "--focal", "-o", target)
+    result = well(run_here("calibrate", "refine", *arguments))
     mine = tracker.load_object(target / "object.toml")
     assert (mine.name, mine.colors) == ("cube_v2", "cube_v2")
     assert f"{1e3 * mine.rim:.2f} ± {1e3 * mine.rim_std:.2f} mm" in result.stdout
     assert abs(mine.rim) < 3 * mine.rim_std < 1e-3  # drawn boxes are sharp
     for words in ("camera60", "against the mean", "in frames that only check", "x, y and yaw", "focal"):
         assert words in result.stdout
-    rig = tracker.CameraRig.load(target)
-    assert (
-        abs(relative_errors(rig, RIG)[:, :3]).max()
-        < 0.5 * abs(relative_errors(tracker.CameraRig.load(wrong), RIG)[:, :3]).max()
-    )
+    rigs = (tracker.CameraRig.load(folder) for folder in (target, wrong))
+    mended, before = (abs(relative_errors(rig, RIG)[:, :3]).max() for rig in rigs)
+    assert mended < 0.5 * before
 
 
 def test_a_rim_below_nothing_is_written_as_none_and_colours_are_found_from_elsewhere(tmp_path, monkeypatch):
@@ -295,10 +277,7 @@ def test_a_calibration_on_the_table_is_written_and_summarised(resting, tmp_path,
 
 
 def test_pictures_may_be_named_moment_by_moment(resting, tmp_path, run_here):
-    pictures = [file for frame in sorted(resting.glob("0*")) for file in sorted(frame.glob("*.png"))]
-    ordered = [
-        next(f for f in pictures[k : k + 3] if f.stem == name) for k in range(0, 18, 3) for name in RIG.names
-    ]
+    ordered = [frame / f"{name}.png" for frame in sorted(resting.glob("0*")) for name in RIG.names]
     target = tmp_path / "mended"
     result = run_here("calibrate", "table", *ordered, *CUBE, "--calibration", resting, "-o", target, "-q")
     assert (result.returncode, result.stdout) == (0, ""), result.stderr
@@ -329,14 +308,8 @@ def test_what_cannot_be_done_is_reported_in_a_line(arguments, words, resting, tm
     used = tmp_path / "used"
     used.mkdir()
     (used / "camera60.yml").write_text("old")
-    names = {
-        "resting": resting,
-        "one": resting / "000000",
-        "used": used,
-        "cube": " ".join(CUBE),
-        "board": " ".join(BOARD),
-    }
-    given = arguments.format(**names).split()
+    folders = {"resting": resting, "one": resting / "000000", "used": used}
+    given = arguments.format(**folders, cube=" ".join(CUBE), board=" ".join(BOARD)).split()
     assert_one_line_error(run_here("calibrate", *given, folder=tmp_path), *words)
     assert (used / "camera60.yml").read_text() == "old"
     assert [path.name for path in tmp_path.iterdir()] == ["used"]

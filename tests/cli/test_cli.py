@@ -47,11 +47,8 @@ def labelled(tmp_path: Path) -> Path:
     [
         *[(name, ()) for name in ("", "track", "dice", "colors", "colors fit", "colors check")],
         *[(name, ()) for name in ("colors adapt", "colors new")],
-        (
-            "detect",
-            ("cube_v1, cube_v2, cube_v3, cuboid_2x2x8_v2, simulated_cube, simulated_cuboid, or a TOML file",),
-        ),
-        ("detect", ("dice, simulation, or a file (.npz)", "recording (.dat, .h5)")),
+        ("detect", ("cube_v1, cube_v2, cube_v3, cuboid_2x2x8_v2, simulated_cube, simulated_cuboid, or a",)),
+        ("detect", ("cuboid, or a TOML file", "dice, simulation, or a file (.npz)", "recording (.dat, .h5)")),
     ],
 )
 def test_every_command_explains_itself_and_names_what_can_be_named(command, words, run_here):
@@ -228,9 +225,7 @@ def test_cross_validation_says_which_colors_are_weak_and_draws_them(labelled, tm
     assert float(result.stdout.split("\n\n")[0].split()[-1]) > 0.9  # of images that the fit did not see
     for words in ("no colour is weak", "the light: red", "a better set of colours"):
         assert words in result.stdout
-    picture = cv2.imread(str(tmp_path / "plot.png"))
-    assert picture is not None
-    assert picture.std() > 10
+    assert cv2.imread(str(tmp_path / "plot.png")).std() > 10
     for path in (*labelled.glob("01*"), *labelled.glob("02*")):
         path.unlink()
     assert_one_line_error(run_here(*arguments[:-2]), "found 1", "at least 2")
@@ -238,11 +233,7 @@ def test_cross_validation_says_which_colors_are_weak_and_draws_them(labelled, tm
 
 @pytest.mark.parametrize(
     ("plot", "words"),
-    [
-        ("x.jpg", [".jpg", ".png"]),
-        ("nowhere/x.png", ["no folder"]),
-        ("labelled/x.png", ["a folder of images that are read"]),
-    ],
+    [("x.jpg", [".jpg", ".png"]), ("nowhere/x.png", ["no folder"]), ("labelled/x.png", ["that are read"])],
 )
 def test_a_plot_that_cannot_be_drawn_is_refused(plot, words, labelled, run_here):
     arguments = ("colors", "check", labelled, "--colors", "cube_v2", "--plot", plot)

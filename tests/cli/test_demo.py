@@ -1,5 +1,6 @@
 """`tracker demo` in a new folder, and what it says next."""
 
+import re
 import shlex
 
 from tests.docs.samples import blocks
@@ -15,9 +16,7 @@ def test_the_demo_finds_the_cube_and_its_hints_work(tmp_path, run_here):
     for line in blocks("text", "README")[0].splitlines():  # the times are another machine's
         expected = line.removeprefix("…") if "ms a frame" not in line else line.partition("  ")[0]
         assert f"\n{expected}" in shown.stdout
-    hints = [
-        line.split("tracker ", 1)[1] for line in shown.stdout.splitlines() if line.startswith("  tracker ")
-    ]
+    hints = re.findall(r"^  tracker (.*)", shown.stdout, re.MULTILINE)
     assert [hint.split()[0] for hint in hints] == ["detect", "track"]
     for hint in hints:
         well(run_here(*shlex.split(hint), folder=tmp_path))

@@ -34,9 +34,8 @@ def paint_dice(camera, rng: np.random.Generator) -> np.ndarray:
     for position, yaw in sorted(dice_poses(), key=lambda die: -np.linalg.norm(die[0] - camera.position)):
         rotation = so3.exp([0, 0, yaw])
         pixels = camera.project(position + corners @ rotation.T)
-        for face in np.flatnonzero(
-            cuboid.visible_faces(np.full(3, 0.022), rotation.T @ (camera.position - position))
-        ):
+        eye = rotation.T @ (camera.position - position)
+        for face in np.flatnonzero(cuboid.visible_faces(np.full(3, 0.022), eye)):
             outline = np.rint(16 * pixels[cuboid.FACE_CORNERS[face]]).astype(np.int32)
             cv2.fillConvexPoly(image, outline, shades[int(face)], cv2.LINE_8, 4)
     image = cv2.GaussianBlur(image, (0, 0), 0.6) + rng.normal(0, 2, image.shape)
@@ -71,9 +70,7 @@ def truth(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def locate(rig: CameraRig, masks, images=None) -> tuple[SimpleNamespace, ...]:
         assert len(rig) == len(masks) == len(images)
-        return tuple(
-            SimpleNamespace(position=position, yaw=yaw, probability=0.9) for position, yaw in dice_poses()
-        )
+        return tuple(SimpleNamespace(position=p, yaw=yaw, probability=0.9) for p, yaw in dice_poses())
 
     monkeypatch.setattr(rearrange_dice, "segment_dice", segment_dice)
     monkeypatch.setattr(rearrange_dice, "locate", locate)
@@ -160,10 +157,8 @@ def test_overlay_and_masks_are_written(scene, tmp_path, run_here):
     written = ("--overlay", tmp_path / "out.png", "--masks", tmp_path / "new" / "masks")
     well(run_here(*arguments(scene, "--goal", scene / "goal.json", *written, camera300="none")))
     assert cv2.imread(str(tmp_path / "out.png")).shape[1] == 3 * 540 + 2 * 6
-    names = sorted(path.name for path in (tmp_path / "new" / "masks").iterdir())
-    assert names == sorted(
-        [*(f"goal_{name}.png" for name in NAMES), "dice_camera60.png", "dice_camera180.png"]
-    )
+    names = {path.name for path in (tmp_path / "new" / "masks").iterdir()}
+    assert names == {*(f"goal_{name}.png" for name in NAMES), "dice_camera60.png", "dice_camera180.png"}
     goals = rearrange_dice.goal_masks(RIG, GOAL)
     for name, expected in zip(NAMES, goals, strict=True):
         path = tmp_path / "new" / "masks" / f"goal_{name}.png"
@@ -189,7 +184,6 @@ def test_overlay_and_masks_are_written(scene, tmp_path, run_here):
 def test_a_fault_is_named_in_one_line(options, images, words, scene, run_here):
     before = sorted(scene.rglob("*"))
     given = [f"{name}.png" for name in images] or ["none"] * 3
-    assert_one_line_error(
-        run_here("dice", "--calibration", scene, *options, "--json", *given, folder=scene), *words
-    )
+    result = run_here("dice", "--calibration", scene, *options, "--json", *given, folder=scene)
+    assert_one_line_error(result, *words)
     assert sorted(scene.rglob("*")) == before

@@ -20,13 +20,10 @@ from tracker.cli.live_outputs import Lookout, Statistics
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory):
     """Eight pictures of one scene, each with noise of its own."""
-    film, noise = shots("cube_v2", 1, seed=701), np.random.default_rng(1)
-    still = film[0]
-    many = []
-    for _ in range(8):
-        images = [image ^ noise.integers(0, 2, image.shape, np.uint8) for image in still.images]
-        many.append(type(still)(still.scene, images, still.labels, still.visible_fraction))
-    return write_recording(tmp_path_factory.mktemp("live") / "recording", many)
+    (still,), noise = shots("cube_v2", 1, seed=701), np.random.default_rng(1)
+    many = [[image ^ noise.integers(0, 2, image.shape, np.uint8) for image in still.images] for _ in range(8)]
+    film = [replace(still, images=images) for images in many]
+    return write_recording(tmp_path_factory.mktemp("live") / "recording", film)
 
 
 def test_a_recording_is_replayed_printed_and_recorded(recording, tmp_path, run_here):
@@ -75,14 +72,14 @@ def test_a_signal_ends_it_with_its_files_whole_and_is_reported_by_the_exit_code(
     number, code, recording, tmp_path, run_here, monkeypatch
 ):
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    monkeypatch.setattr(
-        "tracker.cli.live.time", SimpleNamespace(monotonic=time.monotonic, sleep=lambda _: ask())
-    )
 
-    def ask() -> None:
+    def ask(_: float) -> None:
         time.sleep(0.3)
         os.kill(os.getpid(), number)
         time.sleep(60)
+
+    clock = SimpleNamespace(monotonic=time.monotonic, sleep=ask)
+    monkeypatch.setattr("tracker.cli.live.time", clock)
 
     arguments = ("--object", "cube_v2", "--speed", "0.1", "--record", tmp_path / "log.h5")
     result = run_here("live", recording, *arguments)

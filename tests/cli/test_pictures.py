@@ -3,7 +3,6 @@
 import dataclasses
 import json
 import shutil
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -15,11 +14,12 @@ from tests.helpers.command import assert_one_line_error
 from tracker.cli.pictures import of_cameras
 
 DEMO = ROOT / "tracker" / "demo"
+PHOTOS = DEMO / "000003"
 NAMES = ("camera60", "camera180", "camera300")
 
 
-def files(folder: Path, *names: str) -> list[Path]:
-    return [folder / f"{name}.jpg" for name in names]
+def photos(*names):
+    return [PHOTOS / f"{name}.jpg" for name in names]
 
 
 @pytest.fixture
@@ -37,28 +37,20 @@ def detect(run_here, tmp_path):
     "given",
     [
         [DEMO, "--frame", "3"],
-        ["--calibration", DEMO, *files(DEMO / "000003", *sorted(NAMES))],
+        ["--calibration", DEMO, *photos(*sorted(NAMES))],
         ["--calibration", DEMO, "a.jpg", "b.jpg", "c.jpg"],
         [*(f"--calibration={DEMO}/{name}.yml" for name in NAMES[::-1]), "c.jpg", "b.jpg", "a.jpg"],
     ],
-    ids=[
-        "a folder's frame",
-        "named after cameras in another order",
-        "without names",
-        "in the order of calibrations",
-    ],
+    ids=["a folder's frame", "named in another order", "without names", "in the order of calibrations"],
 )
 def test_pictures_are_those_of_their_cameras_however_they_are_given(given, detect, tmp_path):
     for name, letter in zip(NAMES, "abc", strict=True):
-        shutil.copy(DEMO / "000003" / f"{name}.jpg", tmp_path / f"{letter}.jpg")
-    _, expected = detect("--calibration", DEMO, *files(DEMO / "000003", *NAMES))
+        shutil.copy(PHOTOS / f"{name}.jpg", tmp_path / f"{letter}.jpg")
+    _, expected = detect("--calibration", DEMO, *photos(*NAMES))
     result, found = detect(*given)
     np.testing.assert_allclose(found["pose"]["position"], expected["pose"]["position"], atol=1e-3)
     assert result.stderr == ""
     assert detect(DEMO)[1]["pose"] != found["pose"]
-
-
-PHOTOS = DEMO / "000003"
 
 
 @pytest.fixture
@@ -75,10 +67,7 @@ def two_sided(tmp_path):
 @pytest.mark.parametrize(
     ("pictures", "words"),
     [
-        (
-            ["camera60.jpg", "camera300.jpg"],
-            ["camera300.jpg", "named after camera300", "camera60, camera180"],
-        ),
+        (["camera60.jpg", "camera300.jpg"], ["camera300.jpg: named after camera300", "camera60, camera180"]),
         (["camera300.jpg", "camera60.jpg"], ["named after camera300"]),
         (["camera300.jpg", "a.jpg"], ["named after camera300"]),
         (["camera60.jpg", "camera60.jpg"], ["named after camera60, as "]),
@@ -126,30 +115,25 @@ def test_files_go_to_the_cameras_that_they_or_their_folders_are_named_after(path
 
 
 def test_swapped_pictures_are_reported_and_taken_as_they_are(detect, tmp_path, run_here):
-    for number in range(4):
-        (tmp_path / "log" / f"{number:06d}").mkdir(parents=True)
-        for name, other in zip(NAMES, ("camera180", "camera60", "camera300"), strict=True):
-            shutil.copy(
-                DEMO / f"{number:06d}" / f"{other}.jpg", tmp_path / "log" / f"{number:06d}" / f"{name}.jpg"
-            )
+    for frame in ("000000", "000001", "000002", "000003"):
+        shutil.copytree(DEMO / frame, tmp_path / "log" / frame)
+        for name, other in (NAMES[:2], NAMES[1::-1]):
+            shutil.copy(DEMO / frame / f"{other}.jpg", tmp_path / "log" / frame / f"{name}.jpg")
     result, found = detect("--calibration", DEMO, tmp_path / "log")
     warning = "the images of camera60 and camera180 look swapped"
     assert result.stderr.splitlines() == [f"tracker: warning: {warning}"]
     assert found["pose"] is None or found["pose"]["confidence"] < 0.5
-    tracked = run_here(
-        *("track", tmp_path / "log", "--object", "cube_v2", "--calibration", DEMO, "--quiet"),
-        *("-o", tmp_path / "poses.h5"),
-        folder=tmp_path,
-    )
-    assert tracked.stderr.splitlines() == [f"tracker: warning: {tmp_path / 'log'}: {warning}"]
+    more = ("--object", "cube_v2", "--calibration", DEMO, "--quiet", "-o", "poses.h5")
+    tracked = run_here("track", "log", *more, folder=tmp_path)
+    assert tracked.stderr.splitlines() == [f"tracker: warning: log: {warning}"]
 
 
 def test_a_calibration_of_another_size_is_scaled_where_that_is_asked_for(detect, tmp_path):
     for name in NAMES:
-        whole = cv2.imread(str(DEMO / "000003" / f"{name}.jpg"))
+        whole = cv2.imread(str(PHOTOS / f"{name}.jpg"))
         large = cv2.resize(whole, (540, 540), interpolation=cv2.INTER_CUBIC)
         cv2.imwrite(str(tmp_path / f"{name}.png"), large)
-    _, small = detect("--calibration", DEMO, *files(DEMO / "000003", *NAMES))
+    _, small = detect("--calibration", DEMO, *photos(*NAMES))
     given = ["--calibration", DEMO, *(f"{name}.png" for name in NAMES)]
     assert_one_line_error(detect(*given)[0], "540×540 px", "calibrated for 270×270", "--resize-calibration")
     _, large = detect("--resize-calibration", *given)
@@ -160,9 +144,9 @@ def test_a_calibration_of_another_size_is_scaled_where_that_is_asked_for(detect,
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        (files(DEMO / "000003", *NAMES), ["--calibration"]),
+        (photos(*NAMES), ["--calibration"]),
         ([DEMO, "--frame", "20"], ["no frame 20", "from 0 to 19"]),
-        (["--calibration", DEMO, "--frame", "1", *files(DEMO / "000003", *NAMES)], ["--frame"]),
+        (["--calibration", DEMO, "--frame", "1", *photos(*NAMES)], ["--frame"]),
     ],
 )
 def test_what_is_missing_is_named(given, words, detect):
@@ -178,7 +162,7 @@ def test_the_likely_cause_is_printed_and_drawn(detect, tmp_path):
     assert found["pose"] is None
     (line,) = result.stderr.splitlines()
     assert line.startswith("tracker: warning: camera60: blurred by ")
-    result, _ = detect("--calibration", DEMO, *files(PHOTOS, *NAMES), "--overlay", "good.png")
+    result, _ = detect("--calibration", DEMO, *photos(*NAMES), "--overlay", "good.png")
     assert result.stderr == ""
     heights = [len(cv2.imread(str(tmp_path / name))) for name in ("drawn.png", "good.png")]
     assert heights[0] > 540 + 100
@@ -205,7 +189,7 @@ def test_cameras_that_contradict_each_other_get_a_warning_beside_the_pose(detect
     moved[:3, 3] += [8e-3, 0.0, 0.0]
     first = dataclasses.replace(rig[0], camera_from_world=moved)
     tracker.CameraRig((first, *rig.cameras[1:])).save(tmp_path / "moved")
-    result, found = detect("--calibration", tmp_path / "moved", *files(PHOTOS, *NAMES))
+    result, found = detect("--calibration", tmp_path / "moved", *photos(*NAMES))
     assert found["pose"] is not None
     assert "tracker calibrate check" in result.stderr
-    assert detect("--calibration", DEMO, *files(PHOTOS, *NAMES))[0].stderr == ""
+    assert detect("--calibration", DEMO, *photos(*NAMES))[0].stderr == ""
