@@ -8,7 +8,6 @@ from pathlib import Path
 import cv2
 
 from tracker.calibration.rig import CameraRig
-from tracker.conventions import Image
 from tracker.errors import LogError
 from tracker.files import told_as, whole_file
 from tracker.logs.hdf5_writer import Hdf5LogWriter
@@ -43,14 +42,12 @@ def write_folder(path: Path, log: Log, rig: CameraRig, progress: Progress) -> No
         rig.save(folder)
         for frame in log:
             for name, image, stamp in zip(rig.names, frame.images, frame.camera_timestamps, strict=True):
-                if image is not None:
-                    _write_png(folder / name / f"{stamp:.9f}.png", image)
+                if image is None:
+                    continue
+                file = folder / name / f"{stamp:.9f}.png"
+                content = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 3])[1].tobytes()
+                if not file.exists():
+                    file.write_bytes(content)
+                elif file.read_bytes() != content:
+                    raise LogError(f"{file}: found two pictures of one stamp, expected each at its own time")
             progress(1)
-
-
-def _write_png(path: Path, image: Image) -> None:
-    content = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 3])[1].tobytes()
-    if not path.exists():
-        path.write_bytes(content)
-    elif path.read_bytes() != content:
-        raise LogError(f"{path}: found two pictures of one stamp, expected each at its own time")

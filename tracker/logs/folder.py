@@ -54,7 +54,9 @@ class FolderSource(Source):
         stamps = self._stamps[index].copy()
         if np.isnan(stamps).all():
             name = self._layout.names[index]
-            raise self.error(index, f"{name} is missing in {TRUTH_FILE}, expected its stamp there")
+            raise LogError(
+                f"{self.where(index)}: {name} is missing in {TRUTH_FILE}, expected its stamp there"
+            )
         stamp = checked_stamp(float(np.nanmean(stamps)), what=self.where(index))
         return LogFrame(index, stamp, stamps, images, None, None)
 

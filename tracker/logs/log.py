@@ -77,10 +77,6 @@ class Source(ABC):
     def close(self) -> None:  # noqa: B027 - folders have nothing open
         """Free what is open."""
 
-    def error(self, index: int, text: str) -> LogError:
-        """An error of one frame."""
-        return LogError(f"{self.where(index)}: {text}")
-
     def where(self, index: int) -> str:
         """Names a frame in errors."""
         return f"{self.path}: frame {index}"
@@ -92,26 +88,23 @@ def rig_beside(folder: Path, names: tuple[str, ...]) -> CameraRig | None:
     Raises:
         TrackerError: a file is malformed or of another camera, or only some of the cameras have one.
     """
-    files, missing = [], []
+    files: dict[str, Path] = {}
     for name in names:
-        number = name.removeprefix("camera").lstrip("_")
-        stems = (name, f"camera_calib_{number}")
+        stems = (name, f"camera_calib_{name.removeprefix('camera').lstrip('_')}")
         options = [folder / f"{stem}{suffix}" for stem in stems for suffix in (".yml", ".yaml")]
-        found = next((file for file in options if file.is_file()), None)
-        if found is None:
-            missing.append(name)
-        else:
-            files.append(found)
+        if found := [file for file in options if file.is_file()]:
+            files[name] = found[0]
     if not files:
         return None
+    missing = [name for name in names if name not in files]
     if missing:
-        there = ", ".join(file.name for file in files)
+        there = ", ".join(file.name for file in files.values())
         raise LogError(
             f"{folder}: found {there}, but no calibration of {', '.join(missing)}; "
             f"expected {missing[0]}.yml, too"
         )
-    rig = CameraRig.load(files)
-    for file, name, camera in zip(files, names, rig, strict=True):
+    rig = CameraRig.load(list(files.values()))
+    for (name, file), camera in zip(files.items(), rig, strict=True):
         if camera.name != name:
             raise LogError(f"{file}: camera_name: found {camera.name}, expected {name}")
     return rig
@@ -156,17 +149,16 @@ class Log:
         return with_stamps(self._frames())
 
     def _frames(self) -> Iterator[LogFrame]:
-        order = StampOrder(gaps=self._source.gaps)
-        starts = frozenset(self._source.episode_starts)
+        order, starts = StampOrder(gaps=self._source.gaps), frozenset(self._source.episode_starts)
         for index in self._indices:
             if index in starts:
                 order = StampOrder(gaps=self._source.gaps)
             try:
-                frame = self._read(index)
+                self._refuse_closed()
+                frame = self._source.read(index)
                 order.check(frame, what=self._source.where(index))
             except LogError as error:
-                if not self._note(index, error):
-                    raise
+                self._note(index, error)
                 if self._source.sequential:
                     return
                 continue
@@ -175,8 +167,7 @@ class Log:
             try:
                 self._source.check_end()
             except LogError as error:
-                if not self._note(-1, error):
-                    raise
+                self._note(-1, error)
 
     @overload
     def __getitem__(self, key: int) -> LogFrame: ...
@@ -204,7 +195,8 @@ class Log:
         """
         if not -len(self) <= number < len(self):
             raise IndexError(f"frame {number}: expected -{len(self)} to {len(self) - 1}")
-        return self._read(self._indices[number])
+        self._refuse_closed()
+        return self._source.read(self._indices[number])
 
     @property
     def format(self) -> str:
@@ -268,20 +260,15 @@ class Log:
             self._open[0] = False
             self._source.close()
 
-    def _read(self, index: int) -> LogFrame:
-        self._refuse_closed()
-        return self._source.read(index)
-
     def _refuse_closed(self) -> None:
         if not self._open[0]:
             raise LogError(f"{self._source.path}: the log is closed")
 
-    def _note(self, index: int, error: LogError) -> bool:
-        """Keep the fault, where faults are left out."""
-        if self._recover and self._open[0]:
-            self._faults.setdefault(index, str(error))
-            return True
-        return False
+    def _note(self, index: int, error: LogError) -> None:
+        """Keep the fault where faults are left out; else raise it."""
+        if not (self._recover and self._open[0]):
+            raise error
+        self._faults.setdefault(index, str(error))
 
 
 def picked(log: Log, numbers: Sequence[int]) -> Iterator[LogFrame]:

@@ -16,6 +16,7 @@ import gzip
 import os
 import struct
 import zlib
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -97,7 +98,7 @@ class NativeSource(Source):
         record = np.empty(1, self._record)  # of its own, so that a frame's raw pixels need no copy
         count = self._read_into(record.view(np.uint8).data, self._start + index * size)
         if count < size:
-            raise self.error(index, f"found {count} bytes, expected a record of {size}")
+            raise LogError(f"{self.where(index)}: found {count} bytes, expected a record of {size}")
         return self._frame(record[0], index, self.where(index))
 
     def where(self, index: int) -> str:
@@ -120,7 +121,7 @@ class NativeSource(Source):
         stamps = []
         for number, (camera, expected) in enumerate(zip(record["cameras"], self._headers, strict=True), 1):
             what = f"{where}, camera number {number}"
-            header = _checked_header(camera["header"], what)
+            header = _header(camera["header"], what)
             if header[:3] != expected[:3]:
                 raise LogError(f"{what}: found {_shown(header)}, expected {_shown(expected)} as in record 0")
             pixels = camera["pixels"]
@@ -155,7 +156,10 @@ class NativeSource(Source):
         tail = self._read_at(offset, 8 * 18 + 8 + _HEADER.itemsize)
         for self._record in variants:
             poses = self._record["poses"].itemsize
-            if self._continues(tail[poses:]) or (count == 1 and len(tail) == poses):
+            with suppress(LogError):
+                if _header(tail[poses + 8 * self._stamped :], "")[:3] == headers[0][:3]:
+                    return count
+            if count == 1 and len(tail) == poses:
                 return count
         for self._record in variants:  # where the second record's header is damaged
             if not self.sequential and self._largest == start + count * self._record.itemsize:
@@ -185,13 +189,6 @@ class NativeSource(Source):
             "expected a camera log: native, gzipped or not, or HDF5"
         )
 
-    def _continues(self, tail: bytes) -> bool:
-        """Whether the next record's first camera is where it should be."""
-        try:
-            return _header(tail[8 * self._stamped :], "")[:3] == self._headers[0][:3]
-        except LogError:
-            return False
-
     def _read_at(self, offset: int, size: int) -> bytes:
         """Up to `size` bytes of the content, fewer only at its end; LogError where it is damaged."""
         data = bytearray(size)
@@ -208,9 +205,8 @@ class NativeSource(Source):
                 return self._file.readinto(data)
             except (EOFError, zlib.error, gzip.BadGzipFile) as error:
                 self._rewind()
-                where = f"before byte {offset + len(data)} of the content"
-                text = f"{self.path}: the gzipped data are damaged or truncated {where}"
-                raise LogError(f"{text}: {' '.join(str(error).split())}") from error
+                where = f"before byte {offset + len(data)} of the content: {' '.join(str(error).split())}"
+                raise LogError(f"{self.path}: the gzipped data are damaged or truncated {where}") from error
 
     def _rewind(self) -> None:
         # A new reader of gzipped data: what the old one thinks after an error is not defined.
@@ -222,15 +218,13 @@ _Header = tuple[int, int, int, int]
 """Rows, columns, type, continuous."""
 
 
-def _header(data: bytes, what: str) -> _Header:
-    """The header at the beginning of these bytes; LogError if it cannot be one."""
-    if len(data) < _HEADER.itemsize:
-        raise LogError(f"{what}: found the end of the file, expected a camera's header")
-    return _checked_header(np.frombuffer(data, _HEADER, 1)[0], what)
-
-
-def _checked_header(stored: Any, what: str) -> _Header:
-    rows, columns, kind, continuous = stored.item()
+def _header(data: Any, what: str) -> _Header:
+    """The header in a record, or at the beginning of some bytes; LogError if it cannot be one."""
+    if isinstance(data, bytes):
+        if len(data) < _HEADER.itemsize:
+            raise LogError(f"{what}: found the end of the file, expected a camera's header")
+        data = np.frombuffer(data, _HEADER, 1)[0]
+    rows, columns, kind, continuous = data.item()
     sides = MIN_SIDE <= rows <= MAX_SIDE and MIN_SIDE <= columns <= MAX_SIDE
     if not sides or kind not in _CHANNELS or continuous not in (0, 1):
         raise LogError(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import os
+from collections.abc import Iterable
 from pathlib import Path
 
 from tracker.calibration.rig import CameraRig
@@ -27,6 +28,7 @@ JOB_LOGS = ("camera_data.dat", "camera_data.dat.gz", "camera_data.h5", "camera_d
 STORE_FILE = "data.mdb"
 """What an image store consists of."""
 
+_SUFFIXES = (*PICTURE_SUFFIXES, *FILM_SUFFIXES)
 _BESIDE = (TRUTH_FILE, FILE_NAME, STAMPS_NAME)
 """Files of a folder that describe its pictures."""
 
@@ -63,24 +65,53 @@ def recording_files(path: Path) -> list[Path]:
     """All files that `open_log` may read frames from, in the same order each time."""
     if not path.is_dir():
         return [path]
-    found = [path / name for name in (*JOB_LOGS, STORE_FILE) if (path / name).is_file()]
-    return found or [file for file in _visible_files(path) if _is_of_folder(file)]
+    found = _existing(path, (*JOB_LOGS, STORE_FILE))
+    if found:
+        return found
+    for folder, folders, names in os.walk(path, onerror=_refuse):
+        folders[:] = sorted(name for name in folders if not name.startswith("."))
+        files = (Path(folder, name) for name in sorted(names) if not name.startswith("."))
+        found += [file for file in files if file.suffix.lower() in _SUFFIXES or file.name in _BESIDE]
+    return found
 
 
 def calibration_files(path: Path) -> list[Path]:
     """The files beside the recording, or in its folder, that its own calibration may be read from."""
     folders = [path.parent]
     if path.is_dir():
-        of_job = any((path / name).is_file() for name in JOB_LOGS)
-        folders = [path] if of_job else [path, path.parent]
+        folders = [path] if _existing(path, JOB_LOGS) else [path, path.parent]
     return [Path(file) for folder in folders for file in _calibration_in(folder, folder.stat().st_mtime_ns)]
+
+
+def _existing(folder: Path, names: Iterable[str]) -> list[Path]:
+    return [folder / name for name in names if (folder / name).is_file()]
+
+
+def _refuse(error: OSError) -> None:
+    raise error
+
+
+@functools.lru_cache(maxsize=64)
+def _calibration_in(folder: Path, _: int) -> list[str]:
+    """Paths of the calibration files in a folder, as it was at a time: many recordings may share it."""
+    names = sorted(entry.name for entry in os.scandir(folder))
+    of_cameras = [name for name in names if name.endswith((".yml", ".yaml")) and "camera" in name]
+    return [os.path.join(folder, name) for name in names if name in of_cameras or name == "arena.toml"]
 
 
 def _source(path: Path, recover: bool, rate: float) -> Source:
     if path.name == STORE_FILE:
         path = path.parent
     if path.is_dir():
-        return _source_of_folder(path, recover, rate)
+        if (path / STORE_FILE).is_file():
+            from tracker.logs.datasets import DatasetSource
+
+            return DatasetSource(path)
+        logs = _existing(path, JOB_LOGS)
+        if len(logs) > 1:
+            found = " and ".join(log.name for log in logs)
+            raise LogError(f"{path}: found {found}, expected one: name the file")
+        return _source(logs[0], recover, rate) if logs else FolderSource(path, rate=rate)
     if not path.exists():
         raise LogError(f"{path}: no such file or folder")
     if not path.is_file():
@@ -96,46 +127,6 @@ def _source(path: Path, recover: bool, rate: float) -> Source:
     from tracker.logs.native import NativeSource
 
     return NativeSource(path, recover=recover)
-
-
-def _source_of_folder(path: Path, recover: bool, rate: float) -> Source:
-    if (path / STORE_FILE).is_file():
-        from tracker.logs.datasets import DatasetSource
-
-        return DatasetSource(path)
-    logs = [path / name for name in JOB_LOGS if (path / name).is_file()]
-    if len(logs) > 1:
-        raise LogError(f"{path}: found {' and '.join(log.name for log in logs)}, expected one: name the file")
-    if logs:
-        return _source(logs[0], recover, rate)
-    return FolderSource(path, rate=rate)
-
-
-@functools.lru_cache(maxsize=64)
-def _calibration_in(folder: Path, _: int) -> list[str]:
-    """Paths of the calibration files in a folder, as it was at a time: many recordings may share it."""
-    names = sorted(entry.name for entry in os.scandir(folder) if _is_of_calibration(entry.name))
-    return [os.path.join(folder, name) for name in names]
-
-
-def _is_of_folder(file: Path) -> bool:
-    return file.suffix.lower() in (*PICTURE_SUFFIXES, *FILM_SUFFIXES) or file.name in _BESIDE
-
-
-def _is_of_calibration(name: str) -> bool:
-    return (name.endswith((".yml", ".yaml")) and "camera" in name) or name == "arena.toml"
-
-
-def _visible_files(root: Path) -> list[Path]:
-    found = []
-    for folder, folders, names in os.walk(root, onerror=_refuse):
-        folders[:] = sorted(name for name in folders if not name.startswith("."))
-        found += [Path(folder) / name for name in sorted(names) if not name.startswith(".")]
-    return found
-
-
-def _refuse(error: OSError) -> None:
-    raise error
 
 
 def fitted_to(
@@ -179,15 +170,10 @@ def fitted_to(
             f"{where}: found images of {', '.join(names)}, but a calibration of {', '.join(rig.names)}; "
             f"expected {valid}"
         )
-    if known:
-        cameras = tuple(rig[rig.names.index(name)] for name in names)
-        rig = dataclasses.replace(rig, cameras=cameras)
-    if not log.image_sizes:
-        return rig
-    sized = [
-        sized_for(size, one, where, resize=resize) for one, size in zip(rig, log.image_sizes, strict=True)
-    ]
-    return dataclasses.replace(rig, cameras=tuple(sized))
+    ordered = [rig[rig.names.index(name)] for name in names] if known else list(rig)
+    for number, size in enumerate(log.image_sizes):
+        ordered[number] = sized_for(size, ordered[number], where, resize=resize)
+    return dataclasses.replace(rig, cameras=tuple(ordered))
 
 
 def sized_for(size: tuple[int, int], camera: Camera, where: str, *, resize: bool) -> Camera:
