@@ -150,7 +150,7 @@ def _refuse(constant: str) -> float:
     raise ValueError(f"found {constant}, expected a finite number")
 
 
-_POSE = {"position": 3, "orientation": 4, "confidence": 1}
+POSE = {"position": 3, "orientation": 4, "confidence": 1}
 """Fields of a pose, and how many numbers each has."""
 
 MAGIC = 0x3CDA7A00
@@ -211,9 +211,9 @@ class Hdf5Source(Source):
         self._camera_stamps = stamps
         self._frame_stamps = self._rows("sensor_data_timestamps", 1)
         self._has_pose = self._rows("object_pose/has_pose", 1)
-        poses = [self._rows(f"object_pose/{name}", width) for name, width in _POSE.items()]
+        poses = [self._rows(f"object_pose/{name}", width) for name, width in POSE.items()]
         self._poses = [rows for rows in poses if rows is not None]
-        if len(self._poses) not in (0, len(_POSE)):
+        if len(self._poses) not in (0, len(POSE)):
             raise LogError("object_pose: expected position, orientation and confidence together")
         self.format += ", with poses" if self._poses else ""
         self._take_count(recover)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import os
@@ -15,9 +16,10 @@ from tracker.calibration.rig import CameraRig
 from tracker.checks import seconds
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import LogError
+from tracker.files import told_as
 from tracker.files.hdf5 import Disk
 from tracker.logs.frame import checked_stamp
-from tracker.logs.hdf5_reader import FLUSHED, MAGIC
+from tracker.logs.hdf5_reader import FLUSHED, MAGIC, POSE
 from tracker.logs.log import Settings
 from tracker.logs.pictures import to_bayer
 
@@ -66,24 +68,15 @@ class Hdf5LogWriter:
         self._rig, self._flush_every = rig, flush_every
         self._size = sizes.pop()
         self._count = 0
-        try:
-            self._disk = Disk(path)
-        except FileExistsError:
-            raise LogError(f"{self._path}: there is such a file, expected a new one") from None
-        except (OSError, ValueError) as error:
-            raise self._fault(error) from error
-        try:
-            self._file = h5py.File(self._disk, "w")
-            try:
-                self._begin(frame_rate, poses)
-                self._write_settings(settings)
-                self._check_disk()
-            except BaseException:
-                self._file.close()
-                raise
-        except BaseException:
-            self._disk.close()
-            raise
+        if os.path.lexists(path):
+            raise LogError(f"{self._path}: there is such a file, expected a new one")
+        with contextlib.ExitStack() as undo:
+            with told_as(LogError, self._path):
+                self._disk = undo.enter_context(Disk(path))
+            self._file = undo.enter_context(h5py.File(self._disk, "w"))
+            self._begin(frame_rate, poses, settings or [{}] * len(rig))
+            self._check_disk()
+            undo.pop_all()
 
     def __enter__(self) -> Hdf5LogWriter:
         return self
@@ -128,13 +121,25 @@ class Hdf5LogWriter:
             for value in stamps.tolist():
                 checked_stamp(value, what=where)
         rows: dict[str, Any] = {"images": raw, "timestamps": stamps, "sensor_data_timestamps": 1000 * stamp}
-        if self._poses:
-            found = pose is not None
-            rows["object_pose/has_pose"] = found
-            rows["object_pose/position"] = pose.position if found else np.zeros(3)
-            rows["object_pose/orientation"] = pose.orientation if found else np.zeros(4)
-            rows["object_pose/confidence"] = pose.confidence if found else 0.0
-        self._put(rows)
+        if "object_pose" in self._file:
+            rows["object_pose/has_pose"] = pose is not None
+            for name, width in POSE.items():
+                rows[f"object_pose/{name}"] = np.zeros(width) if pose is None else getattr(pose, name)
+        try:
+            for name, row in rows.items():
+                field = self._file[name]
+                field.resize(self._count + 1, axis=0)
+                field[self._count] = row
+            if self._flush_every and (self._count + 1) % self._flush_every == 0:
+                self._flush(self._count + 1)
+            self._check_disk()
+        except (RuntimeError, ValueError, TypeError, LogError) as error:
+            for name in rows:
+                self._file[name].resize(self._count, axis=0)
+            if isinstance(error, LogError):
+                raise
+            raise LogError(f"{self._path}: cannot be written: {' '.join(str(error).split())}") from error
+        self._count += 1
 
     def flush(self) -> None:
         """Hand all frames so far to the operating system.
@@ -142,7 +147,7 @@ class Hdf5LogWriter:
         Raises:
             LogError: it cannot take them.
         """
-        self._flush()
+        self._flush(self._count)
         self._check_disk()
 
     def close(self) -> None:
@@ -157,11 +162,16 @@ class Hdf5LogWriter:
             self._disk.close()
             self._check_disk()
 
-    def _flush(self) -> None:
-        self._file.attrs.modify(FLUSHED, np.uint64(self._count))
+    def _flush(self, count: int) -> None:
+        self._file.attrs.modify(FLUSHED, np.uint64(count))
         self._file.flush()
 
-    def _begin(self, frame_rate: float | None, poses: bool) -> None:
+    def _check_disk(self) -> None:
+        if self._disk.fault is not None:
+            with told_as(LogError, self._path):
+                raise self._disk.fault
+
+    def _begin(self, frame_rate: float | None, poses: bool, settings: Sequence[Settings]) -> None:
         file, count, (width, height) = self._file, len(self._rig), self._size
         # As the platform's C++ writes them.
         for name, value in (
@@ -177,59 +187,26 @@ class Hdf5LogWriter:
         )  # fmt: skip
         self._rows("timestamps", (count,))
         self._rows("sensor_data_timestamps")
+        if poses:
+            self._rows("object_pose/has_pose", dtype=np.bool_)
+            for name, width in POSE.items():
+                self._rows(f"object_pose/{name}", (width,) if width > 1 else ())
         file.create_dataset("camera_names", data=np.array([name.encode() for name in self._rig.names]))
-        for camera in self._rig:
+        for camera, values in zip(self._rig, settings, strict=True):
             group = file.create_group(f"camera_info/{camera.name}")
             group["camera_matrix"] = camera.matrix
             group["distortion_coefficients"] = camera.distortion[None]
             group["tf_world_to_camera"] = camera.camera_from_world
             if frame_rate is not None:
                 group.attrs["frame_rate_fps"] = float(frame_rate)
-        self._poses = poses
-        if poses:
-            self._rows("object_pose/has_pose", dtype=np.bool_)
-            self._rows("object_pose/position", (3,))
-            self._rows("object_pose/orientation", (4,))
-            self._rows("object_pose/confidence")
-
-    def _write_settings(self, settings: Sequence[Settings]) -> None:
-        """Keep what is known of each camera; of one of which nothing is known there is no field."""
-        for name, values in zip(self._rig.names, settings or [{}] * len(self._rig), strict=True):
-            known = {
-                key: value for key, value in values.items() if isinstance(value, str) or math.isfinite(value)
-            }
-            if known:
-                content = json.dumps(known, allow_nan=False).encode()
-                self._file[f"camera_info/{name}/settings"] = np.frombuffer(content, np.uint8)
+            known = {key: one for key, one in values.items() if isinstance(one, str) or math.isfinite(one)}
+            if known:  # of a camera of which nothing is known there is no field
+                group["settings"] = np.frombuffer(json.dumps(known, allow_nan=False).encode(), np.uint8)
 
     def _rows(self, name: str, shape: tuple[int, ...] = (), dtype: Any = np.float64) -> None:
         self._file.create_dataset(
             name, (0, *shape), dtype, maxshape=(None, *shape), chunks=(_ROWS, *shape), track_times=False
         )
-
-    def _put(self, rows: dict[str, Any]) -> None:
-        """Write one row of each field, or of none."""
-        try:
-            for name, row in rows.items():
-                field = self._file[name]
-                field.resize(self._count + 1, axis=0)
-                field[self._count] = row
-            self._count += 1
-            try:
-                if self._flush_every and self._count % self._flush_every == 0:
-                    self._flush()
-                self._check_disk()
-            except BaseException:
-                self._count -= 1
-                raise
-        except (RuntimeError, ValueError, TypeError, LogError) as error:
-            for name in rows:
-                self._file[name].resize(self._count, axis=0)
-            raise error if isinstance(error, LogError) else self._fault(error) from error
-
-    def _check_disk(self) -> None:
-        if self._disk.fault is not None:
-            raise self._fault(self._disk.fault)
 
     def _raw(self, images: Sequence[Image | None], where: str) -> Array:
         """(C, H, W) raw pixels."""
@@ -247,7 +224,3 @@ class Hdf5LogWriter:
                 )
             raw[c] = image if image.ndim == 2 else to_bayer(image)
         return raw
-
-    def _fault(self, error: Exception) -> LogError:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else error
-        return LogError(f"{self._path}: cannot be written: {' '.join(str(reason).split())}")
