@@ -149,13 +149,13 @@ def describe(batch: Batch, tasks: Sequence[Task], scheduler: Scheduler) -> Descr
     name = hashlib.sha256(list_text.encode()).hexdigest()[:12]
     path = Path(os.path.abspath(batch.folder)) / FOLDER / name
     count = -(-len(tasks) // each)
-    if scheduler == "slurm":
-        text = _SLURM.format(name=name, last=count - 1, python=shlex.quote(sys.executable))
-        return Description("sbatch", path.with_suffix(".sh"), text, list_text)
+    command, suffix, text, python = {
+        "slurm": ("sbatch", ".sh", _SLURM, shlex.quote(sys.executable)),
+        "htcondor": ("condor_submit", ".sub", _HTCONDOR, sys.executable.replace("$", "$(DOLLAR)")),
+    }[scheduler]
     numbers = "\n".join(f"    {number}" for number in range(count))
-    python = sys.executable.replace("$", "$(DOLLAR)")
-    text = _HTCONDOR.format(name=name, numbers=numbers, python=python)
-    return Description("condor_submit", path.with_suffix(".sub"), text, list_text)
+    text = text.format(name=name, last=count - 1, numbers=numbers, python=python)
+    return Description(command, path.with_suffix(suffix), text, list_text)
 
 
 def do_share(list_path: Path, number: int) -> int:

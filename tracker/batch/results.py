@@ -16,7 +16,7 @@ import glob
 import json
 import os
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -42,12 +42,19 @@ def recordings_of(given: Sequence[str], folder: Path) -> list[Path]:
     for one in given:
         fitting = [one]
         if glob.has_magic(one) and not os.path.exists(one):
-            some = _each_once(_below("", one.split(os.sep), set()))
-            fitting = [path for path in some if not _is_of_results(os.path.realpath(path), results)]
+            # What leads to one file or folder is taken without links, the shortest, the first.
+            once: dict[str, str] = {}
+            for path in sorted(_below("", one.split(os.sep), set()), key=_indirect):
+                once.setdefault(os.path.realpath(path), path)
+            fitting = sorted(path for real, path in once.items() if not _is_of_results(real, results))
         if not fitting:
             raise LogError(f"{one}: found nothing that fits this pattern, expected recordings")
         found += fitting
     return [Path(path) for path in found]
+
+
+def _indirect(path: str) -> tuple[bool, int, str]:
+    return os.path.realpath(path) != os.path.abspath(path), path.count(os.sep), path
 
 
 def _below(root: str, parts: list[str], been: set[tuple[int, int, int]]) -> Iterator[str]:
@@ -88,16 +95,6 @@ def _below(root: str, parts: list[str], been: set[tuple[int, int, int]]) -> Iter
                 (links if os.path.islink(path) else folders).append(path)
             elif not after:
                 yield path
-
-
-def _each_once(paths: Iterable[str]) -> list[str]:
-    """Of the paths that lead to one file or folder the one without links, the shortest, the first."""
-    once: dict[str, tuple[bool, int, str]] = {}
-    for path in paths:
-        real = os.path.realpath(path)
-        order = real != os.path.abspath(path), path.count(os.sep), path
-        once[real] = min(order, once.get(real, order))
-    return sorted(path for *_, path in once.values())
 
 
 def _is_of_results(path: str, folder: str) -> bool:

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from tracker.batch.results import (
     ASKED,
@@ -88,7 +88,6 @@ def make_result(task: Task) -> dict[str, Any]:
         `recording`, `frames` that were tracked now, `seconds` that took, `failure`: the reason or None.
     """
     output = Path(task.output)
-    result: dict[str, Any] = {"recording": task.name, "frames": 0, "seconds": 0.0, "failure": None}
     try:
         output.parent.mkdir(parents=True, exist_ok=True)
         job = task.job
@@ -98,13 +97,17 @@ def make_result(task: Task) -> dict[str, Any]:
         write_whole(summary_file(output), json.dumps(line, indent=1, allow_nan=False) + "\n")
         failure_file(output).unlink(missing_ok=True)
     except BlockingIOError as error:
-        result["failure"] = reason(error)  # the other run reports the outcome
+        return failed(task, reason(error))  # the other run reports the outcome
     except Exception as error:  # whatever it is, the other recordings are to be done
-        result["failure"] = reason(error) if str(error) else repr(error)
-        keep_failure(task, result["failure"])
-    else:
-        result |= {"frames": tracked.new, "seconds": tracked.seconds}
-    return result
+        why = reason(error) if str(error) else repr(error)
+        keep_failure(task, why)
+        return failed(task, why)
+    return {"recording": task.name, "frames": tracked.new, "seconds": tracked.seconds, "failure": None}
+
+
+def failed(task: Task, why: str) -> dict[str, Any]:
+    """What `make_result` returns of a recording that could not be done."""
+    return {"recording": task.name, "frames": 0, "seconds": 0.0, "failure": why}
 
 
 def keep_failure(task: Task, why: str) -> None:
@@ -172,18 +175,15 @@ def write_batch(batch: Batch) -> None:
     write_whole(batch.folder / ASKED, json.dumps(content, indent=0) + "\n")
 
 
-class Asked(NamedTuple):
-    """What a list of recordings says, which others may have written."""
+def read_asked(path: Path, folder: Path) -> tuple[Batch, str, int]:
+    """The list in a file, which others may have written, for a folder of results.
 
-    batch: Batch
-    agreed: str
-    """See Task."""
-    each: int
-    """Recordings a job."""
+    Returns:
+        The batch, `Task.agreed`, and the number of recordings a job.
 
-
-def read_asked(path: Path, folder: Path) -> Asked:
-    """The list in a file, for a folder of results; LogError where there is none, or it is malformed."""
+    Raises:
+        LogError: there is none, or it is malformed.
+    """
     try:
         content = json.loads(read_bounded(path, MAX_LIST))
         pairs = tuple((str(log), str(output)) for log, output in content["recordings"])
@@ -191,7 +191,7 @@ def read_asked(path: Path, folder: Path) -> Asked:
             if os.path.isabs(output) or os.pardir in Path(output).parts or not output.endswith(SUFFIX):
                 raise ValueError(f"found {output!r:.80} for a result, expected a path below the folder")
         batch = Batch(folder, Options.of_plain(content["options"]), pairs)
-        return Asked(batch, str(content.get("agreed", "")), int(content.get("each", 1)))
+        return batch, str(content.get("agreed", "")), int(content.get("each", 1))
     except OSError as error:
         raise LogError(f"{path}: cannot be read, expected a list of recordings: {error.strerror}") from error
     except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
@@ -200,7 +200,7 @@ def read_asked(path: Path, folder: Path) -> Asked:
 
 def read_batch(folder: Path) -> Batch:
     """What was asked for in a folder of results; LogError as for `read_asked`."""
-    return read_asked(folder / ASKED, folder).batch
+    return read_asked(folder / ASKED, folder)[0]
 
 
 @contextlib.contextmanager
@@ -234,7 +234,7 @@ def run_tasks(
     missing: Iterator[Task], begin: Callable[[], AbstractContextManager[Engine]], report: Report
 ) -> int:
     """Do some tasks; the number of those that could not be done."""
-    failed = 0
+    failures = 0
     first = next(missing, None)
     if first is None:
         return 0
@@ -242,10 +242,10 @@ def run_tasks(
         for task, result in engine(make_result, itertools.chain([first], missing)):
             if isinstance(result, Exception):  # its worker is gone, and could not say so
                 keep_failure(task, reason(result))
-                result = {"recording": task.name, "frames": 0, "seconds": 0.0, "failure": reason(result)}
-            failed += result["failure"] is not None
+                result = failed(task, reason(result))
+            failures += result["failure"] is not None
             report(result)
-    return failed
+    return failures
 
 
 def unfinished(tasks: Sequence[Task], recipe: Recipe, done: Callable[[], None]) -> Iterator[Task]:
