@@ -99,7 +99,7 @@ class NativeSource(Source):
         count = self._read_into(record.view(np.uint8).data, self._start + index * size)
         if count < size:
             raise LogError(f"{self.where(index)}: found {count} bytes, expected a record of {size}")
-        return self._frame(record[0], index, self.where(index))
+        return self._frame(record[0], index)
 
     def where(self, index: int) -> str:
         """See Source."""
@@ -114,9 +114,10 @@ class NativeSource(Source):
         """See Source."""
         self._raw.close()
 
-    def _frame(self, record: Any, index: int, where: str) -> LogFrame:
+    def _frame(self, record: Any, index: int) -> LogFrame:
         """The frame in a record; LogError if it is not laid out as the first, or impossible."""
-        images: list[Image | None] = []
+        where = self.where(index)
+        images: list[Image] = []
         raw: list[Image] = []
         stamps = []
         for number, (camera, expected) in enumerate(zip(record["cameras"], self._headers, strict=True), 1):
@@ -130,7 +131,7 @@ class NativeSource(Source):
             # A copy of colours, so that an image that is kept keeps no record.
             images.append(from_bayer(pixels) if pixels.ndim == 2 else pixels.copy())
             stamps.append(checked_stamp(camera["stamp"], what=what))
-        if is_empty(np.array(stamps), [image for image in images if image is not None]):
+        if is_empty(np.array(stamps), images):
             return empty_frame(index, len(images))
         stamp = checked_stamp(record["stamp"] / 1000, what=where) if self._stamped else float(np.mean(stamps))
         poses = [
@@ -151,7 +152,9 @@ class NativeSource(Source):
             headers.append(_header(self._read_at(offset, _HEADER.itemsize), what))
             offset += _camera(headers[-1]).itemsize
         self._start, self._headers = start, headers
-        variants = [_record(self._stamped, headers, *poses) for poses in _POSES]
+        stamp = [("stamp", "<f8")] * self._stamped
+        cameras = np.dtype([(f"camera {number}", _camera(header)) for number, header in enumerate(headers)])
+        variants = [np.dtype([*stamp, ("cameras", cameras), ("poses", "<f8", shape)]) for shape in _POSES]
         # One read past the first record's cameras, as far as the longest variant's next camera.
         tail = self._read_at(offset, 8 * 18 + 8 + _HEADER.itemsize)
         for self._record in variants:
@@ -238,12 +241,6 @@ def _camera(header: _Header) -> np.dtype[Any]:
     rows, columns, kind, _ = header
     shape = (rows, columns) if _CHANNELS[kind] == 1 else (rows, columns, _CHANNELS[kind])
     return np.dtype([("header", _HEADER), ("pixels", "u1", shape), ("stamp", "<f8")])
-
-
-def _record(stamped: bool, headers: list[_Header], poses: int, numbers: int) -> np.dtype[Any]:
-    cameras = np.dtype([(f"camera {number}", _camera(header)) for number, header in enumerate(headers)])
-    stamp = [("stamp", "<f8")] if stamped else []
-    return np.dtype([*stamp, ("cameras", cameras), ("poses", "<f8", (poses, numbers))])
 
 
 def _shown(header: _Header) -> str:
