@@ -45,8 +45,7 @@ from tracker.conventions import Array
 from tracker.errors import CalibrationError, LogError, TrackerError, install
 from tracker.files import told_as, whole_file, write_whole
 from tracker.geometry import cuboid, so3
-from tracker.logs.datasets import CONTROL_RATE
-from tracker.logs.store_steps import Episode, StoreSteps, is_store, read_steps
+from tracker.logs.datasets import CONTROL_RATE, Episode, StoreSteps, is_store, read_steps
 from tracker.objects.model import CuboidModel
 from tracker.poses.columns import MeasuredColumns, PoseColumns
 from tracker.poses.file import read_poses

@@ -1,17 +1,23 @@
-"""Image data sets of trifinger_rl_datasets, `NAME.zarr/data.mdb`."""
+"""Image data sets of trifinger_rl_datasets, `NAME.zarr/data.mdb`: their images, and their control steps.
+
+`observations` (steps, n) is a nested dictionary, flattened in the order of sorted keys; n tells which.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from tracker.checks import naming
-from tracker.conventions import FloatArray, Image
+from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import LogError
-from tracker.files.stores import StoredArray, open_store
-from tracker.logs.frame import LogFrame
+from tracker.files.stores import LmdbFile, StoredArray, open_store
+from tracker.logs.frame import MAX_DISTANCE, LogFrame
 from tracker.logs.log import MAX_SIDE, MIN_SIDE, Source, default_names
+from tracker.logs.opening import STORE_FILE, open_log
 from tracker.logs.pictures import decode, from_bayer, from_quadrants
 
 CAMERA_RATE = 10.0
@@ -20,8 +26,16 @@ CAMERA_RATE = 10.0
 CONTROL_RATE = 50.0
 """Of the steps of a policy [Hz], which `obs_to_image_index` counts."""
 
-
 _MAX_CAMERAS = 16
+
+TASKS = {97: "push", 139: "lift"}
+"""Task by the numbers in an observation: goals are a position (3) in push, keypoints (24) in lift."""
+
+_NORM_TOLERANCE = 0.01
+_GOAL = {"push": 3, "lift": 24}
+_ACTION, _CAMERA = 9, 33
+_IN_CAMERA = {"confidence": (0, 1), "delay": (1, 2), "orientation": (26, 30), "position": (30, 33)}
+_IN_ROBOT = {"joints": (21, 30), "robot": (30, 31)}
 
 
 class DatasetSource(Source):
@@ -132,3 +146,122 @@ class DatasetSource(Source):
         result: FloatArray = np.interp(numbers, seen, at)
         result += period * np.minimum(numbers - seen[0], 0) + period * np.maximum(numbers - seen[-1], 0)
         return result - min(0.0, float(result[0]) if len(result) else 0.0)
+
+
+class Episode(NamedTuple):
+    """A part of a store that one robot recorded without a break."""
+
+    number: int
+    """From 0."""
+    robot: int | None
+    """Number of the robot; None where the store does not tell."""
+    steps: range
+    """Its control steps."""
+    frames: range
+    """The sets of images that these saw; none where an earlier episode saw them, too."""
+
+
+@dataclass(frozen=True, eq=False)
+class StoreSteps:
+    """What is known of each control step."""
+
+    where: str
+    """The store, for errors."""
+    frame: Array
+    """(n,) int64: number of the set of images that the step saw."""
+    ends: Array
+    """(e,) int64: last step of each episode."""
+    frames: int
+    """Number of sets of images in the store."""
+    task: str | None
+    """`push` or `lift`; None where the observations are others, or none."""
+    observed: dict[str, FloatArray]
+    """By name (n, k): `robot`, `joints` [rad], and of the stored pose `position` [m], `orientation` (x, y, z,
+    w), `confidence` and `delay` [s]; empty without a task."""
+
+    def episodes(self) -> list[Episode]:
+        """All episodes; LogError where one has several robots, or a number that cannot be a robot's.
+
+        A set of images that two of them saw belongs to the first.
+        """
+        found: list[Episode] = []
+        for number, last in enumerate(self.ends.tolist()):
+            first = found[-1].steps.stop if found else 0
+            begin = max(int(self.frame[first]), found[-1].frames.stop if found else 0)
+            frames = range(begin, max(begin, int(self.frame[last]) + 1))
+            found.append(Episode(number, self._robot(number, first, last), range(first, last + 1), frames))
+        return found
+
+    def stored_with(self, frames: Array) -> tuple[Array, dict[str, Array] | None]:
+        """Of sets of images the first step that saw each, or a later set, and the pose stored with it.
+
+        The columns are those of `PoseColumns`, None where the store has no poses. Rows that cannot be a pose,
+        or of images that no step saw, are NaN.
+        """
+        steps = np.minimum(np.searchsorted(self.frame, frames), len(self.frame) - 1)
+        if self.task is None:
+            return steps, None
+        position, orientation = self.observed["position"][steps], self.observed["orientation"][steps]
+        confidence = self.observed["confidence"][steps, 0]
+        length = np.linalg.norm(orientation, axis=1)
+        near = np.abs(position).max(axis=1, initial=0) <= MAX_DISTANCE
+        seen = self.frame[steps] == frames
+        usable = seen & near & (np.abs(length - 1) <= _NORM_TOLERANCE) & (confidence > 0)
+        orientation = orientation / np.where(usable, length, 1)[:, None]
+        for column in (position, orientation, confidence):
+            column[~usable] = np.nan
+        values = {"position": position, "orientation": orientation, "confidence": confidence}
+        return steps, {"has_pose": usable, **values}
+
+    def _robot(self, number: int, first: int, last: int) -> int | None:
+        if self.task is None:
+            return None
+        found = np.unique(self.observed["robot"][first : last + 1])
+        if len(found) > 1 or not 0 <= found[0] < 1e6 or found[0] % 1:
+            names = ", ".join(f"{value:g}" for value in found[:5])
+            what = f"{self.where}: episode {number}: robot_id"
+            raise LogError(f"{what}: found {names}, expected the number of one robot")
+        return int(found[0])
+
+
+def is_store(path: Path) -> bool:
+    """Whether this is an image store, or its file."""
+    return path.name == STORE_FILE or (path / STORE_FILE).is_file()
+
+
+def read_steps(path: Path) -> StoreSteps:
+    """The control steps of a store; LogError where it is none, damaged, or its numbers contradict."""
+    with open_log(path) as log:  # which compares the numbers of images with each other
+        cameras, frames = len(log.camera_names), len(log)
+    store = open_store(path.parent if path.name == STORE_FILE else path)
+    try:
+        frame, ends = (
+            StoredArray(store, name, str(path)).numbers().astype(np.int64)
+            for name in ("obs_to_image_index", "episode_ends")
+        )
+        frame //= cameras
+        bad = (np.diff(ends, prepend=-1) <= 0) | (ends >= len(frame))
+        if not len(ends) or bad.any():
+            found = f"{ends[np.argmax(bad)]}" if len(ends) else "none"
+            expected = f"steps that increase, up to {len(frame) - 1}"
+            raise LogError(f"{path}: episode_ends: found {found}, expected {expected}")
+        task, observed = _observed(store, path, len(frame))
+    finally:
+        store.close()
+    return StoreSteps(str(path), frame, ends, frames, task, observed)
+
+
+def _observed(store: LmdbFile, path: Path, steps: int) -> tuple[str | None, dict[str, FloatArray]]:
+    """The task, and the columns of `StoreSteps.observed`."""
+    array = StoredArray.find(store, "observations", str(path))
+    task = TASKS.get(array.shape[-1]) if array is not None else None
+    if array is None or task is None:
+        return None, {}
+    if len(array) != steps:
+        raise LogError(f"{path}: observations: found {len(array)} steps, expected {steps}")
+    camera = _GOAL[task] + _ACTION
+    robot = camera + _CAMERA + _GOAL[task]
+    columns = {name: slice(camera + a, camera + b) for name, (a, b) in _IN_CAMERA.items()}
+    columns |= {name: slice(robot + a, robot + b) for name, (a, b) in _IN_ROBOT.items()}
+    blocks = [{name: rows[:, one].astype(float) for name, one in columns.items()} for rows in array.blocks()]
+    return task, {name: np.concatenate([block[name] for block in blocks]) for name in columns}

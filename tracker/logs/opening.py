@@ -14,8 +14,8 @@ from tracker.errors import CalibrationError, LogError
 from tracker.files import open_regular, told_of
 from tracker.geometry.camera import Camera
 from tracker.logs.films import SUFFIXES as FILM_SUFFIXES
+from tracker.logs.folder import SUFFIXES as PICTURE_SUFFIXES
 from tracker.logs.folder import TRUTH_FILE, FolderSource
-from tracker.logs.folder_layout import SUFFIXES as PICTURE_SUFFIXES
 from tracker.logs.log import Log, Source
 from tracker.logs.recording_file import FILE_NAME, STAMPS_NAME, check_rate
 
