@@ -95,9 +95,9 @@ def check_stated_end(path: Path) -> None:
 
 
 def find(file: Any, name: str, where: str) -> h5py.Dataset | None:
-    """The dataset at a path such as `object_pose/position`, with nothing read yet, or None.
+    """The dataset at a path, with nothing read yet, or None; LogError where it cannot be trusted, or is none.
 
-    LogError where it cannot be trusted, or is none; `where` stands before the path in errors.
+    where: stands before the path in errors.
     """
     with faults_as_log_errors(f"{where}{name}"):
         item = _item(file, name)
@@ -151,27 +151,29 @@ def values(stored: h5py.Dataset) -> Array:
     return np.asarray(stored[()])
 
 
-def attribute(item: Any, name: str, kinds: str, shape: tuple[int, ...] | None) -> Array:
-    """The value of an attribute of a file, group or dataset, of this shape (None: a list of any length).
+def attribute(item: Any, name: str, kinds: str, *, single: bool = True) -> Array:
+    """The value of an attribute of a file, group or dataset: a single one, without axes, or a list.
 
     Raises:
         LogError: there is no such attribute, or it is none of these `kinds` (a key of TYPES), shape or size.
     """
-    expected = TYPES[kinds] + ("" if shape == () else ", a list of them")
+    expected = TYPES[kinds] + ("" if single else ", a list of them")
     if name not in item.attrs:
         raise LogError(f"{name}: found no such attribute, expected {expected}")
     stored = item.attrs.get_id(name)
     # Before it is read: the library does not survive damaged texts.
-    if stored.dtype.kind not in kinds or (len(stored.shape) != 1 if shape is None else stored.shape != shape):
+    fits = stored.shape in ((), (1,)) if single else len(stored.shape) == 1
+    if stored.dtype.kind not in kinds or not fits:
         raise LogError(f"{name}: found {described(stored)}, expected {expected}")
     if math.prod(stored.shape) * stored.dtype.itemsize > _MAX_ATTRIBUTE:
         raise LogError(f"{name}: found {described(stored)}, expected at most {_MAX_ATTRIBUTE} bytes")
-    return np.asarray(item.attrs[name])
+    value = np.asarray(item.attrs[name])
+    return value.reshape(()) if single else value
 
 
 def text(file: Any, key: str) -> str:
     """The text in an attribute; LogError where there is none."""
-    return decoded(attribute(file, key, "S", ()))[0]
+    return decoded(attribute(file, key, "S"))[0]
 
 
 def text_of(path: str | os.PathLike[str], key: str) -> str | None:
@@ -183,15 +185,10 @@ def text_of(path: str | os.PathLike[str], key: str) -> str | None:
         return None  # what else it is, or what is wrong with it, says who opens it as such
 
 
-def encoded(texts: list[str]) -> Array:
-    """Texts as an array (k,) of UTF-8 of one length, without null characters."""
-    contents = [text.encode("utf-8") for text in texts]
-    return np.array(contents, dtype=f"S{max(map(len, contents), default=0) or 1}")
-
-
-def encoded_text(text: str) -> Array:
-    """A single text, as an array without axes."""
-    return encoded([text]).reshape(())
+def encoded(texts: str | list[str]) -> Array:
+    """Texts as an array (k,) of UTF-8 of one length, or one without axes of a single text."""
+    contents = np.char.encode(np.array(texts, np.str_), "utf-8")
+    return contents.astype(f"S{contents.dtype.itemsize or 1}")
 
 
 def decoded(texts: Array) -> list[str]:
@@ -276,7 +273,7 @@ def _check_blocks(dataset: h5py.Dataset) -> None:
 
 
 class Disk(io.FileIO):
-    """The new file that h5py writes through; what `flush` returned from outlives the process."""
+    """The new file that h5py writes through."""
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         super().__init__(path, "xb+")

@@ -216,9 +216,6 @@ class Hdf5Source(Source):
         if len(self._poses) not in (0, len(POSE)):
             raise LogError("object_pose: expected position, orientation and confidence together")
         self.format += ", with poses" if self._poses else ""
-        self._take_count(recover)
-
-    def _take_count(self, recover: bool) -> None:
         fields = [self._camera_stamps, self._frame_stamps, *self._poses, self._has_pose]
         counts = {self._images.count, *(len(field) for field in fields if field is not None)}
         self.count = min(counts)
@@ -292,13 +289,7 @@ class Hdf5Source(Source):
 
     def _attribute(self, name: str) -> int | None:
         """A whole number among the file's attributes, or None where there is none of this name."""
-        if name not in self._file.attrs:
-            return None
-        attribute = self._file.attrs.get_id(name)
-        # Before it is read: the library does not survive damaged texts.
-        if attribute.dtype.kind not in "iu" or attribute.shape not in ((), (1,)):
-            raise LogError(f"{name}: found {described(attribute)}, expected a whole number")
-        return int(np.asarray(self._file.attrs[name]).reshape(()))
+        return int(hdf5.attribute(self._file, name, "iu")) if name in self._file.attrs else None
 
     def _check_head(self) -> None:
         # Written from a C++ int, or from Python as int64.

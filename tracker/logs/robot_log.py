@@ -16,7 +16,7 @@ from typing import BinaryIO, NamedTuple, cast
 
 import numpy as np
 
-from tracker.checks import described, float_array, in_range, path_of, seconds
+from tracker.checks import described, float_array, freeze, in_range, path_of, seconds
 from tracker.conventions import Array, FloatArray
 from tracker.errors import LogError
 from tracker.files import open_regular, told_of
@@ -90,32 +90,31 @@ class RobotLog:
         if back.any():
             k = int(np.argmax(back)) + 1
             raise LogError(f"timestamp: step {k}: found {times[k]:.6f} s after {times[k - 1]:.6f} s")
-        times.flags.writeable = False
-        object.__setattr__(self, "timestamp", times)
+        freeze(self, "timestamp", times)
         shape = np.shape(self.position)
         if len(shape) != 2:
             raise LogError(f"position: found shape {shape}, expected (n, J)")
         for field in fields(self)[1:]:
             given = getattr(self, field.name)
             if given is not None:
-                array = float_array(given, (len(times), shape[1]), field.name, LogError)
-                object.__setattr__(self, field.name, array)
+                freeze(self, field.name, float_array(given, (len(times), shape[1]), field.name, LogError))
 
     def at(self, stamps: float | FloatArray) -> RobotState:
         """The states at moments of any shape [s]; LogError where they are no times in seconds."""
         times = seconds(stamps, "stamps", LogError)
-        after = np.clip(np.searchsorted(self.timestamp, times, side="right"), 1, len(self.timestamp) - 1)
-        start, stop = self.timestamp[after - 1], self.timestamp[after]
-        inside = (times >= self.timestamp[0]) & (times <= self.timestamp[-1])
-        weight = np.where(stop > start, (times - start) / np.where(stop > start, stop - start, 1), 1.0)
-        weight = np.where(inside, weight, np.nan)[..., None]
+        places = np.interp(times, self.timestamp, np.arange(len(self.timestamp)), left=np.nan, right=np.nan)
+        outside = np.isnan(places)
+        before = np.where(outside, 0, np.clip(places, 0, len(self.timestamp) - 2)).astype(int)
+        weight = (places - before)[..., None]
+        gap = np.where(outside, np.inf, self.timestamp[before + 1] - self.timestamp[before])
 
         def between(values: FloatArray) -> FloatArray:
-            return (1 - weight) * values[after - 1] + weight * values[after]
+            result: FloatArray = (1 - weight) * values[before] + weight * values[before + 1]
+            return result
 
         velocity = None if self.velocity is None else between(self.velocity)
         torque = None if self.torque is None else between(self.torque)
-        return RobotState(between(self.position), velocity, torque, np.where(inside, stop - start, np.inf))
+        return RobotState(between(self.position), velocity, torque, gap)
 
 
 class Paired(NamedTuple):

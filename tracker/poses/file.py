@@ -203,13 +203,13 @@ def _content(poses: Poses) -> bytes:
     # A file of its own in memory: an image of an open one has wrong checksums before HDF5 2.0.
     content = io.BytesIO()
     with h5py.File(content, "w", libver=libver) as file:
-        file.attrs["format"] = hdf5.encoded_text(FORMAT)
+        file.attrs["format"] = hdf5.encoded(FORMAT)
         file.attrs["format_version"] = VERSION
         for key, attribute in _ABOUT.items():
-            file.attrs[key] = hdf5.encoded_text(getattr(poses.about, attribute))
+            file.attrs[key] = hdf5.encoded(getattr(poses.about, attribute))
         for key in _MAY_BE_MISSING:
             if value := getattr(poses.about, key):
-                file.attrs[key] = hdf5.encoded_text(value)
+                file.attrs[key] = hdf5.encoded(value)
         _put(file, "frame", poses.index)
         _put(file, "timestamps", poses.timestamp)
         _put_texts(file, "status", poses.status)
@@ -237,7 +237,7 @@ def _put(group: Any, name: str, array: Array) -> None:
     filters = {"compression": "gzip", "shuffle": True, "fletcher32": True} if array.size else {}
     dataset = group.create_dataset(name, data=array, track_times=False, **filters)
     if name in _UNITS:
-        dataset.attrs["unit"] = hdf5.encoded_text(_UNITS[name])
+        dataset.attrs["unit"] = hdf5.encoded(_UNITS[name])
     # Else its place in the file is found when Python forgets it, which other threads may delay.
     dataset.id.flush()
 
@@ -289,7 +289,7 @@ def _check_format(file: Any) -> None:
     found = hdf5.text(file, "format")
     if found != FORMAT:
         raise LogError(f"format: found {found!r:.80}, expected {FORMAT!r}")
-    version = hdf5.attribute(file, "format_version", "iu", ())
+    version = hdf5.attribute(file, "format_version", "iu")
     if version != VERSION:
         raise LogError(f"format_version: found {version}, expected {VERSION}")
 
@@ -297,7 +297,7 @@ def _check_format(file: Any) -> None:
 def _texts(file: Any, name: str, shape: tuple[int, ...]) -> Array:
     codes = hdf5.array(file, name, shape, "u")
     with naming(f"/{name}", LogError):
-        written = hdf5.decoded(hdf5.attribute(file[name], "names", "S", None))
+        written = hdf5.decoded(hdf5.attribute(file[name], "names", "S", single=False))
     names = [_OLD_SPELLINGS.get(text, text) for text in written]
     if codes.size and int(codes.max()) >= len(names):
         raise LogError(f"/{name}: found code {codes.max()}, expected codes below {len(names)}, one a name")
@@ -315,8 +315,6 @@ def _rig(file: Any) -> CameraRig:
         if not hdf5.has_group(file, path, "/"):
             raise LogError(f"/{path}: found none, expected a group for each of /camera_names")
         with naming(f"/{path}", LogError):
-            width, height = (
-                int(hdf5.attribute(file[path], f"image_{key}", "iu", ())) for key in ("width", "height")
-            )
-        cameras.append(read_camera(file, name, (width, height), "/"))
+            size = [int(hdf5.attribute(file[path], f"image_{key}", "iu")) for key in ("width", "height")]
+        cameras.append(read_camera(file, name, (size[0], size[1]), "/"))
     return CameraRig(tuple(cameras))

@@ -136,8 +136,7 @@ class Poses:
         count = len(index)
         bad = np.diff(self.index, prepend=-1) <= 0
         refuse("index", bad, self.index, "frame numbers from 0 on that increase")
-        times = float_array(self.timestamp, (count,), "timestamp", LogError, finite=False)
-        object.__setattr__(self, "timestamp", times)
+        freeze(self, "timestamp", float_array(self.timestamp, (count,), "timestamp", LogError, finite=False))
         bad = ~(np.abs(self.timestamp) <= LATEST)
         refuse("timestamp", bad, self.timestamp, f"a time in seconds, up to {LATEST:g}")
         freeze(self, "status", _texts("status", self.status, (count,)))
