@@ -256,24 +256,24 @@ def test_the_jobs_of_a_list_do_all_of_it_once(recordings):
     content = json.loads(description.list_text)
     content["each"] = 2
     description.write()
-    description.list_path.write_text(json.dumps(content))
+    description.path.with_suffix(".json").write_text(json.dumps(content))
     threads = cv2.getNumThreads()
     cv2.setNumThreads(2)
     for number in (0, 1, 2, 1):
-        assert jobs.do_share(description.list_path, number) == 0
+        assert jobs.do_share(description.path.with_suffix(".json"), number) == 0
     assert cv2.getNumThreads() == 1
     cv2.setNumThreads(threads)
     with pytest.raises(LogError, match="found 3 jobs"):
-        jobs.do_share(description.list_path, 3)
+        jobs.do_share(description.path.with_suffix(".json"), 3)
     found = {name: data for name, data in contents(one.folder).items() if not name.startswith(".jobs")}
     for name in ("batch.json", "summary.csv", "summary.parquet"):
         assert name not in found
     assert found.items() <= contents(here.folder).items()
     assert len([name for name in found if name.endswith(".poses.h5")]) == COUNT
     content["agreed"] = "other"
-    description.list_path.write_text(json.dumps(content))
+    description.path.with_suffix(".json").write_text(json.dumps(content))
     with pytest.raises(TrackerError, match="submit it again"):
-        jobs.do_share(description.list_path, 0)
+        jobs.do_share(description.path.with_suffix(".json"), 0)
 
 
 def described(folder: Path, count: int, scheduler: str) -> jobs.Description:
@@ -305,11 +305,12 @@ def test_a_script_of_slurm_does_a_share_whatever_paths_are_called(tmp_path, monk
     # Elsewhere no file of others is taken for a module.
     (log,) = (place / "logs").iterdir()
     assert log.name == f"{description.path.stem}-7.out"
-    assert log.read_text() == f"/\n-m|tracker|batch|share|{description.list_path}|7|1|"
+    assert log.read_text() == f"/\n-m|tracker|batch|share|{description.path.with_suffix('.json')}|7|1|"
     assert (done.returncode, done.stdout, done.stderr) == (2, "", "")
-    own = {description.path.name, description.list_path.name, log.name}
-    others = {python.name, "it's", ".jobs", "logs", folder.name}
-    assert {path.name for path in tmp_path.rglob("*")} == own | others
+    assert {path.name for path in tmp_path.rglob("*")} == {
+        *(python.name, "it's", ".jobs", "logs", folder.name),
+        *(description.path.name, description.path.with_suffix(".json").name, log.name),
+    }
 
 
 def test_a_description_of_htcondor_does_a_share_whatever_paths_are_called(tmp_path, monkeypatch):
@@ -322,7 +323,7 @@ def test_a_description_of_htcondor_does_a_share_whatever_paths_are_called(tmp_pa
     assert submit["executable"] == "/a $(DOLLAR)(arguments) 'b'/python"
     assert submit["max_materialize"] == "200"
     program, arguments = submit["arguments"].strip('"').removeprefix("-c '").split("' ")
-    assert arguments == f"batch share {description.list_path.name} $(number)"
+    assert arguments == f"batch share {description.path.with_suffix('.json').name} $(number)"
     (tmp_path / "cv2.py").write_text("raise SystemExit('a file of others was imported')")
     done = run_python(["-c", program, "batch", "share", "none.json", "0"], tmp_path)
     assert "none.json: cannot be read" in done.stderr

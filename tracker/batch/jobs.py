@@ -97,19 +97,12 @@ class Description:
     path: Path
     """Where it is written; the list of recordings is beside it."""
     text: str
-    """Its content."""
     list_text: str
-    """Content of the list."""
-
-    @property
-    def list_path(self) -> Path:
-        """The list of recordings."""
-        return self.path.with_suffix(".json")
 
     def write(self) -> None:
         """Write both, and make the folder that jobs write to; OSError where they cannot be written."""
         (self.path.parent / "logs").mkdir(parents=True, exist_ok=True)
-        write_whole(self.list_path, self.list_text)
+        write_whole(self.path.with_suffix(".json"), self.list_text)
         write_whole(self.path, self.text)
 
     def submit(self) -> str:

@@ -15,18 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tracker.batch.results import (
-    ASKED,
-    OF_ALL,
-    OF_STORE,
-    SUFFIX,
-    failure_file,
-    is_done,
-    is_episode,
-    outputs_of,
-    recordings_of,
-    summary_file,
-)
+from tracker.batch import results
 from tracker.batch.workers import Engine
 from tracker.errors import LogError, TrackerError, reason
 from tracker.files import claimed, lock_of, read_bounded, write_whole
@@ -42,11 +31,8 @@ class Task:
     """A recording for a worker, which may be a process on another machine."""
 
     log: str
-    """The recording."""
     output: str
-    """The file of poses."""
     options: Options
-    """What is looked for and how."""
     agreed: str
     """What code and files the worker has to have: `agreed` of the process that hands out the task."""
     part: str = ""
@@ -94,8 +80,8 @@ def make_result(task: Task) -> dict[str, Any]:
         tracked = run(job)
         about = output.stat()
         line = {"fingerprint": tracked.poses.about.fingerprint, "bytes": about.st_size, **row(job, tracked)}
-        write_whole(summary_file(output), json.dumps(line, indent=1, allow_nan=False) + "\n")
-        failure_file(output).unlink(missing_ok=True)
+        write_whole(results.summary_file(output), json.dumps(line, indent=1, allow_nan=False) + "\n")
+        results.failure_file(output).unlink(missing_ok=True)
     except BlockingIOError as error:
         return failed(task, reason(error))  # the other run reports the outcome
     except Exception as error:  # whatever it is, the other recordings are to be done
@@ -115,9 +101,9 @@ def keep_failure(task: Task, why: str) -> None:
     output = Path(task.output)
     try:
         output.parent.mkdir(parents=True, exist_ok=True)
-        summary_file(output).unlink(missing_ok=True)
+        results.summary_file(output).unlink(missing_ok=True)
         content = {"recording": task.name, "reason": why}
-        write_whole(failure_file(output), json.dumps(content, indent=1) + "\n")
+        write_whole(results.failure_file(output), json.dumps(content, indent=1) + "\n")
     except OSError:
         pass  # a full disk, for instance; the result holds the failure
 
@@ -148,17 +134,15 @@ class Batch:
     """Recordings, what is looked for in them, and the folder of the results."""
 
     folder: Path
-    """Of the results."""
     options: Options
-    """What is looked for and how."""
     pairs: tuple[tuple[str, str], ...]
     """Of each recording its path and that of its file of poses, which is relative to the folder."""
 
     @classmethod
     def of(cls, recordings: Sequence[str], folder: Path, options: Options) -> Batch:
         """A batch of paths and patterns, see `recordings_of`; LogError where a recording is given twice."""
-        logs = recordings_of(recordings, folder)
-        outputs = outputs_of(logs, Path())
+        logs = results.recordings_of(recordings, folder)
+        outputs = results.outputs_of(logs, Path())
         pairs = ((os.path.abspath(log), str(output)) for log, output in zip(logs, outputs, strict=True))
         return cls(folder, options.absolute(), tuple(pairs))
 
@@ -172,7 +156,7 @@ def write_batch(batch: Batch) -> None:
     """Keep what was asked for; folders are made."""
     batch.folder.mkdir(parents=True, exist_ok=True)
     content = {"options": batch.options.plain(), "recordings": batch.pairs}
-    write_whole(batch.folder / ASKED, json.dumps(content, indent=0) + "\n")
+    write_whole(batch.folder / results.ASKED, json.dumps(content, indent=0) + "\n")
 
 
 def read_asked(path: Path, folder: Path) -> tuple[Batch, str, int]:
@@ -188,7 +172,8 @@ def read_asked(path: Path, folder: Path) -> tuple[Batch, str, int]:
         content = json.loads(read_bounded(path, MAX_LIST))
         pairs = tuple((str(log), str(output)) for log, output in content["recordings"])
         for _, output in pairs:
-            if os.path.isabs(output) or os.pardir in Path(output).parts or not output.endswith(SUFFIX):
+            inside = not os.path.isabs(output) and os.pardir not in Path(output).parts
+            if not inside or not output.endswith(results.SUFFIX):
                 raise ValueError(f"found {output!r:.80} for a result, expected a path below the folder")
         batch = Batch(folder, Options.of_plain(content["options"]), pairs)
         return batch, str(content.get("agreed", "")), int(content.get("each", 1))
@@ -200,7 +185,7 @@ def read_asked(path: Path, folder: Path) -> tuple[Batch, str, int]:
 
 def read_batch(folder: Path) -> Batch:
     """What was asked for in a folder of results; LogError as for `read_asked`."""
-    return read_asked(folder / ASKED, folder)[0]
+    return read_asked(folder / results.ASKED, folder)[0]
 
 
 @contextlib.contextmanager
@@ -210,7 +195,7 @@ def only_run(batch: Batch) -> Iterator[None]:
     What killed runs and workers have left is removed. BlockingIOError where another run is at work.
     """
     batch.folder.mkdir(parents=True, exist_ok=True)
-    with claimed(batch.folder / ASKED):
+    with claimed(batch.folder / results.ASKED):
         _remove_leftovers(batch)
         try:
             yield
@@ -219,13 +204,7 @@ def only_run(batch: Batch) -> Iterator[None]:
 
 
 def run_batch(batch: Batch, begin: Callable[[], AbstractContextManager[Engine]], report: Report) -> int:
-    """Do what is missing; the number of recordings that could not be done.
-
-    Args:
-        batch: the recordings and options.
-        begin: makes the engine, if there is anything to do.
-        report: takes the result of each recording.
-    """
+    """Do what is missing; the number of recordings that could not be done. See `run_tasks`."""
     recipe = Recipe.of(batch.options)
     return run_tasks(unfinished(batch.tasks(agreed(recipe)), recipe, lambda: report(None)), begin, report)
 
@@ -233,7 +212,10 @@ def run_batch(batch: Batch, begin: Callable[[], AbstractContextManager[Engine]],
 def run_tasks(
     missing: Iterator[Task], begin: Callable[[], AbstractContextManager[Engine]], report: Report
 ) -> int:
-    """Do some tasks; the number of those that could not be done."""
+    """Do some tasks; the number of those that could not be done.
+
+    begin: makes the engine, if there is anything to do. report: takes the result of each recording.
+    """
     failures = 0
     first = next(missing, None)
     if first is None:
@@ -255,7 +237,7 @@ def unfinished(tasks: Sequence[Task], recipe: Recipe, done: Callable[[], None]) 
     """
     some = []
     for task in tasks:
-        if os.path.exists(summary_file(Path(task.output))):  # unlike Path's, of names too long, too
+        if os.path.exists(results.summary_file(Path(task.output))):  # unlike Path's, of names too long, too
             some.append(task)
         else:
             yield task
@@ -270,7 +252,7 @@ def is_whole(task: Task, recipe: Recipe) -> bool:
     """Whether a recording's result is there, and of the same."""
     job = Job(Path(task.log), Path(task.output), recipe)
     try:
-        return is_done(job, fingerprint(job))
+        return results.is_done(job, fingerprint(job))
     except OSError:
         return False
 
@@ -281,17 +263,18 @@ def _remove_leftovers(batch: Batch) -> None:
     A user who gives `.` for the folder of results has other files in it, which may be hidden, too: only
     names that follow from those of the batch's own files are looked at.
     """
-    own = {lock_of(batch.folder / name): batch.folder / name for name in OF_ALL}
+    own = {lock_of(batch.folder / name): batch.folder / name for name in results.OF_ALL}
     for _, output in batch.pairs:
         path = batch.folder / output
-        beside = [path.with_name(name) for name in OF_STORE] if is_episode(path) else []
-        own |= {lock_of(one): one for one in (path, summary_file(path), failure_file(path), *beside)}
+        beside = [path.with_name(name) for name in results.OF_STORE] if results.is_episode(path) else []
+        beside += [path, results.summary_file(path), results.failure_file(path)]
+        own |= {lock_of(one): one for one in beside}
     for folder in {lock.parent for lock in own}:
         with contextlib.suppress(OSError), os.scandir(folder) as entries:
             for entry in list(entries):
                 found = _LEFT.fullmatch(entry.name)
                 target = own.get(folder / f"{found[1]}.lock") if found else None
                 if target is not None:
-                    mine = target.name == ASKED  # which this run has claimed
+                    mine = target.name == results.ASKED  # which this run has claimed
                     with contextlib.suppress(OSError), contextlib.nullcontext() if mine else claimed(target):
                         shutil.rmtree(entry.path, ignore_errors=True)

@@ -28,16 +28,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tracker.batch.results import (
-    IMAGES,
-    REPORT,
-    STEPS,
-    ZARR,
-    output_of_episode,
-    outputs_of,
-    recordings_of,
-    summary_file,
-)
+from tracker.batch import results
 from tracker.batch.run import Batch, Report, Task, agreed, run_tasks, unfinished
 from tracker.batch.workers import Engine
 from tracker.calibration.files.folder import pattern_of, robots_in
@@ -62,7 +53,6 @@ class Planned(NamedTuple):
     """Whose calibration is taken."""
     task: Task
     recipe: Recipe
-    """What the task loads."""
 
 
 @dataclass(frozen=True)
@@ -106,13 +96,13 @@ class Retracking:
             start, stop = episode.frames.start, episode.frames.stop
             recipe = dataclasses.replace(recipe_of(name), start=start, stop=stop)
             own = dataclasses.replace(options, pattern=pattern_of(name), start=start, stop=stop)
-            output = str(output_of_episode(path, episode.number, Path(os.path.abspath(folder))))
+            output = str(results.output_of_episode(path, episode.number, Path(os.path.abspath(folder))))
             part = f"episode {episode.number}"
             task = Task(os.path.abspath(path), output, own, agreed(recipe), part)
             return Planned(episode, name, task, recipe)
 
-        paths = recordings_of(recordings, folder)
-        outputs_of(paths, folder)  # which refuses one that is given twice
+        paths = results.recordings_of(recordings, folder)
+        results.outputs_of(paths, folder)  # which refuses one that is given twice
         stores = {path: [planned(path, episode) for episode in _episodes(path, options)] for path in paths}
         tasks = [one.task for episodes in stores.values() for one in episodes]
         pairs = tuple((task.name, os.path.relpath(task.output, folder)) for task in tasks)
@@ -133,14 +123,14 @@ class Retracking:
         reports = {}
         for path, episodes in self.stores.items():
             outputs = [Path(one.task.output) for one in episodes]
-            if all(summary_file(output).exists() for output in outputs):
+            if all(results.summary_file(output).exists() for output in outputs):
                 reports[str(path)] = write_store(outputs[0].parent, path.name, read_steps(path), episodes)
         return reports
 
 
 def are_stores(recordings: Sequence[str], folder: Path) -> bool:
     """Whether there are recordings and all of them are image stores; LogError where only some are."""
-    found = [(path, is_store(path)) for path in recordings_of(recordings, folder)]
+    found = [(path, is_store(path)) for path in results.recordings_of(recordings, folder)]
     others = [path for path, store in found if not store]
     if others and len(others) < len(found):
         raise LogError(f"{others[0]}: found another recording beside image stores, expected stores alone")
@@ -175,46 +165,38 @@ def _robot_of(path: Path, episode: Episode, options: Options, known: Sequence[st
     return name
 
 
-ROWS: dict[str, tuple[int, ...]] = {
-    "object_position": (3,),
-    "object_orientation": (4,),
-    "object_keypoints": (8, 3),
-    "confidence": (1,),
-    "covariance": (6, 6),
+ARRAYS: dict[str, tuple[tuple[int, ...], str]] = {
+    "object_position": ((3,), "m, in the world"),
+    "object_orientation": ((4,), "unit quaternion x, y, z, w"),
+    "object_keypoints": (
+        (8, 3),
+        "corners [m]; corner i is on the + side of x, y, z where bit 0, 1, 2 of i is 0",
+    ),
+    "confidence": ((1,), "probability that the pose is within 5 mm and 5 degrees of the truth"),
+    "covariance": ((6, 6), "of position and rotation along world axes [m, rad]"),
 }
-"""Arrays of the zarr group, with the shape of a row; the first three are those of the data set."""
+"""Of each array of the zarr group the shape of a row, and what it is; the first three are the data set's."""
 
-_ABOUT = {
-    "object_position": "m, in the world",
-    "object_orientation": "unit quaternion x, y, z, w",
-    "object_keypoints": "corners [m]; corner i is on the + side of x, y, z where bit 0, 1, 2 of i is 0",
-    "confidence": "probability that the pose is within 5 mm and 5 degrees of the truth",
-    "covariance": "of position and rotation along world axes [m, rad]",
-    "rows": "one a control step; in the group images, one a set of images; NaN where there is no pose",
-}
+_ROWS = "one a control step; in the group images, one a set of images; NaN where there is no pose"
 
 
 def write_store(folder: Path, source: str, steps: StoreSteps, tracked: Sequence[Planned]) -> dict[str, Any]:
-    """Write all tables of a store, each whole or not at all; what the report says.
+    """Write all tables of a store in a folder, each whole or not at all; what the report says.
 
-    Args:
-        folder: where they go.
-        source: the store's name.
-        steps: its control steps.
-        tracked: episodes in their order, of which there are poses.
+    tracked: episodes in their order, of which there are poses.
 
     Raises:
         LogError: a file of poses cannot be read, or a table not be written.
-        TrackerError: the package pyarrow is missing.
     """
     compared: list[tuple[Planned, Compared]] = []
     model = tracked[0].recipe.model
-    about = {"source": source, "object": model.name, **_ABOUT}
+    about = {"source": source, "object": model.name, "rows": _ROWS}
+    about |= {name: text for name, (_, text) in ARRAYS.items()}
     with (
         told_as(LogError, folder),
-        _group(folder / ZARR, about) as group,
-        _parquet(folder / IMAGES) as add_images,
-        _parquet(folder / STEPS) as add_steps,
+        _group(folder / results.ZARR, about) as group,
+        _parquet(folder / results.IMAGES) as add_images,
+        _parquet(folder / results.STEPS) as add_steps,
     ):
         images = group / "images"
         images.mkdir()
@@ -246,16 +228,16 @@ def write_store(folder: Path, source: str, steps: StoreSteps, tracked: Sequence[
                 for one, parts in compared
             ],
         }
-        write_whole(folder / REPORT, json.dumps(report, indent=1) + "\n")
+        write_whole(folder / results.REPORT, json.dumps(report, indent=1) + "\n")
     return report
 
 
 def _arrays_of(columns: MeasuredColumns, model: CuboidModel) -> dict[str, Array]:
-    """What goes into the arrays of ROWS."""
+    """What goes into the arrays of ARRAYS."""
     rotation = so3.matrix_from_quaternion(columns.orientation)
     corners = cuboid.keypoints(columns.position, rotation, model.size)
     arrays = (columns.position, columns.orientation, corners, columns.confidence[:, None], columns.covariance)
-    return dict(zip(ROWS, arrays, strict=True))
+    return dict(zip(ARRAYS, arrays, strict=True))
 
 
 def _rows_of(poses: Poses, frames: Sequence[int] | Array) -> Array:
@@ -324,9 +306,9 @@ def _group(path: Path, attributes: dict[str, Any]) -> Iterator[Path]:
 
 
 def _add_arrays(group: Path, count: int) -> None:
-    """Add the arrays of ROWS, of `count` rows of NaN, each one block: its rows one after the other."""
+    """Add the arrays of ARRAYS, of `count` rows of NaN, each one block: its rows one after the other."""
     (group / ".zgroup").write_text('{"zarr_format": 2}\n')
-    for name, row in ROWS.items():
+    for name, (row, _) in ARRAYS.items():
         shape = (count, *row)
         about = {"zarr_format": 2, "dtype": "<f4", "fill_value": "NaN", "order": "C", "shape": shape}
         about |= {"chunks": shape, "compressor": None, "filters": None}
@@ -338,9 +320,9 @@ def _add_arrays(group: Path, count: int) -> None:
 def _put(group: Path, first: int, name: str, rows: Array) -> None:
     """Put rows in an array, from the first on."""
     with _block(group, name).open("r+b") as file:
-        file.seek(4 * first * math.prod(ROWS[name]))
+        file.seek(4 * first * math.prod(ARRAYS[name][0]))
         file.write(rows.astype("<f4").tobytes())
 
 
 def _block(group: Path, name: str) -> Path:
-    return group / name / ".".join("0" * (1 + len(ROWS[name])))
+    return group / name / ".".join("0" * (1 + len(ARRAYS[name][0])))

@@ -11,14 +11,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from tracker.batch.results import (
-    FAILURES,
-    TABLE,
-    failure_file,
-    read_failure,
-    read_line,
-    summary_file,
-)
+from tracker.batch import results
 from tracker.batch.run import Batch
 from tracker.errors import LogError, reason
 from tracker.files import csv_text, lock_of, whole_file, write_whole
@@ -59,13 +52,13 @@ def state(batch: Batch, failed: Mapping[str, str] | None = None) -> State:
     lines, failures, stamps, running = [], {}, [], 0
     for log, relative in batch.pairs:
         output = batch.folder / relative
-        line = read_line(output)
+        line = results.read_line(output)
         running += os.path.exists(lock_of(output))
         if line is not None:
             lines.append({**line, "output": unicode_text(relative)})
-            stamps.append(summary_file(output).stat().st_mtime)
-        elif os.path.exists(failure_file(output)):  # unlike Path's, of names too long, too
-            failures[log] = read_failure(output) or "unknown"
+            stamps.append(results.summary_file(output).stat().st_mtime)
+        elif os.path.exists(results.failure_file(output)):  # unlike Path's, of names too long, too
+            failures[log] = results.read_failure(output) or "unknown"
         elif failed is not None and log in failed:
             failures[log] = failed[log]
     return State(len(batch.pairs), tuple(lines), failures, running, _rate(stamps))
@@ -90,10 +83,12 @@ def write_tables(batch: Batch, found: State, *, as_csv: bool) -> list[Path]:
     why = [{"recording": log, "reason": why} for log, why in found.failures.items()]
     writers: dict[str, Callable[[Path], object]] = {}
     if find_spec("pyarrow") is not None:
-        writers[f"{TABLE}.parquet"] = lambda path: write_parquet(path, rows)
+        writers[f"{results.TABLE}.parquet"] = lambda path: write_parquet(path, rows)
     if as_csv or not writers:
-        writers[f"{TABLE}.csv"] = lambda path: write_whole(path, csv_text(COLUMNS, map(dict.values, rows)))
-    writers[FAILURES] = lambda path: (
+        writers[f"{results.TABLE}.csv"] = lambda path: write_whole(
+            path, csv_text(COLUMNS, map(dict.values, rows))
+        )
+    writers[results.FAILURES] = lambda path: (
         write_whole(path, json.dumps(why, indent=1) + "\n") if why else path.unlink(missing_ok=True)
     )
     refused = {}
