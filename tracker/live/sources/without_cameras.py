@@ -136,7 +136,7 @@ class Simulation:
             frame = next(self._undrawn, None)
             if frame is None:
                 self._drawn = True
-                self._sets += self._sets[-2:0:-1]  # to and fro
+                self._sets += self._sets[-2:0:-1]  # there and back
                 self._maker.close()
             else:
                 self._sets.append(tuple(frame.images))
