@@ -6,13 +6,14 @@ interrupted is continued by calling `make_dataset` again, and what is there is n
 
 from __future__ import annotations
 
+import functools
 import itertools
 import json
 import os
 import shutil
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -64,35 +65,20 @@ class DatasetOptions:
         return {**result, "calibration": self.calibration if named else "folder", "bop": self.bop}
 
 
-@dataclass(frozen=True)
-class Task:
-    """Frames that one worker makes in order."""
+def make_worker(options: DatasetOptions, folder: Path) -> Callable[[Sequence[int]], Iterator[dict[str, Any]]]:
+    """What makes and writes the frames of these numbers, all of one chunk, and gives their truth."""
+    cv2.setNumThreads(1)  # workers share the machine already
+    maker = FrameMaker(options.frames, options.rig())
 
-    chunk: int
-    numbers: tuple[int, ...]
+    def work(numbers: Sequence[int]) -> Iterator[dict[str, Any]]:
+        frames = maker.chunk(numbers[0] // options.frames.chunk, frozenset(numbers))
+        for frame in itertools.islice(frames, len(numbers)):
+            if options.bop:
+                write_bop_frame(folder / "bop", frame)
+            write_frame(folder, frame, maker.rig.names)
+            yield frame.truth(maker.rig.names)
 
-
-@dataclass(frozen=True)
-class MakerFactory:
-    """Makes a worker's part, in the worker's process."""
-
-    options: DatasetOptions
-    folder: Path
-
-    def __call__(self) -> Callable[[Task], Iterator[dict[str, Any]]]:
-        """What makes and writes the frames of a task, and gives their truth."""
-        cv2.setNumThreads(1)  # workers share the machine already
-        maker = FrameMaker(self.options.frames, self.options.rig())
-
-        def work(task: Task) -> Iterator[dict[str, Any]]:
-            frames = maker.chunk(task.chunk, frozenset(task.numbers))
-            for frame in itertools.islice(frames, len(task.numbers)):
-                if self.options.bop:
-                    write_bop_frame(self.folder / "bop", frame)
-                write_frame(self.folder, frame, maker.rig.names)
-                yield frame.truth(maker.rig.names)
-
-        return work
+    return work
 
 
 def write_frame(folder: Path, frame: Frame, names: tuple[str, ...]) -> None:
@@ -148,12 +134,13 @@ def make_dataset(
     for left in root.glob(".[0-9]*.*"):  # what killed workers left behind
         shutil.rmtree(left, ignore_errors=True)
     done = truth.done(root)
-    tasks = _tasks(options, done)
+    missing = (number for number in range(options.count) if number not in done)
+    tasks = [list(numbers) for _, numbers in itertools.groupby(missing, lambda n: n // options.frames.chunk)]
     if progress:
         progress(len(done), options.count)
     made = 0
     try:
-        for entry in run_tasks(MakerFactory(options, root), tasks, workers):
+        for entry in run_tasks(functools.partial(make_worker, options, root), tasks, workers):
             truth.add(entry)
             made += 1
             if progress:
@@ -164,17 +151,6 @@ def make_dataset(
         name, raw = options.frames.object_name, options.frames.raw
         finish_bop(root / "bop", rig, truth.entries(), name, raw=raw)
     return made
-
-
-def _tasks(options: DatasetOptions, done: set[int]) -> list[Task]:
-    size = options.frames.chunk
-    result = []
-    for chunk in range(-(-options.count // size)):
-        numbers = range(chunk * size, min((chunk + 1) * size, options.count))
-        missing = tuple(number for number in numbers if number not in done)
-        if missing:
-            result.append(Task(chunk, missing))
-    return result
 
 
 class _Truth:
