@@ -68,40 +68,35 @@ class Frame:
 
     def truth(self, names: tuple[str, ...]) -> dict[str, Any]:
         """The entry of `ground_truth.json` for cameras of these names."""
-        cameras: list[dict[str, Any]] = [
-            {"visible_fraction": float(fraction), "visible_px": int(count)}
-            for fraction, count in zip(self.visible_fraction, self.visible_px, strict=True)
-        ]
-        for entry, more in zip(cameras, self._more(), strict=True):
-            entry.update(more)
+        cameras: dict[str, dict[str, Any]] = {}
+        for c, (name, camera) in enumerate(zip(names, self.rig, strict=True)):
+            own = cameras[name] = {
+                "visible_fraction": float(self.visible_fraction[c]),
+                "visible_px": int(self.visible_px[c]),
+            }
+            # Its calibration if that is not as stated, and its stamp and poses if they are its own.
+            if self.calibrated.calibrated_from_world is not None:
+                for key in ("matrix", "distortion", "camera_from_world"):
+                    own[key] = getattr(camera, key).tolist()
+            if any(stamp != self.timestamp for stamp in self.stamps):
+                own["timestamp"], own["object"] = float(self.stamps[c]), _told(self.objects_at_stamps[c])
         return {
             "frame": f"{self.index:06d}",
             "timestamp": self.timestamp,
             "object": _told(self.objects),
             "robot_position": np.asarray(self.scene.robot_position).tolist(),
-            "cameras": dict(zip(names, cameras, strict=True)),
+            "cameras": cameras,
             "scene": self.scene.about,
         }
-
-    def _more(self) -> list[dict[str, Any]]:
-        """What differs per camera: its calibration, if it is not as stated, and its stamp and poses."""
-        result: list[dict[str, Any]] = [{} for _ in self.rig]
-        if self.calibrated.calibrated_from_world is not None:
-            for entry, camera in zip(result, self.rig, strict=True):
-                for key in ("matrix", "distortion", "camera_from_world"):
-                    entry[key] = getattr(camera, key).tolist()
-        if any(stamp != self.timestamp for stamp in self.stamps):
-            for entry, stamp, states in zip(result, self.stamps, self.objects_at_stamps, strict=True):
-                entry["timestamp"], entry["object"] = float(stamp), _told(states)
-        return result
 
 
 def _told(states: tuple[ObjectState, ...]) -> Any:
     """Nothing, one pose, or those of all dice."""
-    poses = [_pose(state) for state in states]
+    poses = [
+        {
+            "position": state.position.tolist(),
+            "orientation_xyzw": so3.quaternion_from_matrix(state.rotation).tolist(),
+        }
+        for state in states
+    ]
     return None if not poses else poses[0] if len(poses) == 1 else poses
-
-
-def _pose(state: ObjectState) -> dict[str, list[float]]:
-    quaternion = so3.quaternion_from_matrix(state.rotation)
-    return {"position": state.position.tolist(), "orientation_xyzw": quaternion.tolist()}
