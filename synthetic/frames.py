@@ -306,6 +306,6 @@ def frames(
     options = FrameOptions(object_name, seed, quality, sequence, size, **more)
     with FrameMaker(options, rig) as maker:
         numbers = range(first, first + count)
-        for chunk in range(first // options.chunk, -(-(first + count) // options.chunk)):
-            part = range(max(first, chunk * options.chunk), min(numbers.stop, (chunk + 1) * options.chunk))
-            yield from itertools.islice(maker.chunk(chunk, part), len(part))
+        for chunk, part in itertools.groupby(numbers, lambda number: number // options.chunk):
+            chosen = list(part)
+            yield from itertools.islice(maker.chunk(chunk, chosen), len(chosen))
