@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from synthetic.camera import rigs
-from synthetic.camera.lens import Lens
-from synthetic.camera.rays import seen_at
+from synthetic.camera.lens import Lens, seen_at
 from synthetic.camera.rigs import ROBOTS, choose_rig, default_cameras
 from tests.helpers import opencv_pixels
 from tracker.errors import CalibrationError

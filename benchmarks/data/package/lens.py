@@ -7,7 +7,7 @@ import functools
 import cv2
 import numpy as np
 
-from synthetic.camera.rays import rays_of
+from synthetic.camera.lens import rays_of
 from tracker.conventions import Array, FloatArray
 from tracker.errors import CalibrationError
 from tracker.geometry.camera import Camera
