@@ -55,8 +55,7 @@ class Focus:
         """Of the blur [px²] at 1/depth `nearness` [1/m], in a picture of `height` [px]."""
         away = np.asarray(nearness, dtype=np.float32) - np.float32(self.focused + self.shifts[channel])
         scale = np.float32(height / 540)
-        result: Array = scale**2 * (np.float32(self.least**2) + np.float32(self.slope**2) * away**2)
-        return result
+        return scale**2 * (np.float32(self.least**2) + np.float32(self.slope**2) * away**2)
 
     def blurred(self, light: Array, nearness: Array) -> Array:
         """Light (H, W, 3) as it falls on the sensor; `nearness` (H, W) is 1/depth, 0 where nothing is."""
@@ -133,8 +132,7 @@ def _between(distance: FloatArray) -> FloatArray:
     """Weights of a pixel at these distances [px] from a point between pixels (Keys): no blur of their own."""
     d = np.abs(distance)
     near, far = (1.5 * d - 2.5) * d * d + 1, ((-0.5 * d + 2.5) * d - 4) * d + 2
-    result: FloatArray = np.where(d < 1, near, np.where(d < 2, far, 0.0))
-    return result
+    return np.where(d < 1, near, np.where(d < 2, far, 0.0))
 
 
 def _blurred(channel: Array, variance: Array) -> Array:

@@ -154,8 +154,7 @@ def _patterns(seed: int, height: int, width: int) -> Array:
     rng = np.random.default_rng(seed)
     own = rng.standard_normal((2, height, width, 1), dtype=np.float32)
     columns = rng.standard_normal((2, 1, width, 1), dtype=np.float32)
-    result: Array = np.float32(np.sqrt(0.8)) * own + np.float32(np.sqrt(0.2)) * columns
-    return result
+    return np.float32(np.sqrt(0.8)) * own + np.float32(np.sqrt(0.2)) * columns
 
 
 @dataclass(frozen=True)

@@ -28,8 +28,7 @@ PATHS = ("plain", "new", "old")
 
 def linear(levels: Array, gamma: float = RESPONSE_GAMMA) -> FloatArray:
     """Light that gives the 8-bit `levels` in a picture of exposure 1."""
-    result: FloatArray = (np.asarray(levels, dtype=np.float64) / 255.0) ** gamma
-    return result
+    return (np.asarray(levels, dtype=np.float64) / 255.0) ** gamma
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,47 +48,33 @@ class Sensor:
     psf_sigma: float = 0.7
     """Standard deviation [px of the light's grid] of the Gaussian blur of lens and focus, on top of the
     pixel's own square."""
-
     exposure: tuple[float, float] = (1.0, 1.0)
     """Least and largest factor on all channels of a camera; log-uniform, drawn for each camera."""
-
     white_balance: float = 0.0
     """Each channel of each camera gets a gain that is log-uniform in 1 / (1 + w) ... 1 + w."""
-
     vignetting: float = 0.0
     """Share of light lost in the image's corners; grows with the square of the distance to its centre."""
-
     ramp: float = 0.0
     """Largest gain or loss of light at an image's border, along a random direction, for each camera."""
-
     full_well: float = np.inf
     """Electrons [1] at light 1: shot noise has the variance light · raw gain / full_well; infinite: none."""
-
     read_noise: float = 0.0
     """Standard deviation of the noise without light [1/255 of light 1], which the raw gain multiplies."""
-
     raw_gains: tuple[float, float, float] = (1.0, 1.0, 1.0)
     """By how much blue, green and red are amplified to make grey grey; they amplify noise as well."""
-
     black: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Blue, green and red light that is subtracted as black level [1]; what is below becomes 0."""
-
     gamma: float = 1.0
     """value = 255 · (light - black) ** (1 / gamma)."""
-
     ceiling: tuple[float, float, float] = (255.0, 255.0, 255.0)
     """Values of blue, green and red where the sensor is saturated, at light 1 [steps of 8 bits]."""
-
     gain: float = 1.0
     """Factor on all light, beside exposure and white balance."""
-
     noise: tuple[tuple[float, float, float], ...] | None = None
     """Of blue, green and red the variance at light 1, the power of light by which it changes, and the least
     light for that. None: as `full_well`, `read_noise` and `raw_gains` say."""
-
     binned: bool = False
     """Whether four recorded pixels make one of the light's grid."""
-
     path: str = "plain"
     """`plain`: three colours for each pixel. `new`: a mosaic (RGGB), interpolated; halved after a median over
     3 pixels. `old`: a mosaic, interpolated; when halved mosaicked and interpolated once more, so that colours

@@ -48,20 +48,16 @@ def _table() -> dict[str, Any]:
     return table
 
 
-def _entries(colors: str) -> dict[str, dict[str, Any]]:
-    objects = _table()["objects"]
-    return {**objects[_SUBSTITUTE], **objects[colors]} if colors in objects else {}
-
-
 def reflectances(colors: str) -> FloatArray:
     """(7, 3) linear BGR reflectance by label of the object with the colour model `colors`.
 
     Under light 1 a face has the level measured on upper faces in a picture of exposure 1, whose greys are at
     level 115. What is known of sides only is brought to the light that an upper face gets.
     """
-    gamma = float(_table()["gamma"])
+    gamma, objects = float(_table()["gamma"]), _table()["objects"]
+    entries = {**objects[_SUBSTITUTE], **objects[colors]} if colors in objects else {}
     result: FloatArray = (TYPICAL_COLORS_BGR / 255.0) ** gamma
-    for color, entry in _entries(colors).items():
+    for color, entry in entries.items():
         light = 1.0 if entry["from_above"] > 0 else SIDE_LIGHT
         # Pictures lack the black level; without it the dark channels would be lost twice.
         result[COLOR_NAMES.index(color)] = (linear(np.array(entry["bgr"]), gamma) + BLACK) / light

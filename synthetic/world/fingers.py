@@ -60,8 +60,7 @@ def tip_near(platform: Platform, states: Sequence[ObjectState], rng: np.random.G
     gap = rng.uniform(GAP, 0.001) if rng.random() < 0.5 else rng.exponential(0.008) + GAP
     point = rng.uniform(-0.48, 0.48, 3) * platform.size
     point[axis] = sign * (platform.size[axis] / 2 + TIP_RADIUS + gap)
-    result: FloatArray = state.position + state.rotation @ point
-    return result
+    return state.position + state.rotation @ point
 
 
 def is_clear(

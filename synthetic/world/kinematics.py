@@ -36,8 +36,7 @@ def tips(joints: Array) -> FloatArray:
     x = np.cos(first) * BEND_OFFSET + np.sin(first) * z
     z = -np.sin(first) * BEND_OFFSET + np.cos(first) * z
     cosine, sine = np.cos(BASE_ANGLES), np.sin(BASE_ANGLES)
-    result: FloatArray = np.stack([cosine * x - sine * y, sine * x + cosine * y, z + HUB_HEIGHT], axis=-1)
-    return result
+    return np.stack([cosine * x - sine * y, sine * x + cosine * y, z + HUB_HEIGHT], axis=-1)
 
 
 def finger_angles(finger: int, tip: Array) -> FloatArray | None:
