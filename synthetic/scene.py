@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from tracker.conventions import Array, FloatArray
 from tracker.objects.model import CuboidModel, load_object
@@ -23,6 +24,19 @@ DRAWN_STD = 1e-4
 def drawn(name: str) -> CuboidModel:
     """One of the package's objects as it is drawn, if not worn: its colours end at its edges."""
     return dataclasses.replace(load_object(name), rim=0.0, rim_std=DRAWN_STD)
+
+
+def direction(azimuth: float, elevation: float = 0.0) -> FloatArray:
+    """Unit vector (3,) at an angle around z from x, and at one above the horizon [rad]."""
+    level = np.cos(elevation)
+    return np.array([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)])
+
+
+def transform(rotation: Array, position: npt.ArrayLike) -> FloatArray:
+    """The transform (4, 4) of a rotation (3, 3) and a position (3,) [m]."""
+    result = np.eye(4)
+    result[:3, :3], result[:3, 3] = rotation, position
+    return result
 
 
 def _frozen(array: Any) -> FloatArray:
@@ -74,6 +88,12 @@ class Body:
         object.__setattr__(self, "colors", _frozen(self.colors))
         coats = np.zeros((len(self.colors), 2)) if self.coats is None else self.coats
         object.__setattr__(self, "coats", _frozen(coats))
+
+    @property
+    def size(self) -> FloatArray:
+        """(3,) edge lengths of a cuboid about the origin [m]."""
+        result: FloatArray = 2 * np.abs(self.mesh.vertices).max(axis=0)
+        return result
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,6 +178,16 @@ class PlatformScene:
     contact: tuple[float, float] = (0.0, 0.0)
     """Share of the sky's light that a cuboid and the table take from each other where it stands, 0 to 1, and
     how far that reaches [m]: see `synthetic.render.contact`."""
+
+    @property
+    def cuboid(self) -> Body | None:
+        """The body with faces; None: there is no object, or dice are."""
+        return next((body for body in self.bodies if body.faces), None)
+
+    def with_cuboid(self, change: Callable[[Body], Body]) -> PlatformScene:
+        """The same with a changed cuboid, if there is one."""
+        bodies = tuple(change(body) if body.faces else body for body in self.bodies)
+        return dataclasses.replace(self, bodies=bodies)
 
     def emptied(self) -> PlatformScene:
         """The same without its objects, and without what stands in for them."""

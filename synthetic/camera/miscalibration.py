@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from synthetic.scene import ObjectState
+from synthetic.scene import ObjectState, direction, transform
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray
 from tracker.geometry import so3
@@ -68,10 +68,9 @@ def exactly(rig: CameraRig) -> Calibrated:
 
 def miscalibrated(rig: CameraRig, rng: np.random.Generator) -> Calibrated:
     """A wrong calibration of a rig that is given in the simulation's world."""
-    height, angle, direction = rng.uniform(0.0, FLOAT), rng.uniform(0.0, TILT), rng.uniform(0.0, 2.0 * np.pi)
-    floating = np.eye(4)
-    floating[:3, :3] = so3.exp(angle * np.array([np.cos(direction), np.sin(direction), 0.0]))
-    floating[:3, 3] = floating[:3, :3] @ [0.0, 0.0, -height]
+    height, angle, azimuth = rng.uniform(0.0, FLOAT), rng.uniform(0.0, TILT), rng.uniform(0.0, 2.0 * np.pi)
+    turn = so3.exp(angle * direction(azimuth))
+    floating = transform(turn, turn @ [0.0, 0.0, -height])
     back = np.linalg.inv(floating)
     true = [_posed(camera, camera.camera_from_world @ back) for camera in rig]
     own = dataclasses.replace(rig, cameras=tuple(true))
@@ -85,10 +84,8 @@ def stated(rig: CameraRig, rng: np.random.Generator) -> CameraRig:
 
 def _posed(camera: Camera, camera_from_world: FloatArray) -> Camera:
     """The camera elsewhere; products of transforms lose what rounding takes."""
-    transform = camera_from_world.copy()
-    u, _, vt = np.linalg.svd(transform[:3, :3])
-    transform[:3, :3], transform[3] = u @ vt, (0.0, 0.0, 0.0, 1.0)
-    return dataclasses.replace(camera, camera_from_world=transform)
+    u, _, vt = np.linalg.svd(camera_from_world[:3, :3])
+    return dataclasses.replace(camera, camera_from_world=transform(u @ vt, camera_from_world[:3, 3]))
 
 
 def _given(camera: Camera, rng: np.random.Generator) -> Camera:
@@ -97,29 +94,28 @@ def _given(camera: Camera, rng: np.random.Generator) -> Camera:
     move_std = np.exp(rng.normal(0.0, 0.15)) * STATED[0]
     board = _with_board(camera, _with_wrong_lens(camera, rng))
     move, turn = move_std * _heavy(rng, 3), turn_std * _heavy(rng, 3)
-    transform = board.camera_from_world.copy()
-    transform[:3, :3] = so3.exp(turn) @ transform[:3, :3]
-    transform[:3, 3] += move
+    own = board.camera_from_world.copy()
+    own[:3, :3] = so3.exp(turn) @ own[:3, :3]
+    own[:3, 3] += move
     knocked, turned, axis = rng.random() < KNOCKED, rng.random() < 0.5, rng.standard_normal(3)
     axis /= np.linalg.norm(axis)
     if knocked and turned:
         # About the camera itself: what it sees turns as a whole.
-        transform[:3] = so3.exp(KNOCK[1] * axis) @ transform[:3]
+        own[:3] = so3.exp(KNOCK[1] * axis) @ own[:3]
     elif knocked:
-        transform[:3, 3] += KNOCK[0] * axis
+        own[:3, 3] += KNOCK[0] * axis
     std = camera.camera_from_world_std
     if std is None or not std.any():
         std = np.zeros((4, 4))
-        turns = [so3.hat(unit) @ transform[:3, :3] for unit in np.eye(3)]
+        turns = [so3.hat(unit) @ own[:3, :3] for unit in np.eye(3)]
         std[:3, :3] = turn_std * np.sqrt(np.sum(np.square(turns), axis=0))
         std[:3, 3] = move_std
-    return dataclasses.replace(_posed(board, transform), camera_from_world_std=std)
+    return dataclasses.replace(_posed(board, own), camera_from_world_std=std)
 
 
 def _heavy(rng: np.random.Generator, count: int) -> FloatArray:
     """Errors of unit scale; those beyond eight would have been noticed."""
-    result: FloatArray = np.clip(rng.standard_t(FREEDOM, count), -8.0, 8.0)
-    return result
+    return np.clip(rng.standard_t(FREEDOM, count), -8.0, 8.0)
 
 
 def _with_wrong_lens(camera: Camera, rng: np.random.Generator) -> Camera:
@@ -142,6 +138,4 @@ def _with_board(true: Camera, stated: Camera) -> Camera:
     _, turn, move = cv2.solvePnP(
         _BOARD, pixels, stated.matrix, stated.distortion, start.copy(), translation.reshape(3, 1).copy(), True
     )
-    transform = np.eye(4)
-    transform[:3, :3], transform[:3, 3] = cv2.Rodrigues(turn)[0], move.ravel()
-    return _posed(stated, transform)
+    return _posed(stated, transform(cv2.Rodrigues(turn)[0], move.ravel()))

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from synthetic.scene import direction, transform
 from tracker.calibration.rig import CameraRig
 from tracker.errors import CalibrationError
 from tracker.geometry import so3
@@ -54,15 +55,12 @@ def default_cameras(width: int = 270) -> tuple[Camera, ...]:
 def _camera(index: int) -> Camera:
     azimuth = np.radians(_AZIMUTHS_DEG[index])
     radius, height = _POSITIONS_M[index]
-    position = np.array([radius * np.cos(azimuth), radius * np.sin(azimuth), height])
+    position = radius * direction(azimuth) + [0.0, 0.0, height]
     forward = np.asarray(_TARGETS_M[index]) - position
     forward /= np.linalg.norm(forward)
     right = np.cross(forward, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
-    camera_from_world = np.eye(4)
-    camera_from_world[:3, :3] = np.stack([right, np.cross(forward, right), forward])
-    camera_from_world[:3, 3] = -camera_from_world[:3, :3] @ position
-
+    rotation = np.stack([right, np.cross(forward, right), forward])
     (fx, fy), (cx, cy) = _FOCALS_PX[index], _PRINCIPAL_POINTS_PX[index]
     return Camera(
         name=f"camera{_AZIMUTHS_DEG[index]}",
@@ -70,7 +68,7 @@ def _camera(index: int) -> Camera:
         height=270,
         matrix=np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]),
         distortion=np.array(_DISTORTIONS[index]),
-        camera_from_world=camera_from_world,
+        camera_from_world=transform(rotation, -rotation @ position),
         camera_from_world_std=np.zeros((4, 4)),
     )
 
@@ -123,15 +121,13 @@ def _perturbed(camera: Camera, rng: np.random.Generator) -> Camera:
     matrix = camera.matrix.copy()
     matrix[(0, 1), (0, 1)] *= rng.normal(1.0, 0.006) * rng.normal(1.0, 0.002, 2)
     matrix[:2, 2] += rng.normal(0.0, 5.0, 2) * camera.height / 540
-    transform = np.eye(4)
-    transform[:3, :3] = so3.exp(rng.normal(0.0, 0.015, 3)) @ camera.camera_from_world[:3, :3]
+    rotation = so3.exp(rng.normal(0.0, 0.015, 3)) @ camera.camera_from_world[:3, :3]
     position = camera.position + rng.normal(0.0, 0.008, 3)
-    transform[:3, 3] = -transform[:3, :3] @ position
     return dataclasses.replace(
         camera,
         matrix=matrix,
         distortion=camera.distortion * rng.normal(1.0, 0.04, 5),
-        camera_from_world=transform,
+        camera_from_world=transform(rotation, -rotation @ position),
     )
 
 
@@ -153,14 +149,12 @@ def _random(name: str, azimuth_deg: float, rng: np.random.Generator) -> Camera:
     elevation, azimuth = np.radians(rng.uniform(42.0, 64.0)), np.radians(azimuth_deg)
     distance = float(np.clip(rng.normal(0.534, 0.034), 0.46, 0.61))
     target = np.array([*rng.normal(0.0, 0.02, 2), 0.0])
-    level = np.cos(elevation)
-    away = np.array([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)])
+    away = direction(azimuth, elevation)
     right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
     rotation = so3.exp(np.radians([0.0, 0.0, rng.normal(0.0, 1.0)])) @ np.stack(
         [right, np.cross(-away, right), -away]
     )
-    transform = np.eye(4)
-    transform[:3, :3], transform[:3, 3] = rotation, -rotation @ (target + distance * away)
+    camera_from_world = transform(rotation, -rotation @ (target + distance * away))
     fx = rng.normal(295.0, 1.7)
     matrix = np.eye(3)
     matrix[0, 0], matrix[1, 1] = fx, fx * rng.normal(1.0044, 0.0015)
@@ -170,7 +164,7 @@ def _random(name: str, azimuth_deg: float, rng: np.random.Generator) -> Camera:
     k1, k3 = -0.237 - 0.153 * more + rng.normal(0.0, 0.004), -0.086 - 2.06 * more + rng.normal(0.0, 0.015)
     p1, p2 = rng.normal([-0.0024, 0.0001], [0.0007, 0.0002])
     distortion = np.array([k1, 0.128 + more, p1, p2, k3])
-    return Camera(name, 270, 270, matrix, distortion, transform, np.zeros((4, 4)))
+    return Camera(name, 270, 270, matrix, distortion, camera_from_world, np.zeros((4, 4)))
 
 
 def sized(rig: CameraRig, height: int) -> CameraRig:

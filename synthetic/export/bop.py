@@ -22,12 +22,13 @@ import trimesh
 
 from synthetic.camera.sensor import demosaicked
 from synthetic.frames import Frame
+from synthetic.world.meshes import box
 from synthetic.world.platform import DICE, DIE_SIZE
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray, Image
 from tracker.files import write_whole
 from tracker.geometry.camera import Camera
-from tracker.geometry.cuboid import FACE_CORNERS, corners
+from tracker.geometry.cuboid import corners
 from tracker.objects.labels import DISPLAY_COLORS_BGR
 from tracker.objects.model import load_object
 
@@ -174,9 +175,10 @@ def _write_model(folder: Path, size: FloatArray, object_name: str) -> None:
         info[f"min_{axis}"], info[f"size_{axis}"] = -edge / 2, edge
     _write_json(folder / "models_info.json", {str(OBJECT_ID): info})
     labels = np.full(6, 3) if object_name == DICE else load_object(object_name).face_labels
+    mesh = box("", edges)
     solid = trimesh.Trimesh(
-        corners(edges)[FACE_CORNERS].reshape(-1, 3),
-        (4 * np.arange(6)[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3),
+        mesh.vertices,
+        mesh.triangles,
         vertex_colors=np.repeat(DISPLAY_COLORS_BGR[labels][:, ::-1], 4, axis=0),
         process=False,
     )

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from synthetic.scene import Body, Mesh, PlatformScene
+from synthetic.world import meshes
 from tracker.conventions import Array, FloatArray
 from tracker.geometry.cuboid import CORNER_SIGNS, EDGES, FACE_CORNERS, FACE_NORMALS, corners
 
@@ -69,18 +70,14 @@ def random_rims(rng: np.random.Generator, usual: float) -> Rims:
 
 def chamfered(scene: PlatformScene, rng: np.random.Generator) -> PlatformScene:
     """The scene with rims, drawn from `rng`, around its cuboid."""
-    usual = max((body.rim for body in scene.bodies if body.faces), default=0.0)
-    rims = random_rims(rng, usual)
-    bodies = tuple(with_rims(body, rims) if body.faces else body for body in scene.bodies)
-    return dataclasses.replace(scene, bodies=bodies)
+    rims = random_rims(rng, 0.0 if scene.cuboid is None else scene.cuboid.rim)
+    return scene.with_cuboid(lambda body: with_rims(body, rims))
 
 
 def with_rims(body: Body, rims: Rims) -> Body:
     """A body whose mesh is a sharp box of six groups, with rims."""
-    size = 2 * np.abs(np.asarray(body.mesh.vertices)).max(axis=0)
-    mesh = rimmed_box(size, rims.width, cut=rims.cut)
-    faces = group_faces()
-    halves = group_halves()
+    mesh = rimmed_box(body.size, rims.width, cut=rims.cut)
+    faces, halves = group_faces(), group_halves()
     colors, coats = body.colors[faces], np.asarray(body.coats)[faces]
     on_rim = halves >= 0
     pale, dirt = rims.pale[halves[on_rim]][:, None], rims.dirt[halves[on_rim]][:, None]
@@ -114,15 +111,24 @@ def rimmed_box(size: Array, width: float, *, cut: bool) -> Mesh:
     the corners, each in the order of FACE_NAMES.
     """
     inset = corners(np.asarray(size) - 2 * width)
-    parts = _Parts()
+    polygons: list[FloatArray] = []
+    groups: list[int] = []
+
+    def add(polygon: FloatArray, outwards: FloatArray, group: int) -> None:
+        """A polygon (N, 3) that its first point sees all of, counter-clockwise or not."""
+        if np.cross(polygon[1] - polygon[0], polygon[2] - polygon[0]) @ outwards < 0:
+            polygon = np.roll(polygon[::-1], 1, axis=0)
+        polygons.append(polygon)
+        groups.extend([group] * (len(polygon) - 2))
+
     for face, loop in enumerate(FACE_CORNERS):
-        parts.add(inset[loop] + width * FACE_NORMALS[face], FACE_NORMALS[face], face)
+        add(inset[loop] + width * FACE_NORMALS[face], FACE_NORMALS[face], face)
     for edge, (a, b, first, second) in enumerate(EDGES):
         for side, (near, far) in enumerate(((first, second), (second, first))):
             arc = width * _half_arc(FACE_NORMALS[near], FACE_NORMALS[far], cut=cut)
             for low, high in itertools.pairwise(arc):
                 quad = np.stack([inset[a] + low, inset[b] + low, inset[b] + high, inset[a] + high])
-                parts.add(quad, low + high, _FACES + 2 * edge + side)
+                add(quad, low + high, _FACES + 2 * edge + side)
     for corner in range(_CORNERS):
         normals = FACE_NORMALS[_faces_of_corner(corner)]
         tip = CORNER_SIGNS[corner] / (3.0 if cut else np.sqrt(3.0))
@@ -131,9 +137,10 @@ def rimmed_box(size: Array, width: float, *, cut: bool) -> Mesh:
             ways = [_half_arc(here, other, cut=cut) for other in (next_, last)]
             rim = np.concatenate([tip[None], ways[1][::-1], ways[0][1:]])
             group = _FACES + 2 * _EDGES + 3 * corner + k
-            parts.add(inset[corner] + width * rim, CORNER_SIGNS[corner], group)
+            add(inset[corner] + width * rim, CORNER_SIGNS[corner], group)
     key = f"rims_{'_'.join(f'{edge:.6f}' for edge in size)}_{width:.7f}_{'cut' if cut else 'round'}"
-    return parts.mesh(key)
+    parts = [(polygon, meshes.fan(len(polygon))) for polygon in polygons]
+    return Mesh(key, *meshes.concatenate(parts), np.array(groups))
 
 
 def _faces_of_corner(corner: int) -> list[int]:
@@ -145,34 +152,4 @@ def _half_arc(near: FloatArray, far: FloatArray, *, cut: bool) -> FloatArray:
     if cut:
         return np.stack([near, (near + far) / 2])
     angle = np.linspace(0.0, np.pi / 4, _HALF_ARC + 1)[:, None]
-    result: FloatArray = np.cos(angle) * near + np.sin(angle) * far
-    return result
-
-
-class _Parts:
-    """Convex polygons, as triangles of a mesh."""
-
-    def __init__(self) -> None:
-        self._vertices: list[FloatArray] = []
-        self._triangles: list[Array] = []
-        self._groups: list[Array] = []
-        self._count = 0
-
-    def add(self, polygon: FloatArray, outwards: FloatArray, group: int) -> None:
-        """A polygon (N, 3) that its first point sees all of, counter-clockwise or not."""
-        if np.cross(polygon[1] - polygon[0], polygon[2] - polygon[0]) @ outwards < 0:
-            polygon = np.roll(polygon[::-1], 1, axis=0)
-        fan = [[0, k, k + 1] for k in range(1, len(polygon) - 1)]
-        self._vertices.append(polygon)
-        self._triangles.append(np.array(fan) + self._count)
-        self._groups.append(np.full(len(fan), group))
-        self._count += len(polygon)
-
-    def mesh(self, key: str) -> Mesh:
-        """All of them."""
-        return Mesh(
-            key,
-            np.concatenate(self._vertices),
-            np.concatenate(self._triangles),
-            np.concatenate(self._groups),
-        )
+    return np.cos(angle) * near + np.sin(angle) * far

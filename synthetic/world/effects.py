@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 
 from synthetic.effects import Effects, stream
-from synthetic.scene import Mesh, ObjectState, PlatformScene, SceneAt
+from synthetic.scene import Body, ObjectState, PlatformScene, SceneAt, direction, transform
 from synthetic.world import meshes
 from synthetic.world.chamfers import chamfered
 from synthetic.world.clutter import cluttered
@@ -37,14 +37,11 @@ def resized(scene: PlatformScene, rng: np.random.Generator) -> PlatformScene:
     """The scene with a cuboid whose edges are a little off; its centre stays."""
     change = rng.uniform(-SIZE_M, SIZE_M, 3)
 
-    def other(vertices: FloatArray, key: str) -> Mesh:
-        return meshes.box(f"{key}_{change.tobytes().hex()}", 2 * np.abs(vertices).max(axis=0) + change)
+    def other(body: Body) -> Body:
+        mesh = meshes.box(f"{body.mesh.key}_{change.tobytes().hex()}", body.size + change)
+        return dataclasses.replace(body, mesh=mesh)
 
-    bodies = tuple(
-        dataclasses.replace(body, mesh=other(body.mesh.vertices, body.mesh.key)) if body.faces else body
-        for body in scene.bodies
-    )
-    return dataclasses.replace(scene, bodies=bodies)
+    return scene.with_cuboid(other)
 
 
 def standing(scene: PlatformScene, rng: np.random.Generator) -> PlatformScene:
@@ -84,7 +81,7 @@ def still_at(scene: PlatformScene, timestamp: float, effects: Effects, seed: int
     if not effects.motion_blur or rng.random() >= MOVING:
         return lambda _: scene
     azimuth, speed, rate = rng.uniform([0.0, 0.0, -RATE], [2 * np.pi, SPEED, RATE])
-    velocity = speed * np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+    velocity = speed * direction(azimuth)
 
     @functools.cache
     def at(time: float) -> PlatformScene:
@@ -98,8 +95,8 @@ def _moved(scene: PlatformScene, shift: FloatArray, angle: float) -> PlatformSce
     shown = [body.world_from_body[:3, 3] for body in scene.bodies if np.any(body.labels)]
     if not shown or not (angle or shift.any()):
         return scene
-    middle, turn, motion = np.mean(shown, axis=0), so3.exp([0.0, 0.0, angle]), np.eye(4)
-    motion[:3, :3], motion[:3, 3] = turn, middle + shift - turn @ middle
+    middle, turn = np.mean(shown, axis=0), so3.exp([0.0, 0.0, angle])
+    motion = transform(turn, middle + shift - turn @ middle)
     bodies = tuple(
         dataclasses.replace(body, world_from_body=motion @ body.world_from_body)
         if np.any(body.labels)

@@ -1,7 +1,7 @@
 """Look-alikes: other things in the object's place, which no tracker should report.
 
-Each kind is a function from the true object's body, which it takes away, to bodies in its place. Labels are
-those of the colours that are seen; the true arrangement of faces is never among them.
+Each kind is a function from the true object's body, whose groups are the six faces, to bodies in its place.
+Labels are those of the colours that are seen; the true arrangement of faces is never among them.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from collections.abc import Callable
 import numpy as np
 
 from synthetic.look.face_colors import reflectances
-from synthetic.scene import Body, Mesh, PlatformScene
+from synthetic.scene import Body, Mesh, PlatformScene, direction, transform
 from synthetic.world import meshes
 from tracker.conventions import Array, FloatArray
 from tracker.errors import TrackerError
@@ -37,37 +37,36 @@ _PAPER = 0.75
 """Reflectance of what a photo is printed on."""
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Original:
-    """The object in whose place something stands."""
+def _paints(own: Body, labels: Array) -> FloatArray:
+    """Reflectances (N, 3) of a body's colours by their labels (N,)."""
+    place = {int(label): row for row, label in enumerate(own.labels)}
+    return np.stack([own.colors[place[int(label)]] for label in labels])
 
-    body: Body
-    """As the platform made it: six groups, sharp edges."""
-    size: FloatArray
-    """(3,) [m]"""
 
-    @property
-    def labels(self) -> Array:
-        """(6,) of its faces."""
-        return np.asarray(self.body.labels)
+def _as_body(own: Body, mesh: Mesh, labels: Array, colors: Array | None = None, **more: object) -> Body:
+    """A body of the object's material where it is; `colors` by default those of the labels."""
+    colors = _paints(own, labels) if colors is None else colors
+    changes = {"mesh": mesh, "labels": np.asarray(labels, np.uint8), "colors": colors, "coats": None}
+    return dataclasses.replace(own, **changes, **{"faces": False, **more})  # type: ignore[arg-type]
 
-    def paints(self, labels: Array) -> FloatArray:
-        """Reflectances (N, 3) of its colours by their labels (N,)."""
-        place = {int(label): row for row, label in enumerate(self.labels)}
-        return np.stack([self.body.colors[place[int(label)]] for label in labels])
 
-    def as_body(self, mesh: Mesh, labels: Array, colors: Array | None = None, **more: object) -> Body:
-        """A body of its material where it is; `colors` by default those of the labels."""
-        colors = self.paints(labels) if colors is None else colors
-        changes = {"mesh": mesh, "labels": np.asarray(labels, np.uint8), "colors": colors, "coats": None}
-        return dataclasses.replace(self.body, **changes, **{"faces": False, **more})  # type: ignore[arg-type]
+def _repainted(own: Body, labels: Array, colors: Array | None = None) -> list[Body]:
+    """The object itself with other colours on its faces."""
+    return [_as_body(own, own.mesh, labels, colors, faces=True)]
 
-    def on_table(self, body: Body) -> Body:
-        """A body moved up or down so that its lowest point is as high as the object's was."""
-        height = np.min(_in_world(body)[:, 2]) - np.min(_in_world(self.body)[:, 2])
-        pose = np.array(body.world_from_body)
-        pose[2, 3] -= height
-        return dataclasses.replace(body, world_from_body=pose)
+
+def _scaled(own: Body, factors: Array, key: str) -> list[Body]:
+    """The object with edges that are `factors` (3,) times as long."""
+    mesh = meshes.box(f"{own.mesh.key}_{key}", factors * own.size)
+    return [_on_table(own, _as_body(own, mesh, own.labels, faces=True))]
+
+
+def _on_table(own: Body, body: Body) -> Body:
+    """A body moved up or down so that its lowest point is as high as the object's."""
+    height = np.min(_in_world(body)[:, 2]) - np.min(_in_world(own)[:, 2])
+    pose = np.array(body.world_from_body)
+    pose[2, 3] -= height
+    return dataclasses.replace(body, world_from_body=pose)
 
 
 def look_alike(scene: PlatformScene, kind: str, rng: np.random.Generator) -> PlatformScene:
@@ -76,15 +75,14 @@ def look_alike(scene: PlatformScene, kind: str, rng: np.random.Generator) -> Pla
     Raises:
         TrackerError: the object has fewer than six colours.
     """
-    body = next((body for body in scene.bodies if body.faces), None)
+    body = scene.cuboid
     if body is None:
         return scene
-    original = Original(body, 2 * np.abs(np.asarray(body.mesh.vertices)).max(axis=0))
-    if len(set(original.labels.tolist())) < 6:
+    if len(set(body.labels.tolist())) < 6:
         raise TrackerError(f"look_alike: found {body.name} of fewer than six colours")
     others = tuple(other for other in scene.bodies if other is not body)
     about = {**scene.about, "look_alike": kind}
-    bodies = (*others, *KINDS_OF[kind](original, rng))
+    bodies = (*others, *KINDS_OF[kind](body, rng))
     return dataclasses.replace(scene, bodies=bodies, objects=(), about=about)
 
 
@@ -109,183 +107,166 @@ def _permuted_labels(labels: Array, rng: np.random.Generator, avoid: Array | Non
             return chosen
 
 
-def _permuted(original: Original, rng: np.random.Generator) -> list[Body]:
-    labels = _permuted_labels(original.labels, rng)
-    return [original.as_body(original.body.mesh, labels, faces=True)]
+def _permuted(own: Body, rng: np.random.Generator) -> list[Body]:
+    return _repainted(own, _permuted_labels(own.labels, rng))
 
 
-def _mirrored(original: Original, rng: np.random.Generator) -> list[Body]:
+def _mirrored(own: Body, rng: np.random.Generator) -> list[Body]:
     """The object in a mirror: what two opposite faces have is exchanged."""
-    labels, axis = original.labels.copy(), int(rng.integers(3))
+    labels, axis = own.labels.copy(), int(rng.integers(3))
     labels[[2 * axis, 2 * axis + 1]] = labels[[2 * axis + 1, 2 * axis]]
-    return [original.as_body(original.body.mesh, labels, faces=True)]
+    return _repainted(own, labels)
 
 
-def _pairs(original: Original, rng: np.random.Generator) -> list[Body]:
+def _pairs(own: Body, rng: np.random.Generator) -> list[Body]:
     """Opposite faces have the same colour, that of either."""
-    labels = np.repeat(original.labels[2 * np.arange(3) + rng.integers(2, size=3)], 2)
-    return [original.as_body(original.body.mesh, labels, faces=True)]
+    return _repainted(own, np.repeat(own.labels[2 * np.arange(3) + rng.integers(2, size=3)], 2))
 
 
-def _size(original: Original, rng: np.random.Generator) -> list[Body]:
+def _size(own: Body, rng: np.random.Generator) -> list[Body]:
     scale = rng.uniform(*(SMALLER if rng.random() < 0.5 else LARGER))
-    mesh = meshes.box(f"{original.body.mesh.key}_{scale:.6f}", scale * original.size)
-    return [original.on_table(original.as_body(mesh, original.labels, faces=True))]
+    return _scaled(own, np.full(3, scale), f"{scale:.6f}")
 
 
-def _stretched(original: Original, rng: np.random.Generator) -> list[Body]:
+def _stretched(own: Body, rng: np.random.Generator) -> list[Body]:
     factors = np.ones(3)
     factors[rng.integers(3)] = rng.uniform(*(SHORTER if rng.random() < 0.5 else LONGER))
-    key = "_".join(f"{factor:.6f}" for factor in factors)
-    mesh = meshes.box(f"{original.body.mesh.key}_{key}", factors * original.size)
-    return [original.on_table(original.as_body(mesh, original.labels, faces=True))]
+    return _scaled(own, factors, "_".join(f"{factor:.6f}" for factor in factors))
 
 
-def _plain(original: Original, rng: np.random.Generator) -> list[Body]:
-    labels = np.full(6, rng.choice(original.labels))
-    return [original.as_body(original.body.mesh, labels, faces=True)]
+def _plain(own: Body, rng: np.random.Generator) -> list[Body]:
+    return _repainted(own, np.full(6, rng.choice(own.labels)))
 
 
-def _other_object(original: Original, rng: np.random.Generator) -> list[Body]:
+def _other_object(own: Body, rng: np.random.Generator) -> list[Body]:
     """The faces of cube_v2, or of cube_v1 where those are its own, in their own paints."""
-    true = turned_arrangements(original.labels)
+    true = turned_arrangements(own.labels)
     models = [load_object(name) for name in ("cube_v2", "cube_v1")]
     other = next(model for model in models if tuple(map(int, model.face_labels)) not in true)
-    colors = reflectances(other.colors)[other.face_labels]
-    return [original.as_body(original.body.mesh, other.face_labels, colors, faces=True)]
+    return _repainted(own, other.face_labels, reflectances(other.colors)[other.face_labels])
 
 
-def _layers(original: Original, rng: np.random.Generator) -> list[Body]:
+def _layers(own: Body, rng: np.random.Generator) -> list[Body]:
     """Two or three slabs across the longest edge, no face of any in its true colour."""
-    count, axis = int(rng.integers(2, 4)), int(np.argmax(original.size))
+    count, axis = int(rng.integers(2, 4)), int(np.argmax(own.size))
     ends = np.concatenate([[0.0], np.cumsum(rng.uniform(0.7, 1.3, count))])
-    ends = (ends / ends[-1] - 0.5) * original.size[axis]
-    avoid = original.labels
+    ends = (ends / ends[-1] - 0.5) * own.size[axis]
+    avoid = own.labels
     parts: list[tuple[FloatArray, Array]] = []
     labels: list[Array] = []
     for low, high in itertools.pairwise(ends):
-        slab = original.size.copy()
+        slab = own.size.copy()
         slab[axis] = high - low
         solid = meshes.box("", slab)
         parts.append((solid.vertices + (low + high) / 2 * np.eye(3)[axis], solid.triangles))
         before = labels[-1] if labels else avoid
         while True:
-            chosen = _permuted_labels(original.labels, rng, avoid)
+            chosen = _permuted_labels(own.labels, rng, avoid)
             if (chosen != before).all():
                 break
         labels.append(chosen)
     groups = np.concatenate([6 * k + np.repeat(np.arange(6), 2) for k in range(count)])
     mesh = Mesh(f"layers_{ends.tobytes().hex()}", *meshes.concatenate(parts), groups)
-    return [original.as_body(mesh, np.concatenate(labels))]
+    return [_as_body(own, mesh, np.concatenate(labels))]
 
 
-def _prism(original: Original, rng: np.random.Generator) -> list[Body]:
+def _prism(own: Body, rng: np.random.Generator) -> list[Body]:
     """A prism of three or six sides, each of a colour."""
     sides = int(rng.choice([3, 6]))
-    return [_upright(original, sides, sides, rng)]
+    return [_upright(own, sides, sides, rng)]
 
 
-def _round(original: Original, rng: np.random.Generator) -> list[Body]:
+def _round(own: Body, rng: np.random.Generator) -> list[Body]:
     """A cylinder in three to six bands of colour from end to end."""
-    return [_upright(original, _ROUND, int(rng.integers(3, 7)), rng)]
+    return [_upright(own, _ROUND, int(rng.integers(3, 7)), rng)]
 
 
-def _upright(original: Original, sides: int, bands: int, rng: np.random.Generator) -> Body:
+def _upright(own: Body, sides: int, bands: int, rng: np.random.Generator) -> Body:
     """A prism along the longest edge, as thick as the object is wide, with so many bands of sides."""
-    axis = int(np.argmax(original.size))
-    width = np.delete(original.size, axis).mean()
+    axis = int(np.argmax(own.size))
+    width = np.delete(own.size, axis).mean()
     # As much in section as the square that it replaces.
     radius = width * np.sqrt(2 / (sides * np.sin(2 * np.pi / sides)))
-    angle = 2 * np.pi * np.arange(sides) / sides
-    rim, half = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1), original.size[axis] / 2
+    rim, half = radius * meshes.circle(2 * np.pi * np.arange(sides) / sides), own.size[axis] / 2
     parts, groups = [], []
     for k in range(sides):
         a, b = rim[k], rim[(k + 1) % sides]
         quad = [(*a, -half), (*b, -half), (*b, half), (*a, half)]
-        parts.append((np.array(quad), np.array([[0, 1, 2], [0, 2, 3]])))
+        parts.append((np.array(quad), meshes.QUAD))
         groups += 2 * [k * bands // sides]
-    fan = np.array([[0, k, k + 1] for k in range(1, sides - 1)])
+    fan = meshes.fan(sides)
     for end, (height, triangles) in enumerate(((-half, fan[:, ::-1]), (half, fan))):
         parts.append((np.insert(rim, 2, height, axis=1), triangles))
         groups += [bands + end] * len(fan)
     vertices, triangles = meshes.concatenate(parts)
-    labels = np.concatenate([rng.permutation(original.labels), rng.permutation(original.labels)])[: bands + 2]
+    labels = np.concatenate([rng.permutation(own.labels), rng.permutation(own.labels)])[: bands + 2]
     # A turn of the axes: z becomes the longest edge.
-    key = f"prism_{sides}_{bands}_{original.body.mesh.key}"
+    key = f"prism_{sides}_{bands}_{own.mesh.key}"
     mesh = Mesh(key, np.roll(vertices, axis - 2, 1), triangles, np.array(groups))
-    return original.on_table(original.as_body(mesh, labels))
+    return _on_table(own, _as_body(own, mesh, labels))
 
 
-def _plates(original: Original, rng: np.random.Generator) -> list[Body]:
+def _plates(own: Body, rng: np.random.Generator) -> list[Body]:
     """One to three loose plates as large as faces, lying on the table or standing on it."""
     count, bodies = int(rng.integers(1, 4)), []
-    middle = original.body.world_from_body[:2, 3]
-    labels = rng.choice(original.labels, count, replace=False)
+    middle = own.world_from_body[:2, 3]
+    labels = rng.choice(own.labels, count, replace=False)
     for number, label in enumerate(labels):
-        size = np.array([*rng.choice(original.size, 2), _PLATE_M])
-        pose, turn = np.eye(4), so3.exp([0.0, 0.0, rng.uniform(0.0, 2 * np.pi)])
+        size = np.array([*rng.choice(own.size, 2), _PLATE_M])
+        turn = so3.exp([0.0, 0.0, rng.uniform(0.0, 2 * np.pi)])
         stands = bool(rng.random() < 0.4)
-        pose[:3, :3] = turn @ so3.exp([np.pi / 2, 0.0, 0.0]) if stands else turn
-        away, azimuth = rng.uniform(0.2, 0.6) * original.size.max() * (count > 1), 2 * np.pi * number / count
-        pose[:2, 3] = middle + away * np.array([np.cos(azimuth), np.sin(azimuth)])
+        away, azimuth = rng.uniform(0.2, 0.6) * own.size.max() * (count > 1), 2 * np.pi * number / count
+        place = middle + away * direction(azimuth)[:2]
         # Each a little thicker than the one before: tops of plates that overlap do not coincide.
         size[2] += 2e-4 * number
-        pose[2, 3] = size[1] / 2 if stands else size[2] / 2
+        facing = turn @ so3.exp([np.pi / 2, 0.0, 0.0]) if stands else turn
+        pose = transform(facing, [*place, size[1 if stands else 2] / 2])
         mesh = meshes.box("plate_" + "_".join(f"{edge:.6f}" for edge in size), size, one_group=True)
-        plate = original.as_body(mesh, np.array([label]), world_from_body=pose, name=f"plate_{number}")
+        plate = _as_body(own, mesh, np.array([label]), world_from_body=pose, name=f"plate_{number}")
         bodies.append(plate)
     return bodies
 
 
-def _photo(original: Original, rng: np.random.Generator) -> list[Body]:
+def _photo(own: Body, rng: np.random.Generator) -> list[Body]:
     """A picture of the object from somewhere above, cut out or on white paper, that lies, leans or floats."""
     elevation, azimuth = rng.uniform([np.radians(25), 0.0], [np.radians(65), 2 * np.pi])
-    level = np.cos(elevation)
-    towards = np.array([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)])
+    towards = direction(azimuth, elevation)
     right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
     axes = np.stack([right, np.cross(towards, right), towards])
-    turned = original.body.world_from_body[:3, :3]
-    points = corners(original.size) @ turned.T @ axes.T
+    turned = own.world_from_body[:3, :3]
+    points = corners(own.size) @ turned.T @ axes.T
     flat = points[:, :2] / (1 - points[:, 2:] / 0.5)
-    seen = [
-        k
-        for k in range(6)
-        if (0.5 * axes[2] - turned @ FACE_NORMALS[k] * original.size[k // 2] / 2) @ turned @ FACE_NORMALS[k]
-        > 0
-    ]
+    normals = FACE_NORMALS @ turned.T
+    seen = [k for k in range(6) if (0.5 * axes[2] - normals[k] * own.size[k // 2] / 2) @ normals[k] > 0]
     flat -= (flat.min(axis=0) + flat.max(axis=0)) / 2
-    parts, quad = [], np.array([[0, 1, 2], [0, 2, 3]])
-    labels = [*original.labels[seen]]
-    for k in seen:
-        ring = np.insert(flat[FACE_CORNERS[k]], 2, 2e-4, axis=1)
-        parts.append((ring, quad))
+    labels = [*own.labels[seen]]
+    parts = [(np.insert(flat[FACE_CORNERS[k]], 2, 2e-4, axis=1), meshes.QUAD) for k in seen]
     if rng.random() < 0.5:
         half = np.abs(flat).max(axis=0) + rng.uniform(0.004, 0.015, 2)
         sheet = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * np.array([*half, 0.0])
-        parts.append((sheet, quad))
+        parts.append((sheet, meshes.QUAD))
         labels.append(0)
     vertices, triangles = meshes.concatenate(parts)
     mesh = Mesh(
         f"photo_{vertices.tobytes().hex()}", vertices, triangles, np.repeat(np.arange(len(labels)), 2)
     )
     colors = np.stack(
-        [np.full(3, _PAPER) if label == 0 else original.paints(np.array([label]))[0] for label in labels]
+        [np.full(3, _PAPER) if label == 0 else _paints(own, np.array([label]))[0] for label in labels]
     )
     lean = 0.0 if rng.random() < 0.4 else rng.uniform(0.3, 1.2)
-    pose = np.array(original.body.world_from_body)
+    pose = np.array(own.world_from_body)
     pose[:3, :3] = so3.exp([0.0, 0.0, rng.uniform(0.0, 2 * np.pi)]) @ so3.exp([lean, 0.0, 0.0])
-    photo = original.as_body(mesh, np.array(labels), colors, world_from_body=pose, texture=0.0)
+    photo = _as_body(own, mesh, np.array(labels), colors, world_from_body=pose, texture=0.0)
     pose[2, 3] -= np.min(_in_world(photo)[:, 2]) - 0.0005
     return [dataclasses.replace(photo, world_from_body=pose)]
 
 
 def _in_world(body: Body) -> FloatArray:
     pose = body.world_from_body
-    result: FloatArray = np.asarray(body.mesh.vertices) @ pose[:3, :3].T + pose[:3, 3]
-    return result
+    return np.asarray(body.mesh.vertices) @ pose[:3, :3].T + pose[:3, 3]
 
 
-KINDS_OF: dict[str, Callable[[Original, np.random.Generator], list[Body]]] = {
+KINDS_OF: dict[str, Callable[[Body, np.random.Generator], list[Body]]] = {
     "permuted": _permuted,
     "size": _size,
     "plain": _plain,

@@ -27,6 +27,20 @@ _PIPS = {
 """Cells of a face's 3 × 3 cells that have a pip, by their number."""
 
 
+QUAD = np.array([[0, 1, 2], [0, 2, 3]])
+"""Triangles of four points around a rectangle."""
+
+
+def fan(count: int) -> Array:
+    """Triangles (N, 3) of a polygon of `count` points that its first point sees all of."""
+    return np.array([[0, k, k + 1] for k in range(1, count - 1)])
+
+
+def circle(angle: Array) -> FloatArray:
+    """Points (N, 2) of the unit circle at angles (N,) [rad]."""
+    return np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
 def box(key: str, size: Array, *, one_group: bool = False) -> Mesh:
     """A cuboid of edge lengths `size` (3,) [m] about the origin.
 
@@ -35,7 +49,7 @@ def box(key: str, size: Array, *, one_group: bool = False) -> Mesh:
     # Four vertices a face: the renderers' smooth shading must not reach across edges.
     vertices = corners(size)[FACE_CORNERS].reshape(-1, 3)
     first = 4 * np.arange(6)[:, None]
-    triangles = (first[:, :, None] + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3)
+    triangles = (first[:, :, None] + QUAD).reshape(-1, 3)
     groups = np.zeros(12, dtype=np.int64) if one_group else np.repeat(np.arange(6), 2)
     return Mesh(key, vertices, triangles, groups)
 
@@ -62,7 +76,7 @@ def die(key: str, size: float, spread: float, diameter: float) -> Mesh:
             if (i, j) in _PIPS[pips]:
                 flat, triangles, is_pip = _cell_with_pip(cell, np.array([rows[i], rows[j]]), diameter)
             else:
-                flat, triangles, is_pip = cell, np.array([[0, 1, 2], [0, 2, 3]]), np.zeros(2, dtype=np.int64)
+                flat, triangles, is_pip = cell, QUAD, np.zeros(2, dtype=np.int64)
             vertices = np.zeros((len(flat), 3))
             vertices[:, axis] = sign * size / 2
             vertices[:, [(axis + 1) % 3, (axis + 2) % 3]] = flat
@@ -77,9 +91,8 @@ def _cell_with_pip(cell: FloatArray, center: FloatArray, diameter: float) -> tup
     The only vertices on the rectangle's sides are its corners: neighbours meet in whole edges.
     """
     n = _PIP_CORNERS
-    angles = 2 * np.pi * np.arange(n) / n
     radius = diameter / 2 * np.sqrt(2 * np.pi / n / np.sin(2 * np.pi / n))
-    rim = center + radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    rim = center + radius * circle(2 * np.pi * np.arange(n) / n)
     k = np.arange(n)
     # The cell's corners start between the directions -u and -v, the rim at +u: half a turn ahead.
     corner = n + (k * 4 // n + 2) % 4
@@ -124,8 +137,8 @@ def tube(line: FloatArray, radius: float, sides: int = 10) -> tuple[FloatArray, 
     first = np.stack([k, following, sides + following], axis=1)
     second = np.stack([k, sides + following, sides + k], axis=1)
     walls = [np.concatenate([first, second]) + sides * n for n in range(last)]
-    fan = np.stack([np.zeros_like(k[2:]), k[2:], k[1:-1]], axis=1)
-    return vertices, np.concatenate([*walls, fan, fan[:, ::-1] + sides * last])
+    cap = np.stack([np.zeros_like(k[2:]), k[2:], k[1:-1]], axis=1)
+    return vertices, np.concatenate([*walls, cap, cap[:, ::-1] + sides * last])
 
 
 def load(path: Path, scale: Array | None = None) -> tuple[FloatArray, Array]:
@@ -158,8 +171,7 @@ def coils(inner: float, outer: float, height: float) -> tuple[FloatArray, Array]
         if k % 6 == 0:  # behind a spoke
             continue
         middle, half = 2 * np.pi * k / slots, 0.27 * 2 * np.pi / slots
-        angles = middle + np.array([-half, half])
-        rim = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        rim = circle(middle + np.array([-half, half]))
         ring = np.vstack([inner * rim, outer * rim])
         parts.append((np.column_stack([np.full(4, height), ring]), np.array([[0, 2, 3], [0, 3, 1]])))
     return concatenate(parts)

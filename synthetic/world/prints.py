@@ -55,8 +55,7 @@ def random_prints(rng: np.random.Generator) -> Prints:
 def printed(scene: PlatformScene, rng: np.random.Generator) -> PlatformScene:
     """The scene with prints, drawn from `rng`, on the faces of its cuboid; dice stay as they are."""
     prints = random_prints(rng)
-    bodies = tuple(with_prints(body, prints) if body.faces else body for body in scene.bodies)
-    return dataclasses.replace(scene, bodies=bodies)
+    return scene.with_cuboid(lambda body: with_prints(body, prints))
 
 
 def with_prints(body: Body, prints: Prints) -> Body:
@@ -127,6 +126,5 @@ def _rounded_outline(half: FloatArray, radius: float) -> FloatArray:
     points = []
     for quarter, signs in enumerate(((1, 1), (-1, 1), (-1, -1), (1, -1))):
         angle = arc + quarter * np.pi / 2
-        rim = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-        points.append(np.array(signs) * (half - radius) + rim)
+        points.append(np.array(signs) * (half - radius) + radius * meshes.circle(angle))
     return np.concatenate(points)

@@ -37,7 +37,7 @@ def reflecting(scene: PlatformScene, rng: np.random.Generator) -> PlatformScene:
     """The scene whose cuboid and fingers light what is near them; for dice only shade is smoother."""
     strength = float(rng.uniform(*STRENGTH))
     scene = dataclasses.replace(scene, lighting=dataclasses.replace(scene.lighting, sky=_SKY))
-    body = next((body for body in scene.bodies if body.faces), None)
+    body = scene.cuboid
     if body is None:
         return scene
     parts = [_of_faces(body, scene.lighting)]
@@ -51,7 +51,7 @@ def reflecting(scene: PlatformScene, rng: np.random.Generator) -> PlatformScene:
 
 
 def _of_faces(body: Body, lighting: Lighting) -> Patches:
-    size = 2 * np.abs(np.asarray(body.mesh.vertices)).max(axis=0)
+    size = body.size
     rotation, position = body.world_from_body[:3, :3], body.world_from_body[:3, 3]
     line = (np.arange(_CELLS) + 0.5) / _CELLS - 0.5
     parts = []
@@ -77,7 +77,7 @@ def _of_faces(body: Body, lighting: Lighting) -> Patches:
 
 def _of_link(link: Body, lighting: Lighting) -> Patches:
     """Slices of a link, each as a small round thing."""
-    vertices = np.asarray(link.mesh.vertices)
+    vertices = link.mesh.vertices
     along = int(np.argmax(np.ptp(vertices, axis=0)))
     bounds = np.quantile(vertices[:, along], [0.0, 1.0])
     slot = np.clip((vertices[:, along] - bounds[0]) / np.ptp(bounds) * _SLICES, 0, _SLICES - 1).astype(int)

@@ -7,8 +7,8 @@ import dataclasses
 import numpy as np
 
 from synthetic.look.face_colors import reflectances
-from synthetic.scene import Body, Mesh, PlatformScene
-from synthetic.world.meshes import concatenate
+from synthetic.scene import Body, Mesh, PlatformScene, transform
+from synthetic.world.meshes import QUAD, circle, concatenate
 from synthetic.world.platform import ARENA_RADIUS
 from tracker.conventions import Array, FloatArray
 
@@ -95,12 +95,11 @@ def _bar(place: FloatArray, length: float, width: float, turn: float) -> tuple[F
     along = length / 2 * np.array([np.cos(turn), np.sin(turn)])
     across = width / 2 * np.array([-np.sin(turn), np.cos(turn)])
     flat = place + np.stack([-along - across, along - across, along + across, -along + across])
-    return np.column_stack([flat, np.zeros(4)]), np.array([[0, 1, 2], [0, 2, 3]])
+    return np.column_stack([flat, np.zeros(4)]), QUAD
 
 
 def _ring(place: FloatArray, radius: float, width: float, segments: int = 48) -> tuple[FloatArray, Array]:
-    angle = 2 * np.pi * np.arange(segments) / segments
-    rim = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    rim = circle(2 * np.pi * np.arange(segments) / segments)
     flat = np.concatenate([place + (radius - width / 2) * rim, place + (radius + width / 2) * rim])
     k = np.arange(segments)
     following = (k + 1) % segments
@@ -112,7 +111,5 @@ def _ring(place: FloatArray, radius: float, width: float, segments: int = 48) ->
 def _flat(
     name: str, vertices: FloatArray, triangles: Array, groups: Array, colors: FloatArray, height: float
 ) -> Body:
-    pose = np.eye(4)
-    pose[2, 3] = height
-    labels = np.zeros(len(colors), dtype=np.uint8)
-    return Body(name, Mesh(name, vertices, triangles, groups), pose, np.clip(colors, 0.0, 1.0), labels)
+    mesh, pose = Mesh(name, vertices, triangles, groups), transform(np.eye(3), [0.0, 0.0, height])
+    return Body(name, mesh, pose, np.clip(colors, 0.0, 1.0), np.zeros(len(colors), dtype=np.uint8))
