@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -118,8 +118,7 @@ class Lighting:
     """Directions from which the ambient light is looked at for shade; few give cloudy shade on the wall."""
 
 
-@dataclass(frozen=True, eq=False)
-class Patches:
+class Patches(NamedTuple):
     """Small parts of surfaces that light what is near them."""
 
     places: FloatArray
@@ -130,24 +129,17 @@ class Patches:
     """(N,) [m²]."""
     light: FloatArray
     """(N, 3) BGR that comes from them, as reflectance × irradiance."""
-    owners: tuple[str, ...]
-    """(N,) names of the bodies that they are part of."""
+    owners: Array
+    """(N,) names of the bodies that they are part of; of kernels their numbers."""
 
     def chosen(self, which: Array) -> Patches:
         """Those where `which` (N,) is true."""
-        owners = tuple(name for name, good in zip(self.owners, which, strict=True) if good)
-        return Patches(self.places[which], self.normals[which], self.areas[which], self.light[which], owners)
+        return Patches(*(column[which] for column in self))
 
-    @classmethod
-    def joined(cls, parts: Sequence[Patches]) -> Patches:
+    @staticmethod
+    def joined(parts: Sequence[Patches]) -> Patches:
         """All of several."""
-        return cls(
-            np.concatenate([part.places for part in parts]),
-            np.concatenate([part.normals for part in parts]),
-            np.concatenate([part.areas for part in parts]),
-            np.concatenate([part.light for part in parts]),
-            tuple(name for part in parts for name in part.owners),
-        )
+        return Patches(*map(np.concatenate, zip(*parts, strict=True)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,7 +169,7 @@ class PlatformScene:
     """What lights its neighbours; None: nothing does."""
     contact: tuple[float, float] = (0.0, 0.0)
     """Share of the sky's light that a cuboid and the table take from each other where it stands, 0 to 1, and
-    how far that reaches [m]: see `synthetic.render.contact`."""
+    how far that reaches [m]: see `synthetic.render.shadows`."""
 
     @property
     def cuboid(self) -> Body | None:
@@ -195,8 +187,8 @@ class PlatformScene:
         bodies = tuple(body for body in self.bodies if body.name not in gone)
         patches = self.patches
         if patches is not None:
-            patches = patches.chosen(np.array([name not in gone for name in patches.owners], dtype=bool))
-            patches = patches if patches.owners else None
+            patches = patches.chosen(~np.isin(patches.owners, list(gone)))
+            patches = patches if len(patches.owners) else None
         return dataclasses.replace(self, bodies=bodies, objects=(), patches=patches)
 
 

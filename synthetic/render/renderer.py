@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import functools
 
-from synthetic.render.contact import add_contact
+import numpy as np
+
 from synthetic.render.hits import hits_of_codes, labels_of_codes, shared
 from synthetic.render.raster import Layers, PinholeView, paint
 from synthetic.render.shading import add_bounced, shade
-from synthetic.render.shadows import Shadows, everything, reach_of, shadows_of
+from synthetic.render.shadows import Shadows, add_contact, shadows_of, take_shadows
 from synthetic.render.surfaces import Surfaces, SurfaceStore
 from synthetic.scene import PlatformScene
 
@@ -38,11 +39,11 @@ class Renderer:
         alone, _ = paint(view, [row for row in bodies if surfaces.is_object[row[0]]])
         at, stands = shared(codes, surfaces, view.block) if view.block > 1 else (None, None)
         hits = hits_of_codes(codes, view, surfaces, at)
-        reach = everything()
+        reach = np.ones((*hits.body.shape, 1 + len(scene.lighting.lamps)), np.float32)
         if shadows:
             if not maps:
                 maps.append(shadows_of(surfaces, scene.lighting))
-            reach = reach_of(hits, view, maps[0], scene.lighting)
+            take_shadows(reach, hits, view, maps[0], scene.lighting)
             add_contact(reach, hits, scene)
         color = shade(hits, view, surfaces, scene.lighting, reach)
         if scene.patches is not None:

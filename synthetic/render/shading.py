@@ -9,7 +9,6 @@ irradiance E cos θ cos θ' A / (π d² + A), exact far away and at most E close
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 
@@ -49,8 +48,7 @@ Light = tuple[Array, Array, Array]
 def shade(hits: Hits, view: PinholeView, surfaces: Surfaces, lighting: Lighting, reach: Array) -> Array:
     """Linear BGR light (h, w, 3) float32; black where nothing is hit.
 
-    `reach` (h, w, 1 + lamps) float32 is the share of the sky and of each lamp that gets there; of shape
-    (0, 0, 0): all of it.
+    `reach` (h, w, 1 + lamps) float32 is the share of the sky and of each lamp that gets there.
     """
     color = np.zeros((*hits.body.shape, 3), np.float32)
     if not len(surfaces.gloss):
@@ -81,8 +79,6 @@ def _shade(
     ambient, directions, lamps = light
     bodies, rows, points, normals = hits.body, hits.row, hits.points, hits.normals
     reflectance, gloss, texture, coats = surfaces.colors, surfaces.gloss, surfaces.texture, surfaces.coats
-    shadows = reach.shape[0] > 0
-    lit_by = np.ones(len(directions))
     for j in range(out.shape[0]):
         for i in range(out.shape[1]):
             body = bodies[j, i]
@@ -98,7 +94,7 @@ def _shade(
                 seed, pose = surfaces.grain_seeds[body], surfaces.world_from_body
                 detail = _grain(cells, pose, body, (px, py, pz), seed, distance * pixel_angle)
                 share = max(1.0 + texture[body] * detail, 0.0)
-            sky = sky_slope(nz) * (reach[j, i, 0] if shadows else 1.0)
+            sky = sky_slope(nz) * reach[j, i, 0]
             row = rows[j, i]
             blue, green = reflectance[row, 0] * share, reflectance[row, 1] * share
             red = reflectance[row, 2] * share
@@ -106,7 +102,7 @@ def _shade(
             for k in range(len(directions)):
                 lx, ly, lz = directions[k, 0], directions[k, 1], directions[k, 2]
                 cosine = nx * lx + ny * ly + nz * lz
-                lit = reach[j, i, 1 + k] if shadows else 1.0
+                lit = reach[j, i, 1 + k]
                 if cosine <= 0 or lit == 0:
                     continue
                 shine = 0.0
@@ -116,11 +112,8 @@ def _shade(
                 g += lit * lamps[k, 1] * (green * cosine + shine)
                 r += lit * lamps[k, 2] * (red * cosine + shine)
             if coats[row, 0] > 0:
-                open_sky = reach[j, i, 0] if shadows else 1.0
-                for k in range(len(directions)):
-                    lit_by[k] = reach[j, i, 1 + k] if shadows else 1.0
                 coat, blur = coats[row, 0], coats[row, 1]
-                more = _mirrored((nx, ny, nz), (vx, vy, vz), blur, open_sky, light, lit_by)
+                more = _mirrored((nx, ny, nz), (vx, vy, vz), blur, light, reach[j, i])
                 b, g, r = b + coat * more[0], g + coat * more[1], r + coat * more[2]
             out[j, i, 0], out[j, i, 1], out[j, i, 2] = b, g, r
 
@@ -189,7 +182,7 @@ def _smooth(share: float) -> float:
 
 
 @compiled
-def _mirrored(normal: Vector, view: Vector, blur: float, open_sky: float, light: Light, lit: Array) -> Vector:
+def _mirrored(normal: Vector, view: Vector, blur: float, light: Light, reach: Array) -> Vector:
     """Light (blue, green, red) that a whole coat sends from around towards the unit vector v.
 
     Schlick's form of Fresnel's reflectance; a lamp is a Gaussian as wide as lamp and blur together.
@@ -203,12 +196,12 @@ def _mirrored(normal: Vector, view: Vector, blur: float, open_sky: float, light:
     soft = blur + 0.05
     above = _step(rz / soft)
     high = _step((rz - _WALL_TOP) / soft)
-    around = _TABLE + above * (_WALL - _TABLE) + high * open_sky * (_CEILING - _WALL)
+    around = _TABLE + above * (_WALL - _TABLE) + high * reach[0] * (_CEILING - _WALL)
     b, g, r = ambient[0] * around, ambient[1] * around, ambient[2] * around
     width = _LAMP_HALF_WIDTH * _LAMP_HALF_WIDTH + blur * blur
     for k in range(len(directions)):
         miss = 1.0 - (rx * directions[k, 0] + ry * directions[k, 1] + rz * directions[k, 2])
-        share = lit[k] * np.exp(-2.0 * miss / width) / width
+        share = reach[1 + k] * np.exp(-2.0 * miss / width) / width
         b, g, r = b + share * lamps[k, 0], g + share * lamps[k, 1], r + share * lamps[k, 2]
     return fresnel * b, fresnel * g, fresnel * r
 
@@ -224,32 +217,20 @@ _REACH_M = 0.06
 """Farther from all patches than this their light is not looked at."""
 
 
-class _Lights(NamedTuple):
-    """Patches as the kernel takes them."""
-
-    owners: Array
-    """(N,) int64 numbers of bodies."""
-    places: Array
-    facing: Array
-    areas: Array
-    light: Array
-
-
 def add_bounced(color: Array, scene: PlatformScene, patches: Patches, hits: Hits, surfaces: Surfaces) -> None:
     """Add to `color` (h, w, 3) what the scene's patches give to other bodies than their own."""
     numbers = {body.name: number for number, body in enumerate(scene.bodies)}
-    owners = np.array([numbers[name] for name in patches.owners], dtype=np.int64)
+    owners = np.array([numbers[name] for name in patches.owners.tolist()], dtype=np.int64)
     middle = patches.places.mean(axis=0)
     reach = float(np.linalg.norm(patches.places - middle, axis=1).max()) + _REACH_M
-    parts = patches.places, patches.normals, patches.areas, patches.light
-    lights = _Lights(owners, *(np.ascontiguousarray(part) for part in parts))
+    lights = Patches(*map(np.ascontiguousarray, patches._replace(owners=owners)))
     _add(color, hits, surfaces.colors, middle, reach * reach, lights)
 
 
 @compiled
-def _add(color: Array, hits: Hits, reflectance: Array, middle: Array, reach2: float, lights: _Lights) -> None:
+def _add(color: Array, hits: Hits, reflectance: Array, middle: Array, reach2: float, lights: Patches) -> None:
     body, row, points, normals = hits.body, hits.row, hits.points, hits.normals
-    owners, places, facing, areas, light = lights
+    places, facing, areas, light, owners = lights
     for j in range(body.shape[0]):
         for i in range(body.shape[1]):
             if body[j, i] < 0:

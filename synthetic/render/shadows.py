@@ -1,8 +1,12 @@
 """Shadows: how much of the light of the sky and of each lamp gets to what a view shows.
 
-Depth maps are seen from the lamps and from all over the sky.
+Depth maps are seen from the lamps and from all over the sky. A map lies across the direction to the light and
+holds, per cell, how far towards the light the scene reaches.
 
-A map lies across the direction to the light and holds, per cell, how far towards the light the scene reaches.
+Maps have cells of millimetres and leave out what is closer: where a box stands, its foot and the table hide
+the sky from each other. A point at the distance d from the line of contact has dark ground next to it, a
+strip of width w, which fills 1 − d / √(d² + w²) of the half of its view that faces that ground; so much of
+the sky's light is taken, times a strength: most at the contact.
 """
 
 from __future__ import annotations
@@ -14,7 +18,7 @@ import numpy as np
 from synthetic.render.hits import Hits
 from synthetic.render.raster import PinholeView
 from synthetic.render.surfaces import Surfaces
-from synthetic.scene import Lighting
+from synthetic.scene import Lighting, PlatformScene
 from tracker.compiled import compiled
 from tracker.conventions import Array, FloatArray
 
@@ -41,6 +45,8 @@ _SAME_SURFACE = 0.97
 _BOUNCED = 0.15
 """Share of the sky's light that comes back from what hides it."""
 
+_FLAT_M = 0.001
+"""Paint and dust are no higher above the table than this [m]."""
 
 Point = tuple[float, float, float]
 """In the world [m], or a direction."""
@@ -143,19 +149,12 @@ def _rasterise(points: Array, triangles: Array, depth: Array) -> None:
                 depth[j, i] = max(depth[j, i], value + along_x * i)
 
 
-def everything() -> Array:
-    """The reach where nothing casts shadows."""
-    return np.zeros((0, 0, 0), np.float32)
-
-
-def reach_of(hits: Hits, view: PinholeView, shadows: Shadows, lighting: Lighting) -> Array:
-    """Shares (h, w, 1 + lamps) float32 of the sky and of the lamps; a lamp without shadows reaches all."""
-    out = np.ones((*hits.body.shape, 1 + len(lighting.lamps)), np.float32)
+def take_shadows(reach: Array, hits: Hits, view: PinholeView, shadows: Shadows, lighting: Lighting) -> None:
+    """Set, in place, the shares of the sky and of the lamps with shadows in `reach` (h, w, 1 + lamps)."""
     lamps = np.flatnonzero([lamp.shadows for lamp in lighting.lamps]) + 1
     # Where pixels share their light those next to each other in `hits` are not so in the view.
     block = max(int(_BLOCK_RAD * view.fx), 1) if view.block == 1 else 1
-    _look(hits, shadows, lamps.astype(np.int64), block, out)
-    return out
+    _look(hits, shadows, lamps.astype(np.int64), block, reach)
 
 
 @compiled
@@ -238,3 +237,29 @@ def _clear(maps: Maps, k: int, point: Point, normal: Point) -> float:
     if depths[k, j + 1, i + 1] <= z:
         share += u * v
     return share
+
+
+def hidden(distance: FloatArray, width: float) -> FloatArray:
+    """Share of the sky's light that a dark strip of `width` takes at a distance [m], 1 at its edge."""
+    return 1.0 - distance / np.hypot(distance, width)
+
+
+def add_contact(reach: Array, hits: Hits, scene: PlatformScene) -> None:
+    """Take from the sky's share in `reach` (h, w, 1 + lamps) what the scene's contact hides; in place."""
+    strength, width = scene.contact
+    box = next((n for n, body in enumerate(scene.bodies) if body.faces), None)
+    if box is None or strength == 0:
+        return
+    body = scene.bodies[box]
+    pose, half = body.world_from_body, np.abs(body.mesh.vertices).max(axis=0)
+    clearance = max(float(pose[2, 3] - np.abs(pose[2, :3]) @ half), 0.0)
+    strength *= max(1.0 - clearance / width, 0.0)
+    if strength == 0:
+        return
+    of_box = hits.body == box
+    of_table = (hits.body >= 0) & ~of_box & (hits.points[..., 2] < _FLAT_M)
+    inside = hits.points[of_table] @ pose[:3, :3] - pose[:3, 3] @ pose[:3, :3]
+    away = np.linalg.norm(np.maximum(np.abs(inside) - half, 0.0), axis=-1)
+    height = np.maximum(hits.points[of_box][:, 2], 0.0).astype(np.float64)
+    for which, distance in ((of_box, height), (of_table, away)):
+        reach[which, 0] *= 1.0 - strength * hidden(distance, width)

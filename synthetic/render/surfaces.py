@@ -150,8 +150,7 @@ def _corner_normals(corners: FloatArray) -> FloatArray:
         sums[here] += np.where(smooth[:, None], areas[own[there]], 0.0)
     length = np.linalg.norm(sums, axis=1, keepdims=True)
     normals = np.where(length > 0, sums / np.maximum(length, 1e-30), normals)
-    result: FloatArray = normals.reshape(-1, 3, 3)
-    return result
+    return normals.reshape(-1, 3, 3)
 
 
 def _join(scene: PlatformScene, surfaces: list[Surface]) -> Surfaces:

@@ -47,7 +47,7 @@ def reflecting(scene: PlatformScene, rng: np.random.Generator) -> PlatformScene:
             near = np.linalg.norm(part.places - body.world_from_body[:3, 3], axis=1) < _NEAR_M
             parts.append(part.chosen(near))
     whole = Patches.joined(parts)
-    return dataclasses.replace(scene, patches=dataclasses.replace(whole, light=strength * whole.light))
+    return dataclasses.replace(scene, patches=whole._replace(light=strength * whole.light))
 
 
 def _of_faces(body: Body, lighting: Lighting) -> Patches:
@@ -69,7 +69,7 @@ def _of_faces(body: Body, lighting: Lighting) -> Patches:
                 np.tile(outwards, (count, 1)),
                 np.full(count, size[across] * size[along] / count),
                 np.tile(body.colors[face] * _irradiance(outwards, lighting), (count, 1)),
-                (body.name,) * count,
+                np.full(count, body.name),
             )
         )
     return Patches.joined(parts)
@@ -92,7 +92,7 @@ def _of_link(link: Body, lighting: Lighting) -> Patches:
         np.zeros((count, 3)),
         np.full(count, np.pi * width**2),
         np.tile(light, (count, 1)),
-        (link.name,) * count,
+        np.full(count, link.name),
     )
 
 

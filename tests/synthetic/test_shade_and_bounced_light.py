@@ -8,10 +8,10 @@ pytest.importorskip("trimesh", reason="platform: no module trimesh")
 from synthetic.camera.lens import Lens
 from synthetic.camera.rigs import default_cameras
 from synthetic.effects import Effects
-from synthetic.render.contact import add_contact, hidden
 from synthetic.render.hits import empty_hits
 from synthetic.render.renderer import Renderer
 from synthetic.render.shading import add_bounced
+from synthetic.render.shadows import add_contact, hidden
 from synthetic.render.surfaces import SurfaceStore
 from synthetic.scene import Body, Lamp, Lighting, Patches, PlatformScene
 from synthetic.world.effects import CONTACT, CONTACT_M, with_effects
@@ -108,7 +108,7 @@ def two_discs():
 
 def patch(place, normal=(0.0, 0.0, -1.0), area=1e-6, owner="lid"):
     one = [np.array(value, dtype=float)[None] for value in (place, normal)]
-    return Patches(*one, np.array([area]), LIGHT[None], (owner,))
+    return Patches(*one, np.array([area]), LIGHT[None], np.array([owner]))
 
 
 def given(patches):
@@ -146,5 +146,5 @@ def test_patches_add_up_and_give_no_more_than_they_have():
     two = Patches.joined([patch((0.01, 0.0, 0.03)), patch((-0.02, 0.0, 0.03))])
     parts = [given(two.chosen(np.array(which))) for which in ([True, False], [False, True])]
     np.testing.assert_allclose(given(two), sum(parts), rtol=1e-5)
-    double = dataclasses.replace(two, light=2 * two.light)
+    double = two._replace(light=2 * two.light)
     np.testing.assert_allclose(given(double), 2 * given(two), rtol=1e-5)
