@@ -6,8 +6,9 @@ plans: where fingers touch it, and ways there that touch nothing else.
 
 from __future__ import annotations
 
+import functools
 import itertools
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -169,13 +170,14 @@ def leg(stage: Stage, *, lift: bool = False) -> Moments:
         # Bold first, timid later: long ways and great turns are seldom possible with one grip.
         boldness = 1.0 - attempt / _LEGS_TRIED
         goal, turn = _goal(stage, position, rotation, boldness, lift)
+        way = functools.partial(_way, position, rotation, goal, turn)
         speed, rate = rng.uniform(*SPEEDS), rng.uniform(*TURNS)
         distance, angle = float(np.linalg.norm(goal - position)), float(np.linalg.norm(turn))
-        if not _is_possible(stage, position, rotation, goal, turn, joints):
+        checked = way(np.linspace(1.0, 0.0, _CHECKS, endpoint=False))
+        if not all(_is_possible(stage, *pose, joints) for pose in checked):
             continue
         seconds = _PEAK * max(distance / speed, angle / rate, 0.2)
-        for share in smooth_steps(seconds):
-            place, facing = position + share * (goal - position), so3.exp(share * turn) @ rotation
+        for place, facing in way(smooth_steps(seconds)):
             found = held(stage.platform, place, facing, joints, stage.grip)
             if found is None:
                 # Between the places that were checked there is one that cannot be taken: it ends here.
@@ -201,21 +203,16 @@ def _goal(
     return np.array([*(position[:2] + share * away), height]), turn
 
 
-def _is_possible(
-    stage: Stage,
-    position: FloatArray,
-    rotation: FloatArray,
-    goal: FloatArray,
-    turn: FloatArray,
-    joints: FloatArray,
-) -> bool:
-    for share in np.linspace(1.0, 0.0, _CHECKS, endpoint=False):
-        place, facing = position + share * (goal - position), so3.exp(share * turn) @ rotation
-        if place[2] < -lowest(stage.platform.size, facing):
-            return False
-        if held(stage.platform, place, facing, joints, stage.grip) is None:
-            return False
-    return True
+def _way(
+    position: FloatArray, rotation: FloatArray, goal: FloatArray, turn: FloatArray, shares: FloatArray
+) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Positions and rotations after shares of the way to a goal and of a turn."""
+    return ((position + share * (goal - position), so3.exp(share * turn) @ rotation) for share in shares)
+
+
+def _is_possible(stage: Stage, position: FloatArray, rotation: FloatArray, joints: FloatArray) -> bool:
+    above = position[2] >= -lowest(stage.platform.size, rotation)
+    return above and held(stage.platform, position, rotation, joints, stage.grip) is not None
 
 
 def regrasp(stage: Stage) -> Moments:
