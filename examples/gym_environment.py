@@ -17,8 +17,7 @@ from gymnasium import spaces
 import tracker
 from synthetic.camera.rigs import default_cameras
 from synthetic.camera.sensor import Sensor
-from synthetic.look.appearance import random_look
-from synthetic.look.lighting import random_lighting
+from synthetic.look.appearance import random_lighting, random_look
 from synthetic.stills import take
 from synthetic.world.fingers import REST
 from synthetic.world.placement import place

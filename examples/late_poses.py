@@ -11,8 +11,7 @@ from cube_pusher import Pushing
 import tracker
 from synthetic.camera.rigs import sized, standard_rig
 from synthetic.camera.sensor import Sensor
-from synthetic.look.appearance import random_look
-from synthetic.look.lighting import random_lighting
+from synthetic.look.appearance import random_lighting, random_look
 from synthetic.stills import take
 from synthetic.world.platform import Platform
 from tracker.conventions import FloatArray, Image

@@ -16,8 +16,7 @@ from synthetic.camera.sensor import CameraSettings, Sensor, linear
 from synthetic.camera.shot import QUALITIES, CameraShot, shoot
 from synthetic.camera.units import Unit, units_of
 from synthetic.effects import Effects
-from synthetic.look.appearance import random_look
-from synthetic.look.lighting import random_lighting
+from synthetic.look.appearance import random_lighting, random_look
 from synthetic.render.renderer import shared_renderer
 from synthetic.scene import PlatformScene
 from synthetic.world.effects import with_effects

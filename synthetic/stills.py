@@ -14,8 +14,7 @@ import numpy as np
 
 from synthetic.camera.lens import Lens
 from synthetic.camera.sensor import Sensor
-from synthetic.look.appearance import random_look
-from synthetic.look.lighting import random_lighting
+from synthetic.look.appearance import random_lighting, random_look
 from synthetic.render.renderer import shared_renderer
 from synthetic.scene import PlatformScene
 from synthetic.world.placement import CUBOID_KINDS

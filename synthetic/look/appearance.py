@@ -1,4 +1,4 @@
-"""Colours: those of the real platforms, with what varies from one to the next.
+"""Colours and light: those of the real platforms, with what varies from one to the next.
 
 Colours are linear BGR reflectances; those written here as levels are what a picture shows of them, from 0
 to 1, in light of irradiance 1.
@@ -12,6 +12,7 @@ import numpy as np
 
 from synthetic.camera.sensor import RESPONSE_GAMMA
 from synthetic.look.face_colors import reflectances
+from synthetic.scene import Lamp, Lighting, direction
 from tracker.conventions import Array, FloatArray
 from tracker.objects.model import CuboidModel
 
@@ -88,6 +89,22 @@ def random_look(rng: np.random.Generator, model: CuboidModel | None) -> Look:
         gloss=rng.uniform([0.1, 0.0, 0.1, 0.0], [0.4, 0.15, 0.5, 0.1]),
         dark_robot=dark,
     )
+
+
+def random_lighting(rng: np.random.Generator) -> Lighting:
+    """Light from everywhere and one to three lamps: about 1 on a surface that faces up."""
+    total = np.exp(rng.normal(0.0, 0.08)) * rng.normal(1.0, 0.015, 3)
+    ambient_share = rng.uniform(0.5, 0.85)
+    count = int(rng.integers(1, 4))
+    shares = rng.dirichlet(np.full(count, 2.0)) * (1 - ambient_share)
+    lamps = []
+    for share in shares:
+        azimuth, elevation = rng.uniform(0, 2 * np.pi), np.radians(rng.uniform(48, 88))
+        towards = direction(azimuth, elevation)
+        # A lamp's share is what it gives to the table, except that a low lamp would dazzle the sides.
+        color = total * share / max(towards[2], 0.75) * rng.normal(1.0, 0.02, 3)
+        lamps.append(Lamp(towards, color))
+    return Lighting(total * ambient_share, tuple(lamps))
 
 
 def _linear(levels: Array) -> FloatArray:

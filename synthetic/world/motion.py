@@ -8,8 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from synthetic.look.appearance import Look, random_look
-from synthetic.look.lighting import random_lighting
+from synthetic.look.appearance import Look, random_lighting, random_look
 from synthetic.scene import Lighting, PlatformScene, SceneAt
 from synthetic.world.acts import PERIOD, Moment, Moments, Stage, push, release, tumble, withdraw
 from synthetic.world.carrying import carry, lift_and_lower, random_grip

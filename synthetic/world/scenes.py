@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from synthetic.look.appearance import Look, random_look
-from synthetic.look.lighting import random_lighting
+from synthetic.look.appearance import Look, random_lighting, random_look
 from synthetic.scene import PlatformScene
 from synthetic.world.fingers import random_fingers
 from synthetic.world.placement import CUBOID_KINDS, DICE_KINDS, place

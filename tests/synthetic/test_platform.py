@@ -7,8 +7,7 @@ from synthetic.world import assets
 pytest.importorskip("trimesh", reason="platform: no module trimesh")
 pybullet = pytest.importorskip("pybullet", reason="platform: no module pybullet")
 
-from synthetic.look.appearance import random_look  # noqa: E402
-from synthetic.look.lighting import random_lighting  # noqa: E402
+from synthetic.look.appearance import random_lighting, random_look  # noqa: E402
 from synthetic.world import kinematics  # noqa: E402 - these need pybullet
 from tests.helpers.synthetic_needs import platform_of  # noqa: E402
 

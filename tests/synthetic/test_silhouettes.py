@@ -10,8 +10,7 @@ if missing():
 
 from synthetic.camera.lens import Lens
 from synthetic.camera.rigs import sized, standard_rig
-from synthetic.look.appearance import random_look
-from synthetic.look.lighting import random_lighting
+from synthetic.look.appearance import random_lighting, random_look
 from synthetic.render.renderer import shared_renderer
 from synthetic.silhouettes import FingerMasks
 from synthetic.world.fingers import REST
