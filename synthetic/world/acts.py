@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from synthetic.closing import Closing
-from synthetic.scene import ObjectState
+from synthetic.scene import ObjectState, direction
 from synthetic.world.fingers import REST, is_clear
 from synthetic.world.kinematics import TIP_RADIUS, finger_angles, tips
 from synthetic.world.placement import lift_onto_table
@@ -69,8 +69,7 @@ class Stage(Closing):
 
     def moment(self) -> Moment:
         """How things are now."""
-        poses = [self.world.object_pose(index) for index in range(self.platform.count)]
-        positions, rotations = np.stack([pose[0] for pose in poses]), np.stack([pose[1] for pose in poses])
+        positions, rotations = self.world.object_poses()
         lift_onto_table(self.platform.size, positions, rotations)
         return Moment(positions, rotations, self.world.joint_angles())
 
@@ -109,8 +108,7 @@ def smooth_steps(seconds: float) -> FloatArray:
     """Shares (M,) from just above 0 to 1 of a motion that starts and ends at rest, one a PERIOD."""
     count = max(2, int(np.ceil(seconds / PERIOD)))
     share = np.arange(1, count + 1) / count
-    result: FloatArray = share * share * (3 - 2 * share)
-    return result
+    return share * share * (3 - 2 * share)
 
 
 def joint_path(start: Array, goal: Array, speed: float = JOINT_SPEED) -> FloatArray:
@@ -202,7 +200,7 @@ def _plan_push(stage: Stage) -> tuple[int, FloatArray, FloatArray, FloatArray, f
     # Towards the middle, and the more surely the nearer to the wall.
     spread = np.pi * max(0.5, 1.0 - np.hypot(*center[:2]) / 0.25)
     azimuth = np.arctan2(-center[1], -center[0]) + rng.uniform(-spread, spread)
-    along = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+    along = direction(azimuth)
     reach = float(np.abs(along @ rotation * platform.size).sum() / 2)
     height = rng.uniform(TIP_RADIUS + 0.003, max(TIP_RADIUS + 0.006, 1.3 * center[2]))
     base = np.array([center[0], center[1], height])
@@ -239,7 +237,7 @@ def tumble(stage: Stage) -> Moments:
         center = now.positions[index]
         azimuth = np.arctan2(-center[1], -center[0]) + rng.uniform(-1.2, 1.2)
         speed, rate = rng.uniform(0.05, 0.25), rng.uniform(1.0, 4.0)
-        along = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+        along = direction(azimuth)
         velocity = speed * along + [0.0, 0.0, rng.uniform(0.3, 0.6)]
         # It rolls the way that it flies, more or less.
         axis = np.array([-along[1], along[0], 0.0]) + rng.normal(0.0, 0.3, 3)

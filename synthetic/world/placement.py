@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from synthetic.scene import direction
 from synthetic.world.platform import ARENA_RADIUS, DICE_COUNT, DIE_SIZE, Platform
 from tracker.conventions import Array, FloatArray
 from tracker.geometry import so3
@@ -22,6 +24,9 @@ _GRID_CELLS = 17
 
 Poses = tuple[FloatArray, FloatArray]
 """Positions (N, 3) [m] and rotations (N, 3, 3)."""
+
+Motion = tuple[FloatArray, FloatArray]
+"""Velocity (3,) [m/s] and rate of turn (3,) [rad/s]."""
 
 
 def place(platform: Platform, rng: np.random.Generator, kind: str) -> tuple[Poses, dict[str, Any]]:
@@ -68,7 +73,7 @@ def random_place(rng: np.random.Generator, size: Array, rotation: Array) -> Floa
     offsets = (corners(size) @ np.asarray(rotation).T)[:, :2]
     while True:
         distance, azimuth = ARENA_RADIUS * np.sqrt(rng.random()), rng.uniform(0, 2 * np.pi)
-        center: FloatArray = distance * np.array([np.cos(azimuth), np.sin(azimuth)])
+        center: FloatArray = distance * direction(azimuth)[:2]
         if np.linalg.norm(center + offsets, axis=1).max() < ARENA_RADIUS:
             return center
 
@@ -85,16 +90,9 @@ def _throw(platform: Platform, rng: np.random.Generator) -> tuple[Poses, dict[st
     start = np.array([*random_place(rng, platform.size, rotation), rng.uniform(0.01, 0.06)])
     start[2] -= lowest(platform.size, rotation)
     azimuth, speed = rng.uniform(0, 2 * np.pi), rng.uniform(0.0, 0.8)
-    velocity = speed * np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
     moment = rng.uniform(0.02, 0.7)
-    with platform.new_world(robot=False, fast=True) as world:
-        world.set_objects(platform.object_states(start[None], rotation[None]))
-        world.set_velocity(0, velocity, rng.normal(0.0, 3.0, 3))
-        world.step(round(moment / world.time_step))
-        position, rotation = world.object_pose(0)
-    positions, rotations = position[None], rotation[None]
-    lift_onto_table(platform.size, positions, rotations)
-    return (positions, rotations), {"seconds_after_throw": moment}
+    motion = speed * direction(azimuth), rng.normal(0.0, 3.0, 3)
+    return _flown(platform, (start[None], rotation[None]), [motion], moment), {"seconds_after_throw": moment}
 
 
 def _throw_dice(platform: Platform, rng: np.random.Generator) -> tuple[Poses, dict[str, Any]]:
@@ -106,16 +104,24 @@ def _throw_dice(platform: Platform, rng: np.random.Generator) -> tuple[Poses, di
     starts = np.column_stack([places, levels])
     rotations = np.stack([random_rotation(rng) for _ in range(platform.count)])
     seconds = rng.uniform(0.7, 1.2)
+    # Downwards: the topmost die would otherwise take half a second to fall.
+    motions = [
+        (np.array([*rng.normal(0.0, 0.1, 2), -0.8]), rng.normal(0.0, 4.0, 3)) for _ in range(platform.count)
+    ]
+    poses = _flown(platform, (starts, rotations), motions, seconds)
+    return poses, {"spread": spread, "seconds_after_throw": seconds}
+
+
+def _flown(platform: Platform, start: Poses, motions: Sequence[Motion], seconds: float) -> Poses:
+    """Where physics has brought objects some seconds after they were let go in `motions`."""
     with platform.new_world(robot=False, fast=True) as world:
-        world.set_objects(platform.object_states(starts, rotations))
-        for index in range(platform.count):
-            # Downwards: the topmost die would otherwise take half a second to fall.
-            world.set_velocity(index, np.array([*rng.normal(0.0, 0.1, 2), -0.8]), rng.normal(0.0, 4.0, 3))
+        world.set_objects(platform.object_states(*start))
+        for index, motion in enumerate(motions):
+            world.set_velocity(index, *motion)
         world.step(round(seconds / world.time_step))
-        poses = [world.object_pose(index) for index in range(platform.count)]
-    positions, turned = np.stack([pose[0] for pose in poses]), np.stack([pose[1] for pose in poses])
-    lift_onto_table(platform.size, positions, turned)
-    return (positions, turned), {"spread": spread, "seconds_after_throw": seconds}
+        positions, rotations = world.object_poses()
+    lift_onto_table(platform.size, positions, rotations)
+    return positions, rotations
 
 
 def _lay_dice(rng: np.random.Generator) -> tuple[Poses, dict[str, Any]]:

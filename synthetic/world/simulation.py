@@ -11,7 +11,7 @@ import numpy as np
 import pybullet
 
 from synthetic.closing import Closing
-from synthetic.scene import Mesh, ObjectState
+from synthetic.scene import Mesh, ObjectState, transform
 from synthetic.world import meshes
 from synthetic.world.assets import CONTAINMENT, URDF
 from synthetic.world.kinematics import TIP_RADIUS
@@ -168,9 +168,7 @@ class World(Closing):
     def link_pose(self, link: int) -> FloatArray:
         """World from link (4, 4) of a link's frame of the URDF."""
         state = self._bullet.getLinkState(self.robot, link, computeForwardKinematics=True)
-        result = np.eye(4)
-        result[:3, :3], result[:3, 3] = so3.matrix_from_quaternion(state[5]), state[4]
-        return result
+        return transform(so3.matrix_from_quaternion(state[5]), state[4])
 
     def set_objects(self, states: Sequence[ObjectState]) -> None:
         """Puts the objects at rest at their places; those that have none are put out of the way."""
@@ -184,6 +182,11 @@ class World(Closing):
     def set_velocity(self, index: int, linear: Array, angular: Array) -> None:
         """Velocity [m/s] and rate of turn [rad/s] of an object, along world axes."""
         self._bullet.resetBaseVelocity(self.objects[index], linear.tolist(), angular.tolist())
+
+    def object_poses(self) -> tuple[FloatArray, FloatArray]:
+        """Positions (N, 3) [m] and rotations (N, 3, 3) of all objects."""
+        positions, rotations = zip(*map(self.object_pose, range(len(self.objects))), strict=True)
+        return np.stack(positions), np.stack(rotations)
 
     def object_pose(self, index: int) -> tuple[FloatArray, FloatArray]:
         """Position (3,) [m] and rotation (3, 3) of an object."""
