@@ -11,7 +11,3 @@ class AssetError(TrackerError):
 
 class EffectError(TrackerError):
     """There is no such effect."""
-
-
-class RendererError(TrackerError):
-    """A renderer cannot be had on this machine, or there is none of this name."""

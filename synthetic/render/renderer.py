@@ -1,7 +1,7 @@
 """The renderer: a scene and a pinhole view in, linear light and exact labels out.
 
 A rasteriser says which triangle each pixel shows; the light follows from where the pixel's ray meets it. It
-needs neither OpenGL nor a screen. `synthetic.render.check` asks pyrender for the same labels.
+needs neither OpenGL nor a screen. The tests ask pyrender for the same labels.
 """
 
 from __future__ import annotations

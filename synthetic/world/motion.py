@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,13 +33,6 @@ _MIXED = {"push": 0.3, "tumble": 0.2, "lift": 0.15, "carry": 0.35}
 
 BEFORE, AFTER = 0.03, 0.01
 """How long before and after a picture's stamp scenes can be had [s]."""
-
-
-def sequence(
-    platform: Platform, rng: np.random.Generator, *, seconds: float, **more: Any
-) -> Iterator[tuple[float, PlatformScene]]:
-    """Time stamps [s], from 0, and the scenes at exactly these times; arguments as of `film`."""
-    return ((stamp, scene_at(stamp)) for stamp, scene_at in film(platform, rng, seconds=seconds, **more))
 
 
 def film(

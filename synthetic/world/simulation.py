@@ -14,7 +14,6 @@ from synthetic.closing import Closing
 from synthetic.scene import Mesh, ObjectState, transform
 from synthetic.world import meshes
 from synthetic.world.assets import CONTAINMENT, URDF
-from synthetic.world.kinematics import TIP_RADIUS
 from tracker.conventions import Array, FloatArray
 from tracker.geometry import so3
 
@@ -231,16 +230,6 @@ class World(Closing):
     def bounds(self, link: int) -> FloatArray:
         """Least and greatest coordinates (2, 3) [m] of a box around one of the robot's links."""
         return np.array(self._bullet.getAABB(self.robot, link))
-
-
-def penetration(world: World) -> float:
-    """Greatest depth [m] to which a finger is inside an object; negative: the gap, at most 20 mm."""
-    if world.robot is None:
-        return -2 * TIP_RADIUS
-    found = [
-        distance for body in world.objects for _, _, distance in world.near(world.robot, body, 2 * TIP_RADIUS)
-    ]
-    return -min(found, default=2 * TIP_RADIUS)
 
 
 SHELL, DARK, RUBBER, COPPER = range(4)

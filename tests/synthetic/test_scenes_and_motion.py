@@ -9,11 +9,11 @@ import trimesh
 
 from synthetic.look.appearance import random_look
 from synthetic.world import meshes
-from synthetic.world.motion import CUBOID_MOTIONS, DICE_MOTIONS, sequence
+from synthetic.world.kinematics import TIP_RADIUS
+from synthetic.world.motion import CUBOID_MOTIONS, DICE_MOTIONS, film
 from synthetic.world.placement import MAX_CLEARANCE, goal_cells
 from synthetic.world.platform import ARENA_RADIUS
 from synthetic.world.scenes import random_scene
-from synthetic.world.simulation import penetration
 from tests.helpers.synthetic_needs import platform_of
 from tracker.errors import TrackerError
 from tracker.geometry import so3
@@ -35,10 +35,18 @@ def all_corners(platform, scene):
     return np.stack([corners(platform.size) @ s.rotation.T + s.position for s in scene.objects])
 
 
+def sequence(platform, rng, **options):
+    """Time stamps [s], from 0, and the scenes at exactly these times."""
+    return ((stamp, scene_at(stamp)) for stamp, scene_at in film(platform, rng, **options))
+
+
 def depth(platform, scene):
-    platform.world.set_objects(scene.objects)
-    platform.world.set_joints(scene.robot_position)
-    return penetration(platform.world)
+    """Greatest depth [m] to which a finger is inside an object; negative: the gap, at most 20 mm."""
+    world, farthest = platform.world, 2 * TIP_RADIUS
+    world.set_objects(scene.objects)
+    world.set_joints(scene.robot_position)
+    found = [gap for body in world.objects for _, _, gap in world.near(world.robot, body, farthest)]
+    return -min(found, default=farthest)
 
 
 def assert_equal(first, second):
