@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from tests.helpers.filmed import RIG, shots
+from tests.live.test_live import Given
 from tracker.calibration.by_object.health import QUANTITIES, of_picture
 from tracker.calibration.rig import CameraRig
-from tracker.live import ImageSet, SourceEnded
+from tracker.live import ImageSet
 from tracker.live.camera_check import CameraLooks, look_at
 from tracker.live.web_page import LIMITS
 from tracker.summaries.remarks import PictureLook
@@ -76,23 +77,11 @@ def test_a_camera_that_is_late_is_named(image):
     assert fault.startswith("its pictures are 50 ms older")
 
 
-class Sets:
-    """A source of sets, then of nothing more."""
-
-    def __init__(self, given):
-        self.given = list(given)
-
-    def next(self, timeout):
-        if not self.given:
-            raise SourceEnded("end")
-        return self.given.pop(0)
-
-
 def test_sets_are_looked_at_until_the_source_ends(image):
     rng = np.random.default_rng(5)
     rig = CameraRig(tuple(RIG)[:2])
     given = [ImageSet((noisy(image, rng), None), (1.0 + n, 1.0 + n), age=0.2) for n in range(4)]
-    looks = look_at(Sets(given), rig, 30.0)
+    looks = look_at(Given(*given), rig, 30.0)
     assert looks.sets == 4
     assert [camera.pictures for camera in looks.cameras] == [4, 0]
     assert looks.faults() == [
@@ -102,6 +91,5 @@ def test_sets_are_looked_at_until_the_source_ends(image):
 
 
 def test_a_source_that_gives_nothing_is_reported():
-    source = SimpleNamespace(next=time.sleep)
-    looks = look_at(source, RIG, 0.05)
+    looks = look_at(SimpleNamespace(next=time.sleep), RIG, 0.05)
     assert looks.faults() == ["no pictures came at all"]

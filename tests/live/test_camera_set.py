@@ -1,5 +1,6 @@
 """Cameras that are asked together, whatever becomes of one of them."""
 
+import contextlib
 import itertools
 import threading
 import time
@@ -60,11 +61,22 @@ def shots(cameras, count):
     return given
 
 
+def refusing(error):
+    def refuse():
+        raise error
+
+    return refuse
+
+
+def first(count, *cameras, **more):
+    """The first sets of cameras, which are closed then."""
+    with contextlib.closing(set_of(*cameras, **more)) as whole:
+        return shots(whole, count)
+
+
 def test_a_set_has_a_picture_of_each_camera():
     one, two = Scripted(then=IMAGE), Scripted(then=IMAGE + 1)
-    cameras = set_of(one, two)
-    given = shots(cameras, 3)
-    cameras.close()
+    given = first(3, one, two)
     for shot in given[1:]:
         assert [int(image[0, 0, 0]) for image in shot.images] == [9, 10]
         assert shot.faults == (None, None)
@@ -76,9 +88,7 @@ def test_a_set_has_a_picture_of_each_camera():
 
 def test_a_picture_that_fails_is_missing_in_its_set_only():
     bad = Scripted(IMAGE, GrabFailed("buffer torn"), IMAGE)
-    cameras = set_of(Scripted(), bad)
-    given = shots(cameras, 8)
-    cameras.close()
+    given = first(8, Scripted(), bad)
     missing = [shot for shot in given if shot.images[1] is None]
     assert [shot.faults for shot in missing] == [(None, "buffer torn")]
     assert all(shot.images[0] is not None for shot in given)
@@ -113,11 +123,7 @@ def test_a_camera_that_is_lost_is_opened_again(monkeypatch):
 
 def test_a_camera_that_cannot_be_used_as_it_is_set_ends_the_source_unless_it_once_could(monkeypatch):
     monkeypatch.setattr("tracker.live.sources.cameras.LOOK_AGAIN", 0.03)
-    unfit = CameraUnfit("does not take Gain = 99")
-
-    def refuse():
-        raise unfit
-
+    refuse = refusing(CameraUnfit("does not take Gain = 99"))
     cameras = CameraSet([Scripted().open, refuse], [SIZE] * 2)
     with pytest.raises(CameraUnfit, match="Gain"):
         shots(cameras, 10_000)
@@ -133,16 +139,10 @@ def test_a_camera_that_cannot_be_used_as_it_is_set_ends_the_source_unless_it_onc
     cameras.close()
 
 
-def refusing(words):
-    def refuse():
-        raise LiveError(words)
-
-    return refuse
-
-
 def test_cameras_of_which_none_is_there_are_an_error_that_names_them(monkeypatch):
     monkeypatch.setattr("tracker.live.sources.cameras.OPENING", 0.3)
-    cameras = CameraSet([refusing("camera 0: not there"), refusing("camera 1: not there")], [SIZE] * 2)
+    absent = [refusing(LiveError(f"camera {number}: not there")) for number in range(2)]
+    cameras = CameraSet(absent, [SIZE] * 2)
     with pytest.raises(LiveError, match=r"not one of 2 .*: camera 0: not there; camera 1: not there"):
         shots(cameras, 20)
     cameras.close()
@@ -156,7 +156,7 @@ def test_a_camera_that_takes_long_to_open_is_waited_for(monkeypatch):
         time.sleep(0.6)
         return slow
 
-    cameras = CameraSet([refusing("not there"), open_slowly], [SIZE] * 2)
+    cameras = CameraSet([refusing(LiveError("not there")), open_slowly], [SIZE] * 2)
     assert any(shot.images[1] is not None for shot in shots(cameras, 20))
     cameras.close()
 
@@ -195,8 +195,7 @@ def test_a_camera_that_hangs_does_not_hold_up_the_others():
         go_on.wait(20)
         return IMAGE
 
-    hanging = Scripted(IMAGE, hang)
-    cameras = set_of(Scripted(), hanging)
+    cameras = set_of(Scripted(), Scripted(IMAGE, hang))
     given = shots(cameras, 6)
     assert all(shot.images[0] is not None for shot in given)
     assert given[-1].images[1] is None
@@ -208,10 +207,7 @@ def test_a_camera_that_hangs_does_not_hold_up_the_others():
 
 
 def test_sets_go_on_when_all_cameras_are_gone():
-    gone = [Scripted(*[GrabFailed("dark")] * 1000) for _ in range(2)]
-    cameras = set_of(*gone)
-    given = shots(cameras, 4)
-    cameras.close()
+    given = first(4, *(Scripted(*[GrabFailed("dark")] * 1000) for _ in range(2)))
     for shot in given:
         assert shot.images == (None, None)
         assert set(shot.faults) <= {"dark", "no picture in time"}
@@ -220,18 +216,14 @@ def test_sets_go_on_when_all_cameras_are_gone():
 
 def test_raw_pixels_are_kept_and_developed():
     raw = np.random.default_rng(2).integers(0, 256, (8, 12), np.uint8)
-    cameras = set_of(Scripted(then=raw), sizes=[(12, 8)])
-    shot = shots(cameras, 2)[-1]
-    cameras.close()
+    shot = first(2, Scripted(then=raw), sizes=[(12, 8)])[-1]
     assert np.array_equal(shot.raw[0], raw)
     assert np.array_equal(shot.images[0], from_bayer(raw))
 
 
 def test_pictures_of_twice_the_size_are_halved():
     image = np.random.default_rng(3).integers(0, 256, (8, 12, 3), np.uint8)
-    cameras = set_of(Scripted(then=image))
-    shot = shots(cameras, 2)[-1]
-    cameras.close()
+    shot = first(2, Scripted(then=image))[-1]
     expected = image.reshape(4, 2, 6, 2, 3).mean(axis=(1, 3))
     assert np.abs(shot.images[0] - expected).max() <= 0.5
     assert shot.raw is None
@@ -280,8 +272,7 @@ def test_films_are_read_by_opencv_picture_by_picture(tmp_path):
 
     for name, level in (("a", 60), ("b", 160)):
         film = cv2.VideoWriter(str(tmp_path / f"{name}.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 10, (64, 48))
-        if not film.isOpened():
-            pytest.fail("OpenCV writes no film")
+        assert film.isOpened()
         for number in range(5):
             film.write(np.full((48, 64, 3), level + 10 * number, np.uint8))
         film.release()

@@ -20,13 +20,7 @@ from tests.helpers.moments import estimate, moment
 from tests.helpers.needs import lack
 from tracker.errors import LiveError
 from tracker.live import publishers as lcm_publisher
-from tracker.live.publishers import (
-    DEFAULT,
-    FINGERPRINT,
-    LcmPublisher,
-    body_of,
-    lcm_message_of,
-)
+from tracker.live.publishers import DEFAULT, FINGERPRINT, LcmPublisher, body_of, lcm_message_of
 
 needs_lcm = pytest.mark.skipif(importlib.util.find_spec("lcm") is None, reason="lcm: no module lcm")
 
@@ -76,15 +70,11 @@ def decoded(content):
         assert text.endswith(b"\0")
         return text[:-1].decode()
 
-    readers = {
-        "int64_t": lambda: read("q"),
-        "int32_t": lambda: read("i"),
-        "double": lambda: read("d"),
-        "string": read_text,
-    }
+    forms = {"int64_t": "q", "int32_t": "i", "double": "d"}
     for kind, name, dimension in FIELDS:
-        read_one = readers[kind]
-        found[name] = [read_one() for _ in range(found[dimension])] if dimension else read_one()
+        count = found[dimension] if dimension else 1
+        values = [read_text() if kind == "string" else read(forms[kind]) for _ in range(count)]
+        found[name] = values if dimension else values[0]
     assert place == len(content)
     return found
 
@@ -235,12 +225,11 @@ def test_the_channel_is_called_after_the_body(tmp_path):
 
 @needs_lcm
 def test_a_network_that_is_gone_ends_nothing(tmp_path):
-    class Gone:
-        def publish(self, channel, message):
-            raise OSError("Network is unreachable")
+    def publish(*_):
+        raise OSError("Network is unreachable")
 
     publisher = LcmPublisher(f"file://{tmp_path / 'poses.lcm'}", CUBE)
-    publisher._lcm = Gone()
+    publisher._lcm = SimpleNamespace(publish=publish)
     for number in range(3):
         publisher(moment(number, pose=estimate()))
     assert publisher.fault.endswith("3 messages were not sent; last: Network is unreachable")

@@ -84,9 +84,7 @@ def drain(live):
 
 
 def received(*given, **options):
-    moments = []
-    mean = MeanTracker()
-    source = Given(*given, **options)
+    moments, mean, source = [], MeanTracker(), Given(*given, **options)
     with Live(source, mean, listeners=[moments.append]) as live:
         drain(live)
     assert source.closed == 1
@@ -173,17 +171,15 @@ def test_each_moment_tells_in_how_many_sets_a_camera_failed_until_then():
     whole, gone = (image,) * 3, (image, None, image)
     sets = [ImageSet(images, (float(n),) * 3) for n, images in enumerate([whole, gone, whole, gone, whole])]
     _, _, moments = received(*sets)
-    assert [dict(one.fault_counts) for one in moments] == [
-        {"camera0": 0, "camera1": n, "camera2": 0} for n in (0, 1, 1, 2, 2)
-    ]
+    counts = [dict(one.fault_counts) for one in moments]
+    assert counts == [{"camera0": 0, "camera1": n, "camera2": 0} for n in (0, 1, 1, 2, 2)]
 
 
 def test_a_picture_that_cannot_be_used_is_reported_with_its_camera():
     images = (np.zeros(SHAPE, np.uint8), None, np.zeros(SHAPE, np.uint8))
     uses = (CameraUse.FROZEN, CameraUse.NO_IMAGE, CameraUse.CONTRADICTING)
-    faults = camera_faults(
-        ("a", "b", "c"), ImageSet(images, (1.0,) * 3, (None, "the buffer failed", None)), uses
-    )
+    taken = ImageSet(images, (1.0,) * 3, (None, "the buffer failed", None))
+    faults = camera_faults(("a", "b", "c"), taken, uses)
     assert faults == {"a": "frozen", "b": "the buffer failed"}
 
 
@@ -204,9 +200,8 @@ def test_a_camera_whose_stamp_jumps_is_left_out_of_that_set(off, cameras):
     assert [one.timestamp for one in moments] == [1.0, 1.1, 1.2]
     assert "camera1: its stamp is" in live.faults[0]
     assert moments[1].taken.faults[1] is not None
-    assert moments[1].faults == {"camera1": f"its stamp is {off:+.3f} s from the others'"} | (
-        {} if cameras == 3 else {"camera2": "no_image"}
-    )
+    absent = {} if cameras == 3 else {"camera2": "no_image"}
+    assert moments[1].faults == {"camera1": f"its stamp is {off:+.3f} s from the others'", **absent}
 
 
 def test_an_image_that_cannot_be_used_is_left_out_with_its_raw_pixels_and_no_other():
@@ -278,8 +273,7 @@ def test_a_source_can_be_named(tmp_path):
 
 
 def test_closing_ends_a_thread_that_waits_for_images():
-    pushed = Pushed()
-    live = Live(pushed, MeanTracker())
+    live = Live(Pushed(), MeanTracker())
     start = time.monotonic()
     live.close()
     live.close()
@@ -327,10 +321,8 @@ def test_live_poses_are_those_of_the_tracker():
     assert len(moments) == 4
     for moment, other in zip(moments, expected, strict=True):
         assert moment.status == other.status
-        for mine, its in (
-            (moment.object_pose, other.object_pose),
-            (moment.filtered_object_pose, other.filtered_object_pose),
-        ):
+        for name in ("object_pose", "filtered_object_pose"):
+            mine, its = (getattr(one, name) for one in (moment, other))
             assert (mine is None) == (its is None)
             if mine is not None:
                 assert np.array_equal(mine.position, its.position)

@@ -34,7 +34,7 @@ def page():
     one.close()
 
 
-def connection(page: WebPage) -> http.client.HTTPConnection:
+def connection(page):
     return http.client.HTTPConnection("127.0.0.1", page.port, timeout=60)
 
 
@@ -57,16 +57,11 @@ def next_message(page: WebPage, one) -> dict:
 
 def test_the_page_shows_pose_and_cameras_as_they_are(page):
     film = shots("cube_v2", 1, seed=701)[0]
-    observation = FOLLOWER.detect(film.images)
+    assert FOLLOWER.detect(film.images).object_pose is not None
     images = (film.images[0], None, film.images[2])
     one = moment(7, images, pose=estimate(0.05))
-    uses = (CameraUse.USED, CameraUse.NO_IMAGE, CameraUse.USED)
-    one = replace(
-        one,
-        observation=replace(one.observation, cameras=uses),
-        faults={"camera180": "its plug is out"},
-    )
-    assert observation.object_pose is not None
+    seen = replace(one.observation, cameras=(CameraUse.USED, CameraUse.NO_IMAGE, CameraUse.USED))
+    one = replace(one, observation=seen, faults={"camera180": "its plug is out"})
     page.faults = lambda: ["something"]
     message = next_message(page, one)
     assert message["sequence"] == 7
@@ -87,18 +82,14 @@ def test_the_page_shows_pose_and_cameras_as_they_are(page):
 def test_a_fault_that_has_passed_is_reported_for_some_seconds(monkeypatch):
     now = 100.0
     monkeypatch.setattr("tracker.live.web_page.time.monotonic", lambda: now)
-    state, last = WebPageState(FOLLOWER), []
+    state, last, failed = WebPageState(FOLLOWER), [], "the buffer failed"
     for number, seconds in enumerate((0.0, 4.0, 7.0)):
         now += seconds
-        one = replace(moment(number, IMAGES), faults={} if number else {"camera60": "the buffer failed"})
+        one = replace(moment(number, IMAGES), faults={} if number else {"camera60": failed})
         state.see(one)
         first = state.message(one, ())["cameras"][0]
         last.append((first["fault"], first["last_fault"], first["last_fault_age"]))
-    assert last == [
-        ("the buffer failed", "the buffer failed", 0.0),
-        (None, "the buffer failed", 4.0),
-        (None, None, None),
-    ]
+    assert last == [(failed, failed, 0.0), (None, failed, 4.0), (None, None, None)]
 
 
 def test_the_picture_has_every_camera(page):
@@ -107,8 +98,7 @@ def test_the_picture_has_every_camera(page):
     assert status == 200
     image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR)
     for c in range(3):
-        middle = image[300, 540 * c + 276]
-        assert middle == pytest.approx([60 + c] * 3, abs=2)
+        assert image[300, 540 * c + 276] == pytest.approx([60 + c] * 3, abs=2)
 
 
 def test_only_this_machine_can_connect(page):

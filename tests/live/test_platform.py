@@ -1,7 +1,6 @@
 """The platform's names, over what `Live` gives."""
 
 import time
-from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -10,11 +9,13 @@ import pytest
 import tracker
 from tests.helpers.filmed import RIG, shots
 from tests.helpers.log_writers import make_content, write_native
-from tests.live.test_without_cameras import Frames
+from tests.helpers.moments import estimate
+from tests.live.test_without_cameras import Frames, frame
 from tracker.errors import LiveError
 from tracker.live import ImageSet, Pushed, Replay
 from tracker.live.platform import Frontend, LogReader, convert_image
 from tracker.logs.pictures import from_bayer
+from tracker.pose.result import Observation, Status
 
 
 @pytest.fixture(scope="module")
@@ -33,9 +34,6 @@ class Cube:
     def reset(self): ...
 
     def update(self, images, stamps):
-        from tests.helpers.moments import estimate
-        from tracker.pose.result import Observation, Status
-
         self.count += 1
         pose = None if all(image is None for image in images) else estimate(0.01 * self.count)
         return Observation(pose, pose, Status.LOST if pose is None else Status.TRACKING)
@@ -83,16 +81,7 @@ def test_a_control_loop_finds_the_cube_by_the_platforms_names(film):
 
 
 def test_the_same_loop_runs_against_a_recording(film):
-    frames = [
-        SimpleNamespace(
-            index=n,
-            timestamp=0.05 * n,
-            camera_timestamps=np.full(3, 0.05 * n),
-            images=tuple(film),
-            raw=None,
-        )
-        for n in range(10)
-    ]
+    frames = [frame(n, 0.05 * n, np.full(3, 0.05 * n), film) for n in range(10)]
     with Frontend(Replay(Frames(frames)), Cube()) as robot:
         seen = loop(robot, 5)
         robot.wait_until_timeindex(2)
@@ -145,12 +134,12 @@ class Once:
         self.shots = [shot]
 
     def next(self, timeout):
-        if isinstance(self.shots[0] if self.shots else None, BaseException):
-            raise self.shots.pop()
-        if self.shots:
-            return self.shots.pop()
-        time.sleep(timeout)
-        return None
+        if not self.shots:
+            return time.sleep(timeout)
+        shot = self.shots.pop()
+        if isinstance(shot, BaseException):
+            raise shot
+        return shot
 
     def close(self): ...
 
@@ -184,11 +173,11 @@ def test_the_log_reader_has_data_and_timestamps(tmp_path):
     with tracker.open_log(path) as log:
         frames = list(log)
     assert len(reader.data) == len(reader.timestamps) == 4
-    for observation, stamp, frame in zip(reader.data, reader.timestamps, frames, strict=True):
-        assert stamp == pytest.approx(1e3 * frame.timestamp)
-        assert np.array_equal(observation.cameras[0].image, (frame.raw or frame.images)[0])
-        assert observation.cameras[2].timestamp == frame.camera_timestamps[2]
-        expected = frame.recorded_pose
+    for observation, stamp, kept in zip(reader.data, reader.timestamps, frames, strict=True):
+        assert stamp == pytest.approx(1e3 * kept.timestamp)
+        assert np.array_equal(observation.cameras[0].image, (kept.raw or kept.images)[0])
+        assert observation.cameras[2].timestamp == kept.camera_timestamps[2]
+        expected = kept.recorded_pose
         assert observation.object_pose.confidence == (0 if expected is None else expected.confidence)
     reader.read_file(path)
     assert len(reader.data) == 4

@@ -1,5 +1,6 @@
 """Recording while tracking."""
 
+import itertools
 import subprocess
 import sys
 import threading
@@ -21,14 +22,9 @@ from tracker.logs.pictures import to_bayer
 COUNT = len(RIG)
 
 
-def raw_images(seed, size=540):
+def images(seed, shape=(270, 270, 3)):
     rng = np.random.default_rng(seed)
-    return tuple(rng.integers(0, 256, (size, size), np.uint8) for _ in range(COUNT))
-
-
-def images(seed):
-    rng = np.random.default_rng(seed)
-    return tuple(rng.integers(0, 256, (270, 270, 3), np.uint8) for _ in range(COUNT))
+    return tuple(rng.integers(0, 256, shape, np.uint8) for _ in range(COUNT))
 
 
 def record(path, moments):
@@ -40,7 +36,7 @@ def record(path, moments):
 
 
 def test_raw_pixels_are_read_back_to_the_bit_with_the_calibration_of_their_size(tmp_path):
-    raws = [raw_images(n) for n in range(3)]
+    raws = [images(n, (540, 540)) for n in range(3)]
     recorder = record(tmp_path / "log.h5", [moment(n, images(n), raw) for n, raw in enumerate(raws)])
     assert (recorder.recorded, recorder.left_out, recorder.fault) == (3, 0, None)
     with tracker.open_log(tmp_path / "log.h5") as log:
@@ -145,17 +141,12 @@ for number in itertools.count():
 def test_of_a_process_that_is_killed_no_more_than_a_second_is_lost(tmp_path):
     command = [sys.executable, "-c", RECORD, str(tmp_path / "log.h5")]
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as process:
-        given = []  # when each set was handed over
-        for line in process.stdout:
-            given.append(time.monotonic())
-            if int(line) >= 30:
-                break
+        given = [time.monotonic() for _ in itertools.islice(process.stdout, 31)]  # when each was handed over
         process.kill()
     with tracker.open_log(tmp_path / "log.h5") as log:
         frames = list(log)
         assert "ended before it had finished" in log.fault
     # A second between flushes, and as much for a machine that is busy.
     assert given[-1] - given[len(frames) - 1] < 2.0
-    assert [frame.timestamp for frame in frames] == pytest.approx(
-        [1000 + 0.1 * n for n in range(len(frames))]
-    )
+    stamps = np.array([frame.timestamp for frame in frames])
+    assert stamps == pytest.approx(1000 + 0.1 * np.arange(len(frames)))

@@ -59,19 +59,15 @@ def test_settings_that_are_none_are_refused(text, words, tmp_path):
 
 
 LOCAL = "expected tcp://127.0.0.1:PORT"
+ELSEWHERE = ("0.0.0.0", "*", "192.168.1.2", "127.evil.org")
+NONE = ("127.0.0.1:5555", "udp://x", "tcp://127.0.0.1", "tcp://127.0.0.1:65536")
 
 
 @pytest.mark.parametrize(
     ("address", "words"),
     [
-        *(
-            (f"tcp://{host}:5555", "other machines could connect")
-            for host in ("0.0.0.0", "*", "192.168.1.2", "127.evil.org")
-        ),
-        *(
-            (address, f"found {address}, {LOCAL}")
-            for address in ("127.0.0.1:5555", "udp://x", "tcp://127.0.0.1", "tcp://127.0.0.1:65536")
-        ),
+        *((f"tcp://{host}:5555", "other machines could connect") for host in ELSEWHERE),
+        *((address, f"found {address}, {LOCAL}") for address in NONE),
         ("tcp://", LOCAL),
         ("ipc://", LOCAL),
     ],

@@ -18,9 +18,9 @@ from tracker.logs.log import Log
 IMAGE = np.zeros((2, 2, 3), np.uint8)
 
 
-def frame(index, stamp, camera_stamps=None):
-    stamps = np.array(camera_stamps or [stamp, stamp], float)
-    images = tuple(None if np.isnan(one) else IMAGE for one in stamps)
+def frame(index, stamp, camera_stamps=None, images=None):
+    stamps = np.array([stamp, stamp] if camera_stamps is None else camera_stamps, float)
+    images = images or tuple(None if np.isnan(one) else IMAGE for one in stamps)
     return SimpleNamespace(index=index, timestamp=stamp, camera_timestamps=stamps, images=images, raw=None)
 
 
@@ -46,8 +46,7 @@ class Frames(Log):
 class Clock:
     """Time that passes only during sleep."""
 
-    def __init__(self):
-        self.now = 5000.0
+    now = 5000.0
 
     def time(self):
         return self.now
@@ -111,10 +110,8 @@ def test_a_timeout_ends_before_a_frame_that_is_not_due(clock):
 
 
 def test_stamps_of_cameras_move_alike_and_a_missing_image_has_the_frames(clock):
-    given = all_of(
-        Replay(Frames([frame(0, 10.0, [9.99, 10.0]), frame(1, 10.1, [float("nan"), 10.09])])), clock
-    )
-    first, second = given[0][0], given[1][0]
+    frames = [frame(0, 10.0, [9.99, 10.0]), frame(1, 10.1, [float("nan"), 10.09])]
+    (first, _), (second, _) = all_of(Replay(Frames(frames)), clock)
     assert first.stamps[1] - first.stamps[0] == pytest.approx(0.01)
     assert second.images[0] is None
     assert second.faults[0] == "no image in the recording"

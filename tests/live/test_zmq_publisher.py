@@ -1,5 +1,6 @@
 """Poses for other processes."""
 
+import contextlib
 import json
 import socket
 import subprocess
@@ -54,9 +55,8 @@ def test_without_an_object_there_is_no_pose_but_a_status():
 
 @pytest.fixture
 def publisher():
-    one = ZmqPublisher("tcp://127.0.0.1:*")
-    yield one
-    one.close()
+    with contextlib.closing(ZmqPublisher("tcp://127.0.0.1:*")) as one:
+        yield one
 
 
 def subscriber(address):
@@ -119,9 +119,8 @@ def test_one_that_never_reads_holds_up_nobody(publisher):
 
 
 def test_a_public_address_is_bound_where_that_is_meant():
-    one = ZmqPublisher("tcp://0.0.0.0:*", public=True)
-    assert one.address.startswith("tcp://0.0.0.0:")
-    one.close()
+    with contextlib.closing(ZmqPublisher("tcp://0.0.0.0:*", public=True)) as one:
+        assert one.address.startswith("tcp://0.0.0.0:")
 
 
 def test_an_address_in_use_is_named(publisher):
@@ -160,6 +159,5 @@ def test_an_address_of_ipv6_is_bound_where_the_machine_has_it():
         with pytest.raises(LiveError, match=r"publish tcp://\[::1\]"):
             ZmqPublisher("tcp://[::1]:*")
         return
-    one = ZmqPublisher("tcp://[::1]:*")
-    assert one.address.startswith("tcp://[::1]:")
-    one.close()
+    with contextlib.closing(ZmqPublisher("tcp://[::1]:*")) as one:
+        assert one.address.startswith("tcp://[::1]:")
