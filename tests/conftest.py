@@ -21,9 +21,7 @@ from tests.helpers.needs import (  # noqa: F401
     pytest_runtest_makereport,
 )
 from tests.helpers.synthetic_needs import skip_without_platform
-from tracker import cli
-from tracker.calibration.rig import CameraRig
-from tracker.geometry.camera import Camera
+from tracker import Camera, CameraRig, cli
 
 # What nohup ignores stays ignored, in the commands that tests begin, too.
 if hasattr(signal, "SIGHUP"):

@@ -6,14 +6,12 @@ import cv2
 import numpy as np
 import pytest
 
-from synthetic.camera.rigs import default_cameras
 from tests.helpers.command import assert_one_line_error, run, well
+from tests.helpers.dice_scenes import EDGE, RIG, painted
 from tracker.calibration.rig import CameraRig
-from tracker.geometry import cuboid, so3
 from tracker.tasks import rearrange_dice
 
 NAMES = ("camera60", "camera180", "camera300")
-RIG = CameraRig(default_cameras(270))
 GOAL = rearrange_dice.sample_goal(0)
 MISPLACED = 3
 """So many dice of the scene are not where the goal wants them."""
@@ -26,30 +24,15 @@ def dice_poses() -> list[tuple[np.ndarray, float]]:
     return [*((place, 0.0) for place in GOAL[MISPLACED:]), *((place, 0.5) for place in elsewhere)]
 
 
-def paint_dice(camera, rng: np.random.Generator) -> np.ndarray:
-    """A view of the dice on a grey floor, far ones first; blurred and noisy."""
-    image = np.full((camera.height, camera.width, 3), 95.0)
-    corners = cuboid.corners(np.full(3, 0.022))
-    shades = {4: (165, 75, 35), 0: (125, 50, 22), 1: (110, 45, 20), 2: (140, 60, 28), 3: (100, 40, 18)}
-    for position, yaw in sorted(dice_poses(), key=lambda die: -np.linalg.norm(die[0] - camera.position)):
-        rotation = so3.exp([0, 0, yaw])
-        pixels = camera.project(position + corners @ rotation.T)
-        eye = rotation.T @ (camera.position - position)
-        for face in np.flatnonzero(cuboid.visible_faces(np.full(3, 0.022), eye)):
-            outline = np.rint(16 * pixels[cuboid.FACE_CORNERS[face]]).astype(np.int32)
-            cv2.fillConvexPoly(image, outline, shades[int(face)], cv2.LINE_8, 4)
-    image = cv2.GaussianBlur(image, (0, 0), 0.6) + rng.normal(0, 2, image.shape)
-    return np.clip(np.rint(image), 0, 255).astype(np.uint8)
-
-
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with an image and a calibration of each camera, goal.json and goal.txt."""
     folder = tmp_path_factory.mktemp("dice")
     RIG.save(folder)
     rng = np.random.default_rng(5)
+    dice = np.array([[*place[:2], place[2] - EDGE / 2, yaw] for place, yaw in dice_poses()])
     for camera in RIG:
-        cv2.imwrite(str(folder / f"{camera.name}.png"), paint_dice(camera, rng))
+        cv2.imwrite(str(folder / f"{camera.name}.png"), painted(camera, dice, rng)[0])
     rearrange_dice.write_goal(folder / "goal.json", GOAL)
     rearrange_dice.write_goal(folder / "goal.txt", GOAL)
     return folder

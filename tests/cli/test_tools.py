@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 import tracker
+from tests.helpers import make_rig
 from tests.helpers.command import assert_one_line_error
 from tests.helpers.log_writers import make_content, write_hdf5, write_native
-from tests.helpers.pose_logs import make_rig, random_poses
+from tests.helpers.pose_logs import random_poses
 from tests.helpers.recording_stubs import make_job, tiny_rig, write_log
 from tracker.errors import LogError
 from tracker.objects.model import load_object
@@ -18,7 +19,7 @@ from tracker.poses.file import write_poses
 from tracker.poses.poses import CSV_HEADER
 from tracker.recordings import run
 from tracker.tasks import move_object, rearrange_dice
-from tracker.tasks.job_goal import JobGoal, read_job_goal
+from tracker.tasks.job_goal import read_job_goal
 from tracker.tasks.move_object import keypoints
 
 FRAMES = 8
@@ -133,11 +134,10 @@ def test_an_xarray_holds_whole_arrays_along_the_frames(poses):
 
 @pytest.mark.parametrize("kind", ["native", "hdf5"])
 def test_a_log_becomes_hdf5_with_all_its_bits(kind, tmp_path, run_here):
-    content = make_content(FRAMES)
     if kind == "native":
         log = write_log(tmp_path / "log", FRAMES)
     else:
-        log = write_hdf5(tmp_path / "log.h5", content, poses=True, wide_confidence=True)
+        log = write_hdf5(tmp_path / "log.h5", make_content(FRAMES), poses=True, wide_confidence=True)
     run_here("convert", log, "-o", tmp_path / "new.h5").check_returncode()
     with tracker.open_log(log) as one, tracker.open_log(tmp_path / "new.h5") as two:
         assert two.format == "HDF5 camera log, version 2.1, with poses"
@@ -231,10 +231,9 @@ def test_the_score_is_the_sum_of_the_rewards(poses, tmp_path, run_here):
     goal = {"difficulty": 4, "goal": {"position": [0.1, 0, 0.05], "orientation": [0, 0, 0, 1]}}
     (tmp_path / "goal.json").write_text(json.dumps(goal))
     found = json.loads(run_here("score", tmp_path, "--poses", tmp_path / "poses.h5", "--json").stdout)
-    seen = poses.filtered.has_pose
-    expected = move_object.reward(
-        4, [0.1, 0, 0.05], poses.filtered.position[seen], [0, 0, 0, 1], poses.filtered.orientation[seen]
-    )
+    own, seen = poses.filtered, poses.filtered.has_pose
+    wanted = ([0.1, 0, 0.05], own.position[seen], [0, 0, 0, 1], own.orientation[seen])
+    expected = move_object.reward(4, *wanted)
     assert [value for value in found["rewards"] if value is not None] == pytest.approx(expected.tolist())
     assert found["scored_frames"] == seen.sum()
     assert found["reward_mean"] * 1000 * 2.0 == pytest.approx(found["reward_total"], rel=1e-5)
@@ -247,13 +246,11 @@ def test_dice_are_scored_over_a_whole_recording(tmp_path, run_here):
     found = json.loads(run_here("score", tmp_path / "job", "--json").stdout)
     masks = rearrange_dice.goal_masks(tiny_rig(), np.tile([0.0, 0.0, 0.011], (25, 1)))
     with tracker.open_log(log) as opened:
-        expected = [
-            -rearrange_dice.error(masks, [rearrange_dice.segment_dice(image) for image in frame.images])
-            for frame in opened
-        ]
+        dice = [[rearrange_dice.segment_dice(image) for image in frame.images] for frame in opened]
+    errors = [rearrange_dice.error(masks, seen) for seen in dice]
     assert found["task"] == "rearrange_dice"
-    assert found["rewards"] == expected
-    assert found["error_end"] == -expected[-1]
+    assert found["rewards"] == [-error for error in errors]
+    assert found["error_end"] == errors[-1]
 
 
 @pytest.mark.parametrize(
@@ -266,40 +263,23 @@ def test_dice_are_scored_over_a_whole_recording(tmp_path, run_here):
     ],
 )
 def test_goals_of_every_task_are_read(content, task, tmp_path):
-    path = tmp_path / "goal.json"
-    path.write_text(json.dumps(content))
-    goal = read_job_goal(path)
-    assert isinstance(goal, JobGoal)
-    assert goal.task == task
+    (tmp_path / "goal.json").write_text(json.dumps(content))
+    assert read_job_goal(tmp_path / "goal.json").task == task
 
 
 @pytest.mark.parametrize(
     "content",
     [
-        *[
-            "",
-            "3",
-            "{}",
-            "[]",
-            "[[1]]",
-            '[["a", [0, 0, 0]]]',
-            "[[5, [0, 0, 0]]]",
-            "[[0, 5]]",
-            "[[[0, 1], [0, 0, 0]]]",
-            "[[0, null]]",
-            "[[0.1, 0, 0]]",
-            f"[[0, [1{'0' * 400}, 0.5, 0]]]",
-            '{"difficulty": [1], "goal": {"position": [0, 0, 0]}}',
-            "[[0, [NaN, 0, 0]]]",
-            "[" * 100_000,
-        ],
+        *["", "3", "{}", "[]", "[[1]]", '[["a", [0, 0, 0]]]', "[[5, [0, 0, 0]]]", "[[0, 5]]", "[[0, null]]"],
+        *["[[[0, 1], [0, 0, 0]]]", "[[0.1, 0, 0]]", "[[0, [NaN, 0, 0]]]", "[" * 100_000],
+        f"[[0, [1{'0' * 400}, 0.5, 0]]]",
+        '{"difficulty": [1], "goal": {"position": [0, 0, 0]}}',
         '{"goal": {"position": 3}}',
         '{"difficulty": 4, "goal": {"position": [0, 0, 0]}}',
         '{"difficulty": 7, "goal": {"position": [0, 0, 0]}}',
     ],
 )
 def test_what_is_no_goal_is_refused(content, tmp_path):
-    path = tmp_path / "goal.json"
-    path.write_text(content)
+    (tmp_path / "goal.json").write_text(content)
     with pytest.raises(tracker.TrackerError, match=r"goal\.json: "):
-        read_job_goal(path)
+        read_job_goal(tmp_path / "goal.json")

@@ -10,10 +10,9 @@ from typing import Any
 import cv2
 import numpy as np
 
+from tracker import Camera, CameraRig, ObjectTracker
 from tracker.conventions import Array, FloatArray, Image
 from tracker.geometry import so3
-from tracker.geometry.camera import Camera
-from tracker.pipeline import ObjectTracker
 from tracker.pose.views import Sight
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -94,6 +93,12 @@ def make_camera(azimuth_degrees: float = 60.0, name: str | None = None) -> Camer
         camera_from_world=look_at(position),
         camera_from_world_std=std,
     )
+
+
+def make_rig(*size: int) -> CameraRig:
+    """Three such cameras around the arena, of another width and height if given."""
+    cameras = (make_camera(azimuth) for azimuth in (60, 180, 300))
+    return CameraRig(tuple(camera.resized(*size) if size else camera for camera in cameras))
 
 
 def image_grid(camera: Camera, count: int = 15) -> FloatArray:

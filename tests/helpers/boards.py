@@ -89,14 +89,8 @@ def photo(
     page, printed = _print(board)
     width, height = board.size
     at = (on_plane * (1000, -1000) + (500 * width, 500 * height) + page.origin) * (_DOTS / 25.4) - 0.5
-    fine = cv2.remap(
-        printed,
-        at.astype(np.float32),
-        None,
-        cv2.INTER_NEAREST,
-        borderMode=cv2.BORDER_CONSTANT,
-        borderValue=110,
-    )
+    grey = {"borderMode": cv2.BORDER_CONSTANT, "borderValue": 110}
+    fine = cv2.remap(printed, at.astype(np.float32), None, cv2.INTER_NEAREST, **grey)
     fine = np.where(rays[..., 2] * start[2] < 0, fine, 110)
     image = fine.reshape(lens.height, OFTEN, lens.width, OFTEN).mean(axis=(1, 3)) * 0.75 + 20
     image = cv2.GaussianBlur(image, (0, 0), blur) + rng.normal(0, noise, image.shape)

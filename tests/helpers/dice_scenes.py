@@ -7,10 +7,9 @@ import numpy as np
 
 from synthetic.camera.rigs import default_cameras
 from tests.helpers import opencv_pixels
-from tracker.calibration.rig import CameraRig
+from tracker import Camera, CameraRig
 from tracker.conventions import FloatArray, Image
 from tracker.geometry import cuboid, so3
-from tracker.geometry.camera import Camera
 
 EDGE = 0.022
 RIG = CameraRig(default_cameras(270))
@@ -30,9 +29,7 @@ _PIPS = {
 
 def dice_at(places: Sequence[tuple[float, ...]], turn: float = 0.0) -> FloatArray:
     """Dice (N, 4) as x, y, height of the foot [m], yaw [rad], from (x, y) or (x, y, foot); yaws k · turn."""
-    return np.array(
-        [[*place[:2], place[2] if len(place) > 2 else 0.0, k * turn] for k, place in enumerate(places)]
-    )
+    return np.array([[*place[:2], *(place[2:] or (0.0,)), k * turn] for k, place in enumerate(places)])
 
 
 def painted(camera: Camera, dice: FloatArray, rng: np.random.Generator | None = None) -> tuple[Image, Image]:
@@ -70,9 +67,8 @@ def _paint(camera: Camera, die: FloatArray, image: FloatArray, mask: Image) -> N
             angles = np.linspace(0, 2 * np.pi, 16, endpoint=False)
             round_ = np.outer(np.cos(angles), across / EDGE) + np.outer(np.sin(angles), along / EDGE)
             pip = middle + 0.2 * (u * across + v * along) + 0.0017 * round_
-            cv2.fillPoly(
-                image, [_pixels(camera, center + pip @ rotation.T)], (_PIP * _SHADES[int(face)]).tolist()
-            )
+            outline = _pixels(camera, center + pip @ rotation.T)
+            cv2.fillPoly(image, [outline], (_PIP * _SHADES[int(face)]).tolist())
 
 
 def _pixels(camera: Camera, points: FloatArray) -> np.ndarray:

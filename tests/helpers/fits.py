@@ -28,9 +28,8 @@ def with_cameras(fit, which=slice(None), **fields):
             one["faces"][face][0] = (one["missing"] + k) // 3
         # One face is in another's colour.
         one["faces"][VISIBLE[0]][LABELS[VISIBLE[1]]] += one["wrong"]
-    return dataclasses.replace(
-        fit, cameras=cameras, evidence=evidence_of(cameras, np.asarray(LABELS), fit.stands)
-    )
+    evidence = evidence_of(cameras, np.asarray(LABELS), fit.stands)
+    return dataclasses.replace(fit, cameras=cameras, evidence=evidence)
 
 
 def deviation(fit, other):
@@ -46,11 +45,6 @@ def made_fit(position=HOME, rotation=None, *, sure=True, cameras=3, covariance=C
         "squares": 0.36 if sure else 3.0, "blur": 0.5, "predicted": 410, "agree": 400 if sure else 240,
         "missing": 10 if sure else 150, "wrong": 0 if sure else 30, "extra": 4 if sure else 60,
     }  # fmt: skip
-    fit = Fit(
-        np.array(position, dtype=np.float64),
-        np.eye(3) if rotation is None else rotation,
-        covariance,
-        np.zeros(3, SEEN),
-        True,
-    )
+    rotation = np.eye(3) if rotation is None else rotation
+    fit = Fit(np.array(position, dtype=np.float64), rotation, covariance, np.zeros(3, SEEN), True)
     return with_cameras(fit, slice(cameras), **fields)

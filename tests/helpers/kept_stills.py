@@ -20,9 +20,8 @@ from synthetic.camera.sensor import Sensor
 from synthetic.scene import PlatformScene
 from tests.helpers import stills
 from tests.helpers.stills import Still
+from tracker import Camera, CuboidModel, load_object
 from tracker.files import write_whole
-from tracker.geometry.camera import Camera
-from tracker.objects.model import CuboidModel, load_object
 
 __all__ = ["bare", "take"]
 

@@ -160,9 +160,8 @@ def write_store(
         put(".zgroup", b'{"zarr_format": 2}')
         array("images", total, "|O", [{"id": coding}])
         attributes = {"n_cameras": content.raw.shape[1], "n_channels": 3, "compression": "image"}
-        attributes.update(
-            image_codec=codec[1:], image_shape=list(content.raw.shape[2:]), reorder_pixels=reorder
-        )
+        attributes |= {"image_codec": codec[1:], "image_shape": content.raw.shape[2:]}
+        attributes["reorder_pixels"] = reorder
         put("images/.zattrs", json.dumps(attributes).encode())
         for start in range(0, total, chunk):
             items = [pictures[(start + k) % len(pictures)] for k in range(min(chunk, total - start))]
@@ -177,14 +176,8 @@ def write_store(
                     put(f"{name}/{start // chunk}", block.tobytes())
         if observations is not None:
             tile = (7, 50)  # which fits neither rows nor columns
-            meta = {
-                "zarr_format": 2,
-                "shape": observations.shape,
-                "chunks": tile,
-                "dtype": "<f4",
-                "order": "F",
-            }
-            meta.update(filters=None, compressor=compressor, fill_value=0.0)
+            meta = {"zarr_format": 2, "shape": observations.shape, "chunks": tile, "dtype": "<f4"}
+            meta.update(order="F", filters=None, compressor=compressor, fill_value=0.0)
             put("observations/.zarray", json.dumps(meta).encode())
             for i, j in np.ndindex(-(-len(observations) // 7), -(-observations.shape[1] // 50)):
                 block = np.zeros(tile, "<f4")

@@ -8,14 +8,8 @@ from tracker.pose.result import MotionEstimate, Observation, Status
 
 
 def estimate(x: float = 0.1) -> MotionEstimate:
-    return MotionEstimate(
-        np.array([x, -0.02, 0.0325]),
-        np.array([0.0, 0.0, 0.6, 0.8]),
-        1e-6 * np.eye(6),
-        0.97,
-        velocity=np.arange(6.0),
-        velocity_covariance=np.eye(6),
-    )
+    pose = (np.array([x, -0.02, 0.0325]), np.array([0.0, 0.0, 0.6, 0.8]), 1e-6 * np.eye(6), 0.97)
+    return MotionEstimate(*pose, velocity=np.arange(6.0), velocity_covariance=np.eye(6))
 
 
 def moment(

@@ -9,10 +9,9 @@ from synthetic.camera.sensor import Sensor
 from tests.helpers.filmed import RIG
 from tests.helpers.kept_stills import take
 from tests.helpers.stills import Still, posed_scene
-from tracker.calibration.rig import CameraRig
+from tracker import CameraRig, load_object
 from tracker.conventions import FloatArray
 from tracker.geometry import so3
-from tracker.objects.model import load_object
 
 COUNT = 27
 
@@ -20,9 +19,7 @@ COUNT = 27
 @functools.cache
 def carried() -> tuple[Still, ...]:
     """Pictures of different poses in the air, drawn once."""
-    rng = np.random.default_rng(21)
-    model = load_object("cube_v2")
-    stills = []
+    rng, model, stills = np.random.default_rng(21), load_object("cube_v2"), []
     for _ in range(COUNT):
         angle, distance = rng.uniform(0, 2 * np.pi), 0.12 * np.sqrt(rng.random())
         place = np.array([distance * np.cos(angle), distance * np.sin(angle), rng.uniform(0.06, 0.12)])
@@ -58,7 +55,6 @@ PLACES = ((-0.08, 0.03), (0.02, 0.09), (0.07, -0.05), (-0.03, -0.08), (0.0, 0.01
 @functools.cache
 def rests() -> tuple[Still, ...]:
     """Pictures of each place, drawn once."""
-    rng = np.random.default_rng(15)
-    model = load_object("cube_v2")
+    rng, model = np.random.default_rng(15), load_object("cube_v2")
     poses = [(np.array([*place, 0.0325]), so3.exp([0, 0, k])) for k, place in enumerate(PLACES)]
     return tuple(take(posed_scene(model, pose, rng), RIG.cameras, Sensor.realistic(), rng) for pose in poses)

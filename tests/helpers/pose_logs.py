@@ -6,11 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from tests.helpers import make_camera
-from tracker.calibration.rig import CameraRig
+from tests.helpers import make_rig
+from tracker import CameraUse
 from tracker.conventions import FloatArray
 from tracker.geometry import so3
-from tracker.pose.result import CameraUse
 from tracker.poses.file import PosesBuilder
 from tracker.poses.poses import About, Poses
 
@@ -18,14 +17,9 @@ START = 1.6e9 + 0.125
 """Time of the first frame [s]."""
 
 
-def make_rig() -> CameraRig:
-    return CameraRig(tuple(make_camera(azimuth) for azimuth in (60, 180, 300)))
-
-
 def make_about(**changes: Any) -> About:
-    return About(
-        **{"object_name": "cube_v2", "source": "a.dat", "tracker_version": "0.1", "rig": make_rig()} | changes
-    )
+    values = {"object_name": "cube_v2", "source": "a.dat", "tracker_version": "0.1", "rig": make_rig()}
+    return About(**values | changes)
 
 
 def random_covariance(rng: np.random.Generator) -> FloatArray:
@@ -73,17 +67,9 @@ def random_poses(
         measured, filtered, old = (rng.uniform() < share for _ in range(3))
         status = "tracking" if measured else "coasting" if filtered else "lost"
         uses = rng.choice([use.value for use in CameraUse], 3) if cameras and rng.uniform() < share else ()
-        builder.append(
-            number,
-            START + number / 10,
-            answer(
-                random_pose(rng) if measured else None,
-                random_pose(rng, moving=True) if filtered else None,
-                status,
-                uses,
-            ),
-            random_pose(rng) if recorded and old else None,
-        )
+        poses = (random_pose(rng) if measured else None, random_pose(rng, moving=True) if filtered else None)
+        before = random_pose(rng) if recorded and old else None
+        builder.append(number, START + number / 10, answer(*poses, status, uses), before)
     return builder.build()
 
 
@@ -108,10 +94,8 @@ def arrays_of(poses: Poses) -> dict[str, np.ndarray]:
 def assert_same(first: Poses, second: Poses) -> None:
     """The same to the bit."""
     assert first.about.agrees_with(second.about)
-    assert (first.about.source, first.about.tracker_version) == (
-        second.about.source,
-        second.about.tracker_version,
-    )
+    for name in ("source", "tracker_version"):
+        assert getattr(first.about, name) == getattr(second.about, name)
     one, two = arrays_of(first), arrays_of(second)
     assert one.keys() == two.keys()
     for name, array in one.items():

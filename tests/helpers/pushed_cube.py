@@ -24,10 +24,8 @@ def pose_at(seconds):
 
 def shot(rig, pose, seed, sensor=None):
     """Images of the cube in a pose, or of the empty arena."""
-    scene = posed_scene(MODEL, pose, np.random.default_rng(30))
-    return take(
-        scene, rig.cameras, sensor or Sensor.realistic(), np.random.default_rng([30, seed]), points=3
-    ).images
+    scene, noise = posed_scene(MODEL, pose, np.random.default_rng(30)), np.random.default_rng([30, seed])
+    return take(scene, rig.cameras, sensor or Sensor.realistic(), noise, points=3).images
 
 
 def image_of(rig, c, pose, seed):

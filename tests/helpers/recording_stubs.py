@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 import tracker
-from tests.helpers import make_camera
+from tests.helpers import make_rig
 from tests.helpers.log_writers import make_content, write_native
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import Image
@@ -34,21 +34,17 @@ class NoiseTracker:
         motion = {"velocity": np.zeros(6), "velocity_covariance": np.eye(6)}
         measured = SimpleNamespace(position=position, **common)
         filtered = SimpleNamespace(position=self._memory, **common, **motion)
-        found = position[0] > 0.0127
+        found, last = position[0] > 0.0127, "black" if position[2] > 0.0127 else "used"
         return SimpleNamespace(
             object_pose=measured if found else None,
             filtered_object_pose=filtered,
             status="found" if found else "poor_fit",
-            cameras=[
-                "used",
-                "contradicting" if found else "used",
-                "black" if position[2] > 0.0127 else "used",
-            ],
+            cameras=["used", "contradicting" if found else "used", last],
         )
 
 
 def tiny_rig() -> CameraRig:
-    return CameraRig(tuple(make_camera(azimuth).resized(28, 24) for azimuth in (60, 180, 300)))
+    return make_rig(28, 24)
 
 
 def write_log(folder: Path, frames: int, *, packed: bool = False) -> Path:

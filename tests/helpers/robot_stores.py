@@ -88,9 +88,8 @@ def write(folder: Path, task: str = "push", *, zarr: Any = None, **changes: Any)
 def write_robots(folder: Path) -> Path:
     """Calibration files of the robots 1 and 3, whose cameras differ."""
     for number in (1, 3):
-        cameras = [
-            dataclasses.replace(one, matrix=one.matrix * [[1 + number / 100], [1], [1]]) for one in tiny_rig()
-        ]
+        longer = [[1 + number / 100], [1], [1]]
+        cameras = [dataclasses.replace(one, matrix=one.matrix * longer) for one in tiny_rig()]
         dataclasses.replace(tiny_rig(), cameras=tuple(cameras)).save(folder)
         for camera in cameras:
             (folder / f"{camera.name}.yml").rename(folder / f"r{number}_{camera.name}.yml")

@@ -64,15 +64,11 @@ def test_another_size_is_scaled_only_where_that_is_asked_for(folder):
 
 
 def test_a_calibration_beside_that_lacks_a_camera_names_it(folder):
-    rig = rig_of(*CAMERAS)
-    rig.save(folder)
+    rig_of(*CAMERAS).save(folder)
     with tracker.open_log(folder) as log:
         assert fitted_to(folder, log).names == CAMERAS
     (folder / "camera180.yml").unlink()
-    with (
-        tracker.open_log(folder) as log,
-        pytest.raises(LogError, match=r"no calibration of camera180; expected"),
-    ):
+    with tracker.open_log(folder) as log, pytest.raises(LogError, match="no calibration of camera180; expe"):
         fitted_to(folder, log)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import tracker
-from tests.helpers import make_camera
+from tests.helpers import make_rig
 from tests.helpers.log_writers import CAMERAS, write_picture
 from tests.helpers.stated_sizes import png_of_size
 from tests.helpers.synthetic_needs import skip_without_platform
@@ -100,7 +100,7 @@ def test_pictures_with_stamps_of_their_own_are_put_together(tmp_path):
 def test_one_triplet_is_one_frame_and_brings_its_calibration(tmp_path):
     for c, camera in enumerate(CAMERAS):
         write_picture(tmp_path / f"{camera}.png", picture(0, c))
-    tracker.CameraRig(tuple(make_camera(n, f"camera{n}") for n in (60, 180, 300))).save(tmp_path)
+    make_rig().save(tmp_path)
     with tracker.open_log(tmp_path) as log:
         assert len(log) == 1
         assert log.rig.names == CAMERAS
@@ -114,19 +114,17 @@ def test_jpeg_is_read_in_colour(tmp_path):
     assert np.abs(frame.images[0].astype(int) - image).max() <= 4
 
 
+NO_TRUTHS = ("", "[]", '{"frames": 3}', '{"frames": [{"frame": 1}]}', "[" * 99999)
+NO_PICTURES = ("camera60/a.txt", "0/other.png", "camera60.txt")
+
+
 @pytest.mark.parametrize(
     ("added", "message"),
     [
         ({"1/camera60.png": np.zeros((20, 31, 3), np.uint8)}, "31×20 px, expected 30×20"),
         ({"0/camera60.jpg": picture(0, 0)}, "one picture of a camera"),
-        *[
-            ({"ground_truth.json": text}, r"ground_truth\.json")
-            for text in ("", "[]", '{"frames": 3}', '{"frames": [{"frame": 1}]}', "[" * 99999)
-        ],
-        *[
-            ({layout: ""}, "no pictures of cameras")
-            for layout in ("camera60/a.txt", "0/other.png", "camera60.txt")
-        ],
+        *[({"ground_truth.json": text}, r"ground_truth\.json") for text in NO_TRUTHS],
+        *[({place: ""}, "no pictures of cameras") for place in NO_PICTURES],
     ],
 )
 def test_a_folder_that_is_no_recording_is_refused_with_the_reason(tmp_path, added, message):

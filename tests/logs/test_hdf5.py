@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import tracker
-from tests.helpers import make_camera
+from tests.helpers import make_rig
 from tests.helpers.log_writers import CAMERAS, make_content, write_hdf5
 from tests.helpers.reading import attribute, made, peak_of_reading, put, without
 from tests.logs.test_native import SAMPLES as NATIVE
@@ -56,7 +56,7 @@ def test_the_calibration_inside_is_read_and_mended(tmp_path):
     assert camera.distortion[0] == -0.2
     rotation = camera.camera_from_world[:3, :3]
     np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
-    tracker.CameraRig(tuple(make_camera(n, f"camera{n}") for n in (60, 180, 300))).save(tmp_path)
+    make_rig().save(tmp_path)
     with tracker.open_log(write_hdf5(tmp_path / "old.h5", make_content(1), version=(1, 0))) as log:
         assert log.rig.names == CAMERAS  # there is none inside
 
@@ -213,9 +213,7 @@ def test_recorded_images_give_the_recorded_pose(real: Path):
         (2096, 0, "camera_names: found damaged names"),  # head of the heap with the names
     ],
 )
-def test_damage_that_the_library_does_not_survive_is_seen_before(
-    real: Path, tmp_path, offset, value, message
-):
+def test_damage_that_the_library_does_not_survive_is_seen(real, tmp_path, offset, value, message):
     data = bytearray((real / "logs" / SAMPLES[0]).read_bytes())
     data[offset] = value
     (tmp_path / "log.h5").write_bytes(data)

@@ -120,10 +120,9 @@ def test_damage_is_one_error_that_names_the_file(data, message, tmp_path):
 
 def test_longer_logs_than_a_job_are_refused_before_they_fill_the_memory(tmp_path, monkeypatch):
     monkeypatch.setattr("tracker.logs.robot_log.MAX_STEPS", 4500)
-    path = tmp_path / "robot.csv"
-    path.write_bytes(text())
+    (tmp_path / "robot.csv").write_bytes(text())
     with pytest.raises(LogError, match="more than 4500 steps"):
-        read_robot_log(path)
+        read_robot_log(tmp_path / "robot.csv")
 
 
 def test_states_are_exported_with_the_poses(tmp_path, run_here):

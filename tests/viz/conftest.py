@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from tests.helpers import make_camera
+from tests.helpers import make_rig
 from tracker.calibration.rig import CameraRig
 
 
 @pytest.fixture
 def rig() -> CameraRig:
-    return CameraRig(tuple(make_camera(azimuth) for azimuth in (60, 180, 300)))
+    return make_rig()
 
 
 def black(rig: CameraRig) -> list[np.ndarray]:

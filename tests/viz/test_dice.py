@@ -192,8 +192,7 @@ def test_dice_are_squares_turned_by_their_yaw():
 
 def test_a_line_goes_from_each_die_to_its_place():
     goal, positions = [[0.044, 0.066, 0.011]], [[-0.066, -0.11, 0.011]]
-    found = dice.assign(goal, positions)
-    picture = goal_picture(goal, positions, found.pairs)
+    picture = goal_picture(goal, positions, dice.assign(goal, positions).pairs)
     without = goal_picture(goal, positions)
     for share in (0.1, 0.3, 0.5, 0.7, 0.9):
         x, y = (1 - share) * np.array(positions[0][:2]) + share * np.array(goal[0][:2])

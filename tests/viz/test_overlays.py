@@ -5,7 +5,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.helpers import make_camera, opencv_pixels
+from tests.helpers import make_camera, make_rig, opencv_pixels
 from tests.helpers.pose_logs import random_poses
 from tests.viz.conftest import black
 from tracker.calibration.rig import CameraRig
@@ -292,7 +292,7 @@ def test_no_text_changes_nothing():
     assert not written("").any()
 
 
-RIG = CameraRig(tuple(make_camera(azimuth) for azimuth in (60, 180, 300)))
+RIG = make_rig()
 BLACK = [np.zeros((270, 270, 3), np.uint8)] * 3
 MASKS = [np.zeros((270, 270), np.uint8)] * 3
 

@@ -134,8 +134,7 @@ def test_corners_are_found_where_they_are(photos):
 
 @pytest.mark.parametrize("blur", [0.5, 0.8, 1.1])
 def test_blur_is_given_in_pixels(blur, photos):
-    rng = np.random.default_rng(72)
-    image = photo(photos[0][0], rng, blur=blur)
+    image = photo(photos[0][0], np.random.default_rng(72), blur=blur)
     pixels = np.sqrt(blur**2 + 1 / 12)  # a pixel's own width
     found = find_board("photo", image, BOARD)
     assert found is not None

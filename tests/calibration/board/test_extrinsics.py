@@ -201,8 +201,7 @@ def test_a_corner_that_is_elsewhere_is_dropped_and_no_other():
 def test_a_photo_with_few_corners_has_no_say():
     seen = sightings(9)
     seen[0] = seen[0].without(np.arange(len(seen[0])) >= 6)
-    lens = fit_lens("camera", seen, BOARD)
-    assert lens.photos[0].fault == "only 6 corners, expected 8"
+    assert fit_lens("camera", seen, BOARD).photos[0].fault == "only 6 corners, expected 8"
 
 
 def of_two_sizes():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import tracker
-from tests.helpers import make_camera, random_rotations
+from tests.helpers import make_rig, random_rotations
 from tests.helpers.filmed import RIG
 from tests.helpers.moving_cube import carried, knocked, relative_errors, rests
 from tracker.calibration.by_object.bundle import OWN, Unknowns, relative_covariance, solve
@@ -18,7 +18,7 @@ from tracker.calibration.rig import CameraRig
 from tracker.errors import CalibrationError, NotBetterError
 from tracker.geometry import so3
 
-TRUE = CameraRig(tuple(make_camera(azimuth) for azimuth in (60, 180, 300)))
+TRUE = make_rig()
 RIM = 0.2e-3, 0.3e-3
 PIECES = 45
 

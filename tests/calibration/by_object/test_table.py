@@ -6,16 +6,15 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from tests.helpers import make_camera, numerical_jacobian, random_rotations
+from tests.helpers import make_camera, make_rig, numerical_jacobian, random_rotations
 from tracker.calibration.by_object.edges import Contour, pose_errors, pose_information, seen_motion
 from tracker.calibration.by_object.table import Rest, _equations, contact, fit_table, levelled
 from tracker.calibration.deviations import calibration_covariance, element_std, rotation_vector_variance
-from tracker.calibration.rig import CameraRig
 from tracker.errors import CalibrationError
 from tracker.geometry import so3
 
 SIZES = ((0.065, 0.065, 0.065), (0.02, 0.08, 0.02))
-RIG = CameraRig(tuple(make_camera(azimuth) for azimuth in (60, 180, 300)))
+RIG = make_rig()
 OWN = np.diag(np.repeat(np.square([0.06e-3, 1e-3]), 3))
 
 
@@ -163,7 +162,6 @@ def test_rests_that_give_no_plane_are_refused_with_the_reason(seen, message, rng
         fit_table(seen(rng), np.array(SIZES[0]), RIG)
 
 
-CAMERAS = tuple(make_camera(azimuth) for azimuth in (60, 180, 300))
 POSITION = np.array([0.06, -0.09, 0.03])
 RIM_STD = 3e-4
 
@@ -186,10 +184,10 @@ def made_contour(rng, count=60):
 
 def test_own_and_shared_errors_add_up_to_what_joint_least_squares_says(rng):
     contours = [made_contour(rng, count) for count in (60, 40, 90)]
-    own, common = pose_errors(contours, POSITION, CAMERAS, RIM_STD)
+    own, common = pose_errors(contours, POSITION, RIG.cameras, RIM_STD)
     known = np.zeros((24, 24))
     motion = seen_motion(POSITION)
-    for c, (contour, camera) in enumerate(zip(contours, CAMERAS, strict=True)):
+    for c, (contour, camera) in enumerate(zip(contours, RIG.cameras, strict=True)):
         its = np.zeros((6, 24))
         its[:, :6], its[:, 6 + 6 * c : 12 + 6 * c] = np.eye(6), motion
         known += its.T @ pose_information(contour, RIM_STD) @ its
@@ -197,15 +195,15 @@ def test_own_and_shared_errors_add_up_to_what_joint_least_squares_says(rng):
         known[block, block] += np.linalg.inv(calibration_covariance(camera))
     expected = np.linalg.inv(known)[:6, :6]
     total = own.copy()
-    for c, camera in enumerate(CAMERAS):
+    for c, camera in enumerate(RIG.cameras):
         total += common[:, c] @ calibration_covariance(camera) @ common[:, c].T
     np.testing.assert_allclose(total, expected, rtol=2e-3, atol=1e-3 * np.abs(expected).max())
 
 
 def test_cameras_that_err_alike_move_the_pose_as_much_and_one_that_sees_nothing_not(rng):
-    _, common = pose_errors([made_contour(rng) for _ in CAMERAS], POSITION, CAMERAS, RIM_STD)
+    _, common = pose_errors([made_contour(rng) for _ in RIG.cameras], POSITION, RIG.cameras, RIM_STD)
     np.testing.assert_allclose(common.sum(axis=1), seen_motion(POSITION), atol=5e-3)
-    _, common = pose_errors([made_contour(rng), None, made_contour(rng)], POSITION, CAMERAS, RIM_STD)
+    _, common = pose_errors([made_contour(rng), None, made_contour(rng)], POSITION, RIG.cameras, RIM_STD)
     assert not common[:, 1].any()
     assert common[:, 0].any()
 
