@@ -81,8 +81,7 @@ def test_what_an_interruption_left_unfinished_is_made_again(tmp_path, commands, 
 
 
 def test_an_environment_whose_python_has_gone_is_made_again(tmp_path, commands):
-    python = interpreter(tmp_path)
-    python.unlink()
+    interpreter(tmp_path).unlink()
     with pytest.raises(PackageError, match="not installed"):
         interpreter(tmp_path, install=False)
     assert interpreter(tmp_path).is_file()

@@ -109,10 +109,7 @@ def test_outlines_lie_where_the_camera_sees_the_edges(shown):
 FIGURE = re.compile(r"[\d.]+(?: |\u00a0)?(?:mm|ms|°|%|px|MB|×(?! ?\d))")
 """A number with the unit of a measurement."""
 
-DEFINITIONS = {
-    "README.md": {"5 mm", "5°", "0.09 mm", "1.4 ms", "65 mm"},
-    "docs/figures.md": {"5 mm", "5°"},
-}
+DEFINITIONS = {"README.md": {"5 mm", "5°", "0.09 mm", "1.4 ms", "65 mm"}, "docs/figures.md": {"5 mm", "5°"}}
 """Numbers that say what is meant, and what the demo prints, which its own test holds."""
 
 

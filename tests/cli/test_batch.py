@@ -175,8 +175,7 @@ def test_a_recording_may_be_called_as_a_command(tmp_path, run_here):
 @pytest.mark.parametrize(("scheduler", "word"), [("--htcondor", "queue number from"), ("--slurm", "#SBATCH")])
 def test_a_dry_run_prints_and_writes_nothing(scheduler, word, recordings, tmp_path, run_here):
     base = ["batch", "run", f"{recordings}/*", "--object", "cube_v2", "-o", tmp_path / "out", scheduler]
-    result = well(run_here(*base, "--dry-run"))
-    assert word in result.stdout
+    assert word in well(run_here(*base, "--dry-run")).stdout
     assert not (tmp_path / "out").exists()
 
 

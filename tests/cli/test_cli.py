@@ -72,8 +72,7 @@ def test_a_shell_completes_commands_objects_and_colours(words, expected, monkeyp
     monkeypatch.setenv("_TRACKER_COMPLETE", "bash_complete")
     monkeypatch.setenv("COMP_WORDS", f"tracker {words}")
     monkeypatch.setenv("COMP_CWORD", str(len(words.split())))
-    result = well(run_here())
-    assert result.stdout.split() == [expected]
+    assert well(run_here()).stdout.split() == [expected]
 
 
 def test_exit_codes_have_one_meaning_given_in_the_help_and_in_the_documentation(run_here):
@@ -84,8 +83,7 @@ def test_exit_codes_have_one_meaning_given_in_the_help_and_in_the_documentation(
 
 
 def test_the_version_is_printed():
-    result = well(run("--version"))
-    assert result.stdout.startswith("tracker ")
+    assert well(run("--version")).stdout.startswith("tracker ")
 
 
 def test_detect_prints_the_pose_for_people(demo):

@@ -21,8 +21,7 @@ def test_the_demo_finds_the_cube_and_its_hints_work(tmp_path, run_here):
     for hint in hints:
         well(run_here(*shlex.split(hint), folder=tmp_path))
     assert (tmp_path / "poses.csv").is_file()
-    again = run_here("demo", "-o", "mine", folder=tmp_path)
-    assert_one_line_error(again, "mine: exists")
+    assert_one_line_error(run_here("demo", "-o", "mine", folder=tmp_path), "mine: exists")
 
 
 def test_the_demo_works_after_one_that_was_interrupted(tmp_path, run_here, monkeypatch):

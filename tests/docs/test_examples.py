@@ -145,8 +145,7 @@ def test_an_environment_sees_what_its_fingers_do(tmp_path, run_script, monkeypat
         assert np.linalg.norm(first["keypoints"].mean(axis=0) - about["truth"]) < 1e-3
         np.testing.assert_allclose(first["goal"].mean(axis=0), environment.goal_position, atol=1e-7)
         assert np.linalg.norm(first["goal"][0] - first["goal"][7]) == pytest.approx(0.065 * np.sqrt(3))
-        action = np.ones(9, np.float32)
-        after, reward, ended, cut, _ = environment.step(action)
+        after, reward, ended, cut, _ = environment.step(np.ones(9, np.float32))
         assert environment.observation_space.contains(after)
         assert np.abs(after["joints"] - first["joints"]).max() > 0.02
         expected = -np.linalg.norm((after["keypoints"].mean(axis=0) - environment.goal_position)[:2]) / 0.78

@@ -26,11 +26,9 @@ from tests.helpers.moving_cube import carried, knocked, rests
 from tests.helpers.pose_logs import random_poses
 from tests.helpers.synthetic_needs import skip_without_platform
 from tests.logs.test_robot_log import text
-from tracker import cli
+from tracker import Camera, CameraRig, cli
 from tracker.calibration.by_object.table import moved
 from tracker.calibration.files.arena import read_arena
-from tracker.calibration.rig import CameraRig
-from tracker.geometry.camera import Camera
 from tracker.poses.file import read_poses, write_poses
 from tracker.viz import write_film
 
@@ -201,8 +199,7 @@ def test_the_sample_of_poses_gives_what_its_remarks_say(tmp_path, monkeypatch, r
     write_poses(tmp_path / "poses.h5", random_poses(rng, 6))
     (block,) = blocks("python", "docs/poses")
     names = run_block(block)
-    poses = names["poses"]
-    assert len(poses) == 6
+    assert len(names["poses"]) == 6
     sizes = {"n": 6, "C": 3, "3": 3}
     stated = re.findall(r"^(.+?) +# \(([\w, ]+?),?\)", block, re.MULTILINE)
     assert len(stated) == 3

@@ -59,8 +59,7 @@ def test_points_of_the_image_are_projected_as_the_camera_does(camera):
     np.testing.assert_allclose(camera.project_in_view(points), pixels, atol=1e-9)
     np.testing.assert_array_equal(camera.project_in_view(points), camera.project(points))
     corners = [(-0.5, -0.5), (269.5, -0.5), (-0.5, 269.5), (269.5, 269.5)]
-    tangents = np.linalg.norm(camera.undistort(corners), axis=1)
-    assert camera.largest_tangent == tangents.max()
+    assert camera.largest_tangent == np.linalg.norm(camera.undistort(corners), axis=1).max()
 
 
 def test_points_that_the_lens_would_fold_into_the_image_have_no_pixel(camera, rng):

@@ -103,8 +103,7 @@ def test_one_rotation_is_that_of_a_stack(rng, angle):
 
 
 def test_functions_broadcast_over_leading_axes(rng):
-    v = rng.normal(size=(4, 5, 3))
-    rotations = so3.exp(v)
+    rotations = so3.exp(rng.normal(size=(4, 5, 3)))
     quaternions = so3.quaternion_from_matrix(rotations)
     assert rotations.shape == (4, 5, 3, 3)
     assert quaternions.shape == (4, 5, 4)

@@ -5,19 +5,8 @@ import numpy as np
 import pytest
 
 from tests.helpers.fits import made_fit, with_cameras
-from tracker.geometry.arena import Arena
-from tracker.pose.judge import (
-    MIN_VIEW,
-    SURE,
-    alone,
-    confidence,
-    nearness,
-    rank,
-    refusal,
-    settled,
-    trust,
-)
-from tracker.pose.result import Status
+from tracker import Arena, Status
+from tracker.pose.judge import MIN_VIEW, SURE, alone, confidence, nearness, rank, refusal, settled, trust
 
 
 def rough(fit, rms):
@@ -81,8 +70,7 @@ def test_a_camera_counts_from_some_weight_of_pieces_on():
 def test_confidence_is_trust_times_accuracy_and_a_rival_halves_it_at_most():
     fit = made_fit()
     assert confidence(fit) == pytest.approx(trust(fit) * nearness(fit.covariance))
-    rival = dataclasses.replace(fit, lead=0.0)
-    assert trust(rival) == pytest.approx(0.5, abs=0.01)
+    assert trust(dataclasses.replace(fit, lead=0.0)) == pytest.approx(0.5, abs=0.01)
 
 
 def test_a_pose_that_is_stated_to_be_nearer_is_nearer():

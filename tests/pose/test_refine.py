@@ -123,8 +123,7 @@ def test_an_object_a_little_larger_than_its_model_is_found_where_it_is(rig, trac
     other = dataclasses.replace(model, size=tuple(2 * larger + np.asarray(model.size)))
     for k in range(SCENES):
         truth = rendered(rig, other, k)
-        fit = trackers["cube_v2"].fit(truth.images)
-        assert within(fit, truth, 0.1e-3, 0.2)
+        assert within(trackers["cube_v2"].fit(truth.images), truth, 0.1e-3, 0.2)
 
 
 def test_response_of_the_camera_does_not_move_the_pose(trackers):
@@ -139,8 +138,7 @@ def test_response_of_the_camera_does_not_move_the_pose(trackers):
                 light = cv2.GaussianBlur((image / 255.0) ** exponent, (0, 0), 1.5)
                 seen = cv2.resize(light, (270, 270), interpolation=cv2.INTER_AREA)
                 images.append(np.rint(255 * seen ** (1 / exponent)).astype(np.uint8))
-            fit = trackers["cube_v2"].fit(images)
-            assert within(fit, truth, 0.1e-3, 0.2)
+            assert within(trackers["cube_v2"].fit(images), truth, 0.1e-3, 0.2)
 
 
 def test_what_hides_an_edge_does_not_pull_the_pose(trackers, scenes):

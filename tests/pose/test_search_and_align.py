@@ -7,11 +7,10 @@ from synthetic.camera.rigs import default_cameras
 from synthetic.camera.sensor import Sensor
 from tests.helpers import look_at, make_camera, random_rotations
 from tests.helpers.kept_stills import bare
+from tracker import Arena, load_object
 from tracker.geometry import so3
-from tracker.geometry.arena import Arena
 from tracker.geometry.lens import project, stack_lenses
 from tracker.objects.box import Box
-from tracker.objects.model import load_object
 from tracker.pose.align import align, explanation_score, hear
 from tracker.pose.fit import SEEN
 from tracker.pose.rotations import ROTATIONS, even_rotations, likely_rotations, rotation_grid

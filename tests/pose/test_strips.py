@@ -95,8 +95,7 @@ def test_a_rim_ends_each_face_before_its_neighbours_plane(rng):
 def test_normals_are_unit_and_point_out_of_the_face(rng):
     for rotation in random_rotations(rng, 10):
         samples = samples_at(rotation, np.array([0.0, 0.0, 0.05]))
-        normals = samples["normal"]
-        np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-12)
+        np.testing.assert_allclose(np.linalg.norm(samples["normal"], axis=1), 1, atol=1e-12)
         centre = CAMERA.project(np.array([[0.0, 0.0, 0.05]]))[0]
         silhouette = samples[samples["outside"] == 0]
         outward = np.sum((silhouette["pixel"] - centre) * silhouette["normal"], axis=1)

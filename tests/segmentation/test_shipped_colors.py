@@ -75,7 +75,6 @@ def test_the_simulations_colours_keep_their_labels_in_other_light():
     image, truth = drawn_scene()
     colors = tracker.load_colors("simulation")
     for _ in range(20):
-        gains = rng.uniform(0.6, 1.5, 3)
-        found = tracker.segment(exposed(image, gains), colors)
+        found = tracker.segment(exposed(image, rng.uniform(0.6, 1.5, 3)), colors)
         assert np.mean(found[truth > 0] == truth[truth > 0]) > 0.97
         assert np.mean(found[truth == 0] > 0) < 0.01

@@ -89,8 +89,7 @@ def test_a_stretched_channel_is_the_picture_of_a_longer_lens_to_opencv():
     view = lens.view
     columns, rows = np.meshgrid(np.arange(view.width), np.arange(view.height))
     x, y = (columns - view.cx) / view.fx, (rows - view.cy) / view.fy
-    layer = np.dstack([x, y, x])
-    seen = lens.to_camera(layer, "mean", np.array([stretch, stretch, 1.0]))
+    seen = lens.to_camera(np.dstack([x, y, x]), "mean", np.array([stretch, stretch, 1.0]))
     longer = camera.matrix.copy()
     longer[(0, 1), (0, 1)] *= stretch
     pixels = np.stack(np.meshgrid(np.arange(10, 260, 25), np.arange(10, 260, 25)), axis=-1).reshape(-1, 2)

@@ -46,8 +46,7 @@ def left(points, body, one):
 
 
 def test_shade_is_deepest_at_the_contact_and_gone_far_from_it():
-    distance = np.linspace(0.0, 0.06, 200)
-    share = hidden(distance, WIDTH)
+    share = hidden(np.linspace(0.0, 0.06, 200), WIDTH)
     assert share[0] == 1
     assert (np.diff(share) < 0).all()
     assert 0 < share[-1] < 2e-3
@@ -100,12 +99,6 @@ LIGHT = np.array([0.2, 0.5, 0.9])
 ALBEDO = np.array([0.5, 0.25, 0.1])
 
 
-def two_discs():
-    labels = np.zeros(1, dtype=np.uint8)
-    bodies = tuple(Body(name, disc(name, 0.1), np.eye(4), ALBEDO[None], labels) for name in ("floor", "lid"))
-    return PlatformScene(bodies, Lighting(np.zeros(3)))
-
-
 def patch(place, normal=(0.0, 0.0, -1.0), area=1e-6, owner="lid"):
     one = [np.array(value, dtype=float)[None] for value in (place, normal)]
     return Patches(*one, np.array([area]), LIGHT[None], np.array([owner]))
@@ -116,8 +109,9 @@ def given(patches):
     hits = empty_hits(1, 1)
     hits.body[0, 0], hits.row[0, 0] = 0, 0
     hits.points[0, 0], hits.normals[0, 0] = 0.0, (0.0, 0.0, 1.0)
-    color = np.zeros((1, 1, 3), np.float32)
-    whole = two_discs()
+    color, labels = np.zeros((1, 1, 3), np.float32), np.zeros(1, np.uint8)
+    discs = (Body(name, disc(name, 0.1), np.eye(4), ALBEDO[None], labels) for name in ("floor", "lid"))
+    whole = PlatformScene(tuple(discs), Lighting(np.zeros(3)))
     add_bounced(color, whole, patches, hits, SurfaceStore().of_scene(whole))
     return color[0, 0]
 

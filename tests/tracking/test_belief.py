@@ -6,11 +6,10 @@ import pytest
 
 from tests.helpers import random_rotations
 from tests.helpers.fits import HOME, made_fit
-from tracker.errors import TrackerError
+from tracker import MotionEstimate, Status, TrackerError
 from tracker.geometry import so3
 from tracker.pose.fit import Fit
 from tracker.pose.judge import confidence
-from tracker.pose.result import MotionEstimate, Status
 from tracker.tracking.belief import Belief, TrackingOptions, measured
 from tracker.tracking.motion import MotionState
 
@@ -148,8 +147,7 @@ def test_a_confirmed_jump_begins_a_new_motion(track, leap):
 
 @pytest.mark.parametrize("leap", LEAPS)
 def test_a_sure_jump_is_believed_at_once(track, leap):
-    fit = made_fit(*LEAPS[leap])
-    assert follow(track, [fit], start=1.1) == [Status.REFOUND]
+    assert follow(track, [made_fit(*LEAPS[leap])], start=1.1) == [Status.REFOUND]
     np.testing.assert_allclose(track.estimate().position, LEAPS[leap][0], atol=1e-6)
     np.testing.assert_array_equal(track.estimate().velocity, 0)
 

@@ -151,8 +151,7 @@ def test_each_camera_of_an_observation_has_its_word(rig, film):
 
 
 def test_a_black_picture_counts_as_none(rig, film):
-    black = np.zeros_like(film[0][0])
-    one = new(rig).detect([black, *film[0][1:]]).object_pose
+    one = new(rig).detect([np.zeros_like(film[0][0]), *film[0][1:]]).object_pose
     other = new(rig).detect([None, *film[0][1:]]).object_pose
     assert np.array_equal(one.world_from_object, other.world_from_object)
 

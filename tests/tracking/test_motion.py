@@ -97,8 +97,7 @@ def test_all_kinds_together_have_the_mean_and_the_spread_of_their_mixture(rng):
     modes = drawn_modes(rng)
     found, whole = np.empty(1, MODE), np.empty((STATE, STATE))
     noise = np.diag(rng.uniform(0.5, 2.0, 6))
-    at_rest = motion.combine(MOTIONS, modes, noise, found, whole)
-    assert at_rest == modes["weight"][0]
+    assert motion.combine(MOTIONS, modes, noise, found, whole) == modes["weight"][0]
     whole[:6, :6] -= CONSTANT * noise
     mean, spread = moments(modes)
     np.testing.assert_allclose(found["position"][0], mean[:3], atol=1e-12)

@@ -6,9 +6,8 @@ import pytest
 import tracker
 from tests.helpers.consistency import nees, pose_error
 from tests.helpers.pushed_cube import DT, MODEL, bits, image_of, new, off, play, shot, within
-from tracker.errors import TrackerError
+from tracker import TrackerError, TrackingOptions
 from tracker.geometry import so3
-from tracker.tracking.belief import TrackingOptions
 from tracker.tracking.motion import KINDS, LIKELY
 
 FRAMES = 10

@@ -2,10 +2,9 @@ import numpy as np
 import pytest
 
 from tests.helpers.pushed_cube import DT, HEIGHT, image_of, new, off, play, within
-from tracker.errors import TrackerError
+from tracker import Status, TrackerError
 from tracker.geometry import so3
 from tracker.inputs import check_stamps
-from tracker.pipeline import Status
 from tracker.tracking.follow import Gate
 
 DELAYS = np.array([0.03, 0.015, 0.0])

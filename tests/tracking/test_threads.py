@@ -147,10 +147,7 @@ def test_of_callers_at_once_those_who_are_not_refused_get_the_same_answer(rig, f
     assert all(item == answer or "another call" in item for item in found)
 
 
-COPIES = {
-    "pickle": lambda one: pickle.loads(pickle.dumps(one)),
-    "deepcopy": copy.deepcopy,
-}
+COPIES = {"pickle": lambda one: pickle.loads(pickle.dumps(one)), "deepcopy": copy.deepcopy}
 
 
 @pytest.mark.parametrize("how", COPIES)

@@ -6,11 +6,10 @@ import tracker
 from synthetic.camera.sensor import Sensor
 from tests.helpers.pushed_cube import DT, HEIGHT, MODEL, all_bits, bits, new, off, play, pose_at, shot, within
 from tests.tracking.conftest import FRAMES
+from tracker import Status, TrackingOptions
 from tracker.geometry import so3
 from tracker.geometry.cuboid import corners
-from tracker.pipeline import Status
 from tracker.pose.estimate import PoseEstimator
-from tracker.tracking.belief import TrackingOptions
 
 FAR = np.array([-0.09, 0.08, HEIGHT]), so3.exp([0.0, 0.0, 2.0])
 BLACKNESS = np.zeros((270, 270, 3), np.uint8)
