@@ -1,5 +1,3 @@
-"""Which recordings patterns mean, and which file each has."""
-
 import glob
 import os
 from pathlib import Path

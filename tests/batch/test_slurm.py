@@ -1,5 +1,3 @@
-"""Recordings done by a real Slurm, undisturbed and with jobs that are killed."""
-
 import contextlib
 import json
 import os

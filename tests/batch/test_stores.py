@@ -1,5 +1,3 @@
-"""Image stores of several robots: whose calibration, what comes of them, and the errors of damaged ones."""
-
 import json
 import re
 from contextlib import nullcontext

@@ -1,5 +1,3 @@
-"""Processes that are ended from outside, interrupted, and left by the one that began them."""
-
 import os
 import signal
 import subprocess

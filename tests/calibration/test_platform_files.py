@@ -1,5 +1,3 @@
-"""Calibration files of one camera: the platform's variants, and those with all deviations."""
-
 import dataclasses
 from pathlib import Path
 

@@ -1,5 +1,3 @@
-"""`tracker calibrate`: from a printed board to a rig, and a rig checked, refined and put on its table."""
-
 import dataclasses
 import json
 import re

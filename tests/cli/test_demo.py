@@ -1,5 +1,3 @@
-"""`tracker demo` in a new folder, and what it says next."""
-
 import re
 import shlex
 

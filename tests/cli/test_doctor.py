@@ -1,5 +1,3 @@
-"""`tracker doctor` on this machine, and on machines that lack something."""
-
 import sys
 from importlib import metadata
 from types import SimpleNamespace

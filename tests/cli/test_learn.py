@@ -1,5 +1,3 @@
-"""The commands that learn colours without labels."""
-
 import numpy as np
 import pytest
 

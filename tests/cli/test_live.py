@@ -1,5 +1,3 @@
-"""`tracker live`: poses printed, published and recorded, and what is wrong with the cameras."""
-
 import json
 import os
 import signal

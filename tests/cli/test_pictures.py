@@ -1,5 +1,3 @@
-"""One set of pictures: files in any order, a frame of a folder, and the messages where names disagree."""
-
 import dataclasses
 import json
 import shutil

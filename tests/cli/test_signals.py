@@ -1,5 +1,3 @@
-"""Being asked to end from outside."""
-
 import functools
 import os
 import signal

@@ -1,5 +1,3 @@
-"""`tracker info`, `export`, `convert` and `score`."""
-
 import dataclasses
 import json
 

@@ -1,5 +1,3 @@
-"""Colours learned without labels, against the true labels of the pixels."""
-
 import dataclasses
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""Colours' hues, how far apart they are, and the dense tables of a model."""
-
 import itertools
 
 import numpy as np

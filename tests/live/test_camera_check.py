@@ -1,5 +1,3 @@
-"""What is wrong with cameras is named; what is right is not."""
-
 import time
 from types import SimpleNamespace
 

@@ -1,5 +1,3 @@
-"""Cameras that are asked together, whatever becomes of one of them."""
-
 import contextlib
 import itertools
 import threading

@@ -1,5 +1,3 @@
-"""Poses by LCM: the type that the platform's users have, to the byte."""
-
 import importlib.util
 import os
 import re

@@ -1,5 +1,3 @@
-"""Live: what is found is what the tracker finds, and nothing old is given as new."""
-
 import re
 import threading
 import time

@@ -1,5 +1,3 @@
-"""The page in the browser: what it gets, who may see it, and that it delays nothing."""
-
 import contextlib
 import http.client
 import json

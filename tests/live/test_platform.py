@@ -1,5 +1,3 @@
-"""The platform's names, over what `Live` gives."""
-
 import time
 
 import cv2

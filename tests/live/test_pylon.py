@@ -1,5 +1,3 @@
-"""Basler cameras, by the emulator that their library brings along."""
-
 import os
 import time
 from importlib.util import find_spec

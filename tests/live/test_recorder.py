@@ -1,5 +1,3 @@
-"""Recording while tracking."""
-
 import itertools
 import subprocess
 import sys

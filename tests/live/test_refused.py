@@ -1,5 +1,3 @@
-"""What `Live` and its sources and publishers refuse, and what the error names."""
-
 import os
 import re
 from importlib.util import find_spec

@@ -1,5 +1,3 @@
-"""What is tracked, shown while it is."""
-
 import importlib.util
 import threading
 

@@ -1,5 +1,3 @@
-"""Recordings replayed at their own pace, and the simulated platform as a source."""
-
 import time
 from types import SimpleNamespace
 

@@ -1,5 +1,3 @@
-"""Poses for other processes."""
-
 import contextlib
 import json
 import socket

@@ -1,5 +1,3 @@
-"""Which calibration belongs to a recording: by names, sizes and shapes."""
-
 import json
 from pathlib import Path
 

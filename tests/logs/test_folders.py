@@ -1,5 +1,3 @@
-"""Recordings as folders of pictures and films, and what `recording.toml` says of them."""
-
 import json
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,5 +1,3 @@
-"""Native logs, and what the platform's recorder leaves of a driver's error: a record of zeros."""
-
 import gzip
 import json
 import struct

@@ -1,5 +1,3 @@
-"""The robot's states at the images' stamps: text and binary logs, gzipped or not, and damaged ones."""
-
 import csv
 import gzip
 import struct

@@ -1,5 +1,3 @@
-"""Rows and files of poses that cannot be."""
-
 import zlib
 
 import h5py

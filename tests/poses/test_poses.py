@@ -1,5 +1,3 @@
-"""Poses of a recording: built frame by frame, joined, compared with recorded ones."""
-
 import dataclasses
 from types import SimpleNamespace
 

@@ -1,5 +1,3 @@
-"""What the line about a recording says, and remarks: swapped pictures, objects that are off their table."""
-
 import dataclasses
 import itertools
 import json

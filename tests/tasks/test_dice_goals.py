@@ -1,5 +1,3 @@
-"""Goals of dice: cells, patterns, files."""
-
 import itertools
 import json
 import math

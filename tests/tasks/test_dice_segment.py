@@ -1,5 +1,3 @@
-"""Laws of the dice's mask in one image, and of where the dice are."""
-
 import dataclasses
 
 import cv2

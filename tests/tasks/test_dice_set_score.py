@@ -1,5 +1,3 @@
-"""Laws of dice drawn into views, and of how well they explain them."""
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,5 +1,3 @@
-"""The viewer of others' making is open to this machine only."""
-
 import importlib.util
 import os
 import shutil

@@ -1,5 +1,3 @@
-"""The board: its frame and patterns, the page to print, and boards found in photos."""
-
 import base64
 import io
 import re

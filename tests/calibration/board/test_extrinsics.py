@@ -1,5 +1,3 @@
-"""Lenses from photos of a board, and places of cameras that all see it."""
-
 import dataclasses
 import functools
 

@@ -1,5 +1,3 @@
-"""Cameras that fit the edges of an object in many poses."""
-
 import dataclasses
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""The table under an object, and the errors of its poses."""
-
 import dataclasses
 
 import numpy as np
