@@ -230,8 +230,8 @@ def test_the_score_is_the_sum_of_the_rewards(poses, tmp_path, run_here):
     (tmp_path / "goal.json").write_text(json.dumps(goal))
     found = json.loads(run_here("score", tmp_path, "--poses", tmp_path / "poses.h5", "--json").stdout)
     own, seen = poses.filtered, poses.filtered.has_pose
-    wanted = ([0.1, 0, 0.05], own.position[seen], [0, 0, 0, 1], own.orientation[seen])
-    expected = move_object.reward(4, *wanted)
+    asked = ([0.1, 0, 0.05], own.position[seen], [0, 0, 0, 1], own.orientation[seen])
+    expected = move_object.reward(4, *asked)
     assert [value for value in found["rewards"] if value is not None] == pytest.approx(expected.tolist())
     assert found["scored_frames"] == seen.sum()
     assert found["reward_mean"] * 1000 * 2.0 == pytest.approx(found["reward_total"], rel=1e-5)
