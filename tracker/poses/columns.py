@@ -156,7 +156,7 @@ def _check_covariance(name: str, has_pose: Array, column: FloatArray) -> None:
         factor = 1 / np.sqrt(np.where(variance > 0, variance, 1))
         scaled = covariance * factor[:, :, None] * factor[:, None, :]
         asymmetry = np.abs(scaled - scaled.swapaxes(1, 2)).max(axis=(1, 2), initial=0)
-        usable: Array = (variance >= 0).all(axis=1) & np.isfinite(scaled).all(axis=(1, 2))
+        usable = np.all(variance >= 0, axis=1) & np.all(np.isfinite(scaled), axis=(1, 2))
     refuse(name, ~usable, column, "variances that are not negative")
     refuse(name, asymmetry > COVARIANCE_TOLERANCE, column, "a symmetric matrix")
     least = np.linalg.eigvalsh((scaled + scaled.swapaxes(1, 2)) / 2).min(axis=1, initial=np.inf)
