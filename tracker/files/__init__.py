@@ -7,7 +7,6 @@ import csv
 import errno
 import io
 import os
-import shutil
 import stat
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -117,21 +116,17 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
         ValueError: the path is none, for instance because of a null byte.
     """
     target = Path(os.path.realpath(path))
+    # A folder of its own, so that the file gets the permissions that it would get without us.
+    prefix = f".{_beginning(target.name)}."
     try:
-        # A folder of its own, so that the file gets the permissions that it would get without us.
-        folder = tempfile.mkdtemp(prefix=f".{_beginning(target.name)}.", suffix=".tmp", dir=target.parent)
+        with tempfile.TemporaryDirectory(".tmp", prefix, target.parent, ignore_cleanup_errors=True) as folder:
+            temporary = Path(folder) / target.name
+            yield temporary
+            _to_disk(temporary)
+            os.replace(temporary, target)
+            _to_disk(target.parent)
     except OSError as error:
         raise _about(error, path) from error
-    try:
-        temporary = Path(folder) / target.name
-        yield temporary
-        _to_disk(temporary)
-        os.replace(temporary, target)
-        _to_disk(target.parent)
-    except OSError as error:
-        raise _about(error, path) from error
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
 
 
 @contextlib.contextmanager
