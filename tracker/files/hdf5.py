@@ -140,15 +140,15 @@ def array(file: Any, name: str, shape: tuple[int, ...], kinds: str, where: str =
         return values(stored)
 
 
-def values(stored: h5py.Dataset) -> Array:
-    """All of a dataset; LogError where its blocks cannot unpack to it."""
+def values(stored: h5py.Dataset, stop: int | None = None) -> Array:
+    """All of a dataset, or its rows before `stop`; LogError where its blocks cannot unpack to it."""
     size, there = stored.size * stored.dtype.itemsize, int(stored.id.get_storage_size())
     if size > max(_SMALL, _MAX_RATIO * there):
         raise LogError(f"found {there} bytes stored, expected enough for {size}")
     if h5py.h5z.FILTER_DEFLATE in filters_of(stored):
         for number in range(stored.id.get_num_chunks()):
             unpacked(stored, stored.id.get_chunk_info(number).chunk_offset)
-    return np.asarray(stored[()])
+    return np.asarray(stored[()] if stop is None else stored[:stop])
 
 
 def attribute(item: Any, name: str, kinds: str, *, single: bool = True) -> Array:

@@ -32,6 +32,16 @@ from tracker.logs.frame import LogFrame, checked_stamp, empty_frame, is_empty, p
 from tracker.logs.log import MAX_SIDE, MIN_SIDE, Settings, Source, default_names
 from tracker.logs.pictures import from_bayer
 
+POSE = {"position": 3, "orientation": 4, "confidence": 1}
+"""Fields of a pose, and how many numbers each has."""
+
+MAGIC = 0x3CDA7A00
+VERSIONS = (1, 2)
+
+FLUSHED = "frames_flushed"
+"""Attribute of a log of this project that is still written, or whose writer was killed: how many frames were
+handed over as a whole. What comes after them is left out."""
+
 MAX_CAMERAS = 16
 
 _MAX_SETTINGS = 1 << 16  # bytes of one camera
@@ -148,17 +158,6 @@ def _bytes_at(path: Path, offset: int, size: int) -> bytes:
 
 def _refuse(constant: str) -> float:
     raise ValueError(f"found {constant}, expected a finite number")
-
-
-POSE = {"position": 3, "orientation": 4, "confidence": 1}
-"""Fields of a pose, and how many numbers each has."""
-
-MAGIC = 0x3CDA7A00
-VERSIONS = (1, 2)
-
-FLUSHED = "frames_flushed"
-"""Attribute of a log of this project that is still written, or whose writer was killed: how many frames were
-handed over as a whole. What comes after them is left out."""
 
 
 class Hdf5Source(Source):
@@ -285,7 +284,8 @@ class Hdf5Source(Source):
         if not shape or math.prod(shape[1:]) != width or field.dtype not in (np.float64, np.bool_, np.uint8):
             raise LogError(f"{name}: found {described(field)}, expected {width} numbers for each frame")
         with faults_as_log_errors(f"{self.path}: {name}"):
-            return hdf5.values(field).astype(np.float64).reshape(-1, width)
+            # What comes after those that were flushed may be half written.
+            return hdf5.values(field, self._flushed).astype(np.float64).reshape(-1, width)
 
     def _attribute(self, name: str) -> int | None:
         """A whole number among the file's attributes, or None where there is none of this name."""
