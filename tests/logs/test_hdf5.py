@@ -140,6 +140,27 @@ def test_images_packed_together_are_those_packed_alone_and_may_be_changed(tmp_pa
             assert all(pixels.flags.writeable for pixels in raw)
 
 
+@pytest.mark.parametrize(
+    "packing",
+    [
+        {"chunks": None},
+        *[
+            {"chunks": (2, 2, 7, 9), **filters}
+            for filters in ({}, {"compression": "gzip", "shuffle": True}, {"fletcher32": True})
+        ],
+    ],
+)
+def test_images_may_be_packed_in_blocks_of_any_shape(tmp_path, packing):
+    content = make_content(5)
+    path = write_hdf5(tmp_path / "log.h5", content)
+    with h5py.File(path, "r+") as file:
+        del file["images"]
+        file.create_dataset("images", data=content.raw, **packing)
+    with tracker.open_log(path) as log:
+        for k in (4, 0, 3):
+            np.testing.assert_array_equal(np.array(log[k].raw), content.raw[k])
+
+
 @pytest.mark.parametrize("name", ["images", "timestamps"])
 def test_a_block_that_unpacks_to_more_than_it_should_is_refused_before(tmp_path, name):
     path = write_hdf5(tmp_path / "log.h5", make_content(3))

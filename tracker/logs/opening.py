@@ -95,8 +95,8 @@ def _refuse(error: OSError) -> None:
 def _calibration_in(folder: Path, _: int) -> list[str]:
     """Paths of the calibration files in a folder, as it was at a time: many recordings may share it."""
     names = sorted(entry.name for entry in os.scandir(folder))
-    of_cameras = [name for name in names if name.endswith((".yml", ".yaml")) and "camera" in name]
-    return [os.path.join(folder, name) for name in names if name in of_cameras or name == "arena.toml"]
+    chosen = [n for n in names if n == "arena.toml" or ("camera" in n and n.endswith((".yml", ".yaml")))]
+    return [os.path.join(folder, name) for name in chosen]
 
 
 def _source(path: Path, recover: bool, rate: float) -> Source:
