@@ -60,12 +60,8 @@ def _indirect(path: str) -> tuple[bool, int, str]:
 def _below(root: str, parts: list[str], been: set[tuple[int, int, int]]) -> Iterator[str]:
     """What fits a pattern below a folder; `**` stands for any number of folders, each of which is seen once.
 
-    `glob` would follow a link to a folder above again for each link that it followed before.
-
-    Args:
-        root: the folder; empty: the present one.
-        parts: the pattern's, between slashes.
-        been: which folders were looked through: number of parts that were left, device, number on it.
+    `glob` would follow a link to a folder above again for each link that it followed before. `been` says
+    which folders were looked through: number of parts that were left, device, number on it.
     """
     if "**" not in parts:
         found = glob.glob(os.sep.join(parts), root_dir=root or None) if any(parts) else [""]
@@ -205,10 +201,9 @@ def read_line(output: Path) -> dict[str, Any] | None:
     return line if same else None
 
 
-def read_failure(output: Path) -> str | None:
+def read_failure(output: Path) -> str:
     """Why there are no poses, as far as that is known."""
-    content = _read(failure_file(output))
-    return None if content is None else str(content.get("reason"))
+    return str((_read(failure_file(output)) or {}).get("reason", "unknown"))
 
 
 def is_done(job: Job, mark: str) -> bool:

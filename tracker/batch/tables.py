@@ -58,7 +58,7 @@ def state(batch: Batch, failed: Mapping[str, str] | None = None) -> State:
             lines.append({**line, "output": unicode_text(relative)})
             stamps.append(results.summary_file(output).stat().st_mtime)
         elif os.path.exists(results.failure_file(output)):  # unlike Path's, of names too long, too
-            failures[log] = results.read_failure(output) or "unknown"
+            failures[log] = results.read_failure(output)
         elif failed is not None and log in failed:
             failures[log] = failed[log]
     return State(len(batch.pairs), tuple(lines), failures, running, _rate(stamps))

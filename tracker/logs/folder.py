@@ -200,11 +200,9 @@ class Layout:
 
 
 def find_layout(root: Path, rate: float) -> Layout:
-    """What belongs together; LogError if there is no frame.
+    """What belongs together in a folder, or in one camera's film; LogError if there is no frame.
 
-    Args:
-        root: the folder, or a film of a single camera.
-        rate: frames per second [Hz] where names are not stamps.
+    rate: frames per second [Hz] where names are not stamps.
     """
     if root.is_file():
         return _of_streams({_name_of_lone_camera(root.stem): _film(root)}, rate)

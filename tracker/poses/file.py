@@ -27,11 +27,7 @@ from tracker.poses.poses import KINDS, About, Kind, Poses
 
 
 class PosesBuilder:
-    """Grows by one frame at a time; `build` gives what there is, and can be called again later.
-
-    Args:
-        about: what the poses are made from.
-    """
+    """Grows by one frame at a time; `build` gives what there is, and can be called again later."""
 
     def __init__(self, about: About) -> None:
         self._about = about
