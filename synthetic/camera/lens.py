@@ -6,8 +6,9 @@ lens gives, iterated to convergence; the tracker's own projection has no part in
 
 from __future__ import annotations
 
+import dataclasses
 from functools import lru_cache
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -30,11 +31,10 @@ class Lens:
         """Points per pixel along each axis: 1 is fast, 2 the default, 3 or 4 for the best pictures."""
         self.camera = camera
         self.supersampling = supersampling
-        tables = _tables(_Optics(camera), supersampling)
-        fx, fy = camera.matrix[0, 0] * supersampling, camera.matrix[1, 1] * supersampling
-        self.view = PinholeView(*tables.size, fx, fy, *tables.center, camera.camera_from_world)
+        lens = camera.width, camera.height, camera.matrix.tobytes(), camera.distortion.tobytes()
+        view, self._map_x, self._map_y = _tables(camera.name, *lens, supersampling)
+        self.view = dataclasses.replace(view, camera_from_world=camera.camera_from_world)
         """The view to render: all rays of the image, `supersampling` times as fine as the image."""
-        self._map_x, self._map_y = tables.maps
 
     def to_camera(
         self, layer: Array, mode: Literal["mean", "label"], stretch: FloatArray | None = None
@@ -54,13 +54,11 @@ class Lens:
             if stretch is None:
                 fine = cv2.remap(layer, self._map_x, self._map_y, cv2.INTER_LINEAR)
             else:
-                channels = (np.ascontiguousarray(layer[..., c]) for c in range(layer.shape[-1]))
-                fine = np.dstack(
-                    [
-                        cv2.remap(channel, *self._stretched(float(size)), cv2.INTER_LINEAR)
-                        for channel, size in zip(channels, stretch, strict=True)
-                    ]
-                )
+                channels = [
+                    cv2.remap(np.ascontiguousarray(layer[..., c]), *self._stretched(one), cv2.INTER_LINEAR)
+                    for c, one in enumerate(stretch.tolist())
+                ]
+                fine = np.dstack(channels)
             return fine if s == 1 else np.asarray(cv2.resize(fine, size[::-1], interpolation=cv2.INTER_AREA))
         fine = cv2.remap(layer.astype(np.uint8, copy=False), self._map_x, self._map_y, cv2.INTER_NEAREST)
         if s == 1:
@@ -86,50 +84,27 @@ class Lens:
         return next(maps), next(maps)
 
 
-class _Optics:
-    """A camera that is the same, wherever it stands, where its picture's size and its lens are."""
-
-    def __init__(self, camera: Camera) -> None:
-        self.camera = camera
-        self._key = camera.width, camera.height, camera.matrix.tobytes(), camera.distortion.tobytes()
-
-    def __hash__(self) -> int:
-        return hash(self._key)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Optics) and self._key == other._key
-
-
-class _Tables(NamedTuple):
-    """What a lens does, wherever its camera stands."""
-
-    size: tuple[int, int]
-    """Width and height of the view [px]."""
-    center: tuple[float, float]
-    """(x, y) of the principal point in it [px]."""
-    maps: tuple[Array, Array]
-    """(x, y) in it of each point of the image, (H s, W s) float32 [px]."""
-
-
 @lru_cache(maxsize=8)
-def _tables(optics: _Optics, s: int) -> _Tables:
-    """Of the view that holds s × s rays of each pixel, at s times the image's resolution."""
-    camera = optics.camera
-    pixels = _lattice_rays(camera, s) * np.array([camera.matrix[0, 0] * s, camera.matrix[1, 1] * s])
+def _tables(
+    name: str, width: int, height: int, matrix: bytes, distortion: bytes, s: int
+) -> tuple[PinholeView, Array, Array]:
+    """What a lens does, wherever its camera stands.
+
+    The view that holds s × s rays of each pixel, spread evenly over its square, at s times the image's
+    resolution; and x and y in it of each point of the image, (H s, W s) float32 [px].
+    """
+    own = np.frombuffer(matrix).reshape(3, 3)
+    columns, rows = ((np.arange(count * s) + 0.5) / s - 0.5 for count in (width, height))
+    lattice = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
+    rays = rays_of(name, lattice, own, np.frombuffer(distortion)).reshape(height * s, width * s, 2)
+    focal = own[0, 0] * s, own[1, 1] * s
+    pixels = rays * np.array(focal)
     low = np.floor(pixels.min(axis=(0, 1))) - _MARGIN_PX
-    width, height = (np.ceil(pixels.max(axis=(0, 1))) + _MARGIN_PX - low + 1).astype(int).tolist()
+    across, down = (np.ceil(pixels.max(axis=(0, 1))) + _MARGIN_PX - low + 1).astype(int).tolist()
     x, y = (-low).tolist()
-    maps = (pixels - low).astype(np.float32)
-    return _Tables((width, height), (x, y), (maps[..., 0].copy(), maps[..., 1].copy()))
-
-
-def _lattice_rays(camera: Camera, s: int) -> FloatArray:
-    """Normalised coordinates (H s, W s, 2) of s × s points spread evenly over each pixel's square."""
-    columns = (np.arange(camera.width * s) + 0.5) / s - 0.5
-    rows = (np.arange(camera.height * s) + 0.5) / s - 0.5
-    pixels = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
-    rays = rays_of(camera.name, pixels, camera.matrix, camera.distortion)
-    return rays.reshape(camera.height * s, camera.width * s, 2)
+    places = (pixels - low).astype(np.float32)
+    view = PinholeView(across, down, *focal, x, y, np.eye(4))
+    return view, places[..., 0].copy(), places[..., 1].copy()
 
 
 def rays_of(name: str, pixels: Array, matrix: Array, distortion: Array) -> FloatArray:

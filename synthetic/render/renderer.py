@@ -14,7 +14,7 @@ from synthetic.render.hits import hits_of_codes, labels_of_codes, shared
 from synthetic.render.raster import Layers, PinholeView, paint
 from synthetic.render.shading import add_bounced, shade
 from synthetic.render.shadows import Shadows, add_contact, shadows_of, take_shadows
-from synthetic.render.surfaces import Surfaces, SurfaceStore
+from synthetic.render.surfaces import SurfaceStore
 from synthetic.scene import PlatformScene
 
 KEPT = 6
@@ -28,12 +28,12 @@ class Renderer:
     """Stands in the ground truth."""
 
     def __init__(self) -> None:
-        self._store = SurfaceStore()
-        self._known: list[tuple[PlatformScene, Surfaces, list[Shadows]]] = []
+        self._surfaces = functools.lru_cache(KEPT)(SurfaceStore().of_scene)
+        self._shadows = functools.lru_cache(KEPT)(self._shadows_of)
 
     def render(self, scene: PlatformScene, view: PinholeView, *, shadows: bool = True) -> Layers:
         """What `view` shows of `scene`; without `shadows` light passes through everything, and it is fast."""
-        surfaces, maps = self._of_scene(scene)
+        surfaces = self._surfaces(scene)
         bodies = [(n, body.mesh, body.world_from_body) for n, body in enumerate(scene.bodies)]
         codes, nearness = paint(view, bodies)
         alone, _ = paint(view, [row for row in bodies if surfaces.is_object[row[0]]])
@@ -41,9 +41,7 @@ class Renderer:
         hits = hits_of_codes(codes, view, surfaces, at)
         reach = np.ones((*hits.body.shape, 1 + len(scene.lighting.lamps)), np.float32)
         if shadows:
-            if not maps:
-                maps.append(shadows_of(surfaces, scene.lighting))
-            take_shadows(reach, hits, view, maps[0], scene.lighting)
+            take_shadows(reach, hits, view, self._shadows(scene), scene.lighting)
             add_contact(reach, hits, scene)
         color = shade(hits, view, surfaces, scene.lighting, reach)
         if scene.patches is not None:
@@ -52,14 +50,8 @@ class Renderer:
             color = color[0][stands]
         return Layers(color, labels_of_codes(codes, surfaces), labels_of_codes(alone, surfaces), nearness)
 
-    def _of_scene(self, scene: PlatformScene) -> tuple[Surfaces, list[Shadows]]:
-        """The surfaces of a scene, and its shadow maps once they were asked for."""
-        for known, surfaces, maps in self._known:
-            if known is scene:
-                return surfaces, maps
-        surfaces, maps = self._store.of_scene(scene), list[Shadows]()
-        self._known = [(scene, surfaces, maps), *self._known[: KEPT - 1]]
-        return surfaces, maps
+    def _shadows_of(self, scene: PlatformScene) -> Shadows:
+        return shadows_of(self._surfaces(scene), scene.lighting)
 
 
 @functools.cache
