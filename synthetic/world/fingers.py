@@ -63,38 +63,31 @@ def tip_near(platform: Platform, states: Sequence[ObjectState], rng: np.random.G
     return state.position + state.rotation @ point
 
 
-def is_clear(
-    world: World,
-    finger: int,
-    angles: Array,
-    others: Sequence[int],
-    *,
-    gap: float = GAP,
-) -> bool:
+def is_clear(world: World, finger: int, angles: Array, others: Sequence[int], *, gap: float = GAP) -> bool:
     """Whether a finger at joint angles (3,) keeps `gap` [m] from everything; it stays there.
 
     Everything is table, wall, objects and those of the other fingers that `others` lists.
     """
     world.set_finger(finger, angles)
     links = world.finger_links[finger]
-    bounds = [world.bounds(link) for link in links]
+    bounds = {link: world.bounds(world.robot, link) for link in links}
     # Bullet's bounds are generous by millimetres: they tell only where a closer look is needed.
-    for link, bound in zip(links, bounds, strict=True):
-        if bound[0, 2] < gap and world.near(world.robot, world.table, gap, link):
+    for link, bound in bounds.items():
+        if bound[0, 2] < gap and world.near(world.table, gap, link):
             return False
-    for link, bound in zip(links, bounds, strict=True):
+    for link, bound in bounds.items():
         for body in world.objects:
-            if _overlap(bound, world.object_bounds(body), gap) and world.near(world.robot, body, gap, link):
+            if _overlap(bound, world.bounds(body), gap) and world.near(body, gap, link):
                 return False
     foreign = {link for other in others for link in world.finger_links[other]}
-    for link, bound in zip(links, bounds, strict=True):
-        if np.hypot(*np.abs(bound[:, :2]).max(axis=0)) > _SAFE_RADIUS and world.near(
-            world.robot, world.wall, gap, link
-        ):
+    for link, bound in bounds.items():
+        farthest = np.hypot(*np.abs(bound[:, :2]).max(axis=0))
+        if farthest > _SAFE_RADIUS and world.near(world.wall, gap, link):
             return False
-    for link, bound in zip(links, bounds, strict=True):
+    for link, bound in bounds.items():
         for other in foreign:
-            if _overlap(bound, world.bounds(other), gap) and world.touches_itself(link, other, gap):
+            apart = not _overlap(bound, world.bounds(world.robot, other), gap)
+            if not apart and world.touches_itself(link, other, gap):
                 return False
     return not (
         world.touches_itself(links[0], links[2], 0.0) or world.touches_itself(links[0], links[3], 0.0)

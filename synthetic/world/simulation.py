@@ -202,20 +202,13 @@ class World(Closing):
         for _ in range(count):
             self._bullet.stepSimulation()
 
-    def near(
-        self, first: int | None, second: int, margin: float, link: int = -2
-    ) -> list[tuple[int, int, float]]:
-        """Pairs of links (-1: a body's base) that are nearer than `margin` [m], and their distance [m].
-
-        `link` restricts the first body to one link.
-        """
-        only = {} if link == -2 else {"linkIndexA": link}
-        shell = HULL_MARGIN if first == self.robot else 0.0
-        reach = max(margin - shell, 0.0)
-        points = self._bullet.getClosestPoints(first, second, reach, **only)
+    def near(self, body: int, margin: float, link: int | None = None) -> list[float]:
+        """Distances [m] below `margin` of the robot, or of one of its links, from a body."""
+        only = {} if link is None else {"linkIndexA": link}
         # Bullet reports no point where the shapes are further apart than asked for.
-        found = [(point[3], point[4], point[8] + shell) for point in points]
-        return [entry for entry in found if entry[2] < margin]
+        points = self._bullet.getClosestPoints(self.robot, body, max(margin - HULL_MARGIN, 0.0), **only)
+        found = [point[8] + HULL_MARGIN for point in points]
+        return [distance for distance in found if distance < margin]
 
     def touches_itself(self, first: int, second: int, margin: float) -> bool:
         """Whether two of the robot's links are nearer than `margin` [m]."""
@@ -223,13 +216,9 @@ class World(Closing):
             self._bullet.getClosestPoints(self.robot, self.robot, margin, linkIndexA=first, linkIndexB=second)
         )
 
-    def object_bounds(self, body: int) -> FloatArray:
-        """Least and greatest coordinates (2, 3) [m] of a box around one of `objects`."""
-        return np.array(self._bullet.getAABB(body))
-
-    def bounds(self, link: int) -> FloatArray:
-        """Least and greatest coordinates (2, 3) [m] of a box around one of the robot's links."""
-        return np.array(self._bullet.getAABB(self.robot, link))
+    def bounds(self, body: int | None, link: int = -1) -> FloatArray:
+        """Least and greatest coordinates (2, 3) [m] of a box around a body, or one of the robot's links."""
+        return np.array(self._bullet.getAABB(body, link))
 
 
 SHELL, DARK, RUBBER, COPPER = range(4)

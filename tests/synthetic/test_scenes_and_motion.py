@@ -45,7 +45,7 @@ def depth(platform, scene):
     world, farthest = platform.world, 2 * TIP_RADIUS
     world.set_objects(scene.objects)
     world.set_joints(scene.robot_position)
-    found = [gap for body in world.objects for _, _, gap in world.near(world.robot, body, farthest)]
+    found = [gap for body in world.objects for gap in world.near(body, farthest)]
     return -min(found, default=farthest)
 
 
