@@ -23,7 +23,7 @@ from tracker.geometry import so3
 from tracker.pose.result import Status
 from tracker.poses.file import PosesBuilder
 from tracker.viz import paint, write_trajectory_plot
-from tracker.viz.trajectory import STATUS_COLORS, _series, _to_one_scale, angle_std, angles
+from tracker.viz.plots import STATUS_COLORS, angle_std, angles, series_of
 
 pytest.importorskip("matplotlib", reason="plot: no module matplotlib")
 
@@ -98,11 +98,11 @@ def test_equal_motions_along_the_axes_look_equal(rng):
         pose = moved(np.eye(3), np.array([x, 0.02, 0.03 + x / 10]))
         pose.covariance = np.eye(6) * 1e-8
         builder.append(number, START + number, answer(pose, None, "found"))
-    scaled = _to_one_scale(list(_series(builder.build())))
-    lengths = np.ptp([series.limits for series in scaled[:3]], axis=1)
+    panels = series_of(builder.build())
+    lengths = np.ptp([panel.limits for panel in panels[:3]], axis=1)
     np.testing.assert_allclose(lengths, 116.0)
-    for series in scaled:
-        assert series.limits is None or (series.limits[0] < series.values).all()
+    for panel in panels:
+        assert (panel.limits[0] < panel.values[np.isfinite(panel.values)]).all()
 
 
 def test_recorded_poses_are_seen(path, rng):

@@ -7,4 +7,4 @@ from tracker.viz.image_files import write_film as write_film
 from tracker.viz.image_files import write_image as write_image
 from tracker.viz.overlays import overlay as overlay
 from tracker.viz.plots import write_colors_plot as write_colors_plot
-from tracker.viz.trajectory import write_trajectory_plot as write_trajectory_plot
+from tracker.viz.plots import write_trajectory_plot as write_trajectory_plot

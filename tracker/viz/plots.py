@@ -1,16 +1,19 @@
-"""Figures of matplotlib, an optional package: dark like the other pictures, and written whole.
+"""Plots by matplotlib, an optional package: dark like the other pictures, and written whole.
 
-One is of an object's face colours: what is taken for what, and how near they are.
+One is of an object's face colours: what is taken for what, and how near they are. Another is of a whole
+recording: where the object was, how sure that is, and what the tracker was doing.
 """
 
 from __future__ import annotations
 
 import io
 import os
+import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -18,8 +21,13 @@ from tracker.checks import optional
 from tracker.conventions import Array, FloatArray
 from tracker.errors import ImageError
 from tracker.files import check_suffix, told_as, write_whole
+from tracker.geometry import so3
 from tracker.objects.labels import COLOR_NAMES, DISPLAY_COLORS_BGR
+from tracker.poses.columns import PoseColumns
+from tracker.poses.poses import Poses
+from tracker.summaries.summary import best
 from tracker.viz import paint
+from tracker.viz.overlays import DOUBTFUL, GOOD
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -77,11 +85,7 @@ def png(drawn: Figure) -> bytes:
     return content.getvalue()
 
 
-SIZE = (12.0, 5.4)
-"""Width and height of the picture [inch]."""
-
-_DOTS = 500
-"""Pixels of each colour that are drawn."""
+_DOTS = 500  # pixels of each colour that are drawn
 
 
 def write_colors_plot(
@@ -104,7 +108,7 @@ def write_colors_plot(
         ImageError: the suffix is another, or the file cannot be written.
         TrackerError: the optional package `matplotlib` is missing.
     """
-    with figure_file(path, SIZE) as figure:
+    with figure_file(path, (12.0, 5.4)) as figure:
         figure.suptitle(title, color=rgb(paint.BRIGHT), fontsize=12)
         left, right = figure.subplots(1, 2, width_ratios=(1, 1.15))
         _draw_confusion(left, counts)
@@ -153,3 +157,210 @@ def _chroma(levels: Array) -> tuple[FloatArray, FloatArray]:
     """Log red over green and log blue over green of levels (N, 3); the dark are drawn towards grey."""
     logs = np.log(np.asarray(levels, dtype=np.float64) + 6.0)
     return logs[:, 2] - logs[:, 1], logs[:, 0] - logs[:, 1]
+
+
+_AXES: dict[str, paint.Color] = {"x": (110, 120, 240), "y": (125, 205, 125), "z": (245, 165, 95)}
+_ROTATION: paint.Color = (210, 140, 200)
+_RECORDED: paint.Color = (90, 215, 250)
+_SIGMAS = 2.0
+
+STATUS_COLORS: dict[str, paint.Color] = {
+    "tracking": GOOD,
+    "found": (160, 225, 195),
+    "refound": (225, 200, 90),
+    "coasting": DOUBTFUL,
+    "lost": (95, 85, 225),
+    "no_object_colors": (105, 98, 92),
+    "too_few_pixels": (170, 150, 200),
+    "inconsistent_views": (180, 110, 150),
+    "poor_fit": (185, 140, 90),
+    "other_object": (120, 60, 110),
+    "ambiguous": (70, 120, 150),
+}
+"""The colours of a status strip, the same in each plot."""
+
+_LABEL_X = -0.065  # left of the longest tick label, so that the labels of all panels are aligned
+_LEAST_SHARE = 0.003
+"""Share of the strip's width that the shortest run has, so that single frames are seen."""
+_LEAST = 2.0  # least height of an axis that is fitted to its values
+_FEW = 250  # frames up to which dots are drawn in full size
+
+
+def write_trajectory_plot(path: str | os.PathLike[str], poses: Poses, title: str = "") -> None:
+    """Write a PNG picture of position, rotation, confidence and status over time, whole or not at all.
+
+    Lines are the filtered poses with a band of two standard deviations, dots the measured ones, circles
+    those of the recording; without any filtered pose the lines are the measured ones. The rotation is the
+    angle from the first pose.
+
+    Args:
+        path: ends in .png.
+        poses: what to show.
+        title: stands above; by default object and source.
+
+    Raises:
+        ImageError: the suffix is another, or the file cannot be written.
+        TrackerError: the optional package `matplotlib` is missing.
+    """
+    title = title or " · ".join(filter(None, (poses.about.object_name, poses.about.source)))
+    with warnings.catch_warnings(), figure_file(path, (12.0, 10.0)) as figure:
+        warnings.filterwarnings("ignore", "Glyph")  # a title may hold any character
+        _draw_trajectory(figure, poses, title)
+
+
+def _draw_trajectory(figure: Any, poses: Poses, title: str) -> None:
+    time = poses.timestamp - poses.timestamp[:1]
+    figure.get_layout_engine().set(h_pad=0.05, hspace=0.02, rect=(0.012, 0.012, 0.972, 0.974))
+    axes = figure.subplots(6, 1, sharex=True, height_ratios=(0.32, 2, 2, 2, 2, 1.3))
+    _draw_status(axes[0], time, poses.status)
+    drawn, *_ = [_draw_panel(axis, time, one) for axis, one in zip(axes[1:], series_of(poses), strict=True)]
+    axes[5].set_xlabel("time since the first frame [s]")
+    if len(poses) > 1 and time.max() > time.min():
+        axes[0].set_xlim(time.min(), time.max())
+    elif not len(poses):
+        axes[0].set_xticks([])
+    found = best(poses).has_pose
+    share = f"{np.mean(found):.1%} of {len(poses)} frames have a pose" if len(poses) else "no frames"
+    # A dollar sign in the name of a file begins no formula.
+    heading = title.replace("$", r"\$")
+    axes[0].set_title(heading, loc="left", color=rgb(paint.BRIGHT), fontsize=14, pad=30)
+    axes[0].set_title(share, loc="right", fontsize=10, pad=30)
+    fused, recorded = bool(poses.filtered.has_pose.any()), poses.recorded is not None
+    some, both = bool(found.any()), fused and bool(poses.measured.has_pose.any())
+    names = ("filtered" if fused else "measured", f"±{_SIGMAS:g}σ", "measured", "recorded")
+    there = zip(drawn, names, (some, some, both, recorded), strict=True)
+    _explain(axes[1], {name: one for one, name, is_there in there if is_there}, "right")
+
+
+class Series(NamedTuple):
+    """What one panel shows of n frames; NaN where there is nothing."""
+
+    label: str
+    color: paint.Color
+    values: Array
+    """(3, n), as line, dots and circles."""
+    band: FloatArray
+    """(2, n) ends of a band around the line, which may reach very far."""
+    limits: tuple[float, float]
+    """Of the axis."""
+
+
+def series_of(poses: Poses) -> list[Series]:
+    """The panels; axes of x, y and z are of one length, so that equal motions look equal."""
+    recorded = PoseColumns.nothing(len(poses)) if poses.recorded is None else poses.recorded
+    kinds = shown, _, _ = best(poses), poses.measured, recorded
+    positions = 1e3 * np.stack([one.position for one in kinds])
+    std = 1e3 * np.sqrt(np.diagonal(shown.covariance, axis1=1, axis2=2)[:, :3])
+    limits = np.array([_limits(positions[:, :, k]) for k in range(3)])
+    half = np.ptp(limits, axis=1).max() / 2
+    result = []
+    for k, (name, color) in enumerate(_AXES.items()):
+        middle = limits[k].mean()
+        values, band = positions[:, :, k], positions[0, :, k] + _SIGMAS * std[:, k] * [[-1], [1]]
+        result.append(Series(f"{name} [mm]", color, values, band, (middle - half, middle + half)))
+    posed = (one.orientation[np.argmax(one.has_pose)] for one in kinds if one.has_pose.any())
+    first = so3.matrix_from_quaternion(next(posed, np.array([0.0, 0.0, 0.0, 1.0])))
+    values = np.stack([angles(one.orientation, first) for one in kinds])
+    spread = _SIGMAS * angle_std(shown.orientation, first, shown.covariance[:, 3:, 3:])
+    band = np.stack([np.maximum(values[0] - spread, 0), np.minimum(values[0] + spread, 180)])
+    result.append(Series("rotation [°]", _ROTATION, values, band, _limits(values)))
+    values = np.stack([one.confidence for one in kinds])
+    nothing = np.full((2, len(poses)), np.nan)
+    return [*result, Series("confidence", paint.BRIGHT, values, nothing, (-0.04, 1.04))]
+
+
+def _limits(values: FloatArray) -> tuple[float, float]:
+    """Of an axis that is fitted to the values."""
+    known = values[np.isfinite(values)]
+    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
+    room = max(0.08 * (high - low), (_LEAST - (high - low)) / 2)
+    return low - room, high + room
+
+
+def angles(orientation: FloatArray, reference: FloatArray) -> FloatArray:
+    """Angles (n,) [°] of quaternions (n, 4) from a rotation (3, 3); NaN where the quaternion is."""
+    result: FloatArray = np.degrees(np.linalg.norm(_rotation_vectors(orientation, reference), axis=1))
+    return result
+
+
+def angle_std(orientation: FloatArray, reference: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Standard deviations (n,) [°] of `angles`, from covariances (n, 3, 3) [rad²] along world axes.
+
+    With R = exp(δθ) R̂ the angle changes by axis · δθ, the axis being that of R̂ Rᵀ_reference. Near zero the
+    axis is anything: there the largest deviation is given.
+    """
+    vector = _rotation_vectors(orientation, reference)
+    rows = np.flatnonzero(np.isfinite(vector).all(axis=1))
+    vector, spread = vector[rows], covariance[rows]
+    length = np.linalg.norm(vector, axis=1)
+    axis = vector / np.where(length > 0, length, 1)[:, None]
+    along = np.einsum("ni,nij,nj->n", axis, spread, axis)
+    largest = np.linalg.eigvalsh(spread).max(axis=1, initial=0)
+    variance = np.where(length < 3 * np.sqrt(largest), largest, along)
+    result = np.full(len(orientation), np.nan)
+    result[rows] = np.degrees(np.sqrt(np.maximum(variance, 0)))
+    return result
+
+
+def _rotation_vectors(orientation: FloatArray, reference: FloatArray) -> FloatArray:
+    """Rotation vectors (n, 3) [rad] from the reference, along world axes; NaN where the quaternion is."""
+    result = np.full((len(orientation), 3), np.nan)
+    rows = np.isfinite(orientation).all(axis=1)
+    result[rows] = so3.log(so3.matrix_from_quaternion(orientation[rows]) @ reference.T)
+    return result
+
+
+def _draw_panel(axis: Any, time: Array, series: Series) -> tuple[Any, ...]:
+    """Draw a line with a band, dots and circles over time; these four, for a legend."""
+    color = rgb(series.color)
+    size = float(np.clip(np.sqrt(_FEW / max(len(time), 1)), 0.5, 1))
+    bottom, top = series.limits
+    # A variance may have any size, a pixel's place may not.
+    far = 10 * (top - bottom)
+    low, high = np.clip(series.band, bottom - far, top + far)
+    band = axis.fill_between(time, low, high, color=color, alpha=0.3, linewidth=0)
+    ring = {"ms": 3.8 * size, "mew": 0.9 * size, "fillstyle": "none", "color": rgb(_RECORDED), "alpha": 0.8}
+    (circles,) = axis.plot(time, series.values[2], "o", **ring)
+    (line,) = axis.plot(time, series.values[0], "-", linewidth=1.3, color=color)
+    (dots,) = axis.plot(time, series.values[1], ".", markersize=4.4 * size, color=color)
+    axis.set_ylabel(series.label, color=color, fontsize=11)
+    axis.yaxis.set_label_coords(_LABEL_X, 0.5)
+    axis.set_ylim(bottom, top)
+    if not np.isfinite(series.values).any():
+        axis.set_yticks([])
+        axis.text(0.5, 0.5, "no pose", ha="center", transform=axis.transAxes)
+    return line, band, dots, circles
+
+
+def _draw_status(axis: Any, time: Array, status: Array) -> None:
+    """Draw a strip in the colour of each frame's status, with a legend above."""
+    axis.set(yticks=[], ylim=(0, 1))
+    axis.grid(False)
+    axis.spines[:].set_visible(False)
+    axis.set_ylabel("status", fontsize=11, rotation=0, ha="center", va="center")
+    axis.yaxis.set_label_coords(_LABEL_X, 0.5)
+    if not len(time):
+        return
+    last = time[-1] + (np.median(np.diff(time)) if len(time) > 1 else 0.1)
+    ends = np.append(time[1:], last)
+    names = set(status.tolist())
+    colors = {name: color for name, color in STATUS_COLORS.items() if name in names}
+    colors |= dict.fromkeys(sorted(names - colors.keys()), paint.FAINT)
+    least = _LEAST_SHARE * (last - time[0])
+    runs = []
+    row = 0
+    for name, frames in groupby(status.tolist()):
+        start, row = row, row + len(list(frames))
+        runs.append((max(ends[row - 1] - time[start], least), time[start], name))
+    for width, start_time, name in sorted(runs, reverse=True):  # short ones on top of long ones
+        axis.axvspan(start_time, start_time + width, color=rgb(colors[name]), linewidth=0)
+    bars = {name: axis.bar(time[0], 0.0, 0.0, color=rgb(color)) for name, color in colors.items()}
+    _explain(axis, bars, "left")
+
+
+def _explain(axis: Any, shown: dict[str, Any], side: str) -> None:
+    """A legend in one line above the panel, from its left or right end."""
+    if shown:
+        place: dict[str, Any] = {"loc": f"lower {side}", "bbox_to_anchor": (float(side == "right"), 1.1)}
+        place |= {"borderaxespad": 0, "borderpad": 0, "handlelength": 1.4, "columnspacing": 1.6}
+        axis.legend(shown.values(), shown, ncols=len(shown), **place)
