@@ -25,16 +25,10 @@ BAD: paint.Color = (80, 110, 245)
 _SIDE, _HEAD = 420, 76
 """Size of a camera's panel and height of the text above it [px]."""
 
-_SHOWN = 4.0
-"""Misses that a panel shows [limits]."""
-
-_WIDTH = 1080
-"""Of the picture of residuals [px]."""
-_STRIP = 40
-"""Height [px] of the line of text below."""
-
-_LONG = 0.02
-"""How long the RMS is drawn [picture's width]."""
+_SHOWN = 4.0  # misses that a panel shows [limits]
+_WIDTH = 1080  # of the picture of residuals [px]
+_STRIP = 40  # height [px] of the line of text below
+_LONG = 0.02  # how long the RMS is drawn [picture's width]
 
 
 def check_picture(found: CalibrationCheck, rig: CameraRig) -> Image:
@@ -43,14 +37,14 @@ def check_picture(found: CalibrationCheck, rig: CameraRig) -> Image:
     A dot's distance from the middle is by how much the camera misses the object where the others have it,
     right and down as in its picture; the ring is the limit.
     """
-    picture: Image = np.full((_SIDE + _HEAD, _SIDE * len(rig), 3), paint.BACKGROUND, np.uint8)
+    picture = paint.canvas(_SIDE * len(rig), _SIDE + _HEAD)
     for c, (camera, one) in enumerate(zip(rig, found.cameras, strict=True)):
         limit = LIMIT * float(np.sqrt(camera.matrix[0, 0] * camera.matrix[1, 1]))
         panel = picture[:, c * _SIDE : (c + 1) * _SIDE]
-        bad = one.moved or found.is_lost(one)
+        color = BAD if one.moved or found.is_lost(one) else GOOD
         paint.put_text(panel, one.name, (16, 26), paint.BRIGHT, size=12)
-        paint.put_text(panel, verdict(found, one), (16, 50), BAD if bad else GOOD, size=9)
-        _dots(panel[_HEAD:], found.misses[:, c], limit, BAD if bad else GOOD)
+        paint.put_text(panel, verdict(found, one), (16, 50), color, size=9)
+        _dots(panel[_HEAD:], found.misses[:, c], limit, color)
         paint.put_text(panel, f"ring: {limit:.1f} px", (16, _HEAD + _SIDE - 12), paint.FAINT, size=9)
     return picture
 
@@ -65,22 +59,18 @@ def verdict(found: CalibrationCheck, one: CameraCheck) -> str:
 
 
 def _dots(panel: Image, misses: FloatArray, limit: float, color: paint.Color) -> None:
-    middle, scale = np.array([_SIDE / 2, _SIDE / 2]), _SIDE / 2 / (_SHOWN * limit)
-    cross = [
-        middle + np.array([[-1, 0], [1, 0]]) * _SIDE / 2,
-        middle + np.array([[0, -1], [0, 1]]) * _SIDE / 2,
-    ]
+    half = _SIDE / 2
+    scale, middle = half / (_SHOWN * limit), np.array([half, half])
+    cross = [np.array([(0, half), (_SIDE, half)]), np.array([(half, 0), (half, _SIDE)])]
     paint.stroke(panel, cross, paint.FAINT, 1.0, 0.4)
     paint.stroke(panel, [paint.circle(middle, limit * scale)], paint.FAINT, 1.5)
     for miss in misses[np.isfinite(misses).all(axis=1)]:
-        at = middle + np.clip(miss * scale, -_SIDE / 2 + 6, _SIDE / 2 - 6)
+        at = middle + np.clip(miss * scale, 6 - half, half - 6)
         paint.fill(panel, paint.circle(at, 4.0), color, 0.8)
 
 
 def residual_picture(
-    title: str,
-    size: tuple[int, int],
-    photos: Sequence[tuple[FloatArray, FloatArray, bool]],
+    title: str, size: tuple[int, int], photos: Sequence[tuple[FloatArray, FloatArray, bool]]
 ) -> Image:
     """A picture (H, W, 3) BGR of all photos of a camera, one over the other.
 
@@ -92,7 +82,7 @@ def residual_picture(
     """
     scale = _WIDTH / size[0]
     height = round(size[1] * scale)
-    picture: Image = np.full((height + _STRIP, _WIDTH, 3), paint.BACKGROUND, np.uint8)
+    picture = paint.canvas(_WIDTH, height + _STRIP)
     used = [missed for _, missed, counts in photos if counts]
     rms = float(np.sqrt((np.concatenate(used) ** 2).sum(axis=1).mean())) if used else 0.0
     longer = _LONG * _WIDTH / max(rms, 1e-6)

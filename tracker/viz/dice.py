@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import functools
+from collections.abc import Iterable, Iterator, Sequence
 
 import cv2
 import numpy as np
@@ -24,8 +25,7 @@ OUTSIDE: paint.Color = (20, 125, 255)
 """Of dice in the goal's areas, and elsewhere; they differ in lightness too, for eyes that mix up colours."""
 
 _INSIDE_OPACITY, _OUTSIDE_OPACITY, _AREA_OPACITY = 0.5, 0.75, 0.16
-_FINE = 2
-"""Outlines of masks are found on a grid this much finer than the panel's."""
+_FINE = 2  # outlines of masks are found on a grid this much finer than the panel's
 
 
 def dice_overlay(
@@ -64,12 +64,14 @@ def dice_overlay(
 
     def draw(index: int, panel: Image, view: Camera) -> None:
         _draw_masks(panel, goals[index], dice_masks[index])
-        if centers is not None:
-            _draw_dots(panel, view.project_in_view(centers))
+        pixels = view.project_in_view([] if centers is None else centers)
+        for radius, color in ((4.6, paint.BLACK), (3.2, paint.WHITE)):
+            for pixel in pixels[np.isfinite(pixels).all(axis=1)]:
+                paint.fill(panel, paint.circle(pixel, radius), color, 1.0)
 
     row = panels(images, rig, draw)
-    blocks = [*_pixel_blocks(rig.names, errors, dice_masks, title), *_dice_blocks(centers, assignment)]
-    return np.concatenate([row, footer(row.shape[1], blocks)])
+    caption = _caption(rig.names, errors, dice_masks, centers, assignment, title)
+    return np.concatenate([row, footer(row.shape[1], caption)])
 
 
 def _check(what: str, masks: Sequence[Array | None], rig: CameraRig) -> None:
@@ -84,11 +86,12 @@ def _check(what: str, masks: Sequence[Array | None], rig: CameraRig) -> None:
 
 
 def _draw_masks(panel: Image, goal: Array | None, dice: Array | None) -> None:
-    seen = np.zeros(panel.shape[:2] if goal is None else goal.shape, np.bool_) if dice is None else dice != 0
     if goal is None:
-        _tint(panel, seen, INSIDE, _INSIDE_OPACITY)
+        if dice is not None:
+            _tint(panel, dice != 0, INSIDE, _INSIDE_OPACITY)
         return
     target = goal != 0
+    seen = np.zeros_like(target) if dice is None else dice != 0
     _tint(panel, target & ~seen, paint.WHITE, _AREA_OPACITY)
     _tint(panel, target & seen, INSIDE, _INSIDE_OPACITY)
     _tint(panel, seen & ~target, OUTSIDE, _OUTSIDE_OPACITY)
@@ -116,58 +119,51 @@ def _outlines(mask: Array, width: int, height: int) -> list[FloatArray]:
     return [(loop + 0.5) / _FINE - 0.5 for loop in closed]
 
 
-def _draw_dots(panel: Image, pixels: FloatArray) -> None:
-    seen = pixels[np.isfinite(pixels).all(axis=1)]
-    for radius, color in ((4.6, paint.BLACK), (3.2, paint.WHITE)):
-        for pixel in seen:
-            paint.fill(panel, paint.circle(pixel, radius), color, 1.0)
-
-
-def _pixel_blocks(
-    names: Sequence[str], errors: Sequence[int | None], dice: Sequence[Array | None], title: str
-) -> Iterable[Block]:
+def _caption(
+    names: Sequence[str],
+    errors: Sequence[int | None],
+    dice: Sequence[Array | None],
+    centers: FloatArray | None,
+    assignment: Assignment | None,
+    title: str,
+) -> Iterator[Block]:
     counts = ["-" if mask is None else str(np.count_nonzero(mask)) for mask in dice]
     known = [value for value in errors if value is not None]
-    if not known:
-        yield Block(([title or "dice", *names], ["pixels", *counts], [""] * (1 + len(names))))
-        return
-    total = sum(known)
-    color = DOUBTFUL if total else GOOD
-    yield Block(([title or "dice task"], [f"error {total} px"], [f"reward {-total}"]), color)
-    values = ["-" if value is None else str(value) for value in errors]
-    yield Block((["pixels of dice", *names], ["not in the goal", *values], ["all", *counts]))
-
-
-def _dice_blocks(centers: FloatArray | None, assignment: Assignment | None) -> Iterable[Block]:
+    if known:
+        total = sum(known)
+        color = DOUBTFUL if total else GOOD
+        yield Block([title or "dice task"], [f"error {total} px"], [f"reward {-total}"], color)
+        values = ["-" if value is None else str(value) for value in errors]
+        yield Block(["pixels of dice", *names], ["not in the goal", *values], ["all", *counts])
+    else:
+        yield Block([title or "dice", *names], ["pixels", *counts], [""] * (1 + len(names)))
     if centers is None:
         return
-    found = [f"{len(centers)} found"]
-    if assignment is None:
-        yield Block((["dice"], found, [""]))
-        return
-    placed = assignment.count_within(TOLERANCE)
-    result = f"{placed} within {1e3 * TOLERANCE:g} mm of their place"
-    yield Block((["dice"], found, [result]), GOOD if placed == len(assignment.die) else DOUBTFUL)
+    note, color = "", GOOD
+    if assignment is not None:
+        placed = assignment.count_within(TOLERANCE)
+        note = f"{placed} within {1e3 * TOLERANCE:g} mm of their place"
+        color = GOOD if placed == len(assignment.die) else DOUBTFUL
+    yield Block(["dice"], [f"{len(centers)} found"], [note], color)
 
 
 DIE: paint.Color = (255, 150, 70)
 
 _SCALE = 38 / DIE_WIDTH
 """[px/m]; cells are a whole number of pixels wide, so that all lines of the grid are equally sharp."""
-_BORDER = 26
-"""Around the arena [px]."""
-_LABELS = 48
-"""Left of and below that, for the axes [px]."""
+_BORDER = 26  # around the arena [px]
+_LABELS = 48  # left of and below that, for the axes [px]
 _FLOOR: paint.Color = (50, 43, 40)
 _TICKS_M = (-0.15, -0.1, -0.05, 0.0, 0.05, 0.1, 0.15)
 _TEXT_SIZE = 11.0
 _FAR = 10 * ARENA_RADIUS
 """Coordinates are cut to this [m], which is out of the picture: pixels must not overflow."""
-_HIGHER = 1e-3
-"""Places this much above the floor [m] or more are marked with their height."""
+_HIGHER = 1e-3  # places this much above the floor [m] or more are marked with their height
 
-_SQUARE = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]) * DIE_WIDTH / 2
+_SQUARE = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)]) * DIE_WIDTH / 2
 _SIDE = 2 * round(ARENA_RADIUS * _SCALE + _BORDER) + 1
+
+_write = functools.partial(paint.put_text, size=_TEXT_SIZE)
 
 
 def goal_picture(
@@ -194,10 +190,9 @@ def goal_picture(
     if turns.shape != (len(dice),) or not np.isfinite(turns).all():
         raise TaskError(f"yaws: found shape {turns.shape}, expected {len(dice)} finite angles")
     ways = _ways(places, dice, [] if pairs is None else pairs)
-    picture: Image = np.full((_SIDE + _LABELS, _SIDE + _LABELS, 3), paint.BACKGROUND, np.uint8)
+    picture = paint.canvas(_SIDE + _LABELS, _SIDE + _LABELS)
     _draw_arena(picture)
-    _draw_axes(picture)
-    squares = [_square(place, 0.0) for place in places]
+    squares = [_square(place) for place in places]
     bodies = [_square(die, turn) for die, turn in zip(dice, turns, strict=True)]
     for outlines, color, opacity in ((squares, INSIDE, 0.3), (bodies, DIE, 0.8)):
         for outline in outlines:
@@ -207,8 +202,13 @@ def goal_picture(
     for way in ways:
         paint.fill(picture, paint.circle(way[0], 3.5), OUTSIDE, 1.0)
     paint.stroke(picture, ways, OUTSIDE, 2.0)
-    _draw_counts(picture, len(places), len(dice))
-    _draw_heights(picture, places)
+    right = _LABELS + _SIDE - 14
+    _write(picture, f"{len(places)} places", (right, 24), INSIDE, align=1.0)
+    if len(dice):
+        _write(picture, f"{len(dice)} dice", (right, 44), DIE, align=1.0)
+    for place, (x, y) in zip(places, _pixels(places), strict=True):
+        if place[2] > DIE_WIDTH / 2 + _HIGHER:
+            _write(picture, f"{1e3 * place[2]:.0f}", (x, y + _TEXT_SIZE / 2), paint.BRIGHT, align=0.5)
     return picture
 
 
@@ -232,46 +232,22 @@ def _pixels(positions: Array) -> FloatArray:
 
 
 def _draw_arena(picture: Image) -> None:
+    """The floor with the cells of its grid, and the axes."""
     border = paint.circle(_pixels(np.zeros((1, 2)))[0], ARENA_RADIUS * _SCALE)
     paint.fill(picture, border, _FLOOR, 1.0)
-    squares = [_square(cell, 0.0) for cell in cells()]
-    paint.stroke(picture, squares, paint.FAINT, 1.0, 0.3)
+    paint.stroke(picture, [_square(cell) for cell in cells()], paint.FAINT, 1.0, 0.3)
     paint.stroke(picture, [border], paint.FAINT, 1.6)
-
-
-def _draw_axes(picture: Image) -> None:
-    top, bottom, left = 0, _SIDE, _LABELS
-    ticks = _pixels(np.stack([_TICKS_M, _TICKS_M], axis=1))
+    bottom, left = _SIDE, _LABELS
     marks = []
-    for value, (x, y) in zip(_TICKS_M, ticks, strict=True):
+    for value, (x, y) in zip(_TICKS_M, _pixels(np.stack([_TICKS_M, _TICKS_M], axis=1)), strict=True):
         marks += [np.array([(x, bottom - 6.0), (x, bottom)]), np.array([(left, y), (left + 6.0, y)])]
-        label = f"{value:g}"
-        paint.put_text(picture, label, (x, bottom + 20), paint.FAINT, size=_TEXT_SIZE, align=0.5)
-        paint.put_text(
-            picture, label, (left - 8, y + _TEXT_SIZE / 2), paint.FAINT, size=_TEXT_SIZE, align=1.0
-        )
+        _write(picture, f"{value:g}", (x, bottom + 20), paint.FAINT, align=0.5)
+        _write(picture, f"{value:g}", (left - 8, y + _TEXT_SIZE / 2), paint.FAINT, align=1.0)
     paint.stroke(picture, marks, paint.FAINT, 1.2)
-    end = _SIDE + _LABELS - 12
-    paint.put_text(picture, "x [m]", (end, bottom + 38), paint.BRIGHT, size=_TEXT_SIZE, align=1.0)
-    paint.put_text(picture, "y [m]", (8, top + 22), paint.BRIGHT, size=_TEXT_SIZE)
+    _write(picture, "x [m]", (left + _SIDE - 12, bottom + 38), paint.BRIGHT, align=1.0)
+    _write(picture, "y [m]", (8, 22), paint.BRIGHT)
 
 
-def _square(position: Array, turn: float) -> FloatArray:
+def _square(position: Array, turn: float = 0.0) -> FloatArray:
     """The closed outline (5, 2) [px] of a die at a position (3,) [m], turned by an angle [rad]."""
-    rotation = so3.exp([0.0, 0.0, turn])[:2, :2]
-    return _pixels(position[:2] + _SQUARE[[0, 1, 2, 3, 0]] @ rotation.T)
-
-
-def _draw_counts(picture: Image, places: int, dice: int) -> None:
-    """The legend: how many places and dice there are, in their colours."""
-    right = _LABELS + _SIDE - 14
-    rows = [(f"{places} places", INSIDE), (f"{dice} dice", DIE)]
-    for row, (text, color) in enumerate(rows if dice else rows[:1]):
-        paint.put_text(picture, text, (right, 24 + 20 * row), color, size=_TEXT_SIZE, align=1.0)
-
-
-def _draw_heights(picture: Image, places: FloatArray) -> None:
-    for place, (x, y) in zip(places, _pixels(places), strict=True):
-        if place[2] > DIE_WIDTH / 2 + _HIGHER:
-            text = f"{1e3 * place[2]:.0f}"
-            paint.put_text(picture, text, (x, y + _TEXT_SIZE / 2), paint.BRIGHT, size=_TEXT_SIZE, align=0.5)
+    return _pixels(position[:2] + _SQUARE @ so3.exp([0.0, 0.0, turn])[:2, :2].T)

@@ -91,8 +91,19 @@ def write_log_film(path: str | os.PathLike[str], log: Log, progress: Callable[[i
     Raises:
         TrackerError: a frame cannot be read, the film not be written, or the package av is missing.
     """
-    rate = film_rate([frame.timestamp for frame in log[:_LOOK]])
-    write_film(path, _side_by_side(log, progress), rate)
+    height = max((size[1] for size in log.image_sizes), default=0)
+
+    def side_by_side() -> Iterator[Image]:
+        for frame in log:
+            pictures = []
+            for image, (width, rows) in zip(frame.images, log.image_sizes, strict=True):
+                pictures.append(np.zeros((height, width, 3), np.uint8))
+                if image is not None:
+                    pictures[-1][:rows] = image
+            yield np.concatenate(pictures, axis=1)
+            progress(1)
+
+    write_film(path, side_by_side(), film_rate([frame.timestamp for frame in log[:_LOOK]]))
 
 
 def film_rate(stamps: npt.ArrayLike) -> float:
@@ -100,16 +111,3 @@ def film_rate(stamps: npt.ArrayLike) -> float:
     steps = np.diff(stamps)
     steps = steps[steps > 0]
     return float(np.clip(1 / np.median(steps), MIN_RATE, MAX_RATE)) if len(steps) else 10.0
-
-
-def _side_by_side(log: Log, progress: Callable[[int], None]) -> Iterator[Image]:
-    height = max((size[1] for size in log.image_sizes), default=0)
-    for frame in log:
-        pictures = []
-        for image, (width, rows) in zip(frame.images, log.image_sizes, strict=True):
-            canvas = np.zeros((height, width, 3), np.uint8)
-            if image is not None:
-                canvas[:rows] = image
-            pictures.append(canvas)
-        yield np.concatenate(pictures, axis=1)
-        progress(1)

@@ -23,8 +23,7 @@ from tracker.viz import paint
 MIN_HEIGHT = 400
 """Images are scaled by the smallest whole number that makes them at least this high [px]."""
 
-GAP = 6
-"""Between panels [px]."""
+GAP = 6  # between panels [px]
 
 _NAME_SIZE = 14.0
 _EMPTY = (44, 38, 35)
@@ -45,9 +44,9 @@ def panels(images: Sequence[Image | None], rig: CameraRig, draw: Draw) -> Image:
     parts: list[Image] = []
     for index, (image, camera) in enumerate(zip(images, rig, strict=True)):
         if parts:
-            parts.append(np.full((height, GAP, 3), paint.BACKGROUND, np.uint8))
+            parts.append(paint.canvas(GAP, height))
         size = (max(1, round(camera.width * height / camera.height)), height)
-        panel: Image = np.full((*size[::-1], 3), _EMPTY, np.uint8)
+        panel = paint.canvas(*size, _EMPTY)
         if image is None:
             middle = size[0] / 2, height / 2
             paint.put_text(panel, "no image", middle, paint.FAINT, size=18, align=0.5)
@@ -55,7 +54,11 @@ def panels(images: Sequence[Image | None], rig: CameraRig, draw: Draw) -> Image:
             refuse_unfit(image, camera, "overlay")
             cv2.resize(image, size, panel, interpolation=cv2.INTER_CUBIC)
             draw(index, panel, camera.resized(*size))
-        _draw_name(panel, camera.name)
+        right, bottom = 36 + paint.text_width(camera.name, _NAME_SIZE), 26 + 1.7 * _NAME_SIZE
+        corners = np.array([(12, 12), (right, 12), (right, bottom), (12, bottom)])
+        paint.fill(panel, corners, paint.BACKGROUND, 0.6)
+        at = 24, (12 + bottom + _NAME_SIZE) / 2
+        paint.put_text(panel, camera.name, at, paint.BRIGHT, size=_NAME_SIZE)
         parts.append(panel)
     return np.concatenate(parts, axis=1)
 
@@ -69,31 +72,26 @@ def refuse_unfit(image: object, camera: Camera, what: str) -> None:
         raise ImageError(f"{what}: {camera.name}: found an image {found}, expected uint8 {expected}")
 
 
-def _draw_name(panel: Image, name: str) -> None:
-    left, top, right, bottom = 12, 12, 36 + paint.text_width(name, _NAME_SIZE), 26 + 1.7 * _NAME_SIZE
-    corners = np.array([(left, top), (right, top), (right, bottom), (left, bottom)], dtype=np.float64)
-    paint.fill(panel, corners, paint.BACKGROUND, 0.6)
-    paint.put_text(panel, name, (24, (top + bottom + _NAME_SIZE) / 2), paint.BRIGHT, size=_NAME_SIZE)
-
-
 GOOD: paint.Color = (120, 200, 110)
 DOUBTFUL: paint.Color = (80, 170, 245)
 """Colours of a block's last line that say how it went."""
 
 _MARGIN, _LINE, _SPACE, _COLUMN = 24, 28, 50, 17
 """Around the strip, between lines, blocks, and a block's columns [px]; all grow with the strip."""
-_SIZES = (10.0, 12.0, 12.0)
-"""Heights of the digits in a block's lines [px]."""
+_SIZES = (10.0, 12.0, 12.0)  # heights of the digits in a block's lines [px]
 _WIDTH, _MOST = 1000, 1.5
 """A strip wider than this [px] is written larger, up to so many times."""
 
 
 class Block(NamedTuple):
-    """A small table of three lines: headings, values and what qualifies them."""
+    """A small table of three lines."""
 
-    lines: tuple[list[str], list[str], list[str]]
+    headings: list[str]
+    values: list[str]
+    notes: list[str]
+    """What qualifies the values."""
     color: paint.Color = paint.FAINT
-    """Of the last line."""
+    """Of the notes."""
 
 
 def footer(width: int, blocks: Iterable[Block]) -> Image:
@@ -106,23 +104,22 @@ def footer(width: int, blocks: Iterable[Block]) -> Image:
     margin, line, between = _MARGIN * scale, _LINE * scale, _COLUMN * scale
     left = top = margin
     cells = []
-    for block in blocks:
-        sized = [[(text, size) for text in texts] for texts, size in zip(block.lines, sizes, strict=True)]
-        widths = [max(paint.text_width(*cell) for cell in column) for column in zip(*sized, strict=True)]
+    for *lines, color in blocks:
+        columns = zip(*lines, strict=True)
+        widths = [max(map(paint.text_width, column, sizes)) for column in columns]
         whole = sum(widths) + between * (len(widths) - 1)
         if left > margin and left + whole > width - margin:
             left, top = margin, top + 3 * line + margin / 2
-        for row, color in enumerate((paint.FAINT, paint.BRIGHT, block.color)):
-            starts = left + np.cumsum([0.0, *widths[:-1]]) + between * np.arange(len(widths))
-            ends = [starts[0], *(starts + widths)[1:]]
-            for column, (text, size) in enumerate(sized[row]):
+        ends = [left, *(left + np.cumsum(widths) + between * np.arange(len(widths)))[1:]]
+        rows = zip(lines, sizes, (paint.FAINT, paint.BRIGHT, color), strict=True)
+        for row, (texts, size, ink) in enumerate(rows):
+            for column, text in enumerate(texts):
                 at = float(ends[column]), top + row * line + sizes[0]
-                cells.append((text, at, color, size, float(column > 0)))
+                cells.append((text, at, ink, size, float(column > 0)))
         left += whole + _SPACE * scale
-    height = round(top + 2 * line + sizes[0] + margin)
-    picture: Image = np.full((height, width, 3), paint.BACKGROUND, np.uint8)
-    for text, at, color, size, align in cells:
-        paint.put_text(picture, text, at, color, size=size, align=align)
+    picture = paint.canvas(width, round(top + 2 * line + sizes[0] + margin))
+    for text, at, ink, size, align in cells:
+        paint.put_text(picture, text, at, ink, size=size, align=align)
     return picture
 
 
@@ -131,8 +128,7 @@ def note_strip(width: int, text: str) -> Image:
     scale = float(np.clip(width / _WIDTH, 1.0, _MOST))
     size, margin, step = _SIZES[1] * scale, _MARGIN * scale, 0.8 * _LINE * scale
     lines = textwrap.wrap(text, int((width - 2 * margin) / paint.text_width("n", size)))
-    height = round(size + (len(lines) - 1) * step + margin)
-    picture: Image = np.full((height, width, 3), paint.BACKGROUND, np.uint8)
+    picture = paint.canvas(width, round(size + (len(lines) - 1) * step + margin))
     for number, line in enumerate(lines):
         paint.put_text(picture, line, (margin, size + number * step), DOUBTFUL, size=size)
     return picture
@@ -141,43 +137,32 @@ def note_strip(width: int, text: str) -> Image:
 def caption(name: str, observation: Observation, title: str) -> Iterable[Block]:
     """Blocks of object, status and the pose's numbers; `title` stands above the object's name."""
     measured, filtered = observation.object_pose, observation.filtered_object_pose
-    pose, status = filtered if measured is None else measured, observation.status.value
+    pose, status = measured or filtered, observation.status.value
     state = status if measured is not None else f"{'no pose' if pose is None else 'predicted'}: {status}"
-    yield Block(([title or "object"], [name], [state]), DOUBTFUL if measured is None else GOOD)
-    if pose is not None:
-        yield from _pose_blocks(pose)
-
-
-def _pose_blocks(pose: PoseEstimate) -> Iterable[Block]:
+    yield Block([title or "object"], [name], [state], DOUBTFUL if measured is None else GOOD)
+    if pose is None:
+        return
     std = np.sqrt(np.diag(pose.covariance))
     yield Block(
-        (
-            ["position", "x", "y", "z", ""],
-            ["", *_numbers(1e3 * pose.position, 2), "mm"],
-            ["std", *_numbers(1e3 * std[:3], 2), "mm"],
-        )
+        ["position", "x", "y", "z", ""],
+        ["", *_numbers(1e3 * pose.position, 2), "mm"],
+        ["std", *_numbers(1e3 * std[:3], 2), "mm"],
     )
     yield Block(
-        (
-            ["orientation", "x", "y", "z", "w"],
-            ["", *_numbers(pose.orientation, 4)],
-            ["std", *(f"{value}°" for value in _numbers(np.degrees(std[3:]), 2)), ""],
-        )
+        ["orientation", "x", "y", "z", "w"],
+        ["", *_numbers(pose.orientation, 4)],
+        ["std", *(f"{value}°" for value in _numbers(np.degrees(std[3:]), 2)), ""],
     )
-    hint = pose.confidence < HINT
-    qualified = "hint only" if hint else "within 5 mm, 5°"
-    yield Block((["confidence"], [f"{pose.confidence:.3f}"], [qualified]), DOUBTFUL if hint else paint.FAINT)
+    note, color = ("hint only", DOUBTFUL) if pose.confidence < HINT else ("within 5 mm, 5°", paint.FAINT)
+    yield Block(["confidence"], [f"{pose.confidence:.3f}"], [note], color)
 
 
 def _numbers(values: Array, digits: int) -> list[str]:
     return [f"{value:.{digits}f}".replace("-", "−") for value in values]
 
 
-SAMPLES = 17
-"""Points per edge: the lens bends edges, so each is drawn as this many short lines."""
-
-HINT = 0.5
-"""Confidence below which a pose is but a hint: drawn in amber."""
+SAMPLES = 17  # points per edge: the lens bends edges, so each is drawn as this many short lines
+HINT = 0.5  # confidence below which a pose is but a hint: drawn in amber
 
 _TINT = 0.15
 _DASH, _DASH_GAP = 7.0, 6.0
@@ -214,9 +199,7 @@ def overlay(
     of_kind(observation, Observation, "overlay: observation", TrackerError, "ObjectTracker.detect")
     of_kind(title, str, "overlay: title", TrackerError)
     of_kind(note, str, "overlay: note", TrackerError)
-    pose = observation.object_pose
-    if pose is None:
-        pose = observation.filtered_object_pose
+    pose = observation.object_pose or observation.filtered_object_pose
 
     def draw(_: int, panel: Image, view: Camera) -> None:
         if pose is not None:
@@ -229,23 +212,23 @@ def overlay(
     return np.concatenate([row, *strips])
 
 
-class Edges(NamedTuple):
-    """Lines (N, 2) [px] of an object's edges, bent by the lens."""
-
-    visible: list[FloatArray]
-    hidden: list[FloatArray]
-    """By the object itself."""
-
-
-def edges_in_view(view: Camera, model: CuboidModel, pose: PoseEstimate) -> Edges:
-    """The object's edges as a camera sees them, or would if the object did not hide them."""
-    seen = cuboid.visible_faces(model.size, pose.rotation.T @ (view.position - pose.position))
-    corners = pose.position + cuboid.corners(model.size) @ pose.rotation.T
-    found = Edges([], [])
+def edges_in_view(
+    view: Camera, model: CuboidModel, pose: PoseEstimate
+) -> tuple[list[FloatArray], list[FloatArray]]:
+    """Lines (N, 2) [px] of the edges that a camera sees, bent by the lens, and of those the object hides."""
+    seen, corners = _seen(view, model, pose)
+    visible: list[FloatArray] = []
+    hidden: list[FloatArray] = []
     for a, b, f, g in cuboid.EDGES:
         parts = _finite_parts(_project_line(view, corners[a], corners[b]))
-        (found.visible if seen[f] or seen[g] else found.hidden).extend(parts)
-    return found
+        (visible if seen[f] or seen[g] else hidden).extend(parts)
+    return visible, hidden
+
+
+def _seen(view: Camera, model: CuboidModel, pose: PoseEstimate) -> tuple[Array, FloatArray]:
+    """Whether a camera sees each face (6,), and the corners (8, 3) [m]."""
+    seen = cuboid.visible_faces(model.size, pose.rotation.T @ (view.position - pose.position))
+    return seen, pose.position + cuboid.corners(model.size) @ pose.rotation.T
 
 
 def _dashes(line: FloatArray) -> list[FloatArray]:
@@ -258,8 +241,7 @@ def _dashes(line: FloatArray) -> list[FloatArray]:
 
 def _draw_object(panel: Image, view: Camera, model: CuboidModel, pose: PoseEstimate) -> None:
     """Tint the faces that the camera sees, and draw their edges and the object's centre."""
-    seen = cuboid.visible_faces(model.size, pose.rotation.T @ (view.position - pose.position))
-    corners = pose.position + cuboid.corners(model.size) @ pose.rotation.T
+    seen, corners = _seen(view, model, pose)
     for face in np.flatnonzero(seen):
         loop = corners[cuboid.FACE_CORNERS[face]]
         sides = [_project_line(view, *ends) for ends in zip(loop, np.roll(loop, -1, axis=0), strict=True)]
@@ -267,9 +249,9 @@ def _draw_object(panel: Image, view: Camera, model: CuboidModel, pose: PoseEstim
         if np.isfinite(outline).all():
             paint.fill(panel, outline, DISPLAY_COLORS_BGR[model.face_labels[face]].tolist(), _TINT)
     color = DOUBTFUL if pose.confidence < HINT else paint.WHITE
-    edges = edges_in_view(view, model, pose)
-    dashes = [dash for line in edges.hidden for dash in _dashes(line)]
-    for lines, opacity in ((dashes, 0.75), (edges.visible, 1.0)):
+    visible, hidden = edges_in_view(view, model, pose)
+    dashes = [dash for line in hidden for dash in _dashes(line)]
+    for lines, opacity in ((dashes, 0.75), (visible, 1.0)):
         paint.stroke(panel, lines, paint.BLACK, 3.6, 0.45 * opacity)
         paint.stroke(panel, lines, color, 1.4, opacity)
 

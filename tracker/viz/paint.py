@@ -17,8 +17,7 @@ from PIL import ImageDraw, ImageFont
 
 from tracker.conventions import Array, FloatArray, Image
 
-Color = tuple[int, int, int]
-"""Blue, green, red."""
+Color = tuple[int, int, int]  # blue, green, red
 
 BACKGROUND: Color = (29, 24, 22)
 BRIGHT: Color = (245, 243, 240)
@@ -26,15 +25,19 @@ FAINT: Color = (158, 148, 140)
 WHITE: Color = (255, 255, 255)
 BLACK: Color = (0, 0, 0)
 
-_FINE = 4
-"""Shapes are drawn on a grid this much finer, and averaged."""
+_FINE = 4  # shapes are drawn on a grid this much finer, and averaged
 
 _SHIFT = 4
 
 # The font in Pillow has no umlauts.
 _FONT = Path(__file__).parent / "fonts" / "DejaVuSansCondensed.ttf"
-_EM = 1.15
-"""A font's size, in heights of its digits."""
+_EM = 1.15  # a font's size, in heights of its digits
+
+
+def canvas(width: int, height: int, color: Color = BACKGROUND) -> Image:
+    """An empty picture of a size [px]."""
+    picture: Image = np.full((height, width, 3), color, np.uint8)
+    return picture
 
 
 def fill(image: Image, polygon: FloatArray, color: Sequence[int], opacity: float) -> None:

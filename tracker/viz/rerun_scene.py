@@ -26,7 +26,7 @@ import rerun.blueprint as rrb
 
 from tracker.calibration.by_object.health import HEIGHT, QUANTITIES, Sample, disagreement, of_picture
 from tracker.calibration.rig import CameraRig
-from tracker.conventions import Array, FloatArray, Image
+from tracker.conventions import FloatArray, Image
 from tracker.geometry import cuboid, so3
 from tracker.geometry.camera import Camera
 from tracker.objects.labels import DISPLAY_COLORS_BGR
@@ -34,8 +34,7 @@ from tracker.objects.model import CuboidModel
 from tracker.pose.result import Observation, PoseEstimate, Status
 from tracker.viz.overlays import edges_in_view, refuse_unfit
 
-SIGMAS = 2.0
-"""Half axes of the ellipsoid, in standard deviations."""
+SIGMAS = 2.0  # half axes of the ellipsoid, in standard deviations
 
 TIME, FRAME = "time", "frame"
 """Timelines: seconds since the first frame shown, and the frame's number in the recording."""
@@ -54,9 +53,7 @@ _BAD = {Status.LOST, Status.NO_OBJECT_COLORS, Status.TOO_FEW_PIXELS, Status.INCO
 
 _TABLE = ("health", "table")
 
-FLUSH_SECONDS = 30.0
-"""A writer that has failed may not answer at all: so long it is waited for [s]."""
-
+FLUSH_SECONDS = 30.0  # a writer that has failed may not answer at all: so long it is waited for [s]
 _FLUSH_FRAMES = 100  # so that what waits to be written does not grow
 
 Path = Sequence[str]
@@ -97,11 +94,12 @@ class Scene:
         """
         if self._start is None:
             self._start = timestamp
+        images = images or [None] * len(self._rig)
         self._stream.set_time(FRAME, sequence=index)
         self._stream.set_time(TIME, duration=timestamp - self._start)
-        for camera, image in zip(self._rig, images or [None] * len(self._rig), strict=True):
+        for camera, image in zip(self._rig, images, strict=True):
             self._put(_image_path(camera), None if image is None else _jpeg(camera, image))
-        self._show_health(images or [None] * len(self._rig), health)
+        self._show_health(images, health)
         poses = {"measured": observation.object_pose, "filtered": observation.filtered_object_pose}
         for kind, pose in poses.items():
             self._show_pose(kind, pose)
@@ -119,10 +117,9 @@ class Scene:
             values |= health.values
             if health.look is not None and len(self._rig) > 1:
                 values["disagreement"] = disagreement([health.look], self._rig)[0]
-        else:
-            for c, image in enumerate(images):
-                for key, value in ({} if image is None else of_picture(image)).items():
-                    values[key][c] = value
+        for c, image in enumerate(images if health is None else ()):
+            for key, value in ({} if image is None else of_picture(image)).items():
+                values[key][c] = value
         for key, column in values.items():
             for camera, value in zip(self._rig, column.tolist(), strict=True):
                 self._put(("health", key, camera.name), _scalar(value))
@@ -132,7 +129,7 @@ class Scene:
         self._show_object(kind, pose)
         self._put(("world", "uncertainty", kind), None if pose is None else _ellipsoid(pose, KINDS[kind]))
         for camera in self._rig:
-            lines = [] if pose is None else edges_in_view(camera, self._model, pose).visible
+            lines = [] if pose is None else edges_in_view(camera, self._model, pose)[0]
             # Rerun's pixels have their corner, not their centre, at whole numbers.
             strips = rr.LineStrips2D([line + 0.5 for line in lines], colors=[KINDS[kind]], radii=[0.6])
             self._put((*_image_path(camera), kind), strips if lines else None)
@@ -155,9 +152,7 @@ class Scene:
         if path not in self._shown:  # again after it had been cleared
             frame = rr.Boxes3D(half_sizes=[self._model.size / 2], colors=[KINDS[kind]], radii=[5e-4])
             self._put(path, _mesh(self._model) if kind == "measured" else frame)
-        place = rr.Transform3D(
-            translation=pose.position, quaternion=rr.Quaternion(xyzw=pose.orientation.astype(np.float32))
-        )
+        place = rr.Transform3D(translation=pose.position, quaternion=_quaternion(pose.orientation))
         self._log(path, place)
 
     def _set_up(self) -> None:
@@ -270,19 +265,16 @@ def _mesh(model: CuboidModel) -> Any:
 
 
 def _ellipsoid(pose: PoseEstimate, color: tuple[int, int, int]) -> Any:
-    half_axes, orientation = principal_axes(pose.covariance[:3, :3])
+    variances, axes = np.linalg.eigh(pose.covariance[:3, :3])
+    axes *= np.sign(np.linalg.det(axes))  # a rotation, no reflection
     return rr.Ellipsoids3D(
         centers=[pose.position],
-        half_sizes=[SIGMAS * half_axes],
-        quaternions=[rr.Quaternion(xyzw=orientation.astype(np.float32))],
+        half_sizes=[SIGMAS * np.sqrt(np.maximum(variances, 0))],
+        quaternions=[_quaternion(so3.quaternion_from_matrix(axes))],
         colors=[color],
         fill_mode="solid",
     )
 
 
-def principal_axes(covariance: Array) -> tuple[FloatArray, FloatArray]:
-    """Standard deviations (3,) along the axes of a covariance (3, 3), and the quaternion of these axes."""
-    variances, axes = np.linalg.eigh(covariance)
-    if np.linalg.det(axes) < 0:
-        axes[:, 0] *= -1
-    return np.sqrt(np.maximum(variances, 0)), so3.quaternion_from_matrix(axes)
+def _quaternion(xyzw: FloatArray) -> Any:
+    return rr.Quaternion(xyzw=xyzw.astype(np.float32))

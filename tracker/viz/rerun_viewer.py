@@ -32,8 +32,7 @@ APPLICATION = "trifinger-object-tracker"
 HOST = "127.0.0.1"
 """Where the viewer listens, at a port that is free: Rerun's own may be another user's viewer."""
 
-_STARTING = 30.0
-"""How long the viewer may take until it listens [s]."""
+_STARTING = 30.0  # how long the viewer may take until it listens [s]
 
 _SETTLING = 0.5
 """How long it is watched after that [s]: without a screen it listens first, and ends then."""
