@@ -13,20 +13,14 @@ from tracker.poses.columns import PoseColumns
 from tracker.poses.poses import Poses, compare, concatenate
 from tracker.summaries.summary import best_kind
 
-NEAR = 0.005
-"""Difference of positions [m] up to which a stored pose counts as near."""
+NEAR = 0.005  # difference of positions [m] up to which a stored pose counts as near
 
 FLIP = np.radians(45)
 """Angle [rad] from which orientations show other faces, and above any turn from one image to the next."""
 
-LAGS = np.linspace(-0.1, 0.5, 61)
-"""Delays [s] that are tried."""
-
-MOVING = 0.005
-"""Least standard deviation of the positions [m] from which a delay shows."""
-
-_GROSS = 0.1
-"""Difference of positions [m] above which a stored pose says nothing about the delay."""
+LAGS = np.linspace(-0.1, 0.5, 61)  # delays [s] that are tried
+MOVING = 0.005  # least standard deviation of the positions [m] from which a delay shows
+_GROSS = 0.1  # difference of positions [m] above which a stored pose says nothing about the delay
 
 
 class Compared(NamedTuple):

@@ -27,7 +27,7 @@ from tracker.errors import TrackerError
 from tracker.geometry.arena import SURE as SURE_OF_TABLE
 from tracker.geometry.arena import Arena
 from tracker.logs import open_log
-from tracker.objects.model import CuboidModel, load_object, object_names
+from tracker.objects.model import CuboidModel, object_names
 from tracker.pipeline import ObjectTracker
 from tracker.pose.result import CameraUse, Observation, PoseEstimate, Status
 from tracker.poses.poses import Poses
@@ -39,12 +39,10 @@ SURE, UNSURE = 0.9, 0.75
 """Confidence from which pictures fit, and up to which they do not."""
 
 _MOST_CAMERAS = 4  # for whose pictures all orders are tried, 24; with more only pairs are
-
 _MOST_SETS = 7  # a motion that blurs them, or a finger, may spoil some
 _AGREE = 2
 
-_MEASURED = 0.8
-"""Share of the frames with a measured pose below which a recording is looked at again."""
+_MEASURED = 0.8  # share of the frames with a measured pose below which a recording is looked at again
 
 
 DOUBTFUL = (
@@ -72,12 +70,12 @@ def swapped(
         return None
     if _confidence(answer or tracker.detect(images)) >= UNSURE:
         return None
+    shapes = [None if image is None else image.shape for image in images]
     found = None
     for order in _orders(len(images)):
-        given = [images[k] for k in order]
-        if any(_shape(one) != _shape(other) for one, other in zip(given, images, strict=True)):
+        if [shapes[k] for k in order] != shapes:
             continue
-        confidence = _confidence(tracker.detect(given))
+        confidence = _confidence(tracker.detect([images[k] for k in order]))
         if confidence < UNSURE:
             continue
         if confidence < SURE or found is not None:
@@ -95,11 +93,9 @@ def mistaken(tracker: ObjectTracker, images: Sequence[Image | None], answer: Obs
     pose = tracker.detect(turned).object_pose
     if pose is not None and pose.confidence >= UNSURE:
         return f"{tracker.model.name} is found if red and blue are swapped: images must be BGR"
-    others = [load_object(name) for name in object_names() if name != tracker.model.name]
+    others = [name for name in object_names() if name != tracker.model.name]
     fitting = [
-        model.name
-        for model in others
-        if _confidence(ObjectTracker(model, tracker.rig).detect(images)) >= SURE
+        name for name in others if _confidence(ObjectTracker(name, tracker.rig).detect(images)) >= SURE
     ]
     return f"the images show {' or '.join(fitting)} rather than {tracker.model.name}" if fitting else None
 
@@ -197,12 +193,7 @@ def _confidence(answer: Observation) -> float:
     return 0.0 if CameraUse.CONTRADICTING in answer.cameras else answer.object_pose.confidence
 
 
-def _shape(image: Image | None) -> tuple[int, ...] | None:
-    return None if image is None else image.shape
-
-
-TRUSTED = 0.5
-"""Confidence from which a pose counts."""
+TRUSTED = 0.5  # confidence from which a pose counts
 
 
 def off_table(pose: PoseEstimate | None, model: CuboidModel, arena: Arena) -> str | None:
@@ -213,10 +204,8 @@ def off_table(pose: PoseEstimate | None, model: CuboidModel, arena: Arena) -> st
     """
     if pose is None or pose.confidence < TRUSTED:
         return None
-    height, std = (
-        height_over_table(pose.position, pose.rotation, model, arena),
-        1e3 * math.sqrt(pose.covariance[2, 2]),
-    )
+    height = height_over_table(pose.position, pose.rotation, model, arena)
+    std = 1e3 * math.sqrt(pose.covariance[2, 2])
     highest = SURE_OF_TABLE * 1e3 * math.hypot(arena.table_std[0], 1e-3 * std)
     if not max(2.0 * std, HEIGHT.limits[1]) < abs(height) <= highest:
         return None
@@ -227,8 +216,7 @@ def off_table(pose: PoseEstimate | None, model: CuboidModel, arena: Arena) -> st
     )
 
 
-MOST_BLUR = 2.5
-"""Standard deviation of the sharpest edges' blur [px]."""
+MOST_BLUR = 2.5  # standard deviation of the sharpest edges' blur [px]
 
 
 class PictureLook(NamedTuple):

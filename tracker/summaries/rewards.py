@@ -15,8 +15,7 @@ from tracker.poses.poses import Poses
 from tracker.summaries.summary import best
 from tracker.tasks.job_goal import FILE_NAME, STEPS_PER_SECOND, read_job_goal
 
-SAME = 1e-3
-"""Time [s] by which stamps of one frame may differ: formats round them."""
+SAME = 1e-3  # time [s] by which stamps of one frame may differ: formats round them
 
 
 def refuse_others(path: Path, poses: Poses, recording: Path, log: Log) -> None:

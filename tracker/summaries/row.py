@@ -19,8 +19,7 @@ from tracker.summaries.summary import best, summary
 STEP = 0.002
 """Shortest movement [m] that counts in a path's length: less is how far poses of an object at rest differ."""
 
-FAST = 99.0
-"""Percentile of the speed that is reported: a single frame says little."""
+FAST = 99.0  # percentile of the speed that is reported: a single frame says little
 
 COLUMNS: dict[str, type] = {
     "recording": str,
