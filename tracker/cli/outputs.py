@@ -15,11 +15,8 @@ import tracker
 from tracker.errors import LogError, install
 from tracker.files import check_suffix
 
-PICTURE = (".png", ".jpg", ".jpeg")
-"""Suffixes of the pictures that commands draw."""
-
-_PACKAGES = {"plot": "matplotlib", "video": "av"}
-"""By extra, what it brings."""
+PICTURE = (".png", ".jpg", ".jpeg")  # suffixes of the pictures that commands draw
+_PACKAGES = {"plot": "matplotlib", "video": "av"}  # by extra, what it brings
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 
@@ -128,11 +125,12 @@ def refuse_overwriting(
         other = seen.setdefault(os.path.realpath(path), name)
         if other != name:
             raise click.UsageError(f"{name} {path}: found the same file as for {other}")
-    existing = {name: path for name, path in files.items() if path.exists()}
-    for kind, path in _inputs(recordings, others) if existing else ():
-        for name, target in existing.items():
-            if path.exists() and path.samefile(target):
-                raise click.UsageError(f"{name} {target}: that is {kind}")
+    existing = {identity: name for name, path in files.items() if (identity := _identity(path))}
+    if existing:
+        for kind, path in _inputs(recordings, others):
+            hit = existing.get(_identity(path) or (0, 0))
+            if hit is not None:
+                raise click.UsageError(f"{hit} {files[hit]}: that is {kind}")
     _refuse_pictures(files, recordings)
 
 
@@ -208,3 +206,12 @@ def _refuse_pictures(files: Mapping[str, Path], recordings: Sequence[Path]) -> N
         inside = not folders.isdisjoint(map(str, Path(os.path.realpath(path)).parents))
         if inside and path.suffix.lower() in (*PICTURE, ".mp4"):
             raise click.UsageError(f"{name} {path}: found a folder of images that are read, expected another")
+
+
+def _identity(path: Path) -> tuple[int, int] | None:
+    """What all links to a file have in common; None: there is none."""
+    try:
+        about = path.stat()
+    except OSError:
+        return None
+    return about.st_dev, about.st_ino
