@@ -13,7 +13,7 @@ import pytest
 from tests.helpers import ROOT
 from tests.helpers.command import assert_one_line_error, run, well
 from tracker import cli
-from tracker.cli.render import bar
+from tracker.cli.terminal import bar
 
 NAMES = ("camera60", "camera180", "camera300")
 

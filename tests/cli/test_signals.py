@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import pytest
 
 from tests.helpers.recording_stubs import write_log
-from tracker.cli.signals import ended_by_signals, exit_code
+from tracker.cli.terminal import ended_by_signals, exit_code
 
 
 class Finalized:

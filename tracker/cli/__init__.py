@@ -22,18 +22,16 @@ from tracker.cli import (
     calibrate,
     colors,
     demo,
-    detect,
-    dice,
     doctor,
     export,
     info,
     live,
     score,
+    stills,
     track,
     view,
 )
-from tracker.cli.render import say
-from tracker.cli.signals import ended_by_signals, exit_code
+from tracker.cli.terminal import ended_by_signals, exit_code, say
 from tracker.errors import NotBetterError, TrackerError, reason
 from tracker.version import version
 
@@ -47,8 +45,7 @@ EXIT_CODES = {
 }
 """What the exit codes of all commands mean."""
 
-_COMPLETE = "_TRACKER_COMPLETE"
-"""Environment variable of click's shell completion."""
+_COMPLETE = "_TRACKER_COMPLETE"  # environment variable of click's shell completion
 
 
 def _print_version(context: click.Context, _: click.Parameter, requested: bool) -> None:
@@ -87,8 +84,8 @@ def commands() -> None:
 
 
 for _one in (
-    *(demo.demo, detect.detect, track.track, view.view, live.live, batch.batch, info.info, export.export),
-    *(export.convert, dice.dice, score.score, calibrate.calibrate, colors.colors, doctor.doctor),
+    *(demo.demo, stills.detect, track.track, view.view, live.live, batch.batch, info.info, export.export),
+    *(export.convert, stills.dice, score.score, calibrate.calibrate, colors.colors, doctor.doctor),
 ):
     commands.add_command(_one)
 
@@ -123,10 +120,8 @@ def _run(arguments: list[str]) -> int:
         return _fail(f"{error.format_message()} (see {where} --help)")
     except click.ClickException as error:
         return _fail(error.format_message())
-    except NotBetterError as error:
-        return _fail(str(error), code=1)
     except TrackerError as error:
-        return _fail(str(error))
+        return _fail(str(error), code=1 if isinstance(error, NotBetterError) else 2)
     except OSError as error:
         _drop_output_that_cannot_be_written()
         return _fail(reason(error))

@@ -14,7 +14,7 @@ import click
 
 from tracker.cli import options
 from tracker.cli.outputs import output_option, refuse_file
-from tracker.cli.render import bar, listing, say, table
+from tracker.cli.terminal import bar, listing, say, table
 from tracker.errors import LogError
 
 if TYPE_CHECKING:
@@ -110,19 +110,17 @@ def _stores(
     recordings: tuple[str, ...], output: Path, asked: Options, robot: str | None
 ) -> Retracking | None:
     """The work on image stores of several robots; None where they are other recordings, or of one rig."""
+    from tracker.batch.stores import Retracking, are_stores
     from tracker.calibration.files.folder import robots_in
 
     one_folder = len(asked.calibration) == 1 and asked.pattern is None
-    if not one_folder or not robots_in(Path(asked.calibration[0])):
+    if one_folder and robots_in(Path(asked.calibration[0])):
+        if are_stores(recordings, output):
+            return Retracking.of(recordings, output, asked, robot)
         if robot is not None:
-            raise click.UsageError("--robot: expected --calibration DIR with files like r1_camera60.yml")
-        return None
-    from tracker.batch.stores import Retracking, are_stores
-
-    if are_stores(recordings, output):
-        return Retracking.of(recordings, output, asked, robot)
-    if robot is not None:
-        raise click.UsageError(f"--robot is for image stores; for others --pattern '{robot}_*'")
+            raise click.UsageError(f"--robot is for image stores; for others --pattern '{robot}_*'")
+    elif robot is not None:
+        raise click.UsageError("--robot: expected --calibration DIR with files like r1_camera60.yml")
     return None
 
 

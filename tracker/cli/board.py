@@ -16,7 +16,7 @@ import tracker
 from tracker.cli.options import gathered, option
 from tracker.cli.outputs import PICTURE, Command, Recording, file_option
 from tracker.cli.pictures import silent_libraries
-from tracker.cli.render import listing, table
+from tracker.cli.terminal import listing, table
 from tracker.errors import CalibrationError
 
 if TYPE_CHECKING:
@@ -241,20 +241,19 @@ def photo_table(rows: Sequence[Sequence[str]], faults: Mapping[str, str]) -> str
 
 
 def _found(lens: Lens) -> list[list[str]]:
-    camera, std, bent = lens.calibrated.camera, lens.calibrated.matrix_std, lens.calibrated.distortion_std
-    assert std is not None
-    assert bent is not None
+    def with_std(values: FloatArray, std: FloatArray | None, digits: int) -> str:
+        assert std is not None
+        pairs = zip(values, std, strict=True)
+        return ", ".join(f"{value:.{digits}f} ± {deviation:.{digits}f}" for value, deviation in pairs)
 
-    def with_std(values: list[tuple[float, float]], digits: int) -> str:
-        return ", ".join(f"{value:.{digits}f} ± {deviation:.{digits}f}" for value, deviation in values)
-
-    matrix = camera.matrix
-    used = sum(one.fault is None for one in lens.photos)
+    camera, spread = lens.calibrated.camera, lens.calibrated.matrix_std
+    assert spread is not None
+    bent = with_std(camera.distortion, lens.calibrated.distortion_std, 4)
     rows = [
-        ["focal lengths", with_std([(matrix[0, 0], std[0, 0]), (matrix[1, 1], std[1, 1])], 2) + " px"],
-        ["principal point", with_std([(matrix[0, 2], std[0, 2]), (matrix[1, 2], std[1, 2])], 2) + " px"],
-        ["distortion", with_std(list(zip(camera.distortion, bent, strict=True)), 4) + " (k1 k2 p1 p2 k3)"],
-        ["photos used", str(used)],
+        ["focal lengths", f"{with_std(camera.matrix.diagonal()[:2], spread.diagonal()[:2], 2)} px"],
+        ["principal point", f"{with_std(camera.matrix[:2, 2], spread[:2, 2], 2)} px"],
+        ["distortion", f"{bent} (k1 k2 p1 p2 k3)"],
+        ["photos used", str(sum(one.fault is None for one in lens.photos))],
         ["RMS", f"{lens.rms:.3f} px; with a lens fitted without them {lens.left_out:.3f} px"],
     ]
     if lens.reach < 0.9:

@@ -19,7 +19,7 @@ from tracker.cli.extrinsics import extrinsics
 from tracker.cli.options import argument, gathered, option
 from tracker.cli.outputs import PICTURE, Command, OutFolder, Recording, file_option, output_option
 from tracker.cli.pictures import NO_IMAGE, read_images
-from tracker.cli.render import bar, listing, table
+from tracker.cli.terminal import bar, listing, table
 from tracker.errors import CalibrationError, ImageError, ObjectModelError, TrackerError
 
 if TYPE_CHECKING:

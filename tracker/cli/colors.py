@@ -14,7 +14,7 @@ from tracker.cli import options
 from tracker.cli.options import argument, gathered, option
 from tracker.cli.outputs import Command, InFile, OutFile, Recording, file_option
 from tracker.cli.pictures import silent_libraries
-from tracker.cli.render import listing, table
+from tracker.cli.terminal import listing, table
 from tracker.errors import ColorModelError, ImageError
 from tracker.files import told_as, write_whole
 
@@ -110,7 +110,12 @@ def adapt(lesson: Lesson, object_name: str, colors_name: str | None) -> None:
 
 @colors.command(cls=Command)
 @_lesson
-@option("--size", metavar="X,Y,Z", type=options.Vector(3), help="Edge lengths along the object's axes [m].")
+@option(
+    "--size",
+    metavar="X,Y,Z",
+    callback=options.numbers(3),
+    help="Edge lengths along the object's axes [m].",
+)
 @option("--faces", metavar="+X=COLOUR,...", help="Colour of each face, e.g. +x=red,-x=magenta,...")
 @option(
     "--object", "known", metavar="FILE", type=InFile(str), help="The object's TOML file, if there is one."

@@ -9,20 +9,15 @@ import click
 import numpy as np
 
 import tracker
-from tracker.cli.render import table
+from tracker.cli.terminal import table
 from tracker.color_learning.hues import LIGHT, NEAR, Paints, better_set, distances, paints
 from tracker.color_learning.labelled import LabelledImage, confusion, intersection_over_union
 from tracker.conventions import Array, FloatArray, Image
 from tracker.objects.labels import COLOR_NAMES
 
-WEAK = 0.9
-"""Share of a colour's pixels that are found below which it is weak."""
-
-FALSE = 0.1
-"""A colour is weak, too, above this share of its pixels outside of such faces."""
-
-LABELS = range(1, len(COLOR_NAMES))
-"""Of the colours; 0 is none of them."""
+WEAK = 0.9  # share of a colour's pixels that are found below which it is weak
+FALSE = 0.1  # a colour is weak, too, above this share of its pixels outside of such faces
+LABELS = range(1, len(COLOR_NAMES))  # of the colours; 0 is none of them
 
 
 def report(

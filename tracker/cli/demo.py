@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import shutil
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import click
 
 import tracker
 from tracker.cli.outputs import Command, OutFolder
-from tracker.cli.render import listing
+from tracker.cli.terminal import listing
 from tracker.errors import TrackerError
 from tracker.files import told_as, whole_file
 
@@ -48,24 +49,19 @@ def demo(output: Path) -> None:
         if log.rig is None:
             raise TrackerError(f"{output}: found no calibration in the recording")
         finder = tracker.ObjectTracker(model, log.rig)
-        errors: list[list[float]] = []
-        times: list[float] = []
-        for frame, truth in zip(log, truths["poses"], strict=True):
-            if not errors:
-                still = finder.detect(frame.images)
-                picture = tracker.viz.overlay(frame.images, log.rig, model, still)
-                tracker.viz.write_image(folder / "overlay.png", picture)
-            observation = finder.update(frame.images, frame.timestamp)
-            pose = observation.filtered_object_pose
-            errors.append([np.nan] * 2 if pose is None else _error(pose.world_from_object, truth))
-            times.append(observation.timing_ms["total"])
-    found = np.array(errors)
-    millimetres, degrees = np.nanmedian(found, axis=0)
+        first = log.frame(0).images
+        picture = tracker.viz.overlay(first, log.rig, model, finder.detect(first))
+        tracker.viz.write_image(folder / "overlay.png", picture)
+        answers = [finder.update(frame.images, frame.timestamp) for frame in log]
+    pairs = zip(answers, truths["poses"], strict=True)
+    errors = np.array([_error(answer.filtered_object_pose, truth) for answer, truth in pairs])
+    millimetres, degrees = np.nanmedian(errors, axis=0)
+    time = np.median([answer.timing_ms["total"] for answer in answers])
     rows = [
-        ("recording", f"{output}: {len(found)} frames of {len(log.camera_names)} cameras, simulated"),
-        ("found in", f"{int(np.isfinite(found[:, 0]).sum())} frames"),
+        ("recording", f"{output}: {len(answers)} frames of {len(log.camera_names)} cameras, simulated"),
+        ("found in", f"{int(np.isfinite(errors[:, 0]).sum())} frames"),
         ("median error", f"{millimetres:.2f} mm, {degrees:.2f} degrees from the truth"),
-        ("median time", f"{np.median(times):.1f} ms a frame"),
+        ("median time", f"{time:.1f} ms a frame"),
         ("picture", str(output / "overlay.png")),
     ]
     click.echo(listing(rows))
@@ -74,12 +70,13 @@ def demo(output: Path) -> None:
     click.echo(f"  tracker track {output} --object {model.name} -o poses.h5 --csv poses.csv")
 
 
-def _error(found: tracker.conventions.FloatArray, truth: dict[str, list[float]]) -> list[float]:
-    """Distance [mm] and angle [deg] from the truth."""
+def _error(pose: tracker.PoseEstimate | None, truth: dict[str, list[float]]) -> tuple[float, float]:
+    """Distance [mm] and angle [deg] from the truth; NaN without a pose."""
     import numpy as np
 
     from tracker.geometry import so3
 
-    rotation = so3.matrix_from_quaternion(np.array(truth["orientation"]))
-    angle = so3.angle_between(found[:3, :3], rotation)
-    return [float(1e3 * np.linalg.norm(found[:3, 3] - truth["position"])), float(np.degrees(angle))]
+    if pose is None:
+        return math.nan, math.nan
+    angle = so3.angle_between(pose.rotation, so3.matrix_from_quaternion(truth["orientation"]))
+    return 1e3 * float(np.linalg.norm(pose.position - truth["position"])), math.degrees(angle)

@@ -36,8 +36,7 @@ CORE = {
 """Packages, and what is imported of them."""
 
 REFERENCE_ROUNDS = 20
-DETECTION = 1.5
-"""Time of a detection over that of the reference work, about."""
+DETECTION = 1.5  # time of a detection over that of the reference work, about
 
 _EXTRA = re.compile(r"""extra *== *['"](?P<extra>[\w-]+)['"]""")
 _PACKAGE = re.compile(r"[\w.-]+")

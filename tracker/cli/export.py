@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -21,10 +21,10 @@ from tracker.cli.outputs import (
     refuse_overwriting,
     require_folder,
 )
-from tracker.cli.render import bar, say
+from tracker.cli.terminal import bar, say
 
 if TYPE_CHECKING:
-    from tracker.conventions import Array, FloatArray, Image
+    from tracker.conventions import Array, Image
     from tracker.poses.columns import MeasuredColumns
 
 
@@ -109,16 +109,14 @@ def _pictures(
 def observation(poses: tracker.Poses, row: int) -> tracker.Observation:
     """The tracker's answer to a frame."""
 
-    def of(columns: MeasuredColumns) -> tuple[FloatArray, FloatArray, FloatArray, float]:
-        arrays = columns.position[row], columns.orientation[row], columns.covariance[row]
-        return *arrays, float(columns.confidence[row])
+    def of(columns: MeasuredColumns) -> dict[str, Any]:
+        return {name: getattr(columns, name)[row] for name in columns.ROW_SHAPES}
 
     measured, filtered = poses.measured, poses.filtered
-    motion = filtered.velocity[row], filtered.velocity_covariance[row]
     uses = [] if poses.cameras is None else poses.cameras[row].tolist()
     return tracker.Observation(
-        tracker.PoseEstimate(*of(measured)) if measured.has_pose[row] else None,
-        tracker.MotionEstimate(*of(filtered), *motion) if filtered.has_pose[row] else None,
+        tracker.PoseEstimate(**of(measured)) if measured.has_pose[row] else None,
+        tracker.MotionEstimate(**of(filtered)) if filtered.has_pose[row] else None,
         tracker.Status(str(poses.status[row])),
         cameras=tuple(tracker.CameraUse(use) for use in uses if use),
     )
@@ -133,12 +131,10 @@ def _widest() -> tracker.Observation:
 
 
 def _of_height(picture: Image, height: int) -> Image:
-    """Captions wrap, but the pictures of a film are of one size."""
+    """Captions wrap, but the pictures of a film are of one size: more of the caption's ground is added."""
     import numpy as np
 
-    missing = max(0, height - len(picture))
-    rows = np.repeat(picture[-1:], missing, axis=0)  # the caption's ground
-    return np.concatenate([picture[:height], rows])
+    return np.pad(picture[:height], ((0, max(0, height - len(picture))), (0, 0), (0, 0)), mode="edge")
 
 
 @click.command(cls=Command, short_help="Write poses as CSV, Parquet, TUM, BOP, film or plot.")

@@ -20,10 +20,18 @@ from tracker.cli.board import (
     size_options,
     told_pattern,
 )
-from tracker.cli.options import Vector, gathered, option
-from tracker.cli.outputs import Command, InFile, OutFolder, Recording, output_option, refuse_overwriting
+from tracker.cli.options import gathered, numbers, option
+from tracker.cli.outputs import (
+    PICTURE,
+    Command,
+    InFile,
+    OutFolder,
+    Recording,
+    output_option,
+    refuse_overwriting,
+)
 from tracker.cli.pictures import camera_in
-from tracker.cli.render import listing, table
+from tracker.cli.terminal import listing, table
 from tracker.errors import CalibrationError
 
 if TYPE_CHECKING:
@@ -38,7 +46,7 @@ class Given:
     """Where the board lies face up in the first folder."""
 
     center: tuple[float, float] = option(
-        "--center", type=Vector(2), default=(0.0, 0.0), metavar="X,Y", help="The board's centre [m].  [0,0]"
+        "--center", callback=numbers(2), default="0,0", metavar="X,Y", help="The board's centre [m].  [0,0]"
     )
     height: float = option(
         "--height", type=float, default=0.0, metavar="Z", help="Height of the board's print [m].  [0]"
@@ -102,9 +110,8 @@ def extrinsics(
     targets = {name: output / f"{name}.yml" for name in (lens.camera.name for lens in lenses)}
     plots = {} if plot is None else {name: plot / f"{name}.png" for name in targets}
     written = {f"-o for {name}": path for name, path in targets.items()}
-    refuse_overwriting(
-        written | {f"--plot for {name}": path for name, path in plots.items()}, folders, intrinsics
-    )
+    written |= {f"--plot for {name}": path for name, path in plots.items()}
+    refuse_overwriting(written, folders, intrinsics)
     board = printed.board()
     paths = photos_of(folders, [lens.camera.name for lens in lenses])
     board, found, faults = sightings_of(list(paths.values()), board)
@@ -132,7 +139,7 @@ def photos_of(folders: Sequence[Path], cameras: Sequence[str]) -> dict[Photo, Pa
     for place, folder in enumerate(folders):
         if not folder.is_dir():
             raise CalibrationError(f"{folder}: no such folder; expected one with a photo of each camera")
-        images = sorted(path for path in folder.iterdir() if path.suffix.lower() in (".png", ".jpg", ".jpeg"))
+        images = sorted(path for path in folder.iterdir() if path.suffix.lower() in PICTURE)
         called = {path: camera_in(path.stem, cameras) for path in images}
         for path, camera in called.items():
             if camera not in (None, *cameras):
@@ -180,7 +187,7 @@ def _partly_seen(sightings: dict[Photo, BoardView], board: Board) -> list[list[s
     from tracker.calibration.board.sighting import squares_shown
 
     first = [one for (_, place), one in sightings.items() if place == 0]
-    if not first or squares_shown(first, board) == (board.columns, board.rows):
+    columns, rows = shown = squares_shown(first, board) if first else (board.columns, board.rows)
+    if shown == (board.columns, board.rows):
         return []
-    columns, rows = squares_shown(first, board)
     return [["note", f"only {columns}x{rows} squares of the board in its given place are seen"]]

@@ -10,11 +10,10 @@ import click
 
 import tracker
 from tracker.cli import options
-from tracker.cli.render import listing
+from tracker.cli.terminal import listing
 from tracker.errors import TrackerError
 
-_GAP = 1.5
-"""A gap is more than this times the usual time between two frames."""
+_GAP = 1.5  # a gap is more than this times the usual time between two frames
 
 
 @click.command()

@@ -18,13 +18,13 @@ from tracker.cli import options
 from tracker.cli.live_outputs import LiveOutputs, Lookout, Requested, Statistics, check_cameras
 from tracker.cli.options import gathered, option
 from tracker.cli.outputs import Command, InFile, Recording
-from tracker.cli.render import say
-from tracker.cli.signals import Ended
+from tracker.cli.terminal import Ended, say
 from tracker.errors import LiveError
 
 if TYPE_CHECKING:
     from tracker.live import ImageSource, Live
 
+_POSITIVE = click.FloatRange(0, min_open=True)
 _ERRORS = 2  # OpenCV's LOG_LEVEL_ERROR
 _CAMERAS = ("pylon", "opencv")  # as tracker.live.sources has them, which is not imported for --help
 
@@ -43,10 +43,7 @@ class Pace:
         "--settings", metavar="FILE", type=InFile(), help="Settings of pylon's cameras (TOML, GenICam names)."
     )
     speed: float | None = option(
-        "--speed",
-        metavar="X",
-        type=click.FloatRange(0, min_open=True),
-        help="Replay a recording X times as fast.",
+        "--speed", metavar="X", type=_POSITIVE, help="Replay a recording X times as fast."
     )
 
     def refuse_what_does_nothing(self, source: str, cameras: options.Cameras) -> None:
@@ -75,10 +72,10 @@ class Pace:
 @options.subject
 @options.cameras
 @gathered(Requested)
-@click.option(
+@option(
     "--seconds",
     metavar="S",
-    type=click.FloatRange(0, min_open=True),
+    type=_POSITIVE,
     help="Stop after S seconds.  [default: at the source's end, or with Ctrl-C]",
 )
 @gathered(Pace)

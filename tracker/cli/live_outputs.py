@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections import Counter, deque
@@ -16,11 +17,11 @@ import click
 import tracker
 from tracker.cli.options import option
 from tracker.cli.outputs import file_option
-from tracker.cli.render import listing, table
+from tracker.cli.terminal import listing, table
 
 if TYPE_CHECKING:
     from tracker.live import ImageSource, Live, Moment
-    from tracker.live.listeners import Recorder, RerunView
+    from tracker.live.listeners import Listener, Recorder
     from tracker.live.publishers import Publisher
     from tracker.live.web_page import WebPage
 
@@ -71,23 +72,23 @@ class Requested:
 
 
 class LiveOutputs:
-    """All of it, opened, to be closed by the stack; `listeners` hear of each moment."""
+    """What is requested, opened, to be closed by the stack; `listeners` hear of each moment."""
 
     def __init__(
         self, requested: Requested, source: ImageSource, finder: tracker.ObjectTracker, stack: ExitStack
     ) -> None:
         from tracker.live.listeners import Recorder, RerunView
-        from tracker.live.publishers import open_publisher
+        from tracker.live.publishers import message_of, open_publisher
         from tracker.live.web_page import WebPage
 
         rig, model = finder.rig, finder.model
         self.recorder: Recorder | None = None
         self.listeners: list[Callable[[Moment], None]] = []
         self._page: WebPage | None = None
-        self._fallible: dict[Recorder | Publisher | RerunView | WebPage, str] = {}
-        self._told: set[object] = set()
+        self._fallible: dict[Listener | Publisher, str] = {}
+        self._told: set[Listener | Publisher] = set()
 
-        def add(output: Recorder | Publisher | RerunView | WebPage, what: str = "") -> None:
+        def add(output: Listener | Publisher, what: str = "") -> None:
             stack.callback(output.close)
             self.listeners.append(output)
             self._fallible[output] = what
@@ -104,7 +105,7 @@ class LiveOutputs:
             add(self._page, "the page has ended: ")
             click.echo(f"page: {self._page.address}", err=True)
         if requested.as_json:
-            self.listeners.append(_print)
+            self.listeners.append(lambda moment: click.echo(message_of(moment).decode()))
 
     def know(self, follower: Live) -> None:
         """Take the faults of the follower, for the page."""
@@ -124,17 +125,8 @@ class LiveOutputs:
                 click.echo(f"{what}{one.fault}", err=True)
 
 
-def _print(moment: Moment) -> None:
-    from tracker.live.publishers import message_of
-
-    click.echo(message_of(moment).decode())
-
-
-_LATENCIES = 100_000
-"""Latencies that are kept for percentiles."""
-
-_SILENT = 10.0
-"""After so long without images nothing is printed until the next [s]."""
+_LATENCIES = 100_000  # latencies that are kept for percentiles
+_SILENT = 10.0  # after so long without images nothing is printed until the next [s]
 
 _NEVER = "never found: check the object, its colours and the calibration; --check measures the cameras"
 _NO_IMAGE = "no camera ever gave an image"
@@ -235,8 +227,7 @@ class Statistics:
         return listing([*rows, *(["fault", fault] for fault in more[-5:])])
 
 
-FIRST_LOOK = 1.0
-"""How long cameras run before their pictures are looked at [s]."""
+FIRST_LOOK = 1.0  # how long cameras run before their pictures are looked at [s]
 
 
 class Lookout:
@@ -254,18 +245,16 @@ class Lookout:
         self._pause = FIRST_LOOK
         self._due = time.monotonic() + self._pause
         self._orders: Counter[tuple[int, ...]] = Counter()
-        self._over = False
 
     def look(self, moment: Moment | None) -> str | None:
         """The warning after the newest moment, once; None: nothing."""
         from tracker.summaries.remarks import SURE, swap_message, swapped
 
-        if self._over or moment is None:
+        if moment is None:
             return None
         pose, agreed = moment.object_pose, tracker.CameraUse.CONTRADICTING not in moment.cameras
         if pose is not None and pose.confidence >= SURE and agreed:
-            self._over = True
-            return None
+            self._due = math.inf
         if time.monotonic() < self._due:
             return None
         order = swapped(self._make(), moment.taken.images)
@@ -274,13 +263,13 @@ class Lookout:
         if order is None:
             return None
         self._orders[order] += 1
-        # A second look may be at the same scene, but not at the same noise.
-        self._over = self._orders[order] == 2
-        return swap_message(order, self._names) if self._over else None
+        if self._orders[order] < 2:  # another look may be at the same scene, but not at the same noise
+            return None
+        self._due = math.inf
+        return swap_message(order, self._names)
 
 
-SECONDS = 10.0
-"""How long cameras are measured, unless --seconds is given [s]."""
+SECONDS = 10.0  # how long cameras are measured, unless --seconds is given [s]
 
 
 def check_cameras(source: ImageSource, rig: tracker.CameraRig, seconds: float | None) -> None:

@@ -80,28 +80,22 @@ class _NameOrFile(InFile):
         return found or [CompletionItem(incomplete, type="file")]
 
 
-class Vector(click.ParamType):  # type: ignore[type-arg]
-    """Numbers with commas between them, as X,Y,Z."""
+def numbers(count: int) -> Callable[..., tuple[float, ...] | None]:
+    """A callback of an option that reads so many numbers with commas between them, as X,Y,Z."""
 
-    name = "vector"
-
-    def __init__(self, count: int) -> None:
-        self.count = count
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[float, ...]:
-        """See click.ParamType."""
-        if isinstance(value, tuple):
-            return value
+    def read(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[float, ...] | None:
+        if value is None:
+            return None
         try:
-            found = tuple(float(part) for part in str(value).split(","))
+            found = tuple(map(float, value.split(",")))
         except ValueError:
             found = ()
-        if len(found) != self.count or not all(map(math.isfinite, found)):
-            valid = ",".join("XYZ"[: self.count])
-            self.fail(f"found {value!r}, expected {self.count} numbers, {valid}", param, ctx)
+        if len(found) != count or not all(map(math.isfinite, found)):
+            valid = ",".join("XYZ"[:count])
+            raise click.BadParameter(f"found {value!r}, expected {count} numbers, {valid}", ctx, param)
         return found
+
+    return read
 
 
 def object_name(default: str = "") -> Any:

@@ -20,8 +20,7 @@ from tracker.errors import ImageError, LogError
 if TYPE_CHECKING:
     from tracker.conventions import Image
 
-NO_IMAGE = "none"
-"""Stands for a missing image."""
+NO_IMAGE = "none"  # stands for a missing image
 
 PICTURES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"}
 

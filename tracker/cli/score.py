@@ -10,7 +10,7 @@ import click
 
 import tracker
 from tracker.cli import options
-from tracker.cli.render import bar, listing
+from tracker.cli.terminal import bar, listing
 from tracker.errors import LogError
 
 if TYPE_CHECKING:
@@ -57,17 +57,19 @@ def score(
         seconds, rewards = _of_dice(job, goal, cameras, every, quiet)
     else:
         seconds, rewards = _of_object(job, goal, cameras, poses_path, object_name, quiet)
-    found: dict[str, Any] = {"task": goal.task, "level": goal.level, "frames": len(rewards)}
-    known = [float(value) for value in rewards if value == value]
-    found |= {"scored_frames": len(known), **totals(rewards, seconds)}
+    listed = [None if value != value else value for value in rewards.tolist()]
+    found: dict[str, Any] = {
+        "level": goal.level,
+        "frames": len(listed),
+        "scored_frames": len(listed) - listed.count(None),
+    }
+    found |= totals(rewards, seconds)
     if as_json:
-        listed = [None if value != value else float(value) for value in rewards]
-        click.echo(json.dumps({**found, "seconds": seconds.tolist(), "rewards": listed}, allow_nan=False))
+        every_frame = {"seconds": seconds.tolist(), "rewards": listed}
+        click.echo(json.dumps({"task": goal.task, **found, **every_frame}, allow_nan=False))
         return
     rows = [
-        [name.replace("_", " "), "none" if value is None else f"{value:.6g}"]
-        for name, value in found.items()
-        if not isinstance(value, str)
+        [name.replace("_", " "), "none" if value is None else f"{value:.6g}"] for name, value in found.items()
     ]
     click.echo(listing([["task", goal.task], *rows]))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import astuple
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,13 +23,13 @@ from tracker.cli.outputs import (
     refuse_overwriting,
     require_folder,
 )
-from tracker.cli.render import bar, listing, say
+from tracker.cli.terminal import bar, listing, say
 from tracker.errors import TrackerError, reason
 from tracker.files import check_suffix
 
 if TYPE_CHECKING:
     from tracker.batch.run import Task
-    from tracker.recordings import Job, Recipe
+    from tracker.recordings import Job
 
 CONTRADICTED = 0.02
 """Share of the frames with a pose that cameras contradict, from which the calibration is named."""
@@ -93,7 +93,9 @@ def track(
 
 def _track_one(job: Job, outputs: Outputs, health: Path | None, as_json: bool, quiet: bool) -> None:
     from tracker.batch.run import described
+    from tracker.calibration.by_object.health import health as measured_health
     from tracker.recordings.track import chosen, rig_for, run
+    from tracker.viz.calibration import write_health
 
     log, recipe = job.log, job.recipe
     with tracker.open_log(log, recover=recipe.recover) as opened:
@@ -112,21 +114,12 @@ def _track_one(job: Job, outputs: Outputs, health: Path | None, as_json: bool, q
     if health is not None:
         count = min(len(tracked.poses), 200)
         with tracker.open_log(log, recover=recipe.recover) as opened, bar("health", count, quiet) as progress:
-            result["health"] = _write_health_page(health, opened, recipe, tracked.poses, progress)
+            about = tracked.poses.about
+            finder = tracker.ObjectTracker(recipe.model, about.rig, recipe.colors)
+            found = measured_health(finder, opened, tracked.poses, progress)
+        write_health(health, found, " · ".join(filter(None, (about.object_name, about.source))))
+        result["health"] = [*found.complaints(), *filter(None, [found.missing()])]
     _print(result, as_json, quiet)
-
-
-def _write_health_page(
-    path: Path, log: tracker.Log, recipe: Recipe, poses: tracker.Poses, progress: Callable[[int], None]
-) -> list[str]:
-    """Write a page on the rig's health over the tracked frames; what is not well, or missing."""
-    from tracker.calibration.by_object.health import health
-    from tracker.viz.calibration import write_health
-
-    found = health(tracker.ObjectTracker(recipe.model, poses.about.rig, recipe.colors), log, poses, progress)
-    write_health(path, found, " · ".join(filter(None, (poses.about.object_name, poses.about.source))))
-    missing = found.missing()
-    return found.complaints() + ([] if missing is None else [missing])
 
 
 def _track_all(tasks: Sequence[Task], jobs: int, as_json: bool, quiet: bool) -> None:
@@ -142,23 +135,18 @@ def _track_all(tasks: Sequence[Task], jobs: int, as_json: bool, quiet: bool) -> 
             results[number[task.output]] = result
             done(1)
             while reported in results:
-                # Of those that failed the others may well be whole; the exit code tells.
-                failed |= not _tell(results.pop(reported), as_json, quiet)
+                outcome = results.pop(reported)
                 reported += 1
+                if isinstance(outcome, (TrackerError, OSError)):
+                    say(reason(outcome))  # others may well be whole; the exit code tells
+                    failed = True
+                elif isinstance(outcome, Exception):
+                    raise outcome
+                else:
+                    _warn(outcome)
+                    _print(outcome, as_json, quiet)
     if failed:
         click.get_current_context().exit(2)
-
-
-def _tell(result: dict[str, Any] | Exception, as_json: bool, quiet: bool) -> bool:
-    """Report the outcome for a recording; whether it succeeded."""
-    if isinstance(result, Exception):
-        if not isinstance(result, (TrackerError, OSError)):
-            raise result
-        say(reason(result))
-        return False
-    _warn(result)
-    _print(result, as_json, quiet)
-    return True
 
 
 def _warn(result: dict[str, Any]) -> None:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import astuple
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import click
 
@@ -16,11 +16,12 @@ import tracker
 from tracker.cli import options
 from tracker.cli.export import observation
 from tracker.cli.outputs import Command, Recording, file_option
-from tracker.cli.render import bar
+from tracker.cli.terminal import bar
 
 if TYPE_CHECKING:
     from tracker.calibration.by_object.health import Sample
     from tracker.conventions import Image
+    from tracker.logs import LogFrame
 
 _Frames = Iterator[tuple[int, float, "tracker.Observation", Sequence["Image | None"], "Sample | None"]]
 """What `Scene.show` takes of each frame."""
@@ -69,7 +70,7 @@ def view(
                 raise click.UsageError(f"{source}: the calibration is in this file of poses, expected none")
             if colors_name is not None:
                 raise click.UsageError(f"--colors {colors_name}: {source} holds poses, nothing is tracked")
-            shown = _of_poses(stack, source, log, object_name, part, every)
+            model, rig, total, frames = _of_poses(stack, source, log, object_name, part, every)
         else:
             if log is not None:
                 raise click.UsageError(f"--log {log}: {source} is no file of poses, expected those of it")
@@ -77,49 +78,44 @@ def view(
             if object_name is None:
                 raise click.UsageError(f"{source}: expected --object, to track this recording")
             model, colors = options.Subject(object_name, colors_name).load()
-            finder = tracker.ObjectTracker(model, cameras.rig_of(source, opened), colors)
+            rig = cameras.rig_of(source, opened)
             chosen = part.of(source, len(opened))[::every]
+            finder, total = tracker.ObjectTracker(model, rig, colors), len(chosen)
             frames = _tracked(source, opened[part.first : part.last], finder, chosen)
-            shown = Shown(model, finder.rig, len(chosen), frames)
-        scene = stack.enter_context(open_scene(target, shown.rig, shown.model))
-        progress = stack.enter_context(bar(source.name, shown.total, quiet))
-        for frame in shown.frames:
+        scene = stack.enter_context(open_scene(target, rig, model))
+        progress = stack.enter_context(bar(source.name, total, quiet))
+        for frame in frames:
             scene.show(*frame)
             progress(1)
     if target is not None and not quiet:
         click.echo(f"wrote {target}; rerun {target} shows it")
 
 
-class Shown(NamedTuple):
-    """What is shown."""
-
-    model: tracker.CuboidModel
-    rig: tracker.CameraRig
-    total: int
-    """Of the frames."""
-    frames: _Frames
-
-
 def _of_poses(
     stack: ExitStack, source: Path, log: Path | None, object_name: str | None, part: options.Part, every: int
-) -> Shown:
-    """A file of poses, with the images of a recording that the stack closes, if there is one."""
+) -> tuple[tracker.CuboidModel, tracker.CameraRig, int, _Frames]:
+    """Object, cameras, number of frames, and these, with images of a recording that the stack closes."""
     from tracker.logs.opening import fitted_to
     from tracker.summaries.rewards import refuse_others
 
     poses = tracker.read_poses(source)
-    model, rig = _model_of(poses, object_name), poses.about.rig
+    model = tracker.load_object(object_name or poses.about.object_name)
+    if model.name != poses.about.object_name:
+        raise click.UsageError(
+            f"--object: found {model.name}, expected {poses.about.object_name}, as in the file of poses"
+        )
     numbers = poses.index.tolist()
     chosen = part.of(source, numbers[-1] + 1 if numbers else 0)[::every]
-    rows = [row for row, index in enumerate(numbers) if index in chosen]
+    rows = {index: row for row, index in enumerate(numbers) if index in chosen}
     if log is None:
         stamps = poses.timestamp.tolist()
-        bare = ((numbers[row], stamps[row], observation(poses, row), (), None) for row in rows)
-        return Shown(model, rig, len(rows), bare)
+        bare = ((index, stamps[row], observation(poses, row), (), None) for index, row in rows.items())
+        return model, poses.about.rig, len(rows), bare
     opened = stack.enter_context(tracker.open_log(log, recover=part.recover))
-    rig = fitted_to(log, opened, rig)
+    rig = fitted_to(log, opened, poses.about.rig)
     refuse_others(source, poses, log, opened)
-    return Shown(model, rig, len(rows), _with_images(opened, rig, model, poses, rows, every))
+    frames = opened[min(rows) : max(rows) + 1 : every] if rows else ()
+    return model, rig, len(rows), _with_images(frames, tracker.ObjectTracker(model, rig), poses, rows)
 
 
 def _target(source: Path, output: Path | None) -> Path | None:
@@ -134,15 +130,6 @@ def _target(source: Path, output: Path | None) -> Path | None:
     return target
 
 
-def _model_of(poses: tracker.Poses, object_name: str | None) -> tracker.CuboidModel:
-    model = tracker.load_object(object_name or poses.about.object_name)
-    if model.name != poses.about.object_name:
-        raise click.UsageError(
-            f"--object: found {model.name}, expected {poses.about.object_name}, as in the file of poses"
-        )
-    return model
-
-
 def _tracked(path: Path, log: tracker.Log, finder: tracker.ObjectTracker, chosen: range) -> _Frames:
     """The chosen frames with what is found; the others are tracked, too."""
     from tracker.recordings.track import answers
@@ -153,20 +140,11 @@ def _tracked(path: Path, log: tracker.Log, finder: tracker.ObjectTracker, chosen
 
 
 def _with_images(
-    log: tracker.Log,
-    rig: tracker.CameraRig,
-    model: tracker.CuboidModel,
-    poses: tracker.Poses,
-    rows: Sequence[int],
-    every: int,
+    frames: Iterable[LogFrame], looker: tracker.ObjectTracker, poses: tracker.Poses, rows: dict[int, int]
 ) -> _Frames:
-    """The poses with the images of their frames."""
-    if not rows:
-        return
-    looker = tracker.ObjectTracker(model, rig)
-    row_of = {int(poses.index[row]): row for row in rows}
-    for frame in log[min(row_of) : max(row_of) + 1 : every]:
-        if (row := row_of.get(frame.index)) is not None:
+    """The poses, whose rows are given by the numbers of frames, with the images of these."""
+    for frame in frames:
+        if (row := rows.get(frame.index)) is not None:
             answer, stamp = observation(poses, row), float(poses.timestamp[row])
             yield frame.index, stamp, answer, frame.images, _health(looker, frame.images, answer)
 
