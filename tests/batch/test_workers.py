@@ -114,3 +114,14 @@ def test_only_a_scheduler_of_others_needs_what_the_core_has_not(monkeypatch):
 def test_one_job_is_this_process():
     with engine(1) as each:
         assert each is here
+
+
+def unsendable(_: object) -> object:
+    return threading.Lock()
+
+
+def test_what_cannot_be_sent_is_an_error_of_its_task_alone():
+    with processes(1) as each:
+        found = dict(each(unsendable, ["a"])) | dict(each(len, ["bc"]))
+    assert isinstance(found["a"], WorkerError)
+    assert found["bc"] == 2

@@ -6,6 +6,7 @@ import contextlib
 import functools
 import itertools
 import os
+import pickle
 import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator
@@ -119,7 +120,7 @@ def _by_processes(
 def _begin(begun: dict[Connection, BaseProcess]) -> Connection:
     """One more process, which sees no Ctrl-C: a terminal sends it to all, and we end them."""
     ours, theirs = Pipe()
-    process = get_context("spawn").Process(target=_work, args=(theirs,), daemon=True)
+    process = get_context("spawn").Process(target=_work, args=(theirs,))
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         process.start()
@@ -137,7 +138,10 @@ def _work(connection: Connection) -> None:
         while True:
             function, task = connection.recv()
             for _, result in here(functools.partial(alone, function), [task]):
-                connection.send(result)
+                try:
+                    connection.send(result)
+                except (AttributeError, TypeError, pickle.PicklingError) as error:
+                    connection.send(WorkerError(f"what came of it cannot be sent: {error}"))
 
 
 def _end_with_parent() -> None:
