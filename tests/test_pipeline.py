@@ -133,7 +133,7 @@ GOOD = np.zeros((270, 270, 3), np.uint8)
     ("images", "says"),
     [
         ([GOOD, GOOD], "images: found 2, expected an image"),
-        (GOOD, "images: found 270, expected an image"),
+        (GOOD, r"images: found uint8 of shape \(270, 270, 3\), expected an image"),
         (None, r"images: found None, expected an image \(H, W, 3\) or None for each camera: camera60, "),
         (3, "images: found 3"),
         ("abc", "images: found 'abc'"),

@@ -103,14 +103,15 @@ def check_hidden(hidden: Images | None, rig: CameraRig) -> list[Array | None] | 
     return masks if any(mask is not None for mask in masks) else None
 
 
-def _of_each_camera(what: str, given: Any, names: Sequence[str], one: str) -> Sequence[Any]:
+def _of_each_camera(what: str, given: Any, names: Sequence[str], one: str) -> list[Any]:
     """What is given in the rig's order; ImageError where it is not `one` for each camera."""
     by_name, valid = isinstance(given, Mapping), f"{one} for each camera: {', '.join(names)}"
     ones: Sequence[Any] = _by_camera(what, given, names, ImageError) if by_name else given
     check_sequence(ones, what, ImageError, valid)
     if len(ones) != len(names):
-        raise ImageError(f"{what}: found {len(ones)}, expected {valid}")
-    return ones
+        found = described(given) if isinstance(given, np.ndarray) else len(ones)
+        raise ImageError(f"{what}: found {found}, expected {valid}")
+    return list(ones)
 
 
 def _by_camera(

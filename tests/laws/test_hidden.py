@@ -119,7 +119,7 @@ def test_what_is_hidden_altogether_is_not_found(truth):
 @pytest.mark.parametrize(
     ("hidden", "says"),
     [
-        (np.zeros(SHAPE, bool), "hidden: found 270, expected a mask"),
+        (np.zeros(SHAPE, bool), r"hidden: found bool of shape \(270, 270\), expected a mask"),
         ([None, None], "hidden: found 2, expected a mask .* camera60, camera180, camera300"),
         (
             [None, None, np.zeros(SHAPE, np.uint8)],
