@@ -20,7 +20,7 @@ def seen():
     rng = np.random.default_rng(3)
     still = take(posed_scene(MODEL, POSE, rng), RIG.cameras, Sensor.realistic(), rng)
     reader = EdgeReader(MODEL, RIG, tracker.load_colors(MODEL.colors))
-    sight = reader.sight(still.images)
+    sight = reader._reader(still.images)
     return reader, sight, reader._refiner(sight.pictures, POSE[1], POSE[0], SCHEDULE)
 
 

@@ -20,6 +20,7 @@ from tracker.pose.align import explanation_score
 from tracker.pose.evidence import evidence_of
 from tracker.pose.fit import Fit, Lag, OwnViews, Start
 from tracker.pose.hypotheses import (
+    ENOUGH,
     EVERYWHERE,
     LIKELIEST,
     NEARBY,
@@ -32,9 +33,11 @@ from tracker.pose.hypotheses import (
 from tracker.pose.judge import (
     EXPECTED,
     alone,
+    confidence,
     rank,
     refusal,
     settled,
+    supporters,
     trust,
     unanimous,
 )
@@ -161,6 +164,9 @@ class PoseEstimator:
         if not fits:
             return fits
         best = max(fits, key=rank)
+        if thorough and not settled(best):
+            other = self.without_worst(sight, best, lag)
+            fits += [other] if other is not best else []
         if alone(best):
             fits += self._turned(sight, best, lag)
         return fits
@@ -231,6 +237,20 @@ class PoseEstimator:
         cameras["extra"][which] = 0
         evidence = evidence_of(cameras, self.box.face_labels, fit.stands)
         return replace(fit, cameras=cameras, evidence=evidence, left_out=tuple(which))
+
+    def without_worst(self, sight: Sight, fit: Fit, lag: Lag | None = None) -> Fit:
+        """The fit, or that without the camera which agrees least, where this leaves less doubt."""
+        used = [c for c in np.flatnonzero(sight.used).tolist() if c not in fit.left_out]
+        if len(used) <= ENOUGH:
+            return fit
+        seen = fit.cameras
+        against = seen["wrong"] + seen["extra"] + seen["elsewhere"] - seen["agree"]
+        left_out = (*fit.left_out, max(used, key=lambda c: float(against[c])))
+        rest = sight.without(*left_out)
+        other = self.refine(rest, fit.rotation, fit.position, FOLLOWING, fit.end, lag)
+        other = self.counted(sight, other, left_out)
+        better = supporters(other) >= max(ENOUGH, supporters(fit)) and confidence(other) > confidence(fit)
+        return other if better else fit
 
     def refine(
         self,

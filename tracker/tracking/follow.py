@@ -173,6 +173,9 @@ class Follower:
         fit = estimator.refine(
             sight, expected.rotation, expected.position, FOLLOWING, memory.start, lag, ask=due
         )
+        if not kept(fit, memory.extra):
+            other = estimator.without_worst(sight, fit, lag)
+            fit = other if kept(other, memory.extra) else fit
         memory = memory._replace(cameras=cameras, lights=sight.pictures, start=fit.end)
         if not kept(fit, memory.extra):
             hypotheses = [(expected.rotation, expected.position)]
