@@ -267,8 +267,8 @@ class PoseEstimator:
 
         Args:
             sight: the pictures.
-            rotation: where to begin.
-            position: as above.
+            rotation: world_from_object, where to begin.
+            position: of the object's centre there.
             schedule: of the steps: with FOLLOWING the pose may be off by a few pixels.
             start: what the unknowns beside the pose were a moment ago; None: not known.
             lag: how far the pictures lag behind, None where they were taken at once.

@@ -183,7 +183,7 @@ class Follower:
                 hypotheses.append(memory.belief.last_pose)
             best = estimator.search.near(sight, hypotheses)
             if best is not None:
-                far = estimator.refine(sight, best.rotation, best.position, lag=lag)
+                far = estimator.refine(sight, best.rotation, best.position, lag=lag, ask=due)
                 fit = far if refusal(fit) is not None or rank(far) > rank(fit) else fit
         if due:
             fit = estimator.examined(sight, fit, lag)
