@@ -55,30 +55,19 @@ def _face_row(pixels, face, row):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _count_face(labels, pixels, face, label, area, seen):  # type: ignore[no-untyped-def]
-    """Add the pixels of one face to `seen`; returns how many of them have a face's colour."""
+def _count_face(labels, pixels, face, area, counts):  # type: ignore[no-untyped-def]
+    """Fill counts (8,): pixels of one face by the label that they show; the last are unknown."""
     left, right, top, bottom = area
-    colored, first, last = 0, bottom, top
+    counts[:] = 0
+    first, last = bottom, top
     for k in range(4):
         row = min(max(pixels[_FACES[face, k], 1], top - 1.0), bottom + 1.0)
         first, last = min(first, math.ceil(row)), max(last, math.floor(row))
     for j in range(max(first, top), min(last, bottom) + 1):
         low, high = _face_row(pixels, face, j)
-        low, high = max(low, left - 1.0), min(high, right + 1.0)
-        for i in range(max(left, math.ceil(low)), min(right, math.ceil(high) - 1) + 1):
-            found = labels[j, i]
-            if found == UNKNOWN:
-                continue
-            seen.predicted += 1
-            seen.faces[face, found] += 1
-            if found == label:
-                seen.agree += 1
-            elif found == 0:
-                seen.missing += 1
-            else:
-                seen.wrong += 1
-            colored += found > 0
-    return colored
+        start = math.ceil(min(max(low, float(left)), right + 1.0))
+        for label in labels[j, start : max(start, math.ceil(min(high, right + 1.0)))]:
+            counts[min(label, 7)] += 1
 
 
 @compiled
@@ -114,13 +103,21 @@ def explain(lenses, c, labels, box, rotation, position, one):  # type: ignore[no
         clamped(v0 - reach, lenses[c].height),
         min(lenses[c].height - 1, clamped(v0 + reach, lenses[c].height) + 1),
     )
+    colored, counts = 0, np.empty(8, np.int64)
     for j in range(top, bottom + 1):
-        for i in range(left, right + 1):
-            one.extra += 0 < labels[j, i] < UNKNOWN
+        for label in labels[j, left : right + 1]:
+            colored += 0 < label < UNKNOWN
     for face in range(6):
         if heights[face] > 0.0:
-            area = left, right, top, bottom
-            one.extra -= _count_face(labels, pixels, face, face_labels[face], area, one)
+            _count_face(labels, pixels, face, (left, right, top, bottom), counts)
+            one.faces[face] = counts[:7]
+            covered, agree = counts[1:7].sum(), counts[face_labels[face]]
+            one.predicted += covered + counts[0]
+            one.agree += agree
+            one.missing += counts[0]
+            one.wrong += covered - agree
+            colored -= covered
+    one.extra = colored
 
 
 @compiled

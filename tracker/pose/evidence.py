@@ -75,39 +75,54 @@ NUMBERS = Numbers(
 
 
 @compiled
-def _options(counts, numbers, out):  # type: ignore[no-untyped-def]
-    """Fill out (8,): log likelihood of a face's counts (7,) for each colour, over that of a hidden face."""
-    none, wrong = MISSED, numbers.wrong / 5.0
-    right, mixed = 1.0 - MISSED - numbers.wrong, (1.0 - MISSED) / 6.0
-    other = (1.0 - BACKGROUND) / 6.0
-    colored = 0
-    for label in range(1, 7):
-        colored += counts[label]
-    for k in range(MIXED + 1):
-        out[k] = 0.0
+def _prices(numbers, prices):  # type: ignore[no-untyped-def]
+    """Fill prices (SHARES, 5): what pixels say of a face of which a share is hidden, over a hidden one.
+
+    By what a pixel shows: no colour, the face's colour, another one, any of a face with all colours
+    (logarithms); and the share's probability.
+    """
+    wrong, right = numbers.wrong / 5.0, 1.0 - MISSED - numbers.wrong
+    mixed, other = (1.0 - MISSED) / 6.0, (1.0 - BACKGROUND) / 6.0
+    for h in range(len(SHARES)):
+        seen, hidden = 1.0 - SHARES[h], SHARES[h]
+        prices[h, 0] = math.log((seen * MISSED + hidden * BACKGROUND) / BACKGROUND)
+        prices[h, 1] = math.log((seen * right + hidden * other) / other)
+        prices[h, 2] = math.log((seen * wrong + hidden * other) / other)
+        prices[h, 3] = math.log((seen * mixed + hidden * other) / other)
+        prices[h, 4] = math.log(SHARES_PRIOR[h])
+
+
+@compiled
+def _option(counts, colored, k, prices, pixel):  # type: ignore[no-untyped-def]
+    """Log likelihood of a face's counts (7,) if its colour is k, over that of a hidden face.
+
+    colored: how many of them are of a colour.
+    """
+    own, which = (counts[k], 1) if k < MIXED else (colored, 3)
+    most, total = -1e300, 0.0
+    for turn in range(2):
+        for h in range(len(SHARES)):
+            value = counts[0] * prices[h, 0] + own * prices[h, which] + (colored - own) * prices[h, 2]
+            value = pixel * value + prices[h, 4]
+            if turn == 0:
+                most = max(most, value)
+            else:
+                total += math.exp(value - most)
+    return most + math.log(total)
+
+
+@compiled
+def _options(counts, prices, pixel, out):  # type: ignore[no-untyped-def]
+    """Fill out (8,): `_option` of each colour."""
+    colored = counts[1:].sum()
+    out[:] = 0.0
     if counts[0] + colored == 0:
         return
     for k in range(1, MIXED + 1):
-        own = counts[k] if k < MIXED else 0
-        if k < MIXED and own == 0 and k > 1 and counts[k - 1] == 0:
+        if 1 < k < MIXED and counts[k] == 0 and counts[k - 1] == 0:
             out[k] = out[k - 1]
-            continue
-        total, most = 0.0, -1e300
-        for turn in range(2):
-            for h in range(len(SHARES)):
-                seen, hidden = 1.0 - SHARES[h], SHARES[h]
-                value = counts[0] * math.log((seen * none + hidden * BACKGROUND) / BACKGROUND)
-                if k == MIXED:
-                    value += colored * math.log((seen * mixed + hidden * other) / other)
-                else:
-                    value += own * math.log((seen * right + hidden * other) / other)
-                    value += (colored - own) * math.log((seen * wrong + hidden * other) / other)
-                value = numbers.pixel * value + math.log(SHARES_PRIOR[h])
-                if turn == 0:
-                    most = max(most, value)
-                else:
-                    total += math.exp(value - most)
-        out[k] = most + math.log(total)
+        else:
+            out[k] = _option(counts, colored, k, prices, pixel)
 
 
 @compiled
@@ -163,13 +178,14 @@ def weigh(seen, face_labels, stands, numbers, cameras):  # type: ignore[no-untyp
         numbers: Numbers.
         cameras: (C, 2), filled: probability that each shows the object here, and that its picture is broken.
     """
-    count = len(seen)
+    count, prices = len(seen), np.empty((len(SHARES), 5))
+    _prices(numbers, prices)
     options, known, tied = np.empty((count, 6, 8)), np.empty((count, 6)), np.empty((6, 8))
     tied[:, :] = 0.0
     correct, lost = math.log(1.0 - numbers.misread), math.log(numbers.misread)
     for c in range(count):
         for face in range(6):
-            _options(seen[c].faces[face], numbers, options[c, face])
+            _options(seen[c].faces[face], prices, numbers.pixel, options[c, face])
             known[c, face] = _unknown(options[c, face])
             for k in range(MIXED + 1):
                 value = options[c, face, k]
