@@ -177,7 +177,9 @@ class PoseEstimator:
         reason = None
         # A pose beyond the arena is none, but what looks like one more than like the best is doubtful.
         for best in sorted(fits, key=lambda one: not one.inside):
-            fit = replace(best, lead=lead(best, fits, self.box.radius))
+            fit = replace(
+                best, lead=lead(best, fits, self.box.radius), shorter=self.search.shorter(sight, best)
+            )
             refused = refusal(fit)
             if refused is None:
                 return self.examined(sight, fit, lag)
@@ -247,7 +249,7 @@ class PoseEstimator:
         against = seen["wrong"] + seen["extra"] + seen["elsewhere"] - seen["agree"]
         left_out = (*fit.left_out, max(used, key=lambda c: float(against[c])))
         rest = sight.without(*left_out)
-        other = self.refine(rest, fit.rotation, fit.position, FOLLOWING, fit.end, lag)
+        other = self.refine(rest, fit.rotation, fit.position, FOLLOWING, fit.end, lag, fit.shorter)
         other = self.counted(sight, other, left_out)
         better = supporters(other) >= max(ENOUGH, supporters(fit)) and confidence(other) > confidence(fit)
         return other if better else fit
@@ -260,6 +262,7 @@ class PoseEstimator:
         schedule: Schedule = SCHEDULE,
         start: Start | None = None,
         lag: Lag | None = None,
+        shorter: float = -math.inf,
         *,
         ask: bool = True,
     ) -> Fit:
@@ -272,6 +275,7 @@ class PoseEstimator:
             schedule: of the steps: with FOLLOWING the pose may be off by a few pixels.
             start: what the unknowns beside the pose were a moment ago; None: not known.
             lag: how far the pictures lag behind, None where they were taken at once.
+            shorter: of the fit.
             ask: whether each camera is asked what it sees by itself.
         """
         fit = self.refiner(sight.pictures, rotation, position, schedule, start, lag, ask=ask)
@@ -281,7 +285,7 @@ class PoseEstimator:
         std = math.sqrt(max(height, 0.0)) if math.isfinite(height) else 0.0
         inside = self.arena.holds(fit.position, lowest, std)
         evidence = evidence_of(cameras, self.box.face_labels, fit.stands)
-        return replace(fit, cameras=cameras, evidence=evidence, inside=inside)
+        return replace(fit, cameras=cameras, evidence=evidence, inside=inside, shorter=shorter)
 
     def _turned(self, sight: Sight, fit: Fit, lag: Lag | None) -> list[Fit]:
         """What else the one camera that sees the object may see, if that is one face."""

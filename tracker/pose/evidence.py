@@ -9,6 +9,7 @@ import numpy as np
 
 from tracker.compiled import compiled
 from tracker.conventions import Array
+from tracker.pose.align import hear
 from tracker.pose.fit import Evidence
 
 SHARES = np.array([0.0, 0.1, 0.25, 0.45, 0.65, 0.85, 0.97])
@@ -25,6 +26,9 @@ NOISE, WIDTH = 0.1, 6.0
 
 MIXED = 7
 """A face may show none of the six colours (0), one of them, or all together (MIXED)."""
+
+SHORTER = 0.8
+"""Length of an edge, over the object's, of the body of another shape that is asked for."""
 
 NONE_PRIOR = 0.5
 """Probability that a face of which nothing is known shows no colour; the seven others are alike."""
@@ -55,6 +59,8 @@ class Numbers(NamedTuple):
     """What a piece costs that shows no edge although the faces beside it are seen."""
     outside: float
     """What colours outside the object cost, for each e-fold."""
+    end: float
+    """Weight of how much better a body with a shorter edge explains the label maps."""
     stands: float
     """Weight of how well the object stands on the table."""
     temper: float
@@ -63,14 +69,16 @@ class Numbers(NamedTuple):
     """Log odds of a body with other faces before the pictures are asked."""
     shape: float
     """The same of a body with the object's faces and other edges."""
+    shorter: float
+    """The same of one with a shorter edge, of which more is asked."""
     nothing: float
     """The same where there is no such body."""
 
 
 NUMBERS = Numbers(
     pixel=0.0415, wrong=6.75e-06, misread=0.00143, hidden=0.0198, broken=0.0157, more=0.00897,
-    alike=1.68e-05, colored=0.113, inlier=0.0734, lacking=0.192, outside=0.35, stands=0.337,
-    temper=0.706, body=-5.35, shape=-0.441, nothing=3.46,
+    alike=1.68e-05, colored=0.113, inlier=0.0734, lacking=0.192, outside=0.35, end=1.5,
+    stands=0.337, temper=0.706, body=-5.35, shape=-0.441, shorter=-4.0, nothing=3.46,
 )  # fmt: skip
 
 
@@ -224,6 +232,59 @@ def weigh(seen, face_labels, stands, numbers, cameras):  # type: ignore[no-untyp
     here = _together(lone[0], lone[3], count_seen, numbers) + numbers.stands * stands
     body = _together(lone[1], lone[3], count_seen, numbers) + numbers.stands * stands
     return here, body, _together(lone[2], lone[3], count_seen, numbers), nothing
+
+
+@compiled
+def _seen_here(one, face_labels, prices, known, numbers):  # type: ignore[no-untyped-def]
+    """Log likelihood of one camera's record of SEEN, the object being there.
+
+    known: (6,) what its faces say if nothing is known of them.
+    """
+    lost, unknown = math.log(numbers.misread), 0.0
+    own = _edges(one, numbers)
+    for face in range(6):
+        counts, unknown = one.faces[face], unknown + known[face]
+        colored = counts[1:].sum()
+        if counts[0] + colored > 0:
+            value = _option(counts, colored, face_labels[face], prices, numbers.pixel)
+            own += np.logaddexp(value + math.log(1.0 - numbers.misread), known[face] + lost)
+    colored = one.extra + max(one.elsewhere, 0)
+    outside = numbers.outside * math.log1p(colored / (0.3 * one.predicted + 30.0))
+    shown = np.logaddexp(math.log(1.0 - numbers.hidden) + own, math.log(numbers.hidden)) - outside
+    return np.logaddexp(shown, math.log(numbers.broken) + unknown)
+
+
+@compiled
+def shortened(lenses, labels, pictures, box, rotation, position, lags, seen, numbers):  # type: ignore[no-untyped-def]
+    """By how much a body of which an edge is shorter explains label maps better: log likelihood.
+
+    See G in equation (21) of docs/how-it-works.md. Arguments up to lags are as of `hear`; seen (C,) of SEEN
+    is what it counted of the object.
+    """
+    half, face_labels = box
+    prices, options = np.empty((len(SHARES), 5)), np.empty(8)
+    _prices(numbers, prices)
+    before, known = np.empty(len(seen)), np.empty((len(seen), 6))
+    for c in range(len(seen)):
+        for face in range(6):
+            _options(seen[c].faces[face], prices, numbers.pixel, options)
+            known[c, face] = _unknown(options)
+        before[c] = _seen_here(seen[c], face_labels, prices, known[c], numbers)
+    other, less, moved, found = seen.copy(), np.empty(3), np.empty(3), -np.inf
+    for end in range(6):
+        axis, side = end // 2, 1.0 - 2.0 * (end % 2)
+        less[:] = half
+        less[axis] *= SHORTER
+        for i in range(3):
+            moved[i] = position[i] + side * rotation[i, axis] * (half[axis] - less[axis])
+        hear(lenses, labels, pictures, (less, face_labels), rotation, moved, lags, other)
+        gain, most = 0.0, 0.0
+        for c in range(len(seen)):
+            if pictures[c].used and seen[c].predicted > 0:
+                one = _seen_here(other[c], face_labels, prices, known[c], numbers) - before[c]
+                gain, most = gain + one, max(most, one)
+        found = max(found, gain - 0.5 * most)
+    return found
 
 
 def evidence_of(seen: Array, face_labels: Array, stands: float) -> Evidence:

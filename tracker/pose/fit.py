@@ -122,6 +122,8 @@ class Fit:
     """How well it stands on the table: log odds over an object that may be anywhere."""
     lead: float = math.inf
     """Log odds by which it leads over all clearly different poses together; infinite where none was tried."""
+    shorter: float = -math.inf
+    """Log odds of a body there of which an edge is shorter; minus infinity where it was not asked for."""
     left_out: tuple[int, ...] = ()
     """Cameras whose pictures were left out, since the others agree without them."""
     offsets: FloatArray | None = None

@@ -14,6 +14,7 @@ from tracker.conventions import Array, FloatArray
 from tracker.geometry.lens import stack_lenses
 from tracker.objects.box import Box
 from tracker.pose.align import IMPOSSIBLE, hear, try_hypotheses
+from tracker.pose.evidence import NUMBERS, shortened
 from tracker.pose.fit import SEEN, Fit
 from tracker.pose.rotations import likely_rotations, rotation_grid
 from tracker.pose.scale import window
@@ -118,6 +119,14 @@ class Search:
         lags = self._still if lags is None else lags
         hear(self.lenses, sight.labels, sight.pictures, self.faces, rotation, position, lags, seen)
         return seen
+
+    def shorter(self, sight: Sight, fit: Fit) -> float:
+        """Log odds of a body of which an edge is shorter, over the object as a fit has it."""
+        pictures = sight.without(*fit.left_out).pictures
+        lags = self._still if fit.lags is None else fit.lags
+        place = self.faces, fit.rotation, fit.position, lags
+        gain = shortened(self.lenses, sight.labels, pictures, *place, fit.cameras, NUMBERS)
+        return float(NUMBERS.end * gain + NUMBERS.shorter)
 
     def begun(
         self, sight: Sight, place: FloatArray, which: range, left_out: tuple[int, ...] = ()

@@ -93,7 +93,8 @@ def disputed(fit: Fit) -> int:
 @_once
 def trust(fit: Fit) -> float:
     """Probability that the fit sits on the object, at whatever accuracy."""
-    return 1.0 / (1.0 + math.exp(-log_odds(fit)) + math.exp(-fit.lead) + disputed(fit))
+    others = math.exp(-log_odds(fit)) + math.exp(-fit.lead) + math.exp(fit.shorter)
+    return 1.0 / (1.0 + others + disputed(fit))
 
 
 def settled(fit: Fit) -> bool:
@@ -116,10 +117,10 @@ def refusal(fit: Fit) -> Status | None:
 
 def _against(fit: Fit) -> Status:
     """What speaks most against a fit."""
-    evidence = fit.evidence
-    if -fit.lead > max(evidence.body, evidence.nothing):
+    nothing, body = fit.evidence.nothing, max(fit.evidence.body, fit.shorter)
+    if -fit.lead > max(body, nothing):
         return Status.AMBIGUOUS
-    if evidence.body > evidence.nothing:
+    if body > nothing:
         return Status.OTHER_OBJECT
     if any(contradicting(fit)):
         return Status.INCONSISTENT_VIEWS

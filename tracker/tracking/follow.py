@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Sequence
@@ -17,7 +18,7 @@ from tracker.pose.refine import FOLLOWING
 from tracker.pose.result import Observation, Status
 from tracker.pose.views import Hidden
 from tracker.tracking.belief import Belief, TrackingOptions, measured
-from tracker.tracking.cameras import Agreement, CameraMemory, after, looked_at, usable
+from tracker.tracking.cameras import EVERY, Agreement, CameraMemory, after, looked_at, usable
 from tracker.tracking.motion import MotionState, unknown_velocity
 
 TOGETHER, ALONE = 1.2, 2.2
@@ -46,6 +47,8 @@ class Memory(NamedTuple):
     """Of how far the calibration is off."""
     extra: float = 0.0
     """`lasting`, when the object was last looked for everywhere."""
+    shorter: float = -math.inf
+    """Log odds of a body of which an edge is shorter, as last asked for."""
     latest: Observation | None = None
     """The last answer."""
 
@@ -151,7 +154,9 @@ class Follower:
         found = self._estimator.find(images, timing, thorough=near is None, lag=lag, hidden=hidden)
         if near is not None and (isinstance(found, Status) or rank(found) <= rank(near)):
             found = near
-        return found, memory._replace(extra=0.0 if isinstance(found, Status) else lasting(found))
+        if isinstance(found, Status):
+            return found, memory._replace(extra=0.0)
+        return found, memory._replace(extra=lasting(found), shorter=found.shorter)
 
     def _near(
         self,
@@ -171,7 +176,7 @@ class Follower:
         laps.append(time.perf_counter())
         due = memory.agreement.due(expected)
         fit = estimator.refine(
-            sight, expected.rotation, expected.position, FOLLOWING, memory.start, lag, ask=due
+            sight, expected.rotation, expected.position, FOLLOWING, memory.start, lag, memory.shorter, ask=due
         )
         if not kept(fit, memory.extra):
             other = estimator.without_worst(sight, fit, lag)
@@ -183,8 +188,12 @@ class Follower:
                 hypotheses.append(memory.belief.last_pose)
             best = estimator.search.near(sight, hypotheses)
             if best is not None:
-                far = estimator.refine(sight, best.rotation, best.position, lag=lag, ask=due)
+                far = estimator.refine(
+                    sight, best.rotation, best.position, lag=lag, shorter=memory.shorter, ask=due
+                )
                 fit = far if refusal(fit) is not None or rank(far) > rank(fit) else fit
+        if (memory.agreement.age + 1) % EVERY == 0:
+            memory = memory._replace(shorter=estimator.search.shorter(sight, fit))
         if due:
             fit = estimator.examined(sight, fit, lag)
         laps.append(time.perf_counter())
