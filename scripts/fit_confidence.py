@@ -68,7 +68,7 @@ class Cases:
             self.labels.append(model.face_labels)
             odds, holds = np.log(near / (1 - near)), fits(one) * one.inside
             weight = WEIGHTS.get(group, 1.0)
-            more = (one.shorter - NUMBERS.shorter) / NUMBERS.end
+            more = (one.evidence.shorter - NUMBERS.shorter) / NUMBERS.end
             self.numbers.append((one.stands, more, odds, holds, good, weight, scene))
             self.group.append(group)
         for i, one in enumerate(found):
@@ -110,7 +110,7 @@ def collect(scenes: int) -> Cases:
             estimator, found, right = one._estimator, [], []
             sight = estimator.reader(images)
             for candidate in estimator.candidates(sight):
-                candidate = dataclasses.replace(candidate, shorter=estimator.search.shorter(sight, candidate))
+                candidate = estimator.counted(sight, candidate, candidate.left_out, None)
                 fit = estimator.examined(sight, candidate)
                 pose = PoseEstimate(fit.position, so3.quaternion(fit.rotation), fit.covariance, 0.0)
                 error = dict(zip(("mm", "deg"), pose_errors(pose, truth), strict=False))
@@ -123,9 +123,8 @@ def collect(scenes: int) -> Cases:
 @compiled
 def weigh_all(seen, labels, stands, numbers, out):  # type: ignore[no-untyped-def]
     """Evidence (N, 4) of N fits, see `weigh`."""
-    cameras = np.empty((seen.shape[1], 2))
     for i in range(len(seen)):
-        out[i, 0], out[i, 1], out[i, 2], out[i, 3] = weigh(seen[i], labels[i], stands[i], numbers, cameras)
+        out[i, 0], out[i, 1], out[i, 2], out[i, 3] = weigh(seen[i], labels[i], stands[i], numbers)
 
 
 class Model:

@@ -60,7 +60,7 @@ def counted(truth, images, hidden):
     """What the label maps show of the true pose."""
     search = TRACKER._estimator.search
     sight = search.reader.labelled(images, search.reader.lit(images), hidden=hidden)
-    return search.counted(sight, truth.rotation, truth.position)
+    return search.judged(sight, truth.rotation, truth.position)[0]
 
 
 def test_colours_of_hidden_pixels_do_not_count_against(truth):

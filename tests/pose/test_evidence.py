@@ -7,13 +7,10 @@ from tests.helpers.kept_stills import bare
 from tracker import load_object
 from tracker.geometry.lens import stack_lenses
 from tracker.objects.box import Box
-from tracker.pose.align import hear
-from tracker.pose.evidence import NUMBERS, SHORTER, shortened
+from tracker.pose.evidence import NUMBERS, SHORTER, judge
 from tracker.pose.fit import SEEN
 from tracker.pose.scale import label_camera
 from tracker.pose.views import PICTURE
-
-STILL = np.zeros((3, 6))
 
 
 @pytest.fixture(scope="module")
@@ -26,12 +23,11 @@ def scene():
 
 
 def gain(labels, lenses, faces, truth, moved=(0.0, 0.0, 0.0)):
-    """`shortened` of a box with these faces, moved along its axes from where the truth has the cube."""
+    """By how much a shorter body explains more than a box that is moved along its axes from the truth."""
     pictures, seen = np.zeros(3, PICTURE), np.zeros(3, SEEN)
     pictures["used"], pictures["colored"] = True, (labels > 0).sum(axis=(1, 2))
-    place = truth.rotation, truth.position + truth.rotation @ moved
-    hear(lenses, labels, pictures, faces, *place, STILL, seen)
-    return shortened(lenses, labels, pictures, faces, *place, STILL, seen, NUMBERS)
+    place = truth.rotation, truth.position + truth.rotation @ moved, np.zeros((3, 6))
+    return judge(lenses, labels, pictures, faces, place, 0.0, np.zeros(3, bool), seen, NUMBERS, True)[4]
 
 
 @pytest.mark.parametrize("axis", range(3))

@@ -23,7 +23,7 @@ def test_cameras_that_show_the_right_faces_support():
 def test_a_camera_that_shows_the_object_elsewhere_contradicts_and_one_that_shows_none_cannot_say():
     hidden, elsewhere = blind(made_fit(), 1), blind(made_fit(), 1, elsewhere=300)
     for fit in (hidden, elsewhere):
-        assert (fit.evidence.shows > 0.5).tolist() == [True, False, True]
+        assert (fit.cameras["shows"] > 0.5).tolist() == [True, False, True]
         assert not unanimous(fit)
         assert supporters(fit) == 2
     assert not any(contradicting(hidden))
@@ -33,7 +33,7 @@ def test_a_camera_that_shows_the_object_elsewhere_contradicts_and_one_that_shows
 
 def test_a_camera_that_shows_another_thing_there_is_broken_and_does_not_spoil_the_pose():
     fit = with_cameras(made_fit(), 2, agree=0, wrong=400, usable=0.0, inliers=0.0, squares=0.0)
-    assert fit.evidence.broken[2] > 0.5
+    assert fit.cameras["broken"][2] > 0.5
     assert contradicting(fit) == (False, False, True)
     assert supporters(fit) == 2
     assert 0.2 < confidence(fit) < confidence(made_fit())
@@ -47,7 +47,7 @@ def test_a_pose_that_one_camera_supports_and_two_contradict_is_not_sure():
 
 def test_a_camera_in_whose_picture_the_object_is_not_has_no_say():
     fit = with_cameras(made_fit(), 2, predicted=0, agree=0, wrong=0, missing=0, elsewhere=500, extra=0)
-    assert (fit.evidence.shows > 0.5).tolist() == [True, True, False]
+    assert (fit.cameras["shows"] > 0.5).tolist() == [True, True, False]
     assert not any(contradicting(fit))
     assert unanimous(fit)
     assert not any(contradicting(with_cameras(fit, 2, predicted=EXPECTED - 1)))
@@ -58,5 +58,5 @@ def test_what_cameras_say_does_not_depend_on_their_order(c):
     fit = blind(made_fit(), c, elsewhere=200)
     turned = with_cameras(dataclasses.replace(fit, cameras=np.roll(fit.cameras, 1)))
     assert tuple(np.roll(contradicting(fit), 1)) == contradicting(turned)
-    np.testing.assert_allclose(np.roll(fit.evidence.shows, 1), turned.evidence.shows)
+    np.testing.assert_allclose(np.roll(fit.cameras["shows"], 1), turned.cameras["shows"])
     assert log_odds(fit) == pytest.approx(log_odds(turned))

@@ -17,7 +17,6 @@ from tracker.geometry import so3
 from tracker.objects.box import Box
 from tracker.pose.agreement import disagreement
 from tracker.pose.align import explanation_score
-from tracker.pose.evidence import evidence_of
 from tracker.pose.fit import Fit, Lag, OwnViews, Start
 from tracker.pose.hypotheses import (
     ENOUGH,
@@ -177,9 +176,8 @@ class PoseEstimator:
         reason = None
         # A pose beyond the arena is none, but what looks like one more than like the best is doubtful.
         for best in sorted(fits, key=lambda one: not one.inside):
-            fit = replace(
-                best, lead=lead(best, fits, self.box.radius), shorter=self.search.shorter(sight, best)
-            )
+            fit = self.counted(sight, best, best.left_out, None)
+            fit = replace(fit, lead=lead(best, fits, self.box.radius))
             refused = refusal(fit)
             if refused is None:
                 return self.examined(sight, fit, lag)
@@ -227,18 +225,15 @@ class PoseEstimator:
         fit = self.refine(used, one.rotation, one.position, schedule, lag=lag, ask=schedule is not FIRST)
         return self.counted(sight, fit, one.left_out) if one.left_out else fit
 
-    def counted(self, sight: Sight, fit: Fit, left_out: Sequence[int]) -> Fit:
+    def counted(
+        self, sight: Sight, fit: Fit, left_out: Sequence[int], shorter: float | None = -math.inf
+    ) -> Fit:
         """A fit with what all cameras of a sight say of it, also those that were left out when it was made.
 
-        Those are witnesses only: colours beside the object count as seen elsewhere, since a picture that is
-        noisy or flooded shows them all over.
+        shorter: as of `Search.judged`.
         """
-        cameras = self.search.counted(sight, fit.rotation, fit.position, fit.lags, fit.cameras)
-        which = list(left_out)
-        cameras["elsewhere"][which] += cameras["extra"][which]
-        cameras["extra"][which] = 0
-        evidence = evidence_of(cameras, self.box.face_labels, fit.stands)
-        return replace(fit, cameras=cameras, evidence=evidence, left_out=tuple(which))
+        cameras, evidence = self.search.judged(sight, fit.rotation, fit.position, fit, left_out, shorter)
+        return replace(fit, cameras=cameras, evidence=evidence, left_out=tuple(left_out))
 
     def without_worst(self, sight: Sight, fit: Fit, lag: Lag | None = None) -> Fit:
         """The fit, or that without the camera which agrees least, where this leaves less doubt."""
@@ -249,8 +244,8 @@ class PoseEstimator:
         against = seen["wrong"] + seen["extra"] + seen["elsewhere"] - seen["agree"]
         left_out = (*fit.left_out, max(used, key=lambda c: float(against[c])))
         rest = sight.without(*left_out)
-        other = self.refine(rest, fit.rotation, fit.position, FOLLOWING, fit.end, lag, fit.shorter)
-        other = self.counted(sight, other, left_out)
+        other = self.refine(rest, fit.rotation, fit.position, FOLLOWING, fit.end, lag)
+        other = self.counted(sight, other, left_out, fit.evidence.shorter)
         better = supporters(other) >= max(ENOUGH, supporters(fit)) and confidence(other) > confidence(fit)
         return other if better else fit
 
@@ -262,7 +257,7 @@ class PoseEstimator:
         schedule: Schedule = SCHEDULE,
         start: Start | None = None,
         lag: Lag | None = None,
-        shorter: float = -math.inf,
+        shorter: float | None = -math.inf,
         *,
         ask: bool = True,
     ) -> Fit:
@@ -275,17 +270,16 @@ class PoseEstimator:
             schedule: of the steps: with FOLLOWING the pose may be off by a few pixels.
             start: what the unknowns beside the pose were a moment ago; None: not known.
             lag: how far the pictures lag behind, None where they were taken at once.
-            shorter: of the fit.
+            shorter: as of `Search.judged`.
             ask: whether each camera is asked what it sees by itself.
         """
         fit = self.refiner(sight.pictures, rotation, position, schedule, start, lag, ask=ask)
-        cameras = self.search.counted(sight, fit.rotation, fit.position, fit.lags, fit.cameras)
+        cameras, evidence = self.search.judged(sight, fit.rotation, fit.position, fit, (), shorter)
         lowest = self.box.lowest(fit.position, fit.rotation)
         height = float(fit.covariance[2, 2])
         std = math.sqrt(max(height, 0.0)) if math.isfinite(height) else 0.0
         inside = self.arena.holds(fit.position, lowest, std)
-        evidence = evidence_of(cameras, self.box.face_labels, fit.stands)
-        return replace(fit, cameras=cameras, evidence=evidence, inside=inside, shorter=shorter)
+        return replace(fit, cameras=cameras, evidence=evidence, inside=inside)
 
     def _turned(self, sight: Sight, fit: Fit, lag: Lag | None) -> list[Fit]:
         """What else the one camera that sees the object may see, if that is one face."""
@@ -294,7 +288,7 @@ class PoseEstimator:
         return [
             self.refine(sight, rotation, fit.position, FOLLOWING, lag=lag)
             for rotation in turned_about_face(fit.rotation, fit.position, self.box.half, camera)
-            if explanation_score(self.search.counted(sight, rotation, fit.position, fit.lags)) > least
+            if explanation_score(self.search.judged(sight, rotation, fit.position, fit)[0]) > least
         ]
 
     def examined(self, sight: Sight, fit: Fit, lag: Lag | None = None) -> Fit:
@@ -323,7 +317,7 @@ class PoseEstimator:
         near = self.search.near(only, [(fit.rotation, fit.position)])
         if near is None:
             return None
-        seen = self.search.counted(only, near.rotation, near.position, seen=fit.cameras)
+        seen, _ = self.search.judged(only, near.rotation, near.position)
         if not self._explains_better(seen[c], fit, c):
             return None
         other = self.refine(only, near.rotation, near.position, start=fit.end, lag=lag)

@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 
 from tracker.compiled import compiled
-from tracker.conventions import Array
 from tracker.pose.align import hear
 from tracker.pose.fit import Evidence
 
@@ -174,17 +173,16 @@ def _together(whole, broken, count, numbers):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def weigh(seen, face_labels, stands, numbers, cameras):  # type: ignore[no-untyped-def]
+def weigh(seen, face_labels, stands, numbers):  # type: ignore[no-untyped-def]
     """Log evidence of the object here, of a body with other faces, of one of another shape, and of nothing.
 
     See equation (21) of docs/how-it-works.md.
 
     Args:
-        seen: (C,) of SEEN.
+        seen: (C,) of SEEN, of which `shows` and `broken` are filled.
         face_labels: (6,) of the object.
         stands: log odds by which it stands on the table.
         numbers: Numbers.
-        cameras: (C, 2), filled: probability that each shows the object here, and that its picture is broken.
     """
     count, prices = len(seen), np.empty((len(SHARES), 5))
     _prices(numbers, prices)
@@ -206,7 +204,7 @@ def weigh(seen, face_labels, stands, numbers, cameras):  # type: ignore[no-untyp
     nothing = 0.0
     for c in range(count):
         one = seen[c]
-        cameras[c, :] = 0.0
+        one.shows, one.broken = 0.0, 0.0
         if one.predicted == 0:
             continue
         edges = _edges(one, numbers)
@@ -223,7 +221,7 @@ def weigh(seen, face_labels, stands, numbers, cameras):  # type: ignore[no-untyp
         lone[3, count_seen] = unknown
         broken = math.log(numbers.broken) + unknown
         whole = np.logaddexp(lone[0, count_seen], broken)
-        cameras[c, 0], cameras[c, 1] = math.exp(shows + own - outside - whole), math.exp(broken - whole)
+        one.shows, one.broken = math.exp(shows + own - outside - whole), math.exp(broken - whole)
         count_seen += 1
         nothing += _sum(
             math.log(1.0 - numbers.colored), math.log(numbers.colored) + unknown,
@@ -255,12 +253,12 @@ def _seen_here(one, face_labels, prices, known, numbers):  # type: ignore[no-unt
 
 
 @compiled
-def shortened(lenses, labels, pictures, box, rotation, position, lags, seen, numbers):  # type: ignore[no-untyped-def]
+def _shortened(lenses, labels, pictures, box, place, seen, numbers):  # type: ignore[no-untyped-def]
     """By how much a body of which an edge is shorter explains label maps better: log likelihood.
 
-    See G in equation (21) of docs/how-it-works.md. Arguments up to lags are as of `hear`; seen (C,) of SEEN
-    is what it counted of the object.
+    See G in equation (21) of docs/how-it-works.md; arguments are as of `judge`.
     """
+    rotation, position, lags = place
     half, face_labels = box
     prices, options = np.empty((len(SHARES), 5)), np.empty(8)
     _prices(numbers, prices)
@@ -280,25 +278,36 @@ def shortened(lenses, labels, pictures, box, rotation, position, lags, seen, num
         hear(lenses, labels, pictures, (less, face_labels), rotation, moved, lags, other)
         gain, most = 0.0, 0.0
         for c in range(len(seen)):
-            if pictures[c].used and seen[c].predicted > 0:
+            if seen[c].predicted > 0:
                 one = _seen_here(other[c], face_labels, prices, known[c], numbers) - before[c]
                 gain, most = gain + one, max(most, one)
         found = max(found, gain - 0.5 * most)
     return found
 
 
-def evidence_of(seen: Array, face_labels: Array, stands: float) -> Evidence:
-    """What cameras' records (C,) of SEEN say of an object with face_labels (6,); stands: as of `weigh`."""
-    numbers = NUMBERS
-    cameras = np.zeros((len(seen), 2))
-    here, body, shape, nothing = weigh(seen, face_labels, stands, numbers, cameras)
-    return Evidence(
-        float(
-            np.logaddexp(
-                numbers.temper * (body - here) + numbers.body, numbers.temper * (shape - here) + numbers.shape
-            )
-        ),
-        numbers.temper * (nothing - here) + numbers.nothing,
-        cameras[:, 0],
-        cameras[:, 1],
-    )
+@compiled
+def judge(lenses, labels, pictures, box, place, stands, left_out, seen, numbers, ask):  # type: ignore[no-untyped-def]
+    """What `weigh` says of what label maps show of an object, and by how much a shorter body explains more.
+
+    The label maps are as of `hear`, which fills seen (C,) of SEEN, and so is the place: rotation, position
+    and lags. Cameras that were left out (C,) are witnesses only: colours beside the object count as seen
+    elsewhere, since a picture that is noisy or flooded shows them all over. A shorter body is asked for if
+    `ask`.
+    """
+    rotation, position, lags = place
+    hear(lenses, labels, pictures, box, rotation, position, lags, seen)
+    for c in range(len(seen)):
+        if left_out[c]:
+            seen[c].elsewhere, seen[c].extra = seen[c].elsewhere + seen[c].extra, 0
+    here, body, shape, nothing = weigh(seen, box[1], stands, numbers)
+    gain = -np.inf
+    if ask:
+        gain = _shortened(lenses, labels, pictures, box, place, seen, numbers)
+    return here, body, shape, nothing, gain
+
+
+def evidence_of(here: float, body: float, shape: float, nothing: float, gain: float = -math.inf) -> Evidence:
+    """Log odds that follow from what `judge` returns."""
+    one = NUMBERS
+    other = np.logaddexp(one.temper * (body - here) + one.body, one.temper * (shape - here) + one.shape)
+    return Evidence(float(other), one.temper * (nothing - here) + one.nothing, one.end * gain + one.shorter)

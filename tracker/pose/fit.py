@@ -61,6 +61,8 @@ SEEN = np.dtype(
         ("wrong", np.int64),  # … that show another face: they contradict the pose
         ("extra", np.int64),  # pixels beside the object in a face's colour
         ("elsewhere", np.int64),  # … and farther away
+        ("shows", np.float64),  # probability that it shows the object there
+        ("broken", np.float64),  # … and that the picture is of something else
         ("faces", np.int64, (6, 7)),  # pixels that each face should cover, by the label that they show
     ]
 )
@@ -76,13 +78,11 @@ class Evidence(NamedTuple):
     """Log odds of a body there with other colours or of another shape, over the object."""
     nothing: float
     """Log odds that there is nothing, over the object."""
-    shows: FloatArray
-    """(C,) probability that each camera shows the object there."""
-    broken: FloatArray
-    """(C,) probability that its picture is of something else."""
+    shorter: float = -math.inf
+    """Log odds of a body of which an edge is shorter; minus infinity where it was not asked for."""
 
 
-UNHEARD = Evidence(math.inf, math.inf, np.zeros(0), np.zeros(0))
+UNHEARD = Evidence(math.inf, math.inf)
 
 
 class OwnViews(NamedTuple):
@@ -122,8 +122,6 @@ class Fit:
     """How well it stands on the table: log odds over an object that may be anywhere."""
     lead: float = math.inf
     """Log odds by which it leads over all clearly different poses together; infinite where none was tried."""
-    shorter: float = -math.inf
-    """Log odds of a body there of which an edge is shorter; minus infinity where it was not asked for."""
     left_out: tuple[int, ...] = ()
     """Cameras whose pictures were left out, since the others agree without them."""
     offsets: FloatArray | None = None

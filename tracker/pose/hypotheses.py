@@ -13,9 +13,9 @@ from tracker.calibration.rig import CameraRig
 from tracker.conventions import Array, FloatArray
 from tracker.geometry.lens import stack_lenses
 from tracker.objects.box import Box
-from tracker.pose.align import IMPOSSIBLE, hear, try_hypotheses
-from tracker.pose.evidence import NUMBERS, shortened
-from tracker.pose.fit import SEEN, Fit
+from tracker.pose.align import IMPOSSIBLE, try_hypotheses
+from tracker.pose.evidence import NUMBERS, evidence_of, judge
+from tracker.pose.fit import SEEN, Evidence, Fit
 from tracker.pose.rotations import likely_rotations, rotation_grid
 from tracker.pose.scale import window
 from tracker.pose.views import Reader, Sight, reader_of
@@ -103,30 +103,37 @@ class Search:
         left, top, right, bottom = window(self.lenses, c, position, self._radius, WINDOW_RIM)
         return left, top, right, bottom
 
-    def counted(
+    def judged(
         self,
         sight: Sight,
         rotation: FloatArray,
         position: FloatArray,
-        lags: FloatArray | None = None,
-        seen: Array | None = None,
-    ) -> Array:
-        """What the label maps show of a pose (3, 3), (3,) [m], put into a copy of `seen` (C,) of SEEN.
+        fit: Fit | None = None,
+        left_out: Sequence[int] = (),
+        shorter: float | None = -math.inf,
+    ) -> tuple[Array, Evidence]:
+        """What the label maps show of a pose (3, 3), (3,) [m], (C,) of SEEN, and what this is evidence of.
 
-        lags: (C, 6) by which cameras saw the object moved [m, rad]; None: they did not.
+        Args:
+            sight: the label maps.
+            rotation: world_from_object.
+            position: of the object's centre.
+            fit: what else is known of the pose; None: nothing.
+            left_out: cameras that are witnesses only.
+            shorter: of the evidence, as far as it is known; None: it is asked for.
         """
-        seen = np.zeros(len(self._still), SEEN) if seen is None else seen.copy()
-        lags = self._still if lags is None else lags
-        hear(self.lenses, sight.labels, sight.pictures, self.faces, rotation, position, lags, seen)
-        return seen
-
-    def shorter(self, sight: Sight, fit: Fit) -> float:
-        """Log odds of a body of which an edge is shorter, over the object as a fit has it."""
-        pictures = sight.without(*fit.left_out).pictures
-        lags = self._still if fit.lags is None else fit.lags
-        place = self.faces, fit.rotation, fit.position, lags
-        gain = shortened(self.lenses, sight.labels, pictures, *place, fit.cameras, NUMBERS)
-        return float(NUMBERS.end * gain + NUMBERS.shorter)
+        seen, lags, stands = np.zeros(len(self._still), SEEN), self._still, 0.0
+        if fit is not None:
+            seen, stands = fit.cameras.copy(), fit.stands
+            lags = self._still if fit.lags is None else fit.lags
+        witnesses = np.zeros(len(seen), bool)
+        witnesses[list(left_out)] = True
+        found = judge(
+            self.lenses, sight.labels, sight.pictures, self.faces, (rotation, position, lags), stands,
+            witnesses, seen, NUMBERS, shorter is None,
+        )  # fmt: skip
+        evidence = evidence_of(*found)
+        return seen, evidence if shorter is None else evidence._replace(shorter=shorter)
 
     def begun(
         self, sight: Sight, place: FloatArray, which: range, left_out: tuple[int, ...] = ()

@@ -53,7 +53,7 @@ def alone(fit: Fit) -> bool:
 @_once
 def supporters(fit: Fit) -> int:
     """How many cameras probably see the object where the fit has it."""
-    return sum(shows > 0.5 for shows in fit.evidence.shows.tolist())
+    return sum(one["shows"] > 0.5 for one in fit.counts)
 
 
 def unanimous(fit: Fit) -> bool:
@@ -65,10 +65,10 @@ def unanimous(fit: Fit) -> bool:
 def contradicting(fit: Fit) -> tuple[bool, ...]:
     """Whether each camera sees the object elsewhere, or something else where the fit has it."""
     result = []
-    for one, shows, broken in zip(fit.counts, fit.evidence.shows, fit.evidence.broken, strict=True):
+    for one in fit.counts:
         predicted, outside = one["predicted"], one["extra"] + one["elsewhere"] + one["wrong"]
-        astray = outside >= max(ASTRAY[0], ASTRAY[1] * predicted) or broken > 0.5
-        result.append(bool(predicted >= EXPECTED and shows <= 0.5 and astray))
+        astray = outside >= max(ASTRAY[0], ASTRAY[1] * predicted) or one["broken"] > 0.5
+        result.append(predicted >= EXPECTED and one["shows"] <= 0.5 and astray)
     return tuple(result)
 
 
@@ -93,7 +93,7 @@ def disputed(fit: Fit) -> int:
 @_once
 def trust(fit: Fit) -> float:
     """Probability that the fit sits on the object, at whatever accuracy."""
-    others = math.exp(-log_odds(fit)) + math.exp(-fit.lead) + math.exp(fit.shorter)
+    others = math.exp(-log_odds(fit)) + math.exp(-fit.lead) + math.exp(fit.evidence.shorter)
     return 1.0 / (1.0 + others + disputed(fit))
 
 
@@ -117,7 +117,7 @@ def refusal(fit: Fit) -> Status | None:
 
 def _against(fit: Fit) -> Status:
     """What speaks most against a fit."""
-    nothing, body = fit.evidence.nothing, max(fit.evidence.body, fit.shorter)
+    nothing, body = fit.evidence.nothing, max(fit.evidence.body, fit.evidence.shorter)
     if -fit.lead > max(body, nothing):
         return Status.AMBIGUOUS
     if body > nothing:

@@ -156,7 +156,7 @@ class Follower:
             found = near
         if isinstance(found, Status):
             return found, memory._replace(extra=0.0)
-        return found, memory._replace(extra=lasting(found), shorter=found.shorter)
+        return found, memory._replace(extra=lasting(found), shorter=found.evidence.shorter)
 
     def _near(
         self,
@@ -175,9 +175,11 @@ class Follower:
         sight = estimator.reader.labelled(images, pictures, windows, hidden)
         laps.append(time.perf_counter())
         due = memory.agreement.due(expected)
+        shorter = None if (memory.agreement.age + 1) % EVERY == 0 else memory.shorter
         fit = estimator.refine(
-            sight, expected.rotation, expected.position, FOLLOWING, memory.start, lag, memory.shorter, ask=due
+            sight, expected.rotation, expected.position, FOLLOWING, memory.start, lag, shorter, ask=due
         )
+        memory = memory._replace(shorter=fit.evidence.shorter)
         if not kept(fit, memory.extra):
             other = estimator.without_worst(sight, fit, lag)
             fit = other if kept(other, memory.extra) else fit
@@ -192,8 +194,6 @@ class Follower:
                     sight, best.rotation, best.position, lag=lag, shorter=memory.shorter, ask=due
                 )
                 fit = far if refusal(fit) is not None or rank(far) > rank(fit) else fit
-        if (memory.agreement.age + 1) % EVERY == 0:
-            memory = memory._replace(shorter=estimator.search.shorter(sight, fit))
         if due:
             fit = estimator.examined(sight, fit, lag)
         laps.append(time.perf_counter())
