@@ -40,7 +40,7 @@ WEIGHTS = {"swapped": 0.5, "other calibration": 0.25}
 """Of workloads that are rarer than these scenes have them, or that no evidence can tell."""
 
 PROBABILITIES = ("wrong", "misread", "hidden", "broken", "more", "alike", "colored")
-ODDS = ("body", "shape", "shorter", "nothing", "offset")
+ODDS = ("body", "shape", "resized", "nothing", "offset")
 """How numbers are searched: probabilities and odds by their log odds, all others by their logarithm."""
 
 MISTAKES = 1e-4
@@ -54,8 +54,8 @@ class Cases:
     seen: list[Array] = dataclasses.field(default_factory=list)
     labels: list[Array] = dataclasses.field(default_factory=list)
     numbers: list[tuple[float, ...]] = dataclasses.field(default_factory=list)
-    """stands, by how much a shorter body explains more, log odds of being near, probability that the
-    calibration fits and the arena holds it, right, weight, the scene's number."""
+    """stands, by how much a body with another edge explains more, log odds of being near, probability that
+    the calibration fits and the arena holds it, right, weight, the scene's number."""
     rivals: list[tuple[int, int]] = dataclasses.field(default_factory=list)
     group: list[str] = dataclasses.field(default_factory=list)
 
@@ -68,7 +68,7 @@ class Cases:
             self.labels.append(model.face_labels)
             odds, holds = np.log(near / (1 - near)), fits(one) * one.inside
             weight = WEIGHTS.get(group, 1.0)
-            more = (one.evidence.shorter - NUMBERS.shorter) / NUMBERS.end
+            more = (one.evidence.resized - NUMBERS.resized) / NUMBERS.end
             self.numbers.append((one.stands, more, odds, holds, good, weight, scene))
             self.group.append(group)
         for i, one in enumerate(found):
@@ -134,7 +134,7 @@ class Model:
         self.seen = np.array(cases.seen, dtype=SEEN)
         self.labels = np.array(cases.labels)
         columns = np.array(cases.numbers, dtype=float).T
-        self.stands, self.shorter, self.near, self.holds, self.right, self.weight, self.scene = columns
+        self.stands, self.resized, self.near, self.holds, self.right, self.weight, self.scene = columns
         self.one, self.other = np.array(cases.rivals, dtype=int).reshape(-1, 2).T
         self.group = np.array(cases.group)
 
@@ -148,7 +148,7 @@ class Model:
         against = np.bincount(self.one, _exp(ahead[self.other] - ahead[self.one]), len(here))
         against += _exp(numbers.temper * (body - here) + numbers.body)
         against += _exp(numbers.temper * (shape - here) + numbers.shape) + _exp(numbers.nothing - ahead)
-        against += _exp(numbers.end * self.shorter + numbers.shorter)
+        against += _exp(numbers.end * self.resized + numbers.resized)
         near = 1 / (1 + _exp(-values["offset"] - values["growth"] * self.near))
         return np.asarray(self.holds * near / (1 + against))
 

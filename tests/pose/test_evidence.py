@@ -7,7 +7,7 @@ from tests.helpers.kept_stills import bare
 from tracker import load_object
 from tracker.geometry.lens import stack_lenses
 from tracker.objects.box import Box
-from tracker.pose.evidence import NUMBERS, SHORTER, judge
+from tracker.pose.evidence import NUMBERS, RESIZED, judge
 from tracker.pose.fit import SEEN
 from tracker.pose.scale import label_camera
 from tracker.pose.views import PICTURE
@@ -23,7 +23,7 @@ def scene():
 
 
 def gain(labels, lenses, faces, truth, moved=(0.0, 0.0, 0.0)):
-    """By how much a shorter body explains more than a box that is moved along its axes from the truth."""
+    """By how much another body explains more than a box that is moved along its axes from the truth."""
     pictures, seen = np.zeros(3, PICTURE), np.zeros(3, SEEN)
     pictures["used"], pictures["colored"] = True, (labels > 0).sum(axis=(1, 2))
     place = truth.rotation, truth.position + truth.rotation @ moved, np.zeros((3, 6))
@@ -31,14 +31,15 @@ def gain(labels, lenses, faces, truth, moved=(0.0, 0.0, 0.0)):
 
 
 @pytest.mark.parametrize("axis", range(3))
-def test_a_body_that_is_shorter_than_the_object_is_known_by_its_missing_end(scene, axis):
+@pytest.mark.parametrize("factor", [RESIZED[0][0], RESIZED[1][0]])
+def test_a_body_of_which_an_edge_is_shorter_or_longer_is_known(scene, axis, factor):
     labels, truth, box, lenses = scene
     assert gain(labels, lenses, (box.half, box.face_labels), truth) < 0.0
-    longer, moved = box.half.copy(), np.zeros(3)
-    longer[axis] /= SHORTER
+    half, moved = box.half.copy(), np.zeros(3)
+    half[axis] /= factor
     for side in (1.0, -1.0):
-        moved[axis] = side * (longer[axis] - box.half[axis])
-        assert gain(labels, lenses, (longer, box.face_labels), truth, moved) > 5.0
+        moved[axis] = side * (half[axis] - box.half[axis])
+        assert gain(labels, lenses, (half, box.face_labels), truth, moved) > 5.0
 
 
 def test_what_one_camera_lacks_alone_may_be_hidden(scene):

@@ -226,13 +226,13 @@ class PoseEstimator:
         return self.counted(sight, fit, one.left_out) if one.left_out else fit
 
     def counted(
-        self, sight: Sight, fit: Fit, left_out: Sequence[int], shorter: float | None = -math.inf
+        self, sight: Sight, fit: Fit, left_out: Sequence[int], resized: float | None = -math.inf
     ) -> Fit:
         """A fit with what all cameras of a sight say of it, also those that were left out when it was made.
 
-        shorter: as of `Search.judged`.
+        resized: as of `Search.judged`.
         """
-        cameras, evidence = self.search.judged(sight, fit.rotation, fit.position, fit, left_out, shorter)
+        cameras, evidence = self.search.judged(sight, fit.rotation, fit.position, fit, left_out, resized)
         return replace(fit, cameras=cameras, evidence=evidence, left_out=tuple(left_out))
 
     def without_worst(self, sight: Sight, fit: Fit, lag: Lag | None = None) -> Fit:
@@ -245,7 +245,7 @@ class PoseEstimator:
         left_out = (*fit.left_out, max(used, key=lambda c: float(against[c])))
         rest = sight.without(*left_out)
         other = self.refine(rest, fit.rotation, fit.position, FOLLOWING, fit.end, lag)
-        other = self.counted(sight, other, left_out, fit.evidence.shorter)
+        other = self.counted(sight, other, left_out, fit.evidence.resized)
         better = supporters(other) >= max(ENOUGH, supporters(fit)) and confidence(other) > confidence(fit)
         return other if better else fit
 
@@ -257,7 +257,7 @@ class PoseEstimator:
         schedule: Schedule = SCHEDULE,
         start: Start | None = None,
         lag: Lag | None = None,
-        shorter: float | None = -math.inf,
+        resized: float | None = -math.inf,
         *,
         ask: bool = True,
     ) -> Fit:
@@ -270,11 +270,11 @@ class PoseEstimator:
             schedule: of the steps: with FOLLOWING the pose may be off by a few pixels.
             start: what the unknowns beside the pose were a moment ago; None: not known.
             lag: how far the pictures lag behind, None where they were taken at once.
-            shorter: as of `Search.judged`.
+            resized: as of `Search.judged`.
             ask: whether each camera is asked what it sees by itself.
         """
         fit = self.refiner(sight.pictures, rotation, position, schedule, start, lag, ask=ask)
-        cameras, evidence = self.search.judged(sight, fit.rotation, fit.position, fit, (), shorter)
+        cameras, evidence = self.search.judged(sight, fit.rotation, fit.position, fit, (), resized)
         lowest = self.box.lowest(fit.position, fit.rotation)
         height = float(fit.covariance[2, 2])
         std = math.sqrt(max(height, 0.0)) if math.isfinite(height) else 0.0

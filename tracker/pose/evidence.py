@@ -26,8 +26,13 @@ NOISE, WIDTH = 0.1, 6.0
 MIXED = 7
 """A face may show none of the six colours (0), one of them, or all together (MIXED)."""
 
-SHORTER = 0.8
-"""Length of an edge, over the object's, of the body of another shape that is asked for."""
+RESIZED = (0.8, 0.5), (1.4, 1.0)
+"""Lengths of an edge, over the object's, of bodies that are asked for, and the share of what one camera alone
+says for them that does not count: a finger hides an end from one camera, while a shorter body shows it to
+none; colours beside the object may be those of one bad picture."""
+
+LEAST = 0.05
+"""Pixels missing or beside the object, over those that show it, from which such a body is asked for."""
 
 NONE_PRIOR = 0.5
 """Probability that a face of which nothing is known shows no colour; the seven others are alike."""
@@ -59,7 +64,7 @@ class Numbers(NamedTuple):
     outside: float
     """What colours outside the object cost, for each e-fold."""
     end: float
-    """Weight of how much better a body with a shorter edge explains the label maps."""
+    """Weight of how much better a body with another edge explains the label maps."""
     stands: float
     """Weight of how well the object stands on the table."""
     temper: float
@@ -68,8 +73,8 @@ class Numbers(NamedTuple):
     """Log odds of a body with other faces before the pictures are asked."""
     shape: float
     """The same of a body with the object's faces and other edges."""
-    shorter: float
-    """The same of one with a shorter edge, of which more is asked."""
+    resized: float
+    """The same of one of which an edge is shorter or longer."""
     nothing: float
     """The same where there is no such body."""
 
@@ -77,7 +82,7 @@ class Numbers(NamedTuple):
 NUMBERS = Numbers(
     pixel=0.0415, wrong=6.75e-06, misread=0.00143, hidden=0.0198, broken=0.0157, more=0.00897,
     alike=1.68e-05, colored=0.113, inlier=0.0734, lacking=0.192, outside=0.35, end=1.5,
-    stands=0.337, temper=0.706, body=-5.35, shape=-0.441, shorter=-4.0, nothing=3.46,
+    stands=0.337, temper=0.706, body=-5.35, shape=-0.441, resized=-4.0, nothing=3.46,
 )  # fmt: skip
 
 
@@ -253,45 +258,48 @@ def _seen_here(one, face_labels, prices, known, numbers):  # type: ignore[no-unt
 
 
 @compiled
-def _shortened(lenses, labels, pictures, box, place, seen, numbers):  # type: ignore[no-untyped-def]
-    """By how much a body of which an edge is shorter explains label maps better: log likelihood.
+def _resized(lenses, labels, pictures, box, place, seen, numbers):  # type: ignore[no-untyped-def]
+    """By how much a body of which an edge is shorter or longer explains label maps better: log likelihood.
 
     See G in equation (21) of docs/how-it-works.md; arguments are as of `judge`.
     """
-    rotation, position, lags = place
-    half, face_labels = box
+    (rotation, position, lags), (half, face_labels) = place, box
     prices, options = np.empty((len(SHARES), 5)), np.empty(8)
     _prices(numbers, prices)
-    before, known = np.empty(len(seen)), np.empty((len(seen), 6))
+    before, known, gains = np.empty(len(seen)), np.empty((len(seen), 6)), np.empty(len(seen))
     for c in range(len(seen)):
         for face in range(6):
             _options(seen[c].faces[face], prices, numbers.pixel, options)
             known[c, face] = _unknown(options)
         before[c] = _seen_here(seen[c], face_labels, prices, known[c], numbers)
-    other, less, moved, found = seen.copy(), np.empty(3), np.empty(3), -np.inf
-    for end in range(6):
-        axis, side = end // 2, 1.0 - 2.0 * (end % 2)
-        less[:] = half
-        less[axis] *= SHORTER
-        for i in range(3):
-            moved[i] = position[i] + side * rotation[i, axis] * (half[axis] - less[axis])
-        hear(lenses, labels, pictures, (less, face_labels), rotation, moved, lags, other)
-        gain, most = 0.0, 0.0
+    other, changed, moved, found = seen.copy(), np.empty(3), np.empty(3), -np.inf
+    for factor, share in RESIZED:
         for c in range(len(seen)):
-            if seen[c].predicted > 0:
-                one = _seen_here(other[c], face_labels, prices, known[c], numbers) - before[c]
-                gain, most = gain + one, max(most, one)
-        found = max(found, gain - 0.5 * most)
+            gains[c] = seen[c].missing if factor < 1.0 else seen[c].extra
+        if gains.sum() - share * gains.max() < LEAST * seen["agree"].sum():
+            continue
+        for end in range(6):
+            axis, side = end // 2, 1.0 - 2.0 * (end % 2)
+            changed[:] = half
+            changed[axis] *= factor
+            for i in range(3):
+                moved[i] = position[i] + side * rotation[i, axis] * (half[axis] - changed[axis])
+            hear(lenses, labels, pictures, (changed, face_labels), rotation, moved, lags, other)
+            gains[:] = 0.0
+            for c in range(len(seen)):
+                if seen[c].predicted > 0:
+                    gains[c] = _seen_here(other[c], face_labels, prices, known[c], numbers) - before[c]
+            found = max(found, gains.sum() - share * max(gains.max(), 0.0))
     return found
 
 
 @compiled
 def judge(lenses, labels, pictures, box, place, stands, left_out, seen, numbers, ask):  # type: ignore[no-untyped-def]
-    """What `weigh` says of what label maps show of an object, and by how much a shorter body explains more.
+    """What `weigh` says of what label maps show of an object, and by how much `_resized` bodies explain more.
 
     The label maps are as of `hear`, which fills seen (C,) of SEEN, and so is the place: rotation, position
     and lags. Cameras that were left out (C,) are witnesses only: colours beside the object count as seen
-    elsewhere, since a picture that is noisy or flooded shows them all over. A shorter body is asked for if
+    elsewhere, since a picture that is noisy or flooded shows them all over. Resized bodies are asked for if
     `ask`.
     """
     rotation, position, lags = place
@@ -302,7 +310,7 @@ def judge(lenses, labels, pictures, box, place, stands, left_out, seen, numbers,
     here, body, shape, nothing = weigh(seen, box[1], stands, numbers)
     gain = -np.inf
     if ask:
-        gain = _shortened(lenses, labels, pictures, box, place, seen, numbers)
+        gain = _resized(lenses, labels, pictures, box, place, seen, numbers)
     return here, body, shape, nothing, gain
 
 
@@ -310,4 +318,4 @@ def evidence_of(here: float, body: float, shape: float, nothing: float, gain: fl
     """Log odds that follow from what `judge` returns."""
     one = NUMBERS
     other = np.logaddexp(one.temper * (body - here) + one.body, one.temper * (shape - here) + one.shape)
-    return Evidence(float(other), one.temper * (nothing - here) + one.nothing, one.end * gain + one.shorter)
+    return Evidence(float(other), one.temper * (nothing - here) + one.nothing, one.end * gain + one.resized)

@@ -78,8 +78,8 @@ class Evidence(NamedTuple):
     """Log odds of a body there with other colours or of another shape, over the object."""
     nothing: float
     """Log odds that there is nothing, over the object."""
-    shorter: float = -math.inf
-    """Log odds of a body of which an edge is shorter; minus infinity where it was not asked for."""
+    resized: float = -math.inf
+    """Log odds of a body of which an edge is shorter or longer; minus infinity where it was not asked for."""
 
 
 UNHEARD = Evidence(math.inf, math.inf)

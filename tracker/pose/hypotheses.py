@@ -110,7 +110,7 @@ class Search:
         position: FloatArray,
         fit: Fit | None = None,
         left_out: Sequence[int] = (),
-        shorter: float | None = -math.inf,
+        resized: float | None = -math.inf,
     ) -> tuple[Array, Evidence]:
         """What the label maps show of a pose (3, 3), (3,) [m], (C,) of SEEN, and what this is evidence of.
 
@@ -120,7 +120,7 @@ class Search:
             position: of the object's centre.
             fit: what else is known of the pose; None: nothing.
             left_out: cameras that are witnesses only.
-            shorter: of the evidence, as far as it is known; None: it is asked for.
+            resized: of the evidence, as far as it is known; None: it is asked for.
         """
         seen, lags, stands = np.zeros(len(self._still), SEEN), self._still, 0.0
         if fit is not None:
@@ -130,10 +130,10 @@ class Search:
         witnesses[list(left_out)] = True
         found = judge(
             self.lenses, sight.labels, sight.pictures, self.faces, (rotation, position, lags), stands,
-            witnesses, seen, NUMBERS, shorter is None,
+            witnesses, seen, NUMBERS, resized is None,
         )  # fmt: skip
         evidence = evidence_of(*found)
-        return seen, evidence if shorter is None else evidence._replace(shorter=shorter)
+        return seen, evidence if resized is None else evidence._replace(resized=resized)
 
     def begun(
         self, sight: Sight, place: FloatArray, which: range, left_out: tuple[int, ...] = ()

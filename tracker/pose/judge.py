@@ -93,7 +93,7 @@ def disputed(fit: Fit) -> int:
 @_once
 def trust(fit: Fit) -> float:
     """Probability that the fit sits on the object, at whatever accuracy."""
-    others = math.exp(-log_odds(fit)) + math.exp(-fit.lead) + math.exp(fit.evidence.shorter)
+    others = math.exp(-log_odds(fit)) + math.exp(-fit.lead) + math.exp(fit.evidence.resized)
     return 1.0 / (1.0 + others + disputed(fit))
 
 
@@ -117,7 +117,7 @@ def refusal(fit: Fit) -> Status | None:
 
 def _against(fit: Fit) -> Status:
     """What speaks most against a fit."""
-    nothing, body = fit.evidence.nothing, max(fit.evidence.body, fit.evidence.shorter)
+    nothing, body = fit.evidence.nothing, max(fit.evidence.body, fit.evidence.resized)
     if -fit.lead > max(body, nothing):
         return Status.AMBIGUOUS
     if body > nothing:

@@ -47,8 +47,8 @@ class Memory(NamedTuple):
     """Of how far the calibration is off."""
     extra: float = 0.0
     """`lasting`, when the object was last looked for everywhere."""
-    shorter: float = -math.inf
-    """Log odds of a body of which an edge is shorter, as last asked for."""
+    resized: float = -math.inf
+    """Log odds of a body of which an edge is shorter or longer, as last asked for."""
     latest: Observation | None = None
     """The last answer."""
 
@@ -156,7 +156,7 @@ class Follower:
             found = near
         if isinstance(found, Status):
             return found, memory._replace(extra=0.0)
-        return found, memory._replace(extra=lasting(found), shorter=found.evidence.shorter)
+        return found, memory._replace(extra=lasting(found), resized=found.evidence.resized)
 
     def _near(
         self,
@@ -175,11 +175,11 @@ class Follower:
         sight = estimator.reader.labelled(images, pictures, windows, hidden)
         laps.append(time.perf_counter())
         due = memory.agreement.due(expected)
-        shorter = None if (memory.agreement.age + 1) % EVERY == 0 else memory.shorter
+        resized = None if (memory.agreement.age + 1) % EVERY == 0 else memory.resized
         fit = estimator.refine(
-            sight, expected.rotation, expected.position, FOLLOWING, memory.start, lag, shorter, ask=due
+            sight, expected.rotation, expected.position, FOLLOWING, memory.start, lag, resized, ask=due
         )
-        memory = memory._replace(shorter=fit.evidence.shorter)
+        memory = memory._replace(resized=fit.evidence.resized)
         if not kept(fit, memory.extra):
             other = estimator.without_worst(sight, fit, lag)
             fit = other if kept(other, memory.extra) else fit
@@ -191,7 +191,7 @@ class Follower:
             best = estimator.search.near(sight, hypotheses)
             if best is not None:
                 far = estimator.refine(
-                    sight, best.rotation, best.position, lag=lag, shorter=memory.shorter, ask=due
+                    sight, best.rotation, best.position, lag=lag, resized=memory.resized, ask=due
                 )
                 fit = far if refusal(fit) is not None or rank(far) > rank(fit) else fit
         if due:
