@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from tracker.compiled import compiled
+from tracker.conventions import Array
 from tracker.pose.align import hear
 from tracker.pose.fit import Evidence
 
@@ -319,3 +320,8 @@ def evidence_of(here: float, body: float, shape: float, nothing: float, gain: fl
     one = NUMBERS
     other = np.logaddexp(one.temper * (body - here) + one.body, one.temper * (shape - here) + one.shape)
     return Evidence(float(other), one.temper * (nothing - here) + one.nothing, one.end * gain + one.resized)
+
+
+def evidence_at(*sight: Any, stands: float, left_out: Array, seen: Array, ask: bool) -> Evidence:
+    """The evidence of an object at a place; all is as of `judge`, the first five arguments are its own."""
+    return evidence_of(*judge(*sight, stands, left_out, seen, NUMBERS, ask))

@@ -14,7 +14,7 @@ from tracker.conventions import Array, FloatArray
 from tracker.geometry.lens import stack_lenses
 from tracker.objects.box import Box
 from tracker.pose.align import IMPOSSIBLE, try_hypotheses
-from tracker.pose.evidence import NUMBERS, evidence_of, judge
+from tracker.pose.evidence import evidence_at
 from tracker.pose.fit import SEEN, Evidence, Fit
 from tracker.pose.rotations import likely_rotations, rotation_grid
 from tracker.pose.scale import window
@@ -128,11 +128,10 @@ class Search:
             lags = self._still if fit.lags is None else fit.lags
         witnesses = np.zeros(len(seen), bool)
         witnesses[list(left_out)] = True
-        found = judge(
-            self.lenses, sight.labels, sight.pictures, self.faces, (rotation, position, lags), stands,
-            witnesses, seen, NUMBERS, resized is None,
+        evidence = evidence_at(
+            self.lenses, sight.labels, sight.pictures, self.faces, (rotation, position, lags),
+            stands=stands, left_out=witnesses, seen=seen, ask=resized is None,
         )  # fmt: skip
-        evidence = evidence_of(*found)
         return seen, evidence if resized is None else evidence._replace(resized=resized)
 
     def begun(
