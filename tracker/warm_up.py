@@ -218,7 +218,7 @@ def _search() -> None:
 
 def _refine() -> None:
     estimator, sight = _estimator(), _sight()
-    fit = estimator.refine(sight, np.eye(3), _POSITION, ask=True)
+    fit = estimator.refiner(sight.pictures, np.eye(3), _POSITION, ask=True)
     estimator.refiner.edges(sight.pictures, fit.rotation, fit.position)
 
 

@@ -110,8 +110,10 @@ def explain(lenses, c, labels, box, rotation, position, one):  # type: ignore[no
     for face in range(6):
         if heights[face] > 0.0:
             _count_face(labels, pixels, face, (left, right, top, bottom), counts)
-            one.faces[face] = counts[:7]
-            covered, agree = counts[1:7].sum(), counts[face_labels[face]]
+            covered, agree = 0, counts[face_labels[face]]
+            for label in range(7):
+                one.faces[face, label] = counts[label]
+                covered += counts[label] if label > 0 else 0
             one.predicted += covered + counts[0]
             one.agree += agree
             one.missing += counts[0]

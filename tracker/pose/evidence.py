@@ -267,7 +267,7 @@ def _resized(lenses, labels, pictures, box, place, seen, numbers):  # type: igno
     (rotation, position, lags), (half, face_labels) = place, box
     prices, options = np.empty((len(SHARES), 5)), np.empty(8)
     _prices(numbers, prices)
-    before, known, gains = np.empty(len(seen)), np.empty((len(seen), 6)), np.empty(len(seen))
+    before, known = np.empty(len(seen)), np.empty((len(seen), 6))
     for c in range(len(seen)):
         for face in range(6):
             _options(seen[c].faces[face], prices, numbers.pixel, options)
@@ -275,22 +275,25 @@ def _resized(lenses, labels, pictures, box, place, seen, numbers):  # type: igno
         before[c] = _seen_here(seen[c], face_labels, prices, known[c], numbers)
     other, changed, moved, found = seen.copy(), np.empty(3), np.empty(3), -np.inf
     for factor, share in RESIZED:
-        for c in range(len(seen)):
-            gains[c] = seen[c].missing if factor < 1.0 else seen[c].extra
-        if gains.sum() - share * gains.max() < LEAST * seen["agree"].sum():
+        total, most, agree = 0.0, 0.0, 0
+        for one in seen:
+            room = one.missing if factor < 1.0 else one.extra
+            total, most, agree = total + room, max(most, room), agree + one.agree
+        if total - share * most < LEAST * agree:
             continue
         for end in range(6):
             axis, side = end // 2, 1.0 - 2.0 * (end % 2)
-            changed[:] = half
-            changed[axis] *= factor
+            for i in range(3):
+                changed[i] = half[i] * factor if i == axis else half[i]
             for i in range(3):
                 moved[i] = position[i] + side * rotation[i, axis] * (half[axis] - changed[axis])
             hear(lenses, labels, pictures, (changed, face_labels), rotation, moved, lags, other)
-            gains[:] = 0.0
+            total, most = 0.0, 0.0
             for c in range(len(seen)):
                 if seen[c].predicted > 0:
-                    gains[c] = _seen_here(other[c], face_labels, prices, known[c], numbers) - before[c]
-            found = max(found, gains.sum() - share * max(gains.max(), 0.0))
+                    gain = _seen_here(other[c], face_labels, prices, known[c], numbers) - before[c]
+                    total, most = total + gain, max(most, gain)
+            found = max(found, total - share * most)
     return found
 
 
