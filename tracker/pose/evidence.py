@@ -157,6 +157,13 @@ def _edges(one, numbers):  # type: ignore[no-untyped-def]
 
 
 @compiled
+def _outside(one, numbers):  # type: ignore[no-untyped-def]
+    """What colours outside the object cost, in a record of SEEN."""
+    colored = one.extra + max(one.elsewhere, 0)
+    return numbers.outside * math.log1p(colored / (0.3 * one.predicted + 30.0))
+
+
+@compiled
 def _sum(a, b, c):  # type: ignore[no-untyped-def]
     """Logarithm of the sum of three exponentials."""
     most = max(a, b, c)
@@ -185,24 +192,23 @@ def weigh(seen, face_labels, stands, numbers):  # type: ignore[no-untyped-def]
     See equation (21) of docs/how-it-works.md.
 
     Args:
-        seen: (C,) of SEEN, of which `shows` and `broken` are filled.
+        seen: (C,) of SEEN, of which `shows`, `broken` and `unknown` are filled.
         face_labels: (6,) of the object.
         stands: log odds by which it stands on the table.
         numbers: Numbers.
     """
     count, prices = len(seen), np.empty((len(SHARES), 5))
     _prices(numbers, prices)
-    options, known, tied = np.empty((count, 6, 8)), np.empty((count, 6)), np.empty((6, 8))
-    tied[:, :] = 0.0
+    options, tied = np.empty((count, 6, 8)), np.zeros((6, 8))
     correct, lost = math.log(1.0 - numbers.misread), math.log(numbers.misread)
     for c in range(count):
         for face in range(6):
             _options(seen[c].faces[face], prices, numbers.pixel, options[c, face])
-            known[c, face] = _unknown(options[c, face])
+            seen[c].unknown[face] = _unknown(options[c, face])
             for k in range(MIXED + 1):
                 value = options[c, face, k]
                 if seen[c].faces[face].sum() > 0:
-                    value = np.logaddexp(value + correct, known[c, face] + lost)
+                    value = np.logaddexp(value + correct, seen[c].unknown[face] + lost)
                 options[c, face, k] = value
                 tied[face, k] += value
     shows, blind = math.log(1.0 - numbers.hidden), math.log(numbers.hidden)
@@ -218,9 +224,8 @@ def weigh(seen, face_labels, stands, numbers):  # type: ignore[no-untyped-def]
         for face in range(6):
             own += options[c, face, face_labels[face]]
             other += options[c, face, int(np.argmax(tied[face]))]
-            unknown += known[c, face]
-        colored = one.extra + max(one.elsewhere, 0)
-        outside = numbers.outside * math.log1p(colored / (0.3 * one.predicted + 30.0))
+            unknown += one.unknown[face]
+        outside = _outside(one, numbers)
         lone[0, count_seen] = np.logaddexp(shows + own - outside, blind - outside)
         lone[1, count_seen] = np.logaddexp(shows + other - outside, blind - outside)
         lone[2, count_seen] = np.logaddexp(shows + own - edges, blind)
@@ -239,23 +244,18 @@ def weigh(seen, face_labels, stands, numbers):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _seen_here(one, face_labels, prices, known, numbers):  # type: ignore[no-untyped-def]
-    """Log likelihood of one camera's record of SEEN, the object being there.
-
-    known: (6,) what its faces say if nothing is known of them.
-    """
-    lost, unknown = math.log(numbers.misread), 0.0
-    own = _edges(one, numbers)
+def _seen_here(one, face_labels, prices, numbers):  # type: ignore[no-untyped-def]
+    """Log likelihood of one camera's record of SEEN, the object being there."""
+    own, unknown = _edges(one, numbers), 0.0
+    correct, lost = math.log(1.0 - numbers.misread), math.log(numbers.misread)
     for face in range(6):
-        counts, unknown = one.faces[face], unknown + known[face]
-        colored = counts[1:].sum()
-        if counts[0] + colored > 0:
-            value = _option(counts, colored, face_labels[face], prices, numbers.pixel)
-            own += np.logaddexp(value + math.log(1.0 - numbers.misread), known[face] + lost)
-    colored = one.extra + max(one.elsewhere, 0)
-    outside = numbers.outside * math.log1p(colored / (0.3 * one.predicted + 30.0))
-    shown = np.logaddexp(math.log(1.0 - numbers.hidden) + own, math.log(numbers.hidden)) - outside
-    return np.logaddexp(shown, math.log(numbers.broken) + unknown)
+        unknown += one.unknown[face]
+        colored = one.faces[face, 1:].sum()
+        if one.faces[face, 0] + colored > 0:
+            value = _option(one.faces[face], colored, face_labels[face], prices, numbers.pixel)
+            own += np.logaddexp(value + correct, one.unknown[face] + lost)
+    shown = np.logaddexp(math.log(1.0 - numbers.hidden) + own, math.log(numbers.hidden))
+    return np.logaddexp(shown - _outside(one, numbers), math.log(numbers.broken) + unknown)
 
 
 @compiled
@@ -265,14 +265,8 @@ def _resized(lenses, labels, pictures, box, place, seen, numbers):  # type: igno
     See G in equation (21) of docs/how-it-works.md; arguments are as of `judge`.
     """
     (rotation, position, lags), (half, face_labels) = place, box
-    prices, options = np.empty((len(SHARES), 5)), np.empty(8)
+    prices = np.empty((len(SHARES), 5))
     _prices(numbers, prices)
-    before, known = np.empty(len(seen)), np.empty((len(seen), 6))
-    for c in range(len(seen)):
-        for face in range(6):
-            _options(seen[c].faces[face], prices, numbers.pixel, options)
-            known[c, face] = _unknown(options)
-        before[c] = _seen_here(seen[c], face_labels, prices, known[c], numbers)
     other, changed, moved, found = seen.copy(), np.empty(3), np.empty(3), -np.inf
     for factor, share in RESIZED:
         total, most, agree = 0.0, 0.0, 0
@@ -291,7 +285,8 @@ def _resized(lenses, labels, pictures, box, place, seen, numbers):  # type: igno
             total, most = 0.0, 0.0
             for c in range(len(seen)):
                 if seen[c].predicted > 0:
-                    gain = _seen_here(other[c], face_labels, prices, known[c], numbers) - before[c]
+                    gain = _seen_here(other[c], face_labels, prices, numbers)
+                    gain -= _seen_here(seen[c], face_labels, prices, numbers)
                     total, most = total + gain, max(most, gain)
             found = max(found, total - share * most)
     return found
@@ -312,9 +307,7 @@ def judge(lenses, labels, pictures, box, place, stands, left_out, seen, numbers,
         if left_out[c]:
             seen[c].elsewhere, seen[c].extra = seen[c].elsewhere + seen[c].extra, 0
     here, body, shape, nothing = weigh(seen, box[1], stands, numbers)
-    gain = -np.inf
-    if ask:
-        gain = _resized(lenses, labels, pictures, box, place, seen, numbers)
+    gain = _resized(lenses, labels, pictures, box, place, seen, numbers) if ask else -np.inf
     return here, body, shape, nothing, gain
 
 

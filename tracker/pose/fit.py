@@ -64,11 +64,12 @@ SEEN = np.dtype(
         ("shows", np.float64),  # probability that it shows the object there
         ("broken", np.float64),  # … and that the picture is of something else
         ("faces", np.int64, (6, 7)),  # pixels that each face should cover, by the label that they show
+        ("unknown", np.float64, 6),  # log likelihoods of these, if nothing is known of the face
     ]
 )
 """What one camera's picture says of a pose."""
 
-_NUMBERS = list(SEEN.names or ())[:-1]
+_NUMBERS = [name for name in SEEN.names or () if not SEEN[name].shape]
 
 
 class Evidence(NamedTuple):
