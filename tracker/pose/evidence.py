@@ -164,13 +164,6 @@ def _outside(one, numbers):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _sum(a, b, c):  # type: ignore[no-untyped-def]
-    """Logarithm of the sum of three exponentials."""
-    most = max(a, b, c)
-    return most + math.log(math.exp(a - most) + math.exp(b - most) + math.exp(c - most))
-
-
-@compiled
 def _together(whole, broken, count, numbers):  # type: ignore[no-untyped-def]
     """Log likelihood of `count` cameras, each whole or broken, as whole (C,) and broken (C,) have it."""
     ways, none = np.full(count + 1, -1e300), -1e300
@@ -234,10 +227,8 @@ def weigh(seen, face_labels, stands, numbers):  # type: ignore[no-untyped-def]
         whole = np.logaddexp(lone[0, count_seen], broken)
         one.shows, one.broken = math.exp(shows + own - outside - whole), math.exp(broken - whole)
         count_seen += 1
-        nothing += _sum(
-            math.log(1.0 - numbers.colored), math.log(numbers.colored) + unknown,
-            math.log(numbers.alike) + own - outside,
-        )  # fmt: skip
+        empty = np.logaddexp(math.log(1.0 - numbers.colored), math.log(numbers.colored) + unknown)
+        nothing += np.logaddexp(empty, math.log(numbers.alike) + own - outside)
     here = _together(lone[0], lone[3], count_seen, numbers) + numbers.stands * stands
     body = _together(lone[1], lone[3], count_seen, numbers) + numbers.stands * stands
     return here, body, _together(lone[2], lone[3], count_seen, numbers), nothing
