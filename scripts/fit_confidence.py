@@ -110,7 +110,10 @@ def collect(scenes: int) -> Cases:
             estimator, found, right = one._estimator, [], []
             sight = estimator.reader(images)
             for candidate in estimator.candidates(sight):
-                candidate = estimator.counted(sight, candidate, candidate.left_out, None)
+                resized = estimator.search.resized(sight, candidate)
+                candidate = dataclasses.replace(
+                    candidate, evidence=candidate.evidence._replace(resized=resized)
+                )
                 fit = estimator.examined(sight, candidate)
                 pose = PoseEstimate(fit.position, so3.quaternion(fit.rotation), fit.covariance, 0.0)
                 error = dict(zip(("mm", "deg"), pose_errors(pose, truth), strict=False))

@@ -7,7 +7,7 @@ from tests.helpers.kept_stills import bare
 from tracker import load_object
 from tracker.geometry.lens import stack_lenses
 from tracker.objects.box import Box
-from tracker.pose.evidence import NUMBERS, RESIZED, judge
+from tracker.pose.evidence import NUMBERS, RESIZED, evidence_at, resized_at
 from tracker.pose.fit import SEEN
 from tracker.pose.scale import label_camera
 from tracker.pose.views import PICTURE
@@ -27,7 +27,9 @@ def gain(labels, lenses, faces, truth, moved=(0.0, 0.0, 0.0)):
     pictures, seen = np.zeros(3, PICTURE), np.zeros(3, SEEN)
     pictures["used"], pictures["colored"] = True, (labels > 0).sum(axis=(1, 2))
     place = truth.rotation, truth.position + truth.rotation @ moved, np.zeros((3, 6))
-    return judge(lenses, labels, pictures, faces, place, 0.0, np.zeros(3, bool), seen, NUMBERS, True)[4]
+    sight = lenses, labels, pictures, faces, place
+    evidence_at(*sight, stands=0.0, left_out=np.zeros(3, bool), seen=seen)
+    return (resized_at(*sight, seen=seen) - NUMBERS.resized) / NUMBERS.end
 
 
 @pytest.mark.parametrize("axis", range(3))

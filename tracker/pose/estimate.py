@@ -176,8 +176,8 @@ class PoseEstimator:
         reason = None
         # A pose beyond the arena is none, but what looks like one more than like the best is doubtful.
         for best in sorted(fits, key=lambda one: not one.inside):
-            fit = self.counted(sight, best, best.left_out, None)
-            fit = replace(fit, lead=lead(best, fits, self.box.radius))
+            evidence = best.evidence._replace(resized=self.search.resized(sight, best))
+            fit = replace(best, lead=lead(best, fits, self.box.radius), evidence=evidence)
             refused = refusal(fit)
             if refused is None:
                 return self.examined(sight, fit, lag)
@@ -225,14 +225,10 @@ class PoseEstimator:
         fit = self.refine(used, one.rotation, one.position, schedule, lag=lag, ask=schedule is not FIRST)
         return self.counted(sight, fit, one.left_out) if one.left_out else fit
 
-    def counted(
-        self, sight: Sight, fit: Fit, left_out: Sequence[int], resized: float | None = -math.inf
-    ) -> Fit:
-        """A fit with what all cameras of a sight say of it, also those that were left out when it was made.
-
-        resized: as of `Search.judged`.
-        """
-        cameras, evidence = self.search.judged(sight, fit.rotation, fit.position, fit, left_out, resized)
+    def counted(self, sight: Sight, fit: Fit, left_out: Sequence[int]) -> Fit:
+        """A fit with what all cameras of a sight say of it, those that were left out before as witnesses."""
+        cameras, evidence = self.search.judged(sight, fit.rotation, fit.position, fit, left_out)
+        evidence = evidence._replace(resized=fit.evidence.resized)
         return replace(fit, cameras=cameras, evidence=evidence, left_out=tuple(left_out))
 
     def without_worst(self, sight: Sight, fit: Fit, lag: Lag | None = None) -> Fit:
@@ -244,8 +240,8 @@ class PoseEstimator:
         against = seen["wrong"] + seen["extra"] + seen["elsewhere"] - seen["agree"]
         left_out = (*fit.left_out, max(used, key=lambda c: float(against[c])))
         rest = sight.without(*left_out)
-        other = self.refine(rest, fit.rotation, fit.position, FOLLOWING, fit.end, lag)
-        other = self.counted(sight, other, left_out, fit.evidence.resized)
+        other = self.refine(rest, fit.rotation, fit.position, FOLLOWING, fit.end, lag, fit.evidence.resized)
+        other = self.counted(sight, other, left_out)
         better = supporters(other) >= max(ENOUGH, supporters(fit)) and confidence(other) > confidence(fit)
         return other if better else fit
 
@@ -257,7 +253,7 @@ class PoseEstimator:
         schedule: Schedule = SCHEDULE,
         start: Start | None = None,
         lag: Lag | None = None,
-        resized: float | None = -math.inf,
+        resized: float = -math.inf,
         *,
         ask: bool = True,
     ) -> Fit:
@@ -270,15 +266,16 @@ class PoseEstimator:
             schedule: of the steps: with FOLLOWING the pose may be off by a few pixels.
             start: what the unknowns beside the pose were a moment ago; None: not known.
             lag: how far the pictures lag behind, None where they were taken at once.
-            resized: as of `Search.judged`.
+            resized: as of Evidence, as far as it is known.
             ask: whether each camera is asked what it sees by itself.
         """
         fit = self.refiner(sight.pictures, rotation, position, schedule, start, lag, ask=ask)
-        cameras, evidence = self.search.judged(sight, fit.rotation, fit.position, fit, (), resized)
+        cameras, evidence = self.search.judged(sight, fit.rotation, fit.position, fit)
         lowest = self.box.lowest(fit.position, fit.rotation)
         height = float(fit.covariance[2, 2])
         std = math.sqrt(max(height, 0.0)) if math.isfinite(height) else 0.0
         inside = self.arena.holds(fit.position, lowest, std)
+        evidence = evidence._replace(resized=resized)
         return replace(fit, cameras=cameras, evidence=evidence, inside=inside)
 
     def _turned(self, sight: Sight, fit: Fit, lag: Lag | None) -> list[Fit]:

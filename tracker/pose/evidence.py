@@ -35,6 +35,9 @@ none; colours beside the object may be those of one bad picture."""
 LEAST = 0.05
 """Pixels missing or beside the object, over those that show it, from which such a body is asked for."""
 
+CLEAR = 20, 0.9
+"""Pixels of a face in a camera, and the share of them that shows it, with which the object ends there."""
+
 NONE_PRIOR = 0.5
 """Probability that a face of which nothing is known shows no colour; the seven others are alike."""
 
@@ -250,6 +253,16 @@ def _seen_here(one, face_labels, prices, numbers):  # type: ignore[no-untyped-de
 
 
 @compiled
+def _clear(seen, face, label):  # type: ignore[no-untyped-def]
+    """Whether a camera shows a face clearly where it is expected: no other body ends elsewhere."""
+    for one in seen:
+        pixels = one.faces[face].sum()
+        if pixels >= CLEAR[0] and one.faces[face, label] >= CLEAR[1] * pixels:
+            return True
+    return False
+
+
+@compiled
 def _resized(lenses, labels, pictures, box, place, seen, numbers):  # type: ignore[no-untyped-def]
     """By how much a body of which an edge is shorter or longer explains label maps better: log likelihood.
 
@@ -267,7 +280,9 @@ def _resized(lenses, labels, pictures, box, place, seen, numbers):  # type: igno
         if total - share * most < LEAST * agree:
             continue
         for end in range(6):
-            axis, side = end // 2, 1.0 - 2.0 * (end % 2)
+            if _clear(seen, end, face_labels[end]):
+                continue
+            axis, side = end // 2, 2.0 * (end % 2) - 1.0
             for i in range(3):
                 changed[i] = half[i] * factor if i == axis else half[i]
             for i in range(3):
@@ -285,30 +300,35 @@ def _resized(lenses, labels, pictures, box, place, seen, numbers):  # type: igno
 
 @compiled
 def judge(lenses, labels, pictures, box, place, stands, left_out, seen, numbers, ask):  # type: ignore[no-untyped-def]
-    """What `weigh` says of what label maps show of an object, and by how much `_resized` bodies explain more.
+    """What `weigh` says of what label maps show of an object; or, if `ask`, what `_resized` says.
 
     The label maps are as of `hear`, which fills seen (C,) of SEEN, and so is the place: rotation, position
     and lags. Cameras that were left out (C,) are witnesses only: colours beside the object count as seen
-    elsewhere, since a picture that is noisy or flooded shows them all over. Resized bodies are asked for if
-    `ask`.
+    elsewhere, since a picture that is noisy or flooded shows them all over. To be asked, seen must be filled.
     """
+    if ask:
+        return _resized(lenses, labels, pictures, box, place, seen, numbers), 0.0, 0.0, 0.0
     rotation, position, lags = place
     hear(lenses, labels, pictures, box, rotation, position, lags, seen)
     for c in range(len(seen)):
         if left_out[c]:
             seen[c].elsewhere, seen[c].extra = seen[c].elsewhere + seen[c].extra, 0
-    here, body, shape, nothing = weigh(seen, box[1], stands, numbers)
-    gain = _resized(lenses, labels, pictures, box, place, seen, numbers) if ask else -np.inf
-    return here, body, shape, nothing, gain
+    return weigh(seen, box[1], stands, numbers)
 
 
-def evidence_of(here: float, body: float, shape: float, nothing: float, gain: float = -math.inf) -> Evidence:
-    """Log odds that follow from what `judge` returns."""
+def evidence_of(here: float, body: float, shape: float, nothing: float) -> Evidence:
+    """Log odds that follow from what `weigh` returns."""
     one = NUMBERS
     other = np.logaddexp(one.temper * (body - here) + one.body, one.temper * (shape - here) + one.shape)
-    return Evidence(float(other), one.temper * (nothing - here) + one.nothing, one.end * gain + one.resized)
+    return Evidence(float(other), one.temper * (nothing - here) + one.nothing)
 
 
-def evidence_at(*sight: Any, stands: float, left_out: Array, seen: Array, ask: bool) -> Evidence:
+def evidence_at(*sight: Any, stands: float, left_out: Array, seen: Array) -> Evidence:
     """The evidence of an object at a place; all is as of `judge`, the first five arguments are its own."""
-    return evidence_of(*judge(*sight, stands, left_out, seen, NUMBERS, ask))
+    return evidence_of(*judge(*sight, stands, left_out, seen, NUMBERS, False))
+
+
+def resized_at(*sight: Any, seen: Array) -> float:
+    """Log odds of a body of which an edge is shorter or longer; arguments as of `evidence_at`."""
+    gain = judge(*sight, 0.0, np.zeros(len(seen), bool), seen, NUMBERS, True)[0]
+    return float(NUMBERS.end * gain + NUMBERS.resized)

@@ -14,7 +14,7 @@ from tracker.conventions import Array, FloatArray
 from tracker.geometry.lens import stack_lenses
 from tracker.objects.box import Box
 from tracker.pose.align import IMPOSSIBLE, try_hypotheses
-from tracker.pose.evidence import evidence_at
+from tracker.pose.evidence import evidence_at, resized_at
 from tracker.pose.fit import SEEN, Evidence, Fit
 from tracker.pose.rotations import likely_rotations, rotation_grid
 from tracker.pose.scale import window
@@ -110,7 +110,6 @@ class Search:
         position: FloatArray,
         fit: Fit | None = None,
         left_out: Sequence[int] = (),
-        resized: float | None = -math.inf,
     ) -> tuple[Array, Evidence]:
         """What the label maps show of a pose (3, 3), (3,) [m], (C,) of SEEN, and what this is evidence of.
 
@@ -120,7 +119,6 @@ class Search:
             position: of the object's centre.
             fit: what else is known of the pose; None: nothing.
             left_out: cameras that are witnesses only.
-            resized: of the evidence, as far as it is known; None: it is asked for.
         """
         seen, lags, stands = np.zeros(len(self._still), SEEN), self._still, 0.0
         if fit is not None:
@@ -130,9 +128,14 @@ class Search:
         witnesses[list(left_out)] = True
         evidence = evidence_at(
             self.lenses, sight.labels, sight.pictures, self.faces, (rotation, position, lags),
-            stands=stands, left_out=witnesses, seen=seen, ask=resized is None,
+            stands=stands, left_out=witnesses, seen=seen,
         )  # fmt: skip
-        return seen, evidence if resized is None else evidence._replace(resized=resized)
+        return seen, evidence
+
+    def resized(self, sight: Sight, fit: Fit) -> float:
+        """Log odds of a body of which an edge is shorter or longer, over the object as a fit has it."""
+        place = fit.rotation, fit.position, self._still if fit.lags is None else fit.lags
+        return resized_at(self.lenses, sight.labels, sight.pictures, self.faces, place, seen=fit.cameras)
 
     def begun(
         self, sight: Sight, place: FloatArray, which: range, left_out: tuple[int, ...] = ()

@@ -175,11 +175,9 @@ class Follower:
         sight = estimator.reader.labelled(images, pictures, windows, hidden)
         laps.append(time.perf_counter())
         due = memory.agreement.due(expected)
-        resized = None if (memory.agreement.age + 1) % EVERY == 0 else memory.resized
         fit = estimator.refine(
-            sight, expected.rotation, expected.position, FOLLOWING, memory.start, lag, resized, ask=due
+            sight, expected.rotation, expected.position, FOLLOWING, memory.start, lag, memory.resized, ask=due
         )
-        memory = memory._replace(resized=fit.evidence.resized)
         if not kept(fit, memory.extra):
             other = estimator.without_worst(sight, fit, lag)
             fit = other if kept(other, memory.extra) else fit
@@ -194,6 +192,8 @@ class Follower:
                     sight, best.rotation, best.position, lag=lag, resized=memory.resized, ask=due
                 )
                 fit = far if refusal(fit) is not None or rank(far) > rank(fit) else fit
+        if (memory.agreement.age + 1) % EVERY == 0:
+            memory = memory._replace(resized=estimator.search.resized(sight, fit))
         if due:
             fit = estimator.examined(sight, fit, lag)
         laps.append(time.perf_counter())
