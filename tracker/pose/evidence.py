@@ -43,7 +43,10 @@ NONE_PRIOR = 0.5
 
 
 class Numbers(NamedTuple):
-    """What evidence is worth: fitted by scripts/fit_confidence.py to right and wrong fits."""
+    """What evidence is worth: fitted by scripts/fit_confidence.py to right and wrong fits.
+
+    `end` and `resized` were chosen on development scenes (benchmarks/development.md).
+    """
 
     pixel: float
     """Independent observations in a pixel of the label map."""
