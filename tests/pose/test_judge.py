@@ -73,6 +73,16 @@ def test_confidence_is_trust_times_accuracy_and_a_rival_halves_it_at_most():
     assert trust(dataclasses.replace(fit, lead=0.0)) == pytest.approx(0.5, abs=0.01)
 
 
+@pytest.mark.parametrize("odds", [1e3, 1e5])
+def test_whatever_speaks_against_a_fit_leaves_a_number(odds):
+    fit = made_fit()
+    for field in ("body", "nothing", "resized"):
+        other = dataclasses.replace(fit, evidence=fit.evidence._replace(**{field: odds}))
+        assert trust(other) < 1e-200
+        assert refusal(other) is not None
+    assert trust(dataclasses.replace(fit, lead=-odds)) < 1e-200
+
+
 def test_a_pose_that_is_stated_to_be_nearer_is_nearer():
     spreads = [np.diag(np.repeat(np.square([shift, 0.02]), 3)) for shift in (3e-4, 1e-3, 2e-3, 4e-3, 0.1)]
     found = [nearness(spread) for spread in spreads]

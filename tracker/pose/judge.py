@@ -29,6 +29,9 @@ MIN_TRUST = 0.2
 SURE = 0.95
 """Probability of it at which no other hypothesis is tried."""
 
+CERTAIN = 500.0
+"""Log odds beyond which nothing differs: many cameras may say more than a number can hold."""
+
 VAGUE, MIN_DEFINITE = (0.02, math.radians(5)), 0.5
 """The pose must be this close to the truth [m, rad] with this probability, or many poses would do."""
 
@@ -93,8 +96,8 @@ def disputed(fit: Fit) -> int:
 @_once
 def trust(fit: Fit) -> float:
     """Probability that the fit sits on the object, at whatever accuracy."""
-    others = math.exp(-log_odds(fit)) + math.exp(-fit.lead) + math.exp(fit.evidence.resized)
-    return 1.0 / (1.0 + others + disputed(fit))
+    others = -log_odds(fit), -fit.lead, fit.evidence.resized
+    return 1.0 / (1.0 + sum(math.exp(min(one, CERTAIN)) for one in others) + disputed(fit))
 
 
 def settled(fit: Fit) -> bool:
