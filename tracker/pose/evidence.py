@@ -275,6 +275,9 @@ def _resized(lenses, labels, pictures, box, place, seen, numbers):  # type: igno
     prices = np.empty((len(SHARES), 5))
     _prices(numbers, prices)
     other, changed, moved, found = seen.copy(), np.empty(3), np.empty(3), -np.inf
+    before = np.empty(len(seen))
+    for c in range(len(seen)):
+        before[c] = _seen_here(seen[c], face_labels, prices, numbers)
     for factor, share in RESIZED:
         total, most, agree = 0.0, 0.0, 0
         for one in seen:
@@ -294,8 +297,7 @@ def _resized(lenses, labels, pictures, box, place, seen, numbers):  # type: igno
             total, most = 0.0, 0.0
             for c in range(len(seen)):
                 if seen[c].predicted > 0:
-                    gain = _seen_here(other[c], face_labels, prices, numbers)
-                    gain -= _seen_here(seen[c], face_labels, prices, numbers)
+                    gain = _seen_here(other[c], face_labels, prices, numbers) - before[c]
                     total, most = total + gain, max(most, gain)
             found = max(found, total - share * most)
     return found
