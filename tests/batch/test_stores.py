@@ -22,7 +22,7 @@ from tests.helpers.robot_stores import (
 )
 from tests.logs.test_datasets import edit, head
 from tracker.batch.run import only_run, write_batch
-from tracker.batch.stores import Retracking
+from tracker.batch.stores import Retracking, _taken
 from tracker.batch.workers import here
 from tracker.poses.file import read_poses
 from tracker.recordings import Options
@@ -140,6 +140,13 @@ def test_an_interrupted_run_goes_on_with_the_missing_episodes(robots, tmp_path, 
     again, _ = do(store, tmp_path / "out", robots)
     assert again == [None] * 3
     assert contents(tmp_path / "out") == contents(tmp_path / "whole")
+
+
+def test_all_nan_of_an_array_have_the_same_bits():
+    computed = np.array([[1.0, -np.nan], [np.nan, -2.0]])
+    taken = _taken(computed, np.array([1, -1, 0]))
+    np.testing.assert_array_equal(taken, [[np.nan, -2.0], [np.nan, np.nan], [1.0, np.nan]])
+    assert len(np.unique(taken[np.isnan(taken)].view(np.int64))) == 1
 
 
 OTHER = robot_stores.observations("push")

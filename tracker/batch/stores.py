@@ -248,7 +248,9 @@ def _rows_of(poses: Poses, frames: Sequence[int] | Array) -> Array:
 
 def _taken(array: Array, rows: Array) -> Array:
     """Rows of an array; NaN for -1."""
-    return np.concatenate([array, np.full((1, *array.shape[1:]), np.nan)])[rows]
+    taken = np.concatenate([array, np.full((1, *array.shape[1:]), np.nan)])[rows]
+    taken[np.isnan(taken)] = np.nan  # the sign of a computed NaN depends on where its array lies in memory
+    return taken
 
 
 def _image_columns(poses: Poses, steps: StoreSteps, first: Array, one: Planned) -> dict[str, Array]:
