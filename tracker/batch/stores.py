@@ -31,7 +31,7 @@ import numpy as np
 from tracker.batch import results
 from tracker.batch.run import Batch, Report, Task, agreed, run_tasks, unfinished
 from tracker.batch.workers import Engine
-from tracker.calibration.files.folder import pattern_of, robots_in
+from tracker.calibration.files.platform import pattern_of, robots_in
 from tracker.conventions import Array
 from tracker.errors import CalibrationError, LogError, TrackerError, install
 from tracker.files import told_as, whole_file, write_whole

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from tracker.calibration.files.arena import read_arena, write_arena
-from tracker.calibration.files.platform import Calibrated, read_calibrated, read_folder, write_calibrated
+from tracker.calibration.files.platform import Calibrated, read_all_calibrated, write_calibrated
 from tracker.checks import of_kind, path_of
 from tracker.errors import CalibrationError, shown
 from tracker.geometry.arena import Arena
@@ -106,13 +106,10 @@ class CameraRig:
         alone = not isinstance(path, Iterable) or isinstance(path, str | os.PathLike | bytes | np.ndarray)
         items: Any = [path] if alone else path
         files = [path_of(item, "camera rig", CalibrationError, FILES) for item in items]
-        if alone and os.path.isdir(files[0]):
-            found, arena = read_folder(files[0], pattern, alone=False), read_arena(files[0])
-        else:
-            found = tuple(read_calibrated(file, alone=False) for file in files)
-            together = len({file.parent.resolve() for file in files}) == 1
-            arena = read_arena(files[0].parent) if together else Arena()
-        cameras = [one.camera for one in found]
+        cameras = [one.camera for one in read_all_calibrated(files, pattern, alone=False)]
+        folders = [file if file.is_dir() else file.parent for file in files]
+        together = len({folder.resolve() for folder in folders}) == 1
+        arena = read_arena(folders[0]) if together else Arena()
         if correct_halved_principal_point:
             cameras = [camera.with_halved_principal_point_corrected() for camera in cameras]
         return cls(tuple(cameras), arena)

@@ -111,7 +111,7 @@ def _stores(
 ) -> Retracking | None:
     """The work on image stores of several robots; None where they are other recordings, or of one rig."""
     from tracker.batch.stores import Retracking, are_stores
-    from tracker.calibration.files.folder import robots_in
+    from tracker.calibration.files.platform import robots_in
 
     one_folder = len(asked.calibration) == 1 and asked.pattern is None
     if one_folder and robots_in(Path(asked.calibration[0])):

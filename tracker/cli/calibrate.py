@@ -163,8 +163,12 @@ def check(filmed: Filmed, plot: Path | None, as_json: bool) -> None:
 
 def _stated(inputs: Sequence[str], cameras: options.Cameras) -> tuple[dict[str, float], list[str]]:
     """The deviations of focal lengths that the calibration's files state, and what to say of halved ones."""
-    from tracker.calibration.files.folder import calibration_files
-    from tracker.calibration.files.platform import focal_deviations, halved_by_rows, read_calibrated
+    from tracker.calibration.files.platform import (
+        calibration_files,
+        focal_deviations,
+        halved_by_rows,
+        read_calibrated,
+    )
     from tracker.logs.opening import calibration_files as files_of
 
     paths = [Path(path) for path in cameras.calibration]

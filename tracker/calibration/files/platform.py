@@ -18,13 +18,13 @@ import dataclasses
 import os
 import re
 from collections.abc import Hashable, Iterable, Sequence
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
 
-from tracker.calibration.files.folder import calibration_files, camera_order, refuse_variants
 from tracker.checks import is_number, is_whole, naming, path_of
 from tracker.conventions import FloatArray
 from tracker.errors import CalibrationError, TrackerError, shown
@@ -252,25 +252,91 @@ def _entry(matrix: FloatArray) -> dict[str, Any]:
     return {"rows": rows, "cols": cols, "dt": "d", "data": matrix.ravel().tolist()}
 
 
-def read_folder(root: Path, pattern: str | None, *, alone: bool = True) -> tuple[Calibrated, ...]:
-    """Read a folder's files, one of each camera, in the order of the cameras; `alone`: as `read_calibrated`.
+def calibration_files(root: Path, pattern: str | None) -> list[Path]:
+    """A folder's files whose names match; None: every .yml and .yaml file with `camera` in its name.
 
-    pattern: of the files' names; None: every .yml and .yaml file with `camera` in its name.
-    CalibrationError: a file is malformed, or there is none, or several of a camera.
+    CalibrationError: there is none.
     """
-    found = {path.name: read_calibrated(path, alone=alone) for path in calibration_files(root, pattern)}
-    names = {file: one.camera.name for file, one in found.items()}
-    refuse_variants(root, names)
-    return tuple(found[file] for file in sorted(found, key=lambda file: camera_order(names[file], file)))
+    names = sorted(file.name for file in root.iterdir() if file.is_file())
+    readable = [name for name in names if re.fullmatch(r"[^.].*\.ya?ml|[^.]\.ya?ml", name)]
+    if pattern is None:
+        files, expected = [name for name in readable if "camera" in name], "a file like camera60.yml"
+        if readable:
+            star = f"*{Path(readable[0]).suffix}"
+            expected += f", or --pattern '{star}' (in Python pattern='{star}') for other names"
+    else:
+        files = [name for name in names if fnmatchcase(name, pattern)]
+        expected = f"a file that matches {pattern!r}"
+    if not files:
+        found = ", ".join(names[:12]) or "no files"
+        raise CalibrationError(f"{root}: found {found}, expected {expected}")
+    return [root / name for name in files]
 
 
-def read_all_calibrated(paths: Sequence[Path], pattern: str | None = None) -> tuple[Calibrated, ...]:
-    """Read the files given, one of each camera; or those of a folder, see `read_folder`."""
-    if len(paths) == 1 and paths[0].is_dir():
-        return read_folder(paths[0], pattern)
-    found = {path: read_calibrated(path) for path in paths}
-    refuse_variants(Path(), {str(path): one.camera.name for path, one in found.items()})
-    return tuple(found.values())
+def _order(camera_name: str, file_name: str) -> tuple[float, str, str]:
+    """Sorting key: the number in the camera's name, else in the file's; without one, last."""
+    number = re.search(r"\d+", camera_name) or re.search(r"camera\D*(\d+)", file_name)
+    digits = number.group(number.lastindex or 0) if number else ""
+    return (float(digits) if digits else float("inf"), camera_name, file_name)
+
+
+def _refuse_variants(root: Path, files: Sequence[str], names: Sequence[str]) -> None:
+    """Raise where several files hold a camera of one name, with the patterns that tell them apart."""
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if not twice:
+        return
+    same = sorted(file for file, name in zip(files, names, strict=True) if name == twice[0])
+    patterns = sorted({_pattern(file, files, names) for file in files} - {""})
+    how = f'CameraRig.load(folder, pattern="{patterns[0]}"), or ' if patterns else ""
+    variants = f"; variants: {', '.join(patterns)}" if patterns else ""
+    raise CalibrationError(
+        f"{root}: found {len(same)} files of {twice[0]} ({', '.join(same)}), expected one of each camera"
+        f"{variants}; select with {how}CameraRig.load([file, ...])"
+    )
+
+
+def _pattern(file: str, files: Sequence[str], names: Sequence[str]) -> str:
+    """A pattern that selects the variant of `file`, one file per camera; empty where there is none."""
+    for star in ("*", "*[0-9]"):
+        pattern = re.sub(r"(camera\D*?)\d+", rf"\g<1>{star}", file, count=1)
+        chosen = [name for other, name in zip(files, names, strict=True) if fnmatchcase(other, pattern)]
+        if pattern != file and len(chosen) == len(set(chosen)):
+            return pattern
+    return ""
+
+
+def read_all_calibrated(
+    paths: Sequence[Path], pattern: str | None = None, *, alone: bool = True
+) -> tuple[Calibrated, ...]:
+    """Read the files given, one of each camera; or those of one folder, in the order of the cameras.
+
+    `pattern`: see `calibration_files`; `alone`: see `read_calibrated`. CalibrationError: a file is malformed,
+    or there is none, or several of a camera.
+    """
+    folder = paths[0] if len(paths) == 1 and os.path.isdir(paths[0]) else None
+    files = paths if folder is None else calibration_files(folder, pattern)
+    found = [read_calibrated(path, alone=alone) for path in files]
+    names = [one.camera.name for one in found]
+    _refuse_variants(folder or Path(), [str(path) if folder is None else path.name for path in files], names)
+    if folder is not None:
+        order = sorted(range(len(found)), key=lambda k: _order(names[k], files[k].name))
+        found = [found[k] for k in order]
+    return tuple(found)
+
+
+_OF_ROBOT = re.compile(r"(r\d+)_camera.*\.ya?ml")
+
+
+def robots_in(folder: Path) -> list[str]:
+    """The robots whose calibration files are in a folder, such as `r1` of r1_camera60.yml."""
+    names = (file.name for file in folder.iterdir()) if folder.is_dir() else ()
+    found = {match[1] for name in names if (match := _OF_ROBOT.fullmatch(name))}
+    return sorted(found, key=lambda robot: (int(robot[1:]), robot))
+
+
+def pattern_of(robot: str) -> str:
+    """Which files of the folder are of a robot."""
+    return f"{robot}_camera*.y*ml"
 
 
 def focal_deviations(found: Iterable[Calibrated]) -> dict[str, float]:
