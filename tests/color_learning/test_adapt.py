@@ -26,8 +26,8 @@ OPTIONS = FitOptions(draws=5000)
 
 
 @pytest.fixture(scope="module")
-def other_film():
-    return shots("cube_v2", 3, seed=512)
+def film():
+    return shots("cube_v2", 8, seed=511)
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +36,8 @@ def learned(film):
     return adapt(MODEL, [footage_of(film)], start, OPTIONS, name="mine", rounds=3)
 
 
-def test_colors_of_renderings_become_those_of_the_pictures(learned, other_film):
+def test_colors_of_renderings_become_those_of_the_pictures(learned):
+    other_film = shots("cube_v2", 3, seed=512)
     start = dataclasses.replace(tracker.load_colors("simulation"), normalise=True)
     shipped = overlap(other_film, tracker.load_colors("cube_v2"))
     before, after = overlap(other_film, start), overlap(other_film, learned.colors)

@@ -97,28 +97,18 @@ def test_what_is_not_shaded_or_shaded_by_nothing_is_as_it_was():
     assert len({density.tobytes() for density in densities}) == 1
 
 
-def labels_of(levels: np.ndarray, model) -> np.ndarray:
-    """Labels (N,) of colours (N, 3), as a model without normalisation reads them."""
-    cells = np.rint(np.clip(levels, 0, 255)).astype(int)
-    channels = model.channel_tables(np.ones(3))
-    return model.label_table[channels[np.arange(3), cells].sum(axis=1)]
-
-
-def shaded_faces(rng: np.random.Generator, least: float, veil: float) -> tuple[np.ndarray, np.ndarray]:
-    """Colours of faces (N, 3), shaded and veiled at random, and their labels."""
-    labels = np.repeat(np.arange(1, 7), 200)
-    face = np.array([FACE_BGR[COLOR_NAMES[label]] for label in labels], dtype=float)
-    left = rng.uniform(least, 1, (len(labels), 1))
-    return left * face + (1 - left) * rng.uniform(0, veil, (len(labels), 1)), labels
-
-
 def test_a_training_colour_keeps_its_label_in_shade_and_under_a_veil(rng):
-    colors, labels = shaded_faces(rng, 0.4, 110.0)
+    labels = np.repeat(np.arange(1, 7), 200)
+    faces = np.array([FACE_BGR[COLOR_NAMES[label]] for label in labels], dtype=float)
+    left = rng.uniform(0.4, 1, (len(labels), 1))
+    veiled = left * faces + (1 - left) * rng.uniform(0, 110.0, (len(labels), 1))
+    levels = np.rint(np.clip(veiled, 0, 255)).astype(int)
     kept = {}
     for share in (0.0, OPTIONS.shaded_share):
         options = FitOptions(draws=8000, shaded_share=share)
         model = combine([image_histograms(labelled_image(0), options, normalise=False)], options=options)
-        kept[share] = np.mean(labels_of(colors, model) == labels)
+        cells = model.channel_tables(np.ones(3))[np.arange(3), levels].sum(axis=1)
+        kept[share] = np.mean(model.label_table[cells] == labels)
     assert kept[OPTIONS.shaded_share] > 0.99
     assert kept[0.0] < 0.95
 

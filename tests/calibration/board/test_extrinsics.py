@@ -10,21 +10,18 @@ from tests.helpers.boards import BOARD, LENS, photo, pose_towards, sighting
 from tracker.calibration.board.board import Board
 from tracker.calibration.board.extrinsics import place_cameras
 from tracker.calibration.board.intrinsics import fit_lens
-from tracker.calibration.board.sighting import find_board
+from tracker.calibration.board.sighting import find_board, transform
 from tracker.calibration.files.platform import Calibrated, read_calibrated
 from tracker.errors import CalibrationError
-from tracker.geometry import so3
 from tracker.geometry.camera import Camera
 
-GIVEN = np.eye(4)
-GIVEN[:3, :3] = so3.exp([0, 0, 0.4])
-GIVEN[:3, 3] = (0.01, -0.02, 0.005)
-
-
+GIVEN = transform(np.array([0, 0, 0.4]), np.array([0.01, -0.02, 0.005]))
 TRUE = [look_at((0.3 * np.cos(azimuth), 0.3 * np.sin(azimuth), 0.4)) for azimuth in (1.0, 3.1, 5.2)]
-PLACES = [GIVEN, *(np.eye(4) for _ in range(2))]
-PLACES[1][:3, :3], PLACES[1][:3, 3] = so3.exp([0.3, -0.2, 2.0]), (0.03, 0.02, 0.05)
-PLACES[2][:3, :3], PLACES[2][:3, 3] = so3.exp([-0.2, 0.4, -1.0]), (-0.03, 0.03, 0.04)
+PLACES = [
+    GIVEN,
+    transform(np.array([0.3, -0.2, 2.0]), np.array([0.03, 0.02, 0.05])),
+    transform(np.array([-0.2, 0.4, -1.0]), np.array([-0.03, 0.03, 0.04])),
+]
 
 
 def lenses(count=3):
@@ -137,9 +134,13 @@ def test_the_platforms_board_in_the_arena_is_met_by_every_camera(folders, real):
         assert 0.25 < one.camera.position[2] < 0.5
 
 
-def sightings(seed, count=12, **options):
-    rng = np.random.default_rng(seed)
-    return [sighting(f"photo {n}", pose_towards(rng), rng, **options) for n in range(count)]
+def sightings(seed, count=12, *, tilt=0.7, lenses=(LENS,), noise=0.1):
+    """Photos of boards in different poses, by the lenses in turn."""
+    rng, result = np.random.default_rng(seed), []
+    for n in range(count):
+        pose, lens = pose_towards(rng, tilt=tilt), lenses[n % len(lenses)]
+        result.append(sighting(f"photo {n}", pose, rng, lens=lens, noise=noise))
+    return result
 
 
 def deviations(lens):
@@ -208,15 +209,7 @@ def of_two_sizes():
     return seen
 
 
-def of_two_lenses():
-    rng = np.random.default_rng(14)
-    lenses = [LENS, dataclasses.replace(LENS, distortion=(0.3, 0, 0, 0, 0), matrix=(250, 295, 190, 120))]
-    return [sighting(f"{n}", pose_towards(rng), rng, lens=lenses[n % 2]) for n in range(12)]
-
-
-def hardly_tilted(tilt, seed):
-    rng = np.random.default_rng(seed)
-    return [sighting(f"{n}", pose_towards(rng, tilt=tilt), rng) for n in range(8)]
+OTHER = dataclasses.replace(LENS, distortion=(0.3, 0, 0, 0, 0), matrix=(250, 295, 190, 120))
 
 
 @pytest.mark.parametrize(
@@ -225,9 +218,9 @@ def hardly_tilted(tilt, seed):
         (lambda: sightings(10, count=5), BOARD, r"camera: found 5 photos to go by, of 5 .* at least 6"),
         (lambda: sightings(12), Board(5, 9, 0.04, 0.03), "no more than 5x7 squares .* expected 5x9"),
         (of_two_sizes, BOARD, r"photo \d+ of 360x270 px, photo 3 of 720x540 px"),
-        (of_two_lenses, BOARD, r"photos left out miss by .* not of one camera"),
+        (lambda: sightings(14, lenses=(LENS, OTHER)), BOARD, r"photos left out miss by .* not of one camera"),
         *[
-            (functools.partial(hardly_tilted, tilt, seed), BOARD, "too alike; tilt the board")
+            (functools.partial(sightings, seed, 8, tilt=tilt), BOARD, "too alike; tilt the board")
             for tilt in (0.0, 0.02, 0.2)
             for seed in (11, 12)
         ],
