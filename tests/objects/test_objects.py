@@ -126,6 +126,8 @@ def test_a_malformed_file_names_file_and_fault(old, new, message, tmp_path):
         *[("face_labels", value) for value in ([1, 2, 3, 4, 5, 5], [0, 1, 2, 3, 4, 5], [1, 2, 3, 4, 5])],
         ("face_labels", np.arange(12).reshape(6, 2)),
         ("size", np.full(3, np.inf)),
+        *[("rim", value) for value in (-1e-4, 0.02, "wide")],
+        *[("rim_std", value) for value in (0.0, 0.02, float("nan"))],
         ("name", ""),
         ("colors", None),
     ],

@@ -85,20 +85,14 @@ class CuboidModel:
         if sorted(labels.tolist()) != list(range(1, len(COLOR_NAMES))):
             found = labels.tolist()
             raise ObjectModelError(f"{self.name}: face_labels: found {found}, expected each of 1 to 6 once")
-        rim, rim_std = (
-            _numbers(self.name, key, [getattr(self, key)], 1).item() for key in ("rim", "rim_std")
-        )
-        largest = size.min() / 4
-        if not 0.0 <= rim <= largest:
-            valid = f"from 0 to {largest:g} m, a quarter of the shortest edge"
-            raise ObjectModelError(f"{self.name}: rim: found {rim:g}, expected a width {valid}")
-        if not LEAST_RIM_STD <= rim_std <= largest:
-            valid = f"from {LEAST_RIM_STD:g} to {largest:g} m"
-            raise ObjectModelError(f"{self.name}: rim_std: found {rim_std:g}, expected {valid}")
+        for key, least in (("rim", 0.0), ("rim_std", LEAST_RIM_STD)):
+            value, largest = _numbers(self.name, key, [getattr(self, key)], 1).item(), size.min() / 4
+            if not least <= value <= largest:
+                valid = f"from {least:g} to {largest:g} m, a quarter of the shortest edge"
+                raise ObjectModelError(f"{self.name}: {key}: found {value:g}, expected a width {valid}")
+            object.__setattr__(self, key, value)
         freeze(self, "size", size)
         freeze(self, "face_labels", labels.astype(np.int64))
-        object.__setattr__(self, "rim", rim)
-        object.__setattr__(self, "rim_std", rim_std)
 
     def __repr__(self) -> str:
         size = "×".join(f"{1e3 * edge:g}" for edge in self.size)
