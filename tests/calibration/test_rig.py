@@ -39,12 +39,12 @@ def test_a_folder_has_an_order_and_listed_files_keep_theirs(files, order, tmp_pa
     for file, name in files.items():
         write_calibrated(Calibrated(make_camera(60, name)), tmp_path / f"{file}.yaml")
     assert CameraRig.load(tmp_path).names == tuple(n if isinstance(n, str) else f"camera{n}" for n in order)
-    for listed in (
-        [tmp_path / f"{file}.yaml" for file in files],
-        (f"{tmp_path}/{file}.yaml" for file in files),
-    ):
+    paths = [tmp_path / f"{file}.yaml" for file in files]
+    for listed in (paths, map(str, paths)):
         assert CameraRig.load(listed).names == tuple(files.values())
-    assert CameraRig.load(next(tmp_path.iterdir())).names[0] in files.values()
+    assert CameraRig.load(paths[0]).names == (next(iter(files.values())),)
+    with pytest.raises(CalibrationError, match=f"found 2 files of .*{paths[0]}, {paths[0]}.*one of each"):
+        CameraRig.load([paths[0], *paths])
 
 
 def test_other_files_in_a_folder_do_not_disturb(tmp_path):

@@ -185,14 +185,14 @@ def footage(stills):
 
 
 class Film:
-    """Pictures at 10 Hz, those of one frame up to `skew` [s] apart."""
+    """Pictures at 10 Hz."""
 
-    def __init__(self, frames, skew=0.0):
-        self.frames, self.skew = frames, skew
+    def __init__(self, frames):
+        self.frames = frames
 
     def shots(self):
         for k, images in enumerate(self.frames):
-            yield Shot(k, images, 0.1 * k + self.skew * np.arange(3) / 2, k == 0)
+            yield Shot(k, images, np.full(3, 0.1 * k), k == 0)
 
     def images(self, numbers):
         return (self.frames[number] for number in numbers)
