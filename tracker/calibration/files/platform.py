@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import functools
 import os
 import re
 from collections.abc import Hashable, Iterable, Sequence
@@ -65,11 +66,9 @@ class _Loader(yaml.SafeLoader):
         return super().construct_mapping(node, deep=deep)
 
 
-def _opencv_matrix(loader: _Loader, node: yaml.MappingNode) -> dict[Hashable, Any]:
-    return loader.construct_mapping(node, deep=True)
-
-
-_Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", _opencv_matrix)
+_Loader.add_constructor(
+    "tag:yaml.org,2002:opencv-matrix", functools.partial(_Loader.construct_mapping, deep=True)
+)
 # YAML 1.1 takes 1e-05 for a text, yet writers of YAML 1.2 and of C++ print it for a number.
 _Loader.add_implicit_resolver(
     "tag:yaml.org,2002:float", re.compile(r"^[-+]?[0-9]+[eE][-+]?[0-9]+$"), list("-+0123456789")
@@ -103,13 +102,10 @@ def _read_mapping(path: Path) -> dict[Any, Any]:
 
 def _camera_of(data: dict[Any, Any]) -> Camera:
     """The camera of a file's keys; CalibrationError names the key that is missing or malformed."""
-    if not any(key in data for key in TRANSFORM_KEYS) and "camera_matrix" in data:
-        found = ", ".join(sorted(map(str, data)))[:200]
-        raise CalibrationError(
-            f"key {TRANSFORM_KEYS[0]} is missing; found {found}: a lens alone; "
-            "`tracker calibrate extrinsics` finds where its camera is; or add that key, a 4×4 matrix"
-        )
     transform_key = next((key for key in TRANSFORM_KEYS if key in data), TRANSFORM_KEYS[0])
+    if "camera_matrix" in data:
+        where = "`tracker calibrate extrinsics` finds where its camera is; or add that key, a 4×4 matrix"
+        _require(data, transform_key, f": a lens alone; {where}")
     transform = _matrix_of(data, transform_key, (4, 4))
     transform[:3, :3] = rotation_of(transform[:3, :3], transform_key, CalibrationError)
     std_key = next((f"{key}_std" for key in TRANSFORM_KEYS if data.get(f"{key}_std") is not None), None)
@@ -132,10 +128,10 @@ def _camera_of(data: dict[Any, Any]) -> Camera:
     )
 
 
-def _require(data: dict[Any, Any], key: str) -> Any:
+def _require(data: dict[Any, Any], key: str, remark: str = "") -> Any:
     if key not in data:
         found = ", ".join(sorted(map(str, data)))[:200] or "nothing"
-        raise CalibrationError(f"key {key} is missing; found {found}")
+        raise CalibrationError(f"key {key} is missing; found {found}{remark}")
     return data[key]
 
 
