@@ -123,10 +123,9 @@ def _fitted(
         return np.concatenate([one.ravel() for one in found.values()])
 
     fit = least_squares(missed, np.zeros(6 * (len(cameras) + len(free))), method="lm")
-    variance = (fit.fun @ fit.fun) / max(len(fit.fun) - len(fit.x), 1)
-    found = moved(fit.x)
-    squares = sum((one**2).sum() for one in _residuals(lenses, photos, *found).values())
-    return _Fit(*found, np.linalg.inv(fit.jac.T @ fit.jac) * variance, float(squares))
+    squares = float(fit.fun @ fit.fun)
+    variance = squares / max(len(fit.fun) - len(fit.x), 1)
+    return _Fit(*moved(fit.x), np.linalg.inv(fit.jac.T @ fit.jac) * variance, squares)
 
 
 def _residuals(

@@ -148,22 +148,29 @@ def find_board(photo: str, image: Image, board: Board) -> BoardView | None:
     places = np.asarray(pixels, np.float64).reshape(-1, 2)
     order = np.argsort(found)
     found, places = found[order], places[order]
-    places = _refined(gray, places, found, board)
+    beside = _neighbours(found.tolist(), board.columns - 1)
+    places = _refined(gray, places, np.concatenate(beside), board)
     height, width = gray.shape
-    blur = edge_blur(gray, dict(zip(found.tolist(), places, strict=True)), board.columns - 1)
-    return BoardView(photo, (width, height), found, places, board.corners[found], blur)
+    return BoardView(
+        photo, (width, height), found, places, board.corners[found], edge_blur(gray, places, beside)
+    )
 
 
-def _refined(gray: Image, places: FloatArray, found: Array, board: Board) -> FloatArray:
+def _neighbours(numbers: list[int], columns: int) -> tuple[Array, Array]:
+    """Pairs (N, 2) of corners, as places in `numbers`, that follow each other in a row, and in a column."""
+    at = {number: k for k, number in enumerate(numbers)}
+    right = [(k, at[n + 1]) for n, k in at.items() if n + 1 in at and (n + 1) % columns]
+    below = [(k, at[n + columns]) for n, k in at.items() if n + columns in at]
+    return np.array(right, int).reshape(-1, 2), np.array(below, int).reshape(-1, 2)
+
+
+def _refined(gray: Image, places: FloatArray, neighbours: Array, board: Board) -> FloatArray:
     """Corners (N, 2) found once more, each as a saddle point: OpenCV 4's are off by half a pixel.
 
     The windows end well before the markers, whose blurred edges would draw the corners towards them.
     """
-    columns, apart = board.columns - 1, []
-    for k, number in enumerate(found):
-        neighbours = (found == number + 1) & ((number + 1) % columns != 0) | (found == number + columns)
-        apart += np.hypot(*(places[neighbours] - places[k]).T).tolist()
-    gap = 0.5 * (1.0 - board.marker / board.square) * float(np.median(apart)) if apart else 0.0
+    apart = np.hypot(*(places[neighbours[:, 1]] - places[neighbours[:, 0]]).T)
+    gap = 0.5 * (1.0 - board.marker / board.square) * float(np.median(apart)) if len(apart) else 0.0
     half = max(2, int(CLEAR * gap))
     stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-3)
     points = places.astype(np.float32).reshape(-1, 1, 2)
@@ -259,20 +266,14 @@ def _blur_along_rows(image: Array) -> float:
     return more / float(np.sqrt(max(ratio**2 - 1, 1e-6)))
 
 
-def edge_blur(gray: Image, pixels: dict[int, FloatArray], columns: int) -> float:
-    """Blur [px] of the squares' edges between neighbouring corners, numbered along rows of `columns`.
+def edge_blur(gray: Image, places: FloatArray, neighbours: Sequence[Array]) -> float:
+    """Blur [px] of the squares' edges between corners (N, 2) that are `neighbours` in a row, in a column.
 
     A step that is blurred by a Gaussian of standard deviation σ has the greatest slope step/(√(2π) σ); of
     blurs that differ along rows and columns, as those of a moving board do, the greater counts.
     """
-    kinds: tuple[list[float], list[float]] = ([], [])
-    for number, start in pixels.items():
-        right = number + 1 if (number + 1) % columns else -1
-        for kind, neighbour in enumerate((right, number + columns)):
-            if neighbour in pixels:
-                kinds[kind].append(_profile_blur(gray, start, pixels[neighbour]))
-    medians = [float(np.median(kind)) for kind in kinds if kind]
-    return max(medians, default=float("nan"))
+    kinds = [[_profile_blur(gray, *places[pair]) for pair in pairs] for pairs in neighbours]
+    return max((float(np.median(kind)) for kind in kinds if kind), default=float("nan"))
 
 
 def _profile_blur(gray: Image, start: FloatArray, end: FloatArray) -> float:
