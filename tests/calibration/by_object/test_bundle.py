@@ -7,9 +7,8 @@ import tracker
 from tests.helpers import make_rig, random_rotations
 from tests.helpers.filmed import RIG
 from tests.helpers.moving_cube import carried, knocked, relative_errors, rests
-from tracker.calibration.by_object.bundle import OWN, Unknowns, relative_covariance, solve
-from tracker.calibration.by_object.edges import Contour, seen_motion
-from tracker.calibration.by_object.refine import refine_cameras
+from tracker.calibration.by_object.edges import OWN, Contour, seen_motion
+from tracker.calibration.by_object.refine import Unknowns, refine_cameras, relative_covariance, solve
 from tracker.calibration.by_object.sightings import Footage, Shot, Sighting, different, resting
 from tracker.calibration.by_object.table import find_table, moved
 from tracker.calibration.rig import CameraRig

@@ -1,6 +1,18 @@
 """Mends a calibration by what recordings of a moving object show: how the cameras stand to each other.
 
 Bundle adjustment over pictures: read edges, solve, move cameras and poses, and read again.
+
+Unknown are the pose of each frame, δ_f = (δp, δθ); of each camera its error e_c = (a, w) (see `deviations`),
+the exponent γ_c of its response and, on request, its focal length and principal point k_c; and the object's
+rim ρ.
+With J the motion of a piece of an edge with the pose, and B(p) that of an object at p with a camera's error,
+its offset [px] is
+    r = J (δ_f + B(p_f) e_c) + K k_c + bloom γ_c + rim ρ.
+Weighted least squares with robust weights; the poses are eliminated (Schur), since each is in its own frame
+only: D_f (6, 6) of a pose, E_f of its pose with the rest, A of the rest:
+    (A - Σ_f E_fᵀ D_f⁻¹ E_f) x = g - Σ_f E_fᵀ D_f⁻¹ g_f,   δ_f = D_f⁻¹ (g_f - E_f x).
+What would move all cameras alike no edge can tell; priors on their errors keep it where it was.
+B. Triggs et al., "Bundle Adjustment: A Modern Synthesis", 2000.
 """
 
 from __future__ import annotations
@@ -12,19 +24,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tracker.calibration.by_object.bundle import (
-    EXTRINSIC,
-    FOCAL,
-    LEAST_STD,
-    Step,
-    Unknowns,
-    relative_covariance,
-    solve,
-)
-from tracker.calibration.by_object.edges import EdgeReader, Frame
+from tracker.calibration.by_object.edges import EXPONENT_STD, OWN, Contour, EdgeReader, Frame, seen_motion
 from tracker.calibration.by_object.sightings import Footage, all_sightings, different, require_two
 from tracker.calibration.by_object.table import TablePlane, broad, levelled, plane_of
-from tracker.calibration.deviations import element_std
+from tracker.calibration.deviations import calibration_covariance, element_std
 from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray
 from tracker.errors import CalibrationError, NotBetterError
@@ -33,6 +36,210 @@ from tracker.geometry.camera import Camera
 from tracker.objects.model import CuboidModel
 from tracker.pipeline import ObjectTracker
 from tracker.segmentation.color_model import ColorModel
+
+EXTRINSIC, EXPONENT, FOCAL = slice(0, 6), 6, slice(7, 10)
+"""What is unknown of a camera: its error (a, w) [m, rad], its exponent, and its logarithm of the focal length
+and principal point [px]."""
+
+LEAST_STD = 2e-3, np.radians(0.3)
+"""Standard deviations of cameras' errors that are reckoned with beside those that are stated [m, rad]."""
+
+FOCAL_STD, CENTER_STD = 5e-3, 0.01
+"""Standard deviations of the logarithm of the focal length, and of the principal point [pictures' widths]."""
+
+LIKELY_EXPONENT = 0.3
+"""Exponent of response (less 1) that is expected."""
+
+EDGES_STD = 4e-5
+"""What edges of all frames are off by together, as a rim's width [m], at least: shade and shadows move them.
+No number of frames averages that away, nor by how much the rim is not known, since worn edges look otherwise
+than sharp ones; it looks like cameras that are all farther away or nearer."""
+
+TUKEY, LEAST_LIMIT = 4.685, 0.4
+"""Residual at which a piece's weight reaches zero [robust standard deviations], and the least such [px]."""
+
+_HELD = np.diag(np.repeat([2e-2, 3e-1], 3) ** -2.0)
+"""(6, 6) information that holds what no camera sees of a pose [m, rad]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Unknowns:
+    """The cameras and the rim as known so far, and what was known of them beforehand."""
+
+    cameras: tuple[Camera, ...]
+    """As they are now taken to be."""
+    errors: FloatArray
+    """(C, 10) EXTRINSIC, EXPONENT, FOCAL: what has been added up."""
+    rim: float
+    """Of the object [m]."""
+    information: FloatArray
+    """(C, 10, 10) known beforehand of the errors, of exponents about LIKELY_EXPONENT."""
+    likely_rim: tuple[float, float]
+    """Width of the rim known beforehand, and its standard deviation [m]."""
+
+    @classmethod
+    def of(cls, cameras: Sequence[Camera], rim: tuple[float, float], *, focal: bool) -> Unknowns:
+        """As cameras' files state, and LEAST_STD, to begin with; `focal`: whether lenses may be off, too."""
+        errors = np.zeros((len(cameras), 10))
+        errors[:, EXPONENT] = LIKELY_EXPONENT
+        information = np.zeros((len(cameras), 10, 10))
+        least = np.diag(np.repeat(np.square(LEAST_STD), 3))
+        for one, camera in zip(information, cameras, strict=True):
+            one[EXTRINSIC, EXTRINSIC] = np.linalg.inv(calibration_covariance(camera) + least)
+            one[EXPONENT, EXPONENT] = EXPONENT_STD**-2
+            center = CENTER_STD * camera.width
+            stds = np.array([FOCAL_STD, center, center]) if focal else np.full(3, 1e-9)
+            one[FOCAL, FOCAL] = np.diag(stds**-2.0)
+        return cls(tuple(cameras), errors, rim[0], information, rim)
+
+    def moved(self, change: FloatArray, rim: float) -> Unknowns:
+        """After a change (C, 10) of the cameras, and with another rim."""
+        cameras = tuple(_changed(camera, one) for camera, one in zip(self.cameras, change, strict=True))
+        return dataclasses.replace(self, cameras=cameras, errors=self.errors + change, rim=rim)
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """One step of Gauss and Newton."""
+
+    poses: FloatArray
+    """(F, 6) change of each frame's pose [m, rad]."""
+    change: FloatArray
+    """(C, 10) of the cameras."""
+    rim: float
+    """The rim [m], not its change."""
+    rim_std: float
+    """Its standard deviation, whatever is not known of where the cameras are, with EDGES_STD [m]."""
+    covariance: FloatArray
+    """(C, 10, C, 10) of what is unknown of the cameras."""
+    residual: float
+    """Robust standard deviation of the offsets before it [px]."""
+    own: float
+    """Variance of what the pieces of an edge have in common [px²]."""
+
+
+def solve(views: Sequence[tuple[FloatArray, Sequence[Contour | None]]], now: Unknowns) -> Step:
+    """The step from what is known now.
+
+    views: of each frame where the object is looked for (3,) [m], and what each present camera shows there.
+    """
+    count, size = len(now.cameras), 10 * len(now.cameras) + 1
+    # With each contour the offsets (N,) that the exponent and the rim do not explain [px].
+    seen = [
+        [
+            (c, one, one.offset - one.bloom * now.errors[c, EXPONENT] - one.rim * now.rim)
+            for c, one in enumerate(contours)
+            if one is not None
+        ]
+        for _, contours in views
+    ]
+    scatter = 1.4826 * float(np.median(np.abs(np.concatenate([left for view in seen for *_, left in view]))))
+    limit = max(LEAST_LIMIT, TUKEY * scatter)
+    own = _own_variance(seen, limit)
+    rest, right = _prior(now)
+    poses = []
+    for (position, _), view in zip(views, seen, strict=True):
+        # D (6, 6), E (6, size) and g (6,) of the frame's pose.
+        held, joint, force = _HELD.copy(), np.zeros((6, size)), np.zeros(6)
+        motion = seen_motion(position)
+        for c, contour, left in view:
+            found = _products(contour, motion, left, limit, own)
+            its = [*range(10 * c, 10 * c + 10), size - 1]
+            held += found[:6, :6]
+            joint[:, its] += found[:6, 6:-1]
+            force += found[:6, -1]
+            rest[np.ix_(its, its)] += found[6:-1, 6:-1]
+            right[its] += found[6:-1, -1]
+        solved = np.linalg.solve(held, np.column_stack([joint, force]))
+        rest -= joint.T @ solved[:, :-1]
+        right -= joint.T @ solved[:, -1]
+        poses.append((held, joint, force))
+    # Metres, radians and pixels differ by orders of magnitude.
+    unit = 1.0 / np.sqrt(np.diag(rest))
+    covariance = np.linalg.inv(rest * np.outer(unit, unit)) * np.outer(unit, unit)
+    found = covariance @ right
+    changes = np.array([np.linalg.solve(held, force - joint @ found) for held, joint, force in poses])
+    pulled = np.linalg.solve(rest[:-1, :-1], rest[:-1, -1])
+    alike = max(EDGES_STD, now.likely_rim[1])
+    errors = covariance[:-1, :-1] + alike**2 * np.outer(pulled, pulled)
+    return Step(
+        changes,
+        found[:-1].reshape(count, 10),
+        now.rim + float(found[-1]),
+        float(np.hypot(np.sqrt(covariance[-1, -1]), EDGES_STD)),
+        errors.reshape(count, 10, count, 10),
+        scatter,
+        own,
+    )
+
+
+def relative_covariance(covariance: FloatArray) -> FloatArray:
+    """(C, 6, 6) covariances of the cameras' errors (a, w), less what moves all of them alike.
+
+    covariance: (C, 10, C, 10) of a `Step`. What is left out is where the world is, not how cameras stand to
+    each other.
+    """
+    count = len(covariance)
+    joint = covariance[:, EXTRINSIC, :, EXTRINSIC].reshape(6 * count, 6 * count)
+    apart = np.kron(np.eye(count) - 1.0 / count, np.eye(6))
+    relative = (apart @ joint @ apart.T).reshape(count, 6, count, 6)
+    return np.stack([relative[c, :, c] for c in range(count)])
+
+
+def _products(contour: Contour, motion: FloatArray, left: FloatArray, limit: float, own: float) -> FloatArray:
+    """(18, 18) of the columns pose, camera, rim and residual."""
+    lens = np.column_stack([np.einsum("ni,ni->n", contour.normal, contour.pixel), contour.normal])
+    moves, size = contour.jacobian, contour.scale
+    columns = np.column_stack([moves, moves @ motion, contour.bloom, lens / size, contour.rim, left])
+    return contour.information(columns, _weights(left, limit), own)
+
+
+def _weights(left: FloatArray, limit: float) -> FloatArray:
+    """(N,) Tukey's."""
+    result: FloatArray = np.clip(1.0 - (left / limit) ** 2, 0.0, None) ** 2
+    return result
+
+
+def _own_variance(seen: Sequence[Sequence[tuple[int, Contour, FloatArray]]], limit: float) -> float:
+    """Variance [px²] of what the pieces of an edge have in common: what their means vary more than noise."""
+    total, count = 0.0, -6.0 * len(seen)  # the poses take up as many
+    for view in seen:
+        for _, contour, left in view:
+            weights = _weights(left, limit) * (contour.foot == 0.0) / contour.variance
+            known = np.bincount(contour.edge, weights, 12)
+            shown = known > 0.0
+            means = np.bincount(contour.edge, weights * left, 12)[shown] / known[shown]
+            total += float((means**2 - 1.0 / known[shown]).sum())
+            count += len(means)
+    return max(OWN**2, total / max(count, 1.0))
+
+
+def _prior(now: Unknowns) -> tuple[FloatArray, FloatArray]:
+    """(n, n) information on the rest, the cameras one after the other and the rim, and (n,) its pull."""
+    size = 10 * len(now.cameras) + 1
+    rest, right = np.zeros((size, size)), np.zeros(size)
+    off = now.errors.copy()
+    off[:, EXPONENT] -= LIKELY_EXPONENT
+    for c, information in enumerate(now.information):
+        its = slice(10 * c, 10 * c + 10)
+        rest[its, its] = information
+        right[its] = -information @ off[c]
+    rest[-1, -1] = now.likely_rim[1] ** -2.0
+    right[-1] = (now.likely_rim[0] - now.rim) / now.likely_rim[1] ** 2
+    return rest, right
+
+
+def _changed(camera: Camera, change: FloatArray) -> Camera:
+    """A camera with a change (10,) of what is unknown of it."""
+    transform = np.eye(4)
+    transform[:3, :3], transform[:3, 3] = so3.exp(change[3:6]), change[:3]
+    transform = camera.camera_from_world @ transform
+    transform[:3, :3] = so3.nearest_rotation(transform[:3, :3])
+    matrix = camera.matrix.copy()
+    matrix[(0, 1), (0, 1)] *= np.exp(change[FOCAL][0])
+    matrix[:2, 2] += change[FOCAL][1:]
+    return dataclasses.replace(camera, matrix=matrix, camera_from_world=transform)
+
 
 ITERATIONS = 10
 """Steps, at most."""
