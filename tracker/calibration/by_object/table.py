@@ -86,13 +86,6 @@ class TablePlane:
         return float(np.sqrt(self.covariance[0, 0])), float(np.sqrt(worst))
 
 
-def contact(size: FloatArray, position: FloatArray, rotation: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Middle (3,) [m] of the lowest face of a cuboid of `size` (3,) [m], and its normal (3,) inwards."""
-    axis = int(np.argmax(np.abs(rotation[2])))
-    up = np.copysign(1.0, rotation[2, axis]) * rotation[:, axis]
-    return position - 0.5 * size[axis] * up, up
-
-
 def fit_table(rests: Sequence[Rest], size: FloatArray, rig: CameraRig) -> TablePlane:
     """The plane on which a cuboid of `size` (3,) [m] rests, robust against poses in which it does not.
 
@@ -170,7 +163,10 @@ def _equations(
     The rows are the height of its contact and the slopes of its lowest face along x and y; moves are their
     derivatives by the pose's error.
     """
-    point, up = contact(size, rest.position, rest.rotation)
+    # The middle of the lowest face, and its normal inwards.
+    axis = int(np.argmax(np.abs(rest.rotation[2])))
+    up = np.copysign(1.0, rest.rotation[2, axis]) * rest.rotation[:, axis]
+    point = rest.position - 0.5 * size[axis] * up
     x, y = point[:2] - center
     slope = -up[:2] / up[2]
     values = np.array([point[2], *slope])
