@@ -38,14 +38,14 @@ class TrueLens:
 LENS = TrueLens()
 
 
-def pose_towards(rng: np.random.Generator, tilt: float = 0.7, distance: float = 0.5) -> FloatArray:
+def pose_towards(rng: np.random.Generator, tilt: float = 0.7) -> FloatArray:
     """(4, 4) camera_from_board of a board that faces the camera, turned and tilted [rad] at random."""
     turned = cv2.Rodrigues(np.array([0, 0, rng.uniform(-np.pi, np.pi)]))[0]
     axis = rng.uniform(0, 2 * np.pi)
     lean = cv2.Rodrigues(rng.uniform(0.3, 1) * tilt * np.array([np.cos(axis), np.sin(axis), 0]))[0]
     pose = np.eye(4)
     pose[:3, :3] = lean @ np.diag([1.0, -1.0, -1.0]) @ turned  # its z points at the camera
-    pose[:3, 3] = (*rng.uniform(-0.08, 0.08, 2), distance * rng.uniform(0.85, 1.2))
+    pose[:3, 3] = (*rng.uniform(-0.08, 0.08, 2), 0.5 * rng.uniform(0.85, 1.2))
     return pose
 
 
@@ -56,34 +56,20 @@ def seen_pixels(points: FloatArray, pose: FloatArray, lens: TrueLens) -> FloatAr
 
 
 def sighting(
-    name: str,
-    pose: FloatArray,
-    rng: np.random.Generator,
-    *,
-    noise: float = 0.1,
-    lens: TrueLens = LENS,
-    board: Board = BOARD,
+    name: str, pose: FloatArray, rng: np.random.Generator, *, noise: float = 0.1, lens: TrueLens = LENS
 ) -> BoardView:
     """The corners inside of the image, each off by noise [px] along both axes."""
-    pixels = seen_pixels(board.corners, pose, lens)
+    pixels = seen_pixels(BOARD.corners, pose, lens)
     inside = ((pixels > 3) & (pixels < np.array([lens.width, lens.height]) - 4)).all(axis=1)
     numbers = np.flatnonzero(inside)
     seen = pixels[inside] + rng.normal(0, noise, (len(numbers), 2))
-    return BoardView(name, (lens.width, lens.height), numbers, seen, board.corners[numbers], 0.6)
+    return BoardView(name, (lens.width, lens.height), numbers, seen, BOARD.corners[numbers], 0.6)
 
 
-def photo(
-    pose: FloatArray,
-    rng: np.random.Generator,
-    *,
-    lens: TrueLens = LENS,
-    board: Board = BOARD,
-    blur: float = 0.4,
-    noise: float = 1.5,
-) -> Image:
-    """(H, W, 3) the board before a grey wall, blurred [px] and noisy [grey levels]."""
+def photo(pose: FloatArray, rng: np.random.Generator, *, board: Board = BOARD, blur: float = 0.4) -> Image:
+    """(H, W, 3) the board before a grey wall through LENS, blurred [px] and noisy."""
     board_from_camera = np.linalg.inv(pose)
-    rays = _rays(lens) @ board_from_camera[:3, :3].T
+    rays = _rays() @ board_from_camera[:3, :3].T
     start = board_from_camera[:3, 3]
     on_plane = start[:2] - rays[..., :2] * (start[2] / rays[..., 2:])
     page, printed = _print(board)
@@ -92,30 +78,30 @@ def photo(
     grey = {"borderMode": cv2.BORDER_CONSTANT, "borderValue": 110}
     fine = cv2.remap(printed, at.astype(np.float32), None, cv2.INTER_NEAREST, **grey)
     fine = np.where(rays[..., 2] * start[2] < 0, fine, 110)
-    image = fine.reshape(lens.height, OFTEN, lens.width, OFTEN).mean(axis=(1, 3)) * 0.75 + 20
-    image = cv2.GaussianBlur(image, (0, 0), blur) + rng.normal(0, noise, image.shape)
+    image = fine.reshape(LENS.height, OFTEN, LENS.width, OFTEN).mean(axis=(1, 3)) * 0.75 + 20
+    image = cv2.GaussianBlur(image, (0, 0), blur) + rng.normal(0, 1.5, image.shape)
     return np.repeat(np.clip(np.rint(image), 0, 255).astype(np.uint8)[:, :, None], 3, axis=2)
 
 
-@functools.lru_cache(maxsize=4)
-def _rays(lens: TrueLens) -> FloatArray:
+@functools.cache
+def _rays() -> FloatArray:
     """(H · OFTEN, W · OFTEN, 3) rays through parts of pixels, z = 1; within a pixel they are linear."""
-    rows, columns = np.mgrid[: lens.height, : lens.width]
-    matrix, distortion = lens.arrays
+    rows, columns = np.mgrid[: LENS.height, : LENS.width]
+    matrix, distortion = LENS.arrays
     target = (np.stack([columns, rows], axis=-1).reshape(-1, 2) - matrix[:2, 2]) / matrix[(0, 1), (0, 1)]
     flat = target.copy()
     for _ in range(8):  # a fixed point, whatever the version's own inverse does
         ahead = np.concatenate([flat, np.ones((len(flat), 1))], axis=1)
         bent, _ = cv2.projectPoints(ahead, np.zeros(3), np.zeros(3), np.eye(3), distortion)
         flat += target - bent[:, 0]
-    centers = flat.reshape(lens.height, lens.width, 2)
+    centers = flat.reshape(LENS.height, LENS.width, 2)
     down, across = np.gradient(centers, axis=(0, 1))
     parts = (np.arange(OFTEN) + 0.5) / OFTEN - 0.5
     fine = (
         centers[:, None, :, None]
         + down[:, None, :, None] * parts[:, None, None, None]
         + across[:, None, :, None] * parts[:, None]
-    ).reshape(lens.height * OFTEN, lens.width * OFTEN, 2)
+    ).reshape(LENS.height * OFTEN, LENS.width * OFTEN, 2)
     return np.concatenate([fine, np.ones((*fine.shape[:2], 1))], axis=2)
 
 

@@ -28,14 +28,14 @@ def carried() -> tuple[Still, ...]:
     return tuple(stills)
 
 
-def knocked(rig: CameraRig, seed: int, move: float = 2e-3, turn: float = 0.3) -> CameraRig:
-    """The rig with cameras that are off by about `move` [m] and `turn` [degrees] along each axis."""
+def knocked(rig: CameraRig, seed: int) -> CameraRig:
+    """The rig with cameras that are off by about 2 mm and 0.3° along each axis."""
     rng = np.random.default_rng(seed)
     cameras = []
     for camera in rig:
         transform = camera.camera_from_world.copy()
-        transform[:3, :3] = so3.exp(np.radians(turn) * rng.normal(size=3)) @ transform[:3, :3]
-        transform[:3, 3] += move * rng.normal(size=3)
+        transform[:3, :3] = so3.exp(np.radians(0.3) * rng.normal(size=3)) @ transform[:3, :3]
+        transform[:3, 3] += 2e-3 * rng.normal(size=3)
         cameras.append(dataclasses.replace(camera, camera_from_world=transform))
     return dataclasses.replace(rig, cameras=tuple(cameras))
 

@@ -10,6 +10,7 @@ from tests.helpers import make_camera
 from tracker.calibration.by_object.check import LIMIT, check, check_calibration
 from tracker.calibration.by_object.looks import OFTEN, Look
 from tracker.calibration.by_object.sightings import Footage
+from tracker.calibration.deviations import element_std
 from tracker.errors import CalibrationError
 from tracker.geometry import so3
 from tracker.geometry.cuboid import corners
@@ -157,15 +158,13 @@ def test_one_camera_or_no_look_is_refused():
 
 
 def test_stated_deviations_predict_the_misses_of_cameras_that_are_off_by_them():
-    std = np.zeros((4, 4))
-    std[:3, 3] = 5e-4
+    covariance = np.diag(np.repeat(np.square([5e-4, 1.5e-3]), 3))
     squares = []
     for seed in range(40):
         rng = np.random.default_rng([6, seed])
         given = []
         for camera in CAMERAS:
-            moves = np.stack([so3.hat(axis) @ camera.camera_from_world[:3, :3] for axis in np.eye(3)])
-            std[:3, :3] = 1.5e-3 * np.sqrt((moves**2).sum(axis=0))
+            std = element_std(camera.camera_from_world[:3, :3], covariance)
             given.append(dataclasses.replace(stated(camera, rng), camera_from_world_std=std))
         for one in check_calibration(looks(CAMERAS, given, count=1, seed=seed), given).cameras:
             squares.append((one.corners.seen**2, one.corners.stated**2))
