@@ -132,24 +132,25 @@ def paints(images: Sequence[LabelledImage]) -> Paints:
     return Paints({label: some[:: len(some) // MOST + 1] for label, some in joined.items()}, raw / raw.max())
 
 
-def distance(a: FloatArray, b: FloatArray) -> float:
-    """Distance of two colours (3,) [levels], in standard deviations of what light and camera do."""
+def distance(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Distances (...) of colours (..., 3) [levels], in standard deviations of what light and camera do."""
     difference = np.log(a + LEVEL) - np.log(b + LEVEL)
-    own = (np.diag(CHANNEL**2 + (LEVEL / (color + LEVEL)) ** 2) for color in (a, b))
-    covariance = 0.5 * sum(own, np.full((3, 3), 2.0 * BRIGHTNESS**2))
-    return float(np.sqrt(difference @ np.linalg.solve(covariance, difference)))
+    own = CHANNEL**2 + 0.5 * ((LEVEL / (a + LEVEL)) ** 2 + (LEVEL / (b + LEVEL)) ** 2)
+    covariance = BRIGHTNESS**2 + own[..., None] * np.eye(3)
+    scaled = np.linalg.solve(covariance, difference[..., None])[..., 0]
+    return np.asarray(np.sqrt((difference * scaled).sum(axis=-1)))
 
 
-def distance_to_light(color: FloatArray) -> float:
-    """Distance of a colour (3,) [levels] to the nearest grey of any brightness."""
-    return min(distance(color, np.full(3, level)) for level in np.geomspace(8.0, 240.0, 40))
+def distance_to_light(colors: FloatArray) -> FloatArray:
+    """Distances (...) of colours (..., 3) [levels] to the nearest grey of any brightness."""
+    return np.asarray(distance(colors[..., None, :], np.geomspace(8.0, 240.0, 40)[:, None]).min(axis=-1))
 
 
 def distances(means: Mapping[int, FloatArray]) -> dict[tuple[int, int], float]:
     """Distances of all pairs of colours, and of each to the light as (LIGHT, label)."""
     labels = sorted(means)
-    pairs = {(a, b): distance(means[a], means[b]) for a in labels for b in labels if a < b}
-    return {(LIGHT, label): distance_to_light(means[label]) for label in labels} | pairs
+    pairs = {(a, b): float(distance(means[a], means[b])) for a in labels for b in labels if a < b}
+    return {(LIGHT, label): float(distance_to_light(means[label])) for label in labels} | pairs
 
 
 def better_set(means: Mapping[int, FloatArray]) -> dict[int, FloatArray]:
@@ -160,25 +161,23 @@ def better_set(means: Mapping[int, FloatArray]) -> dict[int, FloatArray]:
     """
     chosen = {label: np.asarray(mean, dtype=np.float64) for label, mean in means.items()}
     options = {label: _options(label) for label in chosen}
-    alone = {label: [distance_to_light(one) for one in options[label]] for label in chosen}
     for _ in range(_SWEEPS):
-        for label in sorted(chosen, key=lambda one: _nearest(chosen[one], one, chosen)):
-            others = [mean for other, mean in chosen.items() if other != label]
-            best = _nearest(chosen[label], label, chosen)
-            for option, far in zip(options[label], alone[label], strict=True):
-                reach = min([far, *(distance(option, other) for other in others)])
+        for label in sorted(chosen, key=lambda one: _reach(chosen[one], one, chosen)):
+            best = _reach(chosen[label], label, chosen)
+            reaches = _reach(options[label], label, chosen)
+            for option, reach in zip(options[label], reaches, strict=True):
                 if reach > 1.05 * best:
                     best, chosen[label] = reach, option
     return chosen
 
 
-def _nearest(color: FloatArray, label: int, colors: Mapping[int, FloatArray]) -> float:
-    """Distance of a label's colour to the nearest other one, or to the light."""
-    others = [distance(color, mean) for other, mean in colors.items() if other != label]
-    return min([distance_to_light(color), *others])
+def _reach(colors: FloatArray, label: int, chosen: Mapping[int, FloatArray]) -> FloatArray:
+    """Distances (...) of a label's colours (..., 3) to the nearest of the others, or to the light."""
+    others = [distance(colors, mean) for other, mean in chosen.items() if other != label]
+    return np.asarray(np.min([distance_to_light(colors), *others], axis=0))
 
 
-def _options(label: int) -> list[FloatArray]:
-    """Paints (3,) [levels] that the name of a label allows."""
+def _options(label: int) -> FloatArray:
+    """Paints (N, 3) [levels] that the name of a label allows."""
     grid = np.meshgrid(NAMED_HUES[label] + _HUES, _SATURATIONS, _LEVELS, indexing="ij")
-    return list(bgr_of_hue(*(axis.ravel() for axis in grid)))
+    return bgr_of_hue(*(axis.ravel() for axis in grid))
