@@ -207,15 +207,7 @@ def _start(
             f"{', '.join(lost)}: found no photo of the board in its given place, nor one of another place "
             "that a camera with such a photo sees too"
         )
-    ordered = {n: _proper(cameras[n]) for n in range(len(lenses))}
-    return ordered, {place: _proper(pose) for place, pose in places.items()}
-
-
-def _proper(pose: FloatArray) -> FloatArray:
-    """A pose (4, 4) whose rotation is one to rounding."""
-    out = pose.copy()
-    out[:3, :3] = so3.nearest_rotation(pose[:3, :3])
-    return out
+    return {n: cameras[n] for n in range(len(lenses))}, places
 
 
 def _with_place(lens: Calibrated, camera_from_world: FloatArray, covariance: FloatArray) -> Calibrated:
@@ -224,9 +216,9 @@ def _with_place(lens: Calibrated, camera_from_world: FloatArray, covariance: Flo
     turns = np.stack([so3.hat(axis) @ camera_from_world[:3, :3] for axis in np.eye(3)])
     std[:3, :3] = np.sqrt(np.einsum("aij,ab,bij->ij", turns, covariance[:3, :3], turns))
     std[:3, 3] = np.sqrt(np.diagonal(covariance)[3:])
-    camera = dataclasses.replace(
-        lens.camera, camera_from_world=_proper(camera_from_world), camera_from_world_std=std
-    )
+    pose = camera_from_world.copy()
+    pose[:3, :3] = so3.nearest_rotation(pose[:3, :3])
+    camera = dataclasses.replace(lens.camera, camera_from_world=pose, camera_from_world_std=std)
     return dataclasses.replace(lens, camera=camera, placed=True)
 
 
