@@ -207,10 +207,10 @@ def corner_misses(looks: Sequence[Look], cameras: Sequence[Camera], problem: Cam
             rows.append(
                 [(moves**2).sum(1).mean(), shift @ shift, ((moves - shift) ** 2).sum(1).mean(), expected]
             )
-        seen, shift, shape, expected = np.sqrt(np.median(rows, axis=0)) if rows else [float("nan")] * 4
-        result.append(
-            Corners(float(seen), float(shift), float(shape), float(expected) if stated else float("nan"))
-        )
+        found = np.sqrt(np.median(rows, axis=0)) if rows else np.full(4, np.nan)
+        if not stated:
+            found[3] = np.nan
+        result.append(Corners(*found.tolist()))
     return result
 
 

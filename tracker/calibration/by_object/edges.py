@@ -114,18 +114,17 @@ def pose_errors(
     With H_c the information of camera c's edges, and D_c the covariance of what its stated error feigns at
     `position` (3,) [m], the pose is the mean of what the cameras say, weighted by M_c = (H_c⁻¹ + D_c)⁻¹.
     """
-    inner, motions, weights = [], [], []
+    motion = seen_motion(position)
+    inner, weights = [], []
     for contour, camera in zip(contours, cameras, strict=True):
-        motion = seen_motion(position)
         found = np.zeros((6, 6)) if contour is None else pose_information(contour, rim_std)
         feigned = motion @ calibration_covariance(camera) @ motion.T
         kept = np.linalg.inv(np.eye(6) + found @ feigned)
         inner.append(kept @ found @ kept.T)
         weights.append(kept @ found)
-        motions.append(motion)
     total = np.linalg.inv(sum(weights) + _VAGUE)
     own: FloatArray = total @ (sum(inner) + _VAGUE) @ total.T
-    return own, np.stack([total @ w @ m for w, m in zip(weights, motions, strict=True)], axis=1)
+    return own, np.stack([total @ weight @ motion for weight in weights], axis=1)
 
 
 Frame = tuple[Sight, Sighting]

@@ -23,6 +23,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from tracker.calibration.by_object.edges import EXPONENT_STD, OWN, Contour, EdgeReader, Frame, seen_motion
 from tracker.calibration.by_object.sightings import Footage, all_sightings, different, require_two
@@ -196,8 +197,7 @@ def _products(contour: Contour, motion: FloatArray, left: FloatArray, limit: flo
 
 def _weights(left: FloatArray, limit: float) -> FloatArray:
     """(N,) Tukey's."""
-    result: FloatArray = np.clip(1.0 - (left / limit) ** 2, 0.0, None) ** 2
-    return result
+    return np.asarray(np.clip(1.0 - (left / limit) ** 2, 0.0, None) ** 2)
 
 
 def _own_variance(seen: Sequence[Sequence[tuple[int, Contour, FloatArray]]], limit: float) -> float:
@@ -216,17 +216,11 @@ def _own_variance(seen: Sequence[Sequence[tuple[int, Contour, FloatArray]]], lim
 
 def _prior(now: Unknowns) -> tuple[FloatArray, FloatArray]:
     """(n, n) information on the rest, the cameras one after the other and the rim, and (n,) its pull."""
-    size = 10 * len(now.cameras) + 1
-    rest, right = np.zeros((size, size)), np.zeros(size)
     off = now.errors.copy()
     off[:, EXPONENT] -= LIKELY_EXPONENT
-    for c, information in enumerate(now.information):
-        its = slice(10 * c, 10 * c + 10)
-        rest[its, its] = information
-        right[its] = -information @ off[c]
-    rest[-1, -1] = now.likely_rim[1] ** -2.0
-    right[-1] = (now.likely_rim[0] - now.rim) / now.likely_rim[1] ** 2
-    return rest, right
+    pulls = [-information @ one for information, one in zip(now.information, off, strict=True)]
+    rim, std = now.likely_rim
+    return block_diag(*now.information, std**-2.0), np.append(pulls, (rim - now.rim) / std**2)
 
 
 def _changed(camera: Camera, change: FloatArray) -> Camera:
