@@ -79,7 +79,8 @@ def test_corners_lie_on_the_printed_page_where_the_board_says():
 
 def test_every_format_has_the_pages_size_and_picture():
     page = page_of(Board(3, 3, 0.02, 0.015))
-    picture = Pillow.open(io.BytesIO(printed(page, ".png")))
+    png = printed(page, ".png")
+    picture = Pillow.open(io.BytesIO(png))
     assert picture.info["dpi"] == pytest.approx((600, 600), abs=0.01)
     assert (picture.size, picture.mode) == ((4961, 7016), "1")
     pdf = printed(page, ".pdf").decode("latin-1")
@@ -90,8 +91,7 @@ def test_every_format_has_the_pages_size_and_picture():
     assert "/CCITTFaxDecode" in pdf  # without loss
     svg = printed(page, ".svg").decode()
     assert 'width="210.0mm" height="297.0mm"' in svg
-    inside = base64.b64decode(svg.partition("base64,")[2].partition('"')[0])
-    assert inside == printed(page, ".png")
+    assert base64.b64decode(svg.partition("base64,")[2].partition('"')[0]) == png
     below = np.asarray(picture)[round(294 / 25.4 * 600) :, :]
     assert not below.all()  # what the board is stands there
 

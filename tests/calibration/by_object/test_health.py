@@ -46,6 +46,11 @@ def well(film, rig):
     return measured(film, rig)
 
 
+@pytest.fixture(scope="module")
+def text(well):
+    return page(well, "<film> & co")
+
+
 def test_a_rig_that_is_well_is_measured_to_be(well):
     assert well.index.tolist() == list(range(FRAMES))
     assert well.cameras == ("camera60", "camera180", "camera300")
@@ -63,7 +68,7 @@ def test_what_is_beyond_its_limit_in_some_frames_is_named_with_the_camera(well):
     assert line.startswith("camera300: brightness")
 
 
-def test_a_camera_that_was_moved_disagrees_and_the_page_says_so(film, rig, well):
+def test_a_camera_that_was_moved_disagrees_and_the_page_says_so(film, rig, well, text):
     cameras = (rig[0], moved(rig[1], np.zeros(3), np.array([0.02, 0.0, 0.015])), rig[2])
     ill = measured(film, tracker.CameraRig(cameras, rig.arena))
     assert np.nanmedian(ill.values["disagreement"][:, 1]) > QUANTITIES["disagreement"].limits[1]
@@ -71,28 +76,27 @@ def test_a_camera_that_was_moved_disagrees_and_the_page_says_so(film, rig, well)
     assert ill.check is not None
     assert not ill.check.fits
     assert "calibration does not fit" in page(ill, "film")
-    assert "calibration does not fit" not in page(well, "film")
+    assert "calibration does not fit" not in text
 
 
-def test_a_page_needs_no_other_file_and_escapes_what_it_is_given(well):
-    text = page(well, "<film> & co")
+def test_a_page_needs_no_other_file_and_escapes_what_it_is_given(text):
     assert "&lt;film&gt; &amp; co" in text
     assert text.count("data:image/png;base64,") == len(QUANTITIES) + 1
     assert not re.search(r'(src|href)="(?!data:)', text)
 
 
-def test_what_was_not_measured_is_named_in_one_line_and_has_no_plot(well):
+def test_what_was_not_measured_is_named_in_one_line_and_has_no_plot(well, text):
     empty = {key: np.full((FRAMES, 3), np.nan) for key in ("residual", "disagreement", "blur")}
     lost = dataclasses.replace(
         well, values={**well.values, **empty}, height=np.full(FRAMES, np.nan), check=None
     )
     line = "not measured: residual, disagreement, blur, table; the object was not surely found"
     assert lost.missing() == line
-    text = page(lost, "film")
-    assert f"N{line[1:]}." in text
-    assert text.count("data:image/png;base64,") == len(QUANTITIES) + 1 - 4
-    assert "within its limits" not in text  # camera300 is dark
-    assert "0 to 5.4 mrad" in page(well, "film")
+    shown = page(lost, "film")
+    assert f"N{line[1:]}." in shown
+    assert shown.count("data:image/png;base64,") == len(QUANTITIES) + 1 - 4
+    assert "within its limits" not in shown  # camera300 is dark
+    assert "0 to 5.4 mrad" in text
 
 
 def test_the_limits_are_those_that_the_documentation_states():
