@@ -17,9 +17,6 @@ from tracker.errors import CalibrationError, shown
 from tracker.geometry.arena import Arena
 from tracker.geometry.camera import Camera
 
-FILES = "cameras' files, or their folder"
-"""What a rig is loaded from, in messages."""
-
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class CameraRig:
@@ -105,7 +102,8 @@ class CameraRig:
             raise CalibrationError(f"pattern: found {shown(pattern)}, expected a text, e.g. '*_cropped.yml'")
         alone = not isinstance(path, Iterable) or isinstance(path, str | os.PathLike | bytes | np.ndarray)
         items: Any = [path] if alone else path
-        files = [path_of(item, "camera rig", CalibrationError, FILES) for item in items]
+        valid = "cameras' files, or their folder"
+        files = [path_of(item, "camera rig", CalibrationError, valid) for item in items]
         cameras = [one.camera for one in read_all_calibrated(files, pattern, alone=False)]
         folders = [file if file.is_dir() else file.parent for file in files]
         together = len({folder.resolve() for folder in folders}) == 1
