@@ -28,7 +28,7 @@ from tests.helpers.synthetic_needs import skip_without_platform
 from tests.logs.test_robot_log import text
 from tracker import Camera, CameraRig, cli
 from tracker.calibration.by_object.table import moved
-from tracker.calibration.files.arena import read_arena
+from tracker.calibration.rig import read_arena
 from tracker.poses.file import read_poses, write_poses
 from tracker.viz import write_film
 

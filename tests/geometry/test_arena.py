@@ -11,7 +11,7 @@ import tracker
 from synthetic.camera.rigs import perturbed_rig, sized
 from tests.helpers import make_camera
 from tracker import Arena, CameraRig
-from tracker.calibration.files.arena import FILE_NAME, read_arena, write_arena
+from tracker.calibration.rig import ARENA_FILE, read_arena, write_arena
 from tracker.errors import CalibrationError
 
 ELSEWHERE = Arena((0.7, -0.4), 0.06, 0.05, 0.25, (0.001, 0.002))
@@ -109,8 +109,8 @@ def test_a_folder_saved_again_keeps_no_arena_of_old(tmp_path):
     for arena in (ELSEWHERE, Arena(radius=0.1), Arena(), ELSEWHERE):
         make_rig(arena).save(tmp_path)
         assert CameraRig.load(tmp_path).arena == arena
-        assert (tmp_path / FILE_NAME).exists() == (arena != Arena())
-    (tmp_path / FILE_NAME).write_text("table = 1  # m\n")
+        assert (tmp_path / ARENA_FILE).exists() == (arena != Arena())
+    (tmp_path / ARENA_FILE).write_text("table = 1  # m\n")
     assert CameraRig.load(tmp_path).arena == Arena(table=1.0)
     make_rig().save(tmp_path / "b")
     files = [tmp_path / "camera60.yml", tmp_path / "b" / "camera180.yml"]
@@ -133,14 +133,14 @@ def test_a_folder_saved_again_keeps_no_arena_of_old(tmp_path):
 )
 def test_a_malformed_file_is_named_with_its_fault(content, fault, tmp_path):
     make_rig().save(tmp_path)
-    (tmp_path / FILE_NAME).write_bytes(content)
+    (tmp_path / ARENA_FILE).write_bytes(content)
     with pytest.raises(CalibrationError, match=rf"arena\.toml: {fault}"):
         CameraRig.load(tmp_path)
 
 
 def test_a_file_that_cannot_be_read_or_written_is_named(tmp_path):
     make_rig(Arena()).save(tmp_path)
-    (tmp_path / FILE_NAME).mkdir()
+    (tmp_path / ARENA_FILE).mkdir()
     with pytest.raises(CalibrationError, match=r"arena\.toml: cannot be read"):
         CameraRig.load(tmp_path)
     for arena in (Arena(), ELSEWHERE):

@@ -135,7 +135,7 @@ def _picture(path: Path) -> None:
 
 
 def _arena(path: Path) -> None:
-    from tracker.calibration.files.arena import read_arena
+    from tracker.calibration.rig import read_arena
 
     read_arena(path.parent)
 
