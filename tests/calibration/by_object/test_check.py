@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import tracker
+from synthetic.scene import transform
 from tests.helpers import make_camera
 from tracker.calibration.by_object.check import LIMIT, check, check_calibration
 from tracker.calibration.by_object.looks import OFTEN, Look
@@ -23,18 +24,16 @@ KNOWN = np.diag(np.repeat([2e-4, 3e-3], 3) ** -2.0)
 def moved(camera, shift, turn):
     """A camera that a file has elsewhere by a shift (3,) [m], and turned by (3,) [rad], in the world."""
     rotation = camera.camera_from_world[:3, :3] @ so3.exp(turn)
-    transform = np.eye(4)
-    transform[:3, :3] = rotation
-    transform[:3, 3] = -rotation @ (camera.position + shift)
-    return dataclasses.replace(camera, camera_from_world=transform)
+    elsewhere = transform(rotation, -rotation @ (camera.position + shift))
+    return dataclasses.replace(camera, camera_from_world=elsewhere)
 
 
 def stated(camera, rng):
     """A camera that is off by what its file states."""
-    transform = camera.camera_from_world.copy()
-    transform[:3, 3] += rng.normal(0, 5e-4, 3)
-    transform[:3, :3] = so3.exp(rng.normal(0, 1.5e-3, 3)) @ transform[:3, :3]
-    return dataclasses.replace(camera, camera_from_world=transform)
+    given = camera.camera_from_world.copy()
+    given[:3, 3] += rng.normal(0, 5e-4, 3)
+    given[:3, :3] = so3.exp(rng.normal(0, 1.5e-3, 3)) @ given[:3, :3]
+    return dataclasses.replace(camera, camera_from_world=given)
 
 
 def looks(true, given, count=20, seed=1):
@@ -42,9 +41,8 @@ def looks(true, given, count=20, seed=1):
     rng = np.random.default_rng(seed)
     result = []
     for _ in range(count):
-        place = np.eye(4)
-        place[:3, :3] = so3.exp(rng.normal(size=3))
-        place[:3, 3] = rng.uniform([-0.12, -0.12, 0.02], [0.12, 0.12, 0.08])
+        turn = so3.exp(rng.normal(size=3))
+        place = transform(turn, rng.uniform([-0.12, -0.12, 0.02], [0.12, 0.12, 0.08]))
         seen = [
             np.linalg.inv(g.camera_from_world) @ t.camera_from_world @ place
             for t, g in zip(true, given, strict=True)
@@ -99,11 +97,8 @@ def test_the_cameras_of_another_platform_do_not_fit_and_one_look_names_none():
 def test_a_world_that_is_moved_as_a_whole_fits():
     # Its cameras see the object where they have it, all of them.
     shift, turn = np.array([0.02, -0.01, 0.03]), so3.exp([0.0, 0.0, 0.1])
-    place = np.eye(4)
-    place[:3, :3], place[:3, 3] = turn, shift
-    given = [
-        dataclasses.replace(c, camera_from_world=c.camera_from_world @ np.linalg.inv(place)) for c in CAMERAS
-    ]
+    back = np.linalg.inv(transform(turn, shift))
+    given = [dataclasses.replace(c, camera_from_world=c.camera_from_world @ back) for c in CAMERAS]
     turned = np.kron(np.eye(2), turn)
     world = [
         one._replace(
