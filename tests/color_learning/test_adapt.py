@@ -21,7 +21,7 @@ from tracker.errors import NotBetterError
 from tracker.pipeline import ObjectTracker
 from tracker.pose.fit import Fit
 
-MODEL = tracker.load_object("cube_v2")
+MODEL, COLORS = tracker.load_object("cube_v2"), tracker.load_colors("cube_v2")
 OPTIONS = FitOptions(draws=5000)
 
 
@@ -30,17 +30,13 @@ def film():
     return shots("cube_v2", 8, seed=511)
 
 
-@pytest.fixture(scope="module")
-def learned(film):
-    start = tracker.load_colors("simulation")
-    return adapt(MODEL, [footage_of(film)], start, OPTIONS, name="mine", rounds=3)
-
-
-def test_colors_of_renderings_become_those_of_the_pictures(learned):
-    other_film = shots("cube_v2", 3, seed=512)
-    start = dataclasses.replace(tracker.load_colors("simulation"), normalise=True)
-    shipped = overlap(other_film, tracker.load_colors("cube_v2"))
-    before, after = overlap(other_film, start), overlap(other_film, learned.colors)
+def test_colors_of_renderings_become_those_of_the_pictures(film):
+    start, other_film = tracker.load_colors("simulation"), shots("cube_v2", 3, seed=512)
+    learned = adapt(MODEL, [footage_of(film)], start, OPTIONS, name="mine", rounds=3)
+    shipped = overlap(other_film, COLORS)
+    before, after = (
+        overlap(other_film, one) for one in (dataclasses.replace(start, normalise=True), learned.colors)
+    )
     assert learned.after.explained > learned.before.explained
     assert after - before > 0.8 * (shipped - before)
 
@@ -54,7 +50,7 @@ def test_the_same_frames_give_the_same_colors(film):
 def test_another_object_is_refused(film):
     cuboid = tracker.load_object("cuboid_2x2x8_v2")
     with pytest.raises(NotBetterError, match="refused"):
-        adapt(cuboid, [footage_of(film)], tracker.load_colors("cube_v2"), OPTIONS, name="mine", rounds=2)
+        adapt(cuboid, [footage_of(film)], COLORS, OPTIONS, name="mine", rounds=2)
 
 
 def test_the_nearest_shipped_model_explains_most(film):
@@ -68,16 +64,15 @@ def test_the_nearest_shipped_model_explains_most(film):
 
 def test_colors_that_are_not_shown_stay_as_they_were():
     rng = np.random.default_rng(3)
-    before = tracker.load_colors("cube_v2")
     pixels = [
         {0: rng.integers(90, 130, (4000, 3)), 1: rng.integers((10, 20, 150), (30, 40, 170), (400, 3))}
         for _ in range(6)
     ]
-    model = refit(pixels, np.zeros(32**3, dtype=bool), [before], OPTIONS, "mine")
-    old = np.argmax(before.log_posterior, axis=0)
+    model = refit(pixels, np.zeros(32**3, dtype=bool), [COLORS], OPTIONS, "mine")
+    old = np.argmax(COLORS.log_posterior, axis=0)
     new = np.argmax(model.log_posterior, axis=0)
     for label in range(2, 7):
-        sure = (old == label) & (before.log_posterior[0] < -2)
+        sure = (old == label) & (COLORS.log_posterior[0] < -2)
         assert (new[sure] == label).mean() > 0.85
 
 
@@ -86,9 +81,6 @@ def test_names_alone_tell_pure_colors():
     pure = [(0, 0, 1), (0, 1, 0), (1, 0, 0), (1, 1, 0), (1, 0, 1), (0, 1, 1)]
     for label, (blue, green, red) in enumerate(pure, start=1):
         assert labels[50 * red, 50 * green, 50 * blue] == label
-
-
-COLORS = tracker.load_colors("cube_v2")
 
 
 def test_faces_of_the_outline_are_those_of_the_picture(film):
