@@ -276,19 +276,19 @@ def _order(camera_name: str, file_name: str) -> tuple[float, str, str]:
     return (float(digits) if digits else float("inf"), camera_name, file_name)
 
 
-def _refuse_variants(root: Path, files: Sequence[str], names: Sequence[str]) -> None:
-    """Raise where several files hold a camera of one name, with the patterns that tell them apart."""
+def _refuse_variants(folder: Path | None, files: Sequence[str], names: Sequence[str]) -> None:
+    """Raise where several files hold a camera of one name; of a folder's, with patterns to choose by."""
     twice = sorted({name for name in names if names.count(name) > 1})
     if not twice:
         return
     same = sorted(file for file, name in zip(files, names, strict=True) if name == twice[0])
+    fault = f"found {len(same)} files of {twice[0]} ({', '.join(same)}), expected one of each camera"
+    if folder is None:
+        raise CalibrationError(f"calibration: {fault}")
     patterns = sorted({_pattern(file, files, names) for file in files} - {""})
     how = f'CameraRig.load(folder, pattern="{patterns[0]}"), or ' if patterns else ""
     variants = f"; variants: {', '.join(patterns)}" if patterns else ""
-    raise CalibrationError(
-        f"{root}: found {len(same)} files of {twice[0]} ({', '.join(same)}), expected one of each camera"
-        f"{variants}; select with {how}CameraRig.load([file, ...])"
-    )
+    raise CalibrationError(f"{folder}: {fault}{variants}; select with {how}CameraRig.load([file, ...])")
 
 
 def _pattern(file: str, files: Sequence[str], names: Sequence[str]) -> str:
@@ -313,7 +313,7 @@ def read_all_calibrated(
     files = paths if folder is None else calibration_files(folder, pattern)
     found = [read_calibrated(path, alone=alone) for path in files]
     names = [one.camera.name for one in found]
-    _refuse_variants(folder or Path(), [str(path) if folder is None else path.name for path in files], names)
+    _refuse_variants(folder, [str(path) if folder is None else path.name for path in files], names)
     if folder is not None:
         order = sorted(range(len(found)), key=lambda k: _order(names[k], files[k].name))
         found = [found[k] for k in order]
