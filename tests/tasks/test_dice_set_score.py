@@ -29,7 +29,7 @@ def views() -> set_score.Views:
 def drawn(views: set_score.Views, dice: np.ndarray, c: int) -> tuple[np.ndarray, np.ndarray]:
     """Classes and owners in one view."""
     room, window = canvas(), np.array([0, 0, 270, 270])
-    set_score.draw(views, c, dice, -1, EDGE, window, room.heights[c], room.classes[c], room.owners[c])
+    set_score.draw(views, c, dice, -1, window, room)
     return room.classes[c], room.owners[c]
 
 
@@ -74,12 +74,12 @@ poses = st.tuples(
 
 @given(poses, poses)
 def test_overlap_is_symmetric_and_a_push_apart_ends_it(first, second):
-    reach = set_score.overlap(first, second, EDGE)
-    assert reach == pytest.approx(set_score.overlap(second, first, EDGE), abs=1e-12)
+    reach = set_score.overlap(first, second)
+    assert reach == pytest.approx(set_score.overlap(second, first), abs=1e-12)
     assert 0 <= reach <= 2 * EDGE
     lifted = second.copy()
     lifted[2] = first[2] + EDGE
-    assert set_score.overlap(first, lifted, EDGE) == 0
+    assert set_score.overlap(first, lifted) == 0
 
 
 @given(poses, poses)
@@ -92,7 +92,7 @@ def test_dice_overlap_where_their_squares_do(first, second):
         points = one[:2] + grid @ so3.exp([0, 0, one[3]])[:2, :2].T
         local = (points - other[:2]) @ so3.exp([0, 0, other[3]])[:2, :2]
         inside.append((np.abs(local) < EDGE / 2 - 1e-9).all(axis=1).any())
-    reach = set_score.overlap(first, second, EDGE)
+    reach = set_score.overlap(first, second)
     if any(inside):
         assert reach > 0
     if reach > 2e-3:
@@ -102,9 +102,9 @@ def test_dice_overlap_where_their_squares_do(first, second):
 def test_what_a_die_gains_is_what_the_whole_loses_without_it(views):
     room = canvas()
     for k in range(len(DICE_POSES)):
-        gain = set_score.settle(views, DICE_POSES.copy(), k, np.empty(0), 0.19, finder.TERMS, room)
-        whole = set_score.total(views, DICE_POSES, finder.TERMS, room)
-        without = set_score.total(views, np.delete(DICE_POSES, k, axis=0), finder.TERMS, room)
+        gain = set_score.settle(views, DICE_POSES.copy(), k, np.empty(0), 0.0, room)
+        whole = set_score.total(views, DICE_POSES, 0.0, room)
+        without = set_score.total(views, np.delete(DICE_POSES, k, axis=0), 0.0, room)
         assert gain == pytest.approx(whole - without, rel=1e-4)
 
 
@@ -113,30 +113,30 @@ def test_a_die_that_was_pushed_away_settles_where_it_was(views):
     for k, offset in enumerate(offsets):
         dice = DICE_POSES.copy()
         dice[k] += offset
-        set_score.settle(views, dice, k, finder.STEPS, 0.19, finder.TERMS, canvas())
+        set_score.settle(views, dice, k, finder.STEPS, 0.0, canvas())
         assert np.linalg.norm(dice[k, :2] - DICE_POSES[k, :2]) < 1.5e-3
 
 
 def test_the_true_dice_explain_more_than_any_others(views):
     rng = np.random.default_rng(3)
     room = canvas()
-    best = set_score.total(views, DICE_POSES, finder.TERMS, room)
+    best = set_score.total(views, DICE_POSES, 0.0, room)
     for _ in range(30):
         others = DICE_POSES + rng.normal(0, [0.004, 0.004, 0, 0.3], DICE_POSES.shape)
-        assert set_score.total(views, others, finder.TERMS, room) < best
-    assert set_score.total(views, DICE_POSES[:0], finder.TERMS, room) == 0
+        assert set_score.total(views, others, 0.0, room) < best
+    assert set_score.total(views, DICE_POSES[:0], 0.0, room) == 0
 
 
 def test_what_one_view_has_against_a_die_is_limited():
     masks = [painted(camera, DICE_POSES)[1] for camera in RIG]
     room = canvas()
-    seen = set_score.total(views_of(masks), DICE_POSES, finder.TERMS, room)
+    seen = set_score.total(views_of(masks), DICE_POSES, 0.0, room)
     masks[1] = np.zeros_like(masks[1])
-    hidden = set_score.total(views_of(masks), DICE_POSES, finder.TERMS, room)
+    hidden = set_score.total(views_of(masks), DICE_POSES, 0.0, room)
     masks[1] = None
-    unknown = set_score.total(views_of(masks), DICE_POSES, finder.TERMS, room)
+    unknown = set_score.total(views_of(masks), DICE_POSES, 0.0, room)
     assert hidden < unknown < seen
-    assert unknown - hidden <= len(DICE_POSES) * finder.TERMS.hidden
+    assert unknown - hidden <= len(DICE_POSES) * set_score.HIDDEN
 
 
 def test_evidence_tells_tops_from_sides_and_pips_from_blue():

@@ -125,7 +125,7 @@ class Plan:
     def __init__(self, cameras: Sequence[Camera], table: float = 0.0) -> None:
         heights = [table + (k + 1) * DIE_WIDTH for k in range(LEVELS)]
         self._maps = [[_pixels(camera, height) for camera in cameras] for height in heights]
-        self.cameras, self._table = cameras, table
+        self.cameras, self.table = cameras, table
 
     def project(self, ratings: Iterable[Array], known: int) -> list[Array]:
         """Mean over the `known` cameras of their ratings (H, W) of each cell; one plane (N, N) a level."""
@@ -156,7 +156,7 @@ class Plan:
             if best[k, j, i] < enough:
                 break
             yaw = float(yaws[np.argmax(fit[k, :, j, i])])
-            dice.append((_LINE[i], _LINE[j], self._table + k * DIE_WIDTH, yaw))
+            dice.append((_LINE[i], _LINE[j], self.table + k * DIE_WIDTH, yaw))
             part = _around(j, i, _HALF)
             taken = _distance(_X[part] - _LINE[i], _Y[part] - _LINE[j], yaw) <= DIE_WIDTH / 2 - SLACK
             planes[k][part][taken] = -1

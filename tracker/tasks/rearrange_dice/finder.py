@@ -35,13 +35,6 @@ SIZE = 270
 LEAST = 0.5
 """Probability below which a die is not reported."""
 
-TERMS = set_score.Terms(
-    edge=DIE_WIDTH, table=0.0, hidden=50.0, price=60.0, push=4e4, level=40.0, hovering=5e5
-)
-
-RADIUS = 0.19
-"""Radius within which the centres of dice lie [m]."""
-
 STEPS = np.array([0.004, 0.002, 0.001, 0.0005])
 """Of a die's moves [m]; the first is for dice that were never settled."""
 
@@ -214,7 +207,7 @@ class Search:
     """One search in the evidence of all views."""
 
     def __init__(self, views: Views, shades: Array, plan: Plan) -> None:
-        self._views, self._shades, self._plan, self._terms = views, shades, plan, TERMS
+        self._views, self._shades, self._plan = views, shades, plan
         kinds = np.float32, np.int8, np.int16
         self._canvas = Canvas(*(np.zeros(views.masks.shape, kind) for kind in kinds))
         self._known = int((views.masks != UNKNOWN).any(axis=(1, 2)).sum())
@@ -225,7 +218,6 @@ class Search:
         dice = self._improve(starts[0], rounds=3)
         table = self._find_table(dice)
         if abs(table) > TABLE_OFF:
-            self._terms = self._terms._replace(table=table)
             self._plan = Plan(self._plan.cameras, table)
             starts = self._starts()
             dice = self._improve(dice, rounds=1)
@@ -256,10 +248,10 @@ class Search:
         return float(np.median(feet)) if feet else 0.0
 
     def _total(self, dice: FloatArray) -> float:
-        return float(set_score.total(self._views, dice, self._terms, self._canvas))
+        return float(set_score.total(self._views, dice, self._plan.table, self._canvas))
 
     def _settle(self, dice: FloatArray, k: int, steps: FloatArray) -> float:
-        return float(set_score.settle(self._views, dice, k, steps, RADIUS, self._terms, self._canvas))
+        return float(set_score.settle(self._views, dice, k, steps, self._plan.table, self._canvas))
 
     def _gain(self, dice: FloatArray, k: int) -> float:
         return self._settle(dice, k, STEPS[:0])
@@ -329,7 +321,7 @@ class Search:
         turn = np.abs((dice[:, 3] - proposal[3] + np.pi / 4) % (np.pi / 2) - np.pi / 4)
         if ((away < 0.003) & (apart < DIE_WIDTH / 2) & (turn < 0.15)).any():
             return None
-        free = np.array([overlap(die, proposal, DIE_WIDTH) < OVERLAP for die in dice], dtype=bool)
+        free = np.array([overlap(die, proposal) < OVERLAP for die in dice], dtype=bool)
         if np.count_nonzero(~free) > 2:
             return None
         trial = np.concatenate([dice[free], proposal[None]])

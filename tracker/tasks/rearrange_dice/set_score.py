@@ -22,6 +22,7 @@ import numpy as np
 from tracker.compiled import compiled
 from tracker.conventions import Array, Image
 from tracker.geometry.lens import project
+from tracker.tasks.rearrange_dice.goals import ARENA_RADIUS, DIE_WIDTH
 
 NONE, SIDE, SIDE_RIM, TOP, TOP_RIM = range(5)
 """What a pixel shows of the dice; the rim of a face is where it has no pips."""
@@ -44,24 +45,22 @@ class Views(NamedTuple):
     """(C, H, W): 1 where dice are seen, 2 where nothing is known, else 0."""
 
 
-class Terms(NamedTuple):
-    """Weights of the score; its unit is a pixel that shows dice and is explained."""
+# Weights of the score, whose unit is a pixel that shows dice and is explained.
 
-    edge: float
-    """Edge of a die [m]."""
-    table: float
-    """Height of the table in the cameras' world [m]."""
-    hidden: float
-    """Limit of what a view may have against a die."""
-    price: float
-    """Of every die: what it must explain to be one."""
-    push: float
-    """Loss per metre that two dice reach into each other, beyond TOUCH."""
-    level: float
-    """Loss of a die that lies on another, for its level squared."""
-    hovering: float
-    """Loss of a die for its distance from its level, squared [1/m²]."""
+HIDDEN = 50.0
+"""Limit of what a view may have against a die."""
 
+PRICE = 60.0
+"""Of every die: what it must explain to be one."""
+
+PUSH = 4e4
+"""Loss per metre that two dice reach into each other, beyond TOUCH."""
+
+LEVEL = 40.0
+"""Loss of a die that lies on another, for its level squared."""
+
+HOVERING = 5e5
+"""Loss of a die for its distance from its level, squared [1/m²]."""
 
 TOUCH = 0.0005
 """Overlap of neighbours that is for nothing: they touch [m]."""
@@ -74,25 +73,25 @@ class Canvas(NamedTuple):
     """Room for drawing, so that nothing is allocated in loops; of the views' size."""
 
     heights: np.ndarray
-    """(C, H, W) float32."""
+    """(C, H, W) float32: where a pixel's ray first meets a die [m]."""
     classes: np.ndarray
-    """(C, H, W) int8."""
+    """(C, H, W) int8: what it meets of that."""
     owners: np.ndarray
-    """(C, H, W) int16."""
+    """(C, H, W) int16: which."""
 
 
 @compiled(inline="always")
-def look(sx, sy, above, ux, uy, cos, sin, edge):  # type: ignore[no-untyped-def]
+def look(sx, sy, above, ux, uy, cos, sin):  # type: ignore[no-untyped-def]
     """What a ray of slope (sx, sy) meets of a die, and how high above the die's foot [m].
 
     above: height of the camera over the die's top; (ux, uy): its place in the die's frame [m].
     """
-    half = 0.5 * edge
+    half = 0.5 * DIE_WIDTH
     ax, ay = cos * sx + sin * sy, cos * sy - sin * sx
     px, py = above * ax + ux, above * ay + uy
     if abs(px) <= half and abs(py) <= half:
-        return (TOP if max(abs(px), abs(py)) <= PIPS * half else TOP_RIM), edge
-    dx, dy = edge * ax, edge * ay
+        return (TOP if max(abs(px), abs(py)) <= PIPS * half else TOP_RIM), DIE_WIDTH
+    dx, dy = DIE_WIDTH * ax, DIE_WIDTH * ay
     qx, qy = px + dx, py + dy
     if (px > half and qx > half) or (px < -half and qx < -half):
         return NONE, -1.0
@@ -106,19 +105,19 @@ def look(sx, sy, above, ux, uy, cos, sin, edge):  # type: ignore[no-untyped-def]
     x, y = abs(px + share * dx), abs(py + share * dy)
     if x > half + 1e-9 or y > half + 1e-9:
         return NONE, -1.0
-    reach = max(min(x, y), edge * abs(0.5 - share))
-    return (SIDE if reach <= PIPS * half else SIDE_RIM), edge * (1.0 - share)
+    reach = max(min(x, y), DIE_WIDTH * abs(0.5 - share))
+    return (SIDE if reach <= PIPS * half else SIDE_RIM), DIE_WIDTH * (1.0 - share)
 
 
 @compiled
-def bounds(lenses, c, die, edge, margin, out):  # type: ignore[no-untyped-def]
+def bounds(lenses, c, die, margin, out):  # type: ignore[no-untyped-def]
     """Out (4,) = left, top, right, bottom of the pixels of camera c in which the die may be seen."""
     left, top, right, bottom = 1e9, 1e9, -1e9, -1e9
-    cos, sin, half = math.cos(die[3]), math.sin(die[3]), 0.5 * edge
+    cos, sin, half = math.cos(die[3]), math.sin(die[3]), 0.5 * DIE_WIDTH
     for k in range(8):
         ox, oy = half if k & 1 else -half, half if k & 2 else -half
         x, y = die[0] + cos * ox - sin * oy, die[1] + sin * ox + cos * oy
-        u, v, _ = project(lenses, c, x, y, die[2] + (edge if k & 4 else 0.0))
+        u, v, _ = project(lenses, c, x, y, die[2] + (DIE_WIDTH if k & 4 else 0.0))
         left, right, top, bottom = min(left, u), max(right, u), min(top, v), max(bottom, v)
     width, height = lenses[c].width, lenses[c].height
     out[0] = min(max(math.floor(left) - margin, 0), width)
@@ -128,19 +127,17 @@ def bounds(lenses, c, die, edge, margin, out):  # type: ignore[no-untyped-def]
 
 
 @compiled(inline="always")
-def frame(lenses, c, die, edge):  # type: ignore[no-untyped-def]
+def frame(lenses, c, die):  # type: ignore[no-untyped-def]
     """Of camera c and a die: above, ux, uy, cos, sin as `look` takes them."""
     cos, sin = math.cos(die[3]), math.sin(die[3])
     cx, cy = lenses[c].position[0] - die[0], lenses[c].position[1] - die[1]
-    return lenses[c].position[2] - die[2] - edge, cos * cx + sin * cy, cos * cy - sin * cx, cos, sin
+    return lenses[c].position[2] - die[2] - DIE_WIDTH, cos * cx + sin * cy, cos * cy - sin * cx, cos, sin
 
 
 @compiled
-def draw(views, c, dice, skip, edge, window, heights, classes, owners):  # type: ignore[no-untyped-def]
-    """Draw all dice but number `skip` into the window (4,) of camera c.
-
-    heights, classes, owners (H, W): where a pixel's ray first meets a die [m], of what it, and which.
-    """
+def draw(views, c, dice, skip, window, canvas):  # type: ignore[no-untyped-def]
+    """Draw all dice but number `skip` into the window (4,) of camera c."""
+    heights, classes, owners = canvas.heights[c], canvas.classes[c], canvas.owners[c]
     for j in range(window[1], window[3]):
         for i in range(window[0], window[2]):
             heights[j, i], classes[j, i], owners[j, i] = -1.0, NONE, -1
@@ -148,25 +145,25 @@ def draw(views, c, dice, skip, edge, window, heights, classes, owners):  # type:
     for k in range(len(dice)):
         if k == skip:
             continue
-        bounds(views.lenses, c, dice[k], edge, 0, own)
-        above, ux, uy, cos, sin = frame(views.lenses, c, dice[k], edge)
+        bounds(views.lenses, c, dice[k], 0, own)
+        above, ux, uy, cos, sin = frame(views.lenses, c, dice[k])
         for j in range(max(own[1], window[1]), min(own[3], window[3])):
             for i in range(max(own[0], window[0]), min(own[2], window[2])):
                 sx, sy = views.slopes[c, j, i, 0], views.slopes[c, j, i, 1]
-                shown, height = look(sx, sy, above, ux, uy, cos, sin, edge)
+                shown, height = look(sx, sy, above, ux, uy, cos, sin)
                 if shown != NONE and dice[k, 2] + height > heights[j, i]:
                     heights[j, i], classes[j, i], owners[j, i] = dice[k, 2] + height, shown, k
 
 
 @compiled
-def overlap(a, b, edge):  # type: ignore[no-untyped-def]
+def overlap(a, b):  # type: ignore[no-untyped-def]
     """How far two dice reach into each other, by the least push that parts them [m]; 0 where they do not."""
-    lift = edge - abs(a[2] - b[2])
+    lift = DIE_WIDTH - abs(a[2] - b[2])
     dx, dy = b[0] - a[0], b[1] - a[1]
-    if lift <= 0.0 or dx * dx + dy * dy >= 2.0 * edge * edge:
+    if lift <= 0.0 or dx * dx + dy * dy >= 2.0 * DIE_WIDTH * DIE_WIDTH:
         return 0.0
     turn = b[3] - a[3]
-    reach = 0.5 * edge * (1.0 + abs(math.cos(turn)) + abs(math.sin(turn)))
+    reach = 0.5 * DIE_WIDTH * (1.0 + abs(math.cos(turn)) + abs(math.sin(turn)))
     least = lift
     for yaw in (a[3], b[3]):
         cos, sin = math.cos(yaw), math.sin(yaw)
@@ -175,22 +172,22 @@ def overlap(a, b, edge):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def own_loss(die, terms):  # type: ignore[no-untyped-def]
-    """What a die loses by itself."""
-    level = round((die[2] - terms.table) / terms.edge)
-    off = die[2] - terms.table - level * terms.edge
-    return terms.price + terms.level * level * level + terms.hovering * off * off
+def own_loss(die, table):  # type: ignore[no-untyped-def]
+    """What a die loses by itself; the table has this height in the cameras' world [m]."""
+    level = round((die[2] - table) / DIE_WIDTH)
+    off = die[2] - table - level * DIE_WIDTH
+    return PRICE + LEVEL * level * level + HOVERING * off * off
 
 
 @compiled
-def total(views, dice, terms, canvas):  # type: ignore[no-untyped-def]
+def total(views, dice, table, canvas):  # type: ignore[no-untyped-def]
     """The score of a set of dice (N, 4)."""
     score = 0.0
     window = np.zeros(4, np.int64)
     against = np.empty(len(dice))
     for c in range(len(views.lenses)):
         window[2], window[3] = views.lenses[c].width, views.lenses[c].height
-        draw(views, c, dice, -1, terms.edge, window, canvas.heights[c], canvas.classes[c], canvas.owners[c])
+        draw(views, c, dice, -1, window, canvas)
         against[:] = 0.0
         for j in range(window[3]):
             for i in range(window[2]):
@@ -202,27 +199,27 @@ def total(views, dice, terms, canvas):  # type: ignore[no-untyped-def]
                 else:
                     score += views.scores[c, shown, j, i]
         for k in range(len(dice)):
-            score -= terms.hidden * (1.0 - math.exp(-against[k] / terms.hidden))
+            score -= HIDDEN * (1.0 - math.exp(-against[k] / HIDDEN))
     for k in range(len(dice)):
-        score -= own_loss(dice[k], terms)
+        score -= own_loss(dice[k], table)
         for other in range(k):
-            score -= terms.push * max(0.0, overlap(dice[k], dice[other], terms.edge) - TOUCH)
+            score -= PUSH * max(0.0, overlap(dice[k], dice[other]) - TOUCH)
     return score
 
 
 @compiled
-def _gain(views, dice, skip, die, terms, canvas):  # type: ignore[no-untyped-def]
+def _gain(views, dice, skip, die, table, canvas):  # type: ignore[no-untyped-def]
     """What a die adds to the score of the others, which are drawn in the canvas around it."""
     window = np.empty(4, np.int64)
-    score = -own_loss(die, terms)
+    score = -own_loss(die, table)
     for c in range(len(views.lenses)):
-        bounds(views.lenses, c, die, terms.edge, 0, window)
-        above, ux, uy, cos, sin = frame(views.lenses, c, die, terms.edge)
+        bounds(views.lenses, c, die, 0, window)
+        above, ux, uy, cos, sin = frame(views.lenses, c, die)
         gained, against = 0.0, 0.0
         for j in range(window[1], window[3]):
             for i in range(window[0], window[2]):
                 sx, sy = views.slopes[c, j, i, 0], views.slopes[c, j, i, 1]
-                shown, height = look(sx, sy, above, ux, uy, cos, sin, terms.edge)
+                shown, height = look(sx, sy, above, ux, uy, cos, sin)
                 if shown == NONE or die[2] + height <= canvas.heights[c, j, i]:
                     continue
                 behind = canvas.classes[c, j, i]
@@ -230,38 +227,38 @@ def _gain(views, dice, skip, die, terms, canvas):  # type: ignore[no-untyped-def
                     gained += views.scores[c, shown, j, i] - views.scores[c, behind, j, i]
                 elif behind == NONE:
                     against -= views.scores[c, shown, j, i]
-        score += gained - terms.hidden * (1.0 - math.exp(-against / terms.hidden))
+        score += gained - HIDDEN * (1.0 - math.exp(-against / HIDDEN))
     for k in range(len(dice)):
         if k != skip:
-            score -= terms.push * max(0.0, overlap(dice[k], die, terms.edge) - TOUCH)
+            score -= PUSH * max(0.0, overlap(dice[k], die) - TOUCH)
     return score
 
 
 @compiled
-def settle(views, dice, k, steps, radius, terms, canvas):  # type: ignore[no-untyped-def]
+def settle(views, dice, k, steps, table, canvas):  # type: ignore[no-untyped-def]
     """Move die k (in place) to where it gains most, by steps (S,) [m]; returns what it then gains.
 
-    No step takes it farther than `radius` from the arena's centre [m].
+    No step takes its centre farther than ARENA_RADIUS from the arena's.
     """
     window = np.empty(4, np.int64)
     for c in range(len(views.lenses)):
-        bounds(views.lenses, c, dice[k], terms.edge, MARGIN, window)
-        draw(views, c, dice, k, terms.edge, window, canvas.heights[c], canvas.classes[c], canvas.owners[c])
+        bounds(views.lenses, c, dice[k], MARGIN, window)
+        draw(views, c, dice, k, window, canvas)
     die, trial = dice[k].copy(), dice[k].copy()
-    best = _gain(views, dice, k, die, terms, canvas)
+    best = _gain(views, dice, k, die, table, canvas)
     for step in steps:
         for _ in range(6):
             before = best
             for axis in range(4):
                 # A turn moves the corners as far as the step; heights are known best.
-                size = step if axis < 2 else 0.5 * step if axis == 2 else step / (0.7 * terms.edge)
+                size = step if axis < 2 else 0.5 * step if axis == 2 else step / (0.7 * DIE_WIDTH)
                 for sign in (-1.0, 1.0):
                     for i in range(4):
                         trial[i] = die[i]
                     trial[axis] += sign * size
-                    if trial[0] ** 2 + trial[1] ** 2 > radius * radius:
+                    if trial[0] ** 2 + trial[1] ** 2 > ARENA_RADIUS * ARENA_RADIUS:
                         continue
-                    value = _gain(views, dice, k, trial, terms, canvas)
+                    value = _gain(views, dice, k, trial, table, canvas)
                     if value > best + 1e-6:
                         best = value
                         die[axis] = trial[axis]
