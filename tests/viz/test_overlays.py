@@ -304,8 +304,8 @@ def overlaid(images):
 @pytest.mark.parametrize(
     ("images", "words"),
     [
-        (BLACK[:2], "found 2 images, expected one of each of camera60"),
-        ([BLACK[0], BLACK[1][:100], None], r"camera180: found an image uint8 \(100, 270, 3\)"),
+        (BLACK[:2], "images: found 2, expected an image .* or None for each camera: camera60"),
+        ([BLACK[0], BLACK[1][:100], None], "camera180: 270×100 px, but its calibration is for 270×270"),
         ([BLACK[0] / 255.0, None, None], "float64"),
     ],
 )
@@ -317,10 +317,17 @@ def test_images_that_do_not_fit_the_rig_are_refused(images, words):
 @pytest.mark.parametrize(
     ("error", "images", "goals", "seen", "positions", "words"),
     [
-        (ImageError, BLACK[:2], MASKS, MASKS, None, "found 2 images"),
-        (TaskError, BLACK, MASKS[:2], MASKS, None, "2 goal masks, expected one for each of camera60"),
-        (TaskError, BLACK, MASKS, [*MASKS, MASKS[0]], None, "found 4 dice masks"),
-        (TaskError, BLACK, None, [MASKS[0], MASKS[1][:9], None], None, r"found a dice mask \(9, 270\)"),
+        (ImageError, BLACK[:2], MASKS, MASKS, None, "images: found 2"),
+        (TaskError, BLACK, MASKS[:2], MASKS, None, "goal masks: found 2, expected one of each of camera60"),
+        (TaskError, BLACK, MASKS, [*MASKS, MASKS[0]], None, "dice masks: found 4"),
+        (
+            TaskError,
+            BLACK,
+            None,
+            [MASKS[0], MASKS[1][:9], None],
+            None,
+            r"dice mask of camera180: found shape \(9, 270\)",
+        ),
         (TaskError, BLACK, MASKS, [MASKS[0] / 255, None, None], None, "found type float64"),
         (TaskError, BLACK, MASKS, MASKS, [[0.0, 0.0]], "dice: found shape"),
     ],

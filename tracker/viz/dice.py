@@ -16,7 +16,7 @@ from tracker.geometry import so3
 from tracker.geometry.camera import Camera
 from tracker.tasks.rearrange_dice import Assignment
 from tracker.tasks.rearrange_dice.goals import ARENA_RADIUS, DIE_WIDTH, TOLERANCE, cells, finite_positions
-from tracker.tasks.rearrange_dice.score import error_per_camera
+from tracker.tasks.rearrange_dice.score import error, masks_of
 from tracker.viz import paint
 from tracker.viz.overlays import DOUBTFUL, GOOD, Block, footer, panels
 
@@ -54,35 +54,23 @@ def dice_overlay(
         TaskError: the masks do not fit the rig or are not two-valued, or the positions are malformed.
     """
     centers = None if positions is None else finite_positions(positions, "dice")
-    goals = [None] * len(rig) if goal_masks is None else list(goal_masks)
-    for what, masks in (("goal", goals), ("dice", dice_masks)):
-        _check(what, masks, rig)
+    goals = masks_of(rig, [None] * len(rig) if goal_masks is None else goal_masks, "goal")
+    seen = masks_of(rig, dice_masks, "dice")
     errors = [
-        None if goal is None or dice is None else error_per_camera([goal], [dice])[0]
-        for goal, dice in zip(goals, dice_masks, strict=True)
+        None if goal is None or dice is None else error([goal], [dice])
+        for goal, dice in zip(goals, seen, strict=True)
     ]
 
     def draw(index: int, panel: Image, view: Camera) -> None:
-        _draw_masks(panel, goals[index], dice_masks[index])
+        _draw_masks(panel, goals[index], seen[index])
         pixels = view.project_in_view([] if centers is None else centers)
         for radius, color in ((4.6, paint.BLACK), (3.2, paint.WHITE)):
             for pixel in pixels[np.isfinite(pixels).all(axis=1)]:
                 paint.fill(panel, paint.circle(pixel, radius), color, 1.0)
 
     row = panels(images, rig, draw)
-    caption = _caption(rig.names, errors, dice_masks, centers, assignment, title)
+    caption = _caption(rig.names, errors, seen, centers, assignment, title)
     return np.concatenate([row, footer(row.shape[1], caption)])
-
-
-def _check(what: str, masks: Sequence[Array | None], rig: CameraRig) -> None:
-    if len(masks) != len(rig):
-        raise TaskError(
-            f"overlay: found {len(masks)} {what} masks, expected one for each of {', '.join(rig.names)}"
-        )
-    for mask, camera in zip(masks, rig, strict=True):
-        expected = (camera.height, camera.width)
-        if mask is not None and mask.shape != expected:
-            raise TaskError(f"overlay: {camera.name}: found a {what} mask {mask.shape}, expected {expected}")
 
 
 def _draw_masks(panel: Image, goal: Array | None, dice: Array | None) -> None:

@@ -10,11 +10,12 @@ import cv2
 import numpy as np
 
 from tracker.calibration.rig import CameraRig
-from tracker.checks import check_sequence, of_kind
+from tracker.checks import of_kind
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import ImageError, TrackerError
 from tracker.geometry import cuboid
 from tracker.geometry.camera import Camera
+from tracker.inputs import check_images
 from tracker.objects.labels import DISPLAY_COLORS_BGR
 from tracker.objects.model import CuboidModel
 from tracker.pose.result import Observation, PoseEstimate
@@ -35,11 +36,7 @@ Draw = Callable[[int, Image, Camera], None]
 def panels(images: Sequence[Image | None], rig: CameraRig, draw: Draw) -> Image:
     """A row of all views, each drawn into by `draw`; ImageError where images do not fit the rig."""
     of_kind(rig, CameraRig, "overlay: rig", ImageError, "tracker.CameraRig.load")
-    check_sequence(images, "overlay: images", ImageError)
-    if len(images) != len(rig):
-        raise ImageError(
-            f"overlay: found {len(images)} images, expected one of each of {', '.join(rig.names)}"
-        )
+    images = check_images(images, rig, least=0)
     height = max(camera.height * -(-MIN_HEIGHT // camera.height) for camera in rig)
     parts: list[Image] = []
     for index, (image, camera) in enumerate(zip(images, rig, strict=True)):
@@ -51,7 +48,6 @@ def panels(images: Sequence[Image | None], rig: CameraRig, draw: Draw) -> Image:
             middle = size[0] / 2, height / 2
             paint.put_text(panel, "no image", middle, paint.FAINT, size=18, align=0.5)
         else:
-            refuse_unfit(image, camera, "overlay")
             cv2.resize(image, size, panel, interpolation=cv2.INTER_CUBIC)
             draw(index, panel, camera.resized(*size))
         right, bottom = 36 + paint.text_width(camera.name, _NAME_SIZE), 26 + 1.7 * _NAME_SIZE
@@ -61,15 +57,6 @@ def panels(images: Sequence[Image | None], rig: CameraRig, draw: Draw) -> Image:
         paint.put_text(panel, camera.name, at, paint.BRIGHT, size=_NAME_SIZE)
         parts.append(panel)
     return np.concatenate(parts, axis=1)
-
-
-def refuse_unfit(image: object, camera: Camera, what: str) -> None:
-    """ImageError, which names `what`, for what is no image (H, W, 3) uint8 of the camera's size."""
-    array: Array = of_kind(image, np.ndarray, f"{what}: {camera.name}", ImageError)
-    expected = (camera.height, camera.width, 3)
-    if array.shape != expected or array.dtype != np.uint8:
-        found = f"{array.dtype} {array.shape}"
-        raise ImageError(f"{what}: {camera.name}: found an image {found}, expected uint8 {expected}")
 
 
 GOOD: paint.Color = (120, 200, 110)

@@ -29,10 +29,11 @@ from tracker.calibration.rig import CameraRig
 from tracker.conventions import FloatArray, Image
 from tracker.geometry import cuboid, so3
 from tracker.geometry.camera import Camera
+from tracker.inputs import check_images
 from tracker.objects.labels import DISPLAY_COLORS_BGR
 from tracker.objects.model import CuboidModel
 from tracker.pose.result import Observation, PoseEstimate, Status
-from tracker.viz.overlays import edges_in_view, refuse_unfit
+from tracker.viz.overlays import edges_in_view
 
 SIGMAS = 2.0  # half axes of the ellipsoid, in standard deviations
 
@@ -94,11 +95,11 @@ class Scene:
         """
         if self._start is None:
             self._start = timestamp
-        images = images or [None] * len(self._rig)
+        images = check_images(images or [None] * len(self._rig), self._rig, least=0)
         self._stream.set_time(FRAME, sequence=index)
         self._stream.set_time(TIME, duration=timestamp - self._start)
         for camera, image in zip(self._rig, images, strict=True):
-            self._put(_image_path(camera), None if image is None else _jpeg(camera, image))
+            self._put(_image_path(camera), None if image is None else _jpeg(image))
         self._show_health(images, health)
         poses = {"measured": observation.object_pose, "filtered": observation.filtered_object_pose}
         for kind, pose in poses.items():
@@ -245,8 +246,7 @@ def _pinhole(camera: Camera) -> tuple[Any, Any]:
     return place, lens
 
 
-def _jpeg(camera: Camera, image: Image) -> Any:
-    refuse_unfit(image, camera, "view")
+def _jpeg(image: Image) -> Any:
     content = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1].tobytes()
     return rr.EncodedImage(contents=content, media_type="image/jpeg")
 

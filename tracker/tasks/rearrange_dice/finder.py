@@ -26,7 +26,7 @@ from tracker.segmentation.labels import check_image
 from tracker.tasks.rearrange_dice import set_score
 from tracker.tasks.rearrange_dice.evidence import DICE, STYLES, UNKNOWN, Plan, evidence, tops
 from tracker.tasks.rearrange_dice.goals import DIE_WIDTH, NUM_DICE
-from tracker.tasks.rearrange_dice.score import as_mask
+from tracker.tasks.rearrange_dice.score import masks_of
 from tracker.tasks.rearrange_dice.set_score import Canvas, Views, overlap
 
 SIZE = 270
@@ -109,8 +109,7 @@ def locate(
     if not is_whole(most) or most < 0:
         raise TaskError(f"most: found {shown(most)}, expected a number of dice")
     given: Sequence[Array | None] = [None] * len(rig) if images is None else images
-    _check(rig, masks, given)
-    found, gains = _finder(rig).find(masks, given)
+    found, gains = _finder(rig).find(masks_of(rig, masks, "dice"), _images_of(rig, given))
     offset, slope = PROBABILITY[images is not None]
     dice = []
     for (x, y, foot, yaw), gain in zip(found[:most], gains[:most], strict=True):
@@ -122,19 +121,17 @@ def locate(
     return tuple(dice)
 
 
-def _check(rig: CameraRig, masks: Sequence[Array | None], images: Sequence[Array | None]) -> None:
-    for what, ones, fault in (("masks of dice", masks, TaskError), ("images", images, ImageError)):
-        check_sequence(ones, what, TaskError)
-        if len(ones) != len(rig):
-            names = ", ".join(rig.names)
-            raise fault(f"{what}: found {len(ones)}, expected one of each of {names}")
-    for camera, mask, image in zip(rig, masks, images, strict=True):
+def _images_of(rig: CameraRig, images: Sequence[Array | None]) -> Sequence[Array | None]:
+    """The images of a rig's cameras themselves; ImageError where there are others."""
+    check_sequence(images, "images", TaskError)
+    if len(images) != len(rig):
+        raise ImageError(f"images: found {len(images)}, expected one of each of {', '.join(rig.names)}")
+    for camera, image in zip(rig, images, strict=True):
         size = (camera.height, camera.width)
-        if mask is not None:
-            as_mask(mask, f"mask of dice of {camera.name}", size)
         if image is not None and check_image(image, f"image of {camera.name}").shape[:2] != size:
             found, valid = f"{image.shape[1]}×{image.shape[0]}", f"{camera.width}×{camera.height}"
             raise ImageError(f"image of {camera.name}: found {found} px, expected {valid} px")
+    return images
 
 
 PROBABILITY = {True: (-4.21, 1.571), False: (-2.62, 1.140)}

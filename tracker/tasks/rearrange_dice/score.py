@@ -151,6 +151,18 @@ def as_mask(value: npt.ArrayLike, what: str, size: tuple[int, int] | None = None
     return small
 
 
+def masks_of(rig: CameraRig, masks: Sequence[npt.ArrayLike | None], what: str) -> list[Image | None]:
+    """The masks of a rig's cameras as `as_mask` has them, or None; TaskError where there are others."""
+    check_sequence(masks, f"{what} masks", TaskError)
+    if len(masks) != len(rig):
+        names = ", ".join(rig.names)
+        raise TaskError(f"{what} masks: found {len(masks)}, expected one of each of {names}")
+    return [
+        None if mask is None else as_mask(mask, f"{what} mask of {one.name}", (one.height, one.width))
+        for mask, one in zip(masks, rig, strict=True)
+    ]
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Assignment:
     """Pairs of places and dice with the smallest sum of distances; arrays are read-only."""
