@@ -11,7 +11,6 @@ import os
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -279,8 +278,7 @@ def _limits(values: FloatArray) -> tuple[float, float]:
 
 def angles(orientation: FloatArray, reference: FloatArray) -> FloatArray:
     """Angles (n,) [°] of quaternions (n, 4) from a rotation (3, 3); NaN where the quaternion is."""
-    result: FloatArray = np.degrees(np.linalg.norm(_rotation_vectors(orientation, reference), axis=1))
-    return result
+    return np.degrees(so3.angle_between(reference, so3.matrix_from_quaternion(orientation)))
 
 
 def angle_std(orientation: FloatArray, reference: FloatArray, covariance: FloatArray) -> FloatArray:
@@ -289,24 +287,13 @@ def angle_std(orientation: FloatArray, reference: FloatArray, covariance: FloatA
     With R = exp(δθ) R̂ the angle changes by axis · δθ, the axis being that of R̂ Rᵀ_reference. Near zero the
     axis is anything: there the largest deviation is given.
     """
-    vector = _rotation_vectors(orientation, reference)
-    rows = np.flatnonzero(np.isfinite(vector).all(axis=1))
-    vector, spread = vector[rows], covariance[rows]
+    vector = so3.log(so3.matrix_from_quaternion(orientation) @ reference.T)
     length = np.linalg.norm(vector, axis=1)
     axis = vector / np.where(length > 0, length, 1)[:, None]
-    along = np.einsum("ni,nij,nj->n", axis, spread, axis)
-    largest = np.linalg.eigvalsh(spread).max(axis=1, initial=0)
+    along = np.einsum("ni,nij,nj->n", axis, covariance, axis)
+    largest = np.linalg.eigvalsh(np.nan_to_num(covariance)).max(axis=1, initial=0)
     variance = np.where(length < 3 * np.sqrt(largest), largest, along)
-    result = np.full(len(orientation), np.nan)
-    result[rows] = np.degrees(np.sqrt(np.maximum(variance, 0)))
-    return result
-
-
-def _rotation_vectors(orientation: FloatArray, reference: FloatArray) -> FloatArray:
-    """Rotation vectors (n, 3) [rad] from the reference, along world axes; NaN where the quaternion is."""
-    result = np.full((len(orientation), 3), np.nan)
-    rows = np.isfinite(orientation).all(axis=1)
-    result[rows] = so3.log(so3.matrix_from_quaternion(orientation[rows]) @ reference.T)
+    result: FloatArray = np.degrees(np.sqrt(np.maximum(variance, 0)))
     return result
 
 
@@ -342,18 +329,15 @@ def _draw_status(axis: Any, time: Array, status: Array) -> None:
     if not len(time):
         return
     last = time[-1] + (np.median(np.diff(time)) if len(time) > 1 else 0.1)
-    ends = np.append(time[1:], last)
     names = set(status.tolist())
     colors = {name: color for name, color in STATUS_COLORS.items() if name in names}
     colors |= dict.fromkeys(sorted(names - colors.keys()), paint.FAINT)
-    least = _LEAST_SHARE * (last - time[0])
-    runs = []
-    row = 0
-    for name, frames in groupby(status.tolist()):
-        start, row = row, row + len(list(frames))
-        runs.append((max(ends[row - 1] - time[start], least), time[start], name))
-    for width, start_time, name in sorted(runs, reverse=True):  # short ones on top of long ones
-        axis.axvspan(start_time, start_time + width, color=rgb(colors[name]), linewidth=0)
+    starts = np.flatnonzero(np.append(True, status[1:] != status[:-1]))
+    lengths = np.diff(np.append(time[starts], last))
+    widths = np.maximum(lengths, _LEAST_SHARE * (last - time[0]))
+    for run in np.lexsort((starts, widths))[::-1]:  # short ones on top of long ones
+        begin = time[starts[run]]
+        axis.axvspan(begin, begin + widths[run], color=rgb(colors[status[starts[run]]]), linewidth=0)
     bars = {name: axis.bar(time[0], 0.0, 0.0, color=rgb(color)) for name, color in colors.items()}
     _explain(axis, bars, "left")
 
