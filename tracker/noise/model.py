@@ -127,10 +127,10 @@ def _number(entry: Any, unit: str, what: str) -> Number:
         raise TrackerError(f"{what}: found value {shown(value)}, expected 0 or more")
     if interval == []:
         return Number(float(value), unit, None)
-    if not isinstance(interval, list) or len(interval) != 2 or not all(map(is_number, interval)):
-        raise TrackerError(f"{what}: found interval {shown(interval)}, expected two numbers, or none")
-    if not interval[0] <= value <= interval[1]:
-        raise TrackerError(f"{what}: found {value} outside its interval {interval}, expected it inside")
+    pair = isinstance(interval, list) and len(interval) == 2 and all(map(is_number, interval))
+    if not pair or not interval[0] <= value <= interval[1]:
+        valid = f"two numbers around {value}, or none"
+        raise TrackerError(f"{what}: found interval {shown(interval)}, expected {valid}")
     return Number(float(value), unit, (float(interval[0]), float(interval[1])))
 
 
@@ -170,11 +170,11 @@ class NoiseState:
     def __init__(self, values: Mapping[str, Mapping[str, float]], rng: np.random.Generator, count: int):
         self._values, self._rng, self.count = values, rng, count
         pair = values["position"], values["rotation"]
-        # One column of six: three of the position, three of the rotation.
-        self._of = {key: np.repeat([one[key] for one in pair], 3)[:, None] for key in pair[0]}
-        self._bias, self._scale = np.zeros((6, count)), np.zeros((6, count))
-        self._slow, self._doubt = np.zeros((6, count)), np.zeros(count)
-        self._gross, self._is_gross = np.zeros((6, count)), np.zeros(count, bool)
+        # First axis: position and rotation; then x, y, z; then environments.
+        self._of = {key: np.array([[[one[key]]] for one in pair]) for key in pair[0]}
+        self._bias, self._slow, self._gross = np.zeros((3, 2, 3, count))
+        self._scale, self._doubt = np.zeros((2, 1, count)), np.zeros(count)
+        self._is_gross = np.zeros(count, bool)
         self._found, self._fresh = np.zeros(count, bool), np.zeros(count, bool)
         self._last = np.zeros((count, 3)), np.zeros((count, 4))
         self.reset()
@@ -190,10 +190,10 @@ class NoiseState:
         """
         rows = np.arange(self.count) if which is None else self._rows(which)
         size = len(rows)
-        spread = np.repeat(self._rng.standard_normal((2, size)), 3, axis=0)
-        self._scale[:, rows] = np.exp(self._of["bias_spread"] * spread)
-        self._bias[:, rows] = self._scale[:, rows] * self._of["bias"] * self._rng.standard_normal((6, size))
-        self._slow[:, rows] = self._rng.standard_normal((6, size))
+        scale = np.exp(self._of["bias_spread"] * self._rng.standard_normal((2, 1, size)))
+        self._scale[..., rows] = scale
+        self._bias[..., rows] = scale * self._of["bias"] * self._rng.standard_normal((2, 3, size))
+        self._slow[..., rows] = self._rng.standard_normal((2, 3, size))
         self._doubt[rows] = self._rng.standard_normal(size)
         self._is_gross[rows] = False
         self._fresh[rows] = True
@@ -222,7 +222,7 @@ class NoiseState:
         late = delay["images"] + delay["pose"] * np.exp(
             delay["spread"] * self._rng.standard_normal(self.count)
         )
-        seen, turned = p + error[:3].T, _turned(error[3:], q)
+        seen, turned = p + error[0].T, _turned(error[1], q)
         missed = np.flatnonzero(~found)
         seen[missed] = turned[missed] = np.nan
         self._last, self._fresh[:] = (p, q), False
@@ -256,27 +256,26 @@ class NoiseState:
         chord = 1.0 - np.abs(np.einsum("ij,ij->i", q, self._last[1]))
         way = np.sqrt(np.einsum("ij,ij->i", shift, shift)) + RADIUS * np.sqrt(8.0 * np.maximum(chord, 0.0))
         way[self._fresh] = 0.0
-        seconds, travel = (np.maximum(self._of[key][::3], 1e-12) for key in ("seconds", "travel"))
+        seconds, travel = (np.maximum(self._of[key][:, 0], 1e-12) for key in ("seconds", "travel"))
         kept: FloatArray = np.exp(-dt / seconds - way / travel)
         return kept
 
     def _errors(self, keep: FloatArray, clear: FloatArray, gross: FloatArray) -> FloatArray:
-        """(6, N) [m, rad]."""
-        of = {key: numbers[::3, None] for key, numbers in self._of.items()}
+        """(2, 3, N) [m, rad]."""
         # Single precision is drawn in half the time.
         drawn = self._rng.standard_normal((14, self.count), dtype=np.float32)
-        result: FloatArray = self._bias + gross
-        parts, slow = result.reshape(2, 3, -1), self._slow.reshape(2, 3, -1)
         kept, spread = keep[:, None], drawn[12:, None]
-        slow *= kept
-        slow += np.sqrt(1.0 - kept * kept) * drawn[:6].reshape(2, 3, -1)
-        hidden = of["visible"] * np.log(clear)
-        parts += of["slow"] * self._scale[::3, None] * np.exp(-hidden) * slow
-        parts += of["fast"] * np.exp(of["fast_spread"] * spread - hidden) * drawn[6:12].reshape(2, 3, -1)
+        slow, fast = drawn[:12].reshape(2, 2, 3, -1)
+        self._slow *= kept
+        self._slow += np.sqrt(1.0 - kept * kept) * slow
+        hidden = self._of["visible"] * np.log(clear)
+        result: FloatArray = self._bias + gross
+        result += self._of["slow"] * self._scale * np.exp(-hidden) * self._slow
+        result += self._of["fast"] * np.exp(self._of["fast_spread"] * spread - hidden) * fast
         return result
 
     def _gross_now(self, v: FloatArray, dt: float) -> FloatArray:
-        """(6, N) the gross errors; each stays as it is until it ends."""
+        """(2, 3, N) the gross errors; each stays as it is until it ends."""
         own, (ends, begins) = self._values["gross"], self._rng.random((2, self.count))
         self._is_gross &= ends < np.exp(-dt / max(own["seconds"], 1e-12))
         rate = own["rate"] * np.exp(-own["visible"] * v)
@@ -286,8 +285,8 @@ class NoiseState:
         drawn /= np.linalg.norm(drawn, axis=1, keepdims=True)
         size = np.exp(own["spread"] * self._rng.standard_normal((2, len(new))))
         size *= np.array([[own["distance"]], [own["angle"]]])
-        self._gross[:, new] = (drawn * size[:, None]).reshape(6, -1)
-        self._gross[:, ~self._is_gross] = 0.0
+        self._gross[..., new] = drawn * size[:, None]
+        self._gross[..., ~self._is_gross] = 0.0
         return self._gross
 
     def _found_now(self, v: FloatArray, dt: float) -> Array:
@@ -307,7 +306,7 @@ class NoiseState:
         if not 0.0 < own["clear"] < 1.0:
             return np.full(self.count, own["clear"])
         self._doubt = keep * self._doubt + np.sqrt(1.0 - keep * keep) * self._rng.standard_normal(self.count)
-        size = np.sqrt(np.einsum("kij,kij->kj", *[error.reshape(2, 3, -1)] * 2))
+        size = np.sqrt(np.einsum("kij,kij->kj", error, error))
         logit = np.log(own["clear"] / (1.0 - own["clear"])) + own["visible"] * np.log(clear)
         logit += own["spread"] * self._doubt - own["distance"] * size[0] - own["angle"] * size[1]
         result: FloatArray = 1.0 / (1.0 + np.exp(np.minimum(-logit, _MOST)))
