@@ -18,7 +18,7 @@ from tests.helpers.pose_logs import (
     random_pose,
     random_poses,
 )
-from tracker.errors import ImageError, TrackerError
+from tracker.errors import TrackerError
 from tracker.geometry import so3
 from tracker.pose.result import Status
 from tracker.poses.file import PosesBuilder
@@ -112,19 +112,6 @@ def test_recorded_poses_are_seen(path, rng):
     near = [np.abs(drawn(path, one).astype(int) - color).sum(axis=2) < 120
             for one in (poses, dataclasses.replace(poses, recorded=None))]  # fmt: skip
     assert near[0].sum() > near[1].sum() + 500
-
-
-def test_nothing_half_written_stays(path, rng, monkeypatch):
-    path.write_bytes(b"old")
-
-    def fail(*_):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "replace", fail)
-    with pytest.raises(ImageError, match="cannot be written: No space left"):
-        write_trajectory_plot(path, random_poses(rng, 3))
-    assert path.read_bytes() == b"old"
-    assert os.listdir(path.parent) == [path.name]
 
 
 def test_a_missing_package_is_named(path, rng, monkeypatch):
