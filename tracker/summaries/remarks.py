@@ -115,12 +115,10 @@ def likely_cause(tracker: ObjectTracker, images: Sequence[Image | None], answer:
     cause = mistaken(tracker, images, answer) if order is None else swap_message(order, tracker.rig.names)
     if cause is not None or _confidence(answer) >= UNSURE:
         return cause
-    looks = {
-        name: PictureLook.of(image)
-        for name, image in zip(tracker.rig.names, images, strict=True)
-        if image is not None
-    }
-    faults = [f"{name}: {fault}" for name, look in looks.items() for fault in look.faults()]
+    faults = []
+    for name, image in zip(tracker.rig.names, images, strict=True):
+        if image is not None:
+            faults += [f"{name}: {fault}" for fault in PictureLook.of(image).faults()]
     more = f" ({len(faults) - 1} more such)" if len(faults) > 1 else ""
     return f"{faults[0]}{more}" if faults else None
 

@@ -14,8 +14,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
-
 from tracker.checks import naming
 from tracker.conventions import FloatArray
 from tracker.errors import TaskError
@@ -60,12 +58,9 @@ class JobGoal:
             return move_object.trajectory_reward(self.trajectory, STEPS_PER_SECOND * seconds, position)
         if self.task == "rearrange_dice" or self.position is None or self.level is None:
             raise TaskError("goal: found one of dice, expected that of an object")
-        seen = ~np.isnan(position).any(axis=-1)
-        result = np.full(len(position), np.nan)
-        result[seen] = move_object.reward(
-            self.level, self.position, position[seen], self.orientation, orientation[seen], model=model
+        return move_object.reward(
+            self.level, self.position, position, self.orientation, orientation, model=model
         )
-        return result
 
 
 def read_job_goal(path: str | os.PathLike[str]) -> JobGoal:

@@ -127,7 +127,12 @@ class Scene:
         self._put(_TABLE, _scalar(float("nan") if health is None else health.height))
 
     def _show_pose(self, kind: str, pose: PoseEstimate | None) -> None:
-        self._show_object(kind, pose)
+        path = ("world", kind)
+        if pose is None or path not in self._shown:  # once, and again after it had been cleared
+            self._put(path, None if pose is None else _body(self._model, kind))
+        if pose is not None:
+            quaternion = _quaternion(pose.orientation)
+            self._log(path, rr.Transform3D(translation=pose.position, quaternion=quaternion))
         self._put(("world", "uncertainty", kind), None if pose is None else _ellipsoid(pose, KINDS[kind]))
         for camera in self._rig:
             lines = [] if pose is None else edges_in_view(camera, self._model, pose)[0]
@@ -144,17 +149,6 @@ class Scene:
         self._put(("confidence", kind), None if pose is None else rr.Scalars([pose.confidence]))
         self._put(("std_mm", kind), None if std is None else rr.Scalars(1e3 * std[:3]))
         self._put(("std_deg", kind), None if std is None else rr.Scalars(np.degrees(std[3:])))
-
-    def _show_object(self, kind: str, pose: PoseEstimate | None) -> None:
-        path = ("world", kind)
-        if pose is None:
-            self._put(path, None)
-            return
-        if path not in self._shown:  # again after it had been cleared
-            frame = rr.Boxes3D(half_sizes=[self._model.size / 2], colors=[KINDS[kind]], radii=[5e-4])
-            self._put(path, _mesh(self._model) if kind == "measured" else frame)
-        place = rr.Transform3D(translation=pose.position, quaternion=_quaternion(pose.orientation))
-        self._log(path, place)
 
     def _set_up(self) -> None:
         self._log(("world",), rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
@@ -251,7 +245,10 @@ def _jpeg(image: Image) -> Any:
     return rr.EncodedImage(contents=content, media_type="image/jpeg")
 
 
-def _mesh(model: CuboidModel) -> Any:
+def _body(model: CuboidModel, kind: str) -> Any:
+    """Coloured faces of what was measured, else the edges."""
+    if kind != "measured":
+        return rr.Boxes3D(half_sizes=[model.size / 2], colors=[KINDS[kind]], radii=[5e-4])
     loops = cuboid.FACE_CORNERS
     triangles = 4 * np.arange(6)[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]])
     colors = DISPLAY_COLORS_BGR[model.face_labels][:, ::-1]
