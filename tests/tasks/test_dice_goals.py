@@ -3,12 +3,14 @@ import json
 import math
 import os
 import string
+from functools import partial
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.helpers.dice_scenes import RIG
 from tracker.errors import TaskError
 from tracker.tasks import rearrange_dice as dice
 from tracker.tasks.job_goal import read_job_goal
@@ -88,20 +90,39 @@ def test_rounding_does_not_invalidate_a_goal(angle, quarter):
             np.testing.assert_array_equal(dice.validate_goal(rounded), rounded)
 
 
+PLACES = dice.sample_goal(0)
+
+
+@pytest.mark.parametrize(
+    ("places", "message"),
+    [
+        (PLACES[:, :2], r"found shape \(25, 2\), expected \(N, 3\)"),
+        (PLACES.ravel(), r"found shape \(75,\)"),
+        (np.zeros(3), r"found shape \(3,\)"),
+        (PLACES.astype(str), "found .*expected numbers"),
+        (PLACES > 0, "found .*expected numbers"),
+        ([[0, 0, 1j]], "found .*expected numbers"),
+        ([*PLACES[:24].tolist(), [0.0]], "found a list of 25, expected numbers"),
+        ("goal", "found 'goal', expected numbers"),
+        (None, "found None, expected numbers"),
+        ([[0, 0, 0], [0, np.nan, 0]], "found nan, expected finite"),
+        ([[0, 0, np.inf]], "found inf, expected finite"),
+        (np.where(np.arange(25)[:, None] == 3, 1e200, PLACES), r"found 1e\+200, expected finite"),
+    ],
+)
+def test_what_is_no_list_of_positions_is_refused(places, message):
+    for take in (dice.validate_goal, partial(dice.goal_masks, RIG), partial(dice.assign, positions=[])):
+        with pytest.raises(TaskError, match=f"goal: {message}"):
+            take(places)
+    with pytest.raises(TaskError, match=f"dice: {message}"):
+        dice.assign([], places)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         (lambda goal: goal[:24], "found 24 positions, expected 25"),
         (lambda goal: [], "found 0 positions, expected 25"),
-        (lambda goal: goal[:, :2], r"found shape \(25, 2\), expected \(N, 3\)"),
-        (lambda goal: goal.ravel(), r"found shape \(75,\)"),
-        (lambda goal: goal.astype(str), "expected numbers"),
-        (lambda goal: goal > 0, "expected numbers"),
-        (lambda goal: [*goal[:24].tolist(), [0.0]], "found a list of 25, expected numbers"),
-        (lambda goal: "goal", "found 'goal', expected numbers"),
-        (lambda goal: None, "found None, expected numbers"),
-        (lambda goal: np.where(goal == goal[7, 0], np.nan, goal), "found nan, expected finite"),
-        (lambda goal: np.where(np.arange(25)[:, None] == 3, 1e200, goal), "found 1e\\+200, expected finite"),
         (lambda goal: goal - (0, 0, 0.001), "position 0.*found the height 0.01 m, expected at least"),
         (lambda goal: goal - (0.4, 0, 0), "position 0.*its die reaches .*expected at most 0.19 m"),
     ],
@@ -234,7 +255,7 @@ def test_what_a_file_holds_is_recognised_by_its_content(tmp_path):
         assert same_places(dice.read_goal(tmp_path / "goal"), goal)
 
 
-GOAL = json.dumps(dice.sample_goal(0).tolist())
+GOAL = json.dumps(PLACES.tolist())
 FIRST = GOAL[1 : GOAL.index("]") + 1]
 
 
@@ -305,19 +326,16 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path, name):
         dice.read_goal(f"{tmp_path}/{name}")
 
 
-OFF_CELLS = dice.sample_goal(0) * 0.9 + [0, 0, 0.01]
-
-
 @pytest.mark.parametrize(
     ("name", "goal", "message"),
     [
-        ("goal.yaml", dice.sample_goal(0), r"found suffix '\.yaml', expected \.json or \.txt"),
-        ("goal", dice.sample_goal(0), "found no suffix"),
-        ("nowhere/goal.json", dice.sample_goal(0), "cannot be written: there is no folder .*nowhere"),
-        ("taken.json", dice.sample_goal(0), "cannot be written"),
-        ("a\0.json", dice.sample_goal(0), "cannot be written"),
+        ("goal.yaml", PLACES, r"found suffix '\.yaml', expected \.json or \.txt"),
+        ("goal", PLACES, "found no suffix"),
+        ("nowhere/goal.json", PLACES, "cannot be written: there is no folder .*nowhere"),
+        ("taken.json", PLACES, "cannot be written"),
+        ("a\0.json", PLACES, "cannot be written"),
         ("goal.json", np.zeros((25, 3)), "height 0 m"),
-        ("goal.txt", OFF_CELLS, "expected the centre of a cell"),
+        ("goal.txt", PLACES * 0.9 + [0, 0, 0.01], "expected the centre of a cell"),
     ],
 )
 def test_a_goal_that_cannot_be_written_is_named_and_leaves_nothing(tmp_path, name, goal, message):

@@ -107,26 +107,6 @@ def test_a_place_that_no_camera_sees_sets_no_pixel_and_one_around_it_all(exact):
     assert not exact or (around[0].all() and around[1].all())
 
 
-@pytest.mark.parametrize(
-    ("goal", "message"),
-    [
-        (np.zeros((25, 2)), r"goal: found shape \(25, 2\), expected \(N, 3\)"),
-        (np.zeros(3), r"goal: found shape \(3,\)"),
-        ([[0, 0, 0], [0, np.nan, 0]], "goal: found nan, expected finite"),
-        ([[0, 0, np.inf]], "goal: found inf, expected finite"),
-        ([["0", "0", "0"]], "goal: found .*expected numbers"),
-        ([[0, 0, 0], [0, 0]], "goal: found .*expected numbers"),
-        ([[0, 0, 1j]], "goal: found .*expected numbers"),
-    ],
-)
-def test_a_goal_that_is_no_list_of_positions_is_refused(goal, message):
-    with pytest.raises(TaskError, match=message):
-        dice.goal_masks(RIG, goal)
-    for goal_of, positions, name in ((goal, [], "goal"), ([], goal, "dice")):
-        with pytest.raises(TaskError, match=f"{name}: "):
-            dice.assign(goal_of, positions)
-
-
 KINDS = st.sampled_from([lambda m: m, lambda m: m.astype(np.uint8), lambda m: 255 * m.astype(np.uint8)])
 MASKS = npst.arrays(np.bool_, st.just((2, 3, 5, 4)), elements=st.booleans())
 
