@@ -7,14 +7,13 @@ from tests.helpers.dice_scenes import EDGE, RIG, dice_at, painted
 from tracker.geometry import so3
 from tracker.tasks.rearrange_dice import finder, set_score
 from tracker.tasks.rearrange_dice.evidence import DICE, UNKNOWN, evidence
-from tracker.tasks.rearrange_dice.finder import Finder
+from tracker.tasks.rearrange_dice.finder import Search
 
 DICE_POSES = dice_at([(0.0, 0.01), (-0.09, 0.05), (0.06, 0.08), (0.02, -0.09)], 0.37)
-FINDER = Finder(RIG)
 
 
 def views_of(masks, images=(None, None, None)) -> set_score.Views:
-    return FINDER.views(masks, images)[0]
+    return Search(RIG, masks, images).views
 
 
 def canvas() -> set_score.Canvas:

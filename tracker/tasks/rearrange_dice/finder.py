@@ -109,7 +109,7 @@ def locate(
     if not is_whole(most) or most < 0:
         raise TaskError(f"most: found {shown(most)}, expected a number of dice")
     given: Sequence[Array | None] = [None] * len(rig) if images is None else images
-    found, gains = _finder(rig).find(masks_of(rig, masks, "dice"), _images_of(rig, given))
+    found, gains = Search(rig, masks_of(rig, masks, "dice"), _images_of(rig, given)).run()
     offset, slope = PROBABILITY[images is not None]
     dice = []
     for (x, y, foot, yaw), gain in zip(found[:most], gains[:most], strict=True):
@@ -139,42 +139,15 @@ PROBABILITY = {True: (-4.21, 1.571), False: (-2.62, 1.140)}
 Fitted by scripts/fit_dice_probability.py on rendered scenes."""
 
 
-class Finder:
-    """Finds dice with one rig; holds what depends on the rig alone."""
-
-    def __init__(self, rig: CameraRig) -> None:
-        self._cameras = [_reduced_camera(camera) for camera in rig]
-        self._lenses = stack_lenses(self._cameras)
-        size = (max(c.height for c in self._cameras), max(c.width for c in self._cameras))
-        self._slopes = np.zeros((len(self._cameras), *size, 2), np.float32)
-        for slopes, camera in zip(self._slopes, self._cameras, strict=True):
-            slopes[: camera.height, : camera.width] = _slopes(camera)
-        self._plan = Plan(tuple(self._cameras))
-
-    def find(
-        self, masks: Sequence[Array | None], images: Sequence[Image | None]
-    ) -> tuple[FloatArray, FloatArray]:
-        """Dice (N, 4) as (x, y, foot, yaw) [m, rad], and what each gains (N,); the greatest gain first."""
-        views, shades = self.views(masks, images)
-        if not (views.masks == DICE).any():
-            return np.empty((0, 4)), np.empty(0)
-        return Search(views, shades, self._plan).run()
-
-    def views(self, masks: Sequence[Array | None], images: Sequence[Image | None]) -> tuple[Views, Array]:
-        """What the cameras see, and shades (C, H, W), see `evidence`; nothing beyond a camera's size."""
-        count, *size = self._slopes.shape[:3]
-        scores, shades = np.zeros((count, 5, *size), np.float32), np.zeros((count, *size), np.float32)
-        known = np.full((count, *size), UNKNOWN, np.uint8)
-        for c, (mask, image, camera) in enumerate(zip(masks, images, self._cameras, strict=True)):
-            if mask is not None:
-                small = _reduced(np.where(mask > 0, 255, 0).astype(np.uint8), camera) >= 128
-                part = slice(camera.height), slice(camera.width)
-                its = evidence(small, None if image is None else _reduced(image, camera))
-                scores[(c, slice(None), *part)], known[(c, *part)], shades[(c, *part)] = its
-        return Views(self._slopes, self._lenses, scores, known), shades
-
-
-_finder = functools.lru_cache(maxsize=4)(Finder)
+@functools.lru_cache(maxsize=4)
+def _prepared(rig: CameraRig) -> tuple[Plan, Array, Array]:
+    """What depends on the rig alone: a plan of the reduced cameras, their slopes and lenses, see `Views`."""
+    cameras = tuple(_reduced_camera(camera) for camera in rig)
+    size = (max(c.height for c in cameras), max(c.width for c in cameras))
+    slopes = np.zeros((len(cameras), *size, 2), np.float32)
+    for its, camera in zip(slopes, cameras, strict=True):
+        its[: camera.height, : camera.width] = _slopes(camera)
+    return Plan(cameras), slopes, stack_lenses(cameras)
 
 
 def _slopes(camera: Camera) -> FloatArray:
@@ -203,14 +176,26 @@ def _reduced_camera(camera: Camera) -> Camera:
 class Search:
     """One search in the evidence of all views."""
 
-    def __init__(self, views: Views, shades: Array, plan: Plan) -> None:
-        self._views, self._shades, self._plan = views, shades, plan
+    def __init__(self, rig: CameraRig, masks: Sequence[Array | None], images: Sequence[Array | None]) -> None:
+        self._plan, slopes, lenses = _prepared(rig)
+        count, *size = slopes.shape[:3]
+        scores, self._shades = np.zeros((count, 5, *size), np.float32), np.zeros((count, *size), np.float32)
+        known = np.full((count, *size), UNKNOWN, np.uint8)
+        for c, (mask, image, camera) in enumerate(zip(masks, images, self._plan.cameras, strict=True)):
+            if mask is not None:
+                small = _reduced(np.where(mask > 0, 255, 0).astype(np.uint8), camera) >= 128
+                part = slice(camera.height), slice(camera.width)
+                its = evidence(small, None if image is None else _reduced(image, camera))
+                scores[(c, slice(None), *part)], known[(c, *part)], self._shades[(c, *part)] = its
+        self.views = Views(slopes, lenses, scores, known)
         kinds = np.float32, np.int8, np.int16
-        self._canvas = Canvas(*(np.zeros(views.masks.shape, kind) for kind in kinds))
-        self._known = int((views.masks != UNKNOWN).any(axis=(1, 2)).sum())
+        self._canvas = Canvas(*(np.zeros(known.shape, kind) for kind in kinds))
+        self._known = int((known != UNKNOWN).any(axis=(1, 2)).sum())
 
     def run(self) -> tuple[FloatArray, FloatArray]:
-        """Dice (N, 4) as (x, y, foot, yaw), and what each gains (N,); the greatest gain first."""
+        """Dice (N, 4) as (x, y, foot, yaw) [m, rad], and what each gains (N,); the greatest gain first."""
+        if not (self.views.masks == DICE).any():
+            return np.empty((0, 4)), np.empty(0)
         starts = self._starts()
         dice = self._improve(starts[0], rounds=3)
         table = self._find_table(dice)
@@ -235,7 +220,7 @@ class Search:
         return dice[order], gains[order]
 
     def _starts(self) -> list[FloatArray]:
-        planes = self._plan.project(tops(self._views.masks, self._shades), self._known)
+        planes = self._plan.project(tops(self.views.masks, self._shades), self._known)
         return [self._plan.propose(planes, style, MOST) for style in range(STYLES)]
 
     def _find_table(self, dice: FloatArray) -> float:
@@ -245,10 +230,10 @@ class Search:
         return float(np.median(feet)) if feet else 0.0
 
     def _total(self, dice: FloatArray) -> float:
-        return float(set_score.total(self._views, dice, self._plan.table, self._canvas))
+        return float(set_score.total(self.views, dice, self._plan.table, self._canvas))
 
     def _settle(self, dice: FloatArray, k: int, steps: FloatArray) -> float:
-        return float(set_score.settle(self._views, dice, k, steps, self._plan.table, self._canvas))
+        return float(set_score.settle(self.views, dice, k, steps, self._plan.table, self._canvas))
 
     def _gain(self, dice: FloatArray, k: int) -> float:
         return self._settle(dice, k, STEPS[:0])
@@ -303,7 +288,7 @@ class Search:
         left = []
         for c, camera in enumerate(self._plan.cameras):
             part = c, slice(camera.height), slice(camera.width)
-            mask = self._views.masks[part]
+            mask = self.views.masks[part]
             rest = ((mask == DICE) & (self._canvas.classes[part] == 0)).astype(np.uint8)
             # No dice; dice that are explained; unknown.
             rated = np.array([-0.5, -0.1, 0.0], np.float32)[mask]
