@@ -44,9 +44,9 @@ def chords(camera, pixels, place) -> np.ndarray:
     rays = np.concatenate([normalized, np.ones((len(normalized), 1))], axis=1)
     rays = rays / np.linalg.norm(rays, axis=1, keepdims=True) @ camera.camera_from_world[:3, :3]
     middle = np.linalg.norm(place - camera.position)
-    depths = np.arange(middle - 0.03, middle + 0.03, 2e-5)
+    depths = np.arange(middle - 0.03, middle + 0.03, 1e-4)
     points = camera.position + depths[:, None] * rays[:, None]
-    return (np.abs(points - place) <= 0.013).all(axis=2).sum(axis=1) * 2e-5
+    return (np.abs(points - place) <= 0.013).all(axis=2).sum(axis=1) * 1e-4
 
 
 def test_an_exact_pixel_is_set_where_its_ray_meets_a_box(rng):

@@ -1,12 +1,10 @@
 import importlib.util
-import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import tracker
-from tests.helpers import ROOT, run_python
 from tests.helpers.command import assert_one_line_error, well
 from tests.helpers.filmed import RIG
 from tests.helpers.pose_logs import random_poses
@@ -17,10 +15,6 @@ from tracker.poses.file import write_poses
 from tracker.viz import rerun_viewer
 
 needs_rerun = pytest.mark.skipif(importlib.util.find_spec("rerun") is None, reason="rerun: no module rerun")
-
-
-def run(*arguments: object, folder: Path = ROOT) -> subprocess.CompletedProcess[str]:
-    return run_python(["-m", "tracker", "view", *arguments], folder)
 
 
 def entities(path: Path) -> set[str]:
@@ -44,9 +38,10 @@ def test_poses_alone_are_shown_without_images(tmp_path, rng, run_here):
 
 @needs_rerun
 @pytest.mark.slow
-def test_a_recording_is_tracked_on_the_way(tmp_path):
+def test_a_recording_is_tracked_on_the_way(tmp_path, run_here):
     write_log(tmp_path / "log", 6)
-    well(run("log", "--object", "cube_v2", "-o", "view.rrd", "--every", 2, "-q", folder=tmp_path))
+    given = ("log", "--object", "cube_v2", "-o", "view.rrd", "--every", 2, "-q")
+    well(run_here("view", *given, folder=tmp_path))
     found = entities(tmp_path / "view.rrd")
     assert {"/world/cameras/camera180/image", "/status"} <= found
     assert {"/health/brightness/camera180", "/health/residual/camera60"} <= found
