@@ -57,8 +57,6 @@ _TABLE = ("health", "table")
 FLUSH_SECONDS = 30.0  # a writer that has failed may not answer at all: so long it is waited for [s]
 _FLUSH_FRAMES = 100  # so that what waits to be written does not grow
 
-Path = Sequence[str]
-
 
 class Scene:
     """Sends frames to a stream, to which a file or a viewer was attached, one by one, and keeps none."""
@@ -127,28 +125,32 @@ class Scene:
         self._put(_TABLE, _scalar(float("nan") if health is None else health.height))
 
     def _show_pose(self, kind: str, pose: PoseEstimate | None) -> None:
-        path = ("world", kind)
-        if pose is None or path not in self._shown:  # once, and again after it had been cleared
-            self._put(path, None if pose is None else _body(self._model, kind))
-        if pose is not None:
-            quaternion = _quaternion(pose.orientation)
-            self._log(path, rr.Transform3D(translation=pose.position, quaternion=quaternion))
-        self._put(("world", "uncertainty", kind), None if pose is None else _ellipsoid(pose, KINDS[kind]))
-        for camera in self._rig:
-            lines = [] if pose is None else edges_in_view(camera, self._model, pose)[0]
-            # Rerun's pixels have their corner, not their centre, at whole numbers.
-            strips = rr.LineStrips2D([line + 0.5 for line in lines], colors=[KINDS[kind]], radii=[0.6])
-            self._put((*_image_path(camera), kind), strips if lines else None)
+        """Show all of a pose, or clear what was shown of the last one."""
         last = self._last.pop(kind, None)
-        if pose is not None:
-            self._last[kind] = pose.position
-            if last is not None:
-                piece = rr.LineStrips3D([np.stack([last, pose.position])], colors=[KINDS[kind]], radii=[4e-4])
-                self._log(("world", "trajectory", kind), piece)
-        std = None if pose is None else np.sqrt(np.diag(pose.covariance))
-        self._put(("confidence", kind), None if pose is None else rr.Scalars([pose.confidence]))
-        self._put(("std_mm", kind), None if std is None else rr.Scalars(1e3 * std[:3]))
-        self._put(("std_deg", kind), None if std is None else rr.Scalars(np.degrees(std[3:])))
+        if pose is None:
+            for path in sorted(self._shown):
+                if path[0] != "health" and path[-1] == kind:
+                    self._put(path, None)
+            return
+        body, colors = ("world", kind), [KINDS[kind]]
+        if body not in self._shown:  # again after it had been cleared
+            frame = rr.Boxes3D(half_sizes=[self._model.size / 2], colors=colors, radii=[5e-4])
+            self._put(body, _mesh(self._model) if kind == "measured" else frame)
+        self._log(body, rr.Transform3D(translation=pose.position, quaternion=_quaternion(pose.orientation)))
+        self._put(("world", "uncertainty", kind), _ellipsoid(pose, KINDS[kind]))
+        for camera in self._rig:
+            lines, _ = edges_in_view(camera, self._model, pose)
+            # Rerun's pixels have their corner, not their centre, at whole numbers.
+            strips = rr.LineStrips2D([line + 0.5 for line in lines], colors=colors, radii=[0.6])
+            self._put((*_image_path(camera), kind), strips if lines else None)
+        if last is not None:
+            piece = rr.LineStrips3D([np.stack([last, pose.position])], colors=colors, radii=[4e-4])
+            self._log(("world", "trajectory", kind), piece)
+        self._last[kind] = pose.position
+        std = np.sqrt(np.diag(pose.covariance))
+        self._put(("confidence", kind), rr.Scalars([pose.confidence]))
+        self._put(("std_mm", kind), rr.Scalars(1e3 * std[:3]))
+        self._put(("std_deg", kind), rr.Scalars(np.degrees(std[3:])))
 
     def _set_up(self) -> None:
         self._log(("world",), rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
@@ -170,9 +172,8 @@ class Scene:
                 lines = rr.SeriesLines(names=names, colors=list(_AXES.values()), widths=widths)
                 self._log((path, kind), lines, static=True)
 
-    def _put(self, path: Path, what: Any) -> None:
+    def _put(self, path: tuple[str, ...], what: Any) -> None:
         """Show it from this frame on; None: no longer."""
-        path = tuple(path)
         if what is not None:
             self._shown.add(path)
             self._log(path, what)
@@ -180,7 +181,7 @@ class Scene:
             self._shown.remove(path)
             self._log(path, rr.Clear(recursive=False))
 
-    def _log(self, path: Path, *what: Any, static: bool = False) -> None:
+    def _log(self, path: tuple[str, ...], *what: Any, static: bool = False) -> None:
         self._stream.log(list(path), *what, static=static, strict=True)
 
 
@@ -245,10 +246,7 @@ def _jpeg(image: Image) -> Any:
     return rr.EncodedImage(contents=content, media_type="image/jpeg")
 
 
-def _body(model: CuboidModel, kind: str) -> Any:
-    """Coloured faces of what was measured, else the edges."""
-    if kind != "measured":
-        return rr.Boxes3D(half_sizes=[model.size / 2], colors=[KINDS[kind]], radii=[5e-4])
+def _mesh(model: CuboidModel) -> Any:
     loops = cuboid.FACE_CORNERS
     triangles = 4 * np.arange(6)[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]])
     colors = DISPLAY_COLORS_BGR[model.face_labels][:, ::-1]
