@@ -198,7 +198,10 @@ class Search:
             return np.empty((0, 4)), np.empty(0)
         starts = self._starts()
         dice = self._improve(starts[0], rounds=3)
-        table = self._find_table(dice)
+        # The height of the table in the cameras' world, by the dice on it: calibrations may be off.
+        feet = dice[self._gains(dice) > TABLE_SURE, 2]
+        feet = feet[np.abs(feet) < DIE_WIDTH / 2]
+        table = float(np.median(feet)) if len(feet) else 0.0
         if abs(table) > TABLE_OFF:
             self._plan = Plan(self._plan.cameras, table)
             starts = self._starts()
@@ -215,19 +218,13 @@ class Search:
             changed = np.array([not (before == row).all(axis=1).any() for row in dice])
             dice = self._improve(dice, 1, changed)
             score = self._total(dice)
-        gains = np.array([self._gain(dice, k) for k in range(len(dice))])
+        gains = self._gains(dice)
         order = np.argsort(-gains, kind="stable")
         return dice[order], gains[order]
 
     def _starts(self) -> list[FloatArray]:
         planes = self._plan.project(tops(self.views.masks, self._shades), self._known)
         return [self._plan.propose(planes, style, MOST) for style in range(STYLES)]
-
-    def _find_table(self, dice: FloatArray) -> float:
-        """Height of the table in the cameras' world [m], by the dice on it: calibrations may be off."""
-        feet = [die[2] for k, die in enumerate(dice) if self._gain(dice, k) > TABLE_SURE]
-        feet = [foot for foot in feet if abs(foot) < DIE_WIDTH / 2]
-        return float(np.median(feet)) if feet else 0.0
 
     def _total(self, dice: FloatArray) -> float:
         return float(set_score.total(self.views, dice, self._plan.table, self._canvas))
@@ -237,6 +234,9 @@ class Search:
 
     def _gain(self, dice: FloatArray, k: int) -> float:
         return self._settle(dice, k, STEPS[:0])
+
+    def _gains(self, dice: FloatArray) -> FloatArray:
+        return np.array([self._gain(dice, k) for k in range(len(dice))], dtype=np.float64)
 
     def _improve(self, dice: FloatArray, rounds: int, stale: Array | None = None) -> FloatArray:
         """Let dice settle, drop those that explain too little, add what is unexplained, `rounds` times."""
