@@ -25,12 +25,21 @@ from tracker.summaries.remarks import (
     likely_cause,
     mistaken,
     off_table,
+    remark_on_recording,
     swap_message,
     swapped,
 )
-from tracker.summaries.rewards import goal_columns, refuse_others, seconds_since_beginning, totals
-from tracker.summaries.row import STEP, path_length, row
-from tracker.summaries.summary import summary, to_look_at
+from tracker.summaries.summary import (
+    STEP,
+    goal_columns,
+    path_length,
+    refuse_others,
+    row,
+    seconds_since_beginning,
+    summary,
+    to_look_at,
+    totals,
+)
 
 FRAMES = 20
 NOTHING = {"contradicting": 0.0, "no_image": 0.0, "frozen": 0.0, "black": 0.0}
@@ -223,9 +232,9 @@ def test_a_recording_is_marked_in_its_line_if_little_came_of_it(tmp_path):
                 shutil.copy(DEMO / folder.name / f"{NAMES[k]}.jpg", folder / f"{name}.jpg")
         job = Job(log, tmp_path / "poses.h5", Recipe.of(Options("cube_v2", stop=8)))
         tracked = run(job)
-        assert row(job, tracked)["swapped"] == expected
+        assert row(job, tracked, remark_on_recording(job, tracked.poses))["swapped"] == expected
         shutil.rmtree(log)
-        assert row(job, tracked)["swapped"] is None
+        assert remark_on_recording(job, tracked.poses) is None
 
 
 def test_the_warning_names_the_cameras():

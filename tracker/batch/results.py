@@ -23,8 +23,7 @@ from typing import Any
 from tracker.errors import LogError
 from tracker.files import read_bounded
 from tracker.recordings.recipe import Job
-from tracker.summaries.rewards import goal_file
-from tracker.summaries.row import COLUMNS
+from tracker.summaries.summary import COLUMNS, goal_file
 
 
 def recordings_of(given: Sequence[str], folder: Path) -> list[Path]:

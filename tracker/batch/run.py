@@ -22,8 +22,7 @@ from tracker.files import claimed, lock_of, read_bounded, write_whole
 from tracker.recordings.recipe import Job, Options, Recipe, code, fingerprint
 from tracker.recordings.track import Tracked, run
 from tracker.summaries.remarks import remark_on_recording
-from tracker.summaries.row import row
-from tracker.summaries.summary import summary
+from tracker.summaries.summary import row, summary
 
 
 @dataclass(frozen=True)
@@ -79,7 +78,8 @@ def make_result(task: Task) -> dict[str, Any]:
         job = task.job
         tracked = run(job)
         about = output.stat()
-        line = {"fingerprint": tracked.poses.about.fingerprint, "bytes": about.st_size, **row(job, tracked)}
+        line = {"fingerprint": tracked.poses.about.fingerprint, "bytes": about.st_size}
+        line |= row(job, tracked, remark_on_recording(job, tracked.poses))
         write_whole(results.summary_file(output), json.dumps(line, indent=1, allow_nan=False) + "\n")
         results.failure_file(output).unlink(missing_ok=True)
     except BlockingIOError as error:

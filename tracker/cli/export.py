@@ -187,7 +187,7 @@ def export(
         write_parquet(parquet, poses, keypoints_of=corners_of, more=more)
     if video is not None and log is not None:
         from tracker.logs.opening import fitted_to
-        from tracker.summaries.rewards import refuse_others
+        from tracker.summaries.summary import refuse_others
 
         model = tracker.load_object(object_name or poses.about.object_name)
         with tracker.open_log(log, recover=True) as opened, bar("film", len(poses), quiet) as progress:

@@ -45,7 +45,7 @@ def score(
     recording's first frame. A reward holds until the next frame in which the object is seen.
     """
     from tracker.errors import TaskError
-    from tracker.summaries.rewards import goal_file, totals
+    from tracker.summaries.summary import goal_file, totals
     from tracker.tasks.job_goal import read_job_goal
 
     if goal_path is None and not goal_file(job).is_file():
@@ -83,8 +83,7 @@ def _of_object(
     quiet: bool,
 ) -> tuple[FloatArray, FloatArray]:
     """Times (n,) [s] and rewards (n,) of the poses of all frames."""
-    from tracker.summaries.rewards import seconds_since_beginning
-    from tracker.summaries.summary import best
+    from tracker.summaries.summary import best, seconds_since_beginning
 
     if poses_path is not None:
         poses = tracker.read_poses(poses_path)
@@ -104,7 +103,7 @@ def _of_object(
 
 def _refuse_others(path: Path, poses: tracker.Poses, job: Path, object_name: str | None) -> None:
     """Refuse poses of another recording, where it is there, or of another object."""
-    from tracker.summaries.rewards import refuse_others
+    from tracker.summaries.summary import refuse_others
 
     found = poses.about.object_name
     if object_name is not None and tracker.load_object(object_name).name != found:

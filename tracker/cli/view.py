@@ -96,7 +96,7 @@ def _of_poses(
 ) -> tuple[tracker.CuboidModel, tracker.CameraRig, int, _Frames]:
     """Object, cameras, number of frames, and these, with images of a recording that the stack closes."""
     from tracker.logs.opening import fitted_to
-    from tracker.summaries.rewards import refuse_others
+    from tracker.summaries.summary import refuse_others
 
     poses = tracker.read_poses(source)
     model = tracker.load_object(object_name or poses.about.object_name)
