@@ -18,9 +18,9 @@ import numpy as np
 
 from tracker.checks import naming
 from tracker.conventions import Array, Image
-from tracker.errors import ImageError
+from tracker.errors import ImageError, LogError
 from tracker.files import read_bounded, told_of
-from tracker.files.encoded import READ, check, stated_size
+from tracker.logs.pictures import READ, check_whole, head_of
 from tracker.objects.labels import COLOR_NAMES
 from tracker.segmentation.color_model import CLASSES
 
@@ -47,11 +47,12 @@ def read_image(path: Path) -> Image:
     with told_of(f"image {path}", ImageError):
         content = read_bounded(path, MAX_FILE_SIZE)
     # Before pixels are made of them: OpenCV fills what is missing with grey, slowly where sizes are damaged.
-    with naming(f"image {path}", ImageError, ValueError):
-        width, height = stated_size(content, READ)
+    with naming(f"image {path}", ImageError, LogError):
+        picture = head_of(content, READ)
+        width, height = picture.size
         if width * height > MAX_PIXELS:
-            raise ValueError(f"found {width}×{height} px, expected at most {MAX_PIXELS} in all")
-        check(content, READ, appended=True)
+            raise LogError(f"found {width}×{height} px, expected at most {MAX_PIXELS} in all")
+        check_whole(picture, content, appended=True)
     image = _decoded(content, cv2.IMREAD_COLOR)
     if image is None:
         raise ImageError(f"image {path}: not an image that can be read, or truncated")

@@ -16,7 +16,7 @@ from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import LogError
 from tracker.files.stores import LmdbFile, StoredArray, open_store
 from tracker.logs.frame import MAX_DISTANCE, LogFrame
-from tracker.logs.log import MAX_SIDE, MIN_SIDE, Source, default_names
+from tracker.logs.log import MAX_SIDE, MIN_SIDE, Source, check_same_size, default_names
 from tracker.logs.opening import STORE_FILE, open_log
 from tracker.logs.pictures import decode, from_bayer, from_quadrants
 
@@ -100,10 +100,7 @@ class DatasetSource(Source):
         number = index * len(self.camera_names) + camera
         with naming(f"{self.where(index)}: image {number}", LogError):
             picture = decode(self._images[number], color=False)
-            width, height = self.image_sizes[camera]
-            if picture.shape[:2] != (height, width):
-                found = f"{picture.shape[1]}×{picture.shape[0]}"
-                raise LogError(f"found {found} px, expected {width}×{height}")
+            check_same_size(picture.shape[1::-1], self.image_sizes[camera])
             if picture.ndim == 3:
                 return np.ascontiguousarray(picture[:, :, :3])
             return from_bayer(from_quadrants(picture) if self._reordered else picture)

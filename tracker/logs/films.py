@@ -11,7 +11,7 @@ from tracker.checks import optional
 from tracker.conventions import Image
 from tracker.errors import LogError
 from tracker.files import open_regular, told_of
-from tracker.logs.log import MAX_SIDE, MIN_SIDE
+from tracker.logs.log import check_same_size, check_sides
 
 SUFFIXES = (".mp4", ".avi", ".mkv", ".mov")
 """Of films."""
@@ -73,10 +73,7 @@ class FilmFile:
         stream = self._film.streams.video[0]
         if stream.codec_context is None:
             raise LogError(f"{self.path}: found pictures in an unknown code, expected a film")
-        if not (MIN_SIDE <= stream.width <= MAX_SIDE and MIN_SIDE <= stream.height <= MAX_SIDE):
-            raise LogError(
-                f"{self.path}: found {stream.width}×{stream.height} px, expected {MIN_SIDE} to {MAX_SIDE}"
-            )
+        check_sides(stream.width, stream.height, f"{self.path}: ")
         stream.thread_type = "NONE"  # cores are shared by recordings
         stream.codec_context.options = {"err_detect": "explode"}  # else what is damaged is made up
         return stream
@@ -108,9 +105,7 @@ class FilmFile:
                 self._next, self._ahead = self._film.decode(self._stream), None
             for frame in self._next:
                 self._ahead = frame.pts if frame.pts is not None else frame.dts
-                if (frame.width, frame.height) != self.size:
-                    found = f"{frame.width}×{frame.height} px, expected {self.size[0]}×{self.size[1]}"
-                    raise LogError(f"{self.path}: picture {number}: found {found} as before it")
+                check_same_size((frame.width, frame.height), self.size, f"{self.path}: picture {number}: ")
                 if self._ahead == sought:
                     return np.asarray(frame.to_ndarray(format="bgr24"), np.uint8)
                 if self._ahead is not None and self._ahead > sought:

@@ -32,8 +32,8 @@ from tracker.geometry.camera import may_be_name
 from tracker.logs import films
 from tracker.logs.films import FilmFile, FilmPicture
 from tracker.logs.frame import LogFrame, checked_stamp
-from tracker.logs.log import MAX_SIDE, Source, rig_beside
-from tracker.logs.pictures import decode, encoded_size
+from tracker.logs.log import MAX_SIDE, Source, check_same_size, check_sides, rig_beside
+from tracker.logs.pictures import decode, head_of
 from tracker.logs.recording_file import RecordingFile, read_recording_file
 
 SUFFIXES = (".png", ".jpg", ".jpeg")
@@ -127,10 +127,8 @@ def _picture(file: Picture, size: tuple[int, int]) -> Image:
         return file.film.picture(file.number)
     with naming(file, LogError):
         image = decode(_content(file))
-    found = (image.shape[1], image.shape[0])
-    if found != size:
-        raise LogError(f"{file}: found {found[0]}×{found[1]} px, expected {size[0]}×{size[1]} as before it")
-    return image
+        check_same_size(image.shape[1::-1], size)
+        return image
 
 
 def _first_size(files: Iterable[Picture | None]) -> tuple[int, int]:
@@ -140,7 +138,9 @@ def _first_size(files: Iterable[Picture | None]) -> tuple[int, int]:
             return file.film.size
         if file is not None:
             with suppress(LogError):
-                return encoded_size(_content(file))
+                size = head_of(_content(file)).size
+                check_sides(*size)
+                return size
     return 0, 0
 
 

@@ -27,6 +27,18 @@ MIN_SIDE, MAX_SIDE = 8, 4096
 """Least and largest width and height [px] of an image that is believed."""
 
 
+def check_sides(width: int, height: int, where: str = "") -> None:
+    """LogError, which begins with `where`, for images of a size that is not believed."""
+    if not (MIN_SIDE <= width <= MAX_SIDE and MIN_SIDE <= height <= MAX_SIDE):
+        raise LogError(f"{where}found {width}×{height} px, expected {MIN_SIDE} to {MAX_SIDE}")
+
+
+def check_same_size(found: tuple[int, ...], size: tuple[int, int], where: str = "") -> None:
+    """LogError, which begins with `where`, for another (width, height) than the camera's first image has."""
+    if found != size:
+        raise LogError(f"{where}found {found[0]}×{found[1]} px, expected {size[0]}×{size[1]} as before it")
+
+
 Settings = Mapping[str, str | int | float | bool]
 """Values of exposure, gain, white balance and others, by the names that the camera's maker gives them."""
 
