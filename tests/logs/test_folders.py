@@ -12,7 +12,7 @@ from tests.helpers.log_writers import CAMERAS, write_picture
 from tests.helpers.stated_sizes import png_of_size
 from tests.helpers.synthetic_needs import skip_without_platform
 from tracker.errors import LogError, TrackerError
-from tracker.logs.folder import stamps_of_names
+from tracker.logs.layout import stamps_of_names
 from tracker.logs.opening import recording_files
 
 

@@ -14,10 +14,10 @@ from tracker.errors import CalibrationError, LogError
 from tracker.files import open_regular, told_of
 from tracker.geometry.camera import Camera
 from tracker.logs.films import SUFFIXES as FILM_SUFFIXES
-from tracker.logs.folder import SUFFIXES as PICTURE_SUFFIXES
 from tracker.logs.folder import TRUTH_FILE, FolderSource
+from tracker.logs.layout import RECORDING_FILE, STAMPS_FILE, check_rate
+from tracker.logs.layout import SUFFIXES as PICTURE_SUFFIXES
 from tracker.logs.log import Log, Source
-from tracker.logs.recording_file import FILE_NAME, STAMPS_NAME, check_rate
 
 DEFAULT_RATE = 10.0
 """Frames per second [Hz] of the platform's cameras."""
@@ -29,7 +29,7 @@ STORE_FILE = "data.mdb"
 """What an image store consists of."""
 
 _SUFFIXES = (*PICTURE_SUFFIXES, *FILM_SUFFIXES)
-_BESIDE = (TRUTH_FILE, FILE_NAME, STAMPS_NAME)
+_BESIDE = (TRUTH_FILE, RECORDING_FILE, STAMPS_FILE)
 """Files of a folder that describe its pictures."""
 
 _HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"

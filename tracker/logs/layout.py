@@ -1,0 +1,337 @@
+"""Which pictures and films of a folder belong together.
+
+    ROOT/camera60.png, camera180.png …              one frame
+    ROOT/camera60/000000.png, camera180/000000.png  a folder for each camera
+    ROOT/000000/camera60.png, camera180.png …       a folder for each frame
+    ROOT/camera60.mp4, camera180.mp4 …              a film of each camera
+    ROOT/recording.toml                             which says so
+Folders of cameras and films may have other names, where the pictures' are numbers; a folder of nothing but
+numbers is one camera. Pictures of one moment have the same name in the cameras' folders, or names that are
+stamps close together.
+
+Where names do not tell what is whose, `recording.toml` does, and `stamps.csv` beside it:
+
+    rate = 30.0                    # frames per second [Hz] where neither names nor films tell the time
+
+    [cameras]                      # of each camera its pictures, or its film
+    camera60 = "left/*.png"
+    camera180 = "right_*.jpg"
+    camera300 = "above.mp4"
+
+Patterns are relative to the folder. Pictures of one moment agree in what `*` stands for; where no two cameras
+agree in any, they are counted. `stamps.csv` has a line for each frame, with its time [s], or with one of
+each camera, in the order of [cameras].
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tracker.checks import is_number
+from tracker.conventions import FloatArray
+from tracker.errors import LogError, shown
+from tracker.files import read_bounded, told_of
+from tracker.files.toml import read_toml
+from tracker.geometry.camera import may_be_name
+from tracker.logs import films
+from tracker.logs.films import FilmFile, FilmPicture
+
+SUFFIXES = (".png", ".jpg", ".jpeg")
+"""Of pictures."""
+
+RECORDING_FILE, STAMPS_FILE = "recording.toml", "stamps.csv"
+"""What a folder says of the recording in it."""
+
+_MAX_STAMPS = 100_000_000  # bytes
+_MAX_CAMERAS = 16
+_MAX_RATE = 1e6
+
+_FIRST, _LAST = 10**9, 41 * 10**8  # the years 2001 to 2099 [s since the epoch]
+_PER_SECOND = (1, 10**3, 10**6, 10**9)
+_NAME = re.compile(r"(?:(?P<minus>-)|\D*?)(?P<whole>\d{1,20})(?P<fraction>\.\d{1,12})?")
+_CAMERA = re.compile(r"camera\w*")
+_NUMBER = re.compile(r"\d{1,20}(\.\d{1,12})?")
+
+Picture = Path | FilmPicture
+"""A file, or a picture of a film."""
+
+_Streams = dict[str, Mapping[str, Picture]]
+"""Of each camera its pictures by name."""
+
+
+def _natural(name: str) -> tuple[tuple[int, int, str], ...]:
+    """Sorting key: runs of digits by their value, the rest as text."""
+    parts = re.findall(r"\d{1,300}|\D+", name)
+    return tuple((0, int(part), "") if part[0].isdecimal() else (1, 0, part) for part in parts)
+
+
+def stamps_of_names(names: Sequence[str]) -> list[float] | None:
+    """Stamps [s] that the names (without suffix) are; None where they are none.
+
+    A stamp is a number with a decimal point [s], or a whole number that is a time in this century in
+    seconds, milliseconds, microseconds or nanoseconds since the epoch. Text before it is passed over, but for
+    a minus that begins the name, as of clocks that begin before their zero.
+    """
+    matches = [_NAME.fullmatch(name) for name in names]
+    if not names or not all(matches):
+        return None
+    parts = [match.groupdict("") for match in matches if match]
+    if all(part["fraction"] for part in parts):
+        return [float("".join(part.values())) for part in parts]
+    if any(part["fraction"] for part in parts):
+        return None
+    numbers = [int(part["whole"]) for part in parts]
+    for unit in _PER_SECOND:
+        if min(numbers) >= _FIRST * unit and max(numbers) <= _LAST * unit:
+            return [number / unit for number in numbers]
+    return None
+
+
+def _counted_stamps(names: Sequence[str], rate: float) -> list[float]:
+    """Stamps [s] at `rate` [Hz]: by the numbers in the names, so that missing ones are gaps, or in order."""
+    matches = [_NAME.fullmatch(name) for name in names]
+    numbers = [int(m["whole"]) for m in matches if m and not m["fraction"] and len(m["whole"]) < 12]
+    counted = len(numbers) == len(names) and len(set(numbers)) == len(names)
+    return [number / rate for number in (numbers if counted else range(len(names)))]
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """The frames of a folder, in order."""
+
+    cameras: tuple[str, ...]
+    """Names of the cameras."""
+    names: list[str]
+    """Of each frame the name of its folder, or of its first file without suffix."""
+    files: list[tuple[Picture | None, ...]]
+    """Of each frame the picture of each camera, None where it has none."""
+    stamps: FloatArray
+    """(n, C) stamp of each picture [s], NaN where there is none."""
+
+
+def find_layout(root: Path, rate: float) -> Layout:
+    """What belongs together in a folder, or in one camera's film; LogError if there is no frame.
+
+    rate: frames per second [Hz] where names are not stamps.
+    """
+    if root.is_file():
+        return _of_streams({_name_of_lone_camera(root.stem): _film(root)}, rate)
+    if (root / RECORDING_FILE).is_file():
+        return _of_stated(root, rate)
+    folders = sorted((item for item in _visible(root) if item.is_dir()), key=lambda f: _natural(f.name))
+    streams = _of_folders(folder for folder in folders if _CAMERA.fullmatch(folder.name))
+    if streams:
+        return _of_streams(streams, rate)
+    frames = {folder.name: _of_cameras(folder) for folder in folders}
+    if not any(frames.values()):  # a loose picture beside folders of them is for instance an overlay
+        frames = {root.name: _of_cameras(root)}
+    if any(frames.values()):
+        cameras = sorted({name for files in frames.values() for name in files}, key=_natural)
+        streams = {
+            name: {frame: files[name] for frame, files in frames.items() if name in files} for name in cameras
+        }
+        return _of_streams(streams, rate, by_name=True)
+    streams = _films(root) or _without_names(root, folders)
+    if streams:
+        return _of_streams({name: streams[name] for name in sorted(streams, key=_natural)}, rate)
+    raise LogError(
+        f"{root}: found no pictures of cameras, expected folders like 000000 with camera60.png, "
+        "or folders like camera60 with 000000.png, or films like camera60.mp4, or recording.toml, "
+        "or a recording such as camera_data.dat"
+    )
+
+
+def _visible(folder: Path) -> Iterator[Path]:
+    return (item for item in folder.iterdir() if not item.name.startswith("."))
+
+
+def _pictures(folder: Path) -> list[tuple[str, Path]]:
+    """The pictures in a folder and their names without suffix, in order."""
+    files = (item for item in _visible(folder) if item.suffix.lower() in SUFFIXES)
+    ordered = sorted(files, key=lambda file: (_natural(file.stem), file.name))
+    return [(file.stem, file) for file in ordered]
+
+
+def _by_name(named: Iterable[tuple[str, Path]], what: str = "name") -> dict[str, Path]:
+    """Files by their names, of which there is one each."""
+    result: dict[str, Path] = {}
+    for name, file in named:
+        other = result.setdefault(name, file)
+        if other is not file:
+            raise LogError(f"{file}: found {other.name} too, expected one picture of a {what}")
+    return result
+
+
+def _of_folders(folders: Iterable[Path]) -> _Streams:
+    """The pictures in each folder that has some."""
+    found = {folder.name: _by_name(_pictures(folder)) for folder in folders}
+    return {name: files for name, files in found.items() if files}
+
+
+def _of_cameras(folder: Path) -> dict[str, Path]:
+    """The pictures in a frame's folder that are named after cameras."""
+    return _by_name((one for one in _pictures(folder) if _CAMERA.fullmatch(one[0])), "camera")
+
+
+def _films(root: Path) -> _Streams:
+    """The films in a folder; those that are named after cameras, if there are any."""
+    found = {file.stem: file for file in sorted(_visible(root)) if file.suffix.lower() in films.SUFFIXES}
+    named = {name: file for name, file in found.items() if _CAMERA.fullmatch(name)}
+    return {name: _film(file) for name, file in (named or found).items()}
+
+
+def _film(file: Path, *, counted: bool = False) -> dict[str, Picture]:
+    """Pictures of a film by their stamps, or by their numbers."""
+    film = FilmFile(file)
+    names = [f"{k:06d}" if counted else f"{stamp:.9f}" for k, stamp in enumerate(film.stamps)]
+    return {name: FilmPicture(film, k) for k, name in enumerate(names)}
+
+
+def _without_names(root: Path, folders: list[Path]) -> _Streams:
+    """Folders of cameras with other names, or one camera's folder: nothing but numbers are its pictures."""
+    here = _pictures(root)
+    if here and all(_NUMBER.fullmatch(name) for name, _ in here):
+        return {_name_of_lone_camera(root.resolve().name): _by_name(here)}
+    return {
+        name: files
+        for name, files in _of_folders(folders).items()
+        if not _NUMBER.fullmatch(name) and all(map(_NUMBER.fullmatch, files))
+    }
+
+
+def _name_of_lone_camera(name: str) -> str:
+    """What the only camera is called: as its file or folder, which may be called anything."""
+    return name if may_be_name(name) else "camera"
+
+
+def check_rate(value: Any, what: str) -> float:
+    """A rate [Hz]; LogError, which names `what`, where it is none."""
+    if not is_number(value) or not 0 < value <= _MAX_RATE:
+        raise LogError(f"{what}: found {shown(value)}, expected a number of Hz above 0")
+    return float(value)
+
+
+def _of_stated(root: Path, rate: float) -> Layout:
+    """The frames of a folder that says which files are whose."""
+    path = root / RECORDING_FILE
+    values = read_toml(path, LogError, ("cameras", "rate"))
+    patterns = values.get("cameras")
+    if not isinstance(patterns, dict) or not 0 < len(patterns) <= _MAX_CAMERAS:
+        raise LogError(f"{path}: cameras: expected a table of 1 to {_MAX_CAMERAS} patterns by cameras' names")
+    rate = check_rate(values.get("rate", rate), f"{path}: rate")
+    stamps = _stamps(root / STAMPS_FILE, len(patterns))
+    counted = stamps is not None or "rate" in values
+    streams = {name: _fitting(path, name, pattern, counted) for name, pattern in patterns.items()}
+    if counted:
+        streams |= _numbered_as_films(streams)
+    keys = [key for files in streams.values() for key in files]
+    if len(streams) > 1 and len(set(keys)) == len(keys) and stamps_of_names(keys) is None:
+        streams = {
+            name: {f"{k:06d}": picture for k, picture in enumerate(files.values())}
+            for name, files in streams.items()
+        }
+    layout = _of_streams(streams, rate)
+    if stamps is None:
+        return layout
+    if len(stamps) != len(layout.names):
+        raise LogError(
+            f"{root}: {STAMPS_FILE}: found {len(stamps)} lines, expected one for each of "
+            f"{len(layout.names)} frames"
+        )
+    return dataclasses.replace(layout, stamps=np.where(np.isnan(layout.stamps), np.nan, stamps))
+
+
+def _fitting(path: Path, camera: str, pattern: Any, counted: bool) -> Mapping[str, Picture]:
+    """A camera's pictures by what the pattern's `*` stands for, or those of its film."""
+    if not isinstance(pattern, str) or not pattern or "\0" in pattern:
+        raise LogError(f"{path}: {camera}: found {pattern!r:.60}, expected a pattern such as 'left/*.png'")
+    parts = Path(pattern).parts
+    if Path(pattern).is_absolute() or ".." in parts or "**" in parts:
+        raise LogError(
+            f"{path}: {camera}: found {pattern!r:.60}, expected one inside of the folder, without **"
+        )
+    shape = re.compile("([^/]*)".join(map(re.escape, "/".join(parts).split("*"))))
+    files = (file for file in sorted(path.parent.glob(pattern)) if file.is_file())
+    matches = ((shape.fullmatch(file.relative_to(path.parent).as_posix()), file) for file in files)
+    found = _by_name((("_".join(match.groups()), file) for match, file in matches if match), "moment")
+    if not found:
+        raise LogError(
+            f"{path}: {camera}: found no file that fits {pattern!r:.60}, expected pictures or a film"
+        )
+    first = next(iter(found.values()))
+    if first.suffix.lower() not in films.SUFFIXES:
+        return {key: found[key] for key in sorted(found, key=_natural)}
+    if len(found) > 1:
+        raise LogError(f"{path.parent}: {camera}: found {len(found)} films, expected one of each camera")
+    return _film(first, counted=counted)
+
+
+def _stamps(path: Path, cameras: int) -> FloatArray | None:
+    """(frames, 1) or (frames, cameras) times [s]; None where there is no such file."""
+    if not path.is_file():
+        return None
+    with told_of(path):
+        content = read_bounded(path, _MAX_STAMPS)
+    try:
+        rows = [line.split(",") for line in content.decode("utf-8-sig").splitlines() if line.strip()]
+        stamps = np.array(rows, np.float64)
+    except ValueError as error:
+        raise LogError(f"{path}: found no table of numbers: {' '.join(str(error).split())}") from error
+    if stamps.ndim != 2 or stamps.shape[1] not in (1, cameras) or not np.isfinite(stamps).all():
+        raise LogError(f"{path}: expected finite numbers, one or {cameras} in each line")
+    return stamps
+
+
+def _numbered_as_films(streams: _Streams) -> _Streams:
+    """Pictures beside films, whose names are numbers, called as those of films are, from 000000 on."""
+    named = {name: files for name, files in streams.items() if isinstance(next(iter(files.values())), Path)}
+    keys = [key for files in named.values() for key in files]
+    if len(named) == len(streams) or not all(key.isdecimal() for key in keys) or stamps_of_names(keys):
+        return {}
+    first = min(map(int, keys), default=0)
+    renamed: _Streams = {
+        name: {f"{int(key) - first:06d}": file for key, file in files.items()}
+        for name, files in named.items()
+    }
+    unique = all(len(renamed[name]) == len(files) for name, files in named.items())  # no 1.png beside 01.png
+    return renamed if unique else {}
+
+
+def _of_streams(streams: _Streams, rate: float, *, by_name: bool = False) -> Layout:
+    """Frames of pictures of the same name or, where names are stamps and not `by_name`, close together."""
+    names = sorted({name for files in streams.values() for name in files}, key=_natural)
+    stamps = stamps_of_names(names)
+    times = dict(zip(names, stamps or _counted_stamps(names, rate), strict=True))
+    if stamps and not by_name:
+        frames = _close_together(streams, times, rate)
+    else:
+        frames = [{camera: name for camera in streams if name in streams[camera]} for name in names]
+    return Layout(
+        cameras=tuple(streams),
+        names=[next(iter(frame.values())) for frame in frames],
+        files=[tuple(streams[c][frame[c]] if c in frame else None for c in streams) for frame in frames],
+        stamps=np.array([[times[frame[c]] if c in frame else np.nan for c in streams] for frame in frames]),
+    )
+
+
+def _close_together(streams: _Streams, times: dict[str, float], rate: float) -> list[dict[str, str]]:
+    """Of each frame its pictures by camera: their stamps differ by less than half the cameras' period."""
+    steps = np.concatenate([np.diff([times[name] for name in files]) for files in streams.values()])
+    period = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1 / rate
+    cameras = enumerate(streams.items())
+    ordered = sorted((times[name], k, camera, name) for k, (camera, files) in cameras for name in files)
+    frames: list[dict[str, str]] = []
+    first = -np.inf
+    for time, _, camera, name in ordered:
+        if not frames or camera in frames[-1] or time - first > 0.5 * period:
+            frames.append({})
+            first = time
+        frames[-1][camera] = name
+    return frames
