@@ -32,12 +32,15 @@ def optional(package: str, extra: str, what: str, fault: type[TrackerError] = Tr
 def naming(
     where: object, fault: type[TrackerError], *caught: type[Exception], sep: str = ": "
 ) -> Iterator[None]:
-    """What is raised within, a `fault` or what is `caught` instead, is a `fault` that begins with `where`."""
+    """What is raised within, a `fault` or what is `caught` instead, is a `fault` that begins with `where`.
+
+    Its message is one line, whatever the message of what is caught is.
+    """
     kinds = caught or (fault,)
     try:
         yield
     except kinds as error:
-        raise fault(f"{where}{sep}{error}") from error
+        raise fault(f"{where}{sep}{' '.join(str(error).splitlines())}") from error
 
 
 def of_kind(given: object, kind: type[Kind], what: str, fault: type[TrackerError], how: str = "") -> Kind:

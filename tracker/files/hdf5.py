@@ -25,9 +25,9 @@ from typing import Any
 import h5py
 import numpy as np
 
-from tracker.checks import described
+from tracker.checks import described, naming
 from tracker.conventions import Array
-from tracker.errors import LogError
+from tracker.errors import LogError, TrackerError
 from tracker.files import open_regular, told_of
 
 MAX_CHUNK = 1 << 28
@@ -57,14 +57,17 @@ _END_OFFSET = {0: 40, 1: 44, 2: 28, 3: 28}
 
 @contextlib.contextmanager
 def faults_as_log_errors(what: str) -> Iterator[None]:
-    """Turn what h5py raises on damaged files into a LogError that starts with `what`."""
+    """Turn what is raised when damaged files are read into a LogError that starts with `what`."""
     try:
         yield
-    except LogError as error:
-        raise error if str(error).startswith(what) else LogError(f"{what}: {error}") from error
+    except TrackerError as error:
+        if isinstance(error, LogError) and str(error).startswith(what):
+            raise
+        raise LogError(f"{what}: {error}") from error
     # h5py passes on whatever stage of the library's work fails, each with a Python type of its own.
     except (OSError, RuntimeError, ValueError, LookupError, TypeError, ArithmeticError, MemoryError) as error:
-        raise LogError(f"{what}: {' '.join(str(error).split()) or type(error).__name__}") from error
+        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        raise LogError(f"{what}: cannot be read, expected a whole HDF5 file: {reason}") from error
 
 
 def open_file(path: str | os.PathLike[str]) -> h5py.File:
@@ -228,10 +231,8 @@ def unpacked(stored: h5py.Dataset, offset: tuple[int, ...]) -> bytes:
 
 def _inflated(packed: bytes, largest: int) -> bytes:
     unpacker = zlib.decompressobj()
-    try:
+    with naming("found a block that cannot be unpacked", LogError, zlib.error):
         content = unpacker.decompress(packed, largest + 1)
-    except zlib.error as error:
-        raise LogError(f"found a block that cannot be unpacked: {error}") from error
     if len(content) > largest or not unpacker.eof:
         raise LogError(f"found a block that unpacks to {len(content)} bytes or more, expected {largest}")
     return content

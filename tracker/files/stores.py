@@ -21,7 +21,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from tracker.checks import optional
+from tracker.checks import naming, optional
 from tracker.conventions import Array
 from tracker.errors import LogError
 from tracker.files import open_regular, told_of
@@ -186,12 +186,10 @@ class StoredArray:
         if data is None:
             raise LogError(f"{what} is missing")
         count = int.from_bytes(data[:4], "little")
-        try:
+        with naming(f"{what}: found items that are damaged", LogError, LogError, ValueError, SystemError):
             if count > len(data) // 4:  # before a list of that length is made
                 raise LogError(f"{count} items stated in {len(data)} bytes")
             return list(numcodecs.VLenBytes().decode(data))
-        except (LogError, ValueError, SystemError) as error:
-            raise LogError(f"{what}: found items that are damaged: {error}") from error
 
     def _numbers(self, key: str, dtype: np.dtype[Any]) -> Array:
         """A tile, in its shape."""
@@ -249,16 +247,13 @@ class StoredArray:
             return data
         # Bytes 4 to 8 of a block state what it unpacks to, bytes 12 to 16 its own length.
         stated, length = int.from_bytes(data[4:8], "little"), int.from_bytes(data[12:16], "little")
-        try:
+        with naming(f"{self._where}: block {key}: cannot be unpacked", LogError, Exception):
             if length != len(data) or stated > largest:
                 found = f"{len(data)} of {length} bytes, of which a size of {stated} bytes stated"
                 raise LogError(f"found {found}, expected at most {largest}")
             import numcodecs
 
             return bytes(numcodecs.get_codec(self._packer).decode(data))
-        except Exception as error:  # whatever it stumbles over
-            reason = " ".join(str(error).split())
-            raise LogError(f"{self._where}: block {key}: cannot be unpacked: {reason}") from error
 
     def _json(self, key: str) -> dict[str, Any] | None:
         data = self._store.get(f"{self._name}/{key}", _MAX_JSON)

@@ -8,7 +8,7 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
-from tracker.checks import path_of
+from tracker.checks import naming, path_of
 from tracker.errors import TrackerError, shown
 from tracker.files import read_bounded, told_of
 
@@ -47,11 +47,9 @@ def read_toml(
     where = f"{what} {path_of(path, what or 'file', fault)}".lstrip()
     with told_of(where, fault):
         content = read_bounded(path, MAX_FILE_SIZE)
-    try:
-        values = tomllib.loads(content.decode("utf-8-sig"))
     # Besides its own errors, the parser lets through those of numbers and of values nested too deeply.
-    except (ValueError, RecursionError) as error:
-        raise fault(f"{where}: not a TOML file: {' '.join(str(error).split())}") from error
+    with naming(f"{where}: not a TOML file", fault, ValueError, RecursionError):
+        values = tomllib.loads(content.decode("utf-8-sig"))
     if keys is not None and (unknown := sorted(set(values) - set(keys))):
         raise fault(f"{where}: found unknown key {unknown[0]!r}, expected some of {', '.join(keys)}")
     return values

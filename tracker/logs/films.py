@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tracker.checks import optional
+from tracker.checks import naming, optional
 from tracker.conventions import Image
 from tracker.errors import LogError
 from tracker.files import open_regular, told_of
@@ -46,13 +46,10 @@ class FilmFile:
     def __init__(self, path: Path) -> None:
         av = optional("av", "video", f"{path}: a film")
         self.path = path
-        self._faults: tuple[type[BaseException], ...] = (av.FFmpegError, ValueError, MemoryError)
-        try:
-            with told_of(path):
-                open_regular(path).close()  # FFmpeg would wait for a pipe's writer
-                self._film: Any = av.open(str(path), "r", container_options=_CONTAINERS)
-        except self._faults as error:
-            raise LogError(f"{path}: found no film: {' '.join(str(error).split())}") from error
+        self._faults: tuple[type[Exception], ...] = (av.FFmpegError, ValueError, MemoryError)
+        with naming(f"{path}: found no film", LogError, *self._faults), told_of(path):
+            open_regular(path).close()  # FFmpeg would wait for a pipe's writer
+            self._film: Any = av.open(str(path), "r", container_options=_CONTAINERS)
         try:
             self._stream = self._video()
             self._times = self._read_times()
@@ -81,7 +78,7 @@ class FilmFile:
     def _read_times(self) -> list[int]:
         """When each picture is shown, in the stream's own units, without decoding any."""
         times: list[int] = []
-        try:
+        with naming(f"{self.path}: damaged", LogError, *self._faults):
             for packet in self._film.demux(self._stream):
                 if not packet.size:
                     continue
@@ -89,8 +86,6 @@ class FilmFile:
                 if time is None or len(times) >= _MAX_PICTURES:
                     raise LogError(f"{self.path}: found pictures without a time, or too many")
                 times.append(time)
-        except self._faults as error:
-            raise LogError(f"{self.path}: damaged: {' '.join(str(error).split())}") from error
         if not times or len(set(times)) != len(times):
             raise LogError(f"{self.path}: found {len(times)} pictures, expected some, each at its own time")
         return sorted(times)

@@ -76,13 +76,12 @@ class FolderSource(Source):
     def _read_truth(self, file: Path) -> None:
         """Take the stamps from there, NaN where a frame has none."""
         text = _content(file, _MAX_TRUTH)
-        try:
+        faults = (ValueError, LookupError, TypeError, AttributeError, RecursionError)
+        with naming(f"{file}: found no stamps of frames", LogError, *faults):
             content = json.loads(text.decode("utf-8"))
             truth = {str(item["frame"]): float(item["timestamp"]) for item in content["frames"]}
             settings = {"rate": 10.0, "sequence": True, **content.get("settings", {})}
             rate = max(1e-3, float(settings["rate"]))
-        except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
-            raise LogError(f"{file}: found no stamps of frames: {' '.join(str(error).split())}") from error
         self.format += ", synthetic"
         stamps = np.array([truth.get(name, np.nan) for name in self._layout.names])
         self._stamps = np.where(np.isnan(self._stamps), np.nan, stamps[:, None])

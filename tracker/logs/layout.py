@@ -34,7 +34,7 @@ from typing import Any
 
 import numpy as np
 
-from tracker.checks import is_number
+from tracker.checks import is_number, naming
 from tracker.conventions import FloatArray
 from tracker.errors import LogError, shown
 from tracker.files import read_bounded, told_of
@@ -279,11 +279,9 @@ def _stamps(path: Path, cameras: int) -> FloatArray | None:
         return None
     with told_of(path):
         content = read_bounded(path, _MAX_STAMPS)
-    try:
+    with naming(f"{path}: found no table of numbers", LogError, ValueError):
         rows = [line.split(",") for line in content.decode("utf-8-sig").splitlines() if line.strip()]
         stamps = np.array(rows, np.float64)
-    except ValueError as error:
-        raise LogError(f"{path}: found no table of numbers: {' '.join(str(error).split())}") from error
     if stamps.ndim != 2 or stamps.shape[1] not in (1, cameras) or not np.isfinite(stamps).all():
         raise LogError(f"{path}: expected finite numbers, one or {cameras} in each line")
     return stamps

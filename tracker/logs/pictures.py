@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
+from tracker.checks import naming
 from tracker.conventions import Image
 from tracker.errors import LogError
 from tracker.logs.log import check_sides
@@ -73,10 +74,9 @@ def head_of(data: bytes, formats: tuple[str, ...] = RECORDED) -> ImageFile:
     for start, (name, reader) in _READERS.items():
         if name in formats and data.startswith(start):
             module = import_module(f"PIL.{reader}ImagePlugin")
-            try:
+            # Whatever Pillow stumbles over.
+            with naming(f"found a {name} whose head cannot be read", LogError, Exception):
                 picture: ImageFile = getattr(module, f"{reader}ImageFile")(BytesIO(data))
-            except Exception as error:  # whatever Pillow stumbles over
-                raise LogError(f"found a {name} whose head cannot be read: {error}") from error
             return picture
     expected = f"{', '.join(formats[:-1])} or {formats[-1]}"
     raise LogError(f"found {len(data)} bytes that start with {data[:4]!r}, expected {expected}")
@@ -93,13 +93,11 @@ def check_whole(picture: ImageFile, data: bytes, *, appended: bool = False) -> N
     endless = picture.format == "JPEG" and b"\xff\xd9" not in data[-64:]  # some writers pad
     if endless and not appended:
         raise LogError("found a JPEG without an end, it is truncated")
-    try:
+    with naming(f"found a damaged or truncated {picture.format}", LogError, Exception):
         if endless:
             picture.load()
         if picture.format == "PNG":
             picture.verify()
-    except Exception as error:  # whatever Pillow stumbles over
-        raise LogError(f"found a damaged or truncated {picture.format}: {error}") from error
 
 
 def decode(data: bytes, *, color: bool = True) -> Image:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import io
 import os
-from pathlib import Path
 from typing import Any
 
 import h5py
@@ -20,7 +19,7 @@ from tracker.calibration.camera_info import CAMERA_DATASETS, read_camera
 from tracker.calibration.rig import CameraRig
 from tracker.checks import described, float_array, naming, one_stamp, path_of
 from tracker.conventions import Array
-from tracker.errors import CalibrationError, LogError
+from tracker.errors import LogError
 from tracker.files import hdf5, told_as, write_whole
 from tracker.pose.result import CameraUse, Observation, Status
 from tracker.poses.poses import KINDS, About, Kind, Poses
@@ -166,20 +165,12 @@ def read_poses(path: str | os.PathLike[str]) -> Poses:
             values. The message names the dataset, what was found and what would be valid.
     """
     path = path_of(path, "path of poses", LogError)
-    name = str(path)
-    try:
-        if not Path(path).is_file():
-            there = "a folder" if Path(path).is_dir() else "a pipe or a device"
-            found = there if Path(path).exists() else "no such file"
-            raise LogError(f"found {found}, expected a file of poses, as tracker track makes it")
-        with hdf5.open_file(path) as file:
-            return _poses(file)
-    except (LogError, CalibrationError) as error:
-        raise LogError(f"{name}: {error}") from error
-    except (OSError, KeyError, RuntimeError, ValueError, TypeError, MemoryError) as error:
-        # What the HDF5 library says of a damaged file depends on where the damage is.
-        reason = " ".join(str(error).split())[:200]
-        raise LogError(f"{name}: cannot be read, expected a whole HDF5 file of poses: {reason}") from error
+    if not path.is_file():
+        there = "a folder" if path.is_dir() else "a pipe or a device"
+        found = there if path.exists() else "no such file"
+        raise LogError(f"{path}: found {found}, expected a file of poses, as tracker track makes it")
+    with hdf5.faults_as_log_errors(str(path)), hdf5.open_file(path) as file:
+        return _poses(file)
 
 
 def is_poses_file(path: str | os.PathLike[str]) -> bool:
