@@ -77,24 +77,20 @@ def open_file(path: str | os.PathLike[str]) -> h5py.File:
     return h5py.File(path, "r", locking=False)
 
 
-class TooLong(LogError):
-    """There is more than the file's head says."""
-
-
-def check_stated_end(path: Path) -> None:
-    """LogError if the file is shorter than its head says, TooLong if it is longer."""
+def check_stated_end(path: Path) -> str | None:
+    """What is wrong where the file is longer than its head says, else None; LogError if it is shorter."""
     with told_of(path), open_regular(path) as file:
         head = file.read(64)
         size = os.fstat(file.fileno()).st_size
     if len(head) < 64:
         raise LogError(f"{path}: found {size} bytes, expected an HDF5 file")
-    offset = _END_OFFSET.get(head[8])
-    if offset is None:  # a later version than this program knows; the library decides
-        return
-    (stated,) = struct.unpack_from("<Q", head, offset)
-    if stated != size:
-        text = f"{path}: found {size} bytes, expected the {stated} that the file states"
-        raise TooLong(text) if size > stated else LogError(text)
+    if head[8] not in _END_OFFSET:  # a later version than this program knows; the library decides
+        return None
+    (stated,) = struct.unpack_from("<Q", head, _END_OFFSET[head[8]])
+    fault = f"{path}: found {size} bytes, expected the {stated} that the file states"
+    if size < stated:
+        raise LogError(fault)
+    return fault if size > stated else None
 
 
 def find(file: Any, name: str, where: str) -> h5py.Dataset | None:

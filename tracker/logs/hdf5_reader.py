@@ -27,7 +27,7 @@ from tracker.checks import described
 from tracker.conventions import FloatArray, Image
 from tracker.errors import LogError
 from tracker.files import hdf5, open_regular, told_of
-from tracker.files.hdf5 import TooLong, check_stated_end, faults_as_log_errors, find, open_file, text_of
+from tracker.files.hdf5 import check_stated_end, faults_as_log_errors, find, open_file, text_of
 from tracker.logs.frame import LogFrame, checked_stamp, empty_frame, is_empty, pose_from_record
 from tracker.logs.log import MAX_SIDE, MIN_SIDE, Settings, Source, default_names
 from tracker.logs.pictures import from_bayer
@@ -165,25 +165,16 @@ class Hdf5Source(Source):
 
     def __init__(self, path: Path, *, recover: bool) -> None:
         super().__init__(path)
-        end_fault: LogError | None = None
-        try:
-            check_stated_end(path)
-        except TooLong as error:  # as a killed writer leaves it, if it is a writer's
-            end_fault = error
-        except LogError as error:
-            if not recover:
-                raise
-            self.opening_fault = str(error)
+        self.opening_fault = check_stated_end(path)
         with faults_as_log_errors(str(path)):
             self._file = open_file(path)
         try:
             # Every property of a damaged field may raise.
             with faults_as_log_errors(str(path)):
                 self._flushed = self._attribute(FLUSHED)
-                if end_fault is not None:
-                    if self._flushed is None and not recover:
-                        raise end_fault
-                    self.opening_fault = str(end_fault)
+                # A killed writer leaves it so, if it is a writer's.
+                if self.opening_fault and self._flushed is None and not recover:
+                    raise LogError(self.opening_fault)
                 self._open(recover)
         except BaseException:
             self.close()
