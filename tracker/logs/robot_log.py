@@ -11,12 +11,12 @@ import struct
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
-from itertools import islice
+from itertools import chain, islice
 from typing import BinaryIO, NamedTuple, cast
 
 import numpy as np
 
-from tracker.checks import described, float_array, freeze, in_range, path_of, seconds
+from tracker.checks import described, float_array, freeze, in_range, naming, path_of, seconds
 from tracker.conventions import Array, FloatArray
 from tracker.errors import LogError
 from tracker.files import open_regular, told_of
@@ -151,36 +151,26 @@ def read_robot_log(path: str | os.PathLike[str]) -> RobotLog:
             raw.seek(0)
             with cast("BinaryIO", gzip.open(raw) if packed else raw) as file:
                 head = file.read(4)
-                blocks = _records(file) if head == struct.pack("<I", _VERSION) else _lines(file, head)
-                return RobotLog(**_joined(blocks))
+                binary = head == struct.pack("<I", _VERSION)
+                names, table = _records(file) if binary else _lines(file, head)
+        times = table[:, 0]
+        if np.nanmax(times, initial=0) > _MILLISECONDS:
+            times = times / 1000
+        return RobotLog(times, **dict(zip(names, np.split(table[:, 1:], len(names), axis=1), strict=True)))
     except (LogError, EOFError, zlib.error) as error:
         if isinstance(error, LogError) and str(error).startswith(str(where)):
             raise
         raise LogError(f"{where}: {' '.join(str(error).split())}") from error
 
 
-def _joined(blocks: Iterator[dict[str, Array]]) -> dict[str, FloatArray]:
-    """All steps of the blocks; stamps in seconds."""
-    parts, count = [], 0
-    for block in blocks:
-        count += len(block["timestamp"])
-        if count > MAX_STEPS:
-            raise LogError(f"found more than {MAX_STEPS} steps, expected a log of a job")
-        parts.append(block)
-    if not parts:
-        raise LogError("found no steps, expected two or more")
-    joined = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    if np.nanmax(joined["timestamp"], initial=0) > _MILLISECONDS:
-        joined["timestamp"] = joined["timestamp"] / 1000
-    return joined
-
-
-def _records(file: BinaryIO) -> Iterator[dict[str, Array]]:
-    """The steps of a binary log after its version."""
+def _records(file: BinaryIO) -> tuple[list[str], Array]:
+    """Names of the fields, and a row (1 + 9 each) a step, of a binary log after its version."""
     head = file.read(8)
     count = int.from_bytes(head, "little")
     if len(head) < 8 or count > MAX_STEPS:
         raise LogError(f"found {count} steps stated, expected at most {MAX_STEPS}")
+    names = list(_UNITS)
+    blocks = [np.empty((0, 1 + len(names) * _JOINTS))]
     for first in range(0, count, _BLOCK):
         chosen = min(_BLOCK, count - first)
         content = file.read(chosen * _RECORD.itemsize)
@@ -188,33 +178,32 @@ def _records(file: BinaryIO) -> Iterator[dict[str, Array]]:
             there = first + len(content) // _RECORD.itemsize
             raise LogError(f"found {there} records of {_RECORD.itemsize} bytes, expected {count}")
         records = np.frombuffer(content, _RECORD)
-        yield {name: records[name] for name in ("timestamp", *_UNITS)}
+        blocks.append(np.column_stack([records[name] for name in ("timestamp", *names)]))
     if file.read(1):
         raise LogError(f"found bytes after record {count - 1}, expected the file's end")
+    return names, np.concatenate(blocks)
 
 
-def _lines(file: BinaryIO, head: bytes) -> Iterator[dict[str, Array]]:
-    """The steps of a log in lines, of which the first begins with `head`."""
+def _lines(file: BinaryIO, head: bytes) -> tuple[list[str], Array]:
+    """The same of a log in lines, of which the first begins with `head`."""
     header = head + file.readline(MAX_LINE)
     if not header.startswith(b"#"):
         found = f"{header[:20]!r} at its beginning"
         raise LogError(f"found {found}, expected a robot log: #time_index timestamp …, or version {_VERSION}")
-    names = header.decode("ascii", "replace").lstrip("#").split()
-    chosen = {"timestamp": ["timestamp"]}
-    chosen |= {name: [f"observation_{name}_{k}" for k in range(_JOINTS)] for name in _UNITS}
-    missing = [one for name in ("timestamp", "position") for one in chosen[name] if one not in names]
+    columns = header.decode("ascii", "replace").lstrip("#").split()
+    fields = {name: [f"observation_{name}_{k}" for k in range(_JOINTS)] for name in _UNITS}
+    missing = [one for one in ("timestamp", *fields["position"]) if one not in columns]
     if missing:
         raise LogError(f"header: found no column {missing[0]}, expected it")
-    chosen = {name: columns for name, columns in chosen.items() if set(columns) <= set(names)}
-    places = [names.index(column) for columns in chosen.values() for column in columns]
-    splits = np.cumsum([len(columns) for columns in chosen.values()])[:-1]
-    lines, number = iter(lambda: file.readline(MAX_LINE), b""), 2
-    while block := list(islice(lines, _BLOCK)):
-        try:
-            table = np.loadtxt(block, usecols=places, ndmin=2, comments=None)
-        except ValueError as error:
-            last = number + len(block) - 1
-            raise LogError(f"lines {number} to {last}: {error}") from error
-        number += len(block)
-        parts = dict(zip(chosen, np.split(table, splits, axis=1), strict=True))
-        yield {**parts, "timestamp": parts["timestamp"][:, 0]}
+    names = [name for name, one in fields.items() if set(one) <= set(columns)]
+    places = [columns.index(one) for name in names for one in fields[name]]
+    places.insert(0, columns.index("timestamp"))
+    first = file.readline(MAX_LINE)
+    if not first:
+        raise LogError("found no steps, expected two or more")
+    lines = chain([first], iter(lambda: file.readline(MAX_LINE), b""))
+    with naming("after the header", LogError, ValueError):
+        table = np.loadtxt(islice(lines, MAX_STEPS + 1), usecols=places, ndmin=2, comments=None)
+    if len(table) > MAX_STEPS:
+        raise LogError(f"found more than {MAX_STEPS} steps, expected a log of a job")
+    return names, table
