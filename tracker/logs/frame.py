@@ -68,17 +68,36 @@ class LogFrame:
     holds colours."""
 
 
-def is_empty(camera_stamps: Array, images: Sequence[Array]) -> bool:
-    """Whether this is what the platform's recorder appends after a driver's error, before it goes on."""
-    return not np.any(camera_stamps) and not any(image.any() for image in images)
+def recorded_frame(
+    index: int,
+    images: Sequence[Image],
+    raw: Iterable[Image] | None,
+    camera_stamps: FloatArray,
+    stamp: float | None,
+    poses: Iterable[Array],
+    *,
+    where: str,
+) -> LogFrame:
+    """A frame as the platform's recorder writes it; LogError, which names it by `where`, if it is impossible.
+
+    Without images where it is what the recorder appends after a driver's error, before it goes on; its stamp
+    is NaN then. `camera_stamps` (C,) [s], `stamp` [ms] of the frame or None; the measured pose and the
+    filtered one are records (8,), as far as there are some.
+    """
+    for number, value in enumerate(camera_stamps, start=1):
+        checked_stamp(value, what=f"{where}, camera number {number}")
+    if not camera_stamps.any() and not any(image.any() for image in images):
+        none = np.full(len(images), np.nan)
+        return LogFrame(index, np.nan, none, (None,) * len(images), None, None)
+    seconds = float(np.mean(camera_stamps)) if stamp is None else checked_stamp(stamp / 1000, what=where)
+    named = zip(("pose", "filtered pose"), poses, strict=False)
+    found = [_pose_from_record(numbers, what=f"{where}, {what}") for what, numbers in named]
+    measured, filtered = [*found, None, None][:2]
+    mosaics = None if raw is None else tuple(raw)
+    return LogFrame(index, seconds, camera_stamps, tuple(images), measured, filtered, mosaics)
 
 
-def empty_frame(index: int, cameras: int) -> LogFrame:
-    """A frame without images; its stamp is not known, NaN."""
-    return LogFrame(index, np.nan, np.full(cameras, np.nan), (None,) * cameras, None, None)
-
-
-def pose_from_record(values: Array, *, what: str) -> RecordedPose | None:
+def _pose_from_record(values: Array, *, what: str) -> RecordedPose | None:
     """The pose of a record (8,), or None where the recorder had none; LogError where it cannot be one.
 
     The recorder says "none" in several ways: confidence 0, an orientation of zeros, or NaN. The numbers are

@@ -28,7 +28,7 @@ from tracker.conventions import FloatArray, Image
 from tracker.errors import LogError
 from tracker.files import hdf5, open_regular, told_of
 from tracker.files.hdf5 import check_stated_end, faults_as_log_errors, find, open_file, text_of
-from tracker.logs.frame import LogFrame, checked_stamp, empty_frame, is_empty, pose_from_record
+from tracker.logs.frame import LogFrame, recorded_frame
 from tracker.logs.log import MAX_SIDE, MIN_SIDE, Settings, Source, default_names
 from tracker.logs.pictures import from_bayer
 
@@ -220,21 +220,13 @@ class Hdf5Source(Source):
     def read(self, index: int) -> LogFrame:
         """See Source."""
         where = self.where(index)
-        stamps = self._camera_stamps[index].copy()
-        for number, value in enumerate(stamps, start=1):
-            checked_stamp(value, what=f"{where}, camera number {number}")
         with faults_as_log_errors(f"{where}: images"):
             raw = self._images.read(index)
-        if is_empty(stamps, [raw]):
-            return empty_frame(index, len(stamps))
-        stamp = float(np.mean(stamps))
-        if self._frame_stamps is not None:
-            stamp = checked_stamp(self._frame_stamps[index, 0] / 1000, what=where)
-        pose = None
+        stamps, poses = self._camera_stamps[index].copy(), []
+        stamp = None if self._frame_stamps is None else self._frame_stamps[index, 0]
         if self._poses and (self._has_pose is None or self._has_pose[index]):
-            numbers = np.concatenate([rows[index] for rows in self._poses])
-            pose = pose_from_record(numbers, what=f"{where}, object_pose")
-        return LogFrame(index, stamp, stamps, tuple(map(from_bayer, raw)), pose, None, tuple(raw))
+            poses = [np.concatenate([rows[index] for rows in self._poses])]
+        return recorded_frame(index, [*map(from_bayer, raw)], raw, stamps, stamp, poses, where=where)
 
     def rig(self) -> CameraRig | None:
         """See Source."""

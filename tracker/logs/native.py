@@ -22,10 +22,9 @@ from typing import Any
 
 import numpy as np
 
-from tracker.conventions import Image
 from tracker.errors import LogError
 from tracker.files import open_regular, told_of
-from tracker.logs.frame import LogFrame, checked_stamp, empty_frame, is_empty, pose_from_record
+from tracker.logs.frame import LogFrame, recorded_frame
 from tracker.logs.log import MAX_SIDE, MIN_SIDE, Source
 from tracker.logs.pictures import from_bayer
 
@@ -34,7 +33,7 @@ _EMPTY = (b"", struct.pack("<IQ", 1, 0), struct.pack("<Q", 0))
 _GZIP_MAGIC = b"\x1f\x8b"
 _MAX_RATIO = 1032  # deflate packs at most this many bytes into one
 
-_HEADER = np.dtype([("rows", "<i4"), ("columns", "<i4"), ("type", "<i4"), ("continuous", "u1")])
+_HEADER = struct.Struct("<iiiB")  # rows, columns, type, continuous
 _CHANNELS = {0: 1, 16: 3}  # by OpenCV's type: Bayer pixels, or BGR
 _POSES = ((0, 0), (1, 8), (2, 8), (1, 9), (2, 9))  # how many poses, of how many numbers each
 _STAMPS = {True: (12, 20), False: (8, 8)}
@@ -93,13 +92,26 @@ class NativeSource(Source):
         self._end = self._start + self.count * size
 
     def read(self, index: int) -> LogFrame:
-        """See Source."""
-        size = self._record.itemsize
+        """See Source; LogError too if the record is not laid out as the first."""
+        where, size = self.where(index), self._record.itemsize
         record = np.empty(1, self._record)  # of its own, so that a frame's raw pixels need no copy
         count = self._read_into(record.view(np.uint8).data, self._start + index * size)
         if count < size:
-            raise LogError(f"{self.where(index)}: found {count} bytes, expected a record of {size}")
-        return self._frame(record[0], index)
+            raise LogError(f"{where}: found {count} bytes, expected a record of {size}")
+        cameras = list(record["cameras"][0])
+        for number, (camera, expected) in enumerate(zip(cameras, self._headers, strict=True), start=1):
+            what = f"{where}, camera number {number}"
+            header = _header(camera["header"].tobytes(), what)
+            if header[:3] != expected[:3]:
+                raise LogError(f"{what}: found {_shown(header)}, expected {_shown(expected)} as in record 0")
+        pixels = [camera["pixels"] for camera in cameras]
+        raw = pixels if all(one.ndim == 2 for one in pixels) else None
+        # A copy of colours, so that an image that is kept keeps no record.
+        images = [from_bayer(one) if one.ndim == 2 else one.copy() for one in pixels]
+        stamps = np.array([camera["stamp"] for camera in cameras])
+        stamp = record["stamp"][0] if self._stamped else None
+        poses = record["poses"][0, :, -8:]
+        return recorded_frame(index, images, raw, stamps, stamp, poses, where=where)
 
     def where(self, index: int) -> str:
         """See Source."""
@@ -114,34 +126,6 @@ class NativeSource(Source):
         """See Source."""
         self._raw.close()
 
-    def _frame(self, record: Any, index: int) -> LogFrame:
-        """The frame in a record; LogError if it is not laid out as the first, or impossible."""
-        where = self.where(index)
-        images: list[Image] = []
-        raw: list[Image] = []
-        stamps = []
-        for number, (camera, expected) in enumerate(zip(record["cameras"], self._headers, strict=True), 1):
-            what = f"{where}, camera number {number}"
-            header = _header(camera["header"], what)
-            if header[:3] != expected[:3]:
-                raise LogError(f"{what}: found {_shown(header)}, expected {_shown(expected)} as in record 0")
-            pixels = camera["pixels"]
-            if pixels.ndim == 2:
-                raw.append(pixels)
-            # A copy of colours, so that an image that is kept keeps no record.
-            images.append(from_bayer(pixels) if pixels.ndim == 2 else pixels.copy())
-            stamps.append(checked_stamp(camera["stamp"], what=what))
-        if is_empty(np.array(stamps), images):
-            return empty_frame(index, len(images))
-        stamp = checked_stamp(record["stamp"] / 1000, what=where) if self._stamped else float(np.mean(stamps))
-        poses = [
-            pose_from_record(numbers[-8:], what=f"{where}, {what}")
-            for numbers, what in zip(record["poses"], ("pose", "filtered pose"), strict=False)
-        ]
-        measured, filtered = [*poses, None, None][:2]
-        mosaics = tuple(raw) if len(raw) == len(images) else None
-        return LogFrame(index, stamp, np.array(stamps), tuple(images), measured, filtered, mosaics)
-
     def _find_layout(self) -> int:
         """Find where everything is in a record, from the first and the second; their stated number."""
         count = self._read_head()
@@ -149,14 +133,14 @@ class NativeSource(Source):
         headers = []
         for number in range(1, _CAMERAS + 1):
             what = f"{self.path}: record 0, camera number {number}"
-            headers.append(_header(self._read_at(offset, _HEADER.itemsize), what))
+            headers.append(_header(self._read_at(offset, _HEADER.size), what))
             offset += _camera(headers[-1]).itemsize
         self._start, self._headers = start, headers
         stamp = [("stamp", "<f8")] * self._stamped
         cameras = np.dtype([(f"camera {number}", _camera(header)) for number, header in enumerate(headers)])
         variants = [np.dtype([*stamp, ("cameras", cameras), ("poses", "<f8", shape)]) for shape in _POSES]
         # One read past the first record's cameras, as far as the longest variant's next camera.
-        tail = self._read_at(offset, 8 * 18 + 8 + _HEADER.itemsize)
+        tail = self._read_at(offset, 8 * 18 + 8 + _HEADER.size)
         for self._record in variants:
             poses = self._record["poses"].itemsize
             with suppress(LogError):
@@ -175,7 +159,7 @@ class NativeSource(Source):
 
     def _read_head(self) -> int:
         """Find whether records are stamped; how many are stated."""
-        head = self._read_at(0, 20 + _HEADER.itemsize)
+        head = self._read_at(0, 20 + _HEADER.size)
         for self._stamped, (_, offset) in _STAMPS.items():
             try:
                 _header(head[offset:], "")
@@ -221,13 +205,11 @@ _Header = tuple[int, int, int, int]
 """Rows, columns, type, continuous."""
 
 
-def _header(data: Any, what: str) -> _Header:
-    """The header in a record, or at the beginning of some bytes; LogError if it cannot be one."""
-    if isinstance(data, bytes):
-        if len(data) < _HEADER.itemsize:
-            raise LogError(f"{what}: found the end of the file, expected a camera's header")
-        data = np.frombuffer(data, _HEADER, 1)[0]
-    rows, columns, kind, continuous = data.item()
+def _header(data: bytes, what: str) -> _Header:
+    """The header at the beginning of some bytes; LogError if it cannot be one."""
+    if len(data) < _HEADER.size:
+        raise LogError(f"{what}: found the end of the file, expected a camera's header")
+    rows, columns, kind, continuous = _HEADER.unpack_from(data)
     sides = MIN_SIDE <= rows <= MAX_SIDE and MIN_SIDE <= columns <= MAX_SIDE
     if not sides or kind not in _CHANNELS or continuous not in (0, 1):
         raise LogError(
@@ -240,7 +222,7 @@ def _header(data: Any, what: str) -> _Header:
 def _camera(header: _Header) -> np.dtype[Any]:
     rows, columns, kind, _ = header
     shape = (rows, columns) if _CHANNELS[kind] == 1 else (rows, columns, _CHANNELS[kind])
-    return np.dtype([("header", _HEADER), ("pixels", "u1", shape), ("stamp", "<f8")])
+    return np.dtype([("header", f"V{_HEADER.size}"), ("pixels", "u1", shape), ("stamp", "<f8")])
 
 
 def _shown(header: _Header) -> str:
