@@ -46,9 +46,15 @@ length of the value, -1 where there is none, and the value, where it has no more
 
 
 class LmdbFile:
-    """A database without others in it, open for reading; LogError where it is none, or truncated."""
+    """A database without others in it, open for reading.
+
+    Raises:
+        LogError: it is none, it is truncated, or a package is missing.
+    """
 
     def __init__(self, path: Path) -> None:
+        for package in ("lmdb", "numcodecs"):  # which are missed here, not at the first value
+            optional(package, "datasets", f"{path}: an image store", LogError)
         self._path = path
         with told_of(path), open_regular(path) as file:
             self.size = file.seek(0, 2)
@@ -109,13 +115,6 @@ _RAGGED = ("vlen-bytes", "vlen-array")
 _PACKER = "blosc"
 
 
-def open_store(folder: Path) -> LmdbFile:
-    """The store in `folder`/data.mdb, for reading; LogError if it is damaged or a package is missing."""
-    for package in ("lmdb", "numcodecs"):  # which are missed here, not at the first image
-        optional(package, "datasets", f"{folder}: an image store", LogError)
-    return LmdbFile(folder / "data.mdb")
-
-
 class StoredArray:
     """A list of byte strings or of numbers, or a table of numbers, in tiles.
 
@@ -133,7 +132,7 @@ class StoredArray:
         except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
             raise LogError(f"{self._where}: .zarray: found {str(meta)[:200]}, expected zarr 2") from error
         self._number = -1
-        self._kept: list[bytes] | Array = []
+        self._kept: list[bytes] = []
 
     @classmethod
     def find(cls, store: LmdbFile, name: str, where: str) -> StoredArray | None:
@@ -143,11 +142,11 @@ class StoredArray:
     def __len__(self) -> int:
         return self.shape[0]
 
-    def __getitem__(self, index: int) -> Any:
-        """Bytes of an item, or a number; one block is in memory."""
+    def __getitem__(self, index: int) -> bytes:
+        """One of the byte strings; one block is in memory."""
         number, offset = divmod(index, self._tile[0])
         if number != self._number:
-            self._kept, self._number = self._block(number), number
+            self._kept, self._number = self._strings(number), number
         return self._kept[offset]
 
     @property
@@ -161,35 +160,30 @@ class StoredArray:
 
     def blocks(self) -> Iterator[Array]:
         """The numbers in one block after the other; LogError as for `numbers`."""
-        if self.ragged:
-            raise LogError(f"{self._where}: found byte strings, expected numbers")
-        for number in range(self._tiles[0]):
-            yield np.asarray(self._block(number))
-
-    def _block(self, number: int) -> list[bytes] | Array:
-        count = min(self._tile[0], len(self) - number * self._tile[0])
         if self._dtype is None:
-            items = self._strings(str(number))
-            if len(items) < count:
-                what = f"{self._where}: block {number}"
-                raise LogError(f"{what}: found {len(items)} items, expected {count}")
-            return items[:count]
-        ends = ("",) if len(self.shape) == 1 else (f".{k}" for k in range(self._tiles[1]))
-        tiles = [self._numbers(f"{number}{end}", self._dtype) for end in ends]
-        return np.concatenate(tiles, axis=-1)[(slice(count), *map(slice, self.shape[1:]))]
+            raise LogError(f"{self._where}: found byte strings, expected numbers")
+        ends = [""] if len(self.shape) == 1 else [f".{k}" for k in range(self._tiles[1])]
+        for number in range(self._tiles[0]):
+            tiles = [self._numbers(f"{number}{end}", self._dtype) for end in ends]
+            left = len(self) - number * self._tile[0]
+            yield np.concatenate(tiles, axis=-1)[(slice(left), *map(slice, self.shape[1:]))]
 
-    def _strings(self, key: str) -> list[bytes]:
+    def _strings(self, number: int) -> list[bytes]:
         import numcodecs
 
-        what = f"{self._where}: block {key}"
-        data = self._stored(key, MAX_BLOCK)
+        what = f"{self._where}: block {number}"
+        data = self._stored(str(number), MAX_BLOCK)
         if data is None:
             raise LogError(f"{what} is missing")
         count = int.from_bytes(data[:4], "little")
+        expected = min(self._tile[0], len(self) - number * self._tile[0])
         with naming(f"{what}: found items that are damaged", LogError, LogError, ValueError, SystemError):
             if count > len(data) // 4:  # before a list of that length is made
                 raise LogError(f"{count} items stated in {len(data)} bytes")
-            return list(numcodecs.VLenBytes().decode(data))
+            items = list(numcodecs.VLenBytes().decode(data))
+        if len(items) < expected:
+            raise LogError(f"{what}: found {len(items)} items, expected {expected}")
+        return items
 
     def _numbers(self, key: str, dtype: np.dtype[Any]) -> Array:
         """A tile, in its shape."""

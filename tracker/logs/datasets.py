@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -14,10 +15,10 @@ import numpy as np
 from tracker.checks import naming
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import LogError
-from tracker.files.stores import LmdbFile, StoredArray, open_store
+from tracker.files.stores import LmdbFile, StoredArray
 from tracker.logs.frame import MAX_DISTANCE, LogFrame
 from tracker.logs.log import MAX_SIDE, MIN_SIDE, Source, check_same_size, default_names
-from tracker.logs.opening import STORE_FILE, open_log
+from tracker.logs.opening import STORE_FILE
 from tracker.logs.pictures import decode, from_bayer, from_quadrants
 
 CAMERA_RATE = 10.0
@@ -49,15 +50,15 @@ class DatasetSource(Source):
     def __init__(self, path: Path) -> None:
         super().__init__(path)
         self.format = "image store of trifinger_rl_datasets"
-        self._store = open_store(path)
+        self.store = LmdbFile(path / STORE_FILE)
         try:
             self._open()
         except BaseException:
-            self._store.close()
+            self.store.close()
             raise
 
     def _open(self) -> None:
-        self._images = StoredArray(self._store, "images", str(self.path))
+        self._images = StoredArray(self.store, "images", str(self.path))
         if not self._images.ragged:
             raise LogError(f"{self.path}: images: found numbers, expected encoded pictures")
         cameras = self._images.attributes.get("n_cameras", 3)
@@ -80,7 +81,7 @@ class DatasetSource(Source):
             self._stamps: FloatArray = np.arange(self.count) / CAMERA_RATE
             return
         self._stamps = steps / CONTROL_RATE
-        ends = StoredArray.find(self._store, "episode_ends", str(self.path))
+        ends = StoredArray.find(self.store, "episode_ends", str(self.path))
         if ends is not None:  # the last steps of episodes
             after = np.searchsorted(steps, ends.numbers(), side="right")
             self.episode_starts = tuple(sorted({0, *(int(start) for start in after if start < self.count)}))
@@ -94,7 +95,7 @@ class DatasetSource(Source):
 
     def close(self) -> None:
         """See Source."""
-        self._store.close()
+        self.store.close()
 
     def _image(self, index: int, camera: int) -> Image:
         number = index * len(self.camera_names) + camera
@@ -120,7 +121,7 @@ class DatasetSource(Source):
 
         Frames that no step saw lie evenly between those that were seen.
         """
-        shown = StoredArray.find(self._store, "obs_to_image_index", str(self.path))
+        shown = StoredArray.find(self.store, "obs_to_image_index", str(self.path))
         if shown is None:
             return None
         images = shown.numbers()
@@ -228,24 +229,20 @@ def is_store(path: Path) -> bool:
 
 def read_steps(path: Path) -> StoreSteps:
     """The control steps of a store; LogError where it is none, damaged, or its numbers contradict."""
-    with open_log(path) as log:  # which compares the numbers of images with each other
-        cameras, frames = len(log.camera_names), len(log)
-    store = open_store(path.parent if path.name == STORE_FILE else path)
-    try:
+    # The source compares the numbers of images with each other.
+    with closing(DatasetSource(path.parent if path.name == STORE_FILE else path)) as source:
         frame, ends = (
-            StoredArray(store, name, str(path)).numbers().astype(np.int64)
+            StoredArray(source.store, name, str(path)).numbers().astype(np.int64)
             for name in ("obs_to_image_index", "episode_ends")
         )
-        frame //= cameras
+        frame //= len(source.camera_names)
         bad = (np.diff(ends, prepend=-1) <= 0) | (ends >= len(frame))
         if not len(ends) or bad.any():
             found = f"{ends[np.argmax(bad)]}" if len(ends) else "none"
             expected = f"steps that increase, up to {len(frame) - 1}"
             raise LogError(f"{path}: episode_ends: found {found}, expected {expected}")
-        task, observed = _observed(store, path, len(frame))
-    finally:
-        store.close()
-    return StoreSteps(str(path), frame, ends, frames, task, observed)
+        task, observed = _observed(source.store, path, len(frame))
+        return StoreSteps(str(path), frame, ends, source.count, task, observed)
 
 
 def _observed(store: LmdbFile, path: Path, steps: int) -> tuple[str | None, dict[str, FloatArray]]:
