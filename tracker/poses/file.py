@@ -30,8 +30,7 @@ class PosesBuilder:
 
     def __init__(self, about: About) -> None:
         self._about = about
-        self._frames: list[tuple[int, float, str, list[str]]] = []
-        self._rows: dict[Kind, list[dict[str, Array]]] = {kind: [] for kind in KINDS}
+        self._frames: list[tuple[int, float, str, list[str], dict[Kind, dict[str, Any]]]] = []
 
     def __len__(self) -> int:
         return len(self._frames)
@@ -48,30 +47,25 @@ class PosesBuilder:
         if uses and len(uses) != len(rig):
             raise LogError(f"cameras: found {len(uses)}, expected {len(rig)}: {', '.join(rig.names)}")
         poses = answer.object_pose, answer.filtered_object_pose, recorded
-        rows = [_row(kind, pose) for kind, pose in zip(KINDS, poses, strict=True)]
-        self._frames.append((int(index), stamp, _text(answer.status), uses or [""] * len(rig)))
-        for kind, row in zip(KINDS, rows, strict=True):
-            self._rows[kind].append(row)
+        rows = {kind: _row(kind, pose) for kind, pose in zip(KINDS, poses, strict=True)}
+        self._frames.append((int(index), stamp, _text(answer.status), uses or [""] * len(rig), rows))
 
     def build(self) -> Poses:
         """All frames so far; LogError where a pose or the order of the frames is not valid."""
-        index, timestamp, status, cameras = zip(*self._frames, strict=True) if self._frames else ((),) * 4
+        frames: Any = zip(*self._frames, strict=True) if self._frames else ((),) * 5
+        index, timestamp, status, cameras, rows = frames
         poses: dict[Kind, Any] = {}
-        for kind, rows in self._rows.items():
-            poses[kind] = columns = KINDS[kind].nothing(len(rows))
-            if rows:
-                arrays = {name: np.stack([row[name] for row in rows]) for name in columns.arrays()}
-                poses[kind] = KINDS[kind](**arrays)
+        for kind, columns in KINDS.items():
+            nothing = columns.nothing(len(rows)).arrays()
+            arrays = {name: array.copy() for name, array in nothing.items()}
+            for number, row in enumerate(rows):
+                for name, value in row[kind].items():
+                    arrays[name][number] = value
+            poses[kind] = columns(**arrays)
         if not any(poses["recorded"].has_pose):
             poses["recorded"] = None
-        return Poses(
-            index=np.array(index, dtype=np.int64),
-            timestamp=np.array(timestamp, dtype=np.float64),
-            status=np.array(status, dtype=np.str_),
-            **poses,
-            about=self._about,
-            cameras=np.array(cameras, np.str_) if any(any(uses) for uses in cameras) else None,
-        )
+        known = np.array(cameras) if any(any(uses) for uses in cameras) else None
+        return Poses(index, timestamp, status, **poses, about=self._about, cameras=known)
 
 
 def _text(word: Any) -> str:
@@ -79,20 +73,16 @@ def _text(word: Any) -> str:
     return str(getattr(word, "value", word))
 
 
-_FOUND = np.array(True)
-_NOTHING = {kind: {k: column[0] for k, column in KINDS[kind].nothing(1).arrays().items()} for kind in KINDS}
-"""What each kind of poses has where there is none, by the column's name."""
-
-
-def _row(kind: Kind, pose: Any) -> dict[str, Array]:
-    """Copies of what a pose has to say, by the column's name."""
+def _row(kind: Kind, pose: Any) -> dict[str, Any]:
+    """Copies of what a pose has to say, by the column's name; nothing where there is none."""
     if pose is None:
-        return _NOTHING[kind]
-    row, columns = {"has_pose": _FOUND}, KINDS[kind]
+        return {}
+    row: dict[str, Any] = {"has_pose": True}
+    columns = KINDS[kind]
     for name, shape in columns.ROW_SHAPES.items():
         value = getattr(pose, name, None)
         if value is None and name in columns.MAY_BE_UNKNOWN:
-            value = np.full(shape, np.nan)
+            continue
         if value is None:  # which NumPy would take for NaN
             raise LogError(f"{kind} pose: {name}: found none, expected numbers of shape {shape}")
         row[name] = float_array(value, shape, f"{kind} pose: {name}", LogError, finite=False)
