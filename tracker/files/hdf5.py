@@ -106,9 +106,7 @@ def find(file: Any, name: str, where: str) -> h5py.Dataset | None:
             raise LogError(f"found a {type(item).__name__.lower()}, expected a dataset")
         if item.is_virtual or item.external:
             raise LogError("found data outside the file, expected them inside")
-        _check_filters(item)
-        if item.chunks:
-            _check_blocks(item)
+        _check_stored(item)
         return item
 
 
@@ -247,8 +245,9 @@ def _item(file: Any, name: str) -> Any:
     return item
 
 
-def _check_filters(dataset: h5py.Dataset) -> None:
-    properties, size = dataset.id.get_create_plist(), dataset.dtype.itemsize
+def _check_stored(dataset: h5py.Dataset) -> None:
+    """LogError where blocks are packed by what does not come with the library, too large, or cut off."""
+    properties, size = dataset.id.get_create_plist(), int(dataset.dtype.itemsize)
     for number in range(properties.get_nfilters()):
         code, _, settings, _ = properties.get_filter(number)
         if code not in _FILTERS:
@@ -257,15 +256,14 @@ def _check_filters(dataset: h5py.Dataset) -> None:
         # Checksums are of what is packed, not of how: a damaged setting would scramble the pixels unnoticed.
         if code == h5py.h5z.FILTER_SHUFFLE and settings != (size,):
             raise LogError(f"found bytes shuffled by {settings}, expected {(size,)}")
-
-
-def _check_blocks(dataset: h5py.Dataset) -> None:
-    block = math.prod(dataset.chunks) * max(1, int(dataset.dtype.itemsize))
+    if not dataset.chunks:
+        return
+    block = math.prod(dataset.chunks) * max(1, size)
     if not 0 < block <= MAX_CHUNK:
         raise LogError(f"found blocks of {dataset.chunks}, expected at most {MAX_CHUNK} bytes")
     stored = int(dataset.id.get_storage_size())
     # Where damage hides that blocks are packed, the library takes them for whole and reads beyond their end.
-    if not filters_of(dataset) and stored % block:
+    if not properties.get_nfilters() and stored % block:
         raise LogError(f"found {stored} bytes stored, expected blocks of {block}")
 
 

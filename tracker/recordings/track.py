@@ -108,11 +108,6 @@ def run(job: Job, progress: Progress | None = None) -> Tracked:
         return tracked
 
 
-def is_whole(job: Job, mark: str) -> bool:
-    """Whether the file of poses is there with this fingerprint; not whether all of it can be read."""
-    return job.output.is_file() and read_fingerprint(job.output) == mark
-
-
 def chosen(log: Log, job: Job) -> tuple[int, int]:
     """Numbers of the first frame to track and of the first after those; LogError where there is none."""
     count, recipe = len(log), job.recipe
@@ -133,7 +128,7 @@ def rig_for(job: Job, log: Log) -> CameraRig:
 
 def _kept(job: Job) -> Tracked | None:
     """What an earlier run has left, if it is of the same and whole."""
-    if not is_whole(job, fingerprint(job)):
+    if not job.output.is_file() or read_fingerprint(job.output) != fingerprint(job):
         return None
     try:
         poses = read_poses(job.output)
