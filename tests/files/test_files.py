@@ -12,6 +12,7 @@ import pytest
 
 import tracker
 from tests.helpers import ROOT, make_camera
+from tests.helpers.reading import frames_of
 from tracker.calibration.rig import CameraRig
 from tracker.color_learning.labelled import read_image
 from tracker.errors import CalibrationError, TrackerError
@@ -66,11 +67,6 @@ def test_a_pipe_in_the_place_of_a_calibration_is_an_error(name, tmp_path):
         CameraRig.load(tmp_path)
     with pytest.raises(CalibrationError, match="regular file"):
         CameraRig.load([tmp_path / name, tmp_path / "camera60.yml"])
-
-
-def frames_of(path: Path) -> list:
-    with tracker.open_log(path) as log:
-        return list(log)
 
 
 @pytest.mark.parametrize(

@@ -1,13 +1,17 @@
-"""What reading a recording takes, and files of HDF5 changed in place."""
+"""What reading a recording takes and gives, and files of HDF5 changed in place."""
 
+import re
 import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import h5py
+import pytest
 
 import tracker
+from tracker.errors import LogError
+from tracker.logs import LogFrame
 
 Change = Callable[[h5py.File], object]
 
@@ -20,6 +24,23 @@ def peak_of_reading(path: Path, frames: int) -> int:
     used = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     return used
+
+
+def frames_of(path: Path, **options: Any) -> list[LogFrame]:
+    """All frames of a recording."""
+    with tracker.open_log(path, **options) as log:
+        return list(log)
+
+
+def recovered(path: Path, message: str) -> tuple[list[int], list[int]]:
+    """Numbers of the frames before an error that matches, and of all with `recover`, which tells it, too."""
+    before: list[int] = []
+    with pytest.raises(LogError, match=message), tracker.open_log(path) as log:
+        before.extend(frame.index for frame in log)
+    with tracker.open_log(path, recover=True) as log:
+        after = [frame.index for frame in log]
+        assert re.search(message, log.fault)
+    return before, after
 
 
 def without(name: str) -> Change:
