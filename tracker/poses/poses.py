@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 from importlib import import_module
 from typing import Any, Literal
@@ -17,22 +17,6 @@ from tracker.errors import LogError, TrackerError
 from tracker.geometry import cuboid, so3
 from tracker.objects.model import CuboidModel
 from tracker.poses.columns import FilteredColumns, MeasuredColumns, PoseColumns, refuse
-
-_POSE = ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw", "confidence")
-_STD = ("std_x_m", "std_y_m", "std_z_m", "std_rx_rad", "std_ry_rad", "std_rz_rad")
-_VELOCITY = ("vx_m_per_s", "vy_m_per_s", "vz_m_per_s", "wx_rad_per_s", "wy_rad_per_s", "wz_rad_per_s")
-_VELOCITY_STD = tuple(f"std_{name}" for name in _VELOCITY)
-
-CSV_HEADER = (
-    "frame",
-    "timestamp_s",
-    "status",
-    *(f"measured_{name}" for name in (*_POSE, *_STD)),
-    *(f"filtered_{name}" for name in (*_POSE, *_STD, *_VELOCITY, *_VELOCITY_STD)),
-    *(f"recorded_{name}" for name in _POSE),
-    "cameras",
-)
-"""Columns of the CSV file: always the same, with their units."""
 
 CAMERA_SEPARATOR = "|"
 """Between what became of each camera's picture, in the column `cameras`."""
@@ -59,6 +43,24 @@ KINDS: dict[Kind, type[PoseColumns]] = {
     "recorded": PoseColumns,
 }
 """What is known of each kind of pose."""
+
+_TWIST = ("vx_m_per_s", "vy_m_per_s", "vz_m_per_s", "wx_rad_per_s", "wy_rad_per_s", "wz_rad_per_s")
+_CELLS = {
+    "position": ("x_m", "y_m", "z_m"),
+    "orientation": ("qx", "qy", "qz", "qw"),
+    "confidence": ("confidence",),
+    "covariance": ("std_x_m", "std_y_m", "std_z_m", "std_rx_rad", "std_ry_rad", "std_rz_rad"),
+    "velocity": _TWIST,
+    "velocity_covariance": tuple(f"std_{name}" for name in _TWIST),
+}
+"""What tables have of each column; of covariances the standard deviations."""
+
+CSV_HEADER = (
+    *("frame", "timestamp_s", "status"),
+    *(f"{kind}_{cell}" for kind, one in KINDS.items() for name in one.ROW_SHAPES for cell in _CELLS[name]),
+    "cameras",
+)
+"""Columns of the CSV file: always the same, with their units."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,11 +179,9 @@ class Poses:
 
         keypoints_of: the object, whose corners are columns too, such as `filtered_keypoint0_x_m`.
         """
-        recorded = self.recorded or PoseColumns.nothing(len(self))
-        filtered = [*_numbers(self.filtered), self.filtered.velocity, _std(self.filtered.velocity_covariance)]
-        numbers = np.concatenate([*_numbers(self.measured), *filtered, *_numbers(recorded)], axis=1)
-        cells = [CAMERA_SEPARATOR.join(uses) if any(uses) else "" for uses in _cameras(self).tolist()]
-        columns = [self.index, self.timestamp, self.status, *numbers.T, np.array(cells, dtype=np.str_)]
+        numbers = [cells for kind in KINDS for cells in _cells(self._known(kind))]
+        uses = [CAMERA_SEPARATOR.join(row) if any(row) else "" for row in _cameras(self).tolist()]
+        columns = [self.index, self.timestamp, self.status, *numbers, np.array(uses, dtype=np.str_)]
         corners = {
             f"{kind}_keypoint{i}_{axis}_m": points[:, i, k]
             for kind, points in self.keypoints(keypoints_of).items()
@@ -203,7 +203,7 @@ class Poses:
         of_kind(model, CuboidModel, "keypoints", LogError, "tracker.load_object")
         found = {}
         for kind in KINDS:
-            columns = getattr(self, kind) or PoseColumns.nothing(len(self))
+            columns = self._known(kind)
             rotation = so3.matrix_from_quaternion(columns.orientation)
             found[kind] = cuboid.keypoints(columns.position, rotation, model.size)
         return found
@@ -243,6 +243,11 @@ class Poses:
         about = {name: getattr(self.about, name) for name in ("object_name", "source", "tracker_version")}
         return package("xarray").Dataset(variables, coords=coordinates, attrs=about)
 
+    def _known(self, kind: Kind) -> PoseColumns:
+        """The poses of one kind, nothing in any frame where the recording has none."""
+        columns: PoseColumns | None = getattr(self, kind)
+        return PoseColumns.nothing(len(self)) if columns is None else columns
+
     def columns(self, kind: Kind) -> PoseColumns:
         """The poses of one kind: measured, filtered or recorded.
 
@@ -271,19 +276,17 @@ def concatenate(parts: Sequence[Poses]) -> Poses:
             found = f"{part.about.object_name} seen by {', '.join(part.about.rig.names)}"
             expected = f"{first.object_name} seen by {', '.join(first.rig.names)} of the same calibration"
             raise LogError(f"part {number}: found {found}, expected {expected}")
-    recorded = [part.recorded or PoseColumns.nothing(len(part)) for part in parts]
-    cameras = [_cameras(part) for part in parts]
     sources = dict.fromkeys(part.about.source for part in parts)
-    return Poses(
-        index=np.concatenate([part.index for part in parts]),
-        timestamp=np.concatenate([part.timestamp for part in parts]),
-        status=np.concatenate([part.status for part in parts]),
-        measured=MeasuredColumns.joined([part.measured for part in parts]),
-        filtered=FilteredColumns.joined([part.filtered for part in parts]),
-        recorded=PoseColumns.joined(recorded) if any(part.recorded is not None for part in parts) else None,
-        about=About(first.object_name, ", ".join(sources), first.tracker_version, first.rig),
-        cameras=np.concatenate(cameras) if any(part.cameras is not None for part in parts) else None,
-    )
+    arrays = ("index", "timestamp", "status")
+    joined: dict[str, Any] = {name: np.concatenate([getattr(one, name) for one in parts]) for name in arrays}
+    for kind, columns in KINDS.items():
+        joined[kind] = columns.joined([part._known(kind) for part in parts])
+    if all(part.recorded is None for part in parts):
+        joined["recorded"] = None
+    if any(part.cameras is not None for part in parts):
+        joined["cameras"] = np.concatenate([_cameras(part) for part in parts])
+    about = About(first.object_name, ", ".join(sources), first.tracker_version, first.rig)
+    return Poses(**joined, about=about)
 
 
 def _cameras(part: Poses) -> Array:
@@ -291,15 +294,13 @@ def _cameras(part: Poses) -> Array:
     return np.full((len(part), len(part.about.rig)), "") if part.cameras is None else part.cameras
 
 
-def _numbers(columns: PoseColumns) -> list[FloatArray]:
-    """Position, orientation, confidence and, of what was found, standard deviations: each (n, k)."""
-    std = [_std(columns.covariance)] if isinstance(columns, MeasuredColumns) else []
-    return [columns.position, columns.orientation, columns.confidence[:, None], *std]
-
-
-def _std(covariance: FloatArray) -> FloatArray:
-    result: FloatArray = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-    return result
+def _cells(columns: PoseColumns) -> Iterator[FloatArray]:
+    """(n,) cells of a table, see _CELLS."""
+    for name in columns.ROW_SHAPES:
+        values = getattr(columns, name)
+        if values.ndim == 3:
+            values = np.sqrt(np.diagonal(values, axis1=1, axis2=2))
+        yield from values.reshape(len(columns), len(_CELLS[name])).T
 
 
 def _texts(name: str, value: object, shape: tuple[int, ...]) -> Array:
