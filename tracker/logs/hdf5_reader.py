@@ -105,13 +105,9 @@ def read_names(field: h5py.Dataset, count: int, path: Path) -> tuple[str, ...]:
     beyond its memory, which ends the process, or searches without end: so it does, in version 2.0 still,
     with 39 of the 1,664 bits of a heap of three names flipped. Therefore these few bytes are read here.
     """
-    kind, offset = field.id.get_type(), field.id.get_offset()
-    text = isinstance(kind, h5py.h5t.TypeStringID)
-    fixed = text and not kind.is_variable_str()
-    variable = (text and not fixed) or isinstance(kind, h5py.h5t.TypeVlenID)
-    # As the type of a reference h5py gives its size in memory.
-    size = _REFERENCE.size if variable else int(kind.get_size())
-    if field.shape != (count,) or not (fixed or variable) or size > _MAX_NAME or offset is None:
+    offset, variable = field.id.get_offset(), field.dtype.kind == "O"
+    size = _REFERENCE.size if variable else int(field.dtype.itemsize)
+    if field.shape != (count,) or field.dtype.kind not in "SO" or size > _MAX_NAME or offset is None:
         raise LogError(f"camera_names: found {described(field)}, expected {count} names")
     if (there := field.id.get_storage_size()) != count * size:
         raise LogError(f"camera_names: found {there} bytes, expected {count * size}")

@@ -16,7 +16,6 @@ import gzip
 import os
 import struct
 import zlib
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +33,7 @@ _GZIP_MAGIC = b"\x1f\x8b"
 _MAX_RATIO = 1032  # deflate packs at most this many bytes into one
 
 _HEADER = struct.Struct("<iiiB")  # rows, columns, type, continuous
+_SAME = 12  # bytes of it that are the same in all records: all but `continuous`
 _CHANNELS = {0: 1, 16: 3}  # by OpenCV's type: Bayer pixels, or BGR
 _POSES = ((0, 0), (1, 8), (2, 8), (1, 9), (2, 9))  # how many poses, of how many numbers each
 _STAMPS = {True: (12, 20), False: (8, 8)}
@@ -130,6 +130,7 @@ class NativeSource(Source):
         """Find where everything is in a record, from the first and the second; their stated number."""
         count = self._read_head()
         start, offset = _STAMPS[self._stamped]
+        first = self._read_at(offset, _SAME)
         headers = []
         for number in range(1, _CAMERAS + 1):
             what = f"{self.path}: record 0, camera number {number}"
@@ -143,10 +144,8 @@ class NativeSource(Source):
         tail = self._read_at(offset, 8 * 18 + 8 + _HEADER.size)
         for self._record in variants:
             poses = self._record["poses"].itemsize
-            with suppress(LogError):
-                if _header(tail[poses + 8 * self._stamped :], "")[:3] == headers[0][:3]:
-                    return count
-            if count == 1 and len(tail) == poses:
+            after = poses + 8 * self._stamped
+            if tail[after : after + _SAME] == first or (count == 1 and len(tail) == poses):
                 return count
         for self._record in variants:  # where the second record's header is damaged
             if not self.sequential and self._largest == start + count * self._record.itemsize:
