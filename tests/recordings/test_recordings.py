@@ -297,7 +297,7 @@ def whole(tmp_path, name) -> tuple:
 
 @pytest.mark.parametrize("name", WRITERS)
 def test_a_place_that_cannot_be_written_is_reported_in_one_line(name, read_only, whole, tmp_path):
-    for folder in (read_only, tmp_path / "none"):
+    for folder in (read_only, tmp_path / "none", tmp_path / "nul\0"):
         with pytest.raises(TrackerError) as raised:
             WRITERS[name](folder / name, *whole)
         assert str(raised.value).startswith(f"{folder / name}: cannot be written: ")
