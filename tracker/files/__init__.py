@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import csv
 import errno
+import fcntl
 import io
 import os
 import stat
@@ -63,11 +64,6 @@ def check_suffix(path: Path, suffixes: Sequence[str], what: str, fault: type[Exc
         found = f"suffix {path.suffix!r}" if path.suffix else "no suffix"
         raise fault(f"{what} {path}: found {found}, expected {' or '.join(suffixes)}")
 
-
-try:
-    import fcntl
-except ImportError:  # not on this operating system: nothing is locked
-    fcntl = None  # type: ignore[assignment]
 
 _NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EROFS)
 """What file systems say that have no locks, as some network drives."""
@@ -174,8 +170,7 @@ def _locked(lock: Path) -> int:
             descriptor = os.open(lock, os.O_RDWR | os.O_CREAT, 0o666)
             undo.callback(os.close, descriptor)
             try:
-                if fcntl is not None:
-                    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError as error:
                 if error.errno not in _NO_LOCKS:
                     raise
@@ -187,8 +182,8 @@ def _locked(lock: Path) -> int:
 
 def _to_disk(path: Path) -> None:
     try:
-        descriptor = os.open(path, os.O_RDONLY if path.is_dir() or os.name != "nt" else os.O_RDWR)
-    except PermissionError:  # a folder that may be written but not read, or one of Windows
+        descriptor = os.open(path, os.O_RDONLY)
+    except PermissionError:  # a folder that may be written but not read
         if path.is_dir():
             return
         raise
