@@ -1,7 +1,6 @@
 import contextlib
 import errno
 import os
-import resource
 import signal
 import subprocess
 import sys
@@ -12,10 +11,11 @@ import pytest
 
 import tracker
 from tests.helpers import ROOT, make_camera
+from tests.helpers.full_disk import no_file_longer_than
 from tests.helpers.reading import frames_of
 from tracker.calibration.rig import CameraRig
 from tracker.color_learning.labelled import read_image
-from tracker.errors import CalibrationError, TrackerError
+from tracker.errors import TrackerError
 from tracker.files import claimed, lock_of, open_regular, read_bounded, whole_file, write_whole
 from tracker.files.hdf5 import Disk, check_stated_end, open_file
 from tracker.files.stores import LmdbFile
@@ -58,15 +58,7 @@ def test_files_and_links_to_files_are_read_up_to_their_bound(tmp_path):
         read_bounded(tmp_path / "file", 4)
 
 
-@pytest.mark.parametrize("name", ["camera60.yml", "arena.toml"])
-def test_a_pipe_in_the_place_of_a_calibration_is_an_error(name, tmp_path):
-    CameraRig((make_camera(60),)).save(tmp_path)
-    (tmp_path / name).unlink(missing_ok=True)
-    os.mkfifo(tmp_path / name)
-    with pytest.raises(CalibrationError, match=r"expected a (regular )?file"):
-        CameraRig.load(tmp_path)
-    with pytest.raises(CalibrationError, match="regular file"):
-        CameraRig.load([tmp_path / name, tmp_path / "camera60.yml"])
+CALIBRATION = "camera60.yml", "arena.toml"
 
 
 @pytest.mark.parametrize(
@@ -82,11 +74,16 @@ def test_a_pipe_in_the_place_of_a_calibration_is_an_error(name, tmp_path):
         ("object.toml", tracker.load_object),
         ("colors.npz", tracker.load_colors),
         ("image.png", read_image),
+        *[(name, lambda path: CameraRig.load(path.parent)) for name in CALIBRATION],
+        *[(name, lambda path: CameraRig.load([path, path.parent / "camera60.yml"])) for name in CALIBRATION],
     ],
 )
 def test_a_pipe_in_the_place_of_any_file_is_an_error(name, read, tmp_path):
+    CameraRig((make_camera(60),)).save(tmp_path)
+    (tmp_path / name).unlink(missing_ok=True)
     os.mkfifo(tmp_path / name)
-    with pytest.raises(TrackerError, match=rf"{name}: .*(regular file|expected a file|no such file)"):
+    message = rf"{name}: .*(regular file|expected a file|no such file)|expected a file like {name}"
+    with pytest.raises(TrackerError, match=message):
         read(tmp_path / name)
 
 
@@ -99,20 +96,16 @@ def test_a_pipe_is_no_file_of_poses(tmp_path):
 
 
 def test_what_the_disk_refuses_can_be_read_back_from_memory(tmp_path, rng):
-    limits, mirror = resource.getrlimit(resource.RLIMIT_FSIZE), bytearray()
-    with Disk(tmp_path / "file") as disk:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
-        try:
-            for size in rng.integers(1, 500, 60).tolist():
-                at, data = int(rng.integers(len(mirror) + 1)), rng.bytes(size)
-                mirror[at : at + size] = data
-                disk.seek(at)
-                assert disk.write(data) == size
-                back, place = bytearray(700), int(rng.integers(len(mirror)))
-                disk.seek(place)
-                assert back[: disk.readinto(back)] == mirror[place : place + 700]
-        finally:
-            resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    mirror = bytearray()
+    with Disk(tmp_path / "file") as disk, no_file_longer_than(1000):
+        for size in rng.integers(1, 500, 60).tolist():
+            at, data = int(rng.integers(len(mirror) + 1)), rng.bytes(size)
+            mirror[at : at + size] = data
+            disk.seek(at)
+            assert disk.write(data) == size
+            back, place = bytearray(700), int(rng.integers(len(mirror)))
+            disk.seek(place)
+            assert back[: disk.readinto(back)] == mirror[place : place + 700]
         assert disk.seek(0, os.SEEK_END) == len(mirror) > 1000
         assert disk.fault.errno == errno.EFBIG
 

@@ -8,12 +8,34 @@ from tests.helpers.pose_logs import arrays_of, random_poses
 from tests.helpers.reading import attribute, edit, made, put, without
 from tracker.errors import LogError, TrackerError
 from tracker.poses.columns import FilteredColumns, MeasuredColumns
-from tracker.poses.file import MAX_FRAMES, read_poses, write_poses
+from tracker.poses.file import MAX_FRAMES, read_poses
 
 
 def log_of_the_platform(file):
     file.attrs.pop("format")
     file.attrs["magic"] = 0x3CDA7A00
+
+
+def of_another_file(file):
+    layout = h5py.VirtualLayout((5,), float)
+    layout[:] = h5py.VirtualSource("other.h5", "stamps", (5,))
+    del file["timestamps"]
+    file.create_virtual_dataset("timestamps", layout)
+
+
+def as_a_link_to_a_group(file):
+    file.move("object_pose", "really")
+    file["object_pose"] = h5py.SoftLink("/really")
+
+
+def unpacking_to_more(sums):
+    def change(file):
+        del file["timestamps"]
+        options = {"chunks": (5,), "compression": "gzip", "fletcher32": sums}
+        field = file.create_dataset("timestamps", (5,), float, **options)
+        field.id.write_direct_chunk((0,), zlib.compress(bytes(50_000_000), 9) + 4 * sums * b"x")
+
+    return change
 
 
 CAMERA = "camera_info/camera60"
@@ -60,75 +82,34 @@ BREAKS = [
     (without(f"{CAMERA}/camera_matrix"), f"/{CAMERA}/camera_matrix: found nothing"),
     (edit(f"{CAMERA}/camera_matrix", (0, 0), -1), "camera60: camera_matrix: found focal lengths -1"),
     (attribute("image_width", at=CAMERA), f"/{CAMERA}: image_width: found no such"),
+    # What other files hold is never read.
+    (put("timestamps", h5py.ExternalLink("other.h5", "/stamps")), "/timestamps: found a link"),
+    (put("timestamps", h5py.SoftLink("/object_pose/confidence")), "/timestamps: found a link"),
+    (made("timestamps", (5,), float, external=[("other.h5", 0, 40)]), "/timestamps: found data outside"),
+    (of_another_file, "/timestamps: found data outside"),
+    (as_a_link_to_a_group, "/object_pose/has_pose: found a link"),
+    # Nor what would fill the memory.
+    (unpacking_to_more(False), "/timestamps: .*unpacks to"),
+    (unpacking_to_more(True), "/timestamps: .*unpacks to"),
+    (attribute("source", np.bytes_(b"x" * (2 << 20))), "source: found .*expected at most 1048576 bytes"),
 ]
 
 
 @pytest.mark.parametrize(("change", "message"), BREAKS)
 def test_what_cannot_be_is_refused_with_file_and_dataset(written, change, message):
-    with h5py.File(written, "r+") as file:
+    with h5py.File(written.parent / "other.h5", "w") as other:
+        other["stamps"] = np.arange(5.0)
+    with h5py.File(written, "r+", libver=("v110", "v110")) as file:
         change(file)
     with pytest.raises(LogError, match=rf"poses\.h5: .*{message}"):
         read_poses(written)
 
 
-def of_another_file(file):
-    layout = h5py.VirtualLayout((5,), float)
-    layout[:] = h5py.VirtualSource("other.h5", "stamps", (5,))
-    del file["timestamps"]
-    file.create_virtual_dataset("timestamps", layout)
-
-
-def as_a_link_to_a_group(file):
-    file.move("object_pose", "really")
-    file["object_pose"] = h5py.SoftLink("/really")
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (put("timestamps", h5py.ExternalLink("other.h5", "/stamps")), "/timestamps: found a link"),
-        (put("timestamps", h5py.SoftLink("/object_pose/confidence")), "/timestamps: found a link"),
-        (made("timestamps", (5,), float, external=[("other.h5", 0, 40)]), "/timestamps: found data outside"),
-        (of_another_file, "/timestamps: found data outside"),
-        (as_a_link_to_a_group, "/object_pose/has_pose: found a link"),
-    ],
-)
-def test_what_other_files_hold_is_never_read(written, change, message):
-    with h5py.File(written.parent / "other.h5", "w") as other:
-        other["stamps"] = np.arange(5.0)
-    with h5py.File(written, "r+") as file:
-        change(file)
-    with pytest.raises(LogError, match=message):
-        read_poses(written)
-
-
-@pytest.mark.parametrize("sums", [True, False])
-def test_a_block_that_unpacks_to_more_than_it_should_is_refused_before(written, sums):
-    with h5py.File(written, "r+") as file:
-        del file["timestamps"]
-        options = {"chunks": (5,), "compression": "gzip", "fletcher32": sums}
-        field = file.create_dataset("timestamps", (5,), float, **options)
-        field.id.write_direct_chunk((0,), zlib.compress(bytes(50_000_000), 9) + 4 * sums * b"x")
-    with pytest.raises(LogError, match=r"/timestamps: .*unpacks to"):
-        read_poses(written)
-
-
-def test_a_text_that_would_fill_the_memory_is_refused(path, rng):
-    write_poses(path, random_poses(rng, 2))
-    with h5py.File(path, "r+", libver=("v110", "v110")) as file:
-        file.attrs.create("source", np.bytes_(b"x" * (2 << 20)))
-    with pytest.raises(LogError, match=r"source: found .*expected at most 1048576 bytes"):
-        read_poses(path)
-
-
-@pytest.mark.parametrize("content", [b"", b"text", b"\x89HDF\r\n\x1a\n", b"\x89HDF\r\n\x1a\n" + bytes(3000)])
-def test_what_is_no_hdf5_is_refused(path, content):
-    path.write_bytes(content)
-    with pytest.raises(LogError, match=r"poses\.h5: cannot be read"):
-        read_poses(path)
-
-
-def test_no_file_and_a_folder_are_refused(tmp_path):
+def test_what_is_no_hdf5_and_what_is_no_file_is_refused(path, tmp_path):
+    for content in (b"", b"text", b"\x89HDF\r\n\x1a\n", b"\x89HDF\r\n\x1a\n" + bytes(3000)):
+        path.write_bytes(content)
+        with pytest.raises(LogError, match=r"poses\.h5: cannot be read"):
+            read_poses(path)
     for path in (tmp_path / "none.h5", tmp_path):
         with pytest.raises(LogError, match=r"found (no such file|a folder), expected a file of poses"):
             read_poses(path)

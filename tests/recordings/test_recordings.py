@@ -1,16 +1,15 @@
 import contextlib
 import dataclasses
 import os
-import resource
 import struct
 import tracemalloc
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import tracker
+from tests.helpers.full_disk import no_file_longer_than
 from tests.helpers.log_writers import make_content, write_native
 from tests.helpers.pose_logs import assert_same, random_poses
 from tests.helpers.recording_stubs import NoiseTracker, make_job, tiny_rig, write_log
@@ -80,22 +79,18 @@ def test_what_is_whole_is_not_tracked_again(log, expected, tmp_path):
     assert os.listdir(tmp_path) == ["poses.h5"]
 
 
-@pytest.mark.parametrize("damage", ["cut", "changed", "emptied", "removed"])
-def test_what_is_not_whole_is_tracked_again(damage, log, expected, tmp_path):
+@pytest.mark.parametrize("damage", ["cut", "changed", "emptied", "removed", "of another job"])
+def test_what_is_not_whole_or_of_another_job_is_tracked_again(damage, log, expected, tmp_path):
     job = make_job(log, tmp_path / "poses.h5")
     changed = bytearray(expected)
     changed[len(expected) // 2] ^= 1
     content = {"cut": expected[:-100], "changed": bytes(changed), "emptied": b""}.get(damage)
     if content is not None:
         job.output.write_bytes(content)
+    if damage == "of another job":
+        run(make_job(log, job.output, model=tracker.load_object("cube_v1")))
     assert run(job).new == FRAMES
     assert job.output.read_bytes() == expected
-
-
-def test_the_poses_of_another_job_are_not_taken(log, expected, tmp_path):
-    run(make_job(log, tmp_path / "poses.h5", model=tracker.load_object("cube_v1")))
-    assert run(make_job(log, tmp_path / "poses.h5")).new == FRAMES
-    assert (tmp_path / "poses.h5").read_bytes() == expected
 
 
 def test_the_poses_can_be_had_without_a_file(tmp_path):
@@ -232,17 +227,6 @@ def test_memory_does_not_grow_with_the_recording(tmp_path):
     peak(2)
     # A frame's images are 8 kB in colour, its poses 1 kB.
     assert peak(500) < peak(100) + 400 * 4000
-
-
-@contextlib.contextmanager
-def no_file_longer_than(size: int) -> Iterator[None]:
-    """As on a disk that is full: a write beyond is refused."""
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, limits[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
 
 
 @pytest.fixture
