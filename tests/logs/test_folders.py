@@ -252,32 +252,24 @@ def test_films_of_different_length_leave_a_camera_without_image(tmp_path):
     assert (greys, names) == (expected(6, 1), ("camera60",))
 
 
-@pytest.mark.parametrize("damage", [lambda b: b"", lambda b: b[: len(b) // 2], lambda b: b"no film" * 100])
-def test_what_is_no_film_is_reported(tmp_path, damage):
-    film = write_film(tmp_path / "camera60.mp4", pictures(0, 12))
-    film.write_bytes(damage(film.read_bytes()))
-    with pytest.raises(LogError, match=r"camera60\.mp4: found no film"):
-        tracker.open_log(tmp_path)
-
-
-@pytest.mark.parametrize(
-    "playlist",
-    [
-        "ffconcat version 1.0\nfile 'other.mp4'\n",
-        "#EXTM3U\n#EXT-X-TARGETDURATION:9\n#EXTINF:0.5,\nother.mp4\n#EXT-X-ENDLIST\n",
-        '<MPD xmlns="urn:mpeg:dash:schema:mpd:2011" type="static" mediaPresentationDuration="PT1S"><Period>'
-        '<AdaptationSet contentType="video"><Representation id="1" mimeType="video/mp4" bandwidth="9">'
-        "<BaseURL>other.mp4</BaseURL></Representation></AdaptationSet></Period></MPD>",
-    ],
-    ids=["concat", "hls", "dash"],
+CONCAT = b"ffconcat version 1.0\nfile 'other.mp4'\n"
+HLS = b"#EXTM3U\n#EXT-X-TARGETDURATION:9\n#EXTINF:0.5,\nother.mp4\n#EXT-X-ENDLIST\n"
+DASH = (
+    b'<MPD xmlns="urn:mpeg:dash:schema:mpd:2011" type="static" mediaPresentationDuration="PT1S"><Period>'
+    b'<AdaptationSet contentType="video"><Representation id="1" mimeType="video/mp4" bandwidth="9">'
+    b"<BaseURL>other.mp4</BaseURL></Representation></AdaptationSet></Period></MPD>"
 )
-def test_a_film_opens_no_file_that_its_content_names(tmp_path, playlist):
-    other = write_film(tmp_path / "other.mp4", pictures(0, 12))
-    film = tmp_path / "camera60.mp4"
-    for content in (playlist, playlist.replace("other.mp4", str(other))):
-        film.write_text(content)
-        with pytest.raises(LogError, match=r"camera60\.mp4: found no film"):
-            tracker.open_log(film)
+
+
+@pytest.mark.parametrize("content", [b"", b"no film" * 100, None, CONCAT, HLS, DASH])
+def test_what_is_no_film_is_reported_and_opens_no_file_that_it_names(tmp_path, content):
+    other, film = write_film(tmp_path / "other.mp4", pictures(0, 12)), tmp_path / "camera60.mp4"
+    half = other.read_bytes()[: other.stat().st_size // 2]
+    for name in (b"other.mp4", str(other).encode()):
+        film.write_bytes(half if content is None else content.replace(b"other.mp4", name))
+        for place in (film, tmp_path):
+            with pytest.raises(LogError, match=r"camera60\.mp4: found no film"):
+                tracker.open_log(place)
 
 
 def test_a_damaged_picture_of_a_film_is_named_and_the_others_are_given(tmp_path):
