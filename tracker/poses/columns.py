@@ -61,8 +61,21 @@ class PoseColumns:
             shape = (len(has_pose), *row_shape)
             column = float_array(getattr(self, name), shape, name, LogError, finite=False)
             freeze(self, name, column)
-            self._check_rows(name, column)
-        self._check_values()
+            axes = tuple(range(1, column.ndim))
+            unknown, good = np.isnan(column).all(axis=axes), np.isfinite(column).all(axis=axes)
+            if name in self.MAY_BE_UNKNOWN:
+                good |= unknown
+            refuse(name, has_pose & ~good, column, "finite numbers where has_pose is true")
+            refuse(name, ~has_pose & ~unknown, column, "NaN where has_pose is false")
+            if row_shape == (6, 6):
+                _check_covariance(name, has_pose, column)
+        with np.errstate(over="ignore"):
+            length = np.linalg.norm(self.orientation, axis=1)
+        bad = has_pose & ~(np.abs(length - 1) <= UNIT_TOLERANCE)
+        refuse("orientation", bad, self.orientation, "a quaternion of length 1")
+        if "confidence" not in self.MAY_BE_UNKNOWN:
+            bad = has_pose & ~((self.confidence >= 0) & (self.confidence <= 1))
+            refuse("confidence", bad, self.confidence, "a probability from 0 to 1")
 
     def __len__(self) -> int:
         return len(self.has_pose)
@@ -87,20 +100,6 @@ class PoseColumns:
         arrays = [part.arrays() for part in parts]
         return cls(**{name: np.concatenate([part[name] for part in arrays]) for name in arrays[0]})
 
-    def _check_rows(self, name: str, column: FloatArray) -> None:
-        axes = tuple(range(1, column.ndim))
-        unknown, good = np.isnan(column).all(axis=axes), np.isfinite(column).all(axis=axes)
-        if name in self.MAY_BE_UNKNOWN:
-            good |= unknown
-        refuse(name, self.has_pose & ~good, column, "finite numbers where has_pose is true")
-        refuse(name, ~self.has_pose & ~unknown, column, "NaN where has_pose is false")
-
-    def _check_values(self) -> None:
-        with np.errstate(over="ignore"):
-            length = np.linalg.norm(self.orientation, axis=1)
-        bad = self.has_pose & ~(np.abs(length - 1) <= UNIT_TOLERANCE)
-        refuse("orientation", bad, self.orientation, "a quaternion of length 1")
-
 
 @dataclass(frozen=True, eq=False)
 class MeasuredColumns(PoseColumns):
@@ -111,12 +110,6 @@ class MeasuredColumns(PoseColumns):
 
     ROW_SHAPES: ClassVar[dict[str, tuple[int, ...]]] = {**PoseColumns.ROW_SHAPES, "covariance": (6, 6)}
     MAY_BE_UNKNOWN: ClassVar[tuple[str, ...]] = ()
-
-    def _check_values(self) -> None:
-        super()._check_values()
-        bad = self.has_pose & ~((self.confidence >= 0) & (self.confidence <= 1))
-        refuse("confidence", bad, self.confidence, "a probability from 0 to 1")
-        _check_covariance("covariance", self.has_pose, self.covariance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,10 +126,6 @@ class FilteredColumns(MeasuredColumns):
         "velocity": (6,),
         "velocity_covariance": (6, 6),
     }
-
-    def _check_values(self) -> None:
-        super()._check_values()
-        _check_covariance("velocity_covariance", self.has_pose, self.velocity_covariance)
 
 
 def refuse(name: str, bad: Array, column: Array, valid: str) -> None:
