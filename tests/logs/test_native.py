@@ -22,7 +22,7 @@ from tests.helpers.log_writers import (
 from tests.helpers.reading import frames_of, recovered
 from tests.helpers.recording_stubs import tiny_rig, write_log
 from tracker.errors import LogError
-from tracker.logs import Log, convert
+from tracker.logs import Log, folder, hdf5_writer
 from tracker.recordings import track
 
 SAMPLES = ("camera_data_images_only.dat", "camera_data_with_pose.dat", "camera_data_with_pose_gzipped.dat")
@@ -52,7 +52,7 @@ def assert_same(log: Log, content, *, poses: int, stamped: bool = True) -> None:
                 np.testing.assert_allclose([*pose.position, *pose.orientation, pose.confidence], row)
 
 
-@pytest.mark.parametrize("convert", [None, convert.write_hdf5, convert.write_folder])
+@pytest.mark.parametrize("convert", [None, hdf5_writer.write_hdf5, folder.write_folder])
 def test_clocks_may_begin_before_their_zero(tmp_path, convert):
     content = make_content(4)
     for stamps in (content.stamps, content.camera_stamps):

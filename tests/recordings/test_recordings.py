@@ -19,7 +19,8 @@ from tracker.batch.workers import here
 from tracker.calibration.files.platform import Calibrated, write_calibrated
 from tracker.errors import LogError, TrackerError
 from tracker.logs import open_log
-from tracker.logs.convert import write_folder, write_hdf5
+from tracker.logs.folder import write_folder
+from tracker.logs.hdf5_writer import write_hdf5
 from tracker.poses.exports import write_bop, write_csv, write_parquet, write_tum
 from tracker.poses.file import read_poses, write_poses
 from tracker.recordings import Options, run, track

@@ -213,7 +213,8 @@ def convert(source: Path, output: Path, cameras: options.Cameras, part: options.
     Colour images become the mosaic that the platform's cameras would have recorded. In a folder of images
     (one PNG per camera) the stamps are the names; the calibration is there, too.
     """
-    from tracker.logs.convert import write_folder, write_hdf5
+    from tracker.logs.folder import write_folder
+    from tracker.logs.hdf5_writer import write_hdf5
     from tracker.viz.image_files import write_log_film
 
     refuse_overwriting({"-o": output}, (source,), cameras.calibration)

@@ -1,4 +1,4 @@
-"""Folders of PNG or JPEG pictures, or of films, read frame by frame."""
+"""Folders of PNG or JPEG pictures, or of films, read frame by frame; and recordings written as such."""
 
 from __future__ import annotations
 
@@ -8,17 +8,18 @@ from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from tracker.calibration.rig import CameraRig
 from tracker.checks import naming
 from tracker.conventions import Image
 from tracker.errors import LogError
-from tracker.files import read_bounded, told_of
+from tracker.files import read_bounded, told_as, told_of, whole_file
 from tracker.logs.films import FilmPicture
 from tracker.logs.frame import LogFrame, checked_stamp
 from tracker.logs.layout import Picture, find_layout
-from tracker.logs.log import MAX_SIDE, Source, check_same_size, check_sides, rig_beside
+from tracker.logs.log import MAX_SIDE, Log, Progress, Source, check_same_size, check_sides, rig_beside
 from tracker.logs.pictures import decode, head_of
 
 TRUTH_FILE = "ground_truth.json"
@@ -116,3 +117,25 @@ def _first_size(files: Iterable[Picture | None]) -> tuple[int, int]:
 def _content(file: Path, largest: int = _MAX_FILE) -> bytes:
     with told_of(file):
         return read_bounded(file, largest)
+
+
+def write_folder(path: Path, log: Log, rig: CameraRig, progress: Progress) -> None:
+    """Write frames as a folder of PNG files for each camera, named by their stamps, with the calibration.
+
+    The folder appears when all is written. A picture that a recorder repeated is there once.
+    """
+    with told_as(LogError, path), whole_file(path) as folder:
+        for name in rig.names:
+            (folder / name).mkdir(parents=True)
+        rig.save(folder)
+        for frame in log:
+            for name, image, stamp in zip(rig.names, frame.images, frame.camera_timestamps, strict=True):
+                if image is None:
+                    continue
+                file = folder / name / f"{stamp:.9f}.png"
+                content = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 3])[1].tobytes()
+                if not file.exists():
+                    file.write_bytes(content)
+                elif file.read_bytes() != content:
+                    raise LogError(f"{file}: found two pictures of one stamp, expected each at its own time")
+            progress(1)

@@ -1,4 +1,4 @@
-"""Writes the platform's HDF5 camera logs, version 2.1, frame by frame."""
+"""Writes the platform's HDF5 camera logs, version 2.1: frame by frame, or a recording in this format."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import json
 import math
 import os
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import h5py
@@ -16,11 +17,11 @@ from tracker.calibration.rig import CameraRig
 from tracker.checks import seconds
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import LogError
-from tracker.files import told_as
+from tracker.files import told_as, whole_file
 from tracker.files.hdf5 import Disk
 from tracker.logs.frame import checked_stamp
 from tracker.logs.hdf5_reader import FLUSHED, MAGIC, POSE
-from tracker.logs.log import Settings
+from tracker.logs.log import Log, Progress, Settings
 from tracker.logs.pictures import to_bayer
 
 VERSION = (2, 1)
@@ -224,3 +225,17 @@ class Hdf5LogWriter:
                 )
             raw[c] = image if image.ndim == 2 else to_bayer(image)
         return raw
+
+
+def write_hdf5(path: Path, log: Log, rig: CameraRig, progress: Progress) -> None:
+    """Write frames as one of the platform's HDF5 logs, whole or not at all; what is raw stays so."""
+    has_poses = any(frame.recorded_pose is not None for frame in log)
+    with (
+        told_as(LogError, path),
+        whole_file(path) as temporary,
+        Hdf5LogWriter(temporary, rig, poses=has_poses, flush_every=0, name=path) as writer,
+    ):
+        for frame in log:
+            images = frame.images if frame.raw is None else frame.raw
+            writer.append(images, frame.timestamp, frame.camera_timestamps, frame.recorded_pose)
+            progress(1)

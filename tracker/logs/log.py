@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import overload
 
@@ -38,6 +38,9 @@ def check_same_size(found: tuple[int, ...], size: tuple[int, int], where: str = 
     if found != size:
         raise LogError(f"{where}found {found[0]}×{found[1]} px, expected {size[0]}×{size[1]} as before it")
 
+
+Progress = Callable[[int], None]
+"""Takes how many more frames are done."""
 
 Settings = Mapping[str, str | int | float | bool]
 """Values of exposure, gain, white balance and others, by the names that the camera's maker gives them."""

@@ -6,7 +6,7 @@ import dataclasses
 import os
 import time
 from bisect import bisect_right
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from tracker.errors import LogError, TrackerError
 from tracker.files import claimed
 from tracker.inputs import PathLike, colors_of, object_of, rig_of
 from tracker.logs import Log, LogFrame, open_log
+from tracker.logs.log import Progress
 from tracker.logs.opening import fitted_to
 from tracker.objects.model import CuboidModel
 from tracker.pose.result import Observation
@@ -26,9 +27,6 @@ from tracker.recordings.recipe import Job, Recipe, fingerprint
 from tracker.segmentation.color_model import ColorModel
 from tracker.version import version
 from tracker.warm_up import warm_up
-
-Progress = Callable[[int], None]
-"""Takes, now and then, how many more frames are tracked."""
 
 
 @dataclass(frozen=True, eq=False)
