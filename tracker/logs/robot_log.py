@@ -145,22 +145,17 @@ def read_robot_log(path: str | os.PathLike[str]) -> RobotLog:
         LogError: there is none, it is damaged, or too long.
     """
     where = path_of(path, "path of a robot log", LogError)
-    try:
-        with told_of(where), open_regular(where) as raw:
-            packed = raw.read(2) == b"\x1f\x8b"
-            raw.seek(0)
-            with cast("BinaryIO", gzip.open(raw) if packed else raw) as file:
-                head = file.read(4)
-                binary = head == struct.pack("<I", _VERSION)
-                names, table = _records(file) if binary else _lines(file, head)
+    with told_of(where), naming(where, LogError, LogError, EOFError, zlib.error), open_regular(where) as raw:
+        packed = raw.read(2) == b"\x1f\x8b"
+        raw.seek(0)
+        with cast("BinaryIO", gzip.open(raw) if packed else raw) as file:
+            head = file.read(4)
+            binary = head == struct.pack("<I", _VERSION)
+            names, table = _records(file) if binary else _lines(file, head)
         times = table[:, 0]
         if np.nanmax(times, initial=0) > _MILLISECONDS:
             times = times / 1000
         return RobotLog(times, **dict(zip(names, np.split(table[:, 1:], len(names), axis=1), strict=True)))
-    except (LogError, EOFError, zlib.error) as error:
-        if isinstance(error, LogError) and str(error).startswith(str(where)):
-            raise
-        raise LogError(f"{where}: {' '.join(str(error).split())}") from error
 
 
 def _records(file: BinaryIO) -> tuple[list[str], Array]:
