@@ -17,6 +17,16 @@ from pathlib import Path
 from tracker.errors import LogError
 
 
+@contextlib.contextmanager
+def on_error(undo: Callable[[], object]) -> Iterator[None]:
+    """Whatever is raised, `undo` is called before it goes on, for instance to close what is half open."""
+    try:
+        yield
+    except BaseException:
+        undo()
+        raise
+
+
 def open_regular(path: str | os.PathLike[str]) -> BufferedReader:
     """A regular file, open for reading; nothing is waited for, as a pipe without a writer would.
 
@@ -24,16 +34,13 @@ def open_regular(path: str | os.PathLike[str]) -> BufferedReader:
         OSError: the file cannot be opened, or is a folder, a pipe or a device.
     """
     handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-    try:
+    with on_error(lambda: os.close(handle)):
         kind = os.fstat(handle).st_mode
         if stat.S_ISDIR(kind):
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), os.fspath(path))
         if not stat.S_ISREG(kind):
             raise OSError(errno.EINVAL, "found a pipe or a device, expected a regular file", os.fspath(path))
         return os.fdopen(handle, "rb")
-    except BaseException:
-        os.close(handle)
-        raise
 
 
 def read_bounded(path: str | os.PathLike[str], largest: int) -> bytes:

@@ -24,7 +24,7 @@ import numpy as np
 from tracker.checks import naming, optional
 from tracker.conventions import Array
 from tracker.errors import LogError
-from tracker.files import open_regular, told_of
+from tracker.files import on_error, open_regular, told_of
 from tracker.processes import python_command
 
 _READER = """
@@ -65,14 +65,11 @@ class LmdbFile:
             stderr=subprocess.DEVNULL,
             start_new_session=True,  # Ctrl-C is for who asks
         )
-        try:
+        with on_error(self.close):
             expected, self.entries = struct.unpack("<QQ", self._received(16))
             if expected > self.size:
                 found = f"found {self.size} bytes, expected at least {expected}"
                 raise LogError(f"{path}: {found}: it is truncated")
-        except BaseException:
-            self.close()
-            raise
 
     def close(self) -> None:
         """End the process."""

@@ -15,6 +15,7 @@ import numpy as np
 from tracker.checks import naming
 from tracker.conventions import Array, FloatArray, Image
 from tracker.errors import LogError
+from tracker.files import on_error
 from tracker.files.stores import LmdbFile, StoredArray
 from tracker.logs.frame import MAX_DISTANCE, LogFrame
 from tracker.logs.log import MAX_SIDE, MIN_SIDE, Source, check_same_size, default_names
@@ -51,11 +52,8 @@ class DatasetSource(Source):
         super().__init__(path)
         self.format = "image store of trifinger_rl_datasets"
         self.store = LmdbFile(path / STORE_FILE)
-        try:
+        with on_error(self.close):
             self._open()
-        except BaseException:
-            self.store.close()
-            raise
 
     def _open(self) -> None:
         self._images = StoredArray(self.store, "images", str(self.path))

@@ -10,7 +10,7 @@ import numpy as np
 from tracker.checks import naming, optional
 from tracker.conventions import Image
 from tracker.errors import LogError
-from tracker.files import open_regular, told_of
+from tracker.files import on_error, open_regular, told_of
 from tracker.logs.log import check_same_size, check_sides
 
 SUFFIXES = (".mp4", ".avi", ".mkv", ".mov")
@@ -50,12 +50,9 @@ class FilmFile:
         with naming(f"{path}: found no film", LogError, *self._faults), told_of(path):
             open_regular(path).close()  # FFmpeg would wait for a pipe's writer
             self._film: Any = av.open(str(path), "r", container_options=_CONTAINERS)
-        try:
+        with on_error(self.close):
             self._stream = self._video()
             self._times = self._read_times()
-        except LogError:
-            self.close()
-            raise
         self.size = (self._stream.width, self._stream.height)
         """(width, height) [px] of the pictures."""
         first, unit = self._times[0], self._stream.time_base

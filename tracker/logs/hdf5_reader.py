@@ -26,7 +26,7 @@ from tracker.calibration.rig import CameraRig
 from tracker.checks import described
 from tracker.conventions import FloatArray, Image
 from tracker.errors import LogError
-from tracker.files import hdf5, open_regular, told_of
+from tracker.files import hdf5, on_error, open_regular, told_of
 from tracker.files.hdf5 import check_stated_end, faults_as_log_errors, find, open_file, text_of
 from tracker.logs.frame import LogFrame, recorded_frame
 from tracker.logs.log import MAX_SIDE, MIN_SIDE, Settings, Source, default_names
@@ -164,17 +164,13 @@ class Hdf5Source(Source):
         self.opening_fault = check_stated_end(path)
         with faults_as_log_errors(str(path)):
             self._file = open_file(path)
-        try:
-            # Every property of a damaged field may raise.
-            with faults_as_log_errors(str(path)):
-                self._flushed = self._attribute(FLUSHED)
-                # A killed writer leaves it so, if it is a writer's.
-                if self.opening_fault and self._flushed is None and not recover:
-                    raise LogError(self.opening_fault)
-                self._open(recover)
-        except BaseException:
-            self.close()
-            raise
+        # Every property of a damaged field may raise.
+        with on_error(self.close), faults_as_log_errors(str(path)):
+            self._flushed = self._attribute(FLUSHED)
+            # A killed writer leaves it so, if it is a writer's.
+            if self.opening_fault and self._flushed is None and not recover:
+                raise LogError(self.opening_fault)
+            self._open(recover)
 
     def _open(self, recover: bool) -> None:
         self._check_head()

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from tracker.errors import LogError
-from tracker.files import open_regular, told_of
+from tracker.files import on_error, open_regular, told_of
 from tracker.logs.frame import LogFrame, recorded_frame
 from tracker.logs.log import MAX_SIDE, MIN_SIDE, Source
 from tracker.logs.pictures import from_bayer
@@ -53,15 +53,12 @@ class NativeSource(Source):
         with told_of(path):
             self._raw = open_regular(path)
             self.sequential = self._raw.read(len(_GZIP_MAGIC)) == _GZIP_MAGIC
-        try:
+        with on_error(self.close):
             # What a gzip file states of its content is modulo 2³², and stands at its very end.
             size = os.fstat(self._raw.fileno()).st_size
             self._largest = size * _MAX_RATIO if self.sequential else size
             self._rewind()
             self._open(recover)
-        except BaseException:
-            self.close()
-            raise
 
     def _open(self, recover: bool) -> None:
         self.format = "native camera log"

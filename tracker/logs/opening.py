@@ -11,7 +11,7 @@ from pathlib import Path
 from tracker.calibration.rig import CameraRig
 from tracker.checks import path_of
 from tracker.errors import CalibrationError, LogError
-from tracker.files import open_regular, told_of
+from tracker.files import on_error, open_regular, told_of
 from tracker.geometry.camera import Camera
 from tracker.logs.films import SUFFIXES as FILM_SUFFIXES
 from tracker.logs.folder import TRUTH_FILE, FolderSource
@@ -54,11 +54,8 @@ def open_log(path: str | os.PathLike[str], *, recover: bool = False, rate: float
     root = path_of(path, "path of a recording", LogError)
     with told_of(root):
         source = _source(root, recover, rate)
-        try:
+        with on_error(source.close):
             return Log(source, recover=recover)
-        except LogError:
-            source.close()
-            raise
 
 
 def recording_files(path: Path) -> list[Path]:
