@@ -15,6 +15,7 @@ import json
 import math
 import struct
 from contextlib import suppress
+from io import BufferedReader
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ import numpy as np
 
 from tracker.calibration.camera_info import read_rig
 from tracker.calibration.rig import CameraRig
-from tracker.checks import described
+from tracker.checks import described, naming
 from tracker.conventions import FloatArray, Image
 from tracker.errors import LogError
 from tracker.files import hdf5, on_error, open_regular, told_of
@@ -111,28 +112,28 @@ def read_names(field: h5py.Dataset, count: int, path: Path) -> tuple[str, ...]:
         raise LogError(f"camera_names: found {described(field)}, expected {count} names")
     if (there := field.id.get_storage_size()) != count * size:
         raise LogError(f"camera_names: found {there} bytes, expected {count * size}")
-    try:
-        data = _bytes_at(path, offset, count * size)
-        found = [data[k * size : (k + 1) * size] for k in range(count)]
-        if variable:
-            found = [_from_heap(path, reference) for reference in found]
+    faults = (LogError, struct.error, UnicodeDecodeError, OverflowError)
+    with naming("camera_names: found damaged names", LogError, *faults), told_of(path):
+        with open_regular(path) as file:
+            file.seek(offset)
+            found = [file.read(size) for _ in range(count)]
+            if variable:
+                found = [_from_heap(file, reference) for reference in found]
         names = tuple(name.rstrip(b"\0").decode("utf-8") for name in found)
-    except (struct.error, UnicodeDecodeError, LogError) as error:
-        raise LogError(f"camera_names: found damaged names ({error}), expected {count}") from error
     if len(set(names)) < count:
         raise LogError(f"camera_names: found {', '.join(names)!r}, expected {count} different names")
     return names
 
 
-def _from_heap(path: Path, reference: bytes) -> bytes:
+def _from_heap(file: BufferedReader, reference: bytes) -> bytes:
     length, address, sought = _REFERENCE.unpack(reference)
     if length > _MAX_NAME:
         raise LogError(f"a name of {length} bytes")
-    magic, version, size = _HEAP_HEAD.unpack(_bytes_at(path, address, _HEAP_HEAD.size))
-    if magic != b"GCOL" or version != 1 or size > _MAX_HEAP:
+    file.seek(address)
+    magic, version, size = _HEAP_HEAD.unpack(file.read(_HEAP_HEAD.size))
+    if magic != b"GCOL" or version != 1 or not _HEAP_HEAD.size <= size <= _MAX_HEAP:
         raise LogError("no heap of names")
-    heap = _bytes_at(path, address, size)
-    at = _HEAP_HEAD.size
+    heap, at = file.read(size - _HEAP_HEAD.size), 0
     while at + _OBJECT_HEAD.size <= len(heap):
         number, _, stored = _OBJECT_HEAD.unpack_from(heap, at)
         at += _OBJECT_HEAD.size
@@ -142,14 +143,6 @@ def _from_heap(path: Path, reference: bytes) -> bytes:
             break
         at += -(-stored // 8) * 8
     raise LogError("a name that the heap does not hold")
-
-
-def _bytes_at(path: Path, offset: int, size: int) -> bytes:
-    with told_of(path), open_regular(path) as file:
-        if offset >= file.seek(0, 2):
-            raise LogError("beyond the end of the file")
-        file.seek(offset)
-        return file.read(size)
 
 
 def _refuse(constant: str) -> float:
