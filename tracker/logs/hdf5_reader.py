@@ -24,7 +24,7 @@ import numpy as np
 
 from tracker.calibration.camera_info import read_rig
 from tracker.calibration.rig import CameraRig
-from tracker.checks import described, naming
+from tracker.checks import described, is_number, naming
 from tracker.conventions import FloatArray, Image
 from tracker.errors import LogError
 from tracker.files import hdf5, on_error, open_regular, told_of
@@ -145,10 +145,6 @@ def _from_heap(file: BufferedReader, reference: bytes) -> bytes:
     raise LogError("a name that the heap does not hold")
 
 
-def _refuse(constant: str) -> float:
-    raise ValueError(f"found {constant}, expected a finite number")
-
-
 class Hdf5Source(Source):
     """An HDF5 log; of the images a block at a time is in memory."""
 
@@ -231,11 +227,11 @@ class Hdf5Source(Source):
                 return None
             if field.dtype != np.uint8 or field.ndim != 1 or field.size > _MAX_SETTINGS:
                 raise LogError(f"found {described(field)}, expected up to {_MAX_SETTINGS} bytes")
-            values: Any = json.loads(field[:].tobytes(), parse_constant=_refuse)
+            values: Any = json.loads(field[:].tobytes())
             if not isinstance(values, dict) or not all(
-                isinstance(value, (str, int, float, bool)) for value in values.values()
+                isinstance(value, str | bool) or is_number(value) for value in values.values()
             ):
-                raise LogError("expected names of settings with texts or numbers")
+                raise LogError("expected names of settings with texts or finite numbers")
             return values
 
     def close(self) -> None:
