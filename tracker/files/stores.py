@@ -16,6 +16,7 @@ import os
 import struct
 import subprocess
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Literal
 
@@ -250,10 +251,9 @@ class StoredArray:
         data = self._store.get(f"{self._name}/{key}", _MAX_JSON)
         if data is None:
             return None
-        try:
+        value = None
+        with suppress(ValueError, RecursionError):
             value = json.loads(data)
-        except (ValueError, RecursionError) as error:
-            raise LogError(f"{self._where}/{key}: found no JSON") from error
         if not isinstance(value, dict):
             raise LogError(f"{self._where}/{key}: found no JSON object")
         return value
