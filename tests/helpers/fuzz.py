@@ -17,6 +17,11 @@ from typing import Any
 import numpy as np
 
 import tracker
+from tracker.calibration.rig import read_arena
+from tracker.color_learning.labelled import read_image
+from tracker.poses.file import is_poses_file, read_fingerprint, read_poses
+from tracker.tasks.job_goal import read_job_goal
+from tracker.tasks.rearrange_dice import read_goal
 
 SECONDS = 10
 """Of the processor, for one file."""
@@ -112,56 +117,22 @@ def _log(path: Path) -> Any:
     return [frames_of(path, recover) for recover in (False, True)]
 
 
-def _log_around(path: Path) -> Any:
-    return _log(path.parent)
-
-
-def _log_of_frames(path: Path) -> Any:
-    return _log(path.parent.parent)
-
-
 def _poses(path: Path) -> None:
-    from tracker.poses.file import is_poses_file, read_fingerprint, read_poses
-
     is_poses_file(path)
     read_fingerprint(path)
     read_poses(path)
 
 
-def _picture(path: Path) -> None:
-    from tracker.color_learning.labelled import read_image
-
-    read_image(path)
-
-
-def _arena(path: Path) -> None:
-    from tracker.calibration.rig import read_arena
-
-    read_arena(path.parent)
-
-
-def _job_goal(path: Path) -> None:
-    from tracker.tasks.job_goal import read_job_goal
-
-    read_job_goal(path)
-
-
-def _dice_goal(path: Path) -> None:
-    from tracker.tasks.rearrange_dice import read_goal
-
-    read_goal(path)
-
-
 READERS = {
     "log": _log,
-    "log around": _log_around,
-    "log of frames": _log_of_frames,
+    "log around": lambda path: _log(path.parent),
+    "log of frames": lambda path: _log(path.parent.parent),
     "poses": _poses,
-    "picture": _picture,
+    "picture": read_image,
     "object": tracker.load_object,
-    "arena": _arena,
-    "job goal": _job_goal,
-    "dice goal": _dice_goal,
+    "arena": lambda path: read_arena(path.parent),
+    "job goal": read_job_goal,
+    "dice goal": read_goal,
     "calibration": lambda path: tracker.CameraRig.load([path]),
 }
 """What reads a sample; a TrackerError is an answer, too."""
@@ -205,9 +176,9 @@ def _read_all(samples: Sequence[Sample], todo: Sequence[tuple[int, int]], answer
 
 
 def _read(sample: Sample) -> Any:
-    reader = READERS[sample.reader]
     try:
-        return reader(sample.path) if "log" in sample.reader else bool(reader(sample.path))
+        found = READERS[sample.reader](sample.path)
+        return found if "log" in sample.reader else None
     except tracker.TrackerError as error:
         return _one_line(error)
 
