@@ -56,8 +56,9 @@ class PosesBuilder:
         index, timestamp, status, cameras, rows = frames
         poses: dict[Kind, Any] = {}
         for kind, columns in KINDS.items():
-            nothing = columns.nothing(len(rows)).arrays()
-            arrays = {name: array.copy() for name, array in nothing.items()}
+            shapes = columns.ROW_SHAPES
+            arrays: dict[str, Array] = {"has_pose": np.zeros(len(rows), np.bool_)}
+            arrays |= {name: np.full((len(rows), *shape), np.nan) for name, shape in shapes.items()}
             for number, row in enumerate(rows):
                 for name, value in row[kind].items():
                     arrays[name][number] = value
