@@ -26,9 +26,9 @@ import numpy as np
 import tracker
 from tracker.errors import LiveError
 from tracker.live import CameraSet, Live, Moment, Simulation
+from tracker.live.cameras import CameraLost, Grabbed, GrabFailed
 from tracker.live.listeners import Recorder
 from tracker.live.publishers import ZmqPublisher
-from tracker.live.sources.cameras import CameraLost, Grabbed, GrabFailed
 from tracker.logs.hdf5_writer import Hdf5LogWriter
 
 parser = argparse.ArgumentParser(description="Break things while something is tracked.")
@@ -59,7 +59,7 @@ class Pretended:
             raise LiveError("it is not there")
 
     def grab(self, timeout: float) -> Grabbed:
-        """See `tracker.live.sources.cameras.LiveCamera`."""
+        """See `tracker.live.cameras.LiveCamera`."""
         state, now = self._faults.state.get(self._number), time.time()
         if state == "failed":
             del self._faults.state[self._number]
@@ -72,11 +72,11 @@ class Pretended:
         return Grabbed(self._last, now + self._faults.off.get(self._number, 0.0))
 
     def settings(self) -> dict[str, str | int | float | bool]:
-        """See `tracker.live.sources.cameras.LiveCamera`."""
+        """See `tracker.live.cameras.LiveCamera`."""
         return {}
 
     def close(self) -> None:
-        """See `tracker.live.sources.cameras.LiveCamera`."""
+        """See `tracker.live.cameras.LiveCamera`."""
 
 
 class Run:

@@ -122,12 +122,12 @@ def test_cameras_that_never_give_an_image_are_an_error(recording, tmp_path, run_
     absent = ",".join(f"{tmp_path}/absent{number}.mp4" for number in range(3))
     arguments = (f"opencv:{absent}", "--object", "cube_v2", "--calibration", recording)
     # However long the machine takes to begin.
-    monkeypatch.setattr("tracker.live.sources.cameras.OPENING", 60.0)
+    monkeypatch.setattr("tracker.live.cameras.OPENING", 60.0)
     result = run_here("live", *arguments, "--seconds", "0.5")
     assert result.returncode == 2
     assert "no camera ever gave an image" in result.stdout
     assert "no camera ever gave an image" in run_here("live", *arguments, "--seconds", "0.5", "-q").stderr
-    monkeypatch.setattr("tracker.live.sources.cameras.OPENING", 0.5)
+    monkeypatch.setattr("tracker.live.cameras.OPENING", 0.5)
     names = ("not one of 3", "absent0.mp4", "absent1.mp4", "absent2.mp4")
     assert_one_line_error(run_here("live", *arguments, "-q"), *names)
     assert_one_line_error(run_here("live", *arguments, "--check"), *names)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from tracker.errors import LiveError
-from tracker.live.sources import drivers
-from tracker.live.sources.cameras import CameraEnded, CameraLost, CameraSet, CameraUnfit, Grabbed, GrabFailed
+from tracker.live import drivers
+from tracker.live.cameras import CameraEnded, CameraLost, CameraSet, CameraUnfit, Grabbed, GrabFailed
 from tracker.logs.pictures import from_bayer
 
 SIZE = (6, 4)
@@ -94,7 +94,7 @@ def test_a_picture_that_fails_is_missing_in_its_set_only():
 
 
 def test_a_camera_that_is_lost_is_opened_again(monkeypatch):
-    monkeypatch.setattr("tracker.live.sources.cameras.LOOK_AGAIN", 0.03)
+    monkeypatch.setattr("tracker.live.cameras.LOOK_AGAIN", 0.03)
     lost = Scripted(IMAGE, CameraLost("unplugged"))
     tries = []
 
@@ -120,7 +120,7 @@ def test_a_camera_that_is_lost_is_opened_again(monkeypatch):
 
 
 def test_a_camera_that_cannot_be_used_as_it_is_set_ends_the_source_unless_it_once_could(monkeypatch):
-    monkeypatch.setattr("tracker.live.sources.cameras.LOOK_AGAIN", 0.03)
+    monkeypatch.setattr("tracker.live.cameras.LOOK_AGAIN", 0.03)
     refuse = refusing(CameraUnfit("does not take Gain = 99"))
     cameras = CameraSet([Scripted().open, refuse], [SIZE] * 2)
     with pytest.raises(CameraUnfit, match="Gain"):
@@ -138,7 +138,7 @@ def test_a_camera_that_cannot_be_used_as_it_is_set_ends_the_source_unless_it_onc
 
 
 def test_cameras_of_which_none_is_there_are_an_error_that_names_them(monkeypatch):
-    monkeypatch.setattr("tracker.live.sources.cameras.OPENING", 0.3)
+    monkeypatch.setattr("tracker.live.cameras.OPENING", 0.3)
     absent = [refusing(LiveError(f"camera {number}: not there")) for number in range(2)]
     cameras = CameraSet(absent, [SIZE] * 2)
     with pytest.raises(LiveError, match=r"not one of 2 .*: camera 0: not there; camera 1: not there"):
@@ -147,7 +147,7 @@ def test_cameras_of_which_none_is_there_are_an_error_that_names_them(monkeypatch
 
 
 def test_a_camera_that_takes_long_to_open_is_waited_for(monkeypatch):
-    monkeypatch.setattr("tracker.live.sources.cameras.OPENING", 0.1)
+    monkeypatch.setattr("tracker.live.cameras.OPENING", 0.1)
     slow = Scripted()
 
     def open_slowly():
@@ -160,8 +160,8 @@ def test_a_camera_that_takes_long_to_open_is_waited_for(monkeypatch):
 
 
 def test_cameras_that_neither_open_nor_refuse_are_an_error_too(monkeypatch):
-    monkeypatch.setattr("tracker.live.sources.cameras.OPENING", 0.1)
-    monkeypatch.setattr("tracker.live.sources.cameras.OPENING_LONG", 0.3, raising=False)
+    monkeypatch.setattr("tracker.live.cameras.OPENING", 0.1)
+    monkeypatch.setattr("tracker.live.cameras.OPENING_LONG", 0.3, raising=False)
     go_on = threading.Event()
 
     def hang():

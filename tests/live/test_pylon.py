@@ -10,15 +10,15 @@ from tests.helpers.needs import lack
 from tests.live.test_platform import Cube, loop
 from tracker.errors import LiveError
 from tracker.live import Live, Moment
+from tracker.live.cameras import CameraUnfit, GrabFailed
 from tracker.live.platform import Frontend
 from tracker.live.sources import open_cameras, settings_of
-from tracker.live.sources.cameras import CameraUnfit, GrabFailed
 
 if find_spec("pypylon") is None:
     lack("pylon", "pypylon is not installed")
 os.environ.setdefault("PYLON_CAMEMU", "3")
 
-from tracker.live.sources.drivers import PylonCamera, pylon_serials
+from tracker.live.drivers import PylonCamera, pylon_serials
 
 SERIALS = ["0815-0000", "0815-0001", "0815-0002"]
 

@@ -10,10 +10,10 @@ from tests.helpers.filmed import RIG
 from tests.helpers.needs import lack
 from tracker.errors import LiveError
 from tracker.live import ImageSet, Live, Replay
+from tracker.live.cameras import CameraSet
 from tracker.live.listeners import Recorder
 from tracker.live.publishers import LcmPublisher, ZmqPublisher
 from tracker.live.sources import open_cameras, settings_of
-from tracker.live.sources.cameras import CameraSet
 
 CUBE = tracker.load_object("cube_v2")
 NAN = float("nan")

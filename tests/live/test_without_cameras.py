@@ -9,8 +9,7 @@ from tests.helpers.filmed import RIG
 from tests.helpers.synthetic_needs import skip_without_platform
 from tracker.errors import LiveError, LogError
 from tracker.live import Replay, SourceEnded
-from tracker.live.sources import open_source
-from tracker.live.sources.without_cameras import Simulation
+from tracker.live.sources import Simulation, open_source
 from tracker.logs.log import Log
 
 IMAGE = np.zeros((2, 2, 3), np.uint8)
@@ -59,7 +58,7 @@ class Clock:
 @pytest.fixture
 def clock(monkeypatch):
     one = Clock()
-    monkeypatch.setattr("tracker.live.sources.without_cameras.time", one)
+    monkeypatch.setattr("tracker.live.sources.time", one)
     return one
 
 
@@ -135,7 +134,7 @@ def test_damage_is_raised_after_the_frames_before_it(clock):
 def test_a_film_goes_to_and_fro(length, shown, clock, monkeypatch):
     film = [SimpleNamespace(images=(np.full((2, 2, 3), n, np.uint8),)) for n in range(length)]
     maker = SimpleNamespace(rig=RIG, chunk=lambda _: iter(film), close=lambda: None)
-    monkeypatch.setattr("tracker.live.sources.without_cameras._maker", lambda *_: maker)
+    monkeypatch.setattr("tracker.live.sources._maker", lambda *_: maker)
     monkeypatch.setattr(clock, "sleep", lambda seconds: Clock.sleep(clock, seconds + 1e-3))
     source = Simulation("cube_v2", frames=length)
     assert [source.next(5.0).images[0][0, 0, 0] for _ in shown] == shown
@@ -159,7 +158,7 @@ def test_a_tracker_of_other_cameras_is_refused(monkeypatch):
     def drawn():
         yield pytest.fail("it is drawn")
 
-    monkeypatch.setattr("tracker.live.sources.without_cameras._maker", maker)
+    monkeypatch.setattr("tracker.live.sources._maker", maker)
     model = tracker.load_object("cube_v2")
     assert open_source("simulation", tracker.ObjectTracker(model, RIG)).rig is RIG
     other = tracker.CameraRig((RIG.cameras[1], RIG.cameras[0], *RIG.cameras[2:]), arena=RIG.arena)
@@ -178,7 +177,7 @@ def test_the_film_is_drawn_when_it_is_asked_for_and_no_longer_than_one_waits(mon
             yield one
 
     maker = SimpleNamespace(rig=RIG, chunk=chunk, close=lambda: closed.append(True))
-    monkeypatch.setattr("tracker.live.sources.without_cameras._maker", lambda *_: maker)
+    monkeypatch.setattr("tracker.live.sources._maker", lambda *_: maker)
     source = Simulation("cube_v2", frames=3)
     assert not drawn
     assert source.next(0.01) is None
@@ -193,6 +192,6 @@ def test_the_film_is_drawn_when_it_is_asked_for_and_no_longer_than_one_waits(mon
 
 
 def test_without_the_generator_it_says_what_to_install(monkeypatch):
-    monkeypatch.setattr("tracker.live.sources.without_cameras.find_spec", lambda name: None)
+    monkeypatch.setattr("tracker.live.sources.find_spec", lambda name: None)
     with pytest.raises(LiveError, match=r"pip install .*\[synthetic\]"):
         Simulation("cube_v2")

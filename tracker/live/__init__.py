@@ -8,13 +8,13 @@ A source gives sets of images, one for each camera: a recording replayed (`Repla
 (`open_cameras`), the simulated platform (`Simulation`), or images that the caller pushes (`Pushed`).
 """
 
+from tracker.live.cameras import CameraSet as CameraSet
 from tracker.live.live import Live as Live
 from tracker.live.moment import ImageSet as ImageSet
 from tracker.live.moment import ImageSource as ImageSource
 from tracker.live.moment import Moment as Moment
 from tracker.live.moment import SourceEnded as SourceEnded
+from tracker.live.sources import Pushed as Pushed
+from tracker.live.sources import Replay as Replay
+from tracker.live.sources import Simulation as Simulation
 from tracker.live.sources import open_cameras as open_cameras
-from tracker.live.sources.cameras import CameraSet as CameraSet
-from tracker.live.sources.without_cameras import Pushed as Pushed
-from tracker.live.sources.without_cameras import Replay as Replay
-from tracker.live.sources.without_cameras import Simulation as Simulation

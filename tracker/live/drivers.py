@@ -14,7 +14,7 @@ import numpy as np
 
 from tracker.checks import optional
 from tracker.errors import LiveError, LogError
-from tracker.live.sources.cameras import CameraEnded, CameraLost, CameraUnfit, Grabbed, GrabFailed, Settings
+from tracker.live.cameras import CameraEnded, CameraLost, CameraUnfit, Grabbed, GrabFailed, Settings
 from tracker.logs.films import check_container
 
 KEPT = (
