@@ -91,9 +91,8 @@ class _Slot:
     """Whether the camera is open."""
     opened: bool = False
     """Whether it ever was."""
-    ended: bool = False
-    unfit: CameraUnfit | None = None
-    """Why it could not be used when it was opened first."""
+    final: LiveError | None = None
+    """Why the others end, too: its film is over, or it could not be used when it was opened first."""
     settings: Settings = field(default_factory=dict)
     """What it was set to when it was opened last."""
 
@@ -138,12 +137,8 @@ class CameraSet:
     def next(self, timeout: float) -> ImageSet | None:
         """See `ImageSource`."""
         until = time.monotonic() + timeout
-        with self._changed:
-            # All are given the time to be opened once, so that the first sets are whole.
-            opening = max(0.0, min(until, self._begun_by) - time.monotonic())
-            if not self._changed.wait_for(self._tried, opening) and time.monotonic() < self._begun_by:
-                return None
-        self._refuse_if_none_is_there()
+        if not self._begun(until):
+            return None
         if not self._waiting:
             if self._tick > until:
                 time.sleep(timeout)
@@ -157,15 +152,13 @@ class CameraSet:
                 self._deadline, self._waiting = now + max(0.9 * self._period, 0.02), True
                 self._changed.notify_all()
         with self._changed:
-            for slot in self._slots:
-                if slot.unfit is not None:
-                    raise slot.unfit
-            self._changed.wait_for(self._complete, max(0.0, min(until, self._deadline) - time.monotonic()))
-            if not self._complete() and time.monotonic() < self._deadline:
+            left = max(0.0, min(until, self._deadline) - time.monotonic())
+            if not self._changed.wait_for(self._complete, left) and time.monotonic() < self._deadline:
                 return None
             self._waiting = False
-            if any(slot.ended for slot in self._slots):
-                raise CameraEnded("cameras: a film has ended")
+            for slot in self._slots:
+                if slot.final is not None:
+                    raise slot.final
             pictures = [slot.picture if slot.answered == self._asked else None for slot in self._slots]
             faults = tuple(
                 None if picture is not None else slot.fault or "no picture in time"
@@ -188,14 +181,17 @@ class CameraSet:
         for thread in self._threads:
             thread.join(max(0.0, until - time.monotonic()))
 
-    def _refuse_if_none_is_there(self) -> None:
+    def _begun(self, until: float) -> bool:
+        """Whether sets may begin: all are given the time to be opened once, so that the first are whole."""
         with self._changed:
+            opening = max(0.0, min(until, self._begun_by) - time.monotonic())
+            tried = self._changed.wait_for(self._tried, opening)
             late = time.monotonic() - self._begun_by
-            if any(slot.opened for slot in self._slots) or late < 0:
-                return
-            if self._tried() or late > OPENING_LONG - OPENING:
+            none = late >= 0 and not any(slot.opened for slot in self._slots)
+            if none and (tried or late > OPENING_LONG - OPENING):
                 found = "; ".join(dict.fromkeys(str(slot.fault) for slot in self._slots))
                 raise LiveError(f"cameras: not one of {len(self._slots)} could be opened: {found}")
+            return tried or late >= 0
 
     def _tried(self) -> bool:
         return all(slot.fault is not _UNTRIED for slot in self._slots)
@@ -203,10 +199,10 @@ class CameraSet:
     def _complete(self) -> bool:
         """Whether all have answered who may be expected to: not who is gone, or hangs since two sets."""
         answered = [slot.answered == self._asked for slot in self._slots]
-        gone = [slot.ended or not slot.there for slot in self._slots]
-        hangs = [slot.answered < self._asked - 2 for slot in self._slots]
         if not any(answered):
-            return all(gone)  # if all are late, they are waited for
+            return not any(slot.there for slot in self._slots)  # if all are late, they are waited for
+        hangs = [slot.answered < self._asked - 2 for slot in self._slots]
+        gone = [not slot.there for slot in self._slots]
         return all(any(state) for state in zip(answered, gone, hangs, strict=True))
 
     def _image_set(self, pictures: Sequence[Grabbed | None], faults: tuple[str | None, ...]) -> ImageSet:
@@ -223,7 +219,7 @@ class CameraSet:
         return ImageSet(images, stamps, faults, raw, age=max(0.0, now - max(taken, default=now)))
 
     def _run(self, slot: _Slot, opener: Callable[[], LiveCamera]) -> None:
-        while not (slot.ended or self._closing.is_set()):
+        while not (slot.final or self._closing.is_set()):
             camera = self._opened(slot, opener)
             if camera is not None:
                 self._ask(slot, camera)
@@ -239,19 +235,15 @@ class CameraSet:
                 asked = self._asked
             if self._closing.is_set():
                 return
-            picture, fault, there = None, None, True
+            picture, fault, there, final = None, None, True, None
             try:
                 picture = camera.grab(_GRAB)
-            except CameraEnded:
-                with self._changed:
-                    slot.ended = True
-                    self._changed.notify_all()
-                return
             except Exception as error:
-                fault = " ".join(str(error).split())
-                there = isinstance(error, LiveError) and not isinstance(error, CameraLost)
+                fault, there = " ".join(str(error).split()), isinstance(error, GrabFailed)
+                final = error if isinstance(error, CameraEnded) else None
             with self._changed:
-                slot.answered, slot.picture, slot.fault, slot.there = asked, picture, fault, there
+                slot.answered, slot.picture, slot.fault = asked, picture, fault
+                slot.there, slot.final = there, final
                 self._changed.notify_all()
 
     def _opened(self, slot: _Slot, opener: Callable[[], LiveCamera]) -> LiveCamera | None:
@@ -262,7 +254,7 @@ class CameraSet:
             with self._changed:
                 slot.fault = " ".join(str(error).split())
                 if isinstance(error, CameraUnfit) and not slot.opened:
-                    slot.unfit = error
+                    slot.final = error
                 self._changed.notify_all()
                 self._changed.wait_for(self._closing.is_set, LOOK_AGAIN)
             return None
