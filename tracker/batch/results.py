@@ -22,8 +22,7 @@ from typing import Any
 
 from tracker.errors import LogError
 from tracker.files import read_bounded
-from tracker.recordings.recipe import Job
-from tracker.summaries.summary import COLUMNS, goal_file
+from tracker.summaries.summary import COLUMNS
 
 
 def recordings_of(given: Sequence[str], folder: Path) -> list[Path]:
@@ -203,18 +202,6 @@ def read_line(output: Path) -> dict[str, Any] | None:
 def read_failure(output: Path) -> str:
     """Why there are no poses, as far as that is known."""
     return str((_read(failure_file(output)) or {}).get("reason", "unknown"))
-
-
-def is_done(job: Job, mark: str) -> bool:
-    """Whether a recording's result is there, of this fingerprint; the poses are not opened for that."""
-    line = read_line(job.output)
-    if line is None or line.get("fingerprint") != mark:
-        return False
-    try:
-        goal = goal_file(job.log).stat()
-    except OSError:
-        return True
-    return goal.st_mtime_ns <= summary_file(job.output).stat().st_mtime_ns
 
 
 def _read(path: Path) -> dict[str, Any] | None:

@@ -22,7 +22,7 @@ from tracker.files import claimed, lock_of, read_bounded, write_whole
 from tracker.recordings.recipe import Job, Options, Recipe, code, fingerprint
 from tracker.recordings.track import Tracked, run
 from tracker.summaries.remarks import remark_on_recording
-from tracker.summaries.summary import row, summary
+from tracker.summaries.summary import goal_file, row, summary
 
 
 @dataclass(frozen=True)
@@ -82,30 +82,21 @@ def make_result(task: Task) -> dict[str, Any]:
         line |= row(job, tracked, remark_on_recording(job, tracked.poses))
         write_whole(results.summary_file(output), json.dumps(line, indent=1, allow_nan=False) + "\n")
         results.failure_file(output).unlink(missing_ok=True)
-    except BlockingIOError as error:
-        return failed(task, reason(error))  # the other run reports the outcome
     except Exception as error:  # whatever it is, the other recordings are to be done
-        why = reason(error) if str(error) else repr(error)
-        keep_failure(task, why)
-        return failed(task, why)
+        return _failed(task, error)
     return {"recording": task.name, "frames": tracked.new, "seconds": tracked.seconds, "failure": None}
 
 
-def failed(task: Task, why: str) -> dict[str, Any]:
-    """What `make_result` returns of a recording that could not be done."""
+def _failed(task: Task, error: Exception) -> dict[str, Any]:
+    """What `make_result` returns of a recording that could not be done; the reason is kept in a file."""
+    why, output = reason(error), Path(task.output)
+    if not isinstance(error, BlockingIOError):  # of which the other run reports the outcome
+        with contextlib.suppress(OSError):  # a full disk, for instance; the result holds the failure
+            output.parent.mkdir(parents=True, exist_ok=True)
+            results.summary_file(output).unlink(missing_ok=True)
+            content = {"recording": task.name, "reason": why}
+            write_whole(results.failure_file(output), json.dumps(content, indent=1) + "\n")
     return {"recording": task.name, "frames": 0, "seconds": 0.0, "failure": why}
-
-
-def keep_failure(task: Task, why: str) -> None:
-    """Write why there are no poses of a recording, if that can be written."""
-    output = Path(task.output)
-    try:
-        output.parent.mkdir(parents=True, exist_ok=True)
-        results.summary_file(output).unlink(missing_ok=True)
-        content = {"recording": task.name, "reason": why}
-        write_whole(results.failure_file(output), json.dumps(content, indent=1) + "\n")
-    except OSError:
-        pass  # a full disk, for instance; the result holds the failure
 
 
 @functools.lru_cache(maxsize=2)
@@ -223,8 +214,7 @@ def run_tasks(
     with begin() as engine:
         for task, result in engine(make_result, itertools.chain([first], missing)):
             if isinstance(result, Exception):  # its worker is gone, and could not say so
-                keep_failure(task, reason(result))
-                result = failed(task, reason(result))
+                result = _failed(task, result)
             failures += result["failure"] is not None
             report(result)
     return failures
@@ -249,12 +239,19 @@ def unfinished(tasks: Sequence[Task], recipe: Recipe, done: Callable[[], None]) 
 
 
 def is_whole(task: Task, recipe: Recipe) -> bool:
-    """Whether a recording's result is there, and of the same."""
+    """Whether a recording's result is there, and of the same; the poses are not opened for that."""
     job = Job(Path(task.log), Path(task.output), recipe)
     try:
-        return results.is_done(job, fingerprint(job))
+        mark, line = fingerprint(job), results.read_line(job.output)
+        if line is None or line.get("fingerprint") != mark:
+            return False
+        scored = results.summary_file(job.output).stat().st_mtime_ns
     except OSError:
         return False
+    try:
+        return goal_file(job.log).stat().st_mtime_ns <= scored
+    except OSError:
+        return True  # there is no goal
 
 
 def _remove_leftovers(batch: Batch) -> None:
