@@ -88,6 +88,10 @@ def test_broken_changed_and_missing_results_are_done_again_and_no_other(recordin
     os.utime(recordings / "004" / "camera60.yml", (0, 0))
     tracked, _ = do(one)
     assert sorted(result["frames"] for result in tracked) == [13, 14]
+    for output, content in zip(outputs, ["", "[]", "{}", "[" * 100_000, "\x00"], strict=True):
+        results.summary_file(output).write_text(content)
+    assert tables.state(one).missing == COUNT
+    assert [result["frames"] for result in do(one)[0]] == [0] * COUNT
     goal = [[0, [0.0, 0.0, 0.05]], [500, [0.1, 0.0, 0.08]]]
     (recordings / "002" / "goal.json").write_text(json.dumps(goal))
     tracked, before = do(one)
@@ -349,35 +353,25 @@ def test_jobs_take_nothing_that_is_executed_from_the_folder_of_results(tmp_path,
             described(tmp_path, 3, scheduler)
 
 
-@pytest.mark.parametrize("output", ["/home/a.poses.h5", "../a.poses.h5", "b/../../a.poses.h5", "a.sh"])
-def test_no_list_leads_out_of_the_folder_of_results(output, tmp_path):
-    write_batch(Batch(tmp_path, OPTIONS, (("/in/a", output),)))
-    with pytest.raises(LogError, match="below the folder"):
-        read_batch(tmp_path)
-    content = {"options": OPTIONS.plain(), "agreed": "", "each": 1, "recordings": [["/in/a", output]]}
-    (tmp_path / "list.json").write_text(json.dumps(content))
-    with pytest.raises(LogError, match="below the folder"):
-        jobs.do_share(tmp_path / "list.json", 0)
+def listing(output: str) -> str:
+    return json.dumps({"options": OPTIONS.plain(), "recordings": [["/in/a", output]]})
 
 
 @pytest.mark.parametrize(
-    "content", ["", "{}", "[]", '{"options": 3, "recordings": []}', '{"recordings": [[1]]}']
+    ("content", "words"),
+    [
+        *((text, "no batch") for text in ("", "{}", "[]", '{"recordings": [[1]]}')),
+        ('{"options": 3, "recordings": []}', "no batch"),
+        *((listing(output), "below the folder") for output in ("/home/a.poses.h5", "../a.poses.h5", "a.sh")),
+        (listing("b/../../a.poses.h5"), "below the folder"),
+    ],
 )
-def test_a_folder_without_a_batch_is_reported(content, tmp_path):
+def test_a_list_that_is_none_or_leads_out_of_the_folder_of_results_is_refused(content, words, tmp_path):
     (tmp_path / "batch.json").write_text(content)
-    with pytest.raises(LogError, match="no batch"):
+    with pytest.raises(LogError, match=words):
         read_batch(tmp_path)
-
-
-def test_summaries_that_are_damaged_count_as_missing(recordings):
-    one = batch_of(recordings)
-    do(one)
-    outputs = [one.folder / output for _, output in one.pairs]
-    for output, content in zip(outputs, ["", "[]", "{}", "[" * 100_000, "\x00"], strict=True):
-        results.summary_file(output).write_text(content)
-    assert tables.state(one).missing == COUNT
-    tracked, _ = do(one)
-    assert [result["frames"] for result in tracked] == [0] * COUNT
+    with pytest.raises(LogError, match=words):
+        jobs.do_share(tmp_path / "batch.json", 0)
 
 
 def test_to_look_at_a_recording_takes_no_longer_among_many(tmp_path, monkeypatch):

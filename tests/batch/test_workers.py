@@ -19,6 +19,10 @@ def held(_: object) -> bool:
     return signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ())
 
 
+def unsendable(_: object) -> object:
+    return threading.Lock()
+
+
 def environment(_: object) -> list[str | None]:
     return [os.environ.get(name) for name in ONE_THREAD]
 
@@ -47,9 +51,18 @@ def alive(number: int) -> bool:
     return state != "Z"
 
 
-def test_who_ends_a_process_gets_another_and_only_the_task_that_does_it_always_fails(tmp_path):
+@pytest.fixture
+def without_dask(monkeypatch):
+    for name in ("dask", "distributed"):
+        monkeypatch.setitem(sys.modules, name, None)
+
+
+def test_who_ends_a_process_gets_another_and_only_the_task_that_does_it_always_fails(
+    tmp_path, without_dask, monkeypatch
+):
+    monkeypatch.setattr(workers, "ATTEMPTS", 2)
     tasks = [str(tmp_path / name) for name in ("a", "always", "b", "error", "c")]
-    with processes(2) as each:
+    with engine(2) as each:
         found = {Path(task).name: result for task, result in each(fail_once, tasks)}
     assert [found[name] for name in "abc"] == ["a", "b", "c"]
     assert isinstance(found["error"], ZeroDivisionError)
@@ -57,9 +70,11 @@ def test_who_ends_a_process_gets_another_and_only_the_task_that_does_it_always_f
 
 
 @pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="system: no masks of signals")
-def test_a_worker_has_one_thread_and_never_sees_ctrl_c_even_while_it_begins():
+def test_a_worker_has_one_thread_never_sees_ctrl_c_and_goes_on_after_what_cannot_be_sent():
     before = environment(None)
     with processes(1) as each:
+        ((_, error),) = each(unsendable, ["a"])
+        assert isinstance(error, WorkerError)
         assert list(each(held, [0])) == [(0, True)]
         assert list(each(environment, [0])) == [(0, ["1"] * len(ONE_THREAD))]
     assert environment(None) == before
@@ -99,29 +114,11 @@ def test_workers_end_with_the_process_that_began_them(tmp_path):
     until(lambda: not alive(int(mark.read_text())))
 
 
-def test_only_a_scheduler_of_others_needs_what_the_core_has_not(monkeypatch):
-    for name in ("dask", "distributed"):
-        monkeypatch.setitem(sys.modules, name, None)
-    with engine(2) as each:
-        assert sorted(each(abs, [1, 2])) == [(1, 1), (2, 2)]
+def test_only_a_scheduler_of_others_needs_what_the_core_has_not(without_dask):
     with (
         pytest.raises(TrackerError, match=r"--scheduler needs the package (dask|distributed).*cluster"),
         dask_workers("x"),
     ):
         pass
-
-
-def test_one_job_is_this_process():
     with engine(1) as each:
         assert each is here
-
-
-def unsendable(_: object) -> object:
-    return threading.Lock()
-
-
-def test_what_cannot_be_sent_is_an_error_of_its_task_alone():
-    with processes(1) as each:
-        found = dict(each(unsendable, ["a"])) | dict(each(len, ["bc"]))
-    assert isinstance(found["a"], WorkerError)
-    assert found["bc"] == 2
