@@ -70,8 +70,12 @@ class Given:
         self.closed += 1
 
 
+def images(value):
+    return tuple(np.full(SHAPE, value, np.uint8) for _ in CAMERAS)
+
+
 def shot(value, stamp, **options):
-    return ImageSet(tuple(np.full(SHAPE, value, np.uint8) for _ in CAMERAS), (stamp,) * 3, **options)
+    return ImageSet(images(value), (stamp,) * 3, **options)
 
 
 def drain(live):
@@ -104,14 +108,14 @@ def test_a_waiter_gets_what_is_newer_and_never_the_same_again():
     with Live(pushed, MeanTracker()) as live:
         assert live.latest() is None
         assert live.wait(timeout=0.01) is None
-        pushed.push([np.full(SHAPE, 7, np.uint8)] * 3, 1.0)
+        pushed.push(images(7), 1.0)
         first = live.wait(after=-1, timeout=60)
         assert first.object_pose == (7, 7, 7)
         assert live.wait(after=first, timeout=0.05) is None
         assert live.latest().sequence == first.sequence
-        pushed.push([np.full(SHAPE, 8, np.uint8)] * 3, 1.0)  # the same stamp: the same set
+        pushed.push(images(8), 1.0)  # the same stamp: the same set
         assert live.wait(after=first, timeout=0.1) is None
-        threading.Timer(0.3, lambda: pushed.push([np.full(SHAPE, 9, np.uint8)] * 3, 2.0)).start()
+        threading.Timer(0.3, lambda: pushed.push(images(9), 2.0)).start()
         assert live.wait(timeout=60).object_pose == (9, 9, 9)
 
 
@@ -119,10 +123,10 @@ def test_of_sets_that_wait_only_the_newest_counts():
     pushed, mean = Pushed(), MeanTracker()
     mean.may_go_on.clear()
     with Live(pushed, mean) as live:
-        pushed.push([np.full(SHAPE, 0, np.uint8)] * 3, 0.0)
+        pushed.push(images(0), 0.0)
         assert mean.at_work.wait(10)
         for value in range(1, 6):
-            pushed.push([np.full(SHAPE, value, np.uint8)] * 3, float(value))  # returns at once
+            pushed.push(images(value), float(value))  # returns at once
         pushed.finish()
         mean.may_go_on.set()
         drain(live)
@@ -145,38 +149,35 @@ def test_only_the_newest_moment_keeps_its_images():
     assert next(known[0].taken.images for known in live._moments) == (None,) * 3
 
 
-def test_stamps_that_go_back_start_again_and_are_reported():
-    live, mean, moments = received(shot(1, 100.0), shot(2, 100.1), shot(3, 50.0), shot(4, 50.1))
-    assert mean.resets == 1
-    assert [one.timestamp for one in moments] == [100.0, 100.1, 50.0, 50.1]
-    assert "went back by 50.1" in live.faults[0]
+@pytest.mark.parametrize(
+    ("stamps", "jump", "forgotten"),
+    [
+        ((100.0, 100.1, 50.0, 50.1), r"went back by 50\.100 s: what was before is forgotten", True),
+        ((100.0, 100.1, 107.1, 107.2), r"went on by 7\.000 s within [\d.]+ s", False),
+    ],
+)
+def test_stamps_that_jump_are_reported_and_those_that_go_back_start_again(stamps, jump, forgotten):
+    live, mean, moments = received(*(shot(1, stamp) for stamp in stamps))
+    assert mean.resets == forgotten
+    assert [one.timestamp for one in moments] == list(stamps)
     assert [one.jump is None for one in moments] == [True, True, False, True]
     assert [one.jump_count for one in moments] == [0, 0, 1, 1]
-    assert not any(one.faults for one in moments)
-    assert live.at(100.2) is None
-
-
-def test_stamps_that_run_ahead_of_time_are_reported_and_go_on():
-    live, mean, moments = received(shot(1, 100.0), shot(2, 100.1), shot(3, 107.1), shot(4, 107.2))
-    assert mean.resets == 0
-    assert [one.jump is None for one in moments] == [True, True, False, True]
-    assert re.fullmatch(r"went on by 7\.000 s within [\d.]+ s", moments[2].jump)
+    assert re.fullmatch(jump, moments[2].jump)
     assert live.faults == (f"stamps {moments[2].jump}",)
+    assert not any(one.faults for one in moments)
+    assert (live.at(100.2) is None) == forgotten
 
 
 def test_each_moment_tells_in_how_many_sets_a_camera_failed_until_then():
-    image = np.zeros(SHAPE, np.uint8)
-    whole, gone = (image,) * 3, (image, None, image)
-    sets = [ImageSet(images, (float(n),) * 3) for n, images in enumerate([whole, gone, whole, gone, whole])]
-    _, _, moments = received(*sets)
+    whole, gone = images(0), (images(0)[0], None, images(0)[0])
+    _, _, moments = received(*(ImageSet(gone if n % 2 else whole, (float(n),) * 3) for n in range(5)))
     counts = [dict(one.fault_counts) for one in moments]
     assert counts == [{"camera0": 0, "camera1": n, "camera2": 0} for n in (0, 1, 1, 2, 2)]
 
 
 def test_a_picture_that_cannot_be_used_is_reported_with_its_camera():
-    images = (np.zeros(SHAPE, np.uint8), None, np.zeros(SHAPE, np.uint8))
     uses = (CameraUse.FROZEN, CameraUse.NO_IMAGE, CameraUse.CONTRADICTING)
-    taken = ImageSet(images, (1.0,) * 3, (None, "the buffer failed", None))
+    taken = ImageSet((images(0)[0], None, images(0)[0]), (1.0,) * 3, (None, "the buffer failed", None))
     faults = camera_faults(("a", "b", "c"), taken, uses)
     assert faults == {"a": "frozen", "b": "the buffer failed"}
 
@@ -190,10 +191,9 @@ def test_an_episode_that_begins_is_no_fault():
 @pytest.mark.parametrize("off", [-5.0, 5.0])
 @pytest.mark.parametrize("cameras", [2, 3])
 def test_a_camera_whose_stamp_jumps_is_left_out_of_that_set(off, cameras):
-    image = np.full(SHAPE, 1, np.uint8)
-    images = (image, image, image if cameras == 3 else None)
-    jumped = ImageSet(images, (1.1, 1.1 + off, 1.1))
-    live, mean, moments = received(ImageSet(images, (1.0,) * 3), jumped, ImageSet(images, (1.2,) * 3))
+    given = (*images(1)[:cameras], *[None] * (3 - cameras))
+    stamps = ((1.0,) * 3, (1.1, 1.1 + off, 1.1), (1.2,) * 3)
+    live, mean, moments = received(*(ImageSet(given, one) for one in stamps))
     assert mean.seen[1] == (1, None, *mean.seen[0][2:])
     assert [one.timestamp for one in moments] == [1.0, 1.1, 1.2]
     assert "camera1: its stamp is" in live.faults[0]
@@ -203,9 +203,9 @@ def test_a_camera_whose_stamp_jumps_is_left_out_of_that_set(off, cameras):
 
 
 def test_an_image_that_cannot_be_used_is_left_out_with_its_raw_pixels_and_no_other():
-    images = (np.zeros(SHAPE, np.uint8), np.zeros((2, 2, 3), np.uint8), np.zeros(SHAPE))
-    raw = tuple(image[..., 0] for image in images)
-    live, mean, (one,) = received(ImageSet(images, (1.0,) * 3, raw=raw))
+    given = (np.zeros(SHAPE, np.uint8), np.zeros((2, 2, 3), np.uint8), np.zeros(SHAPE))
+    raw = tuple(image[..., 0] for image in given)
+    live, mean, (one,) = received(ImageSet(given, (1.0,) * 3, raw=raw))
     assert mean.seen == [(0.0, None, None)]
     assert [found is None for found in one.taken.raw] == [False, True, True]
     assert "camera1: found 2x2 px, expected 6x4 as it is calibrated" in live.faults
@@ -345,9 +345,8 @@ def test_stamps_are_pushed_as_whatever_holds_them(kind):
 def test_a_fault_of_every_set_does_not_drive_out_another(monkeypatch):
     monkeypatch.setattr("tracker.live.live.STAMPS_APART", float("inf"))
     image = np.zeros(SHAPE, np.uint8)
-    small = [ImageSet((image, image[:2], image), (float(n),) * 3) for n in range(120)]
-    jump = ImageSet((image,) * 3, (-1.0,) * 3)
-    live, _, _ = received(ImageSet((image,) * 3, (0.0,) * 3), jump, *small)
+    small = (ImageSet((image, image[:2], image), (float(n),) * 3) for n in range(120))
+    live, _, _ = received(shot(0, 0.0), shot(0, -1.0), *small)
     assert len(live.faults) == 2
     assert "went back" in live.faults[0]
     assert live.faults[1].startswith("camera1: found 6x2 px")

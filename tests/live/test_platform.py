@@ -8,6 +8,7 @@ import tracker
 from tests.helpers.filmed import RIG, shots
 from tests.helpers.log_writers import make_content, write_native
 from tests.helpers.moments import estimate
+from tests.live.test_live import Given
 from tests.live.test_without_cameras import Frames, frame
 from tracker.errors import LiveError
 from tracker.live import ImageSet, Pushed, Replay
@@ -125,32 +126,15 @@ def test_where_no_object_is_found_nobody_can_compute_with_its_pose():
     assert [camera.image for camera in observation.cameras] == [None] * 3
 
 
-class Once:
-    """A source of one shot, that goes on without more."""
-
-    def __init__(self, shot):
-        self.shots = [shot]
-
-    def next(self, timeout):
-        if not self.shots:
-            return time.sleep(timeout)
-        shot = self.shots.pop()
-        if isinstance(shot, BaseException):
-            raise shot
-        return shot
-
-    def close(self): ...
-
-
 def test_an_interrupt_in_the_source_reaches_who_waits():
-    with Frontend(Once(KeyboardInterrupt("now")), Cube()) as robot, pytest.raises(KeyboardInterrupt):
+    with Frontend(Given(error=KeyboardInterrupt("now")), Cube()) as robot, pytest.raises(KeyboardInterrupt):
         robot.get_latest_observation()
 
 
 def test_raw_pixels_are_handed_on_on_request():
     raw = tuple(np.random.default_rng(c).integers(0, 256, (540, 540), np.uint8) for c in range(3))
     images = tuple(cv2.resize(from_bayer(one), (270, 270)) for one in raw)
-    with Frontend(Once(ImageSet(images, (1.0,) * 3, raw=raw)), Cube(), raw=True) as robot:
+    with Frontend(Given(ImageSet(images, (1.0,) * 3, raw=raw)), Cube(), raw=True) as robot:
         observation = robot.get_camera_observation(123)
     assert np.array_equal(observation.cameras[1].image, raw[1])
     assert np.array_equal(convert_image(observation.cameras[1].image), from_bayer(raw[1]))
@@ -159,7 +143,7 @@ def test_raw_pixels_are_handed_on_on_request():
 
 def test_colours_are_refused_where_raw_pixels_are_requested(film):
     with (
-        Frontend(Once(ImageSet(tuple(film), (1.0,) * 3)), Cube(), raw=True) as robot,
+        Frontend(Given(ImageSet(tuple(film), (1.0,) * 3)), Cube(), raw=True) as robot,
         pytest.raises(LiveError, match="found images in colour, expected raw Bayer pixels"),
     ):
         robot.get_latest_observation()

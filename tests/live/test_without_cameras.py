@@ -130,11 +130,30 @@ def test_damage_is_raised_after_the_frames_before_it(clock):
         replay.next(0.5)
 
 
+@pytest.fixture
+def film(monkeypatch):
+    """Has the simulation draw so many pictures; gives the numbers of those that are drawn, None: closed."""
+
+    def draw(length, drawn, seconds=0.0):
+        for number in range(length):
+            time.sleep(seconds)
+            drawn.append(number)
+            yield SimpleNamespace(images=(np.full((2, 2, 3), number, np.uint8),))
+
+    def film_of(length, seconds=0.0):
+        drawn = []
+        maker = SimpleNamespace(
+            rig=RIG, chunk=lambda _: draw(length, drawn, seconds), close=lambda: drawn.append(None)
+        )
+        monkeypatch.setattr("tracker.live.sources._maker", lambda *_: maker)
+        return drawn
+
+    return film_of
+
+
 @pytest.mark.parametrize(("length", "shown"), [(4, [0, 1, 2, 3, 2, 1, 0, 1, 2]), (2, [0, 1, 0]), (1, [0, 0])])
-def test_a_film_goes_to_and_fro(length, shown, clock, monkeypatch):
-    film = [SimpleNamespace(images=(np.full((2, 2, 3), n, np.uint8),)) for n in range(length)]
-    maker = SimpleNamespace(rig=RIG, chunk=lambda _: iter(film), close=lambda: None)
-    monkeypatch.setattr("tracker.live.sources._maker", lambda *_: maker)
+def test_a_film_goes_to_and_fro(length, shown, film, clock, monkeypatch):
+    film(length)
     monkeypatch.setattr(clock, "sleep", lambda seconds: Clock.sleep(clock, seconds + 1e-3))
     source = Simulation("cube_v2", frames=length)
     assert [source.next(5.0).images[0][0, 0, 0] for _ in shown] == shown
@@ -151,44 +170,27 @@ def test_the_simulated_platform_gives_pictures_of_its_rig():
     assert given[1].timestamp - given[0].timestamp >= 0.1 - 1e-6
 
 
-def test_a_tracker_of_other_cameras_is_refused(monkeypatch):
-    def maker(*_, **__):
-        return SimpleNamespace(rig=RIG, chunk=lambda _: drawn(), close=lambda: None)
-
-    def drawn():
-        yield pytest.fail("it is drawn")
-
-    monkeypatch.setattr("tracker.live.sources._maker", maker)
-    model = tracker.load_object("cube_v2")
+def test_a_tracker_of_other_cameras_is_refused(film):
+    drawn, model = film(1), tracker.load_object("cube_v2")
     assert open_source("simulation", tracker.ObjectTracker(model, RIG)).rig is RIG
     other = tracker.CameraRig((RIG.cameras[1], RIG.cameras[0], *RIG.cameras[2:]), arena=RIG.arena)
     with pytest.raises(LiveError, match="a tracker of other cameras"):
         open_source("simulation", tracker.ObjectTracker(model, other))
+    assert drawn == [None]  # closed, and never drawn
 
 
-def test_the_film_is_drawn_when_it_is_asked_for_and_no_longer_than_one_waits(monkeypatch):
-    film = [SimpleNamespace(images=(np.full((2, 2, 3), n, np.uint8),)) for n in range(3)]
-    drawn, closed = [], []
-
-    def chunk(_):
-        for one in film:
-            time.sleep(0.05)
-            drawn.append(one)
-            yield one
-
-    maker = SimpleNamespace(rig=RIG, chunk=chunk, close=lambda: closed.append(True))
-    monkeypatch.setattr("tracker.live.sources._maker", lambda *_: maker)
+def test_the_film_is_drawn_when_it_is_asked_for_and_no_longer_than_one_waits(film):
+    drawn = film(3, seconds=0.05)
     source = Simulation("cube_v2", frames=3)
     assert not drawn
     assert source.next(0.01) is None
-    assert len(drawn) == 1
+    assert drawn == [0]
     assert source.draw()
-    assert len(drawn) == 3
-    assert closed
+    assert drawn == [0, 1, 2, None]
     before = time.time()
     shot = source.next(5.0)
     assert shot.timestamp >= before  # the film begins when it is shown
-    assert shot.images[0] is film[0].images[0]
+    assert shot.images[0][0, 0, 0] == 0
 
 
 def test_without_the_generator_it_says_what_to_install(monkeypatch):
