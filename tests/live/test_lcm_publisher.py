@@ -2,7 +2,6 @@ import importlib.util
 import os
 import re
 import socket
-import struct
 import subprocess
 import sys
 from types import SimpleNamespace
@@ -18,96 +17,61 @@ from tests.helpers.moments import estimate, moment
 from tests.helpers.needs import lack
 from tracker.errors import LiveError
 from tracker.live import publishers as lcm_publisher
-from tracker.live.publishers import DEFAULT, FINGERPRINT, LcmPublisher, body_of, lcm_message_of
+from tracker.live.publishers import DEFAULT, LcmPublisher, body_of, lcm_message_of
 
-needs_lcm = pytest.mark.skipif(importlib.util.find_spec("lcm") is None, reason="lcm: no module lcm")
+if importlib.util.find_spec("lcm") is None:
+    lack("lcm", "no module lcm")
+import lcm
 
 CUBE, CUBOID = tracker.load_object("cube_v2"), tracker.load_object("cuboid_2x2x8_v2")
 TYPE = re.search(r"package dairlib;.*?\n}\n", (ROOT / "docs" / "live.md").read_text(), re.DOTALL)[0]
 """The type as the documentation has it."""
-FIELDS = re.findall(r"(\w+) (\w+)(?:\[(\w+)\])?;", TYPE)[1:]
-"""Type, name and dimension of each field; the first match is the package."""
 
 
-def lcm_hash(fields):
-    """By LCM's rule, over names, types that are built in, and dimensions; shifts keep the sign."""
-    value = 0x12345678
+@pytest.fixture(scope="module")
+def decoded(tmp_path_factory):
+    """Reads a message by the code that LCM's own generator makes of the documented type."""
+    folder = tmp_path_factory.mktemp("type")
+    (folder / "state.lcm").write_text(TYPE)
+    generator = os.path.join(lcm.LCM_BIN_DIR, "lcm-gen")
+    subprocess.run([generator, "--python", "--ppath", folder, folder / "state.lcm"], check=True)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(folder)
+        from dairlib import lcmt_object_state
 
-    def take(byte):
-        nonlocal value
-        signed = value - (value >> 63 << 64)
-        value = (((signed << 8) ^ (signed >> 55)) + byte) & ((1 << 64) - 1)
+        def decode(content):
+            state = lcmt_object_state.decode(content)
+            assert state.encode() == content
+            return state
 
-    def take_text(text):
-        for byte in (len(text), *text.encode()):
-            take(byte)
-
-    for kind, name, dimension in fields:
-        take_text(name)
-        take_text(kind)
-        take(bool(dimension))
-        if dimension:
-            take(1)  # of variable length
-            take_text(dimension)
-    return value
-
-
-def decoded(content):
-    """Fields by their names, read as the type lays them out."""
-    place, found = 8, {}
-
-    def read(form):
-        nonlocal place
-        (value,) = struct.unpack_from(f">{form}", content, place)
-        place += struct.calcsize(form)
-        return value
-
-    def read_text():
-        length = read("I")
-        text = read(f"{length}s")
-        assert text.endswith(b"\0")
-        return text[:-1].decode()
-
-    forms = {"int64_t": "q", "int32_t": "i", "double": "d"}
-    for kind, name, dimension in FIELDS:
-        count = found[dimension] if dimension else 1
-        values = [read_text() if kind == "string" else read(forms[kind]) for _ in range(count)]
-        found[name] = values if dimension else values[0]
-    assert place == len(content)
-    return found
+        yield decode
+    sys.modules.pop("dairlib")
 
 
 def content_of(one, body="cube"):
     return lcm_message_of(one, "cube_v2", body)
 
 
-def test_the_fingerprint_is_that_of_the_documented_type():
-    value = lcm_hash(FIELDS)
-    assert value == 0x16A0F83D49307B4A  # as generated code has it
-    assert (value << 1 | value >> 63) & ((1 << 64) - 1) == FINGERPRINT
-    assert content_of(moment(0, pose=estimate())).startswith(FINGERPRINT.to_bytes(8, "big"))
-
-
-def test_a_message_has_the_pose_with_w_first_and_the_rotation_before_the_centre():
+def test_a_message_has_the_pose_with_w_first_and_the_rotation_before_the_centre(decoded):
     pose = estimate(0.25)
     found = decoded(content_of(moment(7, pose=pose)))
-    assert found["utime"] == 1_000_700_000
-    assert found["object_name"] == "cube_v2"
-    assert found["position_names"] == [f"cube_{n}" for n in ("qw", "qx", "qy", "qz", "x", "y", "z")]
-    assert found["velocity_names"] == [f"cube_{n}" for n in ("wx", "wy", "wz", "vx", "vy", "vz")]
-    assert found["position"][4:] == pose.position.tolist()
-    w, *xyz = found["position"][:4]
+    assert found.utime == 1_000_700_000
+    assert found.object_name == "cube_v2"
+    assert found.position_names == [f"cube_{n}" for n in ("qw", "qx", "qy", "qz", "x", "y", "z")]
+    assert found.velocity_names == [f"cube_{n}" for n in ("wx", "wy", "wz", "vx", "vy", "vz")]
+    assert found.position[4:] == tuple(pose.position)
+    w, *xyz = found.position[:4]
     assert np.allclose(Rotation.from_quat([*xyz, w]).as_matrix(), pose.rotation, atol=1e-12)
-    assert found["velocity"] == [3, 4, 5, 0, 1, 2]
+    assert found.velocity == (3, 4, 5, 0, 1, 2)
 
 
 def test_where_the_object_is_lost_there_is_no_message():
     assert content_of(moment(0)) is None
 
 
-def test_bodies_are_called_after_their_shape_or_as_given():
+def test_bodies_are_called_after_their_shape_or_as_given(decoded):
     assert [body_of(CUBE), body_of(CUBOID), body_of(CUBOID, "box_2")] == ["cube", "cuboid", "box_2"]
-    assert decoded(content_of(moment(0, pose=estimate()), "box_2"))["velocity_names"][0] == "box_2_wx"
+    assert decoded(content_of(moment(0, pose=estimate()), "box_2")).velocity_names[0] == "box_2_wx"
     for name in ("", "2box", "a b", "käse", "a" * 41):
         with pytest.raises(LiveError, match="body: found"):
             body_of(CUBE, name)
@@ -120,30 +84,19 @@ def test_what_is_missing_is_named_with_its_extra(tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
-@needs_lcm
-def test_code_that_lcm_generates_from_the_documented_type_reads_a_log_of_messages(tmp_path, monkeypatch):
-    import lcm
-
+def test_a_log_has_a_message_of_each_pose_and_none_of_a_lost_object(decoded, tmp_path):
     publisher = LcmPublisher(f"file://{tmp_path / 'poses.lcm'}", CUBE)
     poses = [estimate(0.01 * n) for n in range(5)]
     for number, pose in enumerate(poses):
         publisher(moment(number, pose=pose))
         publisher(moment(number))  # lost
     publisher.close()
-    (tmp_path / "state.lcm").write_text(TYPE)
-    generator = os.path.join(lcm.LCM_BIN_DIR, "lcm-gen")
-    subprocess.run([generator, "--python", "--ppath", tmp_path, tmp_path / "state.lcm"], check=True)
-    monkeypatch.syspath_prepend(tmp_path)
-    from dairlib import lcmt_object_state
-
     events = list(lcm.EventLog(str(tmp_path / "poses.lcm")))
     assert [event.channel for event in events] == ["CUBE_STATE"] * 5
     for number, (pose, event) in enumerate(zip(poses, events, strict=True)):
-        state = lcmt_object_state.decode(event.data)
-        assert state.encode() == event.data
+        state = decoded(event.data)
         assert state.utime == 1_000_000_000 + 100_000 * number
         assert state.position[4:] == tuple(pose.position)
-    sys.modules.pop("dairlib")
 
 
 @pytest.fixture
@@ -154,10 +107,7 @@ def group():
         return f"udpm://239.255.76.68:{one.getsockname()[1]}?ttl=0"
 
 
-@needs_lcm
-def test_a_subscriber_gets_what_is_published(group):
-    import lcm
-
+def test_a_subscriber_gets_what_is_published(group, decoded):
     try:
         receiver = lcm.LCM(group)
         publisher = LcmPublisher(group, CUBOID)
@@ -169,11 +119,10 @@ def test_a_subscriber_gets_what_is_published(group):
     assert receiver.handle_timeout(60_000)
     ((channel, content),) = received
     assert channel == publisher.channel
-    assert decoded(content)["object_name"] == "cuboid_2x2x8_v2"
+    assert decoded(content).object_name == "cuboid_2x2x8_v2"
     publisher.close()
 
 
-@needs_lcm
 def test_nothing_listens_where_poses_are_published(group):
     try:
         publisher = LcmPublisher(group, CUBE)
@@ -185,7 +134,6 @@ def test_nothing_listens_where_poses_are_published(group):
     publisher.close()
 
 
-@needs_lcm
 def test_a_log_that_cannot_be_written_is_reported_without_words_on_networks(monkeypatch, tmp_path):
     def refuse(_):
         raise RuntimeError
@@ -197,7 +145,6 @@ def test_a_log_that_cannot_be_written_is_reported_without_words_on_networks(monk
         LcmPublisher(DEFAULT, CUBE)
 
 
-@needs_lcm
 def test_a_log_that_is_written_whole_is_no_fault_and_one_that_lacks_something_is(tmp_path):
     whole = LcmPublisher(f"file://{tmp_path / 'whole.lcm'}", CUBE)
     full = LcmPublisher(f"file://{tmp_path / 'full.lcm'}", CUBE)
@@ -216,12 +163,10 @@ def test_a_log_that_is_written_whole_is_no_fault_and_one_that_lacks_something_is
     assert "the log lacks" in few.fault
 
 
-@needs_lcm
 def test_the_channel_is_called_after_the_body(tmp_path):
     assert LcmPublisher(f"file://{tmp_path / 'poses.lcm'}", CUBE, body="box_2").channel == "BOX_2_STATE"
 
 
-@needs_lcm
 def test_a_network_that_is_gone_ends_nothing(tmp_path):
     def publish(*_):
         raise OSError("Network is unreachable")
