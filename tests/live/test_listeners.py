@@ -1,8 +1,10 @@
+import contextlib
 import itertools
 import subprocess
 import sys
 import threading
 import time
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -12,12 +14,14 @@ import tracker
 from tests.helpers import ROOT
 from tests.helpers.filmed import RIG
 from tests.helpers.moments import estimate, moment
-from tracker.errors import LiveError, LogError
-from tracker.live.listeners import WAITING, Recorder
+from tracker.errors import ImageError, LiveError, LogError
+from tracker.live import listeners
+from tracker.live.listeners import WAITING, Recorder, RerunView
 from tracker.logs.hdf5_writer import Hdf5LogWriter
 from tracker.logs.pictures import to_bayer
 
 COUNT = len(RIG)
+MODEL = tracker.load_object("cube_v2")
 
 
 def images(seed, shape=(270, 270, 3)):
@@ -92,31 +96,75 @@ def test_nothing_is_written_before_there_is_a_picture(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_a_full_disk_ends_the_recording_and_nothing_else(tmp_path, monkeypatch):
-    def full(writer, *_):
-        raise LogError("log.h5: cannot be written: No space left on device")
+class Gate:
+    """Where what a disk or a viewer is given waits until it may go on, or fails."""
 
-    monkeypatch.setattr(Hdf5LogWriter, "append", full)
-    recorder = record(tmp_path / "log.h5", [moment(n, images(n)) for n in range(5)])
-    assert "No space left" in recorder.fault
-    recorder(moment(9, images(9)))  # and no word
+    def __init__(self):
+        self.error, self.passed = None, []
+        self.at_work, self.may_go_on = threading.Event(), threading.Event()
+
+    def take(self, number):
+        self.at_work.set()
+        assert self.may_go_on.wait(20)
+        if self.error is not None:
+            raise self.error
+        self.passed.append(number)
 
 
-def test_what_the_disk_does_not_take_in_time_is_left_out_and_counted(tmp_path, monkeypatch):
-    go_on, append = threading.Event(), Hdf5LogWriter.append
+@pytest.fixture(params=["recorder", "view"])
+def gated(request, tmp_path, monkeypatch):
+    """A listener whose disk or viewer is behind a gate, with that, and for how many moments it has room."""
+    gate, append = Gate(), Hdf5LogWriter.append
 
-    def slow(writer, *arguments):
-        go_on.wait(20)
-        append(writer, *arguments)
+    def slow(writer, pictures, timestamp, *more):
+        gate.take(round(10 * (timestamp - 1000)))
+        append(writer, pictures, timestamp, *more)
 
     monkeypatch.setattr(Hdf5LogWriter, "append", slow)
-    recorder, given = Recorder(tmp_path / "log.h5", RIG), images(3)
-    for n in range(WAITING + 5):
-        recorder(moment(n, given))  # returns at once
-    assert recorder.left_out >= 4
-    go_on.set()
-    recorder.close()
-    assert recorder.recorded + recorder.left_out == WAITING + 5
+    scene = SimpleNamespace(show=lambda number, *_: gate.take(number))
+    monkeypatch.setattr(listeners, "open_scene", lambda *_: contextlib.nullcontext(scene))
+    if request.param == "view":
+        return RerunView(None, RIG, MODEL), gate, 1
+    return Recorder(tmp_path / "log.h5", RIG), gate, WAITING
+
+
+def test_what_is_not_taken_in_in_time_is_left_out_and_counted_and_holds_up_nobody(gated):
+    (listener, gate, room), given, count = gated, images(3), WAITING + 6
+    listener(moment(0, given))
+    assert gate.at_work.wait(20)
+    for number in range(1, count):
+        listener(moment(number, given))  # returns at once
+    gate.may_go_on.set()
+    listener.close()
+    assert gate.passed == [0, *range(count - room, count)]
+    assert listener.left_out == count - 1 - room
+
+
+def test_a_full_disk_or_a_viewer_that_is_closed_ends_its_listener_and_nothing_else(gated):
+    listener, gate, _ = gated
+    gate.error = RuntimeError("it takes no more")
+    gate.may_go_on.set()
+    for number in range(5):
+        listener(moment(number, images(number)))
+    listener.close()
+    assert listener.fault == "it takes no more"
+    listener(moment(9, images(9)))  # and no word
+
+
+def test_images_and_poses_are_in_the_file_of_a_view(tmp_path):
+    pytest.importorskip("rerun", reason="rerun: no module rerun")
+    one = RerunView(tmp_path / "live.rrd", RIG, MODEL)
+    one(moment(0, images(1), pose=estimate(0.05)))
+    one.close()
+    assert one.fault is None
+    chunk = pytest.importorskip("rerun.chunk", reason="rerun: no module rerun.chunk")
+    found = {part.entity_path for part in chunk.RrdReader(tmp_path / "live.rrd").stream().to_chunks()}
+    assert {"/world/measured", "/confidence/filtered", "/world/cameras/camera60/image"} <= found
+
+
+def test_a_file_that_no_view_can_be_written_to_is_refused_at_once(tmp_path):
+    with pytest.raises(ImageError, match=r"expected \.rrd"):
+        RerunView(tmp_path / "live.txt", RIG, MODEL)
 
 
 RECORD = """
