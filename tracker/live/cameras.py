@@ -6,7 +6,7 @@ import contextlib
 import threading
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Protocol
 
 import cv2
@@ -89,12 +89,10 @@ class _Slot:
     fault: str | None = _UNTRIED
     there: bool = False
     """Whether the camera is open."""
-    opened: bool = False
-    """Whether it ever was."""
     final: LiveError | None = None
     """Why the others end, too: its film is over, or it could not be used when it was opened first."""
-    settings: Settings = field(default_factory=dict)
-    """What it was set to when it was opened last."""
+    settings: Settings | None = None
+    """What it was set to when it was opened last; None: it never was."""
 
 
 class CameraSet:
@@ -170,7 +168,7 @@ class CameraSet:
     def settings(self) -> tuple[Settings, ...]:
         """What each camera was set to when it was opened last; empty of one that never was."""
         with self._changed:
-            return tuple(slot.settings for slot in self._slots)
+            return tuple(slot.settings or {} for slot in self._slots)
 
     def close(self) -> None:
         """See `ImageSource`."""
@@ -187,7 +185,7 @@ class CameraSet:
             opening = max(0.0, min(until, self._begun_by) - time.monotonic())
             tried = self._changed.wait_for(self._tried, opening)
             late = time.monotonic() - self._begun_by
-            none = late >= 0 and not any(slot.opened for slot in self._slots)
+            none = late >= 0 and all(slot.settings is None for slot in self._slots)
             if none and (tried or late > OPENING_LONG - OPENING):
                 found = "; ".join(dict.fromkeys(str(slot.fault) for slot in self._slots))
                 raise LiveError(f"cameras: not one of {len(self._slots)} could be opened: {found}")
@@ -220,11 +218,24 @@ class CameraSet:
 
     def _run(self, slot: _Slot, opener: Callable[[], LiveCamera]) -> None:
         while not (slot.final or self._closing.is_set()):
-            camera = self._opened(slot, opener)
-            if camera is not None:
-                self._ask(slot, camera)
-                with contextlib.suppress(Exception):  # it may be gone already
-                    camera.close()
+            try:
+                camera = opener()
+                settings = camera.settings()
+            except Exception as error:
+                with self._changed:
+                    slot.fault = " ".join(str(error).split())
+                    if isinstance(error, CameraUnfit) and slot.settings is None:
+                        slot.final = error
+                    self._changed.notify_all()
+                    self._changed.wait_for(self._closing.is_set, LOOK_AGAIN)
+                continue
+            with self._changed:
+                slot.answered, slot.fault, slot.there = self._asked - 1, None, True
+                slot.settings = settings
+                self._changed.notify_all()
+            self._ask(slot, camera)
+            with contextlib.suppress(Exception):  # it may be gone already
+                camera.close()
 
     def _ask(self, slot: _Slot, camera: LiveCamera) -> None:
         """Ask for pictures until the camera is lost or ends, or all are closed."""
@@ -245,24 +256,6 @@ class CameraSet:
                 slot.answered, slot.picture, slot.fault = asked, picture, fault
                 slot.there, slot.final = there, final
                 self._changed.notify_all()
-
-    def _opened(self, slot: _Slot, opener: Callable[[], LiveCamera]) -> LiveCamera | None:
-        try:
-            camera = opener()
-            settings = camera.settings()
-        except Exception as error:
-            with self._changed:
-                slot.fault = " ".join(str(error).split())
-                if isinstance(error, CameraUnfit) and not slot.opened:
-                    slot.final = error
-                self._changed.notify_all()
-                self._changed.wait_for(self._closing.is_set, LOOK_AGAIN)
-            return None
-        with self._changed:
-            slot.answered, slot.fault, slot.there, slot.opened = self._asked - 1, None, True, True
-            slot.settings = settings
-            self._changed.notify_all()
-        return camera
 
 
 def _developed(image: Image, size: tuple[int, int]) -> Image:
