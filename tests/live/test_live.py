@@ -101,6 +101,14 @@ def test_every_set_is_answered_in_order_and_the_latest_stays():
     assert live.latest().sequence == 4
     assert live.wait(after=4) is None
     assert not live.running
+    # Only the newest keeps its images, unless a listener keeps them.
+    kept = [known[0].taken.images[0] is not None for known in live._moments]
+    assert kept == [False, False, False, False, True]
+    assert all(one.taken.images[0] is not None for one in moments)
+    # A moment to come is told from all that was seen, one that has passed from what was known.
+    assert [live.at(stamp) for stamp in (14.5, 12.5)] == [(14, 14.5), (12, 12.5)]
+    assert live.at(9.0) is None
+    assert live.at(16.0) is None  # too long after
 
 
 def test_a_waiter_gets_what_is_newer_and_never_the_same_again():
@@ -132,21 +140,6 @@ def test_of_sets_that_wait_only_the_newest_counts():
         drain(live)
     assert mean.seen == [(0, 0, 0), (5, 5, 5)]
     assert pushed.replaced == 4
-
-
-def test_at_gives_a_moment_to_come_from_all_that_was_seen_and_one_passed_from_what_was_known():
-    live, _, _ = received(*(shot(n, 10 + n) for n in range(5)))
-    assert live.at(14.5) == (14, 14.5)
-    assert live.at(12.5) == (12, 12.5)
-    assert live.at(9.0) is None
-    assert live.at(16.0) is None  # too long after
-
-
-def test_only_the_newest_moment_keeps_its_images():
-    live, _, moments = received(*(shot(n, n) for n in range(3)))
-    assert live.latest().taken.images[0] is not None
-    assert moments[0].taken.images[0] is not None  # listeners may keep them
-    assert next(known[0].taken.images for known in live._moments) == (None,) * 3
 
 
 @pytest.mark.parametrize(
@@ -212,11 +205,18 @@ def test_an_image_that_cannot_be_used_is_left_out_with_its_raw_pixels_and_no_oth
     assert any(fault.startswith("camera2: found float64") for fault in live.faults)
 
 
-def test_a_source_that_breaks_says_so_to_those_who_wait():
-    live, _, moments = received(shot(1, 1.0), error=LiveError("camera60: gone for good"))
+@pytest.mark.parametrize(
+    ("second", "error", "words"),
+    [
+        (None, LiveError("camera60: gone for good"), "camera60: gone for good"),
+        (ImageSet(images(0)[:2], (2.0,) * 2), None, "2 images, expected one for each of camera0, .*camera2"),
+    ],
+)
+def test_a_source_that_breaks_says_so_to_those_who_wait(second, error, words):
+    live, _, moments = received(*filter(None, (shot(1, 1.0), second)), error=error)
     assert len(moments) == 1
     assert live.latest() is not None
-    with pytest.raises(LiveError, match="camera60: gone for good"):
+    with pytest.raises(LiveError, match=words):
         live.wait(timeout=1)
 
 
@@ -235,12 +235,6 @@ def test_a_source_that_asks_to_end_reaches_the_caller_as_it_is(asked):
 
     with pytest.raises(asked, match="now"):
         poll()
-
-
-def test_images_of_another_count_end_it_with_the_names():
-    live, _, _ = received(ImageSet((np.zeros(SHAPE, np.uint8),) * 2, (1.0,) * 2))
-    with pytest.raises(LiveError, match="found 2 images, expected one for each of camera0, camera1, camera2"):
-        live.wait()
 
 
 def test_a_listener_that_raises_is_not_called_again_and_harms_nobody():

@@ -50,7 +50,10 @@ def next_message(page: WebPage, one) -> dict:
         while not page.is_open:
             time.sleep(0.001)
         page(one)
-        return json.loads(asked.getresponse().read())
+        content = asked.getresponse().read()
+    while not content:  # a busy machine takes longer than a message is waited for
+        _, content = got(page, f"/message?{one.sequence - 1}")
+    return json.loads(content)
 
 
 def test_the_page_shows_pose_and_cameras_as_they_are(page):
@@ -113,7 +116,6 @@ def test_only_this_machine_can_connect(page):
 
 
 def test_a_site_elsewhere_that_has_the_browser_ask_is_refused(page):
-    assert got(page, "/")[0] == 200
     for path in ("/", "/message?", "/picture"):
         assert got(page, path, Host="elsewhere.example")[0] == 403
         assert got(page, path, Origin="http://elsewhere.example")[0] == 403
@@ -124,6 +126,7 @@ def test_a_site_elsewhere_that_has_the_browser_ask_is_refused(page):
 
 
 def test_the_page_itself_and_a_link_to_it_may_ask(page):
+    assert got(page, "/") == (200, files("tracker.live").joinpath("web_page.html").read_bytes())
     assert got(page, "/", Origin=f"http://localhost:{page.port}")[0] == 200
     assert got(page, "/", **{"Sec-Fetch-Site": "cross-site", "Sec-Fetch-Dest": "document"})[0] == 200
     assert got(page, "/", **{"Sec-Fetch-Site": "same-origin", "Sec-Fetch-Dest": "image"})[0] == 200
@@ -145,7 +148,7 @@ def test_a_connection_that_is_reset_is_no_word_on_stderr(page, capsys):
 
 def test_connections_beyond_a_few_are_closed_and_free_again_once_others_are(page):
     with contextlib.ExitStack() as opened:
-        many = [socket.create_connection(("127.0.0.1", page.port), timeout=60) for _ in range(40)]
+        many = [socket.create_connection(("127.0.0.1", page.port), timeout=60) for _ in range(24)]
         for one in many:
             opened.enter_context(one)
         for one in many[20:]:
@@ -157,10 +160,6 @@ def test_connections_beyond_a_few_are_closed_and_free_again_once_others_are(page
             assert got(page, "/")[0] == 200
             break
         assert time.monotonic() < deadline
-
-
-def test_the_page_is_the_same_whatever_cameras_are_called(page):
-    assert got(page, "/")[1] == files("tracker.live").joinpath("web_page.html").read_bytes()
 
 
 def test_a_browser_that_reads_nothing_holds_up_nobody(page):
