@@ -60,22 +60,16 @@ def test_names_mirror_paths_and_depend_on_nothing_else(tmp_path, monkeypatch):
         assert output_of(Path(given), Path("out")) == Path("out") / expected
 
 
-def test_every_recording_has_a_result_and_again_nothing_is_done(recordings):
+def test_every_recording_has_a_result_and_only_what_is_broken_changed_or_missing_is_done_again(recordings):
     one = batch_of(recordings)
     tracked, before = do(one)
     assert (len(tracked), before) == (COUNT, 0)
     assert [result["frames"] for result in tracked] == [10 + number for number in range(COUNT)]
-    first = contents(one.folder)
-    assert do(one) == ([], COUNT)
-    assert contents(one.folder) == first
-    assert read_batch(one.folder).pairs == one.pairs
-    assert not [name for name in first if Path(name).name.startswith(".")]
-
-
-def test_broken_changed_and_missing_results_are_done_again_and_no_other(recordings):
-    one = batch_of(recordings)
-    do(one)
     whole = contents(one.folder)
+    assert do(one) == ([], COUNT)
+    assert contents(one.folder) == whole
+    assert read_batch(one.folder).pairs == one.pairs
+    assert not [name for name in whole if Path(name).name.startswith(".")]
     outputs = [one.folder / output for _, output in one.pairs]
     outputs[0].unlink()
     outputs[1].write_bytes(outputs[1].read_bytes()[:-50])
@@ -213,12 +207,21 @@ def test_nobody_waits_for_results_that_are_there(tmp_path, monkeypatch):
     assert len(looked) == 1
 
 
-def test_the_table_says_what_is_in_the_files(recordings):
+def test_the_table_says_what_is_in_the_files_and_a_bad_goal_costs_the_score_alone(recordings):
     goal = {"difficulty": 1, "goal": {"position": [0.01, 0.01, 0.01], "orientation": [0, 0, 0, 1]}}
-    (recordings / "002" / "goal.json").write_text(json.dumps(goal))
-    (recordings / "003" / "goal.json").write_text("{}")
+    bad = {
+        "000": "[[0, 5]]",
+        "001": "\0",
+        "003": "{}",
+        "005": "[[0, 0, 0.011]]",
+        "006": "[[0, [0, 0, 1e300]]]",
+    }
+    for name in ("005", "006"):
+        write_log(recordings / name, 10 + int(name))
+    for name, content in {"002": json.dumps(goal), **bad}.items():
+        (recordings / name / "goal.json").write_text(content)
     one = batch_of(recordings)
-    do(one)
+    assert [result["failure"] for result in do(one)[0]] == [None] * 7
     with (one.folder / "summary.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert [row["recording"] for row in rows] == [log for log, _ in one.pairs]
@@ -229,26 +232,17 @@ def test_the_table_says_what_is_in_the_files(recordings):
     assert float(rows[2]["position_std_median_mm"]) == pytest.approx(1.0)
     assert (rows[2]["task"], rows[2]["level"]) == ("move_object", "1")
     assert float(rows[2]["reward_mean"]) < 0
-    assert rows[1]["task"] == ""
+    assert [rows[4][name] for name in ("task", "goal_fault", "reward_total")] == [""] * 3
+    for name in bad:
+        assert "goal.json: " in rows[int(name)]["goal_fault"]
+        assert rows[int(name)]["reward_total"] == ""
     assert "found no goal" in rows[3]["goal_fault"]
     assert rows[0]["worst_camera"] in ("camera180", "")
     parquet = pytest.importorskip("pyarrow.parquet", reason="cluster: no module pyarrow")
     table = parquet.read_table(one.folder / "summary.parquet")
     assert table.column_names == list(COLUMNS)
-    assert table["frames"].to_pylist() == [10, 11, 12, 13, 14]
+    assert table["frames"].to_pylist() == [10, 11, 12, 13, 14, 15, 16]
     assert table["reward_mean"].to_pylist()[2] == float(rows[2]["reward_mean"])
-
-
-def test_a_bad_goal_costs_the_score_and_says_why_and_nothing_else(recordings):
-    for number, content in enumerate(["[[0, 5]]", "\0", "[[0, 0, 0.011]]", "[[0, [0, 0, 1e300]]]"]):
-        (recordings / f"{number:03d}" / "goal.json").write_text(content)
-    one = batch_of(recordings)
-    assert [result["failure"] for result in do(one)[0]] == [None] * COUNT
-    lines = tables.state(one).lines
-    assert [line["frames"] for line in lines] == [10, 11, 12, 13, 14]
-    assert all("goal.json: " in line["goal_fault"] for line in lines[:4])
-    assert [line["reward_total"] for line in lines] == [None] * COUNT
-    assert lines[4]["goal_fault"] is None
 
 
 def test_the_jobs_of_a_list_do_all_of_it_once(recordings):
