@@ -105,7 +105,7 @@ def test_every_set_is_answered_in_order_and_the_latest_stays():
     kept = [known[0].taken.images[0] is not None for known in live._moments]
     assert kept == [False, False, False, False, True]
     assert all(one.taken.images[0] is not None for one in moments)
-    # A moment to come is told from all that was seen, one that has passed from what was known.
+    # For a moment to come all that was seen counts, for one that has passed what was known then.
     assert [live.at(stamp) for stamp in (14.5, 12.5)] == [(14, 14.5), (12, 12.5)]
     assert live.at(9.0) is None
     assert live.at(16.0) is None  # too long after

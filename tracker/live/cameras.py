@@ -183,16 +183,15 @@ class CameraSet:
         """Whether sets may begin: all are given the time to be opened once, so that the first are whole."""
         with self._changed:
             opening = max(0.0, min(until, self._begun_by) - time.monotonic())
-            tried = self._changed.wait_for(self._tried, opening)
+            tried = self._changed.wait_for(
+                lambda: all(slot.fault is not _UNTRIED for slot in self._slots), opening
+            )
             late = time.monotonic() - self._begun_by
             none = late >= 0 and all(slot.settings is None for slot in self._slots)
             if none and (tried or late > OPENING_LONG - OPENING):
                 found = "; ".join(dict.fromkeys(str(slot.fault) for slot in self._slots))
                 raise LiveError(f"cameras: not one of {len(self._slots)} could be opened: {found}")
             return tried or late >= 0
-
-    def _tried(self) -> bool:
-        return all(slot.fault is not _UNTRIED for slot in self._slots)
 
     def _complete(self) -> bool:
         """Whether all have answered who may be expected to: not who is gone, or hangs since two sets."""
@@ -250,7 +249,8 @@ class CameraSet:
             try:
                 picture = camera.grab(_GRAB)
             except Exception as error:
-                fault, there = " ".join(str(error).split()), isinstance(error, GrabFailed)
+                fault = " ".join(str(error).split())
+                there = isinstance(error, LiveError) and not isinstance(error, CameraLost | CameraEnded)
                 final = error if isinstance(error, CameraEnded) else None
             with self._changed:
                 slot.answered, slot.picture, slot.fault = asked, picture, fault
