@@ -204,9 +204,7 @@ class LcmPublisher:
         """In LCM's words."""
         self._name, self._body = model.name, body_of(model, body)
         self.channel = f"{self._body.upper()}_STATE"
-        self.fault: str | None = None
-        """How many messages the network did not take, and why not the last of them; or what a log lacks."""
-        self._unsent = 0
+        self._unsent, self._refused = 0, ""
         kind, _, rest = self.address.partition("://")
         self._log = Path(rest.removesuffix(_NEW)) if kind == "file" else None
         self._logged = 0
@@ -228,30 +226,29 @@ class LcmPublisher:
         try:
             self._lcm.publish(self.channel, message)
         except OSError as error:  # of this moment; a network comes back
-            self._unsent += 1
-            self.fault = f"publish {self.address}: {self._unsent} messages were not sent; last: {error}"
+            self._unsent, self._refused = self._unsent + 1, str(error)
         self._logged += _HEADER + len(self.channel) + len(message)
-        self._look_at_log(closed=False)
 
     def close(self) -> None:
         """Free the address; nobody may be in a call."""
         self._lcm = None
-        self._look_at_log(closed=True)
 
-    def _look_at_log(self, *, closed: bool) -> None:
-        """Whether the log has what it was given: LCM says nothing of a disk that is full."""
-        if self._log is None:
-            return
-        try:
-            found = self._log.stat()
-        except OSError as error:
-            self.fault = f"publish {self.address}: the log is gone: {error.strerror}"
-            return
-        # Before it is closed, the last of it waits in memory.
-        waiting = 0 if closed else 2 * found.st_blksize
-        if found.st_size < self._logged - waiting:
+    @property
+    def fault(self) -> str | None:
+        """What a log lacks: LCM says nothing of a disk that is full. Or how many messages were not sent."""
+        where = f"publish {self.address}:"
+        if self._log is not None:
+            try:
+                found = self._log.stat()
+            except OSError as error:
+                return f"{where} the log is gone: {error.strerror}"
             lacks = self._logged - found.st_size
-            self.fault = f"publish {self.address}: the log lacks {lacks} bytes, is the disk full?"
+            # Before it is closed, the last of it waits in memory.
+            if lacks > (0 if self._lcm is None else 2 * found.st_blksize):
+                return f"{where} the log lacks {lacks} bytes, is the disk full?"
+        if self._unsent:
+            return f"{where} {self._unsent} messages were not sent; last: {self._refused}"
+        return None
 
 
 def _url(address: str, public: bool) -> str:
