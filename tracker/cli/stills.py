@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -20,7 +19,7 @@ from tracker.cli.terminal import listing, say, table
 
 if TYPE_CHECKING:
     from tracker.conventions import FloatArray, Image
-    from tracker.tasks.rearrange_dice import Assignment, Die
+    from tracker.tasks.rearrange_dice import Assignment
 
 _images = click.argument("images", nargs=-1, required=True, metavar="IMAGE...", type=Recording(str))
 
@@ -76,8 +75,7 @@ def detect(
         click.echo(json.dumps(found, allow_nan=False))
     else:
         rows = [["object", model.name], ["status", status], *([] if pose is None else _pose_rows(pose))]
-        rows.append(["time [ms]", ", ".join(f"{stage} {time:.2f}" for stage, time in times.items())])
-        click.echo(listing(rows))
+        click.echo(listing([*rows, _time_row(times)]))
     if warning is not None:
         say(f"warning: {warning}")
     if tell and pose is None:
@@ -100,25 +98,6 @@ def _pose_rows(pose: tracker.PoseEstimate) -> list[list[str]]:
     ):
         rows.append([label, "".join(f"{value:11.{digits}f}" for value in values)])
     return [*rows, ["confidence", f"{pose.confidence:.4f}, of being within 5 mm and 5°"]]
-
-
-_STAGES = ("segmentation", "error", "location")
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class _State:
-    dice_masks: list[Image | None]
-    """Of each camera; None where it gave no image."""
-    goal_masks: list[Image] | None
-    errors: list[int | None] | None
-    """Of each camera [px]; None where it gave no image. This and the next are None without a goal."""
-    assignment: Assignment | None
-    dice: tuple[Die, ...]
-    timing_ms: dict[str, float]
-
-    @property
-    def error(self) -> int | None:
-        return None if self.errors is None else sum(value for value in self.errors if value is not None)
 
 
 @click.command(cls=Command, short_help="Find the dice in one IMAGE per camera, and the error.")
@@ -161,95 +140,88 @@ def dice(
     goal = None if goal_path is None else read_goal(goal_path)
     rig, pictures = one_set(images, cameras, frame)
     _evaluate(rig, pictures, goal, exact)  # loads compiled code: times are to be those of a running loop
-    state = _evaluate(rig, pictures, goal, exact)
+    found, dice_masks, goal_masks, assignment = _evaluate(rig, pictures, goal, exact)
     if masks is not None:
         masks.mkdir(parents=True, exist_ok=True)
-        for kind, its in (("dice", state.dice_masks), ("goal", state.goal_masks or [])):
+        for kind, its in (("dice", dice_masks), ("goal", goal_masks or [])):
             for name, mask in zip(rig.names, its, strict=False):
                 if mask is not None:
                     tracker.viz.write_image(masks / f"{kind}_{name}.png", mask)
     if overlay is not None:
-        shown = pictures, rig, state.goal_masks, state.dice_masks
-        centers = [die.position for die in state.dice]
-        picture = tracker.viz.dice_overlay(*shown, positions=centers, assignment=state.assignment)
+        shown, centers = (pictures, rig, goal_masks, dice_masks), [die["position"] for die in found["dice"]]
+        picture = tracker.viz.dice_overlay(*shown, positions=centers, assignment=assignment)
         tracker.viz.write_image(overlay, picture)
-    click.echo(_json(rig, state) if as_json else _text(rig, state))
+    click.echo(json.dumps(found, allow_nan=False) if as_json else _text(found))
 
 
 def _evaluate(
     rig: tracker.CameraRig, images: Sequence[Image | None], goal: FloatArray | None, exact: bool
-) -> _State:
+) -> tuple[dict[str, Any], list[Image | None], list[Image] | None, Assignment | None]:
+    """What is printed; masks of the dice, None where there is no image, and of the goal; the assignment."""
     from tracker.tasks import rearrange_dice as task
 
     marks = [time.perf_counter()]
     masks = [None if image is None else task.segment_dice(image) for image in images]
     marks.append(time.perf_counter())
-    goals = None if goal is None else task.goal_masks(rig, goal, exact=exact)
-    errors = None
-    if goals is not None:
-        errors = [
-            None if mask is None else task.error([goal_mask], [mask])
-            for goal_mask, mask in zip(goals, masks, strict=True)
-        ]
+    goals, errors = None, None
+    if goal is not None:
+        goals = task.goal_masks(rig, goal, exact=exact)
+        errors = {
+            name: None if mask is None else task.error([goal_mask], [mask])
+            for name, goal_mask, mask in zip(rig.names, goals, masks, strict=True)
+        }
     marks.append(time.perf_counter())
-    seen = [parts for parts in zip(rig, masks, images, strict=True) if parts[1] is not None]
-    cameras, their_masks, their_images = zip(*seen, strict=True)
-    found = task.locate(dataclasses.replace(rig, cameras=cameras), their_masks, their_images)
-    positions = [die.position for die in found]
-    assignment = None if goal is None else task.assign(goal, positions)
+    dice = task.locate(rig, masks, images)
+    assignment = None if goal is None else task.assign(goal, [die.position for die in dice])
     marks.append(time.perf_counter())
-    stages = {name: 1e3 * (b - a) for name, a, b in zip(_STAGES, marks[:-1], marks[1:], strict=True)}
-    timing = {**stages, "total": 1e3 * (marks[-1] - marks[0])}
-    return _State(masks, goals, errors, assignment, found, timing)
-
-
-def _json(rig: tracker.CameraRig, state: _State) -> str:
-    assigned = state.assignment and [
-        {"goal": place, "die": die, "distance": float(state.assignment.distance[place])}
-        for place, die in state.assignment.pairs
-    ]
-    result = {
-        "error": state.error,
-        "error_per_camera": state.errors and dict(zip(rig.names, state.errors, strict=True)),
-        "reward": None if state.error is None else -state.error,
+    stages = zip(("segmentation", "error", "location"), marks[:-1], marks[1:], strict=True)
+    error = None if errors is None else sum(filter(None, errors.values()))
+    found = {
+        "error": error,
+        "error_per_camera": errors,
+        "reward": None if error is None else -error,
         "dice": [
             {"position": die.position.tolist(), "yaw": float(die.yaw), "probability": float(die.probability)}
-            for die in state.dice
+            for die in dice
         ],
-        "assignment": assigned,
-        "timing_ms": state.timing_ms,
+        "assignment": assignment
+        and [
+            {"goal": place, "die": die, "distance": float(assignment.distance[place])}
+            for place, die in assignment.pairs
+        ],
+        "timing_ms": {
+            **{name: 1e3 * (end - begin) for name, begin, end in stages},
+            "total": 1e3 * (marks[-1] - marks[0]),
+        },
     }
-    return json.dumps(result, allow_nan=False)
+    return found, masks, goals, assignment
 
 
-def _text(rig: tracker.CameraRig, state: _State) -> str:
+def _text(found: dict[str, Any]) -> str:
+    """The same for people."""
     from tracker.tasks.rearrange_dice import TOLERANCE
 
-    rows = []
-    if state.errors is not None:
-        pairs = zip(rig.names, state.errors, strict=True)
-        each = ", ".join(f"{name} {NO_IMAGE if value is None else value}" for name, value in pairs)
-        rows.append(["error [px]", f"{state.error} ({each})"])
-    found = f"{len(state.dice)} found"
-    if state.assignment is not None:
-        near = state.assignment.count_within()
-        found += f", {near} within {1e3 * TOLERANCE:g} mm of their place in the goal"
-    rows.append(["dice", found])
-    rows.append(["time [ms]", ", ".join(f"{stage} {ms:.2f}" for stage, ms in state.timing_ms.items())])
-    return "\n\n".join([listing(rows), *([table(_dice_rows(state))] if state.dice else [])])
-
-
-def _dice_rows(state: _State) -> list[list[str]]:
+    summary = []
+    if found["error"] is not None:
+        errors = found["error_per_camera"].items()
+        each = ", ".join(f"{name} {NO_IMAGE if value is None else value}" for name, value in errors)
+        summary.append(["error [px]", f"{found['error']} ({each})"])
+    count, assignment = f"{len(found['dice'])} found", found["assignment"]
+    if assignment is not None:
+        near = sum(pair["distance"] <= TOLERANCE for pair in assignment)
+        count += f", {near} within {1e3 * TOLERANCE:g} mm of their place in the goal"
+    summary += [["dice", count], _time_row(found["timing_ms"])]
     rows = [["die", "x [mm]", "y [mm]", "z [mm]", "yaw [°]", "probability"]]
-    for index, die in enumerate(state.dice):
-        x, y, z = (f"{1e3 * value:.1f}" for value in die.position)
-        yaw = f"{math.degrees(die.yaw):.1f}"
-        rows.append([str(index), x, y, z, yaw, f"{die.probability:.3f}"])
-    if state.assignment is not None:
-        partners = {die: place for place, die in state.assignment.pairs}
-        rows[0] += ["place", "distance [mm]"]
-        for index, row in enumerate(rows[1:]):
-            if index in partners:
-                place = partners[index]
-                row += [str(place), f"{1e3 * state.assignment.distance[place]:.1f}"]
-    return rows
+    rows[0] += [] if assignment is None else ["place", "distance [mm]"]
+    pairs = {pair["die"]: pair for pair in assignment or ()}
+    for index, die in enumerate(found["dice"]):
+        place = [f"{1e3 * value:.1f}" for value in die["position"]]
+        row = [str(index), *place, f"{math.degrees(die['yaw']):.1f}", f"{die['probability']:.3f}"]
+        if (pair := pairs.get(index)) is not None:
+            row += [str(pair["goal"]), f"{1e3 * pair['distance']:.1f}"]
+        rows.append(row)
+    return "\n\n".join([listing(summary), *([table(rows)] if rows[1:] else [])])
+
+
+def _time_row(times: Mapping[str, float]) -> list[str]:
+    return ["time [ms]", ", ".join(f"{stage} {time:.2f}" for stage, time in times.items())]
