@@ -106,6 +106,18 @@ def _pictures(
             progress(1)
 
 
+def poses_of(path: Path, object_name: str | None) -> tuple[tracker.Poses, tracker.CuboidModel]:
+    """The poses of a file and their object, which `object_name` may load; UsageError for another one."""
+    poses = tracker.read_poses(path)
+    model = tracker.load_object(object_name or poses.about.object_name)
+    if model.name != poses.about.object_name:
+        raise click.UsageError(
+            f"--object: found {model.name}, expected {poses.about.object_name}: {path} has poses of "
+            f"{poses.about.object_name}"
+        )
+    return poses, model
+
+
 def observation(poses: tracker.Poses, row: int) -> tracker.Observation:
     """The tracker's answer to a frame."""
 

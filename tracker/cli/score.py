@@ -10,6 +10,7 @@ import click
 
 import tracker
 from tracker.cli import options
+from tracker.cli.export import poses_of
 from tracker.cli.terminal import bar, listing
 from tracker.errors import LogError
 
@@ -86,28 +87,25 @@ def _of_object(
     from tracker.summaries.summary import best, seconds_since_beginning
 
     if poses_path is not None:
-        poses = tracker.read_poses(poses_path)
-        _refuse_others(poses_path, poses, job, object_name)
+        poses, model = poses_of(poses_path, object_name)
+        _refuse_others(poses_path, poses, job)
     elif object_name is None:
         raise click.UsageError("expected --poses of this recording, or --object to track it")
     else:
+        model = tracker.load_object(object_name)
         with tracker.open_log(job) as log:
             count, rig = len(log), cameras.rig_of(job, log)
         with bar(job.name, count, quiet) as progress:
-            poses = tracker.track(job, object_name, rig=rig, progress=progress).poses
-    model = tracker.load_object(object_name or poses.about.object_name)
+            poses = tracker.track(job, model, rig=rig, progress=progress).poses
     columns = best(poses)
     seconds = seconds_since_beginning(job, poses)
     return seconds, goal.rewards(seconds, columns.position, columns.orientation, model)
 
 
-def _refuse_others(path: Path, poses: tracker.Poses, job: Path, object_name: str | None) -> None:
-    """Refuse poses of another recording, where it is there, or of another object."""
+def _refuse_others(path: Path, poses: tracker.Poses, job: Path) -> None:
+    """Refuse poses of another recording, where it is there."""
     from tracker.summaries.summary import refuse_others
 
-    found = poses.about.object_name
-    if object_name is not None and tracker.load_object(object_name).name != found:
-        raise click.UsageError(f"--object {object_name}: found poses of {found} in {path}")
     try:
         log = tracker.open_log(job, recover=True)
     except LogError:

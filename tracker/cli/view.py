@@ -14,7 +14,7 @@ import click
 
 import tracker
 from tracker.cli import options
-from tracker.cli.export import observation
+from tracker.cli.export import observation, poses_of
 from tracker.cli.outputs import Command, Recording, file_option
 from tracker.cli.terminal import bar
 
@@ -60,6 +60,7 @@ def view(
     The viewer is Rerun: python3 -m pip install -e '.[rerun]'. `rerun FILE.rrd` opens a file.
     """
     from tracker.poses.file import is_poses_file
+    from tracker.recordings.track import answers
     from tracker.viz.rerun_viewer import open_scene, require_rerun
 
     require_rerun()
@@ -81,7 +82,8 @@ def view(
             rig = cameras.rig_of(source, opened)
             chosen = part.of(source, len(opened))[::every]
             finder, total = tracker.ObjectTracker(model, rig, colors), len(chosen)
-            frames = _tracked(source, opened[part.first : part.last], finder, chosen)
+            every_frame = answers(source, opened[part.first : part.last], finder)
+            frames = _looked_at(finder, (one for one in every_frame if one[0].index in chosen))
         scene = stack.enter_context(open_scene(target, rig, model))
         progress = stack.enter_context(bar(source.name, total, quiet))
         for frame in frames:
@@ -98,12 +100,7 @@ def _of_poses(
     from tracker.logs.opening import fitted_to
     from tracker.summaries.summary import refuse_others
 
-    poses = tracker.read_poses(source)
-    model = tracker.load_object(object_name or poses.about.object_name)
-    if model.name != poses.about.object_name:
-        raise click.UsageError(
-            f"--object: found {model.name}, expected {poses.about.object_name}, as in the file of poses"
-        )
+    poses, model = poses_of(source, object_name)
     numbers = poses.index.tolist()
     chosen = part.of(source, numbers[-1] + 1 if numbers else 0)[::every]
     rows = {index: row for row, index in enumerate(numbers) if index in chosen}
@@ -115,7 +112,21 @@ def _of_poses(
     rig = fitted_to(log, opened, poses.about.rig)
     refuse_others(source, poses, log, opened)
     frames = opened[min(rows) : max(rows) + 1 : every] if rows else ()
-    return model, rig, len(rows), _with_images(frames, tracker.ObjectTracker(model, rig), poses, rows)
+    answered = ((one, observation(poses, rows[one.index])) for one in frames if one.index in rows)
+    return model, rig, len(rows), _looked_at(tracker.ObjectTracker(model, rig), answered)
+
+
+def _looked_at(
+    finder: tracker.ObjectTracker, answered: Iterable[tuple[LogFrame, tracker.Observation]]
+) -> _Frames:
+    """Frames with what is found, their images, and how these look."""
+    from tracker.calibration.by_object.health import sample
+    from tracker.calibration.by_object.sightings import slow
+
+    for frame, answer in answered:
+        motion = answer.filtered_object_pose
+        look = sample(finder, frame.images, still=motion is not None and slow(motion.velocity))
+        yield frame.index, frame.timestamp, answer, frame.images, look
 
 
 def _target(source: Path, output: Path | None) -> Path | None:
@@ -128,32 +139,3 @@ def _target(source: Path, output: Path | None) -> Path | None:
     if target.exists():
         raise click.UsageError(f"no screen for the viewer, and {target} exists; expected -o FILE")
     return target
-
-
-def _tracked(path: Path, log: tracker.Log, finder: tracker.ObjectTracker, chosen: range) -> _Frames:
-    """The chosen frames with what is found; the others are tracked, too."""
-    from tracker.recordings.track import answers
-
-    for frame, answer in answers(path, log, finder):
-        if frame.index in chosen:
-            yield frame.index, frame.timestamp, answer, frame.images, _health(finder, frame.images, answer)
-
-
-def _with_images(
-    frames: Iterable[LogFrame], looker: tracker.ObjectTracker, poses: tracker.Poses, rows: dict[int, int]
-) -> _Frames:
-    """The poses, whose rows are given by the numbers of frames, with the images of these."""
-    for frame in frames:
-        if (row := rows.get(frame.index)) is not None:
-            answer, stamp = observation(poses, row), float(poses.timestamp[row])
-            yield frame.index, stamp, answer, frame.images, _health(looker, frame.images, answer)
-
-
-def _health(
-    finder: tracker.ObjectTracker, images: Sequence[Image | None], answer: tracker.Observation
-) -> Sample:
-    from tracker.calibration.by_object.health import sample
-    from tracker.calibration.by_object.sightings import slow
-
-    motion = answer.filtered_object_pose
-    return sample(finder, images, still=motion is not None and slow(motion.velocity))
