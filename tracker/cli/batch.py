@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tracker.cli import options
-from tracker.cli.outputs import output_option, refuse_file
+from tracker.cli.outputs import OutFolder, output_option
 from tracker.cli.terminal import bar, listing, say, table
 from tracker.errors import LogError
 
@@ -64,7 +64,7 @@ as_csv_option = click.option("--csv", "as_csv", is_flag=True, help="Write the ta
 
 @batch.command()
 @click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...")
-@output_option(_FOLDER, "DIR", "Folder of the results.")
+@output_option(OutFolder(), "DIR", "Folder of the results.")
 @options.asked
 @click.option("--robot", metavar="NAME", help="Robot of image stores, e.g. r1.  [default: each episode's]")
 @options.gathered(Engine)
@@ -94,7 +94,6 @@ def run(
     """
     from tracker.batch.run import Batch
 
-    refuse_file("-o", output)
     sought = asked.options()
     stores = _stores(recordings, output, sought, robot)
     work = stores or Batch.of(recordings, output, sought)

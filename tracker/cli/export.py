@@ -235,7 +235,7 @@ def convert(source: Path, output: Path, cameras: options.Cameras, part: options.
         raise click.UsageError(
             f"-o {output}: found suffix {suffix!r}, expected .h5, .mp4, or none for a folder"
         )
-    require_folder("-o", output, made=False)
+    require_folder("-o", output, output.absolute().parent, made=False)
     if output.exists():
         raise click.UsageError(f"-o {output}: exists, expected a new name")
     with tracker.open_log(source, recover=part.recover) as log:

@@ -61,7 +61,7 @@ class OutFile(_Output):
         check_suffix(path, self.suffixes, name, click.UsageError)
         if path.is_dir():
             raise click.UsageError(f"{name} {path}: found a folder, expected a file")
-        require_folder(name, path, made=self.new_folders)
+        require_folder(name, path, path.absolute().parent, made=self.new_folders)
         if self.extra is not None and find_spec(_PACKAGES[self.extra]) is None:
             raise click.ClickException(
                 f"{name} needs the package {_PACKAGES[self.extra]}: {install(self.extra)}"
@@ -88,8 +88,9 @@ class OutFolder(_Output):
 
     def check(self, name: str, path: Path) -> None:
         """See _Output."""
-        refuse_file(name, path)
-        require_folder(name, path, made=True)
+        if path.exists() and not path.is_dir():
+            raise click.UsageError(f"{name} {path}: found a file, expected a folder")
+        require_folder(name, path, path.absolute(), made=True)
         if self.new and path.is_dir() and any(path.iterdir()):
             raise click.UsageError(f"{name} {path}: in use, expected a new or an empty folder")
 
@@ -134,21 +135,17 @@ def refuse_overwriting(
     _refuse_pictures(files, recordings)
 
 
-def require_folder(name: str, path: Path, *, made: bool) -> None:
-    """UsageError for a path below what is no folder or not to be written; `made`: what is missing will be."""
-    folder = path.absolute().parent
+def require_folder(name: str, path: Path, folder: Path, *, made: bool) -> None:
+    """UsageError for a folder that is none or not to be written; `made`: with those above it, where missing.
+
+    The option `name` has the path for which the folder has to be there.
+    """
     while made and not folder.exists():
         folder = folder.parent
     if not folder.is_dir():
         raise click.UsageError(f"{name} {path}: there is no folder {path.parent if not made else folder}")
     if not os.access(folder, os.W_OK):
         raise click.UsageError(f"{name} {path}: the folder {folder} may not be written")
-
-
-def refuse_file(name: str, path: Path) -> None:
-    """UsageError for a folder of outputs that is a file."""
-    if path.exists() and not path.is_dir():
-        raise click.UsageError(f"{name} {path}: found a file, expected a folder")
 
 
 def refuse_other_poses(name: str, path: Path, object_name: str | None) -> None:

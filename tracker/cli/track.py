@@ -15,17 +15,16 @@ from tracker.cli import options
 from tracker.cli.export import Outputs, output_options, write_tracked_film
 from tracker.cli.outputs import (
     Command,
+    OutFile,
+    OutFolder,
     Recording,
     file_option,
     output_option,
-    refuse_file,
     refuse_other_poses,
     refuse_overwriting,
-    require_folder,
 )
 from tracker.cli.terminal import bar, listing, say
 from tracker.errors import TrackerError, reason
-from tracker.files import check_suffix
 
 if TYPE_CHECKING:
     from tracker.batch.run import Task
@@ -73,15 +72,15 @@ def track(
         raise click.UsageError(f"found {len(logs)} LOGs, expected one for other files than those of poses")
     inside = len(logs) > 1 or output.is_dir()
     if inside:
-        refuse_file("-o", output)
+        OutFolder().check("-o", output)
+    kind = OutFile(".h5", ".hdf5", new_folders=inside)
     targets = outputs_of(logs, output) if inside else [output]
     sought = asked.options()
     recipe = Recipe.of(sought)
     for log, target in zip(logs, targets, strict=True):
         name = f"-o for {log}" if len(logs) > 1 else "-o"
         refuse_overwriting({name: target}, logs, (*astuple(asked.subject), *asked.cameras.calibration))
-        check_suffix(target, (".h5", ".hdf5"), "-o", click.UsageError)
-        require_folder("-o", target, made=inside)
+        kind.check("-o", target)
         refuse_other_poses("-o", target, None if overwrite else recipe.model.name)
     if len(logs) == 1:
         _track_one(Job(logs[0], targets[0], recipe), outputs, health, as_json, quiet)
