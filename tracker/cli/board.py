@@ -1,4 +1,4 @@
-"""`tracker calibrate board` and `intrinsics`: a board to print, and a camera's lens from photos of it."""
+"""`tracker calibrate board`, `intrinsics`, `extrinsics`: a board, and what photos of it tell of cameras."""
 
 from __future__ import annotations
 
@@ -13,14 +13,24 @@ from typing import TYPE_CHECKING
 import click
 
 import tracker
-from tracker.cli.options import gathered, option
-from tracker.cli.outputs import PICTURE, Command, Recording, file_option
-from tracker.cli.pictures import silent_libraries
+from tracker.cli.options import gathered, numbers, option
+from tracker.cli.outputs import (
+    PICTURE,
+    Command,
+    InFile,
+    OutFolder,
+    Recording,
+    file_option,
+    output_option,
+    refuse_overwriting,
+)
+from tracker.cli.pictures import camera_in, silent_libraries
 from tracker.cli.terminal import listing, table
 from tracker.errors import CalibrationError
 
 if TYPE_CHECKING:
     from tracker.calibration.board.board import Board
+    from tracker.calibration.board.extrinsics import Photo, Placed
     from tracker.calibration.board.intrinsics import Lens
     from tracker.calibration.board.sighting import BoardView
     from tracker.calibration.files.platform import Calibrated
@@ -54,31 +64,24 @@ class Printed:
         return Board(int(sizes[1]), int(sizes[2]), self.square, self.marker, self.dictionary, legacy)
 
 
-board_options = gathered(Printed)
-
-
-def sightings_of(paths: Sequence[Path], board: Board) -> tuple[Board, list[BoardView | None], dict[str, str]]:
+def _sightings_of(
+    paths: Sequence[Path], board: Board
+) -> tuple[Board, list[BoardView | None], dict[str, str]]:
     """The board in the pattern seen, what each photo shows of it, and why those without show none."""
-    from tracker.calibration.board.sighting import (
-        MOST_BLUR,
-        find_board,
-        pattern_seen,
-        require_size,
-        why_no_board,
-    )
+    from tracker.calibration.board import sighting
     from tracker.color_learning.labelled import read_image
 
     photos = [str(path) for path in paths]
     with silent_libraries():
         images = [read_image(path) for path in paths]
-    board = pattern_seen(images, board)
+    board = sighting.pattern_seen(images, board)
     found: list[BoardView | None] = []
     faults: dict[str, str] = {}
     for photo, image in zip(photos, images, strict=True):
-        one = find_board(photo, image, board)
+        one = sighting.find_board(photo, image, board)
         if one is None:
-            faults[photo] = why_no_board(image, board)
-        elif one.blur > MOST_BLUR:
+            faults[photo] = sighting.why_no_board(image, board)
+        elif one.blur > sighting.MOST_BLUR:
             faults[photo] = f"the photo is blurred, its edges by {one.blur:.1f} px"
             one = None
         found.append(one)
@@ -89,12 +92,12 @@ def sightings_of(paths: Sequence[Path], board: Board) -> tuple[Board, list[Board
             "--dictionary, --squares, --square and --marker say"
         )
     clearest = max(range(len(found)), key=lambda n: len(found[n] or ()))
-    require_size(photos[clearest], images[clearest], board)
+    sighting.require_size(photos[clearest], images[clearest], board)
     return board, found, faults
 
 
 @contextmanager
-def named(faults: Mapping[str, str]) -> Iterator[None]:
+def _naming(faults: Mapping[str, str]) -> Iterator[None]:
     """A CalibrationError names the photos, too, that are not used, and why."""
     try:
         yield
@@ -103,7 +106,7 @@ def named(faults: Mapping[str, str]) -> Iterator[None]:
         raise CalibrationError("; ".join([str(error), *why])) from error
 
 
-def draw(path: Path, calibrated: Calibrated, photos: Sequence[tuple[FloatArray, FloatArray, bool]]) -> None:
+def _draw(path: Path, calibrated: Calibrated, photos: Sequence[tuple[FloatArray, FloatArray, bool]]) -> None:
     """Draw what is missed where in the photos of a camera, see `residual_picture`."""
     from tracker.viz.calibration import residual_picture
 
@@ -112,7 +115,7 @@ def draw(path: Path, calibrated: Calibrated, photos: Sequence[tuple[FloatArray, 
     tracker.viz.write_image(path, residual_picture(title, (camera.width, camera.height), photos))
 
 
-def told_pattern(board: Board) -> str:
+def _told_pattern(board: Board) -> str:
     """The pattern of a board, as far as it is known."""
     if not board.two_patterns:
         return f"{board} (with {board.rows} rows the old and the new pattern are the same)"
@@ -168,11 +171,8 @@ class Smaller:
         return ", ".join(map(str, files))
 
 
-size_options = gathered(Smaller)
-
-
 @click.command(cls=Command)
-@board_options
+@gathered(Printed)
 @file_option("-o", ".pdf", ".svg", ".png", required=True, help="The page (.pdf, .svg or .png).")
 @click.option("--legacy", is_flag=True, help="Use the pattern of OpenCV before 4.6 [even rows].")
 def board(printed: Printed, output: Path, legacy: bool) -> None:
@@ -192,10 +192,10 @@ def board(printed: Printed, output: Path, legacy: bool) -> None:
 
 @click.command(cls=Command)
 @click.argument("images", nargs=-1, required=True, metavar="IMAGE...", type=Recording())
-@board_options
+@gathered(Printed)
 @click.option("--name", required=True, metavar="NAME", help="The camera's, e.g. camera60.")
 @file_option("-o", ".yml", ".yaml", required=True, new_folders=True, help="Calibration file (.yml).")
-@size_options
+@gathered(Smaller)
 @file_option("--plot", *PICTURE, help="Draw the residuals (.png, .jpg).")
 def intrinsics(
     images: tuple[Path, ...], printed: Printed, name: str, output: Path, smaller: Smaller, plot: Path | None
@@ -214,17 +214,17 @@ def intrinsics(
 
     check_name(name, "--name", CalibrationError)
     board = printed.board()
-    board, found, faults = sightings_of(images, board)
-    with named(faults):
+    board, found, faults = _sightings_of(images, board)
+    with _naming(faults):
         lens = fit_lens(name, [one for one in found if one is not None], board)
     files = smaller.write([(lens.calibrated, output)])
     if plot is not None:
-        draw(plot, lens.calibrated, [(p.sighting.pixels, p.residuals, p.fault is None) for p in lens.photos])
-    summary = listing([["board", told_pattern(board)], *_found(lens), ["files", files]])
-    click.echo(f"{_photo_table(lens, faults)}\n\n{summary}")
+        _draw(plot, lens.calibrated, [(p.sighting.pixels, p.residuals, p.fault is None) for p in lens.photos])
+    summary = listing([["board", _told_pattern(board)], *_found(lens), ["files", files]])
+    click.echo(f"{_lens_table(lens, faults)}\n\n{summary}")
 
 
-def _photo_table(lens: Lens, faults: dict[str, str]) -> str:
+def _lens_table(lens: Lens, faults: dict[str, str]) -> str:
     from tracker.calibration.board.sighting import rms
 
     rows = [["photo", "corners", "dropped", "blur [px]", "RMS [px]", "left out [px]"]]
@@ -232,10 +232,10 @@ def _photo_table(lens: Lens, faults: dict[str, str]) -> str:
         numbers = [len(one.sighting), one.dropped]
         sizes = [one.sighting.blur, rms([one.residuals]), one.left_out]
         rows.append([one.sighting.photo, *map(str, numbers), *(f"{size:.2f}" for size in sizes)])
-    return photo_table(rows, {one.sighting.photo: one.fault for one in lens.photos if one.fault} | faults)
+    return _photo_table(rows, {one.sighting.photo: one.fault for one in lens.photos if one.fault} | faults)
 
 
-def photo_table(rows: Sequence[Sequence[str]], faults: Mapping[str, str]) -> str:
+def _photo_table(rows: Sequence[Sequence[str]], faults: Mapping[str, str]) -> str:
     """A table of photos, and the reasons why others are not used."""
     return "\n".join([table(rows), *(f"not used: {photo}: {fault}" for photo, fault in faults.items())])
 
@@ -260,3 +260,155 @@ def _found(lens: Lens) -> list[list[str]]:
         beyond = f"beyond {lens.reach:.0%} of the way from the centre to the image's corners"
         rows.append(["note", f"no corner {beyond}: beyond that the distortion is a guess"])
     return rows
+
+
+@dataclass(frozen=True)
+class Given:
+    """Where the board lies face up in the first folder."""
+
+    center: tuple[float, float] = option(
+        "--center", callback=numbers(2), default="0,0", metavar="X,Y", help="The board's centre [m].  [0,0]"
+    )
+    height: float = option(
+        "--height", type=float, default=0.0, metavar="Z", help="Height of the board's print [m].  [0]"
+    )
+    yaw: float = option(
+        "--yaw",
+        type=float,
+        default=0.0,
+        metavar="DEG",
+        help="Angle from the world's x axis to the board's rows, left to right [degrees].  [0]",
+    )
+
+    def world_from_board(self) -> FloatArray:
+        """(4, 4)."""
+        import numpy as np
+
+        from tracker.geometry import so3
+
+        place = np.eye(4)
+        place[:3, :3] = so3.exp([0, 0, np.deg2rad(self.yaw)])
+        place[:3, 3] = (*self.center, self.height)
+        return place
+
+
+@click.command(cls=Command)
+@click.argument("folders", nargs=-1, required=True, metavar="FOLDER...", type=Recording())
+@gathered(Printed)
+@click.option(
+    "--intrinsics",
+    required=True,
+    multiple=True,
+    metavar="PATH",
+    type=InFile(),
+    help="Folder of calibration files; or a file, once per camera.",
+)
+@click.option("--pattern", metavar="GLOB", help="Which files of the folder to take, e.g. '*_full.yml'.")
+@gathered(Given)
+@output_option(OutFolder(), "DIR", "For the calibration files.")
+@gathered(Smaller)
+@click.option("--plot", metavar="DIR", type=OutFolder(), help="Draw the residuals, one PNG per camera.")
+def extrinsics(
+    folders: tuple[Path, ...],
+    printed: Printed,
+    intrinsics: tuple[Path, ...],
+    pattern: str | None,
+    given: Given,
+    output: Path,
+    smaller: Smaller,
+    plot: Path | None,
+) -> None:
+    """Find where cameras are, from photos of a ChArUco board.
+
+    Each FOLDER holds one photo per camera, e.g. camera60.png, of the board in one place. In the first the
+    board lies face up as --center, --height and --yaw say. In the others it may be anywhere. More places make
+    the result more certain.
+    """
+    from tracker.calibration.board.extrinsics import place_cameras
+    from tracker.calibration.files.platform import read_all_calibrated
+
+    lenses = read_all_calibrated(intrinsics, pattern)
+    targets = {name: output / f"{name}.yml" for name in (lens.camera.name for lens in lenses)}
+    plots = {} if plot is None else {name: plot / f"{name}.png" for name in targets}
+    written = {f"-o for {name}": path for name, path in targets.items()}
+    written |= {f"--plot for {name}": path for name, path in plots.items()}
+    refuse_overwriting(written, folders, intrinsics)
+    board = printed.board()
+    paths = _photos_of(folders, [lens.camera.name for lens in lenses])
+    board, found, faults = _sightings_of(list(paths.values()), board)
+    sightings = {at: one for at, one in zip(paths, found, strict=True) if one is not None}
+    with _naming(faults):
+        placed = place_cameras(lenses, sightings, given.world_from_board())
+    files = smaller.write((one, targets[one.camera.name]) for one in placed.cameras)
+    for number, one in enumerate(placed.cameras):
+        if (picture := plots.get(one.camera.name)) is not None:
+            own = {at: missed for at, missed in placed.residuals.items() if at[0] == number}
+            photos = [(placed.sightings[at].pixels, own[at], at not in placed.faults) for at in own]
+            picture.parent.mkdir(parents=True, exist_ok=True)
+            _draw(picture, one, photos)
+    summary = [["board", _told_pattern(board)], *_partly_seen(sightings, board), ["files", files]]
+    click.echo("\n\n".join([_placed_table(placed, faults), _camera_table(placed), listing(summary)]))
+
+
+def _photos_of(folders: Sequence[Path], cameras: Sequence[str]) -> dict[Photo, Path]:
+    """The photos by (camera, folder); a camera may lack one in some folders.
+
+    Raises:
+        CalibrationError: a folder is missing, holds several photos of a camera, one of another, or none.
+    """
+    photos: dict[Photo, Path] = {}
+    for place, folder in enumerate(folders):
+        if not folder.is_dir():
+            raise CalibrationError(f"{folder}: no such folder; expected one with a photo of each camera")
+        images = sorted(path for path in folder.iterdir() if path.suffix.lower() in PICTURE)
+        called = {path: camera_in(path.stem, cameras) for path in images}
+        for path, camera in called.items():
+            if camera not in (None, *cameras):
+                raise CalibrationError(f"{path}: named after {camera}, expected {', '.join(cameras)} alone")
+        found = 0
+        for number, camera in enumerate(cameras):
+            own = [path for path in images if called[path] == camera]
+            if len(own) > 1:
+                names = ", ".join(path.name for path in own)
+                raise CalibrationError(f"{folder}: found {names}, expected one photo of {camera}")
+            for path in own:
+                photos[number, place] = path
+            found += len(own)
+        if not found:
+            raise CalibrationError(f"{folder}: found no photo of {', '.join(cameras)}, e.g. {cameras[0]}.png")
+    return photos
+
+
+def _placed_table(placed: Placed, faults: dict[str, str]) -> str:
+    from tracker.calibration.board.sighting import rms
+
+    rows = [["photo", "corners", "blur [px]", "RMS [px]"]]
+    for at, residuals in placed.residuals.items():
+        one = placed.sightings[at]
+        rows.append([one.photo, str(len(one)), f"{one.blur:.2f}", f"{rms([residuals]):.2f}"])
+    unused = {placed.sightings[at].photo: fault for at, fault in placed.faults.items()}
+    return _photo_table(rows, unused | faults)
+
+
+def _camera_table(placed: Placed) -> str:
+    import numpy as np
+
+    rows = [["camera", "x", "y", "z [mm]", "± [mm]", "± [°]", "RMS [px]"]]
+    for number, one in enumerate(placed.cameras):
+        camera, std = one.camera, one.camera.camera_from_world_std
+        assert std is not None
+        turned = float(np.rad2deg(np.linalg.norm(std[:3, :3]) / np.sqrt(2)))
+        known = [f"{1000 * np.linalg.norm(std[:3, 3]):.2f}", f"{turned:.3f}", f"{placed.rms(number):.3f}"]
+        rows.append([camera.name, *(f"{1000 * value:.1f}" for value in camera.position), *known])
+    return table(rows)
+
+
+def _partly_seen(sightings: dict[Photo, BoardView], board: Board) -> list[list[str]]:
+    """A board of another size would lie elsewhere: its centre is elsewhere."""
+    from tracker.calibration.board.sighting import squares_shown
+
+    first = [one for (_, place), one in sightings.items() if place == 0]
+    columns, rows = shown = squares_shown(first, board) if first else (board.columns, board.rows)
+    if shown == (board.columns, board.rows):
+        return []
+    return [["note", f"only {columns}x{rows} squares of the board in its given place are seen"]]

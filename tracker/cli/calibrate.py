@@ -14,8 +14,7 @@ import click
 
 import tracker
 from tracker.cli import options
-from tracker.cli.board import board, intrinsics
-from tracker.cli.extrinsics import extrinsics
+from tracker.cli.board import board, extrinsics, intrinsics
 from tracker.cli.options import argument, gathered, option
 from tracker.cli.outputs import PICTURE, Command, OutFolder, Recording, file_option, output_option
 from tracker.cli.pictures import NO_IMAGE, read_images
